@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests share: where things are, real data that may be absent, and a ROS master of their own."""
+"""What all tests share: where things are, real data that may be absent, and a ROS master of their
+own."""
 
 import os
 import signal
@@ -19,7 +20,9 @@ settings.load_profile("fcsv")
 
 def pytest_addoption(parser):
     tiers.options(parser)
-    parser.addoption("--write-wrong-inputs", action="store_true", help="write docs/reference/wrong_inputs.md")
+    parser.addoption(
+        "--write-wrong-inputs", action="store_true", help="write docs/reference/wrong_inputs.md"
+    )
 
 
 def pytest_configure(config):
@@ -48,11 +51,15 @@ def in_slow_motion(items):
     from fcsv_sim.machines.slow_motion import shared_time
 
     if not shared_time(os.environ):
-        items[:] = [InSlowMotion.of(item) if item.get_closest_marker("slow_motion") else item for item in items]
+        items[:] = [
+            InSlowMotion.of(item) if item.get_closest_marker("slow_motion") else item
+            for item in items
+        ]
 
 
 class InSlowMotion(pytest.Item):
-    """A test in a pytest of its own, so that all its clocks and nodes share a time that a busy machine slows."""
+    """A test in a pytest of its own, so that all its clocks and nodes share a time that a busy
+    machine slows."""
 
     @classmethod
     def of(cls, item):
@@ -78,8 +85,8 @@ class InSlowMotion(pytest.Item):
 
 @pytest.fixture(autouse=True)
 def signals_as_before():
-    """Commands that a test runs in this process answer signals in their own way: what is forked later would, too, and
-    a process of multiprocessing's Pool could not be ended."""
+    """Commands that a test runs in this process answer signals in their own way: what is forked
+    later would, too, and a process of multiprocessing's Pool could not be ended."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = {number: signal.getsignal(number) for number in numbers}
     yield
@@ -105,13 +112,15 @@ def shared_data() -> Path:
 
 @pytest.fixture
 def wrong_input(record_property, request):
-    """wrong_input(area, given, outcome, message): a row of docs/reference/wrong_inputs.md that the test asserted."""
+    """wrong_input(area, given, outcome, message): a row of docs/reference/wrong_inputs.md that the
+    test asserted."""
     return wrong_inputs.Recorder(record_property, request.config.getoption("--write-wrong-inputs"))
 
 
 @pytest.fixture(scope="session")
 def ros_master(tmp_path_factory):
-    """A master on a free port; this process is a rospy node on it (once: rospy knows one master a process)."""
+    """A master on a free port; this process is a rospy node on it (once: rospy knows one master a
+    process)."""
     from fcsv_sim.machines.machines import Machine
 
     with Machine("tests", tmp_path_factory.mktemp("ros")) as machine:
@@ -127,7 +136,8 @@ def ros_master(tmp_path_factory):
 
 @pytest.fixture
 def start_node(ros_master):
-    """start_node(package, node, name=, ns=, params={}, remaps={}) -> Process; stopped after the test."""
+    """start_node(package, node, name=, ns=, params={}, remaps={}) -> Process; stopped after the
+    test."""
     import rospy
 
     started, places = [], set()
@@ -150,13 +160,15 @@ def start_node(ros_master):
         process.stop(grace_s=5.0)
         if process.returncode not in (0, None):
             print(f"--- {process.command}: exit {process.returncode}\n{process.tail(20)}")
-    for place in filter(rospy.has_param, places):  # the next test's node of this name has parameters of its own
+    # the next test's node of this name has parameters of its own
+    for place in filter(rospy.has_param, places):
         rospy.delete_param(place)
 
 
 @pytest.fixture(scope="session")
 def bench_link(root):
-    """The modules of tools/bench_link: (machines, radio); skipped where this machine permits no namespaces."""
+    """The modules of tools/bench_link: (machines, radio); skipped where this machine permits no
+    namespaces."""
     sys.path.insert(0, str(root / "tools" / "bench_link"))
     import machines
     import radio
@@ -168,7 +180,8 @@ def bench_link(root):
 
 @pytest.fixture
 def tello_air(tmp_path):
-    """Simulated Tellos and unmodified tellopy that flies them; skipped where network namespaces are not permitted."""
+    """Simulated Tellos and unmodified tellopy that flies them; skipped where network namespaces are
+    not permitted."""
     from support.tello_air import Air
 
     from fcsv_sim.machines import namespaces

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How quick the operator's window is beside a map that grows: part of bench_console.py (--live SESSION)."""
+"""How quick the operator's window is beside a map that grows: part of bench_console.py (--live
+SESSION)."""
 
 import os
 import statistics
@@ -24,7 +25,8 @@ rospy.spin()
 
 
 def sent_pictures(session: Path, out: Path) -> List[str]:
-    """A bag of what a session's vehicles sent for the live map and the window, which nobody records; the vehicles."""
+    """A bag of what a session's vehicles sent for the live map and the window, which nobody
+    records; the vehicles."""
     import cv2
     import rosbag
     import rospy
@@ -41,24 +43,36 @@ def sent_pictures(session: Path, out: Path) -> List[str]:
     in_home = HomeFrames()
     with rosbag.Bag(str(session / "control.bag")) as bag:
         for topic, message, _ in bag.read_messages(topics=["/calibration", "/home"]):
-            (home_messages.take_calibration if topic == "/calibration" else home_messages.take_home)(in_home, message)
+            (
+                home_messages.take_calibration
+                if topic == "/calibration"
+                else home_messages.take_home
+            )(in_home, message)
     pictures = {}
     for c in read_session(session).configurations:
         pictures.update({(p.vehicle, p.stamp_s): p for p in (*c.references, *c.others)})
     gates = {}
     with rosbag.Bag(str(out), "w") as bag:
         for (vehicle, stamp_s), p in sorted(pictures.items(), key=lambda found: found[0][1]):
-            _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(p.image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 95])
+            _, jpeg = cv2.imencode(
+                ".jpg", cv2.cvtColor(p.image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 95]
+            )
             header = conversions.header(stamp_s, f"{vehicle}/camera_optical")
             info = conversions.info_from_camera(p.camera, stamp_s, header.frame_id)
             T_odom_cam = transforms.invert(in_home.T_home_odom[vehicle]) @ p.T_home_cam
             sent = {
                 (CAPTURES_HZ, "capture/picture"): CapturedPicture(
-                    header=header, vehicle=vehicle, camera=info, format="jpeg", data=jpeg.tobytes(),
-                    camera_in_odom=conversions.transform_to_pose(T_odom_cam)),
+                    header=header,
+                    vehicle=vehicle,
+                    camera=info,
+                    format="jpeg",
+                    data=jpeg.tobytes(),
+                    camera_in_odom=conversions.transform_to_pose(T_odom_cam),
+                ),
                 (PREVIEWS_HZ, "camera/color/image_raw/compressed"): CompressedImage(
-                    header=header, format="jpeg", data=jpeg.tobytes()),
-            }  # fmt: skip
+                    header=header, format="jpeg", data=jpeg.tobytes()
+                ),
+            }
             for (rate_hz, topic), message in sent.items():
                 if gates.setdefault((vehicle, topic), RateGate(rate_hz)).passes(stamp_s):
                     bag.write(f"/{vehicle}/{topic}", message, rospy.Time.from_sec(stamp_s + 0.2))
@@ -66,7 +80,8 @@ def sent_pictures(session: Path, out: Path) -> List[str]:
 
 
 def beside_a_live_map(session: Path, seconds: float, number: int, picture: Optional[Path]) -> int:
-    """Prints refreshes a second, the longest wait for one, and from click to topic, while the session is mapped."""
+    """Prints refreshes a second, the longest wait for one, and from click to topic, while the
+    session is mapped."""
     from fcsv_console.ros.shell import open_shell
     from fcsv_console.ros.window_command import application, connected
     from fcsv_sim.machines.machines import Machine
@@ -79,7 +94,9 @@ def beside_a_live_map(session: Path, seconds: float, number: int, picture: Optio
         machine.run(["rosrun", "fcsv_stereo", "live_map", f"_vehicles:={vehicles}"], "live_map")
         bags = [str(session / "control.bag"), str(Path(folder) / "sent.bag")]
         machine.run(["rosbag", "play", "--quiet", "--loop", *bags], "play")
-        listener = subprocess.Popen([sys.executable, "-c", LISTENER], stdout=subprocess.PIPE, text=True, env=os.environ)
+        listener = subprocess.Popen(
+            [sys.executable, "-c", LISTENER], stdout=subprocess.PIPE, text=True, env=os.environ
+        )
         try:
             app = application("dark")
             shell = open_shell("bench_console", vehicles, "", 0.0, windowed=True)
@@ -142,7 +159,8 @@ class Measured:
         self._app.exec_()
 
     def click(self, number: int, listener) -> None:
-        """A held button that is let go of, until another process hears it, ten times a second and between refreshes."""
+        """A held button that is let go of, until another process hears it, ten times a second and
+        between refreshes."""
         for k in range(number):
             self.go_on(0.1 + 0.007 * (k % 11))
             begun_s = time.monotonic()
@@ -161,8 +179,10 @@ class Measured:
             f"rviz {'embedded' if embeds else 'not opened'}, load {self._load:.1f}",
             f"refreshes: {rate_hz:.1f} a second, 99 % within {gaps_ms[int(0.99 * len(gaps_ms))]:.0f} ms, "
             f"the longest after {gaps_ms[-1]:.0f} ms, {late} of {len(gaps_ms)} later than 200 ms",
-        ]  # fmt: skip
+        ]
         if clicks:
-            lines.append(f"click to topic: median {statistics.median(clicks):.1f} ms, longest {clicks[-1]:.1f} ms of "
-                         f"{len(clicks)}")  # fmt: skip
+            lines.append(
+                f"click to topic: median {statistics.median(clicks):.1f} ms, longest {clicks[-1]:.1f} ms of "
+                f"{len(clicks)}"
+            )
         return "\n".join(lines)

@@ -10,7 +10,8 @@ import time
 from pathlib import Path
 
 MISSION = Path(__file__).resolve().parents[1] / "config/missions/outdoor.yaml"
-#: The console's own command, which tells by the machine's monotonic clock when its plan view was drawn, and ends.
+#: The console's own command, which tells by the machine's monotonic clock when its plan view was
+#: drawn, and ends.
 PROCESS = """
 import sys, time
 from fcsv_console.ros import window_command
@@ -49,19 +50,39 @@ def starts(number: int) -> int:
         env = {**os.environ, **{k: v for k, v in machine.env.items() if k.startswith("ROS_")}}
         if not env.get("DISPLAY"):
             env["QT_QPA_PLATFORM"] = "offscreen"
-        command = [sys.executable, "-c", PROCESS, "--vehicles", "uav1,uav2", "--mission", str(MISSION)]
+        command = [
+            sys.executable,
+            "-c",
+            PROCESS,
+            "--vehicles",
+            "uav1,uav2",
+            "--mission",
+            str(MISSION),
+        ]
         took_s, cpu_s = [], []
         for _ in range(number):
             before, begun_s = os.times(), time.monotonic()
-            done = subprocess.run(command, env=env, stdout=subprocess.PIPE, text=True, timeout=120.0)
+            done = subprocess.run(
+                command, env=env, stdout=subprocess.PIPE, text=True, timeout=120.0
+            )
             words = done.stdout.split()
             if done.returncode or not words:
-                print(f"the window ended with status {done.returncode} before it was drawn", file=sys.stderr)
+                print(
+                    f"the window ended with status {done.returncode} before it was drawn",
+                    file=sys.stderr,
+                )
                 return 1
             after = os.times()
             took_s.append(float(words[-1]) - begun_s)
-            cpu_s.append(after.children_user + after.children_system - before.children_user - before.children_system)
+            cpu_s.append(
+                after.children_user
+                + after.children_system
+                - before.children_user
+                - before.children_system
+            )
             print(f"{took_s[-1]:.2f} s, {cpu_s[-1]:.2f} s of the processor", flush=True)
-    print(f"from the process's start to the first drawn frame, {number} starts: first {took_s[0]:.2f} s, median "
-          f"{statistics.median(took_s):.2f} s, longest {max(took_s):.2f} s")  # fmt: skip
+    print(
+        f"from the process's start to the first drawn frame, {number} starts: first {took_s[0]:.2f} s, median "
+        f"{statistics.median(took_s):.2f} s, longest {max(took_s):.2f} s"
+    )
     return 0

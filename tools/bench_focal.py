@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What pictures tell of a focal length that is wrong, on drawn points; the table is in docs/lab/refinement.md.
+"""What pictures tell of a focal length that is wrong, on drawn points; the table is in
+docs/lab/refinement.md.
 
 .venv/bin/python tools/bench_focal.py [--draws 20] [--factor 1.05]
 """
@@ -20,8 +21,8 @@ from fcsv_stereo.refinement.structure import Observations
 TRUE = PinholeCamera.from_fov(640, 480, np.radians(56.0))
 NOISE_PX, POINTS, NEAR_M, FAR_M = 0.15, 600, 10.0, 250.0
 
-#: Places (m) and turns (roll, pitch, yaw about the optical frame's x, y, z; degrees) of the others in the reference's
-#: optical frame: x right, y down, z ahead
+#: Places (m) and turns (roll, pitch, yaw about the optical frame's x, y, z; degrees) of the others
+#: in the reference's optical frame: x right, y down, z ahead
 Cameras = Tuple[List[Sequence[float]], List[Sequence[float]]]
 PRIORS = ((0.15, 0.01), (0.3, 0.01), (0.01, 0.001))  # degrees per axis, share of the baseline
 
@@ -49,9 +50,11 @@ CASES: Dict[str, Cameras] = {
 }
 
 
-def fitted(cameras: Cameras, factor: float, seed: int, rotation_deg: float = 0.15, share: float = 0.01) -> FocalFit:
-    """Of points that a reference and others see, whose focal length is said to be ``factor`` times the true one; the
-    priors have the noise that they state."""
+def fitted(
+    cameras: Cameras, factor: float, seed: int, rotation_deg: float = 0.15, share: float = 0.01
+) -> FocalFit:
+    """Of points that a reference and others see, whose focal length is said to be ``factor`` times
+    the true one; the priors have the noise that they state."""
     random = np.random.default_rng(seed)
     said = PinholeCamera(640, 480, TRUE.fx * factor, TRUE.fy * factor, TRUE.cx, TRUE.cy)
     to_rays = np.linalg.inv(said.K).T
@@ -66,22 +69,33 @@ def fitted(cameras: Cameras, factor: float, seed: int, rotation_deg: float = 0.1
         inside = (p[:, 2] > 1) & (uv[:, :2] > 0).all(1) & (uv[:, :2] < [640, 480]).all(1)
         uv[:, :2] += random.normal(0.0, NOISE_PX, (POINTS, 2))
         seen.append((np.flatnonzero(inside), np.full(inside.sum(), k), uv[inside] @ to_rays))
-        position_m, rotation_rad = share * np.linalg.norm(place_m) / np.sqrt(3.0), np.radians(rotation_deg)
-        error = transforms.from_xyz_rpy(random.normal(0, position_m, 3), random.normal(0, rotation_rad, 3))
+        position_m, rotation_rad = (
+            share * np.linalg.norm(place_m) / np.sqrt(3.0),
+            np.radians(rotation_deg),
+        )
+        error = transforms.from_xyz_rpy(
+            random.normal(0, position_m, 3), random.normal(0, rotation_rad, 3)
+        )
         starts[k] = T @ error
         priors[k] = PairPrior(starts[k], rotation_rad, position_m)
     point, picture, rays = (np.concatenate(column) for column in zip(*seen))
     observations = Observations(np.zeros(POINTS, int), pixels @ to_rays, point, picture, rays)
     # 2.5: as refinement has it, of points that are not drawn
-    problem = Problem(observations, priors, dict.fromkeys(starts, said.fx), dict.fromkeys(starts, 2.5 * NOISE_PX))
+    problem = Problem(
+        observations, priors, dict.fromkeys(starts, said.fx), dict.fromkeys(starts, 2.5 * NOISE_PX)
+    )
     consensus = Consensus(adjust(problem, starts, 1.0 / depth), observations, problem=problem)
     return focal_fit(consensus, dict.fromkeys(starts, said))
 
 
 def table(draws: int, factor: float) -> List[str]:
-    """Lines: how well the focal length is known (median), in how many draws a wrong one is a warning, and in how many
-    it is said that it cannot be known; then in how many a right one is a warning."""
-    head = [f"{r:g}° and {s:.1%}: known to | warned | not to be known | right, and warned" for r, s in PRIORS]
+    """Lines: how well the focal length is known (median), in how many draws a wrong one is a
+    warning, and in how many it is said that it cannot be known; then in how many a right one is a
+    warning."""
+    head = [
+        f"{r:g}° and {s:.1%}: known to | warned | not to be known | right, and warned"
+        for r, s in PRIORS
+    ]
     lines = [f"| cameras | {' | '.join(head)} |", "|---" * (1 + 4 * len(PRIORS)) + "|"]
     for name, cameras in CASES.items():
         cells = []
@@ -89,9 +103,14 @@ def table(draws: int, factor: float) -> List[str]:
             wrong = [fitted(cameras, factor, seed, *prior) for seed in range(draws)]
             right = [fitted(cameras, 1.0, seed, *prior) for seed in range(draws)]
             cells.append(f"{np.median([f.sigma for f in wrong]):.1%}")
-            cells += [str(sum(map(bool, told))) for told in (
-                [f.words for f in wrong], [f.unseen for f in wrong], [f.words for f in right]
-            )]  # fmt: skip
+            cells += [
+                str(sum(map(bool, told)))
+                for told in (
+                    [f.words for f in wrong],
+                    [f.unseen for f in wrong],
+                    [f.words for f in right],
+                )
+            ]
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return lines
 
@@ -99,7 +118,12 @@ def table(draws: int, factor: float) -> List[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=20)
-    parser.add_argument("--factor", type=float, default=1.05, help="the focal length that is said, over the true one")
+    parser.add_argument(
+        "--factor",
+        type=float,
+        default=1.05,
+        help="the focal length that is said, over the true one",
+    )
     args = parser.parse_args()
     print("\n".join(table(args.draws, args.factor)))
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of docs/lab/gimbal.md: a gimbal that follows a vehicle at 1 m/s, 2 to 4 m away, against truth."""
+"""The tables of docs/lab/gimbal.md: a gimbal that follows a vehicle at 1 m/s, 2 to 4 m away,
+against truth."""
 
 import argparse
 import os
@@ -22,7 +23,8 @@ DOCUMENT = ROOT / "docs" / "lab" / "gimbal.md"
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 GIMBAL = load_ground_robot(ROOT / "config" / "gimbal" / "ground_robot.yaml").gimbals[0]
 THESIS = GimbalRules(follow=FollowRules(predict=False, lead=0.0))
-CORNERS_PX = 0.05  # of long runs without pictures, seen face on: what the detector leaves on drawn ones
+# of long runs without pictures, seen face on: what the detector leaves on drawn ones
+CORNERS_PX = 0.05
 
 
 def rendered(seed, seconds):
@@ -30,19 +32,27 @@ def rendered(seed, seconds):
     cv2.setNumThreads(1)
     flight = evaluation.run(GIMBAL, seed, evaluation.Scenario(duration_s=seconds))
     along, across, angle = (
-        np.array([getattr(p, name) for p in flight.poses]) for name in ("along_m", "across_m", "angle_deg")
+        np.array([getattr(p, name) for p in flight.poses])
+        for name in ("along_m", "across_m", "angle_deg")
     )
     figures = {
-        "seed": seed, "poses": len(along), "pictures": flight.pictures,
-        "in": float(np.mean(flight.in_picture)), "still": float(np.mean(flight.still)),
-        "along": rms(along), "along95": float(np.percentile(np.abs(along), 95)),
+        "seed": seed,
+        "poses": len(along),
+        "pictures": flight.pictures,
+        "in": float(np.mean(flight.in_picture)),
+        "still": float(np.mean(flight.still)),
+        "along": rms(along),
+        "along95": float(np.percentile(np.abs(along), 95)),
         "along_worst": float(np.abs(along).max()),
-        "across": rms(across), "across95": float(np.percentile(across, 95)), "across_worst": float(across.max()),
-        "angle": rms(angle), "angle95": float(np.percentile(angle, 95)),
+        "across": rms(across),
+        "across95": float(np.percentile(across, 95)),
+        "across_worst": float(across.max()),
+        "angle": rms(angle),
+        "angle95": float(np.percentile(angle, 95)),
         # constant errors of a mounting make the poses of one run alike: one pose a run counts
         "nees": flight.poses[len(flight.poses) // 2].normalised / 6,
         "nees_all": float(np.mean([p.normalised for p in flight.poses]) / 6),
-    }  # fmt: skip
+    }
     print(figures, flush=True)
     return figures
 
@@ -52,7 +62,13 @@ def following(job):
     seed, seconds, rules = job
     setup = evaluation.Setup(rules=rules, corners_px=CORNERS_PX)
     flight = evaluation.run(GIMBAL, seed, evaluation.Scenario(duration_s=seconds), setup)
-    print(seed, np.mean(flight.in_picture), np.mean(flight.still), dict(flight.tracker.counts), flush=True)
+    print(
+        seed,
+        np.mean(flight.in_picture),
+        np.mean(flight.still),
+        dict(flight.tracker.counts),
+        flush=True,
+    )
     return float(np.mean(flight.in_picture)), float(np.mean(flight.still))
 
 
@@ -91,11 +107,19 @@ def table(figures):
 
 
 def long_runs(pool, seeds, seconds):
-    lines = ["| following alone | tag in the picture, mean (worst) | gimbal still, mean (worst) |", "|---" * 3 + "|"]
-    for name, rules in (("predicting, with a lead (default)", GimbalRules()), ("as the thesis prints it", THESIS)):
+    lines = [
+        "| following alone | tag in the picture, mean (worst) | gimbal still, mean (worst) |",
+        "|---" * 3 + "|",
+    ]
+    for name, rules in (
+        ("predicting, with a lead (default)", GimbalRules()),
+        ("as the thesis prints it", THESIS),
+    ):
         found = np.array(list(pool.map(following, [(s, seconds, rules) for s in seeds])))
         (mean_in, mean_still), (least_in, least_still) = found.mean(axis=0), found.min(axis=0)
-        lines.append(f"| {name} | {mean_in:.2%} ({least_in:.2%}) | {mean_still:.1%} ({least_still:.1%}) |")
+        lines.append(
+            f"| {name} | {mean_in:.2%} ({least_in:.2%}) | {mean_still:.1%} ({least_still:.1%}) |"
+        )
     return lines
 
 
@@ -110,11 +134,23 @@ def main():
     with ProcessPoolExecutor(args.jobs) as pool:
         following_lines = long_runs(pool, args.seeds, args.long_seconds)
         figures = list(pool.map(rendered, args.seeds, [args.seconds] * len(args.seeds)))
-    command = f"make bench-gimbal ARGS='--seconds {args.seconds:g} --long-seconds {args.long_seconds:g}'"
-    lines = [f"Runs of {args.seconds:g} s, every picture drawn and looked at:", "", *table(figures), ""]
-    lines += [f"Runs of {args.long_seconds:g} s with corners of {CORNERS_PX} px of noise in place of pictures:", ""]
+    command = (
+        f"make bench-gimbal ARGS='--seconds {args.seconds:g} --long-seconds {args.long_seconds:g}'"
+    )
+    lines = [
+        f"Runs of {args.seconds:g} s, every picture drawn and looked at:",
+        "",
+        *table(figures),
+        "",
+    ]
+    lines += [
+        f"Runs of {args.long_seconds:g} s with corners of {CORNERS_PX} px of noise in place of pictures:",
+        "",
+    ]
     lines += [*following_lines, ""]
-    lines.append(f"{time.strftime('%Y-%m-%d')}, {platform.machine()}, {os.cpu_count()} cores, shared: `{command}`.")
+    lines.append(
+        f"{time.strftime('%Y-%m-%d')}, {platform.machine()}, {os.cpu_count()} cores, shared: `{command}`."
+    )
     path = Path(args.out)
     before, after = path.read_text().split(BEGIN)[0], path.read_text().split(END)[1]
     path.write_text(before + BEGIN + "\n" + "\n".join(lines) + "\n" + END + after)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compares the cells that ground models call free with the truth of drawn places; the table of docs/lab/evidence.md.
+"""Compares the cells that ground models call free with the truth of drawn places; the table of
+docs/lab/evidence.md.
 
-python tools/bench_ground.py [--worlds maze rubble] [--seeds 1 2 3] [--robot config/robots/rescue.yaml]
-python tools/bench_ground.py --map out/demo/map out/demo/session/truth
+python tools/bench_ground.py [--worlds maze rubble] [--seeds 1 2 3] [--robot
+config/robots/rescue.yaml] python tools/bench_ground.py --map out/demo/map out/demo/session/truth
 """
 
 import argparse
@@ -37,17 +38,21 @@ def grid_of(plan, cell_m: float) -> Grid:
 
 
 def footing_of(plan, grid: Grid, robot: Robot):
-    """(rows, columns) bool twice: where the truth reaches all around the footprint, and whether the robot can stand."""
+    """(rows, columns) bool twice: where the truth reaches all around the footprint, and whether the
+    robot can stand."""
     clear = Footing.of(plan).clearance(robot)
     xy = grid.middle_of(*np.indices(grid.shape))
     x0, x1, y0, y1 = plan.area_m
-    edge = np.minimum(np.minimum(xy[..., 0] - x0, x1 - xy[..., 0]), np.minimum(xy[..., 1] - y0, y1 - xy[..., 1]))
+    edge = np.minimum(
+        np.minimum(xy[..., 0] - x0, x1 - xy[..., 0]), np.minimum(xy[..., 1] - y0, y1 - xy[..., 1])
+    )
     return edge > robot.radius_m + 0.15, ~clear.touches(xy[..., 0], xy[..., 1])
 
 
 def true_stands(ground: Ground, robot: Robot, mesh: Path) -> np.ndarray:
-    """(rows, columns) bool: whether the robot truly can stand in a cell; the rays begin at its height above the
-    ground as mapped, so that what hangs higher does not count. False where no ground is known."""
+    """(rows, columns) bool: whether the robot truly can stand in a cell; the rays begin at its
+    height above the ground as mapped, so that what hangs higher does not count. False where no
+    ground is known."""
     import open3d as o3d
 
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
@@ -55,14 +60,22 @@ def true_stands(ground: Ground, robot: Robot, mesh: Path) -> np.ndarray:
     grid = ground.grid
     xy = grid.middle_of(*np.indices(grid.shape))
     top = np.where(ground.known, ground.height_m, 0.0) + robot.height_m
-    rays = np.concatenate([xy, top[..., None], np.broadcast_to([0.0, 0.0, -1.0], (*grid.shape, 3))], -1)
+    rays = np.concatenate(
+        [xy, top[..., None], np.broadcast_to([0.0, 0.0, -1.0], (*grid.shape, 3))], -1
+    )
     reach = scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)), nthreads=1)["t_hit"].numpy()
     z = np.where(ground.known & np.isfinite(reach), top - reach, np.nan).astype(np.float32)
     flat = np.full(grid.shape, _TRUE_SIGMA_M, np.float32)
     truth = replace(
-        ground, height_m=z, sigma_m=flat, low_m=z, high_m=z, overhead_m=np.full_like(z, np.inf), trust=np.ones_like(z),
+        ground,
+        height_m=z,
+        sigma_m=flat,
+        low_m=z,
+        high_m=z,
+        overhead_m=np.full_like(z, np.inf),
+        trust=np.ones_like(z),
         maps=(),
-    )  # fmt: skip
+    )
     passes = np.nan_to_num(cell_probability(truth, robot)) > 0.5
     return least(passes.astype(np.float32), disk(robot.radius_m, grid.cell_m), 0.0) > 0
 
@@ -78,19 +91,23 @@ def table(name: str, ground: Ground, p: np.ndarray, true: np.ndarray, inside: np
 
 
 def inflated(ground: Ground, robot: Robot, p: np.ndarray) -> np.ndarray:
-    """As ``p``, what map.pgm says to a planner that keeps the whole footprint in its free cells: FREE_P or 0."""
+    """As ``p``, what map.pgm says to a planner that keeps the whole footprint in its free cells:
+    FREE_P or 0."""
     cells = occupancy(ground, robot, p)
     free = (cells >= 0) & (cells <= FREE_PERCENT)
     return FREE_P * (least(free, disk(robot.radius_m, ground.grid.cell_m), 0.0) > 0)
 
 
 def reliability(rows) -> None:
-    """Prints for classes of p how many of the footprints can truly be stood on; rows of (p, true)."""
+    """Prints for classes of p how many of the footprints can truly be stood on; rows of (p,
+    true)."""
     p, true = (np.concatenate(part) for part in zip(*rows))
     print("| p | footprints | truly free |\n| --- | --- | --- |")
     for low, high in zip(_P_EDGES[:-1], _P_EDGES[1:]):
         cells = (p >= low) & (p < high if high < 1 else p <= 1)
-        print(f"| {low} to {high} | {cells.sum()} | {true[cells].mean() if cells.any() else np.nan:.1%} |")
+        print(
+            f"| {low} to {high} | {cells.sum()} | {true[cells].mean() if cells.any() else np.nan:.1%} |"
+        )
     n = true.sum()
     print(f"AUC {(rankdata(p)[true].sum() - n * (n + 1) / 2) / max(n * (len(p) - n), 1):.3f}")
 
@@ -99,14 +116,22 @@ def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--worlds", nargs="+", choices=PLACES, default=list(PLACES))
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
-    parser.add_argument("--map", type=Path, nargs=2, metavar=("MAP", "TRUTH"), help="a map and its session's truth")
+    parser.add_argument(
+        "--map", type=Path, nargs=2, metavar=("MAP", "TRUTH"), help="a map and its session's truth"
+    )
     parser.add_argument("--robot", default="config/robots/rescue.yaml")
     parser.add_argument("--cell-m", type=float, default=0.1)
     args = parser.parse_args(argv)
     robot = load_robot(args.robot)
-    print("| place | m from a camera | called free | not free | share | of what is free |\n" + "| --- " * 6 + "|")
+    print(
+        "| place | m from a camera | called free | not free | share | of what is free |\n"
+        + "| --- " * 6
+        + "|"
+    )
     rows = []
-    for name, ground, true, inside in _mapped(*args.map, robot, args.cell_m) if args.map else _drawn(args, robot):
+    for name, ground, true, inside in (
+        _mapped(*args.map, robot, args.cell_m) if args.map else _drawn(args, robot)
+    ):
         p = stand_probability(ground, robot)
         table(name, ground, p, true, inside)
         table(f"{name}, map.pgm", ground, inflated(ground, robot, p), true, inside)
@@ -122,14 +147,28 @@ def _drawn(args, robot: Robot):
             town = Town.generate(seed, world)
             grid = grid_of(town.plan, args.cell_m)
             inside, true = footing_of(town.plan, grid, robot)
-            yield f"{world} {seed}", ground_from(survey(town, stations(town.plan), seed), grid=grid), true, inside
+            yield (
+                f"{world} {seed}",
+                ground_from(survey(town, stations(town.plan), seed), grid=grid),
+                true,
+                inside,
+            )
 
 
 def _mapped(folder: Path, truth: Path, robot: Robot, cell_m: float):
-    vehicle, stamp = json.loads((folder / "report.json").read_text())["reference"]["image"].split("/")
-    view = replace(read_map(folder), T_home_cam=load_truth(truth).T_world_cam(vehicle, float(stamp)))
+    vehicle, stamp = json.loads((folder / "report.json").read_text())["reference"]["image"].split(
+        "/"
+    )
+    view = replace(
+        read_map(folder), T_home_cam=load_truth(truth).T_world_cam(vehicle, float(stamp))
+    )
     ground = ground_from([view], cell_m)
-    yield folder.name, ground, true_stands(ground, robot, truth / "scene.ply"), np.ones(ground.grid.shape, bool)
+    yield (
+        folder.name,
+        ground,
+        true_stands(ground, robot, truth / "scene.ply"),
+        np.ones(ground.grid.shape, bool),
+    )
 
 
 if __name__ == "__main__":

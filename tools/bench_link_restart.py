@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""How long the autopilot is without poses when its flight link is killed and roslaunch starts it again.
+"""How long the autopilot is without poses when its flight link is killed and roslaunch starts it
+again.
 
     python tools/bench_link_restart.py --times 10 --busy 4
 
-A simulated autopilot over UDP, poses at 30 Hz, the link killed (SIGKILL) again and again, beside so many processes that
-take what they get of the processor. Exit status 1 where a gap is longer than --bound.
+A simulated autopilot over UDP, poses at 30 Hz, the link killed (SIGKILL) again and again, beside so
+many processes that take what they get of the processor. Exit status 1 where a gap is longer than
+--bound.
 """
 
 import argparse
@@ -60,7 +62,9 @@ class Autopilot:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--times", type=int, default=10)
     parser.add_argument("--busy", type=int, default=0, help="processes that take what they get")
     parser.add_argument("--bound", type=float, default=2.0, help="seconds (default %(default)s)")
@@ -73,8 +77,15 @@ def main() -> int:
         launch = Path(folder) / "link.launch"
         launch.write_text(_LAUNCH.format(port=port))
         os.environ["ROS_LOG_DIR"] = folder
-        started = [subprocess.Popen(["roslaunch", "-p", str(master), str(launch)], stdout=subprocess.DEVNULL)]
-        started += [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(arguments.busy)]
+        started = [
+            subprocess.Popen(
+                ["roslaunch", "-p", str(master), str(launch)], stdout=subprocess.DEVNULL
+            )
+        ]
+        started += [
+            subprocess.Popen([sys.executable, "-c", "while True: pass"])
+            for _ in range(arguments.busy)
+        ]
         try:
             gaps_s = measured(Autopilot(port), arguments.times)
         finally:
@@ -85,7 +96,9 @@ def main() -> int:
     load = os.getloadavg()[0]
     beside = f"{arguments.busy} busy processes, load {load:.1f} on {os.cpu_count()} cores"
     median_s, worst_s = np.median(gaps_s), max(gaps_s)
-    print(f"{len(gaps_s)} kills, {beside}: without poses {median_s:.2f} s (median), {worst_s:.2f} s (worst)")
+    print(
+        f"{len(gaps_s)} kills, {beside}: without poses {median_s:.2f} s (median), {worst_s:.2f} s (worst)"
+    )
     return 1 if max(gaps_s) > arguments.bound else 0
 
 
@@ -100,7 +113,9 @@ def measured(autopilot: Autopilot, times: int):
     node.begin("bench_link_restart", disable_signals=True)
     health = []
     rospy.Subscriber("/uav1/flight_link/health", LinkHealth, lambda m: health.append(m))
-    poses = rospy.Publisher("/uav1/mavros/vision_pose/pose", PoseStamped, queue_size=1, tcp_nodelay=True)
+    poses = rospy.Publisher(
+        "/uav1/mavros/vision_pose/pose", PoseStamped, queue_size=1, tcp_nodelay=True
+    )
 
     def pose(_event):
         message = PoseStamped()
@@ -111,13 +126,21 @@ def measured(autopilot: Autopilot, times: int):
     rospy.Timer(rospy.Duration(1 / 30), pose)
     gaps_s = []
     for _ in range(times):
-        until(lambda: autopilot.came_s and time.monotonic() - autopilot.came_s[-1] < 0.2 and health, 60.0)
+        until(
+            lambda: autopilot.came_s and time.monotonic() - autopilot.came_s[-1] < 0.2 and health,
+            60.0,
+        )
         time.sleep(3.0)
         pid = health[-1].pid
         health.clear()
         killed_s = time.monotonic()
         os.kill(pid, signal.SIGKILL)
-        until(lambda k=killed_s, p=pid: autopilot.came_s[-1] > k + 0.1 and health and health[-1].pid != p, 60.0)
+        until(
+            lambda k=killed_s, p=pid: (
+                autopilot.came_s[-1] > k + 0.1 and health and health[-1].pid != p
+            ),
+            60.0,
+        )
         came_s = [at_s for at_s in autopilot.came_s if at_s > killed_s - 0.5]
         gaps_s.append(max(np.diff(came_s)))
         print(f"without poses for {gaps_s[-1]:.2f} s", flush=True)

@@ -27,9 +27,13 @@ def main():
     scene = shoot(SceneName("street", 1), PAIRS)
     given, corrections = scene.given(PAIRS, NOISES[0]), Corrections()
     # the bench's pictures are all of one vehicle; here each configuration has its own
-    given = replace(given, configurations=[
-        replace(c, others=[replace(c.others[0], vehicle=f"uav{i}")]) for i, c in enumerate(given.configurations, 2)
-    ])  # fmt: skip
+    given = replace(
+        given,
+        configurations=[
+            replace(c, others=[replace(c.others[0], vehicle=f"uav{i}")])
+            for i, c in enumerate(given.configurations, 2)
+        ],
+    )
     method = METHODS["joint"]
     method.map(given)  # kernels are loaded
     seconds, cores, shares = [], [], []
@@ -43,7 +47,9 @@ def main():
             result = method.map(corrections.apply(given), method.trusting_poses(options))
         seconds.append(time.perf_counter() - started)
         cores.append(time.process_time() - busy)
-        depth = cv2.resize(result.depth, scene.true_depth.shape[::-1], interpolation=cv2.INTER_NEAREST)
+        depth = cv2.resize(
+            result.depth, scene.true_depth.shape[::-1], interpolation=cv2.INTER_NEAREST
+        )
         shares.append(band(depth, scene.true_depth, (0.0, 400.0)).within_10_percent)
     print(
         f"{args.pictures / sum(seconds):.2f} depth images a second (median {np.median(seconds):.2f} s, worst "

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of docs/lab/mocap.md: the mocap tracker against simulated truth, and against every kind of bad input."""
+"""The table of docs/lab/mocap.md: the mocap tracker against simulated truth, and against every kind
+of bad input."""
 
 import argparse
 import dataclasses
@@ -20,7 +21,8 @@ BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 
 
 def scaled_to_two_percent(seed):
-    """The seed's flight with its drift scaled so that odometry alone is off by 2 % after 20 m out of view."""
+    """The seed's flight with its drift scaled so that odometry alone is off by 2 % after 20 m out
+    of view."""
     plain = evaluation.evaluate(seed)
     drift = 0.02 * evaluation.AWAY_M / evaluation.at_20_m(plain.records["b"]).raw_m
     errors = FlightErrors(tello=TelloErrors(drift=drift))
@@ -38,7 +40,9 @@ def rows_of(seed):
         "share": float(np.linalg.norm(away.error_m)) / away.away_m,
         "jump": evaluation.largest_jump_m(flight.records["b"]),
         **view,
-        "level": max(v for t, v in flight.level_deg if t > evaluation.START_S + evaluation.LEVEL_AFTER_S),
+        "level": max(
+            v for t, v in flight.level_deg if t > evaluation.START_S + evaluation.LEVEL_AFTER_S
+        ),
         "nees_view": evaluation.normalised_in_view(plain),
         "nees_away": evaluation.normalised(evaluation.at_20_m(plain.records["b"])),
     }
@@ -68,20 +72,34 @@ def table(figures):
 
 
 def consistency(figures):
-    """Average normalised squared error of all seeds against the 95 % band of as many independent ones."""
-    lines = ["| normalised squared error per degree of freedom | average | 95 % band |", "|---|---|---|"]
+    """Average normalised squared error of all seeds against the 95 % band of as many independent
+    ones."""
+    lines = [
+        "| normalised squared error per degree of freedom | average | 95 % band |",
+        "|---|---|---|",
+    ]
     samples = [("after 20 m out of view, one pose a flight", [f["nees_away"] for f in figures])]
-    samples.insert(0, ("in view, one pose of either vehicle a flight", [n for f in figures for n in f["nees_view"]]))
+    samples.insert(
+        0,
+        (
+            "in view, one pose of either vehicle a flight",
+            [n for f in figures for n in f["nees_view"]],
+        ),
+    )
     for title, values in samples:
         n = 6 * len(values)
         low, high = chi2.ppf([0.025, 0.975], n) / n
-        lines.append(f"| {title} ({len(values)} poses) | {np.mean(values) / 6:.2f} | {low:.2f} to {high:.2f} |")
+        lines.append(
+            f"| {title} ({len(values)} poses) | {np.mean(values) / 6:.2f} | {low:.2f} to {high:.2f} |"
+        )
     return lines
 
 
 def wrong_poses(seed):
     """Markers swapped and bodies turned over in a flight; what the tracker makes of it."""
-    errors = FlightErrors(mocap=dataclasses.replace(V120DuoErrors(), swaps_per_s=1.0, flips_per_s=0.2))
+    errors = FlightErrors(
+        mocap=dataclasses.replace(V120DuoErrors(), swaps_per_s=1.0, flips_per_s=0.2)
+    )
     flight = evaluation.evaluate(seed, errors)
     view = evaluation.in_view(flight)
     return (
@@ -101,7 +119,9 @@ def main():
         figures = list(pool.map(rows_of, args.seeds))
     heads = ["| seed | wrong poses streamed | in view, rms | worst |", "|---" * 4 + "|"]
     lines = [*table(figures), "", *consistency(figures), "", *heads, *wrong, ""]
-    lines.append(f"{time.strftime('%Y-%m-%d')}, {platform.machine()}: `python tools/bench_mocap.py`")
+    lines.append(
+        f"{time.strftime('%Y-%m-%d')}, {platform.machine()}: `python tools/bench_mocap.py`"
+    )
     path = Path(args.out)
     text = path.read_text()
     before, after = text.split(BEGIN)[0], text.split(END)[1]

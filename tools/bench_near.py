@@ -1,22 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the near field is where it is, and meets the map of distant configurations; the table is in docs/lab/near.md.
+"""Whether the near field is where it is, and meets the map of distant configurations; the table is
+in docs/lab/near.md.
 
-.venv/bin/python tools/bench_near.py [--worlds village street] [--seeds 1 2 3] [--look-round] [--out FOLDER]
+.venv/bin/python tools/bench_near.py [--worlds village street] [--seeds 1 2 3] [--look-round] [--out
+FOLDER]
 
-Two vehicles hover 2 m and then 4 m apart, 2 m high, at the lane (the avenue) of a simulated world, and take the
-pictures of which the map is made. Then they fly 24 m along it and turn to what stands on both sides. Both carry a
-simulated D435F (2 frames a second: noise, range, holes) and a simulated T265, whose odometry gives the poses;
-covariances are those of its drift. Truth is the renderer's. Home is where uav1 began. The way is moved beside the lane
-until nothing stands within 1 m of it.
+Two vehicles hover 2 m and then 4 m apart, 2 m high, at the lane (the avenue) of a simulated world,
+and take the pictures of which the map is made. Then they fly 24 m along it and turn to what stands
+on both sides. Both carry a simulated D435F (2 frames a second: noise, range, holes) and a simulated
+T265, whose odometry gives the poses; covariances are those of its drift. Truth is the renderer's.
+Home is where uav1 began. The way is moved beside the lane until nothing stands within 1 m of it.
 
-there: of the true surfaces that some frame showed within 8 m of its vehicle, the share with a point of the near field
-within 5 cm and 2 % of that distance. By area, of all surfaces more than 0.3 m above the ground that are within 8 m of a
-place of a vehicle: saw: those that some frame's camera saw (within 8 m, in its field of view, nothing before them);
-in sight: those that a camera at one of these places would see if it looked their way; in sight, joined: the same with
-the points of the joined map, which has those of both baselines, too; all that stands: backs, tops and insides of
+there: of the true surfaces that some frame showed within 8 m of its vehicle, the share with a point
+of the near field within 5 cm and 2 % of that distance. By area, of all surfaces more than 0.3 m
+above the ground that are within 8 m of a place of a vehicle: saw: those that some frame's camera
+saw (within 8 m, in its field of view, nothing before them); in sight: those that a camera at one of
+these places would see if it looked their way; in sight, joined: the same with the points of the
+joined map, which has those of both baselines, too; all that stands: backs, tops and insides of
 hedges, too. wrong: share of its points that are farther than that from every true surface.
---look-round: at the begin and after each leg both turn once around, in 18 s, instead of by 30 degrees to both sides.
---out: pictures of the map and of the near field, a report.
+--look-round: at the begin and after each leg both turn once around, in 18 s, instead of by 30
+degrees to both sides. --out: pictures of the map and of the near field, a report.
 """
 
 import argparse
@@ -40,7 +43,15 @@ from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.world.town import Town
 from fcsv_stereo.joint import Joint
 from fcsv_stereo.map_files.output import write_ply
-from fcsv_stereo.model import FLOWN, Axis, Configuration, ConfigurationInput, MapInput, MapResult, Picture
+from fcsv_stereo.model import (
+    FLOWN,
+    Axis,
+    Configuration,
+    ConfigurationInput,
+    MapInput,
+    MapResult,
+    Picture,
+)
 from fcsv_stereo.near import DepthFrame, DepthSensor, NearSurface, NearVolume, Thinning, join
 from fcsv_stereo.report import write_report
 from fcsv_tracking.column.camera_covariance import camera_covariance
@@ -89,9 +100,9 @@ class Part:
 
 @dataclass(frozen=True)
 class Standing:
-    """All that stands within 8 m: ``points_home_m`` (N,3); from the nearest place of a vehicle, ``distance_m`` (N,);
-    ``shown_m`` and ``in_sight_m`` (N,) from the nearest camera that saw it, or would have by looking its way; infinite
-    where none."""
+    """All that stands within 8 m: ``points_home_m`` (N,3); from the nearest place of a vehicle,
+    ``distance_m`` (N,); ``shown_m`` and ``in_sight_m`` (N,) from the nearest camera that saw it, or
+    would have by looking its way; infinite where none."""
 
     points_home_m: np.ndarray
     distance_m: np.ndarray
@@ -130,7 +141,9 @@ class Flown:
         geometry = load_vehicles(str(bringup() / "config" / "vehicles"), [name])[name]
         self.name, self._T_body_cam = name, geometry.T_body_cam
         lens = CameraParameters()
-        self._camera = SimulatedCamera(renderer, geometry.T_body_cam, lens, 1000 * seed + geometry.system_id)
+        self._camera = SimulatedCamera(
+            renderer, geometry.T_body_cam, lens, 1000 * seed + geometry.system_id
+        )
         self._depth = SimulatedDepth(
             self._camera.model, 1000 * seed + geometry.system_id, DepthSensor(), DepthParameters()
         )
@@ -147,7 +160,11 @@ class Flown:
         T_odom_t265, _, _ = self._tracker.odometry(stamp_s, T_world_body)
         self._T_odom_body = T_odom_t265 @ self._T_t265_body
         if self._T_home_odom is None:
-            T = transforms.invert(T_world_home) @ T_world_body @ transforms.invert(self._T_odom_body)
+            T = (
+                transforms.invert(T_world_home)
+                @ T_world_body
+                @ transforms.invert(self._T_odom_body)
+            )
             self._T_home_odom = Place(T, np.diag([0.01**2] * 3 + [np.radians(0.1) ** 2]))
         self._drift.feed(stamp_s, self._T_odom_body[:3, 3])
 
@@ -157,41 +174,68 @@ class Flown:
         """A frame and a picture as said, and the truth: depth (H,W) and T_world_cam."""
         shot = self._camera.shoot(stamp_s, T_world_body, samples=samples)
         T_home_cam = self._T_home_odom.T_a_b @ self._T_odom_body @ self._T_body_cam
-        C = camera_covariance(self._T_home_odom, self._T_odom_body, self._T_body_cam, self._drift, _TRACKER)
+        C = camera_covariance(
+            self._T_home_odom, self._T_odom_body, self._T_body_cam, self._drift, _TRACKER
+        )
         measured, model = self._depth.measure(shot.depth, shot.rgb), self._camera.model
         frame = DepthFrame.of_millimetres(self.name, stamp_s, measured, model, T_home_cam, C)
-        picture = Picture.undistorted(f"{self.name}/{stamp_s:.3f}", self.name, stamp_s, shot.rgb, model, T_home_cam, C)
+        picture = Picture.undistorted(
+            f"{self.name}/{stamp_s:.3f}", self.name, stamp_s, shot.rgb, model, T_home_cam, C
+        )
         return frame, picture, shot.depth, shot.T_world_cam
 
 
-def way(town: Town, aside_m: float, look_round: bool = False) -> Iterator[Tuple[float, np.ndarray, float]]:
-    """Stamp, position (x, y, yaw) of the middle between both vehicles in the world, and how far they are apart.
+def way(
+    town: Town, aside_m: float, look_round: bool = False
+) -> Iterator[Tuple[float, np.ndarray, float]]:
+    """Stamp, position (x, y, yaw) of the middle between both vehicles in the world, and how far
+    they are apart.
 
     ``aside_m``: how far to the left of the lane's middle.
     """
     plan, s, turn, n = town.plan, _BEGIN_M, 0.0, 0
     lane_t = (float(plan.avenues_t[1]) if len(plan.avenues_t) else 0.0) + aside_m
     wider_m = _APART_M[1] - _APART_M[0]
-    hover = [(0.0, 0.0, 4.0, 0.0), (0.0, 0.0, 6.0, wider_m), (0.0, 0.0, 4.0, 0.0), (0.0, 0.0, 6.0, -wider_m)]
+    hover = [
+        (0.0, 0.0, 4.0, 0.0),
+        (0.0, 0.0, 6.0, wider_m),
+        (0.0, 0.0, 4.0, 0.0),
+        (0.0, 0.0, 6.0, -wider_m),
+    ]
     apart_m, legs = _APART_M[0], _LEGS
     if look_round:
         legs = (_ROUND, *(leg for metres, _ in _LEGS if metres for leg in ((metres, 0.0), _ROUND)))
     for metres, radians, seconds, wider_m in [
         *hover,
-        *((m, r, max(m / _SPEED_MPS, (_ROUND_TURN_S if look_round else _TURN_S) * abs(r)), 0.0) for m, r in legs),
+        *(
+            (m, r, max(m / _SPEED_MPS, (_ROUND_TURN_S if look_round else _TURN_S) * abs(r)), 0.0)
+            for m, r in legs
+        ),
     ]:
         steps = int(seconds * _TRACKER_HZ)
         for _ in range(steps):
-            s, turn, apart_m, n = s + metres / steps, turn + radians / steps, apart_m + wider_m / steps, n + 1
-            yield n / _TRACKER_HZ, np.array([*plan.world(s, lane_t)[:2], plan.heading(s) + turn]), apart_m
+            s, turn, apart_m, n = (
+                s + metres / steps,
+                turn + radians / steps,
+                apart_m + wider_m / steps,
+                n + 1,
+            )
+            yield (
+                n / _TRACKER_HZ,
+                np.array([*plan.world(s, lane_t)[:2], plan.heading(s) + turn]),
+                apart_m,
+            )
 
 
 def clear(town: Town) -> float:
-    """How far beside the lane nothing stands within ``_CLEAR_M`` of a vehicle's way: nobody flies through a hedge."""
+    """How far beside the lane nothing stands within ``_CLEAR_M`` of a vehicle's way: nobody flies
+    through a hedge."""
     distance_to, random = scene(town, np.eye(4)), np.random.default_rng(0)
     for aside_m in (0.0, 1.0, -1.0, 2.0, -2.0, 3.0, -3.0, 4.0, -4.0, 6.0, -6.0):
         places = [
-            T[:3, 3] for _, at, apart_m in list(way(town, aside_m))[::10] for T in bodies(at, apart_m, random).values()
+            T[:3, 3]
+            for _, at, apart_m in list(way(town, aside_m))[::10]
+            for T in bodies(at, apart_m, random).values()
         ]
         if distance_to(np.array(places)).min() > _CLEAR_M:
             return aside_m
@@ -273,7 +317,9 @@ def scene(town: Town, T_world_home: np.ndarray):
     import open3d as o3d
 
     mesh = o3d.t.geometry.RaycastingScene()
-    vertices = transforms.apply(transforms.invert(T_world_home), town.vertices.astype(float)).astype(np.float32)
+    vertices = transforms.apply(
+        transforms.invert(T_world_home), town.vertices.astype(float)
+    ).astype(np.float32)
     mesh.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(town.triangles.astype(np.uint32)))
     return lambda points: mesh.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy()
 
@@ -293,9 +339,11 @@ def far_map(pictures: Dict[str, List[Picture]]) -> MapResult:
     return Joint().map(MapInput("session", found, prior=FLOWN), Joint().options())
 
 
-def all_standing(town: Town, places_m: np.ndarray, eyes: List[np.ndarray], camera, T_world_home) -> Standing:
-    """100 points to the square metre of all that stands within 8 m of a place (world), and which of them the cameras
-    at ``eyes`` (T_world_cam each) saw."""
+def all_standing(
+    town: Town, places_m: np.ndarray, eyes: List[np.ndarray], camera, T_world_home
+) -> Standing:
+    """100 points to the square metre of all that stands within 8 m of a place (world), and which of
+    them the cameras at ``eyes`` (T_world_cam each) saw."""
     corners = town.vertices[town.triangles].astype(float)
     tree, random = cKDTree(places_m), np.random.default_rng(3)
     a, b, c = np.moveaxis(corners, 1, 0)
@@ -313,14 +361,18 @@ def all_standing(town: Town, places_m: np.ndarray, eyes: List[np.ndarray], camer
     return Standing(points_home[kept], distance[kept], *seen_from(town, points[kept], eyes, camera))
 
 
-def seen_from(town: Town, points: np.ndarray, eyes: List[np.ndarray], camera) -> Tuple[np.ndarray, np.ndarray]:
-    """(N,) m each, of points (N,3; world): from the nearest of the cameras (T_world_cam) that has one in its picture
-    and nothing before it, and from the nearest with nothing before it; infinite where none within 8 m."""
+def seen_from(
+    town: Town, points: np.ndarray, eyes: List[np.ndarray], camera
+) -> Tuple[np.ndarray, np.ndarray]:
+    """(N,) m each, of points (N,3; world): from the nearest of the cameras (T_world_cam) that has
+    one in its picture and nothing before it, and from the nearest with nothing before it; infinite
+    where none within 8 m."""
     import open3d as o3d
 
     mesh = o3d.t.geometry.RaycastingScene()
     mesh.add_triangles(
-        o3d.core.Tensor(town.vertices.astype(np.float32)), o3d.core.Tensor(town.triangles.astype(np.uint32))
+        o3d.core.Tensor(town.vertices.astype(np.float32)),
+        o3d.core.Tensor(town.triangles.astype(np.uint32)),
     )
     shown, in_sight = np.full((2, len(points)), np.inf)
     for T_world_cam in eyes:
@@ -334,13 +386,24 @@ def seen_from(town: Town, points: np.ndarray, eyes: List[np.ndarray], camera) ->
         x, y, z = transforms.apply(transforms.invert(T_world_cam), points[k]).T
         z = np.where(z > 0.0, z, np.nan)
         column, row = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
-        k = k[(column >= 0) & (column <= camera.width - 1) & (row >= 0) & (row <= camera.height - 1)]
+        k = k[
+            (column >= 0) & (column <= camera.width - 1) & (row >= 0) & (row <= camera.height - 1)
+        ]
         shown[k] = np.minimum(shown[k], distance[k])
     return shown, in_sight
 
 
 def judged(
-    world, seed, counted, seconds, surface: NearSurface, true, ranges, everything: Standing, distance_to, joined
+    world,
+    seed,
+    counted,
+    seconds,
+    surface: NearSurface,
+    true,
+    ranges,
+    everything: Standing,
+    distance_to,
+    joined,
 ) -> Row:
     """Against the truth."""
     points = surface.points()
@@ -360,20 +423,46 @@ def judged(
     off = distance_to(points.points_home_m)
     allowed = _FIXED_M + _SHARE * _WITHIN_M
     return Row(
-        world, seed, sum(counted.values()), seconds, len(points), len(true), float(there.mean()), int(standing.sum()),
-        standing_there, *map(within_of, (everything.shown_m, everything.in_sight_m)),
-        within_of(everything.in_sight_m, from_joined_m), within_of(everything.distance_m),
-        float((off > allowed).mean()), float(np.median(off)), float(np.median(points.sigma_m)),
-        float((off <= points.sigma_m).mean()), joined,
-    )  # fmt: skip
+        world,
+        seed,
+        sum(counted.values()),
+        seconds,
+        len(points),
+        len(true),
+        float(there.mean()),
+        int(standing.sum()),
+        standing_there,
+        *map(within_of, (everything.shown_m, everything.in_sight_m)),
+        within_of(everything.in_sight_m, from_joined_m),
+        within_of(everything.distance_m),
+        float((off > allowed).mean()),
+        float(np.median(off)),
+        float(np.median(points.sigma_m)),
+        float((off <= points.sigma_m).mean()),
+        joined,
+    )
 
 
 _HEAD = (
-    "world, seed", "frames", "time", "points", "there", "there, what stands", "saw", "in sight", "in sight, joined",
+    "world, seed",
+    "frames",
+    "time",
+    "points",
+    "there",
+    "there, what stands",
+    "saw",
+    "in sight",
+    "in sight, joined",
     "all that stands",
-    "wrong", "off, median", "sigma, median",
-    "within sigma", "seam", "seam at", "seam, step", "seam, size",
-)  # fmt: skip
+    "wrong",
+    "off, median",
+    "sigma, median",
+    "within sigma",
+    "seam",
+    "seam at",
+    "seam, step",
+    "seam, size",
+)
 
 
 def cells(r: Row) -> List[str]:
@@ -382,20 +471,40 @@ def cells(r: Row) -> List[str]:
     standing = f"{r.standing_there:.1%} of {r.standing:,}" if r.standing else "nothing"
     seam = ["none", "–", "–", "–"]
     if n.step is not None:
-        seam = [f"{n.shared:,} px", f"{n.from_m:.1f} to {n.to_m:.1f} m", f"{n.step:+.1%}", f"{n.apart:.1%}"]
+        seam = [
+            f"{n.shared:,} px",
+            f"{n.from_m:.1f} to {n.to_m:.1f} m",
+            f"{n.step:+.1%}",
+            f"{n.apart:.1%}",
+        ]
     return [
-        f"{r.world} {r.seed}", str(r.frames), f"{r.seconds:.0f} s", f"{r.points:,}", f"{r.there:.1%}", standing,
-        r.saw.words, r.in_sight.words, f"{r.in_sight_joined.there:.1%}",
-        r.all_standing.words, f"{r.wrong:.1%}", f"{1e3 * r.median_m:.0f} mm",
-        f"{1e3 * r.sigma_m:.0f} mm", f"{r.within_1_sigma:.0%}", *seam,
-    ]  # fmt: skip
+        f"{r.world} {r.seed}",
+        str(r.frames),
+        f"{r.seconds:.0f} s",
+        f"{r.points:,}",
+        f"{r.there:.1%}",
+        standing,
+        r.saw.words,
+        r.in_sight.words,
+        f"{r.in_sight_joined.there:.1%}",
+        r.all_standing.words,
+        f"{r.wrong:.1%}",
+        f"{1e3 * r.median_m:.0f} mm",
+        f"{1e3 * r.sigma_m:.0f} mm",
+        f"{r.within_1_sigma:.0%}",
+        *seam,
+    ]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--worlds", nargs="+", default=["village", "street"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
-    parser.add_argument("--look-round", action="store_true", help="turn once around at five places of the way")
+    parser.add_argument(
+        "--look-round", action="store_true", help="turn once around at five places of the way"
+    )
     parser.add_argument("--out", type=Path, help="folder for a cloud and a report of each flight")
     args = parser.parse_args()
     print(f"| {' | '.join(_HEAD)} |\n|{'---|' * len(_HEAD)}", flush=True)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What two vehicles' pictures say where a tracker drifts, and where none does: on drawn towns, or on sessions.
+"""What two vehicles' pictures say where a tracker drifts, and where none does: on drawn towns, or
+on sessions.
 
 .venv/bin/python tools/bench_pair.py --seeds 1 2 3 --drifts 10
 .venv/bin/python tools/bench_pair.py --sessions out/demo/session
@@ -25,7 +26,8 @@ from fcsv_stereo.sessions.read import read_session
 WORLDS = ("street", "village", "field", "plain")
 DRIFTS_M = (0.5, 1.0, 1.5, 2.0, 4.0, 8.0)
 SEEN_ABOVE_M = 0.9  # across the way to the other, from which on a drift is asked to be seen
-TRACKER = (np.radians(0.3), 0.03, 0.01)  # rotation per axis (rad), position (m) and its share of the distance
+# rotation per axis (rad), position (m) and its share of the distance
+TRACKER = (np.radians(0.3), 0.03, 0.01)
 Pair = Tuple[FeatureView, FeatureView, Matches]
 
 
@@ -61,7 +63,8 @@ def looked(pair: Pair, told_b: np.ndarray) -> Tuple[PairLook, float]:
 
 
 def told(pair: Pair, drift_m: np.ndarray, random: np.random.Generator, noisy: bool) -> np.ndarray:
-    """T_home_b by a tracker that drifted by (3,), with the errors of one that does not besides where ``noisy``."""
+    """T_home_b by a tracker that drifted by (3,), with the errors of one that does not besides
+    where ``noisy``."""
     a, b, _ = pair
     T = b.picture.T_home_cam.copy()
     if noisy:
@@ -99,7 +102,13 @@ def rows(name: str, pairs: List[Pair], drifts: int, noisy: bool) -> Iterator[str
         enough = np.mean([l.matches >= pair_check.PairRules().matches for l in all_looks])
         far = f"{sum(wide)} of {len(wide)}" if wide else "–"
         most_m = max(l.off_m for l in all_looks)
-        figures = (f"{enough:.0%}", f"{off} of {len(all_looks)}", far, f"{most_m:.2f}", f"{1e3 * np.mean(seconds):.1f}")
+        figures = (
+            f"{enough:.0%}",
+            f"{off} of {len(all_looks)}",
+            far,
+            f"{most_m:.2f}",
+            f"{1e3 * np.mean(seconds):.1f}",
+        )
         yield f"| {name} | {length_m:g} | {' | '.join(figures)} |"
 
 
@@ -108,7 +117,9 @@ def main():
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--worlds", nargs="+", choices=WORLDS, default=WORLDS)
     parser.add_argument("--drifts", type=int, default=10, help="ways of each length and pair")
-    parser.add_argument("--sessions", type=Path, nargs="+", help="instead of drawn towns; poses as they were flown")
+    parser.add_argument(
+        "--sessions", type=Path, nargs="+", help="instead of drawn towns; poses as they were flown"
+    )
     args = parser.parse_args()
     cv2.setNumThreads(1)
     found: Dict[str, List[Pair]] = {}

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""What a killed recorder costs: seconds of data that its repaired bag lacks, and seconds until the next one records.
+"""What a killed recorder costs: seconds of data that its repaired bag lacks, and seconds until the
+next one records.
 
-Starts a ROS master of its own: python tools/bench_recorder.py --kills 10
-A recorder is fed 30 pictures of 640x480 and 200 odometry messages a second and gets SIGKILL at a random moment.
+Starts a ROS master of its own: python tools/bench_recorder.py --kills 10 A recorder is fed 30
+pictures of 640x480 and 200 odometry messages a second and gets SIGKILL at a random moment.
 """
 
 import argparse
@@ -41,14 +42,17 @@ class Feed:
 
         self._odometry = rospy.Publisher(f"/{NAME}/odometry/body", Odometry, queue_size=200)
         self._pictures = rospy.Publisher(f"/{NAME}/camera/color/image_raw", Image, queue_size=5)
-        self._image = Image(height=480, width=640, encoding="rgb8", step=1920, data=os.urandom(480 * 1920))
+        self._image = Image(
+            height=480, width=640, encoding="rgb8", step=1920, data=os.urandom(480 * 1920)
+        )
         self._message, self._number = Odometry(), 0
 
     def ready(self) -> bool:
         return bool(self._odometry.get_num_connections() and self._pictures.get_num_connections())
 
     def run(self, seconds: float) -> None:
-        """200 odometry messages a second, stamped by the wall clock; every seventh with a picture."""
+        """200 odometry messages a second, stamped by the wall clock; every seventh with a
+        picture."""
         import rospy
 
         end_s = next_s = time.monotonic()
@@ -68,7 +72,9 @@ def stamps_s(bag: Path) -> List[float]:
     import rosbag
 
     with rosbag.Bag(str(bag)) as opened:
-        return [m.header.stamp.to_sec() for _, m, _ in opened.read_messages(f"/{NAME}/odometry/body")]
+        return [
+            m.header.stamp.to_sec() for _, m, _ in opened.read_messages(f"/{NAME}/odometry/body")
+        ]
 
 
 def kill_once(machine: Machine, feed: Feed, folder: Path, seconds: float) -> Killed:
@@ -76,7 +82,9 @@ def kill_once(machine: Machine, feed: Feed, folder: Path, seconds: float) -> Kil
 
     def start():
         params = ["_role:=vehicle", f"_name:={NAME}", f"_folder:={folder}", "_pictures_on:=true"]
-        return machine.run(["rosrun", "fcsv_control", "recorder", f"__ns:={NAME}", *params], "recorder")
+        return machine.run(
+            ["rosrun", "fcsv_control", "recorder", f"__ns:={NAME}", *params], "recorder"
+        )
 
     first = start()
     until(feed.ready)
@@ -87,7 +95,9 @@ def kill_once(machine: Machine, feed: Feed, folder: Path, seconds: float) -> Kil
     feed.run(6.0)
     again.stop()
     bag, _ = repaired(folder / f"{NAME}.bag.active")
-    return Killed(max(killed_s - stamps_s(bag)[-1], 0.0), stamps_s(folder / f"{NAME}.1.bag")[0] - killed_s)
+    return Killed(
+        max(killed_s - stamps_s(bag)[-1], 0.0), stamps_s(folder / f"{NAME}.1.bag")[0] - killed_s
+    )
 
 
 def until(condition, limit_s: float = 20.0) -> None:
@@ -99,7 +109,8 @@ def until(condition, limit_s: float = 20.0) -> None:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit status 1 where a kill cost more than a second, or the next recorder took more than three."""
+    """Exit status 1 where a kill cost more than a second, or the next recorder took more than
+    three."""
     parser = argparse.ArgumentParser(prog="bench_recorder", description=__doc__.split("\n")[0])
     parser.add_argument("--kills", type=int, default=10)
     args = parser.parse_args(argv)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pose refinement measured on the scenes of make bench: errors against truth, scale, covariance, seconds.
+"""Pose refinement measured on the scenes of make bench: errors against truth, scale, covariance,
+seconds.
 
 .venv/bin/python tools/bench_refinement.py --seeds 1 2 3 4 5 6
 """
@@ -22,7 +23,8 @@ NOISES = ((0.15, 0.01), (0.5, 0.03))  # degrees per axis, share of the baseline
 
 @dataclass
 class Errors:
-    """Of refined pictures; ``score`` is the squared error of the pose over its covariance, per degree of freedom."""
+    """Of refined pictures; ``score`` is the squared error of the pose over its covariance, per
+    degree of freedom."""
 
     rotation_deg: List[float] = field(default_factory=list)
     position_m: List[float] = field(default_factory=list)
@@ -43,7 +45,9 @@ class Errors:
         self.rotation_deg.append(float(np.degrees(np.linalg.norm(rotation))))
         self.position_m.append(float(np.linalg.norm(error[3:])))
         self.scale.append(float(lengths[0] / lengths[1] - 1.0))
-        self.score.append(float(error @ np.linalg.solve(refined.uncertainty.covariance, error) / 6.0))
+        self.score.append(
+            float(error @ np.linalg.solve(refined.uncertainty.covariance, error) / 6.0)
+        )
 
     def row(self, *names) -> str:
         """Of the table."""
@@ -89,7 +93,9 @@ def main():
         for count in (4, len(all_others)):
             for noise in NOISES:
                 names = (count + 1, f"{noise[0]:g} deg, {noise[1]:.0%}")
-                others = with_noise(reference, all_others[:count], noise, np.random.default_rng(1000 + seed))
+                others = with_noise(
+                    reference, all_others[:count], noise, np.random.default_rng(1000 + seed)
+                )
                 one, total = Errors(), totals.setdefault(names, Errors())
                 started = time.perf_counter()
                 result = refine(reference, others, RefineOptions(threads=args.threads))

@@ -3,11 +3,12 @@
 
 make bench-sigma ARGS="[SESSION ...] [--fly] [--draws 40] [--maps 0] [--write]"
 
-SESSION: folders as `make demo` leaves them (session/ inside, with truth/). --fly flies four worlds with two seeds into
-out/sigma/ first and takes these (20 minutes). Each session is mapped with the covariances that it holds, and as before
-with one prior for all poses. All flights with one seed share one tracker's scale, so that a few flights cannot tell
-luck from sigma: --draws other errors of trackers and calibration (flown_errors.py) say what the scale's error would
-have been on other days, and --maps of them are mapped.
+SESSION: folders as `make demo` leaves them (session/ inside, with truth/). --fly flies four worlds
+with two seeds into out/sigma/ first and takes these (20 minutes). Each session is mapped with the
+covariances that it holds, and as before with one prior for all poses. All flights with one seed
+share one tracker's scale, so that a few flights cannot tell luck from sigma: --draws other errors
+of trackers and calibration (flown_errors.py) say what the scale's error would have been on other
+days, and --maps of them are mapped.
 """
 
 import argparse
@@ -64,7 +65,8 @@ class Row:
 
 
 def mapped(session: str, poses: str, given: MapInput, truth: Truth, true_depth) -> Row:
-    """The map of an input against the truth, of pixels up to 400 m. ``true_depth`` is the reference picture's."""
+    """The map of an input against the truth, of pixels up to 400 m. ``true_depth`` is the reference
+    picture's."""
     joint = pipeline.METHODS["joint"]
     result = joint.map(given, joint.complete)
     found = evaluate(result, truth, true_depth)
@@ -73,10 +75,16 @@ def mapped(session: str, poses: str, given: MapInput, truth: Truth, true_depth) 
     scale = float(np.median(depth / true))  # of most pixels all else is smaller
     rotations = [deg for deg, _ in found.pose_errors.values()]
     return Row(
-        session, poses, np.abs(depth - true) / sigma, float((np.abs(depth / scale - true) <= sigma).mean()),
-        found.overall.within_10_percent, found.overall.median_relative_error, scale - 1.0,
-        float(np.median(sigma / depth)), max(rotations),
-    )  # fmt: skip
+        session,
+        poses,
+        np.abs(depth - true) / sigma,
+        float((np.abs(depth / scale - true) <= sigma).mean()),
+        found.overall.within_10_percent,
+        found.overall.median_relative_error,
+        scale - 1.0,
+        float(np.median(sigma / depth)),
+        max(rotations),
+    )
 
 
 def without_covariances(given: MapInput) -> MapInput:
@@ -85,12 +93,16 @@ def without_covariances(given: MapInput) -> MapInput:
     def bare(pictures):
         return [replace(p, covariance=None) for p in pictures]
 
-    configurations = [replace(c, references=bare(c.references), others=bare(c.others)) for c in given.configurations]
+    configurations = [
+        replace(c, references=bare(c.references), others=bare(c.others))
+        for c in given.configurations
+    ]
     return replace(given, configurations=configurations)
 
 
 def rows_of(folder: Path, draws: int, maps: int) -> Tuple[List[Row], str]:
-    """Of one session: maps as flown, with one prior, and drawn again; and the line of the scale over draws."""
+    """Of one session: maps as flown, with one prior, and drawn again; and the line of the scale
+    over draws."""
     session = folder / "session" if (folder / "session").is_dir() else folder
     given, truth = pipeline.load(session), load_truth(session / "truth")
     reference = given.configurations[0].references[len(given.configurations[0].references) // 2]
@@ -102,9 +114,14 @@ def rows_of(folder: Path, draws: int, maps: int) -> Tuple[List[Row], str]:
     line = ""
     if draws:
         pictures = [p for c in given.configurations for p in (*c.references, *c.others)]
-        vehicles = load_vehicles(ROOT / "config" / "vehicles", sorted({p.vehicle for p in pictures}))
+        vehicles = load_vehicles(
+            ROOT / "config" / "vehicles", sorted({p.vehicle for p in pictures})
+        )
         errors = FlownErrors(session, given, truth, vehicles)
-        rows += [mapped(folder.name, f"drawn {k}", errors.draw(k), truth, true_depth) for k in range(maps)]
+        rows += [
+            mapped(folder.name, f"drawn {k}", errors.draw(k), truth, true_depth)
+            for k in range(maps)
+        ]
         off = np.array([prior_scale(errors.draw(k), truth)[0] for k in range(draws)])
         flown, stated = prior_scale(given, truth)
         inside = (np.abs(off) <= stated).mean(), (np.abs(off) <= 2.0 * stated).mean()
@@ -115,7 +132,8 @@ def rows_of(folder: Path, draws: int, maps: int) -> Tuple[List[Row], str]:
 
 
 def pooled(name: str, rows: List[Row]) -> str:
-    """One row of all maps: shares of all pixels; the scale's rms error and its ratio to sigma of most pixels."""
+    """One row of all maps: shares of all pixels; the scale's rms error and its ratio to sigma of
+    most pixels."""
     errors = np.concatenate([r.errors for r in rows])
     one, two = ((errors <= k).mean() for k in (1, 2))
     scale = float(np.sqrt(np.mean([r.scale_error**2 for r in rows])))
@@ -133,12 +151,18 @@ def fly(out: Path) -> List[Path]:
                 continue
             what = {"WORLD": world, "SEED": str(seed), "MISSION": "short", "LIVE": "0", "RVIZ": "0"}
             what["OUT"] = str(folders[-1].resolve())
-            subprocess.run([str(ROOT / "tools" / "run"), "demo"], env={**os.environ, **what}, cwd=ROOT, check=True)
+            subprocess.run(
+                [str(ROOT / "tools" / "run"), "demo"],
+                env={**os.environ, **what},
+                cwd=ROOT,
+                check=True,
+            )
     return folders
 
 
 def tables(folders: List[Path], draws: int, maps: int) -> str:
-    """All tables, with date, machine and command. Raises StereoError for a session that cannot be mapped."""
+    """All tables, with date, machine and command. Raises StereoError for a session that cannot be
+    mapped."""
     rows: List[Row] = []
     scales: List[str] = []
     for folder in folders:
@@ -151,15 +175,23 @@ def tables(folders: List[Path], draws: int, maps: int) -> str:
         "drawn again, covariances of the session": [r for r in rows if r.poses.startswith("drawn")],
     }
     sums = [pooled(name, of) for name, of in kinds.items() if of]
-    command = f"tools/bench_sigma.py {' '.join(f.name for f in folders)} --draws {draws} --maps {maps}"
+    command = (
+        f"tools/bench_sigma.py {' '.join(f.name for f in folders)} --draws {draws} --maps {maps}"
+    )
     machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
     lines = [
-        f"`{command}`, {time.strftime('%Y-%m-%d')}, {machine}.", "",
-        "| maps | number | 1 σ | 2 σ | rms scale error | in σ |\n|---|---|---|---|---|---|", *sums, "",
-        HEAD, *(str(r) for r in rows if not r.poses.startswith("drawn")), "",
+        f"`{command}`, {time.strftime('%Y-%m-%d')}, {machine}.",
+        "",
+        "| maps | number | 1 σ | 2 σ | rms scale error | in σ |\n|---|---|---|---|---|---|",
+        *sums,
+        "",
+        HEAD,
+        *(str(r) for r in rows if not r.poses.startswith("drawn")),
+        "",
         f"| session | scale of this flight's priors | stated σ | rms of {draws} draws | 1 σ | 2 σ |\n"
-        "|---|---|---|---|---|---|", *scales,
-    ]  # fmt: skip
+        "|---|---|---|---|---|---|",
+        *scales,
+    ]
     return "\n".join(lines)
 
 
@@ -167,7 +199,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("sessions", nargs="*", type=Path)
     parser.add_argument("--fly", action="store_true", help="fly eight sessions first")
-    parser.add_argument("--draws", type=int, default=40, help="other errors of each session's priors")
+    parser.add_argument(
+        "--draws", type=int, default=40, help="other errors of each session's priors"
+    )
     parser.add_argument("--maps", type=int, default=0, help="as many of them are mapped")
     parser.add_argument("--write", action="store_true", help="into docs/lab/sigma.md")
     args = parser.parse_args()

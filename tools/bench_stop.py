@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""How long /stop_all takes: from the call on the control PC to the MAVLink command that leaves the vehicle.
+"""How long /stop_all takes: from the call on the control PC to the MAVLink command that leaves the
+vehicle.
 
-Two machines in network namespaces with masters, relays and keys; stop_all on one, agent and flight link on the other,
-and an autopilot that notes when it is told to BRAKE. No mission runs. Needs root, as make bench-link.
+Two machines in network namespaces with masters, relays and keys; stop_all on one, agent and flight
+link on the other, and an autopilot that notes when it is told to BRAKE. No mission runs. Needs
+root, as make bench-link.
 
     python tools/bench_stop.py [--calls 60] [--loss 0 0.3] [--slow-motion]
 """
@@ -31,11 +33,23 @@ def main() -> int:
         return autopilot(sys.argv[2], int(sys.argv[3]))
     if sys.argv[1:2] == ["caller"]:
         return caller(sys.argv[2], int(sys.argv[3]))
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--calls", type=int, default=60, help="of each loss")
-    parser.add_argument("--loss", type=float, nargs="+", default=sorted(BOUNDS_MS), help="shares of packets, each way")
-    parser.add_argument("--delay-s", type=float, default=0.005, help="of the radio, and as much jitter")
-    parser.add_argument("--slow-motion", action="store_true", help="a time that a busy machine slows")
+    parser.add_argument(
+        "--loss",
+        type=float,
+        nargs="+",
+        default=sorted(BOUNDS_MS),
+        help="shares of packets, each way",
+    )
+    parser.add_argument(
+        "--delay-s", type=float, default=0.005, help="of the radio, and as much jitter"
+    )
+    parser.add_argument(
+        "--slow-motion", action="store_true", help="a time that a busy machine slows"
+    )
     arguments = parser.parse_args()
     import ending
 
@@ -52,9 +66,13 @@ def measure(arguments, folder: Path) -> int:
 
     kept = True
     with contextlib.ExitStack() as stack:
-        clock = stack.enter_context(slow_motion()).now_s if arguments.slow_motion else time.monotonic
+        clock = (
+            stack.enter_context(slow_motion()).now_s if arguments.slow_motion else time.monotonic
+        )
         conditions = Conditions(delay_s=arguments.delay_s, jitter_s=arguments.delay_s)
-        net = stack.enter_context(Net(folder, ROOT / "config/links/default.yaml", conditions=conditions, clock=clock))
+        net = stack.enter_context(
+            Net(folder, ROOT / "config/links/default.yaml", conditions=conditions, clock=clock)
+        )
         begin(net, folder)
         for loss in arguments.loss:
             net.radio.set(loss=loss)
@@ -64,8 +82,11 @@ def measure(arguments, folder: Path) -> int:
             bound_ms = BOUNDS_MS.get(loss)
             kept &= bound_ms is None or p95 <= bound_ms
             bound = "" if bound_ms is None else f", bound {bound_ms:.0f} ms"
-            print(f"loss {loss:.0%}: p50 {p50:.0f} ms, p95 {p95:.0f} ms{bound}, most {most:.0f} ms, "
-                  f"{len(times_ms)} calls", flush=True)  # fmt: skip
+            print(
+                f"loss {loss:.0%}: p50 {p50:.0f} ms, p95 {p95:.0f} ms{bound}, most {most:.0f} ms, "
+                f"{len(times_ms)} calls",
+                flush=True,
+            )
     return 0 if kept else 1
 
 
@@ -73,10 +94,19 @@ def begin(net, folder: Path) -> None:
     """The nodes on both machines."""
     vehicle, control = net.machines["uav1"], net.machines["control"]
     run = lambda machine, package, node, *more: machine.run(["rosrun", package, node, *more], node)  # noqa: E731
-    vehicle.run([sys.executable, __file__, "autopilot", str(folder / "heard.jsonl"), "14550"], "autopilot")
+    vehicle.run(
+        [sys.executable, __file__, "autopilot", str(folder / "heard.jsonl"), "14550"], "autopilot"
+    )
     profile = Path(__file__).resolve().parents[1] / "config/autopilot/arducopter-4.3-t265.param"
-    run(vehicle, "fcsv_control", "flight_link", "__ns:=uav1", "_vehicle:=uav1", "_fcu_url:=udpin:127.0.0.1:14550",
-        f"_autopilot_profile:={profile}")  # fmt: skip
+    run(
+        vehicle,
+        "fcsv_control",
+        "flight_link",
+        "__ns:=uav1",
+        "_vehicle:=uav1",
+        "_fcu_url:=udpin:127.0.0.1:14550",
+        f"_autopilot_profile:={profile}",
+    )
     run(vehicle, "fcsv_control", "agent", "__ns:=uav1", "_vehicle:=uav1", "_guardian:=false")
     run(control, "fcsv_control", "stop_all", "_vehicles:=[uav1]")
 
@@ -84,13 +114,17 @@ def begin(net, folder: Path) -> None:
 def calls(net, folder: Path, count: int) -> np.ndarray:
     """Milliseconds from each call to the first BRAKE after it."""
     called = folder / f"called-{time.monotonic()}.jsonl"
-    process = net.machines["control"].run([sys.executable, __file__, "caller", str(called), str(count)], called.stem)
+    process = net.machines["control"].run(
+        [sys.executable, __file__, "caller", str(called), str(count)], called.stem
+    )
     while process.returncode is None:
         time.sleep(0.2)
     if process.returncode != 0:
         raise SystemExit(f"the caller ended with {process.returncode}: {process.tail(8)}")
     called_s = [json.loads(line) for line in called.read_text().splitlines()]
-    heard_s = np.array([json.loads(line) for line in (folder / "heard.jsonl").read_text().splitlines()])
+    heard_s = np.array(
+        [json.loads(line) for line in (folder / "heard.jsonl").read_text().splitlines()]
+    )
     return np.array([1e3 * (heard_s[heard_s >= at_s].min() - at_s) for at_s in called_s])
 
 
@@ -142,10 +176,14 @@ def autopilot(path: str, port: int) -> int:
     from fcsv_geometry.ros import node
 
     node.begin("autopilot")
-    feed = rospy.Publisher("/uav1/mavros/vision_pose/pose", PoseStamped, queue_size=1, tcp_nodelay=True)
+    feed = rospy.Publisher(
+        "/uav1/mavros/vision_pose/pose", PoseStamped, queue_size=1, tcp_nodelay=True
+    )
     pose = PoseStamped()
     pose.header.frame_id, pose.pose.orientation.w = "uav1/odom", 1.0
-    link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=1, source_component=1)
+    link = mavutil.mavlink_connection(
+        f"udpout:127.0.0.1:{port}", source_system=1, source_component=1
+    )
     guided, brake = MODES["GUIDED"], MODES["BRAKE"]
     mode, since_s, beat_s, slow_s = guided, time.time(), 0.0, 0.0
 
@@ -160,7 +198,11 @@ def autopilot(path: str, port: int) -> int:
                 now_s = time.time()
                 if asked is not None and asked.get_type() == "COMMAND_LONG":
                     to = asked.get_srcSystem(), asked.get_srcComponent()
-                    if asked.command == m.MAV_CMD_DO_SET_MODE and int(asked.param2) == brake and mode != brake:
+                    if (
+                        asked.command == m.MAV_CMD_DO_SET_MODE
+                        and int(asked.param2) == brake
+                        and mode != brake
+                    ):
                         file.write(json.dumps(now_s) + "\n")
                         mode, since_s, beat_s = brake, now_s, 0.0
                     link.mav.command_ack_send(asked.command, 0, 0, 0, *to)

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sweep against stops: the map, and the time from the first set-point to it; the table of docs/lab/sweep.md.
+"""A sweep against stops: the map, and the time from the first set-point to it; the table of
+docs/lab/sweep.md.
 
 python tools/bench_sweep.py [--missions sweep,short] [--seeds 1,2] [--offset-ms 5]
 
-Each mission is rehearsed (airframes, autopilots, mission, radio, people; no ROS). Along the way that was truly flown,
-with the airframes' vibration, each vehicle's simulated T265 (drift, noise) gives poses at 200 Hz, and its camera, whose
-stamps are --offset-ms early, takes pictures at 6 Hz. Calibration and home have the errors of a rehearsal. Then `joint`
-maps what was recorded.
+Each mission is rehearsed (airframes, autopilots, mission, radio, people; no ROS). Along the way
+that was truly flown, with the airframes' vibration, each vehicle's simulated T265 (drift, noise)
+gives poses at 200 Hz, and its camera, whose stamps are --offset-ms early, takes pictures at 6 Hz.
+Calibration and home have the errors of a rehearsal. Then `joint` maps what was recorded.
 """
 
 import argparse
@@ -38,15 +39,29 @@ PICTURES_HZ, TRACKER_EVERY = 6.0, 2  # of 400 steps a second
 CALIBRATION_M, CALIBRATION_RAD = 0.03, np.radians(0.3)  # as in fcsv_sim.rehearsal.control
 BEFORE_S = 20.0  # the trackers' drift is of the way flown since
 MIDDLE = 3  # pictures of each stop: `joint` takes the middle one
-HEAD = ("mission", "seed", "pairs", "to the last picture (s)", "map, processor time (s)", "map, wall (s)",
-        "to the map (s)", "within 10 % to 400 m", "0–50 m", "50–100 m", "100–200 m", "200–400 m", "wrong of answered",
-        "time offset found")  # fmt: skip
+HEAD = (
+    "mission",
+    "seed",
+    "pairs",
+    "to the last picture (s)",
+    "map, processor time (s)",
+    "map, wall (s)",
+    "to the map (s)",
+    "within 10 % to 400 m",
+    "0–50 m",
+    "50–100 m",
+    "100–200 m",
+    "200–400 m",
+    "wrong of answered",
+    "time offset found",
+)
 RANGES_M = ((0.0, 400.0), (0.0, 50.0), (50.0, 100.0), (100.0, 200.0), (200.0, 400.0))
 
 
 @dataclass
 class Flown:
-    """What a rehearsal left: T_world_body with vibration of each vehicle (stamp, xyz, q xyzw) 400 times a second."""
+    """What a rehearsal left: T_world_body with vibration of each vehicle (stamp, xyz, q xyzw) 400
+    times a second."""
 
     states: Dict[str, List[np.ndarray]] = field(default_factory=dict)
     phases: Dict[str, float] = field(default_factory=dict)  # when each began, s
@@ -67,7 +82,9 @@ def fly(mission_name: str, seed: int) -> Tuple[Flight, Flown]:
     flight, flown = Flight(load_mission(mission_file(mission_name)), 2, seed), Flown()
     for name, vehicle in flight.fleet.items():
         flown.states[name] = []
-        vehicle.body.advance = _recording(flight, vehicle.body, vehicle.body.advance, flown.states[name])
+        vehicle.body.advance = _recording(
+            flight, vehicle.body, vehicle.body.advance, flown.states[name]
+        )
 
     def look(f: Flight) -> None:
         flown.phases.setdefault(f.phase, f.now_s)
@@ -75,7 +92,9 @@ def fly(mission_name: str, seed: int) -> Tuple[Flight, Flown]:
     flight.recorder = look
     result = flight.run()
     if result.phase != "DONE" or result.violations:
-        raise SystemExit(f"{mission_name}, seed {seed}: {result.phase} ({result.detail}), {result.violations}")
+        raise SystemExit(
+            f"{mission_name}, seed {seed}: {result.phase} ({result.detail}), {result.violations}"
+        )
     flown.captures, flown.detail = flight.control.captures, result.detail
     return flight, flown
 
@@ -89,7 +108,7 @@ def _recording(flight: Flight, body, advance, rows: list):
     return advanced
 
 
-# ---- what cameras and trackers saw on it ---------------------------------------------------------------------------
+# ---- what cameras and trackers saw on it ---------------------------------------------------------
 
 
 class Seen:
@@ -116,21 +135,30 @@ class Seen:
         self.T_home_odom = self._home(seed)
         renderer = Renderer(Town.generate(1))
         parameters = CameraParameters(distortion=(0.0,) * 5)
-        self._cameras = {n: SimulatedCamera(renderer, g.T_body_cam, parameters, seed * 10 + g.system_id)
-                         for n, g in self.vehicles.items()}  # fmt: skip
+        self._cameras = {
+            n: SimulatedCamera(renderer, g.T_body_cam, parameters, seed * 10 + g.system_id)
+            for n, g in self.vehicles.items()
+        }
         self.depth: Dict[str, np.ndarray] = {}  # true, of the reference's pictures
         self._pictures: Dict[str, Picture] = {}
 
     def _home(self, seed: int) -> Dict[str, np.ndarray]:
         random, at_s = np.random.default_rng([seed, 22]), self._flown.phases["MOVE_HOME"]
-        T_world_odom = {n: self.truth[n].at(at_s) @ transforms.invert(t.at(at_s)) for n, t in self.tracks.items()}
+        T_world_odom = {
+            n: self.truth[n].at(at_s) @ transforms.invert(t.at(at_s))
+            for n, t in self.tracks.items()
+        }
         T_odom_cam = self.tracks[self.reference].at(self._flown.phases["GUIDED"])
-        T_home_odom_ref = transforms.invert(home_of(T_odom_cam @ self.vehicles[self.reference].T_body_cam))
+        T_home_odom_ref = transforms.invert(
+            home_of(T_odom_cam @ self.vehicles[self.reference].T_body_cam)
+        )
         found = {self.reference: T_home_odom_ref}
         for name in [n for n in self.vehicles if n != self.reference]:
             d = random.standard_normal(4)
             error = transforms.from_xyz_yaw(d[:3] * CALIBRATION_M, d[3] * CALIBRATION_RAD)
-            T = transforms.level(transforms.invert(T_world_odom[self.reference]) @ T_world_odom[name])
+            T = transforms.level(
+                transforms.invert(T_world_odom[self.reference]) @ T_world_odom[name]
+            )
             found[name] = T_home_odom_ref @ error @ T
         return found
 
@@ -158,7 +186,9 @@ class Seen:
         times_s = np.arange(first, last) / PICTURES_HZ
         if c.sweep is None:
             times_s = times_s[len(times_s) // 2 - MIDDLE // 2 :][:MIDDLE]
-        sides = [[self.picture(n, float(t)) for t in times_s] for n in (self.reference, window.vehicle)]
+        sides = [
+            [self.picture(n, float(t)) for t in times_s] for n in (self.reference, window.vehicle)
+        ]
         configuration = Configuration(c.axis, c.baseline_m, c.tilt_rad, c.title)
         return ConfigurationInput(configuration, *sides)
 
@@ -178,19 +208,35 @@ def measure(mission_name: str, seed: int, offset_s: float) -> List[str]:
     flight_s = flown.captures[-1].stop_s - flown.first_set_point_s()
     whole, *bands = [band(result.depth, seen.depth[result.reference.name], r) for r in RANGES_M]
     offsets = ", ".join(f"{v} {c.words}" for v, c in clocks.items()) or "–"
-    return [mission_name, str(seed), str(len(given.configurations)), f"{flight_s:.1f}", f"{cpu_s:.1f}", f"{wall_s:.1f}",
-            f"{flight_s + cpu_s:.1f}", f"{whole.within_10_percent:.1%}",
-            *(f"{b.within_10_percent:.0%}" for b in bands), f"{whole.wrong_of_answered:.1%}", offsets]  # fmt: skip
+    return [
+        mission_name,
+        str(seed),
+        str(len(given.configurations)),
+        f"{flight_s:.1f}",
+        f"{cpu_s:.1f}",
+        f"{wall_s:.1f}",
+        f"{flight_s + cpu_s:.1f}",
+        f"{whole.within_10_percent:.1%}",
+        *(f"{b.within_10_percent:.0%}" for b in bands),
+        f"{whole.wrong_of_answered:.1%}",
+        offsets,
+    ]
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument(
-        "--missions", default="sweep,short,simulated_400m", help="names in config/missions, with commas"
+        "--missions",
+        default="sweep,short,simulated_400m",
+        help="names in config/missions, with commas",
     )
     parser.add_argument("--seeds", default="1,2", help="of the flights, with commas")
-    parser.add_argument("--offset-ms", type=float, default=5.0, help="by which the cameras' stamps are early")
+    parser.add_argument(
+        "--offset-ms", type=float, default=5.0, help="by which the cameras' stamps are early"
+    )
     args = parser.parse_args()
     print(f"| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}", flush=True)
     for seed in map(int, args.seeds.split(",")):

@@ -28,7 +28,8 @@ BEGIN, END = "<!-- table: tools/bench_tracking.py -->", "<!-- end of table -->"
 
 
 def column_errors(seed, parameters, rendered):
-    """(m, deg, position sigma m, squared normalised error of 4) of the last vehicle against the first."""
+    """(m, deg, position sigma m, squared normalised error of 4) of the last vehicle against the
+    first."""
     flight = Formation(seed, parameters)
     names, last = flight.names, parameters.vehicles - 1
     see = flight.seen if rendered else flight.detections
@@ -45,7 +46,10 @@ def column_errors(seed, parameters, rendered):
 
 def calibration_row(name, bound, seeds, parameters, rendered):
     found = np.array([column_errors(seed, parameters, rendered) for seed in range(seeds)])
-    (median_m, median_deg), (worst_m, worst_deg) = np.median(found[:, :2], axis=0), found[:, :2].max(axis=0)
+    (median_m, median_deg), (worst_m, worst_deg) = (
+        np.median(found[:, :2], axis=0),
+        found[:, :2].max(axis=0),
+    )
     low, high = chi2.ppf([0.025, 0.975], 4 * seeds) / (4 * seeds)
     return (
         f"| {name} | {bound} | median {median_m:.3f} m, {median_deg:.2f}°; worst {worst_m:.3f} m, {worst_deg:.2f}°, "
@@ -66,7 +70,7 @@ def two_vehicles(seeds):
                 seeds,
                 parameters,
                 True,
-            )  # fmt: skip
+            )
         )
     return rows
 
@@ -74,7 +78,15 @@ def two_vehicles(seeds):
 def chain(seeds):
     """Corners with 0.15 px of noise (the detector's on rendered pictures is less): four links."""
     bound = "worst 0.15 m, 1.0°, inside 3 sigma"
-    return [calibration_row("chain of five, last against first", bound, seeds, FormationParameters(vehicles=5), False)]
+    return [
+        calibration_row(
+            "chain of five, last against first",
+            bound,
+            seeds,
+            FormationParameters(vehicles=5),
+            False,
+        )
+    ]
 
 
 def latency(seeds):
@@ -82,7 +94,10 @@ def latency(seeds):
     cv2.setNumThreads(1)
     flight = Formation(0, FormationParameters())
     pictures = [cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR) for _, gray in flight.pictures(1)]
-    camera, detector = flight.parameters.camera.model, TagDetector({1: 0.16}, ON_BOARD_DECIMATE, sharp=True)
+    camera, detector = (
+        flight.parameters.camera.model,
+        TagDetector({1: 0.16}, ON_BOARD_DECIMATE, sharp=True),
+    )
     took_ms, cpu_ms = [], []
     for _ in range(max(1, seeds // 2)):
         for bgr in pictures:
@@ -101,7 +116,8 @@ def latency(seeds):
 
 
 def node_latency_ms(flight, pictures):
-    """From publishing a picture to hearing its detections; odometry is there beforehand, as it is on board."""
+    """From publishing a picture to hearing its detections; odometry is there beforehand, as it is
+    on board."""
     with tempfile.TemporaryDirectory() as folder, Machine("bench", folder) as machine:
         os.environ.update({k: v for k, v in machine.env.items() if k.startswith("ROS_")})
         import rospy
@@ -114,20 +130,36 @@ def node_latency_ms(flight, pictures):
         node.begin("bench", disable_signals=True)
         heard = {}
         vehicles = str(DOCUMENT.parents[1] / "config" / "vehicles")
-        for key, value in {"vehicle": "uav2", "vehicles": ["uav1", "uav2"], "vehicles_dir": vehicles, "rate_hz": 60.0,
-                           "search_rate_hz": 60.0}.items():  # fmt: skip
+        for key, value in {
+            "vehicle": "uav2",
+            "vehicles": ["uav1", "uav2"],
+            "vehicles_dir": vehicles,
+            "rate_hz": 60.0,
+            "search_rate_hz": 60.0,
+        }.items():
             rospy.set_param(f"/uav2/tags/{key}", value)
         rospy.Subscriber(
-            "/uav2/tags/detections", TagDetections,
-            lambda m: heard.setdefault(round(m.header.stamp.to_sec(), 4), (time.perf_counter(), len(m.detections))),
+            "/uav2/tags/detections",
+            TagDetections,
+            lambda m: heard.setdefault(
+                round(m.header.stamp.to_sec(), 4), (time.perf_counter(), len(m.detections))
+            ),
             tcp_nodelay=True,
-        )  # fmt: skip
-        image = rospy.Publisher("/uav2/camera/color/image_raw", Image, queue_size=1, tcp_nodelay=True)
+        )
+        image = rospy.Publisher(
+            "/uav2/camera/color/image_raw", Image, queue_size=1, tcp_nodelay=True
+        )
         info = rospy.Publisher("/uav2/camera/color/camera_info", CameraInfo, queue_size=1)
         body = rospy.Publisher("/uav2/odometry/body", Odometry, queue_size=50)
-        process = machine.run(["rosrun", "fcsv_tracking", "tags", "__name:=tags", "__ns:=uav2"], "tags")
+        process = machine.run(
+            ["rosrun", "fcsv_tracking", "tags", "__name:=tags", "__ns:=uav2"], "tags"
+        )
         try:
-            while not (image.get_num_connections() and body.get_num_connections() and info.get_num_connections()):
+            while not (
+                image.get_num_connections()
+                and body.get_num_connections()
+                and info.get_num_connections()
+            ):
                 time.sleep(0.05)
             time.sleep(0.5)
             took_ms = _show(flight, pictures, image, info, body, heard)
@@ -143,18 +175,27 @@ def _show(flight, pictures, image, info, body, heard):
     sent, camera = {}, flight.parameters.camera.model
     for bgr in pictures * 2:
         stamp_s = round(time.time(), 4)
-        info.publish(conversions.info_from_camera(camera, stamp_s, "uav2/camera_color_optical_frame"))
+        info.publish(
+            conversions.info_from_camera(camera, stamp_s, "uav2/camera_color_optical_frame")
+        )
         for k in range(-4, 5):
             message = Odometry(header=conversions.header(stamp_s + 0.005 * k, "uav2/odom"))
-            message.child_frame_id, message.pose.pose = "uav2/base_link", conversions.transform_to_pose(np.eye(4))
+            message.child_frame_id, message.pose.pose = (
+                "uav2/base_link",
+                conversions.transform_to_pose(np.eye(4)),
+            )
             body.publish(message)
-        picture = conversions.array_to_image(bgr, "bgr8", stamp_s, "uav2/camera_color_optical_frame")
+        picture = conversions.array_to_image(
+            bgr, "bgr8", stamp_s, "uav2/camera_color_optical_frame"
+        )
         time.sleep(0.02)
         sent[stamp_s] = time.perf_counter()
         image.publish(picture)
         time.sleep(0.08)
     time.sleep(0.5)
-    took_ms = [(heard[s][0] - begin_s) * 1e3 for s, begin_s in sent.items() if s in heard and heard[s][1]]
+    took_ms = [
+        (heard[s][0] - begin_s) * 1e3 for s, begin_s in sent.items() if s in heard and heard[s][1]
+    ]
     if len(took_ms) < len(sent) / 2:
         raise RuntimeError(f"only {len(took_ms)} of {len(sent)} pictures came back with a tag")
     return took_ms
@@ -172,9 +213,17 @@ ROWS = {"two": two_vehicles, "chain": chain, "latency": latency}
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--only", nargs="+", choices=sorted(ROWS), help="these rows; only they change in the document")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        choices=sorted(ROWS),
+        help="these rows; only they change in the document",
+    )
     args = parser.parse_args()
-    lines = ["| figure | bound | measured | normalised squared error (95 % band) |", "|---|---|---|---|"]
+    lines = [
+        "| figure | bound | measured | normalised squared error (95 % band) |",
+        "|---|---|---|---|",
+    ]
     for name in args.only or ROWS:
         lines += ROWS[name](args.seeds)
         print("\n".join(lines[-3:]), flush=True)

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Films a demo: the operator's window and rviz while it flies, on a screen in memory, then its report.
+"""Films a demo: the operator's window and rviz while it flies, on a screen in memory, then its
+report.
 
     python tools/film.py [--out FILE] [--seconds 90] [--keep FOLDER] [DEMO ARGUMENTS ...]
 
-It flies `rosrun fcsv_sim demo` with the arguments that follow, seed 1 without any. The film shows the flight as much
-faster as it takes to fit. The report is drawn by chromium; without that the film ends with the flight, and says so.
-FILE is docs/pictures/film.gif, README's film.
+It flies `rosrun fcsv_sim demo` with the arguments that follow, seed 1 without any. The film shows
+the flight as much faster as it takes to fit. The report is drawn by chromium; without that the film
+ends with the flight, and says so. FILE is docs/pictures/film.gif, README's film.
 """
 
 import argparse
@@ -49,7 +50,11 @@ def main(argv: Optional[List[str]] = None) -> int:
     parser = argparse.ArgumentParser(prog="film", description=__doc__.split("\n\n")[0])
     parser.add_argument("--out", type=Path, default=_ROOT / "docs/pictures/film.gif")
     parser.add_argument("--seconds", type=float, default=90.0, help="length of the film")
-    parser.add_argument("--keep", type=Path, help="folder for the demo and the pictures; default: one that is removed")
+    parser.add_argument(
+        "--keep",
+        type=Path,
+        help="folder for the demo and the pictures; default: one that is removed",
+    )
     args, demo = parser.parse_known_args(argv)
     folder = args.keep or Path(tempfile.mkdtemp(prefix="film"))
     try:
@@ -62,11 +67,12 @@ def main(argv: Optional[List[str]] = None) -> int:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-# ---- the flight ------------------------------------------------------------------------------------------------------
+# ---- the flight ----------------------------------------------------------------------------------
 
 
 def _fly(folder: Path, demo: List[str]) -> List[Path]:
-    """Pictures of the screen, one a second, from the first window to the map; none where the demo failed."""
+    """Pictures of the screen, one a second, from the first window to the map; none where the demo
+    failed."""
     grabbed = folder / "screen"
     grabbed.mkdir(parents=True)
     screen = Screen(folder, f"{_SCREEN_PX[0]}x{_SCREEN_PX[1]}x24")
@@ -75,7 +81,12 @@ def _fly(folder: Path, demo: List[str]) -> List[Path]:
     log = folder / "demo.log"
     with open(log, "wb") as out:
         process = subprocess.Popen(
-            command, stdout=out, stderr=out, stdin=subprocess.DEVNULL, env=env, start_new_session=True
+            command,
+            stdout=out,
+            stderr=out,
+            stdin=subprocess.DEVNULL,
+            env=env,
+            start_new_session=True,
         )
     found, server = [], display.Display(screen.name)
     try:
@@ -101,7 +112,8 @@ def _fly(folder: Path, demo: List[str]) -> List[Path]:
 
 
 def _arranged(server: display.Display) -> bool:
-    """Whether a window is there; the operator's is put to the left, rviz to the right, as a window manager would."""
+    """Whether a window is there; the operator's is put to the left, rviz to the right, as a window
+    manager would."""
     there = False
     for window in server.screen().root.query_tree().children:
         try:
@@ -123,28 +135,45 @@ def _arranged(server: display.Display) -> bool:
 def _grabbed(server: display.Display, path: Path) -> Path:
     width, height = _SCREEN_PX
     raw = server.screen().root.get_image(0, 0, width, height, X.ZPixmap, 0xFFFFFFFF)
-    Image.frombytes("RGB", (width, height), raw.data, "raw", "BGRX").resize(_FILM_PX, Image.LANCZOS).save(path)
+    Image.frombytes("RGB", (width, height), raw.data, "raw", "BGRX").resize(
+        _FILM_PX, Image.LANCZOS
+    ).save(path)
     return path
 
 
-# ---- the report and the film -----------------------------------------------------------------------------------------
+# ---- the report and the film ---------------------------------------------------------------------
 
 
 def _report_pictures(folder: Path) -> List[Image.Image]:
     """The report, scrolled from its top to its end."""
-    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    browser = next(
+        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+    )
     if browser is None:
         print("film: without the report: chromium is not installed", file=sys.stderr)
         return []
     whole, page = folder / "report.png", folder / "demo" / "map" / "report.html"
     size = f"--window-size={_REPORT_PX[0]},{_REPORT_PX[1]}"
-    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", size]
-    subprocess.run([*command, f"--screenshot={whole}", page.as_uri()], check=True, capture_output=True, timeout=180)
+    command = [
+        browser,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--virtual-time-budget=8000",
+        size,
+    ]
+    subprocess.run(
+        [*command, f"--screenshot={whole}", page.as_uri()],
+        check=True,
+        capture_output=True,
+        timeout=180,
+    )
     return scrolled(Image.open(whole).convert("RGB"), _FILM_PX)
 
 
 def scrolled(page: Image.Image, size: Tuple[int, int], step: float = 0.25) -> List[Image.Image]:
-    """Views of ``size`` of a page that is scrolled down by ``step`` of a view each; the page fills the view's width."""
+    """Views of ``size`` of a page that is scrolled down by ``step`` of a view each; the page fills
+    the view's width."""
     height = round(page.height * size[0] / page.width)
     page = page.resize((size[0], max(height, size[1])), Image.LANCZOS)
     last = page.height - size[1]
@@ -167,15 +196,26 @@ def evenly(pictures: list, count: int) -> list:
 def _compose(flown: List[Path], report: List[Image.Image], seconds: float, out: Path) -> int:
     frames = round(seconds * _FRAMES_S)
     of_report = round(_REPORT_SHARE * frames) if report else 0
-    pictures = [Image.open(p).convert("RGB") for p in evenly(flown, frames - of_report)] + evenly(report, of_report)
+    pictures = [Image.open(p).convert("RGB") for p in evenly(flown, frames - of_report)] + evenly(
+        report, of_report
+    )
     palette = _palette(pictures)
     small = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
     out.parent.mkdir(parents=True, exist_ok=True)
-    small[0].save(out, save_all=True, append_images=small[1:], duration=round(1000 / _FRAMES_S), loop=0, optimize=True)
+    small[0].save(
+        out,
+        save_all=True,
+        append_images=small[1:],
+        duration=round(1000 / _FRAMES_S),
+        loop=0,
+        optimize=True,
+    )
     size = out.stat().st_size
     print(f"wrote {out}: {len(small)} pictures, {seconds:.0f} s, {size / 1e6:.1f} MB")
     if size > _MOST_BYTES:
-        print(f"film: larger than {_MOST_BYTES / 1e6:.0f} MB: give fewer --seconds", file=sys.stderr)
+        print(
+            f"film: larger than {_MOST_BYTES / 1e6:.0f} MB: give fewer --seconds", file=sys.stderr
+        )
         return 1
     return 0
 

@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Flies the whole system on ArduCopter's own simulation with one fault in each flight, and says what happened.
+"""Flies the whole system on ArduCopter's own simulation with one fault in each flight, and says
+what happened.
 
-Three masters, relays, nodes, simulated people and pictures, as `make demo AUTOPILOT=...`; each flight ends with a row
-of a table. Start the two simulations as docs/user/simulation.md says, on a quiet machine.
+Three masters, relays, nodes, simulated people and pictures, as `make demo AUTOPILOT=...`; each
+flight ends with a row of a table. Start the two simulations as docs/user/simulation.md says, on a
+quiet machine.
 
     . devel/setup.sh; python tools/fly_faults.py tcp:127.0.0.1:5760,tcp:127.0.0.1:5770 --speed 0.4
 """
@@ -113,7 +115,9 @@ class Flight:
 
         self.fleet.start()
         for vehicle in self.plan.vehicles:
-            ear = self.fleet.machines[vehicle].run([sys.executable, __file__, "--ear", vehicle], "ear")
+            ear = self.fleet.machines[vehicle].run(
+                [sys.executable, __file__, "--ear", vehicle], "ear"
+            )
             threading.Thread(target=self._listen, args=(vehicle, ear.log), daemon=True).start()
         self.watch = MissionWatch(self.fleet.control, self.plan.vehicles, self._say)
 
@@ -143,17 +147,25 @@ class Flight:
 
     def said(self, words: str, limit_s: float = 240.0) -> float:
         """Waits for a line of the mission."""
-        self.until(lambda: any(words in s for s in list(self._said)), limit_s, f"'{words}' was not said")
+        self.until(
+            lambda: any(words in s for s in list(self._said)), limit_s, f"'{words}' was not said"
+        )
         return time.monotonic()
 
     def first(self, who: str, what: str, since_s: float, right: Callable[[dict], bool]) -> float:
         """When it was heard first since a moment (s after it); infinity where it never was."""
-        found = (t - since_s for t, w, h, m in list(self.heard) if w == who and h == what and t >= since_s and right(m))
+        found = (
+            t - since_s
+            for t, w, h, m in list(self.heard)
+            if w == who and h == what and t >= since_s and right(m)
+        )
         return next(found, float("inf"))
 
     def ended(self, limit_s: float = 240.0) -> str:
         """Waits for the mission's end; its last words."""
-        self.until(lambda: self.watch.over and self.watch.landed, limit_s, "the mission did not end")
+        self.until(
+            lambda: self.watch.over and self.watch.landed, limit_s, "the mission did not end"
+        )
         return self._said[-1]
 
     def process(self, machine: str, node: str) -> psutil.Process:
@@ -165,7 +177,9 @@ class Flight:
 
 
 def _moves(flight: Flight, mps: float) -> None:
-    flight.until(lambda: np.linalg.norm(flight.truth[VICTIM].velocity()) > mps, 60.0, f"no {mps} m/s")
+    flight.until(
+        lambda: np.linalg.norm(flight.truth[VICTIM].velocity()) > mps, 60.0, f"no {mps} m/s"
+    )
 
 
 def pilot(flight: Flight) -> Dict[str, str]:
@@ -180,10 +194,18 @@ def pilot(flight: Flight) -> Dict[str, str]:
         radio.send(0, 0, 0, 0, "ALT_HOLD" if time.monotonic() < at_s + _FLICK_S else "LOITER")
         time.sleep(0.02)
     obeyed_s = flight.first(VICTIM, "mode", at_s, lambda m: m["mode"] != "GUIDED")
-    asked = [m for t, w, h, m in flight.heard if w == VICTIM and h == "asked" and at_s + 0.6 < t < at_s + 6.0]
+    asked = [
+        m
+        for t, w, h, m in flight.heard
+        if w == VICTIM and h == "asked" and at_s + 0.6 < t < at_s + 6.0
+    ]
     people.resume()
     end = flight.ended()
-    return {"pilot obeyed after": f"{obeyed_s:.2f} s", "modes asked for while he flew": str(len(asked)), "end": end}
+    return {
+        "pilot obeyed after": f"{obeyed_s:.2f} s",
+        "modes asked for while he flew": str(len(asked)),
+        "end": end,
+    }
 
 
 def link(flight: Flight) -> Dict[str, str]:
@@ -192,13 +214,23 @@ def link(flight: Flight) -> Dict[str, str]:
     _moves(flight, 1.0)
     at_s = time.monotonic()
     flight.process(VICTIM, "flight_link").kill()
-    flight.until(lambda: flight.first(VICTIM, "health", at_s + 0.2, lambda m: m["feed_hz"] > 5) < 99, 20.0, "no feed")
+    flight.until(
+        lambda: flight.first(VICTIM, "health", at_s + 0.2, lambda m: m["feed_hz"] > 5) < 99,
+        20.0,
+        "no feed",
+    )
     back_s = flight.first(VICTIM, "health", at_s + 0.2, lambda m: m["feed_hz"] > 5) + 0.2
     end = flight.ended()
     landed = [
-        m for t, w, h, m in flight.heard if w == VICTIM and h == "guardian" and t > at_s and m["action"] == "land"
+        m
+        for t, w, h, m in flight.heard
+        if w == VICTIM and h == "guardian" and t > at_s and m["action"] == "land"
     ]
-    return {"fed again after": f"{back_s:.1f} s", "guardian landed it": "yes" if landed else "no", "end": end}
+    return {
+        "fed again after": f"{back_s:.1f} s",
+        "guardian landed it": "yes" if landed else "no",
+        "end": end,
+    }
 
 
 def freeze(flight: Flight) -> Dict[str, str]:
@@ -208,7 +240,9 @@ def freeze(flight: Flight) -> Dict[str, str]:
     flight.said("on its way to horizontal 8")
     _moves(flight, 1.3)
     frozen = flight.fleet.machines[VICTIM].run([sys.executable, str(script)], "frozen")
-    flight.until(lambda: "ready" in frozen.log.read_text(), 15.0, "the frozen tracker did not start")
+    flight.until(
+        lambda: "ready" in frozen.log.read_text(), 15.0, "the frozen tracker did not start"
+    )
     flight.process(VICTIM, "t265").suspend()
     at_s, began = time.monotonic(), flight.place(VICTIM)
     speed = float(np.linalg.norm(flight.truth[VICTIM].velocity()))
@@ -218,8 +252,13 @@ def freeze(flight: Flight) -> Dict[str, str]:
     end = flight.ended(120.0)
     way_m = float(np.linalg.norm((flight.place(VICTIM) - began)[:2]))
     aside = f"{aside_s:.2f} s" if aside_s < 99.0 else "nothing to do"
-    return {"speed": f"{speed:.1f} m/s", "LAND shown after": f"{land_s:.2f} s", "way to the ground": f"{way_m:.1f} m",
-            "the other's guardian after": aside, "end": end}  # fmt: skip
+    return {
+        "speed": f"{speed:.1f} m/s",
+        "LAND shown after": f"{land_s:.2f} s",
+        "way to the ground": f"{way_m:.1f} m",
+        "the other's guardian after": aside,
+        "end": end,
+    }
 
 
 def reset(flight: Flight) -> Dict[str, str]:
@@ -230,7 +269,9 @@ def reset(flight: Flight) -> Dict[str, str]:
     script.write_text(_SHIFTED.replace("{v}", VICTIM).replace("{go}", str(go)))
     flight.said("on its way to horizontal 8")
     shifted = flight.fleet.machines[VICTIM].run([sys.executable, str(script)], "shifted")
-    flight.until(lambda: "ready" in shifted.log.read_text(), 15.0, "the shifted tracker did not start")
+    flight.until(
+        lambda: "ready" in shifted.log.read_text(), 15.0, "the shifted tracker did not start"
+    )
     _moves(flight, 1.0)
     flight.process(VICTIM, "t265").suspend()
     go.write_text("")
@@ -238,7 +279,9 @@ def reset(flight: Flight) -> Dict[str, str]:
     at_s, began = time.monotonic(), flight.place(VICTIM)
     flight.said("began anew", 15.0)
     said_s = time.monotonic() - at_s
-    flight.until(lambda: np.linalg.norm(flight.truth[VICTIM].velocity()) < 0.1, 20.0, "it does not stand")
+    flight.until(
+        lambda: np.linalg.norm(flight.truth[VICTIM].velocity()) < 0.1, 20.0, "it does not stand"
+    )
     stood_s, way_m = time.monotonic() - at_s, float(np.linalg.norm(flight.place(VICTIM) - began))
     held_until_s = time.monotonic() + 5.0
     flight.until(lambda: time.monotonic() > held_until_s, 6.0, "")
@@ -246,8 +289,13 @@ def reset(flight: Flight) -> Dict[str, str]:
     landed = flight.first(VICTIM, "mode", at_s, lambda m: m["mode"] == "LAND") < 99
     flight.watch.abort()
     end = flight.ended(150.0)
-    return {"said after": f"{said_s:.1f} s", "stands after": f"{stood_s:.1f} s, {way_m:.1f} m further",
-            "5 s later": f"{off_m:.2f} m off its place", "landed": "yes" if landed else "no", "end": end}  # fmt: skip
+    return {
+        "said after": f"{said_s:.1f} s",
+        "stands after": f"{stood_s:.1f} s, {way_m:.1f} m further",
+        "5 s later": f"{off_m:.2f} m off its place",
+        "landed": "yes" if landed else "no",
+        "end": end,
+    }
 
 
 def restart(flight: Flight) -> Dict[str, str]:
@@ -279,7 +327,9 @@ def restart(flight: Flight) -> Dict[str, str]:
         radios[VICTIM].send(0, 0, 0, 0, "LOITER")
         radios[OTHER].send(0, 0, 0, 0, "LOITER")
         time.sleep(0.02)
-        found = flight.first(VICTIM, "health", at_s + 5.0, lambda m: m["prearm"] == 1 and m["origin"])
+        found = flight.first(
+            VICTIM, "health", at_s + 5.0, lambda m: m["prearm"] == 1 and m["origin"]
+        )
         ready_s = found + 5.0 if found < 99 else None
     gone_s = flight.first(VICTIM, "health", at_s, lambda m: not m["origin"])
     back = flight.first(VICTIM, "health", at_s, lambda m: m["connected"] and m["status"] in (0, 1))
@@ -288,16 +338,21 @@ def restart(flight: Flight) -> Dict[str, str]:
     flight.watch.abort()
     people.resume()
     end = flight.ended(150.0)
-    return {"origin unknown after": f"{gone_s:.1f} s", "first heard (booting) after": f"{back:.1f} s",
-            "origin believed while it boots": "yes" if believed else "no",
-            "ready to arm after": "never" if ready_s is None else f"{ready_s:.1f} s", "end": end}  # fmt: skip
+    return {
+        "origin unknown after": f"{gone_s:.1f} s",
+        "first heard (booting) after": f"{back:.1f} s",
+        "origin believed while it boots": "yes" if believed else "no",
+        "ready to arm after": "never" if ready_s is None else f"{ready_s:.1f} s",
+        "end": end,
+    }
 
 
 FAULTS = {"pilot": pilot, "link": link, "freeze": freeze, "reset": reset, "restart": restart}
 
 
 def listen(vehicle: str) -> None:
-    """On a vehicle's own master: mode, guardian, the link's health and modes that are asked for, as lines of JSON."""
+    """On a vehicle's own master: mode, guardian, the link's health and modes that are asked for, as
+    lines of JSON."""
     import rospy
 
     from fcsv_geometry.ros import node
@@ -309,13 +364,24 @@ def listen(vehicle: str) -> None:
         sys.stdout.flush()
 
     node.begin("ear", anonymous=True)
-    on = lambda topic, kind, call: rospy.Subscriber(f"/{vehicle}/{topic}", kind, call, queue_size=20)  # noqa: E731
+    on = lambda topic, kind, call: rospy.Subscriber(  # noqa: E731
+        f"/{vehicle}/{topic}", kind, call, queue_size=20
+    )
     on("mavros/state", State, lambda m: tell("mode", mode=m.mode, armed=m.armed))
     on("guardian/state", GuardianState, lambda m: tell("guardian", action=m.action, why=m.reasons))
     on("flight_link/mode_asked", ModeAsked, lambda m: tell("asked", mode=m.mode))
-    on("flight_link/health", LinkHealth, lambda m: tell(
-        "health", connected=m.connected, origin=m.origin_set, status=m.system_status, feed_hz=m.feed_rate_hz,
-        prearm=m.prearm))  # fmt: skip
+    on(
+        "flight_link/health",
+        LinkHealth,
+        lambda m: tell(
+            "health",
+            connected=m.connected,
+            origin=m.origin_set,
+            status=m.system_status,
+            feed_hz=m.feed_rate_hz,
+            prearm=m.prearm,
+        ),
+    )
     rospy.spin()
 
 
@@ -337,10 +403,18 @@ def fly(name: str, out: Path, autopilots, speed: float) -> Dict[str, str]:
 def main() -> int:
     """Exit status 1 where a flight did not come to its end."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("autopilots", nargs="?", default="", help="tcp:127.0.0.1:5760,tcp:127.0.0.1:5770")
-    parser.add_argument("--fault", action="append", choices=list(FAULTS), help="which; default: each")
-    parser.add_argument("--speed", default="1.0", help="share of real time, as the simulations' --speedup")
-    parser.add_argument("-o", "--out", default="out/faults", help="folder for logs; each flight needs a new one")
+    parser.add_argument(
+        "autopilots", nargs="?", default="", help="tcp:127.0.0.1:5760,tcp:127.0.0.1:5770"
+    )
+    parser.add_argument(
+        "--fault", action="append", choices=list(FAULTS), help="which; default: each"
+    )
+    parser.add_argument(
+        "--speed", default="1.0", help="share of real time, as the simulations' --speedup"
+    )
+    parser.add_argument(
+        "-o", "--out", default="out/faults", help="folder for logs; each flight needs a new one"
+    )
     parser.add_argument("--ear", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.ear:

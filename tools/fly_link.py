@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Flies an ArduCopter in software with the nodes of a vehicle, through either flight link, and says how well it went.
+"""Flies an ArduCopter in software with the nodes of a vehicle, through either flight link, and says
+how well it went.
 
-Flight link (or MAVROS and its companion), guardian and agent on a master of their own. The feed is made of the true
-pose that the simulation tells as SIM_STATE at a second address. Give it external navigation as in README, no GPS, no
-compass.
+Flight link (or MAVROS and its companion), guardian and agent on a master of their own. The feed is
+made of the true pose that the simulation tells as SIM_STATE at a second address. Give it external
+navigation as in README, no GPS, no compass.
 
     python tools/fly_link.py --flight-link mavros --autopilot tcp:127.0.0.1:5760 --truth tcp:127.0.0.1:5762
 """
@@ -46,12 +47,18 @@ sys.path.insert(0, str(ROOT / "tools/bench_link"))
 
 
 class Truth:
-    """The simulation's true pose, ENU from where it was first; and a transmitter whose sticks are in the middle."""
+    """The simulation's true pose, ENU from where it was first; and a transmitter whose sticks are
+    in the middle."""
 
     def __init__(self, address: str):
         from fcsv_control.flight.mavlink.transport import Transport
 
-        self.T, self.on_pose, self._first, self._line = None, lambda T, stamp_s: None, None, Transport(address)
+        self.T, self.on_pose, self._first, self._line = (
+            None,
+            lambda T, stamp_s: None,
+            None,
+            Transport(address),
+        )
         threading.Thread(target=self._hear, daemon=True).start()
 
     def _hear(self):
@@ -59,13 +66,27 @@ class Truth:
         while True:
             if time.monotonic() > asked_s + 2.0:
                 asked_s = time.monotonic()
-                values = (1, 1, M.MAV_CMD_SET_MESSAGE_INTERVAL, 0, M.MAVLINK_MSG_ID_SIM_STATE, 1e4, 0, 0, 0, 0, 0)
+                values = (
+                    1,
+                    1,
+                    M.MAV_CMD_SET_MESSAGE_INTERVAL,
+                    0,
+                    M.MAVLINK_MSG_ID_SIM_STATE,
+                    1e4,
+                    0,
+                    0,
+                    0,
+                    0,
+                    0,
+                )
                 ask = M.MAVLink(None).command_long_encode(*values)
                 ask.get_header().srcSystem, ask.get_header().srcComponent = 1, 195
                 self._line.send(ask)
             if time.monotonic() > sticks_s + 0.2:
                 sticks_s = time.monotonic()
-                sticks = M.MAVLink(None).rc_channels_override_encode(1, 1, *[1500] * 4, *[65535] * 4)
+                sticks = M.MAVLink(None).rc_channels_override_encode(
+                    1, 1, *[1500] * 4, *[65535] * 4
+                )
                 sticks.get_header().srcSystem, sticks.get_header().srcComponent = 255, 190
                 self._line.send(sticks)
             m = self._line.receive(0.05)
@@ -103,7 +124,9 @@ class Pilotless:
         hear("mavros/statustext/recv", StatusText, lambda m: self.said.append(m.text))
         hear("guardian/said", StatusText, lambda m: self.said.append(m.text))
         hear("command_ack", CommandAck, lambda m: self.acks.setdefault(m.number, m))
-        self._pose = rospy.Publisher(f"/{NAME}/mavros/vision_pose/pose", PoseStamped, queue_size=1, tcp_nodelay=True)
+        self._pose = rospy.Publisher(
+            f"/{NAME}/mavros/vision_pose/pose", PoseStamped, queue_size=1, tcp_nodelay=True
+        )
         self._commands = rospy.Publisher(f"/{NAME}/command", Command, queue_size=10)
         self._alive = rospy.Publisher("/mission/alive", Heartbeat, queue_size=2)
         self._sender = f"fly-{os.getpid()}"
@@ -112,7 +135,8 @@ class Pilotless:
         truth.on_pose = self._feed
 
     def _feed(self, T, stamp_s):
-        """30 of the simulation's 100 poses a second; as a T265 that hovers: noise of 1.5 mm and 0.03 deg."""
+        """30 of the simulation's 100 poses a second; as a T265 that hovers: noise of 1.5 mm and
+        0.03 deg."""
         from fcsv_geometry import transforms
         from fcsv_geometry.ros import conversions
 
@@ -145,13 +169,20 @@ class Pilotless:
             self.fed_s = time.monotonic()
 
     def command(self, kind, must=True, **fields):
-        """Seconds until it was done; the reason where it was refused, unless it ``must`` be done."""
+        """Seconds until it was done; the reason where it was refused, unless it ``must`` be
+        done."""
         import rospy
 
         from fcsv_msgs.msg import Command
 
         self.number += 1
-        c = Command(vehicle=NAME, sender=self._sender, number=self.number, kind=getattr(Command, kind), **fields)
+        c = Command(
+            vehicle=NAME,
+            sender=self._sender,
+            number=self.number,
+            kind=getattr(Command, kind),
+            **fields,
+        )
         c.header.stamp, c.lifetime_s = rospy.Time.now(), 8.0
         c.ordered_s = c.sent_s = asked_s = time.monotonic()
         for _ in range(10):
@@ -205,11 +236,17 @@ def fly(pc: Pilotless, link: str, tell):
     from fcsv_geometry.ros import conversions
 
     def at(p, yaw):
-        return conversions.pose_stamped(transforms.from_xyz_yaw(p, yaw), time.time(), f"{NAME}/odom")
+        return conversions.pose_stamped(
+            transforms.from_xyz_yaw(p, yaw), time.time(), f"{NAME}/odom"
+        )
 
     began_s = time.monotonic()
     require(lambda: pc.state.connected, 60.0, "a heartbeat")
-    require(lambda: pc.health is not None and pc.health.origin_set and pc.health.parameters_ok, 90.0, "the origin")
+    require(
+        lambda: pc.health is not None and pc.health.origin_set and pc.health.parameters_ok,
+        90.0,
+        "the origin",
+    )
     tell("connected, origin set, parameters read", f"{time.monotonic() - began_s:.1f} s")
     asked_s, reason, seen = time.monotonic(), "never asked", []
     while time.monotonic() < asked_s + 90.0:
@@ -222,7 +259,10 @@ def fly(pc: Pilotless, link: str, tell):
         time.sleep(0.5)
     if isinstance(reason, str):
         raise SystemExit(f"it is not armed: {reason}")
-    tell("GUIDED and armed after", f"{time.monotonic() - began_s:.1f} s; refused before: {'; '.join(seen) or 'never'}")
+    tell(
+        "GUIDED and armed after",
+        f"{time.monotonic() - began_s:.1f} s; refused before: {'; '.join(seen) or 'never'}",
+    )
     tell("arming, asked until armed", f"{1e3 * reason:.0f} ms")
     pc.command("TAKEOFF", altitude_m=3.0)
     require(lambda: pc.truth.p_m[2] > 2.8, 25.0, f"3 m; it is at {pc.truth.p_m[2]:.2f}")
@@ -237,7 +277,10 @@ def fly(pc: Pilotless, link: str, tell):
         over_m = max(over_m, pc.furthest_m(4.0, goal))
     tell("4 m square with yaw: furthest from a corner in 4 s after 0.15 m", f"{over_m:.2f} m")
     tell("hold for 20 s: furthest from the target", f"{pc.furthest_m(20.0, goal):.3f} m")
-    tell("feed to the autopilot", f"{np.median(pc.rates):.1f} Hz (median), {np.min(pc.rates[25:]):.1f} Hz (least)")
+    tell(
+        "feed to the autopilot",
+        f"{np.median(pc.rates):.1f} Hz (median), {np.min(pc.rates[25:]):.1f} Hz (least)",
+    )
     for mode in ("BRAKE", "GUIDED"):
         pc.modes.clear()
         asked_s = time.monotonic()
@@ -253,7 +296,10 @@ def fly(pc: Pilotless, link: str, tell):
         tell(f"processor time of {name[8:]}", f"{spent / (time.monotonic() - since_s):.1%}")
     for name in names:
         killed(pc, name, tell)
-    tell("furthest from the place after that", f"{pc.furthest_m(3.0, goal):.2f} m; mode {pc.state.mode}")
+    tell(
+        "furthest from the place after that",
+        f"{pc.furthest_m(3.0, goal):.2f} m; mode {pc.state.mode}",
+    )
     pc.modes.clear()
     asked_s = time.monotonic()
     pc.command("LAND")
@@ -263,29 +309,42 @@ def fly(pc: Pilotless, link: str, tell):
 
 
 def killed(pc, name, tell):
-    """SIGKILL in hover; roslaunch starts it again. Our part says that it feeds; MAVROS does not say so."""
+    """SIGKILL in hover; roslaunch starts it again. Our part says that it feeds; MAVROS does not say
+    so."""
     place, before = pc.truth.p_m.copy(), {p.pid for p in processes(name)}
     for pid in before:
         os.kill(pid, signal.SIGKILL)
     at_s = time.monotonic()
     pc.fed_s = -math.inf
-    require(lambda: pc.fed_s > at_s and {p.pid for p in processes(name)} - before, 20.0, f"{name} again")
+    require(
+        lambda: pc.fed_s > at_s and {p.pid for p in processes(name)} - before, 20.0, f"{name} again"
+    )
     feeds_s = time.monotonic() - at_s
     off_m = pc.furthest_m(6.0, place)
     what = "its process is there again" if name.endswith("mavros") else "feeds again"
-    tell(f"{name[8:]} killed in hover", f"{what} after {feeds_s:.1f} s, {off_m:.2f} m off, mode {pc.state.mode}")
+    tell(
+        f"{name[8:]} killed in hover",
+        f"{what} after {feeds_s:.1f} s, {off_m:.2f} m off, mode {pc.state.mode}",
+    )
 
 
 def main() -> int:
     """The exit status: 0 where it flew."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--flight-link", choices=["mavlink", "mavros"], default="mavlink")
-    parser.add_argument("--autopilot", default=os.environ.get("FCSV_AUTOPILOT", "tcp:127.0.0.1:5760"))
-    parser.add_argument("--truth", default=os.environ.get("FCSV_AUTOPILOT_TRUTH", "tcp:127.0.0.1:5762"))
+    parser.add_argument(
+        "--autopilot", default=os.environ.get("FCSV_AUTOPILOT", "tcp:127.0.0.1:5760")
+    )
+    parser.add_argument(
+        "--truth", default=os.environ.get("FCSV_AUTOPILOT_TRUTH", "tcp:127.0.0.1:5762")
+    )
     arguments = parser.parse_args()
     import ending
 
-    with contextlib.suppress(OSError):  # as launch/uav.launch starts what a flight depends on; needs root
+    # as launch/uav.launch starts what a flight depends on; needs root
+    with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, -10)
     from fcsv_sim.machines.machines import Machine
 
@@ -305,17 +364,32 @@ def measure(arguments, machine, folder: Path) -> int:
     truth = Truth(arguments.truth)
     require(lambda: truth.T is not None, 30.0, f"SIM_STATE at {arguments.truth}")
     path = folder / "link.launch"
-    path.write_text(LAUNCH[arguments.flight_link].format(
-        uav=NAME, vehicles=ROOT / "config/vehicles", fcu_url=arguments.autopilot,
-        profile=ROOT / "config/autopilot/arducopter-4.3-t265.param"))  # fmt: skip
+    path.write_text(
+        LAUNCH[arguments.flight_link].format(
+            uav=NAME,
+            vehicles=ROOT / "config/vehicles",
+            fcu_url=arguments.autopilot,
+            profile=ROOT / "config/autopilot/arducopter-4.3-t265.param",
+        )
+    )
     machine.run(["roslaunch", "--wait", str(path)], "link")
     for name, more in (("guardian", [f"_vehicles:=[{NAME}]"]), ("agent", [])):
-        machine.run(["rosrun", "fcsv_control", name, f"__ns:={NAME}", f"_vehicle:={NAME}", *more], name)
+        machine.run(
+            ["rosrun", "fcsv_control", name, f"__ns:={NAME}", f"_vehicle:={NAME}", *more], name
+        )
     pc = Pilotless(truth)
     try:
-        fly(pc, arguments.flight_link, lambda what, value: print(f"| {what} | {value} |", flush=True))
+        fly(
+            pc,
+            arguments.flight_link,
+            lambda what, value: print(f"| {what} | {value} |", flush=True),
+        )
     except SystemExit:
-        print("\n".join(pc.said[-15:]), *(f.read_text()[-1500:] for f in folder.glob("*.log")), sep="\n--- ")
+        print(
+            "\n".join(pc.said[-15:]),
+            *(f.read_text()[-1500:] for f in folder.glob("*.log")),
+            sep="\n--- ",
+        )
         raise
     finally:
         rospy.signal_shutdown("flown")

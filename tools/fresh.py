@@ -130,8 +130,11 @@ def check_machine() -> None:
             raise NotHere(
                 f"{tool} is not installed: apt-get install {'util-linux' if tool == 'unshare' else tool}"
             )
-    done = subprocess.run(["unshare", "--mount", "--pid", "--fork", "mount", "-t", "tmpfs", "none", "/mnt"],
-                          capture_output=True, text=True)  # fmt: skip
+    done = subprocess.run(
+        ["unshare", "--mount", "--pid", "--fork", "mount", "-t", "tmpfs", "none", "/mnt"],
+        capture_output=True,
+        text=True,
+    )
     if done.returncode != 0:
         raise NotHere(
             f"this machine permits no mounts ({done.stderr.strip()}): run it on one that does"
@@ -265,8 +268,11 @@ def all_runs(asked, folder: Path) -> Tuple[List[Run], List[str]]:
     way_to_packages(base)
     bundle(ROOT, base / "checkout.bundle")
     bare = installed(base)
-    print(f"bare Debian 12: {time.monotonic() - began_s:.0f} s, {disk_bytes(base) / 1e6:.0f} MB, "
-          f"{len(bare)} packages", flush=True)  # fmt: skip
+    print(
+        f"bare Debian 12: {time.monotonic() - began_s:.0f} s, {disk_bytes(base) / 1e6:.0f} MB, "
+        f"{len(bare)} packages",
+        flush=True,
+    )
     runs, new = [], set()
     for who in asked.who:
         root = folder / who

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""What a flight with live mapping sends over the radio, and how good the live map is beside the map from the bags.
+"""What a flight with live mapping sends over the radio, and how good the live map is beside the map
+from the bags.
 
 It flies the demo once, without a screen: python tools/live_flight.py
 Rates are per second of the flight's own time, of what the control PC receives.
@@ -19,7 +20,8 @@ from typing import Callable, Dict, List
 
 import numpy as np
 
-MOST_MBIT_S, MOST_POINTS = 10.0, 2.0  # over the radio, for two vehicles; between the maps, of pixels within 10 %
+# over the radio, for two vehicles; between the maps, of pixels within 10 %
+MOST_MBIT_S, MOST_POINTS = 10.0, 2.0
 CONFIGURATIONS = 7  # of fcsv_msgs/MissionState
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -32,7 +34,8 @@ class Heard:
         from diagnostic_msgs.msg import DiagnosticArray
         from sensor_msgs.msg import CameraInfo, Image
 
-        from fcsv_sim.demo.ros.mission_watch import MissionWatch  # needs this fleet's master in the environment
+        # needs this fleet's master in the environment
+        from fcsv_sim.demo.ros.mission_watch import MissionWatch
 
         self.watch = MissionWatch(SimpleNamespace(env=os.environ), vehicles, lambda _line: None)
         self.mbit_s: List[float] = []
@@ -44,7 +47,9 @@ class Heard:
     def _on_links(self, message) -> None:
         if self.watch.phase == CONFIGURATIONS:
             links = [{kv.key: kv.value for kv in s.values} for s in message.status]
-            self.mbit_s.append(sum(float(v["in_kbit_s"]) for v in links if "in_kbit_s" in v) / 1000.0)
+            self.mbit_s.append(
+                sum(float(v["in_kbit_s"]) for v in links if "in_kbit_s" in v) / 1000.0
+            )
 
 
 def live_share(heard: Heard, truth_folder: Path, vehicle: str) -> float:
@@ -69,7 +74,8 @@ def wait(condition: Callable[[], bool], deadline_s: float, otherwise: str) -> No
 
 
 def fly(folder: Path, mission: str, limit_s: float) -> Dict[str, float]:
-    """The figures of a demo that flies into ``folder``; it is stopped where it is not over in time."""
+    """The figures of a demo that flies into ``folder``; it is stopped where it is not over in
+    time."""
     wanted = {"LIVE": "1", "RVIZ": "0", "OUT": str(folder), "MISSION": mission, "OVERWRITE": "1"}
     demo = subprocess.Popen([str(ROOT / "tools" / "run"), "demo"], env={**os.environ, **wanted})
     try:
@@ -98,24 +104,38 @@ def measure(folder: Path, limit_s: float, flies: Callable[[], bool]) -> Dict[str
     if heard.depth is None or not heard.mbit_s:
         raise SystemExit("live_flight: there was no live map; start the demo with LIVE=1")
     document = json.loads(report.read_text())
-    live = live_share(heard, folder / "session" / "truth", document["reference"]["image"].split("/")[0])
+    live = live_share(
+        heard, folder / "session" / "truth", document["reference"]["image"].split("/")[0]
+    )
     return {
-        "mean_mbit_s": float(np.mean(heard.mbit_s)), "most_mbit_s": max(heard.mbit_s), "live_percent": 100 * live,
+        "mean_mbit_s": float(np.mean(heard.mbit_s)),
+        "most_mbit_s": max(heard.mbit_s),
+        "live_percent": 100 * live,
         "bags_percent": 100 * document["truth"]["within_10_percent"],
-    }  # fmt: skip
+    }
 
 
 def main() -> int:
     """Exit status 1 where more is sent, or the maps differ by more, than wanted."""
     parser = argparse.ArgumentParser(prog="live_flight", description=__doc__.split("\n")[0])
-    parser.add_argument("folder", nargs="?", type=Path, default=Path("out/live_flight"), help="the demo's OUT")
+    parser.add_argument(
+        "folder", nargs="?", type=Path, default=Path("out/live_flight"), help="the demo's OUT"
+    )
     parser.add_argument("--mission", default="short", help="as MISSION of the demo")
-    parser.add_argument("--limit", type=float, default=1200.0, help="seconds to wait for the flight and its map")
+    parser.add_argument(
+        "--limit", type=float, default=1200.0, help="seconds to wait for the flight and its map"
+    )
     args = parser.parse_args()
     f = fly(args.folder.resolve(), args.mission, args.limit)
-    print(f"radio, all vehicles together: {f['mean_mbit_s']:.1f} Mbit/s, at most {f['most_mbit_s']:.1f} Mbit/s")
-    print(f"within 10 %: live map {f['live_percent']:.1f} %, map from the bags {f['bags_percent']:.1f} %")
-    return int(f["most_mbit_s"] > MOST_MBIT_S or f["bags_percent"] - f["live_percent"] > MOST_POINTS)
+    print(
+        f"radio, all vehicles together: {f['mean_mbit_s']:.1f} Mbit/s, at most {f['most_mbit_s']:.1f} Mbit/s"
+    )
+    print(
+        f"within 10 %: live map {f['live_percent']:.1f} %, map from the bags {f['bags_percent']:.1f} %"
+    )
+    return int(
+        f["most_mbit_s"] > MOST_MBIT_S or f["bags_percent"] - f["live_percent"] > MOST_POINTS
+    )
 
 
 if __name__ == "__main__":

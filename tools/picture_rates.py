@@ -26,7 +26,9 @@ def main():
         steps = steps[steps < _PAUSE_S]
         if steps.size:
             slowest = np.percentile(steps, 90)
-            print(f"{path.stem}: {len(stamps)} pictures, {1 / steps.mean():.2f} Hz, 90 % within {slowest:.3f} s")
+            print(
+                f"{path.stem}: {len(stamps)} pictures, {1 / steps.mean():.2f} Hz, 90 % within {slowest:.3f} s"
+            )
 
 
 if __name__ == "__main__":

@@ -4,8 +4,9 @@
     tools/run same-flights --write before.json      at the old code
     tools/run same-flights --against before.json    at the new code: exit status 1 where a flight differs
 
-A flight is a mission with its faults and a seed. Compared are, second by second, a SHA-256 sum of where all vehicles
-are and how fast they fly, all commands to the autopilots, and how the flight ended.
+A flight is a mission with its faults and a seed. Compared are, second by second, a SHA-256 sum of
+where all vehicles are and how fast they fly, all commands to the autopilots, and how the flight
+ended.
 """
 
 import argparse
@@ -52,7 +53,9 @@ class Account:
 
     def told(self, result: Result) -> Dict:
         """All of it, for a file."""
-        commands = [f"{at_s:.2f} s: {who} {words}" for at_s, who, words in self._flight.witness.commands]
+        commands = [
+            f"{at_s:.2f} s: {who} {words}" for at_s, who, words in self._flight.witness.commands
+        ]
         broken = [f"{v.at_s:.2f} s: {v.text}" for v in result.violations]
         end = f"{result.phase} ({result.detail}) after {result.flown_s:.2f} s, {result.captures} captures"
         return {"seconds": self._seconds, "commands": commands, "violations": broken, "end": end}
@@ -104,7 +107,10 @@ def jobs(many: bool) -> List[Tuple[str, Job]]:
     short, five = (load_mission(mission_file(name)) for name in ("short", "five"))
     found = [(short, 2, faults) for faults in (NONE, *_PAIRS, *sorted(FAULTS)[:: 1 if many else 3])]
     found += [(five, 5, faults) for faults in _OF_FIVE[: None if many else 1]]
-    return [(f"{n} | {faults}", Job(mission, n, _SEED + i, faults)) for i, (mission, n, faults) in enumerate(found)]
+    return [
+        (f"{n} | {faults}", Job(mission, n, _SEED + i, faults))
+        for i, (mission, n, faults) in enumerate(found)
+    ]
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -112,14 +118,21 @@ def main(argv: Optional[List[str]] = None) -> int:
     parser = argparse.ArgumentParser(prog="same-flights", description=__doc__)
     parser.add_argument("--write", type=Path, help="file for what happened")
     parser.add_argument("--against", type=Path, help="file that --write made with other code")
-    parser.add_argument("--many", action="store_true", help="every fault, and more flights of five vehicles")
     parser.add_argument(
-        "--only", default="", metavar="TEXT", help="only flights with this text in their name (commas: or)"
+        "--many", action="store_true", help="every fault, and more flights of five vehicles"
+    )
+    parser.add_argument(
+        "--only",
+        default="",
+        metavar="TEXT",
+        help="only flights with this text in their name (commas: or)",
     )
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="flights at a time")
     args = parser.parse_args(argv)
     before = json.loads(args.against.read_text()) if args.against else {}
-    wanted = [(name, job) for name, job in jobs(args.many) if any(t in name for t in args.only.split(","))]
+    wanted = [
+        (name, job) for name, job in jobs(args.many) if any(t in name for t in args.only.split(","))
+    ]
     if not wanted:
         parser.error(f"no flight has '{args.only}' in its name")
     names, found = zip(*wanted)

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the weights by which ``joint`` judges what speaks for a depth; prints them as ``tuning/evidence.py`` has them.
+"""Finds the weights by which ``joint`` judges what speaks for a depth; prints them as
+``tuning/evidence.py`` has them.
 
     python tools/train_evidence.py            maps seeded scenes and hard cases, none of them of `make bench`
 
-A logistic regression of "wrong by more than a tenth, or in the sky". Held out in turn: each kind of world.
+A logistic regression of "wrong by more than a tenth, or in the sky". Held out in turn: each kind of
+world.
 """
 
 import argparse
@@ -34,8 +36,12 @@ _RIDGE, _ROUNDS = 1e-4, 300
 
 def main() -> int:
     """Map, learn, judge by worlds that were held out, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--keep", type=Path, help="a file for what the maps gave: learn again without mapping")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--keep", type=Path, help="a file for what the maps gave: learn again without mapping"
+    )
     args = parser.parse_args()
     if args.keep and args.keep.exists():
         kept = np.load(args.keep)
@@ -52,7 +58,8 @@ def main() -> int:
 
 
 def _examples() -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of drawn pixels: number of the world (N,), features (N,F), whether the depth is wrong (N,)."""
+    """Of drawn pixels: number of the world (N,), features (N,F), whether the depth is wrong
+    (N,)."""
     random, found = np.random.default_rng(5), []
     for k, given, true_depth in tqdm(list(_inputs()), unit="map", disable=None):
         try:
@@ -73,7 +80,9 @@ def _inputs() -> Iterator[Tuple[int, MapInput, np.ndarray]]:
             yield k, scene.given(scene.baselines, NOISES[0]), scene.true_depth
             yield k, scene.given(HORIZONTAL[1:2], NOISES[0]), scene.true_depth
             name = list(LIGHTS)[seed % len(LIGHTS)]
-            lighted = lit(scene.given(HORIZONTAL[::2], NOISES[0]), scene.name, scene.depths, LIGHTS[name])
+            lighted = lit(
+                scene.given(HORIZONTAL[::2], NOISES[0]), scene.name, scene.depths, LIGHTS[name]
+            )
             yield k, lighted, scene.true_depth
         for case in cases(SceneName(world, _HARD_SEED), SceneName(_WORLDS[k - 1], _HARD_SEED + 1)):
             if not case.name.startswith("focal"):  # wrong everywhere, and no pixel can know
@@ -116,9 +125,13 @@ def _fit(columns: np.ndarray, wrong: np.ndarray) -> Tuple[np.ndarray, np.ndarray
         p = 1.0 / (1.0 + np.exp(-np.clip(design @ weights.astype(np.float32), -30.0, 30.0)))
         value = -np.mean(target * np.log(p + 1e-9) + (1.0 - target) * np.log(1.0 - p + 1e-9))
         slope = design.T @ (p - target) / len(target)
-        return float(value + _RIDGE * weights @ weights), (slope + 2.0 * _RIDGE * weights).astype(float)
+        return float(value + _RIDGE * weights @ weights), (slope + 2.0 * _RIDGE * weights).astype(
+            float
+        )
 
-    fitted = minimize(loss, np.zeros(design.shape[1]), jac=True, method="L-BFGS-B", options={"maxiter": _ROUNDS})
+    fitted = minimize(
+        loss, np.zeros(design.shape[1]), jac=True, method="L-BFGS-B", options={"maxiter": _ROUNDS}
+    )
     return means, scales, fitted.x
 
 
@@ -128,7 +141,10 @@ def _logit(columns: np.ndarray, means, scales, weights) -> np.ndarray:
 
 def _judge(name: str, logit: np.ndarray, wrong: np.ndarray) -> None:
     order = np.argsort(logit)
-    shares = ", ".join(f"{s:.0%}: {wrong[order[: int(s * len(order))]].mean():.1%}" for s in (1.0, 0.9, 0.8, 0.7, 0.6))
+    shares = ", ".join(
+        f"{s:.0%}: {wrong[order[: int(s * len(order))]].mean():.1%}"
+        for s in (1.0, 0.9, 0.8, 0.7, 0.6)
+    )
     print(f"{name}, held out: wrong of the surest {shares}")
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fits the weights of fcsv_guidance.standing on drawn and mapped places, and prints them for tuning.py.
+"""Fits the weights of fcsv_guidance.standing on drawn and mapped places, and prints them for
+tuning.py.
 
 python tools/train_ground.py [--seeds 11 12 13] [--robot config/robots/rescue.yaml]
 """
@@ -21,7 +22,8 @@ _FARTHEST_M, _SHRINK = 60.0, 1e-4
 
 
 def samples(world: str, seed: int, robot):
-    """Features (N, FEATURES) of all cells whose footprint one map knows, and whether the robot can stand there."""
+    """Features (N, FEATURES) of all cells whose footprint one map knows, and whether the robot can
+    stand there."""
     town = Town.generate(seed, world)
     grid = grid_of(town.plan, 0.1)
     inside, stands = footing_of(town.plan, grid, robot)
@@ -44,7 +46,9 @@ def fitted(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         )
 
     bounds = [(None, None)] * FREE_SIGN + [(None, 0.0)] * (x.shape[1] - FREE_SIGN)
-    return minimize(loss, np.zeros(x.shape[1]), jac=True, method="L-BFGS-B", bounds=bounds).x / scale
+    return (
+        minimize(loss, np.zeros(x.shape[1]), jac=True, method="L-BFGS-B", bounds=bounds).x / scale
+    )
 
 
 def main(argv=None) -> int:

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The version of the workspace: VERSION has it, and this writes it into every place that must repeat it.
+"""The version of the workspace: VERSION has it, and this writes it into every place that must
+repeat it.
 
-python tools/version.py 0.3.0 sets another one; without an argument the places are written as VERSION says;
---check only names those that differ.
+python tools/version.py 0.3.0 sets another one; without an argument the places are written as
+VERSION says; --check only names those that differ.
 """
 
 import argparse
@@ -28,7 +29,11 @@ def places(root: Path) -> List[Path]:
     ``mavros_msgs`` keeps MAVROS's version.
     """
     packages = sorted(root.glob("src/fcsv_*/package.xml"))
-    return [*packages, root / "pyproject.toml", root / "src/fcsv_geometry/src/fcsv_geometry/version.py"]
+    return [
+        *packages,
+        root / "pyproject.toml",
+        root / "src/fcsv_geometry/src/fcsv_geometry/version.py",
+    ]
 
 
 def version_of(root: Path) -> str:
@@ -64,7 +69,9 @@ def differing(root: Path) -> List[Path]:
 def main(argv: Optional[List[str]] = None, root: Path = ROOT) -> int:
     parser = argparse.ArgumentParser(prog="version", description=__doc__.split("\n")[0])
     parser.add_argument("version", nargs="?", help="MAJOR.MINOR.PATCH; default: what VERSION has")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit status 1 where a file differs")
+    parser.add_argument(
+        "--check", action="store_true", help="change nothing; exit status 1 where a file differs"
+    )
     args = parser.parse_args(argv)
     if args.version is not None:
         if args.check:

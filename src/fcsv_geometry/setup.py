@@ -5,7 +5,9 @@ from pathlib import Path
 from catkin_pkg.python_setup import generate_distutils_setup
 
 SOURCES = Path(__file__).resolve().parent / "src"
-PACKAGES = sorted(".".join(p.parent.relative_to(SOURCES).parts) for p in SOURCES.rglob("__init__.py"))
+PACKAGES = sorted(
+    ".".join(p.parent.relative_to(SOURCES).parts) for p in SOURCES.rglob("__init__.py")
+)
 
 DATA = {"fcsv_geometry.bags": ["definitions/*.msg"]}
 

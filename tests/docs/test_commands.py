@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The documents' commands as they are printed: short ones run, of long ones the names and arguments are checked."""
+"""The documents' commands as they are printed: short ones run, of long ones the names and arguments
+are checked."""
 
 import argparse
 import os
@@ -17,11 +18,18 @@ ROOT = Path(__file__).resolve().parents[2]
 FOUND = commands(ROOT)
 MAKEFILE = (ROOT / "Makefile").read_text()
 # what `make TARGET ARGS=...` hands its arguments to
-SCRIPTS = {"bench": "tools/bench", "bench-tracking": "tools/bench_tracking.py", "bench-gimbal": "tools/bench_gimbal.py",
-           "bench-link": "tools/bench_link/bench.py", "study": "tools/study"}  # fmt: skip
+SCRIPTS = {
+    "bench": "tools/bench",
+    "bench-tracking": "tools/bench_tracking.py",
+    "bench-gimbal": "tools/bench_gimbal.py",
+    "bench-link": "tools/bench_link/bench.py",
+    "study": "tools/study",
+}
 NOT_OURS = {"git", "cd", "scp", ".", "export"}
 # short and without a master: run as printed, in an empty folder
-RUN = re.compile(r"rosrun fcsv_stereo plan |rosrun fcsv_multimaster keys (?!revoke)|rosrun \w+ \w+ --help")
+RUN = re.compile(
+    r"rosrun fcsv_stereo plan |rosrun fcsv_multimaster keys (?!revoke)|rosrun \w+ \w+ --help"
+)
 
 
 def named(command):
@@ -78,17 +86,25 @@ def check_rosrun(monkeypatch, command):
 
 def check_make(monkeypatch, command):
     target, variables = command.words[1], dict(w.split("=", 1) for w in command.words[2:])
-    assert subprocess.run(["make", "-n", target], cwd=ROOT, capture_output=True).returncode == 0, f"no target {target}"
+    assert subprocess.run(["make", "-n", target], cwd=ROOT, capture_output=True).returncode == 0, (
+        f"no target {target}"
+    )
     allowed = {"ARGS", *re.search(r"^export (.*)$", MAKEFILE, re.M).group(1).split()}
     assert set(variables) <= allowed, f"the Makefile knows no {set(variables) - allowed}"
     arguments = Command("", variables.pop("ARGS", ""), False).words
     if target == "demo":
         check_mission(variables)
-        options = [word for name, value in variables.items() for word in (f"--{name.lower()}", value)]
+        options = [
+            word for name, value in variables.items() for word in (f"--{name.lower()}", value)
+        ]
         parse_only(monkeypatch, ROOT / "src/fcsv_sim/nodes/demo", options)
     elif target == "rehearse":
         check_mission(variables)
-        parse_only(monkeypatch, ROOT / "src/fcsv_sim/nodes/rehearse", [variables.get("MISSION", "short"), *arguments])
+        parse_only(
+            monkeypatch,
+            ROOT / "src/fcsv_sim/nodes/rehearse",
+            [variables.get("MISSION", "short"), *arguments],
+        )
     elif target == "test":
         check_pytest(arguments)
     elif arguments:
@@ -113,7 +129,8 @@ def check_pytest(arguments):
 def check_script(monkeypatch, script, arguments):
     path = ROOT / script
     assert path.exists(), f"no {script}"
-    path = ROOT / "tools/install" if script == "tools/install_vehicle.sh" else path  # what it hands its arguments to
+    # what it hands its arguments to
+    path = ROOT / "tools/install" if script == "tools/install_vehicle.sh" else path
     monkeypatch.syspath_prepend(str(ROOT / "tools"))
     monkeypatch.syspath_prepend(str(path if path.is_dir() else path.parent))
     if script == "tools/run":
@@ -130,7 +147,11 @@ def check_roslaunch(command):
     given = set(split_arguments(words[3:])[1])
     assert given <= set(declared), f"{words[2]} has no argument {given - set(declared)}"
     if command.in_block:
-        needed = {name for name, a in declared.items() if a.get("default") is None and a.get("value") is None}
+        needed = {
+            name
+            for name, a in declared.items()
+            if a.get("default") is None and a.get("value") is None
+        }
         assert needed <= given, f"{words[2]} needs {needed - given}"
 
 
@@ -169,19 +190,38 @@ def test_names_and_arguments_exist(monkeypatch, tmp_path, command):
 
 @pytest.mark.parametrize("command", [c for c in FOUND if RUN.match(c.text)], ids=named)
 def test_short_commands_run_as_they_are_printed(tmp_path, command):
-    done = subprocess.run(["bash", "-ec", command.text], cwd=tmp_path, capture_output=True, text=True,
-                          env=dict(os.environ, HOME=str(tmp_path)))  # fmt: skip
+    done = subprocess.run(
+        ["bash", "-ec", command.text],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env=dict(os.environ, HOME=str(tmp_path)),
+    )
     assert done.returncode == 0 and done.stdout.strip(), done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("text", [
-    "make absent", "make demo PLANET=mars", "make demo MISSION=absent", "make demo WORLD=moon",
-    "make bench ARGS=--absent", "make test ARGS=tests/absent", "make test ARGS=\"-m 'not absent'\"",
-    "rosrun fcsv_stereo absent a",
-    "rosrun fcsv_stereo map a -o b --absent", "rosrun fcsv_stereo live_map _absent:=1", "tools/run absent",
-    "roslaunch fcsv_bringup absent.launch", "roslaunch fcsv_bringup uav.launch absent:=1",
-    "roslaunch fcsv_bringup uav.launch", "rosservice call /mission/absent", "tools/absent.py", "absent",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "make absent",
+        "make demo PLANET=mars",
+        "make demo MISSION=absent",
+        "make demo WORLD=moon",
+        "make bench ARGS=--absent",
+        "make test ARGS=tests/absent",
+        "make test ARGS=\"-m 'not absent'\"",
+        "rosrun fcsv_stereo absent a",
+        "rosrun fcsv_stereo map a -o b --absent",
+        "rosrun fcsv_stereo live_map _absent:=1",
+        "tools/run absent",
+        "roslaunch fcsv_bringup absent.launch",
+        "roslaunch fcsv_bringup uav.launch absent:=1",
+        "roslaunch fcsv_bringup uav.launch",
+        "rosservice call /mission/absent",
+        "tools/absent.py",
+        "absent",
+    ],
+)
 def test_what_does_not_exist_is_found(monkeypatch, tmp_path, text):
     with pytest.raises((AssertionError, SystemExit)):
         test_names_and_arguments_exist(monkeypatch, tmp_path, Command("", text, True))

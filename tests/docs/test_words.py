@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The docs stay short: at most 30,000 words without what commands write, and 1,500 on a page of a user."""
+"""The docs stay short: at most 30,000 words without what commands write, and 1,500 on a page of a
+user."""
 
 import re
 from pathlib import Path
@@ -18,7 +19,8 @@ def folder(page: Path) -> str:
 
 
 def words(text: str) -> int:
-    """Number of words of a page: whatever holds a letter or a digit between blanks, cells of tables included.
+    """Number of words of a page: whatever holds a letter or a digit between blanks, cells of tables
+    included.
 
     >>> words("| uav1 | 2 m |\\n|---|---|")
     3
@@ -58,8 +60,11 @@ def test_a_page_of_a_user_holds_at_most_1500_words(page):
 def test_a_page_of_the_lab_is_tables(page):
     """A date stands on it, and its prose is what a reader needs for the tables."""
     text = page.read_text()
-    assert re.search(r"\b20\d\d-\d\d-\d\d\b|benchmarks\.md", text) and re.search(r"^\|---", text, re.M)
-    assert words(without_tables(text)) <= (1250 if page.name == "study.md" else 450)  # twelve sections of the thesis
+    assert re.search(r"\b20\d\d-\d\d-\d\d\b|benchmarks\.md", text) and re.search(
+        r"^\|---", text, re.M
+    )
+    # twelve sections of the thesis
+    assert words(without_tables(text)) <= (1250 if page.name == "study.md" else 450)
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.glob("design/decisions/*.md")), ids=lambda p: p.name)

@@ -32,16 +32,27 @@ def test_the_window_opens_where_there_is_a_screen(played, monkeypatch):
 
 
 def test_it_shows_the_session_s_vehicles_and_the_pictures_that_they_recorded(played, root):
-    """Its own parser takes what the launch file says; without a mission file it shows the one that was recorded."""
+    """Its own parser takes what the launch file says; without a mission file it shows the one that
+    was recorded."""
     from fcsv_console.ros.window_command import parser
 
-    given = shlex.split(played("vehicles:=uav1,uav3", "vehicles_dir:=/v", "console:=true")["/console"]["args"])
+    given = shlex.split(
+        played("vehicles:=uav1,uav3", "vehicles_dir:=/v", "console:=true")["/console"]["args"]
+    )
     found = parser().parse_args(given)
-    assert (found.vehicles, found.vehicles_dir, found.recorded, found.mission) == ("uav1,uav3", "/v", True, "")
+    assert (found.vehicles, found.vehicles_dir, found.recorded, found.mission) == (
+        "uav1,uav3",
+        "/v",
+        True,
+        "",
+    )
     given = shlex.split(played("mission:=/m/a.yaml", "console:=true")["/console"]["args"])
     assert parser().parse_args(given).mission == "/m/a.yaml"
 
 
 def test_every_vehicle_s_bag_is_played_beside_the_control_pc_s(played):
     words = played("vehicles:=uav1,uav2,uav3", "console:=false")["/play"]["args"].split()
-    assert words[-4:] == ["/s/control.bag", "/s/uav1.bag", "/s/uav2.bag", "/s/uav3.bag"] and "--clock" in words
+    assert (
+        words[-4:] == ["/s/control.bag", "/s/uav1.bag", "/s/uav2.bag", "/s/uav3.bag"]
+        and "--clock" in words
+    )

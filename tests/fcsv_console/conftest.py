@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The window without a screen: one Qt application a process, and no window that outlives its test."""
+"""The window without a screen: one Qt application a process, and no window that outlives its
+test."""
 
 import os
 

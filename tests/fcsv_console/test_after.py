@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""After the flight: gathering and mapping as child processes that can be stopped, the report, and what is locked."""
+"""After the flight: gathering and mapping as child processes that can be stopped, the report, and
+what is locked."""
 
 import math
 import os
@@ -35,15 +36,20 @@ def test_all_can_be_done_on_the_ground_and_only_the_report_in_flight():
     c = landed()
     assert [s.why_not for s in c.view(1.1).after] == ["", "", ""]
     c.tell(1.0, facts.AutopilotState("uav2", True, True, "GUIDED"))
-    assert step(c, "gather").why_not == "the motors of uav2 run: radio and processor are the flight's"
+    assert (
+        step(c, "gather").why_not == "the motors of uav2 run: radio and processor are the flight's"
+    )
     assert step(c, "map").why_not == step(c, "gather").why_not and step(c, "report").why_not == ""
 
 
-@pytest.mark.parametrize("places, name, words", [
-    (after.Places("", "s", "m"), "gather", "nothing is to be gathered"),
-    (after.Places("uav1=a", "", "m"), "gather", "name the session's folder"),
-    (after.Places("uav1=a", "s", ""), "map", "name a folder for the map"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "places, name, words",
+    [
+        (after.Places("", "s", "m"), "gather", "nothing is to be gathered"),
+        (after.Places("uav1=a", "", "m"), "gather", "name the session's folder"),
+        (after.Places("uav1=a", "s", ""), "map", "name a folder for the map"),
+    ],
+)
 def test_what_is_not_named_locks(places, name, words):
     c = landed()
     c.after.places = places
@@ -53,8 +59,14 @@ def test_what_is_not_named_locks(places, name, words):
 def test_what_is_not_there_locks():
     c = landed()
     c.tell(1.0, facts.PlacesFound(False, False))
-    assert step(c, "map").why_not == "there is neither session.yaml nor a bag in out/flight: gather first"
-    assert step(c, "report").why_not == "there is no report in out/map" and step(c, "gather").why_not == ""
+    assert (
+        step(c, "map").why_not
+        == "there is neither session.yaml nor a bag in out/flight: gather first"
+    )
+    assert (
+        step(c, "report").why_not == "there is no report in out/map"
+        and step(c, "gather").why_not == ""
+    )
     c.after.places = after.Places("", "s", "m")
     assert step(c, "gather").why_not.startswith("name the machines")
 
@@ -67,10 +79,14 @@ def test_one_at_a_time_with_progress_and_each_end_is_one_event():
     assert (gather.share, gather.why_not, gather.tooltip) == (0.25, "", "Stop it")
     assert step(c, "map").why_not == "'gather' runs"
     c.tell(1.0, facts.JobTold("gather", "failed", words="uav2: there is no uav2.bag"))
-    assert step(c, "gather").told == "FAILED: uav2: there is no uav2.bag" and step(c, "map").why_not == ""
+    assert (
+        step(c, "gather").told == "FAILED: uav2: there is no uav2.bag"
+        and step(c, "map").why_not == ""
+    )
     assert [(e.who, e.what, e.level) for e in c.log.events if e.who == "gather"] == [
-        ("gather", "runs", "info"), ("gather", "failed: uav2: there is no uav2.bag", "error"),
-    ]  # fmt: skip
+        ("gather", "runs", "info"),
+        ("gather", "failed: uav2: there is no uav2.bag", "error"),
+    ]
 
 
 def test_where_all_record_into_one_folder_nothing_is_gathered_and_the_map_comes_next():
@@ -78,7 +94,9 @@ def test_where_all_record_into_one_folder_nothing_is_gathered_and_the_map_comes_
     c.after.places = after.Places("", "out/demo/session", "out/demo/map")
     c.tell(1.0, facts.PlacesFound(True, False))
     gather, made, report = c.view(1.1).after
-    assert gather.why_not == "nothing is to be gathered: all machines recorded into out/demo/session"
+    assert (
+        gather.why_not == "nothing is to be gathered: all machines recorded into out/demo/session"
+    )
     assert (gather.next, made.next, report.next) == (False, True, False)
     c.tell(1.0, facts.PlacesFound(True, True))
     assert [s.next for s in c.view(1.1).after] == [False, False, True]
@@ -92,7 +110,10 @@ def test_a_session_that_is_still_written_or_mapped_by_another_is_not_mapped():
     c.tell(1.0, facts.PlacesFound(True, False, recording=True))
     assert step(c, "map").why_not.startswith("a bag in out/flight is still written")
     c.tell(1.0, facts.PlacesFound(True, True, mapping=True))
-    assert step(c, "map").why_not == "another command makes a map in out/map just now" and step(c, "report").next
+    assert (
+        step(c, "map").why_not == "another command makes a map in out/map just now"
+        and step(c, "report").next
+    )
 
 
 def test_places_of_a_simulation_are_those_of_its_one_folder(tmp_path):
@@ -104,12 +125,13 @@ def test_places_of_a_simulation_are_those_of_its_one_folder(tmp_path):
     )
 
 
-# ---- child processes ---------------------------------------------------------------------------------------------
+# ---- child processes -----------------------------------------------------------------------------
 
 
 @pytest.fixture
 def runner(tmp_path):
-    """runner(body) -> (AfterRunner, heard, ended): the job is this interpreter with ``body``; it ends with the test."""
+    """runner(body) -> (AfterRunner, heard, ended): the job is this interpreter with ``body``; it
+    ends with the test."""
     made = []
 
     def make(body):
@@ -122,7 +144,11 @@ def runner(tmp_path):
 
         path = tmp_path / "job.py"
         path.write_text(f"import os, sys, time\n{body}")
-        made.append(AfterRunner(put, {job: [sys.executable, str(path)] for job in (after.GATHER, after.MAP)}))
+        made.append(
+            AfterRunner(
+                put, {job: [sys.executable, str(path)] for job in (after.GATHER, after.MAP)}
+            )
+        )
         return made[-1], heard, lambda: over.wait(20.0)
 
     yield make
@@ -145,7 +171,9 @@ print("wrote", os.path.basename(out))
     places = after.Places("", str(tmp_path), str(tmp_path / "my map"))
     one.start("map", places)
     assert ended() and jobs(heard)[-1].state == "done"
-    assert jobs(heard)[-1].words == "wrote my map" and {0.0, 0.5, 1.0} <= {j.share for j in jobs(heard)}
+    assert jobs(heard)[-1].words == "wrote my map" and {0.0, 0.5, 1.0} <= {
+        j.share for j in jobs(heard)
+    }
     assert heard[-1] == facts.PlacesFound(False, True)
     (tmp_path / "uav1.bag").write_bytes(b"")
     one.look(places)
@@ -186,7 +214,10 @@ def test_machines_are_split_as_a_shell_does(runner, tmp_path):
 def test_one_that_fails_says_why_and_one_that_is_stopped_says_so(runner):
     one, heard, ended = runner("sys.exit('map: out/flight: no session.yaml')\n")
     one.start("map", PLACES)
-    assert ended() and (jobs(heard)[-1].state, jobs(heard)[-1].words) == ("failed", "out/flight: no session.yaml")
+    assert ended() and (jobs(heard)[-1].state, jobs(heard)[-1].words) == (
+        "failed",
+        "out/flight: no session.yaml",
+    )
     one, heard, ended = runner("time.sleep(60)\n")
     one.start("map", PLACES)
     one.cancel("map")
@@ -202,17 +233,24 @@ def test_a_report_that_no_browser_opens_is_told_with_its_place(monkeypatch, tmp_
     shell = Shell(landed(), "console")
     opened = []
     for opens in (False, True):
-        answer = SimpleNamespace(openUrl=lambda url, opens=opens: opened.append(url.toLocalFile()) or opens)
+        answer = SimpleNamespace(
+            openUrl=lambda url, opens=opens: opened.append(url.toLocalFile()) or opens
+        )
         monkeypatch.setattr(window_command, "QDesktopServices", answer)
         window_command.after(shell, "report", after.Places("", "", str(tmp_path / "my map")))
         told = next(s for s in shell.view().after if s.name == "report").told
-        assert told == ("done: " if opens else "FAILED: no browser opens here; the page is ") + opened[-1]
+        assert (
+            told
+            == ("done: " if opens else "FAILED: no browser opens here; the page is ") + opened[-1]
+        )
     assert opened == [str(tmp_path / "my map" / "report.html")] * 2
     shell.close()
 
 
 @pytest.mark.parametrize("closed", [True, False])
-def test_a_window_that_is_closed_before_it_joined_the_master_ends_without_a_traceback(monkeypatch, closed):
+def test_a_window_that_is_closed_before_it_joined_the_master_ends_without_a_traceback(
+    monkeypatch, closed
+):
     pytest.importorskip("rospy")
     from fcsv_console.ros import shell as shells
 
@@ -234,7 +272,7 @@ def test_a_window_that_is_closed_before_it_joined_the_master_ends_without_a_trac
     shell.close()
 
 
-# ---- the dock ----------------------------------------------------------------------------------------------------
+# ---- the dock ------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -255,7 +293,11 @@ def test_the_dock_shows_what_can_be_done_and_asks_for_it(window):
     dock, asked, typed = window.after, [], []
     dock.asked.connect(lambda name, places: asked.append((name, places)))
     dock.changed.connect(typed.append)
-    assert dock.isVisible() and dock.buttons["map"].isEnabled() and not dock.buttons["report"].isEnabled()
+    assert (
+        dock.isVisible()
+        and dock.buttons["map"].isEnabled()
+        and not dock.buttons["report"].isEnabled()
+    )
     assert "there is no report in out/map" in dock.buttons["report"].toolTip()
     dock.buttons["map"].click()
     assert asked == [("map", PLACES)]

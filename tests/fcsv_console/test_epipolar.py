@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The epipolar error of two pictures against places that are known to be right, and wrong by a known turn."""
+"""The epipolar error of two pictures against places that are known to be right, and wrong by a
+known turn."""
 
 import math
 
@@ -18,7 +19,9 @@ def seen(xyz, rpy_deg=(0.0, 0.0, 0.0), told_rpy_deg=None, told_xyz=None):
     """A picture from one place, told to be from another."""
     bgr = scenes.photograph(scenes.camera_pose(xyz, rpy_deg))[:, :, ::-1]
     data = cv2.imencode(".png", bgr)[1].tobytes()
-    told = scenes.camera_pose(xyz if told_xyz is None else told_xyz, rpy_deg if told_rpy_deg is None else told_rpy_deg)
+    told = scenes.camera_pose(
+        xyz if told_xyz is None else told_xyz, rpy_deg if told_rpy_deg is None else told_rpy_deg
+    )
     return Seen(1.0, data, CAMERA, told)
 
 
@@ -36,10 +39,14 @@ def test_right_places_have_no_epipolar_error():
     for place in ((0.0, -2.0, 0.0), (0.0, 0.0, 2.0)):
         error_px, matches = measured_px(LEFT, seen(place))
         assert error_px < 0.6 and matches > 100
-    assert measured_px(LEFT, seen((0.0, -2.0, 0.0), (1.0, -2.0, 3.0)))[0] < 0.8, "turned, and told so"
+    assert measured_px(LEFT, seen((0.0, -2.0, 0.0), (1.0, -2.0, 3.0)))[0] < 0.8, (
+        "turned, and told so"
+    )
 
 
-@pytest.mark.parametrize("place, turn_deg", [((0.0, -2.0, 0.0), (0.0, 1.0, 0.0)), ((0.0, 0.0, 2.0), (0.0, 0.0, 1.0))])
+@pytest.mark.parametrize(
+    "place, turn_deg", [((0.0, -2.0, 0.0), (0.0, 1.0, 0.0)), ((0.0, 0.0, 2.0), (0.0, 0.0, 1.0))]
+)
 def test_a_wrong_turn_across_the_baseline_shows_as_many_pixels_as_it_is(place, turn_deg):
     error_px, _ = measured_px(LEFT, seen(place, told_rpy_deg=turn_deg))
     assert error_px == pytest.approx(CAMERA.fx * math.tan(math.radians(1.0)), abs=0.8)
@@ -48,23 +55,36 @@ def test_a_wrong_turn_across_the_baseline_shows_as_many_pixels_as_it_is(place, t
 def test_a_wrong_place_across_the_baseline_shows():
     """0.4 m sideways to a baseline of 2 m turns the epipolar lines by atan(0.2)."""
     error_px, _ = measured_px(LEFT, seen((0.0, -2.0, 0.0), told_xyz=(0.0, -2.0, 0.4)))
-    far_px, near_px = (CAMERA.fx * 2.0 / z_m * math.sin(math.atan(0.2)) for z_m in (scenes.DEPTH_M, scenes.NEAR_M))
+    far_px, near_px = (
+        CAMERA.fx * 2.0 / z_m * math.sin(math.atan(0.2)) for z_m in (scenes.DEPTH_M, scenes.NEAR_M)
+    )
     assert far_px - 0.8 < error_px < near_px + 0.8, "whichever wall has more of the features"
 
 
 def test_pictures_without_anything_in_common_say_nothing():
-    blank = Seen(1.0, cv2.imencode(".png", np.full((CAMERA.height, CAMERA.width), 128, np.uint8))[1].tobytes(), CAMERA,
-                 scenes.camera_pose((0.0, -2.0, 0.0)))  # fmt: skip
+    blank = Seen(
+        1.0,
+        cv2.imencode(".png", np.full((CAMERA.height, CAMERA.width), 128, np.uint8))[1].tobytes(),
+        CAMERA,
+        scenes.camera_pose((0.0, -2.0, 0.0)),
+    )
     noise = np.random.default_rng(3).integers(0, 255, (CAMERA.height, CAMERA.width), np.uint8)
     other = Seen(1.0, cv2.imencode(".png", noise)[1].tobytes(), CAMERA, blank.T_home_cam)
     for right in (blank, other):
         assert math.isnan(measured_px(LEFT, right)[0])
 
 
-@pytest.mark.parametrize("data, words", [
-    (b"", "0 octets are no picture"), (b"\xff\xd8 no", "5 octets are no picture"),
-    (cv2.imencode(".png", np.zeros((9, 7), np.uint8))[1].tobytes(), "the picture is 7 x 9, its camera 320 x 240"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "data, words",
+    [
+        (b"", "0 octets are no picture"),
+        (b"\xff\xd8 no", "5 octets are no picture"),
+        (
+            cv2.imencode(".png", np.zeros((9, 7), np.uint8))[1].tobytes(),
+            "the picture is 7 x 9, its camera 320 x 240",
+        ),
+    ],
+)
 def test_what_is_no_picture_is_told(data, words):
     with pytest.raises(ValueError, match=words):
         measured_px(LEFT, Seen(1.0, data, CAMERA, LEFT.T_home_cam))
@@ -73,7 +93,11 @@ def test_what_is_no_picture_is_told(data, words):
 def test_the_watch_takes_the_newest_pictures_whose_places_are_known_and_each_pair_once():
     watch, right = EpipolarWatch(["uav1", "uav2"]), seen((0.0, -2.0, 0.0))
     pair = ("uav1", "uav2")
-    assert watch.measure(pair) is None and watch.measure(("", "")) is None and watch.measure(("uav1", "uav9")) is None
+    assert (
+        watch.measure(pair) is None
+        and watch.measure(("", "")) is None
+        and watch.measure(("uav1", "uav9")) is None
+    )
     for name, one in zip(pair, (LEFT, right)):
         watch.tell_picture(name, 10.0, one.data, one.camera)
         watch.tell_pose(name, 9.8, np.eye(4))
@@ -86,7 +110,8 @@ def test_the_watch_takes_the_newest_pictures_whose_places_are_known_and_each_pai
 
 
 def test_reduced_live_pictures_are_read_by_the_camera_of_their_size():
-    """Half as large: half as many pixels, the same angle; and nothing is measured before the camera is known."""
+    """Half as large: half as many pixels, the same angle; and nothing is measured before the camera
+    is known."""
     watch, pair = EpipolarWatch(["uav1", "uav2"]), ("uav1", "uav2")
     right = seen((0.0, -2.0, 0.0), told_rpy_deg=(0.0, 2.0, 0.0))
     for name, one in zip(pair, (LEFT, right)):
@@ -101,7 +126,7 @@ def test_reduced_live_pictures_are_read_by_the_camera_of_their_size():
     assert told.error_px == pytest.approx(0.5 * CAMERA.fx * math.tan(math.radians(2.0)), abs=1.0)
 
 
-# ---- what follows from it ----------------------------------------------------------------------------------------
+# ---- what follows from it ------------------------------------------------------------------------
 
 
 def flying(error_px, *fitted, pair=("uav1", "uav2")):
@@ -112,25 +137,44 @@ def flying(error_px, *fitted, pair=("uav1", "uav2")):
 
 
 def test_the_bounds_are_the_maps_own():
-    """Its report's, its links' and that of its choice of pictures: a verdict here is a verdict there."""
+    """Its report's, its links' and that of its choice of pictures: a verdict here is a verdict
+    there."""
     from fcsv_stereo import instants
     from fcsv_stereo.model import FLOWN
     from fcsv_stereo.refinement import links
     from fcsv_stereo.report import plain_words
 
-    assert (stereo.MOST_REFINED_PX, stereo.MOST_SURPRISE) == (plain_words.MOST_EPIPOLAR_PX, links.SURPRISE)
-    assert (stereo.MOST_SKEW_S, stereo.MOST_TRACKED_RAD) == (instants.MOST_SKEW_S, FLOWN.rotation_rad)
+    assert (stereo.MOST_REFINED_PX, stereo.MOST_SURPRISE) == (
+        plain_words.MOST_EPIPOLAR_PX,
+        links.SURPRISE,
+    )
+    assert (stereo.MOST_SKEW_S, stereo.MOST_TRACKED_RAD) == (
+        instants.MOST_SKEW_S,
+        FLOWN.rotation_rad,
+    )
 
 
-@pytest.mark.parametrize("told, words", [
-    ((1.3,), "GO: the pair is as planned"),
-    ((4.5, 0.4, 1.4), "GO: the pair is as planned"),
-    ((4.5,), "NO-GO: pictures and places disagree by 4 px across the epipolar lines"),
-    ((12.0,), "NO-GO: pictures and places disagree by 12 px across the epipolar lines"),
-    ((4.5, 2.2, 1.4), "NO-GO: pictures miss their epipolar lines by 2.2 px, however the map fits them"),
-    ((12.0, 0.4, 1.4), "NO-GO: pictures and places disagree by 12 px across the epipolar lines"),
-    ((9.0, 0.4, 4.1), "NO-GO: pictures put the cameras 4.1 standard deviations off their trackers"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "told, words",
+    [
+        ((1.3,), "GO: the pair is as planned"),
+        ((4.5, 0.4, 1.4), "GO: the pair is as planned"),
+        ((4.5,), "NO-GO: pictures and places disagree by 4 px across the epipolar lines"),
+        ((12.0,), "NO-GO: pictures and places disagree by 12 px across the epipolar lines"),
+        (
+            (4.5, 2.2, 1.4),
+            "NO-GO: pictures miss their epipolar lines by 2.2 px, however the map fits them",
+        ),
+        (
+            (12.0, 0.4, 1.4),
+            "NO-GO: pictures and places disagree by 12 px across the epipolar lines",
+        ),
+        (
+            (9.0, 0.4, 4.1),
+            "NO-GO: pictures put the cameras 4.1 standard deviations off their trackers",
+        ),
+    ],
+)
 def test_pictures_are_judged_by_what_the_map_makes_of_them(told, words):
     s = flying(*told).view(samples.NOW_S).stereo
     assert s.words == words and s.epipolar_px == told[0]
@@ -160,7 +204,10 @@ def test_what_the_map_would_not_fit_is_not_fitted():
 
 
 def test_what_is_not_known_or_old_or_of_another_pair_decides_nothing():
-    for c, now_s in ((flying(math.nan), samples.NOW_S), (flying(50.0, pair=("uav2", "uav1")), samples.NOW_S)):
+    for c, now_s in (
+        (flying(math.nan), samples.NOW_S),
+        (flying(50.0, pair=("uav2", "uav1")), samples.NOW_S),
+    ):
         assert c.view(now_s).stereo.go and math.isnan(c.view(now_s).stereo.epipolar_px)
     late = flying(50.0)
     samples.flying(late)

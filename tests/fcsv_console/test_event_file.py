@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events are kept with the session, whole and not too often; where they cannot be kept this is told once."""
+"""Events are kept with the session, whole and not too often; where they cannot be kept this is told
+once."""
 
 import time
 

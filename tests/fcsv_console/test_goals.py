@@ -95,7 +95,9 @@ def test_a_marker_has_arrows_along_its_way_only_while_it_may_be_dragged(c):
     for index in (2, 6):
         c.tell(1.0, GoalEnabled(index, True))
     goals = c.view(1.0).goals
-    assert [len(marker(g).controls) for g in goals] == [2 if g.index in (2, 6) else 1 for g in goals]
+    assert [len(marker(g).controls) for g in goals] == [
+        2 if g.index in (2, 6) else 1 for g in goals
+    ]
     for index, along in ((2, (0.0, 1.0, 0.0)), (6, (0.0, 0.0, 1.0))):
         made = marker(goals[index])
         q = made.controls[1].orientation
@@ -125,8 +127,10 @@ def test_whose_the_goals_are_is_told_where_it_changes(c):
     for at_s, name in ((1.0, "/console_1"), (2.0, "/console_1"), (3.0, "")):
         c.tell(at_s, GoalsElsewhere(name))
     told = [e.what for e in c.view(4.0).events]
-    assert told == ["goals in rviz are of /console_1, opened before this window",
-                    "goals in rviz are this window's again"]  # fmt: skip
+    assert told == [
+        "goals in rviz are of /console_1, opened before this window",
+        "goals in rviz are this window's again",
+    ]
 
 
 def test_windows_tell_each_other_on_their_topic(monkeypatch):
@@ -138,8 +142,14 @@ def test_windows_tell_each_other_on_their_topic(monkeypatch):
     send = SimpleNamespace(publish=lambda word: [hear(word) for hear in heard])
     monkeypatch.setattr(window_turns.rospy, "get_name", lambda: next(names))
     monkeypatch.setattr(window_turns.rospy, "Publisher", lambda *_a, **_k: send)
-    monkeypatch.setattr(window_turns.rospy, "Subscriber", lambda _topic, _kind, hear, **_k: heard.append(hear))
-    monkeypatch.setattr(window_turns, "time", SimpleNamespace(time=lambda: clock.now_s, monotonic=lambda: clock.now_s))
+    monkeypatch.setattr(
+        window_turns.rospy, "Subscriber", lambda _topic, _kind, hear, **_k: heard.append(hear)
+    )
+    monkeypatch.setattr(
+        window_turns,
+        "time",
+        SimpleNamespace(time=lambda: clock.now_s, monotonic=lambda: clock.now_s),
+    )
     one = window_turns.WindowTurns(told["/one"].append)
     clock.now_s += 1.5
     two = window_turns.WindowTurns(told["/two"].append)
@@ -195,10 +205,14 @@ def test_what_is_asked_of_a_marker_reaches_the_view_model_and_comes_back(c, monk
         call = server.callbacks.get(("goal_3", kind)) or server.callbacks["goal_3", 255]
         call(feedback)
 
-    assert len(shown().controls) == 1 and [e.title for e in shown().menu_entries] == ["[ ] Drag this goal"]
+    assert len(shown().controls) == 1 and [e.title for e in shown().menu_entries] == [
+        "[ ] Drag this goal"
+    ]
     assert server.applied == 1, "nothing changed"
     ask(Feedback.MOUSE_UP)
-    assert shown().pose.position.y == -6.0 and server.applied == 2, "it goes back to where it stands"
+    assert shown().pose.position.y == -6.0 and server.applied == 2, (
+        "it goes back to where it stands"
+    )
     ask(Feedback.MENU_SELECT, menu_entry_id=1)
     assert len(shown().controls) == 2 and shown().menu_entries[0].title == "[x] Drag this goal"
     ask(Feedback.POSE_UPDATE)

@@ -41,15 +41,46 @@ def test_every_situation_fits_on_one_screen_of_80_columns(name):
     assert "S stop all" in lines[0] and "L land all" in lines[0], "however low the terminal is"
 
 
-@pytest.mark.parametrize("name, words", [
-    ("ground", ["uav1    pre-arm    RED", "amber   38 %", "on the ground, motors off"]),
-    ("ready", ["Home is set. Execute [X] flies 8", "82%, 9:17 left", "pilot, LOITER", "flight check: green"]),
-    ("starting", ["10 lines wait, normal for about a minute: uav1 ekf", "flight check: starting, 10 of 32 lines"]),
-    ("calibrated", ["Calibrated well: 25 views, 0.13°. Fly uav1 to its view, then Set home [H]", "2.1 m up"]),
-    ("flying", ["3/8 horizontal 6 m: to 361 m", "GO: the pair is as planned", "REC 96 min"]),
-    ("wrong", ["stop all (the operator", "uav2 is 5.0 m above uav1", "p_odom_m holds nan", "guardian: hold"]),
-    ("silent", ["not heard for 2.4 s", "the ROS master does not answer", "no recorder"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name, words",
+    [
+        ("ground", ["uav1    pre-arm    RED", "amber   38 %", "on the ground, motors off"]),
+        (
+            "ready",
+            [
+                "Home is set. Execute [X] flies 8",
+                "82%, 9:17 left",
+                "pilot, LOITER",
+                "flight check: green",
+            ],
+        ),
+        (
+            "starting",
+            [
+                "10 lines wait, normal for about a minute: uav1 ekf",
+                "flight check: starting, 10 of 32 lines",
+            ],
+        ),
+        (
+            "calibrated",
+            [
+                "Calibrated well: 25 views, 0.13°. Fly uav1 to its view, then Set home [H]",
+                "2.1 m up",
+            ],
+        ),
+        ("flying", ["3/8 horizontal 6 m: to 361 m", "GO: the pair is as planned", "REC 96 min"]),
+        (
+            "wrong",
+            [
+                "stop all (the operator",
+                "uav2 is 5.0 m above uav1",
+                "p_odom_m holds nan",
+                "guardian: hold",
+            ],
+        ),
+        ("silent", ["not heard for 2.4 s", "the ROS master does not answer", "no recorder"]),
+    ],
+)
 def test_a_situation_is_told_in_words(name, words):
     text = "\n".join(printed(sample(name)))
     assert not [w for w in words if w not in text]
@@ -57,10 +88,14 @@ def test_a_situation_is_told_in_words(name, words):
 
 def test_poses_in_odometry_in_home_and_against_the_others_stand_whole_in_80_columns():
     text = printed(sample("flying"))
-    assert len(text) <= 24 and "uav2    odometry +0.2 -6.0 +8.0 m, +2°  home +0.0 -6.0 +0.0 m, +1°" in map(
+    assert len(
+        text
+    ) <= 24 and "uav2    odometry +0.2 -6.0 +8.0 m, +2°  home +0.0 -6.0 +0.0 m, +1°" in map(
         str.rstrip, text
     )
-    assert [line.rstrip() for line in text if " from " in line] == ["uav2    from uav1: 6.02 m (+0.0 -6.0 +0.0), +1°"]
+    assert [line.rstrip() for line in text if " from " in line] == [
+        "uav2    from uav1: 6.02 m (+0.0 -6.0 +0.0), +1°"
+    ]
     gone = "\n".join(printed(sample("silent")))
     assert "odometry +0.2 -4.0 +8.0 m, +2°  home +0.0 -4.0 +0.0 m, +1°, 2.4 s old" in gone
     assert "from uav1: not known" in "\n".join(printed(Console(["uav1", "uav2"]).view(0.0)))
@@ -68,15 +103,21 @@ def test_poses_in_odometry_in_home_and_against_the_others_stand_whole_in_80_colu
 
 def test_a_console_that_heard_nothing_shows_it():
     text = "\n".join(printed(Console(["uav1", "uav2"]).view(0.0)))
-    assert "no mission is heard" in text and "not heard yet" in text and "flight check: starting, not heard" in text
+    assert (
+        "no mission is heard" in text
+        and "not heard yet" in text
+        and "flight check: starting, not heard" in text
+    )
 
 
 def test_colours_are_never_the_only_sign():
     """The printed text has no colours at all, and each state differs in it."""
-    assert len({"\n".join(printed(sample(name))) for name in samples.SAMPLES}) == len(samples.SAMPLES)
+    assert len({"\n".join(printed(sample(name))) for name in samples.SAMPLES}) == len(
+        samples.SAMPLES
+    )
 
 
-# ---- messages ----------------------------------------------------------------------------------------------------
+# ---- messages ------------------------------------------------------------------------------------
 
 
 def test_diagnostics_of_a_vehicle_become_a_fact_without_what_is_well():
@@ -87,7 +128,9 @@ def test_diagnostics_of_a_vehicle_become_a_fact_without_what_is_well():
     kind, convert = messages.OF_VEHICLE["diagnostics/worst"]
     told = [DiagnosticStatus(level=level, name=f"n{level}", message="m") for level in (2, 0, 3, 9)]
     assert kind is DiagnosticArray
-    assert convert("uav1", DiagnosticArray(status=told)) == facts.Diagnosed("uav1", (("n2", 2, "m"), ("n3", 3, "m")))
+    assert convert("uav1", DiagnosticArray(status=told)) == facts.Diagnosed(
+        "uav1", (("n2", 2, "m"), ("n3", 3, "m"))
+    )
 
 
 def test_the_pyramids_of_the_node_markers_become_what_cameras_on_the_ground_see():
@@ -98,12 +141,18 @@ def test_the_pyramids_of_the_node_markers_become_what_cameras_on_the_ground_see(
     from fcsv_tracking.ros.tracking_markers import gimbal_views, mocap_view
 
     mocap = mocap_view("mocap", (47.0, 43.0))
-    found = ground_views.seen(mocap, transforms.from_xyz_yaw(np.array([1.0, 2.0, 3.0]), math.pi / 2.0))
+    found = ground_views.seen(
+        mocap, transforms.from_xyz_yaw(np.array([1.0, 2.0, 3.0]), math.pi / 2.0)
+    )
     corners = np.array(found.corners_m)
     assert found.gimbal_of == "" and found.eye_m == pytest.approx((1.0, 2.0, 3.0))
-    assert np.ptp(corners[:, 1]) == pytest.approx(0.0, abs=1e-9), "turned to the left it looks along home's y"
+    assert np.ptp(corners[:, 1]) == pytest.approx(0.0, abs=1e-9), (
+        "turned to the left it looks along home's y"
+    )
     reach_m = corners[0, 1] - 2.0
-    assert reach_m > 1.0 and np.ptp(corners[:, 0]) == pytest.approx(2 * reach_m * math.tan(math.radians(47.0 / 2)))
+    assert reach_m > 1.0 and np.ptp(corners[:, 0]) == pytest.approx(
+        2 * reach_m * math.tan(math.radians(47.0 / 2))
+    )
     assert np.ptp(corners[:, 2]) == pytest.approx(2 * reach_m * math.tan(math.radians(43.0 / 2)))
     assert mocap.ns == ground_views.MOCAP
     (gimbal,) = gimbal_views({"uav2": PinholeCamera(600.0, 600.0, 320.0, 240.0, 640, 480)})
@@ -130,19 +179,29 @@ def test_messages_become_facts():
     def convert(topic, message):
         return messages.OF_VEHICLE[topic][1]("uav2", message)
 
-    told = convert("mavros/state", State(connected=True, armed=True, mode="GUIDED", system_status=5))
+    told = convert(
+        "mavros/state", State(connected=True, armed=True, mode="GUIDED", system_status=5)
+    )
     assert told == facts.AutopilotState("uav2", True, True, "GUIDED", 5)
     assert math.isnan(convert("mavros/battery", BatteryState(percentage=-0.01)).share)
     pose = PoseWithCovarianceStamped()
-    pose.pose.pose = conversions.transform_to_pose(camera_place(StereoConfiguration("horizontal", 4.0, 10.0)))
+    pose.pose.pose = conversions.transform_to_pose(
+        camera_place(StereoConfiguration("horizontal", 4.0, 10.0))
+    )
     seen = convert("camera_pose", pose)
-    assert seen.p_home_m == pytest.approx((0.0, -4.0, 0.0)) and seen.heading_rad == pytest.approx(math.radians(10.0))
+    assert seen.p_home_m == pytest.approx((0.0, -4.0, 0.0)) and seen.heading_rad == pytest.approx(
+        math.radians(10.0)
+    )
     assert seen.pitch_rad == pytest.approx(0.0)
     odometry = Odometry()
-    odometry.pose.pose = conversions.transform_to_pose(transforms.from_xyz_yaw((1.0, 2.0, 3.0), -0.5))
+    odometry.pose.pose = conversions.transform_to_pose(
+        transforms.from_xyz_yaw((1.0, 2.0, 3.0), -0.5)
+    )
     assert convert("odometry/state", odometry).yaw_rad == pytest.approx(-0.5)
     picture = CompressedImage(format="jpeg", data=b"\xff\xd8\xff")
-    assert convert("camera/color/image_raw/compressed", picture) == facts.PictureHeard("uav2", 0.0, b"\xff\xd8\xff")
+    assert convert("camera/color/image_raw/compressed", picture) == facts.PictureHeard(
+        "uav2", 0.0, b"\xff\xd8\xff"
+    )
 
 
 def test_a_picture_as_a_vehicle_records_it_is_shown_like_one_that_crossed_the_radio():
@@ -157,10 +216,15 @@ def test_a_picture_as_a_vehicle_records_it_is_shown_like_one_that_crossed_the_ra
     image = Image(height=2, width=3, encoding="rgb8", step=9, data=bytes([200, 100, 50] * 6))
     told = convert("uav2", image)
     shown = cv2.imdecode(np.frombuffer(told.data, np.uint8), cv2.IMREAD_COLOR)
-    assert shown.shape == (2, 3, 3) and np.abs(shown.astype(int) - (50, 100, 200)).max() < 12, "JPEG"
+    assert shown.shape == (2, 3, 3) and np.abs(shown.astype(int) - (50, 100, 200)).max() < 12, (
+        "JPEG"
+    )
     with pytest.raises(FcsvError, match="13UC5"):
         convert("uav2", Image(height=2, width=3, encoding="13UC5", step=9, data=bytes(18)))
-    assert topic in Hearing(["uav2"], recorded=True)._of_vehicle and topic not in Hearing(["uav2"])._of_vehicle
+    assert (
+        topic in Hearing(["uav2"], recorded=True)._of_vehicle
+        and topic not in Hearing(["uav2"])._of_vehicle
+    )
 
 
 def test_a_message_that_cannot_be_read_is_told_and_nothing_else():
@@ -174,10 +238,15 @@ def test_a_message_that_cannot_be_read_is_told_and_nothing_else():
     nan = PoseWithCovarianceStamped()
     nan.pose.pose.position.x = math.nan
     picture = CompressedImage(format="h265", data=b"\0\0")
-    bad = ("camera_pose", nan), ("camera_pose", PoseWithCovarianceStamped()), (
-        "camera/color/image_raw/compressed", picture)  # fmt: skip
+    bad = (
+        ("camera_pose", nan),
+        ("camera_pose", PoseWithCovarianceStamped()),
+        ("camera/color/image_raw/compressed", picture),
+    )
     for topic, message in bad:
-        hearing._keep(lambda t=topic, m=message: [messages.OF_VEHICLE[t][1]("uav2", m)], "uav2", topic)
+        hearing._keep(
+            lambda t=topic, m=message: [messages.OF_VEHICLE[t][1]("uav2", m)], "uav2", topic
+        )
     told = [fact for _, fact in hearing.take()]
     assert [type(fact) for fact in told] == [facts.Unusable] * 3 and "h265" in told[2].why
     c = Console(["uav1", "uav2"])
@@ -192,8 +261,12 @@ def test_links_of_the_relay_become_radios():
     from fcsv_console.ros import messages
 
     values = [KeyValue("round_trip_s", "0.0062"), KeyValue("in_loss", "-")]
-    array = DiagnosticArray(status=[DiagnosticStatus(name="link control-uav1", level=b"\0", values=values),
-                                    DiagnosticStatus(name="other")])  # fmt: skip
+    array = DiagnosticArray(
+        status=[
+            DiagnosticStatus(name="link control-uav1", level=b"\0", values=values),
+            DiagnosticStatus(name="other"),
+        ]
+    )
     (radio,) = messages.radios(array)
     assert radio.vehicle == "uav1" and radio.round_trip_s == 0.0062 and math.isnan(radio.loss)
 
@@ -224,10 +297,18 @@ def test_a_master_that_comes_back_is_told_of_everything_again(monkeypatch):
 
 def run_status(*arguments):
     """The command as a process, on no master: nothing listens on port 1."""
-    command = "import sys; from fcsv_console.ros.status_command import main; sys.exit(main(sys.argv[1:]))"
+    command = (
+        "import sys; from fcsv_console.ros.status_command import main; sys.exit(main(sys.argv[1:]))"
+    )
     env = dict(os.environ, ROS_MASTER_URI="http://127.0.0.1:1")
-    return subprocess.run([sys.executable, "-c", command, *arguments], env=env, capture_output=True, text=True,
-                          timeout=60, stdin=subprocess.DEVNULL)  # fmt: skip
+    return subprocess.run(
+        [sys.executable, "-c", command, *arguments],
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        stdin=subprocess.DEVNULL,
+    )
 
 
 def test_without_a_master_it_says_so_and_ends():
@@ -238,7 +319,9 @@ def test_without_a_master_it_says_so_and_ends():
 
 def test_a_vehicle_without_a_file_is_named():
     done = run_status("--once", "--vehicles", "uav9")
-    assert done.returncode == 2 and done.stderr.startswith("status: ") and "uav9.yaml" in done.stderr
+    assert (
+        done.returncode == 2 and done.stderr.startswith("status: ") and "uav9.yaml" in done.stderr
+    )
 
 
 class Shell:
@@ -259,7 +342,10 @@ def test_keys_are_capital_letters_and_what_is_not_enabled_is_told_and_not_sent()
     for key in ("s", "l", "p", "x", "", "S", "L", "P"):
         press(shell, key)
     assert shell.did == ["stop_all", "land"]
-    assert shell.view().events[-1].answer == "not now: the mission node is not heard: start it, or mend its file"
+    assert (
+        shell.view().events[-1].answer
+        == "not now: the mission node is not heard: start it, or mend its file"
+    )
 
 
 def test_the_terminal_resumes_what_is_paused_and_hands_nobody_over():

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The console's view-model: what is shown, what is enabled and why not, and that bad input never ends it."""
+"""The console's view-model: what is shown, what is enabled and why not, and that bad input never
+ends it."""
 
 import dataclasses
 import doctest
@@ -74,28 +75,60 @@ def row(c, now_s, name="uav2"):
     return next(v for v in c.view(now_s).vehicles if v.name == name)
 
 
-@pytest.mark.parametrize("name", ["hearing", "events", "air", "mission_file", "actions", "soundness", "above_view",
-                                  "rehearsal", "planning", "poses", "goals", "looking", "ground_views",
-                                  "mission_folder", "bags", "chronicle", "phases_told", "what_next"])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    [
+        "hearing",
+        "events",
+        "air",
+        "mission_file",
+        "actions",
+        "soundness",
+        "above_view",
+        "rehearsal",
+        "planning",
+        "poses",
+        "goals",
+        "looking",
+        "ground_views",
+        "mission_folder",
+        "bags",
+        "chronicle",
+        "phases_told",
+        "what_next",
+    ],
+)
 def test_examples_in_the_modules_hold(name):
     done = doctest.testmod(importlib.import_module(f"fcsv_console.model.{name}"))
     assert done.attempted and not done.failed
 
 
-# ---- who flies ---------------------------------------------------------------------------------------------------
+# ---- who flies -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("state, guardian, who, words", [
-    (("GUIDED", True, 4), {}, MISSION, "mission"),
-    (("LOITER", True, 4), {}, PILOT, "pilot, LOITER"),
-    (("GUIDED", True, 4), {"holds": True, "action": "hold", "reasons": ("the poses stopped",)}, GUARDIAN,
-     "guardian: hold: the poses stopped"),
-    (("LAND", True, 5), {}, FAILSAFE, "the autopilot's failsafe, LAND"),
-    (("RTL", True, 4), {}, FAILSAFE, "RTL: by the autopilot or the pilot"),
-    (("LAND", True, 4), {"uncontrolled": True}, FAILSAFE, "COMES DOWN WITHOUT A POSITION: keep away"),
-    (("LAND", True, 4), {"taken": True}, PILOT, "pilot, LAND"),
-    (("STABILIZE", False, 3), {}, NOBODY, "on the ground, motors off"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "state, guardian, who, words",
+    [
+        (("GUIDED", True, 4), {}, MISSION, "mission"),
+        (("LOITER", True, 4), {}, PILOT, "pilot, LOITER"),
+        (
+            ("GUIDED", True, 4),
+            {"holds": True, "action": "hold", "reasons": ("the poses stopped",)},
+            GUARDIAN,
+            "guardian: hold: the poses stopped",
+        ),
+        (("LAND", True, 5), {}, FAILSAFE, "the autopilot's failsafe, LAND"),
+        (("RTL", True, 4), {}, FAILSAFE, "RTL: by the autopilot or the pilot"),
+        (
+            ("LAND", True, 4),
+            {"uncontrolled": True},
+            FAILSAFE,
+            "COMES DOWN WITHOUT A POSITION: keep away",
+        ),
+        (("LAND", True, 4), {"taken": True}, PILOT, "pilot, LAND"),
+        (("STABILIZE", False, 3), {}, NOBODY, "on the ground, motors off"),
+    ],
+)
 def test_who_flies_is_said_in_words(state, guardian, who, words):
     c = flying(console(), 10.0)
     mode, armed, status = state
@@ -130,17 +163,25 @@ def test_an_agent_that_was_not_heard_yet_is_told_from_one_that_fell_silent():
             assert row(c, 10.1).flier.words == "GUIDED, its agent is not heard yet"
             c.tell(10.2, facts.Agent("uav2", "mission-1"))
             assert row(c, 10.3).flier.words == "mission"
-    assert (row(c, 11.9).flier.who, row(c, 11.9).flier.words) == (UNKNOWN, "GUIDED, its agent is not heard for 1.7 s")
+    assert (row(c, 11.9).flier.who, row(c, 11.9).flier.words) == (
+        UNKNOWN,
+        "GUIDED, its agent is not heard for 1.7 s",
+    )
 
 
-# ---- ages --------------------------------------------------------------------------------------------------------
+# ---- ages ----------------------------------------------------------------------------------------
 
 
 def test_a_vehicle_that_vanishes_is_stale_within_a_second_and_comes_back():
     c = flying(console(), 10.0)
     assert not row(c, 10.9).pose.stale and not row(c, 10.9).state.stale
     late = row(c, 11.1)
-    assert late.pose.stale and late.place.stale and late.heard.stale and late.connection == "NOT HEARD for 1.1 s"
+    assert (
+        late.pose.stale
+        and late.place.stale
+        and late.heard.stale
+        and late.connection == "NOT HEARD for 1.1 s"
+    )
     assert late.flier.who == UNKNOWN and late.flier.words == "not heard for 1.1 s (was GUIDED)"
     assert late.mode == "GUIDED" and late.armed, "what was known stays readable"
     assert row(flying(c, 20.0), 20.1).flier.who == MISSION
@@ -168,7 +209,8 @@ def test_what_comes_often_is_stale_within_a_second_and_one_lost_message_is_no_al
     for k in range(300):
         at_s = 10.0 + k / 30.0
         c.tell(at_s, facts.OdometryHeard("uav2", (0.0, 0.0, 8.0)))
-        if k % 12 == 0 and k not in (120, 204) and k <= 240:  # every 0.4 s until 18.0 s, two of them lost
+        # every 0.4 s until 18.0 s, two of them lost
+        if k % 12 == 0 and k not in (120, 204) and k <= 240:
             c.tell(at_s, facts.AutopilotState("uav2", True, True, "GUIDED"))
             c.tell(at_s, facts.PictureHeard("uav2", at_s))
         if k <= 240:
@@ -195,7 +237,7 @@ def test_messages_that_were_held_up_and_come_at_once_are_no_high_rate():
     assert h.at(10.02).rate_hz == pytest.approx(4.0)
 
 
-# ---- actions -----------------------------------------------------------------------------------------------------
+# ---- actions -------------------------------------------------------------------------------------
 
 
 def why(c, now_s, name):
@@ -210,20 +252,26 @@ def test_stop_all_can_always_be_asked_for():
     assert not flying(c, 1.0).view(1.0).actions["stop_all"].why_not
 
 
-@pytest.mark.parametrize("phase, waits_for, enabled", [
-    ("WAIT_VEHICLES", "", {"abort", "record"}),
-    ("COLUMN", "calibrate", {"abort", "record", "calibrate"}),
-    ("MOVE_HOME", "set_home", {"abort", "record", "set_home"}),
-    ("SET_HOME", "execute", {"abort", "record", "hand_over", "execute"}),
-    ("CONFIGURATIONS", "", {"abort", "pause", "skip", "repeat", "next", "previous"}),
-    ("CONFIGURATIONS", "resume", {"abort", "skip", "repeat", "next", "previous", "hand_over"}),
-    ("LAND", "", {"abort", "record"}),
-    ("DONE", "", {"record"}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "phase, waits_for, enabled",
+    [
+        ("WAIT_VEHICLES", "", {"abort", "record"}),
+        ("COLUMN", "calibrate", {"abort", "record", "calibrate"}),
+        ("MOVE_HOME", "set_home", {"abort", "record", "set_home"}),
+        ("SET_HOME", "execute", {"abort", "record", "hand_over", "execute"}),
+        ("CONFIGURATIONS", "", {"abort", "pause", "skip", "repeat", "next", "previous"}),
+        ("CONFIGURATIONS", "resume", {"abort", "skip", "repeat", "next", "previous", "hand_over"}),
+        ("LAND", "", {"abort", "record"}),
+        ("DONE", "", {"record"}),
+    ],
+)
 def test_what_is_enabled_in_each_phase(phase, waits_for, enabled):
     view = flying(rehearsed(console()), 10.0, phase, waits_for).view(10.1)
     at_the_desk = set() if phase == "CONFIGURATIONS" else {"rehearse"}
-    assert {n for n, a in view.actions.items() if a.enabled} == enabled | at_the_desk | {"stop_all", "land"}
+    assert {n for n, a in view.actions.items() if a.enabled} == enabled | at_the_desk | {
+        "stop_all",
+        "land",
+    }
     assert all(a.why_not for a in view.actions.values() if not a.enabled)
 
 
@@ -237,28 +285,52 @@ def test_the_reason_says_what_is_missing():
     assert why(c, 18.0, "skip") == "it is for vehicles that fly the list; this is COLUMN"
 
 
-@pytest.mark.parametrize("state, accepted, first, again", [
-    (State.RED, False, "flight check: uav1 battery RED", "flight check: uav1 battery RED"),
-    (State.UNKNOWN, False, "flight check: uav1 battery unknown", "flight check: uav1 battery unknown"),
-    (State.AMBER, False, "flight check: uav1 battery amber", ""),
-    (State.AMBER, True, "", ""),
-])  # fmt: skip
-def test_guided_is_locked_by_the_flight_check_as_the_mission_locks_it(state, accepted, first, again):
+@pytest.mark.parametrize(
+    "state, accepted, first, again",
+    [
+        (State.RED, False, "flight check: uav1 battery RED", "flight check: uav1 battery RED"),
+        (
+            State.UNKNOWN,
+            False,
+            "flight check: uav1 battery unknown",
+            "flight check: uav1 battery unknown",
+        ),
+        (State.AMBER, False, "flight check: uav1 battery amber", ""),
+        (State.AMBER, True, "", ""),
+    ],
+)
+def test_guided_is_locked_by_the_flight_check_as_the_mission_locks_it(
+    state, accepted, first, again
+):
     line = Line("uav1", "battery", state, "31 %", accepted=accepted)
-    assert why(flying(rehearsed(console()), 10.0, "SET_HOME", "execute", [line]), 10.1, "hand_over") == first
-    assert why(flying(console(), 10.0, "CONFIGURATIONS", "resume", [line]), 10.1, "hand_over") == again
+    assert (
+        why(flying(rehearsed(console()), 10.0, "SET_HOME", "execute", [line]), 10.1, "hand_over")
+        == first
+    )
+    assert (
+        why(flying(console(), 10.0, "CONFIGURATIONS", "resume", [line]), 10.1, "hand_over") == again
+    )
 
 
 def test_a_flight_check_that_is_not_heard_locks():
     c = flying(console(), 10.0, "SET_HOME", "execute")
     c.tell(15.0, facts.MissionAlive())
-    assert why(c, 15.0, "execute") == "the flight check is not heard" and c.view(15.0).check_state is State.UNKNOWN
+    assert (
+        why(c, 15.0, "execute") == "the flight check is not heard"
+        and c.view(15.0).check_state is State.UNKNOWN
+    )
 
 
 def test_only_amber_lines_are_accepted():
     assert actions.accept(Line("uav1", "battery", State.AMBER, "")).enabled
-    assert actions.accept(Line("uav1", "battery", State.RED, "")).why_not == "it is RED: only amber lines are accepted"
-    assert actions.accept(Line("uav1", "battery", State.AMBER, "", accepted=True)).why_not == "it is accepted"
+    assert (
+        actions.accept(Line("uav1", "battery", State.RED, "")).why_not
+        == "it is RED: only amber lines are accepted"
+    )
+    assert (
+        actions.accept(Line("uav1", "battery", State.AMBER, "", accepted=True)).why_not
+        == "it is accepted"
+    )
 
 
 def test_what_was_asked_for_is_not_asked_twice_and_its_answer_is_kept():
@@ -267,9 +339,15 @@ def test_what_was_asked_for_is_not_asked_twice_and_its_answer_is_kept():
     assert why(c, 10.1, "pause").startswith("it was asked for")
     c.answer(number, "done: pause", True)
     assert not why(c, 10.2, "pause")
-    assert [(e.who, e.what, e.answer) for e in c.log.events][-1] == ("operator", "pause", "done: pause")
+    assert [(e.who, e.what, e.answer) for e in c.log.events][-1] == (
+        "operator",
+        "pause",
+        "done: pause",
+    )
     c.ask(10.3, "skip")
-    assert why(flying(c, 20.5), 20.5, "skip") == "", "an answer that never comes blocks for ten seconds at most"
+    assert why(flying(c, 20.5), 20.5, "skip") == "", (
+        "an answer that never comes blocks for ten seconds at most"
+    )
 
 
 def test_land_is_for_vehicles_that_fly():
@@ -280,7 +358,7 @@ def test_land_is_for_vehicles_that_fly():
     assert why(c, 1.1, "land") == "all stand with their motors off" and not why(c, 3.0, "land")
 
 
-# ---- configurations ----------------------------------------------------------------------------------------------
+# ---- configurations ------------------------------------------------------------------------------
 
 
 def test_configurations_have_their_range_and_error_by_the_equations():
@@ -288,29 +366,44 @@ def test_configurations_have_their_range_and_error_by_the_equations():
     assert len(f.rows) == 8 and f.error is None
     for r in f.rows:
         z_m = farthest(r.baseline_m, 602.0, ErrorThreshold(0.1, True))
-        assert r.farthest_m == pytest.approx(z_m) and r.error_m == pytest.approx(depth_error(z_m, r.baseline_m, 602.0))
+        assert r.farthest_m == pytest.approx(z_m) and r.error_m == pytest.approx(
+            depth_error(z_m, r.baseline_m, 602.0)
+        )
     assert f.rows[0].goal_m == (0.0, -2.0, 0.0) and f.rows[5].goal_m == (0.0, 0.0, 5.0)
 
 
-@pytest.mark.parametrize("text, words", [
-    ("name: a\nconfigurations:\n  - {axis: horizontal, baseline_m: 2.0}\n  - axis: up\n    baseline_m: 3.0\n",
-     "line 4: configurations[1].axis: 'up' is not one of horizontal, vertical"),
-    ("name: a\nconfigurations:\n  - {axis: horizontal, baseline_m: 2.0}\n  -\n    axis: vertical\n    baseline_m: 3.0\n"
-     "    tilt_deg: 4\n", "line 7: configurations[1].tilt_deg: a hovering multirotor cannot pitch a fixed camera; set "
-     "it to 0 for vertical"),
-    ("name: a\nheight: 3\n", "line 2: height: is not known"),
-    ("name: a\n", "configurations: is missing"),
-    ("name: [a\n", "line 2: not YAML: expected ',' or ']', but got '<stream end>'"),
-    ("", "must be a mapping"),
-    ("name: a\nconfigurations: [{axis: horizontal, baseline_m: .nan}]\n", "line 2: configurations[0].baseline_m: "
-     "must be finite, got nan"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        (
+            "name: a\nconfigurations:\n  - {axis: horizontal, baseline_m: 2.0}\n  - axis: up\n    baseline_m: 3.0\n",
+            "line 4: configurations[1].axis: 'up' is not one of horizontal, vertical",
+        ),
+        (
+            "name: a\nconfigurations:\n  - {axis: horizontal, baseline_m: 2.0}\n"
+            "  -\n    axis: vertical\n    baseline_m: 3.0\n"
+            "    tilt_deg: 4\n",
+            "line 7: configurations[1].tilt_deg: a hovering multirotor cannot pitch a fixed camera; set "
+            "it to 0 for vertical",
+        ),
+        ("name: a\nheight: 3\n", "line 2: height: is not known"),
+        ("name: a\n", "configurations: is missing"),
+        ("name: [a\n", "line 2: not YAML: expected ',' or ']', but got '<stream end>'"),
+        ("", "must be a mapping"),
+        (
+            "name: a\nconfigurations: [{axis: horizontal, baseline_m: .nan}]\n",
+            "line 2: configurations[0].baseline_m: must be finite, got nan",
+        ),
+    ],
+)
 def test_an_error_in_a_mission_file_is_named_with_its_line(text, words):
     f = mission_file.parse(text)
     assert f.mission is None and words in f.error.words
     c = console()
     c.edit(text)
-    assert any(words in p for p in c.view(0.0).problems) and not c.view(0.0).vehicles[0].battery_enough
+    assert (
+        any(words in p for p in c.view(0.0).problems) and not c.view(0.0).vehicles[0].battery_enough
+    )
 
 
 def test_a_sweep_is_shown_as_a_way_that_is_not_dragged():
@@ -318,8 +411,14 @@ def test_a_sweep_is_shown_as_a_way_that_is_not_dragged():
     c.load(OUTDOOR.with_name("sweep.yaml"))
     side, up = c.file.rows
     assert (side.way_m, up.way_m[1]) == (((0.0, -8.0, 0.0), (0.0, -2.0, 0.0)), (0.0, -2.0, 7.0))
-    assert [cell.text for cell in cells.configuration_cells(side, False)][1:4] == ["hor. 8 to 2 m", "0°", "0+5 s"]
-    assert mission_file.seconds_left(c.file, 0) == pytest.approx(5.2 + 1.0 + 5.0 + 1.0 + 6.2, abs=1.0)
+    assert [cell.text for cell in cells.configuration_cells(side, False)][1:4] == [
+        "hor. 8 to 2 m",
+        "0°",
+        "0+5 s",
+    ]
+    assert mission_file.seconds_left(c.file, 0) == pytest.approx(
+        5.2 + 1.0 + 5.0 + 1.0 + 6.2, abs=1.0
+    )
     scale = above_view.Scale(400, 400, 20.0)
     assert above_view.picked(c.file.rows, scale, *scale.to_px(0.0, -8.0)) is None
 
@@ -337,8 +436,8 @@ def test_no_text_of_a_mission_file_raises(text):
 
 
 def test_battery_is_compared_with_what_is_left_of_the_mission():
-    """outdoor.yaml: 900 s of endurance, 20 % kept; 0.8 leaves 540 s. The list needs less than that and more than its
-    recordings (8 times 5 s)."""
+    """outdoor.yaml: 900 s of endurance, 20 % kept; 0.8 leaves 540 s. The list needs less than that
+    and more than its recordings (8 times 5 s)."""
     c = flying(console(), 10.0, configuration=0)
     v = row(c, 10.1)
     assert v.endurance_s == pytest.approx(540.0) and 40.0 < v.needed_s < 540.0 and v.battery_enough
@@ -350,7 +449,7 @@ def test_battery_is_compared_with_what_is_left_of_the_mission():
     assert row(c, 20.2).battery_enough is None
 
 
-# ---- how far it is -----------------------------------------------------------------------------------------------
+# ---- how far it is -------------------------------------------------------------------------------
 
 
 def doing(c, now_s, stage, configuration=1, detail="", **more):
@@ -365,12 +464,19 @@ def test_progress_goes_on_within_the_running_configuration():
     assert doing(c, 10.0, MOVES).progress == pytest.approx(1 / 8)
     doing(c, 20.0, HOLDS)
     view = c.view(20.0 + 0.5 * hold_s)
-    assert view.progress == pytest.approx((1 + 0.5 * hold_s / (hold_s + record_s)) / 8) and "held" in view.headline
+    assert (
+        view.progress == pytest.approx((1 + 0.5 * hold_s / (hold_s + record_s)) / 8)
+        and "held" in view.headline
+    )
     doing(c, 30.0, RECORDS)
     view = doing(c, 30.0 + 0.5 * record_s, RECORDS, detail="recording horizontal 4 m")
     assert view.progress == pytest.approx((1 + (hold_s + 0.5 * record_s) / (hold_s + record_s)) / 8)
-    assert view.headline == f"2 of 8: recording horizontal 4 m, {0.5 * record_s:.0f} of {record_s:g} s"
-    assert doing(c, 99.0, RECORDS).progress == pytest.approx(2 / 8), "late: no more than the file says"
+    assert (
+        view.headline == f"2 of 8: recording horizontal 4 m, {0.5 * record_s:.0f} of {record_s:g} s"
+    )
+    assert doing(c, 99.0, RECORDS).progress == pytest.approx(2 / 8), (
+        "late: no more than the file says"
+    )
     assert doing(c, 100.0, MOVES, 2).progress == pytest.approx(2 / 8)
 
 
@@ -379,17 +485,33 @@ def test_a_pause_takes_nothing_of_the_progress_and_says_what_ends_it():
     hold_s, record_s = c.file.rows[1].settle_s, c.file.rows[1].record_s
     doing(c, 10.0, RECORDS)
     before = c.view(10.0 + 0.5 * record_s).progress
-    paused = doing(c, 20.0, MOVES, detail="recording horizontal 4 m", waits_for="resume",
-                   problems=("paused by the operator",))  # fmt: skip
-    assert paused.headline == "PAUSED: paused by the operator. Resume is locked: the flight check is not heard"
+    paused = doing(
+        c,
+        20.0,
+        MOVES,
+        detail="recording horizontal 4 m",
+        waits_for="resume",
+        problems=("paused by the operator",),
+    )
+    assert (
+        paused.headline
+        == "PAUSED: paused by the operator. Resume is locked: the flight check is not heard"
+    )
     c.tell(20.0, facts.Check(GREEN))
     assert c.view(20.0).headline == "PAUSED: paused by the operator. Resume goes on"
-    assert paused.progress == before == pytest.approx((1 + (hold_s + 0.5 * record_s) / (hold_s + record_s)) / 8)
+    assert (
+        paused.progress
+        == before
+        == pytest.approx((1 + (hold_s + 0.5 * record_s) / (hold_s + record_s)) / 8)
+    )
     assert paused.actions["hand_over"].title == "Resume" and paused.actions["hand_over"].key == "G"
     assert "Resume" in paused.actions["pause"].why_not
     again = doing(c, 30.0, RECORDS)
     assert again.progress == before and again.actions["hand_over"].title == "Hand over"
-    assert doing(c, 40.0, MOVES, problems=("uav2 is not heard",)).headline == "PAUSED: uav2 is not heard"
+    assert (
+        doing(c, 40.0, MOVES, problems=("uav2 is not heard",)).headline
+        == "PAUSED: uav2 is not heard"
+    )
 
 
 def test_a_list_that_was_flown_is_shown_as_flown_while_all_land():
@@ -399,10 +521,14 @@ def test_a_list_that_was_flown_is_shown_as_flown_while_all_land():
     assert doing(c, 100.0, "", 7, "all configurations flown", phase="LAND").progress == 1.0
     assert doing(c, 101.0, MOVES, 0).progress == 0.0, "another flight"
     late = console()
-    assert doing(late, 100.0, "", 7, "all configurations flown", phase="LAND").progress == 1.0, "it saw nothing else"
+    assert doing(late, 100.0, "", 7, "all configurations flown", phase="LAND").progress == 1.0, (
+        "it saw nothing else"
+    )
     c = console()
     doing(c, 10.0, MOVES, 7)
-    assert doing(c, 11.0, "", 7, "aborted by the operator", phase="LAND").progress == pytest.approx(7 / 8)
+    assert doing(c, 11.0, "", 7, "aborted by the operator", phase="LAND").progress == pytest.approx(
+        7 / 8
+    )
 
 
 def test_a_hold_is_told_as_exactly_as_its_bound():
@@ -419,7 +545,7 @@ def test_a_recording_that_was_interrupted_begins_anew():
     assert doing(c, 20.0, RECORDS).stage.words.startswith("0 of")
 
 
-# ---- stereo and air ----------------------------------------------------------------------------------------------
+# ---- stereo and air ------------------------------------------------------------------------------
 
 
 def test_stereo_health_says_go_and_why_not():
@@ -436,7 +562,8 @@ def test_stereo_health_says_go_and_why_not():
 
 
 def recorded(c, begin_s, late_s, count=10, vehicle="uav2"):
-    """Pictures of a recording, five a second, uav2's ``late_s`` later; the radio brings some of uav1's last."""
+    """Pictures of a recording, five a second, uav2's ``late_s`` later; the radio brings some of
+    uav1's last."""
     for k in range(count):
         now_s = begin_s + 0.2 * k
         doing(c, now_s, RECORDS)
@@ -446,7 +573,8 @@ def recorded(c, begin_s, late_s, count=10, vehicle="uav2"):
 
 
 def test_a_recording_is_judged_by_the_pictures_that_the_map_takes():
-    """One pair that is late, as before its first picture of one instant, decides nothing; a whole recording does."""
+    """One pair that is late, as before its first picture of one instant, decides nothing; a whole
+    recording does."""
     c = flying(console(), 10.0)
     c.tell(19.9, facts.Captured("uav2", 19.7))
     now_s = recorded(c, 20.0, 0.004)
@@ -461,7 +589,8 @@ def test_a_recording_is_judged_by_the_pictures_that_the_map_takes():
 
 
 def test_the_first_pictures_of_a_recording_that_come_late_are_no_verdict():
-    """As flown: one picture of the time before arrives once it records; held for 3 s that was a NO-GO for all of it."""
+    """As flown: one picture of the time before arrives once it records; held for 3 s that was a
+    NO-GO for all of it."""
     c = Console(["uav1", "uav2"], {"uav1": 1, "uav2": 2}, normal_s=0.0)
     c.load(OUTDOOR)
     flying(c, 19.0)
@@ -507,7 +636,9 @@ def test_who_goes_back_to_the_column_is_no_bad_pair():
     c.tell(10.1, facts.CameraInHome("uav2", (-2.0, -1.0, 0.0), 0.0))
     assert "NO-GO" in c.view(10.1).stereo.words
     assert doing(c, 10.1, GOES_BACK).stereo.words == "stereo: no configuration is flown"
-    assert doing(c, 10.1, TURNS).stereo.words == "stereo: no configuration is flown", "who looks round looks elsewhere"
+    assert doing(c, 10.1, TURNS).stereo.words == "stereo: no configuration is flown", (
+        "who looks round looks elsewhere"
+    )
 
 
 def test_too_near_a_target_has_too_little_overlap():
@@ -518,11 +649,16 @@ def test_too_near_a_target_has_too_little_overlap():
     assert "of the picture is seen by both at 12 m" in h.words and not h.go
 
 
-@pytest.mark.parametrize("axis, place", [("horizontal", (0.0, -4.0, 0.0)), ("vertical", (0.0, 0.0, 4.0))])
+@pytest.mark.parametrize(
+    "axis, place", [("horizontal", (0.0, -4.0, 0.0)), ("vertical", (0.0, 0.0, 4.0))]
+)
 def test_overlap_of_flown_poses_at_the_planned_places_is_the_plans(axis, place):
     """The plan's closed form along one axis against 48 x 36 pixels that are asked."""
     optics, z_m = mission_file.Optics(), 40.0
-    front, moving = facts.CameraInHome("uav1", (0.0, 0.0, 0.0), 0.0), facts.CameraInHome("uav2", place, 0.0)
+    front, moving = (
+        facts.CameraInHome("uav1", (0.0, 0.0, 0.0), 0.0),
+        facts.CameraInHome("uav2", place, 0.0),
+    )
     shared = looking.seen_by_both(front, moving, z_m, optics)
     size = optics.width if axis == "horizontal" else optics.height
     assert shared == pytest.approx(1.0 - 4.0 * optics.focal_px / z_m / size, abs=1.0 / 36)
@@ -531,7 +667,10 @@ def test_overlap_of_flown_poses_at_the_planned_places_is_the_plans(axis, place):
 def test_lean_is_shown_and_a_camera_that_looks_elsewhere_takes_the_overlap():
     c = flying(console(), 10.0)
     level = c.view(10.1).stereo
-    c.tell(10.1, facts.CameraInHome("uav2", (0.0, -4.0, 0.0), 0.0, math.radians(4.0), math.radians(8.0)))
+    c.tell(
+        10.1,
+        facts.CameraInHome("uav2", (0.0, -4.0, 0.0), 0.0, math.radians(4.0), math.radians(8.0)),
+    )
     h = c.view(10.1).stereo
     assert h.go and (h.turn_deg, h.pitch_deg, h.roll_deg) == pytest.approx((0.0, 4.0, 8.0))
     assert h.overlap < level.overlap - 0.02
@@ -551,7 +690,10 @@ def before(c, now_s, **told):
 
 def test_stereo_health_is_known_before_the_first_recording():
     h = before(console(), 10.0).view(10.1).stereo
-    assert not h.judged and h.words == "stereo: no epipolar error yet: no home, or too little in common"
+    assert (
+        not h.judged
+        and h.words == "stereo: no epipolar error yet: no home, or too little in common"
+    )
     assert h.pair == ("uav1", "uav2") and h.skew_s == pytest.approx(0.0)
     c = before(console(), 10.0, uav2=0.012)
     c.tell(10.0, facts.EpipolarTold(("uav1", "uav2"), 2.5, 80))
@@ -561,7 +703,9 @@ def test_stereo_health_is_known_before_the_first_recording():
     c.tell(10.1, facts.EpipolarTold(("uav1", "uav2"), 30.0, 80))
     c.tell(10.1, facts.Clock("uav2", 0.25, 0.001))
     before(c, 11.0, uav2=0.012)
-    words = "no two pictures are of one instant: 238 ms apart; pictures and places disagree by 30 px"
+    words = (
+        "no two pictures are of one instant: 238 ms apart; pictures and places disagree by 30 px"
+    )
     assert c.view(11.1).stereo.words == f"NO-GO: {words} across the epipolar lines"
 
 
@@ -575,7 +719,8 @@ def test_before_the_first_recording_silent_pictures_are_not_known():
 
 
 def test_skew_is_between_pictures_of_the_same_moment_whichever_came_first():
-    """uav1's picture of the next second is here already: it is not compared with uav2's of the one before."""
+    """uav1's picture of the next second is here already: it is not compared with uav2's of the one
+    before."""
     c = console()
     for k in range(3):
         before(c, 10.0 + k, uav2=0.012)
@@ -605,7 +750,10 @@ def test_the_scripted_flight_of_the_pictures_in_the_docs_is_in_good_order():
     samples.flying(c)
     rows = dict(cells.vehicle_rows(c.view(samples.NOW_S)))
     assert not [
-        (name, cell.text) for name, found in rows.items() for cell in found if cell.tone in (cells.CARE, cells.BAD)
+        (name, cell.text)
+        for name, found in rows.items()
+        for cell in found
+        if cell.tone in (cells.CARE, cells.BAD)
     ]
 
 
@@ -639,22 +787,33 @@ def test_above_another_and_where_it_would_come_down():
 def test_who_is_above_is_never_beneath(places):
     named = {f"uav{i}": p for i, p in enumerate(places)}
     for a in air.above(named, SeparationRules(0.95)):
-        assert named[a.upper][2] > named[a.lower][2] and np.hypot(a.down_m[0] - named[a.lower][0],
-                                                                  a.down_m[1] - named[a.lower][1]) < 0.95  # fmt: skip
+        assert (
+            named[a.upper][2] > named[a.lower][2]
+            and np.hypot(a.down_m[0] - named[a.lower][0], a.down_m[1] - named[a.lower][1]) < 0.95
+        )
 
 
-# ---- bad input ---------------------------------------------------------------------------------------------------
+# ---- bad input -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("fact, words", [
-    (facts.OdometryHeard("uav2", (math.nan, 0.0, 0.0)), "uav2 OdometryHeard: p_odom_m holds nan"),
-    (facts.CameraInHome("uav2", (0.0, 0.0, math.inf), 0.0), "p_home_m holds inf"),
-    (facts.CameraInHome("uav2", (0.0, 0.0, 0.0), math.nan), "heading_rad holds nan"),
-    (facts.CameraInHome("uav2", (1e9, 0.0, 0.0), 0.0), "p_home_m"),
-    (facts.Battery("uav2", 7.0), "share is 7, not in 0..1"),
-    (facts.AutopilotState("uav9", True, True, "GUIDED"), "'uav9' is not one of uav1, uav2"),
-    (facts.Unusable("uav2", "camera/color/image_raw", "encoding '13UC5' is not known"), "encoding '13UC5'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "fact, words",
+    [
+        (
+            facts.OdometryHeard("uav2", (math.nan, 0.0, 0.0)),
+            "uav2 OdometryHeard: p_odom_m holds nan",
+        ),
+        (facts.CameraInHome("uav2", (0.0, 0.0, math.inf), 0.0), "p_home_m holds inf"),
+        (facts.CameraInHome("uav2", (0.0, 0.0, 0.0), math.nan), "heading_rad holds nan"),
+        (facts.CameraInHome("uav2", (1e9, 0.0, 0.0), 0.0), "p_home_m"),
+        (facts.Battery("uav2", 7.0), "share is 7, not in 0..1"),
+        (facts.AutopilotState("uav9", True, True, "GUIDED"), "'uav9' is not one of uav1, uav2"),
+        (
+            facts.Unusable("uav2", "camera/color/image_raw", "encoding '13UC5' is not known"),
+            "encoding '13UC5'",
+        ),
+    ],
+)
 def test_bad_input_is_named_and_changes_nothing(fact, words):
     c = flying(console(), 10.0)
     before = row(c, 10.1)
@@ -671,12 +830,18 @@ def test_bad_input_is_named_and_changes_nothing(fact, words):
 def test_no_number_and_no_name_ends_it(number, name):
     c = flying(console(), 10.0)
     for fact in (
-        facts.OdometryHeard(name, (number, number, number)), facts.CameraInHome("uav1", (number,) * 3, number),
-        facts.Battery("uav1", number, number), facts.Clock("uav2", number, number), facts.Captured("uav2", number),
-        facts.Recorder("uav1", True, 0, 0, number), facts.Radio("uav1", number, number), facts.MapTold("x", "", number),
-        facts.MissionTold(name, configuration=10**6, configurations=0), facts.Tags("uav1", (-5,)),
+        facts.OdometryHeard(name, (number, number, number)),
+        facts.CameraInHome("uav1", (number,) * 3, number),
+        facts.Battery("uav1", number, number),
+        facts.Clock("uav2", number, number),
+        facts.Captured("uav2", number),
+        facts.Recorder("uav1", True, 0, 0, number),
+        facts.Radio("uav1", number, number),
+        facts.MapTold("x", "", number),
+        facts.MissionTold(name, configuration=10**6, configurations=0),
+        facts.Tags("uav1", (-5,)),
         facts.Check((Line(name, "x", State.RED, ""),), 1.0),
-    ):  # fmt: skip
+    ):
         c.tell(10.0, fact)
     assert c.view(10.1).vehicles
 
@@ -686,7 +851,7 @@ def test_what_is_not_known_is_no_fault():
     assert not soundness.unsound(facts.Recorder("uav1", False, 0, 0, math.inf))
 
 
-# ---- events ------------------------------------------------------------------------------------------------------
+# ---- events --------------------------------------------------------------------------------------
 
 
 def test_events_are_told_once_and_exported():
@@ -730,32 +895,52 @@ def test_the_epoch_decides_whether_a_calibration_holds():
     assert row(c, 10.3).calibration == "OUTDATED: its odometry began anew"
 
 
-# ---- a window that is opened in flight ---------------------------------------------------------------------------
+# ---- a window that is opened in flight -----------------------------------------------------------
 
 
 def test_a_window_that_is_opened_in_flight_shows_and_can_do_what_the_one_before_could():
-    """It hears what is latched at once and what is streamed a moment later; what was rehearsed is asked for anew."""
+    """It hears what is latched at once and what is streamed a moment later; what was rehearsed is
+    asked for anew."""
     before, after = (rehearsed(flying(console(), 10.0)), flying(console(), 10.0))
     for c, at_s in ((before, 0.0), (after, 10.0)):
         c.tell(at_s, facts.Calibrated((("uav1", 1), ("uav2", 1)), 10.0 - at_s))
         c.tell(at_s, facts.HomeSet("uav1", 10.0 - at_s))
         c.tell(10.0, facts.MissionFlown(c.file.text))
     old, new = before.view(10.1), after.view(10.1)
-    assert (new.headline, new.running, new.progress, new.home_set) == (old.headline, old.running, old.progress, True)
-    assert [(v.flier, v.armed, v.mode) for v in new.vehicles] == [(v.flier, v.armed, v.mode) for v in old.vehicles]
+    assert (new.headline, new.running, new.progress, new.home_set) == (
+        old.headline,
+        old.running,
+        old.progress,
+        True,
+    )
+    assert [(v.flier, v.armed, v.mode) for v in new.vehicles] == [
+        (v.flier, v.armed, v.mode) for v in old.vehicles
+    ]
     assert new.running == 1 and new.vehicles[1].flier.who == MISSION
-    enabled = [{n: a.enabled for n, a in v.actions.items() if n not in ("waive", "rehearse")} for v in (old, new)]
-    assert enabled[0] == enabled[1] and enabled[1]["pause"] and enabled[1]["abort"] and enabled[1]["land"]
+    enabled = [
+        {n: a.enabled for n, a in v.actions.items() if n not in ("waive", "rehearse")}
+        for v in (old, new)
+    ]
+    assert (
+        enabled[0] == enabled[1]
+        and enabled[1]["pause"]
+        and enabled[1]["abort"]
+        and enabled[1]["land"]
+    )
     flying(after, 11.0, waits_for="resume")
-    assert after.view(11.1).actions["hand_over"].enabled, "who holds in flight is never locked by a rehearsal"
+    assert after.view(11.1).actions["hand_over"].enabled, (
+        "who holds in flight is never locked by a rehearsal"
+    )
 
 
-# ---- poses -------------------------------------------------------------------------------------------------------
+# ---- poses ---------------------------------------------------------------------------------------
 
 
 def poses_shown(c, now_s):
     rows = dict(cells.vehicle_rows(c.view(now_s)))
-    return [[cell.text for cell in rows[label]] for label in ("in odometry", "in home", "from others")]
+    return [
+        [cell.text for cell in rows[label]] for label in ("in odometry", "in home", "from others")
+    ]
 
 
 def test_every_vehicle_s_pose_in_its_odometry_in_home_and_against_the_others():
@@ -780,7 +965,7 @@ def test_a_distance_to_a_place_that_is_stale_is_not_told():
     assert poses_shown(c, 12.0)[2] == ["uav2: not known", "uav1: not known"]
 
 
-# ---- what cameras on the ground see ------------------------------------------------------------------------------
+# ---- what cameras on the ground see --------------------------------------------------------------
 
 
 LEVEL = ((2.0, 1.0, 2.0), (2.0, -1.0, 2.0), (2.0, -1.0, 0.0), (2.0, 1.0, 0.0))
@@ -794,7 +979,9 @@ def test_what_cameras_on_the_ground_see_is_shown_as_long_as_it_is_heard():
     mocap, gimbal = c.view(1.0).ground_views
     assert (mocap.words, gimbal.words) == ("mocap", "gimbal of uav2") and gimbal.eye_m == (0.5, 0.0)
     assert sorted(mocap.outline_m) == [(0.0, 0.0), (2.0, -1.0), (2.0, 1.0)]
-    assert [v.words for v in c.view(2.0).ground_views] == ["mocap"], "where the gimbal looks was read 3 s ago"
+    assert [v.words for v in c.view(2.0).ground_views] == ["mocap"], (
+        "where the gimbal looks was read 3 s ago"
+    )
     assert c.view(3.0).ground_views == ()
 
 
@@ -802,7 +989,12 @@ def test_a_camera_that_looks_straight_up_is_a_square_about_its_eye():
     up = tuple((x, y, 4.0) for x, y in ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)))
     c = console()
     c.tell(0.0, facts.SeenFrom("", (0.0, 0.0, 1.0), up))
-    assert sorted(c.view(0.0).ground_views[0].outline_m) == [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)]
+    assert sorted(c.view(0.0).ground_views[0].outline_m) == [
+        (-1.0, -1.0),
+        (-1.0, 1.0),
+        (1.0, -1.0),
+        (1.0, 1.0),
+    ]
 
 
 def test_a_view_with_nan_is_refused_and_the_last_one_stays():
@@ -817,14 +1009,16 @@ def test_a_view_with_nan_is_refused_and_the_last_one_stays():
 def test_the_picture_from_above_holds_all_that_cameras_on_the_ground_see():
     c = console()
     narrow = above_view.fitted(c.view(0.0), 400.0, 400.0)
-    c.tell(0.0, facts.SeenFrom("", (0.0, 0.0, 1.0), tuple((x + 40.0, 9.0 * y, z) for x, y, z in LEVEL)))
+    c.tell(
+        0.0, facts.SeenFrom("", (0.0, 0.0, 1.0), tuple((x + 40.0, 9.0 * y, z) for x, y, z in LEVEL))
+    )
     view = c.view(0.1)
     scale = above_view.fitted(view, 400.0, 400.0)
     assert scale.px_per_m < narrow.px_per_m
     assert all(0.0 <= px <= 400.0 for p in view.ground_views[0].outline_m for px in scale.to_px(*p))
 
 
-# ---- diagnostics -------------------------------------------------------------------------------------------------
+# ---- diagnostics ---------------------------------------------------------------------------------
 
 
 def diagnostics_of(c, now_s, name="uav2"):
@@ -844,14 +1038,23 @@ def test_the_worst_line_of_a_vehicles_diagnostics_is_shown_and_its_end_too():
     c.tell(1.5, facts.Diagnosed("uav2", (("uav2/odometry: health", 1, "slow"), *wrong[1:])))
     assert diagnostics_of(c, 1.6).tone == cells.CARE
     events = [e.what for e in c.view(1.6).events if e.who == "uav2"]
-    assert events == ["ERROR odometry: no poses", "WARN odometry: slow"], "once for each change, with what it is"
+    assert events == ["ERROR odometry: no poses", "WARN odometry: slow"], (
+        "once for each change, with what it is"
+    )
     assert diagnostics_of(c, 14.0) == cells.Cell("not heard for 12.5 s", cells.GONE)
 
 
 @pytest.mark.parametrize("recorded", [True, False])
-def test_what_the_bags_of_a_playback_do_not_have_is_told_and_in_flight_it_is_not_heard(monkeypatch, recorded):
+def test_what_the_bags_of_a_playback_do_not_have_is_told_and_in_flight_it_is_not_heard(
+    monkeypatch, recorded
+):
     hearing_of = pytest.importorskip("fcsv_console.ros.hearing")
-    plays = {"/uav1/mavros/state", "/uav1/clock/offset", "/uav2/mavros/state", "/uav2/diagnostics/worst"}
+    plays = {
+        "/uav1/mavros/state",
+        "/uav1/clock/offset",
+        "/uav2/mavros/state",
+        "/uav2/diagnostics/worst",
+    }
 
     def subscriber(topic, *_args, **_kwargs):
         return SimpleNamespace(get_num_connections=lambda: int(topic in plays))
@@ -865,18 +1068,32 @@ def test_what_the_bags_of_a_playback_do_not_have_is_told_and_in_flight_it_is_not
     c = console()
     for _, fact in hearing.take():
         c.tell(0.0, fact)
-    absent = cells.Cell("not in the bags", cells.QUIET) if recorded else cells.Cell("not heard", cells.GONE)
-    assert diagnostics_of(c, 0.1, "uav1") == absent and diagnostics_of(c, 0.1, "uav2").text == "not heard"
+    absent = (
+        cells.Cell("not in the bags", cells.QUIET)
+        if recorded
+        else cells.Cell("not heard", cells.GONE)
+    )
+    assert (
+        diagnostics_of(c, 0.1, "uav1") == absent
+        and diagnostics_of(c, 0.1, "uav2").text == "not heard"
+    )
     clocks = next(of for label, of in cells.vehicle_rows(c.view(0.1)) if label == "clock")
-    assert [cell.text for cell in clocks] == ["not known", "not in the bags" if recorded else "not known"]
-    assert row(c, 0.1, "uav1").connection == "never heard", "that it is played is no sign of the vehicle's life"
+    assert [cell.text for cell in clocks] == [
+        "not known",
+        "not in the bags" if recorded else "not known",
+    ]
+    assert row(c, 0.1, "uav1").connection == "never heard", (
+        "that it is played is no sign of the vehicle's life"
+    )
 
 
-# ---- what does not flicker ---------------------------------------------------------------------------------------
+# ---- what does not flicker -----------------------------------------------------------------------
 
 
 def judged(go, reason="", pair=("uav1", "uav2")):
-    return StereoHealth(pair, go=go, reasons=(reason,) if reason else (), judged=True, skew_s=0.0 if go else 0.2)
+    return StereoHealth(
+        pair, go=go, reasons=(reason,) if reason else (), judged=True, skew_s=0.0 if go else 0.2
+    )
 
 
 def test_a_verdict_changes_where_the_other_lasts():
@@ -900,7 +1117,9 @@ def test_ten_flickering_recordings_have_one_verdict_each():
 def test_a_diagnosis_that_comes_and_goes_is_one_event():
     c = console()
     for k in range(50):
-        c.tell(10.0 + k, facts.Diagnosed("uav2", (("uav2/tags: health", 1, "slow"),) if k % 2 else ()))
+        c.tell(
+            10.0 + k, facts.Diagnosed("uav2", (("uav2/tags: health", 1, "slow"),) if k % 2 else ())
+        )
     assert [e.what for e in c.view(61.0).events] == ["WARN tags: slow"]
     c.tell(200.0, facts.Diagnosed("uav2"))
     c.tell(201.0, facts.Diagnosed("uav2", (("uav2/tags: health", 1, "slow"),)))
@@ -932,5 +1151,9 @@ def test_a_mission_that_ended_is_not_missed():
     assert view.headline == (
         "DONE: all configurations flown. The flight is over; After [F5] maps what was recorded"
     )
-    assert view.actions["land"].why_not == view.actions["pause"].why_not == "the mission is over (DONE)"
+    assert (
+        view.actions["land"].why_not
+        == view.actions["pause"].why_not
+        == "the mission is over (DONE)"
+    )
     assert view.actions["stop_all"].enabled and not c.view(40.0).recorded

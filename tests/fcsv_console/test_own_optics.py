@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ranges, errors and overlap by the reference's own camera_info, and words that say where none was heard."""
+"""Ranges, errors and overlap by the reference's own camera_info, and words that say where none was
+heard."""
 
 import math
 
@@ -32,7 +33,9 @@ def far_m(baseline_m, focal_px):
 def test_until_camera_info_is_heard_the_usual_camera_counts_and_it_is_said():
     c = console()
     assert c.file.rows[0].farthest_m == pytest.approx(far_m(4.0, 602.0))
-    assert c.view(1.0).optics.words == "the usual camera (640x480, f 602 px): no camera_info is heard"
+    assert (
+        c.view(1.0).optics.words == "the usual camera (640x480, f 602 px): no camera_info is heard"
+    )
 
 
 def test_the_references_own_camera_counts_once_it_is_heard():
@@ -40,7 +43,9 @@ def test_the_references_own_camera_counts_once_it_is_heard():
     c = console()
     c.tell(1.0, OWN)
     across, up = c.file.rows
-    assert across.farthest_m == pytest.approx(far_m(4.0, 900.0)) and up.farthest_m == pytest.approx(far_m(5.0, 910.0))
+    assert across.farthest_m == pytest.approx(far_m(4.0, 900.0)) and up.farthest_m == pytest.approx(
+        far_m(5.0, 910.0)
+    )
     assert across.error_m == pytest.approx(depth_error(across.farthest_m, 4.0, 900.0))
     nearest_m = (4.0 * 900.0 / 1280.0, 5.0 * 910.0 / 720.0)
     assert (across.nearest_m, up.nearest_m) == pytest.approx(nearest_m)
@@ -53,9 +58,13 @@ def test_another_vehicles_camera_changes_nothing_until_it_is_the_reference():
     c.tell(1.0, OTHER)
     assert c.optics == mission_file.USUAL
     c.edit("reference: uav2\n" + TEXT)
-    assert c.optics.heard_of == "uav2" and c.file.rows[0].farthest_m == pytest.approx(far_m(4.0, 250.0))
+    assert c.optics.heard_of == "uav2" and c.file.rows[0].farthest_m == pytest.approx(
+        far_m(4.0, 250.0)
+    )
     c.edit(TEXT)
-    assert c.optics == mission_file.USUAL and c.file.rows[0].farthest_m == pytest.approx(far_m(4.0, 602.0))
+    assert c.optics == mission_file.USUAL and c.file.rows[0].farthest_m == pytest.approx(
+        far_m(4.0, 602.0)
+    )
 
 
 def test_files_and_goals_that_come_later_are_of_the_own_camera(tmp_path):
@@ -95,7 +104,9 @@ def test_plans_are_made_for_the_own_camera_and_say_so():
         assert f"for uav1's own camera (1280x720, f {focal_px:.0f} px)" in found[-1].notes
     baselines = [mission_file.parse(p.text).mission.configurations[0].baseline_m for p in found]
     assert baselines[0] == pytest.approx(2.0 * baselines[1], rel=0.01)
-    assert any("no camera_info is heard" in n for n in console().plan(Wanted(400.0, "10%", 1)).notes)
+    assert any(
+        "no camera_info is heard" in n for n in console().plan(Wanted(400.0, "10%", 1)).notes
+    )
 
 
 def test_the_error_of_the_pair_that_is_flown_is_of_the_own_camera():
@@ -109,10 +120,13 @@ def test_the_error_of_the_pair_that_is_flown_is_of_the_own_camera():
     assert health.error_m == pytest.approx(depth_error(health.target_m, health.baseline_m, f_px))
 
 
-@pytest.mark.parametrize("fact, words", [
-    (facts.CameraKnown("uav1", 1280, 720, math.nan, 900.0), "focal_px holds nan"),
-    (facts.CameraKnown("uav9", 1280, 720, 900.0, 900.0), "uav9"),
-])
+@pytest.mark.parametrize(
+    "fact, words",
+    [
+        (facts.CameraKnown("uav1", 1280, 720, math.nan, 900.0), "focal_px holds nan"),
+        (facts.CameraKnown("uav9", 1280, 720, 900.0, 900.0), "uav9"),
+    ],
+)
 def test_a_camera_that_is_none_changes_nothing(fact, words):
     c = console()
     c.tell(1.0, fact)

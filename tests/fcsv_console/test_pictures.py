@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures: each camera's with its tags, the map's with its depth; one that cannot be shown is told."""
+"""Pictures: each camera's with its tags, the map's with its depth; one that cannot be shown is
+told."""
 
 import math
 from pathlib import Path
@@ -33,7 +34,7 @@ def depth(values):
     return facts.MapPicture("depth", a.shape[1], a.shape[0], a.tobytes())
 
 
-# ---- what is decided ---------------------------------------------------------------------------------------------
+# ---- what is decided -----------------------------------------------------------------------------
 
 
 def test_a_picture_has_its_rate_its_age_and_the_tags_of_its_moment():
@@ -52,7 +53,10 @@ def test_a_picture_has_its_rate_its_age_and_the_tags_of_its_moment():
 def test_one_that_cannot_be_shown_is_named_until_a_good_one_comes():
     c = Console(["uav1", "uav2"])
     c.tell(10.0, facts.PictureHeard("uav2", 10.0, b"\xff\xd8"))
-    c.tell(11.0, facts.Unusable("uav2", CAMERA, "encoding '13UC5' with 2 octets is no JPEG or PNG picture"))
+    c.tell(
+        11.0,
+        facts.Unusable("uav2", CAMERA, "encoding '13UC5' with 2 octets is no JPEG or PNG picture"),
+    )
     assert camera(c, 60.0).words == "uav2: encoding '13UC5' with 2 octets is no JPEG or PNG picture"
     assert camera(c, 60.0, "uav1").problem == ""
     c.tell(61.0, facts.PictureHeard("uav2", 61.0, b"\xff\xd8"))
@@ -77,17 +81,21 @@ def test_the_match_rate_is_the_share_of_pixels_with_a_depth():
 
 def test_depth_lies_over_the_grey_picture_near_yellow_and_far_violet():
     picture = np.full((1, 200, 3), (30, 90, 150), np.uint8)
-    z = np.concatenate([np.full(80, 5.0), np.full(80, 300.0), np.full(40, np.nan)])[None].astype(np.float32)
+    z = np.concatenate([np.full(80, 5.0), np.full(80, 300.0), np.full(40, np.nan)])[None].astype(
+        np.float32
+    )
     over = pictures.overlaid(picture, z)
     assert (over[0, 180] == 90).all(), "without a depth: grey"
     near, far = over[0, 10].astype(int), over[0, 100].astype(int)
     assert near[0] > near[2] + 80 and far[2] > far[1] + 40
     assert (pictures.overlaid(picture, np.full((1, 200), np.nan, np.float32)) == 90).all()
     assert pictures.overlaid(picture, None) is picture
-    assert np.isfinite(pictures.overlaid(picture, np.full((1, 200), 7.0, np.float32))).all(), "a wall of one depth"
+    assert np.isfinite(pictures.overlaid(picture, np.full((1, 200), 7.0, np.float32))).all(), (
+        "a wall of one depth"
+    )
 
 
-# ---- messages ----------------------------------------------------------------------------------------------------
+# ---- messages ------------------------------------------------------------------------------------
 
 
 def test_messages_become_pictures_and_wrong_ones_are_refused():
@@ -121,7 +129,7 @@ def test_messages_become_pictures_and_wrong_ones_are_refused():
         tags("uav2", TagDetections(detections=[tag]))
 
 
-# ---- the window --------------------------------------------------------------------------------------------------
+# ---- the window ----------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -165,11 +173,16 @@ def test_octets_that_are_no_picture_and_a_wrong_encoding_are_told_in_words(windo
     window.show_pictures.click()
     now_s = samples.NOW_S
     window.console.tell(now_s, facts.PictureHeard("uav1", now_s, b"\xff\xd8 not a picture"))
-    window.console.tell(now_s, facts.Unusable("uav2", CAMERA, "encoding 'h265' with 2 octets is no picture"))
+    window.console.tell(
+        now_s, facts.Unusable("uav2", CAMERA, "encoding 'h265' with 2 octets is no picture")
+    )
     window.show_view(window.console.view(now_s))
     app.processEvents()
     boxes = window.pictures.boxes
-    assert boxes["uav1"].words == "uav1: 16 octets that cannot be unpacked" and boxes["uav1"].image.isNull()
+    assert (
+        boxes["uav1"].words == "uav1: 16 octets that cannot be unpacked"
+        and boxes["uav1"].image.isNull()
+    )
     assert boxes["uav2"].words == "uav2: encoding 'h265' with 2 octets is no picture"
     assert boxes["uav2"].accessibleDescription() == boxes["uav2"].words
     window.console.tell(now_s, facts.PictureHeard("uav1", now_s, jpeg(90)))

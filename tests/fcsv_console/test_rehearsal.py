@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A list is rehearsed before Execute is enabled, in a child process; and planned from range and error."""
+"""A list is rehearsed before Execute is enabled, in a child process; and planned from range and
+error."""
 
 import math
 import sys
@@ -18,7 +19,14 @@ from fcsv_control.flight_check.lines import Line, State
 from fcsv_stereo.equations import ErrorThreshold, farthest
 
 OUTDOOR = Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml"
-FLOWN = {"violations": [], "captures": 8, "wanted": 8, "flown_s": 190.0, "nearest_m": 1.66, "phase": "DONE"}
+FLOWN = {
+    "violations": [],
+    "captures": 8,
+    "wanted": 8,
+    "flown_s": 190.0,
+    "nearest_m": 1.66,
+    "phase": "DONE",
+}
 
 
 def waiting(configurations=8):
@@ -38,7 +46,7 @@ def told(c, state, share=math.nan, words="", text=None):
     c.tell(10.0, facts.RehearsalTold(c.file.text if text is None else text, state, share, words))
 
 
-# ---- what it locks -----------------------------------------------------------------------------------------------
+# ---- what it locks -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["execute", "hand_over"])
@@ -47,13 +55,17 @@ def test_the_list_is_not_handed_over_before_it_was_rehearsed(name):
     assert why(c, name) == "the list is not rehearsed: rehearse it [V]"
     told(c, "runs", 0.25)
     told(c, "runs")
-    assert why(c, name) == "the list is being rehearsed: 25 %", "a line without a share keeps the one before"
+    assert why(c, name) == "the list is being rehearsed: 25 %", (
+        "a line without a share keeps the one before"
+    )
     told(c, "broken", words="fence at 31 s (uav2 is outside)")
     assert why(c, name) == "REHEARSAL BROKE: fence at 31 s (uav2 is outside)"
     told(c, "stopped")
     assert why(c, name) == "the list is not rehearsed: rehearse it [V]; the last one was stopped"
     told(c, "passed", words="8 of 8 recorded in 3:10")
-    assert why(c, name) == "" and c.view(10.1).rehearsal.told == "rehearsed: 8 of 8 recorded in 3:10"
+    assert (
+        why(c, name) == "" and c.view(10.1).rehearsal.told == "rehearsed: 8 of 8 recorded in 3:10"
+    )
 
 
 def test_an_outcome_holds_for_the_text_that_was_flown():
@@ -77,16 +89,30 @@ def test_vehicles_that_hold_in_flight_are_handed_over_unrehearsed():
 def test_another_list_than_the_mission_s_is_not_executed():
     c = waiting(configurations=7)
     told(c, "passed")
-    assert why(c) == "the mission has 7 configurations, the list shown 8: it reads its file when it starts"
+    assert (
+        why(c)
+        == "the mission has 7 configurations, the list shown 8: it reads its file when it starts"
+    )
     c.edit(c.file.text + "pa: 1\n")
     assert why(c) == why(c, "rehearse") == "mission file: line 13: pa: is not known"
 
 
-@pytest.mark.parametrize("before, after, words", [
-    ("baseline_m: 6.0", "baseline_m: 6.5", "configuration 3: baseline_m is 6.0 there, 6.5 here"),
-    ("axis: vertical, baseline_m: 7.0", "axis: horizontal, baseline_m: 7.0", "configuration 7: axis is vertical there"),
-    ("name: ", "flight: {speed_mps: 1.0}\nname: ", "other flight"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "before, after, words",
+    [
+        (
+            "baseline_m: 6.0",
+            "baseline_m: 6.5",
+            "configuration 3: baseline_m is 6.0 there, 6.5 here",
+        ),
+        (
+            "axis: vertical, baseline_m: 7.0",
+            "axis: horizontal, baseline_m: 7.0",
+            "configuration 7: axis is vertical there",
+        ),
+        ("name: ", "flight: {speed_mps: 1.0}\nname: ", "other flight"),
+    ],
+)
 def test_another_list_of_the_same_length_is_not_executed(before, after, words):
     c = waiting()
     c.tell(10.0, facts.MissionFlown(c.file.text))
@@ -95,7 +121,9 @@ def test_another_list_of_the_same_length_is_not_executed(before, after, words):
     assert c.file.text.count(before) == 1
     c.edit(c.file.text.replace(before, after))
     told(c, "passed")
-    assert why(c).startswith(f"the mission flies another file: {words}") and "when it starts" in why(c)
+    assert why(c).startswith(
+        f"the mission flies another file: {words}"
+    ) and "when it starts" in why(c)
     c.tell(10.0, facts.MissionFlown(c.file.text))  # the node was started again
     assert why(c) == ""
 
@@ -142,24 +170,43 @@ def test_what_became_of_it_is_an_event_once():
     ]
 
 
-@pytest.mark.parametrize("status, last, flown, state, words", [
-    (0, "", [FLOWN], "passed", "8 of 8 recorded in 3:10, never nearer than 1.7 m"),
-    (0, "", [{**FLOWN, "captures": 3, "phase": "LAND", "detail": "battery empty"}], "broken",
-     "3 of 8 recorded, then LAND: battery empty"),
-    (1, "", [{**FLOWN, "violations": [{"kind": "fence", "at_s": 31.2, "text": "uav2"}]}], "broken",
-     "fence at 31 s (uav2)"),
-    (1, "", [FLOWN], "broken", "exit status 1"),
-    (2, "rehearse: mission 'a' cannot be flown: too near", None, "broken", "mission 'a' cannot be flown: too near"),
-    (127, "rosrun: command not found", None, "impossible", "rosrun: command not found"),
-    (-9, "", None, "impossible", "it told nothing"),
-    (0, "wrote", None, "impossible", "wrote"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "status, last, flown, state, words",
+    [
+        (0, "", [FLOWN], "passed", "8 of 8 recorded in 3:10, never nearer than 1.7 m"),
+        (
+            0,
+            "",
+            [{**FLOWN, "captures": 3, "phase": "LAND", "detail": "battery empty"}],
+            "broken",
+            "3 of 8 recorded, then LAND: battery empty",
+        ),
+        (
+            1,
+            "",
+            [{**FLOWN, "violations": [{"kind": "fence", "at_s": 31.2, "text": "uav2"}]}],
+            "broken",
+            "fence at 31 s (uav2)",
+        ),
+        (1, "", [FLOWN], "broken", "exit status 1"),
+        (
+            2,
+            "rehearse: mission 'a' cannot be flown: too near",
+            None,
+            "broken",
+            "mission 'a' cannot be flown: too near",
+        ),
+        (127, "rosrun: command not found", None, "impossible", "rosrun: command not found"),
+        (-9, "", None, "impossible", "it told nothing"),
+        (0, "wrote", None, "impossible", "wrote"),
+    ],
+)
 def test_what_a_rehearsal_tells_is_judged(status, last, flown, state, words):
     found = judged("text", status, last, flown)
     assert (found.state, found.words) == (state, words)
 
 
-# ---- the child process -------------------------------------------------------------------------------------------
+# ---- the child process ---------------------------------------------------------------------------
 
 
 def program(tmp_path, body):
@@ -171,7 +218,8 @@ def program(tmp_path, body):
 
 @pytest.fixture
 def rehearser():
-    """rehearser(command) -> (Rehearser, what it told, wait for its end); its child ends with the test."""
+    """rehearser(command) -> (Rehearser, what it told, wait for its end); its child ends with the
+    test."""
     made = []
 
     def make(command, vehicles=("uav1", "uav2")):
@@ -222,8 +270,11 @@ def until(condition, what):
 def test_one_that_is_stopped_ends_with_all_that_it_started():
     body = "import subprocess, time\nprint(subprocess.Popen(['sleep', '60']).pid, flush=True)\ntime.sleep(60)\n"
     lines, ends = [], []
-    one = children.Child([sys.executable, "-c", body], lambda _share, line: lines.append(line),
-                         lambda status, _last: ends.append(status))  # fmt: skip
+    one = children.Child(
+        [sys.executable, "-c", body],
+        lambda _share, line: lines.append(line),
+        lambda status, _last: ends.append(status),
+    )
     until(lambda: lines, "its line")
     assert lives(lines[0])
     one.cancel()
@@ -239,10 +290,13 @@ def test_a_rehearsal_that_is_stopped_says_so(rehearser, tmp_path):
     assert ended() and heard[-1].state == "stopped"
 
 
-@pytest.mark.parametrize("body, words", [
-    ("sys.exit('rehearse: no such mission')", "no such mission"),
-    ("open(out, 'w').write('{')", "it told nothing"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "body, words",
+    [
+        ("sys.exit('rehearse: no such mission')", "no such mission"),
+        ("open(out, 'w').write('{')", "it told nothing"),
+    ],
+)
 def test_one_that_fails_says_why(rehearser, tmp_path, body, words):
     one, heard, ended = rehearser(program(tmp_path, body))
     one.start("a")
@@ -258,39 +312,58 @@ def test_what_cannot_be_started_is_told(rehearser):
     assert heard[-1].words == "it flies uav1, uav2 only, these are left, right"
 
 
-# ---- planning ----------------------------------------------------------------------------------------------------
+# ---- planning ------------------------------------------------------------------------------------
 
 
 def test_a_plan_stands_in_place_of_the_list_and_all_else_stays():
     c = waiting()
-    c.edit("name: mine # keep\nconfigurations:\n  - axis: vertical\n    baseline_m: 5.0  # up\n# fence of the field\n"
-           "fence: {radius_m: 40.0}\n")  # fmt: skip
+    c.edit(
+        "name: mine # keep\nconfigurations:\n  - axis: vertical\n    baseline_m: 5.0  # up\n# fence of the field\n"
+        "fence: {radius_m: 40.0}\n"
+    )
     assert c.file.mission is not None
     done = c.plan(planning.Wanted(300.0, "10%", 3, "horizontal", False))
     assert done.problem == "" and "3 configurations, to 300 m" in done.notes[-1]
     assert c.file.text.startswith("name: mine # keep\nconfigurations:\n  - {axis: horizontal,")
-    assert c.file.text.endswith("# fence of the field\nfence: {radius_m: 40.0}\n") and c.file.error is None
+    assert (
+        c.file.text.endswith("# fence of the field\nfence: {radius_m: 40.0}\n")
+        and c.file.error is None
+    )
     longest = c.file.rows[-1].baseline_m
     assert len(c.file.rows) == 3
-    assert farthest(longest, 602.0, ErrorThreshold(0.1, True)) == pytest.approx(300.0, rel=1e-3), "baselines are in mm"
+    assert farthest(longest, 602.0, ErrorThreshold(0.1, True)) == pytest.approx(300.0, rel=1e-3), (
+        "baselines are in mm"
+    )
 
 
-@pytest.mark.parametrize("text", ["", "name: a\n", "name: a\nconfigurations:\n", "name: a\nconfigurations: []",
-                                  "configurations: [{axis: up}]\nname: a\n", "name: [a\n"])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "name: a\n",
+        "name: a\nconfigurations:\n",
+        "name: a\nconfigurations: []",
+        "configurations: [{axis: up}]\nname: a\n",
+        "name: [a\n",
+    ],
+)
 def test_a_plan_fits_into_any_file(text):
     c = waiting()
     c.edit(text)
     assert c.plan(planning.Wanted()).problem == "" and c.file.error is None and c.file.rows
 
 
-@pytest.mark.parametrize("wanted, words", [
-    (planning.Wanted(-1.0), "--range-m -1 must be positive"),
-    (planning.Wanted(400.0, "much"), "error threshold 'much' is not understood"),
-    (planning.Wanted(400.0, "10%", 0), "--number 0 is not in 1..50"),
-    (planning.Wanted(400.0, "10%", 2, "up"), "--axis"),
-    (planning.Wanted(2.0, "10%", 4, "horizontal", False), "the mission could not be flown"),
-    (planning.Wanted(math.nan), "must be positive"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "wanted, words",
+    [
+        (planning.Wanted(-1.0), "--range-m -1 must be positive"),
+        (planning.Wanted(400.0, "much"), "error threshold 'much' is not understood"),
+        (planning.Wanted(400.0, "10%", 0), "--number 0 is not in 1..50"),
+        (planning.Wanted(400.0, "10%", 2, "up"), "--axis"),
+        (planning.Wanted(2.0, "10%", 4, "horizontal", False), "the mission could not be flown"),
+        (planning.Wanted(math.nan), "must be positive"),
+    ],
+)
 def test_a_plan_that_cannot_be_says_why_and_changes_nothing(wanted, words):
     c = waiting()
     before = c.file

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The console on a master: what it hears of a vehicle, and that what it asks for arrives and is answered."""
+"""The console on a master: what it hears of a vehicle, and that what it asks for arrives and is
+answered."""
 
 import signal
 import time
@@ -19,10 +20,14 @@ def shell(ros_master, monkeypatch):
 
     from fcsv_console.ros.shell import Shell
 
-    monkeypatch.setattr(rospy, "init_node", lambda *_a, **_k: None)  # this process is a node already
+    # this process is a node already
+    monkeypatch.setattr(rospy, "init_node", lambda *_a, **_k: None)
     monkeypatch.setattr(rospy, "signal_shutdown", lambda *_a: None)
     made = Shell(Console(["c_one", "c_two"], {"c_one": 1, "c_two": 2}), "console")
-    until(lambda: made._commands is not None and not made.view().actions["land"].why_not, what="the master")
+    until(
+        lambda: made._commands is not None and not made.view().actions["land"].why_not,
+        what="the master",
+    )
     yield made
     made.close()
 
@@ -69,7 +74,10 @@ def test_it_hears_a_vehicle_and_a_message_that_is_nonsense(shell, publish):
         return any("c_one camera_pose" in p for p in shell.view().problems)
 
     until(told, what="the pose with NaN")
-    assert shell.view().vehicles[0].place.value is None and shell.view().vehicles[1].state.value is None
+    assert (
+        shell.view().vehicles[0].place.value is None
+        and shell.view().vehicles[1].state.value is None
+    )
 
 
 def test_stop_all_is_on_its_topic_at_once_and_nobody_listening_is_told(shell):
@@ -79,7 +87,9 @@ def test_stop_all_is_on_its_topic_at_once_and_nobody_listening_is_told(shell):
     shell.do("stop_all")
     until(lambda: "NOBODY LISTENS" in last(shell).answer, what="the answer")
     heard = []
-    subscriber = rospy.Subscriber("/stop_all", String, lambda m: heard.append((time.monotonic(), m.data)))
+    subscriber = rospy.Subscriber(
+        "/stop_all", String, lambda m: heard.append((time.monotonic(), m.data))
+    )
     until(lambda: shell._commands._all["stop_all"].get_num_connections() > 0, what="a connection")
     shell.do("stop_all")
     until(lambda: heard, what="the topic")
@@ -97,7 +107,9 @@ def test_a_service_that_is_not_there_blocks_nobody_and_one_that_is_answers(shell
     shell.do("pause")
     assert time.monotonic() - begun_s < 1.0, "three seconds are what the service is waited for"
     until(lambda: "/mission/control" in last(shell).answer, what="that it is not there")
-    service = rospy.Service("/mission/control", Control, lambda r: ControlResponse(True, f"done: {r.operation}"))
+    service = rospy.Service(
+        "/mission/control", Control, lambda r: ControlResponse(True, f"done: {r.operation}")
+    )
     shell.do("skip")
     until(lambda: last(shell).answer == "done: skip", what="the answer")
     service.shutdown("over")
@@ -114,15 +126,22 @@ def test_record_is_repeated_until_every_vehicle_answers(shell, publish):
     def on(message, name):
         heard[name].append(message)
         if len(heard[name]) > 1:  # the first is lost
-            acks[name].publish(CommandAck(vehicle=name, sender=message.sender, number=message.number))
+            acks[name].publish(
+                CommandAck(vehicle=name, sender=message.sender, number=message.number)
+            )
 
     subscribers = [rospy.Subscriber(f"/{n}/command", Command, on, n) for n in acks]
-    until(lambda: all(p.get_num_connections() for p in shell._commands._commands.values()), what="connections")
+    until(
+        lambda: all(p.get_num_connections() for p in shell._commands._commands.values()),
+        what="connections",
+    )
     until(lambda: all(p.get_num_connections() for p in acks.values()), what="connections")
     shell.do("record")
     until(lambda: last(shell).answer == "c_one: done; c_two: done", what="the answer")
     for messages in heard.values():
-        assert {(m.number, m.kind, m.flag) for m in messages} == {(messages[0].number, Command.RECORD, True)}
+        assert {(m.number, m.kind, m.flag) for m in messages} == {
+            (messages[0].number, Command.RECORD, True)
+        }
     for subscriber in subscribers:
         subscriber.unregister()
 
@@ -138,7 +157,9 @@ def test_execute_answers_what_the_mission_says(shell):
         asked.append(list(goal.get_goal().configurations))
         goal.set_rejected(ExecuteResult(), "'execute' is not waited for in COLUMN")
 
-    server = actionlib.ActionServer("/mission/execute", ExecuteAction, on_goal, lambda _goal: None, auto_start=False)
+    server = actionlib.ActionServer(
+        "/mission/execute", ExecuteAction, on_goal, lambda _goal: None, auto_start=False
+    )
     server.start()
     shell.do("execute", configurations=[2, 0])
     until(lambda: last(shell).answer == "'execute' is not waited for in COLUMN", what="the answer")

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The real window without a screen: clicks, held keys, drags; names for a screen reader; reasons in tooltips."""
+"""The real window without a screen: clicks, held keys, drags; names for a screen reader; reasons in
+tooltips."""
 
 import math
 import time
@@ -23,7 +24,8 @@ STEP_S = 0.005
 
 
 class Clock:
-    """Of the buttons that are held: it goes on with ``go_on``, however long a busy machine takes."""
+    """Of the buttons that are held: it goes on with ``go_on``, however long a busy machine
+    takes."""
 
     now_s = 0.0
 
@@ -57,7 +59,8 @@ def shown(app, opened):
 
 
 def hold(app, widget, key, seconds):
-    """Press, wait with the event loop running, let go; a window gives keys to what has the focus."""
+    """Press, wait with the event loop running, let go; a window gives keys to what has the
+    focus."""
     widget = (QtWidgets.QApplication.focusWidget() or widget) if widget.isWindow() else widget
     QTest.keyPress(widget, key)
     go_on(app, seconds)
@@ -90,8 +93,14 @@ def test_a_window_that_ended_leaves_nothing_that_goes_on(app):
 
 def test_every_control_has_a_name_for_a_screen_reader(shown):
     window, _, _ = shown("flying")
-    kinds = (QtWidgets.QPushButton, QtWidgets.QTableWidget, QtWidgets.QPlainTextEdit, QtWidgets.QProgressBar,
-             QtWidgets.QTabWidget, QtWidgets.QDockWidget)  # fmt: skip
+    kinds = (
+        QtWidgets.QPushButton,
+        QtWidgets.QTableWidget,
+        QtWidgets.QPlainTextEdit,
+        QtWidgets.QProgressBar,
+        QtWidgets.QTabWidget,
+        QtWidgets.QDockWidget,
+    )
     controls = [c for kind in kinds for c in window.findChildren(kind)]
     controls += [window.plan, window.headline, window.problems, window.map.stereo, window.verdict]
     own = [c for c in controls if not isinstance(c.parent(), QtWidgets.QDockWidget)]
@@ -108,7 +117,9 @@ def test_every_action_has_a_button_a_key_of_its_own_and_a_reason_where_it_is_not
         assert action.why_not in button.accessibleDescription()
 
 
-@pytest.mark.parametrize("name, key", [("pause", KEYS.Key_P), ("skip", KEYS.Key_K), ("abort", KEYS.Key_A)])
+@pytest.mark.parametrize(
+    "name, key", [("pause", KEYS.Key_P), ("skip", KEYS.Key_K), ("abort", KEYS.Key_A)]
+)
 def test_an_action_by_mouse_and_by_key(shown, app, name, key):
     window, _, asked = shown("flying")
     QTest.mouseClick(window.buttons[name], KEYS.LeftButton)
@@ -157,8 +168,12 @@ def test_a_hold_is_judged_when_it_is_let_go_of(shown, app):
 def test_space_stops_all_wherever_the_focus_is(shown, app, focus):
     window, _, asked = shown("wrong")
     window.mission._tabs.setCurrentIndex(1)
-    widget = {"window": window, "check": window.check, "text": window.mission.text,
-              "pause": window.buttons["skip"]}[focus]  # fmt: skip
+    widget = {
+        "window": window,
+        "check": window.check,
+        "text": window.mission.text,
+        "pause": window.buttons["skip"],
+    }[focus]
     widget.setFocus()
     app.processEvents()
     hold(app, widget, KEYS.Key_Space, 0.1)
@@ -231,7 +246,9 @@ def names_in(files):
 
 
 def click_on(files, k):
-    QTest.mouseClick(files.viewport(), KEYS.LeftButton, pos=files.visualItemRect(files.item(k)).center())
+    QTest.mouseClick(
+        files.viewport(), KEYS.LeftButton, pos=files.visualItemRect(files.item(k)).center()
+    )
 
 
 def test_a_file_of_the_folder_is_loaded_by_click_and_by_enter(shown, folder, app):
@@ -240,12 +257,18 @@ def test_a_file_of_the_folder_is_loaded_by_click_and_by_enter(shown, folder, app
     assert names_in(files) == ["> outdoor", "short"] and files.isVisible()
     click_on(files, 1)
     show()
-    assert Path(console.file.source).name == "short.yaml" and names_in(files) == ["outdoor", "> short"]
+    assert Path(console.file.source).name == "short.yaml" and names_in(files) == [
+        "outdoor",
+        "> short",
+    ]
     files.setFocus()
     files.setCurrentRow(0)
     hold(app, window, KEYS.Key_Return, 0.0)
     show()
-    assert Path(console.file.source).name == "outdoor.yaml" and window.mission.note.text() == "outdoor.yaml"
+    assert (
+        Path(console.file.source).name == "outdoor.yaml"
+        and window.mission.note.text() == "outdoor.yaml"
+    )
 
 
 def test_beside_a_playback_the_place_of_the_files_says_that_there_is_none(opened, app, tmp_path):
@@ -254,7 +277,11 @@ def test_beside_a_playback_the_place_of_the_files_says_that_there_is_none(opened
     window = opened(console)
     window.show()
     files = window.mission.files
-    assert len(console.file.rows) == 8 and files.count() == 0 and files.empty == files.accessibleDescription()
+    assert (
+        len(console.file.rows) == 8
+        and files.count() == 0
+        and files.empty == files.accessibleDescription()
+    )
     assert files.empty.startswith("No file is loaded") and "Open" in files.empty
 
     def inked():
@@ -271,7 +298,9 @@ def test_beside_a_playback_the_place_of_the_files_says_that_there_is_none(opened
     assert files.empty == files.accessibleDescription() == "" and files.count() > 1
 
 
-def test_changes_that_are_not_saved_are_not_lost_by_loading_another_file(shown, folder, app, monkeypatch):
+def test_changes_that_are_not_saved_are_not_lost_by_loading_another_file(
+    shown, folder, app, monkeypatch
+):
     window, console, show = folder
     files = window.mission.files
     console.drag(0, 3.0)
@@ -280,11 +309,16 @@ def test_changes_that_are_not_saved_are_not_lost_by_loading_another_file(shown, 
     assert names_in(files)[0] == "> outdoor *"
     for k in (1, 0, 1):
         click_on(files, k)
-    QTest.mouseDClick(files.viewport(), KEYS.LeftButton, pos=files.visualItemRect(files.item(1)).center())
+    QTest.mouseDClick(
+        files.viewport(), KEYS.LeftButton, pos=files.visualItemRect(files.item(1)).center()
+    )
     short = str(Path(console.file.source).with_name("short.yaml"))
     monkeypatch.setattr(QtWidgets.QFileDialog, "getOpenFileName", lambda *_: (short, ""))
     window.mission.findChild(QtWidgets.QPushButton, "open").click()
-    assert window.mission.note.text() == "outdoor.yaml has changes: save or revert them, then load short.yaml"
+    assert (
+        window.mission.note.text()
+        == "outdoor.yaml has changes: save or revert them, then load short.yaml"
+    )
     assert console.file.text == changed
     window.mission.revert.click()
     show()
@@ -299,7 +333,9 @@ def test_changes_that_are_not_saved_are_not_lost_by_loading_another_file(shown, 
     assert Path(console.file.source).name == "short.yaml" and not window.mission.save.isEnabled()
 
 
-def test_a_file_that_changed_on_the_disk_is_read_anew_and_one_that_came_is_listed(shown, folder, app):
+def test_a_file_that_changed_on_the_disk_is_read_anew_and_one_that_came_is_listed(
+    shown, folder, app
+):
     window, console, show = folder
     files, path = window.mission.files, Path(console.file.source)
     path.write_text(path.read_text().replace("baseline_m: 2.0", "baseline_m: 2.5"))
@@ -321,7 +357,9 @@ def test_the_files_have_a_tab_of_their_own_where_there_is_no_room_beside(shown, 
     window.resize(960, 540)
     app.processEvents()
     tabs = window.mission.findChild(QtWidgets.QTabWidget)
-    assert [tabs.tabText(k) for k in range(tabs.count())][-1] == "F&iles" and not window.mission.files.isVisible()
+    assert [tabs.tabText(k) for k in range(tabs.count())][
+        -1
+    ] == "F&iles" and not window.mission.files.isVisible()
     tabs.setCurrentWidget(window.mission.files)
     assert window.mission.files.isVisible()
     click_on(window.mission.files, 1)
@@ -338,7 +376,10 @@ def test_a_goal_is_dragged_only_while_it_is_allowed(shown, app):
 
     def drag():
         scale = plan.scale
-        begin, end = (QtCore.QPoint(*(int(round(v)) for v in scale.to_px(0.0, -y))) for y in (row.baseline_m, 9.0))
+        begin, end = (
+            QtCore.QPoint(*(int(round(v)) for v in scale.to_px(0.0, -y)))
+            for y in (row.baseline_m, 9.0)
+        )
         QTest.mousePress(plan, KEYS.LeftButton, KEYS.NoModifier, begin)
         QTest.mouseMove(plan, end)
         QTest.mouseRelease(plan, KEYS.LeftButton, KEYS.NoModifier, end)
@@ -348,7 +389,9 @@ def test_a_goal_is_dragged_only_while_it_is_allowed(shown, app):
     hold(app, window, KEYS.Key_D, 0.0)
     assert plan.editable
     drag()
-    assert console.file.rows[3].baseline_m == pytest.approx(9.0, abs=0.1), "a pixel is 4 cm here, a step 10 cm"
+    assert console.file.rows[3].baseline_m == pytest.approx(9.0, abs=0.1), (
+        "a pixel is 4 cm here, a step 10 cm"
+    )
     assert console.file.mission is not None and "# Thesis 6.7" in console.file.text
 
 
@@ -360,7 +403,10 @@ def test_a_goal_is_turned_by_its_knob_and_by_keys_only_while_it_is_allowed(shown
 
     def turn(index, tilt_deg):
         scale = plan.scale
-        middle, knob = scale.to_px(*row.goal_m[:2]), above_view.handle(console.file.rows[index], scale)
+        middle, knob = (
+            scale.to_px(*row.goal_m[:2]),
+            above_view.handle(console.file.rows[index], scale),
+        )
         heading = math.radians(tilt_deg)
         there = middle[0] - 60.0 * math.sin(heading), middle[1] - 60.0 * math.cos(heading)
         begin, end = (QtCore.QPoint(*(int(round(v)) for v in p)) for p in (knob, there))
@@ -383,7 +429,10 @@ def test_a_goal_is_turned_by_its_knob_and_by_keys_only_while_it_is_allowed(shown
     assert "goal 4 is chosen" in plan.accessibleDescription()
     QTest.keyClick(plan, KEYS.Key_Right, KEYS.ShiftModifier)
     QTest.keyClick(plan, KEYS.Key_Right)
-    assert (console.file.rows[3].tilt_deg, console.file.rows[3].baseline_m) == (29.0, row.baseline_m + 0.1)
+    assert (console.file.rows[3].tilt_deg, console.file.rows[3].baseline_m) == (
+        29.0,
+        row.baseline_m + 0.1,
+    )
     for _ in range(2):
         QTest.keyClick(plan, KEYS.Key_PageDown)
     QTest.keyClick(plan, KEYS.Key_Up, KEYS.ShiftModifier)
@@ -400,7 +449,10 @@ def test_gauges_tell_how_far_who_flies_is_from_its_place(shown):
     own, other = gauges(view)
     assert (own.name, other.name) == ("uav1", "uav2")
     place, row = view.vehicles[1].place.value, view.file.rows[view.running]
-    assert other.left_m == pytest.approx(place.p_home_m[1] + row.baseline_m) and abs(other.left_m) < 0.1
+    assert (
+        other.left_m == pytest.approx(place.p_home_m[1] + row.baseline_m)
+        and abs(other.left_m) < 0.1
+    )
     assert other.words in window.plan.accessibleDescription()
     assert gauges(replace(view, running=None)) == () and not gauges(console.view(view.now_s + 60.0))
 
@@ -416,9 +468,14 @@ def test_what_mocap_and_gimbals_see_is_painted_only_while_it_is_known(shown):
     u, v = (round(x) for x in scale.to_px(2.9, 3.0))  # in the mocap's view alone, far from all else
     ground = plan.palette().color(QtGui.QPalette.Base)
     with_it = plan.grab().toImage()
-    assert with_it.pixelColor(u, v) != ground and "what the mocap sees is drawn" in plan.accessibleDescription()
+    assert (
+        with_it.pixelColor(u, v) != ground
+        and "what the mocap sees is drawn" in plan.accessibleDescription()
+    )
     eye = with_it.pixelColor(*(round(x) for x in scale.to_px(-2.5, -0.4)))
-    assert eye == QtGui.QColor(colours.VEHICLES[1]), "a gimbal has the colour of the vehicle that it follows"
+    assert eye == QtGui.QColor(colours.VEHICLES[1]), (
+        "a gimbal has the colour of the vehicle that it follows"
+    )
     later = replace(window._view, ground_views=())
     window.show_view(later)
     assert plan.scale != scale, "the vehicles have the picture for themselves"
@@ -436,8 +493,16 @@ def test_the_wheel_on_the_height_bar_changes_a_vertical_goal_while_it_is_allowed
         QTest.mouseMove(plan, position)
         where = QtCore.QPointF(position)
         plan._mouse = where
-        event = QtGui.QWheelEvent(where, where, QtCore.QPoint(), QtCore.QPoint(0, 120 * notches), KEYS.NoButton,
-                                  KEYS.NoModifier, KEYS.NoScrollPhase, False)  # fmt: skip
+        event = QtGui.QWheelEvent(
+            where,
+            where,
+            QtCore.QPoint(),
+            QtCore.QPoint(0, 120 * notches),
+            KEYS.NoButton,
+            KEYS.NoModifier,
+            KEYS.NoScrollPhase,
+            False,
+        )
         app.sendEvent(plan, event)
 
     before = [r.baseline_m for r in console.file.rows]
@@ -450,7 +515,10 @@ def test_the_wheel_on_the_height_bar_changes_a_vertical_goal_while_it_is_allowed
     wheel(QtCore.QPoint(40, 40))
     assert plan.scale.px_per_m > scale, "elsewhere it zooms"
     rows = console.file.rows
-    assert above_view.wheeled(rows[5], -100.0) == 0.1 and above_view.wheeled(rows[0], 2.0) == rows[0].baseline_m
+    assert (
+        above_view.wheeled(rows[5], -100.0) == 0.1
+        and above_view.wheeled(rows[0], 2.0) == rows[0].baseline_m
+    )
 
 
 def test_an_amber_line_is_accepted_by_its_name(shown, app):
@@ -470,19 +538,30 @@ def test_the_line_that_is_chosen_stays_chosen_where_another_comes_above_it(shown
     window, console, asked = shown("ground")
 
     def lines():
-        return [tuple(window.check.item(i, k).text() for k in (0, 1)) for i in range(window.check.rowCount())]
+        return [
+            tuple(window.check.item(i, k).text() for k in (0, 1))
+            for i in range(window.check.rowCount())
+        ]
 
     window.check.selectRow(lines().index(("uav2", "battery")))
     slow = {("uav1", "camera"): {"state": State.AMBER, "what": "0.4 pictures a second"}}
-    told = [replace(li, **slow.get((li.vehicle, li.name), {})) for li in console.view(samples.NOW_S).check]
+    told = [
+        replace(li, **slow.get((li.vehicle, li.name), {}))
+        for li in console.view(samples.NOW_S).check
+    ]
     console.tell(samples.NOW_S, facts.Check(tuple(told)))
     window.show_view(console.view(samples.NOW_S))
-    assert lines() == [("uav1", "pre-arm"), ("uav1", "camera"), ("uav2", "battery")] and window.accept.isEnabled()
+    assert (
+        lines() == [("uav1", "pre-arm"), ("uav1", "camera"), ("uav2", "battery")]
+        and window.accept.isEnabled()
+    )
     hold(app, window, KEYS.Key_Return, 0.0)
     assert asked == [("accept", {"vehicle": "uav2", "line": "battery"})]
     console.tell(samples.NOW_S, facts.Check(tuple(li for li in told if li.name != "battery")))
     window.show_view(console.view(samples.NOW_S))
-    assert window.check.chosen() == [] and not window.accept.isEnabled(), "it is gone: no other is chosen for it"
+    assert window.check.chosen() == [] and not window.accept.isEnabled(), (
+        "it is gone: no other is chosen for it"
+    )
 
 
 def test_execute_takes_the_configurations_that_are_chosen(shown, app):
@@ -523,7 +602,8 @@ def test_the_docks_open_and_close_by_key(shown, app):
 
 @pytest.mark.parametrize("size", [(1366, 740), (960, 540)])
 def test_rviz_stands_in_the_plans_place_then_alone_then_the_plan_is_back(shown, app, size):
-    """It says in its place what is missing: without a master it is not started. Who is above whom is always told."""
+    """It says in its place what is missing: without a master it is not started. Who is above whom
+    is always told."""
     window, console, _ = shown("wrong")
     console.tell(samples.NOW_S, facts.MasterTold("the master does not answer"))
     window.resize(*size)
@@ -537,13 +617,18 @@ def test_rviz_stands_in_the_plans_place_then_alone_then_the_plan_is_back(shown, 
         assert window.map.rviz.isVisible() and window.map.rviz.width() >= rviz_wide
         assert window.vehicles.isVisible() is window.events.isVisible() is others
         assert "uav2 is 5.0 m above uav1" in window.stop_words.text()
-        assert any(p in window.stop_words.text() for p in console.view(samples.NOW_S).problems) is not others
+        assert (
+            any(p in window.stop_words.text() for p in console.view(samples.NOW_S).problems)
+            is not others
+        )
         for name in ("stop_all", "land", "abort"):
             button = window.buttons[name]
             assert button.visibleRegion().boundingRect().size() == button.size()
     assert "open it again" in window.map.rviz.findChild(QtWidgets.QLabel).text()
     hold(app, window, KEYS.Key_F2, 0.0)
-    assert window.plan.isVisible() and window.vehicles.isVisible() and window.panels.sizes() == before
+    assert (
+        window.plan.isVisible() and window.vehicles.isVisible() and window.panels.sizes() == before
+    )
     assert "above" not in window.stop_words.text()
 
 
@@ -553,7 +638,11 @@ def test_function_keys_work_while_the_focus_is_in_a_field(shown, app):
     window.after.fields["sources"].setFocus()
     app.processEvents()
     hold(app, window, KEYS.Key_P, 0.0)
-    assert asked == [] and window.after.isVisible() and window.after.fields["sources"].text().endswith("p")
+    assert (
+        asked == []
+        and window.after.isVisible()
+        and window.after.fields["sources"].text().endswith("p")
+    )
     hold(app, window, KEYS.Key_F5, 0.0)
     assert not window.after.isVisible()
 
@@ -572,7 +661,10 @@ def test_a_plan_from_the_form_stands_in_the_list_and_its_rehearsal_is_asked_for(
     assert "2 configurations, to 240 m" in form.note.text() and len(console.file.rows) == 2
     window.show_view(console.view(samples.NOW_S))
     assert window.mission.note.text() == "outdoor.yaml, changed and not saved"
-    assert window.mission.rehearsal.text() == "not rehearsed" and not window.buttons["execute"].isEnabled()
+    assert (
+        window.mission.rehearsal.text() == "not rehearsed"
+        and not window.buttons["execute"].isEnabled()
+    )
     assert "it reads its file when it starts" in window.buttons["execute"].toolTip()
     hold(app, window, KEYS.Key_V, 0.0)
     hold(app, window, KEYS.Key_W, 1.2)
@@ -602,11 +694,17 @@ def test_no_figure_of_a_vehicle_or_a_configuration_is_cut(shown, app, size):
     vehicles, table = window.vehicles, window.mission.table
     for i in range(vehicles.rowCount()):
         assert vehicles.rowHeight(i) >= vehicles.sizeHintForRow(i), vehicles.item(i, 0).text()
-    assert vehicles.rowHeight(0) > vehicles.rowHeight(1), "the guardian's reason takes a second line"
+    assert vehicles.rowHeight(0) > vehicles.rowHeight(1), (
+        "the guardian's reason takes a second line"
+    )
     assert table.horizontalScrollBar().maximum() == 0
     for k in range(table.columnCount()):
-        assert table.columnWidth(k) >= table.sizeHintForColumn(k), table.horizontalHeaderItem(k).text()
-    assert size[1] == 540 or table.verticalScrollBar().maximum() == 0, "eight configurations without scrolling"
+        assert table.columnWidth(k) >= table.sizeHintForColumn(k), table.horizontalHeaderItem(
+            k
+        ).text()
+    assert size[1] == 540 or table.verticalScrollBar().maximum() == 0, (
+        "eight configurations without scrolling"
+    )
 
 
 @pytest.mark.parametrize("size, told", [((1366, 740), 2), ((960, 540), 1)])
@@ -617,7 +715,9 @@ def test_problems_leave_the_flight_check_its_room(shown, app, size, told):
     for _ in range(4):
         app.processEvents()
     problems = console.view(samples.NOW_S).problems
-    assert len(window.problems.text().splitlines()) == told and window.problems.toolTip().splitlines() == list(problems)
+    assert len(
+        window.problems.text().splitlines()
+    ) == told and window.problems.toolTip().splitlines() == list(problems)
     assert window.check.geometry().bottom() < window.problems.geometry().top()
     assert window.problems.geometry().bottom() <= window.problems.parentWidget().height()
 
@@ -670,7 +770,9 @@ def test_a_name_is_never_cut_by_the_height_bar(shown, x):
     plan = shown("flying")[0].plan
     pixmap = QtGui.QPixmap(plan.size())
     painter = QtGui.QPainter(pixmap)
-    box = plan.picture(painter).label(QtCore.QPointF(min(x, plan.width()), 100.0), "uav2  +10.0 m, 12.3 s old")
+    box = plan.picture(painter).label(
+        QtCore.QPointF(min(x, plan.width()), 100.0), "uav2  +10.0 m, 12.3 s old"
+    )
     painter.end()
     assert box.width() > 60.0 and box.right() < plan.width() - 64.0
 
@@ -682,23 +784,35 @@ def test_events_and_their_answers_are_read_whole(shown, app, size):
     for _ in range(4):
         app.processEvents()
     events = window.events
-    assert "hand over → confirmed: execute" in [events.item(k, 2).text() for k in range(events.rowCount())]
+    assert "hand over → confirmed: execute" in [
+        events.item(k, 2).text() for k in range(events.rowCount())
+    ]
     for row in range(events.rowCount()):
         assert events.rowHeight(row) >= events.sizeHintForRow(row)
     assert sum(events.columnWidth(k) for k in range(3)) <= events.viewport().width()
 
 
-# ---- what stands out, and what does not move ---------------------------------------------------------------------
+# ---- what stands out, and what does not move -----------------------------------------------------
 
 
 def standing_out(window):
-    return [b.accessibleName() for b in window.findChildren(QtWidgets.QPushButton) if b.property("next")]
+    return [
+        b.accessibleName() for b in window.findChildren(QtWidgets.QPushButton) if b.property("next")
+    ]
 
 
-@pytest.mark.parametrize("situation, names", [
-    ("starting", ["Rehearse"]), ("ground", []), ("calibrated", ["Set home"]), ("ready", ["Execute"]), ("flying", []),
-    ("wrong", []), ("landed", ["After the flight"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "situation, names",
+    [
+        ("starting", ["Rehearse"]),
+        ("ground", []),
+        ("calibrated", ["Set home"]),
+        ("ready", ["Execute"]),
+        ("flying", []),
+        ("wrong", []),
+        ("landed", ["After the flight"]),
+    ],
+)
 def test_one_button_stands_out_at_most(shown, situation, names):
     window, console, _ = shown(situation)
     assert standing_out(window) == names
@@ -706,7 +820,9 @@ def test_one_button_stands_out_at_most(shown, situation, names):
     assert standing_out(window) == [], "and no longer than it is next"
 
 
-def test_in_the_dock_the_step_that_is_next_stands_out_in_place_of_the_button_that_opens_it(shown, app):
+def test_in_the_dock_the_step_that_is_next_stands_out_in_place_of_the_button_that_opens_it(
+    shown, app
+):
     window, console, _ = shown("landed")
     console.tell(samples.NOW_S, facts.JobTold("map", "done", words="wrote a map"))
     console.tell(samples.NOW_S, facts.PlacesFound(True, True))
@@ -719,7 +835,14 @@ def test_in_the_dock_the_step_that_is_next_stands_out_in_place_of_the_button_tha
 def test_nothing_moves_when_words_become_longer(shown, app, size):
     window, console, _ = shown("flying")
     window.resize(*size)
-    parts = (window.plan, window.vehicles, window.check, window.events, window.mission.table, window.progress)
+    parts = (
+        window.plan,
+        window.vehicles,
+        window.check,
+        window.events,
+        window.mission.table,
+        window.progress,
+    )
 
     def places():
         for _ in range(4):
@@ -731,13 +854,20 @@ def test_nothing_moves_when_words_become_longer(shown, app, size):
     before = places()
     long = "it goes on and on, and says one thing after another, " * 9
     stop = replace(view.stop, value=facts.StopTold("stop", long))
-    told = replace(view, guide=replace(view.guide, headline=long), problems=(long,) * 5, stop=stop,
-                   stereo=replace(view.stereo, go=False, reasons=(long,)),
-                   rehearsal=replace(view.rehearsal, state="broken", words=long))  # fmt: skip
+    told = replace(
+        view,
+        guide=replace(view.guide, headline=long),
+        problems=(long,) * 5,
+        stop=stop,
+        stereo=replace(view.stereo, go=False, reasons=(long,)),
+        rehearsal=replace(view.rehearsal, state="broken", words=long),
+    )
     window.show_view(told)
     assert places() == before
     for label in (window.headline, window.problems, window.map.stereo, window.mission.rehearsal):
-        assert label.shown.endswith("…") and long[:40] in label.toolTip(), "what is cut is in the tooltip"
+        assert label.shown.endswith("…") and long[:40] in label.toolTip(), (
+            "what is cut is in the tooltip"
+        )
         assert label.shown.count("\n") < label.lines
     window.show_view(replace(view, guide=replace(view.guide, headline="short")))
     assert window.headline.shown == "short" and window.headline.toolTip() == ""
@@ -759,11 +889,23 @@ def test_an_empty_panel_says_why_it_is_empty(app, opened):
     window.show_pictures.click()
     app.processEvents()
     boxes = (*window.pictures.boxes.values(), window.pictures.map)
-    assert "No picture of uav1 was heard yet" in boxes[0].empty and "live map does not run" in boxes[2].empty
+    assert (
+        "No picture of uav1 was heard yet" in boxes[0].empty
+        and "live map does not run" in boxes[2].empty
+    )
 
     def inked(box):
         picture = box.grab().toImage()
-        return len({picture.pixel(x, y) for x in range(picture.width()) for y in range(picture.height() - 20)}) > 1
+        return (
+            len(
+                {
+                    picture.pixel(x, y)
+                    for x in range(picture.width())
+                    for y in range(picture.height() - 20)
+                }
+            )
+            > 1
+        )
 
     assert all(inked(box) for box in boxes)
     console.tell(samples.NOW_S, facts.MapTold("waiting", "no configuration yet"))

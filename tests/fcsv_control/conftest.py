@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fleet that flies on paper: it obeys orders at a limited speed, in odometry frames of its own, on a fake clock."""
+"""A fleet that flies on paper: it obeys orders at a limited speed, in odometry frames of its own,
+on a fake clock."""
 
 from dataclasses import dataclass, field
 from typing import Dict, List, Optional
@@ -13,7 +14,9 @@ from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.vehicle import Mount
 
 STEP_S = 0.1
-T_BODY_CAM = Mount((0.11, 0.0, 0.03)).T_body_part @ transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
+T_BODY_CAM = Mount((0.11, 0.0, 0.03)).T_body_part @ transforms.transform(
+    transforms.R_FLU_OPTICAL, np.zeros(3)
+)
 
 
 @dataclass
@@ -75,12 +78,15 @@ class FakeVehicle:
         step = T_goal[:3, 3] - self.T_home_body[:3, 3]
         length = float(np.linalg.norm(step))
         share = 1.0 if length <= speed_mps * dt_s else speed_mps * dt_s / length
-        self.T_home_body = transforms.transform(T_goal[:3, :3], self.T_home_body[:3, 3] + share * step)
+        self.T_home_body = transforms.transform(
+            T_goal[:3, :3], self.T_home_body[:3, 3] + share * step
+        )
         return share * length / dt_s
 
 
 class Flight:
-    """A machine and its fleet on a fake clock. Records every distance between two vehicles and every order."""
+    """A machine and its fleet on a fake clock. Records every distance between two vehicles and
+    every order."""
 
     def __init__(self, mission, names=("uav1", "uav2"), seed=1):
         random = np.random.default_rng(seed)
@@ -90,7 +96,9 @@ class Flight:
         for i, name in enumerate(names):
             T_home_odom = transforms.from_xyz_yaw(random.uniform(-20, 20, 3), random.uniform(-3, 3))
             place = [0.1 - mission.column_spacing_m * i, 0.2, 0.1]
-            T_home_body = transforms.from_xyz_yaw(place, random.uniform(-0.05, 0.05)) @ transforms.invert(T_BODY_CAM)
+            T_home_body = transforms.from_xyz_yaw(
+                place, random.uniform(-0.05, 0.05)
+            ) @ transforms.invert(T_BODY_CAM)
             T_home_body = transforms.level(T_home_body)
             self.fleet[name] = FakeVehicle(name, T_home_odom, T_home_body)
         self.home_known = False
@@ -115,15 +123,30 @@ class Flight:
             T_home_cam[:3, :3] = R_turned @ T_home_cam[:3, :3]
             T_home_cam[:3, 3] += v.push_m
             views[name] = VehicleView(
-                pose_age_s=max(age, v.pose_age_s), speed_mps=speed, height_m=v.height_m, state_age_s=age,
-                connected=True, armed=v.armed and v.heard_once, mode=v.mode if v.heard_once else "",
+                pose_age_s=max(age, v.pose_age_s),
+                speed_mps=speed,
+                height_m=v.height_m,
+                state_age_s=age,
+                connected=True,
+                armed=v.armed and v.heard_once,
+                mode=v.mode if v.heard_once else "",
                 sees_front_s=v.sees_front_s,
-                T_home_cam=T_home_cam if self.home_known else None, battery_share=v.battery_share,
-                recorder_age_s=0.5, recorder_problem=v.recorder_problem,
-                pictures=len(self.pictures[name]), lost=v.lost,
-            )  # fmt: skip
+                T_home_cam=T_home_cam if self.home_known else None,
+                battery_share=v.battery_share,
+                recorder_age_s=0.5,
+                recorder_problem=v.recorder_problem,
+                pictures=len(self.pictures[name]),
+                lost=v.lost,
+            )
         known = {n: v.T_home_odom for n, v in self.fleet.items()} if self.home_known else {}
-        return Snapshot(self.now_s, views, known, dict.fromkeys(self.fleet, T_BODY_CAM), self.recorder, self.clock_set)
+        return Snapshot(
+            self.now_s,
+            views,
+            known,
+            dict.fromkeys(self.fleet, T_BODY_CAM),
+            self.recorder,
+            self.clock_set,
+        )
 
     def step(self) -> None:
         """A tenth of a second."""
@@ -136,19 +159,25 @@ class Flight:
                 self.machine.outbox.acknowledged(order.vehicle, order.number, outcome)
         for name, vehicle in self.fleet.items():
             taken = self.pictures[name]
-            if vehicle.recording and (not taken or self.now_s - taken[-1] > self.picture_period_s - 0.5 * STEP_S):
+            if vehicle.recording and (
+                not taken or self.now_s - taken[-1] > self.picture_period_s - 0.5 * STEP_S
+            ):
                 taken.append(self.now_s)
         flying = [v for v in self.fleet.values() if v.armed and v.mode != "LAND"]
         for i, a in enumerate(flying):
             for b in flying[i + 1 :]:
-                self.closest_m = min(self.closest_m, float(np.linalg.norm(a.p_home_cam - b.p_home_cam)))
+                self.closest_m = min(
+                    self.closest_m, float(np.linalg.norm(a.p_home_cam - b.p_home_cam))
+                )
 
     def until(self, done, limit_s: float = 300.0) -> None:
         """Step until ``done()``; an assertion error where that does not come."""
         end_s = self.now_s + limit_s
         while not done():
             m = self.machine
-            assert self.now_s < end_s, f"still {m.phase}: {m.detail}; waits for '{m.waits_for}'; {m.problems}"
+            assert self.now_s < end_s, (
+                f"still {m.phase}: {m.detail}; waits for '{m.waits_for}'; {m.problems}"
+            )
             self.step()
 
     def phase(self, name: str, limit_s: float = 300.0) -> None:
@@ -158,7 +187,7 @@ class Flight:
         for _ in range(int(round(seconds / STEP_S))):
             self.step()
 
-    # ---- the people ----------------------------------------------------------------------------------------
+    # ---- the people ------------------------------------------------------------------------------
 
     def take_off(self) -> None:
         for v in self.fleet.values():

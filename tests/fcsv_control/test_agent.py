@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The agent's judgement without ROS: numbered commands, the target that is held, a control PC that falls silent."""
+"""The agent's judgement without ROS: numbered commands, the target that is held, a control PC that
+falls silent."""
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ def at(x, y, z, yaw=0.0):
     return transforms.from_xyz_yaw([x, y, z], yaw)
 
 
-# ---- commands --------------------------------------------------------------------------------------------------
+# ---- commands ------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -28,9 +29,15 @@ def test_a_command_is_executed_once_and_its_answer_repeated(log):
     assert log.judge(10.0, "uav1", "mission", 1, True, 15.0) == (CommandVerdict.EXECUTE, None)
     assert log.judge(10.3, "uav1", "mission", 1, True, 15.0) == (CommandVerdict.WAIT, None)
     log.answered("mission", 1, Answer(0, ""))
-    assert log.judge(10.6, "uav1", "mission", 1, True, 15.0) == (CommandVerdict.REPEAT, Answer(0, ""))
+    assert log.judge(10.6, "uav1", "mission", 1, True, 15.0) == (
+        CommandVerdict.REPEAT,
+        Answer(0, ""),
+    )
     # done in time: not expired
-    assert log.judge(99.0, "uav1", "mission", 1, True, 15.0) == (CommandVerdict.REPEAT, Answer(0, ""))
+    assert log.judge(99.0, "uav1", "mission", 1, True, 15.0) == (
+        CommandVerdict.REPEAT,
+        Answer(0, ""),
+    )
 
 
 def test_another_vehicles_command_is_ignored_and_another_senders_is_another(log):
@@ -55,7 +62,10 @@ def test_a_move_that_a_newer_one_overtook_is_not_made(log):
 @pytest.mark.parametrize("clock_s", [21.0, 3600.0])
 def test_a_command_to_stop_is_never_late_by_the_clock(log, clock_s):
     """The control PC's clock is seconds behind: it used to be answered with "expired"."""
-    assert log.judge(clock_s, "uav1", "mission", 1, True, 15.0, stops=True)[0] is CommandVerdict.EXECUTE
+    assert (
+        log.judge(clock_s, "uav1", "mission", 1, True, 15.0, stops=True)[0]
+        is CommandVerdict.EXECUTE
+    )
     assert log.judge(clock_s, "uav1", "mission", 2, True, 15.0)[0] is CommandVerdict.EXPIRED
 
 
@@ -71,7 +81,7 @@ def test_the_memory_is_bounded(log):
     assert len(log._answers) == 200
 
 
-# ---- the target ------------------------------------------------------------------------------------------------
+# ---- the target ----------------------------------------------------------------------------------
 
 
 def holder(*, mode="GUIDED", here=None, **limits):
@@ -183,7 +193,8 @@ def test_take_off_to_nowhere_is_refused(altitude_m):
 
 
 def test_a_jump_of_the_estimate_takes_the_target_along():
-    """The odometry frame was begun anew 30 m higher (thesis 6.8): flying the difference would be a crash."""
+    """The odometry frame was begun anew 30 m higher (thesis 6.8): flying the difference would be a
+    crash."""
     h = holder()
     h.go_to(at(4.0, 2.0, 3.0), FRAME)
     assert h.pose(0.03, at(1.0, 2.0, 33.0, 0.5)) == pytest.approx(30.0)
@@ -195,7 +206,8 @@ def test_flying_fast_is_no_jump_and_a_gap_hides_none():
     h.hold()
     for i in range(1, 60):  # 8 m/s at 30 Hz
         assert h.pose(i / 30.0, at(1.0 + 8.0 * i / 30.0, 2.0, 3.0)) == 0.0
-    assert h.pose(10.0, at(60.0, 2.0, 3.0)) == 0.0  # after eight seconds of silence it may be anywhere
+    # after eight seconds of silence it may be anywhere
+    assert h.pose(10.0, at(60.0, 2.0, 3.0)) == 0.0
 
 
 @pytest.mark.parametrize("name", ["furthest_target_m", "highest_takeoff_m", "reset_step_m"])
@@ -205,4 +217,4 @@ def test_limits_out_of_range_are_refused(name, value):
         Limits(**{name: value})
 
 
-# ---- a silent control PC ---------------------------------------------------------------------------------------
+# ---- a silent control PC -------------------------------------------------------------------------

@@ -1,11 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The agent's core by hand: what it asks of the flight link, in which order, and what it answers."""
+"""The agent's core by hand: what it asks of the flight link, in which order, and what it
+answers."""
 
 import numpy as np
 import pytest
 
 from fcsv_control.agent.core import AgentCore, AgentRules
-from fcsv_control.agent.messages import DONE, REFUSED, TOO_LATE, Ack, Ask, Instruction, Kind, SetPoint
+from fcsv_control.agent.messages import (
+    DONE,
+    REFUSED,
+    TOO_LATE,
+    Ack,
+    Ask,
+    Instruction,
+    Kind,
+    SetPoint,
+)
 from fcsv_control.agent.sender_clocks import SenderClocks
 from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_geometry import transforms
@@ -19,7 +29,9 @@ class Board:
 
     def __init__(self, twins=None, guardian=False, **rules):
         self.core = AgentCore(
-            "uav1", AgentRules(guardian=guardian, **rules), twins or DuplicateAgentGuard("agent-1", -np.inf)
+            "uav1",
+            AgentRules(guardian=guardian, **rules),
+            twins or DuplicateAgentGuard("agent-1", -np.inf),
         )
         self.now_s, self.number = 100.0, 0
         self.core.state("STABILIZE", False)
@@ -175,7 +187,7 @@ def test_a_landing_of_the_guardians_is_no_pilots():
     assert of(board.run(0.5), Ask)
 
 
-# ---- stopping --------------------------------------------------------------------------------------------------
+# ---- stopping ------------------------------------------------------------------------------------
 
 
 def test_brake_of_anybody_holds_at_once_and_asks_for_the_mode():
@@ -189,9 +201,12 @@ def test_brake_of_anybody_holds_at_once_and_asks_for_the_mode():
     assert ask.mode == "BRAKE" and np.allclose(point.T_odom_body[:3, 3], [2.0, 0.0, 3.0])
 
 
-@pytest.mark.parametrize("kind, fields", [(Kind.SET_MODE, {"mode": "GUIDED"}), (Kind.ARM, {"flag": True})])
+@pytest.mark.parametrize(
+    "kind, fields", [(Kind.SET_MODE, {"mode": "GUIDED"}), (Kind.ARM, {"flag": True})]
+)
 def test_what_was_ordered_before_a_stop_of_somebody_else_is_not_done_after_it(kind, fields):
-    """It was on its way while the stop overtook it on the radio; what is ordered after it is done."""
+    """It was on its way while the stop overtook it on the radio; what is ordered after it is
+    done."""
     board = Board()
     before = board.order(kind, **fields)
     board.run(1.0)
@@ -215,13 +230,16 @@ def test_hold_is_where_it_comes_to_rest_and_not_behind_it():
     assert board.answer(Kind.HOLD) == (DONE, "")
     (held,) = {tuple(np.round(s.T_odom_body[:3, 3], 6)) for s in of(board.run(1.0), SetPoint)}
     assert held == pytest.approx((0.8 + 2.0**2 / (2 * 2.5), 0.0, 3.0))
-    board.core.pose(board.now_s, transforms.from_xyz_yaw([9.8, 0.0, 3.0], 0.0))  # the estimate jumps: no way to there
+    # the estimate jumps: no way to there
+    board.core.pose(board.now_s, transforms.from_xyz_yaw([9.8, 0.0, 3.0], 0.0))
     assert board.answer(Kind.HOLD) == (DONE, "")
     assert {tuple(s.T_odom_body[:3, 3]) for s in of(board.run(1.0), SetPoint)} == {(9.8, 0.0, 3.0)}
 
 
 @pytest.mark.parametrize("mode", ["LOITER", "ALT_HOLD", "BRAKE", "LAND", "RTL"])
-@pytest.mark.parametrize("stop", [(Kind.LAND, {}), (Kind.SET_MODE, {"mode": "BRAKE"}), (Kind.HOLD, {})])
+@pytest.mark.parametrize(
+    "stop", [(Kind.LAND, {}), (Kind.SET_MODE, {"mode": "BRAKE"}), (Kind.HOLD, {})]
+)
 def test_a_vehicle_that_is_flown_by_hand_is_stopped_by_nobody(mode, stop):
     board = Board()
     board.core.state(mode, True)
@@ -253,7 +271,7 @@ def test_a_refused_mode_that_a_pilot_chooses_later_is_his():
     assert "flown by hand" in board.answer(Kind.LAND)[1]
 
 
-# ---- one commander ---------------------------------------------------------------------------------------------
+# ---- one commander -------------------------------------------------------------------------------
 
 AHEAD = {"target": transforms.from_xyz_yaw([1.0, 0.0, 3.0], 0.0), "frame": "uav1/odom"}
 
@@ -277,7 +295,8 @@ def test_the_lease_lasts_as_long_as_its_holder_is_heard():
         board.run(0.2)
         board.core.control_heard(board.now_s, "mission-123", SENDER_S + board.now_s)
     assert board.answer(Kind.GOTO, sender="mission-124", **AHEAD)[0] == REFUSED
-    board.core.control_heard(board.now_s, "mission-124", SENDER_S + board.now_s)  # it is not the holder
+    # it is not the holder
+    board.core.control_heard(board.now_s, "mission-124", SENDER_S + board.now_s)
     board.run(1.9)
     assert board.answer(Kind.GOTO, sender="mission-124", **AHEAD)[0] == REFUSED
     board.run(0.2)
@@ -326,11 +345,12 @@ def test_of_two_agents_that_were_started_together_one_acts():
     assert sorted(acting) == [False, True]
 
 
-# ---- time ------------------------------------------------------------------------------------------------------
+# ---- time ----------------------------------------------------------------------------------------
 
 
 def test_a_way_point_that_the_radio_held_up_is_not_flown_to():
-    """Its sender was heard before, so that it is known how late it comes, whatever anybody's clock says."""
+    """Its sender was heard before, so that it is known how late it comes, whatever anybody's clock
+    says."""
     board = Board()
     board.core.control_heard(board.now_s, "mission", SENDER_S + board.now_s)
     late = board.order(Kind.GOTO, lifetime_s=2.0, **AHEAD)
@@ -360,11 +380,13 @@ def test_a_stop_is_obeyed_however_late_it_comes():
 
 def test_a_sender_whose_clock_has_another_rate_is_followed():
     clocks, rate = SenderClocks(), 1.0 + 200e-6  # more than quartzes differ by
-    late_s = [k * 0.2 - clocks.sent_here_s(k * 0.2, "mission", k * 0.2 * rate) for k in range(18_000)]
+    late_s = [
+        k * 0.2 - clocks.sent_here_s(k * 0.2, "mission", k * 0.2 * rate) for k in range(18_000)
+    ]
     assert max(map(abs, late_s)) < 10.0 * 200e-6 + 1e-9  # what it gains in the window of 10 s
 
 
-# ---- the odometry's epoch --------------------------------------------------------------------------------------
+# ---- the odometry's epoch ------------------------------------------------------------------------
 
 
 def test_an_odometry_that_began_anew_holds_and_refuses_guided_until_it_is_calibrated():
@@ -377,7 +399,11 @@ def test_an_odometry_that_began_anew_holds_and_refuses_guided_until_it_is_calibr
     [point] = of(board.core.outgoing(), SetPoint)
     assert np.allclose(point.T_odom_body[:3, 3], [0.5, 0.0, 3.0])
     result, reason = board.answer(Kind.SET_MODE, mode="GUIDED")
-    assert result == REFUSED and "uav1: its odometry began anew" in reason and "silent for 0.7 s" in reason
+    assert (
+        result == REFUSED
+        and "uav1: its odometry began anew" in reason
+        and "silent for 0.7 s" in reason
+    )
     board.core.rights.frame.calibrated(8)
     board.tell(Kind.SET_MODE, mode="GUIDED")
     assert of(board.run(), Ask)

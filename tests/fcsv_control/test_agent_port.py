@@ -1,14 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The agent's port: which services it calls when, how a request ends, and when it shows that it lives."""
+"""The agent's port: which services it calls when, how a request ends, and when it shows that it
+lives."""
 
 import numpy as np
 import pytest
 
 from fcsv_control.agent.core import AgentRules
-from fcsv_control.agent.messages import DONE, REFUSED, Ack, AgentAlive, Ask, AskAnswered, Instruction, Kind, SetPoint
+from fcsv_control.agent.messages import (
+    DONE,
+    REFUSED,
+    Ack,
+    AgentAlive,
+    Ask,
+    AskAnswered,
+    Instruction,
+    Kind,
+    SetPoint,
+)
 from fcsv_control.agent.port import AgentPort
 from fcsv_control.control_messages import MissionAlive
-from fcsv_control.flight.messages import EstimateMoved, HomeHeard, ModeAsked, PoseEstimated, Refused, TextHeard
+from fcsv_control.flight.messages import (
+    EstimateMoved,
+    HomeHeard,
+    ModeAsked,
+    PoseEstimated,
+    Refused,
+    TextHeard,
+)
 from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles import telemetry as tm
@@ -35,7 +53,9 @@ class Board:
 
     def tell(self, kind, sender="mission", **fields):
         self.number += 1
-        self.hear(Instruction("uav1", sender, self.number, kind, self.now_s, self.now_s, 5.0, **fields))
+        self.hear(
+            Instruction("uav1", sender, self.number, kind, self.now_s, self.now_s, 5.0, **fields)
+        )
         return self.number
 
     def run(self, seconds=STEP_S):
@@ -74,7 +94,9 @@ def test_a_stop_that_was_taken_but_does_not_show_is_called_again(board):
         out = board.run()
         calls += of(out, Ask)
         board.hear(*(AskAnswered(a.number, True) for a in of(out, Ask)))
-        assert len(of(out, ModeAsked)) == (1 if len(calls) == 1 and of(out, Ask) else 0), "told once"
+        assert len(of(out, ModeAsked)) == (1 if len(calls) == 1 and of(out, Ask) else 0), (
+            "told once"
+        )
     assert len(calls) == 5 and {a.mode for a in calls} == {"LAND"}
 
 
@@ -85,11 +107,16 @@ def test_the_reason_of_a_refusal_may_come_after_the_answer(board):
     board.hear(AskAnswered(call.number, False))
     assert not of(board.run(0.2), Ack)
     board.hear(Refused("arming refused: the EKF is not ready"))
-    assert of(board.run(), Ack) == [Ack("mission", number, REFUSED, "arming refused: the EKF is not ready")]
+    assert of(board.run(), Ack) == [
+        Ack("mission", number, REFUSED, "arming refused: the EKF is not ready")
+    ]
 
 
 def test_without_a_reason_the_autopilots_last_warning_is_one(board):
-    for severity, reason in ((6, "the flight link refused without a reason"), (4, "PreArm: compass")):
+    for severity, reason in (
+        (6, "the flight link refused without a reason"),
+        (4, "PreArm: compass"),
+    ):
         board.tell(Kind.ARM, flag=True)
         board.show("GUIDED", False)
         [call] = of(board.run(), Ask)
@@ -114,7 +141,9 @@ def test_a_service_that_is_not_there_ends_the_request_and_frees_the_next(board):
     [call] = of(board.run(), Ask)
     board.hear(AskAnswered(call.number, False, "timeout exceeded while waiting for service"))
     out = board.run()
-    assert [(a.number, a.reason) for a in of(out, Ack)] == [(first, "timeout exceeded while waiting for service")]
+    assert [(a.number, a.reason) for a in of(out, Ack)] == [
+        (first, "timeout exceeded while waiting for service")
+    ]
     assert [a.mode for a in of(out, Ask)] == ["GUIDED"] and second == 2
     board.hear(AskAnswered(call.number, True))  # of a request that is over
     assert not of(board.run(), Ack)
@@ -129,7 +158,10 @@ def test_a_landing_ends_the_mode_before_it_once_that_call_returns(board):
     board.show("LAND")
     board.hear(AskAnswered(first.number, True), AskAnswered(second.number, True))
     acks = {a.number: a for a in of(board.run(), Ack)}
-    assert acks[land].result == DONE and acks[guided].reason == "mode GUIDED was overtaken by a newer command"
+    assert (
+        acks[land].result == DONE
+        and acks[guided].reason == "mode GUIDED was overtaken by a newer command"
+    )
 
 
 def test_a_take_off_counts_from_the_home_that_mavros_tells(board):
@@ -142,10 +174,19 @@ def test_a_take_off_counts_from_the_home_that_mavros_tells(board):
 
 
 def test_it_shows_that_it_lives_and_whom_it_obeys(board):
-    board.tell(Kind.GOTO, sender="mission-7", target=transforms.from_xyz_yaw([1.0, 0.0, 3.0], 0.0), frame="uav1/odom")
+    board.tell(
+        Kind.GOTO,
+        sender="mission-7",
+        target=transforms.from_xyz_yaw([1.0, 0.0, 3.0], 0.0),
+        frame="uav1/odom",
+    )
     lives = of(board.run(1.0), AgentAlive)
-    assert len(lives) == 5 and {(m.instance, m.started_s, m.problem) for m in lives} == {("agent-1", BEGAN_S, "")}
-    assert lives[-1].commander == "mission-7" and lives[-1].sent_s == pytest.approx(board.now_s, abs=0.25)
+    assert len(lives) == 5 and {(m.instance, m.started_s, m.problem) for m in lives} == {
+        ("agent-1", BEGAN_S, "")
+    }
+    assert lives[-1].commander == "mission-7" and lives[-1].sent_s == pytest.approx(
+        board.now_s, abs=0.25
+    )
 
 
 def test_beside_an_older_agent_it_says_so_and_does_nothing(board):
@@ -153,14 +194,23 @@ def test_beside_an_older_agent_it_says_so_and_does_nothing(board):
     board.tell(Kind.LAND)
     out = board.run(0.5)
     assert not of(out, Ask) + of(out, Ack) + of(out, SetPoint)
-    assert "agent-0 is its agent already; this second one does nothing" in of(out, AgentAlive)[-1].problem
+    assert (
+        "agent-0 is its agent already; this second one does nothing"
+        in of(out, AgentAlive)[-1].problem
+    )
 
 
 def test_the_calibration_of_another_epoch_forbids_to_hand_over(board):
-    board.hear(tm.OdometryEpoch("uav1", "", 8, "the tracker was silent"), tm.EpochsFound(tm.HOME, 0.0, {"uav1": 7}))
+    board.hear(
+        tm.OdometryEpoch("uav1", "", 8, "the tracker was silent"),
+        tm.EpochsFound(tm.HOME, 0.0, {"uav1": 7}),
+    )
     board.tell(Kind.SET_MODE, mode="GUIDED")
     assert of(board.run(), Ask), "home's epoch is not the calibration's"
-    board.hear(tm.EpochsFound(tm.CALIBRATION, 0.0, {"uav2": 3}), tm.EpochsFound(tm.CALIBRATION, 0.0, {"uav1": 7}))
+    board.hear(
+        tm.EpochsFound(tm.CALIBRATION, 0.0, {"uav2": 3}),
+        tm.EpochsFound(tm.CALIBRATION, 0.0, {"uav1": 7}),
+    )
     board.tell(Kind.SET_MODE, mode="GUIDED")
     [ack] = of(board.run(), Ack)
     assert "began anew after the calibration (the tracker was silent)" in ack.reason

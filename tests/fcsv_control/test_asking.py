@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A request whose effect shows later than its answer: what is sent again, what ends it, what its caller is told."""
+"""A request whose effect shows later than its answer: what is sent again, what ends it, what its
+caller is told."""
 
 import pytest
 
@@ -67,7 +68,9 @@ def test_a_refusal_ends_it_with_its_reason_but_not_one_of_before(shown):
 def test_what_never_shows_is_told_with_what_shows(shown):
     asking = Asking.mode(shown, 10.0, "GUIDED")
     sent(asking, 10.0, SHOWS_S)
-    with pytest.raises(ControlError, match="mode GUIDED was sent, but the vehicle is in LOITER, armed"):
+    with pytest.raises(
+        ControlError, match="mode GUIDED was sent, but the vehicle is in LOITER, armed"
+    ):
         asking.step(10.01 + SHOWS_S)
     brake = Asking.mode(shown, 20.0, "BRAKE")
     assert sent(brake, 20.0, STOP_PATIENCE_S - 0.1)[-1] > 24.5

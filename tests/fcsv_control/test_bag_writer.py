@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder's writer without a master, in a process of its own that is killed, or whose disk refuses."""
+"""The recorder's writer without a master, in a process of its own that is killed, or whose disk
+refuses."""
 
 import io
 import os
@@ -59,7 +60,13 @@ def write(tmp_path):
     started = []
 
     def start(part_bytes=1 << 31, count=10_000, limit=0):
-        command = [sys.executable, "-c", WRITER, str(tmp_path), *map(str, (part_bytes, count, limit))]
+        command = [
+            sys.executable,
+            "-c",
+            WRITER,
+            str(tmp_path),
+            *map(str, (part_bytes, count, limit)),
+        ]
         with (tmp_path / "said").open("w") as said:
             started.append(subprocess.Popen(command, stdout=said))
         return started[-1]
@@ -71,7 +78,11 @@ def write(tmp_path):
 
 
 def said(folder):
-    return [line.split(" ") for line in (folder / "said").read_text().splitlines() if line.count(" ") >= 3]
+    return [
+        line.split(" ")
+        for line in (folder / "said").read_text().splitlines()
+        if line.count(" ") >= 3
+    ]
 
 
 def numbers(path):
@@ -97,7 +108,10 @@ def test_killed_at_most_a_second_is_lost_and_the_next_one_begins_a_new_part(writ
     process = write(count=20)
     until(lambda: process.poll() is not None)
     assert lines[-1][2] == "uav1.bag" and said(tmp_path)[0][2] == "uav1.1.bag"
-    assert numbers(tmp_path / "uav1.1.bag") == list(range(20)) and (tmp_path / "uav1.bag.active").exists()
+    assert (
+        numbers(tmp_path / "uav1.1.bag") == list(range(20))
+        and (tmp_path / "uav1.bag.active").exists()
+    )
 
     path, salvaged = repaired(tmp_path / "uav1.bag.active")
     kept = numbers(path)
@@ -123,15 +137,23 @@ def test_a_disk_that_refuses_is_told_and_what_is_written_can_be_repaired(write, 
     until(lambda: process.poll() is not None)
     assert process.returncode == 0
     last = (tmp_path / "said").read_text().splitlines()[-1]
-    assert last.startswith("closed False") and "uav1.bag.active: File too large; make room and start again" in last
+    assert (
+        last.startswith("closed False")
+        and "uav1.bag.active: File too large; make room and start again" in last
+    )
     assert int(last.split(" ")[-1]) > 50, "what is not written is counted"
     path, salvaged = repaired(tmp_path / "uav1.bag.active")
     kept = numbers(path)
-    assert kept == list(range(len(kept))) and 100 < len(kept) < 160 and salvaged.topics["/a"] == len(kept)
+    assert (
+        kept == list(range(len(kept)))
+        and 100 < len(kept) < 160
+        and salvaged.topics["/a"] == len(kept)
+    )
 
 
 class Disk:
-    """In place of os.fsync: what a power cut leaves of a file is what it held when the last call for it began."""
+    """In place of os.fsync: what a power cut leaves of a file is what it held when the last call
+    for it began."""
 
     def __init__(self, takes_s):
         self._fsync, self._takes_s, self.synced = os.fsync, takes_s, []
@@ -147,8 +169,11 @@ def numbered(number):
     message, buffer = rospy.AnyMsg(), io.BytesIO()
     String(f"{number} " + "x" * 2000).serialize(buffer)
     message._buff = buffer.getvalue()
-    message._connection_header = {"type": String._type, "md5sum": String._md5sum,
-                                  "message_definition": String._full_text}  # fmt: skip
+    message._connection_header = {
+        "type": String._type,
+        "md5sum": String._md5sum,
+        "message_definition": String._full_text,
+    }
     return message
 
 
@@ -178,7 +203,9 @@ def test_at_a_power_cut_at_most_a_second_is_lost(tmp_path, monkeypatch, takes_s)
         assert kept[i] == list(range(len(kept[i])))
     for i, (cut_s, _) in enumerate(files):
         oldest_lost_s = put_s[len(kept[i - 1]) if i else 0]
-        assert cut_s - oldest_lost_s <= 1.0, f"{cut_s - oldest_lost_s:.2f} s lost at {cut_s - put_s[0]:.2f} s"
+        assert cut_s - oldest_lost_s <= 1.0, (
+            f"{cut_s - oldest_lost_s:.2f} s lost at {cut_s - put_s[0]:.2f} s"
+        )
 
 
 def test_a_new_part_and_a_closed_bag_stand_in_their_folder_after_a_power_cut(tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nobody is handed over to the mission before the flight check is green, or each amber line was accepted by name."""
+"""Nobody is handed over to the mission before the flight check is green, or each amber line was
+accepted by name."""
 
 import pytest
 
@@ -14,22 +15,27 @@ def line(state, accepted=False, name="battery"):
     return Line("uav2", name, state, "31%", accepted=accepted)
 
 
-@pytest.mark.parametrize("lines, take_off, begins, resumes", [
-    ([line(G)], True, True, True),
-    ([line(A)], True, False, True),
-    ([line(A, True)], True, True, True),
-    ([line(A, True), line(A, name="feed")], True, False, True),
-    ([line(R)], False, False, False),
-    ([line(R, True)], False, False, False),
-    ([line(U, True), line(G, name="feed")], False, False, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "lines, take_off, begins, resumes",
+    [
+        ([line(G)], True, True, True),
+        ([line(A)], True, False, True),
+        ([line(A, True)], True, True, True),
+        ([line(A, True), line(A, name="feed")], True, False, True),
+        ([line(R)], False, False, False),
+        ([line(R, True)], False, False, False),
+        ([line(U, True), line(G, name="feed")], False, False, False),
+    ],
+)
 def test_what_locks(lines, take_off, begins, resumes):
     gate = CheckGate()
     gate.tell(10.0, lines, 4.0)
     for now_s in (10.0, 14.0):
-        assert (not gate.before_take_off(now_s), not gate.before_list(now_s), not gate.before_resuming(now_s)) == (
-            take_off, begins, resumes
-        )  # fmt: skip
+        assert (
+            not gate.before_take_off(now_s),
+            not gate.before_list(now_s),
+            not gate.before_resuming(now_s),
+        ) == (take_off, begins, resumes)
 
 
 def test_a_table_that_is_not_heard_any_more_locks():
@@ -59,8 +65,13 @@ def test_what_it_tells():
 
 @pytest.fixture
 def flown(flight):
-    """A flight on paper whose mission has a gate; ``flown.say(state)`` tells it a table that lasts for the flight."""
-    flown = flight(Mission("gate", [StereoConfiguration("horizontal", b_m, record_s=2.0) for b_m in (4.0, 6.0)]))
+    """A flight on paper whose mission has a gate; ``flown.say(state)`` tells it a table that lasts
+    for the flight."""
+    flown = flight(
+        Mission(
+            "gate", [StereoConfiguration("horizontal", b_m, record_s=2.0) for b_m in (4.0, 6.0)]
+        )
+    )
     flown.machine.gate = CheckGate()
     flown.say = lambda *lines: flown.machine.gate.tell(flown.now_s, lines, 1e4)
     return flown
@@ -85,7 +96,9 @@ def test_execute_is_refused_and_taken_once_the_line_is_accepted(flown):
     for refused in (flown.machine.proceed("execute"), flown.machine.execute([0])):
         assert "uav2 battery is amber (31%)" in refused
     flown.wait(3.0)
-    assert flown.machine.phase == "SET_HOME" and len(flown.orders) == ordered, "nobody was asked for GUIDED"
+    assert flown.machine.phase == "SET_HOME" and len(flown.orders) == ordered, (
+        "nobody was asked for GUIDED"
+    )
     flown.say(line(A, True))
     assert flown.machine.proceed("execute") == ""
     flown.phase("DONE")

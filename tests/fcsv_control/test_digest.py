@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a vehicle's diagnostics crosses the radio: the worst, at once, and never more than 2 kbit/s."""
+"""What of a vehicle's diagnostics crosses the radio: the worst, at once, and never more than 2
+kbit/s."""
 
 import doctest
 import random
@@ -9,7 +10,12 @@ import pytest
 
 from fcsv_control.flight_check import digest
 from fcsv_control.flight_check.digest import ERROR, OK, STALE, WARN, Digest, Status
-from fcsv_control.ros.checks.diagnostics_digest import ON_THE_WAY_BYTES, array, on_the_way_bytes, statuses_of
+from fcsv_control.ros.checks.diagnostics_digest import (
+    ON_THE_WAY_BYTES,
+    array,
+    on_the_way_bytes,
+    statuses_of,
+)
 
 
 def told(d, now_s, *statuses):
@@ -50,7 +56,10 @@ def test_a_wrong_line_whose_node_falls_silent_is_stale_and_later_forgotten():
 def test_others_on_the_same_master_are_left_out():
     d = Digest("tello1/")
     assert [
-        s.name for s in told(d, 0.0, ("tello1/x", WARN, ""), ("tello2/x", ERROR, ""), ("tello10/x", ERROR, ""))
+        s.name
+        for s in told(
+            d, 0.0, ("tello1/x", WARN, ""), ("tello2/x", ERROR, ""), ("tello10/x", ERROR, "")
+        )
     ] == ["tello1/x"]
 
 
@@ -61,7 +70,10 @@ def test_the_worst_line_of_any_length_is_out_within_a_second_however_much_change
     for k in range(60 * 50):
         now_s = k / 50.0
         if k % 10 == 0:
-            flapping = [Status(f"node{i:02d}" + "x" * 50, random_.choice((OK, WARN)), "±" * 200) for i in range(20)]
+            flapping = [
+                Status(f"node{i:02d}" + "x" * 50, random_.choice((OK, WARN)), "±" * 200)
+                for i in range(20)
+            ]
             d.tell(now_s, [*flapping, Status("y" * 70, ERROR if (k // 170) % 2 else OK, "z" * 300)])
         lines = d.due(now_s, on_the_way_bytes)
         if lines is not None:
@@ -73,7 +85,9 @@ def test_the_worst_line_of_any_length_is_out_within_a_second_however_much_change
     assert worst_s <= 1.0 + 1e-6
     assert max(sent_bytes) <= 240, "more would have to wait for longer than a second"
     kbit_s = 8e-3 * sum(sent_bytes) / 60.0
-    print(f"20 lines that flap and one long error, 60 s: {kbit_s:.2f} kbit/s, a change out after {worst_s:.2f} s")
+    print(
+        f"20 lines that flap and one long error, 60 s: {kbit_s:.2f} kbit/s, a change out after {worst_s:.2f} s"
+    )
     assert kbit_s <= 2.0
 
 
@@ -81,14 +95,22 @@ def test_the_worst_line_of_any_length_is_out_within_a_second_however_much_change
 def test_what_stays_as_it_is_takes_this_much_of_the_radio(wrong, most_kbit_s):
     d, sent = Digest(), 0
     for t in range(600):
-        lines = told(d, float(t), *((f"uav1/node{k}: health", WARN, "slow or silent: pictures") for k in range(wrong)))
+        lines = told(
+            d,
+            float(t),
+            *((f"uav1/node{k}: health", WARN, "slow or silent: pictures") for k in range(wrong)),
+        )
         sent += 0 if lines is None else on_the_way_bytes(lines)
     print(f"{wrong} lines wrong, 600 s: {8e-3 * sent / 600.0:.2f} kbit/s")
     assert 8e-3 * sent / 600.0 <= most_kbit_s
 
 
 def test_what_has_no_room_is_counted():
-    lines = told(Digest(), 0.0, *((f"uav1/node{k}: health", WARN, "slow or silent: pictures") for k in range(20)))
+    lines = told(
+        Digest(),
+        0.0,
+        *((f"uav1/node{k}: health", WARN, "slow or silent: pictures") for k in range(20)),
+    )
     assert lines[-1].name == "" and lines[-1].text == f"and {21 - len(lines)} more"
 
 
@@ -121,22 +143,27 @@ def test_what_nodes_publish_comes_out_as_a_message(monkeypatch):
             published.append(message)
 
     monkeypatch.setattr(rospy, "Publisher", Publisher)
-    monkeypatch.setattr(rospy, "Subscriber", lambda topic, kind, call, **_: heard.update({topic: (kind, call)}))
+    monkeypatch.setattr(
+        rospy, "Subscriber", lambda topic, kind, call, **_: heard.update({topic: (kind, call)})
+    )
     monkeypatch.setattr(rospy, "get_time", lambda: 12.0)
     shell = diagnostics_digest.DiagnosticsDigest()
     shell.step()
     kind, call = heard["/diagnostics"]
     told, buffer = kind(), io.BytesIO()
-    DiagnosticArray(status=[DiagnosticStatus(level=2, name="a", message="m"), DiagnosticStatus(name="b")]).serialize(
-        buffer
-    )
+    DiagnosticArray(
+        status=[DiagnosticStatus(level=2, name="a", message="m"), DiagnosticStatus(name="b")]
+    ).serialize(buffer)
     told._buff = buffer.getvalue()
     call(told)
     deadline_s = time.monotonic() + 20.0
     while len(published) < 2 and time.monotonic() < deadline_s:
         time.sleep(0.05)
         shell.step()
-    assert [[(s.level, s.name, s.message) for s in m.status] for m in published] == [[], [(2, "a", "m")]]
+    assert [[(s.level, s.name, s.message) for s in m.status] for m in published] == [
+        [],
+        [(2, "a", "m")],
+    ]
     assert published[1].header.stamp.to_sec() == 12.0
 
 

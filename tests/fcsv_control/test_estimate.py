@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The autopilot's estimate held against the feed: jumps adopted at once or late; the link's core in a closed loop."""
+"""The autopilot's estimate held against the feed: jumps adopted at once or late; the link's core in
+a closed loop."""
 
 import os
 
@@ -27,7 +28,8 @@ def test_doctests():
 
 
 def told(watch, seconds, flown, jumped, moved, armed=True, hz=30.0, lag_s=0.05):
-    """Feed and estimates at 30 Hz of a vehicle at ``flown(t)``; what the estimate was said to have moved in all."""
+    """Feed and estimates at 30 Hz of a vehicle at ``flown(t)``; what the estimate was said to have
+    moved in all."""
     total, at_s = np.zeros(3), []
     for k in range(int(seconds * hz)):
         t = k / hz
@@ -54,9 +56,15 @@ def test_brisk_flight_is_no_move_of_the_estimate():
 
 @pytest.mark.parametrize("step_m", [0.5, 5.0, 30.0])
 def test_a_jump_that_is_first_rejected_then_adopted_over_seconds_is_told_on_the_way(step_m):
-    """No step of the estimate is larger than a flying vehicle's, and feed and estimate end together."""
-    total, at_s = told(EstimateWatch(), 15.0, lambda t: np.array([0.3 * t, 0, 2.0]), ramp(3.0, 1e-9, step_m),
-                       ramp(8.0, 4.3, step_m))  # fmt: skip
+    """No step of the estimate is larger than a flying vehicle's, and feed and estimate end
+    together."""
+    total, at_s = told(
+        EstimateWatch(),
+        15.0,
+        lambda t: np.array([0.3 * t, 0, 2.0]),
+        ramp(3.0, 1e-9, step_m),
+        ramp(8.0, 4.3, step_m),
+    )
     assert total[0] == pytest.approx(step_m, abs=MOVED_M)
     assert 8.0 < at_s[0] and at_s[-1] < 12.5
 
@@ -85,7 +93,8 @@ def test_after_a_gap_of_the_feed_the_estimate_is_the_better_witness():
 
 
 def test_no_height_runs_away_with_the_links_origin_and_an_autopilots_restart_gets_a_new_one():
-    """Before, the link's origin at altitude 0 made the height climb, and after a restart it never armed again."""
+    """Before, the link's origin at altitude 0 made the height climb, and after a restart it never
+    armed again."""
     loop = SimulatedLoop().run(30.0)
     assert loop.core.origin_set(loop.t) and loop.core.estimate_apart_m(loop.t) < 0.1
     loop.pilot.reboot()
@@ -128,12 +137,16 @@ def test_stamps_to_the_autopilot_only_rise():
 
 
 def test_nobody_sees_a_connection_without_a_mode(monkeypatch):
-    """Before, another thread could see "connected" of a vehicle in flight before its mode was noted."""
+    """Before, another thread could see "connected" of a vehicle in flight before its mode was
+    noted."""
     loop, seen = SimulatedLoop(), []
     heartbeat = ConnectionKeeper.heartbeat
     monkeypatch.setattr(
-        ConnectionKeeper, "heartbeat",
-        lambda k, now_s, booting: (heartbeat(k, now_s, booting), seen.append(loop.core.state.mode))[0],
+        ConnectionKeeper,
+        "heartbeat",
+        lambda k, now_s, booting: (heartbeat(k, now_s, booting), seen.append(loop.core.state.mode))[
+            0
+        ],
     )
     loop.run(0.1)
     assert set(seen) == {"STABILIZE"}

@@ -19,17 +19,24 @@ class Air:
         self.now_s, self.p, self.v = 100.0, np.zeros(3), np.zeros(3)
 
     def run(self, seconds, acc=(0.0, 0.0), tracker=lambda p, since_s: p):
-        """Fly with an acceleration; what ``tracker`` makes of the place is fed. When doubt came (s), or None."""
+        """Fly with an acceleration; what ``tracker`` makes of the place is fed. When doubt came
+        (s), or None."""
         begun_s = self.now_s
         while self.now_s < begun_s + seconds:
             self.now_s += 1.0 / HZ
             self.v[:2] += np.array(acc) / HZ
             self.p = self.p + self.v / HZ
             lean = [-np.arctan2(acc[1], 9.81), np.arctan2(acc[0], 9.81), 0.0]
-            T, felt = transforms.from_xyz_rpy(self.p, lean), self.v + self.random.normal(0.0, 0.03, 3)
+            T, felt = (
+                transforms.from_xyz_rpy(self.p, lean),
+                self.v + self.random.normal(0.0, 0.03, 3),
+            )
             self.check.estimate(self.now_s, T, felt)
             p = tracker(self.p, self.now_s - begun_s)
-            noise_m, noise_rad = self.random.normal(0.0, 0.0015, 3), np.radians(self.random.normal(0.0, 0.03, 3))
+            noise_m, noise_rad = (
+                self.random.normal(0.0, 0.0015, 3),
+                np.radians(self.random.normal(0.0, 0.03, 3)),
+            )
             T = transforms.from_xyz_rpy(p + noise_m, np.array(lean) + noise_rad)
             if p is FROZEN:
                 T = np.eye(4)
@@ -63,7 +70,9 @@ def test_a_frozen_tracker_is_doubted_within_half_a_second():
 def test_a_tracker_that_runs_off_is_doubted_within_a_second(speed_mps, seed):
     air = Air(seed)
     air.run(3.0)
-    assert air.run(3.0, tracker=lambda p, since_s: p + np.array([speed_mps * since_s, 0.0, 0.0])) < 1.0
+    assert (
+        air.run(3.0, tracker=lambda p, since_s: p + np.array([speed_mps * since_s, 0.0, 0.0])) < 1.0
+    )
 
 
 def test_a_tracker_that_leaves_the_autopilots_estimate_is_doubted():
@@ -87,9 +96,13 @@ def test_a_clock_that_is_set_raises_no_doubt():
     air = Air()
     air.v[0] = 2.0
     for k in range(90):
-        T = transforms.from_xyz_rpy([2.0 * k / HZ, 0.0, 3.0], np.radians(air.random.normal(0.0, 0.1, 3)))
+        T = transforms.from_xyz_rpy(
+            [2.0 * k / HZ, 0.0, 3.0], np.radians(air.random.normal(0.0, 0.1, 3))
+        )
         air.check.estimate(k / HZ, T, air.v)
-        air.check.judge(k / HZ, 1.7e9 + k / HZ + (0.4 if k > 40 else 0.0) - (2.0 if k > 70 else 0.0), T)
+        air.check.judge(
+            k / HZ, 1.7e9 + k / HZ + (0.4 if k > 40 else 0.0) - (2.0 if k > 70 else 0.0), T
+        )
         assert air.check.doubt == ""
 
 
@@ -109,9 +122,12 @@ def test_a_tracker_that_comes_and_goes_is_doubted():
     assert air.check.doubt == "the tracker comes and goes"
 
 
-@pytest.mark.parametrize("gap_s, sunk_m, tells", [(2.0, 1.0, True), (2.0, 0.1, False), (0.3, 1.0, False)])
+@pytest.mark.parametrize(
+    "gap_s, sunk_m, tells", [(2.0, 1.0, True), (2.0, 0.1, False), (0.3, 1.0, False)]
+)
 def test_a_tracker_that_returns_elsewhere_is_told_as_a_reset(gap_s, sunk_m, tells):
-    """It goes on from where it fell silent, and the vehicle sank meanwhile. Once: what follows is no reset."""
+    """It goes on from where it fell silent, and the vehicle sank meanwhile. Once: what follows is
+    no reset."""
     air = Air()
     air.run(3.0)
     air.now_s += gap_s

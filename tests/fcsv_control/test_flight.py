@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The flight link's parts without a socket or a clock: frames, texts, commands, connection, feed, watchdog."""
+"""The flight link's parts without a socket or a clock: frames, texts, commands, connection, feed,
+watchdog."""
 
 import math
 
@@ -17,13 +18,15 @@ from fcsv_control.flight.mavlink.timesync import TimeSync
 from fcsv_control.flight.settings.parameters import ParameterCheck
 from fcsv_geometry import transforms
 
-# ---- frames ----------------------------------------------------------------------------------------------------
+# ---- frames --------------------------------------------------------------------------------------
 
 P_NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 R_FLU_FRD = np.diag([1.0, -1.0, -1.0])
 
 
-@pytest.mark.parametrize("yaw_enu, yaw_ned", [(0.0, 90.0), (90.0, 0.0), (180.0, -90.0), (-90.0, 180.0), (45.0, 45.0)])
+@pytest.mark.parametrize(
+    "yaw_enu, yaw_ned", [(0.0, 90.0), (90.0, 0.0), (180.0, -90.0), (-90.0, 180.0), (45.0, 45.0)]
+)
 def test_yaw_by_hand(yaw_enu, yaw_ned):
     """Facing east is 0 in ENU and 90 in NED; north 90 and 0."""
     got = math.degrees(conversion.swap_yaw(math.radians(yaw_enu)))
@@ -31,14 +34,17 @@ def test_yaw_by_hand(yaw_enu, yaw_ned):
 
 
 def test_position_by_hand():
-    assert conversion.swap_ned_enu((1.0, 2.0, 3.0)) == (2.0, 1.0, -3.0)  # 1 m east, 2 m north, 3 m up
+    # 1 m east, 2 m north, 3 m up
+    assert conversion.swap_ned_enu((1.0, 2.0, 3.0)) == (2.0, 1.0, -3.0)
 
 
 def test_attitude_is_the_same_rotation_in_the_other_frames():
     """R_ned_frd = P_ned_enu R_enu_flu R_flu_frd, whatever the three angles are called."""
     rng = np.random.default_rng(3)
     for _ in range(50):
-        T = transforms.from_xyz_rpy(rng.normal(0, 10, 3), rng.uniform([-1, -1.4, -math.pi], [1, 1.4, math.pi]))
+        T = transforms.from_xyz_rpy(
+            rng.normal(0, 10, 3), rng.uniform([-1, -1.4, -math.pi], [1, 1.4, math.pi])
+        )
         ned, rpy = conversion.ned_from_pose(T)
         R_ned_frd = transforms.from_xyz_rpy([0, 0, 0], rpy)[:3, :3]
         assert np.allclose(R_ned_frd, P_NED_ENU @ T[:3, :3] @ R_FLU_FRD, atol=1e-12)
@@ -54,7 +60,7 @@ def test_nose_up_stays_nose_up():
     assert pitch_frd == pytest.approx(0.2)
 
 
-# ---- texts -----------------------------------------------------------------------------------------------------
+# ---- texts ---------------------------------------------------------------------------------------
 
 
 def test_a_short_text_is_whole():
@@ -109,7 +115,7 @@ def test_reasons_are_those_said_since_and_serious():
     assert reasons.since(4.0) == ""
 
 
-# ---- commands --------------------------------------------------------------------------------------------------
+# ---- commands ------------------------------------------------------------------------------------
 
 
 def test_a_command_is_repeated_with_a_confirmation_number_until_answered():
@@ -124,7 +130,9 @@ def test_a_command_is_repeated_with_a_confirmation_number_until_answered():
 
 def test_a_command_is_given_up_after_all_tries_and_no_later():
     pending = PendingCommand(400, 0.0, timeout_s=0.6, tries=3)
-    sent_s = [t for t in np.arange(0.0, 3.0, 0.01) if not pending.over(t) and pending.due(t) is not None]
+    sent_s = [
+        t for t in np.arange(0.0, 3.0, 0.01) if not pending.over(t) and pending.due(t) is not None
+    ]
     assert sent_s == pytest.approx([0.0, 0.6, 1.2], abs=0.02)
     assert not pending.over(sent_s[-1] + 0.59) and pending.over(sent_s[-1] + 0.61)
 
@@ -150,7 +158,7 @@ def test_an_answer_before_the_question_is_none():
     assert pending.result is None
 
 
-# ---- connection ------------------------------------------------------------------------------------------------
+# ---- connection ----------------------------------------------------------------------------------
 
 ONCE = {keeper.STREAMS, keeper.ASK_ORIGIN, keeper.PARAMETER, keeper.VERSION, keeper.TIMESYNC}
 ALL_ASKED = {keeper.HEARTBEAT, *ONCE}
@@ -198,7 +206,8 @@ def test_an_origin_counts_while_it_is_reported_and_is_asked_for_for_ever():
         asked += [t for what in due if what == keeper.ASK_ORIGIN]
         set_again += [t for what in due if what == keeper.SET_ORIGIN]
     assert len(asked) == 10 and k.origin_set(6.9) and not k.origin_set(7.1)
-    assert set_again[0] == pytest.approx(2.0 + keeper.ORIGIN_LASTS_S, abs=0.2)  # it went away: set again
+    # it went away: set again
+    assert set_again[0] == pytest.approx(2.0 + keeper.ORIGIN_LASTS_S, abs=0.2)
 
 
 def test_streams_are_asked_for_again_only_when_they_stop():
@@ -241,7 +250,8 @@ def test_parameters_are_read_one_by_one_and_what_is_wrong_is_named():
     check = ParameterCheck(PROFILE)
     answers = dict(PROFILE.values, VISO_TYPE=0.0, EK3_SRC1_POSXY=3.0, BATT_FS_LOW_ACT=0.0)
     answers.update(FS_THR_ENABLE=1.0, RC_OPTIONS=32, BATT_LOW_VOLT=0.0, BATT_CRT_VOLT=13.2)
-    del answers["VISO_ORIENT"], answers["FENCE_RADIUS"]  # this firmware does not know them: no answer
+    # this firmware does not know them: no answer
+    del answers["VISO_ORIENT"], answers["FENCE_RADIUS"]
     asked = []
     while (name := check.next()) is not None:
         asked.append(name)
@@ -253,38 +263,52 @@ def test_parameters_are_read_one_by_one_and_what_is_wrong_is_named():
     assert any("VISO_TYPE is 0, not 2 or 3" in line for line in lines)
     assert any("EK3_SRC1_POSXY is 3, not 6" in line for line in lines)
     assert any("VISO_ORIENT" in line and "not answered" in line for line in lines)
-    assert any("BATT_FS_LOW_ACT is 0" in line for line in lines) and any("FS_THR_ENABLE is 1" in line for line in lines)
+    assert any("BATT_FS_LOW_ACT is 0" in line for line in lines) and any(
+        "FS_THR_ENABLE is 1" in line for line in lines
+    )
     assert len(lines) == 5 and check.complete and not check.known
     assert check.unknown() == ["VISO_ORIENT", "FENCE_RADIUS"]
     check.answer("VISO_TYPE", 2.0)  # corrected meanwhile
     assert not any("VISO_TYPE" in line for line in check.problems())
     assert [line.split(":")[0] for line in check.warnings()] == [
-        "BATT_LOW_VOLT is 0, not 1..", "RC_OPTIONS is 32, not without bit 5"]  # fmt: skip
+        "BATT_LOW_VOLT is 0, not 1..",
+        "RC_OPTIONS is 32, not without bit 5",
+    ]
 
 
 def test_the_clocks_are_compared_by_the_quickest_answer():
     sync = TimeSync()
     assert sync.offset_s is None and sync.round_trip_s is None
-    for k, late_s in enumerate((0.020, 0.004, 0.150)):  # the autopilot's clock is 100 s ahead; answers take their time
+    # the autopilot's clock is 100 s ahead; answers take their time
+    for k, late_s in enumerate((0.020, 0.004, 0.150)):
         tc1, ts1 = sync.ask(10.0 + k)
         assert tc1 == 0
         assert sync.take(10.0 + k + late_s, int((110.0 + k + 0.002) * 1e9), ts1) is None
-    assert sync.round_trip_s == pytest.approx(0.004) and sync.offset_s == pytest.approx(100.0, abs=1e-6)
-    assert sync.take(13.0, 5, 77) is None and sync.offset_s == pytest.approx(100.0, abs=1e-6)  # somebody else's
+    assert sync.round_trip_s == pytest.approx(0.004) and sync.offset_s == pytest.approx(
+        100.0, abs=1e-6
+    )
+    # somebody else's
+    assert sync.take(13.0, 5, 77) is None and sync.offset_s == pytest.approx(100.0, abs=1e-6)
     assert sync.take(14.0, 0, 99) == (14_000_000_000, 99)  # the autopilot asks
 
 
-# ---- feed ------------------------------------------------------------------------------------------------------
+# ---- feed ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rate_in, passed", [(200.0, 300), (30.0, 300), (31.0, 300), (60.0, 300), (15.0, 150)])
+@pytest.mark.parametrize(
+    "rate_in, passed", [(200.0, 300), (30.0, 300), (31.0, 300), (60.0, 300), (15.0, 150)]
+)
 def test_the_feed_passes_thirty_a_second_at_most(rate_in, passed):
     rng = np.random.default_rng(1)
     feed = VisionFeed(FeedParameters())
     stamps = (
-        1000.0 + np.arange(0.0, 10.0, 1.0 / rate_in) + rng.uniform(0, 0.1 / rate_in, int(math.ceil(10.0 * rate_in)))
+        1000.0
+        + np.arange(0.0, 10.0, 1.0 / rate_in)
+        + rng.uniform(0, 0.1 / rate_in, int(math.ceil(10.0 * rate_in)))
     )
-    assert sum(feed.judge(s + 0.004, s)[0] is FeedVerdict.SEND for s in stamps) == pytest.approx(passed, rel=0.02)
+    assert sum(feed.judge(s + 0.004, s)[0] is FeedVerdict.SEND for s in stamps) == pytest.approx(
+        passed, rel=0.02
+    )
 
 
 def dropped(feed, now_s, stamp_s, why):
@@ -319,7 +343,8 @@ def test_a_clock_that_is_set_drops_two_poses_at_most_and_the_stamps_go_on_rising
     _, before = fed(feed, 3.0, 100.0, 1.7e9)
     drops, after = fed(feed, 3.0, 103.0, 1.7e9 + 3.0 + step_s)
     stamps = np.array(before + after)
-    assert len(drops) <= (2 if abs(step_s) > 0.1 else 10)  # less than 0.1 s is taken for late poses: 50 ms of them
+    # less than 0.1 s is taken for late poses: 50 ms of them
+    assert len(drops) <= (2 if abs(step_s) > 0.1 else 10)
     assert np.all(np.diff(stamps) > 0.0) and np.diff(stamps).max() < 0.1
     assert len(after) == pytest.approx(90, abs=3)
     assert stamps[-1] == pytest.approx(106.0, abs=0.1)  # the receiver's clock
@@ -341,7 +366,7 @@ def test_poses_that_are_held_up_are_dropped_until_they_are_fresh_again():
     assert stamps and stamps[0] > 101.15
 
 
-# ---- watchdog --------------------------------------------------------------------------------------------------
+# ---- watchdog ------------------------------------------------------------------------------------
 
 
 NONE, WARN, LAND = Alarm.NONE, Alarm.WARN, Alarm.LAND
@@ -358,7 +383,8 @@ def test_the_watchdog_warns_then_lands_once_it_is_obeyed():
     assert verdicts(dog, [10.85, 10.9, 11.5]) == [LAND, WARN, WARN]
     assert dog.check(11.9, True, "GUIDED") is LAND  # not seen in LAND yet: again
     assert dog.check(12.2, True, "LAND") is NONE
-    assert verdicts(dog, [13.5, 15.0], mode="LOITER") == [WARN, WARN]  # the pilot took over: no fight
+    # the pilot took over: no fight
+    assert verdicts(dog, [13.5, 15.0], mode="LOITER") == [WARN, WARN]
     dog.feed(20.0)
     assert verdicts(dog, [20.1, 20.9]) == [NONE, LAND]  # a second death
 
@@ -367,7 +393,9 @@ def test_the_watchdog_leaves_others_alone():
     dog = FeedWatchdog(WatchdogParameters(), 0.0)
     dog.feed(1.0)
     assert verdicts(dog, [5.0], armed=False) == [NONE]
-    assert verdicts(dog, [5.0], mode="ALT_HOLD") == [NONE] and verdicts(dog, [5.0], mode="STABILIZE") == [NONE]
+    assert verdicts(dog, [5.0], mode="ALT_HOLD") == [NONE] and verdicts(
+        dog, [5.0], mode="STABILIZE"
+    ) == [NONE]
 
 
 @pytest.mark.parametrize("mode", ["LOITER", "POSHOLD", "BRAKE", "RTL"])
@@ -400,7 +428,9 @@ def test_the_watchdog_may_be_told_to_warn_only():
     assert verdicts(dog, [0.6, 3.0]) == [WARN, WARN]
 
 
-@pytest.mark.parametrize("values", [{"warn_s": 0.0}, {"warn_s": 0.5, "land_s": 0.2}, {"land_s": float("nan")}])
+@pytest.mark.parametrize(
+    "values", [{"warn_s": 0.0}, {"warn_s": 0.5, "land_s": 0.2}, {"land_s": float("nan")}]
+)
 def test_watchdog_parameters_out_of_range_are_refused(values):
     with pytest.raises(ValueError, match="_s: "):
         WatchdogParameters(**values)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What must be true before take-off: each line by what was heard, with an age; the table, its exit status, its page."""
+"""What must be true before take-off: each line by what was heard, with an age; the table, its exit
+status, its page."""
 
 import doctest
 import importlib
@@ -12,7 +13,13 @@ import pytest
 
 from fcsv_control.flight_check import table
 from fcsv_control.flight_check.acceptance import Acceptances
-from fcsv_control.flight_check.fleet import CONTROL_CHECKS, FLEET_CHECKS, FleetCheckRules, FleetTable, speed_check
+from fcsv_control.flight_check.fleet import (
+    CONTROL_CHECKS,
+    FLEET_CHECKS,
+    FleetCheckRules,
+    FleetTable,
+    speed_check,
+)
 from fcsv_control.flight_check.keys import Keys
 from fcsv_control.flight_check.lines import Judged, Line, State, worst
 from fcsv_control.flight_check.links import CHECKS, TELLO_CHECKS
@@ -31,22 +38,39 @@ G, A, R, U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
 
 def link(**changed):
     """fcsv_msgs/LinkHealth of a vehicle that may take off."""
-    well = {"connected": True, "ekf_flags": 0x33F, "ekf_variance": 0.1, "ekf_age_s": 0.1, "throttle": -1.0,
-            "throttle_age_s": 0.1, "origin_set": True, "feed_rate_hz": 30.0, "feed_age_s": 0.03,
-            "estimate_apart_m": 0.02, "doubt": "", "in_the_air": 0, "prearm": 1}  # fmt: skip
+    well = {
+        "connected": True,
+        "ekf_flags": 0x33F,
+        "ekf_variance": 0.1,
+        "ekf_age_s": 0.1,
+        "throttle": -1.0,
+        "throttle_age_s": 0.1,
+        "origin_set": True,
+        "feed_rate_hz": 30.0,
+        "feed_age_s": 0.03,
+        "estimate_apart_m": 0.02,
+        "doubt": "",
+        "in_the_air": 0,
+        "prearm": 1,
+    }
     return SimpleNamespace(**{**well, **changed})
 
 
 def parameters(**changed):
-    return SimpleNamespace(**{"profile": "t265", "complete": True, "blocks": [], "advises": [], **changed})
+    return SimpleNamespace(
+        **{"profile": "t265", "complete": True, "blocks": [], "advises": [], **changed}
+    )
 
 
 def guardian(**changed):
-    return SimpleNamespace(**{"action": "", "reasons": [], "forbids": [STICK], "lost": False, **changed})
+    return SimpleNamespace(
+        **{"action": "", "reasons": [], "forbids": [STICK], "lost": False, **changed}
+    )
 
 
 class Vehicle:
-    """A vehicle that is well; what is told to ``facts`` afterwards counts. Time stands still at 100 s."""
+    """A vehicle that is well; what is told to ``facts`` afterwards counts. Time stands still at 100
+    s."""
 
     now_s = 100.0
 
@@ -57,9 +81,18 @@ class Vehicle:
             f.positions.tick(self.now_s - k / 30.0)
         for k in range(6):
             f.pictures.tick(self.now_s - k)
-        self.tell(link=link(), parameters=parameters(), armed=False, battery_share=0.9, tracker_variance_m2=1e-3,
-                  recorder=SimpleNamespace(problem="", dropped=0), disk=Disk(50000.0), guardian=guardian(),
-                  agent=SimpleNamespace(problem=""), keys=Keys(False))  # fmt: skip
+        self.tell(
+            link=link(),
+            parameters=parameters(),
+            armed=False,
+            battery_share=0.9,
+            tracker_variance_m2=1e-3,
+            recorder=SimpleNamespace(problem="", dropped=0),
+            disk=Disk(50000.0),
+            guardian=guardian(),
+            agent=SimpleNamespace(problem=""),
+            keys=Keys(False),
+        )
 
     def tell(self, **facts):
         for name, value in facts.items():
@@ -81,61 +114,94 @@ def test_a_vehicle_that_is_well_is_green():
 
 def test_nothing_heard_is_never_green():
     lines = Judged("uav1", VEHICLE_CHECKS).lines(5.0, VehicleFacts(), VehicleCheckRules())
-    assert {line.state for line in lines} == {R, U} and all(line.what and line.remedy for line in lines)
+    assert {line.state for line in lines} == {R, U} and all(
+        line.what and line.remedy for line in lines
+    )
 
 
 def test_what_was_heard_long_ago_is_never_green():
     assert set(Vehicle().not_green(later_s=10.0)) == {check.name for check in VEHICLE_CHECKS}
 
 
-@pytest.mark.parametrize("told, found, words", [
-    ({"link": link(connected=False)}, {"link": R}, "no heartbeat"),
-    ({"link": link(ekf_age_s=INF)}, {"streams": R, "ekf": U}, "filter"),
-    ({"link": link(prearm=2)}, {"pre-arm": R}, "not ready to arm"),
-    ({"link": link(prearm=0)}, {"pre-arm": U}, "has not said"),
-    ({"link": link(prearm=2), "armed": True}, {}, ""),
-    ({"link": link(origin_set=False)}, {"origin": R}, "no origin"),
-    ({"parameters": parameters(blocks=["A is 1", "B is 2"])}, {"parameters": R}, "A is 1, and 1 more"),
-    ({"parameters": parameters(blocks=["A is 1"], complete=False)}, {"parameters": R}, "A is 1"),
-    ({"parameters": parameters(complete=False)}, {"parameters": U}, "are being read"),
-    ({"parameters": parameters(advises=["C is 3"])}, {"parameters": A}, "C is 3"),
-    ({"link": link(ekf_flags=0x33F & ~0x10)}, {"ekf": R}, "no horizontal position"),
-    ({"link": link(ekf_flags=0x33F | 0x80)}, {"ekf": R}, "constant position"),
-    ({"link": link(ekf_variance=0.6)}, {"ekf": A}, "0.6"),
-    ({"link": link(ekf_variance=0.9)}, {"ekf": R}, "0.9"),
-    ({"link": link(ekf_variance=NAN)}, {"ekf": U}, "not known"),
-    ({"link": link(estimate_apart_m=0.3)}, {"estimate": A}, "0.3 m"),
-    ({"link": link(estimate_apart_m=0.6)}, {"estimate": R}, "0.6 m"),
-    ({"link": link(estimate_apart_m=0.4, in_the_air=1), "armed": True}, {}, ""),
-    ({"link": link(estimate_apart_m=1.1, in_the_air=1), "armed": True}, {"estimate": R}, "1.1 m"),
-    ({"link": link(estimate_apart_m=NAN)}, {"estimate": U}, "not known"),
-    ({"link": link(feed_rate_hz=12.0)}, {"feed": A}, "12 poses"),
-    ({"link": link(feed_rate_hz=5.0)}, {"feed": R}, "5 poses"),
-    ({"link": link(feed_age_s=0.6)}, {"feed": R}, "no pose"),
-    ({"link": link(feed_age_s=NAN)}, {"feed": R}, "no pose"),
-    ({"link": link(doubt="it is frozen")}, {"feed": R}, "frozen"),
-    ({"link": link(throttle=NAN)}, {"transmitter": R}, "no transmitter"),
-    ({"link": link(throttle_age_s=3.0)}, {"transmitter": R}, "no transmitter"),
-    ({"tracker_variance_m2": 0.1}, {}, ""),
-    ({"tracker_variance_m2": 1.0}, {"tracker": R}, "low confidence"),
-    ({"tracker_variance_m2": 0.0}, {"tracker": A}, "tells no confidence"),
-    ({"battery_share": 0.39}, {"battery": A}, "39%"),
-    ({"battery_share": 0.19}, {"battery": R}, "19%"),
-    ({"battery_share": NAN}, {"battery": R}, "does not know"),
-    ({"recorder": SimpleNamespace(problem="disk full", dropped=0)}, {"recorder": R}, "disk full"),
-    ({"recorder": SimpleNamespace(problem="", dropped=3)}, {"recorder": A}, "3 messages"),
-    ({"disk": Disk(5000.0, math.inf)}, {"disk": A}, "4.9 GiB free"),
-    ({"disk": Disk(5000.0, 8561.0)}, {"disk": A}, "enough for over 99 h"),
-    ({"disk": Disk(5000.0, 12.0)}, {"disk": A}, "enough for 12 min"),
-    ({"disk": Disk(900.0)}, {"disk": R}, "0.9 GiB"),
-    ({"guardian": guardian(forbids=[STICK, "the autopilot has no origin yet"])}, {"guardian": R}, "no origin"),
-    ({"guardian": guardian(action="hold", reasons=["the agent is silent"])}, {"guardian": R}, "hold: the agent"),
-    ({"guardian": guardian(lost=True)}, {"guardian": R}, "lost"),
-    ({"agent": SimpleNamespace(problem="a twin lives")}, {"agent": R}, "twin"),
-    ({"keys": Keys(True)}, {}, ""),
-    ({"keys": Keys(True, "they run out on 2026-12-01")}, {"keys": A}, "run out"),
-    ({"keys": Keys(True, "", "ROS is open to the network: 10.0.0.1:11311")}, {"keys": R}, "open"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "told, found, words",
+    [
+        ({"link": link(connected=False)}, {"link": R}, "no heartbeat"),
+        ({"link": link(ekf_age_s=INF)}, {"streams": R, "ekf": U}, "filter"),
+        ({"link": link(prearm=2)}, {"pre-arm": R}, "not ready to arm"),
+        ({"link": link(prearm=0)}, {"pre-arm": U}, "has not said"),
+        ({"link": link(prearm=2), "armed": True}, {}, ""),
+        ({"link": link(origin_set=False)}, {"origin": R}, "no origin"),
+        (
+            {"parameters": parameters(blocks=["A is 1", "B is 2"])},
+            {"parameters": R},
+            "A is 1, and 1 more",
+        ),
+        (
+            {"parameters": parameters(blocks=["A is 1"], complete=False)},
+            {"parameters": R},
+            "A is 1",
+        ),
+        ({"parameters": parameters(complete=False)}, {"parameters": U}, "are being read"),
+        ({"parameters": parameters(advises=["C is 3"])}, {"parameters": A}, "C is 3"),
+        ({"link": link(ekf_flags=0x33F & ~0x10)}, {"ekf": R}, "no horizontal position"),
+        ({"link": link(ekf_flags=0x33F | 0x80)}, {"ekf": R}, "constant position"),
+        ({"link": link(ekf_variance=0.6)}, {"ekf": A}, "0.6"),
+        ({"link": link(ekf_variance=0.9)}, {"ekf": R}, "0.9"),
+        ({"link": link(ekf_variance=NAN)}, {"ekf": U}, "not known"),
+        ({"link": link(estimate_apart_m=0.3)}, {"estimate": A}, "0.3 m"),
+        ({"link": link(estimate_apart_m=0.6)}, {"estimate": R}, "0.6 m"),
+        ({"link": link(estimate_apart_m=0.4, in_the_air=1), "armed": True}, {}, ""),
+        (
+            {"link": link(estimate_apart_m=1.1, in_the_air=1), "armed": True},
+            {"estimate": R},
+            "1.1 m",
+        ),
+        ({"link": link(estimate_apart_m=NAN)}, {"estimate": U}, "not known"),
+        ({"link": link(feed_rate_hz=12.0)}, {"feed": A}, "12 poses"),
+        ({"link": link(feed_rate_hz=5.0)}, {"feed": R}, "5 poses"),
+        ({"link": link(feed_age_s=0.6)}, {"feed": R}, "no pose"),
+        ({"link": link(feed_age_s=NAN)}, {"feed": R}, "no pose"),
+        ({"link": link(doubt="it is frozen")}, {"feed": R}, "frozen"),
+        ({"link": link(throttle=NAN)}, {"transmitter": R}, "no transmitter"),
+        ({"link": link(throttle_age_s=3.0)}, {"transmitter": R}, "no transmitter"),
+        ({"tracker_variance_m2": 0.1}, {}, ""),
+        ({"tracker_variance_m2": 1.0}, {"tracker": R}, "low confidence"),
+        ({"tracker_variance_m2": 0.0}, {"tracker": A}, "tells no confidence"),
+        ({"battery_share": 0.39}, {"battery": A}, "39%"),
+        ({"battery_share": 0.19}, {"battery": R}, "19%"),
+        ({"battery_share": NAN}, {"battery": R}, "does not know"),
+        (
+            {"recorder": SimpleNamespace(problem="disk full", dropped=0)},
+            {"recorder": R},
+            "disk full",
+        ),
+        ({"recorder": SimpleNamespace(problem="", dropped=3)}, {"recorder": A}, "3 messages"),
+        ({"disk": Disk(5000.0, math.inf)}, {"disk": A}, "4.9 GiB free"),
+        ({"disk": Disk(5000.0, 8561.0)}, {"disk": A}, "enough for over 99 h"),
+        ({"disk": Disk(5000.0, 12.0)}, {"disk": A}, "enough for 12 min"),
+        ({"disk": Disk(900.0)}, {"disk": R}, "0.9 GiB"),
+        (
+            {"guardian": guardian(forbids=[STICK, "the autopilot has no origin yet"])},
+            {"guardian": R},
+            "no origin",
+        ),
+        (
+            {"guardian": guardian(action="hold", reasons=["the agent is silent"])},
+            {"guardian": R},
+            "hold: the agent",
+        ),
+        ({"guardian": guardian(lost=True)}, {"guardian": R}, "lost"),
+        ({"agent": SimpleNamespace(problem="a twin lives")}, {"agent": R}, "twin"),
+        ({"keys": Keys(True)}, {}, ""),
+        ({"keys": Keys(True, "they run out on 2026-12-01")}, {"keys": A}, "run out"),
+        (
+            {"keys": Keys(True, "", "ROS is open to the network: 10.0.0.1:11311")},
+            {"keys": R},
+            "open",
+        ),
+    ],
+)
 def test_one_fault_changes_its_own_lines_only(told, found, words):
     v = Vehicle()
     v.tell(**told)
@@ -184,19 +250,23 @@ def test_since_when_a_line_is_so():
 def test_bounds_that_forbid_guided_are_those_of_the_guardian():
     rules, guard = VehicleCheckRules(), GuardianRules()
     assert (rules.red_feed_hz, rules.red_ekf_variance, rules.red_apart_m, rules.red_battery) == (
-        guard.feed_warn_hz, guard.ekf_variance, guard.apart_m, guard.low_battery
-    )  # fmt: skip
+        guard.feed_warn_hz,
+        guard.ekf_variance,
+        guard.apart_m,
+        guard.low_battery,
+    )
 
 
-@pytest.mark.parametrize("wrong", [
-    {"red_battery": 0.5}, {"amber_feed_hz": 5.0}, {"silent_s": 0.0}, {"amber_disk_mib": NAN},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "wrong",
+    [{"red_battery": 0.5}, {"amber_feed_hz": 5.0}, {"silent_s": 0.0}, {"amber_disk_mib": NAN}],
+)
 def test_bounds_that_contradict_each_other_are_refused(wrong):
     with pytest.raises(ValueError, match="_"):
         VehicleCheckRules(**wrong)
 
 
-# ---- behind other flight links ---------------------------------------------------------------------------------
+# ---- behind other flight links -------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -205,35 +275,83 @@ def tello(root):
     v, rules = Vehicle(), config.load(root / "config/tello/flight_check.yaml", VehicleCheckRules)
     v.judged = Judged("tello1", TELLO_CHECKS)
     v.tell(link=tello_link())
-    v.lines = lambda later_s=0.0: {li.name: li for li in v.judged.lines(v.now_s + later_s, v.facts, rules)}
+    v.lines = lambda later_s=0.0: {
+        li.name: li for li in v.judged.lines(v.now_s + later_s, v.facts, rules)
+    }
     return v
 
 
 def tello_link(**changed):
     """As ros/tello_messages.py fills LinkHealth: there is no filter and no pre-arm state."""
-    return link(ekf_flags=0, ekf_variance=NAN, ekf_age_s=0.0, throttle=0.0, feed_rate_hz=8.0, feed_age_s=0.4,
-                estimate_apart_m=NAN, prearm=0, **changed)  # fmt: skip
+    return link(
+        ekf_flags=0,
+        ekf_variance=NAN,
+        ekf_age_s=0.0,
+        throttle=0.0,
+        feed_rate_hz=8.0,
+        feed_age_s=0.4,
+        estimate_apart_m=NAN,
+        prearm=0,
+        **changed,
+    )
 
 
 def test_a_tello_that_is_well_is_green_and_nothing_heard_is_not(tello):
-    assert tello.not_green() == {} and set(tello.not_green(later_s=10.0)) == {c.name for c in TELLO_CHECKS}
+    assert tello.not_green() == {} and set(tello.not_green(later_s=10.0)) == {
+        c.name for c in TELLO_CHECKS
+    }
     lines = Judged("tello1", TELLO_CHECKS).lines(5.0, VehicleFacts(), VehicleCheckRules())
-    assert {line.state for line in lines} == {R, U} and all(line.what and line.remedy for line in lines)
+    assert {line.state for line in lines} == {R, U} and all(
+        line.what and line.remedy for line in lines
+    )
 
 
-@pytest.mark.parametrize("told, found, words, remedy", [
-    ({"link": {"connected": False}}, {"link": R, "flight data": U, "transmitter": U}, "", "Wi-Fi"),
-    ({"link": {"in_the_air": -1}}, {"flight data": R}, "does not say whether it flies", "firmware"),
-    ({"link": {"feed_rate_hz": 5.0}}, {"feed": A}, "5 poses", "tracker on the ground"),
-    ({"link": {"feed_rate_hz": 2.0, "in_the_air": 1}}, {"feed": R}, "2 poses", "tracker on the ground"),
-    ({"link": {"feed_age_s": 0.9, "in_the_air": 1}}, {"feed": R}, "no pose", "tracker on the ground"),
-    ({"link": {"feed_age_s": 0.9, "in_the_air": 0}}, {"feed": A}, "it stands", "tracker on the ground"),
-    ({"link": {"doubt": "poses that cannot be", "in_the_air": 0}}, {"feed": R}, "cannot be", "tracker on the ground"),
-    ({"link": {"throttle": NAN}}, {"transmitter": R}, "no transmitter", "joy_node"),
-    ({"guardian": guardian(forbids=[STICK, NO_POSES])}, {}, "", ""),
-    ({"battery_share": NAN}, {"battery": R}, "does not say how full", "change it"),
-    ({"battery_share": 0.3}, {"battery": A}, "30%", "change it"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "told, found, words, remedy",
+    [
+        (
+            {"link": {"connected": False}},
+            {"link": R, "flight data": U, "transmitter": U},
+            "",
+            "Wi-Fi",
+        ),
+        (
+            {"link": {"in_the_air": -1}},
+            {"flight data": R},
+            "does not say whether it flies",
+            "firmware",
+        ),
+        ({"link": {"feed_rate_hz": 5.0}}, {"feed": A}, "5 poses", "tracker on the ground"),
+        (
+            {"link": {"feed_rate_hz": 2.0, "in_the_air": 1}},
+            {"feed": R},
+            "2 poses",
+            "tracker on the ground",
+        ),
+        (
+            {"link": {"feed_age_s": 0.9, "in_the_air": 1}},
+            {"feed": R},
+            "no pose",
+            "tracker on the ground",
+        ),
+        (
+            {"link": {"feed_age_s": 0.9, "in_the_air": 0}},
+            {"feed": A},
+            "it stands",
+            "tracker on the ground",
+        ),
+        (
+            {"link": {"doubt": "poses that cannot be", "in_the_air": 0}},
+            {"feed": R},
+            "cannot be",
+            "tracker on the ground",
+        ),
+        ({"link": {"throttle": NAN}}, {"transmitter": R}, "no transmitter", "joy_node"),
+        ({"guardian": guardian(forbids=[STICK, NO_POSES])}, {}, "", ""),
+        ({"battery_share": NAN}, {"battery": R}, "does not say how full", "change it"),
+        ({"battery_share": 0.3}, {"battery": A}, "30%", "change it"),
+    ],
+)
 def test_one_fault_of_a_tello(tello, told, found, words, remedy):
     changed = {**vars(tello_link()), **told["link"]} if "link" in told else None
     tello.tell(**({"link": SimpleNamespace(**changed)} if changed else told))
@@ -249,7 +367,12 @@ def test_in_the_air_a_tello_that_no_tracker_sees_may_not_be_handed_over(tello):
 
 
 def test_mavros_has_the_same_lines_with_remedies_of_its_own(root):
-    text = (root / "docs/user/flight_check.md").read_text().split("| line of MAVROS |")[1].split("\n\n")[0]
+    text = (
+        (root / "docs/user/flight_check.md")
+        .read_text()
+        .split("| line of MAVROS |")[1]
+        .split("\n\n")[0]
+    )
     said = dict(re.findall(r"^\| `([a-z]+)` \| (.+) \|$", text, re.M))
     ours, theirs = ({c.name: c for c in CHECKS[kind]} for kind in ("mavlink", "mavros"))
     assert list(ours) == list(theirs) and all(ours[n].judge is theirs[n].judge for n in ours)
@@ -264,13 +387,20 @@ def test_beside_a_tracker_on_the_ground_no_radio_clock_or_tag_is_looked_for():
     assert ("control", "keys") not in names and "tello.launch" in table.lines(9.0)[-1].remedy
 
 
-# ---- the table ------------------------------------------------------------------------------------------------
+# ---- the table -----------------------------------------------------------------------------------
 
 
 def test_the_worst_line_decides():
     line = lambda state, accepted=False: Line("uav1", "battery", state, "31%", accepted=accepted)  # noqa: E731
-    assert worst([line(G), line(A)]) is A and worst([line(U), line(A)]) is U and worst([line(U), line(R)]) is R
-    assert table.exit_status([line(G), line(A)]) == 1 and table.exit_status([line(G), line(A, True)]) == 0
+    assert (
+        worst([line(G), line(A)]) is A
+        and worst([line(U), line(A)]) is U
+        and worst([line(U), line(R)]) is R
+    )
+    assert (
+        table.exit_status([line(G), line(A)]) == 1
+        and table.exit_status([line(G), line(A, True)]) == 0
+    )
     assert table.exit_status([]) == 2
     assert [line(s, True).passes for s in (G, A, R, U)] == [True, True, False, False]
 
@@ -299,7 +429,9 @@ def test_reports_take_no_more_of_the_radio_than_they_may():
     assert 60 * 250 - 2000 <= sent <= 60 * 250 + 4000
 
 
-@pytest.mark.parametrize("name", ["lines", "heard", "pace", "table", "vehicle", "sightings", "acceptance"])
+@pytest.mark.parametrize(
+    "name", ["lines", "heard", "pace", "table", "vehicle", "sightings", "acceptance"]
+)
 def test_examples(name):
     assert doctest.testmod(importlib.import_module(f"fcsv_control.flight_check.{name}")).failed == 0
 
@@ -308,7 +440,7 @@ def test_example_of_the_tracker():
     assert doctest.testmod(importlib.import_module("fcsv_control.tracker_confidence")).failed == 0
 
 
-# ---- the fleet ------------------------------------------------------------------------------------------------
+# ---- the fleet -----------------------------------------------------------------------------------
 
 
 class Fleet:
@@ -362,7 +494,9 @@ def test_nothing_heard_of_a_fleet_is_never_green_but_that_one_flies_in_front():
 
 def test_a_vehicle_that_is_not_heard_any_more_shows_none_of_its_own_lines():
     lines = Fleet().lines(later_s=4.5)
-    assert ("uav2", "feed") not in lines and lines["uav2", "check"].what == "its own flight check is not heard any more"
+    assert ("uav2", "feed") not in lines and lines[
+        "uav2", "check"
+    ].what == "its own flight check is not heard any more"
     assert lines["uav2", "radio"].state is R
 
 
@@ -378,12 +512,15 @@ def test_who_does_not_see_its_tag_and_since_when():
     assert fleet.lines(12.0)["uav2", "tags"].state is A
 
 
-@pytest.mark.parametrize("offset_s, uncertainty_s, state", [
-    (0.019, 0.0, G), (-0.021, 0.0, A), (0.03, 0.02, G), (0.6, 0.01, R),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "offset_s, uncertainty_s, state",
+    [(0.019, 0.0, G), (-0.021, 0.0, A), (0.03, 0.02, G), (0.6, 0.01, R)],
+)
 def test_clocks_count_as_apart_where_they_are_so_for_sure(offset_s, uncertainty_s, state):
     fleet = Fleet()
-    fleet.table.vehicles["uav3"].clock.tell(fleet.now_s, ClockOffset(fleet.now_s, offset_s, uncertainty_s))
+    fleet.table.vehicles["uav3"].clock.tell(
+        fleet.now_s, ClockOffset(fleet.now_s, offset_s, uncertainty_s)
+    )
     assert fleet.not_green() == ({} if state is G else {("uav3", "clock"): state})
 
 
@@ -394,49 +531,88 @@ def test_the_control_pcs_own_programs():
     c.disk.tell(fleet.now_s, Disk(1500.0))
     c.link = "fkie"
     assert fleet.not_green() == {
-        ("control", "recorder"): R, ("control", "disk"): A, ("control", "keys"): A
-    }  # fmt: skip
-    gone = {n for (v, n), s in fleet.not_green(later_s=20.0).items() if v == "control" and s in (R, U)}
+        ("control", "recorder"): R,
+        ("control", "disk"): A,
+        ("control", "keys"): A,
+    }
+    gone = {
+        n for (v, n), s in fleet.not_green(later_s=20.0).items() if v == "control" and s in (R, U)
+    }
     assert gone == {"mission", "stop-all", "recorder", "disk"}
 
 
 def limits(**changed):
-    """fcsv_msgs/ParameterReport of an autopilot that flies as fast as missions plan with, but for what is changed."""
+    """fcsv_msgs/ParameterReport of an autopilot that flies as fast as missions plan with, but for
+    what is changed."""
     values = {**FlightBounds().autopilot_parameters, **changed}
     return SimpleNamespace(complete=True, limits=list(values), limit_values=list(values.values()))
 
 
-@pytest.mark.parametrize("planned, report, state, words", [
-    ({}, limits(), G, "2 m/s, as planned"),
-    ({}, limits(WPNAV_SPEED=201.0), G, "as planned"),
-    ({"speed_mps": 1.0}, limits(), R, "faster than planned: WPNAV_SPEED is 200, planned 100"),
-    ({"speed_mps": 1.0}, limits(WPNAV_SPEED=100.0), G, "1 m/s"),
-    ({"speed_mps": 1.0, "acceleration_mps2": 0.5}, limits(), R, "WPNAV_SPEED is 200, planned 100; WPNAV_ACCEL is 150"),
-    ({}, limits(WPNAV_SPEED_DN=50.0), A, "slower than planned: WPNAV_SPEED_DN is 50, planned 150"),
-    ({}, limits(WPNAV_SPEED_DN=50.0, WPNAV_SPEED_UP=160.0), R, "faster than planned: WPNAV_SPEED_UP is 160"),
-    ({}, limits(WPNAV_ACCEL_Z=NAN), A, "not known of it: WPNAV_ACCEL_Z"),
-    ({}, SimpleNamespace(complete=True, limits=[], limit_values=[]), A, "WPNAV_SPEED, WPNAV_SPEED_UP"),
-    ({}, SimpleNamespace(**{**vars(limits(WPNAV_SPEED=NAN)), "complete": False}), U, "being read"),
-    ({}, None, U, "not heard"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "planned, report, state, words",
+    [
+        ({}, limits(), G, "2 m/s, as planned"),
+        ({}, limits(WPNAV_SPEED=201.0), G, "as planned"),
+        ({"speed_mps": 1.0}, limits(), R, "faster than planned: WPNAV_SPEED is 200, planned 100"),
+        ({"speed_mps": 1.0}, limits(WPNAV_SPEED=100.0), G, "1 m/s"),
+        (
+            {"speed_mps": 1.0, "acceleration_mps2": 0.5},
+            limits(),
+            R,
+            "WPNAV_SPEED is 200, planned 100; WPNAV_ACCEL is 150",
+        ),
+        (
+            {},
+            limits(WPNAV_SPEED_DN=50.0),
+            A,
+            "slower than planned: WPNAV_SPEED_DN is 50, planned 150",
+        ),
+        (
+            {},
+            limits(WPNAV_SPEED_DN=50.0, WPNAV_SPEED_UP=160.0),
+            R,
+            "faster than planned: WPNAV_SPEED_UP is 160",
+        ),
+        ({}, limits(WPNAV_ACCEL_Z=NAN), A, "not known of it: WPNAV_ACCEL_Z"),
+        (
+            {},
+            SimpleNamespace(complete=True, limits=[], limit_values=[]),
+            A,
+            "WPNAV_SPEED, WPNAV_SPEED_UP",
+        ),
+        (
+            {},
+            SimpleNamespace(**{**vars(limits(WPNAV_SPEED=NAN)), "complete": False}),
+            U,
+            "being read",
+        ),
+        ({}, None, U, "not heard"),
+    ],
+)
 def test_an_autopilot_flies_as_fast_as_the_mission_plans(planned, report, state, words):
     fleet = Fleet(FlightBounds(**planned))
     for v in fleet.table.vehicles.values():
-        v.parameters = limits(WPNAV_SPEED=100.0 * planned.get("speed_mps", 2.0),
-                              WPNAV_ACCEL=100.0 * planned.get("acceleration_mps2", 1.5))  # fmt: skip
+        v.parameters = limits(
+            WPNAV_SPEED=100.0 * planned.get("speed_mps", 2.0),
+            WPNAV_ACCEL=100.0 * planned.get("acceleration_mps2", 1.5),
+        )
     fleet.table.vehicles["uav2"].parameters = report
     assert fleet.not_green() == ({} if state is G else {("uav2", "speed"): state})
     line = fleet.lines()["uav2", "speed"]
-    assert words in line.what and (state is G or "parameters write LINE --set NAME=PLANNED" in line.remedy)
+    assert words in line.what and (
+        state is G or "parameters write LINE --set NAME=PLANNED" in line.remedy
+    )
     assert fleet.lines(later_s=20.0)["uav2", "speed"].state is U, "of a vehicle that is not heard"
 
 
 def test_beside_a_tracker_on_the_ground_speeds_are_not_compared():
-    table = FleetTable(["tello1"], {"tello1": 0}, FleetCheckRules(), "relay", ground=True, planned=FlightBounds())
+    table = FleetTable(
+        ["tello1"], {"tello1": 0}, FleetCheckRules(), "relay", ground=True, planned=FlightBounds()
+    )
     assert "speed" not in {line.name for line in table.lines(9.0)}
 
 
-# ---- what the operator accepts --------------------------------------------------------------------------------
+# ---- what the operator accepts -------------------------------------------------------------------
 
 
 def test_an_acceptance_ends_where_its_line_becomes_red_or_was_green_for_a_minute():
@@ -446,7 +622,12 @@ def test_an_acceptance_ends_where_its_line_becomes_red_or_was_green_for_a_minute
     def accepted(at_s, state):
         return acceptances.apply(at_s, battery(state))[0].accepted
 
-    for between, seconds, lasts in ((R, 0.5, False), (U, 0.5, False), (G, 30.0, True), (G, 90.0, False)):
+    for between, seconds, lasts in (
+        (R, 0.5, False),
+        (U, 0.5, False),
+        (G, 30.0, True),
+        (G, 90.0, False),
+    ):
         acceptances = Acceptances()
         assert acceptances.accept(battery(A), "uav1", "battery") == "" and accepted(0.0, A)
         assert not accepted(1.0, between) and not accepted(1.0 + seconds, between)
@@ -455,7 +636,10 @@ def test_an_acceptance_ends_where_its_line_becomes_red_or_was_green_for_a_minute
 
 
 def test_only_what_is_amber_is_accepted_and_by_its_name():
-    acceptances, lines = Acceptances(), [Line("uav1", "feed", R, ""), Line("control", "disk", A, "")]
+    acceptances, lines = (
+        Acceptances(),
+        [Line("uav1", "feed", R, ""), Line("control", "disk", A, "")],
+    )
     assert "feed is RED: only amber" in acceptances.accept(lines, "uav1", "feed")
     assert "'uav9' is not one of uav1, control" in acceptances.accept(lines, "uav9", "feed")
     assert "it has feed" in acceptances.accept(lines, "uav1", "disk")
@@ -463,20 +647,34 @@ def test_only_what_is_amber_is_accepted_and_by_its_name():
     assert [line.passes for line in acceptances.apply(0.0, lines)] == [False, True]
 
 
-# ---- its page -------------------------------------------------------------------------------------------------
+# ---- its page ------------------------------------------------------------------------------------
 
 
 def rows(root, heading):
     """Name -> (must, remedy) of every row under a heading of the page that is a line's."""
-    text = (root / "docs/user/flight_check.md").read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
-    cells = [[c.strip() for c in row.strip("|").split("|")] for row in text.splitlines() if row.startswith("| `")]
+    text = (
+        (root / "docs/user/flight_check.md")
+        .read_text()
+        .split(f"\n## {heading}\n")[1]
+        .split("\n## ")[0]
+    )
+    cells = [
+        [c.strip() for c in row.strip("|").split("|")]
+        for row in text.splitlines()
+        if row.startswith("| `")
+    ]
     return {c[0].strip("`"): (c[1], c[-1]) for c in cells}
 
 
-@pytest.mark.parametrize("heading, checks", [
-    ("Lines of a vehicle", VEHICLE_CHECKS), ("Lines about a vehicle", (*FLEET_CHECKS, speed_check(FlightBounds()))),
-    ("Lines of the control PC", CONTROL_CHECKS), ("Lines of a Tello", TELLO_CHECKS),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "heading, checks",
+    [
+        ("Lines of a vehicle", VEHICLE_CHECKS),
+        ("Lines about a vehicle", (*FLEET_CHECKS, speed_check(FlightBounds()))),
+        ("Lines of the control PC", CONTROL_CHECKS),
+        ("Lines of a Tello", TELLO_CHECKS),
+    ],
+)
 def test_the_page_has_every_line_as_the_code_has_it(root, heading, checks):
     assert rows(root, heading) == {c.name: (c.must, c.remedy) for c in checks}
 
@@ -484,12 +682,16 @@ def test_the_page_has_every_line_as_the_code_has_it(root, heading, checks):
 def test_the_page_has_the_bounds_of_the_fleets_lines(root):
     text, r = (root / "docs/user/flight_check.md").read_text(), FleetCheckRules()
     said = {
-        "silent_s": f"not heard for {r.silent_s:g} s", "slow_silent_s": f"({r.slow_silent_s:g} s where",
+        "silent_s": f"not heard for {r.silent_s:g} s",
+        "slow_silent_s": f"({r.slow_silent_s:g} s where",
         "clock_silent_s": f"no answer for {r.clock_silent_s:g} s",
-        "amber_radio_hz": f"fewer than {r.amber_radio_hz:g} a second", "red_radio_hz": f"fewer than {r.red_radio_hz:g}",
-        "amber_clock_s": f"over {r.amber_clock_s:g} s apart", "red_clock_s": f"over {r.red_clock_s:g} s apart",
-        "amber_disk_mib": f"under {r.amber_disk_mib:g} MiB", "red_disk_mib": f"under {r.red_disk_mib:g} MiB",
-    }  # fmt: skip
+        "amber_radio_hz": f"fewer than {r.amber_radio_hz:g} a second",
+        "red_radio_hz": f"fewer than {r.red_radio_hz:g}",
+        "amber_clock_s": f"over {r.amber_clock_s:g} s apart",
+        "red_clock_s": f"over {r.red_clock_s:g} s apart",
+        "amber_disk_mib": f"under {r.amber_disk_mib:g} MiB",
+        "red_disk_mib": f"under {r.red_disk_mib:g} MiB",
+    }
     assert set(said) == {f.name for f in fields(FleetCheckRules)}
     assert not [words for words in said.values() if words not in text]
 
@@ -512,7 +714,8 @@ def test_the_page_has_the_bounds_of_the_code(root):
         "amber_disk_mib": f"under {r.amber_disk_mib:g} MiB",
         "red_disk_mib": f"under {r.red_disk_mib:g} MiB",
         "amber_picture_hz": f"fewer than one in {1 / r.amber_picture_hz:g} s",
-        "silent_s": f"older than {r.silent_s:g} s", "slow_silent_s": f"({r.slow_silent_s:g} s where",
-    }  # fmt: skip
+        "silent_s": f"older than {r.silent_s:g} s",
+        "slow_silent_s": f"({r.slow_silent_s:g} s where",
+    }
     assert set(said) == {f.name for f in fields(VehicleCheckRules)}
     assert not [words for words in said.values() if words not in text]

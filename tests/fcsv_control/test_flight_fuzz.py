@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes and MAVLink that no autopilot would send: nothing dies, and an ArduCopter that speaks afterwards is flown."""
+"""Bytes and MAVLink that no autopilot would send: nothing dies, and an ArduCopter that speaks
+afterwards is flown."""
 
 import math
 import os
@@ -33,15 +34,41 @@ from fcsv_sim.machines.machines import free_port
 M = mavutil.mavlink
 INPUTS = 10_000
 NUMBERS = sorted(M.mavlink_map)
-SPOKEN = [  # what an autopilot and a companion say to each other: half of the strange messages are of these
-    "HEARTBEAT", "ATTITUDE", "LOCAL_POSITION_NED", "SYS_STATUS", "EXTENDED_SYS_STATE", "EKF_STATUS_REPORT", "TIMESYNC",
-    "RC_CHANNELS", "SCALED_PRESSURE", "STATUSTEXT", "COMMAND_ACK", "GPS_GLOBAL_ORIGIN", "HOME_POSITION", "PARAM_VALUE",
-    "AUTOPILOT_VERSION", "COMMAND_LONG", "COMMAND_INT", "SET_MODE", "PARAM_SET", "PARAM_REQUEST_READ", "ODOMETRY",
-    "VISION_POSITION_ESTIMATE", "SET_POSITION_TARGET_LOCAL_NED", "SET_GPS_GLOBAL_ORIGIN", "REQUEST_DATA_STREAM",
-    "PARAM_REQUEST_LIST", "SETUP_SIGNING",
-]  # fmt: skip
+# what an autopilot and a companion say to each other: half of the strange messages are of these
+SPOKEN = [
+    "HEARTBEAT",
+    "ATTITUDE",
+    "LOCAL_POSITION_NED",
+    "SYS_STATUS",
+    "EXTENDED_SYS_STATE",
+    "EKF_STATUS_REPORT",
+    "TIMESYNC",
+    "RC_CHANNELS",
+    "SCALED_PRESSURE",
+    "STATUSTEXT",
+    "COMMAND_ACK",
+    "GPS_GLOBAL_ORIGIN",
+    "HOME_POSITION",
+    "PARAM_VALUE",
+    "AUTOPILOT_VERSION",
+    "COMMAND_LONG",
+    "COMMAND_INT",
+    "SET_MODE",
+    "PARAM_SET",
+    "PARAM_REQUEST_READ",
+    "ODOMETRY",
+    "VISION_POSITION_ESTIMATE",
+    "SET_POSITION_TARGET_LOCAL_NED",
+    "SET_GPS_GLOBAL_ORIGIN",
+    "REQUEST_DATA_STREAM",
+    "PARAM_REQUEST_LIST",
+    "SETUP_SIGNING",
+]
 KNOWN = [number for number in NUMBERS if M.mavlink_map[number].msgname in SPOKEN]
-EDGES = [struct.pack("<f", x) for x in (math.nan, math.inf, -math.inf, 3e38, -3e38, 1e-40, 0.0, -1.0, 1.0)]
+EDGES = [
+    struct.pack("<f", x)
+    for x in (math.nan, math.inf, -math.inf, 3e38, -3e38, 1e-40, 0.0, -1.0, 1.0)
+]
 EDGES += [b"\xff" * 4, b"\x00\x00\x00\x80", b"\xff\xff\xff\x7f", b"\x00" * 4]
 
 
@@ -57,21 +84,38 @@ def strange(random_, system, component):
         random_.choice(EDGES) if random_.random() < 0.6 else noise(random_, 4)
         for _ in range(kind.unpacker.size // 4 + 1)
     )[: random_.choice([kind.unpacker.size, random_.randrange(1, kind.unpacker.size + 1)])]
-    head = struct.pack("<BBBBBBHB", len(payload), 0, 0, 0, system, component, number & 0xFFFF, number >> 16)
+    head = struct.pack(
+        "<BBBBBBHB", len(payload), 0, 0, 0, system, component, number & 0xFFFF, number >> 16
+    )
     crc = M.x25crc(head + payload + bytes([kind.crc_extra])).crc
     return b"\xfd" + head + payload + struct.pack("<H", crc)
 
 
 def garbage(random_, system=1, component=1):
-    """Noise; strange messages; such that are cut, lengthened, changed in one bit, or begin anew within."""
-    frame = strange(random_, random_.choice([system] * 4 + [random_.randrange(256)]),
-                    random_.choice([component] * 4 + [random_.randrange(256)]))  # fmt: skip
+    """Noise; strange messages; such that are cut, lengthened, changed in one bit, or begin anew
+    within."""
+    frame = strange(
+        random_,
+        random_.choice([system] * 4 + [random_.randrange(256)]),
+        random_.choice([component] * 4 + [random_.randrange(256)]),
+    )
     at = random_.randrange(len(frame))
-    return random_.choice([
-        frame, frame, frame, frame, frame, frame, noise(random_, random_.randrange(300)), frame[:at],
-        frame[:at] + bytes([frame[at] ^ 1 << random_.randrange(8)]) + frame[at + 1 :], frame[:at] + frame,
-        b"\xfd\xff" + noise(random_, random_.randrange(12)), b"\xfe" + noise(random_, random_.randrange(40)),
-    ])  # fmt: skip
+    return random_.choice(
+        [
+            frame,
+            frame,
+            frame,
+            frame,
+            frame,
+            frame,
+            noise(random_, random_.randrange(300)),
+            frame[:at],
+            frame[:at] + bytes([frame[at] ^ 1 << random_.randrange(8)]) + frame[at + 1 :],
+            frame[:at] + frame,
+            b"\xfd\xff" + noise(random_, random_.randrange(12)),
+            b"\xfe" + noise(random_, random_.randrange(40)),
+        ]
+    )
 
 
 def beat():
@@ -114,20 +158,24 @@ def flown(core, vehicle):
         core.events()
         for message in core.outgoing():
             vehicle.server.take(vehicle.now_s, message)
-    ready = core.connected(vehicle.now_s) and core.origin_set(vehicle.now_s) and core.state.prearm_ok
+    ready = (
+        core.connected(vehicle.now_s) and core.origin_set(vehicle.now_s) and core.state.prearm_ok
+    )
     return ready and core.estimate_apart_m(vehicle.now_s) < 0.3
 
 
 @pytest.mark.parametrize("kind", [LinkCore, MavrosCore])
 def test_ten_thousand_strange_inputs_end_no_link(kind):
-    """Also what the guardian's feed check is given of it: numbers alone, so that it goes on checking."""
+    """Also what the guardian's feed check is given of it: numbers alone, so that it goes on
+    checking."""
     random_, line, vehicle = random.Random(1), Parser(), Vehicle()
     core, check, heard = kind(LinkParameters(target_system=1)), FeedCheck(), 0
     packer = M.MAVLink(None)
     for k in range(INPUTS):
         vehicle.now_s += 0.005
         if k % 5 == 0:
-            core.take(vehicle.now_s, beat())  # or it would be another firmware to it, and not be heard at all
+            # or it would be another firmware to it, and not be heard at all
+            core.take(vehicle.now_s, beat())
         for message in line.messages(garbage(random_)):
             core.take(vehicle.now_s, message)
         if k % 4 == 0:
@@ -148,7 +196,8 @@ def test_ten_thousand_strange_inputs_end_no_link(kind):
 
 @pytest.mark.parametrize("kind", [LinkCore, MavrosCore])
 def test_ten_thousand_strange_inputs_end_no_simulated_autopilot(kind):
-    """Of companions and ground stations: nothing that is no number reaches its motors, and it can be flown after it."""
+    """Of companions and ground stations: nothing that is no number reaches its motors, and it can
+    be flown after it."""
     random_, line, vehicle = random.Random(2), Parser(), Vehicle()
     packer, heard = M.MAVLink(None), 0
     for k in range(INPUTS):
@@ -169,7 +218,8 @@ def test_ten_thousand_strange_inputs_end_no_simulated_autopilot(kind):
 
 
 class Peer:
-    """What speaks to a line of the flight link: ``say`` bytes, in whatever way this kind of line has."""
+    """What speaks to a line of the flight link: ``say`` bytes, in whatever way this kind of line
+    has."""
 
     def __init__(self, kind):
         self._open = contextlib.ExitStack()
@@ -207,7 +257,8 @@ class Peer:
 
 
 def test_a_line_keeps_only_what_may_still_become_a_message():
-    """Whole messages and the beginning of the next in each piece: so it was kept for ever before."""
+    """Whole messages and the beginning of the next in each piece: so it was kept for ever
+    before."""
     line = Parser()
     frame = strange(random.Random(5), 1, 1)
     for _ in range(INPUTS):
@@ -227,7 +278,8 @@ def test_ten_thousand_strange_inputs_end_no_line(kind):
             peer.say(garbage(random_))
             if k % 5 == 4:
                 heard += len(peer.heard())
-        assert peer.transport._line is line and heard > INPUTS // 30  # a false length swallows what comes after it
+        # a false length swallows what comes after it
+        assert peer.transport._line is line and heard > INPUTS // 30
         end_s, beats = time.monotonic() + 5.0, 0
         while beats < 10 and time.monotonic() < end_s:
             peer.say(message.pack(encoder))

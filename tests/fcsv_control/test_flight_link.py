@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The flight link over real UDP against a scripted peer that answers as ArduCopter 4.3.8 was measured to."""
+"""The flight link over real UDP against a scripted peer that answers as ArduCopter 4.3.8 was
+measured to."""
 
 import os
 
@@ -31,10 +32,13 @@ FAST = {"command_timeout_s": 0.6, "command_tries": 3}
 
 
 class Peer:
-    """An autopilot's side: silent unless asked, origin dropped twice, no arming without a fresh pose, told reasons."""
+    """An autopilot's side: silent unless asked, origin dropped twice, no arming without a fresh
+    pose, told reasons."""
 
     def __init__(self, port, system=1):
-        self.link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=system, source_component=1)
+        self.link = mavutil.mavlink_connection(
+            f"udpout:127.0.0.1:{port}", source_system=system, source_component=1
+        )
         self.mav = self.link.mav
         self.parameters = dict(PROFILE.values)
         self.mode, self.armed, self.follows, self.home_mm = STABILIZE, False, True, 0
@@ -48,7 +52,11 @@ class Peer:
         self.thread.start()
 
     def boot(self):
-        self.boot_s, self.intervals, self.due = time.monotonic(), {}, {M.MAVLINK_MSG_ID_HEARTBEAT: 0.0}
+        self.boot_s, self.intervals, self.due = (
+            time.monotonic(),
+            {},
+            {M.MAVLINK_MSG_ID_HEARTBEAT: 0.0},
+        )
         self.origin, self.origins_dropped, self.vision_s, self.spoken = None, 0, -math.inf, False
         self.silent = False
 
@@ -76,8 +84,12 @@ class Peer:
         self.sent[message] += 1
         ms = int(1000 * (time.monotonic() - self.boot_s))
         if message == M.MAVLINK_MSG_ID_HEARTBEAT:
-            base = (M.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0) | M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-            self.mav.heartbeat_send(M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, self.mode, 3)
+            base = (
+                M.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0
+            ) | M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+            self.mav.heartbeat_send(
+                M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, self.mode, 3
+            )
         elif message == M.MAVLINK_MSG_ID_ATTITUDE:
             self.mav.attitude_send(ms, 0.1, 0.2, 0.3, 0, 0, 0)
         elif message == M.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
@@ -91,7 +103,9 @@ class Peer:
         elif message == M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN and self.origin:
             self.mav.gps_global_origin_send(*self.origin)
         elif message == M.MAVLINK_MSG_ID_HOME_POSITION and self.origin:
-            self.mav.home_position_send(*self.origin[:2], self.home_mm, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+            self.mav.home_position_send(
+                *self.origin[:2], self.home_mm, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0
+            )
 
     def say(self, text, severity=2):
         if self.spoken:
@@ -117,7 +131,9 @@ class Peer:
     def on_command_long(self, m):
         result = self.do(m)
         if m.command in (M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAV_CMD_REQUEST_MESSAGE):
-            self.mav.command_ack_send(m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent())
+            self.mav.command_ack_send(
+                m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent()
+            )
             return
         if self.mute_acks:
             self.mute_acks -= 1
@@ -136,7 +152,8 @@ class Peer:
             self.mode = int(m.param2)
         elif m.command == M.MAV_CMD_COMPONENT_ARM_DISARM and m.param1 == 1:
             if time.monotonic() - self.vision_s > 0.3:
-                threading.Timer(0.05, self.say, ["Arm: VisOdom: not healthy"]).start()  # after the acknowledgement
+                # after the acknowledgement
+                threading.Timer(0.05, self.say, ["Arm: VisOdom: not healthy"]).start()
                 return 4
             self.armed = True
         return 0
@@ -167,7 +184,9 @@ class Both:
 
     def __init__(self, **parameters):
         self.port = free_port(socket.SOCK_DGRAM)
-        self.link = LinkByHand(f"udpin:127.0.0.1:{self.port}", LinkParameters(**{**FAST, **parameters}), PROFILE)
+        self.link = LinkByHand(
+            f"udpin:127.0.0.1:{self.port}", LinkParameters(**{**FAST, **parameters}), PROFILE
+        )
         self.peer = Peer(self.port)
 
     @property
@@ -199,7 +218,9 @@ def both():
 @pytest.fixture
 def pair(both):
     pair = both()
-    assert until(lambda: pair.link.connected and pair.link.state.mode == "STABILIZE" and pair.peer.intervals)
+    assert until(
+        lambda: pair.link.connected and pair.link.state.mode == "STABILIZE" and pair.peer.intervals
+    )
     return pair
 
 
@@ -210,7 +231,8 @@ def feed(pair, seconds=0.1):
 
 
 def test_connecting(pair):
-    """Origin although it is dropped twice, streams at the rate asked for, poses in ENU, heartbeats of a companion."""
+    """Origin although it is dropped twice, streams at the rate asked for, poses in ENU, heartbeats
+    of a companion."""
     assert until(lambda: pair.link.origin_set)
     assert pair.peer.origins_dropped >= 3 and pair.peer.origin == (350000000, 1350000000, 10000)
     count = len(pair.peer.of("SET_GPS_GLOBAL_ORIGIN"))
@@ -220,7 +242,8 @@ def test_connecting(pair):
     poses, before = len(pair.poses), pair.peer.sent[position]
     assert until(lambda: pair.peer.sent[position] > before + 20)
     sent = pair.peer.sent[position] - before
-    assert until(lambda: len(pair.poses) - poses >= sent - 1)  # as many as are sent, however busy it is
+    # as many as are sent, however busy it is
+    assert until(lambda: len(pair.poses) - poses >= sent - 1)
     assert len(pair.peer.of("SET_GPS_GLOBAL_ORIGIN")) == count  # no more once it is there
     T_odom_body = pair.poses[-1]
     assert np.allclose(T_odom_body[:3, 3], [2.0, 1.0, 3.0])
@@ -244,7 +267,9 @@ def test_poses_in(pair):
     assert until(lambda: len(pair.peer.of("VISION_POSITION_ESTIMATE")) == 2)
     first, second = pair.peer.of("VISION_POSITION_ESTIMATE")
     assert (first.usec, first.x, first.y, first.z) == (12500000, 2.0, 1.0, -3.0)
-    assert (first.roll, first.pitch, first.yaw) == pytest.approx((0.1, -0.2, math.pi / 2 - 0.3), abs=1e-6)
+    assert (first.roll, first.pitch, first.yaw) == pytest.approx(
+        (0.1, -0.2, math.pi / 2 - 0.3), abs=1e-6
+    )
     assert math.isnan(first.covariance[0])
     assert (first.reset_counter, second.reset_counter) == (0, 1)
     assert not pair.peer.of("ODOMETRY")
@@ -310,7 +335,9 @@ def test_stopping_does_not_wait_for_a_slow_arming(both):
     pair = both(command_timeout_s=5.0, command_tries=1)
     assert until(lambda: pair.link.connected and pair.peer.intervals)
     pair.peer.mute_acks = 1
-    slow = threading.Thread(target=lambda: pytest.raises(LinkError, pair.link.arm, True), daemon=True)
+    slow = threading.Thread(
+        target=lambda: pytest.raises(LinkError, pair.link.arm, True), daemon=True
+    )
     slow.start()
     assert until(lambda: pair.peer.mute_acks == 0)
     pair.link.set_mode("LAND")
@@ -335,7 +362,10 @@ def test_wrong_parameters_are_named_and_left_alone(both):
     pair = both()
     pair.peer.parameters.update(VISO_TYPE=0.0)
     assert until(lambda: len(pair.link.parameters.problems()) == 1)
-    with pytest.raises(CommandRefused, match="mode GUIDED refused: parameter VISO_TYPE is 0, not 2 or 3: without it"):
+    with pytest.raises(
+        CommandRefused,
+        match="mode GUIDED refused: parameter VISO_TYPE is 0, not 2 or 3: without it",
+    ):
         pair.link.set_mode("GUIDED")
     assert not pair.peer.of("PARAM_SET") and not pair.peer.commands(M.MAV_CMD_DO_SET_MODE)
     pair.peer.parameters.update(VISO_TYPE=2.0)
@@ -382,7 +412,9 @@ def test_another_autopilot_on_the_line_is_not_obeyed(both):
         for peer in (stranger, pair.peer):
             beats = peer.sent[M.MAVLINK_MSG_ID_HEARTBEAT]
             assert until(lambda p=peer, n=beats: p.sent[M.MAVLINK_MSG_ID_HEARTBEAT] >= n + 2)
-        assert all(s.mode in ("", "STABILIZE") and not s.armed for s in pair.link.of(AutopilotState))
+        assert all(
+            s.mode in ("", "STABILIZE") and not s.armed for s in pair.link.of(AutopilotState)
+        )
     finally:
         stranger.close()
 
@@ -401,7 +433,8 @@ def test_an_odd_message_does_not_end_the_link(pair):
 
 
 def test_over_a_serial_device():
-    """A pseudo-terminal in place of the cable; pulling it is noticed, said once, and does not end the thread."""
+    """A pseudo-terminal in place of the cable; pulling it is noticed, said once, and does not end
+    the thread."""
     master, slave = os.openpty()
     tty.setraw(master)
     os.set_blocking(master, False)
@@ -409,7 +442,9 @@ def test_over_a_serial_device():
     os.close(slave)
     encoder = M.MAVLink(None, srcSystem=3, srcComponent=1)
     try:
-        beat = encoder.heartbeat_encode(M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, GUIDED, 4)
+        beat = encoder.heartbeat_encode(
+            M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, GUIDED, 4
+        )
         os.write(master, beat.pack(encoder))
         assert until(lambda: link.connected and link.state.mode == "GUIDED")
         decoder, heard = M.MAVLink(None), []
@@ -429,14 +464,18 @@ def test_over_a_serial_device():
     assert not link._thread.is_alive()
 
 
-@pytest.mark.parametrize("url", ["/dev/no_such_device:57600", "udpin:nowhere", "tcp:nowhere", "can:127.0.0.1:1"])
+@pytest.mark.parametrize(
+    "url", ["/dev/no_such_device:57600", "udpin:nowhere", "tcp:nowhere", "can:127.0.0.1:1"]
+)
 def test_a_line_that_cannot_be_opened_is_named(url):
     with pytest.raises(LinkError, match="cannot be opened") as raised:
         LinkByHand(url)
     assert url in str(raised.value) and "\n" not in str(raised.value)
 
 
-@pytest.mark.parametrize("values", [{"target_system": 300}, {"position_rate_hz": 0.0}, {"command_tries": 0}])
+@pytest.mark.parametrize(
+    "values", [{"target_system": 300}, {"position_rate_hz": 0.0}, {"command_tries": 0}]
+)
 def test_parameters_out_of_range_are_refused(values):
     with pytest.raises(ValueError, match=next(iter(values))):
         LinkParameters(**values)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One whole vehicle on a real master: tracker, odometry, flight link and agent fly the simulated autopilot."""
+"""One whole vehicle on a real master: tracker, odometry, flight link and agent fly the simulated
+autopilot."""
 
 import os
 import signal
@@ -68,15 +69,19 @@ class ControlPc:
 
         self.number += 1
         number = self.number
-        c = Command(vehicle=NAME, sender=self.sender, number=number, kind=getattr(Command, kind), **fields)
+        c = Command(
+            vehicle=NAME, sender=self.sender, number=number, kind=getattr(Command, kind), **fields
+        )
         c.header.stamp, c.lifetime_s = rospy.Time.now(), lifetime_s
         c.ordered_s = c.sent_s = time.monotonic()
-        for answers in range(1, times + 1):  # said again although it was answered, as when the answer got lost
+        # said again although it was answered, as when the answer got lost
+        for answers in range(1, times + 1):
             self.commands.publish(c)
             said_s = [time.monotonic()]
 
             def answered(n=answers, said_s=said_s):
-                if time.monotonic() - said_s[0] > 1.0:  # as a mission does: an agent that has just begun says nothing
+                # as a mission does: an agent that has just begun says nothing
+                if time.monotonic() - said_s[0] > 1.0:
                     said_s[0] = time.monotonic()
                     self.commands.publish(c)
                 return len(self.acks.get(number, [])) >= n
@@ -110,14 +115,21 @@ class ControlPc:
         from geometry_msgs.msg import PoseStamped
 
         self.jump_m = np.zeros(3)
-        on = rospy.Publisher(f"/{NAME}/mavros/vision_pose/pose", PoseStamped, queue_size=1, tcp_nodelay=True)
+        on = rospy.Publisher(
+            f"/{NAME}/mavros/vision_pose/pose", PoseStamped, queue_size=1, tcp_nodelay=True
+        )
 
         def moved(message):
             for axis, off_m in zip("xyz", self.jump_m):
                 setattr(message.pose.position, axis, getattr(message.pose.position, axis) + off_m)
             on.publish(message)
 
-        self.heard += [rospy.Subscriber(f"/{NAME}/{RELAYED}", PoseStamped, moved, queue_size=1, tcp_nodelay=True), on]
+        self.heard += [
+            rospy.Subscriber(
+                f"/{NAME}/{RELAYED}", PoseStamped, moved, queue_size=1, tcp_nodelay=True
+            ),
+            on,
+        ]
 
     def close(self):
         for each in self.heard:
@@ -134,23 +146,49 @@ def vehicle(request, root, start_node, ros_master, tmp_path):
     both = {"vehicle": NAME, "vehicles_dir": str(tmp_path)}
     simulated = {**both, "sim_dir": str(tmp_path / "sim"), "seed": 3}
     (tmp_path / "sim").mkdir()
-    start_node("fcsv_sim", "vehicle", ns=NAME,
-               params={**simulated, "mavlink_port": port, "rc_port": 0, "ready_s": 2.0})  # fmt: skip
+    start_node(
+        "fcsv_sim",
+        "vehicle",
+        ns=NAME,
+        params={**simulated, "mavlink_port": port, "rc_port": 0, "ready_s": 2.0},
+    )
     tracker = start_node("fcsv_sim", "t265", ns=NAME, params=simulated)
-    start_node("fcsv_tracking", "odometry", ns=NAME, params=both, remaps={"mavros/vision_pose/pose": RELAYED})
-    line, link = {"fcu_url": f"udpin:127.0.0.1:{port}", "autopilot_profile": str(PROFILE_FILE)}, None
+    start_node(
+        "fcsv_tracking",
+        "odometry",
+        ns=NAME,
+        params=both,
+        remaps={"mavros/vision_pose/pose": RELAYED},
+    )
+    line, link = (
+        {"fcu_url": f"udpin:127.0.0.1:{port}", "autopilot_profile": str(PROFILE_FILE)},
+        None,
+    )
     if request.param == "mavlink":
         start_node("fcsv_control", "flight_link", ns=NAME, params={**both, **line})
     else:
         path = path_to_mavros(root, tmp_path)
         link = ros_master.run(
-            ["env", f"ROS_PACKAGE_PATH={path}", f"ROS_NAMESPACE=/{NAME}", "roslaunch", "fcsv_bringup",
-             "flight_link_mavros.launch", f"uav:={NAME}", f"vehicles_dir:={tmp_path}",
-             *(f"{key}:={value}" for key, value in line.items())],
+            [
+                "env",
+                f"ROS_PACKAGE_PATH={path}",
+                f"ROS_NAMESPACE=/{NAME}",
+                "roslaunch",
+                "fcsv_bringup",
+                "flight_link_mavros.launch",
+                f"uav:={NAME}",
+                f"vehicles_dir:={tmp_path}",
+                *(f"{key}:={value}" for key, value in line.items()),
+            ],
             "flight_link_mavros",
-        )  # fmt: skip
+        )
     rules = {"transmitter": False}  # nobody flies by hand here
-    start_node("fcsv_control", "guardian", ns=NAME, params={"vehicle": NAME, "vehicles": [NAME], "rules": rules})
+    start_node(
+        "fcsv_control",
+        "guardian",
+        ns=NAME,
+        params={"vehicle": NAME, "vehicles": [NAME], "rules": rules},
+    )
     start_node("fcsv_control", "agent", ns=NAME, params={"vehicle": NAME})
     start_node("fcsv_control", "vehicle_check", ns=NAME, params={"vehicle": NAME})
     try:
@@ -173,8 +211,13 @@ def target(x, y, z, yaw, frame=f"{NAME}/odom"):
 
 
 def arm_in_guided(pc):
-    """Arming is possible once origin and fusion are there: as an operator, try until the reasons are gone."""
-    until(lambda: pc.state.connected and pc.T_odom_body is not None, 40.0, "connection and an estimate")
+    """Arming is possible once origin and fusion are there: as an operator, try until the reasons
+    are gone."""
+    until(
+        lambda: pc.state.connected and pc.T_odom_body is not None,
+        40.0,
+        "connection and an estimate",
+    )
     deadline, reason = time.monotonic() + 40.0, "never asked"
     while time.monotonic() < deadline:
         result, reason = pc.command("SET_MODE", mode="GUIDED")
@@ -190,13 +233,15 @@ def arm_in_guided(pc):
 @pytest.mark.slow_motion
 @pytest.mark.timeout(600)
 def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle, ros_master):
-    """One vehicle, started once: it is landed by command, takes off again, and loses its tracker."""
+    """One vehicle, started once: it is landed by command, takes off again, and loses its
+    tracker."""
     pc = vehicle
     until(lambda: pc.state.connected, 40.0, "autopilot")
     report = pc.parameters()
     assert report.profile == PROFILE.name and not report.blocks and not report.advises
     assert dict(zip(report.limits, report.limit_values)) == FlightBounds().autopilot_parameters
-    assert pc.command("GOTO", target=target(0, 0, 3, 0.0))[0] == 1  # not in GUIDED: refused, not queued
+    # not in GUIDED: refused, not queued
+    assert pc.command("GOTO", target=target(0, 0, 3, 0.0))[0] == 1
     assert "GUIDED" in pc.acks[pc.number][-1].reason
     arm_in_guided(pc)
 
@@ -214,7 +259,10 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle,
     assert "uav9/odom" in pc.command("GOTO", target=target(0, 0, 3, 0.0, "uav9/odom"))[1]
     assert pc.command("GOTO", lifetime_s=-1.0, target=target(0, 0, 3, 0.0))[0] == 2  # came too late
     assert "mode 'ACRO' is for pilots" in pc.command("SET_MODE", mode="ACRO")[1]
-    assert "m above the take-off place" in pc.command("GOTO", target=target(start[0], start[1], -47.0, 0.0))[1]
+    assert (
+        "m above the take-off place"
+        in pc.command("GOTO", target=target(start[0], start[1], -47.0, 0.0))[1]
+    )
     pc.set_points.clear()
     until(lambda: len(pc.set_points) > 10, what="the target, which goes on without anybody asking")
     stamps_s = [p.header.stamp.to_sec() for p in pc.set_points[:11]]
@@ -230,7 +278,11 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle,
     assert pc.command("TAKEOFF", altitude_m=2.0) == (0, ""), pc.texts
     until(lambda: pc.T_odom_body[2, 3] > 1.8, 30.0, "2 m")
     pc.tracker.stop()
-    until(lambda: pc.found("feed")[0] == pc.found("tracker")[0] == "RED", 5.0, "what the flight check says of it")
+    until(
+        lambda: pc.found("feed")[0] == pc.found("tracker")[0] == "RED",
+        5.0,
+        "what the flight check says of it",
+    )
     until(lambda: pc.state.mode == "LAND", 5.0, "the landing of guardian or watchdog")
     assert any("the tracking camera is silent" in t for t in pc.texts)
     until(lambda: not pc.state.armed, 60.0, "the ground")
@@ -240,15 +292,24 @@ def the_check_shows_what_this_vehicle_lacks(pc, ros_master):
     """It hovers; nobody started a camera, a recorder and a relay, and no transmitter is on."""
     lacks = {"camera", "recorder", "disk", "transmitter", "keys"}
     well = {check.name for check in VEHICLE_CHECKS} - lacks
-    until(lambda: set(pc.check.green.split()) == well, what="a flight check that is green but for what is not there")
-    assert pc.found("transmitter") == ("RED", "no transmitter is heard") and pc.found("camera")[0] == "RED"
+    until(
+        lambda: set(pc.check.green.split()) == well,
+        what="a flight check that is green but for what is not there",
+    )
+    assert (
+        pc.found("transmitter") == ("RED", "no transmitter is heard")
+        and pc.found("camera")[0] == "RED"
+    )
     command = ros_master.run(["rosrun", "fcsv_control", "flight_check"], "flight_check")
     until(lambda: command.returncode is not None, what="the table")
-    assert command.returncode == 2 and "flight check: RED, 5 of 18 lines not green" in command.tail(60)
+    assert command.returncode == 2 and "flight check: RED, 5 of 18 lines not green" in command.tail(
+        60
+    )
 
 
 def a_reset_of_a_metre_that_was_announced_is_adopted(pc, here):
-    """The autopilot ignores poses for 1.08 s. Before, the feed check compared meanwhile, and it was landed."""
+    """The autopilot ignores poses for 1.08 s. Before, the feed check compared meanwhile, and it was
+    landed."""
     import rospy
     from std_srvs.srv import Trigger
 
@@ -257,7 +318,8 @@ def a_reset_of_a_metre_that_was_announced_is_adopted(pc, here):
     pc.set_points.clear()
     until(lambda: pc.at(here + [1.0, 0.0, 0.0]), what="the autopilot in the new frame")
     until(
-        lambda: np.isclose(pc.set_points[-1].pose.position.x, here[0] + 1.0, atol=0.3), what="the target, moved along"
+        lambda: np.isclose(pc.set_points[-1].pose.position.x, here[0] + 1.0, atol=0.3),
+        what="the target, moved along",
     )
     end_s = time.monotonic() + 3.0
     until(lambda: time.monotonic() > end_s, what="three seconds")
@@ -269,11 +331,17 @@ def a_mavros_that_hangs_is_ended_and_starts_again(pc):
     """It hovers meanwhile: the autopilot goes on without poses for 8 s."""
     hung = mavros_pid()
     os.kill(hung, signal.SIGSTOP)
-    until(lambda: any("MAVROS hung and was ended, it starts again" in t for t in pc.texts), what="the companion")
+    until(
+        lambda: any("MAVROS hung and was ended, it starts again" in t for t in pc.texts),
+        what="the companion",
+    )
     assert any("the flight link hears no autopilot" in t for t in pc.texts), pc.texts
     until(lambda: mavros_pid() not in (None, hung), what="another MAVROS")
     pc.T_odom_body, pc.state.mode = None, ""
-    until(lambda: pc.T_odom_body is not None and pc.state.mode, what="what the autopilot says through it")
+    until(
+        lambda: pc.T_odom_body is not None and pc.state.mode,
+        what="what the autopilot says through it",
+    )
     assert pc.state.mode == "GUIDED" and pc.state.armed
 
 
@@ -288,10 +356,18 @@ def landing_overtakes_what_waits(pc):
 
     times = {"ordered_s": time.monotonic(), "sent_s": time.monotonic(), "lifetime_s": 5.0}
     for number, (kind, fields) in enumerate(
-        [("ARM", {"flag": True}), ("SET_MODE", {"mode": "GUIDED"}), ("HOLD", {}), ("LAND", {})], pc.number + 1
+        [("ARM", {"flag": True}), ("SET_MODE", {"mode": "GUIDED"}), ("HOLD", {}), ("LAND", {})],
+        pc.number + 1,
     ):
         pc.commands.publish(
-            Command(vehicle=NAME, sender=pc.sender, number=number, kind=getattr(Command, kind), **times, **fields)
+            Command(
+                vehicle=NAME,
+                sender=pc.sender,
+                number=number,
+                kind=getattr(Command, kind),
+                **times,
+                **fields,
+            )
         )
     until(lambda: pc.state.mode == "LAND", 6.0, "LAND")
     until(lambda: not pc.state.armed, 60.0, "the ground")
@@ -299,7 +375,11 @@ def landing_overtakes_what_waits(pc):
 
 
 def test_a_line_that_cannot_be_opened_ends_the_node_with_one_line(root, start_node):
-    params = {"vehicle": "uav1", "fcu_url": "/dev/no_such_device:57600", "autopilot_profile": str(PROFILE_FILE)}
+    params = {
+        "vehicle": "uav1",
+        "fcu_url": "/dev/no_such_device:57600",
+        "autopilot_profile": str(PROFILE_FILE),
+    }
     node = start_node("fcsv_control", "flight_link", ns="f_two", params=params)
     until(lambda: node.returncode is not None, what="its end")
     assert node.returncode == 2
@@ -310,12 +390,22 @@ def test_a_line_that_cannot_be_opened_ends_the_node_with_one_line(root, start_no
 @pytest.mark.parametrize(
     "package, node, params, named",
     [
-        ("fcsv_control", "agent", {"vehicle": "uav1", "set_point_rate_hz": 500.0}, "set_point_rate_hz"),
+        (
+            "fcsv_control",
+            "agent",
+            {"vehicle": "uav1", "set_point_rate_hz": 500.0},
+            "set_point_rate_hz",
+        ),
         ("fcsv_control", "agent", {"vehicle": "uav1", "colour": "red"}, "colour"),
         (
             "fcsv_control",
             "flight_link",
-            {"vehicle": "uav1", "fcu_url": "udpin:127.0.0.1:0", "autopilot_profile": "", "link": {"rate": 3}},
+            {
+                "vehicle": "uav1",
+                "fcu_url": "udpin:127.0.0.1:0",
+                "autopilot_profile": "",
+                "link": {"rate": 3},
+            },
             "rate",
         ),
     ],
@@ -323,4 +413,8 @@ def test_a_line_that_cannot_be_opened_ends_the_node_with_one_line(root, start_no
 def test_wrong_parameters_end_the_node_and_are_named(start_node, package, node, params, named):
     process = start_node(package, node, ns="f_three", params=params)
     until(lambda: process.returncode is not None, what="its end")
-    assert process.returncode == 2 and named in process.tail(20) and "Traceback" not in process.tail(50)
+    assert (
+        process.returncode == 2
+        and named in process.tail(20)
+        and "Traceback" not in process.tail(50)
+    )

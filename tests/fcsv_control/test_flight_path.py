@@ -16,16 +16,28 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.slow_motion]
 
 
 @pytest.mark.parametrize("flight_link", ["mavlink", "mavros"])
-def test_odometry_reaches_the_autopilot_with_everything_else_frozen(flight_link, root, tmp_path, monkeypatch):
+def test_odometry_reaches_the_autopilot_with_everything_else_frozen(
+    flight_link, root, tmp_path, monkeypatch
+):
     """Frozen, not killed, as roslaunch would start the killed again; the master, too."""
     port = free_port()
     if flight_link == "mavros":
         monkeypatch.setenv("ROS_PACKAGE_PATH", path_to_mavros(root, tmp_path))
     with Machine("uav1", tmp_path) as machine:
-        machine.launch("fcsv_bringup", "uav.launch", uav="uav1", sim=True, sim_dir=tmp_path / "sim",
-                       record_dir=tmp_path / "session", listen=f"127.0.0.1:{free_port()}/{free_port()}",
-                       flight_link=flight_link, fcu_url=f"udpin:127.0.0.1:{port}", sim_mavlink_port=port,
-                       sim_rc_port=free_port(), sim_ready_s=2.0)  # fmt: skip
+        machine.launch(
+            "fcsv_bringup",
+            "uav.launch",
+            uav="uav1",
+            sim=True,
+            sim_dir=tmp_path / "sim",
+            record_dir=tmp_path / "session",
+            listen=f"127.0.0.1:{free_port()}/{free_port()}",
+            flight_link=flight_link,
+            fcu_url=f"udpin:127.0.0.1:{port}",
+            sim_mavlink_port=port,
+            sim_rc_port=free_port(),
+            sim_ready_s=2.0,
+        )
         out = tmp_path / "heard.jsonl"
         script = tmp_path / "ear.py"
         script.write_text(f"""
@@ -56,7 +68,10 @@ rospy.spin()
         frozen = []
         for p in psutil.process_iter(["environ", "cmdline"]):
             command = " ".join(p.info["cmdline"] or [])
-            if not (p.info["environ"] or {}).get("ROS_MASTER_URI", "").endswith(own) or p.pid in (ear.pid, os.getpid()):
+            if not (p.info["environ"] or {}).get("ROS_MASTER_URI", "").endswith(own) or p.pid in (
+                ear.pid,
+                os.getpid(),
+            ):
                 continue
             if not any(f"__name:={n}" in command.split() for n in path):
                 frozen.append(p)
@@ -69,4 +84,5 @@ rospy.spin()
         finally:
             for p in frozen:
                 p.resume()
-        assert during["vision_pose"] > 15.0 and during["local_position"] > 5.0, during  # 30 Hz and 10 Hz nominal
+        # 30 Hz and 10 Hz nominal
+        assert during["vision_pose"] > 15.0 and during["local_position"] > 5.0, during

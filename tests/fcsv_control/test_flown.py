@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The flight link's core flies: the simulated autopilot faster than real time, or with FCSV_AUTOPILOT (as
-tcp:127.0.0.1:5760) the one at that address, unchanged. See support/flown.py."""
+"""The flight link's core flies: the simulated autopilot faster than real time, or with
+FCSV_AUTOPILOT (as tcp:127.0.0.1:5760) the one at that address, unchanged. See support/flown.py."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,9 @@ def test_connecting_and_standing(loop):
     parameters = loop.core.heard.parameters
     assert loop.until(lambda: parameters.known, 10.0) and not parameters.problems()
     loop.run(10.0)
-    assert loop.core.estimate_apart_m(loop.t) < 0.15 and not any("Field Elevation Set: 0m" in t for t in loop.texts)
+    assert loop.core.estimate_apart_m(loop.t) < 0.15 and not any(
+        "Field Elevation Set: 0m" in t for t in loop.texts
+    )
     assert loop.core.state.filter_runs and loop.core.state.ekf_variance < 0.5
 
 
@@ -74,7 +76,9 @@ def test_it_holds_on_feeds_of_any_rate(loop, hz):
     loop.hover()
     loop.feed_hz = hz
     loop.run(2.0)
-    assert loop.furthest_m(6.0) < 0.4 and loop.core.feed_rate_hz(loop.t) == pytest.approx(hz, rel=0.15)
+    assert loop.furthest_m(6.0) < 0.4 and loop.core.feed_rate_hz(loop.t) == pytest.approx(
+        hz, rel=0.15
+    )
 
 
 @pytest.mark.parametrize("cut_s", [0.3, 1.0])
@@ -105,16 +109,19 @@ def jumps(loop, jump_m, swing_m):
 
 @pytest.mark.parametrize("jump_m, swing_m", [(0.5, 1.0), (5.0, 3.5)])
 def test_with_a_target_that_moves_along_a_jump_of_the_feed_is_not_flown(unchecked, jump_m, swing_m):
-    """Before, a jump that was first rejected and then adopted was missed: 5 to 6 m were flown, and it stayed there.
+    """Before, a jump that was first rejected and then adopted was missed: 5 to 6 m were flown, and
+    it stayed there.
 
-    It swings, because the filter takes what it adopts late for flight: ArduCopter 4.6.2 by 3.0 m (0.6 m, 0.1 m).
+    It swings, because the filter takes what it adopts late for flight: ArduCopter 4.6.2 by 3.0 m
+    (0.6 m, 0.1 m).
     """
     jumps(unchecked.hover(), jump_m, swing_m)
 
 
 @pytest.mark.parametrize("jump_m", [0.5, 1.0, 5.0])
 def test_a_jump_that_was_announced_is_adopted_and_raises_no_doubt(loop, jump_m):
-    """Before, tracker and autopilot were compared while the autopilot ignored poses, and it was landed after 0.56 s."""
+    """Before, tracker and autopilot were compared while the autopilot ignored poses, and it was
+    landed after 0.56 s."""
     loop.hover()
     loop.announce_reset()
     jumps(loop, jump_m, 1.0)
@@ -173,7 +180,8 @@ def test_it_arms_again_after_the_autopilot_was_rebooted(loop):
 
 
 def test_from_the_first_heartbeat_of_a_restarted_autopilot_nothing_of_before_counts(loop):
-    """Before, origin and parameters of before were believed for 1.3 s: GUIDED was done, and arming reached it."""
+    """Before, origin and parameters of before were believed for 1.3 s: GUIDED was done, and arming
+    reached it."""
     loop.ready()
     assert loop.until(lambda: loop.core.heard.parameters.known, 10.0)
     loop.reboot()

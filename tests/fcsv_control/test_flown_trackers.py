@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trackers that freeze or run off, held against the velocity of an autopilot that flies: see support/flown.py. What is
-withheld never reaches its filter, so that it comes down where it was."""
+"""Trackers that freeze or run off, held against the velocity of an autopilot that flies: see
+support/flown.py. What is withheld never reaches its filter, so that it comes down where it was."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,12 @@ def test_hovering_and_a_square_raise_no_doubt(loop):
 
     loop.check.judge = judged
     home = loop.target.copy()
-    for x, y, z, yaw in ((6.0, 0.0, 0.0, 0.3), (6.0, 6.0, 3.0, 1.8), (0.0, 6.0, 0.0, -2.5), (0.0, 0.0, 2.0, 0.3)):
+    for x, y, z, yaw in (
+        (6.0, 0.0, 0.0, 0.3),
+        (6.0, 6.0, 3.0, 1.8),
+        (0.0, 6.0, 0.0, -2.5),
+        (0.0, 0.0, 2.0, 0.3),
+    ):
         loop.target = transforms.from_xyz_yaw(home[:3, 3] + [x, y, z], yaw)
         loop.run(6.0)
         assert loop.check.doubt == ""
@@ -50,11 +55,15 @@ def test_a_take_off_raises_no_doubt(loop):
 def test_a_frozen_tracker_is_doubted_and_it_comes_down_where_it_was(loop, speed_mps):
     loop.hover()
     if speed_mps:
-        loop.target = transforms.from_xyz_yaw(loop.target[:3, 3] + [12.0, 0.0, 0.0], transforms.yaw(loop.target))
+        loop.target = transforms.from_xyz_yaw(
+            loop.target[:3, 3] + [12.0, 0.0, 0.0], transforms.yaw(loop.target)
+        )
         loop.run(2.5)
     kept = loop.noisy(loop.T_true)
     kept[2, 3] += 0.05
-    loop.tracker = lambda _T, _s: transforms.transform(kept[:3, :3], kept[:3, 3] + loop.noisy(np.eye(4))[:3, 3] * 0.05)
+    loop.tracker = lambda _T, _s: transforms.transform(
+        kept[:3, :3], kept[:3, 3] + loop.noisy(np.eye(4))[:3, 3] * 0.05
+    )
     comes_down(loop, 1.0)
 
 
@@ -64,14 +73,17 @@ def test_a_tracker_that_runs_off_is_doubted_and_it_comes_down_where_it_was(loop,
     begun_s = loop.t
 
     def runs_off(T, now_s):
-        return transforms.transform(T[:3, :3], loop.noisy(T)[:3, 3] + [speed_mps * (now_s - begun_s), 0.0, 0.0])
+        return transforms.transform(
+            T[:3, :3], loop.noisy(T)[:3, 3] + [speed_mps * (now_s - begun_s), 0.0, 0.0]
+        )
 
     loop.tracker = runs_off
     comes_down(loop, 1.5)
 
 
 def comes_down(loop, drift_m):
-    """Doubt within a second; LAND then ends near where it was, but for the way that it takes to stop."""
+    """Doubt within a second; LAND then ends near where it was, but for the way that it takes to
+    stop."""
     begun_s, start = loop.t, loop.p_true_m.copy()
     assert loop.until(lambda: loop.check.doubt, 1.0), "within a second"
     took_s = loop.t - begun_s

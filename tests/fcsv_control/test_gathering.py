@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A flight's bags gathered by rsync, from folders and through a remote shell that breaks; what is missing is said."""
+"""A flight's bags gathered by rsync, from folders and through a remote shell that breaks; what is
+missing is said."""
 
 import shutil
 import sys
@@ -24,13 +25,21 @@ def machines(tmp_path, root):
     write_strings(tmp_path / "uav1" / "uav1.20260102T030405Z.bag")  # of an earlier flight
     (tmp_path / "uav1" / "notes.txt").write_text("not a bag")
     mission = load_mission(root / "config/missions/short.yaml")
-    save_session(tmp_path / "control", new_session(mission, ["uav1", "uav2"], "2026-01-02T03:04:05Z"))
+    save_session(
+        tmp_path / "control", new_session(mission, ["uav1", "uav2"], "2026-01-02T03:04:05Z")
+    )
     return tmp_path
 
 
 def gather(folder, *names, **places):
     sources = [f"{n}={places.get(n, folder / n)}" for n in names or ("uav1", "uav2", "control")]
-    return main([str(folder / "out"), *sources, *(["--rsh", str(folder / "rsh")] if (folder / "rsh").exists() else [])])
+    return main(
+        [
+            str(folder / "out"),
+            *sources,
+            *(["--rsh", str(folder / "rsh")] if (folder / "rsh").exists() else []),
+        ]
+    )
 
 
 def shell(folder, script):
@@ -44,22 +53,36 @@ def test_all_parts_of_all_machines_and_a_session_that_loads(machines, capsys):
     assert gather(machines) == 0, capsys.readouterr().err
     out = machines / "out"
     assert sorted(p.name for p in out.iterdir()) == [
-        "control.bag", "session.yaml", "uav1.1.bag", "uav1.bag", "uav2.bag"]  # fmt: skip
+        "control.bag",
+        "session.yaml",
+        "uav1.1.bag",
+        "uav1.bag",
+        "uav2.bag",
+    ]
     assert load_session(out).parts == {"uav1": ["uav1.1.bag"]}
     for machine, name in (("uav1", "uav1.bag"), ("uav1", "uav1.1.bag"), ("uav2", "uav2.bag")):
         assert (out / name).read_bytes() == (machines / machine / name).read_bytes()
     before = {p: p.stat().st_ino for p in out.glob("*.bag")}
-    assert gather(machines) == 0 and {p: p.stat().st_ino for p in out.glob("*.bag")} == before, "nothing comes twice"
+    assert gather(machines) == 0 and {p: p.stat().st_ino for p in out.glob("*.bag")} == before, (
+        "nothing comes twice"
+    )
 
 
 def test_the_operator_s_events_come_with_the_session(machines, capsys):
     """A window that was started twice keeps two; what is still being written stays where it is."""
-    for name in ("console_events_20260102T030405Z.csv", "console_events_20260102T040506Z.csv", "other.csv",
-                 "console_events_20260102T050607Z.csv.partial"):  # fmt: skip
+    for name in (
+        "console_events_20260102T030405Z.csv",
+        "console_events_20260102T040506Z.csv",
+        "other.csv",
+        "console_events_20260102T050607Z.csv.partial",
+    ):
         (machines / "control" / name).write_text(f"time_utc,who\n,{name}\n")
     assert gather(machines) == 0, capsys.readouterr().err
     came = sorted((machines / "out").glob("*.csv*"))
-    assert [p.name for p in came] == ["console_events_20260102T030405Z.csv", "console_events_20260102T040506Z.csv"]
+    assert [p.name for p in came] == [
+        "console_events_20260102T030405Z.csv",
+        "console_events_20260102T040506Z.csv",
+    ]
     assert came[0].read_text().endswith(f",{came[0].name}\n")
     assert gather(machines, "uav1") == 0 and not (machines / "uav1" / came[0].name).exists()
 
@@ -80,7 +103,9 @@ def test_a_transfer_that_is_cut_off_goes_on_where_it_ended(machines, capsys):
     (machines / "count").write_text("0")
     assert gather(machines, uav2=f"uav2.local:{machines}/uav2") == 0, capsys.readouterr().err
     assert (machines / "out" / "uav2.bag").read_bytes() == big.read_bytes()
-    assert int((machines / "count").read_text()) < big.stat().st_size - 1_000_000, "what had come did not come again"
+    assert int((machines / "count").read_text()) < big.stat().st_size - 1_000_000, (
+        "what had come did not come again"
+    )
 
 
 #: Passes on what comes from the other side, up to so many bytes, and counts them.
@@ -103,10 +128,15 @@ def test_a_bag_that_was_not_closed_is_repaired_and_is_not_fetched_again(machines
     (machines / "uav2" / "uav2.bag").unlink()
     write_strings(machines / "uav2" / "uav2.bag.active", close=False)
     assert gather(machines) == 1
-    assert "uav2: uav2.bag.active was not closed or is damaged: repaired, 20 messages" in capsys.readouterr().err
+    assert (
+        "uav2: uav2.bag.active was not closed or is damaged: repaired, 20 messages"
+        in capsys.readouterr().err
+    )
     out = machines / "out"
     assert check(out / "uav2.bag") and load_session(out)
-    assert (out / "uav2.bag.broken").read_bytes() == (machines / "uav2" / "uav2.bag.active").read_bytes()
+    assert (out / "uav2.bag.broken").read_bytes() == (
+        machines / "uav2" / "uav2.bag.active"
+    ).read_bytes()
     assert gather(machines) == 0 and not list(out.glob("*.active"))
 
 
@@ -116,8 +146,14 @@ def test_what_is_missing_or_no_bag_is_said_and_the_rest_is_gathered(machines, ca
     assert gather(machines) == 1
     said = capsys.readouterr()
     assert "uav1.1.bag: is a bag of version 1.2, only 2.0 is read" in said.err
-    assert "uav2: " in said.err and "No such file" in said.err and "uav2: uav2.bag is missing" in said.err
-    assert said.err.endswith("uav2: uav2.bag is missing; gather it from its machine\n"), "what the window shows"
+    assert (
+        "uav2: " in said.err
+        and "No such file" in said.err
+        and "uav2: uav2.bag is missing" in said.err
+    )
+    assert said.err.endswith("uav2: uav2.bag is missing; gather it from its machine\n"), (
+        "what the window shows"
+    )
     assert "uav1: uav1.bag\n" in said.out and "control: control.bag\n" in said.out
 
 
@@ -139,6 +175,12 @@ def test_a_full_disk_is_said_before_anything_comes(machines, capsys, monkeypatch
 )
 def test_a_source_that_is_none_is_named(tmp_path, capsys, source, words):
     (tmp_path / "file").write_text("in the session's place")
-    assert main([str(tmp_path / "file"), f"uav1={tmp_path}"]) == 2 and "file: a file stands" in capsys.readouterr().err
+    assert (
+        main([str(tmp_path / "file"), f"uav1={tmp_path}"]) == 2
+        and "file: a file stands" in capsys.readouterr().err
+    )
     assert main([str(tmp_path / "out"), source]) == 2 and words in capsys.readouterr().err
-    assert main([str(tmp_path / "out"), "uav1=/x", "uav1=/y"]) == 2 and "named twice" in capsys.readouterr().err
+    assert (
+        main([str(tmp_path / "out"), "uav1=/x", "uav1=/y"]) == 2
+        and "named twice" in capsys.readouterr().err
+    )

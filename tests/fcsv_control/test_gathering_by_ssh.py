@@ -21,7 +21,8 @@ from fcsv_sim.machines.machines import free_port
 
 SSHD = shutil.which("sshd", path=f"{os.environ['PATH']}:/usr/sbin")
 SILENT = "-o ServerAliveInterval=1 -o ServerAliveCountMax=2"
-#: What the server runs: what it was asked for; where there is a file "silent", it stops itself after 2 MB.
+#: What the server runs: what it was asked for; where there is a file "silent", it stops itself
+#: after 2 MB.
 FORCED = """
 import os, signal, subprocess
 from pathlib import Path
@@ -41,7 +42,8 @@ while True:
 until = within(20.0)
 
 pytestmark = pytest.mark.skipif(
-    None in (SSHD, shutil.which("ssh"), shutil.which("rsync")), reason="needs openssh-server, openssh-client and rsync"
+    None in (SSHD, shutil.which("ssh"), shutil.which("rsync")),
+    reason="needs openssh-server, openssh-client and rsync",
 )
 
 
@@ -56,13 +58,24 @@ def server(tmp_path):
     port = free_port(socket.SOCK_STREAM)
     (tmp_path / "forced").write_text(FORCED.format(folder=str(tmp_path)))
     lines = {
-        "Port": port, "ListenAddress": "127.0.0.1", "HostKey": tmp_path / "host", "PidFile": "none", "UsePAM": "no",
-        "AuthorizedKeysFile": tmp_path / "key.pub", "StrictModes": "no", "PasswordAuthentication": "no",
-        "PermitRootLogin": "yes", "ForceCommand": f"exec {sys.executable} {shlex.quote(str(tmp_path / 'forced'))}",
-    }  # fmt: skip
-    (tmp_path / "sshd_config").write_text("".join(f"{key} {value}\n" for key, value in lines.items()))
+        "Port": port,
+        "ListenAddress": "127.0.0.1",
+        "HostKey": tmp_path / "host",
+        "PidFile": "none",
+        "UsePAM": "no",
+        "AuthorizedKeysFile": tmp_path / "key.pub",
+        "StrictModes": "no",
+        "PasswordAuthentication": "no",
+        "PermitRootLogin": "yes",
+        "ForceCommand": f"exec {sys.executable} {shlex.quote(str(tmp_path / 'forced'))}",
+    }
+    (tmp_path / "sshd_config").write_text(
+        "".join(f"{key} {value}\n" for key, value in lines.items())
+    )
     with (tmp_path / "sshd.txt").open("w") as log:
-        process = subprocess.Popen([SSHD, "-D", "-e", "-f", str(tmp_path / "sshd_config")], stderr=log)
+        process = subprocess.Popen(
+            [SSHD, "-D", "-e", "-f", str(tmp_path / "sshd_config")], stderr=log
+        )
     try:
         until(lambda: listens(port), what="the server")
         yield Server(tmp_path, port)
@@ -107,7 +120,8 @@ def vehicle(tmp_path):
 
 def test_bags_come_through_ssh(server, vehicle, tmp_path, capsys):
     out = tmp_path / "out"
-    assert main([str(out), f"uav1={server.place(vehicle)}", "--rsh", server.ssh()]) == 1  # there is no control PC
+    # there is no control PC
+    assert main([str(out), f"uav1={server.place(vehicle)}", "--rsh", server.ssh()]) == 1
     assert (out / "uav1.bag").read_bytes() == (vehicle / "uav1.bag").read_bytes()
     assert "uav1: uav1.bag\n" in capsys.readouterr().out
 
@@ -121,13 +135,17 @@ def test_who_is_not_let_in_or_does_not_know_the_machine_is_told(server, vehicle,
     assert "Host key verification failed" in capsys.readouterr().err
 
 
-def test_a_machine_that_falls_silent_in_the_middle_is_given_up_and_goes_on_later(server, vehicle, tmp_path, capsys):
+def test_a_machine_that_falls_silent_in_the_middle_is_given_up_and_goes_on_later(
+    server, vehicle, tmp_path, capsys
+):
     """As where its radio goes: the connection stands, and nothing comes."""
     out, bag = tmp_path / "out", vehicle / "uav1.bag"
     arguments = [str(out), f"uav1={server.place(vehicle)}", "--rsh", server.ssh(more=SILENT)]
     (tmp_path / "silent").touch()
     assert main(arguments) == 2
-    assert "uav1: Timeout, server 127.0.0.1 not responding" in (said := capsys.readouterr().err), said
+    assert "uav1: Timeout, server 127.0.0.1 not responding" in (said := capsys.readouterr().err), (
+        said
+    )
     assert "what has come is kept: gather again" in said and not (out / bag.name).exists()
     assert (out / ".gathering" / bag.name).stat().st_size > 1_000_000
 
@@ -138,5 +156,6 @@ def test_a_machine_that_falls_silent_in_the_middle_is_given_up_and_goes_on_later
 def test_who_asks_for_nothing_else_waits_15_s_for_ssh():
     told = dict(word.split("=") for word in shlex.split(RSH) if "=" in word)
     assert (
-        int(told["ServerAliveInterval"]) * int(told["ServerAliveCountMax"]) == 15 and int(told["ConnectTimeout"]) < 15
+        int(told["ServerAliveInterval"]) * int(told["ServerAliveCountMax"]) == 15
+        and int(told["ConnectTimeout"]) < 15
     )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The guardian on board: what it sees, what it does about it, and that it leaves the pilot alone."""
+"""The guardian on board: what it sees, what it does about it, and that it leaves the pilot
+alone."""
 
 import math
 from dataclasses import replace
@@ -20,15 +21,20 @@ PILOTS_MODES = ("STABILIZE", "ALT_HOLD", "LOITER", "LAND", "BRAKE")
 
 
 class Aloft:
-    """A guardian aboard a vehicle that hovers 8 m above its take-off place in GUIDED, all well. ``obeys``: the
-    autopilot
-    takes the modes that are asked for; what is listed in ``silent`` says nothing."""
+    """A guardian aboard a vehicle that hovers 8 m above its take-off place in GUIDED, all well.
+    ``obeys``: the autopilot takes the modes that are asked for; what is listed in ``silent`` says
+    nothing."""
 
     def __init__(self, rules=None, obeys=True):
         self.now_s, self.obeys, self.silent = 100.0, obeys, set()
         self.guardian = Guardian("uav1", rules, self.now_s)
         self.p, self.feed_off = np.array([0.0, 0.0, 0.0]), np.zeros(3)
-        self.report, self.battery, self.confidence, self.feed_every = LinkReport(throttle=0.0), 0.8, 3.0, 1
+        self.report, self.battery, self.confidence, self.feed_every = (
+            LinkReport(throttle=0.0),
+            0.8,
+            3.0,
+            1,
+        )
         self.others, self.T_home_odom, self.lean_rad = {}, np.eye(4), 0.0
         self.mode, self.armed = "STABILIZE", False
         self.asked, self.held, self.texts, self.restarts, self.steps = [], [], [], [], 0
@@ -85,7 +91,9 @@ class Aloft:
                 self._do(output)
             if self.held and self.mode == "GUIDED":
                 way = self.held[-1][1] - self.p
-                self.p = self.p + way * min(1.0, 2.0 * STEP_S / max(float(np.linalg.norm(way)), 1e-9))
+                self.p = self.p + way * min(
+                    1.0, 2.0 * STEP_S / max(float(np.linalg.norm(way)), 1e-9)
+                )
         return self
 
     def _do(self, output):
@@ -116,10 +124,14 @@ def test_a_silent_tracker_means_land_within_a_second():
     air.silent.add("feed")
     air.run(1.0)
     assert air.modes == ["LAND"]
-    assert air.guardian.verdict.uncontrolled, "the others are told that it comes down without a position"
+    assert air.guardian.verdict.uncontrolled, (
+        "the others are told that it comes down without a position"
+    )
 
 
-@pytest.mark.parametrize("every, asked, said", [(2, False, False), (3, False, True), (7, True, True)])
+@pytest.mark.parametrize(
+    "every, asked, said", [(2, False, False), (3, False, True), (7, True, True)]
+)
 def test_poses_that_come_too_seldom(every, asked, said):
     """At 20, 10, 6.7 and 2.9 Hz."""
     air = Aloft()
@@ -222,7 +234,8 @@ def test_who_flies_towards_anothers_column_counts_as_above_it(speed_mps, aside):
 
 
 def test_who_was_stopped_above_another_moves_aside_too_before_it_lands():
-    """After /stop_all both are in BRAKE; without a control PC both land, but not the upper one straight down."""
+    """After /stop_all both are in BRAKE; without a control PC both land, but not the upper one
+    straight down."""
     air = Aloft()
     air.others = {"uav2": below()}
     air.guardian.mode_asked(air.now_s, "BRAKE")
@@ -280,7 +293,8 @@ def test_who_was_stopped_beneath_one_that_comes_down_moves_aside():
 
 @pytest.mark.parametrize("higher_m", [0.0, 0.05, 0.4])
 def test_who_was_beside_at_one_height_and_is_silent_sends_nobody_aside(higher_m):
-    """A radio that carries nothing silences everybody at once: each would think that the other falls upon it."""
+    """A radio that carries nothing silences everybody at once: each would think that the other
+    falls upon it."""
     air = Aloft()
     air.others["uav2"] = {"p_home_m": air.p + [2.0, 0.0, higher_m], "mode": "GUIDED"}
     air.run(2.0)
@@ -290,11 +304,16 @@ def test_who_was_beside_at_one_height_and_is_silent_sends_nobody_aside(higher_m)
 
 
 def test_two_who_dodge_a_third_and_hear_nobody_do_not_meet():
-    """Rehearsed with ten vehicles and a radio that was held up: both flew away from the third, to one place."""
+    """Rehearsed with ten vehicles and a radio that was held up: both flew away from the third, to
+    one place."""
 
     def dodges_to(here, other, heard):
         air = Aloft()
-        above = {"p_home_m": np.array([-5.0, 0.6, 13.0]), "mode": "GUIDED", "going_to_m": np.array([0.0, 0.0, 13.0])}
+        above = {
+            "p_home_m": np.array([-5.0, 0.6, 13.0]),
+            "mode": "GUIDED",
+            "going_to_m": np.array([0.0, 0.0, 13.0]),
+        }
         air.others = {"uav6": above, "uav2": {"p_home_m": np.array(other), "mode": "GUIDED"}}
         air.p[:] = here
         air.run(1.0).forget()
@@ -305,15 +324,20 @@ def test_two_who_dodge_a_third_and_hear_nobody_do_not_meet():
     front, rear = [0.0, 0.0, 8.0], [-3.5, -0.3, 8.0]
     to_front, to_rear = dodges_to(front, rear, heard=False), dodges_to(rear, front, heard=False)
     for share in np.linspace(0.0, 1.0, 20):  # both are on their way
-        apart_m = np.linalg.norm((np.array(front) + share * (to_front - front) - rear - share * (to_rear - rear))[:2])
+        apart_m = np.linalg.norm(
+            (np.array(front) + share * (to_front - front) - rear - share * (to_rear - rear))[:2]
+        )
         assert apart_m > 3.0
 
 
 def test_two_above_each_other_that_do_not_hear_each_other_do_not_meet():
-    """Rehearsed: the upper one's radio was cut on its way. Each flew away from where it had heard the other."""
+    """Rehearsed: the upper one's radio was cut on its way. Each flew away from where it had heard
+    the other."""
     upper, lower = np.array([0.0, 0.0, 13.0]), np.array([-0.1, 0.0, 8.0])
     below, above = Aloft(), Aloft()
-    below.others = {"uav2": {"p_home_m": np.array([0.1, -1.1, 12.3]), "mode": "GUIDED", "going_to_m": upper}}
+    below.others = {
+        "uav2": {"p_home_m": np.array([0.1, -1.1, 12.3]), "mode": "GUIDED", "going_to_m": upper}
+    }
     below.others["uav2"]["speed_mps"] = 2.0
     above.others = {"uav2": {"p_home_m": lower, "mode": "GUIDED"}}
     below.p[:], above.p[:] = lower, upper
@@ -325,9 +349,12 @@ def test_two_above_each_other_that_do_not_hear_each_other_do_not_meet():
 
 
 @pytest.mark.parametrize(
-    "beside_m, up_m, goes_aside", [(1.5, -0.1, True), (1.5, 0.3, True), (2.0, 0.0, False), (1.5, 0.8, False)]
+    "beside_m, up_m, goes_aside",
+    [(1.5, -0.1, True), (1.5, 0.3, True), (2.0, 0.0, False), (1.5, 0.8, False)],
 )
-def test_who_lands_beside_another_at_its_height_goes_out_of_its_way_first(beside_m, up_m, goes_aside):
+def test_who_lands_beside_another_at_its_height_goes_out_of_its_way_first(
+    beside_m, up_m, goes_aside
+):
     """Rehearsed: the agent of one died 1.4 m beside the other; 15 s later it came down there."""
     air = Aloft()
     air.others = {"uav2": {"p_home_m": air.p + [0.0, beside_m, up_m], "mode": "GUIDED"}}
@@ -343,7 +370,13 @@ def test_where_it_comes_to_a_stand_by_its_autopilots_own_acceleration():
     for _ in range(15):  # at 1 m/s
         air.p[0] += STEP_S
         air.run(STEP_S)
-    for told_mps2, stops_m in ((None, 0.73), (0.5, 1.4), (float("nan"), 1.4), (0.0, 1.4), (1.0, 0.9)):
+    for told_mps2, stops_m in (
+        (None, 0.73),
+        (0.5, 1.4),
+        (float("nan"), 1.4),
+        (0.0, 1.4),
+        (1.0, 0.9),
+    ):
         if told_mps2 is not None:
             air.guardian.slows(told_mps2)
         assert air.guardian.air.p_home_stop_m[0] - air.p[0] == pytest.approx(stops_m, abs=0.05)
@@ -351,12 +384,15 @@ def test_where_it_comes_to_a_stand_by_its_autopilots_own_acceleration():
 
 @pytest.mark.parametrize("fallen", [{"mode": "LAND"}, {"uncontrolled": True}])
 def test_who_comes_down_as_it_flies_is_not_dodged_along_its_way(fallen):
-    """Rehearsed: its autopilot restarted at 1.7 m/s. It went on, over the other, which flew the same way."""
+    """Rehearsed: its autopilot restarted at 1.7 m/s. It went on, over the other, which flew the
+    same way."""
     air = Aloft()
     here = air.p.copy()
     p = np.array([0.0, -1.3, 12.0])
     for k in range(8):
-        air.others = {"uav2": {"p_home_m": p + [0.0, 1.7 * STEP_S * (k - 8), 0.0], "mode": "GUIDED"}}
+        air.others = {
+            "uav2": {"p_home_m": p + [0.0, 1.7 * STEP_S * (k - 8), 0.0], "mode": "GUIDED"}
+        }
         air.run(STEP_S)
     air.others = {"uav2": {"p_home_m": p, "mode": "GUIDED", **fallen}}
     air.forget()
@@ -373,7 +409,10 @@ def test_how_another_moves_is_known_from_what_was_heard():
     assert other.v_home_mps == pytest.approx([1.5, 0.0, 0.0], abs=0.1)
     lost = Other(np.array([9.0, 9.0, 9.0]), heard_s=12.0, uncontrolled=True).after(other)
     assert (lost.p_home_m == other.p_home_m).all() and (lost.v_home_mps == other.v_home_mps).all()
-    assert len(lost.places_m(12.0, 1.5)) == 4 and len(replace(lost, armed=False).places_m(12.0, 1.5)) == 1
+    assert (
+        len(lost.places_m(12.0, 1.5)) == 4
+        and len(replace(lost, armed=False).places_m(12.0, 1.5)) == 1
+    )
 
 
 def test_who_was_above_and_is_silent_may_come_down():
@@ -389,7 +428,11 @@ def test_who_was_above_and_is_silent_may_come_down():
 def test_who_was_sent_to_a_place_above_is_looked_for_there_once_it_is_silent():
     """It was heard last at one height, out of the way, and its radio was cut there."""
     air = Aloft()
-    air.others["uav2"] = {"p_home_m": air.p + [-3.0, 0.0, 0.2], "mode": "GUIDED", "going_to_m": air.p + [0.0, 0.0, 5.0]}
+    air.others["uav2"] = {
+        "p_home_m": air.p + [-3.0, 0.0, 0.2],
+        "mode": "GUIDED",
+        "going_to_m": air.p + [0.0, 0.0, 5.0],
+    }
     air.run(5.0)
     assert not air.held, "while it is heard it is where it says"
     air.silent.add("uav2")
@@ -401,7 +444,11 @@ def test_who_was_sent_to_a_place_above_is_looked_for_there_once_it_is_silent():
 
 def test_who_lands_looks_for_a_silent_one_where_it_was_sent():
     air = Aloft()
-    air.others["uav2"] = {"p_home_m": air.p + [6.0, 0.0, 0.0], "mode": "GUIDED", "going_to_m": air.p - [0.0, 0.0, 4.0]}
+    air.others["uav2"] = {
+        "p_home_m": air.p + [6.0, 0.0, 0.0],
+        "mode": "GUIDED",
+        "going_to_m": air.p - [0.0, 0.0, 4.0],
+    }
     air.silent |= {"uav2", "control"}
     air.guardian.other("uav2", Other(heard_s=air.now_s, **air.others["uav2"]))
     air.run(40.0)
@@ -422,7 +469,9 @@ def test_it_tells_where_it_flies():
     air.guardian.moved(air.now_s, there)
     air.guardian.epoch(7)
     air.run(9.0)
-    assert air.guardian.verdict.going_to_m is None, "the odometry began anew: that place is elsewhere"
+    assert air.guardian.verdict.going_to_m is None, (
+        "the odometry began anew: that place is elsewhere"
+    )
     air.guardian.moved(air.now_s, there)
     air.mode = "LOITER"
     air.run(0.2)
@@ -435,7 +484,12 @@ def test_two_in_one_column_go_to_different_sides():
     for yaw, own, other in ((0.0, 8.0, 5.0), (2.0, 5.0, 8.0)):
         air = Aloft()
         air.T_home_odom = transforms.from_xyz_yaw([0.0, 0.0, own - 8.0], yaw)
-        air.others = {"uav2": {"p_home_m": np.array([0.0, 0.0, other]), "mode": "LAND" if other > own else "GUIDED"}}
+        air.others = {
+            "uav2": {
+                "p_home_m": np.array([0.0, 0.0, other]),
+                "mode": "LAND" if other > own else "GUIDED",
+            }
+        }
         if other < own:
             air.silent.add("control")
             air.run(31.0)
@@ -447,8 +501,10 @@ def test_two_in_one_column_go_to_different_sides():
 def test_the_way_aside_passes_nobody():
     """In a column the way from the one behind would lead through the one in front."""
     air = Aloft()
-    air.others = {"uav3": {"p_home_m": np.array([-2.0, 0.1, 8.3]), "mode": "LAND"},
-                  "uav1": {"p_home_m": np.array([2.8, 0.0, 8.0]), "mode": "GUIDED"}}  # fmt: skip
+    air.others = {
+        "uav3": {"p_home_m": np.array([-2.0, 0.1, 8.3]), "mode": "LAND"},
+        "uav1": {"p_home_m": np.array([2.8, 0.0, 8.0]), "mode": "GUIDED"},
+    }
     nearest_m = np.inf
     for _ in range(60):
         air.run(0.1)
@@ -619,7 +675,9 @@ ALARMS = {
     "battery": lambda air: setattr(air, "battery", 0.03),
     "control": lambda air: air.silent.update(("control", "agent")),
     "fence": lambda air: air.p.__setitem__(0, 300.0),
-    "above": lambda air: air.others.update(uav2={"p_home_m": air.p + [0.1, 0.0, 4.0], "mode": "LAND"}),
+    "above": lambda air: air.others.update(
+        uav2={"p_home_m": air.p + [0.1, 0.0, 4.0], "mode": "LAND"}
+    ),
 }
 
 
@@ -651,7 +709,8 @@ def test_what_a_pilot_gives_back_is_the_operators_to_confirm():
 
 
 def test_a_pilot_who_changes_his_own_modes_is_not_told_of_them():
-    """At each take-off he goes from ALT_HOLD to LOITER; a take-over, and a landing that nobody asked for, are told."""
+    """At each take-off he goes from ALT_HOLD to LOITER; a take-over, and a landing that nobody
+    asked for, are told."""
     air = Aloft()
     air.mode = "LOITER"
     assert any("LOITER was not asked for" in text for text in air.run(1.0).texts)
@@ -682,18 +741,27 @@ def test_a_guardian_started_in_flight_knows_guided_and_leaves_other_modes_alone(
         assert bool(air.run(2.0).asked) == asks, mode
 
 
-@pytest.mark.parametrize("what, reason", [
-    (lambda air: setattr(air, "battery", math.nan), "battery"),
-    (lambda air: setattr(air, "battery", 0.1), "battery"),
-    (lambda air: setattr(air, "report", LinkReport(throttle=-1.0)), "throttle"),
-    (lambda air: setattr(air, "report", LinkReport()), "no transmitter"),
-    (lambda air: setattr(air, "report", LinkReport("frozen", throttle=0.0)), "frozen"),
-    (lambda air: setattr(air, "confidence", 0.0), "confidence"),
-    (lambda air: setattr(air, "report", LinkReport(throttle=0.0, origin_set=False)), "no origin"),
-    (lambda air: setattr(air, "report", LinkReport(throttle=0.0, parameters_ok=False)), "parameters"),
-    (lambda air: setattr(air, "report", LinkReport(throttle=0.0, ekf_variance=1.2)), "filter"),
-    (lambda air: air.silent.add("feed"), "no poses"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "what, reason",
+    [
+        (lambda air: setattr(air, "battery", math.nan), "battery"),
+        (lambda air: setattr(air, "battery", 0.1), "battery"),
+        (lambda air: setattr(air, "report", LinkReport(throttle=-1.0)), "throttle"),
+        (lambda air: setattr(air, "report", LinkReport()), "no transmitter"),
+        (lambda air: setattr(air, "report", LinkReport("frozen", throttle=0.0)), "frozen"),
+        (lambda air: setattr(air, "confidence", 0.0), "confidence"),
+        (
+            lambda air: setattr(air, "report", LinkReport(throttle=0.0, origin_set=False)),
+            "no origin",
+        ),
+        (
+            lambda air: setattr(air, "report", LinkReport(throttle=0.0, parameters_ok=False)),
+            "parameters",
+        ),
+        (lambda air: setattr(air, "report", LinkReport(throttle=0.0, ekf_variance=1.2)), "filter"),
+        (lambda air: air.silent.add("feed"), "no poses"),
+    ],
+)
 def test_what_forbids_guided(what, reason):
     air = Aloft()
     air.mode = "LOITER"
@@ -713,29 +781,40 @@ def test_an_estimate_apart_from_the_feed_forbids_guided_on_the_ground():
     assert "1.9 m apart" in " ".join(air.guardian.verdict.forbids)
 
 
-@pytest.mark.parametrize("wrong, said", [
-    ({"feed_warn_s": 0.9}, "feed_warn_s"), ({"low_battery": -1.0}, "low_battery"), ({"empty_battery": 0.5}, "empty"),
-    ({"clear_m": math.nan}, "clear_m"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "wrong, said",
+    [
+        ({"feed_warn_s": 0.9}, "feed_warn_s"),
+        ({"low_battery": -1.0}, "low_battery"),
+        ({"empty_battery": 0.5}, "empty"),
+        ({"clear_m": math.nan}, "clear_m"),
+    ],
+)
 def test_rules_that_cannot_be_are_refused(wrong, said):
     with pytest.raises(ValueError, match=said):
         GuardianRules(**wrong)
 
 
-@pytest.mark.parametrize("wrong, said", [
-    ({"floor_m": 50.0}, "ceiling_m"), ({"radius_m": 0.0}, "radius_m"), ({"polygon": [(1.0, 2.0)]}, "polygon"),
-    ({"polygon": [(math.nan, 0.0)] * 3}, "polygon"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "wrong, said",
+    [
+        ({"floor_m": 50.0}, "ceiling_m"),
+        ({"radius_m": 0.0}, "radius_m"),
+        ({"polygon": [(1.0, 2.0)]}, "polygon"),
+        ({"polygon": [(math.nan, 0.0)] * 3}, "polygon"),
+    ],
+)
 def test_fences_that_cannot_be_are_refused(wrong, said):
     with pytest.raises(ValueError, match=said):
         Fence(**wrong)
 
 
-# ---- one that lost its position, or is in other hands -------------------------------------------------------------
+# ---- one that lost its position, or is in other hands --------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "fields", [{"uncontrolled": True, "mode": "LAND"}, {"lost": True, "armed": False}, {"taken": True}]
+    "fields",
+    [{"uncontrolled": True, "mode": "LAND"}, {"lost": True, "armed": False}, {"taken": True}],
 )
 def test_nobody_stays_above_one_that_lost_its_position_or_that_a_pilot_has(fields):
     air = Aloft()
@@ -761,7 +840,11 @@ def test_where_one_is_that_lost_its_position_is_where_it_was_last():
     air = Aloft()
     air.others = {"uav2": {"p_home_m": np.array([0.5, 0.0, 3.0]), "taken": False}}
     air.run(1.0)
-    air.others["uav2"] = {"p_home_m": np.array([90.0, 40.0, 3.0]), "uncontrolled": True, "mode": "LAND"}
+    air.others["uav2"] = {
+        "p_home_m": np.array([90.0, 40.0, 3.0]),
+        "uncontrolled": True,
+        "mode": "LAND",
+    }
     air.run(0.2)
     air.others["uav2"] = {"p_home_m": np.array([-50.0, 70.0, 0.0]), "lost": True, "armed": False}
     air.battery = 0.05
@@ -771,13 +854,21 @@ def test_where_one_is_that_lost_its_position_is_where_it_was_last():
 
 def lost_for(air, flown_s):
     """uav2 lies on the ground, as high as it was known last, after so long without a position."""
-    air.others = {"uav2": {"p_home_m": np.array([0.0, 10.0, 8.0]), "lost": True, "lost_s": flown_s, "armed": False}}
+    air.others = {
+        "uav2": {
+            "p_home_m": np.array([0.0, 10.0, 8.0]),
+            "lost": True,
+            "lost_s": flown_s,
+            "armed": False,
+        }
+    }
     return air
 
 
 @pytest.mark.parametrize("flown_s, reach_m", [(2.0, 6.0), (13.0, 17.6)])
 def test_who_lands_keeps_out_of_all_where_a_lost_one_may_lie(flown_s, reach_m):
-    """The longer it flew without a position, the further away it may be: it is never believed to lie in one place."""
+    """The longer it flew without a position, the further away it may be: it is never believed to
+    lie in one place."""
     air = lost_for(Aloft(), flown_s)
     assert not air.run(5.0).held, "on the ground it endangers nobody who flies"
     air.battery = 0.05
@@ -788,7 +879,12 @@ def test_who_lands_keeps_out_of_all_where_a_lost_one_may_lie(flown_s, reach_m):
 
 def test_it_goes_out_of_the_way_within_the_fence_where_it_can():
     air = lost_for(
-        Aloft(GuardianRules(fence=Fence(0.3, 45.0, 100.0, [(-30, -12), (30, -12), (30, 30), (-30, 30)]))), 20
+        Aloft(
+            GuardianRules(
+                fence=Fence(0.3, 45.0, 100.0, [(-30, -12), (30, -12), (30, 30), (-30, 30)])
+            )
+        ),
+        20,
     )
     air.battery = 0.05
     air.run(20.0)
@@ -808,7 +904,9 @@ def test_it_counts_how_long_it_flew_without_a_position():
 def test_one_that_is_lost_and_falls_silent_flies_on():
     heard = Other(np.zeros(3), 100.0, lost=True, lost_s=10.0)
     assert heard.reach_m(100.0) < heard.reach_m(120.0)
-    assert Other(np.zeros(3), 100.0, lost=True, lost_s=10.0, armed=False).reach_m(120.0) == heard.reach_m(100.0)
+    assert Other(np.zeros(3), 100.0, lost=True, lost_s=10.0, armed=False).reach_m(
+        120.0
+    ) == heard.reach_m(100.0)
 
 
 def test_it_says_that_it_lost_its_position_until_its_next_take_off():
@@ -825,7 +923,8 @@ def test_it_says_that_it_lost_its_position_until_its_next_take_off():
 
 
 def test_who_is_calibrated_anew_after_it_was_lost_is_found():
-    """The tracker was silent while people flew it; what it told later began anew, and was calibrated."""
+    """The tracker was silent while people flew it; what it told later began anew, and was
+    calibrated."""
     air = Aloft()
     air.guardian.epoch(1)
     air.guardian.calibrated(1)
@@ -867,7 +966,9 @@ def landing(height_m):
 def test_who_lands_goes_out_of_the_way_of_one_that_comes_down_without_control():
     air = landing(6.0)
     assert not air.asked
-    air.others = {"uav2": {"p_home_m": np.array([3.0, 0.0, 7.0]), "mode": "LAND", "uncontrolled": True}}
+    air.others = {
+        "uav2": {"p_home_m": np.array([3.0, 0.0, 7.0]), "mode": "LAND", "uncontrolled": True}
+    }
     begun_s = air.now_s
     air.run(8.0)
     assert air.modes[0] == "GUIDED" and air.asked[0][0] - begun_s < 1.0
@@ -876,7 +977,9 @@ def test_who_lands_goes_out_of_the_way_of_one_that_comes_down_without_control():
 
 def test_near_the_ground_it_is_sooner_down_than_away():
     air = landing(1.5)
-    air.others = {"uav2": {"p_home_m": np.array([3.0, 0.0, 7.0]), "mode": "LAND", "uncontrolled": True}}
+    air.others = {
+        "uav2": {"p_home_m": np.array([3.0, 0.0, 7.0]), "mode": "LAND", "uncontrolled": True}
+    }
     assert not air.run(3.0).asked
 
 
@@ -887,11 +990,14 @@ def test_a_landing_beside_another_that_lands_goes_on():
 
 
 def alone(share=0.15, p=(6.0, 0.0, 8.0), **others):
-    """One whose battery is low, away from its take-off place, with the control PC silent; others by their places."""
+    """One whose battery is low, away from its take-off place, with the control PC silent; others by
+    their places."""
     air = Aloft()
     air.p = np.array(p)
     air.run(1.0)
-    air.others = {name: {"p_home_m": np.array(p_other), "mode": "GUIDED"} for name, p_other in others.items()}
+    air.others = {
+        name: {"p_home_m": np.array(p_other), "mode": "GUIDED"} for name, p_other in others.items()
+    }
     air.battery = share
     air.silent.add("control")
     air.forget()
@@ -956,7 +1062,11 @@ def test_who_comes_into_the_way_stops_it_there():
     assert 12.0 < air.p[0] < 16.0
     air.others["uav2"]["p_home_m"] = np.array([4.0, 1.0, 8.0])
     air.run(4.0)
-    assert air.p[0] > 11.0 and air.guardian.verdict.action == "hold" and "uav2 is too near to the way" in words(air)
+    assert (
+        air.p[0] > 11.0
+        and air.guardian.verdict.action == "hold"
+        and "uav2 is too near to the way" in words(air)
+    )
     air.others.clear()
     air.guardian.air.others.clear()
     air.run(5.0)
@@ -1000,10 +1110,13 @@ def fenced(air):
 @pytest.mark.parametrize(
     "spoil, why",
     [
-        (began_anew, "its take-off place is not known"), (not_in_home, "its place among the others is not known"),
-        (unsure, "its position is not good"), (off, "its position is not good"), (fenced, "the way leaves the fence"),
+        (began_anew, "its take-off place is not known"),
+        (not_in_home, "its place among the others is not known"),
+        (unsure, "its position is not good"),
+        (off, "its position is not good"),
+        (fenced, "the way leaves the fence"),
     ],
-)  # fmt: skip
+)
 def test_who_does_not_know_the_way_stays(spoil, why):
     air = alone()
     air.run(9.0)

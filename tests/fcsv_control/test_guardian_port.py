@@ -33,11 +33,24 @@ def command(kind, number=1, sender="mission-1", **fields):
 
 def link(**fields):
     told = {
-        "doubt": "", "ekf_variance": 0.1, "throttle": 0.4, "throttle_age_s": 0.1, "system_status": 4,
-        "origin_set": True, "parameters_ok": True, "parameter": "", "in_the_air": True, "connected": True, "pid": 17,
-        "ekf_flags": 0x33F, "ekf_age_s": 0.1, "feed_rate_hz": 30.0, "feed_age_s": 0.03, "estimate_apart_m": 0.1,
+        "doubt": "",
+        "ekf_variance": 0.1,
+        "throttle": 0.4,
+        "throttle_age_s": 0.1,
+        "system_status": 4,
+        "origin_set": True,
+        "parameters_ok": True,
+        "parameter": "",
+        "in_the_air": True,
+        "connected": True,
+        "pid": 17,
+        "ekf_flags": 0x33F,
+        "ekf_age_s": 0.1,
+        "feed_rate_hz": 30.0,
+        "feed_age_s": 0.03,
+        "estimate_apart_m": 0.1,
         "prearm_ok": True,
-    }  # fmt: skip
+    }
     return LinkLives(**{**told, **fields})
 
 
@@ -99,23 +112,43 @@ def test_another_counts_from_when_it_sent_and_as_flying_until_it_tells_its_mode(
     assert (other.heard_s, other.armed, other.mode) == (NOW_S - 0.3, True, "")
     assert other.speed_mps == pytest.approx(1.0)
     port.receive(NOW_S, tm.VehicleState("uav2", RELAY, "LAND", False, True))
-    port.receive(NOW_S, tm.VehicleState("uav2", RELAY, "", True, False))  # its link hears no autopilot
+    # its link hears no autopilot
+    port.receive(NOW_S, tm.VehicleState("uav2", RELAY, "", True, False))
     port.receive(
-        NOW_S, OtherGuarded("uav2", GuardianVerdict(lost=True, lost_s=3.0, taken=True, going_to_m=(1.0, 2.0, 3.0)))
+        NOW_S,
+        OtherGuarded(
+            "uav2", GuardianVerdict(lost=True, lost_s=3.0, taken=True, going_to_m=(1.0, 2.0, 3.0))
+        ),
     )
     port.step(NOW_S)
     other = port.core.air.others["uav2"]
-    assert (other.armed, other.mode, other.lost, other.lost_s, other.taken) == (False, "LAND", True, 3.0, True)
+    assert (other.armed, other.mode, other.lost, other.lost_s, other.taken) == (
+        False,
+        "LAND",
+        True,
+        3.0,
+        True,
+    )
     assert np.allclose(other.going_to_m, [1.0, 2.0, 3.0])
 
 
 def test_what_the_link_tells(port):
     port.receive(NOW_S, link())
     assert port.core.air.link.throttle == 0.4 and not port.core.air.link.failsafe
-    port.receive(NOW_S, link(throttle_age_s=2.0, system_status=5, parameters_ok=False, parameter="X", connected=False))
+    port.receive(
+        NOW_S,
+        link(
+            throttle_age_s=2.0, system_status=5, parameters_ok=False, parameter="X", connected=False
+        ),
+    )
     report = port.core.air.link
     assert math.isnan(report.throttle), "no transmitter is heard"
-    assert report.failsafe and not report.parameters_ok and report.parameter == "X" and not report.connected
+    assert (
+        report.failsafe
+        and not report.parameters_ok
+        and report.parameter == "X"
+        and not report.connected
+    )
     port.receive(NOW_S, AutopilotLimits({"WPNAV_ACCEL": 150.0}))
     assert port.core.air.slows_mps2 == pytest.approx(1.5)
     port.receive(NOW_S, AutopilotLimits({}))
@@ -132,7 +165,10 @@ def test_a_link_that_hangs_is_named_by_its_process(port):
 
 
 def test_a_verdict_is_told_at_once_and_again(port):
-    told = [[o for o in port.step(NOW_S + 0.04 * k) if isinstance(o, GuardianVerdict)] for k in range(11)]
+    told = [
+        [o for o in port.step(NOW_S + 0.04 * k) if isinstance(o, GuardianVerdict)]
+        for k in range(11)
+    ]
     assert [len(t) for t in told] == [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
     port.receive(NOW_S + 0.41, tm.VehicleState("uav1", "", "LOITER", True, True))
     assert any(isinstance(o, GuardianVerdict) and o.taken for o in port.step(NOW_S + 0.44))
@@ -162,4 +198,6 @@ def test_sigma_is_the_larger_axis_of_the_covariance_there(seed):
     half = random.normal(size=(4, 4))
     place = Place(transforms.from_xyz_yaw(random.normal(size=3), 0.8), half @ half.T)
     p_m = random.normal(0.0, 5.0, 3)
-    assert place.sigma_m(p_m) == pytest.approx(math.sqrt(np.linalg.eigvalsh(place.at(p_m)[:2, :2])[-1]), rel=1e-12)
+    assert place.sigma_m(p_m) == pytest.approx(
+        math.sqrt(np.linalg.eigvalsh(place.at(p_m)[:2, :2])[-1]), rel=1e-12
+    )

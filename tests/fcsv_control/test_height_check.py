@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A tracker's height held against the barometer of the simulated autopilot, which wind, weather and wash move."""
+"""A tracker's height held against the barometer of the simulated autopilot, which wind, weather and
+wash move."""
 
 import numpy as np
 import pytest
@@ -15,7 +16,11 @@ HZ, CALM_S = 5.0, 120.0
 def height_flown(since_s):
     """Up to 8 m at 1.5 m/s, some metres up and down, hover."""
     climbs = np.clip(since_s / 5.0, 0.0, 1.0) * 8.0
-    return climbs + np.clip((since_s - 30.0) / 4.0, 0.0, 1.0) * 4.0 - np.clip((since_s - 60.0) / 5.0, 0.0, 1.0) * 5.0
+    return (
+        climbs
+        + np.clip((since_s - 30.0) / 4.0, 0.0, 1.0) * 4.0
+        - np.clip((since_s - 60.0) / 5.0, 0.0, 1.0) * 5.0
+    )
 
 
 def doubted(seed, drift_m=lambda since_s: 0.0, seconds=60.0):
@@ -40,8 +45,12 @@ def test_climbs_hover_and_landing_raise_no_doubt(seed):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("seed", range(5))
 def test_a_height_that_drifts_is_doubted(seed, sign):
-    """0.1 m/s: 1.2 m, and three sigma of the gusts (0.3 m each of two means), are gone after 21 s."""
-    took_s = doubted(seed, lambda since_s: sign * 0.1 * min(since_s, 15.0) + sign * 0.5 * max(0.0, since_s - 15.0))
+    """0.1 m/s: 1.2 m, and three sigma of the gusts (0.3 m each of two means), are gone after 21
+    s."""
+    took_s = doubted(
+        seed,
+        lambda since_s: sign * 0.1 * min(since_s, 15.0) + sign * 0.5 * max(0.0, since_s - 15.0),
+    )
     assert took_s is not None and 3.0 < took_s < 21.0
 
 
@@ -56,14 +65,18 @@ def test_what_is_near_the_ground_or_silent_is_not_compared():
 
 
 def test_a_pressure_is_a_height():
-    """The simulated barometer's own formula, there and back; a standard atmosphere has 898.7 hPa at 1000 m."""
+    """The simulated barometer's own formula, there and back; a standard atmosphere has 898.7 hPa at
+    1000 m."""
     assert height_m(898.75) == pytest.approx(1000.0, abs=0.5)
 
 
 def feed(check, now_s, z_m):
-    check.estimate(now_s, transforms.from_xyz_yaw([0.0, 0.0, z_m], 0.0), (0.0, 0.0, 0.0))  # the filter follows
+    # the filter follows
+    check.estimate(now_s, transforms.from_xyz_yaw([0.0, 0.0, z_m], 0.0), (0.0, 0.0, 0.0))
     p_m = [0.001 * np.sin(9.0 * now_s), 0.001 * np.cos(7.0 * now_s), z_m]
-    return check.judge(now_s, 1.7e9 + now_s, transforms.from_xyz_yaw(p_m, 0.001 * np.sin(5.0 * now_s)))
+    return check.judge(
+        now_s, 1.7e9 + now_s, transforms.from_xyz_yaw(p_m, 0.001 * np.sin(5.0 * now_s))
+    )
 
 
 @pytest.mark.parametrize("gap_s", [0.0, 1.0])

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The flight link's core, driven by hand: which answer belongs to which command, and what stops a vehicle."""
+"""The flight link's core, driven by hand: which answer belongs to which command, and what stops a
+vehicle."""
 
 import os
 
@@ -39,7 +40,9 @@ class Line:
 
     def beat(self, mode, armed=False, status=M.MAV_STATE_STANDBY):
         base = (M.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0) | M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        self.hear("heartbeat", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, mode, status)
+        self.hear(
+            "heartbeat", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, mode, status
+        )
 
     def set_up(self):
         """Origin, parameters and pre-arm are known."""
@@ -56,7 +59,15 @@ class Line:
         return core.origin_set(self.now_s), core.heard.parameters.known, core.state.prearm_ok
 
     def acknowledge(self, message, result=0):
-        self.hear("command_ack", message.command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent())
+        self.hear(
+            "command_ack",
+            message.command,
+            result,
+            0,
+            0,
+            message.get_srcSystem(),
+            message.get_srcComponent(),
+        )
 
     def run(self, seconds):
         """Let time pass; what was sent meanwhile."""
@@ -69,7 +80,9 @@ class Line:
         return sent
 
     def modes(self, sent):
-        return [m for m in sent if m.get_type() == "COMMAND_LONG" and m.command == M.MAV_CMD_DO_SET_MODE]
+        return [
+            m for m in sent if m.get_type() == "COMMAND_LONG" and m.command == M.MAV_CMD_DO_SET_MODE
+        ]
 
 
 @pytest.fixture
@@ -78,7 +91,8 @@ def line():
 
 
 def test_a_late_answer_to_guided_is_not_taken_for_lands(line):
-    """Both are the same MAV_CMD. LAND goes out at once and is not done by what GUIDED is answered."""
+    """Both are the same MAV_CMD. LAND goes out at once and is not done by what GUIDED is
+    answered."""
     guided = line.core.set_mode(line.now_s, "GUIDED")
     [asked] = line.modes(line.run(STEP_S))
     land = line.core.set_mode(line.now_s, "LAND")
@@ -116,7 +130,9 @@ def test_a_refused_stop_tells_the_autopilots_reason(line):
     line.hear("statustext", 4, b"Mode change to BRAKE failed: requires position")
     line.acknowledge(asked, 4)
     line.run(STEP_S)
-    with pytest.raises(CommandRefused, match="mode BRAKE refused: Mode change to BRAKE failed: requires position"):
+    with pytest.raises(
+        CommandRefused, match="mode BRAKE refused: Mode change to BRAKE failed: requires position"
+    ):
         brake.require_done()
 
 
@@ -128,7 +144,9 @@ def test_a_mode_that_was_asked_for_before_a_pilot_chose_another_is_withdrawn(lin
         guided.require_done()
     land = line.core.set_mode(line.now_s, "LAND")
     line.beat(STABILIZE, armed=True)
-    assert line.modes(line.run(0.3)) and not land.over, "what stops a vehicle is asked for all the same"
+    assert line.modes(line.run(0.3)) and not land.over, (
+        "what stops a vehicle is asked for all the same"
+    )
 
 
 def test_a_mode_that_shows_already_is_ours_once_it_is_acknowledged(line):
@@ -150,7 +168,8 @@ def a_pilot_flies_and_chooses(line, mode):
 
 
 def test_a_stop_that_a_pilot_chose_before_stays_his(line):
-    """Where the feed dies the watchdog lands in a BRAKE that is ours, and only speaks in a pilot's."""
+    """Where the feed dies the watchdog lands in a BRAKE that is ours, and only speaks in a
+    pilot's."""
     line.beat(BRAKE, armed=True)
     line.core.set_mode(line.now_s, "BRAKE")
     line.run(0.3)
@@ -208,7 +227,10 @@ def test_messages_out_are_whole_and_name_their_source(line):
     line.core.send_pose(12.5, np.eye(4))
     line.core.send_set_point(np.eye(4))
     out = line.core.outgoing()
-    assert [m.get_type() for m in out] == ["VISION_POSITION_ESTIMATE", "SET_POSITION_TARGET_LOCAL_NED"]
+    assert [m.get_type() for m in out] == [
+        "VISION_POSITION_ESTIMATE",
+        "SET_POSITION_TARGET_LOCAL_NED",
+    ]
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in out} == {(1, 191)}
     packer, reader = M.MAVLink(None, srcSystem=1, srcComponent=191), M.MAVLink(None)
     for message in out:
@@ -229,18 +251,32 @@ def test_what_is_heard_comes_back_as_events_once(line):
     assert line.core.events() == [] and line.core.state.armed
 
 
-@pytest.mark.parametrize("autopilot, kind, name", [(12, 2, "PX4"), (3, 1, "ArduPlane"), (3, 10, "ArduRover")])
+@pytest.mark.parametrize(
+    "autopilot, kind, name", [(12, 2, "PX4"), (3, 1, "ArduPlane"), (3, 10, "ArduRover")]
+)
 def test_another_firmware_is_named_and_neither_obeyed_nor_commanded(autopilot, kind, name):
     line = Line.__new__(Line)
-    line.core, line.encoder, line.now_s, line.sent = LinkCore(LinkParameters()), M.MAVLink(None), 100.0, []
+    line.core, line.encoder, line.now_s, line.sent = (
+        LinkCore(LinkParameters()),
+        M.MAVLink(None),
+        100.0,
+        [],
+    )
     line.hear("heartbeat", kind, autopilot, M.MAV_MODE_FLAG_SAFETY_ARMED, GUIDED, 4)
     line.hear("attitude", 5, 0.1, 0.2, 0.3, 0, 0, 0)
     line.core.send_pose(100.0, np.eye(4))
     line.core.send_set_point(np.eye(4))
     assert {m.get_type() for m in line.run(3.0)} == {"HEARTBEAT"}
-    assert not line.core.connected(line.now_s) and not line.core.state.armed and not line.core.events()
-    for command in (lambda: line.core.set_mode(line.now_s, "LAND"), lambda: line.core.arm(line.now_s, False)):
-        with pytest.raises(CommandRefused, match=f"{name} with system id 1 speaks; only ArduCopter is flown"):
+    assert (
+        not line.core.connected(line.now_s) and not line.core.state.armed and not line.core.events()
+    )
+    for command in (
+        lambda: line.core.set_mode(line.now_s, "LAND"),
+        lambda: line.core.arm(line.now_s, False),
+    ):
+        with pytest.raises(
+            CommandRefused, match=f"{name} with system id 1 speaks; only ArduCopter is flown"
+        ):
             command()
     line.beat(GUIDED)  # it was flashed
     line.run(STEP_S)
@@ -250,7 +286,8 @@ def test_another_firmware_is_named_and_neither_obeyed_nor_commanded(autopilot, k
 def test_only_streams_that_stop_are_asked_for_again(line):
     def asked():
         sent = [m for m in line.run(1.0) if m.get_type() == "COMMAND_LONG"]
-        return {int(m.param1) for m in sent if m.command == M.MAV_CMD_SET_MESSAGE_INTERVAL} - {0}  # 0: the heartbeat
+        # 0: the heartbeat
+        return {int(m.param1) for m in sent if m.command == M.MAV_CMD_SET_MESSAGE_INTERVAL} - {0}
 
     assert len(asked()) == 7
     again = []
@@ -265,19 +302,29 @@ def test_only_streams_that_stop_are_asked_for_again(line):
         line.hear("scaled_pressure", 1000 * second, 1013.25, 0.0, 2500)
         line.beat(STABILIZE)
         again.append(asked())
-    assert set().union(*again) == {M.MAVLINK_MSG_ID_LOCAL_POSITION_NED} and not any([*again[:5], *again[9:]])
+    assert set().union(*again) == {M.MAVLINK_MSG_ID_LOCAL_POSITION_NED} and not any(
+        [*again[:5], *again[9:]]
+    )
 
 
 def test_version_and_clock_are_asked_for_until_they_are_known(line):
     sent = line.run(3.0)
-    version = [m for m in sent if m.get_type() == "COMMAND_LONG" and m.param1 == M.MAVLINK_MSG_ID_AUTOPILOT_VERSION]
+    version = [
+        m
+        for m in sent
+        if m.get_type() == "COMMAND_LONG" and m.param1 == M.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+    ]
     questions = [m for m in sent if m.get_type() == "TIMESYNC"]
     assert len(version) == 2 and len(questions) == 3
     line.hear("autopilot_version", 0, 0x040602FF, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
     line.beat(STABILIZE)
     assert line.core.heard.version == "4.6.2"
     sent = line.run(2.5)
-    assert not [m for m in sent if m.get_type() == "COMMAND_LONG" and m.param1 == M.MAVLINK_MSG_ID_AUTOPILOT_VERSION]
+    assert not [
+        m
+        for m in sent
+        if m.get_type() == "COMMAND_LONG" and m.param1 == M.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+    ]
     line.hear("timesync", 0, 1234)
     [answer] = [m for m in line.run(STEP_S) if m.get_type() == "TIMESYNC" and m.tc1]
     assert answer.ts1 == 1234 and answer.tc1 == pytest.approx((line.now_s - STEP_S) * 1e9, abs=1e3)
@@ -292,7 +339,9 @@ def test_ten_thousand_odd_messages_end_nothing(line):
         if kind == 0:
             line.hear("command_ack", int(random.integers(0, 65536)), int(random.integers(0, 256)))
         elif kind == 1:
-            line.hear("local_position_ned", int(random.integers(0, 2**32)), big, big, big, big, big, big)
+            line.hear(
+                "local_position_ned", int(random.integers(0, 2**32)), big, big, big, big, big, big
+            )
         elif kind == 2:
             line.hear("attitude", int(random.integers(0, 2**32)), big, big, big, big, big, big)
         elif kind == 3:
@@ -315,9 +364,16 @@ def test_the_barometer_is_heard_as_a_height(line):
 
 
 def test_streams_are_asked_for_in_one_order_in_every_process():
-    """A set of names has another order in each process: rehearsed flights differed by it, with one seed."""
-    asked = [int(m.param1) for m in Line().run(0.5) if m.get_type() == "COMMAND_LONG" and m.command == 511]
-    assert len(asked) >= 6 and asked == [getattr(M, f"MAVLINK_MSG_ID_{name}") for name in sorted(STREAMS_HZ)]
+    """A set of names has another order in each process: rehearsed flights differed by it, with one
+    seed."""
+    asked = [
+        int(m.param1)
+        for m in Line().run(0.5)
+        if m.get_type() == "COMMAND_LONG" and m.command == 511
+    ]
+    assert len(asked) >= 6 and asked == [
+        getattr(M, f"MAVLINK_MSG_ID_{name}") for name in sorted(STREAMS_HZ)
+    ]
 
 
 ALL_KNOWN, NOTHING_KNOWN = (True, True, True), (False, False, None)
@@ -335,7 +391,10 @@ def test_a_heartbeat_that_says_booting_makes_unknown_what_was_known_at_once(line
     line.set_up()
     assert line.known[0] is False and line.known[2] is None
     line.beat(STABILIZE, status=M.MAV_STATE_BOOT)
-    for ask in (lambda: line.core.set_mode(line.now_s, "GUIDED"), lambda: line.core.arm(line.now_s, True)):
+    for ask in (
+        lambda: line.core.set_mode(line.now_s, "GUIDED"),
+        lambda: line.core.arm(line.now_s, True),
+    ):
         with pytest.raises(CommandRefused, match="the autopilot is still starting"):
             ask()
     line.core.set_mode(line.now_s, "LAND")  # what stops is asked for all the same
@@ -344,7 +403,9 @@ def test_a_heartbeat_that_says_booting_makes_unknown_what_was_known_at_once(line
     assert line.set_up().known == ALL_KNOWN
 
 
-@pytest.mark.parametrize("gap_s, before", [(1.9, ALL_KNOWN), (2.7, NOTHING_KNOWN), (8.0, NOTHING_KNOWN)])
+@pytest.mark.parametrize(
+    "gap_s, before", [(1.9, ALL_KNOWN), (2.7, NOTHING_KNOWN), (8.0, NOTHING_KNOWN)]
+)
 def test_a_gap_of_heartbeats_makes_unknown_what_was_known(gap_s, before):
     """At once, not only with the next heartbeat; a lost heartbeat or two do not."""
     line = Line(PROFILE).set_up()
@@ -364,23 +425,29 @@ def test_a_gap_that_this_process_slept_through_counts_at_the_next_heartbeat():
     assert line.known == NOTHING_KNOWN
 
 
-@pytest.mark.parametrize("name, kind, autopilot", [
-    ("companion", M.MAV_TYPE_ONBOARD_CONTROLLER, M.MAV_AUTOPILOT_INVALID),
-    ("companion as ArduPilot", M.MAV_TYPE_ONBOARD_CONTROLLER, M.MAV_AUTOPILOT_ARDUPILOTMEGA),
-    ("script, INVALID", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_INVALID),
-    ("script, GENERIC", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_GENERIC),
-    ("script, GENERIC of type GENERIC", M.MAV_TYPE_GENERIC, M.MAV_AUTOPILOT_GENERIC),
-    ("gimbal", M.MAV_TYPE_GIMBAL, M.MAV_AUTOPILOT_INVALID),
-    ("gimbal as ArduPilot", M.MAV_TYPE_GIMBAL, M.MAV_AUTOPILOT_ARDUPILOTMEGA),
-    ("ground station", M.MAV_TYPE_GCS, M.MAV_AUTOPILOT_INVALID),
-    ("ADS-B", M.MAV_TYPE_ADSB, M.MAV_AUTOPILOT_INVALID),
-    ("ADS-B as ArduPilot", M.MAV_TYPE_ADSB, M.MAV_AUTOPILOT_ARDUPILOTMEGA),
-    ("camera", M.MAV_TYPE_CAMERA, M.MAV_AUTOPILOT_GENERIC),
-    ("another airframe", M.MAV_TYPE_HEXAROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA),
-    ("PX4", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_PX4),
-])  # fmt: skip
-def test_foreign_heartbeats_with_the_autopilots_ids_change_nothing(line, wrong_input, name, kind, autopilot, caplog):
-    """Before, "armed GUIDED" became "disarmed STABILIZE", or all that the vehicle said was dropped."""
+@pytest.mark.parametrize(
+    "name, kind, autopilot",
+    [
+        ("companion", M.MAV_TYPE_ONBOARD_CONTROLLER, M.MAV_AUTOPILOT_INVALID),
+        ("companion as ArduPilot", M.MAV_TYPE_ONBOARD_CONTROLLER, M.MAV_AUTOPILOT_ARDUPILOTMEGA),
+        ("script, INVALID", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_INVALID),
+        ("script, GENERIC", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_GENERIC),
+        ("script, GENERIC of type GENERIC", M.MAV_TYPE_GENERIC, M.MAV_AUTOPILOT_GENERIC),
+        ("gimbal", M.MAV_TYPE_GIMBAL, M.MAV_AUTOPILOT_INVALID),
+        ("gimbal as ArduPilot", M.MAV_TYPE_GIMBAL, M.MAV_AUTOPILOT_ARDUPILOTMEGA),
+        ("ground station", M.MAV_TYPE_GCS, M.MAV_AUTOPILOT_INVALID),
+        ("ADS-B", M.MAV_TYPE_ADSB, M.MAV_AUTOPILOT_INVALID),
+        ("ADS-B as ArduPilot", M.MAV_TYPE_ADSB, M.MAV_AUTOPILOT_ARDUPILOTMEGA),
+        ("camera", M.MAV_TYPE_CAMERA, M.MAV_AUTOPILOT_GENERIC),
+        ("another airframe", M.MAV_TYPE_HEXAROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA),
+        ("PX4", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_PX4),
+    ],
+)
+def test_foreign_heartbeats_with_the_autopilots_ids_change_nothing(
+    line, wrong_input, name, kind, autopilot, caplog
+):
+    """Before, "armed GUIDED" became "disarmed STABILIZE", or all that the vehicle said was
+    dropped."""
     line.beat(GUIDED, armed=True)
     line.core.events()
     for _ in range(8):
@@ -398,22 +465,36 @@ def test_foreign_heartbeats_with_the_autopilots_ids_change_nothing(line, wrong_i
     assert line.core.heard.identities.imitated(line.now_s, 1) == told
     assert line.core.heard.identities.imitated(line.now_s + 6.0, 1) == ""
     wrong_input(
-        "Autopilot", f"heartbeat of another program with the autopilot's ids: {name}", "left out and named", told
+        "Autopilot",
+        f"heartbeat of another program with the autopilot's ids: {name}",
+        "left out and named",
+        told,
     )
 
 
-@pytest.mark.parametrize("kind, autopilot", [(M.MAV_TYPE_ONBOARD_CONTROLLER, 8), (2, M.MAV_AUTOPILOT_GENERIC), (6, 8)])
+@pytest.mark.parametrize(
+    "kind, autopilot", [(M.MAV_TYPE_ONBOARD_CONTROLLER, 8), (2, M.MAV_AUTOPILOT_GENERIC), (6, 8)]
+)
 def test_a_script_that_speaks_before_the_autopilot_is_not_taken_for_it(kind, autopilot):
     line = Line.__new__(Line)
-    line.core, line.encoder, line.now_s, line.sent = LinkCore(LinkParameters()), M.MAVLink(None), 100.0, []
+    line.core, line.encoder, line.now_s, line.sent = (
+        LinkCore(LinkParameters()),
+        M.MAVLink(None),
+        100.0,
+        [],
+    )
     line.hear("heartbeat", kind, autopilot, 0, STABILIZE, 0)
     assert not line.core.connected(line.now_s)
     line.beat(GUIDED, armed=True)
     line.hear("heartbeat", kind, autopilot, 0, STABILIZE, 0)
-    assert line.core.connected(line.now_s) and line.core.state.armed and not line.core.heard.foreigner
+    assert (
+        line.core.connected(line.now_s) and line.core.state.armed and not line.core.heard.foreigner
+    )
 
 
-@pytest.mark.parametrize("system, component", [(1, 154), (1, 191), (1, 156), (255, 190), (2, 191), (1, 0)])
+@pytest.mark.parametrize(
+    "system, component", [(1, 154), (1, 191), (1, 156), (255, 190), (2, 191), (1, 0)]
+)
 def test_heartbeats_of_other_components_and_systems_change_nothing(line, system, component):
     line.beat(GUIDED, armed=True)
     for kind, autopilot in ((2, 3), (18, 3), (26, 8), (6, 8), (2, 12)):

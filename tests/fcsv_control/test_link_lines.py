@@ -31,7 +31,9 @@ class Speaker:
         self.heard = []
 
     def beat(self, mode=4):
-        message = self.encoder.heartbeat_encode(M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, mode, 3)
+        message = self.encoder.heartbeat_encode(
+            M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, mode, 3
+        )
         return message.pack(self.encoder)
 
     def take(self, data):
@@ -109,7 +111,8 @@ def test_a_tcp_peer_that_falls_silent_is_connected_to_again(monkeypatch):
     try:
         autopilot.speak()
         assert transport.receive(0.5).get_type() == "HEARTBEAT"
-        first, autopilot.connection = autopilot.connection, None  # its machine lost power: no end is told
+        # its machine lost power: no end is told
+        first, autopilot.connection = autopilot.connection, None
         assert until(lambda: autopilot.speak() or transport.receive(0.05) is not None)
         first.close()
     finally:
@@ -151,7 +154,9 @@ def test_poses_go_to_the_address_of_the_vehicles_own_autopilot_alone(udp):
     """Before, a second autopilot on the port received and fused all of the first one's poses."""
     link, autopilot = udp
     ours, other = autopilot(1), autopilot(2)
-    assert until(lambda: other.speak() or ours.speak() or (link.connected and link.strangers == (2,)))
+    assert until(
+        lambda: other.speak() or ours.speak() or (link.connected and link.strangers == (2,))
+    )
     for _ in range(20):
         link.send_pose(time.monotonic(), np.eye(4))
         ours.speak()
@@ -161,7 +166,9 @@ def test_poses_go_to_the_address_of_the_vehicles_own_autopilot_alone(udp):
     assert other.heard == []
 
 
-def test_a_second_autopilot_with_the_same_id_is_refused_aloud_until_the_first_is_gone(udp, caplog, monkeypatch):
+def test_a_second_autopilot_with_the_same_id_is_refused_aloud_until_the_first_is_gone(
+    udp, caplog, monkeypatch
+):
     link, autopilot = udp
     ours, other = autopilot(1), autopilot(1)
     assert until(lambda: ours.speak() or link.connected)
@@ -171,14 +178,18 @@ def test_a_second_autopilot_with_the_same_id_is_refused_aloud_until_the_first_is
         time.sleep(0.01)
     assert until(lambda: ours.speak() or link.state.mode == "GUIDED")
     assert "a second autopilot with system id 1 speaks from" in caplog.text and other.heard == []
-    assert until(lambda: other.speak(mode=9) or link.state.mode == "LAND", 5.0)  # the first is silent: it was replaced
+    # the first is silent: it was replaced
+    assert until(lambda: other.speak(mode=9) or link.state.mode == "LAND", 5.0)
 
 
 def test_a_script_with_the_autopilots_ids_does_not_take_its_address(udp):
-    """It speaks first, from another port, and goes on: before, the autopilot was refused as a second one."""
+    """It speaks first, from another port, and goes on: before, the autopilot was refused as a
+    second one."""
     link, autopilot = udp
     script, ours = autopilot(1), autopilot(1)
-    says = script.encoder.heartbeat_encode(M.MAV_TYPE_ONBOARD_CONTROLLER, M.MAV_AUTOPILOT_INVALID, 0, 0, 4)
+    says = script.encoder.heartbeat_encode(
+        M.MAV_TYPE_ONBOARD_CONTROLLER, M.MAV_AUTOPILOT_INVALID, 0, 0, 4
+    )
     script.beat = lambda mode=0: says.pack(script.encoder)
     for _ in range(20):
         script.speak()
@@ -199,11 +210,13 @@ def test_random_bytes_on_the_port_end_nothing(udp):
 
 
 def test_while_a_peer_is_away_who_reads_goes_on(monkeypatch):
-    """Before, each try to open the line again kept the link's time standing for a second: it refused GUIDED for having
-    stood still, not for want of an autopilot."""
+    """Before, each try to open the line again kept the link's time standing for a second: it
+    refused GUIDED for having stood still, not for want of an autopilot."""
     opened = []
     monkeypatch.setattr("fcsv_control.flight.mavlink.transport._REOPEN_S", 30.0)
-    monkeypatch.setattr("fcsv_control.flight.mavlink.transport._opened", lambda *a: opened.append(a) or absent())
+    monkeypatch.setattr(
+        "fcsv_control.flight.mavlink.transport._opened", lambda *a: opened.append(a) or absent()
+    )
     transport = Transport("tcp:127.0.0.1:5760")
     begun_s = time.monotonic()
     for _ in range(20):
@@ -211,7 +224,8 @@ def test_while_a_peer_is_away_who_reads_goes_on(monkeypatch):
     assert 0.2 <= time.monotonic() - begun_s < 15.0 and len(opened) == 1
     monkeypatch.setattr("fcsv_control.flight.mavlink.transport._REOPEN_S", 0.1)
     transport._reopen_s = time.monotonic()
-    assert until(lambda: transport.receive(0.01) or len(opened) == 3)  # and it is tried again and again
+    # and it is tried again and again
+    assert until(lambda: transport.receive(0.01) or len(opened) == 3)
     transport.close()
 
 

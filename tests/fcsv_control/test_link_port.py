@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The flight link's port: which poses go on, what follows where they stop, what it answers and tells of itself."""
+"""The flight link's port: which poses go on, what follows where they stop, what it answers and
+tells of itself."""
 
 import os
 
@@ -45,13 +46,16 @@ FAST_MPS = 0.3
 
 
 class Link:
-    """A port, its time, an autopilot that is spoken for, and a tracker that moves at 0.3 m/s while it is fed."""
+    """A port, its time, an autopilot that is spoken for, and a tracker that moves at 0.3 m/s while
+    it is fed."""
 
     def __init__(self):
         self.now_s, self.steps, self.fed, self.x_m = 100.0, 0, True, 0.0
         self.mode, self.armed = STABILIZE, False
         self.encoder = M.MAVLink(None)
-        self.port = FlightLinkPort("uav1", LinkParameters(target_system=1), NOTHING, FeedRules(), 17, self.now_s)
+        self.port = FlightLinkPort(
+            "uav1", LinkParameters(target_system=1), NOTHING, FeedRules(), 17, self.now_s
+        )
 
     def tell(self, *messages):
         for message in messages:
@@ -64,9 +68,17 @@ class Link:
         self.tell(FromAutopilot(message))
 
     def beat(self):
-        base = (M.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0) | M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        self.hear("heartbeat", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, self.mode, 4)
-        self.hear("extended_sys_state", 0, M.MAV_LANDED_STATE_IN_AIR if self.armed else M.MAV_LANDED_STATE_ON_GROUND)
+        base = (
+            M.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0
+        ) | M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        self.hear(
+            "heartbeat", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, self.mode, 4
+        )
+        self.hear(
+            "extended_sys_state",
+            0,
+            M.MAV_LANDED_STATE_IN_AIR if self.armed else M.MAV_LANDED_STATE_ON_GROUND,
+        )
 
     def run(self, seconds=STEP_S):
         out = []
@@ -112,14 +124,18 @@ def link():
     return Link()
 
 
-# ---- the feed --------------------------------------------------------------------------------------------------
+# ---- the feed ------------------------------------------------------------------------------------
 
 
 def test_poses_go_on_at_their_rate_and_are_counted(link):
     link.run(3.0)
     out = link.run(2.0)
     passed = len(of(out, PosePassed))
-    assert len(sent(out, "VISION_POSITION_ESTIMATE")) == passed == pytest.approx(2.0 / (FEED_EVERY * STEP_S), abs=2)
+    assert (
+        len(sent(out, "VISION_POSITION_ESTIMATE"))
+        == passed
+        == pytest.approx(2.0 / (FEED_EVERY * STEP_S), abs=2)
+    )
     assert of(out, LinkLives)[-1].feed_rate_hz == pytest.approx(passed / 2.0, abs=2.0)
 
 
@@ -130,7 +146,9 @@ def test_a_pose_that_came_before_is_dropped_and_said(link):
     link.tell(pose)
     link.run()
     link.tell(pose)
-    assert of(link.run(), tm.Dropped) == [tm.Dropped("late pose", "pose is not newer than the last")]
+    assert of(link.run(), tm.Dropped) == [
+        tm.Dropped("late pose", "pose is not newer than the last")
+    ]
 
 
 def test_a_dead_feed_lands_who_is_flown_by_the_companion_and_tells_others_so(link):
@@ -179,7 +197,10 @@ def test_a_frozen_tracker_is_doubted_at_once_and_its_poses_are_withheld(link):
         link.tell(PoseFed(here, WALL_S + link.now_s))
         out += link.run(2 * STEP_S)
     assert "frozen" in of(out, LinkLives)[-1].doubt
-    assert "frozen" in [d.problems["tracker"] for d in of(out, Diagnosis) if "tracker" in d.problems][-1]
+    assert (
+        "frozen"
+        in [d.problems["tracker"] for d in of(out, Diagnosis) if "tracker" in d.problems][-1]
+    )
     before = len(sent(out, "VISION_POSITION_ESTIMATE"))
     link.tell(PoseFed(here, WALL_S + link.now_s))
     assert before < 20 and not sent(link.run(0.1), "VISION_POSITION_ESTIMATE")
@@ -200,7 +221,7 @@ def test_pictures_that_contradict_the_tracker_are_said(link):
     assert link.port.check.scene_says
 
 
-# ---- requests --------------------------------------------------------------------------------------------------
+# ---- requests ------------------------------------------------------------------------------------
 
 
 def test_each_request_is_answered_by_its_number(link):
@@ -213,11 +234,27 @@ def test_each_request_is_answered_by_its_number(link):
         over[6].require_done()
     link.mode = LOITER
     for message in sent(link.run(), "COMMAND_LONG"):
-        link.hear("command_ack", message.command, 0, 0, 0, message.get_srcSystem(), message.get_srcComponent())
+        link.hear(
+            "command_ack",
+            message.command,
+            0,
+            0,
+            0,
+            message.get_srcSystem(),
+            message.get_srcComponent(),
+        )
     link.beat()
     out = link.run(1.5)
     for message in sent(out, "COMMAND_LONG"):
-        link.hear("command_ack", message.command, 0, 0, 0, message.get_srcSystem(), message.get_srcComponent())
+        link.hear(
+            "command_ack",
+            message.command,
+            0,
+            0,
+            0,
+            message.get_srcSystem(),
+            message.get_srcComponent(),
+        )
     assert RequestOver(4) in of(out, RequestOver) + of(link.run(0.5), RequestOver)
 
 
@@ -237,15 +274,15 @@ def test_a_set_point_goes_to_the_autopilot_first(link):
     assert (m.x, m.y, m.z) == (5.0, 4.0, -6.0) and isinstance(out[0], ToAutopilot)
 
 
-# ---- what it tells ---------------------------------------------------------------------------------------------
+# ---- what it tells -------------------------------------------------------------------------------
 
 
 def test_the_state_is_told_where_it_changes_and_else_every_0_4_s(link):
     link.run(3.0)
     states = of(link.run(4.0), AutopilotState)
-    assert len(states) == pytest.approx(10, abs=2) and {(s.mode, s.armed, s.connected) for s in states} == {
-        ("STABILIZE", False, True)
-    }
+    assert len(states) == pytest.approx(10, abs=2) and {
+        (s.mode, s.armed, s.connected) for s in states
+    } == {("STABILIZE", False, True)}
     link.mode = LOITER
     link.beat()
     assert of(link.run(), AutopilotState)[0].mode == "LOITER"
@@ -254,7 +291,11 @@ def test_the_state_is_told_where_it_changes_and_else_every_0_4_s(link):
 def test_its_health_comes_at_5_hz_and_at_once_where_it_matters(link):
     link.run(3.0)
     lives = of(link.run(4.0), LinkLives)
-    assert len(lives) == pytest.approx(20, abs=3) and lives[-1].pid == 17 and lives[-1].in_the_air is False
+    assert (
+        len(lives) == pytest.approx(20, abs=3)
+        and lives[-1].pid == 17
+        and lives[-1].in_the_air is False
+    )
     link.hear("gps_global_origin", 350000000, 1350000000, 10000, 0)
     link.hear("ekf_status_report", 0x33F, *[0.0] * 5)
     link.hear("gps_global_origin", 350000000, 1350000000, 10000, 0)
@@ -276,7 +317,9 @@ def test_words_battery_and_estimates_are_passed_on(link):
     out = link.run(0.1)
     assert of(out, TextHeard) == [TextHeard(4, "PreArm: compass")]
     assert of(out, BatteryTold) == [BatteryTold(0.77, 15.8, 12.0)]
-    assert np.allclose(of(out, PoseEstimated)[-1].T_odom_body[:3, 3], [link.x_m, 0.0, 3.0], atol=0.02)
+    assert np.allclose(
+        of(out, PoseEstimated)[-1].T_odom_body[:3, 3], [link.x_m, 0.0, 3.0], atol=0.02
+    )
 
 
 def test_an_estimate_that_moved_is_told_and_logged(link, caplog):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Vehicles that turn about themselves for their depth cameras: slowly, one at a time, and never into a recording."""
+"""Vehicles that turn about themselves for their depth cameras: slowly, one at a time, and never
+into a recording."""
 
 import dataclasses
 import doctest
@@ -23,12 +24,19 @@ from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfigur
 from fcsv_geometry.missions.sweep import Sweep
 
 STEP_S, RATE_DPS = 0.2, 30.0  # between two orders; the quickest
-H4, V5 = (StereoConfiguration(a, b, record_s=2.0) for a, b in (("horizontal", 4.0), ("vertical", 5.0)))
+H4, V5 = (
+    StereoConfiguration(a, b, record_s=2.0) for a, b in (("horizontal", 4.0), ("vertical", 5.0))
+)
 
 
 def mission(*configurations, how=None, **more):
     quick = {"settle": SettleBounds(time_s=0.5, timeout_s=10.0), **more}
-    return Mission("round", list(configurations or (H4, V5)), look_round=how or LookRound(rate_dps=RATE_DPS), **quick)
+    return Mission(
+        "round",
+        list(configurations or (H4, V5)),
+        look_round=how or LookRound(rate_dps=RATE_DPS),
+        **quick,
+    )
 
 
 class Watched:
@@ -68,12 +76,18 @@ class Watched:
         if turning:
             assert TURNS in (before, machine.stage)
             assert len(turning) == 1 and not moving, (turning, moving)
-            assert not any(v.recording for v in fleet.values()), "pictures on the turn are of no configuration"
+            assert not any(v.recording for v in fleet.values()), (
+                "pictures on the turn are of no configuration"
+            )
 
     def until(self, done, limit_s=400.0):
         end_s = self.f.now_s + limit_s
         while not done():
-            assert self.f.now_s < end_s, (self.f.machine.phase, self.f.machine.detail, self.f.machine.problems)
+            assert self.f.now_s < end_s, (
+                self.f.machine.phase,
+                self.f.machine.detail,
+                self.f.machine.problems,
+            )
             self.look()
 
     def turns(self, name):
@@ -85,7 +99,7 @@ def test_examples_in_docstrings(module):
     assert doctest.testmod(module).failed == 0
 
 
-# ---- the ordinary way ----------------------------------------------------------------------------------------------
+# ---- the ordinary way ----------------------------------------------------------------------------
 
 
 def test_each_turns_in_the_column_and_the_mover_at_its_places(flight):
@@ -93,18 +107,27 @@ def test_each_turns_in_the_column_and_the_mover_at_its_places(flight):
     w.until(lambda: w.f.machine.phase == "DONE")
     assert w.f.captured == [0, 1] and w.f.machine.detail.startswith("all configurations flown")
     assert w.rounds == [
-        "uav1 looks round in the column", "uav2 looks round in the column",
-        "uav2 looks round at horizontal 4 m", "uav2 looks round at vertical 5 m",
-    ]  # fmt: skip
+        "uav1 looks round in the column",
+        "uav2 looks round in the column",
+        "uav2 looks round at horizontal 4 m",
+        "uav2 looks round at vertical 5 m",
+    ]
     assert (w.turns("uav1"), w.turns("uav2")) == (1, 3)
-    assert w.most_step_rad < math.radians(RATE_DPS) * STEP_S + 1e-6, "never faster than the file says"
-    assert max(w.recorded_rad) < math.radians(3.0), "back at its heading before anything is recorded"
+    assert w.most_step_rad < math.radians(RATE_DPS) * STEP_S + 1e-6, (
+        "never faster than the file says"
+    )
+    assert max(w.recorded_rad) < math.radians(3.0), (
+        "back at its heading before anything is recorded"
+    )
     assert w.f.closest_m > 1.45
 
 
 @pytest.mark.parametrize(
     "how, turns",
-    [(LookRound(places=False, rate_dps=RATE_DPS), (1, 1)), (LookRound(column=False, rate_dps=RATE_DPS), (0, 2))],
+    [
+        (LookRound(places=False, rate_dps=RATE_DPS), (1, 1)),
+        (LookRound(column=False, rate_dps=RATE_DPS), (0, 2)),
+    ],
 )
 def test_only_in_the_column_or_only_at_places(flight, how, turns):
     w = Watched(flight, mission(how=how))
@@ -120,8 +143,15 @@ def test_a_place_is_looked_round_once(flight):
 
 
 def test_those_at_once_turn_one_after_the_other(flight):
-    both = (dataclasses.replace(H4, vehicle="uav2"), dataclasses.replace(V5, vehicle="uav3", at_once=True))
-    w = Watched(flight, mission(*both, how=LookRound(column=False, rate_dps=RATE_DPS)), ("uav1", "uav2", "uav3"))
+    both = (
+        dataclasses.replace(H4, vehicle="uav2"),
+        dataclasses.replace(V5, vehicle="uav3", at_once=True),
+    )
+    w = Watched(
+        flight,
+        mission(*both, how=LookRound(column=False, rate_dps=RATE_DPS)),
+        ("uav1", "uav2", "uav3"),
+    )
     w.until(lambda: w.f.machine.phase == "DONE")
     assert w.rounds == [f"uav{k} looks round at horizontal 4 m and vertical 5 m" for k in (2, 3)]
     assert (w.turns("uav2"), w.turns("uav3")) == (1, 1) and w.f.captured == [0, 1]
@@ -140,7 +170,7 @@ def test_without_the_field_nobody_turns(flight):
     assert max(abs(v) for v in w.turned_rad.values()) < 0.2
 
 
-# ---- what interrupts it ----------------------------------------------------------------------------------------------
+# ---- what interrupts it --------------------------------------------------------------------------
 
 
 def half_round(flight, **more):
@@ -191,7 +221,10 @@ def test_skip_in_the_column_leaves_out_the_turn_and_no_configuration(flight):
     assert w.f.machine.control("skip") == ""
     w.until(lambda: w.f.machine.phase == "DONE")
     assert w.f.captured == [0, 1] and max(w.recorded_rad) < math.radians(3.0)
-    assert w.rounds[:2] == [f"uav{k} looks round in the column" for k in (1, 2)] and w.turns("uav2") == 3
+    assert (
+        w.rounds[:2] == [f"uav{k} looks round in the column" for k in (1, 2)]
+        and w.turns("uav2") == 3
+    )
 
 
 def test_skip_at_a_place_leaves_out_its_configuration(flight):
@@ -202,13 +235,17 @@ def test_skip_at_a_place_leaves_out_its_configuration(flight):
     assert w.f.captured == [1]
 
 
-@pytest.mark.parametrize("when", ["uav2 looks round in the column", "uav2 looks round at vertical 5 m"])
+@pytest.mark.parametrize(
+    "when", ["uav2 looks round in the column", "uav2 looks round at vertical 5 m"]
+)
 def test_a_restarted_mission_turns_nobody_twice(flight, when):
     w = Watched(flight, mission())
     w.until(lambda: w.f.machine.detail == when and w.f.now_s > 0.0)
     for _ in range(60):
         w.look()
-    kept = json.loads(json.dumps(dataclasses.asdict(dataclasses.replace(w.f.machine.memory(), saved_s=w.f.now_s))))
+    kept = json.loads(
+        json.dumps(dataclasses.asdict(dataclasses.replace(w.f.machine.memory(), saved_s=w.f.now_s)))
+    )
     w.f.machine = MissionMachine(w.f.machine.mission, w.f.machine.vehicles)
     w.f.machine.restore(config.from_mapping(kept, Memory, FILE))
     before = len(w.rounds)
@@ -221,12 +258,17 @@ def test_a_restarted_mission_turns_nobody_twice(flight, when):
 
 
 def test_a_memory_with_half_a_place_is_refused():
-    bad = {"left": [], "flown": [], "parked": {}, "turned": [{"vehicle": "uav2", "p_home_m": [1.0]}]}
+    bad = {
+        "left": [],
+        "flown": [],
+        "parked": {},
+        "turned": [{"vehicle": "uav2", "p_home_m": [1.0]}],
+    }
     with pytest.raises(ConfigError, match="a place has 3 numbers"):
         config.from_mapping(bad, RememberedList, FILE)
 
 
-# ---- who does not turn -----------------------------------------------------------------------------------------------
+# ---- who does not turn ---------------------------------------------------------------------------
 
 
 def stuck(vehicle):
@@ -255,7 +297,9 @@ def test_who_refuses_its_orders_is_not_waited_for_for_ever(flight):
     w = half_round(flight)
     w.f.fleet["uav1"].refuses["GOTO"] = "no"
     w.until(lambda: w.f.machine._flight_list.notes)
-    assert w.f.machine._flight_list.notes == ["uav1 does not turn: it did not look round in the column"]
+    assert w.f.machine._flight_list.notes == [
+        "uav1 does not turn: it did not look round in the column"
+    ]
 
 
 def test_who_is_blown_off_waits_in_its_turn(flight):
@@ -270,27 +314,41 @@ def test_who_is_blown_off_waits_in_its_turn(flight):
     assert w.f.captured == [0, 1]
 
 
-# ---- before take-off ------------------------------------------------------------------------------------------------
+# ---- before take-off -----------------------------------------------------------------------------
 
 
 def test_the_plan_has_time_and_battery_for_the_turns():
     straight, round_ = Mission("a", [H4, V5]), mission(how=LookRound(rate_dps=20.0))
     assert looking_round.turns_s(round_, [0, 1], 2) == pytest.approx(4 * 19.0)
-    assert looking_round.turns_s(round_, [1], 0) == pytest.approx(19.0) and looking_round.turns_s(straight, [0], 2) == 0
-    at_ease = [dataclasses.replace(m, flight=FlightBounds(endurance_s=420.0)) for m in (straight, round_)]
-    wrong = [plan_check.check_plan(m, plan_check.on_the_ground(m, ["uav1", "uav2"], {})) for m in at_ease]
+    assert (
+        looking_round.turns_s(round_, [1], 0) == pytest.approx(19.0)
+        and looking_round.turns_s(straight, [0], 2) == 0
+    )
+    at_ease = [
+        dataclasses.replace(m, flight=FlightBounds(endurance_s=420.0)) for m in (straight, round_)
+    ]
+    wrong = [
+        plan_check.check_plan(m, plan_check.on_the_ground(m, ["uav1", "uav2"], {})) for m in at_ease
+    ]
     assert not wrong[0] and "the flight needs" in wrong[1][0]
 
 
-@pytest.mark.parametrize("said, words", [
-    ({"rate_dps": 45.0}, "look_round.rate_dps: 45.0 is not in 3..30 degrees a second"),
-    ({"rate_dps": 0.0}, "look_round.rate_dps: 0.0 is not in 3..30"),
-    ({"column": False, "places": False}, "look_round.column: and places are both false"),
-    ({"rate": 20.0}, "unknown key 'look_round.rate'; known here: column, places, rate_dps"),
-    (True, "look_round must be a mapping of column, places, rate_dps, got bool True"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "said, words",
+    [
+        ({"rate_dps": 45.0}, "look_round.rate_dps: 45.0 is not in 3..30 degrees a second"),
+        ({"rate_dps": 0.0}, "look_round.rate_dps: 0.0 is not in 3..30"),
+        ({"column": False, "places": False}, "look_round.column: and places are both false"),
+        ({"rate": 20.0}, "unknown key 'look_round.rate'; known here: column, places, rate_dps"),
+        (True, "look_round must be a mapping of column, places, rate_dps, got bool True"),
+    ],
+)
 def test_what_a_file_may_not_say(said, words):
-    document = {"name": "a", "configurations": [{"axis": "horizontal", "baseline_m": 4.0}], "look_round": said}
+    document = {
+        "name": "a",
+        "configurations": [{"axis": "horizontal", "baseline_m": 4.0}],
+        "look_round": said,
+    }
     with pytest.raises(ConfigError) as error:
         config.from_mapping(document, Mission, "file")
     assert words in str(error.value)

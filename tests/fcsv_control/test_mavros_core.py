@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The companion's core beside MAVROS, driven by hand: whose modes, why MAVROS was refused, where home is, bytes."""
+"""The companion's core beside MAVROS, driven by hand: whose modes, why MAVROS was refused, where
+home is, bytes."""
 
 import os
 
@@ -21,7 +22,8 @@ STEP_S = 0.02
 
 
 class Beside:
-    """A core and the time; the autopilot speaks to MAVROS, and the core hears it, as on mavlink/from."""
+    """A core and the time; the autopilot speaks to MAVROS, and the core hears it, as on
+    mavlink/from."""
 
     def __init__(self):
         self.core = MavrosCore(LinkParameters(target_system=1))
@@ -112,8 +114,9 @@ def test_a_refused_mode_is_told_by_its_text_alone(beside):
     beside.acknowledge(M.MAV_CMD_COMPONENT_ARM_DISARM, 4)  # that text is not its reason
     beside.run(1.0)
     assert beside.of(Refused) == [
-        Refused("Mode change to GUIDED failed: requires position"), Refused("arming or disarming refused: failed")
-    ]  # fmt: skip
+        Refused("Mode change to GUIDED failed: requires position"),
+        Refused("arming or disarming refused: failed"),
+    ]
 
 
 def test_a_refusal_without_a_reason_is_told_once_with_the_result(beside):
@@ -158,8 +161,11 @@ def test_streams_and_origin_are_asked_for_as_without_mavros(beside):
     beside.run(1.0)
     kinds = {m.get_type() for m in beside.out}
     commands = [m.command for m in beside.out if m.get_type() == "COMMAND_LONG"]
-    assert {"HEARTBEAT", "SET_GPS_GLOBAL_ORIGIN"} <= kinds and commands.count(M.MAV_CMD_SET_MESSAGE_INTERVAL) >= 7
-    assert {m.get_srcComponent() for m in beside.out}.isdisjoint({COMPONENT})  # answers to us are not MAVROS's
+    assert {"HEARTBEAT", "SET_GPS_GLOBAL_ORIGIN"} <= kinds and commands.count(
+        M.MAV_CMD_SET_MESSAGE_INTERVAL
+    ) >= 7
+    # answers to us are not MAVROS's
+    assert {m.get_srcComponent() for m in beside.out}.isdisjoint({COMPONENT})
 
 
 def test_ten_thousand_odd_messages_end_nothing(beside):
@@ -167,11 +173,19 @@ def test_ten_thousand_odd_messages_end_nothing(beside):
     for _ in range(10_000):
         kind = random.integers(4)
         if kind == 0:
-            beside.acknowledge(int(random.integers(0, 65536)), int(random.integers(0, 256)), int(random.integers(256)))
+            beside.acknowledge(
+                int(random.integers(0, 65536)),
+                int(random.integers(0, 256)),
+                int(random.integers(256)),
+            )
         elif kind == 1:
             home(beside, int(random.integers(-(2**31), 2**31)))
         elif kind == 2:
-            beside.hear("statustext", int(random.integers(0, 8)), bytes(random.integers(1, 128, 50, dtype=np.uint8)))
+            beside.hear(
+                "statustext",
+                int(random.integers(0, 8)),
+                bytes(random.integers(1, 128, 50, dtype=np.uint8)),
+            )
         else:
             beside.beat(int(random.integers(2**32)), bool(random.integers(2)))
         beside.run(STEP_S)
@@ -179,31 +193,49 @@ def test_ten_thousand_odd_messages_end_nothing(beside):
     assert beside.core.state.mode == "GUIDED"
 
 
-# ---- bytes and addresses ---------------------------------------------------------------------------------------
+# ---- bytes and addresses -------------------------------------------------------------------------
 
 
 def again(frame):
     f = frame_bytes.to_fields(frame)
     return frame_bytes.to_frame(
-        f["len"], f["incompat_flags"], f["compat_flags"], f["seq"], f["sysid"], f["compid"], f["msgid"], f["checksum"],
-        f["payload64"], f["signature"],
-    )  # fmt: skip
+        f["len"],
+        f["incompat_flags"],
+        f["compat_flags"],
+        f["seq"],
+        f["sysid"],
+        f["compid"],
+        f["msgid"],
+        f["checksum"],
+        f["payload64"],
+        f["signature"],
+    )
 
 
 @pytest.mark.parametrize("signed", [False, True])
 def test_a_message_survives_the_way_through_fields(signed):
     packer = M.MAVLink(None, srcSystem=3, srcComponent=191)
     if signed:
-        packer.signing.secret_key, packer.signing.sign_outgoing, packer.signing.link_id = bytes(32), True, 1
+        packer.signing.secret_key, packer.signing.sign_outgoing, packer.signing.link_id = (
+            bytes(32),
+            True,
+            1,
+        )
         packer.signing.timestamp = 77
     for message in (
-        M.MAVLink_vision_position_estimate_message(12345678901, 1.5, -2.0, 0.25, 0.1, 0.2, 3.0, [float("nan")] * 21, 3),
+        M.MAVLink_vision_position_estimate_message(
+            12345678901, 1.5, -2.0, 0.25, 0.1, 0.2, 3.0, [float("nan")] * 21, 3
+        ),
         M.MAVLink_command_long_message(1, 1, 511, 0, 32, 33333, 0, 0, 0, 0, 0),
         M.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3),
     ):
         frame = bytes(message.pack(packer))
         fields = frame_bytes.to_fields(frame)
-        assert again(frame) == frame and fields["msgid"] == message.get_msgId() and fields["sysid"] == 3
+        assert (
+            again(frame) == frame
+            and fields["msgid"] == message.get_msgId()
+            and fields["sysid"] == 3
+        )
         assert len(fields["payload64"]) == (fields["len"] + 7) // 8
         assert len(fields["signature"]) == (13 if signed else 0)
 
@@ -223,9 +255,12 @@ def test_ten_thousand_odd_frames_are_refused_or_kept():
 
 @pytest.mark.parametrize(
     "ours, mavros",
-    [("udpin:0.0.0.0:14550", "udp://0.0.0.0:14550@"), ("udpout:192.168.8.2:14550", "udp://:0@192.168.8.2:14550"),
-     ("serial:///dev/ttyUSB0:921600", "serial:///dev/ttyUSB0:921600")],
-)  # fmt: skip
+    [
+        ("udpin:0.0.0.0:14550", "udp://0.0.0.0:14550@"),
+        ("udpout:192.168.8.2:14550", "udp://:0@192.168.8.2:14550"),
+        ("serial:///dev/ttyUSB0:921600", "serial:///dev/ttyUSB0:921600"),
+    ],
+)
 def test_addresses_are_written_as_mavros_has_them(ours, mavros):
     assert mavros_url(ours) == mavros
 

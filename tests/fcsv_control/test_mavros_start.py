@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""uav.launch with flight_link:=mavros, and the program that becomes MAVROS's node. No master is started."""
+"""uav.launch with flight_link:=mavros, and the program that becomes MAVROS's node. No master is
+started."""
 
 import os
 import subprocess
@@ -15,13 +16,34 @@ def run(*command, path=None):
 
 
 def nodes(*arguments, path=None):
-    return run("roslaunch", "--nodes", "fcsv_bringup", "uav.launch", "uav:=uav1", "sim:=true", *arguments, path=path)
+    return run(
+        "roslaunch",
+        "--nodes",
+        "fcsv_bringup",
+        "uav.launch",
+        "uav:=uav1",
+        "sim:=true",
+        *arguments,
+        path=path,
+    )
 
 
 def become(root, path, fcu_url="udpin:127.0.0.1:14550"):
     """The program as the launch file starts it."""
-    return run("rosrun", "fcsv_control", "mavros", "--vehicle", "uav2", "--vehicles-dir", str(root / "config/vehicles"),
-               "--fcu-url", fcu_url, "__name:=mavros", "__log:=/dev/null", path=path)  # fmt: skip
+    return run(
+        "rosrun",
+        "fcsv_control",
+        "mavros",
+        "--vehicle",
+        "uav2",
+        "--vehicles-dir",
+        str(root / "config/vehicles"),
+        "--fcu-url",
+        fcu_url,
+        "__name:=mavros",
+        "__log:=/dev/null",
+        path=path,
+    )
 
 
 @pytest.fixture
@@ -33,7 +55,12 @@ def path(tmp_path):
 def test_the_argument_chooses_which_link_is_started(path):
     assert "/uav1/mavros" not in nodes()[1].split() and "/uav1/flight_link" in nodes()[1].split()
     code, said = nodes("flight_link:=mavros", path=path)
-    assert code == 0 and {"/uav1/mavros", "/uav1/flight_link", "/uav1/guardian", "/uav1/agent"} <= set(said.split())
+    assert code == 0 and {
+        "/uav1/mavros",
+        "/uav1/flight_link",
+        "/uav1/guardian",
+        "/uav1/agent",
+    } <= set(said.split())
     code, said = nodes("flight_link:=mavrs")
     assert code and "flight_link_mavrs.launch" in said
 
@@ -57,8 +84,15 @@ def test_a_package_without_its_program_is_named(root, tmp_path):
 def test_mavros_is_told_address_and_ids_of_its_vehicle(root, path):
     code, said = become(root, path)
     assert code == 0
-    assert {"_fcu_url:=udp://127.0.0.1:14550@", "_gcs_url:=", "_system_id:=2", "_target_system_id:=2",
-            "_component_id:=240", "__name:=mavros", "__log:=/dev/null"} <= set(said.split("\n"))  # fmt: skip
+    assert {
+        "_fcu_url:=udp://127.0.0.1:14550@",
+        "_gcs_url:=",
+        "_system_id:=2",
+        "_target_system_id:=2",
+        "_component_id:=240",
+        "__name:=mavros",
+        "__log:=/dev/null",
+    } <= set(said.split("\n"))
 
 
 def test_an_address_that_it_does_not_understand_is_named(root, path):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A MAVROS that hangs is told from one that has nothing to say, and from one that is dead; only the first is ended."""
+"""A MAVROS that hangs is told from one that has nothing to say, and from one that is dead; only the
+first is ended."""
 
 import os
 import signal
@@ -23,7 +24,8 @@ server.serve_forever()
 
 
 class Board:
-    """A watch and the time. ``says``: messages of the autopilot come through; ``pid``: what it answers."""
+    """A watch and the time. ``says``: messages of the autopilot come through; ``pid``: what it
+    answers."""
 
     def __init__(self, **rules):
         self.now_s, self.says, self.pid, self.killed = 100.0, True, 41, []
@@ -42,7 +44,8 @@ class Board:
 
 
 def test_one_that_hangs_is_ended_before_the_autopilots_failsafe():
-    """ArduCopter flies on for 8 s without poses, and MAVROS needs some seconds to be there again."""
+    """ArduCopter flies on for 8 s without poses, and MAVROS needs some seconds to be there
+    again."""
     board = Board().run(5.0)
     board.says, board.pid, begun_s = False, None, board.now_s
     board.run(10.0)
@@ -98,7 +101,9 @@ def test_one_that_died_is_not_said_to_hang():
     assert not board.run(20.0).killed and board.watch.ended == 0
 
 
-@pytest.mark.parametrize("rules", [{"silent_s": 0.1}, {"silent_s": float("nan")}, {"unanswered": 1}])
+@pytest.mark.parametrize(
+    "rules", [{"silent_s": 0.1}, {"silent_s": float("nan")}, {"unanswered": 1}]
+)
 def test_rules_out_of_range(rules):
     with pytest.raises(ValueError, match=next(iter(rules))):
         MavrosWatchRules(**rules)
@@ -107,7 +112,10 @@ def test_rules_out_of_range(rules):
 @pytest.fixture
 def node():
     """(process, address) of a node that answers getPid as ROS's nodes do."""
-    command, env = [sys.executable, "-c", NODE, "__name:=mavros"], {**os.environ, "ROS_NAMESPACE": "/uav1/"}
+    command, env = (
+        [sys.executable, "-c", NODE, "__name:=mavros"],
+        {**os.environ, "ROS_NAMESPACE": "/uav1/"},
+    )
     with subprocess.Popen(command, stdout=subprocess.PIPE, env=env) as process:
         yield process, f"http://127.0.0.1:{int(process.stdout.readline())}/"
         process.kill()
@@ -135,7 +143,10 @@ class Minded:
 
     def __init__(self, uri, pid):
         self.now_s, self.said = 100.0, []
-        self.watch, self.process = MavrosWatch(MavrosWatchRules(), self.now_s), MavrosProcess(NAME, lambda: uri)
+        self.watch, self.process = (
+            MavrosWatch(MavrosWatchRules(), self.now_s),
+            MavrosProcess(NAME, lambda: uri),
+        )
         for _ in range(60):  # on a busy machine one question is not enough
             if self.watch.pid != pid:
                 self.turn(self.now_s)
@@ -184,4 +195,6 @@ def unknown():
 def test_what_is_no_node_gives_no_process_id():
     assert MavrosProcess(NAME, unknown).pid() is None
     assert is_here("http://127.0.0.1:1234/") and not is_here("http://192.0.2.1:1234/")
-    assert MavrosProcess(NAME, lambda: "http://192.0.2.1:1234/").pid() is None, "a process id of another machine"
+    assert MavrosProcess(NAME, lambda: "http://192.0.2.1:1234/").pid() is None, (
+        "a process id of another machine"
+    )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a vehicle that does not settle is told to lack: which bound, by how much, and in the end why it was left out."""
+"""What a vehicle that does not settle is told to lack: which bound, by how much, and in the end why
+it was left out."""
 
 import numpy as np
 import pytest
@@ -17,7 +18,11 @@ _FAULTS = {
 
 def settling(flight, fault, of="uav2"):
     """At the first place, where something is wrong from then on."""
-    f = flight(Mission("test", [StereoConfiguration("horizontal", 4.0, record_s=1.0)], settle=SettleBounds()))
+    f = flight(
+        Mission(
+            "test", [StereoConfiguration("horizontal", 4.0, record_s=1.0)], settle=SettleBounds()
+        )
+    )
     f.up_to_configurations()
     f.until(lambda: "settles" in f.machine.detail)
     name, value, _ = _FAULTS[fault]

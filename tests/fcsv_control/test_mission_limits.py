@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every pause ends: after its limit the mission goes back and lands, or lands, or leaves the configuration out."""
+"""Every pause ends: after its limit the mission goes back and lands, or lands, or leaves the
+configuration out."""
 
 import dataclasses
 
@@ -28,7 +29,8 @@ def flying(flight):
 
 
 def ends(f, after_s, words):
-    """The mission's patience ends between 0.8 and 1.2 of the limit; then all land without anybody's help."""
+    """The mission's patience ends between 0.8 and 1.2 of the limit; then all land without anybody's
+    help."""
     begun_s = f.now_s
     f.until(lambda: words in f.machine.detail, 1.2 * after_s)
     assert f.now_s - begun_s > 0.8 * after_s
@@ -68,7 +70,9 @@ def test_nobody_takes_off_with_a_battery_that_is_not_known(flight):
     f = flight(mission())
     f.fleet["uav2"].battery_share = NAN
     f.wait(3.0)
-    assert f.machine.phase == "WAIT_VEHICLES" and f.machine.problems[0].startswith("uav2: battery is not known")
+    assert f.machine.phase == "WAIT_VEHICLES" and f.machine.problems[0].startswith(
+        "uav2: battery is not known"
+    )
 
 
 def test_a_full_disk_goes_back_and_lands(flying):
@@ -78,7 +82,8 @@ def test_a_full_disk_goes_back_and_lands(flying):
 
 
 def test_the_control_pc_s_own_recorder_counts_like_those_of_the_vehicles(flying):
-    """Without its bag there is no map: calibration, home and the times of the recordings are in it."""
+    """Without its bag there is no map: calibration, home and the times of the recordings are in
+    it."""
     flying.recorder = RecorderView(age_s=0.5)
     flying.wait(1.0)
     assert not flying.machine.problems
@@ -132,7 +137,9 @@ def test_a_recorder_that_refuses_costs_its_configurations(flight):
     f.fleet["uav1"].refuses = {}
     f.phase("DONE", 100.0)
     assert [w.index for w in f.machine.captures] == [1]
-    assert "horizontal 4 m left out, recorders do not start: no recorder on board" in f.machine.detail
+    assert (
+        "horizontal 4 m left out, recorders do not start: no recorder on board" in f.machine.detail
+    )
 
 
 def test_a_pose_that_stays_away_lands_everybody(flying):
@@ -153,7 +160,8 @@ def test_pauses_that_are_short_but_never_end_pass_the_limit_of_a_configuration(f
         f.step()
         if f.machine.phase != "CONFIGURATIONS":
             break
-    assert f.machine.phase == "LAND" and f.now_s - begun_s < 100.0  # task_s and 3 attempts of 4 times 2 s
+    # task_s and 3 attempts of 4 times 2 s
+    assert f.machine.phase == "LAND" and f.now_s - begun_s < 100.0
     assert "uav2 is not done with horizontal 4 m after 84 s: landing" in f.machine.detail
 
 
@@ -164,8 +172,14 @@ def test_a_pilot_who_does_not_give_back_keeps_his_vehicle_and_the_other_lands(fl
     flying.wait(110.0)
     assert flying.machine.phase == "CONFIGURATIONS"
     flying.wait(60.0)
-    assert flying.machine.phase == "LAND" and not flying.fleet["uav1"].armed and flying.fleet["uav2"].mode == "LOITER"
-    assert len([o for _, o in flying.orders if o.vehicle == "uav2" and o.kind != "RECORD"]) == before
+    assert (
+        flying.machine.phase == "LAND"
+        and not flying.fleet["uav1"].armed
+        and flying.fleet["uav2"].mode == "LOITER"
+    )
+    assert (
+        len([o for _, o in flying.orders if o.vehicle == "uav2" and o.kind != "RECORD"]) == before
+    )
     assert "a vehicle in a pilot's hands for 120 s" in flying.machine.detail
 
 
@@ -204,8 +218,13 @@ def test_an_operator_who_never_confirms_is_not_waited_for(flight, confirmed):
     told = "the operator has not confirmed: after 300 s the mission ends, pilots land by hand"
     assert f.machine.phase in ("COLUMN", "MOVE_HOME", "SET_HOME") and told in f.machine.problems
     f.wait(110.0)
-    assert f.machine.phase == "LAND" and "uav1 is flown by hand: land it (LOITER)" in f.machine.problems
-    assert not [o for _, o in f.orders if o.kind != "RECORD"], "hand-flown vehicles are not commanded"
+    assert (
+        f.machine.phase == "LAND"
+        and "uav1 is flown by hand: land it (LOITER)" in f.machine.problems
+    )
+    assert not [o for _, o in f.orders if o.kind != "RECORD"], (
+        "hand-flown vehicles are not commanded"
+    )
 
 
 def test_a_calibration_that_never_answers_is_not_waited_for(flight):
@@ -280,8 +299,12 @@ def test_a_limit_that_is_none_is_refused(field, value):
         PauseLimits(**{field: value})
 
 
-@pytest.mark.parametrize("heard_first, height_m", [("disarmed", 8.0), ("armed", 8.3), ("height", 8.3)])
-def test_height_of_one_that_flew_before_anything_was_heard_is_that_of_its_estimate(heard_first, height_m):
+@pytest.mark.parametrize(
+    "heard_first, height_m", [("disarmed", 8.0), ("armed", 8.3), ("height", 8.3)]
+)
+def test_height_of_one_that_flew_before_anything_was_heard_is_that_of_its_estimate(
+    heard_first, height_m
+):
     """Its estimate began at 0.3 m on the ground where it was heard there."""
     heard = VehicleHeard(np.eye(4))
     if heard_first == "disarmed":

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A vehicle that lost its position: a problem in every phase, and no step of the mission goes on with it."""
+"""A vehicle that lost its position: a problem in every phase, and no step of the mission goes on
+with it."""
 
 import pytest
 
@@ -61,7 +62,9 @@ def test_before_the_column_too_where_it_flies(flight, phase):
     assert said(f) and f.machine.phase == phase
 
 
-@pytest.mark.parametrize("phase, step", [("COLUMN", "calibrate"), ("MOVE_HOME", "set_home"), ("SET_HOME", "execute")])
+@pytest.mark.parametrize(
+    "phase, step", [("COLUMN", "calibrate"), ("MOVE_HOME", "set_home"), ("SET_HOME", "execute")]
+)
 def test_calibrate_set_home_and_execute_are_refused(flight, phase, step):
     """Before, both were calibrated and the other one was handed over to GUIDED."""
     f = up_to(flight(mission()), phase)
@@ -79,11 +82,15 @@ def test_calibrate_set_home_and_execute_are_refused(flight, phase, step):
 
 @pytest.mark.parametrize("phase", _BY_HAND)
 def test_once_it_is_down_everybody_lands(flight, phase):
-    """Nobody knows where it lies, and without it nothing is flown: before, the others stayed up for 300 s."""
+    """Nobody knows where it lies, and without it nothing is flown: before, the others stayed up for
+    300 s."""
     f = up_to(flight(mission()), phase)
     f.fleet["uav2"].lost, f.fleet["uav2"].armed = True, False
     f.wait(0.3)
-    assert f.machine.phase == "LAND" and f.machine.detail == "uav2: lost its position and is down: landing everybody"
+    assert (
+        f.machine.phase == "LAND"
+        and f.machine.detail == "uav2: lost its position and is down: landing everybody"
+    )
 
 
 @pytest.mark.parametrize("phase, back", [("CALIBRATE", "COLUMN"), ("SET_HOME", "MOVE_HOME")])
@@ -115,5 +122,9 @@ def test_who_flies_one_that_is_lost_is_not_told_to_give_it_back(flight, mode):
     f.fleet["uav2"].lost, f.fleet["uav2"].mode = True, mode
     f.wait(1.0)
     told = "; ".join(f.machine.problems)
-    assert "land it in ALT_HOLD, or abort" in told and "give it back" not in told and "confirm" not in told
+    assert (
+        "land it in ALT_HOLD, or abort" in told
+        and "give it back" not in told
+        and "confirm" not in told
+    )
     assert f.machine.waits_for == "" and "uav2 lost its position" in f.machine.proceed("resume")

@@ -22,7 +22,10 @@ from fcsv_msgs.msg import MissionState
 
 def mission(*configurations, **more):
     configurations = configurations or (("horizontal", 4.0), ("horizontal", 8.0), ("vertical", 5.0))
-    listed = [StereoConfiguration(c[0], c[1], record_s=2.0, **(c[2] if len(c) > 2 else {})) for c in configurations]
+    listed = [
+        StereoConfiguration(c[0], c[1], record_s=2.0, **(c[2] if len(c) > 2 else {}))
+        for c in configurations
+    ]
     return Mission("test", listed, **more)
 
 
@@ -38,7 +41,7 @@ def kinds(flight, name, kind):
     return {o.number: o for _, o in flight.orders if o.vehicle == name and o.kind == kind}
 
 
-# ---- the ordinary way -----------------------------------------------------------------------------------------------
+# ---- the ordinary way ----------------------------------------------------------------------------
 
 
 def test_phases_are_numbered_as_in_the_message():
@@ -54,13 +57,18 @@ def test_from_take_off_to_landing(flight, seed):
     assert [w.index for w in windows] == [0, 1, 2] and {w.vehicle for w in windows} == {"uav2"}
     for w in windows:
         assert w.stop_s - w.start_s == pytest.approx(2.0) and w.position_error_m < 0.15
-        for name in ("uav1", "uav2"):  # pictures were on all through the window, with room for a late one
+        # pictures were on all through the window, with room for a late one
+        for name in ("uav1", "uav2"):
             inside = [t for t in f.pictures[name] if w.start_s - 0.1 <= t <= w.stop_s + 0.3]
             assert len(inside) >= 22, name
     assert len(f.pictures["uav1"]) < 3 * 40, "and off otherwise"
-    assert f.closest_m > 1.5 - 0.05, "nobody ever came nearer than the minimum separation (0.05: a step of the clock)"
+    assert f.closest_m > 1.5 - 0.05, (
+        "nobody ever came nearer than the minimum separation (0.05: a step of the clock)"
+    )
     apart = f.fleet["uav1"].landed_at - f.fleet["uav2"].landed_at
-    assert np.linalg.norm(apart[:2]) > 2.0, "the one that stood above did not come down upon the other"
+    assert np.linalg.norm(apart[:2]) > 2.0, (
+        "the one that stood above did not come down upon the other"
+    )
     assert f.machine.problems == []
 
 
@@ -69,7 +77,9 @@ def test_words_and_number_are_always_of_the_same_configuration(flying):
     told = set()
 
     def note():
-        told.update({(flying.machine.configuration, t) for t in listed if t in flying.machine.detail})
+        told.update(
+            {(flying.machine.configuration, t) for t in listed if t in flying.machine.detail}
+        )
         return flying.machine.phase == "DONE"
 
     flying.until(note)
@@ -88,7 +98,10 @@ def test_each_configuration_has_its_stages_and_the_way_back_is_none_of_it(flying
 
     flying.until(note)
     count = len(flying.machine.mission.configurations)
-    assert seen == [*((i, stage) for i in range(count) for stage in (MOVES, HOLDS, RECORDS)), (count - 1, GOES_BACK)]
+    assert seen == [
+        *((i, stage) for i in range(count) for stage in (MOVES, HOLDS, RECORDS)),
+        (count - 1, GOES_BACK),
+    ]
     assert flying.machine.stage == ""
 
 
@@ -118,12 +131,21 @@ def test_three_vehicles_take_turns(flight):
     m = mission(("horizontal", 4.0), ("vertical", 5.0, {"vehicle": "uav3"}), ("horizontal", 2.0))
     names = ("uav1", "uav2", "uav3")
     assert [(t.vehicle, t.index) for t in tasks(m, names)] == [
-        ("uav2", 0), ("uav2", None), ("uav3", 1), ("uav3", None), ("uav2", 2), ("uav2", None),
-    ]  # fmt: skip
+        ("uav2", 0),
+        ("uav2", None),
+        ("uav3", 1),
+        ("uav3", None),
+        ("uav2", 2),
+        ("uav2", None),
+    ]
     f = flight(m, names)
     f.up_to_configurations()
     f.phase("DONE", 400.0)
-    assert [w.vehicle for w in f.machine.captures] == ["uav2", "uav3", "uav2"] and f.closest_m > 1.45
+    assert [w.vehicle for w in f.machine.captures] == [
+        "uav2",
+        "uav3",
+        "uav2",
+    ] and f.closest_m > 1.45
     assert not f.pictures["uav3"] or min(f.pictures["uav3"]) > f.machine.captures[0].stop_s
 
 
@@ -185,7 +207,7 @@ def test_a_refused_mode_is_said_and_asked_again(flight):
     f.phase("CONFIGURATIONS", 10.0)
 
 
-# ---- faults ---------------------------------------------------------------------------------------------------------
+# ---- faults --------------------------------------------------------------------------------------
 
 
 def paused(f, words):
@@ -221,25 +243,42 @@ def test_a_lost_link_pauses_and_a_found_one_goes_on(flying, when):
     resumed(flying)
 
 
-@pytest.mark.parametrize("state_age_s, pose_age_s, words", [
-    (3.4, 1.9, ""), (3.6, 1.9, "no state for 3.5 s;"), (3.4, 2.1, "no pose for 2 s;"),
-    (3.6, 2.1, "no state for 3.5 s and no pose for 2 s;"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "state_age_s, pose_age_s, words",
+    [
+        (3.4, 1.9, ""),
+        (3.6, 1.9, "no state for 3.5 s;"),
+        (3.4, 2.1, "no pose for 2 s;"),
+        (3.6, 2.1, "no state for 3.5 s and no pose for 2 s;"),
+    ],
+)
 def test_silence_is_told_with_the_limit_that_it_passed(state_age_s, pose_age_s, words):
     view = VehicleView(state_age_s=state_age_s, pose_age_s=pose_age_s, connected=True, armed=True)
     found = watch.problems(mission(), "COLUMN", Snapshot(0.0, {"uav2": view}))
     assert found == ([f"uav2: {words} check the radio link"] if words else [])
 
 
-@pytest.mark.parametrize("phase, told", [
-    ("WAIT_VEHICLES", False), ("TAKE_OFF", False), ("COLUMN", False), ("MOVE_HOME", True), ("CONFIGURATIONS", True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "phase, told",
+    [
+        ("WAIT_VEHICLES", False),
+        ("TAKE_OFF", False),
+        ("COLUMN", False),
+        ("MOVE_HOME", True),
+        ("CONFIGURATIONS", True),
+    ],
+)
 def test_a_tracker_on_the_ground_need_not_see_who_is_still_flown_by_hand(phase, told):
-    """It knows a heading once people have moved the vehicle in its view (docs/design/trackers.md)."""
-    view = VehicleView(state_age_s=0.1, connected=True, armed=True, battery_share=0.9, recorder_age_s=0.1)
+    """It knows a heading once people have moved the vehicle in its view
+    (docs/design/trackers.md)."""
+    view = VehicleView(
+        state_age_s=0.1, connected=True, armed=True, battery_share=0.9, recorder_age_s=0.1
+    )
     found = watch.problems(mission(tracker="ground"), phase, Snapshot(0.0, {"uav2": view}))
     assert any("no pose" in text for text in found) == told
-    assert any("no pose" in t for t in watch.problems(mission(), phase, Snapshot(0.0, {"uav2": view})))
+    assert any(
+        "no pose" in t for t in watch.problems(mission(), phase, Snapshot(0.0, {"uav2": view}))
+    )
 
 
 @pytest.mark.parametrize("when", ["travelling", "recording"])
@@ -260,7 +299,8 @@ def orders_that_move(f, name):
 
 @pytest.mark.parametrize("mode", ["LOITER", "ALT_HOLD", "STABILIZE", "LAND", "BRAKE"])
 def test_a_pilot_who_takes_over_is_not_fought(flying, mode):
-    """No mode and no way-point while he has it, nor when he gives it back, until the operator confirms."""
+    """No mode and no way-point while he has it, nor when he gives it back, until the operator
+    confirms."""
     flying.wait(1.0)
     flying.fleet["uav2"].mode = mode
     flying.fleet["uav2"].height_m = 200.0  # a landing that takes longer than this test
@@ -268,7 +308,9 @@ def test_a_pilot_who_takes_over_is_not_fought(flying, mode):
     before = set(orders_that_move(flying, "uav2"))
     flying.wait(60.0)
     assert flying.machine.phase == "CONFIGURATIONS" and not flying.fleet["uav2"].recording
-    assert any(f"uav2: {mode} was not asked for by the mission" in p for p in flying.machine.problems)
+    assert any(
+        f"uav2: {mode} was not asked for by the mission" in p for p in flying.machine.problems
+    )
     assert flying.machine.waits_for == ("resume" if mode == "LOITER" else "")
     flying.fleet["uav2"].mode = "GUIDED"
     flying.wait(20.0)
@@ -277,7 +319,8 @@ def test_a_pilot_who_takes_over_is_not_fought(flying, mode):
 
 @pytest.mark.parametrize("mode", ["BRAKE", "STABILIZE"])
 def test_a_pilot_who_takes_it_just_before_guided_is_asked_for_is_not_fought(flight, mode):
-    """The operator has confirmed, nothing is ordered yet (a link was silent), and the pilot switches."""
+    """The operator has confirmed, nothing is ordered yet (a link was silent), and the pilot
+    switches."""
     f = flight(mission())
     f.up_to_home()
     f.fleet["uav2"].mode = mode
@@ -352,7 +395,8 @@ def test_who_was_blown_into_the_references_place_goes_to_its_own_first(flying):
     flying.wait(1.0)
     for name, p in (("uav1", [3.0, 0.0, 0.0]), ("uav2", [0.3, 0.2, 0.0])):
         flying.fleet[name].mode = "LOITER"
-        flying.fleet[name].T_home_body[:3, 3] = p  # the reference is 2.7 m in front of its place, the other one in it
+        # the reference is 2.7 m in front of its place, the other one in it
+        flying.fleet[name].T_home_body[:3, 3] = p
     flying.wait(0.5)
     flying.closest_m = float("inf")
     for v in flying.fleet.values():
@@ -360,14 +404,16 @@ def test_who_was_blown_into_the_references_place_goes_to_its_own_first(flying):
     flying.press("resume")
     flying.phase("CONFIGURATIONS")
     resumed(flying)
-    assert flying.closest_m > 2.3  # 2.7 m when they began, and what is kept is 2.5 m, less a fifth at a goal
+    # 2.7 m when they began, and what is kept is 2.5 m, less a fifth at a goal
+    assert flying.closest_m > 2.3
 
 
-# ---- a vehicle that comes down upon another ------------------------------------------------------------------------
+# ---- a vehicle that comes down upon another ------------------------------------------------------
 
 
 def clearance_when_heights_cross(f, upper, lower):
-    """Least horizontal distance (m) while the upper one is within a metre above the lower one, or beneath."""
+    """Least horizontal distance (m) while the upper one is within a metre above the lower one, or
+    beneath."""
     least = float("inf")
     for _ in range(600):
         f.step()
@@ -379,19 +425,24 @@ def clearance_when_heights_cross(f, upper, lower):
 
 @pytest.mark.parametrize("baseline_m", [3.0, 5.0, 10.0])
 def test_who_hangs_beneath_a_vehicle_that_lands_by_itself_goes_aside(flight, baseline_m):
-    """The upper vehicle's pose feed fails and its flight link lands it: holding beneath would be a collision."""
+    """The upper vehicle's pose feed fails and its flight link lands it: holding beneath would be a
+    collision."""
     f = flight(mission(("vertical", baseline_m)))
     f.up_to_configurations()
     f.until(lambda: f.fleet["uav2"].recording)
     f.fleet["uav2"].mode, f.fleet["uav2"].height_m = "LAND", baseline_m + 8.0
     f.wait(1.0)
-    aside = [o for o in kinds(f, "uav1", "GOTO").values() if o.number == max(orders_that_move(f, "uav1"))]
+    aside = [
+        o for o in kinds(f, "uav1", "GOTO").values() if o.number == max(orders_that_move(f, "uav1"))
+    ]
     assert aside, "the lower one was told to go, not to hold"
     assert clearance_when_heights_cross(f, "uav2", "uav1") > 1.5
 
 
 @pytest.mark.parametrize("baseline_m", [3.0, 5.0, 10.0])
-def test_an_abort_sends_the_lower_one_aside_where_the_upper_one_is_landing_already(flight, baseline_m):
+def test_an_abort_sends_the_lower_one_aside_where_the_upper_one_is_landing_already(
+    flight, baseline_m
+):
     f = flight(mission(("vertical", baseline_m)))
     f.up_to_configurations()
     f.until(lambda: f.fleet["uav2"].recording)
@@ -434,21 +485,44 @@ def test_vehicles_that_meet_are_held(flying):
 
 
 def test_small_vehicles_are_held_where_their_own_air_begins(flight):
-    """Of Tellos' size (0.63 m of air, as tall as wide): 1 m above each other is far enough, 0.4 m is not."""
-    f = flight(mission(("vertical", 1.2), air=SeparationRules(0.63, 1.0), min_separation_m=1.0, home_height_m=2.0))
+    """Of Tellos' size (0.63 m of air, as tall as wide): 1 m above each other is far enough, 0.4 m
+    is not."""
+    f = flight(
+        mission(
+            ("vertical", 1.2),
+            air=SeparationRules(0.63, 1.0),
+            min_separation_m=1.0,
+            home_height_m=2.0,
+        )
+    )
     f.up_to_configurations()
-    for height_m, found in ((1.0, []), (0.4, ["uav1 and uav2 are too near to each other; move them apart by hand"])):
+    for height_m, found in (
+        (1.0, []),
+        (0.4, ["uav1 and uav2 are too near to each other; move them apart by hand"]),
+    ):
         above = f.fleet["uav1"].T_home_body[:3, 3] + np.array([0.0, 0.0, height_m])
         f.fleet["uav2"].T_home_body[:3, 3] = above
         assert watch.problems(f.machine.mission, "CONFIGURATIONS", f.snapshot()) == found
 
 
 @pytest.mark.parametrize("apart_m, age_s, found", [(1.2, 0.05, 0), (0.75, 0.05, 1), (1.2, 0.75, 1)])
-def test_room_for_what_is_not_known_of_two_places_is_kept_in_flight_too(flight, apart_m, age_s, found):
-    """0.63 m of air and 0.15 m of doubt, as guardians count it; half a second more of age at 1 m/s is 0.5 m."""
-    f = flight(mission(("horizontal", 1.2), air=SeparationRules(1.0, 1.0), min_separation_m=1.0, home_height_m=2.0))
+def test_room_for_what_is_not_known_of_two_places_is_kept_in_flight_too(
+    flight, apart_m, age_s, found
+):
+    """0.63 m of air and 0.15 m of doubt, as guardians count it; half a second more of age at 1 m/s
+    is 0.5 m."""
+    f = flight(
+        mission(
+            ("horizontal", 1.2),
+            air=SeparationRules(1.0, 1.0),
+            min_separation_m=1.0,
+            home_height_m=2.0,
+        )
+    )
     f.up_to_configurations()
-    f.fleet["uav2"].T_home_body[:3, 3] = f.fleet["uav1"].T_home_body[:3, 3] + np.array([0.0, apart_m, 0.0])
+    f.fleet["uav2"].T_home_body[:3, 3] = f.fleet["uav1"].T_home_body[:3, 3] + np.array(
+        [0.0, apart_m, 0.0]
+    )
     seen = f.snapshot()
     late = replace(seen.vehicles["uav2"], pose_age_s=age_s, speed_mps=1.0)
     still = replace(seen.vehicles["uav1"], pose_age_s=0.05, speed_mps=0.0)
@@ -470,7 +544,8 @@ def test_a_gust_while_recording_is_recorded_again(flying):
 
 @pytest.mark.parametrize("attempts", [1, 3])
 def test_what_is_recorded_as_the_time_of_day_is_set_is_recorded_again(flight, attempts):
-    """Pictures are compared with windows by the time of day. At the last attempt, too: such a window tells nothing."""
+    """Pictures are compared with windows by the time of day. At the last attempt, too: such a
+    window tells nothing."""
     f = flight(mission(("horizontal", 4.0), settle=SettleBounds(attempts=attempts)))
     f.up_to_configurations()
     until_recording(f)
@@ -506,7 +581,9 @@ def test_gusts_at_every_attempt_leave_the_last_with_its_error(flying):
 
 
 def test_a_place_without_calm_is_left_out_and_said(flight):
-    f = flight(mission(("horizontal", 4.0), ("horizontal", 6.0), settle=SettleBounds(timeout_s=5.0)))
+    f = flight(
+        mission(("horizontal", 4.0), ("horizontal", 6.0), settle=SettleBounds(timeout_s=5.0))
+    )
     f.up_to_configurations()
     f.fleet["uav2"].push_m = np.array([0.0, 0.3, 0.0])
     f.until(lambda: f.machine.configuration == 1)
@@ -538,7 +615,7 @@ def test_a_recorder_that_refuses_leaves_no_capture(flying):
     resumed(flying)
 
 
-# ---- abort ----------------------------------------------------------------------------------------------------------
+# ---- abort ---------------------------------------------------------------------------------------
 
 
 def test_abort_on_the_ground_is_over_at_once(flight):
@@ -580,7 +657,9 @@ def test_abort_while_they_take_off_tells_the_pilot_of_who_is_in_the_air_to_land(
     f.wait(0.5)
     f.machine.abort("stop")
     f.wait(5.0)
-    assert f.machine.phase == "LAND" and not kinds(f, "uav1", "LAND") and not kinds(f, "uav2", "LAND")
+    assert (
+        f.machine.phase == "LAND" and not kinds(f, "uav1", "LAND") and not kinds(f, "uav2", "LAND")
+    )
     assert f.machine.problems == ["uav1 is flown by hand: land it (ALT_HOLD)"]
     first.mode = "LAND"
     f.phase("ABORTED", 30.0)
@@ -594,7 +673,9 @@ def test_abort_while_calibrating_lands_and_ignores_the_late_answer(flight):
     f.machine.answer("calibrate", True, "good")
     assert f.machine.phase == "LAND" and f.machine.waits_for == ""
     f.wait(30.0)
-    assert not kinds(f, "uav1", "LAND") and not kinds(f, "uav2", "LAND"), "hand-flown vehicles are not commanded"
+    assert not kinds(f, "uav1", "LAND") and not kinds(f, "uav2", "LAND"), (
+        "hand-flown vehicles are not commanded"
+    )
     assert [p for p in f.machine.problems if "is flown by hand: land it" in p]
     for v in f.fleet.values():
         v.mode = "LAND"  # their pilots do
@@ -637,13 +718,19 @@ def test_a_landing_that_is_not_heard_is_asked_for_again(flying):
     flying.phase("ABORTED", 60.0)
 
 
-# ---- commands on their way ------------------------------------------------------------------------------------------
+# ---- commands on their way -----------------------------------------------------------------------
 
 
 def test_orders_repeat_until_acknowledged_and_expire():
     box = Outbox(lifetime_s=1.0)
     order = box.order(0.0, "uav1", "GOTO")
-    assert [bool(box.due(t)) for t in (0.0, 0.1, 0.35, 0.5, 0.7)] == [True, False, True, False, True]
+    assert [bool(box.due(t)) for t in (0.0, 0.1, 0.35, 0.5, 0.7)] == [
+        True,
+        False,
+        True,
+        False,
+        True,
+    ]
     box.acknowledged("uav2", order.number, "")  # somebody else's
     assert order.outcome is None
     box.acknowledged("uav1", order.number, "")

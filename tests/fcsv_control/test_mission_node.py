@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mission as a node: a fleet of stand-ins on a real master, from WAIT_VEHICLES to a capture and an abort."""
+"""The mission as a node: a fleet of stand-ins on a real master, from WAIT_VEHICLES to a capture and
+an abort."""
 
 import threading
 import time
@@ -19,7 +20,8 @@ until = within(15.0)
 
 
 class StandIn:
-    """A vehicle as the control PC hears it, and an agent that obeys; its odometry frame is anywhere."""
+    """A vehicle as the control PC hears it, and an agent that obeys; its odometry frame is
+    anywhere."""
 
     def __init__(self, geometry, place_m, seed):
         import rospy
@@ -34,16 +36,32 @@ class StandIn:
         self.geometry, self.name = geometry, geometry.name
         self.T_home_odom = transforms.from_xyz_yaw(random.uniform(-9, 9, 3), random.uniform(-3, 3))
         self.T_home_body = transforms.from_xyz_yaw(place_m, 0.0)
-        self.mode, self.armed, self.height_m, self.recording, self.sees = "STABILIZE", False, 0.0, False, None
+        self.mode, self.armed, self.height_m, self.recording, self.sees = (
+            "STABILIZE",
+            False,
+            0.0,
+            False,
+            None,
+        )
         self.commands, self.answers, self.pictures, self.check = [], {}, 0, None
         topic = lambda t, kind: rospy.Publisher(f"/{self.name}/{t}", kind, queue_size=20)  # noqa: E731
         self.odometry, self.state = topic("odometry/state", Odometry), topic("mavros/state", State)
         self.position = topic("mavros/local_position/pose", PoseStamped)
-        self.recorder, self.battery = topic("recorder/status", RecorderStatus), topic("mavros/battery", BatteryState)
-        self.epoch = rospy.Publisher(f"/{self.name}/odometry/epoch", Epoch, queue_size=1, latch=True)
+        self.recorder, self.battery = (
+            topic("recorder/status", RecorderStatus),
+            topic("mavros/battery", BatteryState),
+        )
+        self.epoch = rospy.Publisher(
+            f"/{self.name}/odometry/epoch", Epoch, queue_size=1, latch=True
+        )
         self.epoch.publish(Epoch(epoch=7, reason="start"))
-        self.tags, self.acks = topic("tags/detections", TagDetections), topic("command_ack", CommandAck)
-        self.commanded = rospy.Subscriber(f"/{self.name}/command", Command, self.on_command, queue_size=20)
+        self.tags, self.acks = (
+            topic("tags/detections", TagDetections),
+            topic("command_ack", CommandAck),
+        )
+        self.commanded = rospy.Subscriber(
+            f"/{self.name}/command", Command, self.on_command, queue_size=20
+        )
         self.over = threading.Event()
         self.thread = threading.Thread(target=self.talk)
         self.thread.start()
@@ -72,7 +90,11 @@ class StandIn:
             self.pictures += 2 * self.recording
             self.recorder.publish(RecorderStatus(header=now, pictures=self.pictures))
             if self.sees is not None:
-                self.tags.publish(TagDetections(header=now, vehicle=self.name, detections=[TagDetection(id=self.sees)]))
+                self.tags.publish(
+                    TagDetections(
+                        header=now, vehicle=self.name, detections=[TagDetection(id=self.sees)]
+                    )
+                )
 
     def on_command(self, c):
         from fcsv_geometry.ros import conversions
@@ -93,15 +115,26 @@ class StandIn:
             self.recording = c.flag
         elif c.kind == Command.LAND:
             self.mode, self.armed, self.height_m = "LAND", False, 0.0
-        self.acks.publish(CommandAck(vehicle=self.name, sender=c.sender, number=c.number, result=CommandAck.DONE))
+        self.acks.publish(
+            CommandAck(vehicle=self.name, sender=c.sender, number=c.number, result=CommandAck.DONE)
+        )
 
     def close(self):
         if self.check is not None:
             self.check.close()
         self.over.set()
         self.thread.join()
-        for one in (self.odometry, self.state, self.position, self.recorder, self.battery, self.tags, self.acks,
-                    self.commanded, self.epoch):  # fmt: skip
+        for one in (
+            self.odometry,
+            self.state,
+            self.position,
+            self.recorder,
+            self.battery,
+            self.tags,
+            self.acks,
+            self.commanded,
+            self.epoch,
+        ):
             one.unregister()
 
 
@@ -129,7 +162,9 @@ class ControlPc:
             rospy.Subscriber("/mission/state", MissionState, lambda m: setattr(self, "mission", m)),
             rospy.Subscriber("/mission/capture", Capture, self.captures.append),
             rospy.Subscriber("/mission/file", String, lambda m: setattr(self, "file", m.data)),
-            rospy.Subscriber("/mission/fence", Fence, lambda m: setattr(self, "fence", fences.from_message(m))),
+            rospy.Subscriber(
+                "/mission/fence", Fence, lambda m: setattr(self, "fence", fences.from_message(m))
+            ),
         ]
         self.proceed = rospy.ServiceProxy("/mission/proceed", Proceed)
         self.abort = rospy.ServiceProxy("/mission/abort", Trigger)
@@ -147,7 +182,9 @@ class ControlPc:
         front, back = self.fleet
         T = transforms.invert(front.T_home_odom) @ back.T_home_odom
         pose = conversions.transform_to_pose(T)
-        message = Calibration(links=[CalibrationLink(parent=NAMES[0], child=NAMES[1], child_odom_in_parent_odom=pose)])
+        message = Calibration(
+            links=[CalibrationLink(parent=NAMES[0], child=NAMES[1], child_odom_in_parent_odom=pose)]
+        )
         self.calibration.publish(message)
         self.epochs.publish(Epochs(vehicles=NAMES, epochs=[7, 7]))
         return CalibrateResponse(True, "calibrated", message)
@@ -163,7 +200,9 @@ class ControlPc:
         return SetHomeResponse(True, "home is set", message)
 
     def wait_for(self, phase, waits_for=None):
-        until(lambda: self.mission.phase_name == phase and waits_for in (None, self.mission.waits_for))
+        until(
+            lambda: self.mission.phase_name == phase and waits_for in (None, self.mission.waits_for)
+        )
 
     def up_to_home(self):
         """What people do before "execute"; the first calibration fails."""
@@ -206,7 +245,12 @@ def folder(tmp_path, root):
         (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump({**document, "name": name}))
     configurations = [{"axis": "horizontal", "baseline_m": 4.0, "tilt_deg": 5.0, "record_s": 0.5}]
     configurations.append({"axis": "vertical", "baseline_m": 5.0, "record_s": 60.0})
-    mission = {"name": "node", "reference": NAMES[0], "configurations": configurations, "settle": {"time_s": 0.3}}
+    mission = {
+        "name": "node",
+        "reference": NAMES[0],
+        "configurations": configurations,
+        "settle": {"time_s": 0.3},
+    }
     (tmp_path / "mission.yaml").write_text(yaml.safe_dump(mission))
     return tmp_path
 
@@ -216,10 +260,15 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
     geometry = load_vehicles(folder, NAMES)
     lever = geometry[NAMES[0]].T_body_cam[:3, 3]
     front, back = fleet = [
-        StandIn(g, np.array([-3.5 * i, 0.0, 0.0]) - lever, i) for i, g in enumerate(geometry.values())
+        StandIn(g, np.array([-3.5 * i, 0.0, 0.0]) - lever, i)
+        for i, g in enumerate(geometry.values())
     ]
     pc = ControlPc(fleet)
-    params = {"mission": str(folder / "mission.yaml"), "vehicles": list(NAMES), "vehicles_dir": str(folder)}
+    params = {
+        "mission": str(folder / "mission.yaml"),
+        "vehicles": list(NAMES),
+        "vehicles_dir": str(folder),
+    }
     try:
         start_node("fcsv_control", "mission", params=params)
         check = the_check_locks_take_off(pc)
@@ -230,7 +279,9 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
         for v in fleet:
             v.armed, v.mode = True, "LOITER"
         time.sleep(0.5)
-        assert pc.mission.phase_name == "TAKE_OFF", "armed, but still on the ground (which is at 50 m in its odometry)"
+        assert pc.mission.phase_name == "TAKE_OFF", (
+            "armed, but still on the ground (which is at 50 m in its odometry)"
+        )
         for v in fleet:
             v.height_m = 3.0
         pc.wait_for("COLUMN")
@@ -248,19 +299,31 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
         until(lambda: pc.captures)
         c = pc.captures[0]
         assert (c.index, c.reference, c.vehicle) == (0, *NAMES) and c.position_error_m < 0.01
-        assert (c.configuration.axis, c.configuration.baseline_m) == (c.configuration.HORIZONTAL, 4.0)
+        assert (c.configuration.axis, c.configuration.baseline_m) == (
+            c.configuration.HORIZONTAL,
+            4.0,
+        )
         assert c.configuration.tilt_rad == pytest.approx(np.radians(5.0))
-        assert (c.stop - c.start).to_sec() == pytest.approx(0.5, abs=1e-3) and abs(c.stop.to_sec() - time.time()) < 5.0
+        assert (c.stop - c.start).to_sec() == pytest.approx(0.5, abs=1e-3) and abs(
+            c.stop.to_sec() - time.time()
+        ) < 5.0
         until(lambda: back.recording and pc.mission.configuration == 1)
-        np.testing.assert_allclose((back.T_home_body @ geometry[NAMES[1]].T_body_cam)[:3, 3], [0, 0, 5], atol=1e-6)
+        np.testing.assert_allclose(
+            (back.T_home_body @ geometry[NAMES[1]].T_body_cam)[:3, 3], [0, 0, 5], atol=1e-6
+        )
         began_anew_and_stopped(pc, back)
         assert pc.abort().success
         pc.wait_for("ABORTED")
         assert not back.recording and not front.armed and not back.armed
-        assert np.linalg.norm((back.T_home_body - front.T_home_body)[:2, 3]) > 1.5, "not down upon the reference"
+        assert np.linalg.norm((back.T_home_body - front.T_home_body)[:2, 3]) > 1.5, (
+            "not down upon the reference"
+        )
         assert not pc.abort().success
         numbers = [c.number for c in back.commands]
-        assert numbers == sorted(set(numbers)) and len({c.sender for c in back.commands + front.commands}) == 1
+        assert (
+            numbers == sorted(set(numbers))
+            and len({c.sender for c in back.commands + front.commands}) == 1
+        )
     finally:
         pc.close()
         for v in fleet:
@@ -290,7 +353,10 @@ class Check:
 
 
 def the_check_locks_take_off(pc):
-    until(lambda: any("flight check is not heard" in p for p in pc.mission.problems), what="a mission that waits")
+    until(
+        lambda: any("flight check is not heard" in p for p in pc.mission.problems),
+        what="a mission that waits",
+    )
     check = Check()
     pc.fleet[0].check = check  # closed with it
     named = f"flight check: {NAMES[1]} battery is RED"
@@ -309,13 +375,17 @@ def the_check_locks_guided(pc, check):
         return "GUIDED is locked" in said[-1].message
 
     until(locked, what="a refusal of the flight check")
-    assert not any(answer.success for answer in said) and f"{NAMES[1]} battery is amber (31%)" in said[-1].message
+    assert (
+        not any(answer.success for answer in said)
+        and f"{NAMES[1]} battery is amber (31%)" in said[-1].message
+    )
     assert "--accept VEHICLE LINE" in said[-1].message and pc.mission.phase_name == "SET_HOME"
     check.accepted = True
 
 
 def began_anew_and_stopped(pc, vehicle):
-    """The mission holds and says why, for either; the vehicle's next calibration would end the first."""
+    """The mission holds and says why, for either; the vehicle's next calibration would end the
+    first."""
     import rospy
     from std_msgs.msg import String
 
@@ -327,7 +397,10 @@ def began_anew_and_stopped(pc, vehicle):
     until(lambda: vehicle.commands[-1].kind == vehicle.commands[-1].HOLD, what="HOLD")
     stop = rospy.Publisher("/stop_all", String, queue_size=1, latch=True)
     stop.publish(String("a test"))
-    until(lambda: "everybody was stopped (a test)" in pc.mission.detail, what="the mission hears of a stop")
+    until(
+        lambda: "everybody was stopped (a test)" in pc.mission.detail,
+        what="the mission hears of a stop",
+    )
     stop.unregister()
 
 
@@ -336,7 +409,10 @@ def pair(ros_master, folder):
     """Two stand-ins in a column, and a control PC that knows them."""
     geometry = load_vehicles(folder, NAMES)
     lever = geometry[NAMES[0]].T_body_cam[:3, 3]
-    fleet = [StandIn(g, np.array([-3.5 * i, 0.0, 0.0]) - lever, i) for i, g in enumerate(geometry.values())]
+    fleet = [
+        StandIn(g, np.array([-3.5 * i, 0.0, 0.0]) - lever, i)
+        for i, g in enumerate(geometry.values())
+    ]
     pc = ControlPc(fleet)
     yield pc
     pc.close()
@@ -345,14 +421,20 @@ def pair(ros_master, folder):
 
 
 def started(start_node, folder, **more):
-    params = {"mission": str(folder / "mission.yaml"), "vehicles": list(NAMES), "vehicles_dir": str(folder),
-              "flight_check": "off", **more}  # fmt: skip
+    params = {
+        "mission": str(folder / "mission.yaml"),
+        "vehicles": list(NAMES),
+        "vehicles_dir": str(folder),
+        "flight_check": "off",
+        **more,
+    }
     return start_node("fcsv_control", "mission", params=params)
 
 
 @pytest.mark.slow_motion
 def test_a_control_pc_that_is_gone_and_comes_back_goes_on(pair, start_node, folder):
-    """Killed while it records the second configuration; calibration and home are gone with the computer."""
+    """Killed while it records the second configuration; calibration and home are gone with the
+    computer."""
     import rospy
 
     from fcsv_geometry.ros import conversions
@@ -362,14 +444,19 @@ def test_a_control_pc_that_is_gone_and_comes_back_goes_on(pair, start_node, fold
     process = started(start_node, folder, memory_dir=str(folder / "memory"))
     pair.up_to_home()
     pair.confirm("execute")
-    until(lambda: back.recording and pair.mission.configuration == 1 and back.T_home_body[2, 3] > 4.0)  # not the first
+    # not the first
+    until(
+        lambda: back.recording and pair.mission.configuration == 1 and back.T_home_body[2, 3] > 4.0
+    )
     until(lambda: '"index": 0' in (folder / "memory" / "mission_memory.json").read_text())
     place = back.T_home_body.copy()
     process.kill()
     pair.forget()
     said = {"calibration": [], "home": []}
-    watches = [rospy.Subscriber("/calibration", Calibration, said["calibration"].append),
-               rospy.Subscriber("/home", Home, said["home"].append)]  # fmt: skip
+    watches = [
+        rospy.Subscriber("/calibration", Calibration, said["calibration"].append),
+        rospy.Subscriber("/home", Home, said["home"].append),
+    ]
     before = {v.name: len(v.commands) for v in pair.fleet}
     begun_s = time.monotonic()
     started(start_node, folder, memory_dir=str(folder / "memory"))
@@ -380,7 +467,9 @@ def test_a_control_pc_that_is_gone_and_comes_back_goes_on(pair, start_node, fold
     until(lambda: said["calibration"] and said["home"])
     assert said["home"][-1].reference == NAMES[0]
     np.testing.assert_allclose(
-        conversions.pose_to_transform(said["home"][-1].home_in_odom), transforms.invert(front.T_home_odom), atol=1e-9
+        conversions.pose_to_transform(said["home"][-1].home_in_odom),
+        transforms.invert(front.T_home_odom),
+        atol=1e-9,
     )
     until(lambda: pair.mission.phase_name == "CONFIGURATIONS" and pair.mission.configuration == 1)
     until(lambda: back.commands[-1].kind == Command.RECORD and back.commands[-1].flag)
@@ -408,9 +497,16 @@ def test_pictures_that_show_another_place_land_everybody(pair, start_node, folde
     looks = rospy.Publisher("/pair_check", PairLook, queue_size=5)
     until(looks.get_num_connections, what="the mission listens")
     for _ in range(2):
-        looks.publish(PairLook(reference=NAMES[0], vehicle=NAMES[1], matches=90, agree=80, off_m=2.0, off=True))
+        looks.publish(
+            PairLook(
+                reference=NAMES[0], vehicle=NAMES[1], matches=90, agree=80, off_m=2.0, off=True
+            )
+        )
     pair.wait_for("ABORTED")
-    assert f"pictures of it and {NAMES[0]} show another place than their trackers" in pair.mission.detail
+    assert (
+        f"pictures of it and {NAMES[0]} show another place than their trackers"
+        in pair.mission.detail
+    )
     looks.unregister()
 
 
@@ -428,7 +524,10 @@ def test_chosen_configurations_by_action_and_operations_by_service(pair, start_n
     client, told = actionlib.SimpleActionClient("/mission/execute", ExecuteAction), []
     assert client.wait_for_server(rospy.Duration(15.0))
     client.send_goal_and_wait(ExecuteGoal([0]))
-    assert client.get_state() == GoalStatus.REJECTED and "not waited for in" in client.get_goal_status_text()
+    assert (
+        client.get_state() == GoalStatus.REJECTED
+        and "not waited for in" in client.get_goal_status_text()
+    )
     assert "this is TAKE_OFF" in pair.control("pause").message
     assert "is not one of" in pair.control("fly").message
     pair.up_to_home()
@@ -439,7 +538,10 @@ def test_chosen_configurations_by_action_and_operations_by_service(pair, start_n
     until(lambda: pair.captures)
     assert client.wait_for_result(rospy.Duration(30.0))
     result = client.get_result()
-    assert (list(result.captured), list(result.left_out)) == ([0], [1]) and client.get_state() == GoalStatus.SUCCEEDED
+    assert (list(result.captured), list(result.left_out)) == (
+        [0],
+        [1],
+    ) and client.get_state() == GoalStatus.SUCCEEDED
     assert {f.phase for f in told} >= {"CONFIGURATIONS"} and max(f.progress for f in told) >= 0.5
     pair.wait_for("DONE")  # its state comes by another topic than the result
     assert not front.armed and not back.armed
@@ -474,13 +576,20 @@ def test_a_goal_that_is_cancelled_brings_them_back_to_the_column(pair, start_nod
         ({"configurations": []}, "configurations: the list is empty"),
         ({"reference": "uav9"}, "reference 'uav9'"),
         ({"speed": 1}, "unknown key 'speed'"),
-        ({"configurations": [{"axis": "vertical", "baseline_m": 60.0}]}, "(vertical 60 m): 68 m above"),
+        (
+            {"configurations": [{"axis": "vertical", "baseline_m": 60.0}]},
+            "(vertical 60 m): 68 m above",
+        ),
     ],
 )
-def test_a_mission_that_cannot_be_flown_ends_the_node_with_one_line(start_node, folder, change, words):
+def test_a_mission_that_cannot_be_flown_ends_the_node_with_one_line(
+    start_node, folder, change, words
+):
     path = folder / "mission.yaml"
     path.write_text(yaml.safe_dump({**yaml.safe_load(path.read_text()), **change}))
     params = {"mission": str(path), "vehicles": list(NAMES), "vehicles_dir": str(folder)}
     process = start_node("fcsv_control", "mission", name="mission_bad", params=params)
     until(lambda: process.returncode is not None, 20.0)
-    assert process.returncode == 2 and words in process.tail(2) and "Traceback" not in process.tail(30)
+    assert (
+        process.returncode == 2 and words in process.tail(2) and "Traceback" not in process.tail(30)
+    )

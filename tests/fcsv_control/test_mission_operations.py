@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the operator may change while the list is flown: pause, resume, skip, repeat, next, previous, which ones."""
+"""What the operator may change while the list is flown: pause, resume, skip, repeat, next,
+previous, which ones."""
 
 import numpy as np
 import pytest
@@ -11,7 +12,10 @@ from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 
 def mission(*movers, **limits):
     movers = movers or (None, None, None)
-    listed = [StereoConfiguration("horizontal", 4.0 + 2 * i, record_s=2.0, vehicle=v) for i, v in enumerate(movers)]
+    listed = [
+        StereoConfiguration("horizontal", 4.0 + 2 * i, record_s=2.0, vehicle=v)
+        for i, v in enumerate(movers)
+    ]
     return Mission("test", listed, limits=PauseLimits(**limits))
 
 
@@ -36,7 +40,10 @@ def test_a_pause_holds_until_it_is_resumed(flying):
     for name, v in flying.fleet.items():
         np.testing.assert_array_equal(v.T_home_body, before[name])
         assert not v.recording and v.mode == "GUIDED"
-    assert flying.machine.waits_for == "resume" and "paused by the operator" in flying.machine.problems[0]
+    assert (
+        flying.machine.waits_for == "resume"
+        and "paused by the operator" in flying.machine.problems[0]
+    )
     assert flying.machine.control("resume") == ""
     flying.phase("DONE", 200.0)
     assert flying.captured == [0, 1, 2]
@@ -48,8 +55,8 @@ def gone(f):
 
 @pytest.mark.parametrize("change", ["resume", "skip", "repeat", "next"])
 def test_nobody_sets_out_before_all_stand(flying, change):
-    """Rehearsed with ten vehicles: who still swung back to where it was told to hold flew its next way 0.4 m beside
-    the planned one, into another's downwash."""
+    """Rehearsed with ten vehicles: who still swung back to where it was told to hold flew its next
+    way 0.4 m beside the planned one, into another's downwash."""
     flying.until(lambda: flying.machine.stage == "moves" and len(gone(flying)) == 1)
     flying.wait(0.5)
     if change == "resume":
@@ -93,7 +100,10 @@ def test_skip_leaves_the_running_one_out(flying):
     flying.wait(0.3)
     assert not flying.fleet["uav2"].recording and flying.machine.configuration == 2
     flying.phase("DONE", 200.0)
-    assert flying.captured == [0, 2] and "horizontal 6 m left out by the operator" in flying.machine.detail
+    assert (
+        flying.captured == [0, 2]
+        and "horizontal 6 m left out by the operator" in flying.machine.detail
+    )
 
 
 def test_repeat_begins_the_running_one_again(flying):
@@ -145,11 +155,15 @@ def test_who_is_away_goes_back_before_another_moves(flight):
     until_recording(f, 0)
     f.machine.control("next")
     f.phase("DONE", 200.0)
-    assert [(w.index, w.vehicle) for w in f.machine.captures] == [(1, "uav3"), (0, "uav2")] and f.closest_m > 1.45
+    assert [(w.index, w.vehicle) for w in f.machine.captures] == [
+        (1, "uav3"),
+        (0, "uav2"),
+    ] and f.closest_m > 1.45
 
 
 def test_every_change_keeps_one_vehicle_away_at_a_time():
-    """Random changes at random moments: nobody is sent out while another is not back in the column."""
+    """Random changes at random moments: nobody is sent out while another is not back in the
+    column."""
     random = np.random.default_rng(7)
     m, names = mission("uav2", "uav3", "uav2", "uav3"), ("uav1", "uav2", "uav3")
     for _ in range(200):
@@ -184,7 +198,9 @@ def test_chosen_configurations_are_flown_in_their_order(flight):
     assert f.machine.execute([2, 0]) == ""
     shares = []
     f.until(lambda: shares.append(f.machine.progress) or f.machine.phase == "DONE", 200.0)
-    assert f.captured == [2, 0] and sorted(set(shares)) == [0.0, 0.5, 1.0] and shares == sorted(shares)
+    assert (
+        f.captured == [2, 0] and sorted(set(shares)) == [0.0, 0.5, 1.0] and shares == sorted(shares)
+    )
 
 
 def test_finish_goes_back_to_the_column_and_lands(flying):

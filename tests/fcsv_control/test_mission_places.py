@@ -44,24 +44,34 @@ def cam(mount):
     ],
 )
 def test_set_points_bring_the_camera_there_in_the_world(seed, configuration, expected_flu):
-    """Two vehicles with odometry frames anywhere in the world: whatever the frames, the camera must end up beside the
-    reference's camera as it truly looked when home was set. Everything is exact but for rounding (1e-9)."""
+    """Two vehicles with odometry frames anywhere in the world: whatever the frames, the camera must
+    end up beside the reference's camera as it truly looked when home was set. Everything is exact
+    but for rounding (1e-9)."""
     random = np.random.default_rng(seed)
     T_world_O1 = transforms.from_xyz_yaw(random.uniform(-50, 50, 3), random.uniform(-np.pi, np.pi))
     T_world_O2 = transforms.from_xyz_yaw(random.uniform(-50, 50, 3), random.uniform(-np.pi, np.pi))
-    T_body_cam1, T_body_cam2 = cam(Mount((0.11, 0.0, 0.03))), cam(Mount((0.2, -0.1, 0.05), (0.0, 0.0, 10.0)))
+    T_body_cam1, T_body_cam2 = (
+        cam(Mount((0.11, 0.0, 0.03))),
+        cam(Mount((0.2, -0.1, 0.05), (0.0, 0.0, 10.0))),
+    )
     tilted = random.uniform(-0.1, 0.1, 2)  # hovering is not quite level when home is set
-    T_world_D1 = transforms.from_xyz_rpy(random.uniform(-9, 9, 3), [*tilted, random.uniform(-np.pi, np.pi)])
+    T_world_D1 = transforms.from_xyz_rpy(
+        random.uniform(-9, 9, 3), [*tilted, random.uniform(-np.pi, np.pi)]
+    )
 
     T_O1_home = home_of(transforms.invert(T_world_O1) @ T_world_D1 @ T_body_cam1)
-    T_home_odom = odoms_in_home([link(transforms.invert(T_world_O1) @ T_world_O2)], "uav1", T_O1_home)
+    T_home_odom = odoms_in_home(
+        [link(transforms.invert(T_world_O1) @ T_world_O2)], "uav1", T_O1_home
+    )
     T_O2_D2 = places.body_set_point(camera_place(configuration), T_home_odom["uav2"], T_body_cam2)
 
     T_world_home = T_world_O1 @ T_O1_home
     T_home_cam2 = transforms.invert(T_world_home) @ T_world_O2 @ T_O2_D2 @ T_body_cam2
     np.testing.assert_allclose(T_home_cam2[:3, 3], expected_flu, atol=1e-9)
-    assert places.heading_rad(T_home_cam2) == pytest.approx(configuration.tilt_rad, abs=1e-9)  # + is left: inward
-    np.testing.assert_allclose((T_world_O2 @ T_O2_D2)[2, :3], [0, 0, 1], atol=1e-9)  # a hovering body is level
+    # + is left: inward
+    assert places.heading_rad(T_home_cam2) == pytest.approx(configuration.tilt_rad, abs=1e-9)
+    # a hovering body is level
+    np.testing.assert_allclose((T_world_O2 @ T_O2_D2)[2, :3], [0, 0, 1], atol=1e-9)
     # home is where the reference's camera was, and its x is that camera's view seen from above
     view = (T_world_D1 @ T_body_cam1)[:3, 2]
     np.testing.assert_allclose(T_world_home[:3, 3], (T_world_D1 @ T_body_cam1)[:3, 3], atol=1e-9)
@@ -84,7 +94,7 @@ def test_inward_tilt_points_both_cameras_at_one_point():
     assert abs(p_cam[0]) < 1e-9 and p_cam[2] > 0
 
 
-# ---- ways -----------------------------------------------------------------------------------------------------------
+# ---- ways ----------------------------------------------------------------------------------------
 
 coordinate = st.floats(-12, 12)
 point = st.tuples(coordinate, coordinate, st.floats(-2, 12)).map(np.array)
@@ -93,37 +103,55 @@ point = st.tuples(coordinate, coordinate, st.floats(-2, 12)).map(np.array)
 def sampled_clearance(start, way, other):
     """By brute force, another way than the code's."""
     nodes = [start, *way]
-    legs = [a + (b - a) * s for a, b in zip(nodes, nodes[1:]) for s in np.linspace(0, 1, 200)[:, None]]
+    legs = [
+        a + (b - a) * s for a, b in zip(nodes, nodes[1:]) for s in np.linspace(0, 1, 200)[:, None]
+    ]
     return float(np.min(np.linalg.norm(np.array(legs) - other, axis=1)))
 
 
 @settings(max_examples=150)
 @given(point, point, st.lists(point, min_size=1, max_size=3))
 def test_no_way_comes_too_near(start, goal, others):
-    """Any start, any goal, up to three vehicles about: either no way, or one that keeps clear all along."""
+    """Any start, any goal, up to three vehicles about: either no way, or one that keeps clear all
+    along."""
     assume(all(np.linalg.norm(p - o) > SEPARATION_M for p in (start, goal) for o in others))
     try:
         way = routes.route(start, goal, others, routes.Keep(SEPARATION_M))
     except MissionError:
         # only between two vehicles whose keep-out spheres touch may there be none
-        assert any(np.linalg.norm(a - b) < 3 * SEPARATION_M for i, a in enumerate(others) for b in others[i + 1 :])
+        assert any(
+            np.linalg.norm(a - b) < 3 * SEPARATION_M
+            for i, a in enumerate(others)
+            for b in others[i + 1 :]
+        )
         return
     np.testing.assert_array_equal(way[-1], goal)
     for other in others:
         assert sampled_clearance(start, way, other) >= SEPARATION_M - 1e-6
-    assert min(p[2] for p in way) >= min(start[2], goal[2]) - 0.2 - 1e-9, "a way must not dip towards the ground"
+    assert min(p[2] for p in way) >= min(start[2], goal[2]) - 0.2 - 1e-9, (
+        "a way must not dip towards the ground"
+    )
     length = sum(np.linalg.norm(b - a) for a, b in zip([start, *way], way))
-    assert length <= np.linalg.norm(goal - start) + len(others) * 4 * SEPARATION_M, "no needless wandering"
+    assert length <= np.linalg.norm(goal - start) + len(others) * 4 * SEPARATION_M, (
+        "no needless wandering"
+    )
 
 
-CONFIGURATIONS = [("horizontal", b) for b in (2, 4, 6, 8, 10)] + [("vertical", b) for b in (5, 7, 10)]
+CONFIGURATIONS = [("horizontal", b) for b in (2, 4, 6, 8, 10)] + [
+    ("vertical", b) for b in (5, 7, 10)
+]
 
 
 @pytest.mark.parametrize("before", [None, *CONFIGURATIONS])
 @pytest.mark.parametrize("after", [None, *CONFIGURATIONS])
 def test_every_change_of_the_thesis_list_has_a_way(before, after):
     """None is the place in the column, 3.5 m behind the reference."""
-    at = lambda c: np.array([-3.5, 0, 0.0]) if c is None else camera_place(StereoConfiguration(*c))[:3, 3]  # noqa: E731
+
+    def at(c):
+        return (
+            np.array([-3.5, 0, 0.0]) if c is None else camera_place(StereoConfiguration(*c))[:3, 3]
+        )
+
     way = routes.route(at(before), at(after), [np.zeros(3)], routes.Keep(SEPARATION_M))
     assert sampled_clearance(at(before), way, np.zeros(3)) >= SEPARATION_M - 1e-6
     assert len(way) <= 2
@@ -135,7 +163,10 @@ def test_straight_where_it_can_be():
 
 def test_round_a_vehicle_in_the_middle():
     way = routes.route([-4, 0, 0], [4, 0, 0], [np.zeros(3)], routes.Keep(SEPARATION_M))
-    assert len(way) >= 2 and sampled_clearance(np.array([-4.0, 0, 0]), way, np.zeros(3)) >= SEPARATION_M - 1e-6
+    assert (
+        len(way) >= 2
+        and sampled_clearance(np.array([-4.0, 0, 0]), way, np.zeros(3)) >= SEPARATION_M - 1e-6
+    )
 
 
 def test_a_start_too_near_is_left_outwards():
@@ -160,14 +191,20 @@ def test_ways_keep_clear_of_downwash():
 
 
 def seen_at(*p_home_m, **fields):
-    return VehicleView(T_home_cam=transforms.transform(T_HOME_CAM_AT_HOME[:3, :3], np.array(p_home_m)), **fields)
+    return VehicleView(
+        T_home_cam=transforms.transform(T_HOME_CAM_AT_HOME[:3, :3], np.array(p_home_m)), **fields
+    )
 
 
 @pytest.mark.parametrize("known_height_m", [-3.0, 0.0, 2.0])
 def test_nobody_lands_where_a_lost_one_may_lie(known_height_m):
-    """It lies on the ground, whatever height it was known at last; the longer it flew on, the further away."""
+    """It lies on the ground, whatever height it was known at last; the longer it flew on, the
+    further away."""
     lost = {"lost": True, "astray_m": 18.0}
-    air = {"uav1": seen_at(10.0, 0.0, 0.0, armed=True), "uav2": seen_at(0.0, 0.0, known_height_m, **lost)}
+    air = {
+        "uav1": seen_at(10.0, 0.0, 0.0, armed=True),
+        "uav2": seen_at(0.0, 0.0, known_height_m, **lost),
+    }
     moment = Snapshot(0.0, air)
     assert clearing.below(moment, "uav1", 2.0) == "uav2"
     place = clearing.aside(moment, "uav1", "uav2", 2.0)[:3, 3]
@@ -179,8 +216,12 @@ def test_nobody_lands_where_a_lost_one_may_lie(known_height_m):
 @pytest.mark.parametrize("towards_mps, is_above", [(0.0, False), (1.9, True), (-1.9, False)])
 def test_who_flies_towards_anothers_column_counts_as_above_it(towards_mps, is_above):
     """4 m beside it; it is told to land, and comes to a stand 2 m further on."""
-    above = seen_at(0.0, -4.0, 4.0, armed=True, mode="GUIDED", v_home_mps=np.array([0.0, towards_mps, 0.0]))
-    moment = Snapshot(0.0, {"uav1": seen_at(0.0, 0.0, 0.0, armed=True, mode="GUIDED"), "uav2": above})
+    above = seen_at(
+        0.0, -4.0, 4.0, armed=True, mode="GUIDED", v_home_mps=np.array([0.0, towards_mps, 0.0])
+    )
+    moment = Snapshot(
+        0.0, {"uav1": seen_at(0.0, 0.0, 0.0, armed=True, mode="GUIDED"), "uav2": above}
+    )
     assert clearing.below(moment, "uav2", 2.2) == ("uav1" if is_above else None)
     landing = replace(above, mode="LAND")
     moment.vehicles["uav2"] = landing
@@ -198,14 +239,23 @@ def test_a_mission_that_slows_down_gently_counts_with_a_longer_stop():
 def test_who_lands_by_hand_is_told_that_one_lies_somewhere():
     air = {"uav1": seen_at(10.0, 0.0, 0.0, armed=True, mode="LOITER")}
     air["uav2"] = seen_at(0.0, 0.0, -8.0, lost=True, astray_m=18.2, state_age_s=0.1)
-    landing = Landing(Mission("m", [StereoConfiguration("horizontal", 4.0)]), list(air), Outbox(), MissionModeOwner())
+    landing = Landing(
+        Mission("m", [StereoConfiguration("horizontal", 4.0)]),
+        list(air),
+        Outbox(),
+        MissionModeOwner(),
+    )
     assert not landing.step(Snapshot(0.0, air))
-    assert "uav2: lies within 18 m of where it was known last; who lands by hand looks for it" in landing.problems
+    assert (
+        "uav2: lies within 18 m of where it was known last; who lands by hand looks for it"
+        in landing.problems
+    )
     assert "uav1 is above uav2: fly it aside, then land it (LOITER)" in landing.problems
 
 
 def test_nobody_lands_where_a_silent_one_may_have_gone():
-    """Its radio is gone: its guardian moves it 5 m aside of who was above, and lands it. Rehearsed, seed 520121."""
+    """Its radio is gone: its guardian moves it 5 m aside of who was above, and lands it. Rehearsed,
+    seed 520121."""
     heard = VehicleHeard(np.eye(4))
     heard.state(0.0, "GUIDED", True, True)
     heard.odometry(0.0, np.eye(4), (0.0, 0.0, 0.0))

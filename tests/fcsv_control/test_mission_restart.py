@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A mission node that dies and comes back: what it takes over, what it does not repeat, which files it refuses."""
+"""A mission node that dies and comes back: what it takes over, what it does not repeat, which files
+it refuses."""
 
 import dataclasses
 import json
@@ -20,7 +21,8 @@ def mission(name="test"):
 
 
 def restarted(f, path):
-    """The machine as it was is gone; a new one reads the file. Its command numbers begin anew, under a new name."""
+    """The machine as it was is gone; a new one reads the file. Its command numbers begin anew,
+    under a new name."""
     memory_file.write(path, dataclasses.replace(f.machine.memory(), saved_s=f.now_s))
     machine = MissionMachine(f.machine.mission, f.machine.vehicles)
     machine.restore(memory_file.read(path, machine.mission, machine.vehicles, f.now_s + 5.0))
@@ -55,7 +57,11 @@ def test_a_restarted_mission_holds_and_goes_on_where_it_was(flying, path, when):
     assert {(o.vehicle, o.kind) for _, o in flying.orders} == {("uav1", "HOLD"), ("uav2", "HOLD")}
     assert flying.now_s - begun_s < 5.0 and machine.phase == "CONFIGURATIONS"
     flying.phase("DONE", 400.0)
-    assert flying.captured == [0, 1, 2] and machine.captures[0] == recorded[0] and flying.closest_m > 1.45
+    assert (
+        flying.captured == [0, 1, 2]
+        and machine.captures[0] == recorded[0]
+        and flying.closest_m > 1.45
+    )
 
 
 def test_nobody_moves_before_all_hold(flying, path):
@@ -88,7 +94,9 @@ def test_who_was_taken_by_a_pilot_meanwhile_is_left_to_him(flying, path):
     flying.fleet["uav2"].mode = "LOITER"
     flying.wait(10.0)
     assert not memory_taken_before and {o.vehicle for _, o in flying.orders} == {"uav1"}
-    assert machine.waits_for == "resume" and any("uav2: LOITER was not asked for" in p for p in machine.problems)
+    assert machine.waits_for == "resume" and any(
+        "uav2: LOITER was not asked for" in p for p in machine.problems
+    )
     flying.press("resume")
     flying.phase("DONE", 400.0)
     assert flying.captured == [0, 1, 2]
@@ -96,7 +104,8 @@ def test_who_was_taken_by_a_pilot_meanwhile_is_left_to_him(flying, path):
 
 @pytest.mark.parametrize("landing", [False, True], ids=["configurations", "landing"])
 def test_who_was_stopped_meanwhile_waits_for_the_operator(flying, path, landing):
-    """/stop_all while the mission is dead: a LAND of its successor would fight with the BRAKE that is sent again."""
+    """/stop_all while the mission is dead: a LAND of its successor would fight with the BRAKE that
+    is sent again."""
     flying.wait(1.0)
     if landing:
         flying.machine.abort("enough")
@@ -119,7 +128,9 @@ def test_who_was_given_back_and_not_confirmed_before_the_restart_still_waits(fly
     flying.wait(0.5)
     machine = restarted(flying, path)
     flying.wait(10.0)
-    assert machine.waits_for == "resume" and not [o for _, o in flying.orders if o.vehicle == "uav2"]
+    assert machine.waits_for == "resume" and not [
+        o for _, o in flying.orders if o.vehicle == "uav2"
+    ]
 
 
 def test_a_restart_while_handing_over_asks_nobody_for_guided_before_it_is_confirmed(flight, path):
@@ -131,7 +142,9 @@ def test_a_restart_while_handing_over_asks_nobody_for_guided_before_it_is_confir
     f.fleet["uav1"].refuses = {}
     restarted(f, path)
     f.wait(10.0)
-    assert {(o.vehicle, o.kind) for _, o in f.orders} == {("uav2", "HOLD")} and f.machine.phase == "GUIDED"
+    assert {(o.vehicle, o.kind) for _, o in f.orders} == {
+        ("uav2", "HOLD")
+    } and f.machine.phase == "GUIDED"
     f.press("resume")
     f.phase("DONE", 400.0)
 
@@ -153,7 +166,10 @@ def test_a_restart_when_nobody_flies_begins_anew_and_says_so(flying, path):
         v.armed = False
     machine = restarted(flying, path)
     flying.phase("TAKE_OFF", 5.0)
-    assert any("nobody flies: a new mission begins" in text for text in machine.said) and not flying.captured
+    assert (
+        any("nobody flies: a new mission begins" in text for text in machine.said)
+        and not flying.captured
+    )
 
 
 def test_a_restart_when_all_are_flown_by_hand_begins_anew(flying, path):
@@ -197,12 +213,14 @@ def test_an_abort_before_the_memory_was_judged_lands_and_is_remembered(flying, p
     assert machine.memory().phase == "LAND" and flying.fleet["uav2"].mode == "LOITER"
 
 
-# ---- the file -------------------------------------------------------------------------------------------------------
+# ---- the file ------------------------------------------------------------------------------------
 
 
 def test_what_is_read_is_what_was_written(flying, path):
     flying.until(lambda: len(flying.machine.captures) == 2)
-    written = dataclasses.replace(flying.machine.memory(), saved_s=1000.0, calibration={"links": [1]}, home={"a": 0.5})
+    written = dataclasses.replace(
+        flying.machine.memory(), saved_s=1000.0, calibration={"links": [1]}, home={"a": 0.5}
+    )
     memory_file.write(path, written)
     assert memory_file.read(path, mission(), ["uav1", "uav2"], 1001.0) == written
     assert [p.name for p in path.parent.iterdir()] == [path.name]
@@ -212,17 +230,26 @@ def test_no_file_is_no_memory(path):
     assert memory_file.read(path, mission(), ["uav1", "uav2"], 0.0) is None
 
 
-@pytest.mark.parametrize("change, words", [
-    (lambda d: "{", "is damaged"),
-    (lambda d: "[]", "must be a mapping"),
-    (lambda d: json.dumps({**d, "version": 9}), "version: 9 is not known"),
-    (lambda d: json.dumps({**d, "phases": 1}), "unknown key 'phases'"),
-    (lambda d: json.dumps({**d, "digest": "0"}), "is of mission 'test' as it was then"),
-    (lambda d: json.dumps({**d, "vehicles": ["uav1", "uav3"]}), "is of the fleet uav1, uav3"),
-    (lambda d: json.dumps({**d, "saved_s": -700.0}), "12 min old"),
-    (lambda d: json.dumps({**d, "flight_list": {**d["flight_list"], "flown": [7]}}), "that this mission lacks"),
-    (lambda d: json.dumps({**d, "flight_list": {**d["flight_list"], "parked": {}}}), "that this mission lacks"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (lambda d: "{", "is damaged"),
+        (lambda d: "[]", "must be a mapping"),
+        (lambda d: json.dumps({**d, "version": 9}), "version: 9 is not known"),
+        (lambda d: json.dumps({**d, "phases": 1}), "unknown key 'phases'"),
+        (lambda d: json.dumps({**d, "digest": "0"}), "is of mission 'test' as it was then"),
+        (lambda d: json.dumps({**d, "vehicles": ["uav1", "uav3"]}), "is of the fleet uav1, uav3"),
+        (lambda d: json.dumps({**d, "saved_s": -700.0}), "12 min old"),
+        (
+            lambda d: json.dumps({**d, "flight_list": {**d["flight_list"], "flown": [7]}}),
+            "that this mission lacks",
+        ),
+        (
+            lambda d: json.dumps({**d, "flight_list": {**d["flight_list"], "parked": {}}}),
+            "that this mission lacks",
+        ),
+    ],
+)
 def test_a_file_that_does_not_fit_is_refused_and_set_aside(flying, path, change, words):
     memory_file.write(path, flying.machine.memory())
     path.write_text(change(json.loads(path.read_text())))

@@ -65,7 +65,10 @@ def test_what_says_nothing(what):
         del told.views["uav2"], told.home["uav2"]
         assert told.pairs.judge(told.views, told.home) == told.views
         return
-    vehicle, after_s = ("uav3" if what == "another pair" else "uav2"), (10.1 if what == "long ago" else 0.5)
+    vehicle, after_s = (
+        ("uav3" if what == "another pair" else "uav2"),
+        (10.1 if what == "long ago" else 0.5),
+    )
     assert told.look(True, vehicle, after_s) == ""
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `parameters`: over lines that lose messages, against a simulated autopilot, and files."""
+"""The command `parameters`: over lines that lose messages, against a simulated autopilot, and
+files."""
 
 import os
 
@@ -21,7 +22,7 @@ from fcsv_sim.machines.machines import free_port
 M = mavutil.mavlink
 
 
-# ---- the decisions, over a line that loses 20 % each way ----------------------------------------------------------
+# ---- the decisions, over a line that loses 20 % each way -----------------------------------------
 
 
 class Lossy:
@@ -45,7 +46,9 @@ def test_a_whole_list_comes_over_a_line_that_loses(seed):
     line, reading = Lossy(seed), WholeRead()
     for now_s in line.run(reading):
         whole, indices = reading.due(now_s)
-        for index in [*range(300)] * (whole and line.gets_through()) + [i for i in indices if line.gets_through()]:
+        for index in [*range(300)] * (whole and line.gets_through()) + [
+            i for i in indices if line.gets_through()
+        ]:
             if line.gets_through():
                 reading.take(now_s, f"P{index}", stored[f"P{index}"], 9, 300, index)
     assert reading.complete and {n: v for n, (v, _) in reading.values.items()} == stored
@@ -81,14 +84,22 @@ def test_a_name_that_is_not_known_ends_the_reading():
 
 @pytest.mark.parametrize(
     "autopilot, kind, name",
-    [(3, 2, "ArduCopter"), (3, 13, "ArduCopter"), (3, 1, "ArduPlane"), (3, 20, "ArduPlane"), (3, 10, "ArduRover"),
-     (12, 2, "PX4"), (0, 2, "GENERIC"), (99, 2, "autopilot 99")],
-)  # fmt: skip
+    [
+        (3, 2, "ArduCopter"),
+        (3, 13, "ArduCopter"),
+        (3, 1, "ArduPlane"),
+        (3, 20, "ArduPlane"),
+        (3, 10, "ArduRover"),
+        (12, 2, "PX4"),
+        (0, 2, "GENERIC"),
+        (99, 2, "autopilot 99"),
+    ],
+)
 def test_firmware_is_named(autopilot, kind, name):
     assert firmware.name_of(M.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 0, 3)) == name
 
 
-# ---- the command, against a simulated autopilot -------------------------------------------------------------------
+# ---- the command, against a simulated autopilot --------------------------------------------------
 
 
 @pytest.fixture
@@ -99,7 +110,9 @@ def served():
 
 
 def parameters(*words):
-    return cli.main([*map(str, words), *(() if words[0] == "save" else ("--profile", str(PROFILE_FILE)))])
+    return cli.main(
+        [*map(str, words), *(() if words[0] == "save" else ("--profile", str(PROFILE_FILE)))]
+    )
 
 
 def test_compare_write_save_and_compare_again(served, tmp_path, capsys):
@@ -112,37 +125,61 @@ def test_compare_write_save_and_compare_again(served, tmp_path, capsys):
     assert parameters("compare", served.url) == 1
     said = capsys.readouterr().out
     assert "MUST     VISO_TYPE is 0, not 2 or 3: without it poses are dropped" in said
-    assert "advised  FS_CRASH_CHECK is 0, not 1" in said and "advised  FENCE_RADIUS is not known there" in said
+    assert (
+        "advised  FS_CRASH_CHECK is 0, not 1" in said
+        and "advised  FENCE_RADIUS is not known there" in said
+    )
     assert "1 that must be otherwise, 2 that should be" in said
 
     saved = tmp_path / "saved.params"
     assert parameters("save", served.url, "-o", saved) == 0
-    assert "\t1\tVISO_TYPE\t0\t2" in saved.read_text() and saved.read_text().startswith("# Onboard parameters")
+    assert "\t1\tVISO_TYPE\t0\t2" in saved.read_text() and saved.read_text().startswith(
+        "# Onboard parameters"
+    )
     assert set(parameter_files.read(saved)) == set(served.parameters)
     assert parameters("compare", saved) == 1
     capsys.readouterr()
 
     assert parameters("write", served.url, "--dry-run") == 0
-    assert "2 would be written" in capsys.readouterr().out and served.parameters["VISO_TYPE"][0] == 0
+    assert (
+        "2 would be written" in capsys.readouterr().out and served.parameters["VISO_TYPE"][0] == 0
+    )
     assert parameters("write", served.url) == 0
     said = capsys.readouterr().out
-    assert "VISO_TYPE 0 -> 2" in said and "FENCE_RADIUS is not known there: left out" in said and "wrote 2 of 2" in said
-    assert served.parameters["VISO_TYPE"][0] == 2 and served.parameters["EK3_SRC1_POSZ"][0] == 1  # fits as well
+    assert (
+        "VISO_TYPE 0 -> 2" in said
+        and "FENCE_RADIUS is not known there: left out" in said
+        and "wrote 2 of 2" in said
+    )
+    # fits as well
+    assert served.parameters["VISO_TYPE"][0] == 2 and served.parameters["EK3_SRC1_POSZ"][0] == 1
 
     mission_planner = tmp_path / "before.param"
     mission_planner.write_text(parameter_files.mission_planner(before))
     assert parameters("compare", mission_planner) == 0
     served.parameters["FENCE_RADIUS"] = (77.0, 9)
-    assert parameters("write", served.url, "--values", mission_planner) == 0  # as it was saved, exactly
-    assert {n: v for n, (v, _) in served.parameters.items()} == pytest.approx({n: v for n, (v, _) in before.items()})
+    # as it was saved, exactly
+    assert parameters("write", served.url, "--values", mission_planner) == 0
+    assert {n: v for n, (v, _) in served.parameters.items()} == pytest.approx(
+        {n: v for n, (v, _) in before.items()}
+    )
 
 
-def test_single_values_are_written_for_a_mission_that_is_slower_and_the_profile_leaves_them(served, capsys):
-    assert parameters("write", served.url, "--set", "WPNAV_SPEED=100", "--set", "WPNAV_SPEED_UP=80") == 0
+def test_single_values_are_written_for_a_mission_that_is_slower_and_the_profile_leaves_them(
+    served, capsys
+):
+    assert (
+        parameters("write", served.url, "--set", "WPNAV_SPEED=100", "--set", "WPNAV_SPEED_UP=80")
+        == 0
+    )
     assert "WPNAV_SPEED 200 -> 100" in capsys.readouterr().out
-    assert served.parameters["WPNAV_SPEED"][0] == 100 and served.parameters["WPNAV_SPEED_UP"][0] == 80
+    assert (
+        served.parameters["WPNAV_SPEED"][0] == 100 and served.parameters["WPNAV_SPEED_UP"][0] == 80
+    )
     assert parameters("compare", served.url) == 0 and parameters("write", served.url) == 0
-    assert "0 that should be" in capsys.readouterr().out and served.parameters["WPNAV_SPEED"][0] == 100
+    assert (
+        "0 that should be" in capsys.readouterr().out and served.parameters["WPNAV_SPEED"][0] == 100
+    )
     for wrong in ("WPNAV_SPEED", "WPNAV_SPEED=fast", "=1", "A=nan"):
         with pytest.raises(SystemExit):
             parameters("write", served.url, "--set", wrong)
@@ -157,9 +194,13 @@ def test_parameters_are_not_written_while_it_is_armed(served, capsys):
 
 
 def test_another_firmware_is_named_and_refused(request, capsys, monkeypatch):
-    monkeypatch.setattr(M, "MAV_AUTOPILOT_ARDUPILOTMEGA", M.MAV_AUTOPILOT_PX4, raising=True)  # what the peer says it is
-    monkeypatch.setattr(firmware, "_M", type("Other", (), {**vars(M), "MAV_AUTOPILOT_ARDUPILOTMEGA": 3}))
-    assert parameters("compare", request.getfixturevalue("served").url) == 2  # its first heartbeat says so already
+    # what the peer says it is
+    monkeypatch.setattr(M, "MAV_AUTOPILOT_ARDUPILOTMEGA", M.MAV_AUTOPILOT_PX4, raising=True)
+    monkeypatch.setattr(
+        firmware, "_M", type("Other", (), {**vars(M), "MAV_AUTOPILOT_ARDUPILOTMEGA": 3})
+    )
+    # its first heartbeat says so already
+    assert parameters("compare", request.getfixturevalue("served").url) == 2
     assert "PX4 speaks; only ArduCopter is flown" in capsys.readouterr().err
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No core is made or called outside of its port: what nodes and rehearsal have in common is the port, not a copy."""
+"""No core is made or called outside of its port: what nodes and rehearsal have in common is the
+port, not a copy."""
 
 import ast
 
@@ -32,16 +33,26 @@ _CALLED = ("machine", "guardian", "check")  # attributes that hold a core: read,
 
 def adapters(root):
     """The files that adapt ports: all nodes, and the rehearsal."""
-    found = [p for p in root.glob("src/*/src/*/**/*.py") if "ros" in p.parts or "rehearsal" in p.parts]
+    found = [
+        p for p in root.glob("src/*/src/*/**/*.py") if "ros" in p.parts or "rehearsal" in p.parts
+    ]
     assert len(found) > 50
     return found
 
 
 def called_on_a_core(tree):
     """Names of methods called on an attribute that holds a core: x.machine.abort(...)."""
-    calls = [n.func for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute)]
+    calls = [
+        n.func
+        for n in ast.walk(tree)
+        if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute)
+    ]
     on = [(c.value, c.attr) for c in calls if isinstance(c.value, ast.Attribute)]
-    return [f"{v.attr}.{name}" for v, name in on if v.attr in _CALLED or (v.attr == "core" and _is_port(v.value))]
+    return [
+        f"{v.attr}.{name}"
+        for v, name in on
+        if v.attr in _CALLED or (v.attr == "core" and _is_port(v.value))
+    ]
 
 
 def _is_port(value):

@@ -17,11 +17,19 @@ def priority(root):
 
 
 def shown(*command, **options):
-    options.setdefault("start_new_session", True)  # as roslaunch does: a session is a group of its own
-    return subprocess.run([*command, sys.executable, "-c", SHOW, "a b", "c"], capture_output=True, text=True, **options)
+    # as roslaunch does: a session is a group of its own
+    options.setdefault("start_new_session", True)
+    return subprocess.run(
+        [*command, sys.executable, "-c", SHOW, "a b", "c"],
+        capture_output=True,
+        text=True,
+        **options,
+    )
 
 
-@pytest.mark.skipif(not os.path.exists("/proc/self/autogroup"), reason="no autogroups in this kernel")
+@pytest.mark.skipif(
+    not os.path.exists("/proc/self/autogroup"), reason="no autogroups in this kernel"
+)
 def test_process_and_session_get_the_share(priority):
     done = shown(priority, "7")
     assert done.stdout == "7 7 ['a b', 'c']\n" and done.returncode == 3 and not done.stderr
@@ -36,7 +44,12 @@ def test_root_may_be_served_first(priority):
 def test_who_may_not_be_served_first_runs_all_the_same(priority):
     shell = ["/bin/sh", "-c", 'exec /bin/sh "$0" -10 /bin/echo runs']
     done = subprocess.run(
-        [*shell, priority], preexec_fn=lambda: os.setuid(NOBODY), capture_output=True, text=True,
-        start_new_session=True, stdin=subprocess.DEVNULL, cwd="/",
-    )  # fmt: skip
+        [*shell, priority],
+        preexec_fn=lambda: os.setuid(NOBODY),
+        capture_output=True,
+        text=True,
+        start_new_session=True,
+        stdin=subprocess.DEVNULL,
+        cwd="/",
+    )
     assert done.stdout == "runs\n" and done.returncode == 0 and not done.stderr

@@ -43,7 +43,8 @@ def test_the_profile_says_what_the_filter_flies_on_and_what_the_failsafes_do():
     ],
 )
 def test_a_failsafe_that_flies_home_or_is_off_must_be_otherwise(name, lands, homing, else_wrong):
-    """Values as ArduCopter 4.6.2 has them; who flies home (RTL) climbs and flies through the others."""
+    """Values as ArduCopter 4.6.2 has them; who flies home (RTL) climbs and flies through the
+    others."""
     rule = PROFILE.rule(name)
     assert rule.must and not any(rule.complaint(value) for value in lands)
     assert all(rule.complaint(value) for value in (*homing, *else_wrong))
@@ -54,16 +55,23 @@ def test_a_failsafe_that_flies_home_or_is_off_must_be_otherwise(name, lands, hom
 def test_autopilots_fly_as_fast_as_ways_of_missions_are_timed():
     wanted = FlightBounds().autopilot_parameters
     assert {name: PROFILE.values[name] for name in wanted} == wanted
-    assert "WPNAV_SPEED is 500" in PROFILE.rule("WPNAV_SPEED").complaint(500.0)  # ArduCopter's default
+    # ArduCopter's default
+    assert "WPNAV_SPEED is 500" in PROFILE.rule("WPNAV_SPEED").complaint(500.0)
 
 
 @pytest.mark.parametrize("port", [0, 1, 2])
 def test_the_stream_rates_are_those_of_the_port_that_the_companion_is_at(port):
     """A telemetry radio at another port needs its own rates."""
     names = {rule.name for rule in PROFILE.at_port(port)}
-    assert {name[:4] for name in names if name.startswith("SR") and name[3] == "_"} == {f"SR{port}_"}
-    assert f"SR{port}_EXTRA1 is 10" in PROFILE.at_port(port).rule(f"SR{port}_EXTRA1").complaint(10.0)
-    assert len(names) == len(PROFILE.rules) and PROFILE.at_port(port).rule("VISO_TYPE") == PROFILE.rule("VISO_TYPE")
+    assert {name[:4] for name in names if name.startswith("SR") and name[3] == "_"} == {
+        f"SR{port}_"
+    }
+    assert f"SR{port}_EXTRA1 is 10" in PROFILE.at_port(port).rule(f"SR{port}_EXTRA1").complaint(
+        10.0
+    )
+    assert len(names) == len(PROFILE.rules) and PROFILE.at_port(port).rule(
+        "VISO_TYPE"
+    ) == PROFILE.rule("VISO_TYPE")
 
 
 def test_a_ground_station_loads_the_profile_as_it_is():
@@ -71,7 +79,11 @@ def test_a_ground_station_loads_the_profile_as_it_is():
 
 
 def test_the_simulated_autopilot_has_the_profiles_parameters_and_they_fit():
-    assert [rule.complaint(DEFAULTS[rule.name][0]) for rule in PROFILE if rule.complaint(DEFAULTS[rule.name][0])] == []
+    assert [
+        rule.complaint(DEFAULTS[rule.name][0])
+        for rule in PROFILE
+        if rule.complaint(DEFAULTS[rule.name][0])
+    ] == []
 
 
 @pytest.mark.parametrize(
@@ -105,20 +117,30 @@ def test_a_profile_that_cannot_be_read_is_named(tmp_path):
 
 
 def test_choices():
-    assert not Choice.parsed("2 or 3").fits(float("nan")) and not Choice.parsed("..").fits(float("inf"))
+    assert not Choice.parsed("2 or 3").fits(float("nan")) and not Choice.parsed("..").fits(
+        float("inf")
+    )
     assert str(Choice.parsed("0.1..1")) == "0.1..1" and str(Choice.parsed("1..")) == "1.."
     assert Choice.parsed("0.8").fits(0.800000011920929)  # as a float32 brings it
 
 
-# ---- ground stations' files ------------------------------------------------------------------------------------
+# ---- ground stations' files ----------------------------------------------------------------------
 
-PARAMETERS = {"VISO_TYPE": (2.0, 2), "VISO_YAW_M_NSE": (0.20000000298023224, 9), "STAT_RUNTIME": (123456789.0, 6)}
+PARAMETERS = {
+    "VISO_TYPE": (2.0, 2),
+    "VISO_YAW_M_NSE": (0.20000000298023224, 9),
+    "STAT_RUNTIME": (123456789.0, 6),
+}
 
 
 def test_what_is_saved_is_read_again_in_both_forms(tmp_path):
     expected = {name: pytest.approx(value, rel=1e-7) for name, (value, _) in PARAMETERS.items()}
-    for text in (parameter_files.mission_planner(PARAMETERS), parameter_files.qgroundcontrol(PARAMETERS, 1)):
-        (tmp_path / "saved.param").write_text("\ufeff" + text.replace("\n", "\r\n"))  # as Windows saves it
+    for text in (
+        parameter_files.mission_planner(PARAMETERS),
+        parameter_files.qgroundcontrol(PARAMETERS, 1),
+    ):
+        # as Windows saves it
+        (tmp_path / "saved.param").write_text("\ufeff" + text.replace("\n", "\r\n"))
         assert parameter_files.read(tmp_path / "saved.param") == expected
 
 
@@ -130,7 +152,8 @@ def test_a_table_of_several_vehicles_is_refused_and_other_components_are_passed_
 
 
 @pytest.mark.parametrize(
-    "line", ["VISO_TYPE", "VISO_TYPE,2,3", "VISO_TYPE,nan", "viso,2", "x\t1\tVISO_TYPE\t2\t2", "<html>"]
+    "line",
+    ["VISO_TYPE", "VISO_TYPE,2,3", "VISO_TYPE,nan", "viso,2", "x\t1\tVISO_TYPE\t2\t2", "<html>"],
 )
 def test_a_line_that_is_none_is_named(line):
     with pytest.raises(ProfileError, match="f, line 2"):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder as a node on a real master: what is in the bag, and that it can be read whatever ended it."""
+"""The recorder as a node on a real master: what is in the bag, and that it can be read whatever
+ended it."""
 
 import os
 import signal
@@ -38,7 +39,9 @@ def vehicle(ros_master):
     class Vehicle:
         def __init__(self, name):
             self.name = name
-            topic = lambda t, kind, **more: rospy.Publisher(f"/{name}/{t}", kind, queue_size=100, **more)  # noqa: E731
+            topic = lambda t, kind, **more: rospy.Publisher(  # noqa: E731
+                f"/{name}/{t}", kind, queue_size=100, **more
+            )
             self.picture = topic("camera/color/image_raw", Image)
             self.info = topic("camera/color/camera_info", CameraInfo)
             self.odometry = topic("odometry/body", Odometry)
@@ -47,15 +50,32 @@ def vehicle(ros_master):
             self.on = topic("recorder/pictures", Bool, latch=True)
             self.tf_static = rospy.Publisher("/tf_static", TFMessage, queue_size=5, latch=True)
             self.status = None
-            self.publishers = [self.picture, self.info, self.odometry, self.state, self.other, self.on, self.tf_static]
-            self.watch = rospy.Subscriber(f"/{name}/recorder/status", RecorderStatus, self._on_status)
-            self.Bool, self.Image, self.Odometry, self.CameraInfo = Bool, Image, Odometry, CameraInfo
+            self.publishers = [
+                self.picture,
+                self.info,
+                self.odometry,
+                self.state,
+                self.other,
+                self.on,
+                self.tf_static,
+            ]
+            self.watch = rospy.Subscriber(
+                f"/{name}/recorder/status", RecorderStatus, self._on_status
+            )
+            self.Bool, self.Image, self.Odometry, self.CameraInfo = (
+                Bool,
+                Image,
+                Odometry,
+                CameraInfo,
+            )
 
         def _on_status(self, message):
             self.status = message
 
         def wait_for_recorder(self):
-            until(lambda: self.odometry.get_num_connections() and self.picture.get_num_connections())
+            until(
+                lambda: self.odometry.get_num_connections() and self.picture.get_num_connections()
+            )
 
         def say(self, number):
             """One picture, its camera_info and ten odometry messages, all numbered."""
@@ -94,7 +114,10 @@ def topics_of(path):
 
 def record_vehicle(start_node, folder, name, **params):
     return start_node(
-        "fcsv_control", "recorder", ns=name, params={"role": "vehicle", "name": name, "folder": str(folder), **params}
+        "fcsv_control",
+        "recorder",
+        ns=name,
+        params={"role": "vehicle", "name": name, "folder": str(folder), **params},
     )
 
 
@@ -120,7 +143,11 @@ def test_pictures_only_when_told_and_the_rest_always(vehicle, start_node, tmp_pa
     until(lambda: not v.status.pictures_on)
     v.say(12)
     time.sleep(LATENCY_S)
-    assert v.status.path == str(tmp_path / "rec1.bag") and not v.status.problem and v.status.dropped == 0
+    assert (
+        v.status.path == str(tmp_path / "rec1.bag")
+        and not v.status.problem
+        and v.status.dropped == 0
+    )
     assert v.status.bytes > 7 * 480 * 1920
     assert (tmp_path / "rec1.bag.active").exists(), "not named a bag before it is whole"
     process.stop()
@@ -194,15 +221,26 @@ def test_killed_in_the_middle_at_most_a_second_is_lost_and_the_next_one_goes_on_
 
     v.on.publish(True)  # latched, as the agent's
     again = record_vehicle(start_node, tmp_path, "rec5", pictures_on=False)
-    until(lambda: v.status is not None and v.status.path == str(tmp_path / "rec5.1.bag") and v.status.pictures_on)
+    until(
+        lambda: (
+            v.status is not None
+            and v.status.path == str(tmp_path / "rec5.1.bag")
+            and v.status.pictures_on
+        )
+    )
     until(lambda: v.say(40) or v.status.pictures)  # until the picture's topic is connected too
     again.stop()
 
     path, salvaged = repaired(tmp_path / "rec5.bag.active")
     with rosbag.Bag(str(path)) as bag:
         numbers = [m.pose.pose.position.x for _, m, _ in bag.read_messages("/rec5/odometry/body")]
-        pictures = [m.header.stamp.to_sec() - 100.0 for _, m, _ in bag.read_messages("/rec5/camera/color/image_raw")]
-    assert salvaged.topics["/rec5/odometry/body"] == len(numbers) and numbers == list(range(len(numbers)))
+        pictures = [
+            m.header.stamp.to_sec() - 100.0
+            for _, m, _ in bag.read_messages("/rec5/camera/color/image_raw")
+        ]
+    assert salvaged.topics["/rec5/odometry/body"] == len(numbers) and numbers == list(
+        range(len(numbers))
+    )
     assert pictures == list(range(len(pictures)))
     first_lost = min(int(numbers[-1] // 10) + 1, int(pictures[-1]) + 1)
     assert first_lost == 40 or killed_s - sent_s[first_lost] <= 1.0
@@ -238,9 +276,13 @@ def test_the_control_pc_describes_the_session(start_node, ros_master, root, tmp_
     capture = rospy.Publisher("/mission/capture", Capture, queue_size=1, latch=True)
     state.publish(detail="before the recorder came")
     params = {
-        "role": "control", "name": "control", "folder": str(tmp_path), "vehicles": ["uav1", "uav2"], "seed": 7,
+        "role": "control",
+        "name": "control",
+        "folder": str(tmp_path),
+        "vehicles": ["uav1", "uav2"],
+        "seed": 7,
         "mission": str(root / "config/missions/short.yaml"),
-    }  # fmt: skip
+    }
     process = start_node("fcsv_control", "recorder", name="control_recorder", params=params)
     until(lambda: all(p.get_num_connections() for p in (capture, state, other)))
     capture.publish(index=3)
@@ -250,12 +292,18 @@ def test_the_control_pc_describes_the_session(start_node, ros_master, root, tmp_
         publisher.unregister()
     counts = topics_of(tmp_path / "control.bag")
     assert counts["/mission/capture"] == 1 and counts["/mission/state"] >= 1
-    assert counts["/uav2/recorder/status"] == 1, "a topic to which the recorder itself listens is recorded, too"
+    assert counts["/uav2/recorder/status"] == 1, (
+        "a topic to which the recorder itself listens is recorded, too"
+    )
     for name in ("uav1.bag", "uav2.bag", "uav2.1.bag"):
         (tmp_path / name).write_bytes(b"")
     session = load_session(tmp_path)
     assert session.parts == {"uav2": ["uav2.1.bag"]}
-    assert session.simulation.seed == 7 and session.vehicles == ["uav1", "uav2"] and session.reference == "uav1"
+    assert (
+        session.simulation.seed == 7
+        and session.vehicles == ["uav1", "uav2"]
+        and session.reference == "uav1"
+    )
     assert session.mission == load_mission(root / "config/missions/short.yaml")
 
 
@@ -263,18 +311,25 @@ def test_the_control_pc_describes_the_session(start_node, ros_master, root, tmp_
 @pytest.mark.parametrize(
     "params, words",
     [
-        ({"role": "pilot", "name": "x", "folder": "/tmp"}, "role: 'pilot' is not one of vehicle, control"),
+        (
+            {"role": "pilot", "name": "x", "folder": "/tmp"},
+            "role: 'pilot' is not one of vehicle, control",
+        ),
         ({"role": "vehicle", "name": "x", "folder": "/proc/no"}, "/proc/no: cannot be made"),
         ({"role": "vehicle", "name": "x", "folder": "/tmp", "speed": 3}, "unknown key 'speed'"),
     ],
 )
 def test_what_cannot_record_says_so_in_one_line(start_node, params, words):
-    process = start_node("fcsv_control", "recorder", name=f"bad_{abs(hash(words)) % 1000}", params=params)
+    process = start_node(
+        "fcsv_control", "recorder", name=f"bad_{abs(hash(words)) % 1000}", params=params
+    )
     until(lambda: process.returncode is not None, 20.0)
-    assert process.returncode == 2 and words in process.tail(3) and "Traceback" not in process.tail(30)
+    assert (
+        process.returncode == 2 and words in process.tail(3) and "Traceback" not in process.tail(30)
+    )
 
 
-# ---- without a master -----------------------------------------------------------------------------------------------
+# ---- without a master ----------------------------------------------------------------------------
 
 
 def test_a_session_that_is_not_whole_is_one_line(root, tmp_path):
@@ -285,7 +340,10 @@ def test_a_session_that_is_not_whole_is_one_line(root, tmp_path):
     with pytest.raises(SessionError, match=r"uav2\.bag: missing; copy the bag of uav2"):
         load_session(tmp_path)
     (tmp_path / "uav2.bag.active").write_bytes(b"")
-    with pytest.raises(SessionError, match=r"uav2\.bag\.active: was not closed; run: rosrun fcsv_control repair_bag"):
+    with pytest.raises(
+        SessionError,
+        match=r"uav2\.bag\.active: was not closed; run: rosrun fcsv_control repair_bag",
+    ):
         load_session(tmp_path)
 
 
@@ -324,38 +382,84 @@ def test_the_session_file_is_as_documented(root, tmp_path):
 def test_what_a_machine_records():
     vehicle = recording.plan(recording.RecorderParameters("vehicle", "uav2", "x", topics=["/more"]))
     assert vehicle.pictures == ["/uav2/camera/color/image_raw", "/uav2/camera/color/camera_info"]
-    for topic in ("/uav2/odometry/body", "/uav2/tags/detections", "/uav2/mavros/state", "/tf_static", "/more"):
+    for topic in (
+        "/uav2/odometry/body",
+        "/uav2/tags/detections",
+        "/uav2/mavros/state",
+        "/tf_static",
+        "/more",
+    ):
         assert topic in vehicle.always
-    for name in ("guardian/state", "guardian/said", "agent/alive", "command", "command_ack"):  # what was done, and why
+    # what was done, and why
+    for name in ("guardian/state", "guardian/said", "agent/alive", "command", "command_ack"):
         assert f"/uav2/{name}" in vehicle.always
-    for name in ("mavros/setpoint_position/local", "mavros/vision_pose/pose", "flight_link/refusal", "recorder/status",
-                 "tello/odom", "tello/imu"):  # fmt: skip
+    for name in (
+        "mavros/setpoint_position/local",
+        "mavros/vision_pose/pose",
+        "flight_link/refusal",
+        "recorder/status",
+        "tello/odom",
+        "tello/imu",
+    ):
         assert f"/uav2/{name}" in vehicle.always
     assert "/diagnostics" in vehicle.always
-    assert {"/calibration", "/home", "/mission/capture"} <= set(vehicle.always)  # control.bag may be lost
-    assert "/uav2/flight_link/health" in vehicle.always and "/uav2/flight_link/estimate_moved" in vehicle.always
-    control = recording.plan(recording.RecorderParameters("control", "control", "x", ["uav1"], "m.yaml"))
-    for topic in ("/calibration", "/home", "/mission/state", "/mission/capture", "/uav1/odometry/state",
-                  "/uav1/mavros/state", "/uav1/camera_pose", "/tf", "/tf_static", "/uav1/guardian/state",
-                  "/uav1/guardian/said", "/uav1/agent/alive", "/uav1/command", "/uav1/command_ack",
-                  "/stop_all/report", "/diagnostics", "/uav1/diagnostics/worst", "/mocap/uav1/pose"):  # fmt: skip
+    # control.bag may be lost
+    assert {"/calibration", "/home", "/mission/capture"} <= set(vehicle.always)
+    assert (
+        "/uav2/flight_link/health" in vehicle.always
+        and "/uav2/flight_link/estimate_moved" in vehicle.always
+    )
+    control = recording.plan(
+        recording.RecorderParameters("control", "control", "x", ["uav1"], "m.yaml")
+    )
+    for topic in (
+        "/calibration",
+        "/home",
+        "/mission/state",
+        "/mission/capture",
+        "/uav1/odometry/state",
+        "/uav1/mavros/state",
+        "/uav1/camera_pose",
+        "/tf",
+        "/tf_static",
+        "/uav1/guardian/state",
+        "/uav1/guardian/said",
+        "/uav1/agent/alive",
+        "/uav1/command",
+        "/uav1/command_ack",
+        "/stop_all/report",
+        "/diagnostics",
+        "/uav1/diagnostics/worst",
+        "/mocap/uav1/pose",
+    ):
         assert topic in control.always
     assert not control.pictures
 
 
 def test_a_part_of_this_flight_or_of_an_earlier_one(tmp_path):
     assert recording.begin(tmp_path, "uav1.bag", 1000.0) == (0, [])
-    for name, written_s in (("uav1.bag", 900.0), ("uav1.1.bag.active", 990.0), ("uav1.20260102T030405Z.bag", 990.0)):
+    for name, written_s in (
+        ("uav1.bag", 900.0),
+        ("uav1.1.bag.active", 990.0),
+        ("uav1.20260102T030405Z.bag", 990.0),
+    ):
         (tmp_path / name).write_text("x")
         os.utime(tmp_path / name, (written_s, written_s))
-    assert recording.begin(tmp_path, "uav1.bag", 1000.0) == (2, []), "its recorder died ten seconds ago"
+    assert recording.begin(tmp_path, "uav1.bag", 1000.0) == (2, []), (
+        "its recorder died ten seconds ago"
+    )
     number, kept = recording.begin(tmp_path, "uav1.bag", 5000.0)
-    assert number == 0 and [p.name for p in kept] == ["uav1.19700101T001500Z.bag", "uav1.19700101T001630Z.1.bag.active"]
+    assert number == 0 and [p.name for p in kept] == [
+        "uav1.19700101T001500Z.bag",
+        "uav1.19700101T001630Z.1.bag.active",
+    ]
     assert not parts_in(tmp_path, "uav1.bag") and len(list(tmp_path.iterdir())) == 3
 
 
 def test_further_parts_are_listed_once_and_in_order(root, tmp_path):
-    session = new_session(load_mission(root / "config/missions/short.yaml"), ["uav1", "uav2"], "2026-01-02T03:04:05Z")
+    session = new_session(
+        load_mission(root / "config/missions/short.yaml"), ["uav1", "uav2"], "2026-01-02T03:04:05Z"
+    )
     for bag in ("uav1.10.bag", "uav1.2.bag", "uav1.bag", "uav1.2.bag", "uav2.1.bag"):
         session = with_part(session, "uav1", bag)
     assert session.parts == {"uav1": ["uav1.2.bag", "uav1.10.bag"]}

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When pictures that disagree with the tracker are a doubt, and that simulated calm flights raise none."""
+"""When pictures that disagree with the tracker are a doubt, and that simulated calm flights raise
+none."""
 
 import os
 
@@ -20,7 +21,10 @@ LOOK_S = 0.33
 
 def doubts(offs_rad, span_s=1.0, turn_rad=0.0, points=40, every_s=LOOK_S):
     check = SceneCheck()
-    return [bool(check.look(k * every_s, span_s, off, turn_rad, points)) for k, off in enumerate(offs_rad)]
+    return [
+        bool(check.look(k * every_s, span_s, off, turn_rad, points))
+        for k, off in enumerate(offs_rad)
+    ]
 
 
 def test_three_looks_in_a_row_are_a_doubt():
@@ -28,9 +32,9 @@ def test_three_looks_in_a_row_are_a_doubt():
     assert not any(doubts([0.03, 0.03, 0.01, 0.03, 0.03]))
 
 
-@pytest.mark.parametrize("what", [
-    {"span_s": 0.5}, {"points": 14}, {"turn_rad": 0.2}, {"every_s": 2.5}, {"points": 0},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "what", [{"span_s": 0.5}, {"points": 14}, {"turn_rad": 0.2}, {"every_s": 2.5}, {"points": 0}]
+)
 def test_what_says_too_little_is_none(what):
     assert not any(doubts([0.03] * 6, **what))
 
@@ -67,7 +71,9 @@ def test_it_is_only_said_where_nobody_asked_for_more():
 
 def one_way_doubts(ratios, span_s=1.0, above_m=6.0, every_s=LOOK_S):
     check = SceneCheck()
-    return [bool(check.one_way(k * every_s, span_s, ratio, above_m)) for k, ratio in enumerate(ratios)]
+    return [
+        bool(check.one_way(k * every_s, span_s, ratio, above_m)) for k, ratio in enumerate(ratios)
+    ]
 
 
 def test_points_that_went_one_way_are_a_doubt_after_two_looks():
@@ -81,7 +87,9 @@ def test_but_not_near_the_ground_nor_soon_nor_rarely(what):
 
 
 def test_a_ratio_or_a_height_that_is_no_number_is_no_doubt():
-    assert not any(one_way_doubts([float("nan")] * 6)) and not any(one_way_doubts([5.0] * 6, above_m=float("nan")))
+    assert not any(one_way_doubts([float("nan")] * 6)) and not any(
+        one_way_doubts([5.0] * 6, above_m=float("nan"))
+    )
 
 
 def test_points_that_went_one_way_land_a_flying_vehicle():
@@ -98,7 +106,8 @@ def test_points_that_went_one_way_land_a_flying_vehicle():
 
 
 def flown(seed, drift_mps, seconds):
-    """When doubt came (s), or None: a vehicle that goes and turns between places where it hovers, with a tracker."""
+    """When doubt came (s), or None: a vehicle that goes and turns between places where it hovers,
+    with a tracker."""
     scene, check = SimulatedScene(T_BODY_CAM, seed), SceneCheck()
     tracker, random = T265(T265_PROFILE, np.eye(4), seed), np.random.default_rng(seed)
     ends = np.cumsum(random.uniform(-4.0, 4.0, (20, 3)) * [1.0, 1.0, 0.3], axis=0) + [0.0, 0.0, 6.0]
@@ -112,7 +121,12 @@ def flown(seed, drift_mps, seconds):
         yaw_rad = turns[leg] + share * (turns[leg + 1] - turns[leg])
         T_odom = tracker.odometry(at_s, transforms.from_xyz_yaw(p_m, yaw_rad))[0]
         turning = (turns[leg + 1] - turns[leg]) / 4.0 if share < 1.0 else 0.0
-        seen = scene.see(at_s, transforms.from_xyz_yaw(p_m + off_m, yaw_rad), T_odom, np.array([0.0, 0.0, turning]))
+        seen = scene.see(
+            at_s,
+            transforms.from_xyz_yaw(p_m + off_m, yaw_rad),
+            T_odom,
+            np.array([0.0, 0.0, turning]),
+        )
         if seen is not None:
             off = check.look(at_s, seen.span_s, seen.off_rad, seen.turn_rad, seen.points)
             if off or check.one_way(at_s, seen.span_s, seen.one_way, p_m[2]):
@@ -127,8 +141,8 @@ def test_calm_flights_raise_no_doubt():
 
 
 def test_quick_drifts_are_seen():
-    """Of level drifts of 2 m/s, over a scene as far away as drawn ones; 0.4 m/s is not seen there, nor anything where
-    there is no texture."""
+    """Of level drifts of 2 m/s, over a scene as far away as drawn ones; 0.4 m/s is not seen there,
+    nor anything where there is no texture."""
     seen = [flown(seed, 2.0, 40.0) for seed in range(30)]
     after_s = sorted(s for s in seen if s is not None)
     assert len(after_s) >= 15 and after_s[len(after_s) // 2] < 9.0

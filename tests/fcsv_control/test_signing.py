@@ -54,7 +54,9 @@ def test_a_key_that_others_may_read_or_change_is_refused(tmp_path, mode):
         read_key(key_file(tmp_path, mode=mode))
 
 
-@pytest.mark.parametrize("text", ["", "secret", KEY.hex()[:-2], KEY.hex() + "00", "g" * 64, f"{2**83:021x} " * 3, "ö"])
+@pytest.mark.parametrize(
+    "text", ["", "secret", KEY.hex()[:-2], KEY.hex() + "00", "g" * 64, f"{2**83:021x} " * 3, "ö"]
+)
 def test_what_is_no_key_is_refused(tmp_path, text):
     with pytest.raises(LinkError, match="is no signing key of 64 hexadecimal digits"):
         read_key(key_file(tmp_path, text))
@@ -75,7 +77,9 @@ class Wire:
         self._sent = bytes(data)
 
     def beat(self, mode=4):
-        message = M.MAVLink_heartbeat_message(M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, mode, 3, 3)
+        message = M.MAVLink_heartbeat_message(
+            M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, mode, 3, 3
+        )
         self.sender.send(message)
         return self._sent
 
@@ -102,7 +106,11 @@ def test_only_what_is_signed_with_the_key_is_heard(parser):
 def test_a_message_that_is_repeated_is_not_heard_again(parser):
     wire = Wire()
     first, second = wire.beat(4), wire.beat(9)
-    assert modes(parser, first + second) == [4, 9] and modes(parser, first) == [] and modes(parser, second) == []
+    assert (
+        modes(parser, first + second) == [4, 9]
+        and modes(parser, first) == []
+        and modes(parser, second) == []
+    )
     assert modes(parser, wire.beat(5)) == [5]
 
 
@@ -118,11 +126,14 @@ def test_a_forged_message_of_the_future_shuts_nobody_out(parser):
     theirs.robust_parsing, theirs.signing.secret_key = True, KEY
     for each, heard in ((parser, [4]), (theirs, [])):
         assert [m for m in each.parse_buffer(forged.beat(9)) if m.get_type() == "HEARTBEAT"] == []
-        assert [m.custom_mode for m in each.parse_buffer(wire.beat(4)) if m.get_type() == "HEARTBEAT"] == heard
+        assert [
+            m.custom_mode for m in each.parse_buffer(wire.beat(4)) if m.get_type() == "HEARTBEAT"
+        ] == heard
 
 
 def test_a_sender_keeps_to_the_clock_and_is_newer_than_what_was_heard(parser):
-    """An autopilot takes the newest time that it hears for its own: one that is ahead is answered after its time."""
+    """An autopilot takes the newest time that it hears for its own: one that is ahead is answered
+    after its time."""
     wire = Wire()
     wire.beat()
     wire.clock_s += 3600.0
@@ -138,7 +149,9 @@ def test_a_sender_keeps_to_the_clock_and_is_newer_than_what_was_heard(parser):
 def flown(link_key, autopilot_key):
     """A flight link and a simulated autopilot on one UDP port, and a step of the autopilot."""
     port = free_port(socket.SOCK_DGRAM)
-    link = LinkByHand(Transport(f"udpin:127.0.0.1:{port}", link_key), LinkParameters(target_system=1))
+    link = LinkByHand(
+        Transport(f"udpin:127.0.0.1:{port}", link_key), LinkParameters(target_system=1)
+    )
     pilot = Autopilot(hover_thrust=0.5, seed=1)
     line = UdpLine(MavlinkServer(pilot, 1), f"127.0.0.1:{port}", 1, autopilot_key)
 
@@ -158,11 +171,14 @@ def flown(link_key, autopilot_key):
 
 def test_link_and_autopilot_with_one_key_hear_each_other_and_no_stranger():
     with flown(KEY, KEY) as (link, pilot, until, port):
-        assert until(lambda: link.connected and link.firmware == "ArduCopter 4.3.8", 10.0)  # it answered a request
+        # it answered a request
+        assert until(lambda: link.connected and link.firmware == "ArduCopter 4.3.8", 10.0)
         before = link.state.mode
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             for key in (None, OTHER):
-                stranger.sendto(Wire(key, clock_s=time.time() + 1e6).beat(mode=9), ("127.0.0.1", port))
+                stranger.sendto(
+                    Wire(key, clock_s=time.time() + 1e6).beat(mode=9), ("127.0.0.1", port)
+                )
             until(lambda: False, 0.5)
         assert link.state.mode == before and link.strangers == () and link.connected
 
@@ -184,12 +200,14 @@ def test_the_flight_check_names_a_line_that_is_not_signed():
         return next(each for each in lines if each.name == "signing")
 
     found = line(url="udpin:0.0.0.0:14550")
-    assert found.state is State.AMBER and "not signed" in found.what and "signing_key" in found.remedy
+    assert (
+        found.state is State.AMBER and "not signed" in found.what and "signing_key" in found.remedy
+    )
     assert line(url="udpin:0.0.0.0:14550", signed=True).state is State.GREEN
     assert line(url="/dev/ttyACM0:921600").state is State.GREEN
 
 
-# ---- the command that gives an autopilot its key ------------------------------------------------------------------
+# ---- the command that gives an autopilot its key -------------------------------------------------
 
 
 @pytest.fixture
@@ -213,15 +231,23 @@ def signing(*words):
     return command.main([str(word) for word in words])
 
 
-def test_an_autopilot_gets_its_key_signs_goes_on_after_a_restart_and_loses_it(served, tmp_path, capsys):
+def test_an_autopilot_gets_its_key_signs_goes_on_after_a_restart_and_loses_it(
+    served, tmp_path, capsys
+):
     one, file = served(), key_file(tmp_path)
-    assert signing("check", one.url, "--key", file) == 1 and "nobody who signs with" in capsys.readouterr().out
+    assert (
+        signing("check", one.url, "--key", file) == 1
+        and "nobody who signs with" in capsys.readouterr().out
+    )
     assert signing("set", one.url, "--key", file) == 0
     assert f"signs with {file}" in capsys.readouterr().out and one.server.signing[0] == KEY
     one.pilot.reboot()
     assert signing("check", one.url, "--key", file) == 0
     assert "it answers nobody who does not sign" in capsys.readouterr().out
-    assert signing("remove", one.url) == 2 and "on another port than USB give --key" in capsys.readouterr().err
+    assert (
+        signing("remove", one.url) == 2
+        and "on another port than USB give --key" in capsys.readouterr().err
+    )
     assert one.server.signing[0] == KEY
     assert signing("remove", one.url, "--key", file) == 0 and one.server.signing is None
 
@@ -232,25 +258,39 @@ def test_a_key_is_changed_by_who_has_the_old_one_or_the_cable(served, tmp_path, 
     new, old = key_file(tmp_path), tmp_path / "old.key"
     old.write_text(before.hex())
     old.chmod(0o600)
-    assert signing("set", one.url, "--key", new) == 2 and "does not sign with" in capsys.readouterr().err
-    assert signing("set", one.url, "--key", new, "--old-key", old) == 0 and one.server.signing[0] == KEY
+    assert (
+        signing("set", one.url, "--key", new) == 2
+        and "does not sign with" in capsys.readouterr().err
+    )
+    assert (
+        signing("set", one.url, "--key", new, "--old-key", old) == 0
+        and one.server.signing[0] == KEY
+    )
     assert signing("set", usb.url, "--key", new) == 0 and usb.server.signing[0] == KEY
     capsys.readouterr()
     assert signing("check", usb.url, "--key", new) == 0
-    assert "it answers also who does not sign; so does ArduCopter on its first port" in capsys.readouterr().out
+    assert (
+        "it answers also who does not sign; so does ArduCopter on its first port"
+        in capsys.readouterr().out
+    )
 
 
 def test_an_armed_autopilot_gets_no_key(served, tmp_path, capsys):
     one = served()
     one.pilot.armed = True
     assert signing("set", one.url, "--key", key_file(tmp_path)) == 2
-    assert "it is armed: keys are set on the ground" in capsys.readouterr().err and one.server.signing is None
+    assert (
+        "it is armed: keys are set on the ground" in capsys.readouterr().err
+        and one.server.signing is None
+    )
     m = M.MAVLink_setup_signing_message(4, 1, list(KEY), 1)  # and would not take one
     one.server.take(time.monotonic(), m)
     assert one.server.signing is None
 
 
-@pytest.mark.parametrize("url", ["udpin:0.0.0.0:14550", "tcp:192.168.1.5:5760", "udpout:localhost.my.net:14550"])
+@pytest.mark.parametrize(
+    "url", ["udpin:0.0.0.0:14550", "tcp:192.168.1.5:5760", "udpout:localhost.my.net:14550"]
+)
 def test_a_key_does_not_leave_the_computer_by_a_line_that_others_hear(tmp_path, capsys, url):
     assert signing("set", url, "--key", key_file(tmp_path)) == 2
     assert "who listens would have the key" in capsys.readouterr().err

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A link that has just been started tells a state without a mode, as MAVROS does where it hears no autopilot: that says
-nothing of the motors."""
+"""A link that has just been started tells a state without a mode, as MAVROS does where it hears no
+autopilot: that says nothing of the motors."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,9 @@ def test_stop_all_goes_on_with_a_vehicle_that_says_nothing_of_its_mode():
 
 
 def test_a_link_that_dies_in_flight_lands_nobody_and_changes_no_height():
-    flight = Flight(Mission("rehearsed", [StereoConfiguration("horizontal", 4.0, record_s=30.0)]), 2, 1)
+    flight = Flight(
+        Mission("rehearsed", [StereoConfiguration("horizontal", 4.0, record_s=30.0)]), 2, 1
+    )
     while flight.phase != "CONFIGURATIONS":
         flight.step()
         assert flight.now_s < 100.0

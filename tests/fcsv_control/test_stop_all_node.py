@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""/stop_all with no mission on the master, agents on board, and a second agent that has nothing to do there."""
+"""/stop_all with no mission on the master, agents on board, and a second agent that has nothing to
+do there."""
 
 import threading
 import time
@@ -26,7 +27,9 @@ class FlightLink:
 
         self.mode, self.asked, self.slow_s = mode, [], 0.0
         self.state = rospy.Publisher(f"/{name}/mavros/state", State, queue_size=5, latch=True)
-        self.pose = rospy.Publisher(f"/{name}/mavros/local_position/pose", PoseStamped, queue_size=5)
+        self.pose = rospy.Publisher(
+            f"/{name}/mavros/local_position/pose", PoseStamped, queue_size=5
+        )
         self.service = rospy.Service(f"/{name}/mavros/set_mode", SetMode, self.on_set_mode)
         self.frame = f"{name}/odom"
         self.over = threading.Event()
@@ -77,7 +80,9 @@ def test_everybody_who_is_not_flown_by_hand_stops_with_the_mission_dead(fleet, s
     heard = [
         rospy.Subscriber("/stop_all/report", StopReport, reports.append),
         rospy.Subscriber("/stop_all", String, lambda m: told.append(m.data)),
-        rospy.Subscriber("/s_one/agent/alive", Heartbeat, lambda m: alive.__setitem__(m.instance, m)),
+        rospy.Subscriber(
+            "/s_one/agent/alive", Heartbeat, lambda m: alive.__setitem__(m.instance, m)
+        ),
         rospy.Subscriber("/s_one/command_ack", CommandAck, acks.append),
     ]
     for name in fleet:
@@ -85,11 +90,17 @@ def test_everybody_who_is_not_flown_by_hand_stops_with_the_mission_dead(fleet, s
     start_node("fcsv_control", "stop_all", params={"vehicles": list(NAMES)})
     until(lambda: reports and alive, what="the nodes")
     first = next(iter(alive.values()))
-    until(lambda: next(iter(alive.values())).sent_s - first.started_s > 1.5, what="an agent that has listened")
+    until(
+        lambda: next(iter(alive.values())).sent_s - first.started_s > 1.5,
+        what="an agent that has listened",
+    )
 
     params = {"vehicle": "s_one", "guardian": False}
     twin = start_node("fcsv_control", "agent", ns="s_one", name="agent_two", params=params)
-    until(lambda: any("this second one does nothing" in m.problem for m in alive.values()), what="the second agent")
+    until(
+        lambda: any("this second one does nothing" in m.problem for m in alive.values()),
+        what="the second agent",
+    )
     assert {bool(m.problem) for m in alive.values()} == {True, False}
 
     stop = rospy.ServiceProxy("/stop_all", Trigger)
@@ -99,14 +110,24 @@ def test_everybody_who_is_not_flown_by_hand_stops_with_the_mission_dead(fleet, s
     until(lambda: fleet["s_one"].mode == "BRAKE", 5.0, "BRAKE")
     until(lambda: reports[-1].done == ["s_one"], 5.0, "the report")
     assert (reports[-1].by_hand, reports[-1].unheard) == (["s_two"], ["s_three"])
-    assert told and fleet["s_two"].asked == [] and fleet["s_one"].asked == ["BRAKE"], "once: the twin did nothing"
-    until(lambda: [a for a in acks if a.sender.startswith("stop_all")], 5.0, "its acknowledgement, once BRAKE shows")
+    assert told and fleet["s_two"].asked == [] and fleet["s_one"].asked == ["BRAKE"], (
+        "once: the twin did nothing"
+    )
+    until(
+        lambda: [a for a in acks if a.sender.startswith("stop_all")],
+        5.0,
+        "its acknowledgement, once BRAKE shows",
+    )
 
     commands = rospy.Publisher("/s_one/command", Command, queue_size=5)
     until(lambda: commands.get_num_connections() >= 2, what="agents")
     now_s = time.monotonic()
     times = {"ordered_s": now_s - 60.0, "sent_s": now_s, "lifetime_s": 99.0}
-    commands.publish(Command(vehicle="s_one", sender="m-1", number=1, kind=Command.SET_MODE, mode="GUIDED", **times))
+    commands.publish(
+        Command(
+            vehicle="s_one", sender="m-1", number=1, kind=Command.SET_MODE, mode="GUIDED", **times
+        )
+    )
     until(lambda: [a for a in acks if a.sender == "m-1"], what="an answer")
     assert "was stopped by stop_all" in [a for a in acks if a.sender == "m-1"][0].reason
 
@@ -114,10 +135,17 @@ def test_everybody_who_is_not_flown_by_hand_stops_with_the_mission_dead(fleet, s
     epochs = rospy.Publisher("/calibration_epochs", Epochs, queue_size=1, latch=True)
     epoch.publish(Epoch(epoch=8, reason="the tracker was silent for 0.7 s"))
     epochs.publish(Epochs(vehicles=["s_two", "s_one"], epochs=[8, 7]))
-    until(lambda: epoch.get_num_connections() >= 2 and epochs.get_num_connections() >= 3, what="agents")
+    until(
+        lambda: epoch.get_num_connections() >= 2 and epochs.get_num_connections() >= 3,
+        what="agents",
+    )
     time.sleep(0.7)
     times = {"ordered_s": time.monotonic(), "sent_s": time.monotonic(), "lifetime_s": 9.0}
-    commands.publish(Command(vehicle="s_one", sender="m-1", number=2, kind=Command.SET_MODE, mode="GUIDED", **times))
+    commands.publish(
+        Command(
+            vehicle="s_one", sender="m-1", number=2, kind=Command.SET_MODE, mode="GUIDED", **times
+        )
+    )
     until(lambda: [a for a in acks if a.number == 2 and a.sender == "m-1"], what="an answer")
     assert "began anew after the calibration" in acks[-1].reason and fleet["s_one"].mode == "BRAKE"
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everybody is stopped: the core of /stop_all by hand, and a mission that goes on only when it is told to."""
+"""Everybody is stopped: the core of /stop_all by hand, and a mission that goes on only when it is
+told to."""
 
 import pytest
 
@@ -43,7 +44,8 @@ def test_nothing_is_sent_before_somebody_calls(desk):
 
 
 def test_who_was_stopped_and_lands_later_is_not_stopped_again(desk):
-    """Rehearsed: a guardian that lands for its tracker's sake and this node took turns, once a second."""
+    """Rehearsed: a guardian that lands for its tracker's sake and this node took turns, once a
+    second."""
     desk.core.begin(desk.now_s, STOP, "by hand")
     desk.modes["uav1"] = "LAND"  # before the call: it is stopped
     assert {name for name, _, _ in desk.run(0.5)} == {"uav1", "uav2"}
@@ -66,7 +68,9 @@ def test_everybody_is_told_at_once_and_again_every_fifth_of_a_second_until_the_m
     desk.modes["uav1"] = "BRAKE"
     assert {name for name, _, _ in desk.run(1.0)} == {"uav2"}
     desk.core.acknowledged(desk.now_s, "uav2", 2, "")  # acknowledged is not enough
-    assert not desk.run(0.9) and desk.run(0.3) == [("uav2", 3, "BRAKE")], "it showed on board for a moment"
+    assert not desk.run(0.9) and desk.run(0.3) == [("uav2", 3, "BRAKE")], (
+        "it showed on board for a moment"
+    )
     report = desk.report()
     assert (report.done, report.under_way) == (["uav1"], ["uav2"])
     assert "stop all (by hand); done: uav1; under way: uav2" in report.in_words()
@@ -79,7 +83,9 @@ def test_who_is_not_heard_is_named_and_told_for_as_long_as_it_takes(desk):
     desk.modes["uav1"] = "BRAKE"
     desk.core.begin(desk.now_s, STOP, "")
     sent = desk.run(600.0)
-    assert {(n, k) for n, k, _ in sent} == {("uav2", 1)} and len(sent) == pytest.approx(3000, rel=0.1)
+    assert {(n, k) for n, k, _ in sent} == {("uav2", 1)} and len(sent) == pytest.approx(
+        3000, rel=0.1
+    )
     assert desk.report().unheard == ["uav2"] and "NOT HEARD: uav2" in desk.report().in_words()
     desk.core.end()
     assert not desk.run(1.0) and desk.report().asked == ""
@@ -100,10 +106,14 @@ def test_a_brake_that_the_agent_knows_to_be_a_pilots_is_left_alone_and_told(desk
     desk.run()
     desk.core.begin(desk.now_s, LAND, "")
     [(_, number, _)] = [s for s in desk.run(1.2) if s[0] == "uav1"][:1]
-    desk.core.acknowledged(desk.now_s, "uav1", number, "uav1 is flown by hand (BRAKE); tell its pilot")
+    desk.core.acknowledged(
+        desk.now_s, "uav1", number, "uav1 is flown by hand (BRAKE); tell its pilot"
+    )
     assert desk.report().by_hand == ["uav1"]
     assert not [s for s in desk.run(0.9) if s[0] == "uav1"]
-    assert {k for n, k, _ in desk.run(0.4) if n == "uav1"} == {number + 2}, "asked anew: he may have given it back"
+    assert {k for n, k, _ in desk.run(0.4) if n == "uav1"} == {number + 2}, (
+        "asked anew: he may have given it back"
+    )
 
 
 def test_a_mission_that_lives_lands_everybody_itself(desk):
@@ -124,12 +134,15 @@ def test_stopping_waits_for_no_mission(desk):
     assert desk.run()
 
 
-# ---- the mission -----------------------------------------------------------------------------------------------
+# ---- the mission ---------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def flying(flight):
-    listed = [StereoConfiguration(axis, b, record_s=2.0) for axis, b in (("horizontal", 4.0), ("vertical", 5.0))]
+    listed = [
+        StereoConfiguration(axis, b, record_s=2.0)
+        for axis, b in (("horizontal", 4.0), ("vertical", 5.0))
+    ]
     f = flight(Mission("test", listed))
     f.up_to_configurations()
     f.wait(2.0)
@@ -182,8 +195,12 @@ def test_an_abort_lands_from_a_stop(flying):
     flying.phase("ABORTED", 120.0)
 
 
-@pytest.mark.parametrize("refuses, apart_m", [({}, 2.0), ({"SET_MODE": "its odometry began anew"}, 0.0)])
-def test_who_was_stopped_above_another_goes_aside_before_it_lands_where_it_can(flying, refuses, apart_m):
+@pytest.mark.parametrize(
+    "refuses, apart_m", [({}, 2.0), ({"SET_MODE": "its odometry began anew"}, 0.0)]
+)
+def test_who_was_stopped_above_another_goes_aside_before_it_lands_where_it_can(
+    flying, refuses, apart_m
+):
     flying.until(lambda: flying.fleet["uav2"].p_home_cam[2] > 4.9, 300.0)
     brake(flying)
     flying.wait(1.0)
@@ -200,7 +217,11 @@ def test_a_landing_that_was_stopped_goes_on_when_the_operator_says_so(flying):
     begun = len(flying.orders)
     brake(flying)
     flying.wait(20.0)
-    assert flying.machine.phase == "LAND" and not moving(flying, begun) and flying.machine.waits_for == "resume"
+    assert (
+        flying.machine.phase == "LAND"
+        and not moving(flying, begun)
+        and flying.machine.waits_for == "resume"
+    )
     assert flying.machine.proceed("resume") == ""
     flying.phase("ABORTED", 120.0)
 
@@ -211,7 +232,7 @@ def test_before_the_mission_flies_a_stop_changes_nothing(flight):
     f.up_to_configurations()
 
 
-# ---- the odometry's epoch, and ages ----------------------------------------------------------------------------
+# ---- the odometry's epoch, and ages --------------------------------------------------------------
 
 
 def test_an_odometry_that_began_anew_holds_everybody_at_once_and_is_named(flying, monkeypatch):
@@ -222,15 +243,20 @@ def test_an_odometry_that_began_anew_holds_everybody_at_once_and_is_named(flying
 
     def outdated():
         s = snapshot()
-        return dataclasses.replace(s, vehicles={
-            **s.vehicles, "uav2": dataclasses.replace(s.vehicles["uav2"], frame_problem=problem)
-        })  # fmt: skip
+        return dataclasses.replace(
+            s,
+            vehicles={
+                **s.vehicles,
+                "uav2": dataclasses.replace(s.vehicles["uav2"], frame_problem=problem),
+            },
+        )
 
     monkeypatch.setattr(flying, "snapshot", outdated)
     flying.wait(0.2)
     assert [(o.vehicle, o.kind) for _, o in flying.orders[begun:] if o.kind != "RECORD"] == [
-        ("uav1", "HOLD"), ("uav2", "HOLD"),
-    ]  # fmt: skip
+        ("uav1", "HOLD"),
+        ("uav2", "HOLD"),
+    ]
     assert flying.machine.problems[:1] == [
         "uav2: its odometry began anew (the tracker was silent for 0.7 s): calibrate and set home again"
     ]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A vehicle sees the one in front where both trackers say that it is, or one of the trackers drifts."""
+"""A vehicle sees the one in front where both trackers say that it is, or one of the trackers
+drifts."""
 
 import numpy as np
 import pytest
@@ -23,10 +24,16 @@ T_HOME_BODY = {"uav1": np.eye(4), "uav2": transforms.from_xyz_yaw([-3.5, 0.1, 0.
 
 
 class Column:
-    """Two vehicles, heard ten times a second; ``drift_m`` (3,; home): by how much each tracker is wrong."""
+    """Two vehicles, heard ten times a second; ``drift_m`` (3,; home): by how much each tracker is
+    wrong."""
 
     def __init__(self):
-        self.now_s, self.speed_mps, self.sees, self.drift_m = 50.0, {"uav1": 0.1, "uav2": 0.1}, True, {}
+        self.now_s, self.speed_mps, self.sees, self.drift_m = (
+            50.0,
+            {"uav1": 0.1, "uav2": 0.1},
+            True,
+            {},
+        )
         self.home, self.tag_in_front = dict(T_HOME_ODOM), TagInFront()
         self.heard = {n: VehicleHeard(np.eye(4), T_body_tag=T_BODY_TAG) for n in T_HOME_ODOM}
 
@@ -44,7 +51,9 @@ class Column:
                 heard.state(self.now_s, "GUIDED", True, True)
             if self.sees:
                 T_uav2_uav1 = transforms.invert(T_HOME_BODY["uav2"]) @ T_HOME_BODY["uav1"]
-                self.heard["uav2"].front_tag(self.now_s, (self._told("uav2") @ T_uav2_uav1 @ T_BODY_TAG)[:3, 3])
+                self.heard["uav2"].front_tag(
+                    self.now_s, (self._told("uav2") @ T_uav2_uav1 @ T_BODY_TAG)[:3, 3]
+                )
             views = {n: h.view(self.now_s, self.home.get(n)) for n, h in self.heard.items()}
             self.views = self.tag_in_front.judge(self.now_s, views, self.home)
         assert not self.views["uav1"].sighted_off, "nobody is in front of the first"
@@ -75,11 +84,15 @@ def test_until_both_are_calibrated_anew():
     assert column.run(1.0) == ""
 
 
-@pytest.mark.parametrize("what", ["a little", "unseen", "flies", "lost", "began anew", "no home", "for a moment"])
+@pytest.mark.parametrize(
+    "what", ["a little", "unseen", "flies", "lost", "began anew", "no home", "for a moment"]
+)
 def test_what_says_nothing(what):
     column = Column()
     column.run(1.0)
-    column.drift_m["uav2"] = np.array([0.3, 0.0, 0.0]) if what == "a little" else np.array([0.0, 2.0, 0.0])
+    column.drift_m["uav2"] = (
+        np.array([0.3, 0.0, 0.0]) if what == "a little" else np.array([0.0, 2.0, 0.0])
+    )
     if what == "unseen":
         column.sees = False
     elif what == "flies":
@@ -104,9 +117,14 @@ def test_a_bound_that_is_none_is_refused():
 def test_a_mission_that_flies_lands_everybody_and_one_that_is_set_up_waits():
     mission = Mission("m", [StereoConfiguration("horizontal", 2.0)])
     view = VehicleView(
-        pose_age_s=0.1, state_age_s=0.1, connected=True, armed=True, battery_share=0.9, recorder_age_s=0.1,
+        pose_age_s=0.1,
+        state_age_s=0.1,
+        connected=True,
+        armed=True,
+        battery_share=0.9,
+        recorder_age_s=0.1,
         sighted_off="it does not see uav1",
-    )  # fmt: skip
+    )
     snapshot = Snapshot(0.0, {"uav2": view})
     for phase in ("GUIDED", "CONFIGURATIONS"):
         with pytest.raises(MissionError, match="uav2: it does not see uav1: landing everybody"):

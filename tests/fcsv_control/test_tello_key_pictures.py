@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A radio that loses packets: how long nothing is shown, with and without requests for key pictures at once."""
+"""A radio that loses packets: how long nothing is shown, with and without requests for key pictures
+at once."""
 
 import doctest
 import socket
@@ -32,20 +33,32 @@ def drawn(k):
 
 
 class Burst:
-    """Packets are lost in runs: a run begins at one of ``apart`` packets, and takes ``long`` on average."""
+    """Packets are lost in runs: a run begins at one of ``apart`` packets, and takes ``long`` on
+    average."""
 
     def __init__(self, apart, long, seed=5):
-        self._random, self._apart, self._long, self._in = np.random.default_rng(seed), apart, long, False
+        self._random, self._apart, self._long, self._in = (
+            np.random.default_rng(seed),
+            apart,
+            long,
+            False,
+        )
 
     def takes(self):
-        self._in = self._random.random() < (1.0 - 1.0 / self._long if self._in else 1.0 / self._apart)
+        self._in = self._random.random() < (
+            1.0 - 1.0 / self._long if self._in else 1.0 / self._apart
+        )
         return self._in
 
 
 def flown(at_once, loss=0.0, burst=None):
-    """(gaps between pictures that were shown (s), key pictures sent, requests): the simulated Tello's encoder, packets
-    and radio, which give key pictures only where one was asked for."""
-    encoder, packets, radio = Encoder(180, 136, RATE_HZ), Packets(), SimulatedWifi(Air(loss=loss), 3, 0.0)
+    """(gaps between pictures that were shown (s), key pictures sent, requests): the simulated
+    Tello's encoder, packets and radio, which give key pictures only where one was asked for."""
+    encoder, packets, radio = (
+        Encoder(180, 136, RATE_HZ),
+        Packets(),
+        SimulatedWifi(Air(loss=loss), 3, 0.0),
+    )
     video, keys = Video(), KeyPictures()
     asked_s, key, sent_keys, requests = -np.inf, False, 0, 0
     waits, shown, k, now_s = [], [0.0], 0, 0.0
@@ -74,11 +87,16 @@ def flown(at_once, loss=0.0, burst=None):
 
 @pytest.mark.parametrize("loss, burst", [(0.05, None), (0.0, (60, 4))])
 def test_after_a_loss_pictures_come_again_sooner_than_by_tellopys_requests(loss, burst):
-    """Each loss costs up to 2 s until tellopy asks, and as long again where the key picture loses a packet, too."""
-    (before, _, _), (now, _, _) = (flown(at_once, loss, burst and Burst(*burst)) for at_once in (False, True))
+    """Each loss costs up to 2 s until tellopy asks, and as long again where the key picture loses a
+    packet, too."""
+    (before, _, _), (now, _, _) = (
+        flown(at_once, loss, burst and Burst(*burst)) for at_once in (False, True)
+    )
     lost_before_s, lost_s = (gaps[gaps > 1.0].sum() for gaps in (before, now))
-    print(f"loss {loss}, bursts {burst}: more than 1 s without a picture: {lost_before_s:.0f} s of {FLOWN_S:.0f} s, "
-          f"now {lost_s:.0f} s; the longest {before.max():.1f} s, now {now.max():.1f} s")  # fmt: skip
+    print(
+        f"loss {loss}, bursts {burst}: more than 1 s without a picture: {lost_before_s:.0f} s of {FLOWN_S:.0f} s, "
+        f"now {lost_s:.0f} s; the longest {before.max():.1f} s, now {now.max():.1f} s"
+    )
     assert before.max() > 4.0 and lost_before_s > 0.3 * FLOWN_S  # the fault is shown
     assert now.max() < 0.6 * before.max() and lost_s < 0.5 * lost_before_s
 
@@ -102,11 +120,17 @@ def test_requests_are_half_a_second_apart_and_end_with_the_key_picture():
 def test_a_radio_that_was_not_asked_for_video_asks_for_no_key_picture(monkeypatch):
     sent = []
     ports = [free_port(socket.SOCK_DGRAM) for _ in range(3)]
-    own = RadioParameters(address="127.0.0.1", tello_port=ports[0], port=ports[1], video_port=ports[2])
+    own = RadioParameters(
+        address="127.0.0.1", tello_port=ports[0], port=ports[1], video_port=ports[2]
+    )
     nothing = lambda *_: None  # noqa: E731
     radio = TelloRadio("uav1", own, Hears(nothing, nothing, nothing, nothing))
     try:
-        monkeypatch.setattr(radio._tello, "send_packet", lambda packet: sent.append(bytes(packet.get_buffer())) or True)
+        monkeypatch.setattr(
+            radio._tello,
+            "send_packet",
+            lambda packet: sent.append(bytes(packet.get_buffer())) or True,
+        )
         radio.key_picture()
         assert not sent
         radio._tello.video_enabled = True
@@ -119,7 +143,9 @@ def test_a_radio_that_was_not_asked_for_video_asks_for_no_key_picture(monkeypatc
 def test_what_comes_is_broken_from_a_loss_until_a_key_picture_is_on_its_way():
     """Nothing is asked for before anything came, nor while the answer is coming."""
     encoder, packets = Encoder(180, 136, RATE_HZ), Packets()
-    first, second, third, key = (packets.cut(encoder.encode(drawn(k), 4e6, k in (0, 3))) for k in range(4))
+    first, second, third, key = (
+        packets.cut(encoder.encode(drawn(k), 4e6, k in (0, 3))) for k in range(4)
+    )
     video = Video()
     assert not video.broken
 
@@ -132,4 +158,5 @@ def test_what_comes_is_broken_from_a_loss_until_a_key_picture_is_on_its_way():
     assert after([*second[:-1], third[0]])  # its last packet was lost
     assert not after(key[:1])
     assert not after(key[1:-1])
-    assert after([bytes([key[0][0] + 1, 0x80]) + third[0][2:]])  # the key picture lost its last one, too
+    # the key picture lost its last one, too
+    assert after([bytes([key[0][0] + 1, 0x80]) + third[0][2:]])

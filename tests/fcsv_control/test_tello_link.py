@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Tello link's decisions, in closed loop with fcsv_sim's Tello: what is flown, refused, held and landed."""
+"""The Tello link's decisions, in closed loop with fcsv_sim's Tello: what is flown, refused, held
+and landed."""
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ def flown(tmp_path) -> LinkedTello:
     return link
 
 
-# ---- the ordinary way ------------------------------------------------------------------------------------------------
+# ---- the ordinary way ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", [MOCAP, GIMBALS], ids=["mocap", "gimbals"])
@@ -73,7 +74,7 @@ def test_who_finds_it_in_flight_holds_it(tmp_path):
     assert again.core.mode == "BRAKE"
 
 
-# ---- what is refused -----------------------------------------------------------------------------------------------
+# ---- what is refused -----------------------------------------------------------------------------
 
 
 def _refusal(call, *what) -> str:
@@ -129,7 +130,7 @@ def test_rules_that_contradict_each_other_name_their_field():
         TelloRules(feed_old_s=5.0)
 
 
-# ---- what goes wrong -------------------------------------------------------------------------------------------------
+# ---- what goes wrong -----------------------------------------------------------------------------
 
 
 def test_a_pilots_stick_takes_it_and_set_points_do_not_count_any_more(flown):
@@ -178,9 +179,12 @@ def test_a_tracker_that_jumps_is_not_followed(flown):
 
 
 def test_a_pilot_or_a_brake_ends_the_landing_that_the_link_began(flown):
-    """A Tello lands on, whatever its sticks say, until it is told to stay; first orders are lost in the air."""
-    for ends in (lambda: flown.core.pilot(flown.now_s, Sticks(up=0.5)),
-                 lambda: flown.core.set_mode(flown.now_s, "BRAKE")):  # fmt: skip
+    """A Tello lands on, whatever its sticks say, until it is told to stay; first orders are lost in
+    the air."""
+    for ends in (
+        lambda: flown.core.pilot(flown.now_s, Sticks(up=0.5)),
+        lambda: flown.core.set_mode(flown.now_s, "BRAKE"),
+    ):
         flown.core.set_mode(flown.now_s, "LAND")
         flown.run(1.0)
         assert flown.tello.flight.state == "LAND"
@@ -189,7 +193,9 @@ def test_a_pilot_or_a_brake_ends_the_landing_that_the_link_began(flown):
         flown.run(1.0)
         height_m = flown.p_m[2]
         flown.run(5.0)
-        assert flown.tello.flight.state == "FLY" and flown.p_m[2] == pytest.approx(height_m, abs=0.2)
+        assert flown.tello.flight.state == "FLY" and flown.p_m[2] == pytest.approx(
+            height_m, abs=0.2
+        )
 
 
 def test_wifi_that_is_lost_for_ten_seconds_holds_then_lands(flown):
@@ -197,7 +203,8 @@ def test_wifi_that_is_lost_for_ten_seconds_holds_then_lands(flown):
     place = flown.p_m
     flown.run(9.0, _TARGET)
     assert not flown.core.state(flown.now_s).connected
-    assert np.linalg.norm(flown.p_m - place) < 0.6  # the Tello lets go of sticks that it does not hear, and hovers
+    # the Tello lets go of sticks that it does not hear, and hovers
+    assert np.linalg.norm(flown.p_m - place) < 0.6
     flown.run(1.5, _TARGET)
     flown.wifi = True
     flown.run(10.0, _TARGET)
@@ -233,8 +240,12 @@ def test_a_pilot_is_not_overruled_by_a_battery(flown):
 
 @pytest.mark.parametrize("fault", ["tracker", "wifi", "battery"])
 def test_with_a_fault_of_one_nobody_is_hit(tmp_path, fault):
-    """Side by side by 1 m, the closest that missions before a tracker fly: one has a fault, the other one flies on."""
-    links = [LinkedTello(tmp_path / n, k + 1, (0.0, y), name=n) for k, (n, y) in enumerate((("a", 0.0), ("b", 1.0)))]
+    """Side by side by 1 m, the closest that missions before a tracker fly: one has a fault, the
+    other one flies on."""
+    links = [
+        LinkedTello(tmp_path / n, k + 1, (0.0, y), name=n)
+        for k, (n, y) in enumerate((("a", 0.0), ("b", 1.0)))
+    ]
     targets = [transforms.from_xyz_yaw([0.0, y, 2.0], 0.0) for y in (0.0, 1.0)]
     for link, target in zip(links, targets):
         link.guided(target)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node tello_link with unmodified tellopy flies a simulated Tello over its own protocol, in real time.
+"""The node tello_link with unmodified tellopy flies a simulated Tello over its own protocol, in
+real time.
 
-Its poses come as a mocap gives them: 20 a second, 0.11 s late, with noise. A Tello has one address, and the node is a
-process of its own; the simulated one runs here, so that a test can break things.
+Its poses come as a mocap gives them: 20 a second, 0.11 s late, with noise. A Tello has one address,
+and the node is a process of its own; the simulated one runs here, so that a test can break things.
 """
 
 import math
@@ -31,9 +32,16 @@ class Tracker(threading.Thread):
         from rospy import Publisher
 
         super().__init__(name="mocap", daemon=True)
-        self._odom, self._drone, self.lost, self._over = f"{name}/odom", drone, False, threading.Event()
+        self._odom, self._drone, self.lost, self._over = (
+            f"{name}/odom",
+            drone,
+            False,
+            threading.Event(),
+        )
         self._seen = SeenPoses(MOCAP, 5)
-        self._poses = Publisher(f"/{name}/mavros/vision_pose/pose", PoseStamped, queue_size=5, tcp_nodelay=True)
+        self._poses = Publisher(
+            f"/{name}/mavros/vision_pose/pose", PoseStamped, queue_size=5, tcp_nodelay=True
+        )
         self.start()
 
     def run(self):
@@ -51,7 +59,8 @@ class Tracker(threading.Thread):
 
 
 class Operator:
-    """What a person sees of the vehicle, and asks of it, by the names that an ArduCopter has them under."""
+    """What a person sees of the vehicle, and asks of it, by the names that an ArduCopter has them
+    under."""
 
     def __init__(self, name):
         import rospy
@@ -65,17 +74,25 @@ class Operator:
         self.name, self.newest, self.texts = name, SimpleNamespace(), []
         self._heard = []
         for key, topic, kind in (
-            ("state", "mavros/state", State), ("pose", "mavros/local_position/pose", PoseStamped),
-            ("battery", "mavros/battery", BatteryState), ("health", "flight_link/health", LinkHealth),
-            ("odom", "tello/odom", Odometry), ("imu", "tello/imu", Imu), ("rc", "mavros/rc/in", RCIn),
+            ("state", "mavros/state", State),
+            ("pose", "mavros/local_position/pose", PoseStamped),
+            ("battery", "mavros/battery", BatteryState),
+            ("health", "flight_link/health", LinkHealth),
+            ("odom", "tello/odom", Odometry),
+            ("imu", "tello/imu", Imu),
+            ("rc", "mavros/rc/in", RCIn),
             ("refusal", "flight_link/refusal", Refusal),
-        ):  # fmt: skip
+        ):
             setattr(self.newest, key, None)
             keep = lambda m, key=key: setattr(self.newest, key, m)  # noqa: E731
             self._heard.append(rospy.Subscriber(f"/{name}/{topic}", kind, keep, queue_size=5))
-        texts = rospy.Subscriber(f"/{name}/mavros/statustext/recv", StatusText, lambda m: self.texts.append(m.text))
+        texts = rospy.Subscriber(
+            f"/{name}/mavros/statustext/recv", StatusText, lambda m: self.texts.append(m.text)
+        )
         self._heard.append(texts)
-        self._points = rospy.Publisher(f"/{name}/mavros/setpoint_position/local", PoseStamped, queue_size=1)
+        self._points = rospy.Publisher(
+            f"/{name}/mavros/setpoint_position/local", PoseStamped, queue_size=1
+        )
         self._joy = rospy.Publisher(f"/{name}/pilot/joy", Joy, queue_size=1)
 
     def ask(self, service, kind, *request):
@@ -121,8 +138,14 @@ class Flight:
         self.link = self.begin_link()
 
     def begin_link(self):
-        params = {"vehicle": self._name, "gains": str(CONFIG / "velocity.yaml"), "radio": self._radio}
-        return self._start("fcsv_control", "tello_link", name="flight_link", ns=self._name, params=params)
+        params = {
+            "vehicle": self._name,
+            "gains": str(CONFIG / "velocity.yaml"),
+            "radio": self._radio,
+        }
+        return self._start(
+            "fcsv_control", "tello_link", name="flight_link", ns=self._name, params=params
+        )
 
     @property
     def p_m(self):
@@ -145,9 +168,21 @@ class Flight:
 
     def ready(self):
         """Connected, with poses for as long as GUIDED asks for."""
-        until(lambda: getattr(self.operator.newest.state, "connected", False), 20.0, "its Tello is connected")
-        until(lambda: getattr(self.operator.newest.health, "feed_rate_hz", 0.0) > 10.0, 10.0, "the tracker sees it")
-        until(lambda: self.operator.newest.battery and self.operator.newest.battery.percentage > 0.9, 5.0, "battery")
+        until(
+            lambda: getattr(self.operator.newest.state, "connected", False),
+            20.0,
+            "its Tello is connected",
+        )
+        until(
+            lambda: getattr(self.operator.newest.health, "feed_rate_hz", 0.0) > 10.0,
+            10.0,
+            "the tracker sees it",
+        )
+        until(
+            lambda: self.operator.newest.battery and self.operator.newest.battery.percentage > 0.9,
+            5.0,
+            "battery",
+        )
 
     def guided(self, T):
         """Off the ground and held at a target."""
@@ -171,7 +206,9 @@ def flight(start_node, tello_air, request):
     flights = []
 
     def fly(**drone):
-        flights.append(Flight(start_node, tello_air, f"t_{request.node.name[5:25].strip('_')}", **drone))
+        flights.append(
+            Flight(start_node, tello_air, f"t_{request.node.name[5:25].strip('_')}", **drone)
+        )
         return flights[-1]
 
     yield fly
@@ -187,7 +224,11 @@ def test_holds_a_set_point_and_lands_when_told(flight):
     f = flight()
     f.ready()
     o = f.operator
-    assert o.newest.state.mode == "LOITER" and not o.newest.state.armed and o.newest.health.in_the_air == 0
+    assert (
+        o.newest.state.mode == "LOITER"
+        and not o.newest.state.armed
+        and o.newest.health.in_the_air == 0
+    )
     assert o.newest.imu.linear_acceleration.z == pytest.approx(9.81, abs=0.5)
     assert o.newest.odom.header.frame_id == f"{f._name}/tello_odom"
     assert not o.mode("STABILIZE") and "has no mode 'STABILIZE'" in o.newest.refusal.reason
@@ -206,18 +247,24 @@ def test_holds_a_set_point_and_lands_when_told(flight):
 
 
 def test_low_battery_and_a_link_that_is_started_again(flight):
-    """A link that starts in flight holds it; a low battery refuses GUIDED and lands what is not in a pilot's hands."""
+    """A link that starts in flight holds it; a low battery refuses GUIDED and lands what is not in
+    a pilot's hands."""
     f = flight()
     f.guided(target(1.0, 0.5, 1.5, 0.3))
     before = f.p_m
     f.link.stop(grace_s=0.0)
     f.operator.newest.state = None
     f.begin_link()
-    until(lambda: getattr(f.operator.newest.state, "mode", "") == "BRAKE", 15.0, "the new link holds it")
+    until(
+        lambda: getattr(f.operator.newest.state, "mode", "") == "BRAKE",
+        15.0,
+        "the new link holds it",
+    )
     time.sleep(3.0)
     assert np.linalg.norm(f.p_m - before) < 0.8
     battery = f.tello.drone.flight.battery
-    battery.drain((1.0 - 8.0 / battery.percent) * battery.left_s / 1.15, 1.0)  # what is switched on takes a share, too
+    # what is switched on takes a share, too
+    battery.drain((1.0 - 8.0 / battery.percent) * battery.left_s / 1.15, 1.0)
     until(lambda: f.operator.newest.state.mode == "LAND", 5.0, "LAND")
     f.landed()
     assert not f.operator.take_off(1.5) and "charge it" in f.operator.newest.refusal.reason
@@ -249,7 +296,13 @@ def test_another_firmware_is_refused_by_name(flight):
 
 
 def test_a_namespace_that_is_not_there_ends_the_node_with_a_line(start_node):
-    params = {"vehicle": "t_none", "gains": str(CONFIG / "velocity.yaml"), "radio": {"network": "fcsv-nowhere"}}
+    params = {
+        "vehicle": "t_none",
+        "gains": str(CONFIG / "velocity.yaml"),
+        "radio": {"network": "fcsv-nowhere"},
+    }
     node = start_node("fcsv_control", "tello_link", name="flight_link", ns="t_none", params=params)
     until(lambda: node.returncode is not None, 20.0, "ends")
-    assert "network namespace fcsv-nowhere: No such file or directory; make it first" in node.tail(30)
+    assert "network namespace fcsv-nowhere: No such file or directory; make it first" in node.tail(
+        30
+    )

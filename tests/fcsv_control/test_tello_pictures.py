@@ -20,14 +20,18 @@ def drawn(k):
 
 @pytest.fixture(scope="module")
 def sent():
-    """Datagrams of 12 pictures, of which 0 and 6 are key pictures; detailed enough for several packets each."""
+    """Datagrams of 12 pictures, of which 0 and 6 are key pictures; detailed enough for several
+    packets each."""
     encoder, packets, noise = Encoder(120, 90, 5.0), Packets(), np.random.default_rng(1)
     speckle = noise.integers(0, 40, (90, 120, 3), dtype=np.uint8)
-    return [packets.cut(encoder.encode(drawn(k) // 2 + speckle, 4e6, k in KEYS)) for k in range(12)], speckle
+    return [
+        packets.cut(encoder.encode(drawn(k) // 2 + speckle, 4e6, k in KEYS)) for k in range(12)
+    ], speckle
 
 
 def shown(video, pictures, without=(), start_s=100.0):
-    """By its number, what came of each picture; its first packet arrives 1 s after the one of the picture before."""
+    """By its number, what came of each picture; its first packet arrives 1 s after the one of the
+    picture before."""
     found = {}
     for k, datagrams in enumerate(pictures):
         for n, datagram in enumerate(datagrams):
@@ -44,7 +48,9 @@ def test_each_picture_comes_with_its_last_packet_and_the_stamp_of_its_first(sent
     assert sorted(found) == list(range(12))
     for k, picture in found.items():
         assert picture.arrived_s == 100.0 + k
-        off = [np.abs(picture.rgb.astype(float) - (drawn(j) // 2 + speckle)).mean() for j in range(12)]
+        off = [
+            np.abs(picture.rgb.astype(float) - (drawn(j) // 2 + speckle)).mean() for j in range(12)
+        ]
         assert np.argmin(off) == k
 
 
@@ -54,7 +60,10 @@ def test_after_a_loss_nothing_is_shown_until_the_next_key_picture(sent, lost):
     lost = (lost[0], lost[1] % len(pictures[lost[0]]))
     video = Video()
     assert sorted(shown(video, pictures, without={lost})) == [0, 1, 6, 7, 8, 9, 10, 11]
-    assert video.dropped["pictures with lost packets"] == 1 and video.dropped["pictures before a key picture"] >= 2
+    assert (
+        video.dropped["pictures with lost packets"] == 1
+        and video.dropped["pictures before a key picture"] >= 2
+    )
 
 
 def test_a_loss_of_whole_pictures_is_seen_by_their_numbers(sent):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""PID and observer of the Tello link: each rule by itself, then in closed loop with fcsv_sim's dynamics."""
+"""PID and observer of the Tello link: each rule by itself, then in closed loop with fcsv_sim's
+dynamics."""
 
 from pathlib import Path
 
@@ -26,7 +27,7 @@ def _at(x=0.0, y=0.0, z=0.0, yaw=0.0):
     return transforms.from_xyz_yaw([x, y, z], yaw)
 
 
-# ---- the controller ------------------------------------------------------------------------------------------------
+# ---- the controller ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["velocity", "attitude"])
@@ -51,7 +52,11 @@ def test_sticks_are_in_the_headings_axes():
 
 
 def test_yaw_turns_the_short_way():
-    turn = _pid().sticks(0.04, _at(yaw=np.radians(175.0)), np.zeros(3), _at(yaw=np.radians(-175.0))).turn
+    turn = (
+        _pid()
+        .sticks(0.04, _at(yaw=np.radians(175.0)), np.zeros(3), _at(yaw=np.radians(-175.0)))
+        .turn
+    )
     assert 0.1 < turn < 0.3  # 10 degrees to the left, not 350 to the right
 
 
@@ -67,7 +72,8 @@ def test_integrators_wait_while_output_is_saturated_and_far_away():
     pid = _pid(horizontal=Gains(1.0, 1.0, 0.0, 0.3, 5.0, 10.0))
     for _ in range(200):
         pid.sticks(0.04, _HERE, np.zeros(3), _at(x=5.0))  # 8 s at the end of its stick
-    assert pid.sticks(0.04, _at(x=5.1), np.zeros(3), _at(x=5.0)).forward < 0.0  # beyond it: back at once
+    # beyond it: back at once
+    assert pid.sticks(0.04, _at(x=5.1), np.zeros(3), _at(x=5.0)).forward < 0.0
     pid = _pid(horizontal=Gains(0.1, 1.0, 0.0, 9.0, 5.0, 0.5))
     pid.sticks(1.0, _HERE, np.zeros(3), _at(x=2.0))
     assert pid.sticks(0.04, _HERE, np.zeros(3), _HERE).forward == 0.0
@@ -86,7 +92,8 @@ def test_an_integrator_is_bounded_and_can_be_forgotten():
 
 
 def test_a_new_set_point_gives_no_kick_by_the_derivative():
-    """It is on the measured velocity: where it does not move, d says nothing, whatever the target did."""
+    """It is on the measured velocity: where it does not move, d says nothing, whatever the target
+    did."""
     with_d, without = Gains(1.0, 0.0, 5.0, 9.0, 0.0, 0.0), Gains(1.0, 0.0, 0.0, 9.0, 0.0, 0.0)
     a, b = (
         _pid(command="attitude", horizontal=g).sticks(0.04, _HERE, np.zeros(3), _at(x=0.3)).forward
@@ -94,17 +101,21 @@ def test_a_new_set_point_gives_no_kick_by_the_derivative():
     )
     assert a == b
     assert (
-        _pid(command="attitude", horizontal=with_d).sticks(0.04, _HERE, np.array([0.1, 0.0, 0.0]), _HERE).forward < 0.0
+        _pid(command="attitude", horizontal=with_d)
+        .sticks(0.04, _HERE, np.array([0.1, 0.0, 0.0]), _HERE)
+        .forward
+        < 0.0
     )
 
 
-# ---- where it is now -------------------------------------------------------------------------------------------------
+# ---- where it is now -----------------------------------------------------------------------------
 
 
 def _moving(observer: Observer, delay_s: float, seconds: float = 4.0, mps: float = 0.5) -> float:
     """At a constant speed that the commands say; error (m) along the way at the end."""
     model, now_s, under_way = StickModel(), 0.0, []
-    stick = Sticks(forward=model.stick(model.drag_per_s * mps / model.most_mps2))  # against its drag
+    # against its drag
+    stick = Sticks(forward=model.stick(model.drag_per_s * mps / model.most_mps2))
     while now_s < seconds:
         now_s += 0.04
         observer.step(now_s, stick)
@@ -157,7 +168,8 @@ def test_its_own_velocity_is_believed_between_poses():
     for k in range(1, 26):
         observer.step(0.04 * k, Sticks())
         observer.velocity(0.04 * k, 0.04 * k, np.array([0.0, 0.3, 0.0]), 0.04)
-    pulls, brakes = 1.0 / 0.4, 1.8  # per s: the log's time constant, and the model of an axis that is let go
+    # per s: the log's time constant, and the model of an axis that is let go
+    pulls, brakes = 1.0 / 0.4, 1.8
     rate = pulls + brakes
     moved_m = 0.3 * pulls / rate * (1.0 - (1.0 - np.exp(-rate)) / rate)
     assert observer.T_odom_body[1, 3] == pytest.approx(moved_m, abs=0.02)
@@ -165,14 +177,15 @@ def test_its_own_velocity_is_believed_between_poses():
     assert np.isfinite(observer.v_mps).all()
 
 
-# ---- in closed loop ----------------------------------------------------------------------------------------------
+# ---- in closed loop ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", [MOCAP, GIMBALS], ids=["mocap", "gimbals"])
 @pytest.mark.parametrize("name", ["velocity", "attitude"])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_set_points_are_held(tmp_path, name, kind, seed):
-    """Thesis 5.3 and 4.3, in wind of 0.5 m/s with gusts, with a flow sensor that is off by 2 cm/s."""
+    """Thesis 5.3 and 4.3, in wind of 0.5 m/s with gusts, with a flow sensor that is off by 2
+    cm/s."""
     gains = config.load(_CONFIG / f"{name}.yaml", PidConfig)
     flown = fly(drone(tmp_path, seed), kind, gains, _TARGET, 30.0, seed)
     held = flown.time_s > _ARRIVED_S
@@ -189,8 +202,8 @@ def test_a_stick_gets_over_its_dead_band_or_is_let_go():
 
 @pytest.mark.parametrize("name, most_m", [("velocity", 0.2), ("attitude", 0.3)])
 def test_a_way_is_straight_whichever_axis_is_the_slow_one(tmp_path, name, most_m):
-    """Level legs are flown faster than climbs: a way from beside another vehicle to above it once went past it, 0.7 m
-    off its line (docs/lab/autopilot.md). Wind as in the other flights."""
+    """Level legs are flown faster than climbs: a way from beside another vehicle to above it once
+    went past it, 0.7 m off its line (docs/lab/autopilot.md). Wind as in the other flights."""
     link = LinkedTello(tmp_path, 2)
     link.core._pid = PositionPid(config.load(_CONFIG / f"{name}.yaml", PidConfig))
     link.guided(transforms.from_xyz_yaw([0.0, 0.0, 2.0], 0.0))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node tello_link publishes the simulated Tello's H.264 as pictures, stamped with when they were taken."""
+"""The node tello_link publishes the simulated Tello's H.264 as pictures, stamped with when they
+were taken."""
 
 import numpy as np
 import pytest
@@ -17,22 +18,35 @@ DELAY_S = 0.5  # long enough for a picture to be rendered on a busy machine
 PICTURES = 6
 
 
-def test_pictures_come_with_their_calibration_and_the_time_of_their_exposure(start_node, tello_air, tmp_path, root):
-    """One picture a second; the radio takes some 10 ms, so a stamp is within 0.1 s of its own picture's exposure."""
+def test_pictures_come_with_their_calibration_and_the_time_of_their_exposure(
+    start_node, tello_air, tmp_path, root
+):
+    """One picture a second; the radio takes some 10 ms, so a stamp is within 0.1 s of its own
+    picture's exposure."""
     import rospy
     from sensor_msgs.msg import CameraInfo, Image
 
     name, network = "tello1", tello_air.network()
     shows = VideoParameters(
-        "street", vehicles_dir=str(root / "config/vehicles"), rate_hz=1.0, delay_s=DELAY_S, camera=SMALL
+        "street",
+        vehicles_dir=str(root / "config/vehicles"),
+        rate_hz=1.0,
+        delay_s=DELAY_S,
+        camera=SMALL,
     )
     tello_air.drone(network, vehicle=name, radio=RadioParameters(loss=0.0), video=shows)
     write_camera(tmp_path / "camera.yaml", name, SMALL.model)
     pictures, infos = [], []
-    heard = [rospy.Subscriber(f"/{name}/camera/color/image_raw", Image, pictures.append),
-             rospy.Subscriber(f"/{name}/camera/color/camera_info", CameraInfo, infos.append)]  # fmt: skip
-    params = {"vehicle": name, "gains": str(CONFIG / "velocity.yaml"), "radio": {"network": f"{network}-pilot"},
-              "video": {"calibration": str(tmp_path / "camera.yaml"), "delay_s": DELAY_S}}  # fmt: skip
+    heard = [
+        rospy.Subscriber(f"/{name}/camera/color/image_raw", Image, pictures.append),
+        rospy.Subscriber(f"/{name}/camera/color/camera_info", CameraInfo, infos.append),
+    ]
+    params = {
+        "vehicle": name,
+        "gains": str(CONFIG / "velocity.yaml"),
+        "radio": {"network": f"{network}-pilot"},
+        "video": {"calibration": str(tmp_path / "camera.yaml"), "delay_s": DELAY_S},
+    }
     start_node("fcsv_control", "tello_link", name="flight_link", ns=name, params=params)
     try:
         until(lambda: len(pictures) >= PICTURES and len(infos) >= PICTURES, 120.0, "pictures")

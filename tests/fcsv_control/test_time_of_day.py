@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The time of day against the monotonic clock: a step is seen, and nothing else is taken for one."""
+"""The time of day against the monotonic clock: a step is seen, and nothing else is taken for
+one."""
 
 import doctest
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Several vehicles that move at once: ways in time, checked against each other; who is not on time stops all."""
+"""Several vehicles that move at once: ways in time, checked against each other; who is not on time
+stops all."""
 
 import dataclasses
 import json
@@ -33,7 +34,9 @@ BOUNDS = FlightBounds()
 def both(horizontal_m, vertical_m, record_s=2.0):
     return [
         StereoConfiguration("horizontal", horizontal_m, record_s=record_s, vehicle="uav2"),
-        StereoConfiguration("vertical", vertical_m, record_s=record_s, vehicle="uav3", at_once=True),
+        StereoConfiguration(
+            "vertical", vertical_m, record_s=record_s, vehicle="uav3", at_once=True
+        ),
     ]
 
 
@@ -45,18 +48,21 @@ def places(**by_name):
     return {n: np.array(p, float) for n, p in by_name.items()}
 
 
-# ---- in time -----------------------------------------------------------------------------------------------------
+# ---- in time -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("goal", [(0, 9, 0), (0, 0, 6), (0, 0, -6), (3, -2, 5), (0.3, 0, 0)])
 def test_a_timed_way_keeps_the_limits_and_ends_where_it_shall(goal):
-    way = timed_way(np.zeros(3), [np.array([2.0, 2.0, 0.0]), np.array(goal, float)], BOUNDS, delay_s=1.0)
+    way = timed_way(
+        np.zeros(3), [np.array([2.0, 2.0, 0.0]), np.array(goal, float)], BOUNDS, delay_s=1.0
+    )
     v = np.diff(way.places, axis=0) / STEP_S
     a = np.diff(v, axis=0) / STEP_S
     level_mps = np.hypot(v[:, 0], v[:, 1])
     assert level_mps.max() <= BOUNDS.speed_mps + 1e-6
     assert v[:, 2].max() <= BOUNDS.climb_mps + 1e-6 and v[:, 2].min() >= -BOUNDS.sink_mps - 1e-6
-    assert np.hypot(a[:, 0], a[:, 1]).max() <= 1.1 * BOUNDS.acceleration_mps2  # a corner between two samples
+    # a corner between two samples
+    assert np.hypot(a[:, 0], a[:, 1]).max() <= 1.1 * BOUNDS.acceleration_mps2
     assert np.allclose(way.places[:11], 0.0) and np.allclose(way.places[-1], goal)
     assert way.begins_s[0] == 1.0 and way.ends_s == pytest.approx((len(way.places) - 1) * STEP_S)
     assert np.allclose(way.at(np.array([way.begins_s[1]])), [2.0, 2.0, 0.0])
@@ -66,7 +72,10 @@ def test_who_crosses_well_behind_another_is_clear_and_who_meets_it_is_not():
     across = timed_way(np.array([0.0, -8.0, 0.0]), [np.array([0.0, 8.0, 0.0])], BOUNDS)
     ahead = [np.array([8.0, 0.0, 0.0])]
     delays_s = np.arange(0.0, 20.0, 1.0)
-    found = [traffic.clear(across, timed_way(np.array([-8.0, 0.0, 0.0]), ahead, BOUNDS, d), KEEP) for d in delays_s]
+    found = [
+        traffic.clear(across, timed_way(np.array([-8.0, 0.0, 0.0]), ahead, BOUNDS, d), KEEP)
+        for d in delays_s
+    ]
     assert not any(found[: int(EARLY_S + LATE_S) + 1]) and found[-1]
     assert found == sorted(found)
 
@@ -77,7 +86,9 @@ def test_plans_keep_apart_whatever_each_vehicles_delay_within_its_band():
     for _ in range(25):
         starts = dict(zip("abc", random.uniform(-6, 6, (3, 3)) * [1, 1, 0.6]))
         goals = dict(zip("abc", random.uniform(-6, 6, (3, 3)) * [1, 1, 0.6]))
-        apart = [KEEP.share(p[m] - p[n]) for p in (starts, goals) for m, n in combinations("abc", 2)]
+        apart = [
+            KEEP.share(p[m] - p[n]) for p in (starts, goals) for m, n in combinations("abc", 2)
+        ]
         if min(apart) < 1.0:
             continue
         plan = traffic.plan(starts, goals, [], KEEP, BOUNDS).at_once()
@@ -119,7 +130,9 @@ def test_a_convoy_of_four_plans_over_several_steps_and_nobody_moves_before():
     outbox, T = Outbox(), transforms.from_xyz_yaw
     convoy = Convoy(outbox, mission(), {n: T(p, 0.0) for n, p in goals.items()})
     others = {f"s{k}": p for k, p in enumerate(standing)}
-    views = {n: VehicleView(T_home_cam=T(p, 0.0), mode="GUIDED") for n, p in {**starts, **others}.items()}
+    views = {
+        n: VehicleView(T_home_cam=T(p, 0.0), mode="GUIDED") for n, p in {**starts, **others}.items()
+    }
     steps, eye = 0, {n: np.eye(4) for n in views}
     while not outbox.due(0.1 * steps):
         steps += 1
@@ -135,21 +148,37 @@ def test_two_that_change_places_are_refused():
 
 
 def test_goals_too_near_to_each_other_are_refused():
-    with pytest.raises(MissionError, match="b and c would be 1.0 m apart, at least 1.5 m are needed"):
+    with pytest.raises(
+        MissionError, match="b and c would be 1.0 m apart, at least 1.5 m are needed"
+    ):
         goals = places(a=(0, 9, 0), b=(0, 0, 0), c=(1, 0, 0))
-        traffic.plan(places(a=(9, 0, 0), b=(0, 5, 0), c=(5, 0, 0)), goals, [], KEEP, BOUNDS).at_once()
+        traffic.plan(
+            places(a=(9, 0, 0), b=(0, 5, 0), c=(5, 0, 0)), goals, [], KEEP, BOUNDS
+        ).at_once()
 
 
-# ---- the mission file and the plan -------------------------------------------------------------------------------
+# ---- the mission file and the plan ---------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     "listed, why",
     [
-        (lambda: [dataclasses.replace(both(2, 4)[0], at_once=True)], "at_once: there is none before it"),
-        (lambda: [both(2, 4)[0], dataclasses.replace(both(2, 4)[1], vehicle="uav2")], "need a vehicle of their own"),
-        (lambda: [both(2, 4)[0], dataclasses.replace(both(2, 4)[1], vehicle=None)], "need a vehicle of their own"),
-        (lambda: [both(2, 4)[0], both(2, 4, 9.0)[1]], r"configurations\[1\].record_s: must be that of"),
+        (
+            lambda: [dataclasses.replace(both(2, 4)[0], at_once=True)],
+            "at_once: there is none before it",
+        ),
+        (
+            lambda: [both(2, 4)[0], dataclasses.replace(both(2, 4)[1], vehicle="uav2")],
+            "need a vehicle of their own",
+        ),
+        (
+            lambda: [both(2, 4)[0], dataclasses.replace(both(2, 4)[1], vehicle=None)],
+            "need a vehicle of their own",
+        ),
+        (
+            lambda: [both(2, 4)[0], both(2, 4, 9.0)[1]],
+            r"configurations\[1\].record_s: must be that of",
+        ),
     ],
 )
 def test_what_cannot_be_at_once_is_refused(listed, why):
@@ -160,7 +189,9 @@ def test_what_cannot_be_at_once_is_refused(listed, why):
 def test_the_plan_names_those_that_cannot_be_at_once():
     m = Mission("m", [*both(2.0, 4.0), *both(2.0, 1.6)])
     found = plan_check.check_plan(m, plan_check.on_the_ground(m, NAMES, {}))
-    assert len(found) == 1 and "configurations[2]" in found[0] and "configurations[3]" in found[0], found
+    assert (
+        len(found) == 1 and "configurations[2]" in found[0] and "configurations[3]" in found[0]
+    ), found
 
 
 def test_a_plan_at_once_takes_less_time_than_one_after_the_other():
@@ -170,7 +201,9 @@ def test_a_plan_at_once_takes_less_time_than_one_after_the_other():
         return float(found[0].split("the flight needs ")[1].split(" s")[0])
 
     m = mission()
-    apart = dataclasses.replace(m, configurations=[dataclasses.replace(c, at_once=False) for c in m.configurations])
+    apart = dataclasses.replace(
+        m, configurations=[dataclasses.replace(c, at_once=False) for c in m.configurations]
+    )
     assert needs_s(m) < needs_s(apart) - 10.0
 
 
@@ -182,7 +215,10 @@ def test_tasks_at_once_stay_together_whatever_the_operator_changes():
             if not found.left:
                 break
             moment = found.moment
-            assert len({t.vehicle for t in moment}) == len(moment) and len({t.index is None for t in moment}) == 1
+            assert (
+                len({t.vehicle for t in moment}) == len(moment)
+                and len({t.index is None for t in moment}) == 1
+            )
             if moment[0].index is not None:
                 assert out <= {t.vehicle for t in moment}, "another one is still out"
                 assert [t.index for t in moment] in ([0, 1], [2, 3], [4])
@@ -191,11 +227,13 @@ def test_tasks_at_once_stay_together_whatever_the_operator_changes():
                 out |= {t.vehicle for t in moment}  # they have begun to move
                 change()
                 continue
-            out = (out | {t.vehicle for t in moment}) - {t.vehicle for t in moment if t.index is None}
+            out = (out | {t.vehicle for t in moment}) - {
+                t.vehicle for t in moment if t.index is None
+            }
             found.done()
 
 
-# ---- flown on paper ----------------------------------------------------------------------------------------------
+# ---- flown on paper ------------------------------------------------------------------------------
 
 
 def moving(f):
@@ -214,7 +252,12 @@ def test_both_move_together_and_are_recorded_in_the_same_seconds(flight):
         assert f.now_s < 1400.0
     f.phase("DONE", 100.0)
     windows = f.machine.captures
-    assert [(w.index, w.vehicle) for w in windows] == [(0, "uav2"), (1, "uav3"), (2, "uav2"), (3, "uav3")]
+    assert [(w.index, w.vehicle) for w in windows] == [
+        (0, "uav2"),
+        (1, "uav3"),
+        (2, "uav2"),
+        (3, "uav3"),
+    ]
     for a, b in (windows[:2], windows[2:]):
         assert (a.start_s, a.stop_s) == (b.start_s, b.stop_s)
         assert all(any(a.start_s <= t <= a.stop_s for t in f.pictures[n]) for n in NAMES)
@@ -286,7 +329,7 @@ def test_a_recording_that_is_disturbed_is_taken_again_for_both(flight):
     assert f.captured == [0, 1, 2, 3] and f.machine.captures[0].position_error_m < 0.15
 
 
-# ---- one that drops out ------------------------------------------------------------------------------------------
+# ---- one that drops out --------------------------------------------------------------------------
 
 
 def come_down(f, name):
@@ -303,7 +346,9 @@ def test_one_that_drops_out_leaves_a_working_pair(flight, name, left):
     f.wait(1.0)
     come_down(f, name)
     f.wait(1.0)
-    assert any(f"{name} down, the others can go on: confirm 'resume'" in p for p in f.machine.problems)
+    assert any(
+        f"{name} down, the others can go on: confirm 'resume'" in p for p in f.machine.problems
+    )
     f.wait(5.0)
     assert not moving(f) and f.machine.phase == "CONFIGURATIONS"
     ordered = len(f.orders)
@@ -356,7 +401,10 @@ def test_one_that_lost_its_position_and_is_down_ends_the_flight():
     for lost, out in ((False, {"uav3"}), (True, set())):
         drops = Dropouts("uav1", NAMES)
         others = dict.fromkeys(("uav1", "uav2"), dataclasses.replace(view, armed=True))
-        drops.see(Snapshot(0.0, {**others, "uav3": dataclasses.replace(view, lost=lost)}), ["uav2", "uav3"])
+        drops.see(
+            Snapshot(0.0, {**others, "uav3": dataclasses.replace(view, lost=lost)}),
+            ["uav2", "uav3"],
+        )
         assert drops.out == out
 
 

@@ -18,7 +18,11 @@ T_A_B = transforms.from_xyz_rpy([1.0, -2.0, 3.0], [0.1, -0.2, 2.5])
 def test_pose_round_trip():
     assert np.allclose(conversions.pose_to_transform(conversions.transform_to_pose(T_A_B)), T_A_B)
     message = conversions.transform_stamped(T_A_B, 12.25, "a", "b")
-    assert (message.header.frame_id, message.child_frame_id, message.header.stamp.to_sec()) == ("a", "b", 12.25)
+    assert (message.header.frame_id, message.child_frame_id, message.header.stamp.to_sec()) == (
+        "a",
+        "b",
+        12.25,
+    )
     assert np.allclose(conversions.transform_from_msg(message.transform), T_A_B)
 
 
@@ -32,19 +36,36 @@ def test_camera_info_round_trip():
     assert conversions.camera_from_info(conversions.info_from_camera(camera, 1.0, "c")) == camera
 
 
-@pytest.mark.parametrize("info, word", [
-    (CameraInfo(width=640, height=480, distortion_model="plumb_bob", D=[0.0] * 5), "not calibrated"),
-    (CameraInfo(width=640, height=480, distortion_model="equidistant", D=[0.1] * 4, K=[1.0] * 9), "equidistant"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "info, word",
+    [
+        (
+            CameraInfo(width=640, height=480, distortion_model="plumb_bob", D=[0.0] * 5),
+            "not calibrated",
+        ),
+        (
+            CameraInfo(
+                width=640, height=480, distortion_model="equidistant", D=[0.1] * 4, K=[1.0] * 9
+            ),
+            "equidistant",
+        ),
+    ],
+)
 def test_camera_info_that_cannot_be_used(info, word):
     with pytest.raises(GeometryError, match=word):
         conversions.camera_from_info(info)
 
 
-@pytest.mark.parametrize("encoding, dtype, channels", [
-    ("rgb8", np.uint8, 3), ("bgr8", np.uint8, 3), ("mono8", np.uint8, 1), ("mono16", np.uint16, 1),
-    ("32FC1", np.float32, 1),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "encoding, dtype, channels",
+    [
+        ("rgb8", np.uint8, 3),
+        ("bgr8", np.uint8, 3),
+        ("mono8", np.uint8, 1),
+        ("mono16", np.uint16, 1),
+        ("32FC1", np.float32, 1),
+    ],
+)
 def test_image_round_trip(encoding, dtype, channels):
     shape = (12, 16, channels) if channels > 1 else (12, 16)
     image = np.random.default_rng(0).integers(0, 255, shape).astype(dtype)

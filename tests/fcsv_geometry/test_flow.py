@@ -31,13 +31,22 @@ def test_drops_are_counted_by_reason():
 def test_each_reason_is_told_at_its_own_time():
     drops = DropCounter(quiet_s=5.0)
     assert drops.tells("late", 0.0) and drops.tells("of no frame", 1.0)
-    assert not drops.tells("late", 4.9) and drops.tells("late", 5.0) and not drops.tells("of no frame", 5.9)
-    assert not drops.tells("late", 9.9) and drops.tells("late", 25.0) and not drops.tells("late", 29.9)
+    assert (
+        not drops.tells("late", 4.9)
+        and drops.tells("late", 5.0)
+        and not drops.tells("of no frame", 5.9)
+    )
+    assert (
+        not drops.tells("late", 9.9) and drops.tells("late", 25.0) and not drops.tells("late", 29.9)
+    )
 
 
 def test_no_drop_is_lost_between_threads():
     drops = DropCounter()
-    threads = [threading.Thread(target=lambda: [drops.count("late") for _ in range(2000)]) for _ in range(4)]
+    threads = [
+        threading.Thread(target=lambda: [drops.count("late") for _ in range(2000)])
+        for _ in range(4)
+    ]
     for thread in threads:
         thread.start()
     for _ in range(200):
@@ -47,7 +56,9 @@ def test_no_drop_is_lost_between_threads():
     assert drops["late"] == 8000
 
 
-@pytest.mark.parametrize("gate", [RateGate(10.0), RateGate(10.0, early=0.3), RateGate.bursting(10.0)])
+@pytest.mark.parametrize(
+    "gate", [RateGate(10.0), RateGate(10.0, early=0.3), RateGate.bursting(10.0)]
+)
 def test_at_most_so_many_on_average(gate):
     assert sum(gate.passes(t) for t in np.arange(0.0, 10.0, 1 / 200)) == pytest.approx(100, abs=2)
 
@@ -77,12 +88,18 @@ def test_a_clock_that_is_set_back_does_not_silence_the_flow():
         assert gate.passes(1000.0) and gate.passes(1001.0)
         assert not gate.passes(1000.5)  # late, not another clock
         assert gate.passes(10.0)
-        assert sum(gate.passes(10.0 + t) for t in np.arange(0.01, 10.0, 0.01)) == pytest.approx(10, abs=1)
+        assert sum(gate.passes(10.0 + t) for t in np.arange(0.01, 10.0, 0.01)) == pytest.approx(
+            10, abs=1
+        )
 
 
 def test_a_slow_rate_is_no_clock_that_was_set():
     gate = RateGate(0.1)
-    assert gate.passes(100.0) and not any(gate.passes(100.0 + t) for t in range(1, 8)) and gate.passes(110.0)
+    assert (
+        gate.passes(100.0)
+        and not any(gate.passes(100.0 + t) for t in range(1, 8))
+        and gate.passes(110.0)
+    )
 
 
 def test_a_rate_that_changes_counts_from_the_next():

@@ -39,8 +39,14 @@ def test_identities_in_the_docstrings(module):
 def test_labels_cancel(T_a_b, T_b_c):
     T_a_c = T_a_b @ T_b_c
     p_c = np.array([1.0, -2.0, 3.0])
-    assert np.allclose(transforms.apply(T_a_c, p_c), transforms.apply(T_a_b, transforms.apply(T_b_c, p_c)), atol=1e-9)
-    assert np.allclose(transforms.invert(T_a_c), transforms.invert(T_b_c) @ transforms.invert(T_a_b), atol=1e-9)
+    assert np.allclose(
+        transforms.apply(T_a_c, p_c),
+        transforms.apply(T_a_b, transforms.apply(T_b_c, p_c)),
+        atol=1e-9,
+    )
+    assert np.allclose(
+        transforms.invert(T_a_c), transforms.invert(T_b_c) @ transforms.invert(T_a_b), atol=1e-9
+    )
 
 
 @given(poses)
@@ -63,7 +69,9 @@ def test_a_quaternion_that_is_none_is_refused(q):
         transforms.from_xyz_quaternion([0, 0, 0], q)
 
 
-@pytest.mark.parametrize("T", [np.diag([1.0, 1, -1, 1]), np.full((4, 4), np.nan), np.eye(3), np.diag([2.0, 1, 1, 1])])
+@pytest.mark.parametrize(
+    "T", [np.diag([1.0, 1, -1, 1]), np.full((4, 4), np.nan), np.eye(3), np.diag([2.0, 1, 1, 1])]
+)
 def test_not_rigid_is_refused_by_name(T):
     with pytest.raises(GeometryError, match="T_home_cam"):
         transforms.require_rigid(T, "T_home_cam")
@@ -114,7 +122,9 @@ def test_blank_is_what_a_pincushion_camera_did_not_take():
     assert camera.undistorted().blank() is None
 
 
-@pytest.mark.parametrize("values", [(0, 480, 600, 600), (640, 480, -1, 600), (640, 480, float("nan"), 600)])
+@pytest.mark.parametrize(
+    "values", [(0, 480, 600, 600), (640, 480, -1, 600), (640, 480, float("nan"), 600)]
+)
 def test_no_camera(values):
     with pytest.raises(GeometryError):
         PinholeCamera(*values, 319.5, 239.5)
@@ -139,7 +149,9 @@ class TestTrajectory:
     def test_extrapolates_only_as_far_as_told(self):
         track = self.trajectory(extrapolation_s=0.03)
         T = track.at(0.52)
-        assert np.allclose(T[:3, 3], [0.52, 0, 0], atol=1e-6) and np.isclose(transforms.yaw(T), 1.04, atol=1e-6)
+        assert np.allclose(T[:3, 3], [0.52, 0, 0], atol=1e-6) and np.isclose(
+            transforms.yaw(T), 1.04, atol=1e-6
+        )
         with pytest.raises(PoseUnavailable):
             track.at(0.54)
 
@@ -211,11 +223,15 @@ class TestConfig:
         return config.load(path, Outer)
 
     def test_reads(self, tmp_path):
-        outer = self.load(tmp_path, "name: a\nparts: [{size_m: 1}, {size_m: 2.5}]\nxy: [1, 2]\nnote: null\n")
+        outer = self.load(
+            tmp_path, "name: a\nparts: [{size_m: 1}, {size_m: 2.5}]\nxy: [1, 2]\nnote: null\n"
+        )
         assert outer == Outer("a", [Inner(1.0), Inner(2.5)], (1.0, 2.0))
 
     def test_what_a_nested_mapping_does_not_name_is_as_the_outer_default_has_it(self):
-        assert config.from_mapping({"fence": {"radius_m": 9.0}}, Bounded, "test").fence == Fence(0.3, 45.0, 9.0)
+        assert config.from_mapping({"fence": {"radius_m": 9.0}}, Bounded, "test").fence == Fence(
+            0.3, 45.0, 9.0
+        )
 
     @pytest.mark.parametrize(
         "text, words",
@@ -250,13 +266,20 @@ class TestVehicles:
         T_body_cam = vehicles["uav1"].T_body_cam
         assert np.allclose(T_body_cam[:3, :3] @ [0, 0, 1], [1, 0, 0])  # looks forward
         T_body_tag = vehicles["uav1"].T_body_tag
-        assert np.allclose(T_body_tag[:3, :3] @ [0, 0, 1], [1, 0, 0])  # into the tag, seen from behind
-        assert np.allclose(T_body_tag[:3, :3] @ [1, 0, 0], [0, -1, 0])  # its x is the viewer's right
-        assert np.allclose(vehicles["uav1"].T_body_t265[:3, :3] @ [1, 0, 0], [0, 0, -1])  # looks down
+        # into the tag, seen from behind
+        assert np.allclose(T_body_tag[:3, :3] @ [0, 0, 1], [1, 0, 0])
+        # its x is the viewer's right
+        assert np.allclose(T_body_tag[:3, :3] @ [1, 0, 0], [0, -1, 0])
+        # looks down
+        assert np.allclose(vehicles["uav1"].T_body_t265[:3, :3] @ [1, 0, 0], [0, 0, -1])
 
     def test_two_tags_with_one_id(self, tmp_path, root):
         for name in ("uav1", "uav2"):
-            text = (root / f"config/vehicles/{name}.yaml").read_text().replace("tag_id: 2", "tag_id: 1")
+            text = (
+                (root / f"config/vehicles/{name}.yaml")
+                .read_text()
+                .replace("tag_id: 2", "tag_id: 1")
+            )
             (tmp_path / f"{name}.yaml").write_text(text)
         with pytest.raises(ConfigError, match="tag_id 1 is also uav1's"):
             vehicle.load_vehicles(tmp_path, ["uav1", "uav2"])

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Home, calibration chain, odometry, extrinsics: composed in one place, from arrays and from messages."""
+"""Home, calibration chain, odometry, extrinsics: composed in one place, from arrays and from
+messages."""
 
 import doctest
 
@@ -22,7 +23,8 @@ def random_level(random):
 
 
 class Fleet:
-    """Three vehicles of one truth: where their odometries began, where they are, what links and home are true."""
+    """Three vehicles of one truth: where their odometries began, where they are, what links and
+    home are true."""
 
     def __init__(self, seed):
         random = np.random.default_rng(seed)
@@ -48,14 +50,18 @@ def test_identities_in_the_docstrings():
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("chain", [("uav1", "uav2", "uav3"), ("uav3", "uav2", "uav1"), ("uav2", "uav1", "uav3")])
+@pytest.mark.parametrize(
+    "chain", [("uav1", "uav2", "uav3"), ("uav3", "uav2", "uav1"), ("uav2", "uav1", "uav3")]
+)
 def test_every_camera_of_the_chain_is_where_it_is(seed, chain):
     fleet = Fleet(seed)
     frames = HomeFrames()
     frames.calibrate([fleet.link(a, b) for a, b in zip(chain, chain[1:])][::-1])
     frames.set_home("uav1", fleet.T_odom_home)
     for name in fleet.names:
-        found = camera_in_home(frames.T_home_odom[name], fleet.T_odom_body[name], fleet.T_body_cam[name])
+        found = camera_in_home(
+            frames.T_home_odom[name], fleet.T_odom_body[name], fleet.T_body_cam[name]
+        )
         assert np.allclose(found, fleet.T_home_cam(name), atol=ROUNDING)
 
 
@@ -89,7 +95,9 @@ def test_from_messages():
 
     fleet, frames = Fleet(6), HomeFrames()
     link = fleet.link("uav1", "uav2")
-    message = CalibrationLink(parent="uav1", child="uav2", covariance=link.covariance.ravel().tolist())
+    message = CalibrationLink(
+        parent="uav1", child="uav2", covariance=link.covariance.ravel().tolist()
+    )
     message.child_odom_in_parent_odom = conversions.transform_to_pose(link.T_parent_child)
     home_messages.take_calibration(frames, Calibration(links=[message]))
     pose = conversions.transform_to_pose(fleet.T_odom_home)
@@ -99,7 +107,9 @@ def test_from_messages():
     direct.set_home("uav1", fleet.T_odom_home)
     for name in ("uav1", "uav2"):
         assert np.allclose(frames.T_home_odom[name], direct.T_home_odom[name], atol=ROUNDING)
-        assert np.allclose(frames.places[name].covariance, direct.places[name].covariance, atol=1e-12)
+        assert np.allclose(
+            frames.places[name].covariance, direct.places[name].covariance, atol=1e-12
+        )
 
     before = frames.T_home_odom
     message.child_odom_in_parent_odom.orientation.w = float("nan")

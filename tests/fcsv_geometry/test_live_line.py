@@ -53,8 +53,12 @@ def test_on_a_terminal_it_changes_in_place_and_leaves_no_trace(clock):
     live.clear()
     text = out.getvalue()
     assert "too soon" not in text and text.count("\n") == 1
-    assert text.startswith("\r\x1b[Kone\r\x1b[Ktwo xxx") and text.endswith("\r\x1b[Kstays\n\r\x1b[Kthree\r\x1b[K")
-    assert max(map(len, text.replace("\r\x1b[K", "\n").splitlines())) < 300, "a long line would wrap and not be erased"
+    assert text.startswith("\r\x1b[Kone\r\x1b[Ktwo xxx") and text.endswith(
+        "\r\x1b[Kstays\n\r\x1b[Kthree\r\x1b[K"
+    )
+    assert max(map(len, text.replace("\r\x1b[K", "\n").splitlines())) < 300, (
+        "a long line would wrap and not be erased"
+    )
 
 
 def test_steps_are_shown_while_their_body_is_busy():

@@ -13,7 +13,10 @@ from fcsv_geometry.missions import mission as schema
 from fcsv_geometry.missions import sweep
 from fcsv_geometry.missions.mission import Mission, load_mission, spaced
 
-GOOD = {"name": "test", "configurations": [{"axis": "horizontal", "baseline_m": 4.0, "record_s": 3.0}]}
+GOOD = {
+    "name": "test",
+    "configurations": [{"axis": "horizontal", "baseline_m": 4.0, "record_s": 3.0}],
+}
 
 
 SWEEP = {"axis": "horizontal", "from_m": 2.0, "to_m": 8.0, "speed_mps": 1.5}
@@ -30,7 +33,13 @@ def changed(**change):
 
 
 def configured(**change):
-    return {**GOOD, "configurations": [GOOD["configurations"][0], {"axis": "vertical", "baseline_m": 5.0, **change}]}
+    return {
+        **GOOD,
+        "configurations": [
+            GOOD["configurations"][0],
+            {"axis": "vertical", "baseline_m": 5.0, **change},
+        ],
+    }
 
 
 def swept(**change):
@@ -53,14 +62,23 @@ def baselines(mission, axis):
 def test_the_missions_that_come_along(root, name, horizontal, vertical):
     mission = load_mission(root / "config" / "missions" / f"{name}.yaml")
     assert mission.name == name and mission.reference == "uav1"
-    assert baselines(mission, "horizontal") == horizontal and baselines(mission, "vertical") == vertical
+    assert (
+        baselines(mission, "horizontal") == horizontal
+        and baselines(mission, "vertical") == vertical
+    )
 
 
 def test_what_a_file_says_is_what_is_flown(tmp_path):
     document = changed(reference="uav2", min_separation_m=1.2, settle={"position_m": 0.2})
-    document["configurations"] = [{"axis": "horizontal", "baseline_m": 3, "tilt_deg": 5, "vehicle": "uav3"}]
+    document["configurations"] = [
+        {"axis": "horizontal", "baseline_m": 3, "tilt_deg": 5, "vehicle": "uav3"}
+    ]
     mission = load_mission(written(tmp_path, document))
-    assert (mission.reference, mission.min_separation_m, mission.settle.position_m) == ("uav2", 1.2, 0.2)
+    assert (mission.reference, mission.min_separation_m, mission.settle.position_m) == (
+        "uav2",
+        1.2,
+        0.2,
+    )
     c = mission.configurations[0]
     assert (c.title, c.record_s, mission.mover(0, ["uav1", "uav2", "uav3"])) == (
         "horizontal 3 m tilt 5 deg",
@@ -83,29 +101,56 @@ def test_what_a_file_says_is_what_is_flown(tmp_path):
         ),
         (configured(baseline_m=float("nan")), ["configurations[1].baseline_m", "must be finite"]),
         (configured(baseline_m="four"), ["configurations[1].baseline_m", "must be float"]),
-        (configured(axis="diagonal"), ["configurations[1].axis", "'diagonal'", "horizontal, vertical"]),
+        (
+            configured(axis="diagonal"),
+            ["configurations[1].axis", "'diagonal'", "horizontal, vertical"],
+        ),
         (configured(record_s=0), ["configurations[1].record_s", "0.5..600"]),
         (configured(least_pictures=0), ["configurations[1].least_pictures", "1..1000"]),
         (configured(record_s=-1.0), ["configurations[1].record_s"]),
         (configured(tilt_deg=5.0), ["configurations[1].tilt_deg", "fixed camera", "set it to 0"]),
         (configured(vehicle="uav1"), ["configurations[1].vehicle", "is the reference"]),
-        ({**GOOD, "configurations": [{"axis": "horizontal"}]}, ["configurations[0].baseline_m", "is missing"]),
-        ({**GOOD, "configurations": [{"baseline_m": 4.0}]}, ["configurations[0].axis", "is missing"]),
+        (
+            {**GOOD, "configurations": [{"axis": "horizontal"}]},
+            ["configurations[0].baseline_m", "is missing"],
+        ),
+        (
+            {**GOOD, "configurations": [{"baseline_m": 4.0}]},
+            ["configurations[0].axis", "is missing"],
+        ),
         (swept(speed=1.0), ["unknown key 'configurations[0].sweep.speed'", "speed_mps"]),
         (swept(axis="up"), ["configurations[0].sweep.axis", "'up'", "horizontal, vertical"]),
-        (swept(from_m=8.0), ["configurations[0].sweep.to_m", "less than 0.5 m from from_m", "{axis, baseline_m}"]),
+        (
+            swept(from_m=8.0),
+            ["configurations[0].sweep.to_m", "less than 0.5 m from from_m", "{axis, baseline_m}"],
+        ),
         (swept(from_m=-2.0), ["configurations[0].sweep.from_m", "-2.0", "0..100 m"]),
         (swept(to_m=300), ["configurations[0].sweep.to_m", "300", "0..100 m"]),
         (swept(speed_mps=0.0), ["configurations[0].sweep.speed_mps", "under 0.1 m/s"]),
         (swept(speed_mps=-1.0), ["configurations[0].sweep.speed_mps", "under 0.1 m/s"]),
         (swept(speed_mps=float("nan")), ["configurations[0].sweep.speed_mps", "must be finite"]),
-        (swept(speed_mps=2.5), ["configurations[0].sweep.speed_mps", "2.5", "2 m/s that 'flight' allows"]),
+        (
+            swept(speed_mps=2.5),
+            ["configurations[0].sweep.speed_mps", "2.5", "2 m/s that 'flight' allows"],
+        ),
         (swept(axis="vertical", speed_mps=1.8), ["configurations[0].sweep.speed_mps", "1.5 m/s"]),
         (swept(from_m=1.0), ["configurations[0].sweep.from_m", "separation of 1.5 m"]),
-        (swept(axis="vertical", from_m=0.0), ["configurations[0].sweep.from_m", "separation of 1.5 m"]),
-        (changed(configurations=[{"sweep": SWEEP, "axis": "vertical"}]), ["configurations[0].axis", "leave it out"]),
-        (changed(configurations=[{"sweep": SWEEP, "baseline_m": 3}]), ["configurations[0].baseline_m", "leave it out"]),
-        (changed(configurations=[{"sweep": SWEEP, "record_s": 3}]), ["configurations[0].record_s", "leave it out"]),
+        (
+            swept(axis="vertical", from_m=0.0),
+            ["configurations[0].sweep.from_m", "separation of 1.5 m"],
+        ),
+        (
+            changed(configurations=[{"sweep": SWEEP, "axis": "vertical"}]),
+            ["configurations[0].axis", "leave it out"],
+        ),
+        (
+            changed(configurations=[{"sweep": SWEEP, "baseline_m": 3}]),
+            ["configurations[0].baseline_m", "leave it out"],
+        ),
+        (
+            changed(configurations=[{"sweep": SWEEP, "record_s": 3}]),
+            ["configurations[0].record_s", "leave it out"],
+        ),
         (
             changed(
                 configurations=[
@@ -139,11 +184,15 @@ def test_what_cannot_be_flown_is_one_line(tmp_path, document, words):
 
 
 def test_a_sweep_is_read_and_survives_a_session_file(tmp_path):
-    mission = load_mission(written(tmp_path, swept(axis="vertical", from_m=0.0, to_m=6.0, across_m=8.0)))
+    mission = load_mission(
+        written(tmp_path, swept(axis="vertical", from_m=0.0, to_m=6.0, across_m=8.0))
+    )
     c = mission.configurations[0]
     assert (c.axis, c.baseline_m, c.title) == ("vertical", 10.0, "sweep vertical 0 to 6 m at 8 m")
     assert [c.sweep.place_m(s).tolist() for s in (0.0, 1.0)] == [[0.0, -8.0, 0.0], [0.0, -8.0, 6.0]]
-    assert c.sweep.takes_s(mission.flight) == pytest.approx(6.0 / 1.5 + 1.5 / 1.0), "at its speed, with two ramps"
+    assert c.sweep.takes_s(mission.flight) == pytest.approx(6.0 / 1.5 + 1.5 / 1.0), (
+        "at its speed, with two ramps"
+    )
     assert config.from_mapping(dataclasses.asdict(mission), Mission, "session") == mission
 
 
@@ -157,7 +206,11 @@ def test_a_missing_file_is_one_line(tmp_path):
     [
         ({}, ["uav1"], "two or more"),
         ({"reference": "uav9"}, ["uav1", "uav2"], "reference 'uav9'"),
-        ({"configurations": [{"axis": "vertical", "baseline_m": 5, "vehicle": "uav7"}]}, ["uav1", "uav2"], "'uav7'"),
+        (
+            {"configurations": [{"axis": "vertical", "baseline_m": 5, "vehicle": "uav7"}]},
+            ["uav1", "uav2"],
+            "'uav7'",
+        ),
     ],
 )
 def test_a_fleet_that_does_not_fit(tmp_path, change, vehicles, words):
@@ -166,24 +219,37 @@ def test_a_fleet_that_does_not_fit(tmp_path, change, vehicles, words):
         mission.check_vehicles(vehicles)
 
 
-@pytest.mark.parametrize("document, field, problem", [
-    (configured(baseline_m=1.0), "configurations[1].baseline_m", "is under the vehicles' minimum separation"),
-    (configured(record_s=0), "configurations[1].record_s", "is not in 0.5..600 s"),
-    (configured(baseline_m="four"), "configurations[1].baseline_m", "must be float"),
-    (configured(speed=3), "configurations[1].speed", "is not known"),
-    (changed(settle={"hold_m": 0.0}), "settle.hold_m", "must be positive"),
-    ({"name": "test"}, "configurations", "is missing"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "document, field, problem",
+    [
+        (
+            configured(baseline_m=1.0),
+            "configurations[1].baseline_m",
+            "is under the vehicles' minimum separation",
+        ),
+        (configured(record_s=0), "configurations[1].record_s", "is not in 0.5..600 s"),
+        (configured(baseline_m="four"), "configurations[1].baseline_m", "must be float"),
+        (configured(speed=3), "configurations[1].speed", "is not known"),
+        (changed(settle={"hold_m": 0.0}), "settle.hold_m", "must be positive"),
+        ({"name": "test"}, "configurations", "is missing"),
+    ],
+)
 def test_the_error_carries_field_and_problem(tmp_path, document, field, problem):
     """For who gives advice of its own (the planner): nobody has to search the text."""
     with pytest.raises(ConfigError) as error:
         load_mission(written(tmp_path, document))
-    assert error.value.field == field and problem in error.value.problem and field not in error.value.problem
+    assert (
+        error.value.field == field
+        and problem in error.value.problem
+        and field not in error.value.problem
+    )
 
 
 @pytest.mark.parametrize("separation_m", [0.5, 1.5, 3.0, 5.0, 8.0])
 def test_a_separation_with_the_hints_that_it_needs_is_a_mission(tmp_path, separation_m):
-    document = changed(**spaced(separation_m), configurations=[{"axis": "horizontal", "baseline_m": 9.0}])
+    document = changed(
+        **spaced(separation_m), configurations=[{"axis": "horizontal", "baseline_m": 9.0}]
+    )
     assert load_mission(written(tmp_path, document)).min_separation_m == separation_m
     if separation_m <= Mission.min_separation_m:
         assert (document["column_spacing_m"], document["home_height_m"]) == (3.5, 8.0)

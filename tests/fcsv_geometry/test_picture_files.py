@@ -24,15 +24,25 @@ def encoded(kind, image=None):
         return with_orientation(encoded("jpeg", image), 1, thumbnail)
     if kind.startswith("tiff, "):
         file = io.BytesIO()
-        tifffile.imwrite(file, image[..., ::-1], compression="zlib" if kind == "tiff, deflate" else None)
+        tifffile.imwrite(
+            file, image[..., ::-1], compression="zlib" if kind == "tiff, deflate" else None
+        )
         return file.getvalue()
     options = [cv2.IMWRITE_JPEG_PROGRESSIVE, 1] if kind == "jpeg, progressive" else []
     return cv2.imencode("." + kind.split(",")[0], image, options)[1].tobytes()
 
 
 KINDS = (
-    "jpeg", "jpeg with a thumbnail", "jpeg, progressive", "png", "tiff", "tiff, deflate", "tiff, raw", "bmp", "ppm",
-)  # fmt: skip
+    "jpeg",
+    "jpeg with a thumbnail",
+    "jpeg, progressive",
+    "png",
+    "tiff",
+    "tiff, deflate",
+    "tiff, raw",
+    "bmp",
+    "ppm",
+)
 
 
 def test_examples():
@@ -63,18 +73,33 @@ def test_spoilt_files_are_refused_by_name(kind, how, wrong_input, tmp_path):
 
 def test_black_pictures_and_what_cameras_write_behind_are_whole():
     for kind in KINDS:
-        for image in (np.zeros((120, 160, 3), np.uint8), np.vstack([grain(), np.zeros((40, 160, 3), np.uint8)])):
+        for image in (
+            np.zeros((120, 160, 3), np.uint8),
+            np.vstack([grain(), np.zeros((40, 160, 3), np.uint8)]),
+        ):
             assert decode_picture(encoded(kind, image), "a").pixels.shape == image.shape
     for kind in ("jpeg", "png"):
-        assert decode_picture(encoded(kind) + b"MotionPhoto" * 100 + bytes(2000), "a").pixels.shape == (120, 160, 3)
+        assert decode_picture(
+            encoded(kind) + b"MotionPhoto" * 100 + bytes(2000), "a"
+        ).pixels.shape == (120, 160, 3)
 
 
-@pytest.mark.parametrize("data, words", [
-    (HEIC, "is HEIC"), (b"\0\0\0\x20ftypavif" + b"1" * 99, "is AVIF"), (b"\0\0\0\x20ftypmp42" + b"1" * 99, "is a film"),
-    (b"", "is empty"), (bytes(5000), "5000 zero octets"), (b"version https://git-lfs.github.com/spec/v1", "git lfs"),
-    (b"<!DOCTYPE html><html>", "HTML"), (b"%PDF-1.4", "PDF"), (b"PK\x03\x04abc", "archive"),
-    (b"no picture at all", "cannot be read as a picture"), (b"\xff\xd8\xff\xe0garbage", "a.jpg: "),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "data, words",
+    [
+        (HEIC, "is HEIC"),
+        (b"\0\0\0\x20ftypavif" + b"1" * 99, "is AVIF"),
+        (b"\0\0\0\x20ftypmp42" + b"1" * 99, "is a film"),
+        (b"", "is empty"),
+        (bytes(5000), "5000 zero octets"),
+        (b"version https://git-lfs.github.com/spec/v1", "git lfs"),
+        (b"<!DOCTYPE html><html>", "HTML"),
+        (b"%PDF-1.4", "PDF"),
+        (b"PK\x03\x04abc", "archive"),
+        (b"no picture at all", "cannot be read as a picture"),
+        (b"\xff\xd8\xff\xe0garbage", "a.jpg: "),
+    ],
+)
 def test_other_files_are_told_for_what_they_are(tmp_path, data, words, wrong_input):
     path = tmp_path / "a.jpg"
     path.write_bytes(data)
@@ -101,8 +126,16 @@ def test_pixels_are_the_stored_ones_and_turn_as_exif_says(kind, orientation):
             file, kind, exif=exif, **({"quality": 100, "subsampling": 0} if kind == "jpeg" else {})
         )
     found = decode_picture(file.getvalue(), "a")
-    expected = {1: image, 2: image[:, ::-1], 3: image[::-1, ::-1], 4: image[::-1], 5: image.swapaxes(0, 1),
-                6: np.rot90(image, -1), 7: np.rot90(image, 2).swapaxes(0, 1), 8: np.rot90(image)}  # fmt: skip
+    expected = {
+        1: image,
+        2: image[:, ::-1],
+        3: image[::-1, ::-1],
+        4: image[::-1],
+        5: image.swapaxes(0, 1),
+        6: np.rot90(image, -1),
+        7: np.rot90(image, 2).swapaxes(0, 1),
+        8: np.rot90(image),
+    }
     eight_bits = (lambda p: p // 256) if "16" in kind else (lambda p: p)
     assert found.orientation == orientation
     for pixels, wanted in ((found.pixels, image), (found.turned(), expected[orientation])):
@@ -112,7 +145,8 @@ def test_pixels_are_the_stored_ones_and_turn_as_exif_says(kind, orientation):
 
 @pytest.mark.parametrize("tagged", [False, True])
 def test_a_png_is_decoded_once(tmp_path, monkeypatch, tagged):
-    """Pillow decodes all of a PNG to look for EXIF behind its pixels: it is asked only where there may be some."""
+    """Pillow decodes all of a PNG to look for EXIF behind its pixels: it is asked only where there
+    may be some."""
     exif = Image.Exif()
     exif[0x0112] = 6
     pixels = np.random.default_rng(1).integers(0, 255, (20, 30, 3), np.uint8)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node's process is found by how roslaunch started it; masters and nodes that hang or talk nonsense end a call in
-time."""
+"""A node's process is found by how roslaunch started it; masters and nodes that hang or talk
+nonsense end a call in time."""
 
 import os
 import socket
@@ -56,7 +56,11 @@ def test_a_master_that_hangs_ends_a_look_up_in_time(silent, monkeypatch):
 
 def test_a_node_is_looked_up_and_asked_to_end(answers, monkeypatch):
     monkeypatch.setenv("ROS_MASTER_URI", answers.uri)
-    answers.said = {"lookupNode": [1, "", answers.uri], "shutdown": [1, "", 0], "getPid": [1, "", 41]}
+    answers.said = {
+        "lookupNode": [1, "", answers.uri],
+        "shutdown": [1, "", 0],
+        "getPid": [1, "", 41],
+    }
     assert address_of(NAME, NODE, 20.0) == answers.uri and ask_pid(NAME, answers.uri, 20.0) == 41
     ask_to_end(NAME, NODE, "it is silent", 20.0)
     assert answers.calls[-1] == ("shutdown", NAME, "it is silent")
@@ -77,13 +81,21 @@ def test_an_answer_that_is_not_sound_is_no_process_id(answers, answer):
 
 def test_who_hangs_or_is_not_there_tells_no_process_id(silent):
     assert ask_pid(NAME, silent, SOON_S) is None
-    assert ask_pid(NAME, "http://127.0.0.1:9/", SOON_S) is None and ask_pid(NAME, "nonsense", SOON_S) is None
+    assert (
+        ask_pid(NAME, "http://127.0.0.1:9/", SOON_S) is None
+        and ask_pid(NAME, "nonsense", SOON_S) is None
+    )
 
 
 @pytest.fixture
 def started():
     """A process as roslaunch starts the node /uav1/camera."""
-    command = [sys.executable, "-c", "import time; print('', flush=True); time.sleep(600)", "__name:=camera"]
+    command = [
+        sys.executable,
+        "-c",
+        "import time; print('', flush=True); time.sleep(600)",
+        "__name:=camera",
+    ]
     env = {**os.environ, "ROS_NAMESPACE": "/uav1/", "ROS_MASTER_URI": "http://127.0.0.1:1/"}
     with subprocess.Popen(command, env=env, stdout=subprocess.PIPE) as process:
         process.stdout.readline()
@@ -96,7 +108,10 @@ def test_a_process_is_found_by_name_namespace_and_master(started, monkeypatch):
     assert [p.pid for p in processes_of(NODE)] == [started.pid]
     process = psutil.Process(started.pid)
     assert is_node(process, NODE)
-    assert not any(is_node(process, other) for other in ("/uav1/came", "/uav2/camera", "/camera", "/uav1/front/camera"))
+    assert not any(
+        is_node(process, other)
+        for other in ("/uav1/came", "/uav2/camera", "/camera", "/uav1/front/camera")
+    )
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:2/")
     assert not is_node(process, NODE), "another master's"
 

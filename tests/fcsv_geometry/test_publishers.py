@@ -28,11 +28,13 @@ class Handler:
 
 @pytest.fixture
 def told(monkeypatch):
-    """told(updates, count): to what a manager connects that finds all of them waiting when it comes to look."""
+    """told(updates, count): to what a manager connects that finds all of them waiting when it comes
+    to look."""
     import rospy.impl.registration as registration
 
     monkeypatch.setattr(registration, "add_preshutdown_hook", lambda _hook: None)
-    monkeypatch.setattr(registration, "is_shutdown", lambda: False)  # as another test of this process may have left it
+    # as another test of this process may have left it
+    monkeypatch.setattr(registration, "is_shutdown", lambda: False)
 
     def connects(updates, count):
         handler = Handler()
@@ -56,5 +58,9 @@ def test_an_older_answer_does_not_stand_for_the_news(told, monkeypatch):
     publishers.keep_all()
     late_answer = [("/t", ["http://a:1"]), ("/u", ["http://b:1"]), ("/t", [])]
     assert told(late_answer, 2) == [("/t", "http://a:1"), ("/u", "http://b:1")]
-    assert told([("/t", ["a", "b"]), ("/t", ["b", "c"])], 3) == [("/t", "a"), ("/t", "b"), ("/t", "c")]
+    assert told([("/t", ["a", "b"]), ("/t", ["b", "c"])], 3) == [
+        ("/t", "a"),
+        ("/t", "b"),
+        ("/t", "c"),
+    ]
     assert told([("/t", [])], 0) == []

@@ -21,8 +21,12 @@ def random():
 def turns(random):
     """Of all sizes, with those for which a formula has a case of its own."""
     axes = random.normal(0.0, 1.0, (COUNT, 3))
-    angles = np.concatenate([random.uniform(0.0, np.pi, COUNT - 7), [0.0, 1e-9, 9e-7, 2e-6, 1e-4, np.pi - 1e-4, np.pi]])
-    return Rotation.from_rotvec(axes / np.linalg.norm(axes, axis=1, keepdims=True) * angles[:, None])
+    angles = np.concatenate(
+        [random.uniform(0.0, np.pi, COUNT - 7), [0.0, 1e-9, 9e-7, 2e-6, 1e-4, np.pi - 1e-4, np.pi]]
+    )
+    return Rotation.from_rotvec(
+        axes / np.linalg.norm(axes, axis=1, keepdims=True) * angles[:, None]
+    )
 
 
 def test_quaternions(turns, random):
@@ -31,14 +35,18 @@ def test_quaternions(turns, random):
         q_a, q_b = tuple(A.as_quat().tolist()), tuple(B.as_quat().tolist())
         assert np.allclose(rotations.rotate(q_a, tuple(v)), A.apply(v))
         assert np.isclose(abs(np.array(rotations.multiply(q_a, q_b)) @ (A * B).as_quat()), 1.0)
-        assert np.allclose(rotations.rotate(rotations.conjugate(q_a), rotations.rotate(q_a, tuple(v))), v)
+        assert np.allclose(
+            rotations.rotate(rotations.conjugate(q_a), rotations.rotate(q_a, tuple(v))), v
+        )
         assert np.allclose(rotations.matrix_of_quaternion(q_a), A.as_matrix(), atol=1e-12)
         again = rotations.quaternion_of_matrix(A.as_matrix())
         assert again[3] >= 0.0 and np.isclose(abs(np.array(again) @ q_a), 1.0)
         x_b = A.as_matrix()[:, 0]
         assert np.isclose(rotations.yaw(q_a), math.atan2(x_b[1], x_b[0]))
         cosine = A.as_matrix()[2] @ B.as_matrix()[2]  # a's vertical in both
-        assert np.isclose(rotations.tilt_between(q_a, q_b), math.acos(min(1.0, max(-1.0, cosine))), atol=1e-7)
+        assert np.isclose(
+            rotations.tilt_between(q_a, q_b), math.acos(min(1.0, max(-1.0, cosine))), atol=1e-7
+        )
 
 
 def test_angles(random):
@@ -82,7 +90,9 @@ def test_between_two_directions(random):
     for _ in range(COUNT):
         a, b = (v / np.linalg.norm(v) for v in random.normal(size=(2, 3)))
         R = rotations.between(a, b)
-        assert np.allclose(R @ a, b) and np.isclose(Rotation.from_matrix(R).magnitude(), math.acos(a @ b))
+        assert np.allclose(R @ a, b) and np.isclose(
+            Rotation.from_matrix(R).magnitude(), math.acos(a @ b)
+        )
 
 
 def test_cross_products(random):

@@ -32,8 +32,13 @@ def test_a_single_wrong_stamp_alone_is_left_out(at, wrong):
 def test_scattered_wrong_stamps_lose_no_right_one(wrong, random):
     stamps_s = [random.uniform(0.0, 5000.0) if i in wrong else s for i, s in enumerate(STEADY)]
     found = in_order(stamps_s, alone_s=10.0)
-    assert len(found.kept) >= 200 - len(wrong) - 2 and set(found.left_out) | set(found.kept) == set(range(200))
-    assert all(a < b for a, b in zip([stamps_s[i] for i in found.kept], [stamps_s[i] for i in found.kept][1:]))
+    assert len(found.kept) >= 200 - len(wrong) - 2 and set(found.left_out) | set(found.kept) == set(
+        range(200)
+    )
+    assert all(
+        a < b
+        for a, b in zip([stamps_s[i] for i in found.kept], [stamps_s[i] for i in found.kept][1:])
+    )
 
 
 @pytest.mark.parametrize("places", [(101, 100), (101, 102, 100), (102, 100, 101), (102, 101, 100)])
@@ -59,8 +64,14 @@ def test_a_clock_that_jumps_back_keeps_what_can_be_told_apart():
     found = in_order([*STEADY, *(s - 4.0 for s in STEADY)])
     assert found.jumps == [(STEADY[-1], STEADY[0] - 4.0)]
     kept = np.array([*STEADY, *(s - 4.0 for s in STEADY)])[found.kept]
-    assert kept.min() == STEADY[0] - 4.0 and kept.max() == STEADY[-1] and not np.any((kept > 1000.1) & (kept < 1005.8))
-    assert in_order([*STEADY, *(s - 500.0 for s in STEADY)]).left_out == {}, "no time is counted twice"
+    assert (
+        kept.min() == STEADY[0] - 4.0
+        and kept.max() == STEADY[-1]
+        and not np.any((kept > 1000.1) & (kept < 1005.8))
+    )
+    assert in_order([*STEADY, *(s - 500.0 for s in STEADY)]).left_out == {}, (
+        "no time is counted twice"
+    )
 
 
 def test_a_stamp_that_stands_still_for_a_while_costs_the_messages_that_repeat_it():
@@ -82,9 +93,9 @@ def test_silences_and_forward_steps_are_in_order():
     assert found.kept == list(range(400)) and not found.left_out and not found.jumps
 
 
-@pytest.mark.parametrize("stamps_s, words", [
-    ([0.0] * 9, "are 0"), ([0.0], "are 0"), ([7.0] * 9, "stand still at 7.000"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "stamps_s, words", [([0.0] * 9, "are 0"), ([0.0], "are 0"), ([7.0] * 9, "stand still at 7.000")]
+)
 def test_stamps_that_say_nothing(stamps_s, words):
     assert words in stuck(stamps_s) and stuck(STEADY) == stuck([5.0]) == stuck([]) == ""
 

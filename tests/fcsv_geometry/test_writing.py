@@ -31,22 +31,31 @@ def test_a_file_in_the_way_is_named(below, tmp_path):
 
 
 def test_a_command_that_the_system_stops_says_where_it_wrote(capsys):
-    """The first of the arguments that name it and are given; an error that names its own file keeps it."""
+    """The first of the arguments that name it and are given; an error that names its own file keeps
+    it."""
     parser = argparse.ArgumentParser(prog="draw")
     for name in ("--trace", "--json"):
         parser.add_argument(name)
     full = OSError(errno.ENOSPC, "No space left on device")
 
     def end(error, *argv):
-        assert commands.run(parser, list(argv), lambda _args: raised(error), writes=("trace", "json")) == 2
+        assert (
+            commands.run(parser, list(argv), lambda _args: raised(error), writes=("trace", "json"))
+            == 2
+        )
         return capsys.readouterr().err
 
     def raised(error):
         raise error
 
-    assert end(full, "--json", "a.json") == "draw: a.json: the disk is full: make room, or choose another folder\n"
+    assert (
+        end(full, "--json", "a.json")
+        == "draw: a.json: the disk is full: make room, or choose another folder\n"
+    )
     assert end(full) == "draw: the disk is full: make room, or choose another folder\n"
-    assert "draw: b: does not exist" in end(FileNotFoundError(errno.ENOENT, "", "b"), "--trace", "a.png")
+    assert "draw: b: does not exist" in end(
+        FileNotFoundError(errno.ENOENT, "", "b"), "--trace", "a.png"
+    )
 
 
 def test_a_folder_in_place_of_a_file_is_named(tmp_path):
@@ -54,9 +63,14 @@ def test_a_folder_in_place_of_a_file_is_named(tmp_path):
         require_file(tmp_path)
 
 
-@pytest.mark.parametrize("number, words", [
-    (errno.EACCES, "this user may not write here"), (errno.EROFS, "read-only"), (errno.ENOSPC, "the disk is full"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "number, words",
+    [
+        (errno.EACCES, "this user may not write here"),
+        (errno.EROFS, "read-only"),
+        (errno.ENOSPC, "the disk is full"),
+    ],
+)
 def test_what_the_system_refuses_is_a_sentence(number, words, tmp_path, monkeypatch):
     def refuse(**_):
         raise OSError(number, os.strerror(number))
@@ -93,7 +107,9 @@ with loading("map"):
         time.sleep(0.2)
 assert signal.getsignal(signal.SIGINT) is before
 """
-    run = lambda *argv: subprocess.run([sys.executable, "-c", script, *argv], capture_output=True, text=True)  # noqa: E731
+    run = lambda *argv: subprocess.run(  # noqa: E731
+        [sys.executable, "-c", script, *argv], capture_output=True, text=True
+    )
     done = run("early")
     assert (done.returncode, done.stderr) == (130, "map: interrupted; nothing was begun\n")
     for argv in ((), ("early", "ignored")):
@@ -106,5 +122,7 @@ def test_a_read_only_disk_is_said_of_the_folder_not_of_what_was_tried_there(tmp_
         raise OSError(errno.EROFS, "Read-only file system", f"{dir}/tmpx")
 
     monkeypatch.setattr(writing.tempfile, "TemporaryFile", refuse)
-    with pytest.raises(PlaceError, match=f"^{tmp_path}: the disk is read-only: choose another folder$"):
+    with pytest.raises(
+        PlaceError, match=f"^{tmp_path}: the disk is read-only: choose another folder$"
+    ):
         require_folder(tmp_path / "out")

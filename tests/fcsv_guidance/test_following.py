@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The route follower, driven by an exact unicycle: it arrives, keeps to its route, and stops for every doubt."""
+"""The route follower, driven by an exact unicycle: it arrives, keeps to its route, and stops for
+every doubt."""
 
 from dataclasses import replace
 
@@ -7,7 +8,13 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import RouteError
-from fcsv_guidance.following import ClearanceMap, RobotPlace, RouteFollower, RouteToFollow, StopRobot
+from fcsv_guidance.following import (
+    ClearanceMap,
+    RobotPlace,
+    RouteFollower,
+    RouteToFollow,
+    StopRobot,
+)
 from fcsv_guidance.ground import Grid
 from fcsv_guidance.robot import load_robot
 
@@ -35,7 +42,12 @@ class Drive:
     """The follower with a robot that does what it is told."""
 
     def __init__(self, robot, yaw_rad=0.0, sigma_m=0.05):
-        self.follower, self.at, self.now_s, self.way = RouteFollower(robot), [0.0, 0.0, yaw_rad], 0.0, []
+        self.follower, self.at, self.now_s, self.way = (
+            RouteFollower(robot),
+            [0.0, 0.0, yaw_rad],
+            0.0,
+            [],
+        )
         self.sigma_m = sigma_m
         self.follower.receive(0.0, clear())
         self.follower.receive(0.0, RouteToFollow(CORNERS))
@@ -51,8 +63,11 @@ class Drive:
             x, y, yaw = self.at
             turned = yaw + command.turning_radps * STEP_S
             middle = 0.5 * (yaw + turned)
-            self.at = [x + command.speed_mps * STEP_S * np.cos(middle),
-                       y + command.speed_mps * STEP_S * np.sin(middle), turned]  # fmt: skip
+            self.at = [
+                x + command.speed_mps * STEP_S * np.cos(middle),
+                y + command.speed_mps * STEP_S * np.sin(middle),
+                turned,
+            ]
             self.now_s += STEP_S
             self.way.append((*self.at, command.speed_mps, command.turning_radps))
         return command
@@ -66,10 +81,14 @@ def test_it_arrives_near_its_route_within_its_bounds(rescue, yaw_rad):
     way = np.array(drive.way)
     assert np.hypot(*(way[-1, :2] - CORNERS[-1])) <= 0.3
     off = np.minimum(
-        np.abs(way[:, 1]) + np.maximum(way[:, 0] - 6, 0), np.abs(way[:, 0] - 6) + np.maximum(-way[:, 1], 0)
+        np.abs(way[:, 1]) + np.maximum(way[:, 0] - 6, 0),
+        np.abs(way[:, 0] - 6) + np.maximum(-way[:, 1], 0),
     )
     assert off.max() < 0.45  # the corner is cut by less than the distance that is looked ahead
-    assert way[:, 3].max() <= rescue.speed_mps and np.abs(way[:, 4]).max() <= rescue.turning_rate_radps + 1e-9
+    assert (
+        way[:, 3].max() <= rescue.speed_mps
+        and np.abs(way[:, 4]).max() <= rescue.turning_rate_radps + 1e-9
+    )
     assert np.diff(way[:, 3]).max() <= rescue.acceleration_mps2 * STEP_S + 1e-9
 
 
@@ -87,7 +106,10 @@ def test_a_place_that_is_lost_old_or_not_finite_stops_it(rescue):
 def test_a_place_no_better_known_than_what_is_clear_stops_it(rescue):
     drive = Drive(rescue, sigma_m=0.6)
     command = drive.run(0.1)
-    assert command.speed_mps == 0.0 and command.reason == "the robot's place is known to 0.60 m, and 1.00 m are clear"
+    assert (
+        command.speed_mps == 0.0
+        and command.reason == "the robot's place is known to 0.60 m, and 1.00 m are clear"
+    )
 
 
 def test_an_old_map_and_the_operator_stop_it(rescue):
@@ -118,7 +140,10 @@ def test_narrow_bends_are_driven_slower(rescue):
     drive = Drive(rescue)
     drive.run(40.0)
     way = np.array(drive.way)
-    straight, bend = way[(way[:, 0] > 3) & (way[:, 0] < 5)], way[(way[:, 0] > 5.4) & (way[:, 1] < 0.6)]
+    straight, bend = (
+        way[(way[:, 0] > 3) & (way[:, 0] < 5)],
+        way[(way[:, 0] > 5.4) & (way[:, 1] < 0.6)],
+    )
     assert bend[:, 3].min() < 0.9 * straight[:, 3].max()
 
 

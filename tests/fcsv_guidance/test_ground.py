@@ -40,7 +40,8 @@ def test_level_ground_is_free_and_a_wall_is_an_obstacle(scene, rescue):
 
 
 def test_what_a_wall_hides_is_unknown(scene, rescue):
-    """From 8 m above, a wall of 1 m whose far face is at 20.3 m hides the ground to 20.3 * 8 / 7 = 23.2 m."""
+    """From 8 m above, a wall of 1 m whose far face is at 20.3 m hides the ground to 20.3 * 8 / 7 =
+    23.2 m."""
     ground = ground_from([scene([WALL]).view()], grid=GRID)
     behind = cells(20.5, 22.6, -3, 3)
     assert not ground.known[behind].any() and ground.known[cells(23.8, 26, -3, 3)].all()
@@ -55,24 +56,31 @@ def test_a_blank_stays_unknown(scene):
 
 @pytest.mark.parametrize("noise, seed", [(0.5, 1), (1.0, 2), (1.0, 3)])
 def test_free_is_calibrated(scene, rescue, noise, seed):
-    """Of the cells called free at most 5 % are not: blocks of 0.3 m, steps of 0.2 m, noise of up to one sigma."""
+    """Of the cells called free at most 5 % are not: blocks of 0.3 m, steps of 0.2 m, noise of up to
+    one sigma."""
     random = np.random.default_rng(seed)
     boxes = []
     for _ in range(25):
         x, y, side = random.uniform(10, 32), random.uniform(-8, 8), random.uniform(0.3, 1.0)
         boxes.append((x, x + side, y, y + side, 0.0, random.choice([0.2, 0.3, 0.6])))
-    free = stand_probability(ground_from([scene(boxes).view(noise, seed)], grid=GRID), rescue) >= FREE_P
+    free = (
+        stand_probability(ground_from([scene(boxes).view(noise, seed)], grid=GRID), rescue)
+        >= FREE_P
+    )
     middles = GRID.middle_of(*np.indices(GRID.shape))
     touched = np.zeros(GRID.shape, bool)
     for x0, x1, y0, y1, *_ in boxes:
         apart = np.maximum(np.maximum([x0, y0] - middles, middles - [x1, y1]), 0)
         touched |= np.hypot(*np.moveaxis(apart, -1, 0)) < rescue.radius_m
-    assert free.sum() > 2000  # of 6,000 to 12,000: real maps have less noise between neighbours than one sigma
+    # of 6,000 to 12,000: real maps have less noise between neighbours than one sigma
+    assert free.sum() > 2000
     assert (free & touched).sum() <= 0.005 * free.sum()
 
 
 def test_the_small_robot_does_not_climb_what_the_large_one_does(scene, rescue, small):
-    ground = ground_from([scene([(14.0, 18.0, -3, 3, 0.0, 0.08)]).view(sigma_share=0.0005)], grid=GRID)
+    ground = ground_from(
+        [scene([(14.0, 18.0, -3, 3, 0.0, 0.08)]).view(sigma_share=0.0005)], grid=GRID
+    )
     edge = cells(13.9, 14.1, -2, 2)
     assert (cell_probability(ground, rescue)[edge] > FREE_P).all()
     assert (np.nanmin(cell_probability(ground, small)[edge], axis=1) < OBSTACLE_P).all()
@@ -101,7 +109,9 @@ def test_an_instant_renews_what_it_sees_and_leaves_the_rest(scene, rescue):
     assert after.views == ("map", "instant")
     assert (after.seen_s[cells(10, 12, -1, 1)] == 9.0).all()
     hidden = cells(15.3, 16.2, -0.5, 0.5)  # behind the new box: as the map saw it
-    assert (after.seen_s[hidden] == 5.0).all() and (after.height_m[hidden] == before.height_m[hidden]).all()
+    assert (after.seen_s[hidden] == 5.0).all() and (
+        after.height_m[hidden] == before.height_m[hidden]
+    ).all()
 
 
 def test_one_map_takes_half_a_second_and_a_renewal_a_tenth(scene, rescue):
@@ -109,7 +119,10 @@ def test_one_map_takes_half_a_second_and_a_renewal_a_tenth(scene, rescue):
     ground = ground_from([view], grid=GRID)  # compiles
     spent = {"map": [], "renewal": []}
     for _ in range(3):  # the least of three: caches of another process must not count
-        for name, call in (("map", lambda: ground_from([view], grid=GRID)), ("renewal", lambda: renewed(ground, view))):
+        for name, call in (
+            ("map", lambda: ground_from([view], grid=GRID)),
+            ("renewal", lambda: renewed(ground, view)),
+        ):
             began = time.process_time()
             made = call()
             if name == "map":

@@ -62,19 +62,28 @@ def test_the_grid_of_a_map_says_free_obstacle_and_unknown(server):
     said = server.said
     assert said.stamp_s == 5.0 and said.grid == Grid.around((5, -6), (22, 6), 0.1)
     cell = said.grid.cell_of
-    assert 0 <= said.stands[cell(10, 3)] <= FREE_PERCENT and 0 <= said.occupied[cell(10, 3)] <= FREE_PERCENT
+    assert (
+        0 <= said.stands[cell(10, 3)] <= FREE_PERCENT
+        and 0 <= said.occupied[cell(10, 3)] <= FREE_PERCENT
+    )
     assert said.occupied[cell(13.05, -0.5)] >= 50 and said.occupied[cell(14.6, -0.5)] == -1
-    assert said.stands[cell(12.8, -0.5)] > FREE_PERCENT >= said.occupied[cell(12.5, -0.5)]  # no room for the footprint
+    # no room for the footprint
+    assert said.stands[cell(12.8, -0.5)] > FREE_PERCENT >= said.occupied[cell(12.5, -0.5)]
 
 
 def test_a_goal_becomes_a_route_once_the_robots_place_is_known(server):
     server.receive(1.0, GoalSet(18.0, 0.0))
     (said,) = server.step(1.0)
-    assert isinstance(said, NoRouteSaid) and said.reason == "no safe route is known: the robot's place is not known"
+    assert (
+        isinstance(said, NoRouteSaid)
+        and said.reason == "no safe route is known: the robot's place is not known"
+    )
     assert not server.step(2.5)  # said once
     server.receive(3.0, at(10.0, 0.0))
     (said,) = server.step(3.0)
-    assert isinstance(said, RouteSaid) and np.allclose(said.points_home_m[[0, -1]], [(10, 0), (18, 0)])
+    assert isinstance(said, RouteSaid) and np.allclose(
+        said.points_home_m[[0, -1]], [(10, 0), (18, 0)]
+    )
     assert not server.step(5.0)
 
 
@@ -101,8 +110,14 @@ def test_a_live_map_changes_cells_and_the_route(server, scene):
     assert isinstance(changed, GridChanged) and changed.stamp_s == 7.0 == server.said.stamp_s
     rows, columns = changed.stands.percents.shape
     whole = server.said.stands[changed.stands.row :, changed.stands.column :][:rows, :columns]
-    assert np.array_equal(whole, changed.stands.percents) and rows * columns < 0.7 * server.said.stands.size
-    assert isinstance(said, RouteSaid) and np.hypot(*np.diff(said.points_home_m, axis=0).T).sum() > straight + 0.5
+    assert (
+        np.array_equal(whole, changed.stands.percents)
+        and rows * columns < 0.7 * server.said.stands.size
+    )
+    assert (
+        isinstance(said, RouteSaid)
+        and np.hypot(*np.diff(said.points_home_m, axis=0).T).sum() > straight + 0.5
+    )
     server.receive(4.0, MapSeen(scene([BOX]).view(stamp_s=8.0, name="live"), live=True))  # it went
     server.step(4.0)
     assert 0 <= server.said.stands[server.said.grid.cell_of(12.8, 3.0)] <= FREE_PERCENT
@@ -117,7 +132,10 @@ def test_many_live_states_are_one_map_and_the_same_says_only_its_time(server, sc
         assert server.ground.seen_by.max() <= 1
     server.receive(9.0, MapSeen(replace(view, stamp_s=20.0), live=True))
     (said,) = server.step(9.0)
-    assert said.stamp_s == 20.0 and said.stands.percents.shape == said.occupied.percents.shape == (1, 1)
+    assert said.stamp_s == 20.0 and said.stands.percents.shape == said.occupied.percents.shape == (
+        1,
+        1,
+    )
 
 
 def test_a_live_map_alone_is_enough(rescue, scene):
@@ -154,7 +172,10 @@ def test_a_service_gets_a_route_a_goal_nearby_or_a_sentence(server):
     with pytest.raises(RouteError, match="outside of what was mapped"):
         server.plan((10.0, 0.0), (90.0, 0.0), tolerance_m=1.0)
     none = server.in_words(NoRoute("no safe route is known: 7 cells", np.array([[0, 0]] * 7)))
-    assert none.reason.startswith("no safe route is known: 7 cells; look at (5.") and len(none.to_see_m) == 7
+    assert (
+        none.reason.startswith("no safe route is known: 7 cells; look at (5.")
+        and len(none.to_see_m) == 7
+    )
     assert none.reason.endswith(" and 2 more")
 
 
@@ -177,7 +198,9 @@ def test_a_map_without_ground_leaves_what_is_known(server, scene):
     before = server.said
     view = scene([BOX]).view()
     with pytest.raises(GroundError, match="no pixel has a depth"):
-        server.receive(1.0, MapSeen(replace(view, sigma=np.full_like(view.sigma, np.nan)), live=True))
+        server.receive(
+            1.0, MapSeen(replace(view, sigma=np.full_like(view.sigma, np.nan)), live=True)
+        )
     with pytest.raises(GroundError, match="no pixel has a depth"):
         server.receive(1.0, MapSeen(replace(view, sigma=np.full_like(view.sigma, np.nan))))
     assert server.said is before and not server.step(1.0)
@@ -191,7 +214,9 @@ def test_regions_are_found_put_in_place_and_refused_outside():
     after[1, 2] = after[3, 4] = 9
     region = changed_region(before, after)
     assert (region.row, region.column, region.percents.shape) == (1, 2, (3, 3))
-    assert np.array_equal(with_region(before, region), after) and changed_region(after, after) is None
+    assert (
+        np.array_equal(with_region(before, region), after) and changed_region(after, after) is None
+    )
     for row, column in ((3, 2), (1, 4), (-1, 0)):
         with pytest.raises(GroundError, match="outside of the grid"):
             with_region(before, Region(row, column, region.percents))
@@ -203,14 +228,24 @@ def test_clearance_is_the_distance_to_where_the_robot_must_not_stand():
     stands[:, 30] = 100
     stands[:, :5] = -1
     clear = clearance_map(3.0, grid, stands)
-    assert clear.stamp_s == 3.0 and (clear.clear_m[:, 30] == 0).all() and (clear.clear_m[:, :5] == 0).all()
+    assert (
+        clear.stamp_s == 3.0
+        and (clear.clear_m[:, 30] == 0).all()
+        and (clear.clear_m[:, :5] == 0).all()
+    )
     assert clear.clear_m[10, 25] == pytest.approx(0.45, abs=0.01)  # to the edge of that cell
     assert clear.clear_m[0, 15] == pytest.approx(0.05, abs=0.01)  # the grid ends
 
 
 def test_parts_of_a_live_map_become_a_view_by_their_stamp(scene):
     view, views = scene().view(), LiveViews()
-    parts = {"depth": view.depth, "sigma": view.sigma, "kind": view.kind, "K": view.K, "T_home_cam": view.T_home_cam}
+    parts = {
+        "depth": view.depth,
+        "sigma": view.sigma,
+        "kind": view.kind,
+        "K": view.K,
+        "T_home_cam": view.T_home_cam,
+    }
     for stamp_s in range(20):  # incomplete ones are forgotten
         assert views.add(stamp_s, "depth", view.depth) is None
     for part, value in list(parts.items())[1:]:
@@ -219,6 +254,9 @@ def test_parts_of_a_live_map_become_a_view_by_their_stamp(scene):
         made = views.add(19.0, part, value)
     assert made.stamp_s == 19.0 and np.array_equal(made.sigma, view.sigma, equal_nan=True)
     with pytest.raises(GroundError, match="sigma has shape"):
-        [views.add(30.0, part, value if part != "sigma" else value[:9]) for part, value in parts.items()]
+        [
+            views.add(30.0, part, value if part != "sigma" else value[:9])
+            for part, value in parts.items()
+        ]
     with pytest.raises(ValueError, match="has no part 'colour'"):
         views.add(1.0, "colour", None)

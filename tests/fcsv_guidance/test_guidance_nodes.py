@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The nodes of guidance on a master: grids and routes to others, a robot driven by cmd_vel, one with move_base."""
+"""The nodes of guidance on a master: grids and routes to others, a robot driven by cmd_vel, one
+with move_base."""
 
 import threading
 import time
@@ -19,15 +20,24 @@ PLACE = {"source": "pose_with_covariance"}
 
 
 class SimulatedRobot:
-    """Does what cmd_vel says, exactly, and publishes where it is at 20 Hz; ``silent``: it does not."""
+    """Does what cmd_vel says, exactly, and publishes where it is at 20 Hz; ``silent``: it does
+    not."""
 
     def __init__(self, x_m, y_m):
         import rospy
         from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 
-        self.at, self.twist, self.count, self.silent, self.heard_s = [x_m, y_m, 0.0], Twist(), 0, False, 0.0
+        self.at, self.twist, self.count, self.silent, self.heard_s = (
+            [x_m, y_m, 0.0],
+            Twist(),
+            0,
+            False,
+            0.0,
+        )
         self.pose = rospy.Publisher("/robot_pose", PoseWithCovarianceStamped, queue_size=1)
-        self.heard = rospy.Subscriber("/cmd_vel", Twist, self.on_twist, queue_size=1, tcp_nodelay=True)
+        self.heard = rospy.Subscriber(
+            "/cmd_vel", Twist, self.on_twist, queue_size=1, tcp_nodelay=True
+        )
         self.over = threading.Event()
         self.thread = threading.Thread(target=self.run)
         self.thread.start()
@@ -50,7 +60,9 @@ class SimulatedRobot:
             middle = yaw + 0.5 * w * dt
             self.at = [x + v * np.cos(middle) * dt, y + v * np.sin(middle) * dt, yaw + w * dt]
             message = PoseWithCovarianceStamped(header=conversions.header(time.time(), "home"))
-            message.pose.pose = conversions.transform_to_pose(transforms.from_xyz_yaw([*self.at[:2], 0.0], self.at[2]))
+            message.pose.pose = conversions.transform_to_pose(
+                transforms.from_xyz_yaw([*self.at[:2], 0.0], self.at[2])
+            )
             message.pose.covariance[0] = message.pose.covariance[7] = 0.02**2
             if not self.silent:
                 self.pose.publish(message)
@@ -92,9 +104,13 @@ def heard(ros_master):
     from std_msgs.msg import String
 
     made = Heard(
-        map=OccupancyGrid, stand=OccupancyGrid, map_updates=OccupancyGridUpdate, path=Path, to_see=GridCells,
+        map=OccupancyGrid,
+        stand=OccupancyGrid,
+        map_updates=OccupancyGridUpdate,
+        path=Path,
+        to_see=GridCells,
         status=String,
-    )  # fmt: skip
+    )
     yield made
     made.close()
 
@@ -115,9 +131,20 @@ def ground(start_node, root, scene, write_map, tmp_path):
         for k, view in enumerate([scene([BOX]).view()] if views is None else views):
             write_map(view, tmp_path / f"map{k}", stamp_s=time.time())
             folders.append(str(tmp_path / f"map{k}"))
-        params = {"maps": folders, "robot": str(root / "config/robots/rescue.yaml"), "ground": GROUND, "place": PLACE}
+        params = {
+            "maps": folders,
+            "robot": str(root / "config/robots/rescue.yaml"),
+            "ground": GROUND,
+            "place": PLACE,
+        }
         remaps = {"robot_pose": "/robot_pose"}
-        return start_node("fcsv_guidance", "ground_map", ns="/ground", params={**params, **parameters}, remaps=remaps)
+        return start_node(
+            "fcsv_guidance",
+            "ground_map",
+            ns="/ground",
+            params={**params, **parameters},
+            remaps=remaps,
+        )
 
     return start
 
@@ -131,7 +158,9 @@ def go_to(x_m, y_m, frame="home"):
 
     goal = rospy.Publisher("/ground/move_base_simple/goal", PoseStamped, queue_size=1)
     until(goal.get_num_connections, what="who takes goals")
-    goal.publish(conversions.pose_stamped(transforms.from_xyz_yaw([x_m, y_m, 0.0], 0.0), time.time(), frame))
+    goal.publish(
+        conversions.pose_stamped(transforms.from_xyz_yaw([x_m, y_m, 0.0], 0.0), time.time(), frame)
+    )
     time.sleep(0.3)
     goal.unregister()
 
@@ -144,7 +173,10 @@ def plan(start, goal, tolerance=0.0, frame="home"):
     from fcsv_geometry.ros import conversions
 
     rospy.wait_for_service("/ground/make_plan", 30.0)
-    poses = [conversions.pose_stamped(transforms.from_xyz_yaw([*p, 0.0], 0.0), 0.0, frame) for p in (start, goal)]
+    poses = [
+        conversions.pose_stamped(transforms.from_xyz_yaw([*p, 0.0], 0.0), 0.0, frame)
+        for p in (start, goal)
+    ]
     found = rospy.ServiceProxy("/ground/make_plan", GetPlan)(*poses, tolerance).plan
     return np.array([(p.pose.position.x, p.pose.position.y) for p in found.poses])
 
@@ -156,16 +188,23 @@ def test_grids_plans_and_goals(ground, heard, robot, ros_master):
     until(lambda: heard("map") and heard("stand"), what="both grids")
     said = heard("map")
     assert (said.info.width, said.info.height, said.header.frame_id) == (170, 120, "home")
-    assert said.info.resolution == pytest.approx(0.1) and said.info.origin.position.x == pytest.approx(5.0)
+    assert said.info.resolution == pytest.approx(
+        0.1
+    ) and said.info.origin.position.x == pytest.approx(5.0)
     grid = np.array(said.data).reshape(120, 170)
-    assert grid[55, 80] >= 50 and 0 <= grid[90, 50] <= 2 and grid[55, 96] == -1  # the box's face, free, hidden
+    # the box's face, free, hidden
+    assert grid[55, 80] >= 50 and 0 <= grid[90, 50] <= 2 and grid[55, 96] == -1
     late = ros_master.run(["rostopic", "echo", "-n1", "--noarr", "/ground/map"], "late")
     until(lambda: late.returncode is not None, what="the grid, for who comes later")
     assert late.returncode == 0 and "length: 20400" in late.tail(20)
 
     points = plan((10.0, 0.0), (18.0, 0.0))
-    assert np.hypot(*np.diff(points, axis=0).T).max() <= 0.21 and np.allclose(points[[0, -1]], [(10, 0), (18, 0)])
-    inside = (points[:, 0] > 12.6) & (points[:, 0] < 14.4) & (points[:, 1] > -2.4) & (points[:, 1] < 1.4)
+    assert np.hypot(*np.diff(points, axis=0).T).max() <= 0.21 and np.allclose(
+        points[[0, -1]], [(10, 0), (18, 0)]
+    )
+    inside = (
+        (points[:, 0] > 12.6) & (points[:, 0] < 14.4) & (points[:, 1] > -2.4) & (points[:, 1] < 1.4)
+    )
     assert not inside.any()
     for start, goal, frame, words in [
         ((10.0, 0.0), (13.05, -0.5), "home", "at an obstacle"),
@@ -180,7 +219,12 @@ def test_grids_plans_and_goals(ground, heard, robot, ros_master):
     until(lambda: robot.pose.get_num_connections(), what="the node at the robot's place")
     go_to(18.0, 0.0)
     until(lambda: heard("path") and heard("path").poses, what="a path")
-    assert np.hypot(heard("path").poses[0].pose.position.x - 10, heard("path").poses[0].pose.position.y - 3) < 0.1
+    assert (
+        np.hypot(
+            heard("path").poses[0].pose.position.x - 10, heard("path").poses[0].pose.position.y - 3
+        )
+        < 0.1
+    )
     go_to(13.05, -0.5)
     until(lambda: not heard("path").poses, what="no path")
     assert "at an obstacle" in heard("status").data
@@ -214,15 +258,19 @@ def publish_live(view, stamp_s):
     K = view.K
     camera = PinholeCamera(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
     sent = {
-        "depth": depth_message(view.depth, stamp_s), "sigma": depth_message(view.sigma, stamp_s), "kind": kind,
+        "depth": depth_message(view.depth, stamp_s),
+        "sigma": depth_message(view.sigma, stamp_s),
+        "kind": kind,
         "camera_info": conversions.info_from_camera(camera, stamp_s, REFERENCE_FRAME),
-    }  # fmt: skip
+    }
     publishers = []
     for name, message in sent.items():
         publishers.append(rospy.Publisher(f"/map/{name}", type(message), **latched))
         publishers[-1].publish(message)
     static = tf2_ros.StaticTransformBroadcaster()
-    static.sendTransform([conversions.transform_stamped(view.T_home_cam, stamp_s, "home", REFERENCE_FRAME)])
+    static.sendTransform(
+        [conversions.transform_stamped(view.T_home_cam, stamp_s, "home", REFERENCE_FRAME)]
+    )
     return [*publishers, static.pub_tf]
 
 
@@ -246,7 +294,9 @@ def test_a_live_map_changes_the_grid_and_the_path(ground, heard, robot, scene):
         publisher.unregister()
 
 
-def test_a_robot_with_cmd_vel_drives_to_the_goal_and_stands_for_every_doubt(ground, heard, robot, start_node, root):
+def test_a_robot_with_cmd_vel_drives_to_the_goal_and_stands_for_every_doubt(
+    ground, heard, robot, start_node, root
+):
     import rospy
     from std_msgs.msg import String
 
@@ -254,7 +304,10 @@ def test_a_robot_with_cmd_vel_drives_to_the_goal_and_stands_for_every_doubt(grou
     params = {"robot": str(root / "config/robots/rescue.yaml"), "place": PLACE}
     remaps = {"robot_pose": "/robot_pose", "cmd_vel": "/cmd_vel"}
     start_node("fcsv_guidance", "route_follower", ns="/ground", params=params, remaps=remaps)
-    until(lambda: robot.count > 5 and robot.pose.get_num_connections() >= 2 and heard("map"), what="both nodes")
+    until(
+        lambda: robot.count > 5 and robot.pose.get_num_connections() >= 2 and heard("map"),
+        what="both nodes",
+    )
     assert robot.stands()
     began_s, count = time.monotonic(), robot.count
     time.sleep(2.0)
@@ -277,14 +330,20 @@ def test_a_robot_with_cmd_vel_drives_to_the_goal_and_stands_for_every_doubt(grou
     stop.unregister()
 
     go_to(15.0, 3.5)
-    until(lambda: np.hypot(robot.at[0] - 15.0, robot.at[1] - 3.5) < 0.35 and robot.stands(), 40.0, "the goal")
+    until(
+        lambda: np.hypot(robot.at[0] - 15.0, robot.at[1] - 3.5) < 0.35 and robot.stands(),
+        40.0,
+        "the goal",
+    )
     go_to(13.05, -0.5)
     until(lambda: "at an obstacle" in heard("status").data, what="no way into the box")
     time.sleep(0.3)
     assert robot.stands()
 
 
-def test_an_old_map_stands_and_says_what_to_do(heard, robot, start_node, root, scene, write_map, tmp_path):
+def test_an_old_map_stands_and_says_what_to_do(
+    heard, robot, start_node, root, scene, write_map, tmp_path
+):
     from std_msgs.msg import String
 
     write_map(scene([BOX]).view(), tmp_path / "map", stamp_s=time.time() - 3600.0)
@@ -294,9 +353,15 @@ def test_an_old_map_stands_and_says_what_to_do(heard, robot, start_node, root, s
     start_node("fcsv_guidance", "ground_map", ns="/ground", params=mapped, remaps=remaps)
     start_node("fcsv_guidance", "route_follower", ns="/ground", params=params, remaps=remaps)
     said = Heard(**{"follower/status": String})
-    until(lambda: robot.count > 5 and robot.pose.get_num_connections() >= 2 and heard("map"), what="both nodes")
+    until(
+        lambda: robot.count > 5 and robot.pose.get_num_connections() >= 2 and heard("map"),
+        what="both nodes",
+    )
     go_to(15.0, 3.5)
-    until(lambda: said("follower/status") and "too old" in said("follower/status").data, what="what is wrong")
+    until(
+        lambda: said("follower/status") and "too old" in said("follower/status").data,
+        what="what is wrong",
+    )
     assert robot.stands()
     said.close()
 
@@ -309,7 +374,9 @@ class MoveBase:
         from move_base_msgs.msg import MoveBaseAction
 
         self.robot, self.goals, self.gives_up, self.waits = robot, [], False, False
-        self.server = actionlib.SimpleActionServer("/robot/move_base", MoveBaseAction, self.on_goal, auto_start=False)
+        self.server = actionlib.SimpleActionServer(
+            "/robot/move_base", MoveBaseAction, self.on_goal, auto_start=False
+        )
         self.server.start()
 
     def on_goal(self, goal):
@@ -333,9 +400,18 @@ def test_a_robot_with_move_base_is_given_goals_along_the_route(ground, heard, ro
     base = MoveBase(robot)
     ground()
     params = {"place": PLACE, "action": "/robot/move_base"}
-    start_node("fcsv_guidance", "move_base_goals", ns="/ground", params=params, remaps={"robot_pose": "/robot_pose"})
+    start_node(
+        "fcsv_guidance",
+        "move_base_goals",
+        ns="/ground",
+        params=params,
+        remaps={"robot_pose": "/robot_pose"},
+    )
     said = Heard(**{"goals/status": String})
-    until(lambda: said("goals/status") and said("goals/status").data == "no route has come", what="the client")
+    until(
+        lambda: said("goals/status") and said("goals/status").data == "no route has come",
+        what="the client",
+    )
     until(lambda: robot.pose.get_num_connections() >= 2 and heard("map"), what="both nodes")
     time.sleep(0.2)
     go_to(18.0, 0.0)
@@ -355,7 +431,10 @@ def test_a_robot_with_move_base_is_given_goals_along_the_route(ground, heard, ro
 
     base.waits, base.gives_up = False, True
     go_to(10.0, 3.0)
-    until(lambda: "move_base gave up (no plan to it)" in said("goals/status").data, what="that it gave up")
+    until(
+        lambda: "move_base gave up (no plan to it)" in said("goals/status").data,
+        what="that it gave up",
+    )
     said.close()
 
 
@@ -364,7 +443,11 @@ def test_a_robot_with_move_base_is_given_goals_along_the_route(ground, heard, ro
     [
         ("ground_map", {"robot": "no.yaml", "maps": ["x"]}, "no.yaml"),
         ("ground_map", {"robot": "no.yaml"}, "maps: is empty"),
-        ("route_follower", {"robot": "no.yaml", "place": {"source": "pose"}}, "sigma_m: is missing"),
+        (
+            "route_follower",
+            {"robot": "no.yaml", "place": {"source": "pose"}},
+            "sigma_m: is missing",
+        ),
         ("route_follower", {"place": PLACE}, "'robot' is missing"),
         ("move_base_goals", {"place": {"source": "gps"}}, "'gps' is not one of"),
     ],

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The guide: from maps to the goal, another way where one closes, and a stop with its reason for every doubt."""
+"""The guide: from maps to the goal, another way where one closes, and a stop with its reason for
+every doubt."""
 
 import re
 import time
@@ -10,7 +11,17 @@ import pytest
 from fcsv_guidance.errors import GroundError, RouteError
 from fcsv_guidance.following import RobotPlace, StopRobot
 from fcsv_guidance.ground import Grid, ground_from
-from fcsv_guidance.guiding import ARRIVED, DRIVING, IDLE, NO_ROUTE, WAITING, Goal, GuideRules, RobotGuide, RobotHeard
+from fcsv_guidance.guiding import (
+    ARRIVED,
+    DRIVING,
+    IDLE,
+    NO_ROUTE,
+    WAITING,
+    Goal,
+    GuideRules,
+    RobotGuide,
+    RobotHeard,
+)
 from fcsv_guidance.known import GroundSeen, KnownGround
 from fcsv_guidance.place import PlaceState
 from fcsv_guidance.robot import load_robot
@@ -40,7 +51,12 @@ class Drive:
     """The guide with a robot that does what it is told, from (10, 0) to (18, 0)."""
 
     def __init__(self, robot, rules=DRIVEN_FREELY, sigma_m=0.1):
-        self.guide, self.now_s, self.at, self.sigma_m = RobotGuide(robot, rules), 0.0, [10.0, 0.0, 0.0], sigma_m
+        self.guide, self.now_s, self.at, self.sigma_m = (
+            RobotGuide(robot, rules),
+            0.0,
+            [10.0, 0.0, 0.0],
+            sigma_m,
+        )
         self.radio, self.placed, self.way = True, True, []
 
     def run(self, seconds, until=None):
@@ -49,11 +65,16 @@ class Drive:
             if self.radio:
                 self.guide.receive(self.now_s, RobotHeard(self.now_s))
             place = RobotPlace(self.now_s, *self.at, self.sigma_m) if self.placed else None
-            self.guide.receive(self.now_s, PlaceState(place, "" if self.placed else "no fix", 0.05, 9, 0, ""))
+            self.guide.receive(
+                self.now_s, PlaceState(place, "" if self.placed else "no fix", 0.05, 9, 0, "")
+            )
             (told,) = self.guide.step(self.now_s)
             yaw = self.at[2] + told.command.turning_radps * STEP_S
-            self.at = [self.at[0] + told.command.speed_mps * STEP_S * np.cos(yaw),
-                       self.at[1] + told.command.speed_mps * STEP_S * np.sin(yaw), yaw]  # fmt: skip
+            self.at = [
+                self.at[0] + told.command.speed_mps * STEP_S * np.cos(yaw),
+                self.at[1] + told.command.speed_mps * STEP_S * np.sin(yaw),
+                yaw,
+            ]
             self.way.append(tuple(self.at))
             if told.state == until:
                 break
@@ -81,7 +102,9 @@ def test_it_drives_to_the_goal_around_the_wall(drive):
     told = drive.run(60.0, ARRIVED)
     assert told.state == ARRIVED and np.hypot(drive.at[0] - 18.0, drive.at[1]) <= 0.31
     way = np.array(drive.way)
-    apart = np.maximum(np.maximum([WALL[0], WALL[2]] - way[:, :2], way[:, :2] - [WALL[1], WALL[3]]), 0.0)
+    apart = np.maximum(
+        np.maximum([WALL[0], WALL[2]] - way[:, :2], way[:, :2] - [WALL[1], WALL[3]]), 0.0
+    )
     assert np.hypot(*apart.T).min() > 0.4 + 0.2  # the footprint, and two sigma
     assert drive.run(1.0).state == ARRIVED and drive.run(1.0).command.speed_mps == 0.0
 
@@ -108,7 +131,11 @@ def test_the_operator_stops_it_until_a_goal_is_given(drive):
     drive.run(3.0)
     drive.guide.receive(drive.now_s, StopRobot())
     told = drive.run(2.0)
-    assert told.state == IDLE and told.text.startswith("stopped by the operator") and told.command.speed_mps == 0.0
+    assert (
+        told.state == IDLE
+        and told.text.startswith("stopped by the operator")
+        and told.command.speed_mps == 0.0
+    )
     drive.guide.receive(drive.now_s, Goal(18.0, 0.0))
     assert drive.run(60.0, ARRIVED).state == ARRIVED
 
@@ -117,12 +144,20 @@ def test_a_gate_that_closes_ends_the_way_and_one_that_opens_gives_it_back(watche
     drive = watched
     assert drive.run(2.0).state == DRIVING
     seen_s = drive.now_s
-    drive.guide.receive(drive.now_s, GroundSeen(seen_s, "live", ground(WALL, GATE, seed=2), watching=True))
+    drive.guide.receive(
+        drive.now_s, GroundSeen(seen_s, "live", ground(WALL, GATE, seed=2), watching=True)
+    )
     told = drive.run(1.1)
-    assert told.state == NO_ROUTE and told.text.startswith("no safe route is known") and told.command.speed_mps == 0.0
+    assert (
+        told.state == NO_ROUTE
+        and told.text.startswith("no safe route is known")
+        and told.command.speed_mps == 0.0
+    )
     drive.run(5.0)
     assert drive.at[0] < 13.0
-    drive.guide.receive(drive.now_s, GroundSeen(drive.now_s, "live", ground(WALL, seed=3), watching=True))
+    drive.guide.receive(
+        drive.now_s, GroundSeen(drive.now_s, "live", ground(WALL, seed=3), watching=True)
+    )
     assert drive.run(60.0, ARRIVED).state == ARRIVED
 
 
@@ -130,11 +165,15 @@ def test_something_on_the_route_makes_it_plan_another(watched, ground):
     drive = watched
     first = drive.run(1.5).route
     box = (14.5, 15.0, 0.8, 1.6, 0.0, 1.0)
-    drive.guide.receive(drive.now_s, GroundSeen(drive.now_s, "live", ground(WALL, box, seed=2), watching=True))
+    drive.guide.receive(
+        drive.now_s, GroundSeen(drive.now_s, "live", ground(WALL, box, seed=2), watching=True)
+    )
     told = drive.run(60.0, ARRIVED)
     assert told.state == ARRIVED and told.route is not first
     way = np.array(drive.way)
-    apart = np.maximum(np.maximum([box[0], box[2]] - way[:, :2], way[:, :2] - [box[1], box[3]]), 0.0)
+    apart = np.maximum(
+        np.maximum([box[0], box[2]] - way[:, :2], way[:, :2] - [box[1], box[3]]), 0.0
+    )
     assert np.hypot(*apart.T).min() > 0.4
 
 
@@ -143,7 +182,9 @@ def test_the_robot_itself_in_the_picture_is_no_obstacle(watched, ground):
     drive.run(2.0)
     x, y = drive.at[:2]
     itself = (x - 0.3, x + 0.3, y - 0.3, y + 0.3, 0.0, 0.7)
-    drive.guide.receive(drive.now_s, GroundSeen(drive.now_s, "live", ground(WALL, itself, seed=2), watching=True))
+    drive.guide.receive(
+        drive.now_s, GroundSeen(drive.now_s, "live", ground(WALL, itself, seed=2), watching=True)
+    )
     assert drive.run(1.0).state == DRIVING
 
 
@@ -155,14 +196,24 @@ def test_who_must_be_watched_stands_when_the_watch_is_silent(rescue, ground):
     drive.guide.receive(0.5, GroundSeen(0.5, "live", ground(WALL, seed=1), watching=True))
     assert drive.run(2.0).state == DRIVING
     told = drive.run(2.0)
-    assert told.state == WAITING and told.text.startswith("the place was seen 4.") and told.command.speed_mps == 0.0
+    assert (
+        told.state == WAITING
+        and told.text.startswith("the place was seen 4.")
+        and told.command.speed_mps == 0.0
+    )
 
 
-@pytest.mark.parametrize("goal, words", [((13.7, -2.0), "at an obstacle"), ((90.0, 0.0), "outside of what was mapped")])
+@pytest.mark.parametrize(
+    "goal, words", [((13.7, -2.0), "at an obstacle"), ((90.0, 0.0), "outside of what was mapped")]
+)
 def test_a_goal_where_it_cannot_stand_is_no_route_with_the_reason(drive, goal, words):
     drive.guide.receive(0.0, Goal(*goal))
     told = drive.run(1.0)
-    assert told.state == NO_ROUTE and told.text.startswith("no safe route is known: the goal") and words in told.text
+    assert (
+        told.state == NO_ROUTE
+        and told.text.startswith("no safe route is known: the goal")
+        and words in told.text
+    )
 
 
 def test_bad_messages_are_refused(drive, ground):
@@ -173,11 +224,14 @@ def test_bad_messages_are_refused(drive, ground):
     with pytest.raises(GroundError, match="without a stamp"):
         drive.guide.receive(0.0, GroundSeen(np.nan, "b", ground()))
     with pytest.raises(GroundError, match="watches a place that has no map"):
-        KnownGround(drive.guide.known._robot).receive(GroundSeen(0.0, "b", ground(), watching=True), None)
+        KnownGround(drive.guide.known._robot).receive(
+            GroundSeen(0.0, "b", ground(), watching=True), None
+        )
 
 
 def test_a_plan_over_40_by_40_m_takes_less_than_a_second(rescue, scene):
-    """Measured 0.2 s of one processor on 2026-11-28; the bound is the new route's one second after the picture."""
+    """Measured 0.2 s of one processor on 2026-11-28; the bound is the new route's one second after
+    the picture."""
     grid = Grid.around((-6, -20), (34, 20), 0.1)
     view = scene((), eye=(14.0, 0.0, 30.0), tilt_rad=np.pi / 2).view(noise=0.3, sigma_share=0.0005)
     drive = Drive(rescue)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of the ground, read back by map_server's rules and by a TIFF reader; the command that writes them."""
+"""Files of the ground, read back by map_server's rules and by a TIFF reader; the command that
+writes them."""
 
 import json
 
@@ -11,7 +12,13 @@ import yaml
 
 from fcsv_guidance import ground_command
 from fcsv_guidance.ground import Grid, ground_from, stand_probability
-from fcsv_guidance.map_files import FREE_PERCENT, OCCUPIED_PERCENT, occupancy, write_layers, write_map_server
+from fcsv_guidance.map_files import (
+    FREE_PERCENT,
+    OCCUPIED_PERCENT,
+    occupancy,
+    write_layers,
+    write_map_server,
+)
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.standing import disk, least
 from fcsv_guidance.tuning import FREE_P
@@ -31,17 +38,24 @@ def occupied_of(ground, robot):
 
 
 def map_server_reads(path):
-    """(rows, columns) int8 as map_server's image_loader gives it, by its documented rules (negate 0)."""
+    """(rows, columns) int8 as map_server's image_loader gives it, by its documented rules (negate
+    0)."""
     described = yaml.safe_load(path.read_text())
     picture = cv2.imread(str(path.parent / described["image"]), cv2.IMREAD_UNCHANGED)
-    grey, alpha = (picture, np.full(picture.shape, 255)) if picture.ndim == 2 else (picture[..., 0], picture[..., 3])
+    grey, alpha = (
+        (picture, np.full(picture.shape, 255))
+        if picture.ndim == 2
+        else (picture[..., 0], picture[..., 3])
+    )
     if described["mode"] == "trinary" and picture.ndim == 3:
         grey = picture.mean(-1)
     occupied = (255 - grey.astype(float)) / 255
     low, high = described["free_thresh"], described["occupied_thresh"]
     graded = np.where(alpha < 1, -1, np.rint(99 * (occupied - low) / (high - low)))
     between = graded if described["mode"] == "scale" else -1
-    return np.select([occupied > high, occupied < low], [100, 0], between)[::-1].astype(np.int8), described
+    return np.select([occupied > high, occupied < low], [100, 0], between)[::-1].astype(
+        np.int8
+    ), described
 
 
 def test_map_server_reads_free_occupied_and_unknown(ground, root, tmp_path):
@@ -55,8 +69,8 @@ def test_map_server_reads_free_occupied_and_unknown(ground, root, tmp_path):
 
 
 def test_a_planner_that_inflates_finds_where_the_robot_can_stand(scene, root, ground):
-    """Free cells are those below a footprint that can stand: shrunk by it they hold all of these, and no middle from
-    which the footprint reaches over the box."""
+    """Free cells are those below a footprint that can stand: shrunk by it they hold all of these,
+    and no middle from which the footprint reaches over the box."""
     robot = load_robot(root / ROBOT)
     stands = stand_probability(ground, robot)
     occupied = occupied_of(ground, robot)
@@ -100,8 +114,16 @@ def test_the_command_writes_all_and_says_what_it_found(scene, write_map, root, t
     text = capsys.readouterr().out
     assert "free to stand on" in text and "route of" in text
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {"map.pgm", "map.yaml", "map_scaled.png", "height.tif", "ground.png", "ground.json",
-            "map.bt", "map.ot"} <= names  # fmt: skip
+    assert {
+        "map.pgm",
+        "map.yaml",
+        "map_scaled.png",
+        "height.tif",
+        "ground.png",
+        "ground.json",
+        "map.bt",
+        "map.ot",
+    } <= names
     assert json.loads((tmp_path / "out/ground.json").read_text())["route"]["length_m"] > 8
 
 
@@ -115,8 +137,10 @@ def test_the_command_without_a_route_ends_with_one(scene, write_map, root, tmp_p
 
 @pytest.mark.parametrize(
     "lacking, words", [("sigma.npy", "has no sigma.npy"), ("report.json", "has no report.json")]
-)  # fmt: skip
-def test_the_command_refuses_a_map_that_lacks_a_file(scene, write_map, root, tmp_path, capsys, lacking, words):
+)
+def test_the_command_refuses_a_map_that_lacks_a_file(
+    scene, write_map, root, tmp_path, capsys, lacking, words
+):
     write_map(scene().view(), tmp_path / "map")
     (tmp_path / "map" / lacking).unlink()
     call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]

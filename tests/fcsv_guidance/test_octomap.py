@@ -24,12 +24,15 @@ def octomap():
 
 @pytest.fixture
 def tool():
-    """tool(name, arguments...): what a program of Debian's octomap-tools prints; skipped where it is missing."""
+    """tool(name, arguments...): what a program of Debian's octomap-tools prints; skipped where it
+    is missing."""
 
     def run(name, *arguments):
         if shutil.which(name) is None:
             pytest.skip(f"{name} is missing: apt install octomap-tools")
-        done = subprocess.run([name, *map(str, arguments)], capture_output=True, text=True, timeout=60)
+        done = subprocess.run(
+            [name, *map(str, arguments)], capture_output=True, text=True, timeout=60
+        )
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout + done.stderr
 
@@ -52,13 +55,16 @@ def test_free_along_rays_occupied_at_surfaces_and_unknown_behind(octomap, scene,
     tree = tree_of(octomap, bt)
     assert tree.getResolution() == VOXEL_M
     assert state(tree, (9.0, 0.1, 4.3)) == FREE  # between camera and ground
-    assert state(tree, (13.05, -0.5, 0.9)) == OCCUPIED and state(tree, (10.0, 3.1, 0.0)) == OCCUPIED  # its face; ground
+    # its face; ground
+    assert state(tree, (13.05, -0.5, 0.9)) == OCCUPIED and state(tree, (10.0, 3.1, 0.0)) == OCCUPIED
     assert state(tree, (14.1, -0.5, 0.7)) == UNKNOWN  # inside of it
     assert state(tree, (16.1, -0.5, 0.3)) == UNKNOWN  # hidden behind it
     assert state(tree, (10.0, 3.1, -0.9)) == UNKNOWN and state(tree, (-3.0, 0.1, 4.1)) == UNKNOWN
 
 
-def test_what_has_no_depth_stays_unknown_and_a_lone_wrong_pixel_frees_nothing(octomap, scene, tmp_path):
+def test_what_has_no_depth_stays_unknown_and_a_lone_wrong_pixel_frees_nothing(
+    octomap, scene, tmp_path
+):
     view = scene(blank=[(12, 16, -9, 9)]).view()
     view.depth[5, 5], view.sigma[5, 5], view.kind[5, 5] = 55.0, 0.01, 2  # through the sky
     tree = tree_of(octomap, write_octomap([view], tmp_path, "map", VOXEL_M)[0])
@@ -68,12 +74,15 @@ def test_what_has_no_depth_stays_unknown_and_a_lone_wrong_pixel_frees_nothing(oc
 
 
 def test_noise_in_depth_frees_no_voxel_behind_a_wall(octomap, scene, tmp_path):
-    """A wall across the picture, sigma 0.2 m at it: a ray frees a voxel that lies behind it by 0.1 m and more where its
-    error is above 2.5 sigma (0.6 %), and two of about 36 must (2 %), where none ends (these are most)."""
+    """A wall across the picture, sigma 0.2 m at it: a ray frees a voxel that lies behind it by 0.1
+    m and more where its error is above 2.5 sigma (0.6 %), and two of about 36 must (2 %), where
+    none ends (these are most)."""
     wall = (20.0, 21.0, -40.0, 40.0, -1.0, 30.0)
     view = scene([wall]).view(noise=1.0, sigma_share=0.005)
     tree = tree_of(octomap, write_octomap([view], tmp_path, "map", VOXEL_M)[0])
-    xyz = np.stack(np.meshgrid((20.1, 20.3, 20.5), np.arange(-5, 5, 0.2), np.arange(0.5, 8, 0.2)), -1).reshape(-1, 3)
+    xyz = np.stack(
+        np.meshgrid((20.1, 20.3, 20.5), np.arange(-5, 5, 0.2), np.arange(0.5, 8, 0.2)), -1
+    ).reshape(-1, 3)
     assert (tree.getLabels(xyz) == FREE).mean() < 0.02
 
 

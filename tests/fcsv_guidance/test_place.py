@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The robot's place from fixes and wheels: honest, delayed fixes at their time, outliers refused, doubt said."""
+"""The robot's place from fixes and wheels: honest, delayed fixes at their time, outliers refused,
+doubt said."""
 
 import re
 
@@ -18,7 +19,12 @@ class Walk:
     def __init__(self, scale=1.0, seed=1, delay_s=0.0):
         self.tracker, self.scale, self.delay_s = RobotTracker(), scale, delay_s
         self.random = np.random.default_rng(seed)
-        self.now_s, self.true, self.wheels, self.late = 0.0, np.array([1.0, 2.0, 0.5]), np.zeros(3), []
+        self.now_s, self.true, self.wheels, self.late = (
+            0.0,
+            np.array([1.0, 2.0, 0.5]),
+            np.zeros(3),
+            [],
+        )
 
     def state(self):
         return self.tracker.step(self.now_s)
@@ -47,7 +53,8 @@ class Walk:
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.4])
 def test_place_is_better_than_a_fix_and_its_sigma_is_honest(delay_s):
-    """25 drives: of errors within two sigma in 98 % (a round normal law), three beyond have a chance of 1 %."""
+    """25 drives: of errors within two sigma in 98 % (a round normal law), three beyond have a
+    chance of 1 %."""
     off, beyond = [], 0
     for seed in range(25):
         walk = Walk(1.03, seed, delay_s)
@@ -59,7 +66,8 @@ def test_place_is_better_than_a_fix_and_its_sigma_is_honest(delay_s):
 
 
 def test_a_delayed_fix_counts_at_its_own_time():
-    """At 0.8 m/s a fix that is 0.5 s late and counted as of now would pull the place back by up to 0.4 m."""
+    """At 0.8 m/s a fix that is 0.5 s late and counted as of now would pull the place back by up to
+    0.4 m."""
     prompt, late = Walk(delay_s=0.0, seed=3), Walk(delay_s=0.5, seed=3)
     for walk in (prompt, late):
         walk.run(4.0, 0.0, 0.0)
@@ -72,7 +80,9 @@ def test_between_fixes_sigma_grows_and_then_the_place_is_lost():
     walk.run(2.0, 0.0, 0.0)
     sigma_m = walk.state().place.sigma_m
     walk.run(10.0, fixes=False)
-    assert walk.state().place.sigma_m > 1.3 * sigma_m and walk.off_m() < 2 * walk.state().place.sigma_m
+    assert (
+        walk.state().place.sigma_m > 1.3 * sigma_m and walk.off_m() < 2 * walk.state().place.sigma_m
+    )
     walk.run(6.0, fixes=False)
     assert walk.state().place is None and walk.state().reason == "no fix for 16 s"
     walk.run(2.0)
@@ -156,9 +166,15 @@ def test_without_wheels_the_last_fix_is_the_place_until_wheels_come():
     tracker = RobotTracker()
     tracker.receive(1.0, PlaceFix(1.0, 3.0, 4.0, 0.0, C))
     place = tracker.step(1.1).place
-    assert (place.stamp_s, place.x_m, place.y_m) == (1.0, 3.0, 4.0) and place.sigma_m == pytest.approx(0.2 * 2**0.5)
+    assert (place.stamp_s, place.x_m, place.y_m) == (
+        1.0,
+        3.0,
+        4.0,
+    ) and place.sigma_m == pytest.approx(0.2 * 2**0.5)
     tracker.receive(1.2, WheelOdometry(1.2, 50.0, 50.0, 1.0))
-    tracker.receive(1.3, WheelOdometry(1.3, 50.0 + 0.1 * np.cos(1.0), 50.0 + 0.1 * np.sin(1.0), 1.0))
+    tracker.receive(
+        1.3, WheelOdometry(1.3, 50.0 + 0.1 * np.cos(1.0), 50.0 + 0.1 * np.sin(1.0), 1.0)
+    )
     assert tracker.step(1.3).place.x_m == pytest.approx(3.1)
     with pytest.raises(TypeError, match="does not know str"):
         tracker.receive(1.0, "here")

@@ -9,7 +9,10 @@ from fcsv_guidance.robot import load_robot
 
 def test_the_robots_of_the_repository_are_read(root):
     robots = {path.stem: load_robot(path) for path in (root / "config/robots").glob("*.yaml")}
-    assert {name: robot.radius_m for name, robot in robots.items()} == {"small": 0.15, "rescue": 0.4}
+    assert {name: robot.radius_m for name, robot in robots.items()} == {
+        "small": 0.15,
+        "rescue": 0.4,
+    }
     assert all(name == robot.name for name, robot in robots.items())
 
 

@@ -25,7 +25,9 @@ def ground(scene):
 
 def clearance(points, box):
     """Least distance (m) of a polyline (N,2) to a rectangle."""
-    line = np.concatenate([a + np.linspace(0, 1, 400)[:, None] * (b - a) for a, b in zip(points[:-1], points[1:])])
+    line = np.concatenate(
+        [a + np.linspace(0, 1, 400)[:, None] * (b - a) for a, b in zip(points[:-1], points[1:])]
+    )
     apart = np.maximum(np.maximum([box[0], box[2]] - line, line - [box[1], box[3]]), 0)
     return np.hypot(*apart.T).min()
 
@@ -55,9 +57,12 @@ def test_where_the_way_was_not_seen_there_is_none_but_its_cells_are_named(scene,
 
 
 def test_a_goal_beyond_closed_walls_has_no_route_and_nothing_to_see(scene, rescue):
-    """A ditch without bottom would be unknown; a low wall across the whole grid is seen on both sides and on top."""
-    ground = ground_from([scene([(13.0, 15.0, -30, 30, 0.0, 0.4)], eye=(14.0, 0, 12), tilt_rad=np.pi / 2).view()],
-                         grid=Grid.around((10, -6), (18, 6), 0.1))  # fmt: skip
+    """A ditch without bottom would be unknown; a low wall across the whole grid is seen on both
+    sides and on top."""
+    ground = ground_from(
+        [scene([(13.0, 15.0, -30, 30, 0.0, 0.4)], eye=(14.0, 0, 12), tilt_rad=np.pi / 2).view()],
+        grid=Grid.around((10, -6), (18, 6), 0.1),
+    )
     found = plan_route(ground, rescue, (11.5, 0.0), (16.5, 0.0))
     assert isinstance(found, NoRoute)
 

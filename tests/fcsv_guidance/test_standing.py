@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The calibrated probability: more of what speaks against a place never raises it; several maps are weighed."""
+"""The calibrated probability: more of what speaks against a place never raises it; several maps are
+weighed."""
 
 from dataclasses import replace
 
@@ -33,7 +34,8 @@ def test_more_of_what_is_against_a_place_never_raises_its_probability():
 
 
 def test_a_second_map_that_lies_higher_takes_no_freedom(scene, rescue):
-    """Heights of two maps differ by errors of pose: 0.12 m is no step, as each map alone shows level ground."""
+    """Heights of two maps differ by errors of pose: 0.12 m is no step, as each map alone shows
+    level ground."""
     one = scene([BLOCK]).view(noise=0.3)
     alone = stand_probability(ground_from([one], grid=GRID), rescue) >= FREE_P
     both = stand_probability(ground_from([one, raised(one, 0.12)], grid=GRID), rescue) >= FREE_P
@@ -43,7 +45,9 @@ def test_a_second_map_that_lies_higher_takes_no_freedom(scene, rescue):
 def test_what_one_map_contradicts_is_not_free(scene, rescue):
     clear, blocked = scene().view(noise=0.3), scene([BLOCK]).view(noise=0.3, seed=2)
     p = stand_probability(ground_from([clear, blocked], grid=GRID), rescue)
-    assert stand_probability(ground_from([clear], grid=GRID), rescue)[GRID.cell_of(14.8, 0)] >= FREE_P
+    assert (
+        stand_probability(ground_from([clear], grid=GRID), rescue)[GRID.cell_of(14.8, 0)] >= FREE_P
+    )
     assert p[GRID.cell_of(14.8, 0)] < FREE_P and p[GRID.cell_of(11, 3)] >= FREE_P
 
 
@@ -51,5 +55,10 @@ def test_what_several_maps_say_together():
     nan = np.nan
     each = [[nan, 0.99, 0.99, 0.99, 0.90, nan], [nan, nan, 0.90, 0.30, 0.20, 0.97]]
     p = standing.together(np.array(each)[:, None])[0]
-    assert np.isnan(p[0]) and p[1] >= FREE_P and p[2] >= FREE_P and OBSTACLE_P < p[3] == np.float32(CONTRADICTED_P)
+    assert (
+        np.isnan(p[0])
+        and p[1] >= FREE_P
+        and p[2] >= FREE_P
+        and OBSTACLE_P < p[3] == np.float32(CONTRADICTED_P)
+    )
     assert p[4] <= OBSTACLE_P and p[5] == np.float32(0.97)

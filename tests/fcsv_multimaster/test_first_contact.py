@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a rule carries whole arrives in order and once, also what was published before the other side was there."""
+"""What a rule carries whole arrives in order and once, also what was published before the other
+side was there."""
 
 import threading
 import time
@@ -36,7 +37,9 @@ def exchange(tmp_path):
     path = tmp_path / "links.yaml"
     path.write_text(LINKS)
     links = load_links(path)
-    ends = {n: parse_endpoint(f"127.0.0.1:{free_port()}/{free_port()}") for n in ("control", "uav1")}
+    ends = {
+        n: parse_endpoint(f"127.0.0.1:{free_port()}/{free_port()}") for n in ("control", "uav1")
+    }
     with ExitStack() as stack:
 
         def make(name, deliver=lambda _parcel: None):
@@ -48,8 +51,11 @@ def exchange(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["critical", "stream", "captures"])
-def test_what_was_sent_before_and_while_the_peer_appears_comes_in_order_and_once(exchange, kind, monkeypatch):
-    monkeypatch.setattr(order, "_LONGEST_S", 30.0)  # a machine so busy that a second passes is no failure
+def test_what_was_sent_before_and_while_the_peer_appears_comes_in_order_and_once(
+    exchange, kind, monkeypatch
+):
+    # a machine so busy that a second passes is no failure
+    monkeypatch.setattr(order, "_LONGEST_S", 30.0)
     got, sent, over = [], [], threading.Event()
     uav1 = exchange("uav1")
 
@@ -64,7 +70,8 @@ def test_what_was_sent_before_and_while_the_peer_appears_comes_in_order_and_once
     time.sleep(0.7)
     exchange("control", lambda parcel: got.append(int(parcel.data)))
     until(lambda: got, what="the first message")
-    time.sleep(0.3)  # more would be after the contact, where a message that is lost holds up no other
+    # more would be after the contact, where a message that is lost holds up no other
+    time.sleep(0.3)
     over.set()
     speaker.join()
     until(lambda: len(got) >= len(sent), what=f"{len(sent)} messages, but {got}")
@@ -72,15 +79,22 @@ def test_what_was_sent_before_and_while_the_peer_appears_comes_in_order_and_once
     assert got == sent and len(sent) > 30
 
 
-def test_a_link_that_lost_a_peer_is_opened_anew_and_captures_go_on_in_order_and_once(exchange, monkeypatch):
-    """That Zenoh loses a peer that listens needs a cut that ends at one moment of few: here it is only said so."""
+def test_a_link_that_lost_a_peer_is_opened_anew_and_captures_go_on_in_order_and_once(
+    exchange, monkeypatch
+):
+    """That Zenoh loses a peer that listens needs a cut that ends at one moment of few: here it is
+    only said so."""
     monkeypatch.setattr(joining, "_HALF_OPEN_S", 0.0)
     got, sent, over = [], [], threading.Event()
     uav1 = exchange("uav1")
     exchange("control", lambda parcel: got.append(int(parcel.data)))
     transport, told = uav1._transport, []
     listening, session = transport.listening, lambda: transport._sessions["bulk"]
-    monkeypatch.setattr(transport, "listening", lambda link: told.pop() if link == "bulk" and told else listening(link))
+    monkeypatch.setattr(
+        transport,
+        "listening",
+        lambda link: told.pop() if link == "bulk" and told else listening(link),
+    )
 
     def speak():
         while not over.is_set():
@@ -112,7 +126,11 @@ def test_a_link_that_cannot_be_opened_anew_is_said_to_and_tried_again(exchange, 
     until(lambda: transport.listening("bulk") == (1, 1), what="contact")
     reopen, listening, told = transport.reopen, transport.listening, [(1, 0)]
     monkeypatch.setattr(uav1, "_problem", lambda name, text: problems.append((name, text)))
-    monkeypatch.setattr(transport, "listening", lambda link: told.pop() if link == "bulk" and told else listening(link))
+    monkeypatch.setattr(
+        transport,
+        "listening",
+        lambda link: told.pop() if link == "bulk" and told else listening(link),
+    )
 
     def fails_twice(links):
         tries.append(links)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes that no relay would send, in what comes in from a peer: nothing dies, and what is right afterwards is heard."""
+"""Bytes that no relay would send, in what comes in from a peer: nothing dies, and what is right
+afterwards is heard."""
 
 import contextlib
 import random
@@ -22,10 +23,17 @@ until = within(15.0)
 
 ROUNDS = 10_000
 HERE, THERE = 7, 9  # boots
-RULES = {"/t": Rule("/t", TrafficClass("datagram", "real_time", True, max_age_s=5.0)),
-         "/s": Rule("/s", TrafficClass("datagram", "interactive_high", False, max_age_s=1.0))}  # fmt: skip
-EDGES = (b"\x00" * 4, b"\xff" * 4, struct.pack("<d", float("nan")), struct.pack("<d", float("inf")),
-         struct.pack("<d", -1e308))  # fmt: skip
+RULES = {
+    "/t": Rule("/t", TrafficClass("datagram", "real_time", True, max_age_s=5.0)),
+    "/s": Rule("/s", TrafficClass("datagram", "interactive_high", False, max_age_s=1.0)),
+}
+EDGES = (
+    b"\x00" * 4,
+    b"\xff" * 4,
+    struct.pack("<d", float("nan")),
+    struct.pack("<d", float("inf")),
+    struct.pack("<d", -1e308),
+)
 
 
 class Bench:
@@ -33,9 +41,15 @@ class Bench:
 
     def __init__(self):
         self.peer, self.heard, self.drops, self.notes = Peer("uav1", {}, RULES), [], [], []
-        self.inbound = Inbound("control", HERE, {"uav1": self.peer}, lambda p: self.heard.append(p.data),
-                               lambda why, _: self.drops.append(why), lambda *n: self.notes.append(n),
-                               lambda _: None)  # fmt: skip
+        self.inbound = Inbound(
+            "control",
+            HERE,
+            {"uav1": self.peer},
+            lambda p: self.heard.append(p.data),
+            lambda why, _: self.drops.append(why),
+            lambda *n: self.notes.append(n),
+            lambda _: None,
+        )
 
     def parcel(self, topic, payload):
         self.inbound.on_parcel("datagram", "uav1", "std_msgs/String", topic, payload)
@@ -43,7 +57,11 @@ class Bench:
 
 @pytest.mark.parametrize("time_s", [float("nan"), float("inf"), -1.0])
 def test_a_note_without_a_time_is_refused(time_s):
-    for note in (wire.Ping(1, 2, time_s, 1.0), wire.Ping(1, 2, 1.0, time_s), wire.Pong(1, 1.0, time_s, 1.0)):
+    for note in (
+        wire.Ping(1, 2, time_s, 1.0),
+        wire.Ping(1, 2, 1.0, time_s),
+        wire.Pong(1, 1.0, time_s, 1.0),
+    ):
         with pytest.raises(WireError, match="malformed times"):
             wire.unpack_note(wire.pack_note(note))
 
@@ -53,7 +71,8 @@ def noise(rng, most):
 
 
 def mangled(payload, rng):
-    """A payload that was cut, lengthened, or overwritten in places, or that is nothing but noise."""
+    """A payload that was cut, lengthened, or overwritten in places, or that is nothing but
+    noise."""
     payload, kind = bytearray(payload), rng.randrange(5)
     if kind == 0:
         return bytes(payload[: rng.randrange(len(payload) + 1)])
@@ -69,7 +88,9 @@ def mangled(payload, rng):
 
 
 def right(sequence, sent_s, boot=THERE, number=0):
-    return wire.pack(wire.Head(wire.RAW, boot, HERE, sequence, sequence, number, sent_s, "0" * 32), b"good")
+    return wire.pack(
+        wire.Head(wire.RAW, boot, HERE, sequence, sequence, number, sent_s, "0" * 32), b"good"
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -77,13 +98,19 @@ def test_ten_thousand_mangled_messages_and_notes_end_nothing(seed, monkeypatch):
     rng, now = random.Random(seed), [1000.0]
     monkeypatch.setattr("fcsv_multimaster.relay.inbound.time.monotonic", lambda: now[0])
     bench = Bench()
-    notes = [wire.Ping(THERE, HERE, 1.0, 2.0, "host a"), wire.Pong(THERE, 999.9, 5.0, 6.0), wire.Ack(HERE, 3)]
+    notes = [
+        wire.Ping(THERE, HERE, 1.0, 2.0, "host a"),
+        wire.Pong(THERE, 999.9, 5.0, 6.0),
+        wire.Ack(HERE, 3),
+    ]
     for i in range(ROUNDS):
         now[0] += 1e-3
         if i % 2:
             bench.inbound.on_note("uav1", mangled(wire.pack_note(rng.choice(notes)), rng))
         else:
-            bench.parcel(rng.choice(["/t", "/s", "/absent"]), mangled(right(i + 1, now[0], number=i), rng))
+            bench.parcel(
+                rng.choice(["/t", "/s", "/absent"]), mangled(right(i + 1, now[0], number=i), rng)
+            )
         if i % 100 == 0:
             bench.inbound.deliver_overdue()
     assert "malformed message" in bench.drops and "message that no rule lets in" in bench.drops
@@ -92,7 +119,9 @@ def test_ten_thousand_mangled_messages_and_notes_end_nothing(seed, monkeypatch):
     boot = 12345
     for k in range(3):
         bench.inbound.on_note("uav1", wire.pack_note(wire.Ping(boot, HERE, now[0], 2.0)))
-        bench.inbound.on_note("uav1", wire.pack_note(wire.Pong(boot, now[0] - 0.01, now[0] - 0.005, 6.0)))
+        bench.inbound.on_note(
+            "uav1", wire.pack_note(wire.Pong(boot, now[0] - 0.01, now[0] - 0.005, 6.0))
+        )
         bench.parcel("/t", right(k + 1, now[0], boot, number=k + 1))
         bench.parcel("/s", right(k + 1, now[0], boot))
         now[0] += 0.1
@@ -101,17 +130,22 @@ def test_ten_thousand_mangled_messages_and_notes_end_nothing(seed, monkeypatch):
     assert bench.peer.report(now[0])["link"]["round_trip_s"] == pytest.approx(0.01)
 
 
-# ---- the relay's own ports -------------------------------------------------------------------------------------------
+# ---- the relay's own ports -----------------------------------------------------------------------
 
 
 def first_words(port):
-    """What a relay says first to a peer, at its UDP and TCP ports: Zenoh's own frames, to be mangled."""
+    """What a relay says first to a peer, at its UDP and TCP ports: Zenoh's own frames, to be
+    mangled."""
     heard = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp, socket.create_server(("127.0.0.1", port)) as tcp:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp, socket.create_server(
+        ("127.0.0.1", port)
+    ) as tcp:
         udp.bind(("127.0.0.1", port))
         udp.settimeout(5.0)
         tcp.settimeout(5.0)
-        relay = transport(free_endpoint(), {"control": Endpoint("127.0.0.1", port, port + 1)}, "uav1", [])
+        relay = transport(
+            free_endpoint(), {"control": Endpoint("127.0.0.1", port, port + 1)}, "uav1", []
+        )
         try:
             heard.append(udp.recv(2048))
             connection, _ = tcp.accept()
@@ -128,7 +162,9 @@ def free_endpoint():
 
 
 def transport(listen, peers, name, heard):
-    return Transport(name, listen, peers, None, lambda *parcel: None, lambda *note: heard.append(note))
+    return Transport(
+        name, listen, peers, None, lambda *parcel: None, lambda *note: heard.append(note)
+    )
 
 
 def shouted(endpoint, words, rng):
@@ -140,7 +176,9 @@ def shouted(endpoint, words, rng):
     rest = inputs[ROUNDS // 2 :]
     for k in range(100):
         port = endpoint.urgent_port if k % 2 else endpoint.bulk_port
-        with socket.create_connection(("127.0.0.1", port), 5.0) as tcp, contextlib.suppress(ConnectionError):
+        with socket.create_connection(("127.0.0.1", port), 5.0) as tcp, contextlib.suppress(
+            ConnectionError
+        ):
             for data in rest[k::100]:
                 tcp.sendall(data)
 

@@ -17,7 +17,8 @@ def test_who_slept_joins_once_if_it_can():
 
 
 def test_who_slept_and_finds_its_port_taken_twice_is_started_again():
-    """As a session that never closed held it for a minute: nobody heard uav2 until the flight was over."""
+    """As a session that never closed held it for a minute: nobody heard uav2 until the flight was
+    over."""
     joining = Joining()
     joining.due(slept=True, moved=False)
     joining.ended(could=False)
@@ -38,7 +39,11 @@ def test_an_address_that_went_away_is_waited_for():
 
 def due(half_open, counts, from_s=0.0, every_s=0.5):
     """When it is to be opened anew, of (listening, there) at looks that follow each other."""
-    return [from_s + i * every_s for i, c in enumerate(counts) if half_open.due(*c, from_s + i * every_s)]
+    return [
+        from_s + i * every_s
+        for i, c in enumerate(counts)
+        if half_open.due(*c, from_s + i * every_s)
+    ]
 
 
 def test_a_link_whose_peers_are_all_there_or_all_away_is_left_alone():

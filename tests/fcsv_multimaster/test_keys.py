@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keys of a fleet: whose they are, who may read them, how long they last, which are revoked; and ROS beside them."""
+"""Keys of a fleet: whose they are, who may read them, how long they last, which are revoked; and
+ROS beside them."""
 
 import datetime
 import doctest
@@ -43,7 +44,9 @@ def test_a_key_that_others_may_read_is_refused(tmp_path, mode):
     make_fleet(tmp_path, ["uav1"])
     key = tmp_path / "uav1/machine.key"
     key.chmod(mode)
-    with pytest.raises(KeyringError, match=f"machine.key: others may read it .mode {mode:04o}.; `chmod 600"):
+    with pytest.raises(
+        KeyringError, match=f"machine.key: others may read it .mode {mode:04o}.; `chmod 600"
+    ):
         open_keyring(tmp_path / "uav1", "uav1")
     key.chmod(0o400)
     assert open_keyring(tmp_path / "uav1", "uav1")
@@ -56,7 +59,9 @@ def test_keys_that_run_out_are_said_thirty_days_before(tmp_path):
     make_fleet(tmp_path, ["uav1"], days=400)
     ring, day = open_keyring(tmp_path / "uav1", "uav1"), datetime.timedelta(days=1)
     assert ring.warning(ring.runs_out - 30.1 * day) == ""
-    assert "in 29 days; all machines need keys from a new folder" in ring.warning(ring.runs_out - 29.9 * day)
+    assert "in 29 days; all machines need keys from a new folder" in ring.warning(
+        ring.runs_out - 29.9 * day
+    )
     make_fleet(tmp_path, ["uav2"], days=20)  # one machine's, from a fleet that lasts
     before = (tmp_path / "uav2/machine.pem").read_bytes()
     said = open_keyring(tmp_path / "uav2", "uav2").warning(datetime.datetime.utcnow())
@@ -90,9 +95,13 @@ def test_a_list_of_revoked_keys_that_is_not_the_fleets_is_refused(tmp_path):
     make_fleet(tmp_path / "a", ["uav1"])
     make_fleet(tmp_path / "b", ["uav1"])
     path = tmp_path / "a/uav1/revoked.json"
-    for text, why in (((tmp_path / "b/revoked.json").read_text(), "was not signed by this fleet"),
-                      (path.read_text().replace("{}", '{"uav2": 1}'), "was not signed by this fleet"),
-                      ("[]", "is no list"), ('{"revoked": 3}', "is no list"), ("", "is no list")):  # fmt: skip
+    for text, why in (
+        ((tmp_path / "b/revoked.json").read_text(), "was not signed by this fleet"),
+        (path.read_text().replace("{}", '{"uav2": 1}'), "was not signed by this fleet"),
+        ("[]", "is no list"),
+        ('{"revoked": 3}', "is no list"),
+        ("", "is no list"),
+    ):
         path.write_text(text)
         with pytest.raises(KeyringError, match=why):
             open_keyring(tmp_path / "a/uav1", "uav1")
@@ -102,20 +111,43 @@ def test_a_list_of_revoked_keys_that_is_not_the_fleets_is_refused(tmp_path):
         revoke(tmp_path / "b/uav1", ["uav1"])
 
 
-# ---- ROS beside the keys -----------------------------------------------------------------------------------
+# ---- ROS beside the keys -------------------------------------------------------------------------
 
 AT_HOME = [("127.0.0.1", 11311), ("0.0.0.0", 22)]
 
 
-@pytest.mark.parametrize("master, nodes, ends, said", [
-    ("http://127.0.0.1:11311", {"/a": "http://127.0.0.1:40001/", "/b": "http://localhost:2"}, AT_HOME, []),
-    ("http://localhost:11311", {}, [("::1", 11311)], []),
-    ("http://127.0.0.1:11311", {}, [("0.0.0.0", 11311)], ["the ROS master listens on 0.0.0.0:11311"]),
-    ("http://127.0.0.1:11311", {}, [("::", 11311)], ["the ROS master listens on :::11311"]),
-    ("http://uav1:11311", {}, AT_HOME, []),
-    ("http://control:11311", {}, AT_HOME[1:], ["the ROS master is on another machine (http://control:11311)"]),
-    ("http://127.0.0.1:11311", {"/rviz": "http://10.0.0.7:3/"}, AT_HOME, ["/rviz announces itself as 10.0.0.7"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "master, nodes, ends, said",
+    [
+        (
+            "http://127.0.0.1:11311",
+            {"/a": "http://127.0.0.1:40001/", "/b": "http://localhost:2"},
+            AT_HOME,
+            [],
+        ),
+        ("http://localhost:11311", {}, [("::1", 11311)], []),
+        (
+            "http://127.0.0.1:11311",
+            {},
+            [("0.0.0.0", 11311)],
+            ["the ROS master listens on 0.0.0.0:11311"],
+        ),
+        ("http://127.0.0.1:11311", {}, [("::", 11311)], ["the ROS master listens on :::11311"]),
+        ("http://uav1:11311", {}, AT_HOME, []),
+        (
+            "http://control:11311",
+            {},
+            AT_HOME[1:],
+            ["the ROS master is on another machine (http://control:11311)"],
+        ),
+        (
+            "http://127.0.0.1:11311",
+            {"/rviz": "http://10.0.0.7:3/"},
+            AT_HOME,
+            ["/rviz announces itself as 10.0.0.7"],
+        ),
+    ],
+)
 def test_ros_that_others_reach_is_named(master, nodes, ends, said):
     assert exposure.exposed(master, nodes, ends) == said
 
@@ -128,12 +160,13 @@ def test_a_socket_that_listens_is_found():
         assert {here.getsockname(), everywhere.getsockname()} <= set(exposure.listening())
 
 
-# ---- on the link -------------------------------------------------------------------------------------------
+# ---- on the link ---------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def link(tmp_path):
-    """link(machine, keys, heard, problems) joins control and uav1 on loopback, with certificates; closed at the end."""
+    """link(machine, keys, heard, problems) joins control and uav1 on loopback, with certificates;
+    closed at the end."""
     path = tmp_path / "links.yaml"
     path.write_text("""
 classes: {stream: {link: urgent, priority: data_high, reliable: true, max_age_s: 5.0}}
@@ -145,10 +178,18 @@ to_vehicle: [{topic: "/{vehicle}/down", class: stream}]
 
         def join(name, keys, heard, problems=None):
             here = ends[name] = parse_endpoint(f"127.0.0.1:{free_port()}/{free_port()}")
-            peers = {n: ends.get(n, here) for n in ("control", "uav1") if n != name}  # one knows where the other is
-            made = Exchange(name, load_links(path), here, peers, open_keyring(keys, name),
-                            lambda parcel: heard.append(parcel.data), print,
-                            lambda *problem: (problems if problems is not None else {}).update([problem]))  # fmt: skip
+            # one knows where the other is
+            peers = {n: ends.get(n, here) for n in ("control", "uav1") if n != name}
+            made = Exchange(
+                name,
+                load_links(path),
+                here,
+                peers,
+                open_keyring(keys, name),
+                lambda parcel: heard.append(parcel.data),
+                print,
+                lambda *problem: (problems if problems is not None else {}).update([problem]),
+            )
             stack.enter_context(closing(made))
             return made
 
@@ -161,7 +202,10 @@ def test_who_has_revoked_keys_is_not_heard_and_hears_nothing(link, tmp_path):
     shutil.copytree(fleet / "uav1", tmp_path / "stolen")
     revoke(fleet, ["uav1"])
     make_fleet(fleet, ["uav1"])
-    control, thief = link("control", fleet / "control", at_control), link("uav1", tmp_path / "stolen", at_thief)
+    control, thief = (
+        link("control", fleet / "control", at_control),
+        link("uav1", tmp_path / "stolen", at_thief),
+    )
 
     def speak(uav1, word):
         uav1.send("/uav1/up", "std_msgs/String", "0" * 32, "", word)
@@ -199,9 +243,15 @@ def test_of_two_vehicles_with_one_name_the_second_is_refused_named_and_told(link
 
     speak_until(lambda: heard["c"] and heard["1"], "control and the first hear each other")
     vehicles["2"] = link("uav1", tmp_path / "uav1", heard["2"], problems["2"])
-    speak_until(lambda: "two machines call themselves uav1" in problems["c"].get("twin uav1", ""), "control names it")
+    speak_until(
+        lambda: "two machines call themselves uav1" in problems["c"].get("twin uav1", ""),
+        "control names it",
+    )
     assert f"refused: host {socket.gethostname()} at" in problems["c"]["twin uav1"]
-    speak_until(lambda: "control refuses this machine" in problems["2"].get("displaced control", ""), "it is told")
+    speak_until(
+        lambda: "control refuses this machine" in problems["2"].get("displaced control", ""),
+        "it is told",
+    )
     vehicles.pop("1").close()  # as a cut would have it
     end_s = time.monotonic() + 3.0
     speak_until(lambda: time.monotonic() > end_s, "time passes")

@@ -12,31 +12,67 @@ from fcsv_multimaster.network.endpoints import Endpoint, parse_endpoint, parse_p
 def test_shipped_links_carry_what_they_must_and_no_raw_pictures(root):
     links = load_links(root / "config/links/default.yaml")
     up = links.crossing("uav1", "control")
-    assert {"/uav1/odometry/state", "/uav1/tags/detections", "/uav1/command_ack", "/uav1/mavros/state"} <= set(up)
-    assert {"/uav1/odometry/epoch", "/uav1/agent/alive", "/uav1/guardian/state", "/uav1/guardian/said"} <= set(up)
+    assert {
+        "/uav1/odometry/state",
+        "/uav1/tags/detections",
+        "/uav1/command_ack",
+        "/uav1/mavros/state",
+    } <= set(up)
+    assert {
+        "/uav1/odometry/epoch",
+        "/uav1/agent/alive",
+        "/uav1/guardian/state",
+        "/uav1/guardian/said",
+    } <= set(up)
     assert {"/uav1/flight_check", "/uav1/flight_link/parameters"} <= set(up)
     down = links.crossing("control", "uav2")
     assert set(down) == {
-        "/uav2/command", "/uav2/clock/ping", "/uav2/clock/offset", "/calibration", "/home", "/mission/state",
-        "/calibration_epochs", "/mission/alive", "/mission/fence", "/mission/capture",
-    }  # fmt: skip
+        "/uav2/command",
+        "/uav2/clock/ping",
+        "/uav2/clock/offset",
+        "/calibration",
+        "/home",
+        "/mission/state",
+        "/calibration_epochs",
+        "/mission/alive",
+        "/mission/fence",
+        "/mission/capture",
+    }
     assert set(links.crossing("uav1", "uav2")) == {
-        "/uav1/odometry/state", "/uav1/mavros/state", "/uav1/guardian/state",
-    }  # fmt: skip
+        "/uav1/odometry/state",
+        "/uav1/mavros/state",
+        "/uav1/guardian/state",
+    }
     everything = [*up, *down]
-    assert not [t for t in everything if t.endswith(("image_raw", "odometry/body", "/rosout", "/clock", "/tf"))]
+    assert not [
+        t
+        for t in everything
+        if t.endswith(("image_raw", "odometry/body", "/rosout", "/clock", "/tf"))
+    ]
     assert links.crossing("uav1", "uav1") == {}
 
 
-@pytest.mark.parametrize("text, word", [
-    ("classes: {}\nto_moon: []", "unknown key 'to_moon'"),
-    ("classes: {a: {link: radio, priority: data, reliable: true}}", "classes.a.link"),
-    ("classes: {a: {link: bulk, priority: high, reliable: true}}", "classes.a.priority"),
-    ("classes: {a: {link: bulk, priority: data, reliable: true, rate_hz: -1}}", "classes.a.rate_hz"),
-    ("classes: {}\nto_control: [{topic: /x, class: b}]", "to_control[0].class"),
-    ("classes: {a: {link: bulk, priority: data, reliable: true}}\nto_control: [{topic: x, class: a}]", "begin with /"),
-    ("classes: {a: {link: bulk, priority: data, reliable: true}}\nto_control: [{topic: /x, class: a, hz: 2}]", "hz"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text, word",
+    [
+        ("classes: {}\nto_moon: []", "unknown key 'to_moon'"),
+        ("classes: {a: {link: radio, priority: data, reliable: true}}", "classes.a.link"),
+        ("classes: {a: {link: bulk, priority: high, reliable: true}}", "classes.a.priority"),
+        (
+            "classes: {a: {link: bulk, priority: data, reliable: true, rate_hz: -1}}",
+            "classes.a.rate_hz",
+        ),
+        ("classes: {}\nto_control: [{topic: /x, class: b}]", "to_control[0].class"),
+        (
+            "classes: {a: {link: bulk, priority: data, reliable: true}}\nto_control: [{topic: x, class: a}]",
+            "begin with /",
+        ),
+        (
+            "classes: {a: {link: bulk, priority: data, reliable: true}}\nto_control: [{topic: /x, class: a, hz: 2}]",
+            "hz",
+        ),
+    ],
+)
 def test_errors_name_file_and_field(tmp_path, text, word):
     path = tmp_path / "links.yaml"
     path.write_text(text)

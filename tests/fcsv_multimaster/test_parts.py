@@ -24,7 +24,13 @@ from fcsv_multimaster.relay.measure import PeerMeasure, SignOfLife
 from fcsv_multimaster.relay.outbound import Message, Pacer, Remembered, Repeater
 from fcsv_multimaster.relay.parcel import Parcel
 from fcsv_multimaster.relay.peer import Peer
-from fcsv_multimaster.relay.picture_codec import AdaptiveJpeg, H264Decoder, H264Encoder, decode_jpeg, h264_available
+from fcsv_multimaster.relay.picture_codec import (
+    AdaptiveJpeg,
+    H264Decoder,
+    H264Encoder,
+    decode_jpeg,
+    h264_available,
+)
 from fcsv_multimaster.relay.sent_times import SentTimes
 
 CRITICAL = TrafficClass("datagram", "real_time", True, max_age_s=5.0)
@@ -34,16 +40,22 @@ CAPTURE = TrafficClass("bulk", "data", True, max_age_s=10.0)
 
 
 def message(number, traffic=BULK, topic="/t", born_s=0.0, size=60000):
-    return Message(topic, Rule(topic, traffic), "p/T", "0" * 32, bytes(size), born_s, number, number)
+    return Message(
+        topic, Rule(topic, traffic), "p/T", "0" * 32, bytes(size), born_s, number, number
+    )
 
 
-# ---- wire --------------------------------------------------------------------------------------------------
+# ---- wire ----------------------------------------------------------------------------------------
 
 
 def test_a_parcel_and_every_note_come_out_as_they_went_in():
     head = wire.Head(wire.JPEG, 7, 5, 8, 6, 9, 1.5, "0123456789abcdef" * 2)
     assert wire.unpack(wire.pack(head, b"data")) == (head, b"data")
-    for note in (wire.Ping(1, 2, 2.0, 3.0, "host a at 10.0.0.1"), wire.Pong(1, 2.0, 3.0, 4.0), wire.Ack(1, 2, True)):
+    for note in (
+        wire.Ping(1, 2, 2.0, 3.0, "host a at 10.0.0.1"),
+        wire.Pong(1, 2.0, 3.0, 4.0),
+        wire.Ack(1, 2, True),
+    ):
         assert wire.unpack_note(wire.pack_note(note)) == note
 
 
@@ -64,13 +76,14 @@ def test_another_version_of_the_language_is_named():
         wire.pack(wire.Head(wire.RAW, 1, 0, 1, 1, 0, 0.0, "*"), b"")
 
 
-# ---- what is measured --------------------------------------------------------------------------------------
+# ---- what is measured ----------------------------------------------------------------------------
 
 
 def test_ages_follow_the_monotonic_clocks_whatever_the_wall_clocks_do():
     peer = PeerMeasure()
     assert peer.heard(1, 10.0) is SignOfLife.NEW
-    for i, wall_s in enumerate((0.0, 3600.0, 3600.0, 3600.0, 3600.0, 3600.0)):  # the peer's clock steps by an hour
+    # the peer's clock steps by an hour
+    for i, wall_s in enumerate((0.0, 3600.0, 3600.0, 3600.0, 3600.0, 3600.0)):
         peer.clocks.answered(10.0 + i, 10.02 + i, 500.01 + i, wall_s)
     assert peer.clocks.age_s(500.0, 10.05) == pytest.approx(0.05)
     assert peer.clocks.wall_offset_s == 3600.0 and peer.clocks.round_trip_s == pytest.approx(0.02)
@@ -79,8 +92,11 @@ def test_ages_follow_the_monotonic_clocks_whatever_the_wall_clocks_do():
 def test_a_second_machine_of_the_same_name_is_told_from_a_restart():
     peer = PeerMeasure()
     assert [peer.heard(1, 0.0), peer.heard(1, 0.5), peer.heard(2, 0.6), peer.heard(1, 0.7)] == [
-        SignOfLife.NEW, SignOfLife.SAME, SignOfLife.DOUBLE, SignOfLife.SAME,
-    ]  # fmt: skip
+        SignOfLife.NEW,
+        SignOfLife.SAME,
+        SignOfLife.DOUBLE,
+        SignOfLife.SAME,
+    ]
     assert peer.heard(2, 5.0) is SignOfLife.NEW and not peer.alive(6.5)
 
 
@@ -90,9 +106,9 @@ def test_of_two_machines_with_one_name_the_second_does_not_take_the_place_of_the
         assert peer.heard(1, at_s) is not SignOfLife.DOUBLE
         assert peer.heard(2, at_s + 0.1, "host b") is SignOfLife.DOUBLE
     assert peer.twin(3.0) == "host b"
-    assert {peer.heard(2, s, "host b") for s in np.arange(3.0, 60.0, 0.5)} == {SignOfLife.DOUBLE} and not peer.alive(
-        60.0
-    )
+    assert {peer.heard(2, s, "host b") for s in np.arange(3.0, 60.0, 0.5)} == {
+        SignOfLife.DOUBLE
+    } and not peer.alive(60.0)
     assert peer.heard(3, 61.0) is SignOfLife.NEW  # the first was started again
     assert peer.heard(2, 61.1) is SignOfLife.DOUBLE and peer.heard(3, 100.0) is SignOfLife.SAME
     assert (
@@ -123,7 +139,7 @@ def test_loss_counts_gaps_and_forgives_what_comes_late():
     assert peer.overtaken("/t", 6) and not peer.overtaken("/t", 7)
 
 
-# ---- what waits --------------------------------------------------------------------------------------------
+# ---- what waits ----------------------------------------------------------------------------------
 
 
 def test_a_command_is_repeated_until_acknowledged_and_not_when_it_is_too_old():
@@ -220,18 +236,30 @@ def test_what_fell_into_a_cut_is_sent_again_though_the_link_was_slow_before():
     pacer.sent(message(1, CAPTURE, "/c"), 200000, 2.6)
     pacer.acknowledged(1, 3.2)
     pacer.sent(pacer.take(3.3), 200000, 3.3)
-    assert pacer.take(8.2).number == 3 and pacer.take(8.4).number == 2, "it doubled its patience: 5 s since the last"
+    assert pacer.take(8.2).number == 3 and pacer.take(8.4).number == 2, (
+        "it doubled its patience: 5 s since the last"
+    )
 
 
 def test_what_came_too_early_waits_but_not_for_ever():
     assert doctest.testmod(order).attempted and not doctest.testmod(order).failed
     waits = order.Order()
-    assert waits.came(7, "/t", 5, 5, 5, 0.0) == [5] and waits.came(7, "/t", 9, 9, 9, 0.0) == [9]  # 6 to 8 are not early
-    assert waits.came(7, "/t", 7, 7, 7, 0.0) == [7]  # repeated, as commands are: at once, whatever came before
+    # 6 to 8 are not early
+    assert waits.came(7, "/t", 5, 5, 5, 0.0) == [5] and waits.came(7, "/t", 9, 9, 9, 0.0) == [9]
+    # repeated, as commands are: at once, whatever came before
+    assert waits.came(7, "/t", 7, 7, 7, 0.0) == [7]
     assert waits.came(7, "/t", 12, 10, 12, 0.0) == [] and waits.came(7, "/u", 2, 1, 22, 0.0) == []
     assert waits.overdue(0.9) == [] and waits.overdue(1.1) == [12, 22] and waits.overdue(9.0) == []
-    assert waits.came(7, "/t", 14, 12, 14, 2.0) == [] and waits.came(7, "/t", 15, 15, 15, 2.0) == [14, 15]  # 13 expired
-    assert waits.came(7, "/t", 17, 16, 17, 3.0) == [] and waits.came(8, "/t", 1, 1, 1, 3.0) == [17, 1]  # a new boot
+    # 13 expired
+    assert waits.came(7, "/t", 14, 12, 14, 2.0) == [] and waits.came(7, "/t", 15, 15, 15, 2.0) == [
+        14,
+        15,
+    ]
+    # a new boot
+    assert waits.came(7, "/t", 17, 16, 17, 3.0) == [] and waits.came(8, "/t", 1, 1, 1, 3.0) == [
+        17,
+        1,
+    ]
 
 
 def test_only_what_is_from_before_the_contact_holds_others_up():
@@ -244,7 +272,9 @@ def test_only_what_is_from_before_the_contact_holds_others_up():
         peer.number(m)
         peer.repeater.add(m, now_s)
         sent.append(m)
-    assert [m.early for m in sent] == [True, True, False, False] and [peer.first(m) for m in sent] == [1, 1, 1, 1]
+    assert [m.early for m in sent] == [True, True, False, False] and [
+        peer.first(m) for m in sent
+    ] == [1, 1, 1, 1]
     peer.repeater.all_early()  # a cut: what waits is from before the next contact
     assert [m.early for m in sent] == [True] * 4
     peer.repeater.acknowledged(sent[0].number)
@@ -252,7 +282,11 @@ def test_only_what_is_from_before_the_contact_holds_others_up():
     peer.repeater.acknowledged(sent[1].number)
     assert [peer.first(m) for m in sent[2:]] == [3, 3]
     peer.repeater.acknowledged(sent[2].number)
-    assert peer.first(sent[3]) == 4 and peer.repeater.acknowledged(sent[3].number) and len(peer.repeater) == 0
+    assert (
+        peer.first(sent[3]) == 4
+        and peer.repeater.acknowledged(sent[3].number)
+        and len(peer.repeater) == 0
+    )
 
 
 def test_a_rate_limit_holds_on_average_for_any_rhythm():
@@ -262,10 +296,17 @@ def test_a_rate_limit_holds_on_average_for_any_rhythm():
 
 def test_duplicates_are_known():
     remembered = Remembered(3)
-    assert [remembered.first_time(n) for n in (1, 2, 1, 3, 4, 2)] == [True, True, False, True, True, False]
+    assert [remembered.first_time(n) for n in (1, 2, 1, 3, 4, 2)] == [
+        True,
+        True,
+        False,
+        True,
+        True,
+        False,
+    ]
 
 
-# ---- pictures ----------------------------------------------------------------------------------------------
+# ---- pictures ------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -293,7 +334,8 @@ def test_h264_follows_the_stream_and_waits_for_a_whole_picture_after_a_gap(pictu
     units = [encoder.encode(np.roll(picture, i, 1), 5e5, 30.0, keyframe=i == 8) for i in range(12)]
     out = [decoder.decode(u, i) for i, u in enumerate(units) if i != 5]
     assert [o is not None for o in out] == [True] * 5 + [False] * 2 + [True] * 4
-    # quantisation at 4 Mbit/s and halved colour; a wrong picture (shifted by 20) differs by 30 and more
+    # quantisation at 4 Mbit/s and halved colour; a wrong picture (shifted by 20) differs by 30 and
+    # more
     assert np.abs(out[-1].astype(int) - np.roll(picture, 11, 1)).mean() < 6
     assert sum(map(len, units[1:8])) / 7 < 0.5 * len(units[0])
 
@@ -304,28 +346,41 @@ def test_a_malformed_jpeg_is_an_error(data):
         decode_jpeg(data)
 
 
-# ---- keys --------------------------------------------------------------------------------------------------
+# ---- keys ----------------------------------------------------------------------------------------
 
 
 def test_without_keys_nothing_leaves_the_machine():
     with pytest.raises(EndpointError, match="has no keys"):
         Transport("a", parse_endpoint("0.0.0.0:7447"), {}, None, print, print)
     with pytest.raises(EndpointError, match="has no keys"):
-        Transport("a", parse_endpoint("127.0.0.1:7447"), {"b": None}, None, print, print, discovery=True)
+        Transport(
+            "a", parse_endpoint("127.0.0.1:7447"), {"b": None}, None, print, print, discovery=True
+        )
 
 
-# ---- addresses ---------------------------------------------------------------------------------------------
+# ---- addresses -----------------------------------------------------------------------------------
 
 
 def test_another_address_is_noticed_once_it_stays():
-    looks = iter([{"10.0.0.1"}, {"10.0.0.1"}, set(), set(), {"10.0.0.1"}, {"10.0.0.2"}, {"10.0.0.3"}, {"10.0.0.3"},
-                  {"10.0.0.3"}])  # fmt: skip
+    looks = iter(
+        [
+            {"10.0.0.1"},
+            {"10.0.0.1"},
+            set(),
+            set(),
+            {"10.0.0.1"},
+            {"10.0.0.2"},
+            {"10.0.0.3"},
+            {"10.0.0.3"},
+            {"10.0.0.3"},
+        ]
+    )
     watch = AddressWatch(lambda: next(looks))
     assert [watch.changed() for _ in range(8)] == [False] * 6 + [True, False]
     assert not any(a.startswith("127.") for a in local_addresses())
 
 
-# ---- the list, for fkie --------------------------------------------------------------------------------------
+# ---- the list, for fkie --------------------------------------------------------------------------
 
 
 def test_fkie_gets_the_same_topics_and_nothing_else(root):
@@ -341,11 +396,23 @@ def test_fkie_gets_the_same_topics_and_nothing_else(root):
     assert fkie.discovery({**peers, "uav3": None})["send_mcast"]
 
 
-# ---- from when what came counts ----------------------------------------------------------------------------
+# ---- from when what came counts ------------------------------------------------------------------
 
 
 def parcel(topic, came_s, age_s, traffic, unsure_s=0.0):
-    return Parcel("uav2", topic, "p/T", "0" * 32, 1, wire.RAW, b"", Rule(topic, traffic), age_s, came_s, unsure_s)
+    return Parcel(
+        "uav2",
+        topic,
+        "p/T",
+        "0" * 32,
+        1,
+        wire.RAW,
+        b"",
+        Rule(topic, traffic),
+        age_s,
+        came_s,
+        unsure_s,
+    )
 
 
 def test_states_that_came_are_told_with_when_they_were_sent_at_the_latest():
@@ -362,16 +429,21 @@ def test_states_that_came_are_told_with_when_they_were_sent_at_the_latest():
 def test_an_age_is_no_surer_than_the_pings_by_which_clocks_are_known():
     peer = PeerMeasure()
     assert peer.clocks.unsure_s == 0.0  # no age at all
-    peer.clocks.answered(10.0, 10.4, 500.3, 0.0)  # 0.3 s there and 0.1 s back, or the other way round
+    # 0.3 s there and 0.1 s back, or the other way round
+    peer.clocks.answered(10.0, 10.4, 500.3, 0.0)
     peer.clocks.answered(11.0, 11.8, 501.4, 0.0)
     assert peer.clocks.unsure_s == pytest.approx(0.2)
-    assert peer.clocks.age_s(500.0, 10.0) + peer.clocks.unsure_s >= 0.0 + (10.0 - 9.7)  # sent at 9.7 of our clock
+    # sent at 9.7 of our clock
+    assert peer.clocks.age_s(500.0, 10.0) + peer.clocks.unsure_s >= 0.0 + (10.0 - 9.7)
 
 
 def test_what_nobody_measured_is_as_old_as_the_shipped_links_let_through(root):
     links = load_links(root / "config/links/default.yaml")
     assert links.classes["state"].max_age_s == arrivals.UNMEASURED_S
-    topics = {r.topic.replace("{vehicle}/", ""): r.traffic for r in (*links.to_control, *links.between_vehicles)}
+    topics = {
+        r.topic.replace("{vehicle}/", ""): r.traffic
+        for r in (*links.to_control, *links.between_vehicles)
+    }
     for topic in (heard.ODOMETRY, heard.STATE, heard.BATTERY, heard.GUARDIAN, heard.RECORDER):
         assert topics[f"/{topic}"] == links.classes["state"], topic
 
@@ -383,17 +455,25 @@ def test_ages_survive_restarts_and_a_relay_that_says_nothing():
     assert known.since_s(topic, 10.0) == 9.0, "never told: not fresh"
     known.told([topic], [9.95])
     assert known.since_s(topic, 10.0) == 9.95
-    assert known.since_s(topic, 10.1) == 9.95, "of the next the relay has not told yet: the one before counts"
-    assert known.since_s(topic, 300.0) == 299.0, "a relay that restarted: no older than it lets through"
+    assert known.since_s(topic, 10.1) == 9.95, (
+        "of the next the relay has not told yet: the one before counts"
+    )
+    assert known.since_s(topic, 300.0) == 299.0, (
+        "a relay that restarted: no older than it lets through"
+    )
     known.told([topic], [310.0])
-    assert known.since_s(topic, 300.0) == 300.0, "told of one that is still to come: this one is not younger for that"
+    assert known.since_s(topic, 300.0) == 300.0, (
+        "told of one that is still to come: this one is not younger for that"
+    )
     known.came(topic, "/uav2/odometry")
     assert known.since_s(topic, 320.0) == 320.0, "no relay is between"
 
 
 def test_the_missions_view_is_as_old_as_the_relay_measured():
     known = arrivals.Arrivals()
-    vehicle = heard.VehicleHeard(np.eye(4), lambda topic, came_s: known.since_s(f"/uav2/{topic}", came_s))
+    vehicle = heard.VehicleHeard(
+        np.eye(4), lambda topic, came_s: known.since_s(f"/uav2/{topic}", came_s)
+    )
     topics = [f"/uav2/{t}" for t in (heard.ODOMETRY, heard.STATE, heard.BATTERY, heard.RECORDER)]
     for topic in topics:
         known.came(topic, "/relay")
@@ -401,11 +481,15 @@ def test_the_missions_view_is_as_old_as_the_relay_measured():
     vehicle.state(50.0, "GUIDED", True, True)
     vehicle.battery(41.0, 0.9)
     vehicle.recorder(50.0, "", 1)
-    ages = lambda: [getattr(vehicle.view(50.1, None), f"{n}_age_s") for n in ("pose", "state", "recorder")]  # noqa: E731
+    ages = lambda: [  # noqa: E731
+        getattr(vehicle.view(50.1, None), f"{n}_age_s") for n in ("pose", "state", "recorder")
+    ]
     assert ages() == [pytest.approx(1.1)] * 3
     known.told(topics, [49.9, 49.8, 40.0, 49.7])
     assert ages() == [pytest.approx(a) for a in (0.2, 0.3, 0.4)]
     assert vehicle.view(50.1, None).battery_share == 0.9
     known.told(topics[1:2], [50.5])
     vehicle.state(50.6, "GUIDED", True, True)
-    assert np.isnan(vehicle.view(50.6, None).battery_share), "10 s before the state by when both were sent"
+    assert np.isnan(vehicle.view(50.6, None).battery_share), (
+        "10 s before the state by when both were sent"
+    )

@@ -36,9 +36,18 @@ class Net:
         peers = ",".join(f"{n}={e}" for n, e in self.endpoints.items() if n != name)
         self.count += 1
         return self.machines[name].run(
-            ["rosrun", "fcsv_multimaster", "relay", f"__name:={node}", f"_machine:={name}", f"_links:={links}",
-             f"_listen:={self.endpoints[name]}", f"_peers:={peers}"], f"relay-{self.count}",
-        )  # fmt: skip
+            [
+                "rosrun",
+                "fcsv_multimaster",
+                "relay",
+                f"__name:={node}",
+                f"_machine:={name}",
+                f"_links:={links}",
+                f"_listen:={self.endpoints[name]}",
+                f"_peers:={peers}",
+            ],
+            f"relay-{self.count}",
+        )
 
     def start_relay(self, name, links=None):
         """The relay of a machine, in place of the one that ran there."""
@@ -48,7 +57,10 @@ class Net:
 
     def wait_for_relays(self):
         for name, relay in self.relays.items():
-            until(lambda r=relay: "is there" in r.log.read_text() or r.returncode is not None, what=f"{name}'s peer")
+            until(
+                lambda r=relay: "is there" in r.log.read_text() or r.returncode is not None,
+                what=f"{name}'s peer",
+            )
             assert relay.returncode is None, f"{name}: {relay.tail()}"
 
     def python(self, name, code):
@@ -62,12 +74,26 @@ class Net:
 
     def hears(self, name, topic, timeout_s=15.0):
         """The next message of a topic on a machine as text, or "" when none comes."""
-        command = ["timeout", "--kill-after", "2", str(timeout_s), "rostopic", "echo", "-n", "1", topic]
-        return subprocess.run(command, env=self.machines[name].env, capture_output=True, text=True).stdout
+        command = [
+            "timeout",
+            "--kill-after",
+            "2",
+            str(timeout_s),
+            "rostopic",
+            "echo",
+            "-n",
+            "1",
+            topic,
+        ]
+        return subprocess.run(
+            command, env=self.machines[name].env, capture_output=True, text=True
+        ).stdout
 
     def publishers(self, name, topic):
         """Nodes that publish a topic, as the master of a machine knows them."""
-        published = xmlrpc.client.ServerProxy(self.machines[name].master_uri).getSystemState("/test")[2][0]
+        published = xmlrpc.client.ServerProxy(self.machines[name].master_uri).getSystemState(
+            "/test"
+        )[2][0]
         return dict(published).get(topic, [])
 
     def end_scripts(self):
@@ -114,12 +140,18 @@ HOME = """
 
 
 def test_listed_topics_cross_and_others_do_not(net):
-    for relay in net.relays.values():  # what the threads before a cut left behind is used again by those after it
+    # what the threads before a cut left behind is used again by those after it
+    for relay in net.relays.values():
         assert psutil.Process(relay.pid).environ()["MALLOC_ARENA_MAX"] == "2"
     net.python("uav1", STATE.format(mode="GUIDED"))
     assert 'mode: "GUIDED"' in net.hears("control", "/uav1/mavros/state")
-    assert net.publishers("uav1", "/uav1/secret") and net.publishers("control", "/uav1/mavros/state") == ["/relay"]
-    assert net.publishers("control", "/uav1/secret") == [] and net.hears("control", "/uav1/secret", 4.0) == ""
+    assert net.publishers("uav1", "/uav1/secret") and net.publishers(
+        "control", "/uav1/mavros/state"
+    ) == ["/relay"]
+    assert (
+        net.publishers("control", "/uav1/secret") == []
+        and net.hears("control", "/uav1/secret", 4.0) == ""
+    )
 
 
 def test_those_here_are_told_when_what_crossed_was_sent(net):
@@ -128,19 +160,28 @@ def test_those_here_are_told_when_what_crossed_was_sent(net):
     until(lambda: 'mode: "LAND"' in net.hears("control", "/uav1/mavros/state"), what="the state")
     told = next(yaml.safe_load_all(net.hears("control", "/relay/ages")))
     sent_s = dict(zip(told["topics"], told["sent_s"]))
-    assert list(sent_s) == ["/uav1/mavros/state"] and began_s < sent_s["/uav1/mavros/state"] < time.monotonic()
+    assert (
+        list(sent_s) == ["/uav1/mavros/state"]
+        and began_s < sent_s["/uav1/mavros/state"] < time.monotonic()
+    )
 
 
 def test_another_version_of_a_message_is_named_and_dropped(net):
-    net.python("uav1", """
+    net.python(
+        "uav1",
+        """
         from std_msgs.msg import String
         class RecorderStatus(String):
             _type = 'fcsv_msgs/RecorderStatus'; _md5sum = 'f' * 32
         p = rospy.Publisher('/uav1/recorder/status', RecorderStatus, queue_size=1)
         while not rospy.is_shutdown():
             p.publish(RecorderStatus('x')); time.sleep(0.05)
-    """)  # fmt: skip
-    until(lambda: "another" in net.relays["control"].log.read_text(), what="a line that names the version")
+    """,
+    )
+    until(
+        lambda: "another" in net.relays["control"].log.read_text(),
+        what="a line that names the version",
+    )
     assert net.publishers("control", "/uav1/recorder/status") == []
     assert net.hears("control", "/uav1/recorder/status", 4.0) == ""
 
@@ -161,17 +202,25 @@ def test_latched_events_reach_who_comes_late_and_nothing_echoes(net):
     env = net.machines["control"].env
     count = subprocess.run(["rosnode", "list"], env=env, capture_output=True, text=True).stdout
     info = subprocess.run(["rostopic", "info", "/home"], env=env, capture_output=True, text=True)
-    assert "relay" in count and info.stdout.split("Subscribers")[0].count("*") == 1  # only the one who publishes it
+    # only the one who publishes it
+    assert "relay" in count and info.stdout.split("Subscribers")[0].count("*") == 1
 
 
 def test_a_restarted_master_is_told_again(net):
     net.python("uav1", STATE.format(mode="LOITER"))
     until(lambda: "LOITER" in net.hears("control", "/uav1/mavros/state"), what="the state")
     net.machines["uav1"].kill_master()
-    until(lambda: "master does not answer" in net.relays["uav1"].log.read_text(), what="the relay's word about it")
+    until(
+        lambda: "master does not answer" in net.relays["uav1"].log.read_text(),
+        what="the relay's word about it",
+    )
     net.machines["uav1"].start_master()
-    net.python("uav1", STATE.format(mode="BRAKE"))  # the old publisher is lost with its master, a new one comes
-    until(lambda: "BRAKE" in net.hears("control", "/uav1/mavros/state"), what="the state of who came after the restart")
+    # the old publisher is lost with its master, a new one comes
+    net.python("uav1", STATE.format(mode="BRAKE"))
+    until(
+        lambda: "BRAKE" in net.hears("control", "/uav1/mavros/state"),
+        what="the state of who came after the restart",
+    )
     assert net.relays["uav1"].returncode is None
 
 
@@ -182,14 +231,19 @@ classes: {critical: {link: datagram, priority: real_time, reliable: true, max_ag
 to_vehicle: [{topic: "/{vehicle}/command", class: critical}]
 """)
     net.relays["uav1"].stop()
-    net.python("uav1", f"""
+    net.python(
+        "uav1",
+        f"""
         from fcsv_msgs.msg import Command
         f = open({str(heard)!r}, 'a', buffering=1)
         rospy.Subscriber('/uav1/command', Command, lambda c: f.write('%d\\n' % c.number), queue_size=1000)
         rospy.spin()
-    """)  # fmt: skip
+    """,
+    )
     net.start_relay("control", links)
-    net.python("control", f"""
+    net.python(
+        "control",
+        f"""
         from fcsv_msgs.msg import Command
         f = open({str(said)!r}, 'a', buffering=1)
         p = rospy.Publisher('/uav1/command', Command, queue_size=1000)
@@ -197,7 +251,8 @@ to_vehicle: [{topic: "/{vehicle}/command", class: critical}]
         for n in range(200):
             p.publish(Command(vehicle='uav1', number=n)); f.write('+\\n'); time.sleep(0.03)
         rospy.spin()
-    """)  # fmt: skip
+    """,
+    )
     until(lambda: said.exists() and said.stat().st_size > 60, what="commands before the link")
     net.start_relay("uav1", links)
     until(lambda: heard.exists() and "199\n" in heard.read_text(), what="the last command")

@@ -21,15 +21,23 @@ def test_listed_frames_leave_with_their_prefix_and_the_newest_wins():
     out.add(write([transform("base_link", "arm", 1.0), transform("base_link", "secret")]))
     out.add(write([transform("base_link", "arm", 2.0), transform("home", "uav2/arm")]))
     (t,) = read(out.take()).transforms
-    assert (t.header.frame_id, t.child_frame_id, t.transform.translation.x) == ("uav1/base_link", "uav1/arm", 2.0)
+    assert (t.header.frame_id, t.child_frame_id, t.transform.translation.x) == (
+        "uav1/base_link",
+        "uav1/arm",
+        2.0,
+    )
     assert out.take() is None
 
 
 def test_static_transforms_of_all_peers_are_one_message():
     merged = TfIn(static=True)
     merged.merge(write([transform("uav1/base_link", "uav1/tag")]), ["uav1/tag"])
-    both = merged.merge(write([transform("uav2/base_link", "uav2/tag"), transform("home", "uav1/odom")]), ["uav2/tag"])
-    assert [t.child_frame_id for t in read(both).transforms] == ["uav1/tag", "uav2/tag"]  # not another's frame
+    both = merged.merge(
+        write([transform("uav2/base_link", "uav2/tag"), transform("home", "uav1/odom")]),
+        ["uav2/tag"],
+    )
+    # not another's frame
+    assert [t.child_frame_id for t in read(both).transforms] == ["uav1/tag", "uav2/tag"]
 
 
 def test_malformed_tf_is_an_error():

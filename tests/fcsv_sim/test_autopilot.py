@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated autopilot against ArduCopter 4.3.8 and 4.6.2 as measured, over real MAVLink, faster than real time."""
+"""The simulated autopilot against ArduCopter 4.3.8 and 4.6.2 as measured, over real MAVLink, faster
+than real time."""
 
 import os
 
@@ -21,10 +22,13 @@ YAW_EXT = 0.7  # the feed's frame is turned against the world
 
 
 class Flight:
-    """A simulated vehicle, external navigation (perfect, in a frame of its own) and a companion, without sleeping."""
+    """A simulated vehicle, external navigation (perfect, in a frame of its own) and a companion,
+    without sleeping."""
 
     def __init__(self, folder, wind_mps=0.5):
-        self.companion = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=1, source_component=191)
+        self.companion = mavutil.mavlink_connection(
+            "udpin:127.0.0.1:0", source_system=1, source_component=191
+        )
         port = self.companion.port.getsockname()[1]
         parameters = VehicleParameters(
             "uav1", 1, str(folder), f"127.0.0.1:{port}", 0, 4, wind_mps=wind_mps, ready_s=2.0
@@ -61,14 +65,25 @@ class Flight:
         T = self.T_ext_world @ self.vehicle.body.T_world_body
         p, yaw = T[:3, 3] + self.offset_m, transforms.yaw(T) + self.yaw_step
         self.companion.mav.vision_position_estimate_send(
-            int(self.t * 1e6), p[1], p[0], -p[2], 0, 0, np.pi / 2 - yaw, reset_counter=self.reset_counter
+            int(self.t * 1e6),
+            p[1],
+            p[0],
+            -p[2],
+            0,
+            0,
+            np.pi / 2 - yaw,
+            reset_counter=self.reset_counter,
         )
 
     def command(self, number, *params):
         self.received.clear()
-        self.companion.mav.command_long_send(1, 1, number, 0, *(list(params) + [0] * (7 - len(params))))
+        self.companion.mav.command_long_send(
+            1, 1, number, 0, *(list(params) + [0] * (7 - len(params)))
+        )
         self.run(0.05)
-        return [m.result for m in self.received if m.get_type() == "COMMAND_ACK" and m.command == number][0]
+        return [
+            m.result for m in self.received if m.get_type() == "COMMAND_ACK" and m.command == number
+        ][0]
 
     def texts(self):
         return " ".join(m.text for m in self.received if m.get_type() == "STATUSTEXT")
@@ -125,7 +140,10 @@ def test_unasked_it_sends_heartbeats_only(flight):
 
 def test_message_intervals(flight):
     flight.ready()
-    assert flight.command(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 20000) == 0
+    assert (
+        flight.command(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 20000)
+        == 0
+    )
     flight.received.clear()
     flight.run(2.0)
     assert len(flight.of("LOCAL_POSITION_NED")) == pytest.approx(100, abs=2)
@@ -172,7 +190,9 @@ def test_an_early_origin_is_confirmed_and_lost_and_one_that_is_set_stays(flight)
 
 
 @pytest.mark.parametrize("altitude_mm, climbs", [(0, True), (10000, False)])
-def test_with_an_origin_at_altitude_zero_the_height_runs_away_until_it_is_armed(flight, altitude_mm, climbs):
+def test_with_an_origin_at_altitude_zero_the_height_runs_away_until_it_is_armed(
+    flight, altitude_mm, climbs
+):
     flight.T_ext_world = transforms.from_xyz_yaw([5.0, -3.0, 0.05], YAW_EXT)
     flight.run(3.0)
     flight.companion.mav.set_gps_global_origin_send(1, 1, 1, altitude_mm)
@@ -209,12 +229,15 @@ def test_a_mode_is_told_at_once_and_heartbeats_come_at_the_rate_asked_for(flight
     flight.command(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_HEARTBEAT, 250000)
     assert len(beats(flight, 4.0)) == pytest.approx(16, abs=1)
     for mode in (modes.LOITER, modes.GUIDED):
-        flight.companion.mav.command_long_send(1, 1, M.MAV_CMD_DO_SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0)
+        flight.companion.mav.command_long_send(
+            1, 1, M.MAV_CMD_DO_SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0
+        )
         assert [b.custom_mode for b in beats(flight, 0.03)] == [mode]
 
 
 def test_what_the_heartbeat_says(flight):
-    """Status 1 while booting, 3 on the ground, 4 in the air, 5 in a failsafe; "guided" in every position mode."""
+    """Status 1 while booting, 3 on the ground, 4 in the air, 5 in a failsafe; "guided" in every
+    position mode."""
     assert flight.of("HEARTBEAT")[0].system_status == M.MAV_STATE_BOOT
     assert beats(flight, 2.5)[-1].system_status == M.MAV_STATE_STANDBY
     flight.airborne()
@@ -252,8 +275,11 @@ def test_it_is_ready_after_the_time_that_was_set(tmp_path):
     assert 17.0 <= VehicleParameters("uav1", 1, str(tmp_path)).ready_s <= 26.0
     assert Autopilot(0.4, 1).estimator.started(0.0) is False
     pilot = Autopilot(0.4, 1)
-    began_s = next(k for k in range(60) if pilot.estimator.predict(k, 1.0, np.zeros(3), 0.0, 0.0, 0.0) or
-                   pilot.estimator.started(k))  # fmt: skip
+    began_s = next(
+        k
+        for k in range(60)
+        if pilot.estimator.predict(k, 1.0, np.zeros(3), 0.0, 0.0, 0.0) or pilot.estimator.started(k)
+    )
     assert 17 <= began_s <= 26
 
 
@@ -271,15 +297,22 @@ def test_take_off_hold_and_overshoot(flight):
     for _ in range(50):
         flight.run(0.1)
         assert np.linalg.norm(flight.p_ext - goal) < 0.3  # holds stay within 0.3 m
-    assert abs(transforms.yaw(flight.T_ext_world @ flight.vehicle.body.T_world_body) - YAW_EXT) < np.radians(3)
+    assert abs(
+        transforms.yaw(flight.T_ext_world @ flight.vehicle.body.T_world_body) - YAW_EXT
+    ) < np.radians(3)
 
 
 @pytest.mark.parametrize(
     "step, most_mps",
-    [((20.0, 0.0, 0.0), 2.0), ((0.0, 0.0, 12.0), 1.5), ((8.0, 0.0, 12.0), 1.5 * np.hypot(8.0, 12.0) / 12.0)],
+    [
+        ((20.0, 0.0, 0.0), 2.0),
+        ((0.0, 0.0, 12.0), 1.5),
+        ((8.0, 0.0, 12.0), 1.5 * np.hypot(8.0, 12.0) / 12.0),
+    ],
 )
 def test_it_flies_straight_to_a_set_point_as_fast_as_its_parameters_say(flight, step, most_mps):
-    """As GUIDED of ArduCopter 4.3: speeds of WPNAV_SPEED and WPNAV_SPEED_UP share one clock on a slanting way."""
+    """As GUIDED of ArduCopter 4.3: speeds of WPNAV_SPEED and WPNAV_SPEED_UP share one clock on a
+    slanting way."""
     flight.airborne()
     start, step = flight.p_ext.copy(), np.array(step)
     flight.target(start + step, YAW_EXT)
@@ -290,7 +323,8 @@ def test_it_flies_straight_to_a_set_point_as_fast_as_its_parameters_say(flight, 
         fastest = max(fastest, float(np.linalg.norm(flight.p_ext - before)) / 0.1)
         off = flight.p_ext - start
         aside = max(aside, float(np.linalg.norm(off - step * (off @ step) / (step @ step))))
-    assert fastest == pytest.approx(most_mps, abs=0.3)  # wind, and what the velocity loop overshoots
+    # wind, and what the velocity loop overshoots
+    assert fastest == pytest.approx(most_mps, abs=0.3)
     assert aside < 0.6
     assert np.linalg.norm(flight.p_ext - start - step) < 0.3
 
@@ -322,9 +356,12 @@ def test_type_masks(flight):
     flight.target(p + [3, 0, 0], YAW_EXT, mask=0x9F9)  # one ignore bit drops the whole position
     flight.run(3.0)
     assert np.linalg.norm(flight.p_ext - p) < 0.4
-    flight.target(p + [0, 4, 0], None, mask=0xDF8)  # position alone: yaws into the direction of travel
+    # position alone: yaws into the direction of travel
+    flight.target(p + [0, 4, 0], None, mask=0xDF8)
     flight.run(8.0)
-    assert transforms.yaw(flight.T_ext_world @ flight.vehicle.body.T_world_body) == pytest.approx(np.pi / 2, abs=0.15)
+    assert transforms.yaw(flight.T_ext_world @ flight.vehicle.body.T_world_body) == pytest.approx(
+        np.pi / 2, abs=0.15
+    )
 
 
 def test_set_points_are_ignored_outside_guided(flight):
@@ -351,14 +388,18 @@ def test_land_disarms(flight):
 
 
 def test_a_landing_at_speed_comes_down_further_on_as_the_real_one_does(flight):
-    """ArduCopter 4.6.2 with the profile's WPNAV_ACCEL of 1.5 m/s²: 1.9 m from 2 m/s (docs/lab/rehearsals.md)."""
+    """ArduCopter 4.6.2 with the profile's WPNAV_ACCEL of 1.5 m/s²: 1.9 m from 2 m/s
+    (docs/lab/rehearsals.md)."""
     flight.airborne(6.0)
     for name, value in ((b"WPNAV_ACCEL", 150), (b"WPNAV_SPEED", 200)):
         flight.companion.mav.param_set_send(1, 1, name, value, M.MAV_PARAM_TYPE_REAL32)
     flight.run(0.2)
     flight.target(flight.p_ext + [30.0, 0.0, 0.0])
     flight.run(4.0)
-    begun_m, speed_mps = flight.p_ext.copy(), float(np.linalg.norm(flight.vehicle.body.velocity_mps[:2]))
+    begun_m, speed_mps = (
+        flight.p_ext.copy(),
+        float(np.linalg.norm(flight.vehicle.body.velocity_mps[:2])),
+    )
     flight.command(M.MAV_CMD_DO_SET_MODE, 1, modes.LAND)
     flight.run(20.0)
     assert 1.8 < speed_mps < 2.2 and not flight.pilot.armed
@@ -375,7 +416,8 @@ def test_a_landing_from_three_metres_takes_nine_seconds(flight):
 
 
 def test_a_reboot_in_the_air(flight):
-    """Origin, streams and position are gone, the time since boot begins again, and it comes down."""
+    """Origin, streams and position are gone, the time since boot begins again, and it comes
+    down."""
     flight.airborne()
     flight.command(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_ATTITUDE, 100000)
     flight.run(0.5)
@@ -424,7 +466,8 @@ class TestJumps:
         assert flight.p_ext[0] - p[0] < -2.0  # flies off
 
     def test_a_rejected_jump_is_adopted_over_many_messages(self, flight):
-        """Refused for 4.5 s, then 5 m in 0.4 s, and no step over 0.65 m: none that looks like a jump."""
+        """Refused for 4.5 s, then 5 m in 0.4 s, and no step over 0.65 m: none that looks like a
+        jump."""
         flight.airborne()
         told = []  # what the estimate is off from where the vehicle is
         flight.offset_m = np.array([5.0, 0, 0])
@@ -515,7 +558,9 @@ def test_parameters(flight):
 
 def test_velocity_times_out(flight):
     flight.airborne()
-    flight.companion.mav.set_position_target_local_ned_send(0, 1, 1, 1, 0xDC7, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 0, 0)
+    flight.companion.mav.set_position_target_local_ned_send(
+        0, 1, 1, 1, 0xDC7, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 0, 0
+    )
     flight.run(2.0)
     assert flight.pilot.estimator.v_ext_mps[0] > 0.7
     flight.run(4.0)
@@ -526,7 +571,11 @@ def test_it_says_why_it_does_not_arm_every_half_minute(flight):
     """Without a feed; with one that is good it is silent. The first time after 15 s."""
     flight.feed_hz = 0.0
     flight.run(80.0)
-    said = [m.text for m in flight.received if m.get_type() == "STATUSTEXT" and m.text.startswith("PreArm: VisOdom")]
+    said = [
+        m.text
+        for m in flight.received
+        if m.get_type() == "STATUSTEXT" and m.text.startswith("PreArm: VisOdom")
+    ]
     assert said == ["PreArm: VisOdom: not healthy"] * 3
 
 
@@ -536,7 +585,9 @@ def test_an_airframe_tells_where_it_is_now():
         before = body.T_world_body
         states = body.advance(command, 40)
         T = body.T_world_body
-        assert np.allclose(T[:3, 3], states[-1][:3]) and np.allclose(transforms.quaternion_xyzw(T), states[-1][6:10])
+        assert np.allclose(T[:3, 3], states[-1][:3]) and np.allclose(
+            transforms.quaternion_xyzw(T), states[-1][6:10]
+        )
         assert not np.allclose(T, before, atol=1e-3)
         T[:] = 0.0  # whoever was told may change it
         assert np.allclose(body.T_world_body[:3, 3], states[-1][:3])

@@ -41,7 +41,8 @@ def test_noise_is_as_large_as_it_says(renderer):
     clean = shoot(renderer, read_noise=0.0, shot_noise=0.0, **fixed)[1][0].rgb / 255.0
     noisy = shoot(renderer, read_noise=0.004, shot_noise=0.011, **fixed)[1][0].rgb / 255.0
     inside = (clean > 0.05) & (clean < 0.9)
-    expected = np.sqrt(0.004**2 + 0.011**2 * clean[inside].mean() + 2 / 12 / 255**2)  # and rounding, twice
+    # and rounding, twice
+    expected = np.sqrt(0.004**2 + 0.011**2 * clean[inside].mean() + 2 / 12 / 255**2)
     assert abs(np.std((noisy - clean)[inside]) / expected - 1) < 0.05
     assert abs(np.mean((noisy - clean)[inside])) < 1e-3
 
@@ -78,7 +79,10 @@ class Hovering:
 
     def __init__(self, folder):
         self._writers = {n: TruthWriter(folder, n) for n in ("uav1", "uav2")}
-        self.poses = {"uav1": transforms.from_xyz_yaw([0, 0, 8], 0.0), "uav2": transforms.from_xyz_yaw([-3.5, 0, 8], 0)}
+        self.poses = {
+            "uav1": transforms.from_xyz_yaw([0, 0, 8], 0.0),
+            "uav2": transforms.from_xyz_yaw([-3.5, 0, 8], 0),
+        }
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -112,8 +116,15 @@ def test_node_publishes_pictures_infos_and_truth(start_node, root, tmp_path):
         rospy.Subscriber("/uav2/camera/color/camera_info", CameraInfo, infos.append),
     ]
     folder = str(root / "config" / "vehicles")
-    params = {"vehicle": "uav2", "vehicles": ["uav1", "uav2"], "vehicles_dir": folder, "sim_dir": str(tmp_path),
-              "seed": 1, "rate_hz": 4.0, "near": True}  # fmt: skip
+    params = {
+        "vehicle": "uav2",
+        "vehicles": ["uav1", "uav2"],
+        "vehicles_dir": folder,
+        "sim_dir": str(tmp_path),
+        "seed": 1,
+        "rate_hz": 4.0,
+        "near": True,
+    }
     try:
         start_node("fcsv_sim", "camera", ns="uav2", params=params)
         deadline = time.monotonic() + 60
@@ -126,10 +137,13 @@ def test_node_publishes_pictures_infos_and_truth(start_node, root, tmp_path):
     assert len(images) >= 6
     stamps = [m.header.stamp for m in images]
     assert {s.to_nsec() for s in stamps} & {m.header.stamp.to_nsec() for m in infos}
-    assert images[0].header.frame_id == infos[0].header.frame_id == "uav2/camera_color_optical_frame"
+    assert (
+        images[0].header.frame_id == infos[0].header.frame_id == "uav2/camera_color_optical_frame"
+    )
     assert (images[0].encoding, images[0].width, images[0].height) == ("rgb8", 640, 480)
     assert conversions.camera_from_info(infos[0]) == CameraParameters().model
-    # depth of some of the pictures, in their pixels, as realsense2_camera gives it: mm; uav1's back is 3.2 m ahead
+    # depth of some of the pictures, in their pixels, as realsense2_camera gives it: mm; uav1's back
+    # is 3.2 m ahead
     depth_stamps = [m.header.stamp.to_nsec() for m in depths if m.header.stamp >= stamps[0]]
     assert set(depth_stamps) <= {s.to_nsec() for s in stamps} and len(depth_stamps) >= 2
     assert np.diff(depth_stamps).min() > 0.37e9
@@ -139,7 +153,8 @@ def test_node_publishes_pictures_infos_and_truth(start_node, root, tmp_path):
     assert 1000 < np.median(millimetres[millimetres > 0]) < 10000
     gray = cv2.cvtColor(conversions.image_to_array(images[-1], "bgr8"), cv2.COLOR_BGR2GRAY)
     assert [d.id for d in TagDetector({1: 0.16}).detect(gray, CameraParameters().model)] == [1]
-    # periods are skipped when the machine is busy, never queued: no two pictures closer than most of a period
+    # periods are skipped when the machine is busy, never queued: no two pictures closer than most
+    # of a period
     gaps = np.diff([s.to_sec() for s in stamps])
     assert gaps.min() > 0.1
     with open(tmp_path / "truth_cameras_uav2.csv", newline="") as notes:

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C in a flight, at any moment of it: everybody is landed, bags are closed, every process is stopped.
+"""Ctrl-C in a flight, at any moment of it: everybody is landed, bags are closed, every process is
+stopped.
 
-Machines and missions are stand-ins; with real ones a fleet is interrupted in tests/system/test_demo.py.
+Machines and missions are stand-ins; with real ones a fleet is interrupted in
+tests/system/test_demo.py.
 """
 
 import contextlib
@@ -74,12 +76,19 @@ def test_an_interrupted_flight_lands_and_stops_everything(tmp_path, number, mome
     assert story == [moment, "landed", "stopped"] and "landing the vehicles" in said[-1]
 
 
-@pytest.mark.parametrize("error, words", [(Interrupted(), "at once"), (MachineError("not landed; logs: x"), "logs: x")])
+@pytest.mark.parametrize(
+    "error, words", [(Interrupted(), "at once"), (MachineError("not landed; logs: x"), "logs: x")]
+)
 def test_a_landing_that_fails_or_is_interrupted_itself_stops_everything(tmp_path, error, words):
     story, said = Story(), []
     with pytest.raises(Interrupted):
         machines = story.machines(tmp_path)
-        flights._fly(machines, story.doing("flown", Interrupted()), story.doing("landing", error), said.append)
+        flights._fly(
+            machines,
+            story.doing("flown", Interrupted()),
+            story.doing("landing", error),
+            said.append,
+        )
     assert story == ["flown", "landing", "stopped"] and words in said[-1]
 
 
@@ -110,8 +119,11 @@ def test_landing_a_fleet_is_asked_for_once_and_waited_for(monkeypatch, lands_aft
     assert len(asked_s) == 1 and said == [words]
 
 
-def test_a_mission_node_that_ends_at_its_start_ends_the_demo_at_once_with_what_it_said(tmp_path, monkeypatch):
-    """roslaunch would start it again and again. One that lived and is started again in flight is none."""
+def test_a_mission_node_that_ends_at_its_start_ends_the_demo_at_once_with_what_it_said(
+    tmp_path, monkeypatch
+):
+    """roslaunch would start it again and again. One that lived and is started again in flight is
+    none."""
     log, clock = tmp_path / "control.log", Clock()
     monkeypatch.setattr(flights, "time", clock)
     log.write_text(
@@ -121,8 +133,13 @@ def test_a_mission_node_that_ends_at_its_start_ends_the_demo_at_once_with_what_i
     machines = object.__new__(SimulatedTellos)
     machines.launches = {"control": SimpleNamespace(log=log, returncode=None)}
     machines.meanwhile = lambda _phase: None
-    watch = SimpleNamespace(over=False, aborted=False, landed=True, phase=None, states={}, starting=False)
-    with pytest.raises(MachineError, match=r"(?s)mission node ended at its start.*m\.yaml: configurations: is empty$"):
+    watch = SimpleNamespace(
+        over=False, aborted=False, landed=True, phase=None, states={}, starting=False
+    )
+    with pytest.raises(
+        MachineError,
+        match=r"(?s)mission node ended at its start.*m\.yaml: configurations: is empty$",
+    ):
         flights._follow(machines, watch, print)
     assert clock.now_s < 1001.0
     watch.phase, machines.plan = 0, SimpleNamespace(run_folder=tmp_path)
@@ -131,11 +148,13 @@ def test_a_mission_node_that_ends_at_its_start_ends_the_demo_at_once_with_what_i
         flights._follow(machines, watch, print)
 
 
-# ---- Tellos before a tracker --------------------------------------------------------------------------------
+# ---- Tellos before a tracker ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("otherwise", ["", "no namespaces without root; so they are on loopback"])
-def test_tellos_are_flown_by_the_mission_where_they_are_and_said_where_that_is_not_a_namespace(monkeypatch, otherwise):
+def test_tellos_are_flown_by_the_mission_where_they_are_and_said_where_that_is_not_a_namespace(
+    monkeypatch, otherwise
+):
     """Their places outlive the flight, whatever becomes of it."""
     story, said = Story(), []
 
@@ -163,7 +182,9 @@ def test_tellos_are_flown_by_the_mission_where_they_are_and_said_where_that_is_n
 def test_a_tracker_that_starts_late_is_started_once_when_they_hover_before_it(tmp_path):
     launched = []
     machines = object.__new__(SimulatedTellos)
-    machines.plan = SimpleNamespace(sim_folder=tmp_path, vehicles=("tello1", "tello2"), seed=1, rviz=False)
+    machines.plan = SimpleNamespace(
+        sim_folder=tmp_path, vehicles=("tello1", "tello2"), seed=1, rviz=False
+    )
     machines._site, machines.launches = GIMBAL_SITE, {}
     control = SimpleNamespace(launch=lambda _package, name, **_: launched.append(name) or name)
     machines.machines = {"control": control}

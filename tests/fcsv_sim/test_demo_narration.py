@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a demo prints while it starts, flies and ends; and that a printed command runs as it was printed."""
+"""What a demo prints while it starts, flies and ends; and that a printed command runs as it was
+printed."""
 
 import io
 import os
@@ -30,12 +31,20 @@ def red(vehicle, *names):
 def test_the_start_is_one_line_that_counts_the_checks_to_go():
     start = StartUp(100.0)
     assert "not heard yet" in start.status()
-    start.check([*red("uav1", "origin", "ekf"), Line("uav2", "feed", State.UNKNOWN, ""), *red("uav3", *"abcdefg")])
+    start.check(
+        [
+            *red("uav1", "origin", "ekf"),
+            Line("uav2", "feed", State.UNKNOWN, ""),
+            *red("uav3", *"abcdefg"),
+        ]
+    )
     assert start.status() == (
         "starting, normal for about a minute: 10 checks to go "
         "(uav1: origin, ekf; uav2: feed; uav3: a, b, c, d and 3 more)"
     )
-    start.check([Line("uav1", "origin", State.GREEN, ""), Line("uav1", "disk", State.AMBER, "small")])
+    start.check(
+        [Line("uav1", "origin", State.GREEN, ""), Line("uav1", "disk", State.AMBER, "small")]
+    )
     assert start.status().endswith("every check has passed")
 
 
@@ -51,9 +60,13 @@ def test_reasons_come_only_once_the_start_takes_longer_than_is_normal_and_not_to
         "    uav1 origin is RED: origin is bad; mend it",
         "    uav1: PreArm: Need Position Estimate",
     ]
-    assert start.reasons(100.0 + NORMAL_S + 1.0) == [] and start.reasons(100.0 + NORMAL_S + 15.0) != []
+    assert (
+        start.reasons(100.0 + NORMAL_S + 1.0) == [] and start.reasons(100.0 + NORMAL_S + 15.0) != []
+    )
     start.check([])
-    assert start.reasons(300.0)[1] == "    flight check: uav1 origin is RED", "without a table: the mission's words"
+    assert start.reasons(300.0)[1] == "    flight check: uav1 origin is RED", (
+        "without a table: the mission's words"
+    )
 
 
 def test_both_clocks_are_printed_once_they_have_come_apart():
@@ -69,7 +82,9 @@ def test_both_clocks_are_printed_once_they_have_come_apart():
 
 def test_a_quiet_program_is_waited_for_with_a_sign_of_life():
     out = io.StringIO()
-    child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(1.2); raise SystemExit(3)"])
+    child = subprocess.Popen(
+        [sys.executable, "-c", "import time; time.sleep(1.2); raise SystemExit(3)"]
+    )
     assert wait(child, Narrator(out, terminal=True), "building the world") == 3
     assert "building the world: 1 s" in out.getvalue()
 
@@ -78,27 +93,37 @@ def test_while_it_starts_the_checks_are_shown_then_the_vehicles():
     out = io.StringIO()
     start = StartUp(0.0)
     start.check(red("uav1", "origin"))
-    watch = SimpleNamespace(starting=True, start_up=start, states={"uav1": 1}, vehicles_line=lambda: "uav1 GUIDED")
+    watch = SimpleNamespace(
+        starting=True, start_up=start, states={"uav1": 1}, vehicles_line=lambda: "uav1 GUIDED"
+    )
     flights._show(watch, Narrator(out, terminal=True))
     watch.starting = False
     flights._show(watch, Narrator(out, terminal=True))
-    assert "1 check to go (uav1: origin)" in out.getvalue() and out.getvalue().endswith("uav1 GUIDED")
+    assert "1 check to go (uav1: origin)" in out.getvalue() and out.getvalue().endswith(
+        "uav1 GUIDED"
+    )
 
 
 @pytest.mark.parametrize("mission, minutes", [("short", "2 min"), ("ten", "min")])
 def test_at_the_start_it_is_said_what_comes_and_how_long_it_takes(mission, minutes):
     words = demo._what_comes(load_mission(mission_file(mission)), fly_only=False)
-    assert f"fly mission '{mission}', about" in words and minutes in words and "map what was seen" in words
+    assert (
+        f"fly mission '{mission}', about" in words
+        and minutes in words
+        and "map what was seen" in words
+    )
     assert "map" not in demo._what_comes(load_mission(mission_file("short")), fly_only=True)
 
 
-# ---- printed commands, pasted into a shell that knows nothing of the workspace ---------------------------------
+# ---- printed commands, pasted into a shell that knows nothing of the workspace -------------------
 
 
 def pasted(words: str, folder) -> subprocess.CompletedProcess:
     """Run as typed in a new shell."""
     bare = {"HOME": str(folder), "PATH": "/usr/bin:/bin"}
-    return subprocess.run(["/bin/sh", "-c", words], env=bare, cwd=folder, capture_output=True, text=True, timeout=60)
+    return subprocess.run(
+        ["/bin/sh", "-c", words], env=bare, cwd=folder, capture_output=True, text=True, timeout=60
+    )
 
 
 @pytest.fixture
@@ -111,7 +136,9 @@ def plan(tmp_path):
 def test_a_command_on_a_simulated_machine_runs_from_any_shell(plan, tmp_path):
     machines = object.__new__(Machines)
     machines.plan = plan
-    machines.machines = {"control": SimpleNamespace(master_uri="http://127.0.0.1:1", folder=tmp_path)}
+    machines.machines = {
+        "control": SimpleNamespace(master_uri="http://127.0.0.1:1", folder=tmp_path)
+    }
     machines._write_description()
     printed = shlex.quote(str(plan.run_folder / "on_control"))
     done = pasted(f"{printed} rosrun fcsv_console console --help", tmp_path)
@@ -125,8 +152,13 @@ def test_the_flight_is_played_back_by_the_printed_command(plan, tmp_path, capsys
     look(plan)
     printed = capsys.readouterr().out.partition("again:")[2].strip()
     done = pasted(f"{printed} console:=false --nodes", tmp_path)
-    assert done.returncode == 0 and "/show_map" in done.stdout and "/rviz" in done.stdout, done.stderr
-    made = pasted(f"OUT={shlex.quote(str(plan.folder))} {ROOT}/tools/run play --nodes console:=false", tmp_path)
+    assert done.returncode == 0 and "/show_map" in done.stdout and "/rviz" in done.stdout, (
+        done.stderr
+    )
+    made = pasted(
+        f"OUT={shlex.quote(str(plan.folder))} {ROOT}/tools/run play --nodes console:=false",
+        tmp_path,
+    )
     assert made.returncode == 0 and "/play" in made.stdout, made.stderr
 
 

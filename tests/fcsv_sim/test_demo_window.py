@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The operator's window of a demo outlives the flight's machines, and ends when it is closed or by Ctrl-C."""
+"""The operator's window of a demo outlives the flight's machines, and ends when it is closed or by
+Ctrl-C."""
 
 import os
 import signal
@@ -39,7 +40,9 @@ class Fleet(Machines):
         super().__init__(plan, [CONTROL])
 
     def _launch(self):
-        self.launches[CONTROL] = self.control.run([sys.executable, "-c", "import time; time.sleep(60)"], "launch")
+        self.launches[CONTROL] = self.control.run(
+            [sys.executable, "-c", "import time; time.sleep(60)"], "launch"
+        )
 
 
 @pytest.fixture
@@ -114,7 +117,9 @@ def test_while_the_demo_maps_the_window_knows(plan, tmp_path, monkeypatch):
     seen = []
 
     def child(*_args, **_kwargs):
-        return SimpleNamespace(wait=lambda: seen.append(sorted(p.name for p in tmp_path.glob(".map.*"))) or 0)
+        return SimpleNamespace(
+            wait=lambda: seen.append(sorted(p.name for p in tmp_path.glob(".map.*"))) or 0
+        )
 
     monkeypatch.setattr(demo.subprocess, "Popen", child)
     demo._map(FleetPlan(tmp_path, tmp_path / "mine.yaml"), MapRun(), lambda _line: None)

@@ -16,7 +16,9 @@ KIND = DepthParameters(speckle=0.0)
 
 def measured(depth, rgb=TEXTURE, seed=1, sensor=SENSOR, parameters=KIND):
     """Depth in m, NaN where there is none."""
-    found = SimulatedDepth(CAMERA, seed, sensor, parameters).measure(np.full((240, 320), depth, np.float32), rgb)
+    found = SimulatedDepth(CAMERA, seed, sensor, parameters).measure(
+        np.full((240, 320), depth, np.float32), rgb
+    )
     assert found.dtype == np.uint16
     return np.where(found > 0, found / 1000.0, np.nan)
 
@@ -50,7 +52,9 @@ def test_beyond_its_range_and_in_the_sky_there_is_nothing(z):
     assert not np.isfinite(measured(z)).any()
 
 
-@pytest.mark.parametrize("rgb", [np.full_like(TEXTURE, 4), np.full_like(TEXTURE, 252), np.full_like(TEXTURE, 120)])
+@pytest.mark.parametrize(
+    "rgb", [np.full_like(TEXTURE, 4), np.full_like(TEXTURE, 252), np.full_like(TEXTURE, 120)]
+)
 def test_dark_glaring_and_plain_surfaces_have_no_depth(rgb):
     assert not np.isfinite(measured(3.0, rgb)).any()
 
@@ -65,7 +69,9 @@ def test_edges_have_holes_and_depths_between_and_a_shadow_to_the_left():
     assert np.isfinite(found[:, 203:207]).mean() > 0.9
     edge = found[:, 200:202]
     assert 0.2 < 1 - np.isfinite(edge).mean() < 0.6 and ((edge > 2.6) & (edge < 5.0)).any()
-    assert np.isfinite(found[:, 160:190]).mean() > 0.99 and np.isfinite(found[:, 220:]).mean() > 0.99
+    assert (
+        np.isfinite(found[:, 160:190]).mean() > 0.99 and np.isfinite(found[:, 220:]).mean() > 0.99
+    )
 
 
 @pytest.mark.parametrize("wrong", [{"window_px": 4}, {"edge_holes": 0.9, "edge_between": 0.2}])

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The driver of the real servos against a bus that speaks their protocol, and the simulated gimbal beside it."""
+"""The driver of the real servos against a bus that speaks their protocol, and the simulated gimbal
+beside it."""
 
 import random
 import time
@@ -55,7 +56,8 @@ def impatient(driver):
 
 
 class Noise:
-    """In place of the serial line: whatever is asked, the answer is noise, or nearly what a servo says."""
+    """In place of the serial line: whatever is asked, the answer is noise, or nearly what a servo
+    says."""
 
     def __init__(self, rng):
         self._rng, self._heard, self.answers = rng, b"", 0
@@ -77,14 +79,30 @@ class Noise:
     def _answer(self, number):
         rng = self._rng
         data = rng.getrandbits(8 * 40).to_bytes(40, "little")[: rng.choice([0, 1, 2, 7, 8, 9, 40])]
-        body = bytes([rng.choice([number] * 3 + [rng.randrange(256)]), rng.choice([len(data) + 2] * 3 + [0, 1, 2, 255]),
-                      rng.choice([0, 0, 0, rng.randrange(256)])]) + data  # fmt: skip
+        body = (
+            bytes(
+                [
+                    rng.choice([number] * 3 + [rng.randrange(256)]),
+                    rng.choice([len(data) + 2] * 3 + [0, 1, 2, 255]),
+                    rng.choice([0, 0, 0, rng.randrange(256)]),
+                ]
+            )
+            + data
+        )
         whole = b"\xff\xff" + body + bytes([~sum(body) & 0xFF])
         at = rng.randrange(len(whole))
-        return rng.choice([
-            whole, whole, whole[:at], whole[at:] + whole, data, b"\xff" * at, b"",
-            whole[:at] + bytes([whole[at] ^ 1 << rng.randrange(8)]) + whole[at + 1 :],
-        ])  # fmt: skip
+        return rng.choice(
+            [
+                whole,
+                whole,
+                whole[:at],
+                whole[at:] + whole,
+                data,
+                b"\xff" * at,
+                b"",
+                whole[:at] + bytes([whole[at] ^ 1 << rng.randrange(8)]) + whole[at + 1 :],
+            ]
+        )
 
 
 class TestDynamixel:
@@ -94,7 +112,10 @@ class TestDynamixel:
         goal = Angles(0.5, 0.2)
         bus.servos[2].axis.angle_rad = bus.servos[2].axis._goal_rad = (1024 - 2048) * mx12w.TICK_RAD
         gimbal.turn(goal)
-        until(lambda: np.allclose(gimbal.read().angles, goal, atol=mx12w.TICK_RAD), what="the gimbal at its goal")
+        until(
+            lambda: np.allclose(gimbal.read().angles, goal, atol=mx12w.TICK_RAD),
+            what="the gimbal at its goal",
+        )
         assert bus.servos[1].get(mx12w.GOAL_POSITION) == 2048 + round(0.5 / mx12w.TICK_RAD)
         assert bus.servos[2].get(mx12w.GOAL_POSITION) == 1024 - round(0.2 / mx12w.TICK_RAD)
         begun_s = time.time()
@@ -104,7 +125,9 @@ class TestDynamixel:
 
     def test_profile_and_torque_are_written(self, line):
         bus, driver = line
-        gimbal = DynamixelGimbal(driver, SERVO, time.time, speed_degps=110.0, acceleration_degps2=858.3)
+        gimbal = DynamixelGimbal(
+            driver, SERVO, time.time, speed_degps=110.0, acceleration_degps2=858.3
+        )
         for servo in bus.servos.values():
             assert servo.get(mx12w.MOVING_SPEED) == 20 and servo.get(mx12w.GOAL_ACCELERATION) == 100
             assert servo.get(mx12w.TORQUE_ENABLE) == 1
@@ -131,8 +154,15 @@ class TestDynamixel:
         bus.servos[1].fault = None
         assert gimbal.read().angles.pan_rad == pytest.approx(0.0, abs=mx12w.TICK_RAD)
 
-    @pytest.mark.parametrize("bit, message", [(0x20, "overloaded: free the gimbal"), (0x04, "overheated"),
-                                              (0x01, "12 V supply"), (0x24, "overheated.*overloaded")])  # fmt: skip
+    @pytest.mark.parametrize(
+        "bit, message",
+        [
+            (0x20, "overloaded: free the gimbal"),
+            (0x04, "overheated"),
+            (0x01, "12 V supply"),
+            (0x24, "overheated.*overloaded"),
+        ],
+    )
     def test_what_a_servo_says_is_wrong(self, line, bit, message):
         bus, driver = line
         gimbal = DynamixelGimbal(driver, SERVO, time.time)
@@ -183,7 +213,9 @@ class TestDynamixel:
         bus, driver = line
         gimbal = DynamixelGimbal(driver, SERVO, time.time)
         answer = bus._answer
-        bus._answer = lambda number, servo, error, data: answer(number, servo, error, (data + b"\0")[:length])
+        bus._answer = lambda number, servo, error, data: answer(
+            number, servo, error, (data + b"\0")[:length]
+        )
         with pytest.raises(ServoError, match="answers of servo 1 are damaged"):
             gimbal.read()
 
@@ -206,7 +238,10 @@ class TestDynamixel:
     def test_goals_beyond_its_limits_are_never_sent(self, line):
         bus, driver = line
         gimbal = DynamixelGimbal(driver, SERVO, time.time)
-        for bad, message in ((Angles(0.0, 2.0), "servo 2: 114.6 deg is tick -280"), (Angles(np.nan, 0.0), "servo 1")):
+        for bad, message in (
+            (Angles(0.0, 2.0), "servo 2: 114.6 deg is tick -280"),
+            (Angles(np.nan, 0.0), "servo 1"),
+        ):
             with pytest.raises(ServoError, match=message):
                 gimbal.turn(bad)
         assert bus.servos[1].get(mx12w.GOAL_POSITION) == 2048
@@ -258,7 +293,9 @@ class TestBus:
 class TestSimulatedGimbal:
     def gimbal(self, errors=EXACT, mount=None):
         self.now_s = 100.0
-        return SimulatedGimbal(GEOMETRY, 1, lambda: self.now_s, errors, mount or MountErrors(0.0, 0.0))
+        return SimulatedGimbal(
+            GEOMETRY, 1, lambda: self.now_s, errors, mount or MountErrors(0.0, 0.0)
+        )
 
     def run(self, gimbal, seconds):
         for _ in range(int(round(seconds / 0.005))):
@@ -276,7 +313,9 @@ class TestSimulatedGimbal:
         self.run(gimbal, 0.18)
         assert not gimbal.still
         self.run(gimbal, 0.08)
-        assert gimbal.still and gimbal.read().angles == pytest.approx((0.5, 0.35), abs=0.51 * RESOLUTION_RAD)
+        assert gimbal.still and gimbal.read().angles == pytest.approx(
+            (0.5, 0.35), abs=0.51 * RESOLUTION_RAD
+        )
 
     def test_it_never_turns_faster_than_it_can(self):
         gimbal = self.gimbal()
@@ -293,7 +332,9 @@ class TestSimulatedGimbal:
         gimbal.turn(Angles(0.3, 0.1))
         self.run(gimbal, 1.0)
         reading = gimbal.read().angles
-        assert reading.pan_rad / RESOLUTION_RAD == pytest.approx(round(reading.pan_rad / RESOLUTION_RAD), abs=1e-9)
+        assert reading.pan_rad / RESOLUTION_RAD == pytest.approx(
+            round(reading.pan_rad / RESOLUTION_RAD), abs=1e-9
+        )
         true = gimbal.angles_at(self.now_s)
         assert 0.0 < abs(true.pan_rad - reading.pan_rad) < np.radians(0.05 + 0.02 + 0.045)
 

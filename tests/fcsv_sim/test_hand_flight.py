@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pilots fly the simulated autopilot by hand: with the sticks of ArduCopter's own defaults, and with those advised."""
+"""Pilots fly the simulated autopilot by hand: with the sticks of ArduCopter's own defaults, and
+with those advised."""
 
 import math
 
@@ -15,7 +16,13 @@ from fcsv_sim.trials.formation import formation_vehicle
 from fcsv_sim.vehicles.vehicle import PASS_S
 
 _LOOKS_EVERY = 5  # passes
-ADVISED = {"THR_DZ": 40, "LOIT_SPEED": 300, "LOIT_ACC_MAX": 330, "LOIT_BRK_DELAY": 0.2, "LOIT_ANG_MAX": 20}
+ADVISED = {
+    "THR_DZ": 40,
+    "LOIT_SPEED": 300,
+    "LOIT_ACC_MAX": 330,
+    "LOIT_BRK_DELAY": 0.2,
+    "LOIT_ANG_MAX": 20,
+}
 _SETS = {"as delivered": STICKS_AS_DELIVERED, "advised": ADVISED}
 
 
@@ -38,7 +45,9 @@ class ByHand:
             self.now_s += PASS_S
             self.vehicle.step(self.now_s)
             if k % _LOOKS_EVERY == 0:
-                self.vehicle.sticks(self.now_s, self.pilot.sticks(self.now_s, phase, self.vehicle.sight()))
+                self.vehicle.sticks(
+                    self.now_s, self.pilot.sticks(self.now_s, phase, self.vehicle.sight())
+                )
                 self.track.append(self.vehicle.p_world_m.copy())
         return np.array(self.track)
 
@@ -52,14 +61,17 @@ class ByHand:
 
 @pytest.mark.parametrize("changed", _SETS.values(), ids=_SETS)
 def test_a_pilot_holds_his_place_and_sways_as_he_wants(changed):
-    """Before, with the sticks as delivered he stayed half a metre too low, and swayed by up to 3.7 m."""
+    """Before, with the sticks as delivered he stayed half a metre too low, and swayed by up to 3.7
+    m."""
     flown = ByHand(changed).in_column()
     goal = flown.pilot.goal(flown.now_s, "COLUMN")[0]
     stood = flown.run(5.0, "COLUMN") - goal
     assert np.abs(stood[:, 2]).max() < 0.25 and np.hypot(*stood[:, :2].T).max() < 0.4
     swayed = flown.run(8.0, "CALIBRATE")
     assert 1.0 < np.ptp(swayed[:, 1]) < 2.2 and np.ptp(swayed[:, 0]) < 0.6
-    assert np.abs(np.gradient(swayed[:, 1], _LOOKS_EVERY * PASS_S)).max() < 1.5, "slower than calibration accepts"
+    assert np.abs(np.gradient(swayed[:, 1], _LOOKS_EVERY * PASS_S)).max() < 1.5, (
+        "slower than calibration accepts"
+    )
 
 
 def test_the_profile_advises_them():
@@ -74,7 +86,9 @@ def test_the_throttle_begins_at_the_edge_of_its_dead_band(changed, dead):
     sticks = sticks_of(changed)
     assert sticks.climb_rate(dead - 0.01) == sticks.climb_rate(0.01 - dead) == 0.0
     assert 0.0 < sticks.climb_rate(dead + 0.01) < 0.05
-    assert sticks.climb_rate(1.0) == pytest.approx(2.5) and sticks.climb_rate(-1.0) == pytest.approx(-2.5)
+    assert sticks.climb_rate(1.0) == pytest.approx(2.5) and sticks.climb_rate(
+        -1.0
+    ) == pytest.approx(-2.5)
     assert sticks_of({**changed, "PILOT_SPEED_DN": 150}).climb_rate(-1.0) == pytest.approx(-1.5)
 
 
@@ -91,7 +105,9 @@ def test_the_whole_stick_ends_at_loit_speed_and_the_lean_says_how_soon():
     assert loiter(STICKS_AS_DELIVERED, 1.0, 60.0) == pytest.approx(12.5, rel=0.02)
     assert loiter(ADVISED, 0.03, 20.0) == 0.0, "within the dead band of 20 us"
     tau_s = 12.5 / (9.81 * math.tan(math.radians(20.0)))  # of the drag
-    assert loiter(STICKS_AS_DELIVERED, 1.0, tau_s + 0.15) == pytest.approx(12.5 * (1.0 - math.exp(-1.0)), rel=0.05)
+    assert loiter(STICKS_AS_DELIVERED, 1.0, tau_s + 0.15) == pytest.approx(
+        12.5 * (1.0 - math.exp(-1.0)), rel=0.05
+    )
 
 
 def test_it_brakes_some_time_after_the_stick_was_let_go():

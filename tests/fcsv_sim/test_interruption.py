@@ -27,7 +27,9 @@ except Ended:
 
 def printed(begin, then="pass"):
     program = PROGRAM.format(begin=begin, then=then)
-    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60.0).stdout.split()
+    return subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60.0
+    ).stdout.split()
 
 
 def test_ctrl_c_while_the_demo_starts_a_process_is_not_lost():
@@ -42,7 +44,9 @@ def test_a_second_one_does_not_stop_what_must_come_to_its_end():
 def test_other_errors_in_such_places_are_told_as_before():
     begin = "from fcsv_geometry.programs.interruption import raise_again\nraise_again(KeyError)"
     program = f"{begin}\nclass A:\n    def __del__(self): raise ValueError('told')\na = A()\ndel a\nprint('on')"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60.0)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60.0
+    )
     assert "ValueError: told" in done.stderr and done.stdout == "on\n"
 
 
@@ -67,5 +71,7 @@ def action(args):
     print("lost")
 sys.exit(commands.run(argparse.ArgumentParser(prog="map"), [], action))
 """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60.0)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60.0
+    )
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "map: interrupted\n")

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""uav.launch with ArduCopter's own simulation, or what stands for it here, in the place of the simulated autopilot."""
+"""uav.launch with ArduCopter's own simulation, or what stands for it here, in the place of the
+simulated autopilot."""
 
 import time
 from contextlib import closing
@@ -15,17 +16,27 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
 def test_uav_launch_flies_an_autopilot_elsewhere_by_one_argument(tmp_path):
-    """Its flight link speaks with it, and the simulated tracker sees where it truly is, until the autopilot is fed."""
+    """Its flight link speaks with it, and the simulated tracker sees where it truly is, until the
+    autopilot is fed."""
     copter = CopterElsewhere()
     with closing(copter), Machine("uav1", tmp_path) as machine:
         launch = machine.launch(
-            "fcsv_bringup", "uav.launch", uav="uav1", sim=True, sim_dir=tmp_path / "sim", sim_autopilot=copter.url,
-            record_dir=tmp_path / "session", listen=f"127.0.0.1:{free_port()}/{free_port()}", world="plain",
+            "fcsv_bringup",
+            "uav.launch",
+            uav="uav1",
+            sim=True,
+            sim_dir=tmp_path / "sim",
+            sim_autopilot=copter.url,
+            record_dir=tmp_path / "session",
+            listen=f"127.0.0.1:{free_port()}/{free_port()}",
+            world="plain",
             sim_start="1.5,-2,0,0.5",
-        )  # fmt: skip
+        )
         truth, deadline = TruthReader(tmp_path / "sim", "uav1"), time.monotonic() + 120.0
         while not copter.fed:
             assert time.monotonic() < deadline and launch.returncode is None, launch.tail(20)
             time.sleep(0.2)
         T_world_body = truth.latest()[1]
-        assert T_world_body == pytest.approx(transforms.from_xyz_yaw([1.5, -2.0, 0.0], 0.5), abs=0.05)
+        assert T_world_body == pytest.approx(
+            transforms.from_xyz_yaw([1.5, -2.0, 0.0], 0.5), abs=0.05
+        )

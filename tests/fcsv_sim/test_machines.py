@@ -31,11 +31,16 @@ def test_a_port_that_someone_listens_on_is_not_given(monkeypatch):
             machines.free_port()
 
 
-@pytest.mark.parametrize("end", [lambda p: p.stop(grace_s=5.0), lambda p: p.kill()], ids=["stop", "kill"])
+@pytest.mark.parametrize(
+    "end", [lambda p: p.stop(grace_s=5.0), lambda p: p.kill()], ids=["stop", "kill"]
+)
 def test_what_a_process_started_in_a_session_of_its_own_ends_with_it(tmp_path, end):
     process = machines.Process(["sh", "-c", "setsid sleep 60 & echo begun; wait"], tmp_path / "log")
     deadline = time.monotonic() + 10.0
-    while not (children := psutil.Process(process.pid).children(recursive=True)) or "begun" not in process.tail():
+    while (
+        not (children := psutil.Process(process.pid).children(recursive=True))
+        or "begun" not in process.tail()
+    ):
         assert time.monotonic() < deadline
         time.sleep(0.01)
     end(process)
@@ -48,7 +53,10 @@ def test_what_a_process_started_in_a_session_of_its_own_ends_with_it(tmp_path, e
 def test_a_node_of_a_machine_is_found_by_its_name_and_the_machines_folder(tmp_path):
     """Two machines of one computer run a node of the same name each."""
     sleeps = [sys.executable, "-c", "import time; time.sleep(60)", "__name:=camera"]
-    started = {n: subprocess.Popen([*sleeps, f"__log:={tmp_path}/{n}/log/camera.log"]) for n in ("uav1", "uav2")}
+    started = {
+        n: subprocess.Popen([*sleeps, f"__log:={tmp_path}/{n}/log/camera.log"])
+        for n in ("uav1", "uav2")
+    }
     try:
         assert {n: machines.node_process(tmp_path / n, "camera").pid for n in started} == {
             n: p.pid for n, p in started.items()

@@ -36,7 +36,15 @@ def drawn(mover, stamp_s, behind_m=np.nan, T_world_cam=T_WORLD_CAM):
     values = np.full((120, 160, 3), 0.5, np.float32)
     depth = np.full((120, 160), behind_m, np.float32)
     thing = BoxedThing(mover.boxes, mover.T_world_body(stamp_s), mover.radius_m)
-    draw_bodies([thing], T_world_cam, CAMERA, np.ascontiguousarray(CAMERA.rays(), np.float32), 1.0, values, depth)
+    draw_bodies(
+        [thing],
+        T_world_cam,
+        CAMERA,
+        np.ascontiguousarray(CAMERA.rays(), np.float32),
+        1.0,
+        values,
+        depth,
+    )
     return values, depth
 
 
@@ -59,7 +67,8 @@ def test_they_are_drawn_where_they_are_at_the_time(both, name):
         _, depth = drawn(mover, stamp_s)
         on = np.isfinite(depth)
         assert on.sum() > 20
-        assert abs(np.median(depth[on]) - T[2, 3]) < 1.0  # half of a car's width, and its bonnet's height
+        # half of a car's width, and its bonnet's height
+        assert abs(np.median(depth[on]) - T[2, 3]) < 1.0
         u = np.nonzero(on)[1]
         middle = CAMERA.project(transforms.apply(T, mover.boxes[:, :3]))[:, 0].mean()
         assert abs(u.mean() - middle) < 3.0  # px; its parts are not of one size
@@ -91,7 +100,9 @@ def truth_of(both, folder, wall_m):
     T = T_WORLD_CAM
     pose = ",".join(f"{v:.9f}" for v in (*T[:3, 3], *transforms.quaternion_xyzw(T)))
     rows = [f"{WALL_S + t:.9f},uav1,{pose}" for t in (0.0, 1.0)]
-    (folder / "cameras.csv").write_text("\n".join(["stamp_s,vehicle,x,y,z,qx,qy,qz,qw", *rows]) + "\n")
+    (folder / "cameras.csv").write_text(
+        "\n".join(["stamp_s,vehicle,x,y,z,qx,qy,qz,qw", *rows]) + "\n"
+    )
     export_movers(folder, list(both.values()))
     return load_truth(folder)
 
@@ -120,21 +131,35 @@ def test_monitored_images_are_judged_and_what_is_off_is_told(truth, tmp_path):
     folder.mkdir()
     for t, off, skew_s in ((0.0, 1.0, 0.004), (1.0, 1.2, 0.011)):
         depth, on = scene.look("uav1", WALL_S + t, CAMERA)
-        depth = np.where(on["walker"], np.nan, np.where(on["car"], off * depth, depth)).astype(np.float32)
-        monitored.save(folder, Frame("uav1", WALL_S + t, depth, CAMERA, "a pair", skew_s, 3.0 + t, 0.2, 0.4))
+        depth = np.where(on["walker"], np.nan, np.where(on["car"], off * depth, depth)).astype(
+            np.float32
+        )
+        monitored.save(
+            folder, Frame("uav1", WALL_S + t, depth, CAMERA, "a pair", skew_s, 3.0 + t, 0.2, 0.4)
+        )
     judged = monitored.judge(monitored.load(folder), truth)
     cars = [m for j in judged for m in j.moving if m.name == "car"]
     assert [m.median_relative_error for m in cars] == pytest.approx([0.0, 0.2], abs=1e-5)
     assert [m.wrong for m in cars] == [0.0, 1.0] and all(m.answered == 1.0 for m in cars)
     first, car, walker = monitored.in_words(judged)
     assert "2 depth images, median rate 3.5 Hz, skew at most 11 ms, median age 0.40 s" in first
-    assert car.endswith("within 5% of its distance in 1 of the 2 images that show it (worst 20.0%), 1 off")
+    assert car.endswith(
+        "within 5% of its distance in 1 of the 2 images that show it (worst 20.0%), 1 off"
+    )
     assert walker.endswith(
         "walker, which moves: within 5% of its distance in 0 of the 2 images that show it, 2 not answered"
     )
     rows = table(judged, tmp_path)
-    assert [(r["what"], r["verdict"]) for r in rows[:3]] == [("all", ""), ("car", "right"), ("walker", "not answered")]
-    assert len(rows) == 6 and rows[4]["verdict"] == "off" and rows[1]["distance_m"] == f"{cars[0].distance_m:.2f}"
+    assert [(r["what"], r["verdict"]) for r in rows[:3]] == [
+        ("all", ""),
+        ("car", "right"),
+        ("walker", "not answered"),
+    ]
+    assert (
+        len(rows) == 6
+        and rows[4]["verdict"] == "off"
+        and rows[1]["distance_m"] == f"{cars[0].distance_m:.2f}"
+    )
     assert int(rows[1]["pixels"]) <= int(rows[1]["unhidden_pixels"])  # the walker may be before it
 
 
@@ -148,7 +173,9 @@ def judged_with_a_wall(both, folder, at_m, camera=CAMERA):
     """One frame, right where anything is seen, with a wall at ``at_m`` (m)."""
     truth = truth_of(both, folder, at_m)
     depth = monitored.TrueScene(truth).depth("uav1", WALL_S, camera)
-    return monitored.judge([Frame("uav1", WALL_S, depth, camera, "a pair", 0.0, 1.0, 0.2, 0.4)], truth)
+    return monitored.judge(
+        [Frame("uav1", WALL_S, depth, camera, "a pair", 0.0, 1.0, 0.2, 0.4)], truth
+    )
 
 
 def test_what_moves_and_is_hidden_is_said_and_not_counted_as_answered(both, tmp_path):
@@ -156,7 +183,8 @@ def test_what_moves_and_is_hidden_is_said_and_not_counted_as_answered(both, tmp_
     assert judged[0].moving == () and {u.why for u in judged[0].unjudged} == {"hidden"}
     _, car, walker = monitored.in_words(judged)
     assert (
-        car.endswith("in 0 of the 0 images that show it; not judged in 1: 1 hidden") and walker.count("1 hidden") == 1
+        car.endswith("in 0 of the 0 images that show it; not judged in 1: 1 hidden")
+        and walker.count("1 hidden") == 1
     )
     rows = table(judged, tmp_path)
     assert [r["verdict"] for r in rows] == ["", "hidden", "hidden"] and rows[1]["pixels"] == "0"
@@ -167,7 +195,9 @@ def test_what_moves_and_is_hidden_is_said_and_not_counted_as_answered(both, tmp_
 def test_what_no_other_vehicle_of_the_image_sees_is_said(both, tmp_path, yaw_rad, alone):
     """uav2 stands 2 m aside, and looks there, too, or the other way."""
     truth_of(both, tmp_path, 60.0)
-    T = transforms.from_xyz_yaw([0.0, -2.0, 3.0], yaw_rad) @ transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
+    T = transforms.from_xyz_yaw([0.0, -2.0, 3.0], yaw_rad) @ transforms.transform(
+        transforms.R_FLU_OPTICAL, np.zeros(3)
+    )
     pose = ",".join(f"{v:.9f}" for v in (*T[:3, 3], *transforms.quaternion_xyzw(T)))
     with open(tmp_path / "cameras.csv", "a") as file:
         file.write(f"{WALL_S:.9f},uav2,{pose}\n")
@@ -176,11 +206,14 @@ def test_what_no_other_vehicle_of_the_image_sees_is_said(both, tmp_path, yaw_rad
     judged = monitored.judge([frame], truth)
     assert {u.why for u in judged[0].unjudged} == ({"seen by no other vehicle"} if alone else set())
     car = monitored.in_words(judged)[1]
-    assert ("not judged in 1: 1 seen by no other vehicle" in car) == alone and ("1 not answered" in car) != alone
+    assert ("not judged in 1: 1 seen by no other vehicle" in car) == alone and (
+        "1 not answered" in car
+    ) != alone
 
 
 def test_what_moves_and_is_beside_the_picture_or_too_small_is_said(both, tmp_path):
-    beside = PinholeCamera(160, 120, 2000.0, 2000.0, 79.5, -900.0)  # looks at the ground far below both
+    # looks at the ground far below both
+    beside = PinholeCamera(160, 120, 2000.0, 2000.0, 79.5, -900.0)
     _, car, walker = monitored.in_words(judged_with_a_wall(both, tmp_path, 60.0, beside))
     assert "not judged in 1: 1 outside the picture" in car and "1 outside the picture" in walker
     wide = PinholeCamera(160, 120, 30.0, 30.0, 79.5, 59.5)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pilots on a vehicle that answers sticks as LOITER and ALT_HOLD do, and the one who presses the buttons."""
+"""Pilots on a vehicle that answers sticks as LOITER and ALT_HOLD do, and the one who presses the
+buttons."""
 
 from dataclasses import replace
 
@@ -16,7 +17,8 @@ WIND_MPS2 = 0.3  # in ALT_HOLD nothing holds against it but the pilot
 
 
 class StickVehicle:
-    """Velocity from sticks in LOITER, acceleration from lean in ALT_HOLD; arms by the rudder gesture."""
+    """Velocity from sticks in LOITER, acceleration from lean in ALT_HOLD; arms by the rudder
+    gesture."""
 
     def __init__(self, xy, seed, yaw_rad=0.0):
         self.p = np.array([*xy, 0.0])
@@ -39,9 +41,15 @@ class StickVehicle:
         self._gesture_s = self._gesture_s + STEP_S if s.throttle < -0.9 and s.yaw > 0.9 else 0.0
         if self._gesture_s > 2.0:
             self.armed = True
-        climb = 0.0 if abs(s.throttle) < 0.1 else s.throttle * (MAX_CLIMB_MPS if s.throttle > 0 else MAX_SINK_MPS)
+        climb = (
+            0.0
+            if abs(s.throttle) < 0.1
+            else s.throttle * (MAX_CLIMB_MPS if s.throttle > 0 else MAX_SINK_MPS)
+        )
         self.yaw_rad -= (
-            STEP_S * np.radians(100.0) * (s.yaw if abs(s.yaw) > 0.05 and self.armed and self.p[2] > 0 else 0)
+            STEP_S
+            * np.radians(100.0)
+            * (s.yaw if abs(s.yaw) > 0.05 and self.armed and self.p[2] > 0 else 0)
         )
         if not self.armed or (self.p[2] <= 0 and climb <= 0):
             return
@@ -50,10 +58,14 @@ class StickVehicle:
         body = np.array([c * forward - si * left, si * forward + c * left])
         if self.mode == "LOITER":
             body = np.array([0.0 if abs(x) < 0.05 else x for x in (forward, left)])
-            target = LOITER_SPEED_MPS * np.array([c * body[0] - si * body[1], si * body[0] + c * body[1]])
+            target = LOITER_SPEED_MPS * np.array(
+                [c * body[0] - si * body[1], si * body[0] + c * body[1]]
+            )
             self.v[:2] += (target - self.v[:2]) * STEP_S / LAG_S
         elif self.mode == "ALT_HOLD":
-            self.v[:2] += (9.81 * np.tan(np.radians(30)) * body + self._wind - 0.2 * self.v[:2]) * STEP_S
+            self.v[:2] += (
+                9.81 * np.tan(np.radians(30)) * body + self._wind - 0.2 * self.v[:2]
+            ) * STEP_S
         if self.mode == "LAND":
             climb, self.v[:2] = -1.0, 0.0
         self.v[2] += (climb - self.v[2]) * STEP_S / LAG_S
@@ -62,7 +74,9 @@ class StickVehicle:
             self.armed, self.p[2], self.v[:] = False, 0.0, 0.0
 
     def sight(self):
-        return Sight(transforms.from_xyz_yaw(self.p, self.yaw_rad), self.v.copy(), self.armed, self.mode)
+        return Sight(
+            transforms.from_xyz_yaw(self.p, self.yaw_rad), self.v.copy(), self.armed, self.mode
+        )
 
 
 class Ground:
@@ -75,7 +89,8 @@ class Ground:
         self.now_s = 100.0
         self.phase, self.waits_for = "WAIT_VEHICLES", ""
         self.vehicles = {
-            f"uav{i + 1}": StickVehicle((-3.5 * i, 0.3 * i), seed + i, 0.1 * (i - 0.5)) for i in range(count)
+            f"uav{i + 1}": StickVehicle((-3.5 * i, 0.3 * i), seed + i, 0.1 * (i - 0.5))
+            for i in range(count)
         }
         self.pilots = [Pilot(i, self.field, seed) for i in range(count)]
         self.presser = ButtonPresser()
@@ -85,16 +100,23 @@ class Ground:
         self.sees_others, self.battery_share = False, 0.9
 
     def sight(self, name):
-        others = tuple(v.p.copy() for n, v in self.vehicles.items() if n != name and self.sees_others)
+        others = tuple(
+            v.p.copy() for n, v in self.vehicles.items() if n != name and self.sees_others
+        )
         return replace(self.vehicles[name].sight(), battery_share=self.battery_share, others=others)
 
     def run(self, seconds):
         for _ in range(int(seconds / STEP_S)):
             self.now_s += STEP_S
             sights = {n: self.sight(n) for n in self.vehicles}
-            self.sticks = [p.sticks(self.now_s, self.phase, s) for p, s in zip(self.pilots, sights.values())]
+            self.sticks = [
+                p.sticks(self.now_s, self.phase, s) for p, s in zip(self.pilots, sights.values())
+            ]
             for vehicle, sticks in zip(self.vehicles.values(), self.sticks):
-                assert max(abs(x) for x in (sticks.roll, sticks.pitch, sticks.throttle, sticks.yaw)) <= 1.0
+                assert (
+                    max(abs(x) for x in (sticks.roll, sticks.pitch, sticks.throttle, sticks.yaw))
+                    <= 1.0
+                )
                 vehicle.step(sticks)
             if self.presser.press(self.now_s, self.waits_for, self.phase, sights, self.pilots):
                 self.pressed_s.append(self.now_s)
@@ -118,7 +140,9 @@ class Ground:
 def test_take_off_in_alt_hold_then_loiter(seed):
     ground = Ground(seed)
     ground.run(2.0)
-    assert not any(v.armed for v in ground.vehicles.values()), "nobody arms before the mission says so"
+    assert not any(v.armed for v in ground.vehicles.values()), (
+        "nobody arms before the mission says so"
+    )
     ground.airborne()
     for v in ground.vehicles.values():
         assert v.armed and v.mode == "LOITER" and abs(v.p[2] - ground.field.home_height_m) < 0.3
@@ -147,7 +171,8 @@ def test_without_a_position_he_flies_in_alt_hold_where_a_stick_is_a_lean():
     ground.run(1.0)
     assert vehicle.mode == "ALT_HOLD"
     ground.run(30.0)
-    assert vehicle.mode == "ALT_HOLD" and max(ground.off("COLUMN")) < 1.0  # some 0.3 m of it for the wind
+    # some 0.3 m of it for the wind
+    assert vehicle.mode == "ALT_HOLD" and max(ground.off("COLUMN")) < 1.0
 
 
 def test_the_column_is_in_line_and_still():
@@ -174,7 +199,9 @@ def test_only_the_front_one_sways_while_calibrating():
     assert 1.0 < np.ptp(track[:, 0, 1]) < 2.2, "a metre and more to the sides: enough to tell yaw"
     assert np.ptp(track[:, 0, 2]) > 0.1 and np.ptp(track[:, 0, 0]) < 0.4
     assert np.ptp(track[:, 1], axis=0).max() < 0.3
-    assert np.abs(np.gradient(track[:, 0, 1], STEP_S)).max() < 1.5, "slower than what calibration accepts"
+    assert np.abs(np.gradient(track[:, 0, 1], STEP_S)).max() < 1.5, (
+        "slower than what calibration accepts"
+    )
     distance = np.linalg.norm(track[:, 0] - track[:, 1], axis=1)
     assert distance.min() > 2.5
 
@@ -221,7 +248,9 @@ def test_the_switch_stays_when_the_mission_lands(before):
     for v in ground.vehicles.values():
         v.mode = "LAND"
     ground.run(5.0)
-    assert [s.mode for s in ground.sticks] == modes and all(s.throttle == 0.0 for s in ground.sticks)
+    assert [s.mode for s in ground.sticks] == modes and all(
+        s.throttle == 0.0 for s in ground.sticks
+    )
 
 
 def test_pilots_land_what_they_fly_by_hand_when_the_mission_ends():
@@ -273,7 +302,7 @@ def test_a_mission_that_starts_again_in_flight_leaves_hands_where_they_are():
     assert after == before and after.throttle == 0.0
 
 
-# ---- what a person would do ------------------------------------------------------------------------------------
+# ---- what a person would do ----------------------------------------------------------------------
 
 
 def test_who_flies_back_goes_around_another_vehicle():
@@ -334,7 +363,8 @@ def test_who_is_above_another_flies_aside_before_he_lands():
 
 
 def test_nobody_lets_go_in_stabilize():
-    """A stick in the middle is more thrust than it takes: where LOITER is refused, it would climb for ever."""
+    """A stick in the middle is more thrust than it takes: where LOITER is refused, it would climb
+    for ever."""
     pilot = Pilot(0, Field(), 1)
     pilot._switch = "LOITER"
     by_hand, flown = (Sight(np.eye(4), np.zeros(3), True, mode) for mode in ("STABILIZE", "GUIDED"))
@@ -346,7 +376,9 @@ def test_nobody_lets_go_in_stabilize():
 def test_what_runs_off_in_land_is_brought_down_in_alt_hold():
     """Its position is lost: LAND follows it and does not end."""
     pilot = Pilot(0, Field(), 1)
-    sight = Sight(transforms.from_xyz_yaw([0.0, 0.0, 0.9], 0.0), np.array([4.0, 0.0, 0.0]), True, "LAND")
+    sight = Sight(
+        transforms.from_xyz_yaw([0.0, 0.0, 0.9], 0.0), np.array([4.0, 0.0, 0.0]), True, "LAND"
+    )
     assert not any(pilot.sticks(k, "LAND", sight).throttle for k in range(71))
     assert pilot.sticks(79.0, "LAND", sight).mode == "ALT_HOLD"
     s = pilot.sticks(80.0, "LAND", sight)
@@ -356,13 +388,19 @@ def test_what_runs_off_in_land_is_brought_down_in_alt_hold():
 def test_a_resume_is_confirmed_wherever_they_stand_still():
     ground = Ground().airborne()
     ground.phase = "CONFIGURATIONS"
-    ground.vehicles["uav2"].p = ground.vehicles["uav2"].p + [2.0, -5.0, 3.0]  # out at a configuration, or moved aside
+    # out at a configuration, or moved aside
+    ground.vehicles["uav2"].p = ground.vehicles["uav2"].p + [2.0, -5.0, 3.0]
     sights = {n: ground.sight(n) for n in ground.vehicles}
     moving = dict(sights, uav1=replace(sights["uav1"], v_world_mps=np.array([0.8, 0.0, 0.0])))
 
     def pressed(seen):
         presser = ButtonPresser()
-        return [k for k in range(40) if presser.press(0.1 * k, "resume", "CONFIGURATIONS", seen, ground.pilots)]
+        return [
+            k
+            for k in range(40)
+            if presser.press(0.1 * k, "resume", "CONFIGURATIONS", seen, ground.pilots)
+        ]
 
     assert pressed(sights)[0] == pytest.approx(15, abs=1) and pressed(moving) == []
-    assert pressed(dict(moving, uav2=replace(sights["uav2"], armed=False)))  # one is down: no use to wait
+    # one is down: no use to wait
+    assert pressed(dict(moving, uav2=replace(sights["uav2"], armed=False)))

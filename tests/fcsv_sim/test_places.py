@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Worlds for a robot on the ground: the same again for a seed, and a truth that fits the drawn mesh."""
+"""Worlds for a robot on the ground: the same again for a seed, and a truth that fits the drawn
+mesh."""
 
 from dataclasses import replace
 
@@ -38,13 +39,18 @@ def test_a_seed_is_a_place(places, world):
 
 @pytest.mark.parametrize("world", sorted(PLACES))
 def test_the_truth_is_that_of_the_drawn_mesh(places, world):
-    """Rays from above meet what the columns say is highest, to a centimetre; 1 % of them hit an edge's other side."""
+    """Rays from above meet what the columns say is highest, to a centimetre; 1 % of them hit an
+    edge's other side."""
     town = places[world]
     footing = Footing.of(town.plan)
     rows, columns = np.random.default_rng(3).integers(0, footing.top_m.shape, (4000, 2)).T
     x, y = footing.grid.middle_of(rows, columns).T
     rays = ray_buffer(len(x))
-    set_rays(rays, np.column_stack([x, y, np.full(len(x), _DOWN_FROM_M)]), np.tile([0.0, 0.0, -1.0], (len(x), 1)))
+    set_rays(
+        rays,
+        np.column_stack([x, y, np.full(len(x), _DOWN_FROM_M)]),
+        np.tile([0.0, 0.0, -1.0], (len(x), 1)),
+    )
     make_caster(town.vertices, town.triangles, 1).cast(rays)
     hit = _DOWN_FROM_M - rays[:, T]
     top, overhead = footing.top_m[rows, columns], footing.overhead_m[rows, columns]
@@ -77,7 +83,8 @@ def test_some_goals_have_no_way(rescue):
 
 
 def test_a_robot_passes_under_the_beam_as_its_height_allows(places, rescue):
-    """Its lower edge is 0.9 m and more above the ground: a robot of 0.7 m passes, one of 1.5 m does not."""
+    """Its lower edge is 0.9 m and more above the ground: a robot of 0.7 m passes, one of 1.5 m does
+    not."""
     plan = places["rubble"].plan
     footing, beam = Footing.of(plan), plan.solids[-3]
     bottom = beam.middle_m[2] - beam.half_m[2]
@@ -89,5 +96,7 @@ def test_a_robot_passes_under_the_beam_as_its_height_allows(places, rescue):
 
 def test_a_goal_in_a_wall_is_refused(places, rescue):
     plan = places["maze"].plan
-    with pytest.raises(SimulationError, match=r"the goal \(.*\) m is no place for the robot rescue"):
+    with pytest.raises(
+        SimulationError, match=r"the goal \(.*\) m is no place for the robot rescue"
+    ):
         Footing.of(plan).clearance(rescue).leads(plan.start_m, tuple(plan.solids[0].middle_m[:2]))

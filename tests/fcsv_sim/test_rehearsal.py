@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whole flights without ROS: that they go as real ones do, that faults are felt, and that a seed gives one flight."""
+"""Whole flights without ROS: that they go as real ones do, that faults are felt, and that a seed
+gives one flight."""
 
 import json
 import os
@@ -33,7 +34,8 @@ def mission():
 def quick() -> Mission:
     """A flight of a minute, as short as one with all phases can be; its pauses are short, too."""
     listed = [
-        StereoConfiguration(a, b, record_s=1.0, least_pictures=3) for a, b in (("horizontal", 2.0), ("vertical", 4.0))
+        StereoConfiguration(a, b, record_s=1.0, least_pictures=3)
+        for a, b in (("horizontal", 2.0), ("vertical", 4.0))
     ]
     limits = PauseLimits(15.0, 5.0, 15.0, 20.0, 15.0, 60.0, 60.0)
     return Mission("quick", listed, settle=SettleBounds(time_s=1.0), limits=limits)
@@ -64,7 +66,10 @@ def test_a_sweep_flies_its_line_without_a_stop(root):
     assert 0.0 < result.off_m < 0.5
     whole = {w.index: w for w in flight.control.machine.captures}
     assert {i for i, _, _ in so_far} == {0, 1} and len(so_far) >= 4, "the map grows on the way"
-    assert all(start == whole[i].start_s and start + 1.9 < stop < whole[i].stop_s for i, start, stop in so_far)
+    assert all(
+        start == whole[i].start_s and start + 1.9 < stop < whole[i].stop_s
+        for i, start, stop in so_far
+    )
 
 
 def test_the_same_seed_gives_the_same_flight(mission):
@@ -79,7 +84,8 @@ def _job(seed: int) -> Job:
     return Job(quick(), 2, seed, single[seed] if seed < len(single) else "pairs", LONGEST_S)
 
 
-#: What a drift does that nothing on board sees: level, over ground without texture (docs/design/guardian.md).
+#: What a drift does that nothing on board sees: level, over ground without texture
+#: (docs/design/guardian.md).
 KNOWN = {5: ["not held"], 39: ["not held", "not held"], 55: ["not held"]}
 
 
@@ -98,7 +104,8 @@ def _fly(seed: int):
 
 
 def test_a_process_that_is_killed_is_told(monkeypatch):
-    monkeypatch.setattr("fcsv_sim.rehearsal.command.prepare", int)  # this process is to stay as it is
+    # this process is to stay as it is
+    monkeypatch.setattr("fcsv_sim.rehearsal.command.prepare", int)
     with pytest.raises(SimulationError, match="one of 2 processes was killed.*--jobs"):
         on_all_cores(_killed, [1, 2, 3], 2)
 
@@ -108,7 +115,8 @@ def _killed(_job):
 
 
 def test_who_was_flown_by_hand_is_never_commanded():
-    """Each phase, with one mode of the pilot for each: all of them in `rehearse --faults takeover-table`."""
+    """Each phase, with one mode of the pilot for each: all of them in `rehearse --faults
+    takeover-table`."""
     mission, modes = quick(), takeover.MODES
     outcomes = [
         takeover.fly(takeover.Trial(mission, 2, 1, phase, modes[k % len(modes)], 12.0))
@@ -117,7 +125,9 @@ def test_who_was_flown_by_hand_is_never_commanded():
     assert all(o.reached and not o.commands for o in outcomes), outcomes
     assert sum(o.taken for o in outcomes) >= 9
     lines = takeover.table(outcomes)
-    assert len(lines) == 2 + len(takeover.PHASES) and lines[2].startswith("| WAIT_VEHICLES | 0 | – |")
+    assert len(lines) == 2 + len(takeover.PHASES) and lines[2].startswith(
+        "| WAIT_VEHICLES | 0 | – |"
+    )
 
 
 def test_a_radio_delays_loses_and_keeps_order_of_arrival():
@@ -139,7 +149,7 @@ def test_a_radio_delays_loses_and_keeps_order_of_arrival():
     assert len(got) - 3 == pytest.approx(700, abs=60)
 
 
-# ---- the command -----------------------------------------------------------------------------------------------
+# ---- the command ---------------------------------------------------------------------------------
 
 
 def test_the_command_says_what_is_wrong(tmp_path, capsys):
@@ -159,17 +169,24 @@ def test_the_command_flies_tells_and_draws(tmp_path, capsys):
     path.write_text("name: m\nconfigurations: [{axis: vertical, baseline_m: 4.0, record_s: 1.0}]")
     told_to = tmp_path / "flown.json"
     asked = [str(path), "--flights", "1", "--faults", "abort", "--jobs", "1", "--json"]
-    assert main([*asked, str(path / "flown.json")]) == 2 and "a file stands there" in capsys.readouterr().err
+    assert (
+        main([*asked, str(path / "flown.json")]) == 2
+        and "a file stands there" in capsys.readouterr().err
+    )
     assert main([*asked, str(told_to)]) == 0
     (flown,) = json.loads(told_to.read_text())
-    assert (flown["faults"], flown["wanted"], flown["violations"]) == ("abort", 1, []) and flown["flown_s"] > 10.0
+    assert (flown["faults"], flown["wanted"], flown["violations"]) == ("abort", 1, []) and flown[
+        "flown_s"
+    ] > 10.0
     told = capsys.readouterr().out
     assert "| abort | 1 | 0 |" in told and "simulated seconds per second of one processor" in told
     asked = [str(path), "--faults", "mission dies", "--seed", "3", "--longest", "70"]
     assert main([*asked, "--flights", "1", "--jobs", "1"]) == 1
     told = capsys.readouterr().out
     assert "--faults 'mission dies' --seed 3: 70.0 s: still" in told
-    assert told.splitlines()[-1].startswith("Verdict: do not fly it: 1 of 1 flights with faults were unsafe (no end)")
+    assert told.splitlines()[-1].startswith(
+        "Verdict: do not fly it: 1 of 1 flights with faults were unsafe (no end)"
+    )
     assert main([*asked, "--trace", str(picture)]) == 1
     told = capsys.readouterr().out
     assert "FAULT mission dies (uav" in told and "VIOLATION no end" in told
@@ -177,9 +194,15 @@ def test_the_command_flies_tells_and_draws(tmp_path, capsys):
 
 
 def test_the_table_has_a_line_for_each_fault_and_one_for_pairs(mission):
-    jobs = [Job(mission, 2, 1, faults, 90.0) for faults in ("none", "tracker gone", "abort+clock steps")]
+    jobs = [
+        Job(mission, 2, 1, faults, 90.0) for faults in ("none", "tracker gone", "abort+clock steps")
+    ]
     lines = table([(job.name, rehearse(job)) for job in jobs])
-    assert [line.split(" | ")[0] for line in lines[2:]] == ["| none", "| tracker gone", "| pairs of faults"]
+    assert [line.split(" | ")[0] for line in lines[2:]] == [
+        "| none",
+        "| tracker gone",
+        "| pairs of faults",
+    ]
     assert all(line.count("|") == lines[0].count("|") for line in lines)
 
 
@@ -187,21 +210,30 @@ def test_which_fault_befalls_a_flight_depends_on_its_seed_alone():
     drawn = [faults_of("all", seed) for seed in range(400)]
     assert drawn == [faults_of("all", seed) for seed in range(400)]
     singles = Counter(names for names in drawn[::2])
-    assert set(singles) == {(), *((name,) for name in FAULTS)} and max(singles.values()) - min(singles.values()) <= 1
+    assert (
+        set(singles) == {(), *((name,) for name in FAULTS)}
+        and max(singles.values()) - min(singles.values()) <= 1
+    )
     assert all(len(set(names)) == 2 for names in drawn[1::2]) and len(set(drawn[1::2])) > 100
-    assert faults_of("abort, battery", 0) == ("abort",) and faults_of("abort, battery", 1) == ("battery",)
+    assert faults_of("abort, battery", 0) == ("abort",) and faults_of("abort, battery", 1) == (
+        "battery",
+    )
 
 
 def test_a_plan_is_rehearsed_calm_with_the_vehicles_that_it_names(tmp_path, capsys, monkeypatch):
     path = tmp_path / "m.yaml"
-    path.write_text("name: m\nair: {horizontal_m: 1.1}\nconfigurations:\n"
-                    "- {axis: horizontal, baseline_m: 3.0, record_s: 1.0, vehicle: uav3}\n")  # fmt: skip
+    path.write_text(
+        "name: m\nair: {horizontal_m: 1.1}\nconfigurations:\n"
+        "- {axis: horizontal, baseline_m: 3.0, record_s: 1.0, vehicle: uav3}\n"
+    )
     flown = []
     monkeypatch.setattr(command, "rehearse", lambda job: flown.append(job) or rehearse(job))
     assert main([str(path), "--flights", "2", "--jobs", "1"]) == 0
     assert [(job.vehicles, job.name) for job in flown] == [(3, "none")] * 2
     last = capsys.readouterr().out.splitlines()[-1]
-    assert last.startswith("Verdict: nothing unsafe in 2 calm flights; 2 recorded every configuration")
+    assert last.startswith(
+        "Verdict: nothing unsafe in 2 calm flights; 2 recorded every configuration"
+    )
 
 
 def _went(seed: int, captures: int, faults=(), violations=()) -> Result:
@@ -212,13 +244,23 @@ def _went(seed: int, captures: int, faults=(), violations=()) -> Result:
 @pytest.mark.parametrize(
     "flown, words",
     [
-        ([("none", _went(1, 4)), ("none", _went(2, 3))],
-         "safe, but not whole: 1 of 2 calm flights left configurations out, the first with 3 of 4"),
-        ([("abort", _went(7, 0, ["abort"])), ("none", _went(8, 4))],
-         "nothing unsafe in 2 flights with faults; 1 recorded every configuration"),
-        ([("none", _went(1, 4)), ("abort", _went(9, 4, ["abort"], [Violation("contact", 3.0, "uav1, uav2")]))],
-         "do not fly it: 1 of 2 flights with faults were unsafe (contact); see one: --faults 'abort' --seed 9 --trace"),
+        (
+            [("none", _went(1, 4)), ("none", _went(2, 3))],
+            "safe, but not whole: 1 of 2 calm flights left configurations out, the first with 3 of 4",
+        ),
+        (
+            [("abort", _went(7, 0, ["abort"])), ("none", _went(8, 4))],
+            "nothing unsafe in 2 flights with faults; 1 recorded every configuration",
+        ),
+        (
+            [
+                ("none", _went(1, 4)),
+                ("abort", _went(9, 4, ["abort"], [Violation("contact", 3.0, "uav1, uav2")])),
+            ],
+            "do not fly it: 1 of 2 flights with faults were unsafe (contact); "
+            "see one: --faults 'abort' --seed 9 --trace",
+        ),
     ],
-)  # fmt: skip
+)
 def test_the_table_ends_with_a_verdict(flown, words):
     assert verdict_line(flown).startswith(f"Verdict: {words}")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may change nothing changes nothing: clocks that are set. And a flight in which nobody may be stopped, and no
-feed be late, tells where somebody was, and which was."""
+"""What may change nothing changes nothing: clocks that are set. And a flight in which nobody may be
+stopped, and no feed be late, tells where somebody was, and which was."""
 
 from types import SimpleNamespace
 
@@ -28,7 +28,9 @@ def flying():
     """flying() -> a flight some seconds in its configurations; the same each time."""
 
     def begin() -> Flight:
-        flight = Flight(Mission("rehearsed", [StereoConfiguration("vertical", 5.0, record_s=30.0)]), 2, 4)
+        flight = Flight(
+            Mission("rehearsed", [StereoConfiguration("vertical", 5.0, record_s=30.0)]), 2, 4
+        )
         while flight.phase != "CONFIGURATIONS":
             flight.step()
             assert flight.now_s < 100.0
@@ -43,7 +45,10 @@ def stopped_after_s(flight: Flight) -> dict:
     called_s, asked = flight.now_s, {n: len(v.modes_asked) for n, v in flight.fleet.items()}
     flight.control.stop_all(called_s)
     fly(flight, 0.4)
-    return {n: [(s - called_s, m) for s, m in v.modes_asked[asked[n] :]][0] for n, v in flight.fleet.items()}
+    return {
+        n: [(s - called_s, m) for s, m in v.modes_asked[asked[n] :]][0]
+        for n, v in flight.fleet.items()
+    }
 
 
 def test_clocks_that_are_set_land_nobody_and_delay_no_stop(flying):
@@ -65,7 +70,9 @@ def test_clocks_that_are_set_land_nobody_and_delay_no_stop(flying):
     after_s, must_s = stopped_after_s(stepped), stopped_after_s(calm)
     assert {m for _, m in after_s.values()} == {"BRAKE"}
     for name, (late_s, _) in after_s.items():
-        assert late_s == pytest.approx(must_s[name][0], abs=0.021), "a pass of the board later at most"
+        assert late_s == pytest.approx(must_s[name][0], abs=0.021), (
+            "a pass of the board later at most"
+        )
 
 
 @pytest.mark.parametrize("step_s", (-2.0, 60.0))
@@ -84,7 +91,9 @@ def test_a_sweep_during_which_the_control_pcs_clock_is_set_is_flown_again(step_s
     assert min(w.start_s for w in flight.control.captures) > set_s
 
 
-def test_a_mission_that_restarts_remembers_over_steps_of_the_clock_and_forgets_an_earlier_flight(flying):
+def test_a_mission_that_restarts_remembers_over_steps_of_the_clock_and_forgets_an_earlier_flight(
+    flying,
+):
     flight = flying()
     control = flight.control
     for step_s, remembers in ((-60.0, True), (60.0, True), (700.0, False)):
@@ -94,7 +103,7 @@ def test_a_mission_that_restarts_remembers_over_steps_of_the_clock_and_forgets_a
         assert (control.machine._memory is not None) is remembers, step_s
 
 
-# ---- radios that hold messages up ------------------------------------------------------------------------------
+# ---- radios that hold messages up ----------------------------------------------------------------
 
 
 def test_what_is_held_up_comes_in_a_burst_in_its_order_unless_it_is_too_old():
@@ -116,7 +125,8 @@ def test_what_is_held_up_comes_in_a_burst_in_its_order_unless_it_is_too_old():
 def test_a_stop_that_was_held_up_counts_when_it_comes(flying):
     flight = flying()
     for radio in flight.radios.values():
-        radio.held_until_s = flight.now_s + 1.2  # after 1.5 s of silence who is beneath moves aside, and refuses
+        # after 1.5 s of silence who is beneath moves aside, and refuses
+        radio.held_until_s = flight.now_s + 1.2
     asked = {n: len(v.modes_asked) for n, v in flight.fleet.items()}
     flight.control.stop_all(flight.now_s)
     fly(flight, 1.15)
@@ -126,7 +136,7 @@ def test_a_stop_that_was_held_up_counts_when_it_comes(flying):
     assert told == dict.fromkeys(asked, ["BRAKE"])
 
 
-# ---- what is seen ----------------------------------------------------------------------------------------------
+# ---- what is seen --------------------------------------------------------------------------------
 
 
 def watched(phase="CONFIGURATIONS"):
@@ -134,15 +144,19 @@ def watched(phase="CONFIGURATIONS"):
     told = []
     air = SimpleNamespace(control_s=10.0, others={"uav2": SimpleNamespace(heard_s=10.0)})
     vehicle = SimpleNamespace(
-        guardian=SimpleNamespace(air=air, verdict=GuardianVerdict()), modes_asked=[(1.0, "GUIDED")],
+        guardian=SimpleNamespace(air=air, verdict=GuardianVerdict()),
+        modes_asked=[(1.0, "GUIDED")],
         autopilot=SimpleNamespace(armed=True),
-    )  # fmt: skip
+    )
     seen = SimpleNamespace(pose_age_s=0.1, state_age_s=0.5)
     mission = SimpleNamespace(configurations=[None])
     machine = SimpleNamespace(phase=phase, problems=[], captures=[1], detail="", mission=mission)
     control = SimpleNamespace(machine=machine, view=lambda *_: seen)
     calm = Calm(
-        {"uav1": vehicle}, control, lambda who, at_s, text: told.append(text), lambda who, at_s, text: told.append(text)
+        {"uav1": vehicle},
+        control,
+        lambda who, at_s, text: told.append(text),
+        lambda who, at_s, text: told.append(text),
     )
     return calm, vehicle, seen, machine, told
 

@@ -50,13 +50,17 @@ def begun(flight: Flight, name: str, seed: int = 1):
     return fault
 
 
-# ---- trackers --------------------------------------------------------------------------------------------------
+# ---- trackers ------------------------------------------------------------------------------------
 
 
 def samples(mission, name: str, seconds: float, seed: int = 1):
-    """(times, (N, 3) positions) of a standing tracker after the fault began; the first is the last before it."""
+    """(times, (N, 3) positions) of a standing tracker after the fault began; the first is the last
+    before it."""
     flight = flown_to(mission, "COLUMN", 0.0)
-    before = {n: v.tracker.odometry(flight.now_s, v.body.T_world_body)[0][:3, 3] for n, v in flight.fleet.items()}
+    before = {
+        n: v.tracker.odometry(flight.now_s, v.body.T_world_body)[0][:3, 3]
+        for n, v in flight.fleet.items()
+    }
     fault = begun(flight, name, seed)
     tracker, T = fault.vehicle.tracker, fault.vehicle.body.T_world_body
     times = np.arange(0.0, seconds, 0.03)
@@ -81,7 +85,9 @@ def test_a_noisy_frozen_tracker_moves_by_less_than_two_millimetres_and_never_sta
 def test_a_tracker_that_drifts_gets_faster_and_one_that_runs_off_is_fast_at_once(mission):
     times, p = samples(mission, "tracker drifts slowly", 20.0)
     speed = np.linalg.norm(p[20:] - p[:-20], axis=1) / (times[20] - times[0])
-    assert 0.1 < speed[0] < 0.7 and speed[-1] == pytest.approx(speed[0] + 0.1 * (times[-21] - times[0]), abs=0.1)
+    assert 0.1 < speed[0] < 0.7 and speed[-1] == pytest.approx(
+        speed[0] + 0.1 * (times[-21] - times[0]), abs=0.1
+    )
     times, p = samples(mission, "tracker runs off", 1.0)
     assert 0.4 < np.linalg.norm(p[-1] - p[0]) / times[-1] < 9.5
 
@@ -100,7 +106,7 @@ def test_an_unsure_tracker_says_so_and_gets_noisy(mission):
     assert 0.015 < p.std(0).mean() < 0.2
 
 
-# ---- processes -------------------------------------------------------------------------------------------------
+# ---- processes -----------------------------------------------------------------------------------
 
 
 def hover(mission) -> Flight:
@@ -121,7 +127,11 @@ def test_a_dead_agent_sends_nothing_and_its_guardian_holds(mission):
     fly(flight, 0.75)  # it lived 0.2 s ago at most
     assert not vehicle.agent.runs and "SET_POSITION_TARGET_LOCAL_NED" not in sent
     fly(flight, 1.35)
-    assert "held" in sent and "SET_POSITION_TARGET_LOCAL_NED" in sent and vehicle.autopilot.mode == modes.GUIDED
+    assert (
+        "held" in sent
+        and "SET_POSITION_TARGET_LOCAL_NED" in sent
+        and vehicle.autopilot.mode == modes.GUIDED
+    )
 
 
 def test_a_vehicle_with_a_low_battery_that_nobody_commands_comes_down_where_it_took_off(mission):
@@ -136,7 +146,8 @@ def test_a_vehicle_with_a_low_battery_that_nobody_commands_comes_down_where_it_t
     assert vehicle.guardian.verdict.action == "home"
     fly(flight, 30.0)
     assert not vehicle.autopilot.armed and not flight.invariants.violations
-    assert np.linalg.norm((vehicle.p_world_m - began_m)[:2]) < 1.0  # 1 % of the way, and wind as it lands
+    # 1 % of the way, and wind as it lands
+    assert np.linalg.norm((vehicle.p_world_m - began_m)[:2]) < 1.0
 
 
 def test_a_link_that_is_started_again_finds_its_autopilot(mission):
@@ -151,8 +162,12 @@ def test_a_link_that_is_started_again_finds_its_autopilot(mission):
     assert vehicle.state.mode == modes.NAMES[vehicle.autopilot.mode]
 
 
-def test_a_link_that_sleeps_reads_on_where_it_was_and_does_not_take_its_sleep_for_a_dead_feed(mission):
-    flight = hover(replace(mission, configurations=[StereoConfiguration("vertical", 4.0, record_s=20.0)]))
+def test_a_link_that_sleeps_reads_on_where_it_was_and_does_not_take_its_sleep_for_a_dead_feed(
+    mission,
+):
+    flight = hover(
+        replace(mission, configurations=[StereoConfiguration("vertical", 4.0, record_s=20.0)])
+    )
     fault = begun(flight, "link sleeps")
     vehicle = fault.vehicle
     assert vehicle.link.lives and not vehicle.link.runs
@@ -167,19 +182,31 @@ def test_a_link_that_sleeps_reads_on_where_it_was_and_does_not_take_its_sleep_fo
 
 
 def test_a_mission_that_restarts_goes_on_where_it_was(mission):
-    """A new process under a new name: the old one's lease ends first, then everybody is held and the list goes on."""
+    """A new process under a new name: the old one's lease ends first, then everybody is held and
+    the list goes on."""
     first = StereoConfiguration("horizontal", 2.0, record_s=2.0)
     two = replace(mission, configurations=[first, *mission.configurations])
     flight = flown_to(two, "CONFIGURATIONS", 0.0)
     while not flight.control.machine.captures:
         flight.step()
     fly(flight, 1.0)
-    fault, machine, sender = begun(flight, "mission restarts"), flight.control.machine, flight.control.sender
+    fault, machine, sender = (
+        begun(flight, "mission restarts"),
+        flight.control.machine,
+        flight.control.sender,
+    )
     fly(flight, 4.0, [fault])
     assert not flight.control.alive
     fly(flight, 2.5, [fault])
-    assert flight.control.alive and flight.control.machine is not machine and flight.control.sender != sender
-    assert flight.control.machine.phase == "CONFIGURATIONS" and len(flight.control.machine.captures) == 1
+    assert (
+        flight.control.alive
+        and flight.control.machine is not machine
+        and flight.control.sender != sender
+    )
+    assert (
+        flight.control.machine.phase == "CONFIGURATIONS"
+        and len(flight.control.machine.captures) == 1
+    )
     result = flight.run([fault])
     assert (result.phase, result.captures, result.violations) == ("DONE", 2, [])
 
@@ -196,13 +223,18 @@ def test_a_mission_that_forgets_names_who_flies_and_the_operator_aborts(mission)
     fault = begun(flight, "mission forgets")
     fly(flight, 6.0, [fault])
     machine = flight.control.machine
-    assert flight.phase == "WAIT_VEHICLES" and "uav1 flies in GUIDED and nothing is known" in machine.problems[0]
+    assert (
+        flight.phase == "WAIT_VEHICLES"
+        and "uav1 flies in GUIDED and nothing is known" in machine.problems[0]
+    )
     result = flight.run([fault])
     assert (result.phase, result.violations) == ("ABORTED", [])
     assert result.detail == "aborted by the operator: landing"
 
 
-def test_a_stick_that_is_off_the_middle_is_named_and_forbids_guided_until_it_is_in_the_middle(mission):
+def test_a_stick_that_is_off_the_middle_is_named_and_forbids_guided_until_it_is_in_the_middle(
+    mission,
+):
     flight = flown_to(mission, "SET_HOME", 0.5)
     fault = begun(flight, "stick off the middle", seed=3)
     fault._until_s = flight.now_s + 6.0
@@ -229,11 +261,10 @@ def test_an_operator_who_confirms_anything_confirms_only_what_is_waited_for(miss
 
 def test_who_comes_down_is_the_upper_one_and_the_lower_one_must_react(mission):
     (fault,) = make_faults(["comes down"], 3)
-    assert {make_faults(["comes down"], k)[0].adapt(mission).configurations[0].baseline_m for k in range(20)} == {
-        3,
-        5,
-        10,
-    }
+    assert {
+        make_faults(["comes down"], k)[0].adapt(mission).configurations[0].baseline_m
+        for k in range(20)
+    } == {3, 5, 10}
     flight = hover(mission)
     upper, lower = flight.fleet["uav2"], flight.fleet["uav1"]
     T = lower.body.T_world_body
@@ -245,7 +276,11 @@ def test_who_comes_down_is_the_upper_one_and_the_lower_one_must_react(mission):
     T[2, 3] += 2.5
     upper.body.place(T)
     fault(flight)
-    assert fault.vehicle is upper and upper.autopilot.mode == modes.LAND and lower.autopilot.mode == modes.GUIDED
+    assert (
+        fault.vehicle is upper
+        and upper.autopilot.mode == modes.LAND
+        and lower.autopilot.mode == modes.GUIDED
+    )
     (answer,) = flight.witness.answers
     flight.now_s += 0.2
     upper.told(flight.now_s, "held", None)
@@ -254,7 +289,7 @@ def test_who_comes_down_is_the_upper_one_and_the_lower_one_must_react(mission):
     assert answer.after_s == pytest.approx(0.2)
 
 
-# ---- pilots ----------------------------------------------------------------------------------------------------
+# ---- pilots --------------------------------------------------------------------------------------
 
 
 def take_over(flight: Flight, name: str, mode: str, roams: bool = False, drops: bool = False):
@@ -284,7 +319,7 @@ def test_a_pilot_who_pulls_the_stick_down_sinks(mission):
     assert before_m - vehicle.p_world_m[2] > 0.8
 
 
-# ---- the witness -----------------------------------------------------------------------------------------------
+# ---- the witness ---------------------------------------------------------------------------------
 
 
 def taken(mission) -> Flight:
@@ -303,7 +338,11 @@ def test_a_command_to_a_hand_flown_vehicle_is_seen(mission, what):
     flight.fleet["uav2"].link.receive(flight.now_s, ask)
     fly(flight, 0.1)
     (v,) = flight.invariants.violations
-    assert v.kind == "overruled" and v.text.startswith("uav2 was sent ") and "in its pilot's ALT_HOLD" in v.text
+    assert (
+        v.kind == "overruled"
+        and v.text.startswith("uav2 was sent ")
+        and "in its pilot's ALT_HOLD" in v.text
+    )
 
 
 def test_after_the_operator_confirmed_the_mission_may_command(mission):
@@ -325,16 +364,22 @@ def test_a_command_before_the_companion_heard_of_the_pilot_does_not_count(missio
 
 
 def test_the_first_command_to_stop_answers_a_fault():
-    """While a configuration is recorded: a mission that is flown to its end lands everybody, and answers nothing."""
+    """While a configuration is recorded: a mission that is flown to its end lands everybody, and
+    answers nothing."""
     flight = hover(Mission("rehearsed", [StereoConfiguration("vertical", 4.0, record_s=20.0)]))
     fault = begun(flight, "tracker gone", seed=4)
     fly(flight, 2.0)
     (answer,) = flight.witness.answers
-    assert answer.fault == "tracker gone" and answer.flown and 0.6 < answer.after_s < 1.0 and answer.moved_m < 0.5
+    assert (
+        answer.fault == "tracker gone"
+        and answer.flown
+        and 0.6 < answer.after_s < 1.0
+        and answer.moved_m < 0.5
+    )
     assert fault.vehicle.autopilot.mode == modes.LAND
 
 
-# ---- invariants ------------------------------------------------------------------------------------------------
+# ---- invariants ----------------------------------------------------------------------------------
 
 
 class Still:
@@ -343,13 +388,17 @@ class Still:
     def __init__(self, *places, mode=modes.GUIDED, configurations=()):
         self.fleet = {
             f"uav{k + 1}": SimpleNamespace(
-                p_world_m=np.array(p, float), body=SimpleNamespace(velocity_mps=np.zeros(3)), flown_by_hand=False,
+                p_world_m=np.array(p, float),
+                body=SimpleNamespace(velocity_mps=np.zeros(3)),
+                flown_by_hand=False,
                 autopilot=SimpleNamespace(mode=mode, armed=True),
             )
             for k, p in enumerate(places)
-        }  # fmt: skip
+        }
         self.control = SimpleNamespace(captures=[])
-        self.mission = Mission("still", list(configurations) or [StereoConfiguration("horizontal", 4.0)])
+        self.mission = Mission(
+            "still", list(configurations) or [StereoConfiguration("horizontal", 4.0)]
+        )
         self.phase, self.now_s = "CONFIGURATIONS", 0.0
         self.looked = Invariants(self)
         self.look()
@@ -369,7 +418,10 @@ class Still:
 def test_contacts_and_downwash():
     flight = Still((0, 0, 8), (0, 0, 10))
     assert flight.look() == [] and flight.put("uav2", 0, 0, 9.7) == ["downwash"]
-    assert flight.put("uav2", 0.4, 0, 8) == ["downwash", "contact"] and flight.looked.nearest_m == pytest.approx(0.4)
+    assert flight.put("uav2", 0.4, 0, 8) == [
+        "downwash",
+        "contact",
+    ] and flight.looked.nearest_m == pytest.approx(0.4)
 
 
 def test_nobody_beneath_one_that_lands():
@@ -403,7 +455,9 @@ def test_who_leaves_the_fence_reacts_within_a_second():
 @pytest.mark.parametrize("axis, place", [("horizontal", (0, -4.0, 8)), ("vertical", (0, 0, 12))])
 def test_what_was_recorded_was_held(axis, place):
     for off, broken in (((0.0, 0.0, 0.3), []), ((0.9, 0.0, 0.9), ["not held"])):
-        flight = Still((0, 0, 8), np.add(place, off), configurations=[StereoConfiguration(axis, 4.0)])
+        flight = Still(
+            (0, 0, 8), np.add(place, off), configurations=[StereoConfiguration(axis, 4.0)]
+        )
         flight.look(5.0)
         flight.control.captures.append(CaptureWindow(0, "uav2", 1.0, 4.0, 0.05))
         assert flight.look() == broken

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures and depth against what geometry says; tags against where they truly are; edges against fine sampling."""
+"""Pictures and depth against what geometry says; tags against where they truly are; edges against
+fine sampling."""
 
 from dataclasses import replace
 
@@ -29,7 +30,9 @@ AHEAD = Mount((0.0, 0.0, 0.0))
 
 
 def vehicle(tag_id=1):
-    return VehicleGeometry(f"uav{tag_id}", tag_id, tag_id, 0.16, AHEAD, AHEAD, Mount((-0.16, 0, 0.02), (0, 0, 180.0)))
+    return VehicleGeometry(
+        f"uav{tag_id}", tag_id, tag_id, 0.16, AHEAD, AHEAD, Mount((-0.16, 0, 0.02), (0, 0, 180.0))
+    )
 
 
 def looking_ahead(x, y, z, rpy=(0, 0, 0)):
@@ -66,7 +69,8 @@ def test_depth_is_that_of_the_plane_and_the_box(plain, camera):
     near_box = (np.abs(hit[..., 1]) < 4) & (hit[..., 2] > -0.2) & (hit[..., 2] < 8) & ~inside
     check = np.isfinite(expected) & (expected < 400) & ~near_box
     assert inside.sum() > 1000 and check.sum() > 100_000
-    # single precision of ray and mesh: 1e-7 of hundreds of metres over the sine of a flat ray's angle
+    # single precision of ray and mesh: 1e-7 of hundreds of metres over the sine of a flat ray's
+    # angle
     assert np.abs(depth[check] / expected[check] - 1).max() < 2e-4
     assert np.isnan(depth[0]).all()
 
@@ -94,14 +98,22 @@ def test_embree_and_open3d_agree():
 def fine(renderer, T_world_cam, camera, times=4):
     """The picture with times x times rays a pixel."""
     shift = (times - 1) / 2
-    big = replace(camera, width=camera.width * times, height=camera.height * times, fx=camera.fx * times,
-                  fy=camera.fy * times, cx=camera.cx * times + shift, cy=camera.cy * times + shift)  # fmt: skip
+    big = replace(
+        camera,
+        width=camera.width * times,
+        height=camera.height * times,
+        fx=camera.fx * times,
+        fy=camera.fy * times,
+        cx=camera.cx * times + shift,
+        cy=camera.cy * times + shift,
+    )
     values, _ = renderer.values(T_world_cam, big, samples=1)
     return values.reshape(camera.height, times, camera.width, times, 3).mean((1, 3))
 
 
 def test_edges_are_antialiased(town):
-    """Against 16 rays a pixel: what is left of the error after supersampling edges is texture, not stairs."""
+    """Against 16 rays a pixel: what is left of the error after supersampling edges is texture, not
+    stairs."""
     pose = looking_ahead(1, 0, 8)
     camera = PinholeCamera.from_fov(320, 240, np.radians(28))
     reference = fine(town, pose, camera)
@@ -114,7 +126,8 @@ def test_edges_are_antialiased(town):
 
 
 def test_a_shift_of_a_tenth_of_a_pixel_changes_little(town):
-    """Band-limited texture changes by about 0.1 of the difference between neighbours; aliasing by all of it."""
+    """Band-limited texture changes by about 0.1 of the difference between neighbours; aliasing by
+    all of it."""
     pose = looking_ahead(1, 0, 8)
     a = town.render(pose, PINHOLE)[0].astype(float)
     b = town.render(pose, replace(PINHOLE, cx=PINHOLE.cx + 0.1))[0].astype(float)
@@ -130,16 +143,22 @@ def test_the_same_pose_gives_the_same_picture(town):
 
 
 def test_tags_are_found_where_they_are(town):
-    """At 3.5 m a tag is 27 px wide. The detector (pixel centres at 0.5) must show no bias of the corners beyond
-    0.03 px in any direction or in size, and a scatter like that of real pictures, about 0.1 px."""
+    """At 3.5 m a tag is 27 px wide. The detector (pixel centres at 0.5) must show no bias of the
+    corners beyond 0.03 px in any direction or in size, and a scatter like that of real pictures,
+    about 0.1 px."""
     random = np.random.default_rng(4)
     camera, h = SimulatedCamera(town, FORWARD, CameraParameters(), 1), 0.08
     detector, front = TagDetector({1: 2 * h}), vehicle()
-    corners_tag = np.array([[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])  # lb, rb, rt, lt: y is down
+    # lb, rb, rt, lt: y is down
+    corners_tag = np.array([[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])
     errors, outward = [], []
     for i in range(30):
-        T_world_body = transforms.from_xyz_rpy([0, 0, 8] + random.normal(0, 0.2, 3), random.normal(0, 0.03, 3))
-        T_world_front = transforms.from_xyz_rpy([3.5, 0, 8] + random.normal(0, 0.25, 3), random.normal(0, 0.08, 3))
+        T_world_body = transforms.from_xyz_rpy(
+            [0, 0, 8] + random.normal(0, 0.2, 3), random.normal(0, 0.03, 3)
+        )
+        T_world_front = transforms.from_xyz_rpy(
+            [3.5, 0, 8] + random.normal(0, 0.25, 3), random.normal(0, 0.08, 3)
+        )
         shot = camera.shoot(0.2 * i, T_world_body, [Body(front, T_world_front)], samples=1)
         found = detector.detect(cv2.cvtColor(shot.rgb, cv2.COLOR_RGB2GRAY), camera.model)
         assert [d.id for d in found] == [1]
@@ -161,7 +180,9 @@ def test_a_vehicle_hides_what_is_behind_it_and_is_hidden_by_what_is_in_front(pla
 
     def seen(*bodies):
         rgb, depth = plain.render(pose, PINHOLE, bodies=bodies)
-        return sorted(d.id for d in detector.detect(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), PINHOLE)), depth
+        return sorted(
+            d.id for d in detector.detect(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), PINHOLE)
+        ), depth
 
     def at(x, y, tag_id):
         return Body(vehicle(tag_id), transforms.from_xyz_yaw([x, y, 2.48], 0.0))
@@ -179,7 +200,9 @@ def test_a_vehicle_hides_what_is_behind_it_and_is_hidden_by_what_is_in_front(pla
 def test_samples_in_a_pixel_are_centred_and_use_every_row_and_column():
     offsets = sample_offsets(16)
     assert np.allclose(offsets.mean(0), 0.0)
-    assert all(len(np.unique(offsets[:, k])) == 16 and np.abs(offsets[:, k]).max() < 0.5 for k in (0, 1))
+    assert all(
+        len(np.unique(offsets[:, k])) == 16 and np.abs(offsets[:, k]).max() < 0.5 for k in (0, 1)
+    )
 
 
 def test_what_is_no_pose_or_no_quality_is_refused(plain):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated robot, what it touches, and whole drives through a small drawn place with every fault."""
+"""The simulated robot, what it touches, and whole drives through a small drawn place with every
+fault."""
 
 from dataclasses import replace
 
@@ -43,9 +44,15 @@ def town_of(gap_m):
     half = np.array([0.15, 0.5 * (12.0 - gap_m), 0.5])
     wall = Solid(np.array([27.0, -6.0 + half[1], 0.4]), half, np.eye(3), CONCRETE, (0.4, 0.4, 0.4))
     plan = PlacePlan(
-        np.empty(0), np.empty(0), np.zeros(2), np.zeros(6), area_m=AREA, start_m=(21.0, -2.0), goal_m=(33.0, -2.0),
+        np.empty(0),
+        np.empty(0),
+        np.zeros(2),
+        np.zeros(6),
+        area_m=AREA,
+        start_m=(21.0, -2.0),
+        goal_m=(33.0, -2.0),
         solids=(wall,),
-    )  # fmt: skip
+    )
     mesh, random = MeshBuilder(), np.random.default_rng(3)
     draw_place(mesh, plan, random)
     return Town(3, plan, *mesh.build())
@@ -64,7 +71,15 @@ def place_of(robot, gap_m):
         T_home_cam = transforms.from_xyz_yaw(station.xyz_m, station.yaw_rad)
         T_home_cam[:3, :3] = T_home_cam[:3, :3] @ transforms.R_FLU_OPTICAL
         nothing = np.zeros((camera.height, camera.width), np.float32)
-        bare = DepthView(f"station {number}", nothing, nothing, nothing.astype(np.uint8), camera.K, T_home_cam, 0.0)
+        bare = DepthView(
+            f"station {number}",
+            nothing,
+            nothing,
+            nothing.astype(np.uint8),
+            camera.K,
+            T_home_cam,
+            0.0,
+        )
         true = np.where(Watcher(town, bare, 1)._true < 70.0, Watcher(town, bare, 1)._true, np.nan)
         sigma = (true**2 / (camera.fx * 6.0) * 0.1).astype(np.float32)
         depth = true + 0.3 * sigma * np.random.default_rng(number).standard_normal(true.shape)
@@ -90,7 +105,9 @@ def test_it_arrives_whatever_befalls_it_and_touches_nothing(open_place, rescue, 
     result = drive.run()
     assert not result.broke and result.least_room_m > 0.1, result
     assert result.befell == (fault != "none") and result.expected in (ARRIVES, "either")
-    assert result.ended == "arrived" or (fault == "way closes" and result.ended == "no safe route"), result
+    assert result.ended == "arrived" or (
+        fault == "way closes" and result.ended == "no safe route"
+    ), result
     if fault in ("way closes", "runs at it"):
         assert result.reaction_s is not None and result.reaction_s <= 1.0
 
@@ -98,30 +115,42 @@ def test_it_arrives_whatever_befalls_it_and_touches_nothing(open_place, rescue, 
 def test_without_its_place_for_good_it_stands(open_place, rescue):
     result = RobotDrive(open_place, rescue, FAULTS["pose lost for good"], 5).run()
     assert not result.broke and result.place_rms_m < 0.5
-    assert (result.ended, result.time_s < 60.0) == ("arrived", True) or "place is not known" in result.text
+    assert (result.ended, result.time_s < 60.0) == (
+        "arrived",
+        True,
+    ) or "place is not known" in result.text
 
 
 def test_behind_a_closed_wall_it_says_that_there_is_no_route(closed_place, rescue):
     result = RobotDrive(closed_place, rescue, FAULTS["none"], 5).run()
-    assert (result.ended, result.expected, result.broke) == ("no safe route", SAYS_NONE, "") and result.way_m == 0.0
+    assert (result.ended, result.expected, result.broke) == (
+        "no safe route",
+        SAYS_NONE,
+        "",
+    ) and result.way_m == 0.0
 
 
 def test_a_seed_is_a_drive_and_a_table_and_a_picture(open_place, rescue, tmp_path):
     first, again = (RobotDrive(open_place, rescue, FAULTS["wheels slip"], 8) for _ in range(2))
     a, b = first.run(), again.run()
-    assert first.track.way == again.track.way and replace(a, slowest_s=0.0) == replace(b, slowest_s=0.0)
+    assert first.track.way == again.track.way and replace(a, slowest_s=0.0) == replace(
+        b, slowest_s=0.0
+    )
     assert RobotDrive(open_place, rescue, FAULTS["wheels slip"], 9).run().time_s != a.time_s
     draw_drive(open_place, first.track, a, tmp_path / "drive.png")
     assert (tmp_path / "drive.png").stat().st_size > 10_000
     lines = table([a, replace(a, fault="none", contact="touches a wall")])
     assert len({line.count("|") for line in lines}) == 1 and "| 1 of 1 |" in lines[2]
-    assert verdict_line([a]).startswith("Verdict: nothing touched") and "1 of them by a contact" in verdict_line(
-        [a, replace(a, contact="touches a wall")]
-    )
+    assert verdict_line([a]).startswith(
+        "Verdict: nothing touched"
+    ) and "1 of them by a contact" in verdict_line([a, replace(a, contact="touches a wall")])
 
 
-def test_a_robot_that_believes_wrong_maps_touches_the_wall_and_it_is_seen(closed_place, open_place, rescue):
-    """The maps of the open place over the truth of the closed one: the rehearsal must find the contact."""
+def test_a_robot_that_believes_wrong_maps_touches_the_wall_and_it_is_seen(
+    closed_place, open_place, rescue
+):
+    """The maps of the open place over the truth of the closed one: the rehearsal must find the
+    contact."""
     wrong = replace(closed_place, views=open_place.views, grounds=open_place.grounds)
     drive = RobotDrive(wrong, rescue, FAULTS["none"], 5)
     result = drive.run()
@@ -130,14 +159,18 @@ def test_a_robot_that_believes_wrong_maps_touches_the_wall_and_it_is_seen(closed
 
 
 def test_wheels_report_what_they_believe_and_the_truth_differs(rescue):
-    robot = SimulatedRobot(rescue, (0.0, 0.0, 0.0), WheelFlaws(left_scale=1.05, right_scale=1.05), 1)
+    robot = SimulatedRobot(
+        rescue, (0.0, 0.0, 0.0), WheelFlaws(left_scale=1.05, right_scale=1.05), 1
+    )
     speeds = []
     for k in range(200):
         robot.command(k * STEP_S, DriveCommand(2.0, 0.0))  # faster than it can
         robot.step((k + 1) * STEP_S)
         speeds.append(robot.speed_mps)
     reported = robot.odometry()
-    assert robot.x_m == pytest.approx(1.05 * reported.x_m, rel=0.01) and robot.y_m == pytest.approx(0.0, abs=1e-6)
+    assert robot.x_m == pytest.approx(1.05 * reported.x_m, rel=0.01) and robot.y_m == pytest.approx(
+        0.0, abs=1e-6
+    )
     assert max(speeds) == pytest.approx(rescue.speed_mps)
     assert np.diff(speeds).max() <= rescue.acceleration_mps2 * STEP_S + 1e-9
 
@@ -156,7 +189,9 @@ def test_its_watchdog_ends_a_command_that_is_not_repeated(rescue):
 
 
 def test_slip_turns_the_wheels_and_not_the_robot(rescue):
-    robot = SimulatedRobot(rescue, (0.0, 0.0, 0.0), WheelFlaws(), 1, lambda now_s, x, y: now_s > 2.0)
+    robot = SimulatedRobot(
+        rescue, (0.0, 0.0, 0.0), WheelFlaws(), 1, lambda now_s, x, y: now_s > 2.0
+    )
     for k in range(100):
         robot.command(k * STEP_S, DriveCommand(0.5, 0.0))
         robot.step((k + 1) * STEP_S)
@@ -189,20 +224,38 @@ def test_stations_see_the_way(open_place):
 
 
 def test_wrong_arguments_are_refused(capsys):
-    assert command.main(["--mazes", "0"]) == 2 and "one of them 1 or more" in capsys.readouterr().err
+    assert (
+        command.main(["--mazes", "0"]) == 2 and "one of them 1 or more" in capsys.readouterr().err
+    )
     assert command.main(["--faults", "storm", "--robot", "none.yaml"]) == 2
     with pytest.raises(SimulationError, match="'storm' is none of all, none"):
         faults_of("none,storm")
 
 
-def test_the_command_says_what_broke(open_place, closed_place, rescue, root, tmp_path, monkeypatch, capsys):
-    """The same command over places that were mapped before: status 0, and 1 where a robot touches something."""
-    places = {1: open_place, 2: replace(closed_place, views=open_place.views, grounds=open_place.grounds)}
+def test_the_command_says_what_broke(
+    open_place, closed_place, rescue, root, tmp_path, monkeypatch, capsys
+):
+    """The same command over places that were mapped before: status 0, and 1 where a robot touches
+    something."""
+    places = {
+        1: open_place,
+        2: replace(closed_place, views=open_place.views, grounds=open_place.grounds),
+    }
     monkeypatch.setattr(command, "mapped_place", lambda world, seed, robot, folder: places[seed])
-    given = ["--robot", str(root / "config/robots/rescue.yaml"), "--faults", "none", "-o", str(tmp_path)]
+    given = [
+        "--robot",
+        str(root / "config/robots/rescue.yaml"),
+        "--faults",
+        "none",
+        "-o",
+        str(tmp_path),
+    ]
     assert command.main([*given, "--seed", "1"]) == 0
     out = capsys.readouterr().out
-    assert "places to look from" in out and "Verdict: nothing touched and nothing untrue said in 1 drives" in out
+    assert (
+        "places to look from" in out
+        and "Verdict: nothing touched and nothing untrue said in 1 drives" in out
+    )
     assert command.main([*given, "--seed", "2"]) == 1
     out = capsys.readouterr().out
     assert "--mazes 1 --seed 3 --faults 'none'" in out and (tmp_path / "maze-3-none.png").is_file()

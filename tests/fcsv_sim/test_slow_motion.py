@@ -65,11 +65,17 @@ def kept_by_hand(monkeypatch, tmp_path):
 
 
 def run(*command, **options):
-    return [float(x) for x in subprocess.check_output([sys.executable, "-c", *command], text=True, **options).split()]
+    return [
+        float(x)
+        for x in subprocess.check_output(
+            [sys.executable, "-c", *command], text=True, **options
+        ).split()
+    ]
 
 
 @pytest.mark.parametrize(
-    "wait", ["sleep", "condition", "queue", "socket", "event", "lock", "select", "poll", "epoll", "child"]
+    "wait",
+    ["sleep", "condition", "queue", "socket", "event", "lock", "select", "poll", "epoll", "child"],
 )
 def test_a_wait_is_as_long_as_it_says_by_its_own_clocks_and_longer_by_ours(wait):
     with slow_motion.slow_motion(0.5):
@@ -95,29 +101,39 @@ def test_programs_share_one_time_that_lags_on_every_clock():
 def test_time_of_the_processor_is_not_slowed():
     burn = "import time; a = time.thread_time(), time.monotonic()\nwhile time.thread_time() - a[0] < 0.4: pass\n"
     with slow_motion.slow_motion(0.5):
-        assert run(burn + "print(time.thread_time() - a[0], time.thread_time_ns() * 1e-9)")[0] >= 0.4
+        assert (
+            run(burn + "print(time.thread_time() - a[0], time.thread_time_ns() * 1e-9)")[0] >= 0.4
+        )
 
 
 def test_a_sleep_goes_by_the_rate_as_it_changes(kept_by_hand):
     ready = (
-        "import time; print('ready', flush=True); t = time.monotonic(); time.sleep(1.0); print(time.monotonic() - t)"
+        "import time; print('ready', flush=True); t = time.monotonic(); time.sleep(1.0); "
+        "print(time.monotonic() - t)"
     )
     page, env = kept_by_hand
     page.write(time.monotonic(), 1.0)
-    sleeper = subprocess.Popen([sys.executable, "-c", ready], stdout=subprocess.PIPE, text=True, env=env)
+    sleeper = subprocess.Popen(
+        [sys.executable, "-c", ready], stdout=subprocess.PIPE, text=True, env=env
+    )
     assert sleeper.stdout.readline() == "ready\n"
     began_s = time.monotonic()
     page.write(began_s, 0.5)
     slept_s = float(sleeper.stdout.readline())
     assert sleeper.wait() == 0 and slept_s >= 1.0
-    assert time.monotonic() - began_s >= 1.6  # the first look at the clock may have been before the change
+    # the first look at the clock may have been before the change
+    assert time.monotonic() - began_s >= 1.6
 
 
-@pytest.mark.parametrize("wait", ["sleep", "condition", "socket", "select", "poll", "epoll", "lock"])
+@pytest.mark.parametrize(
+    "wait", ["sleep", "condition", "socket", "select", "poll", "epoll", "lock"]
+)
 def test_nothing_is_over_before_time_goes_on_after_a_halt(kept_by_hand, wait):
     page, env = kept_by_hand
     page.write(time.monotonic(), 1.0, ahead_s=0.1)
-    waiter = subprocess.Popen([sys.executable, "-c", WAITS, wait], stdout=subprocess.PIPE, text=True, env=env)
+    waiter = subprocess.Popen(
+        [sys.executable, "-c", WAITS, wait], stdout=subprocess.PIPE, text=True, env=env
+    )
     time.sleep(1.5)
     assert waiter.poll() is None and page.slow_s(time.monotonic() + 100.0) == page.now_s()
     page.write(time.monotonic(), 1.0)
@@ -143,7 +159,8 @@ print(slow_motion.share_of_real_time(began), os.environ["FCSV_SLOW_MOTION"])
     while os.path.exists(said[3]):  # its keeper removes it
         assert time.monotonic() < deadline
         time.sleep(0.05)
-    assert slow_motion.share_of_real_time((0.0, 0.0)) == pytest.approx(1.0, abs=1e-3)  # here: real time
+    # here: real time
+    assert slow_motion.share_of_real_time((0.0, 0.0)) == pytest.approx(1.0, abs=1e-3)
 
 
 def test_the_environment_is_given_back_and_the_page_removed():
@@ -160,13 +177,16 @@ def test_a_page_goes_on_without_a_jump(tmp_path):
     page.write(100.0, 0.5)
     page.write(110.0, 0.25, ahead_s=2.0)
     assert reader.rate == 0.25
-    assert [reader.slow_s(t) for t in (110.0, 114.0, 118.0, 130.0)] == pytest.approx([105.0, 106.0, 107.0, 107.0])
+    assert [reader.slow_s(t) for t in (110.0, 114.0, 118.0, 130.0)] == pytest.approx(
+        [105.0, 106.0, 107.0, 107.0]
+    )
     page.write(130.0, 1.0)  # the halt is over
     assert [reader.slow_s(t) for t in (130.0, 131.0)] == pytest.approx([107.0, 108.0])
 
 
 def test_time_goes_on_where_the_page_is_deserted(kept_by_hand):
-    """A process that was killed keeps no clock: who waits for something with a time limit must not wait for ever."""
+    """A process that was killed keeps no clock: who waits for something with a time limit must not
+    wait for ever."""
     page, env = kept_by_hand
     page.write(time.monotonic() - 20.0, 1.0, ahead_s=0.1)
     assert run(WAITS, "sleep", env=env)[0] >= 0.295

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everybody stops in a rehearsed flight: the real cores of link, agent, mission and stop-all over a radio."""
+"""Everybody stops in a rehearsed flight: the real cores of link, agent, mission and stop-all over a
+radio."""
 
 import numpy as np
 import pytest
@@ -26,7 +27,10 @@ class Call:
 @pytest.fixture
 def flying():
     """flying(seed, loss) -> a flight that is in the configurations."""
-    listed = [StereoConfiguration(axis, b, record_s=2.0) for axis, b in (("horizontal", 2.0), ("vertical", 5.0))]
+    listed = [
+        StereoConfiguration(axis, b, record_s=2.0)
+        for axis, b in (("horizontal", 2.0), ("vertical", 5.0))
+    ]
 
     def begin(seed, loss=0.01):
         flight = Flight(Mission("rehearsed", listed), 2, seed, RadioQuality(loss=loss))
@@ -51,7 +55,8 @@ def asked_since(flight, name, since_s):
     return [(at_s, mode) for at_s, mode in flight.fleet[name].modes_asked if at_s >= since_s]
 
 
-@pytest.mark.parametrize("loss, most_s", [(0.0, 0.1), (0.3, 1.0)])  # a second holds five repetitions
+# a second holds five repetitions
+@pytest.mark.parametrize("loss, most_s", [(0.0, 0.1), (0.3, 1.0)])
 def test_with_the_mission_dead_everybody_stops_and_stays(flying, loss, most_s):
     flight = flying(1, loss)
     flight.control.alive = False  # it neither hears nor says anything; the stop-all node does
@@ -109,7 +114,7 @@ def test_who_was_stopped_above_another_lands_beside_it_when_the_control_pc_is_go
     assert np.linalg.norm((upper.p_world_m - lower.p_world_m)[:2]) > 1.5
 
 
-# ---- an odometry that begins anew ------------------------------------------------------------------------------
+# ---- an odometry that begins anew ----------------------------------------------------------------
 
 
 def test_a_gap_of_the_tracker_holds_everybody_within_half_a_second(flying):
@@ -121,8 +126,10 @@ def test_a_gap_of_the_tracker_holds_everybody_within_half_a_second(flying):
     lost.tracker_on = True
     back_s = flight.now_s
     wait(flight, 0.5)
-    assert any(p.startswith("uav2: its odometry began anew (the tracker was silent for 0.")
-               for p in flight.control.machine.problems)  # fmt: skip
+    assert any(
+        p.startswith("uav2: its odometry began anew (the tracker was silent for 0.")
+        for p in flight.control.machine.problems
+    )
     wait(flight, 4.0)  # from 2 m/s it takes a while to stand
     places = {n: v.p_world_m.copy() for n, v in flight.fleet.items()}
     wait(flight, 20.0)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hands on the sticks of Tellos before a mocap: from take-off until the tracker knows everybody, by screens alone."""
+"""Hands on the sticks of Tellos before a mocap: from take-off until the tracker knows everybody, by
+screens alone."""
 
 import numpy as np
 import pytest
@@ -19,14 +20,18 @@ def screen(T=HERE, mode="LOITER", armed=True, feed_hz=10.0):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_they_take_off_sway_until_the_tracker_knows_both_hold_and_land(seed, tmp_path, root):
-    """A place that is held is off by what the flow sensor and the odometry drift before the tracker's first pose."""
+    """A place that is held is off by what the flow sensor and the odometry drift before the
+    tracker's first pose."""
     mission = load_mission(root / "config" / "missions" / "tello.yaml")
     air = ByHand(tmp_path, mission, seed)
     air.run(1.0, "WAIT_VEHICLES")
     tellos = air.tellos.values()
-    assert air.run(20.0, "TAKE_OFF", lambda: all(one.p_m[2] > mission.home_height_m - 0.3 for one in tellos))
+    assert air.run(
+        20.0, "TAKE_OFF", lambda: all(one.p_m[2] > mission.home_height_m - 0.3 for one in tellos)
+    )
     air.run(3.0, "TAKE_OFF")
-    assert not any(air.screen(n).tracked for n in air.tellos)  # a heading is not proven by standing still
+    # a heading is not proven by standing still
+    assert not any(air.screen(n).tracked for n in air.tellos)
     assert air.run(30.0, "COLUMN", lambda: all(air.screen(n).tracked for n in air.tellos))
     air.run(8.0, "MOVE_HOME")
     places = {n: one.p_m.copy() for n, one in air.tellos.items()}
@@ -45,7 +50,8 @@ def test_the_frame_that_changes_moves_no_vehicle():
     assert hands.act(1.05, "MOVE_HOME", screen()).sticks.moved == 0.0
     moved = transforms.from_xyz_yaw([3.0, -1.0, -0.3], 0.2)
     sticks = hands.act(1.1, "MOVE_HOME", screen(moved @ HERE)).sticks
-    assert (sticks.forward, sticks.left, sticks.up) == (0.0, 0.0, 0.0) and sticks.turn < 0.0  # to look along its x
+    # to look along its x
+    assert (sticks.forward, sticks.left, sticks.up) == (0.0, 0.0, 0.0) and sticks.turn < 0.0
 
 
 def test_they_let_go_of_whom_the_mission_flies_and_land_whom_it_leaves():
@@ -62,8 +68,14 @@ def test_they_let_go_of_whom_the_mission_flies_and_land_whom_it_leaves():
 
 def test_the_button_is_pressed_once_all_are_tracked_and_calm():
     finger, lost = Finger(), screen(feed_hz=0.0)
-    assert not any(finger.press(t, "set_home", {"a": screen(), "b": lost}) for t in np.arange(0.0, 5.0, 0.5))
-    pressed = [t for t in np.arange(5.0, 8.0, 0.5) if finger.press(t, "set_home", {"a": screen(), "b": screen()})]
+    assert not any(
+        finger.press(t, "set_home", {"a": screen(), "b": lost}) for t in np.arange(0.0, 5.0, 0.5)
+    )
+    pressed = [
+        t
+        for t in np.arange(5.0, 8.0, 0.5)
+        if finger.press(t, "set_home", {"a": screen(), "b": screen()})
+    ]
     assert pressed == [7.0]
     moving = Screen(True, "LOITER", HERE, np.array([0.5, 0.0, 0.0]), 10.0)
     assert not any(finger.press(t, "execute", {"a": moving}) for t in np.arange(10.0, 15.0, 0.5))

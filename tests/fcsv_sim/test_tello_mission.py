@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A whole mission of two simulated Tellos before a mocap by the cores that fly it, faster than real time."""
+"""A whole mission of two simulated Tellos before a mocap by the cores that fly it, faster than real
+time."""
 
 import numpy as np
 import pytest
@@ -15,7 +16,9 @@ pytestmark = pytest.mark.slow
 def test_mission_agents_and_guardians_fly_tellos_as_they_fly_an_ardupilot(seed, tmp_path, root):
     """Bounds of a set-point: 0.15 m and 5 degrees, by the truth (docs/lab/autopilot.md)."""
     mission = load_mission(root / "config" / "missions" / "tello.yaml")
-    air = TelloMission(tmp_path, mission, load_vehicles(root / "config" / "vehicles", ["tello1", "tello2"]), seed)
+    air = TelloMission(
+        tmp_path, mission, load_vehicles(root / "config" / "vehicles", ["tello1", "tello2"]), seed
+    )
     assert air.fly() == "DONE", air.phases[-10:]
     assert len(air.machine.captures) == len(mission.configurations)
     worst = {name: np.max(held, axis=0).round(3).tolist() for name, held in air.held.items()}
@@ -38,10 +41,15 @@ def low_battery(air, name, since_s):
 
 
 @pytest.mark.parametrize("fault", [lost_wifi, lost_tracking, low_battery])
-def test_a_fault_while_one_is_above_the_other_is_held_or_landed_and_nobody_is_hit(fault, tmp_path, root):
-    """Of tello2, from the moment at which pictures of the vertical pair are recorded: it is 1 m above tello1."""
+def test_a_fault_while_one_is_above_the_other_is_held_or_landed_and_nobody_is_hit(
+    fault, tmp_path, root
+):
+    """Of tello2, from the moment at which pictures of the vertical pair are recorded: it is 1 m
+    above tello1."""
     mission = load_mission(root / "config" / "missions" / "tello.yaml")
-    air = TelloMission(tmp_path, mission, load_vehicles(root / "config" / "vehicles", ["tello1", "tello2"]))
+    air = TelloMission(
+        tmp_path, mission, load_vehicles(root / "config" / "vehicles", ["tello1", "tello2"])
+    )
     began_s = []
 
     def meanwhile(air):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where simulated Tellos are on one computer: in namespaces, or on loopback where these are not permitted."""
+"""Where simulated Tellos are on one computer: in namespaces, or on loopback where these are not
+permitted."""
 
 import time
 
@@ -26,13 +27,19 @@ def test_in_namespaces_each_is_at_its_usual_address_and_may_be_switched_off_and_
         assert netns.exists(place.link["network"])
         begun_s = time.monotonic()
         tello_air.drone(**place.drone)
-        until(lambda: [t for t, _ in client.events["connected"] if t > begun_s], 15.0, "connected again")
+        until(
+            lambda: [t for t, _ in client.events["connected"] if t > begun_s],
+            15.0,
+            "connected again",
+        )
         tello_air.close()
     assert not [p for p in found.values() if netns.exists(f"{p.network}-device")]
 
 
 def test_where_namespaces_are_not_permitted_it_says_so_and_ports_differ(monkeypatch, tmp_path):
-    monkeypatch.setattr(namespaces, "permitted", lambda: "no network namespaces here (ip: Operation not permitted)")
+    monkeypatch.setattr(
+        namespaces, "permitted", lambda: "no network namespaces here (ip: Operation not permitted)"
+    )
     with places(VEHICLES) as (found, words):
         assert "not permitted" in words and "loopback" in words
         ports = [n for p in found.values() for n in (p.port, p.client_port, p.video_port)]
@@ -47,7 +54,9 @@ def test_on_loopback_it_is_flown(tello_air, monkeypatch):
         drone = tello_air.drone(**place.drone)
         link = place.link
         client = tello_air.client(
-            address=(link["address"], link["tello_port"]), port=link["port"], video_port=link["video_port"]
+            address=(link["address"], link["tello_port"]),
+            port=link["port"],
+            video_port=link["video_port"],
         )
         client.connect().tello.takeoff()
         until(lambda: drone.drone.flight.flying, 10.0, "takes off")
@@ -55,7 +64,8 @@ def test_on_loopback_it_is_flown(tello_air, monkeypatch):
 
 
 def test_pictures_without_stamps_of_their_own_get_the_truth_that_is_nearest(tmp_path):
-    """The third was never taken; another vehicle's pictures, which have stamps, are as they were noted."""
+    """The third was never taken; another vehicle's pictures, which have stamps, are as they were
+    noted."""
     head = "stamp_s,vehicle,x\n"
     notes = head + "10.0,tello1,0.0\n10.3,tello1,1.0\n10.6,tello1,2.0\n10.9,te"
     (tmp_path / "truth_cameras_tello1.csv").write_text(notes)

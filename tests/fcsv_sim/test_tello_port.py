@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What anybody may send to the simulated Tello's port: it answers who speaks its protocol, and nothing ends it."""
+"""What anybody may send to the simulated Tello's port: it answers who speaks its protocol, and
+nothing ends it."""
 
 import random
 import socket
@@ -58,12 +59,16 @@ class Wire:
                 return found
 
     def packets(self, seconds=0.05, sock=None):
-        return [decode(d) for d in self.heard(seconds, sock) if not d.startswith(messages.CONNECTED)]
+        return [
+            decode(d) for d in self.heard(seconds, sock) if not d.startswith(messages.CONNECTED)
+        ]
 
     def ask(self, message, payload=b"", sequence=7, kind=0x68):
         """The payload of its answer, None where there is none."""
         self.send(encode(Packet(message, sequence, payload, kind)))
-        answers = [p.payload for p in self.packets() if p.message == message and p.sequence == sequence]
+        answers = [
+            p.payload for p in self.packets() if p.message == message and p.sequence == sequence
+        ]
         return answers[0] if answers else None
 
 
@@ -95,12 +100,19 @@ def test_one_client_at_a_time_and_room_for_another_after_silence(wire):
     other.close()
 
 
-@pytest.mark.parametrize("message, payload, answer", [
-    (Message.SET_HEIGHT_LIMIT, b"\x14\x00", b"\x00"), (Message.SET_HEIGHT_LIMIT, b"", b"\x01"),
-    (Message.SET_TILT_LIMIT, struct.pack("<f", 15.0), b"\x00"),
-    (Message.SET_TILT_LIMIT, struct.pack("<f", float("nan")), b"\x01"), (Message.SET_TILT_LIMIT, b"\x00", b"\x01"),
-    (Message.SET_LOW_BATTERY, b"\x65", b"\x01"), (Message.SET_ENCODER_RATE, b"\x09", b"\x01"), (0x0FFF, b"", None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "message, payload, answer",
+    [
+        (Message.SET_HEIGHT_LIMIT, b"\x14\x00", b"\x00"),
+        (Message.SET_HEIGHT_LIMIT, b"", b"\x01"),
+        (Message.SET_TILT_LIMIT, struct.pack("<f", 15.0), b"\x00"),
+        (Message.SET_TILT_LIMIT, struct.pack("<f", float("nan")), b"\x01"),
+        (Message.SET_TILT_LIMIT, b"\x00", b"\x01"),
+        (Message.SET_LOW_BATTERY, b"\x65", b"\x01"),
+        (Message.SET_ENCODER_RATE, b"\x09", b"\x01"),
+        (0x0FFF, b"", None),
+    ],
+)
 def test_what_it_cannot_do_is_refused(wire, message, payload, answer):
     connect(wire)
     assert wire.ask(message, payload) == answer
@@ -108,8 +120,14 @@ def test_what_it_cannot_do_is_refused(wire, message, payload, answer):
 
 def test_a_battery_that_is_low_refuses_take_off(wire):
     connect(wire)
-    assert wire.ask(Message.SET_LOW_BATTERY, b"\x63") == b"\x00" and wire.ask(Message.TAKE_OFF) == b"\x01"
-    assert wire.ask(Message.SET_LOW_BATTERY, b"\x0a") == b"\x00" and wire.ask(Message.TAKE_OFF) == b"\x00"
+    assert (
+        wire.ask(Message.SET_LOW_BATTERY, b"\x63") == b"\x00"
+        and wire.ask(Message.TAKE_OFF) == b"\x01"
+    )
+    assert (
+        wire.ask(Message.SET_LOW_BATTERY, b"\x0a") == b"\x00"
+        and wire.ask(Message.TAKE_OFF) == b"\x00"
+    )
 
 
 def test_wrong_checksums_and_lengths_are_counted_and_change_nothing(wire):
@@ -127,20 +145,30 @@ def some(random_, count):
 
 
 def garbage(random_, k):
-    """Bytes; good packets of any number with any payload; good packets that one bit or the end is missing of."""
+    """Bytes; good packets of any number with any payload; good packets that one bit or the end is
+    missing of."""
     payload = some(random_, random_.choice([0, 1, 2, 3, 4, 6, 11, 40]))
     numbers = [*Message, random_.randrange(1 << 16)]
     packet = encode(Packet(random_.choice(numbers), k & 0xFFFF, payload, random_.randrange(256)))
     at = random_.randrange(len(packet))
-    return random_.choice([
-        some(random_, random_.randrange(0, 1500)), packet, packet, packet,
-        packet[:at], packet[:at] + bytes([packet[at] ^ 1 << random_.randrange(8)]) + packet[at + 1 :],
-        messages.CONNECT + some(random_, random_.randrange(4)), messages.EMERGENCY, b"command",
-    ])  # fmt: skip
+    return random_.choice(
+        [
+            some(random_, random_.randrange(0, 1500)),
+            packet,
+            packet,
+            packet,
+            packet[:at],
+            packet[:at] + bytes([packet[at] ^ 1 << random_.randrange(8)]) + packet[at + 1 :],
+            messages.CONNECT + some(random_, random_.randrange(4)),
+            messages.EMERGENCY,
+            b"command",
+        ]
+    )
 
 
 def test_ten_thousand_random_inputs_on_its_port(wire):
-    """From the client and from a stranger, on the ground and in the air; afterwards it still flies."""
+    """From the client and from a stranger, on the ground and in the air; afterwards it still
+    flies."""
     random_, stranger = random.Random(1), wire.another()
     connect(wire)
     for k in range(10_000):
@@ -176,4 +204,10 @@ def test_sticks_and_packets_survive_their_way():
         decode(encode(packet)[:-1])
     packed = 1024 + 660 | (1024 - 660) << 11 | 1024 << 22 | (1024 + 330) << 33 | 1 << 44
     sticks = messages.decode_sticks(packed.to_bytes(6, "little"))
-    assert (sticks.roll, sticks.pitch, sticks.throttle, sticks.yaw, sticks.fast) == (1.0, -1.0, 0.0, 0.5, True)
+    assert (sticks.roll, sticks.pitch, sticks.throttle, sticks.yaw, sticks.fast) == (
+        1.0,
+        -1.0,
+        0.0,
+        0.5,
+        True,
+    )

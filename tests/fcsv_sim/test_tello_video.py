@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated Tello's video: how it is cut, and that unmodified tellopy and PyAV see the world with it."""
+"""The simulated Tello's video: how it is cut, and that unmodified tellopy and PyAV see the world
+with it."""
 
 import os
 import signal
@@ -56,12 +57,23 @@ def test_a_key_picture_begins_with_its_parameter_sets_and_others_have_none():
 
 
 def test_what_is_cut_decodes_to_the_pictures():
-    encoder, packets, decoder = Encoder(120, 90, 5.0), Packets(), av.CodecContext.create("h264", "r")
-    stream = b"".join(d[2:] for k in range(6) for d in packets.cut(encoder.encode(smooth(k), 2e6, not k)))
-    seen = [f.to_ndarray(format="rgb24") for p in [*decoder.parse(stream), *decoder.parse()] for f in decoder.decode(p)]
+    encoder, packets, decoder = (
+        Encoder(120, 90, 5.0),
+        Packets(),
+        av.CodecContext.create("h264", "r"),
+    )
+    stream = b"".join(
+        d[2:] for k in range(6) for d in packets.cut(encoder.encode(smooth(k), 2e6, not k))
+    )
+    seen = [
+        f.to_ndarray(format="rgb24")
+        for p in [*decoder.parse(stream), *decoder.parse()]
+        for f in decoder.decode(p)
+    ]
     assert len(seen) == 6
     for k, picture in enumerate(seen):
-        assert np.abs(picture.astype(float) - smooth(k)).mean() < 4.0  # of 255, at constant rate factor 33
+        # of 255, at constant rate factor 33
+        assert np.abs(picture.astype(float) - smooth(k)).mean() < 4.0
         assert np.abs(picture.astype(float) - smooth(k + 3)).mean() > 12.0
 
 
@@ -79,22 +91,35 @@ def test_fewer_bits_where_the_client_asks_for_fewer():
     lengths = []
     for bit_per_s in (1e6, 4e6):
         encoder = Encoder(960, 720, 5.0)
-        lengths.append(sum(len(encoder.encode(noisy(k, (720, 960)), bit_per_s, not k)) for k in range(20)))
-    assert lengths[0] < 0.5 * lengths[1] and lengths[0] * 8 < 1.5 * (4.0 * 1e6 + 1e6)  # 4 s, and a second of buffer
+        lengths.append(
+            sum(len(encoder.encode(noisy(k, (720, 960)), bit_per_s, not k)) for k in range(20))
+        )
+    # 4 s, and a second of buffer
+    assert lengths[0] < 0.5 * lengths[1] and lengths[0] * 8 < 1.5 * (4.0 * 1e6 + 1e6)
 
 
 def video(**changes):
-    return VideoParameters("street", vehicles_dir="config/vehicles", rate_hz=5.0, camera=SMALL, **changes)
+    return VideoParameters(
+        "street", vehicles_dir="config/vehicles", rate_hz=5.0, camera=SMALL, **changes
+    )
 
 
 def notes(folder):
-    rows = [line.split(",") for line in (folder / "truth_cameras_tello1.csv").read_text().splitlines()[1:]]
-    return [transforms.from_xyz_quaternion(*np.split(np.array(row[2:], float), [3])) for row in rows]
+    rows = [
+        line.split(",")
+        for line in (folder / "truth_cameras_tello1.csv").read_text().splitlines()[1:]
+    ]
+    return [
+        transforms.from_xyz_quaternion(*np.split(np.array(row[2:], float), [3])) for row in rows
+    ]
 
 
 def like(a, b):
     """Correlation of two pictures' grey values, whatever their exposure."""
-    flat = [cv2.GaussianBlur(cv2.cvtColor(p, cv2.COLOR_RGB2GRAY).astype(float), (0, 0), 2.0).ravel() for p in (a, b)]
+    flat = [
+        cv2.GaussianBlur(cv2.cvtColor(p, cv2.COLOR_RGB2GRAY).astype(float), (0, 0), 2.0).ravel()
+        for p in (a, b)
+    ]
     return float(np.corrcoef(*flat)[0, 1])
 
 
@@ -112,12 +137,16 @@ class Watcher:
         self._thread.start()
 
     def _decode(self):
-        container = av.open(self._stream, format="h264", options={"probesize": "4096", "analyzeduration": "0"})
+        container = av.open(
+            self._stream, format="h264", options={"probesize": "4096", "analyzeduration": "0"}
+        )
         for frame in container.decode(video=0):
             self.pictures.append(frame.to_ndarray(format="rgb24"))
 
 
-def test_tellopys_video_stream_shows_the_world_from_where_it_is(tello_air, tmp_path, root, monkeypatch):
+def test_tellopys_video_stream_shows_the_world_from_where_it_is(
+    tello_air, tmp_path, root, monkeypatch
+):
     monkeypatch.chdir(root)
     network = tello_air.network()
     clear = RadioParameters(loss=0.0)
@@ -136,7 +165,9 @@ def test_tellopys_video_stream_shows_the_world_from_where_it_is(tello_air, tmp_p
     assert pictures[0].shape == (360, 480, 3) and not client.tello.video_data_loss
     renderer = Renderer(Town.generate(1, "street"))
     seen = [renderer.render(pose, SMALL.model, samples=1)[0] for pose in poses]
-    order = []  # of the noted poses that pictures show: a busy decoder leaves some out, so counting does not tell
+    # of the noted poses that pictures show: a busy decoder leaves some out, so counting does not
+    # tell
+    order = []
     for k in np.linspace(0, len(pictures) - 1, 5).astype(int):
         likeness = [like(pictures[k], s) for s in seen]
         order.append(int(np.argmax(likeness)))
@@ -146,7 +177,8 @@ def test_tellopys_video_stream_shows_the_world_from_where_it_is(tello_air, tmp_p
 
 
 def test_pictures_come_again_after_loss_and_after_its_camera_died(tello_air, root, monkeypatch):
-    """One of 50 packets lost: a picture that is broken stays so until the next key picture, which tellopy asks for.
+    """One of 50 packets lost: a picture that is broken stays so until the next key picture, which
+    tellopy asks for.
 
     Of some 20 packets of a key picture all arrive in two of three cases.
     """
@@ -161,12 +193,27 @@ def test_pictures_come_again_after_loss_and_after_its_camera_died(tello_air, roo
     os.kill(first, signal.SIGKILL)
     until(lambda: drone.shell.camera.pid != first, 10.0, "its camera is started again")
     again_s = time.monotonic()
-    until(lambda: decoded([d for s, d in client.events["video_data"] if s > again_s]) > 3, FIRST_S, "pictures again")
+    until(
+        lambda: decoded([d for s, d in client.events["video_data"] if s > again_s]) > 3,
+        FIRST_S,
+        "pictures again",
+    )
 
 
 def test_its_camera_ends_with_it_whatever_kills_it(tmp_path, root):
-    command = [sys.executable, "-m", "fcsv_sim.tello.command", "--address", "127.0.0.1", "--port", str(free_udp_port()),
-               "--sim-dir", str(tmp_path), "--world", "field"]  # fmt: skip
+    command = [
+        sys.executable,
+        "-m",
+        "fcsv_sim.tello.command",
+        "--address",
+        "127.0.0.1",
+        "--port",
+        str(free_udp_port()),
+        "--sim-dir",
+        str(tmp_path),
+        "--world",
+        "field",
+    ]
     process = subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE)
     try:
         process.stdout.readline()
@@ -175,7 +222,11 @@ def test_its_camera_ends_with_it_whatever_kills_it(tmp_path, root):
         process.kill()
         process.wait()
         process.stdout.close()
-    until(lambda: not camera.is_running() or camera.status() == psutil.STATUS_ZOMBIE, FIRST_S, "its camera ends")
+    until(
+        lambda: not camera.is_running() or camera.status() == psutil.STATUS_ZOMBIE,
+        FIRST_S,
+        "its camera ends",
+    )
 
 
 def decoded(datagrams):

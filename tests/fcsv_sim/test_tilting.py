@@ -30,30 +30,44 @@ class TestRig:
         tick = 2.0 * np.pi / 4096.0
         stops = np.radians(simulated.errors.stop_deg) + tick / 2.0
         assert np.abs(np.subtract(simulated.angles, goal)).max() <= stops
-        assert np.abs(np.subtract(simulated.read(), simulated.angles)).max() <= tick / 2 + np.radians(0.02) + 1e-9
+        assert (
+            np.abs(np.subtract(simulated.read(), simulated.angles)).max()
+            <= tick / 2 + np.radians(0.02) + 1e-9
+        )
         assert np.allclose(np.remainder(np.add(simulated.read(), tick / 4) / tick, 1.0), 0.25)
 
     def test_rigs_differ_from_their_file_as_it_says(self, rig):
-        """Forty rigs: the spread of the right camera's place is ``known`` to 25 % (two sigma of its estimate)."""
+        """Forty rigs: the spread of the right camera's place is ``known`` to 25 % (two sigma of its
+        estimate)."""
         told = rig.T_left_right(TiltAngles(0.0, 0.0))
-        off = [SimulatedRig(rig, seed).true.T_left_right(TiltAngles(0.0, 0.0)) for seed in range(40)]
+        off = [
+            SimulatedRig(rig, seed).true.T_left_right(TiltAngles(0.0, 0.0)) for seed in range(40)
+        ]
         turn_deg = [np.degrees(transforms.rotation_angle(told, T)) for T in off]
-        assert np.sqrt(np.mean(np.square(turn_deg)) / 3.0) == pytest.approx(rig.known.rotation_deg, rel=0.25)
+        assert np.sqrt(np.mean(np.square(turn_deg)) / 3.0) == pytest.approx(
+            rig.known.rotation_deg, rel=0.25
+        )
         away_m = [T[:3, 3] - told[:3, 3] for T in off]
         assert np.std(away_m) == pytest.approx(rig.known.position_m, rel=0.25)
 
     def test_one_servo_turns_both(self, rig):
         simulated = SimulatedRig(replace(rig, right=replace(rig.right, servo=None)))
         simulated.turn(TiltAngles(0.3, 0.0))
-        assert simulated.angles.left_rad == simulated.angles.right_rad == pytest.approx(0.3, abs=2e-3)
+        assert (
+            simulated.angles.left_rad == simulated.angles.right_rad == pytest.approx(0.3, abs=2e-3)
+        )
 
     def test_a_rig_as_made_is_known_after_calibration(self, rig):
-        """A degree and millimetres off its drawing; what is left is what it says, four sigma of nine places."""
+        """A degree and millimetres off its drawing; what is left is what it says, four sigma of
+        nine places."""
         simulated = SimulatedRig(rig, built=as_made)
         found = calibrate_simulated(simulated).rig
         assert max(away(rig, simulated.true)) > 0.5 and simulated.told is rig
         turn_deg, away_m = away(found, simulated.true)
-        assert turn_deg < 4.0 * found.known.rotation_deg < 0.2 and away_m < 4.0 * found.known.position_m < 0.004
+        assert (
+            turn_deg < 4.0 * found.known.rotation_deg < 0.2
+            and away_m < 4.0 * found.known.position_m < 0.004
+        )
 
 
 def away(found, true):
@@ -75,8 +89,13 @@ def test_things_are_about_their_place_and_thin(name):
 
 class TestDemo:
     def test_it_refuses_missions_and_leaves_what_is_there(self, tmp_path, capsys):
-        assert demo.main(["--system", "tilting", "--mission", "short", "--out", str(tmp_path / "o")]) == 2
-        assert "system tilting flies none" in capsys.readouterr().err and not (tmp_path / "o").exists()
+        assert (
+            demo.main(["--system", "tilting", "--mission", "short", "--out", str(tmp_path / "o")])
+            == 2
+        )
+        assert (
+            "system tilting flies none" in capsys.readouterr().err and not (tmp_path / "o").exists()
+        )
         elsewhere = ["--autopilot", "tcp:127.0.0.1:5760", "--out", str(tmp_path / "o")]
         assert demo.main(["--system", "tilting", *elsewhere]) == 2
         assert "in system tilting no autopilot flies" in capsys.readouterr().err
@@ -89,18 +108,33 @@ class TestDemo:
 
     @pytest.mark.slow
     def test_a_valve_near_by_is_whole_where_cameras_are_tilted(self, root, tmp_path):
-        """At half the size: parallel cameras 0.3 m apart lose part of what is 0.4 m away, tilted ones none of it."""
+        """At half the size: parallel cameras 0.3 m apart lose part of what is 0.4 m away, tilted
+        ones none of it."""
         document = yaml.safe_load((root / "config/tilting/rig.yaml").read_text())
         for side in ("left", "right"):
-            document[side]["camera"] = {"width": 320, "height": 240, "fx": 300.9, "fy": 300.9, "cx": 159.5, "cy": 119.5}
+            document[side]["camera"] = {
+                "width": 320,
+                "height": 240,
+                "fx": 300.9,
+                "fy": 300.9,
+                "cx": 159.5,
+                "cy": 119.5,
+            }
         (tmp_path / "rig.yaml").write_text(yaml.safe_dump(document))
         said = []
         rig_file, out = str(tmp_path / "rig.yaml"), tmp_path / "out"
-        assert tilting.run(out, said.append, things=["valve"], distances_m=[0.4], rig_file=rig_file) == 0
+        assert (
+            tilting.run(out, said.append, things=["valve"], distances_m=[0.4], rig_file=rig_file)
+            == 0
+        )
         assert any("live depth of valve at 0.4 m" in line for line in said)
         for name in ("curves.png", "pictures.png", "live.png"):
             assert (tmp_path / "out" / name).stat().st_size > 5000
-        rows = [r.split(" | ") for r in (tmp_path / "out/table.md").read_text().splitlines() if r.startswith("| valve")]
+        rows = [
+            r.split(" | ")
+            for r in (tmp_path / "out/table.md").read_text().splitlines()
+            if r.startswith("| valve")
+        ]
         assert [(r[1], r[2] == "parallel") for r in rows] == [("0.4 m", True), ("0.4 m", False)]
         shown, right = ([float(r[k].rstrip("%")) for r in rows] for k in (3, 5))
         assert shown[0] < 75.0 and shown[1] > 85.0  # its pipe is cut above and below in both

@@ -28,14 +28,19 @@ def test_a_seed_is_a_town(town):
     again, other = Town.generate(1), Town.generate(2)
     for name in ("vertices", "triangles", "uv", "material", "instance", "parameters"):
         assert np.array_equal(getattr(town, name), getattr(again, name)), name
-    assert other.vertices.shape != town.vertices.shape or not np.array_equal(other.vertices, town.vertices)
+    assert other.vertices.shape != town.vertices.shape or not np.array_equal(
+        other.vertices, town.vertices
+    )
 
 
 @pytest.mark.parametrize("world", sorted(set(WORLDS) - {"street"}))
 def test_other_worlds(world):
-    """Bounded, the same again, free where vehicles fly, depth at every range that equations are judged on."""
+    """Bounded, the same again, free where vehicles fly, depth at every range that equations are
+    judged on."""
     made, again = Town.generate(1, world), Town.generate(1, world)
-    assert np.array_equal(made.vertices, again.vertices) and np.array_equal(made.parameters, again.parameters)
+    assert np.array_equal(made.vertices, again.vertices) and np.array_equal(
+        made.parameters, again.parameters
+    )
     assert 300_000 < len(made.triangles) < 1_500_000
     assert np.isfinite(made.vertices).all() and made.triangles.max() == len(made.vertices) - 1
     assert made.instance.max() < len(made.parameters)
@@ -50,10 +55,13 @@ def test_other_worlds(world):
 
 
 def test_worlds_differ_in_texture():
-    """The plain world is the one with little: less than half of the street's contrast on the ground and walls."""
+    """The plain world is the one with little: less than half of the street's contrast on the ground
+    and walls."""
     contrast = {}
     for world in ("street", "plain"):
-        picture, depth = Renderer(Town.generate(1, world)).render(forward(1, 0, 8), CameraParameters().model)
+        picture, depth = Renderer(Town.generate(1, world)).render(
+            forward(1, 0, 8), CameraParameters().model
+        )
         grey = picture.mean(2)
         steps = np.abs(np.diff(grey, axis=1))[np.isfinite(depth[:, 1:])]
         contrast[world] = np.median(steps)
@@ -67,18 +75,25 @@ def test_an_unknown_world_is_named():
 
 def test_the_mesh_is_whole_and_of_a_size_that_can_be_rendered(town):
     assert 300_000 < len(town.triangles) < 1_500_000
-    assert np.isfinite(town.vertices).all() and np.isfinite(town.uv).all() and np.isfinite(town.parameters).all()
+    assert (
+        np.isfinite(town.vertices).all()
+        and np.isfinite(town.uv).all()
+        and np.isfinite(town.parameters).all()
+    )
     assert town.triangles.min() == 0 and town.triangles.max() == len(town.vertices) - 1
     assert len(town.material) == len(town.instance) == len(town.triangles)
     assert town.instance.max() < len(town.parameters)
     assert set(np.unique(town.material)) == set(range(materials.CONCRETE + 1))
     buildings = town.vertices[town.triangles[town.material == materials.FACADE].ravel()]
-    assert buildings[:, 0].max() > 450 and buildings[:, 1].min() < -200 and buildings[:, 1].max() > 200
+    assert (
+        buildings[:, 0].max() > 450 and buildings[:, 1].min() < -200 and buildings[:, 1].max() > 200
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 5, 7])
 def test_nothing_stands_where_vehicles_fly(seed):
-    """Columns start at x <= 0 and configurations reach 10 m to a side: the field is flat and empty up to x = 10 m."""
+    """Columns start at x <= 0 and configurations reach 10 m to a side: the field is flat and empty
+    up to x = 10 m."""
     town = Town.generate(seed)
     v = town.vertices
     assert len(town.triangles) < 1_500_000
@@ -88,7 +103,8 @@ def test_nothing_stands_where_vehicles_fly(seed):
 
 @pytest.mark.parametrize("seed", [3, 4])
 def test_depth_at_all_ranges(seed):
-    """What the mapping is judged on: sky a quarter of the picture, something at every distance up to the hills."""
+    """What the mapping is judged on: sky a quarter of the picture, something at every distance up
+    to the hills."""
     renderer = Renderer(Town.generate(seed))
     depth = renderer.render(forward(1, 0, 8), CameraParameters().model, samples=1)[1]
     seen = depth[np.isfinite(depth)]
@@ -117,6 +133,10 @@ def test_command_refuses_what_it_cannot_do(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert world_command.main(["--ply", str(tmp_path / "file" / "scene.ply")]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 2 and "--seed" in lines[0] and f"{tmp_path / 'file'}: a file stands" in lines[1]
+    assert (
+        len(lines) == 2
+        and "--seed" in lines[0]
+        and f"{tmp_path / 'file'}: a file stands" in lines[1]
+    )
     with pytest.raises(SimulationError, match="png"):
         world_command._write_picture(str(tmp_path / "a.txt"), np.zeros((2, 2, 3), np.uint8))

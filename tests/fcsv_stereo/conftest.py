@@ -19,7 +19,8 @@ def pool():
 
 @pytest.fixture(scope="session")
 def tiny_map():
-    """Depths of 1 cm to 2 km, sigma of 0.1 to 30 % of them, every kind; none in the first row but a corner."""
+    """Depths of 1 cm to 2 km, sigma of 0.1 to 30 % of them, every kind; none in the first row but a
+    corner."""
     random = np.random.default_rng(3)
     shape = (CAMERA.height, CAMERA.width)
     depth = np.exp(random.uniform(np.log(0.01), np.log(2000.0), shape)).astype(np.float32)
@@ -29,6 +30,9 @@ def tiny_map():
     image = random.integers(0, 255, (*shape, 3), np.uint8)
     reference = Reference("uav1/10.000", 10.0, "uav1", image, CAMERA, camera_pose([1.0, -2.0, 3.0]))
     none = Cloud(
-        np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8), np.empty(0, np.float32), np.empty(0, np.uint8)
+        np.empty((0, 3), np.float32),
+        np.empty((0, 3), np.uint8),
+        np.empty(0, np.float32),
+        np.empty(0, np.uint8),
     )
     return MapResult("joint", reference, [], [], depth, sigma, none, kind=kind)

@@ -31,7 +31,8 @@ def test_two_pairs_of_one_length_share_a_name():
 
 @pytest.fixture
 def topics(monkeypatch):
-    """The topics with publishers that keep what they are given; ``listeners``: who listens to which."""
+    """The topics with publishers that keep what they are given; ``listeners``: who listens to
+    which."""
     rospy = pytest.importorskip("rospy")
     from fcsv_stereo.ros import baseline_topics
 
@@ -102,10 +103,17 @@ def test_playback_shows_the_same_of_a_finished_map(topics, tmp_path, monkeypatch
     publisher.made.clear()
     write_ply(cloud([0, 1]), tmp_path / "map.ply", np.array(origin_m))
     sent = []
-    broadcaster = type("Broadcaster", (), {"sendTransform": lambda _self, transform: sent.append(transform)})
+    broadcaster = type(
+        "Broadcaster", (), {"sendTransform": lambda _self, transform: sent.append(transform)}
+    )
     monkeypatch.setattr(show_map_node.tf2_ros, "StaticTransformBroadcaster", broadcaster)
-    monkeypatch.setattr(rospy, "Publisher", lambda name, kind, queue_size, latch=False, subscriber_listener=None:
-                        publisher(name, kind, queue_size, subscriber_listener))  # fmt: skip
+    monkeypatch.setattr(
+        rospy,
+        "Publisher",
+        lambda name, kind, queue_size, latch=False, subscriber_listener=None: publisher(
+            name, kind, queue_size, subscriber_listener
+        ),
+    )
     rows = [{"axis": axis, "baseline_m": length} for axis, length in BASELINES]
     (tmp_path / "report.json").write_text(json.dumps({"configurations": rows}))
     show_map_node.publish_map(tmp_path)
@@ -114,7 +122,9 @@ def test_playback_shows_the_same_of_a_finished_map(topics, tmp_path, monkeypatch
     frame = publisher.made["/map/points"].sent[0].header.frame_id
     assert frame == ("map/local" if any(origin_m) else "home") and len(sent) == int(any(origin_m))
     got = []
-    publisher.made["/map/baselines/horizontal"].listener.peer_subscribe("/map/baselines/horizontal", None, got.append)
+    publisher.made["/map/baselines/horizontal"].listener.peer_subscribe(
+        "/map/baselines/horizontal", None, got.append
+    )
     assert got[0].header.frame_id == frame
     for transform in sent:
         moved = transform.transform.translation

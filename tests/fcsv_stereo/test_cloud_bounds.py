@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bounds of a cloud: what lies beyond is left out of map.ply and every product, is counted, and stays in depth.npy."""
+"""Bounds of a cloud: what lies beyond is left out of map.ply and every product, is counted, and
+stays in depth.npy."""
 
 import doctest
 import json
@@ -30,11 +31,16 @@ def result(scene):
     """With a sigma that has nothing to do with the depth: up to 40 % of it."""
     found = map_thesis(scene, ThesisOptions(threshold=ErrorThreshold(5.0, False)), lambda *_: None)
     share = np.random.default_rng(3).uniform(0.01, 0.4, len(found.cloud)).astype(np.float32)
-    return replace(found, cloud=replace(found.cloud, sigma_m=share * depth_of(found, found.cloud).astype(np.float32)))
+    return replace(
+        found,
+        cloud=replace(found.cloud, sigma_m=share * depth_of(found, found.cloud).astype(np.float32)),
+    )
 
 
 def depth_of(result, cloud):
-    return transforms.apply(transforms.invert(result.reference.T_home_cam), cloud.points_home_m.astype(float))[:, 2]
+    return transforms.apply(
+        transforms.invert(result.reference.T_home_cam), cloud.points_home_m.astype(float)
+    )[:, 2]
 
 
 def test_examples():
@@ -43,11 +49,16 @@ def test_examples():
 
 
 def test_the_widest_baseline_holds_the_range(result):
-    """Where equation 2.12 gives a fifth of the distance for a pixel; the reference looks along x to a degree."""
+    """Where equation 2.12 gives a fifth of the distance for a pixel; the reference looks along x to
+    a degree."""
     range_m = held_range_m(result)
     assert depth_error(range_m, BASELINE_M, CAMERA.fx) == pytest.approx(0.2 * range_m, rel=0.001)
-    ahead = [replace(p, T_home_cam_other=p.T_home_cam_reference) for p in result.pairs]  # no baseline at all
-    assert held_range_m(replace(result, pairs=ahead)) is None and held_range_m(replace(result, pairs=[])) is None
+    # no baseline at all
+    ahead = [replace(p, T_home_cam_other=p.T_home_cam_reference) for p in result.pairs]
+    assert (
+        held_range_m(replace(result, pairs=ahead)) is None
+        and held_range_m(replace(result, pairs=[])) is None
+    )
 
 
 def test_points_beyond_the_bounds_go_and_are_counted(result):
@@ -55,25 +66,37 @@ def test_points_beyond_the_bounds_go_and_are_counted(result):
     at_m, share = 16.0, float(np.median(sigma / depth))
     found = bound_cloud(result, CloudBounds(at_m, ErrorThreshold(share, True)))
     far, unsure = depth > at_m, sigma > share * depth
-    assert far.any() and (unsure & ~far).any() and (~far & ~unsure).any()  # else the test says nothing
+    # else the test says nothing
+    assert far.any() and (unsure & ~far).any() and (~far & ~unsure).any()
     assert found.cut.beyond_range == far.sum() and found.cut.beyond_sigma == (unsure & ~far).sum()
     for name in result.cloud.__dataclass_fields__:
-        assert np.array_equal(getattr(found.cloud, name), getattr(result.cloud, name)[~far & ~unsure])
+        assert np.array_equal(
+            getattr(found.cloud, name), getattr(result.cloud, name)[~far & ~unsure]
+        )
     assert found.depth is result.depth and found.sigma is result.sigma  # the pixels stay
     metres = bound_cloud(result, CloudBounds(None, ErrorThreshold(float(np.median(sigma)), False)))
-    assert metres.cut.beyond_range == 0 and metres.cut.beyond_sigma == (sigma > np.median(sigma)).sum()
+    assert (
+        metres.cut.beyond_range == 0 and metres.cut.beyond_sigma == (sigma > np.median(sigma)).sum()
+    )
 
 
 def test_a_point_whose_sigma_is_not_known_is_unsure(result):
     sigma = result.cloud.sigma_m.copy()
     sigma[:7] = np.nan
-    found = bound_cloud(replace(result, cloud=replace(result.cloud, sigma_m=sigma)), CloudBounds(None))
-    assert found.cut.beyond_sigma == 7 + int((~(sigma[7:] <= 0.2 * depth_of(result, result.cloud)[7:])).sum())
+    found = bound_cloud(
+        replace(result, cloud=replace(result.cloud, sigma_m=sigma)), CloudBounds(None)
+    )
+    assert found.cut.beyond_sigma == 7 + int(
+        (~(sigma[7:] <= 0.2 * depth_of(result, result.cloud)[7:])).sum()
+    )
 
 
 def test_none_leaves_nothing_out(result):
     found = bound_cloud(result, CloudBounds(None, None))
-    assert len(found.cloud) == len(result.cloud) and found.cut.beyond_range == found.cut.beyond_sigma == 0
+    assert (
+        len(found.cloud) == len(result.cloud)
+        and found.cut.beyond_range == found.cut.beyond_sigma == 0
+    )
     assert cloud_bounds.in_words(found.cut) == "" and found.warnings == result.warnings
 
 
@@ -85,11 +108,17 @@ def test_a_cloud_that_loses_everything_is_said(scene, result, tmp_path):
         pipeline.write_products(["pcd"], found, scene, tmp_path)
 
 
-@pytest.mark.parametrize("range_m, sigma, words", [
-    ("far", None, "--cloud-range-m 'far'"), ("0", None, "--cloud-range-m '0'"), ("-5", None, "--cloud-range-m '-5'"),
-    ("nan", None, "--cloud-range-m 'nan'"), ("auto", "120%", "--cloud-sigma '120%'"),
-    ("auto", "x", "--cloud-sigma 'x'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "range_m, sigma, words",
+    [
+        ("far", None, "--cloud-range-m 'far'"),
+        ("0", None, "--cloud-range-m '0'"),
+        ("-5", None, "--cloud-range-m '-5'"),
+        ("nan", None, "--cloud-range-m 'nan'"),
+        ("auto", "120%", "--cloud-sigma '120%'"),
+        ("auto", "x", "--cloud-sigma 'x'"),
+    ],
+)
 def test_bounds_that_are_none_are_refused_by_name(range_m, sigma, words):
     with pytest.raises(InputError, match=words.replace("(", "\\(")):
         CloudBounds.of_words(range_m, sigma)
@@ -101,7 +130,17 @@ def test_the_command_bounds_the_cloud_and_every_product(scene, tmp_path, monkeyp
     sizes = {}
     for name, words in (("all", ("none", "none")), ("near", (f"{near_m}", "none"))):
         out = tmp_path / name
-        arguments = [str(tmp_path), "-o", str(out), "--method", "thesis", "--error", "5", "--products", "pcd,laz"]
+        arguments = [
+            str(tmp_path),
+            "-o",
+            str(out),
+            "--method",
+            "thesis",
+            "--error",
+            "5",
+            "--products",
+            "pcd,laz",
+        ]
         assert cli.main([*arguments, "--cloud-range-m", words[0], "--cloud-sigma", words[1]]) == 0
         document = json.loads((out / "report.json").read_text())
         sizes[name] = len(output.read_ply(out / "map.ply"))
@@ -109,14 +148,17 @@ def test_the_command_bounds_the_cloud_and_every_product(scene, tmp_path, monkeyp
         assert f"POINTS {sizes[name]}\n".encode() in (out / "map.pcd").read_bytes()[:400]
         said = capsys.readouterr().out
         left = document["cloud"]["beyond_range"]
-        assert (f"left out of the cloud: {left} points too far, 0 too unsure" in said) == (name == "near")
+        assert (f"left out of the cloud: {left} points too far, 0 too unsure" in said) == (
+            name == "near"
+        )
         assert ("left out of the cloud" in (out / "report.html").read_text()) == (name == "near")
         assert left == sizes["all"] - sizes[name] and document["cloud"]["sigma_share"] is None
     assert 0 < sizes["near"] < sizes["all"]
     same = [np.load(tmp_path / name / "depth.npy") for name in sizes]
     assert np.array_equal(*same, equal_nan=True)
     points = output.read_ply(tmp_path / "near" / "map.ply").points_home_m
-    assert points[:, 0].max() < near_m + 0.5  # the reference camera stands at home and looks along x, to a degree
+    # the reference camera stands at home and looks along x, to a degree
+    assert points[:, 0].max() < near_m + 0.5
 
 
 def test_the_command_refuses_bounds_that_are_none(tmp_path, capsys):

@@ -11,14 +11,20 @@ from scipy.integrate import quad
 from scipy.stats import halfnorm, norm
 
 from fcsv_stereo.evaluating import depth_metrics, evaluation
-from fcsv_stereo.evaluating.depth_metrics import LEVELS, ause, interval_coverage, overconfident_share
+from fcsv_stereo.evaluating.depth_metrics import (
+    LEVELS,
+    ause,
+    interval_coverage,
+    overconfident_share,
+)
 
 N = 200_000
 CHANCE = 0.005  # 4 standard deviations of a share of N pixels are 0.45 %
 
 
 def normal(seed=1):
-    """True depths of 10 to 400 m, sigmas of 0.5 to 5 % of them, and depths with errors of these sigmas."""
+    """True depths of 10 to 400 m, sigmas of 0.5 to 5 % of them, and depths with errors of these
+    sigmas."""
     random = np.random.default_rng(seed)
     true = random.uniform(10.0, 400.0, N)
     sigma = true * random.uniform(0.005, 0.05, N)
@@ -26,8 +32,8 @@ def normal(seed=1):
 
 
 def uninformed_ause(quantile, mean):
-    """Of uncertainty that says nothing: the oracle's mean of the share c is the integral of the quantiles to c over c;
-    its mean over all c is the integral of the quantiles times -ln(u)."""
+    """Of uncertainty that says nothing: the oracle's mean of the share c is the integral of the
+    quantiles to c over c; its mean over all c is the integral of the quantiles times -ln(u)."""
     return 1.0 - quad(lambda u: -quantile(u) * np.log(u), 0.0, 1.0)[0] / mean
 
 
@@ -50,7 +56,9 @@ def test_right_sigmas_are_covered_as_each_level_says():
 
 
 @pytest.mark.parametrize("factor, covered", [(0.5, 0.589), (2.0, 0.999)])
-def test_sigmas_that_are_off_by_a_factor_show_in_coverage_and_sharpness_and_not_in_their_order(factor, covered):
+def test_sigmas_that_are_off_by_a_factor_show_in_coverage_and_sharpness_and_not_in_their_order(
+    factor, covered
+):
     """Coverage at 90 % of sigmas of half and double: P(|x| < 0.822) and P(|x| < 3.29)."""
     true, sigma, depth = normal()
     right, off = (depth_metrics.depth_metrics(depth, k * sigma, true) for k in (1.0, factor))
@@ -60,11 +68,14 @@ def test_sigmas_that_are_off_by_a_factor_show_in_coverage_and_sharpness_and_not_
     assert off.overconfident_share == pytest.approx(right.overconfident_share, abs=1e-9)
 
 
-@pytest.mark.parametrize("name, draw, quantile, mean", [
-    ("uniform", lambda r: r.uniform(size=N), lambda u: u, 0.5),
-    ("exponential", lambda r: r.exponential(size=N), lambda u: -np.log1p(-u), 1.0),
-    ("half normal", lambda r: np.abs(r.standard_normal(N)), halfnorm.ppf, np.sqrt(2.0 / np.pi)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name, draw, quantile, mean",
+    [
+        ("uniform", lambda r: r.uniform(size=N), lambda u: u, 0.5),
+        ("exponential", lambda r: r.exponential(size=N), lambda u: -np.log1p(-u), 1.0),
+        ("half normal", lambda r: np.abs(r.standard_normal(N)), halfnorm.ppf, np.sqrt(2.0 / np.pi)),
+    ],
+)
 def test_uncertainty_that_says_nothing_has_the_analytic_ause(name, draw, quantile, mean):
     random = np.random.default_rng(2)
     error, wanted = draw(random), uninformed_ause(quantile, mean)
@@ -78,8 +89,8 @@ def test_ause_of_exponential_errors_is_known_in_closed_form():
 
 
 def test_ause_of_normal_errors_with_their_own_sigmas():
-    """Right sigmas, uniform in 1 to 2: the risk by sigma at share c is E|x| (1 + c / 2). The oracle's is by quadrature,
-    because |errors| of one sigma still scatter: AUSE is not 0."""
+    """Right sigmas, uniform in 1 to 2: the risk by sigma at share c is E|x| (1 + c / 2). The
+    oracle's is by quadrature, because |errors| of one sigma still scatter: AUSE is not 0."""
     random = np.random.default_rng(3)
     sigma = random.uniform(1.0, 2.0, N)
     error = sigma * np.abs(random.standard_normal(N))
@@ -92,7 +103,8 @@ def test_ause_of_normal_errors_with_their_own_sigmas():
 
 
 def test_order_of_pixels_does_not_matter_where_sigma_is_the_same():
-    """Sky and far pixels come first in a picture: a sort that keeps their order would call them the surest."""
+    """Sky and far pixels come first in a picture: a sort that keeps their order would call them the
+    surest."""
     error = np.linspace(1.0, 0.0, 1000)
     for e in (error, error[::-1]):
         assert ause(e, np.ones(1000)) == pytest.approx(0.5, abs=0.01)
@@ -100,12 +112,15 @@ def test_order_of_pixels_does_not_matter_where_sigma_is_the_same():
 
 
 def test_overconfident_share_of_known_mixtures():
-    """A tenth of all errors is large; half of these state the least sigma: of the worst 5 % half are there."""
+    """A tenth of all errors is large; half of these state the least sigma: of the worst 5 % half
+    are there."""
     error, sigma = np.full(N, 0.01), np.full(N, 1.0)
     error[: N // 10], sigma[: N // 20] = 1.0, 0.1
     assert overconfident_share(error, sigma) == pytest.approx(0.5 + 0.5 * (0.2 - 0.05) / 0.95)
     random = np.random.default_rng(4)
-    assert overconfident_share(random.uniform(size=N), random.uniform(size=N)) == pytest.approx(0.2, abs=0.02)
+    assert overconfident_share(random.uniform(size=N), random.uniform(size=N)) == pytest.approx(
+        0.2, abs=0.02
+    )
 
 
 def test_the_worst_group_is_found_and_small_ones_are_left_out():
@@ -131,11 +146,14 @@ def test_what_is_exact_and_what_is_empty():
 
 
 def result(depth, sigma):
-    return SimpleNamespace(depth=depth.astype(np.float32), sigma=sigma.astype(np.float32), images=[], reference=None)
+    return SimpleNamespace(
+        depth=depth.astype(np.float32), sigma=sigma.astype(np.float32), images=[], reference=None
+    )
 
 
 def test_evaluation_has_them_by_band_of_distance():
-    """Without what is not answered, beyond the range, or in the sky; a depth without a sigma is left out alone."""
+    """Without what is not answered, beyond the range, or in the sky; a depth without a sigma is
+    left out alone."""
     true, sigma, depth = (a.reshape(400, 500) for a in normal())
     depth = np.where(true > 100.0, depth, true + 3.0 * (depth - true))
     true[:10], depth[10:20], sigma[20] = np.nan, np.nan, np.nan

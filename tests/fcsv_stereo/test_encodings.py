@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of 16 bits and of Bayer mosaics, in bags and as photographs: the same map as from 8-bit RGB."""
+"""Pictures of 16 bits and of Bayer mosaics, in bags and as photographs: the same map as from 8-bit
+RGB."""
 
 import doctest
 
@@ -48,18 +49,25 @@ def test_scale_in_its_docstring():
 
 @pytest.mark.parametrize("encoding", [e for names in ENCODINGS.values() for e in names])
 def test_every_encoding_of_a_session(tmp_path, encoding):
-    """Colours and grey values come back as they were, but for what a mosaic blurs and the scale stretches."""
-    session = write_session(tmp_path, encoding=encoding, encode=lambda i: encode((i * TINT).astype(np.uint8), encoding))
+    """Colours and grey values come back as they were, but for what a mosaic blurs and the scale
+    stretches."""
+    session = write_session(
+        tmp_path, encoding=encoding, encode=lambda i: encode((i * TINT).astype(np.uint8), encoding)
+    )
     (c,) = read_session(session).configurations
     for p in (c.references[0], c.others[0]):
         expected = tinted(p.vehicle).astype(float)
         if encoding.startswith("mono"):
-            expected = np.repeat(cv2.cvtColor(expected.astype(np.uint8), cv2.COLOR_RGB2GRAY)[..., None], 3, -1)
+            expected = np.repeat(
+                cv2.cvtColor(expected.astype(np.uint8), cv2.COLOR_RGB2GRAY)[..., None], 3, -1
+            )
         assert p.image.dtype == np.uint8 and p.image.shape == (CAMERA.height, CAMERA.width, 3)
         found = p.image[2:-2, 2:-2].astype(float)
         expected = expected[2:-2, 2:-2]
         gain, offset = np.polyfit(expected.ravel(), found.ravel(), 1)
-        assert np.abs(gain * expected + offset - found).mean() < (6.0 if encoding.startswith("bayer") else 1.0)
+        assert np.abs(gain * expected + offset - found).mean() < (
+            6.0 if encoding.startswith("bayer") else 1.0
+        )
         if encoding.endswith("8"):
             assert np.allclose(found.mean(axis=(0, 1)), expected.mean(axis=(0, 1)), atol=2.0)
         else:  # the darkest and the brightest thousandth of all become the ends
@@ -72,7 +80,9 @@ def test_one_scale_for_all_pictures_of_a_vehicle(tmp_path):
 
     def dimmer(image):
         count.append(1)
-        return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint16) * (256 if len(count) % 2 else 128)
+        return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint16) * (
+            256 if len(count) % 2 else 128
+        )
 
     (c,) = read_session(write_session(tmp_path, encoding="mono16", encode=dimmer)).configurations
     bright, dim, *_ = (float(p.image.mean()) for p in c.references)
@@ -83,7 +93,10 @@ def photographs(folder, rgb, depth):
     """Two photographs of one camera."""
     model(folder, f"1 PINHOLE {CAMERA.width} {CAMERA.height} {CAMERA.fx} {CAMERA.fy} 160 120\n")
     for name, scale in (("a", 1.0), ("b", 0.5)):
-        cv2.imwrite(str(folder / "images" / f"{name}.png"), (rgb[..., ::-1].astype(float) * scale).astype(depth))
+        cv2.imwrite(
+            str(folder / "images" / f"{name}.png"),
+            (rgb[..., ::-1].astype(float) * scale).astype(depth),
+        )
     return folder
 
 
@@ -102,7 +115,9 @@ def test_photographs_of_other_numbers_are_named(tmp_path):
     folder = photographs(tmp_path, tinted("uav1"), np.uint8)
     cv2.imwrite(str(tmp_path / "a.tiff"), np.zeros((CAMERA.height, CAMERA.width, 3), np.float32))
     (tmp_path / "a.tiff").rename(folder / "images" / "a.png")
-    with pytest.raises(InputError, match=r"a\.png: holds float32 values; save it with 8 or 16 bits"):
+    with pytest.raises(
+        InputError, match=r"a\.png: holds float32 values; save it with 8 or 16 bits"
+    ):
         colmap.read_photographs(folder)
 
 
@@ -112,10 +127,16 @@ def test_pictures_are_what_cv_bridge_makes_of_them(encoding, big):
     """To the last bit, with lines that are padded and samples of either order of bytes."""
     bits = 16 if encoding.endswith("16") else 8
     random = np.random.default_rng(1)
-    rgb = random.integers(0, 1 << (bits if bits == 8 else 12), (CAMERA.height, CAMERA.width, 3)).astype(np.uint8)
+    rgb = random.integers(
+        0, 1 << (bits if bits == 8 else 12), (CAMERA.height, CAMERA.width, 3)
+    ).astype(np.uint8)
     array = encode(rgb, encoding)
     plain = conversions.array_to_image(array, encoding, 1.0, "cam")
-    rows = array.astype(array.dtype.newbyteorder(">" if big else "<")).reshape(CAMERA.height, -1).view(np.uint8)
+    rows = (
+        array.astype(array.dtype.newbyteorder(">" if big else "<"))
+        .reshape(CAMERA.height, -1)
+        .view(np.uint8)
+    )
     padded = Image(plain.header, plain.height, plain.width, encoding, big, rows.shape[1] + 6, b"")
     padded.data = np.hstack([rows, np.full((CAMERA.height, 6), 77, np.uint8)]).tobytes()
     expected = conversions.image_to_array(plain, f"rgb{bits}")
@@ -124,13 +145,21 @@ def test_pictures_are_what_cv_bridge_makes_of_them(encoding, big):
         assert found.dtype == expected.dtype and np.array_equal(found, expected)
 
 
-@pytest.mark.parametrize("change, words", [
-    ({"data": b"123"}, "image has 3 bytes where height x step is"),
-    ({"step": 10, "data": bytes(10 * CAMERA.height)}, "image has lines of 10 bytes where mono8 needs"),
-    ({"width": 7}, "picture is 7x"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"data": b"123"}, "image has 3 bytes where height x step is"),
+        (
+            {"step": 10, "data": bytes(10 * CAMERA.height)},
+            "image has lines of 10 bytes where mono8 needs",
+        ),
+        ({"width": 7}, "picture is 7x"),
+    ],
+)
 def test_pictures_that_are_not_what_they_say_are_named(change, words):
-    message = conversions.array_to_image(np.zeros((CAMERA.height, CAMERA.width), np.uint8), "mono8", 1.0, "cam")
+    message = conversions.array_to_image(
+        np.zeros((CAMERA.height, CAMERA.width), np.uint8), "mono8", 1.0, "cam"
+    )
     for name, value in change.items():
         setattr(message, name, value)
     with pytest.raises(InputError, match=words):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Holes of the orthophoto: of ground 8 m below a camera that looks ahead, with a wall 20 m before it."""
+"""Holes of the orthophoto: of ground 8 m below a camera that looks ahead, with a wall 20 m before
+it."""
 
 import numpy as np
 import pytest
@@ -30,9 +31,17 @@ WALL = (np.abs(RAYS[..., 0]) < 0.1) & (RAYS[..., 1] < 0.3) & ~SKY
 
 
 def view(roll_deg=0.0):
-    R_home_cam = transforms.R_FLU_OPTICAL @ transforms.from_xyz_rpy([0, 0, 0], [0, 0, np.radians(roll_deg)])[:3, :3]
+    R_home_cam = (
+        transforms.R_FLU_OPTICAL
+        @ transforms.from_xyz_rpy([0, 0, 0], [0, 0, np.radians(roll_deg)])[:3, :3]
+    )
     return Reference(
-        "", 0.0, "", np.zeros((120, 160, 3), np.uint8), CAMERA, transforms.transform(R_home_cam, np.zeros(3))
+        "",
+        0.0,
+        "",
+        np.zeros((120, 160, 3), np.uint8),
+        CAMERA,
+        transforms.transform(R_home_cam, np.zeros(3)),
     )
 
 
@@ -46,7 +55,10 @@ def cloud_of(depth, reference):
     points = transforms.apply(reference.T_home_cam, (RAYS * depth[..., None])[known])
     n = len(points)
     return Cloud(
-        points.astype(np.float32), np.full((n, 3), 100, np.uint8), np.ones(n, np.float32), np.zeros(n, np.uint8)
+        points.astype(np.float32),
+        np.full((n, 3), 100, np.uint8),
+        np.ones(n, np.float32),
+        np.zeros(n, np.uint8),
     )
 
 
@@ -62,10 +74,16 @@ def why(depth, spanning=True):
     return at, found
 
 
-@pytest.mark.parametrize("place, code", [
-    ((50.0, 0.0), HIDDEN), ((30.0, 1.0), HIDDEN), ((60.0, -9.0), FILLED),
-    ((40.0, 12.0), FILLED), ((40.0, 30.0), UNSEEN),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "place, code",
+    [
+        ((50.0, 0.0), HIDDEN),
+        ((30.0, 1.0), HIDDEN),
+        ((60.0, -9.0), FILLED),
+        ((40.0, 12.0), FILLED),
+        ((40.0, 30.0), UNSEEN),
+    ],
+)
 def test_what_nobody_saw_is_hidden_and_what_was_seen_is_filled(place, code):
     at, _ = why(town())
     assert at(*place) == code
@@ -73,29 +91,43 @@ def test_what_nobody_saw_is_hidden_and_what_was_seen_is_filled(place, code):
 
 def test_points_alone_leave_holes_where_a_surface_was_seen_and_spanned_ones_none():
     at, alone = why(town(), spanning=False)
-    assert (alone == OPEN).sum() > 500 and any(at(x, -9.0) == OPEN for x in np.arange(60.0, 74.0, 0.5))
+    assert (alone == OPEN).sum() > 500 and any(
+        at(x, -9.0) == OPEN for x in np.arange(60.0, 74.0, 0.5)
+    )
     _, spanned = why(town())
-    assert (spanned == OPEN).sum() < 0.002 * (spanned >= FILLED).sum()  # by the half pixels that places are rounded to
+    # by the half pixels that places are rounded to
+    assert (spanned == OPEN).sum() < 0.002 * (spanned >= FILLED).sum()
 
 
 def test_ground_without_a_depth_stays_a_hole_that_says_so():
-    unsure = (np.abs(RAYS[..., 0]) > 0.2) & (RAYS[..., 1] > 0.2) & (RAYS[..., 1] < 0.24)  # 33 to 40 m ahead
+    # 33 to 40 m ahead
+    unsure = (np.abs(RAYS[..., 0]) > 0.2) & (RAYS[..., 1] > 0.2) & (RAYS[..., 1] < 0.24)
     at, _ = why(np.where(unsure, np.nan, town()))
     assert at(36.0, 9.0) == UNANSWERED and at(36.0, 5.0) == FILLED
 
 
 def test_ground_below_the_picture_says_so():
     reference = view()
-    raster = Raster(np.array([[np.nan, np.nan, -8.0]], np.float32), np.zeros((1, 3, 3), np.uint8), 5.0, 12.0, 2.5)
+    raster = Raster(
+        np.array([[np.nan, np.nan, -8.0]], np.float32),
+        np.zeros((1, 3, 3), np.uint8),
+        5.0,
+        12.0,
+        2.5,
+    )
     surfaces = Surfaces.of(cloud_of(np.where(WALL, np.nan, town()), reference), reference)
-    assert why_empty(raster, surfaces, reference, SKY).tolist() == [[UNSEEN, BELOW, FILLED]]  # begins at 20.2 m
-    empty = Raster(np.full((2, 2), np.nan, np.float32), np.zeros((2, 2, 3), np.uint8), 5.0, 12.0, 2.5)
+    # begins at 20.2 m
+    assert why_empty(raster, surfaces, reference, SKY).tolist() == [[UNSEEN, BELOW, FILLED]]
+    empty = Raster(
+        np.full((2, 2), np.nan, np.float32), np.zeros((2, 2, 3), np.uint8), 5.0, 12.0, 2.5
+    )
     assert not why_empty(empty, surfaces, reference, SKY).any()
     assert HoleShares.of(np.zeros((2, 2), np.uint8)).to_dict()["cells"] == 0
 
 
 def test_the_last_pixels_of_a_surface_cover_half_a_pixel_more():
-    """One pixel of ground 32 m ahead is 1.7 m long and 0.2 m wide: so much is filled, and nothing beyond."""
+    """One pixel of ground 32 m ahead is 1.7 m long and 0.2 m wide: so much is filled, and nothing
+    beyond."""
     reference = view()
     depth = np.full(SKY.shape, np.nan)
     depth[95:98, 80] = (8.0 / RAYS[..., 1])[95:98, 80]
@@ -104,7 +136,8 @@ def test_the_last_pixels_of_a_surface_cover_half_a_pixel_more():
     filled_x = raster.x0_m + 0.1 * (0.5 + np.flatnonzero(np.isfinite(raster.height).any(axis=0)))
     assert np.isfinite(raster.height).all(axis=0).any()
     assert x[0] - 0.1 < filled_x.min() and filled_x.max() < x[1] + 0.1  # a cell's side
-    assert np.nanmax(np.abs(raster.height + 8.0)) < 0.1  # the rim goes on in a straight line of inverse depth
+    # the rim goes on in a straight line of inverse depth
+    assert np.nanmax(np.abs(raster.height + 8.0)) < 0.1
 
 
 @pytest.mark.parametrize("roll_deg", [0.0, 20.0, 90.0])
@@ -115,7 +148,9 @@ def test_a_camera_that_rolls_sees_as_much(roll_deg):
     height = np.full((1, 80), np.nan, np.float32)
     height[0, 0] = 0.0
     raster = Raster(height, np.zeros((1, 80, 3), np.uint8), CELL_M, 10.0, 0.25)
-    found = why_empty(raster, Surfaces.of(cloud, reference), reference, np.zeros(SKY.shape, bool))[0]
+    found = why_empty(raster, Surfaces.of(cloud, reference), reference, np.zeros(SKY.shape, bool))[
+        0
+    ]
     assert (found[22:] == HIDDEN).all() and (found[1:19] == BELOW).all()
 
 
@@ -128,5 +163,6 @@ def test_shares_of_a_large_raster_are_those_of_some_of_its_cells(monkeypatch):
     some = hole_shares(raster, cloud, reference, SKY)
     assert some.cells < whole.cells / 3
     for name in ("filled", "hidden", "unanswered", "below", "open"):
-        assert getattr(some, name) == pytest.approx(getattr(whole, name), abs=0.02)  # of some thousand cells
+        # of some thousand cells
+        assert getattr(some, name) == pytest.approx(getattr(whole, name), abs=0.02)
     assert some.filled + some.without_evidence + some.open == pytest.approx(1.0)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of other robots become photographs that map reads: poses of every source, clocks, choice, what is refused."""
+"""Bags of other robots become photographs that map reads: poses of every source, clocks, choice,
+what is refused."""
 
 import cv2
 import numpy as np
@@ -36,7 +37,9 @@ def bags(tmp_path_factory):
 
 def asked(pose="/odom", mount=None, topic="/cam/image_raw", **more):
     camera = {k: more.pop(k) for k in ("axes", "info", "offset_s") if k in more}
-    return ImportRequest((CameraRequest(topic, str(pose), mount, **camera),), more.pop("range_m", 20.0), **more)
+    return ImportRequest(
+        (CameraRequest(topic, str(pose), mount, **camera),), more.pop("range_m", 20.0), **more
+    )
 
 
 def truth(done, T_world_odom=IDENTITY, shift_s=0.0):
@@ -66,7 +69,8 @@ SOURCES = {
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("source", SOURCES)
 def test_poses_are_those_of_the_camera(bags, tmp_path, kind, source):
-    """Positions and turns are linear in time between poses: rounding alone is left (TUM: nine digits)."""
+    """Positions and turns are linear in time between poses: rounding alone is left (TUM: nine
+    digits)."""
     options, T_world_odom = SOURCES[source]
     options = {**options, "pose": bags["tum"] if options["pose"] == "tum" else options["pose"]}
     done = import_bag([bags[kind]], tmp_path / "out", asked(**options))
@@ -81,16 +85,25 @@ def test_poses_are_those_of_the_camera(bags, tmp_path, kind, source):
     np.testing.assert_allclose((camera.fx, camera.cx), (fb.SMALL.fx, fb.SMALL.cx))
     given = colmap.read_photographs(tmp_path / "out")
     assert given.configurations[0].references[0].name == done.pictures[0].name
-    assert done.has_priors == (source not in ("pose", "pose of a frame", "transform", "tf", "tf of the body", "tum"))
+    assert done.has_priors == (
+        source not in ("pose", "pose of a frame", "transform", "tf", "tf of the body", "tum")
+    )
 
 
 def test_covariances_are_carried_to_the_camera(bags, tmp_path):
     done = import_bag([bags["ros1"]], tmp_path / "out", asked())
     for p in colmap.read_photographs(tmp_path / "out").configurations[0].others:
         stamp_s = next(d.posed.stamp_s for d in done.pictures if d.name == p.name)
-        x, y, z = (fb.T_odom_base(stamp_s) @ fb.T_BASE_OPTICAL)[:3, 3] - fb.T_odom_base(stamp_s)[:3, 3]
-        a, b, c = 0.002**2, 0.003**2, 0.004**2  # a turn by (p, q, r) moves the camera by (qz - ry, rx - pz, py - qx)
-        expected = [0.02**2 + b * z * z + c * y * y, 0.03**2 + c * x * x + a * z * z, 0.04**2 + a * y * y + b * x * x]
+        x, y, z = (fb.T_odom_base(stamp_s) @ fb.T_BASE_OPTICAL)[:3, 3] - fb.T_odom_base(stamp_s)[
+            :3, 3
+        ]
+        # a turn by (p, q, r) moves the camera by (qz - ry, rx - pz, py - qx)
+        a, b, c = 0.002**2, 0.003**2, 0.004**2
+        expected = [
+            0.02**2 + b * z * z + c * y * y,
+            0.03**2 + c * x * x + a * z * z,
+            0.04**2 + a * y * y + b * x * x,
+        ]
         np.testing.assert_allclose(np.diag(p.covariance), [*expected, a, b, c], rtol=1e-4)
 
 
@@ -103,7 +116,10 @@ def test_the_choice_fills_steps_of_the_baseline(bags, tmp_path):
 
 
 def stamps_at(places, camera=0, look=(0.0, 0.0, 0.0), stamp_s=10.0):
-    return [PosedStamp(camera, stamp_s + i, stamp_s + i, CAMERA, camera_pose(p, look)) for i, p in enumerate(places)]
+    return [
+        PosedStamp(camera, stamp_s + i, stamp_s + i, CAMERA, camera_pose(p, look))
+        for i, p in enumerate(places)
+    ]
 
 
 def test_two_cameras_that_stand_give_one_pair_at_one_instant():
@@ -114,13 +130,20 @@ def test_two_cameras_that_stand_give_one_pair_at_one_instant():
 
 def test_the_nearest_in_time_is_taken():
     """The other camera stands: of its fifty pictures, that of the reference's instant."""
-    posed = [*stamps_at([[0.0, 0.0, 0.0]] * 50), *stamps_at([[0.0, -0.8, 0.0]] * 50, 1, stamp_s=10.02)]
+    posed = [
+        *stamps_at([[0.0, 0.0, 0.0]] * 50),
+        *stamps_at([[0.0, -0.8, 0.0]] * 50, 1, stamp_s=10.02),
+    ]
     found = choose(posed, 20.0, 8, reference_s=40.0)
     assert [round(p.stamp_s, 2) for p in found] == [40.0, 40.02]
 
 
 def test_both_axes_are_chosen_and_the_wanted_reference():
-    places = [[0, 0, 0], *([0, y, 0] for y in (0.3, 0.6, 1.2)), *([0, 0, z] for z in (0.3, 0.6, 1.2))]
+    places = [
+        [0, 0, 0],
+        *([0, y, 0] for y in (0.3, 0.6, 1.2)),
+        *([0, 0, z] for z in (0.3, 0.6, 1.2)),
+    ]
     found = choose(stamps_at(places), 20.0, 7, reference_s=10.2)
     assert found[0].stamp_s == 10.0
     away = [p.T_world_cam[:3, 3] for p in found[1:]]
@@ -134,10 +157,14 @@ def test_a_long_walk_is_chosen_from_near_pictures():
     assert len(found) >= 6 and away == sorted(away) and max(away) <= 2.0
 
 
-@pytest.mark.parametrize("places, look, words", [
-    ([[0, 0, 0], [1, 0, 0]], (0, 0, 0), "move forward"),
-    ([[0, 0, 0], [0, 0.01, 0]], (0, 0, 0), "at most 0.01 m; does --range-m fit?"),
-], ids=["forward", "short"])  # fmt: skip
+@pytest.mark.parametrize(
+    "places, look, words",
+    [
+        ([[0, 0, 0], [1, 0, 0]], (0, 0, 0), "move forward"),
+        ([[0, 0, 0], [0, 0.01, 0]], (0, 0, 0), "at most 0.01 m; does --range-m fit?"),
+    ],
+    ids=["forward", "short"],
+)
 def test_no_pair_is_named(places, look, words):
     with pytest.raises(InputError, match=words.replace("?", r"\?")):
         choose(stamps_at(places, look=look), 20.0, 8)
@@ -163,7 +190,10 @@ def shifted(by_s):
 def test_a_clock_of_its_own_is_named_and_can_be_corrected(tmp_path, by_s):
     bag = fb.write(tmp_path / "a.bag", shifted(-by_s))
     if by_s > 2.0:
-        with pytest.raises(InputError, match=r"no picture has a pose.*two clocks 300.000 s apart: --offset-s 300.000"):
+        with pytest.raises(
+            InputError,
+            match=r"no picture has a pose.*two clocks 300.000 s apart: --offset-s 300.000",
+        ):
             import_bag([bag], tmp_path / "out", asked())
     else:
         done = import_bag([bag], tmp_path / "out", asked())
@@ -182,7 +212,9 @@ def test_pictures_without_a_stamp_need_the_time_of_recording(tmp_path):
         return [(topic, message, stamp_s)]
 
     bag = fb.write(tmp_path / "a.bag", entries(change))
-    with pytest.raises(InputError, match=r"/cam/image_raw: none of its 21 messages.*stamps are 0.*--by-receipt"):
+    with pytest.raises(
+        InputError, match=r"/cam/image_raw: none of its 21 messages.*stamps are 0.*--by-receipt"
+    ):
         import_bag([bag], tmp_path / "out", asked())
     assert len(import_bag([bag], tmp_path / "out", asked(by_receipt=True)).pictures) >= 4
 
@@ -192,7 +224,10 @@ def test_silence_of_poses_is_not_bridged_unless_asked(bags, tmp_path):
     file = fb.write_tum(tmp_path / "gap.tum", stamps=stamps)
     done = import_bag([bags["ros1"]], tmp_path / "out", asked(file, MOUNT))
     assert not [d for d in done.pictures if 1000.45 < d.posed.stamp_s < 1001.55]
-    assert any("11 of 21 pictures of /cam/image_raw have no pose" in w and "silent for 1.1" in w for w in done.warnings)
+    assert any(
+        "11 of 21 pictures of /cam/image_raw have no pose" in w and "silent for 1.1" in w
+        for w in done.warnings
+    )
     done = import_bag([bags["ros1"]], tmp_path / "bridged", asked(file, MOUNT, gap_s=1.2))
     assert not any("have no pose" in w for w in done.warnings) and (truth(done) < 1e-6).all()
 
@@ -205,15 +240,22 @@ def test_two_worlds_that_nothing_connects_are_refused(bags, tmp_path):
         message.header.frame_id = "robot2/odom"
 
     bag = fb.write(tmp_path / "a.bag", spoilt("/pose_cov", other))
-    cameras = (CameraRequest("/cam/image_raw", "/odom"), CameraRequest("/jpg/image_raw", "/pose_cov", "base_link"))
-    with pytest.raises(InputError, match="/pose_cov is in frame 'robot2/odom', other poses or --world in 'odom'"):
+    cameras = (
+        CameraRequest("/cam/image_raw", "/odom"),
+        CameraRequest("/jpg/image_raw", "/pose_cov", "base_link"),
+    )
+    with pytest.raises(
+        InputError, match="/pose_cov is in frame 'robot2/odom', other poses or --world in 'odom'"
+    ):
         import_bag([bag], tmp_path / "out", ImportRequest(cameras, 20.0))
     done = import_bag([bags["mcap"]], tmp_path / "out", ImportRequest(cameras, 20.0))
     assert (truth(done) < 1e-6).all() and len(done.lags_s) == 4
 
 
 def without(*names):
-    return entries(lambda topic, message, stamp_s: [] if topic in names else [(topic, message, stamp_s)])
+    return entries(
+        lambda topic, message, stamp_s: [] if topic in names else [(topic, message, stamp_s)]
+    )
 
 
 def spoilt(topic, change):
@@ -237,33 +279,56 @@ def other_frame(message):
     message.header.frame_id = "camera"
 
 
-@pytest.mark.parametrize("options, words", [
-    ({"topic": "/kam"}, r"/kam: is not in the bag; topics of pictures there: /cam/image_raw \(sensor_msgs/Image\), "),
-    ({"topic": "/odom"}, r"--camera /odom: is of type nav_msgs/Odometry"),
-    ({"info": "/odom"}, r"no camera_info: /odom is of type nav_msgs/Odometry; name it by --info, there are: /cam/cam"),
-    ({"pose": "/odometry"}, r"/odometry: is no topic of the bag and no file; topics of poses there: /odom \(nav_msgs"),
-    ({"pose": "/cam/camera_info"}, r"is of type sensor_msgs/CameraInfo"),
-    ({"pose": "drone"}, r"frame 'drone' is not in the bag's tf; frames there: base_link, camera_link, camera_opt"),
-    ({"pose": "map"}, "is the root of tf"),
-    ({"world": "earth"}, "frame 'earth' is not in the bag's tf"),
-    ({"pose": "/pose"}, r"/pose does not say what it is the pose of: give --mount optical"),
-    ({"mount": "drone"}, "frame 'drone' is not in the bag's tf"),
-    ({"mount": "1,2,3"}, "six numbers are meant"),
-    ({"range_m": 2000.0}, "none are 20 to 200 m apart"),
-], ids=lambda v: "-".join(f"{k}={w}" for k, w in v.items()) if isinstance(v, dict) else "")  # fmt: skip
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        (
+            {"topic": "/kam"},
+            r"/kam: is not in the bag; topics of pictures there: /cam/image_raw \(sensor_msgs/Image\), ",
+        ),
+        ({"topic": "/odom"}, r"--camera /odom: is of type nav_msgs/Odometry"),
+        (
+            {"info": "/odom"},
+            r"no camera_info: /odom is of type nav_msgs/Odometry; name it by --info, there are: /cam/cam",
+        ),
+        (
+            {"pose": "/odometry"},
+            r"/odometry: is no topic of the bag and no file; topics of poses there: /odom \(nav_msgs",
+        ),
+        ({"pose": "/cam/camera_info"}, r"is of type sensor_msgs/CameraInfo"),
+        (
+            {"pose": "drone"},
+            r"frame 'drone' is not in the bag's tf; frames there: base_link, camera_link, camera_opt",
+        ),
+        ({"pose": "map"}, "is the root of tf"),
+        ({"world": "earth"}, "frame 'earth' is not in the bag's tf"),
+        ({"pose": "/pose"}, r"/pose does not say what it is the pose of: give --mount optical"),
+        ({"mount": "drone"}, "frame 'drone' is not in the bag's tf"),
+        ({"mount": "1,2,3"}, "six numbers are meant"),
+        ({"range_m": 2000.0}, "none are 20 to 200 m apart"),
+    ],
+    ids=lambda v: "-".join(f"{k}={w}" for k, w in v.items()) if isinstance(v, dict) else "",
+)
 def test_what_is_not_there_is_named_with_what_is(bags, tmp_path, options, words):
     with pytest.raises(InputError, match=words):
         import_bag([bags["mcap"]], tmp_path / "out", asked(**options))
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("given, words", [
-    (without("/cam/camera_info"), "/cam/camera_info is not in the bag; name it by --info"),
-    (without("/tf_static"), "and 'base_link' is not in tf|'camera_optical_frame' is not in tf"),
-    (spoilt("/odom", nan), r"--pose /odom: .*pose is not finite"),
-    (spoilt("/odom", no_frame), "/odom does not say what it is the pose of"),
-    (spoilt("/cam/image_raw", other_frame), "frame 'camera', which does not say that it is optical: give --axes"),
-], ids=["info", "tf_static", "nan", "child", "frame"])  # fmt: skip
+@pytest.mark.parametrize(
+    "given, words",
+    [
+        (without("/cam/camera_info"), "/cam/camera_info is not in the bag; name it by --info"),
+        (without("/tf_static"), "and 'base_link' is not in tf|'camera_optical_frame' is not in tf"),
+        (spoilt("/odom", nan), r"--pose /odom: .*pose is not finite"),
+        (spoilt("/odom", no_frame), "/odom does not say what it is the pose of"),
+        (
+            spoilt("/cam/image_raw", other_frame),
+            "frame 'camera', which does not say that it is optical: give --axes",
+        ),
+    ],
+    ids=["info", "tf_static", "nan", "child", "frame"],
+)
 def test_what_a_bag_lacks_is_named(tmp_path, given, words):
     bag = fb.write(tmp_path / "a.bag", given)
     with pytest.raises(InputError, match=words):
@@ -273,7 +338,9 @@ def test_what_a_bag_lacks_is_named(tmp_path, given, words):
 
 def test_single_wrong_poses_are_left_out_and_said(tmp_path):
     count = iter(range(1000))
-    bag = fb.write(tmp_path / "a.bag", spoilt("/odom", lambda m: nan(m) if next(count) == 40 else None))
+    bag = fb.write(
+        tmp_path / "a.bag", spoilt("/odom", lambda m: nan(m) if next(count) == 40 else None)
+    )
     done = import_bag([bag], tmp_path / "out", asked())
     assert (truth(done) < 1e-6).all()
     assert any("/odom: 1 message is left out: pose is not finite" in w for w in done.warnings)
@@ -291,10 +358,13 @@ def test_axes_of_a_frame_that_is_not_named_optical(tmp_path):
     assert truth(wrong)[1] > 0.1  # a mount of one's own counts, without tf
 
 
-@pytest.mark.parametrize("kind, words", [
-    ("sqlite3", "cannot be read as a bag.*if it was cut: sqlite3 FILE .recover"),
-    ("plain mcap", "cannot be read as a bag.*if it was cut: mcap recover"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "kind, words",
+    [
+        ("sqlite3", "cannot be read as a bag.*if it was cut: sqlite3 FILE .recover"),
+        ("plain mcap", "cannot be read as a bag.*if it was cut: mcap recover"),
+    ],
+)
 def test_a_cut_bag_of_ros2_is_named(bags, tmp_path, kind, words):
     source = next(bags[kind].glob("*.db3")) if kind == "sqlite3" else bags[kind]
     cut = tmp_path / source.name
@@ -337,8 +407,14 @@ def test_map_of_a_foreign_bag_names_the_import(bags):
         with pytest.raises(InputError) as error:
             read_session(bags[kind])
         said = str(error.value)
-        assert f"fcsv import-bag {bags[kind]} --camera /cam/image_raw --pose /odom --range-m M -o PHOTOS" in said
-        assert "/jpg/image_raw/compressed (sensor_msgs/CompressedImage)" in said and "/pose_cov" in said
+        assert (
+            f"fcsv import-bag {bags[kind]} --camera /cam/image_raw --pose /odom --range-m M -o PHOTOS"
+            in said
+        )
+        assert (
+            "/jpg/image_raw/compressed (sensor_msgs/CompressedImage)" in said
+            and "/pose_cov" in said
+        )
 
 
 # ---- cameras ----
@@ -365,7 +441,11 @@ def test_rectified_pictures_have_the_camera_of_p(tmp_path):
     P = np.array([[50.0, 0, 31.5, 0], [0, 50.0, 23.5, 0], [0, 0, 1, 0]])
 
     def change(message):
-        message.D, message.R, message.P = [-0.2, 0.05, 0, 0, 0.01], R.ravel().tolist(), P.ravel().tolist()
+        message.D, message.R, message.P = (
+            [-0.2, 0.05, 0, 0, 0.01],
+            R.ravel().tolist(),
+            P.ravel().tolist(),
+        )
 
     def renamed(topic, message, stamp_s):
         if topic == "/cam/camera_info":
@@ -403,7 +483,9 @@ def test_a_drawn_pair_through_mcap_has_its_depth(tmp_path, capsys):
     arguments = [str(mcap), *cameras, "--mount", "optical", "--range-m", "20", "-o", str(photos)]
     assert main(arguments) == 0
     said = capsys.readouterr().out
-    assert "images/ (2)" in said and "--reference camera1_01.png" in said and "frame 'world'" in said
+    assert (
+        "images/ (2)" in said and "--reference camera1_01.png" in said and "frame 'world'" in said
+    )
     assert cli.main([str(photos), "-o", str(out), "--reference", "camera1_01.png", "--rig"]) == 0
     depth, expected = np.load(out / "depth.npy"), true_depth(camera_pose(places["left"]))
     known = np.isfinite(depth)
@@ -414,7 +496,17 @@ def test_a_drawn_pair_through_mcap_has_its_depth(tmp_path, capsys):
 
 
 def test_the_command_says_what_is_wrong_in_one_line(bags, tmp_path, capsys):
-    arguments = [str(bags["ros1"]), "--camera", "/kam", "--pose", "/odom", "--range-m", "20", "-o", str(tmp_path / "o")]
+    arguments = [
+        str(bags["ros1"]),
+        "--camera",
+        "/kam",
+        "--pose",
+        "/odom",
+        "--range-m",
+        "20",
+        "-o",
+        str(tmp_path / "o"),
+    ]
     assert main(arguments) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert main([str(tmp_path / "no.bag"), *arguments[1:]]) == 2

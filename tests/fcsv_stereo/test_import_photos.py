@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""GPS-tagged photographs become a folder that map reads: tags, places, scale, models, and what is refused."""
+"""GPS-tagged photographs become a folder that map reads: tags, places, scale, models, and what is
+refused."""
 
 import struct
 import sys
@@ -29,12 +30,22 @@ SMALL = np.zeros((24, 32, 3), np.uint8)
 
 
 def test_tags_of_an_ordinary_camera(tmp_path):
-    write_tagged(tmp_path / "a.jpg", SMALL, gps_at([30.0, -40.0, 12.0]), 6, FOCAL_35_MM, error_m=1.5)
+    write_tagged(
+        tmp_path / "a.jpg", SMALL, gps_at([30.0, -40.0, 12.0]), 6, FOCAL_35_MM, error_m=1.5
+    )
     tags = read_tags(tmp_path / "a.jpg")
-    assert (tags.size, tags.orientation, tags.camera, tags.R_enu_cam) == ((32, 24), 6, "Maker Flyer 1", None)
-    assert tags.focal_px == pytest.approx(FOCAL_35_MM * 40.0 / np.hypot(36, 24))  # 40 px: the picture's diagonal
+    assert (tags.size, tags.orientation, tags.camera, tags.R_enu_cam) == (
+        (32, 24),
+        6,
+        "Maker Flyer 1",
+        None,
+    )
+    # 40 px: the picture's diagonal
+    assert tags.focal_px == pytest.approx(FOCAL_35_MM * 40.0 / np.hypot(36, 24))
     assert (tags.gps.sigma_m, tags.gps.height_sigma_m) == (1.5, 3.0)
-    np.testing.assert_allclose(east_north_up_m([tags.gps], ORIGIN)[0], [30.0, -40.0, 12.0], atol=0.002)
+    np.testing.assert_allclose(
+        east_north_up_m([tags.gps], ORIGIN)[0], [30.0, -40.0, 12.0], atol=0.002
+    )
 
 
 def test_tags_of_a_drone(tmp_path):
@@ -42,7 +53,9 @@ def test_tags_of_a_drone(tmp_path):
     write_tagged(tmp_path / "a.jpg", SMALL, gps_at([0.0, 0.0, 0.0]), xmp=XMP)
     tags = read_tags(tmp_path / "a.jpg")
     c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
-    np.testing.assert_allclose(tags.R_enu_cam, np.array([[0, -1, 0], [-s, 0, -c], [c, 0, -s]]).T, atol=1e-12)
+    np.testing.assert_allclose(
+        tags.R_enu_cam, np.array([[0, -1, 0], [-s, 0, -c], [c, 0, -s]]).T, atol=1e-12
+    )
     assert (tags.gps.sigma_m, tags.gps.height_sigma_m, tags.gps.height_m) == (0.012, 0.03, 521.5)
     assert tags.focal_px is None
 
@@ -59,7 +72,8 @@ def test_places_all_over_the_earth(tmp_path, south_west):
 
 def test_files_without_a_place(tmp_path):
     write_tagged(tmp_path / "a.jpg", SMALL)
-    write_tagged(tmp_path / "b.jpg", SMALL, type(ORIGIN)(0.0, 0.0, 0.0))  # what some write without a fix
+    # what some write without a fix
+    write_tagged(tmp_path / "b.jpg", SMALL, type(ORIGIN)(0.0, 0.0, 0.0))
     (tmp_path / "c.jpg").write_bytes(b"no picture")
     assert read_tags(tmp_path / "a.jpg").gps is read_tags(tmp_path / "b.jpg").gps is None
     with pytest.raises(InputError, match=r"c\.jpg: cannot be read"):
@@ -67,19 +81,24 @@ def test_files_without_a_place(tmp_path):
 
 
 def drawn_model(rng, line=False):
-    """(p_model, p_enu, R_model_cam, scale): cameras within 40 m that look about level, in a world of its own."""
+    """(p_model, p_enu, R_model_cam, scale): cameras within 40 m that look about level, in a world
+    of its own."""
     n = 12
     p_enu = rng.uniform(-20, 20, (n, 3)) * ([1, 0, 0] if line else [1, 1, 0.2])
     R_enu_cam = [camera_pose([0, 0, 0], (0, *rng.normal(0, 10, 2)))[:3, :3] for _ in range(n)]
-    R, scale = Rotation.random(random_state=int(rng.integers(1 << 30))).as_matrix(), rng.uniform(0.1, 10)
+    R, scale = (
+        Rotation.random(random_state=int(rng.integers(1 << 30))).as_matrix(),
+        rng.uniform(0.1, 10),
+    )
     p_model = (p_enu - rng.normal(0, 100, 3)) @ R / scale
     return p_model, p_enu, np.array([R.T @ c for c in R_enu_cam]), scale
 
 
 @pytest.mark.parametrize("line", [False, True])
 def test_the_scale_is_as_good_as_it_says(line):
-    """30 draws with GPS of 0.5 m (up: 1 m), two of twelve 30 m off: the squared error over variance averages one (the
-    mean of 30 scatters by 0.26; two of these and what the prior of GPS's own scatter adds), and the two are named."""
+    """30 draws with GPS of 0.5 m (up: 1 m), two of twelve 30 m off: the squared error over variance
+    averages one (the mean of 30 scatters by 0.26; two of these and what the prior of GPS's own
+    scatter adds), and the two are named."""
     rng = np.random.default_rng(5)
     scores, turns = [], []
     sigmas = np.tile([0.5, 0.5, 1.0], (12, 1))
@@ -96,10 +115,13 @@ def test_the_scale_is_as_good_as_it_says(line):
     assert max(turns) < -0.9, "the cameras' down is down, on a line too"
 
 
-@pytest.mark.parametrize("places, words", [
-    (2, "2 photographs have both GPS and a pose; scale and turn need 3"),
-    (3, "within .* m, which GPS cannot tell apart"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "places, words",
+    [
+        (2, "2 photographs have both GPS and a pose; scale and turn need 3"),
+        (3, "within .* m, which GPS cannot tell apart"),
+    ],
+)
 def test_places_that_fix_no_scale(places, words):
     p = np.eye(3)[:places] * 0.4
     with pytest.raises(InputError, match=words):
@@ -113,9 +135,13 @@ def flown(tmp_path_factory):
 
 def require_true_places(out, tolerance_m=0.1):
     """Distances from the first photograph to all others, whatever way home is turned."""
-    places = {p.name: p.T_home_cam[:3, 3] for p in colmap.read_images(out / "images.txt", {1: CAMERA})}
+    places = {
+        p.name: p.T_home_cam[:3, 3] for p in colmap.read_images(out / "images.txt", {1: CAMERA})
+    }
     found = [np.linalg.norm(places[f"{i}.jpg"] - places["0.jpg"]) for i in range(len(PLACES_M))]
-    np.testing.assert_allclose(found, np.linalg.norm(PLACES_M - PLACES_M[0], axis=1), atol=tolerance_m)
+    np.testing.assert_allclose(
+        found, np.linalg.norm(PLACES_M - PLACES_M[0], axis=1), atol=tolerance_m
+    )
 
 
 def binary(folder, target):
@@ -124,7 +150,9 @@ def binary(folder, target):
     target.mkdir()
     c = cameras[1]
     values = (c.fx, c.fy, c.cx + 0.5, c.cy + 0.5, 0, 0, 0, 0)
-    (target / "cameras.bin").write_bytes(struct.pack("<QiiQQ8d", 1, 1, 4, c.width, c.height, *values))
+    (target / "cameras.bin").write_bytes(
+        struct.pack("<QiiQQ8d", 1, 1, 4, c.width, c.height, *values)
+    )
     octets = struct.pack("<Q", len(posed))
     for i, p in enumerate(posed, 1):
         T = transforms.invert(p.T_home_cam)
@@ -144,8 +172,13 @@ def test_photographs_that_colmap_has_posed(flown, tmp_path, kind, capsys):
     assert "0.jpg" in said and "known to" in said and "images/ (5)" in said
     require_true_places(tmp_path / "out")
     given = colmap.read_photographs(tmp_path / "out", "2.jpg")
-    assert len(given.configurations) == 4 and given.configurations[0].others[0].covariance is not None
-    up = [-p.T_home_cam[2, 1] for p in colmap.read_images(tmp_path / "out" / "images.txt", {1: CAMERA})]
+    assert (
+        len(given.configurations) == 4 and given.configurations[0].others[0].covariance is not None
+    )
+    up = [
+        -p.T_home_cam[2, 1]
+        for p in colmap.read_images(tmp_path / "out" / "images.txt", {1: CAMERA})
+    ]
     assert min(up) > 0.99, "home's z is up"
 
 
@@ -161,10 +194,12 @@ def test_what_is_wrong_is_said_and_nothing_is_left(flown, tmp_path, monkeypatch)
     write_tagged(tmp_path / "few" / "0.jpg", SMALL, ORIGIN)
     write_tagged(tmp_path / "few" / "1.jpg", SMALL)
     for folder, model, words in (
-        (tmp_path / "none", None, "is no folder of photographs"), (sparse, None, "holds no photographs"),
+        (tmp_path / "none", None, "is no folder of photographs"),
+        (sparse, None, "holds no photographs"),
         (tmp_path / "few", flown / "model", "1 of 2 photographs have a GPS position"),
-        (photos, sparse, "images.bin: ends early"), (photos, tmp_path, "cameras.txt is missing"),
-    ):  # fmt: skip
+        (photos, sparse, "images.bin: ends early"),
+        (photos, tmp_path, "cameras.txt is missing"),
+    ):
         monkeypatch.setitem(sys.modules, "pycolmap", object())
         with pytest.raises(InputError, match=words):
             import_photos(folder, out, ImportOptions(model))
@@ -198,8 +233,12 @@ def test_a_picture_that_is_stored_turned_is_written_upright(tmp_path):
 @pytest.mark.slow
 def test_poses_by_pycolmap(flown, tmp_path, capfd):
     """Five photographs of two walls, from the pixels and GPS of 5 cm alone, within 3 % of 6 m."""
-    pytest.importorskip("pycolmap", reason="pycolmap is optional: pip install -r tools/bench/requirements.txt")
+    pytest.importorskip(
+        "pycolmap", reason="pycolmap is optional: pip install -r tools/bench/requirements.txt"
+    )
     # in this Python, whose pycolmap it is: rosrun's is that of the checkout
-    status = fcsv_command.main(["import-photos", str(flown / "photos"), "-o", str(tmp_path / "out")])
+    status = fcsv_command.main(
+        ["import-photos", str(flown / "photos"), "-o", str(tmp_path / "out")]
+    )
     assert status == 0, capfd.readouterr().err[-2000:]
     require_true_places(tmp_path / "out", 0.2)

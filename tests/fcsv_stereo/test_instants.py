@@ -19,7 +19,9 @@ def pictures(vehicle, stamps):
 
 
 def recorded(vehicle, axis, references, others):
-    return ConfigurationInput(Configuration(axis, 4.0), pictures("uav1", references), pictures(vehicle, others))
+    return ConfigurationInput(
+        Configuration(axis, 4.0), pictures("uav1", references), pictures(vehicle, others)
+    )
 
 
 def session(*configurations, kind="session"):
@@ -32,7 +34,8 @@ def stamps(given):
 
 @pytest.fixture
 def flown():
-    """2 m and 4 m at once, uav2 is apart; then 4 m and 8 m, where uav2 is late at first and uav3 misses a picture."""
+    """2 m and 4 m at once, uav2 is apart; then 4 m and 8 m, where uav2 is late at first and uav3
+    misses a picture."""
     return session(
         recorded("uav2", "horizontal", [10.0, 10.2, 10.4], [10.09, 10.29]),
         recorded("uav3", "vertical", [10.0, 10.2, 10.4], [10.0, 10.2, 10.4]),
@@ -47,12 +50,14 @@ def test_configurations_that_were_recorded_together_are_one_group(flown):
 
 def test_an_instant_has_one_reference_picture_and_the_nearest_of_each(flown):
     found = instants.instants(flown.configurations[2:])
-    assert [round(1e3 * i.skew_s) for i in found] == [30, 10, 190, 0]  # of uav2, uav3, uav3 (it missed one), nobody
+    # of uav2, uav3, uav3 (it missed one), nobody
+    assert [round(1e3 * i.skew_s) for i in found] == [30, 10, 190, 0]
     assert {c.references[0].name for c in found[1].configurations} == {"uav1/20.200"}
 
 
 def test_a_map_of_an_instant_is_of_the_middle_of_the_last_recording_or_of_a_stamp(flown):
-    assert stamps(instants.of_one_instant(flown)) == [[20.6, 20.6], [20.6, 20.6]]  # of two that serve the later
+    # of two that serve the later
+    assert stamps(instants.of_one_instant(flown)) == [[20.6, 20.6], [20.6, 20.6]]
     assert stamps(instants.of_one_instant(flown, 20.0)) == [[20.2, 20.205], [20.2, 20.21]]
 
 
@@ -62,7 +67,8 @@ def test_cameras_that_are_apart_by_more_are_refused_with_the_figure(flown):
         instants.of_one_instant(free)
     with pytest.raises(InputError, match="nearest picture is 2.0 s off"):
         instants.of_one_instant(flown, 8.0)
-    with pytest.raises(InputError, match="90 ms apart"):  # that recording has none, though a later one has
+    # that recording has none, though a later one has
+    with pytest.raises(InputError, match="90 ms apart"):
         instants.of_one_instant(flown, 10.1)
 
 
@@ -78,7 +84,9 @@ def test_skew_is_told_of_every_picture(flown):
     assert told["uav2/10.090"] == pytest.approx(0.09) and told["uav3/20.210"] == pytest.approx(0.01)
 
 
-def test_a_map_of_all_takes_the_picture_next_to_the_middle_that_has_a_reference_of_its_instant(flown):
+def test_a_map_of_all_takes_the_picture_next_to_the_middle_that_has_a_reference_of_its_instant(
+    flown,
+):
     _, others = choose_pictures(flown.configurations)
     assert [o.stamp_s for o in others] == [10.29, 10.2, 20.41, 20.21]
     apart = recorded("uav2", "horizontal", [1.0, 1.2, 1.4], [1.0, 1.1, 1.3])
@@ -87,5 +95,7 @@ def test_a_map_of_all_takes_the_picture_next_to_the_middle_that_has_a_reference_
 
 @pytest.mark.parametrize("word", ["first", "nan", "inf"])
 def test_an_instant_that_is_none_is_refused_before_anything_is_read(word, tmp_path, capsys):
-    assert cli.main([str(tmp_path / "nowhere"), "-o", str(tmp_path / "out"), "--instant", word]) == 2
+    assert (
+        cli.main([str(tmp_path / "nowhere"), "-o", str(tmp_path / "out"), "--instant", word]) == 2
+    )
     assert f"--instant {word}" in capsys.readouterr().err

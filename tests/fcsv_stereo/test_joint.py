@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint matching: on walls with known depth, on faults, and (slow) on rendered scenes and photographs."""
+"""Joint matching: on walls with known depth, on faults, and (slow) on rendered scenes and
+photographs."""
 
 from dataclasses import replace
 
@@ -39,10 +40,15 @@ def quiet(*_):
 
 
 def walls(*offsets, tilt_deg=0.0):
-    """The reference and others at offsets (m) in home, the others turned inwards, with true poses."""
-    reference = scenes.picture("reference", "uav1", 0.0, scenes.camera_pose([0, 0, 0], (0.3, -0.2, 0.4)))
+    """The reference and others at offsets (m) in home, the others turned inwards, with true
+    poses."""
+    reference = scenes.picture(
+        "reference", "uav1", 0.0, scenes.camera_pose([0, 0, 0], (0.3, -0.2, 0.4))
+    )
     others = [
-        scenes.picture(f"other {i}", "uav2", 0.0, scenes.camera_pose(p, (-0.4, 0.3, -0.3 + tilt_deg)))
+        scenes.picture(
+            f"other {i}", "uav2", 0.0, scenes.camera_pose(p, (-0.4, 0.3, -0.3 + tilt_deg))
+        )
         for i, p in enumerate(offsets)
     ]
     return reference, others, scenes.true_depth(reference.T_home_cam)
@@ -53,18 +59,22 @@ def errors_px(found, truth, baseline_m):
     return np.abs(1.0 / found - 1.0 / truth) * baseline_m * FOCAL_PX
 
 
-@pytest.mark.parametrize("offsets, tilt_deg", [
-    ([(0, -1.0, 0)], 0.0),
-    ([(0, -0.5, 0), (0, -1.0, 0)], 0.0),
-    ([(0, -1.0, 0), (0, 0, 1.0)], 0.0),
-    ([(0, 0, 1.0)], 0.0),
-    ([(0, -1.0, 0), (0.3, 0.9, 0.1)], 0.0),
-    ([(0, -2.0, 0)], 4.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "offsets, tilt_deg",
+    [
+        ([(0, -1.0, 0)], 0.0),
+        ([(0, -0.5, 0), (0, -1.0, 0)], 0.0),
+        ([(0, -1.0, 0), (0, 0, 1.0)], 0.0),
+        ([(0, 0, 1.0)], 0.0),
+        ([(0, -1.0, 0), (0.3, 0.9, 0.1)], 0.0),
+        ([(0, -2.0, 0)], 4.0),
+    ],
+)
 def test_walls(offsets, tilt_deg):
     """Pixels that a pair sees: bilinear sampling leaves some hundredths of a pixel.
 
-    Measured 2026-11-24, six cases: 0.995 to 0.999 answered, median 0.015 to 0.027 px, 0.983 to 0.992 within 10 %.
+    Measured 2026-11-24, six cases: 0.995 to 0.999 answered, median 0.015 to 0.027 px, 0.983 to
+    0.992 within 10 %.
     """
     reference, others, truth = walls(*offsets, tilt_deg=tilt_deg)
     found = match_jointly(reference, others)
@@ -77,9 +87,11 @@ def test_walls(offsets, tilt_deg):
 
 
 def test_sigma_tells_the_errors():
-    """Of a normal distribution 68 % lie within one and 95 % within two; walls are kinder, never less.
+    """Of a normal distribution 68 % lie within one and 95 % within two; walls are kinder, never
+    less.
 
-    Measured 2026-11-24: 94 and 99 %, median sigma 0.57 %. Sigma is calibrated on scenes as the bench's (74 and 91 %).
+    Measured 2026-11-24: 94 and 99 %, median sigma 0.57 %. Sigma is calibrated on scenes as the
+    bench's (74 and 91 %).
     """
     reference, others, truth = walls((0, -0.5, 0), (0, -1.0, 0))
     found = match_jointly(reference, others)
@@ -87,28 +99,37 @@ def test_sigma_tells_the_errors():
     error = np.abs(found.depth - truth)[answered] / found.sigma[answered]
     assert (error < 1).mean() > 0.68 and (error < 2).mean() > 0.95
     relative = (found.sigma / found.depth)[answered]
-    assert np.median(relative) < 0.008  # and it is not bought by saying nothing: 0.8 % is an eighth of a pixel here
+    # and it is not bought by saying nothing: 0.8 % is an eighth of a pixel here
+    assert np.median(relative) < 0.008
 
 
 def test_sigma_grows_with_the_poses_uncertainty():
     reference, others, _ = walls((0, -1.0, 0))
     scale = np.diag([0, 0, 0, 0, 0.03**2, 0])  # 3 % of the baseline, along it
-    sure, unsure = (match_jointly(reference, others, poses=[PoseUncertainty(c)]) for c in (np.zeros((6, 6)), scale))
+    sure, unsure = (
+        match_jointly(reference, others, poses=[PoseUncertainty(c)])
+        for c in (np.zeros((6, 6)), scale)
+    )
     both = np.isfinite(sure.sigma) & np.isfinite(unsure.sigma)
     added = (
-        np.sqrt(unsure.sigma[both] ** 2 - np.minimum(sure.sigma[both], unsure.sigma[both]) ** 2) / unsure.depth[both]
+        np.sqrt(unsure.sigma[both] ** 2 - np.minimum(sure.sigma[both], unsure.sigma[both]) ** 2)
+        / unsure.depth[both]
     )
     assert np.median(added) == pytest.approx(0.03, rel=0.1)
-    yaw = np.diag([0, np.radians(0.1) ** 2, 0, 0, 0, 0])  # about the camera's y: f tan(0.1 deg) px of disparity
+    # about the camera's y: f tan(0.1 deg) px of disparity
+    yaw = np.diag([0, np.radians(0.1) ** 2, 0, 0, 0, 0])
     turned = match_jointly(reference, others, poses=[PoseUncertainty(yaw)])
     both = np.isfinite(sure.sigma) & np.isfinite(turned.sigma)
-    added_w = np.sqrt(turned.sigma[both] ** 2 - np.minimum(sure.sigma[both], turned.sigma[both]) ** 2)
+    added_w = np.sqrt(
+        turned.sigma[both] ** 2 - np.minimum(sure.sigma[both], turned.sigma[both]) ** 2
+    )
     added_px = added_w / turned.depth[both] ** 2 * FOCAL_PX
     assert np.median(added_px) == pytest.approx(FOCAL_PX * np.radians(0.1), rel=0.15)
 
 
 def test_an_occluded_pair_is_not_asked():
-    """Left of the near wall only the short baseline sees the far one: depth there is still right, with its support.
+    """Left of the near wall only the short baseline sees the far one: depth there is still right,
+    with its support.
 
     Measured 2026-11-24: median error 1.1 %, which is 0.05 px of that baseline.
     """
@@ -123,7 +144,10 @@ def test_an_occluded_pair_is_not_asked():
 def pole_scene(T_home_cam):
     """The walls with a pole of 0.1 m at 8 m in front: four pixels wide."""
     image = scenes.photograph(T_home_cam)
-    pole = np.linalg.inv(T_home_cam) @ np.array([[8, 2.0, 3, 1], [8, 2.0, -3, 1], [8, 1.9, -3, 1], [8, 1.9, 3, 1]]).T
+    pole = (
+        np.linalg.inv(T_home_cam)
+        @ np.array([[8, 2.0, 3, 1], [8, 2.0, -3, 1], [8, 1.9, -3, 1], [8, 1.9, 3, 1]]).T
+    )
     corners = (pole[:2] / pole[2] * FOCAL_PX + [[scenes.CAMERA.cx], [scenes.CAMERA.cy]]).T
     mask = np.zeros(image.shape[:2], np.uint8)
     cv2.fillConvexPoly(mask, np.rint(corners * 16).astype(np.int32), 255, shift=4)
@@ -135,11 +159,15 @@ def pole_scene(T_home_cam):
 def test_a_thin_pole_stays():
     poses = [scenes.camera_pose([0, y, 0]) for y in (0.0, -0.4, -0.8)]
     drawn = [pole_scene(T) for T in poses]
-    pictures = [Picture(f"p{i}", "uav", 0.0, d[0], scenes.CAMERA, T) for i, (d, T) in enumerate(zip(drawn, poses))]
+    pictures = [
+        Picture(f"p{i}", "uav", 0.0, d[0], scenes.CAMERA, T)
+        for i, (d, T) in enumerate(zip(drawn, poses))
+    ]
     found = match_jointly(pictures[0], pictures[1:])
     on_pole = drawn[0][1]
     on_pole[:10], on_pole[-10:] = False, False
-    assert (np.abs(found.depth[on_pole] / 8.0 - 1.0) < 0.1).mean() > 0.87  # measured 2026-11-24: 0.929
+    # measured 2026-11-24: 0.929
+    assert (np.abs(found.depth[on_pole] / 8.0 - 1.0) < 0.1).mean() > 0.87
 
 
 def test_sky_has_no_depth():
@@ -154,7 +182,9 @@ def test_sky_has_no_depth():
         pictures.append(replace(p, image=image, T_home_cam=T))
     found = match_jointly(pictures[0], pictures[1:])
     # measured 2026-11-24: 0.000 and 0.997
-    assert np.isfinite(found.depth[:85]).mean() < 0.02 and np.isfinite(found.depth[115:]).mean() > 0.97
+    assert (
+        np.isfinite(found.depth[:85]).mean() < 0.02 and np.isfinite(found.depth[115:]).mean() > 0.97
+    )
     only = [replace(p, image=np.repeat(sky, 1, axis=0)) for p in pictures]
     with pytest.raises(MatchingError, match="relied on"):
         map_joint(_given(only), UNREFINED, quiet)
@@ -163,7 +193,8 @@ def test_sky_has_no_depth():
 def _given(pictures):
     given = scenes.given(*[((0, -1.0, 0), "horizontal")] * (len(pictures) - 1))
     configurations = [
-        replace(c, references=[pictures[0]], others=[o]) for c, o in zip(given.configurations, pictures[1:])
+        replace(c, references=[pictures[0]], others=[o])
+        for c, o in zip(given.configurations, pictures[1:])
     ]
     return replace(given, configurations=configurations)
 
@@ -188,9 +219,12 @@ def test_without_texture_sigma_knows():
         map_joint(_given(flat), UNREFINED, quiet)
 
 
-@pytest.mark.parametrize("change", [lambda i: np.clip(i.astype(int) * 3, 0, 255), lambda i: i // 3 + 20])
+@pytest.mark.parametrize(
+    "change", [lambda i: np.clip(i.astype(int) * 3, 0, 255), lambda i: i // 3 + 20]
+)
 def test_another_exposure(change):
-    """A picture three times as bright (much of it at 255), or dark and hazy, among three: right, or not answered."""
+    """A picture three times as bright (much of it at 255), or dark and hazy, among three: right, or
+    not answered."""
     reference, others, truth = walls((0, -0.5, 0), (0, -1.0, 0))
     others[0] = replace(others[0], image=change(others[0].image).astype(np.uint8))
     found = match_jointly(reference, others)
@@ -204,7 +238,10 @@ def test_another_exposure(change):
 def test_tiny_pictures(size):
     camera = PinholeCamera(size[0], size[1], 50.0, 50.0, (size[0] - 1) / 2, (size[1] - 1) / 2)
     image = np.random.default_rng(1).integers(0, 255, (size[1], size[0], 3), np.uint8)
-    pictures = [Picture(n, "uav", 0.0, image, camera, scenes.camera_pose((0, y, 0))) for n, y in (("a", 0), ("b", -1))]
+    pictures = [
+        Picture(n, "uav", 0.0, image, camera, scenes.camera_pose((0, y, 0)))
+        for n, y in (("a", 0), ("b", -1))
+    ]
     try:
         assert match_jointly(pictures[0], pictures[1:]).depth.shape == image.shape[:2]
     except StereoError as error:
@@ -228,33 +265,50 @@ def test_inverse_depths_move_by_the_step():
 def test_the_map_of_a_session(monkeypatch):
     unseen = ["The focal length."]  # as refinement says
     monkeypatch.setattr(method, "refine", lambda *inputs: replace(refine(*inputs), unseen=unseen))
-    given = scenes.given(((0, -0.5, 0), "horizontal"), ((0, -1.0, 0), "horizontal"), ((0, 0, 1.0), "vertical"))
+    given = scenes.given(
+        ((0, -0.5, 0), "horizontal"), ((0, -1.0, 0), "horizontal"), ((0, 0, 1.0), "vertical")
+    )
     result = map_joint(given, JointOptions(), quiet)
     truth = scenes.true_depth(result.reference.T_home_cam)
-    assert result.method == "joint" and len(result.pairs) == 3 and result.points == np.isfinite(result.depth).sum()
+    assert (
+        result.method == "joint"
+        and len(result.pairs) == 3
+        and result.points == np.isfinite(result.depth).sum()
+    )
     assert (np.abs(result.depth / truth - 1.0) < 0.1).mean() > 0.97  # measured 2026-11-24: 0.990
     x = result.cloud.points_home_m[:, 0]
-    assert np.minimum(np.abs(x - 20.0), np.abs(x - 12.0)).mean() < 0.1  # measured 2026-11-24: 0.063 m
+    # measured 2026-11-24: 0.063 m
+    assert np.minimum(np.abs(x - 20.0), np.abs(x - 12.0)).mean() < 0.1
     for p in result.pairs:
         assert 0.3 < p.match_rate <= 1.0 and 0 < p.effective_range_m[0] <= p.effective_range_m[1]
         assert p.disparity.shape == p.depth.shape == p.reference_rectified.shape[:2]
         expected = p.configuration.baseline_m * FOCAL_PX / 20.0  # of the far wall, 2.5
         assert np.nanmedian(np.abs(p.disparity)) == pytest.approx(expected, rel=0.1)
-    assert set(result.timing_s) == {"refine", "match", "fuse"} and max(result.cloud.baseline_index) <= 2
+    assert (
+        set(result.timing_s) == {"refine", "match", "fuse"}
+        and max(result.cloud.baseline_index) <= 2
+    )
     assert result.unseen == unseen
 
 
 def test_depth_of_half_the_size():
-    given = scenes.given(((0, -0.5, 0), "horizontal"), ((0, -1.0, 0), "horizontal"), ((0, 0, 1.0), "vertical"))
+    given = scenes.given(
+        ((0, -0.5, 0), "horizontal"), ((0, -1.0, 0), "horizontal"), ((0, 0, 1.0), "vertical")
+    )
     last = given.configurations[2]
-    given.configurations[2] = replace(last, references=[replace(p, name="later") for p in last.references])
+    given.configurations[2] = replace(
+        last, references=[replace(p, name="later") for p in last.references]
+    )
     result = METHODS["joint"].map(given, JointOptions(scale=0.5, complete=True), quiet)
     camera = scenes.CAMERA.resized(160, 120)
     assert result.reference.camera == camera and result.reference.image.shape == (120, 160, 3)
-    truth = cv2.resize(scenes.true_depth(result.reference.T_home_cam), (160, 120), interpolation=cv2.INTER_NEAREST)
+    truth = cv2.resize(
+        scenes.true_depth(result.reference.T_home_cam), (160, 120), interpolation=cv2.INTER_NEAREST
+    )
     assert (np.abs(result.depth / truth - 1.0) < 0.1).mean() > 0.96  # measured 2026-11-24: 0.981
     x = result.cloud.points_home_m[:, 0]
-    assert np.median(np.minimum(np.abs(x - 20.0), np.abs(x - 12.0))) < 0.06  # measured 2026-11-24: 0.043 m
+    # measured 2026-11-24: 0.043 m
+    assert np.median(np.minimum(np.abs(x - 20.0), np.abs(x - 12.0))) < 0.06
     # later pictures were compared at that size, too
     assert len(result.watched) == 1 and not any("moved" in w for w in result.warnings)
     with pytest.raises(InputError, match="scale is 0.05"):
@@ -263,11 +317,14 @@ def test_depth_of_half_the_size():
         JointOptions(most_pixels=10)
 
 
-@pytest.mark.parametrize("words, option", [
-    (["--matcher", "bm"], "--matcher belongs to --method thesis"),
-    (["--disparity", "10", "20"], "--disparity belongs to --method thesis"),
-    (["--method", "thesis", "--no-refine"], "--no-refine belongs to --method joint"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "words, option",
+    [
+        (["--matcher", "bm"], "--matcher belongs to --method thesis"),
+        (["--disparity", "10", "20"], "--disparity belongs to --method thesis"),
+        (["--method", "thesis", "--no-refine"], "--no-refine belongs to --method joint"),
+    ],
+)
 def test_options_of_another_method_are_refused(tmp_path, capsys, words, option):
     assert cli.main([str(tmp_path), "-o", str(tmp_path / "out"), *words]) == 2
     assert option in capsys.readouterr().err
@@ -288,15 +345,17 @@ def test_motorcycle(shared_data, tmp_path):
 
 
 def test_a_pair_that_is_known_well_stays(shared_data, tmp_path):
-    """Rectified, and said so: the map's own step turned it by 0.020 degrees (0.31 px), while stating 0.01; measured
-    2026-11-26: 0.010 degrees, a median error of 0.26 %, 77 and 93 % of the errors within 1 and 2 sigma (before: 37 and
-    87 %). With its pose exact 81 % are within 1 sigma, so that a share has no upper bound here: one pair is one draw of
-    its pose."""
+    """Rectified, and said so: the map's own step turned it by 0.020 degrees (0.31 px), while
+    stating 0.01; measured 2026-11-26: 0.010 degrees, a median error of 0.26 %, 77 and 93 % of the
+    errors within 1 and 2 sigma (before: 37 and 87 %). With its pose exact 81 % are within 1 sigma,
+    so that a share has no upper bound here: one pair is one draw of its pose."""
     disparity, truth, f, baseline_m, doffs = motorcycle(shared_data, tmp_path)
     prior = PosePrior(np.radians(0.01), 0.0002, 0.0)
     result = map_joint(colmap.read_photographs(tmp_path), JointOptions(prior=prior), quiet)
     (other,) = (i for i in result.images if i.name != result.reference.name)
-    turned = transforms.rotation_angle(result.reference.T_home_cam[:3, :3], other.T_home_cam[:3, :3])
+    turned = transforms.rotation_angle(
+        result.reference.T_home_cam[:3, :3], other.T_home_cam[:3, :3]
+    )
     assert not other.refined and np.degrees(turned) < 0.015
     true = np.where(truth, f * baseline_m / (np.where(truth, disparity, 1.0) + doffs), np.nan)
     known = truth & np.isfinite(result.depth)
@@ -307,18 +366,22 @@ def test_a_pair_that_is_known_well_stays(shared_data, tmp_path):
 
 @pytest.mark.slow
 def test_disjoint_pairs_of_the_fountain_agree(shared_data, tmp_path):
-    """Depth from disjoint pairs of one reference; measured 2026-11-24: both answer 99.2 %, median difference 0.12 %."""
+    """Depth from disjoint pairs of one reference; measured 2026-11-24: both answer 99.2 %, median
+    difference 0.12 %."""
     depths = []
     for i, names in enumerate((["0005.jpg", "0004.jpg"], ["0005.jpg", "0006.jpg"])):
         folder = fountain(shared_data, tmp_path / str(i), names)
-        depths.append(map_joint(colmap.read_photographs(folder, "0005.jpg"), UNREFINED, quiet).depth)
+        depths.append(
+            map_joint(colmap.read_photographs(folder, "0005.jpg"), UNREFINED, quiet).depth
+        )
     both = np.isfinite(depths[0]) & np.isfinite(depths[1])
     assert both.mean() > 0.97
     assert np.median(np.abs(depths[0][both] / depths[1][both] - 1.0)) < 0.002
 
 
 def town(seed, baselines_m):
-    """Rendered pictures of the simulated town; priors off by 0.15 degrees per axis and 1 % of the baseline."""
+    """Rendered pictures of the simulated town; priors off by 0.15 degrees per axis and 1 % of the
+    baseline."""
     from fcsv_sim.render.renderer import Renderer
     from fcsv_sim.world.town import Town
 
@@ -328,7 +391,9 @@ def town(seed, baselines_m):
     T_world_home = transforms.from_xyz_yaw([1.0, 0.0, 8.0], 0.0)
 
     def shoot(name, y):
-        T = scenes.camera_pose(np.array([0.0, y, 0.0]) + random.normal(0, 0.03, 3), random.normal(0, 1.0, 3))
+        T = scenes.camera_pose(
+            np.array([0.0, y, 0.0]) + random.normal(0, 0.03, 3), random.normal(0, 1.0, 3)
+        )
         image, depth = renderer.render(T_world_home @ T, camera)
         error = transforms.from_xyz_rpy(
             random.normal(0, 0.01 * abs(y), 3) / 3**0.5, random.normal(0, 0.15, 3) * 0.01745
@@ -346,11 +411,12 @@ def town(seed, baselines_m):
 
 @pytest.mark.slow
 def test_the_town():
-    """A town without the camera's noise, one of those that sigma's constants are from; kinder than the bench's.
+    """A town without the camera's noise, one of those that sigma's constants are from; kinder than
+    the bench's.
 
-    Measured 2026-11-24, seeds 1 to 5: median 0.41 to 0.74 %, within 10 % 0.885 to 0.958, wrong of the answered 0.039 to
-    0.108, within one sigma 0.67 to 0.88 (0.68 would do), within two 0.930 to 0.957. This one, seed 4: 0.41 %, 0.958,
-    0.039, 0.88, 0.952.
+    Measured 2026-11-24, seeds 1 to 5: median 0.41 to 0.74 %, within 10 % 0.885 to 0.958, wrong of
+    the answered 0.039 to 0.108, within one sigma 0.67 to 0.88 (0.68 would do), within two 0.930 to
+    0.957. This one, seed 4: 0.41 %, 0.958, 0.039, 0.88, 0.952.
     """
     given, truth = town(4, (2.0, 4.0, 6.0, 8.0))
     result = map_joint(given, JointOptions(), quiet)
@@ -376,11 +442,14 @@ def test_a_refined_focal_length_is_the_references_too():
     reference = boards.shot("reference", boards.pose([0, 0, 0]), town, "uav1")
     truth = boards.depth(reference.T_home_cam, town)
     poses = (boards.pose([0.03, -b, 0.02], random.normal(0, 1, 3)) for b in (2, 5, 8))
-    shots = [boards.noisy(boards.shot(f"p{i}", T, town), reference, random) for i, T in enumerate(poses)]
+    shots = [
+        boards.noisy(boards.shot(f"p{i}", T, town), reference, random) for i, T in enumerate(poses)
+    ]
     camera = replace(reference.camera, fx=reference.camera.fx * 1.05, fy=reference.camera.fy * 1.05)
     wrong, *others = (replace(p, camera=camera) for p in (reference, *shots))
     configurations = [
-        ConfigurationInput(Configuration.between(wrong.T_home_cam, o.T_home_cam), [wrong], [o]) for o in others
+        ConfigurationInput(Configuration.between(wrong.T_home_cam, o.T_home_cam), [wrong], [o])
+        for o in others
     ]
     options = METHODS["joint"].quick
     options = replace(options, scale=0.5, refinement=replace(options.refinement, refine_focal=True))

@@ -18,23 +18,33 @@ KNOWN = [PoseUncertainty(np.diag(SIGMAS**2))] * 2
 
 
 def turned():
-    """The reference and others, each turned by more the farther away it is: a shift of all inverse depths, nearly."""
-    reference = scenes.picture("reference", "uav1", 0.0, scenes.camera_pose([0, 0, 0], (0.3, -0.2, 0.4)))
-    true = [scenes.picture(f"other {b}", "uav2", 0.0, scenes.camera_pose((0, -b, 0), (-0.4, 0.3, -0.3)))
-            for b in BASELINES_M]  # fmt: skip
+    """The reference and others, each turned by more the farther away it is: a shift of all inverse
+    depths, nearly."""
+    reference = scenes.picture(
+        "reference", "uav1", 0.0, scenes.camera_pose([0, 0, 0], (0.3, -0.2, 0.4))
+    )
+    true = [
+        scenes.picture(f"other {b}", "uav2", 0.0, scenes.camera_pose((0, -b, 0), (-0.4, 0.3, -0.3)))
+        for b in BASELINES_M
+    ]
     wrong = []
     for picture, b in zip(true, BASELINES_M):
-        error = transforms.from_xyz_rpy([0, 0, 0], [0, np.radians(YAW_DEG_PER_M * b), 0])  # about the camera's y
+        # about the camera's y
+        error = transforms.from_xyz_rpy([0, 0, 0], [0, np.radians(YAW_DEG_PER_M * b), 0])
         wrong.append(replace(picture, T_home_cam=picture.T_home_cam @ error))
     return reference, true, wrong
 
 
 def rotation_errors_deg(found, true):
-    return [np.degrees(transforms.rotation_angle(f.T_home_cam, t.T_home_cam)) for f, t in zip(found, true)]
+    return [
+        np.degrees(transforms.rotation_angle(f.T_home_cam, t.T_home_cam))
+        for f, t in zip(found, true)
+    ]
 
 
 def test_turns_that_look_like_depth_are_found():
-    """A third of what was put in is left at most: less than 0.3 px of 5 m, and with it less than that of depth."""
+    """A third of what was put in is left at most: less than 0.3 px of 5 m, and with it less than
+    that of depth."""
     reference, true, wrong = turned()
     kept = match_jointly(reference, wrong, MatchOptions(), KNOWN)
     found = match_jointly(reference, wrong, MatchOptions(adjust_poses=True), KNOWN)
@@ -50,7 +60,10 @@ def test_the_scale_is_kept():
     """Pictures do not tell it: the mean length of the baselines stays to a tenth of a per cent."""
     reference, _, wrong = turned()
     found = match_jointly(reference, wrong, MatchOptions(adjust_poses=True), KNOWN)
-    lengths = [[np.linalg.norm(p.T_home_cam[:3, 3]) for p in pictures] for pictures in (wrong, found.pictures)]
+    lengths = [
+        [np.linalg.norm(p.T_home_cam[:3, 3]) for p in pictures]
+        for pictures in (wrong, found.pictures)
+    ]
     weighted = [np.dot(length, BASELINES_M) for length in lengths]
     assert weighted[1] / weighted[0] == pytest.approx(1.0, abs=1e-3)
 

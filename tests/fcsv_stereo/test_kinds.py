@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No evidence, no confident answer: what stands out, what plain places become, and what is left of the map."""
+"""No evidence, no confident answer: what stands out, what plain places become, and what is left of
+the map."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -19,7 +20,8 @@ from fcsv_stereo.joint.views import grey, views
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.model.kinds import WORDS, Kind, masks, supported
 
-pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")  # numpy's: a user can do nothing about them
+# numpy's: a user can do nothing about them
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 PAIRS = ((0, -1.0, 0), "horizontal"), ((0, -2.0, 0), "horizontal")
 SKY_ROWS = 60
 
@@ -40,15 +42,23 @@ def changed(seen, change):
 def with_grey_sky(image):
     """An overcast sky: one grey with the noise of a sensor, in the upper rows of every picture."""
     out = image.copy()
-    noise = np.random.default_rng(int(image.sum()) % 1000).normal(0.0, 1.2, (SKY_ROWS, image.shape[1], 1))
+    noise = np.random.default_rng(int(image.sum()) % 1000).normal(
+        0.0, 1.2, (SKY_ROWS, image.shape[1], 1)
+    )
     out[:SKY_ROWS] = np.clip(205 + noise, 0, 255)
     return out
 
 
-@pytest.mark.parametrize("doubts, least, most", [
-    (np.full(9, 0.01), 0.06, 0.06), (np.linspace(0.0, 0.06, 6001), 0.0249, 0.0251), (np.full(9, 0.04), 0.0, 0.04),
-    (np.empty(0), 0.06, 0.06),
-], ids=["sure", "even", "none", "empty"])  # fmt: skip
+@pytest.mark.parametrize(
+    "doubts, least, most",
+    [
+        (np.full(9, 0.01), 0.06, 0.06),
+        (np.linspace(0.0, 0.06, 6001), 0.0249, 0.0251),
+        (np.full(9, 0.04), 0.0, 0.04),
+        (np.empty(0), 0.06, 0.06),
+    ],
+    ids=["sure", "even", "none", "empty"],
+)
 def test_of_what_agrees_few_are_expected_wrong(doubts, least, most):
     """Even doubts up to a limit have half of it as their mean: twice 1.25 %."""
     assert (EVIDENCE.sure_doubt, EVIDENCE.sure_share) == (0.06, 0.0125)
@@ -68,7 +78,10 @@ def test_one_limit_holds_for_a_whole_map():
 
 def test_the_weights_are_of_these_features():
     assert len(EVIDENCE.means) == len(EVIDENCE.scales) == len(FEATURES) == len(EVIDENCE.weights) / 3
-    assert np.isfinite([*EVIDENCE.means, *EVIDENCE.scales, *EVIDENCE.weights]).all() and min(EVIDENCE.scales) > 0
+    assert (
+        np.isfinite([*EVIDENCE.means, *EVIDENCE.scales, *EVIDENCE.weights]).all()
+        and min(EVIDENCE.scales) > 0
+    )
 
 
 def test_texture_stands_out_and_a_plain_place_does_not():
@@ -111,7 +124,8 @@ def test_complete_adds_the_rest_and_marks_it():
 
 @pytest.mark.parametrize("complete", [False, True])
 def test_the_same_picture_everywhere_is_no_map_of_it(complete):
-    """Nothing moves between the pictures though their poses do: only infinity fits, and that is no answer."""
+    """Nothing moves between the pictures though their poses do: only infinity fits, and that is no
+    answer."""
     seen = given(*PAIRS)
     image = seen.configurations[0].references[0].image
     same = changed(seen, lambda _: image)
@@ -130,13 +144,19 @@ def test_plain_pictures_of_one_grey_are_refused():
 
 def test_pictures_of_another_place_are_refused_by_name_unless_poses_are_vouched_for():
     seen = given(*PAIRS)
-    foreign = [replace(c, others=[replace(p, image=cv2.rotate(p.image, cv2.ROTATE_180)) for p in c.others])
-               for c in seen.configurations]  # fmt: skip
+    foreign = [
+        replace(c, others=[replace(p, image=cv2.rotate(p.image, cv2.ROTATE_180)) for p in c.others])
+        for c in seen.configurations
+    ]
     names = [c.others[0].name for c in foreign]
-    with pytest.raises(MatchingError, match=f"none of {', '.join(names)} could be compared .* --no-refine"):
+    with pytest.raises(
+        MatchingError, match=f"none of {', '.join(names)} could be compared .* --no-refine"
+    ):
         Joint().map(replace(seen, configurations=foreign))
     vouched = Joint().map(replace(seen, configurations=foreign), JointOptions(refine_poses=False))
-    assert not supported(vouched.kind).mean() > 0.1, "and what no pair's texture supports is left out all the same"
+    assert not supported(vouched.kind).mean() > 0.1, (
+        "and what no pair's texture supports is left out all the same"
+    )
 
 
 def test_a_method_that_does_not_tell_kinds_has_one_pair_where_there_is_a_depth():
@@ -152,6 +172,8 @@ def test_a_foreign_picture_does_not_count_as_a_pair_that_agrees():
     result = Joint().map(replace(seen, configurations=pasted))
     truth = true_depth(seen.configurations[0].references[0].T_home_cam)
     answered = np.isfinite(result.depth)
-    assert answered.mean() > 0.6 and (np.abs(result.depth / truth - 1.0) > 0.1)[answered].mean() < 0.02
+    assert (
+        answered.mean() > 0.6 and (np.abs(result.depth / truth - 1.0) > 0.1)[answered].mean() < 0.02
+    )
     assert (result.kind[answered] <= 2).mean() > 0.99
     assert CAMERA.width == result.kind.shape[1]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a map in flight starts from, as it comes in over a link: late, twice, out of order, broken."""
+"""What a map in flight starts from, as it comes in over a link: late, twice, out of order,
+broken."""
 
 from dataclasses import replace
 
@@ -11,7 +12,14 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.in_flight.live import Corrections, LiveSession, RecordingWindow
-from fcsv_stereo.model import Configuration, ConfigurationInput, ImageEntry, LivePicture, MapInput, MapResult
+from fcsv_stereo.model import (
+    Configuration,
+    ConfigurationInput,
+    ImageEntry,
+    LivePicture,
+    MapInput,
+    MapResult,
+)
 
 CAMERA = PinholeCamera.from_fov(64, 48, np.radians(56.0), (0.04, -0.08, 0.0, 0.0, 0.0))
 R_OPTICAL = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
@@ -25,7 +33,9 @@ def picture(vehicle, stamp_s, y_m=0.0, z_m=0.0, size=(48, 64)):
 
 
 def window(index, start_s, stop_s, name="horizontal 2 m"):
-    return RecordingWindow(index, Configuration("horizontal", 2.0, 0.0, name), "uav1", "uav2", start_s, stop_s)
+    return RecordingWindow(
+        index, Configuration("horizontal", 2.0, 0.0, name), "uav1", "uav2", start_s, stop_s
+    )
 
 
 @pytest.fixture
@@ -47,13 +57,16 @@ def test_pictures_before_and_after_the_end_of_a_window_is_said(session):
     assert session.complete(0) and session.missing() == []
     given = session.inputs()
     (c,) = given.configurations
-    assert [p.stamp_s for p in c.references] == [10.0, 10.5, 11.0] and [p.stamp_s for p in c.others] == [11.0]
+    assert [p.stamp_s for p in c.references] == [10.0, 10.5, 11.0] and [
+        p.stamp_s for p in c.others
+    ] == [11.0]
     assert c.others[0].image.shape == (48, 64, 3) and c.others[0].camera == CAMERA.undistorted()
     assert np.allclose(c.others[0].T_home_cam[:3, 3], [1.0, 0.0, 0.0])  # T_home_odom @ T_odom_cam
 
 
 def test_a_sweep_grows_while_it_is_flown(session):
-    """Its window is told again as it gets longer; pictures that it had are kept though newer ones push them out."""
+    """Its window is told again as it gets longer; pictures that it had are kept though newer ones
+    push them out."""
     for k in range(60):
         session.add_picture(picture("uav1", 10.0 + 0.1 * k))
         session.add_picture(picture("uav2", 10.0 + 0.1 * k, y_m=-2.0 - 0.1 * k))
@@ -62,7 +75,9 @@ def test_a_sweep_grows_while_it_is_flown(session):
             lengths_m = [c.configuration.baseline_m for c in session.inputs().configurations]
             assert lengths_m == sorted(lengths_m) and lengths_m[0] == pytest.approx(2.236, abs=0.01)
             assert lengths_m[-1] == pytest.approx(np.hypot(1.0, 2.0 + 0.1 * k), abs=0.15)
-    assert len(lengths_m) >= 4 and 3 <= len(session.inputs(1).configurations) <= 5, "the first look takes fewer"
+    assert len(lengths_m) >= 4 and 3 <= len(session.inputs(1).configurations) <= 5, (
+        "the first look takes fewer"
+    )
 
 
 def test_what_comes_twice_counts_once_and_a_window_said_again_is_replaced(session):
@@ -134,7 +149,8 @@ def test_monitoring_takes_the_newest_that_belong_together(session):
     assert session.newest("uav1", ["uav2", "uav3"], 0.2) is None
     session.add_picture(picture("uav3", 10.6, z_m=4.0))
     given = session.newest("uav1", ["uav2", "uav3"], 0.2)
-    assert [c.others[0].stamp_s for c in given.configurations] == [10.45, 10.6]  # at 11.0 uav3 has none
+    # at 11.0 uav3 has none
+    assert [c.others[0].stamp_s for c in given.configurations] == [10.45, 10.6]
     assert [c.references[0].stamp_s for c in given.configurations] == [10.5, 10.5]
     assert session.newest("uav1", ["uav2", "uav3"], 0.2, after_s=10.5) is None  # not the same again
     assert [c.configuration.axis for c in given.configurations] == ["horizontal", "vertical"]
@@ -143,7 +159,9 @@ def test_monitoring_takes_the_newest_that_belong_together(session):
 
 def watched(session, vehicle, stamps):
     for t in stamps:
-        session.add_picture(picture(vehicle, t, y_m=-2.0 * (vehicle == "uav2"), z_m=4.0 * (vehicle == "uav3")))
+        session.add_picture(
+            picture(vehicle, t, y_m=-2.0 * (vehicle == "uav2"), z_m=4.0 * (vehicle == "uav3"))
+        )
 
 
 def test_monitoring_goes_on_with_a_pair_where_a_vehicle_drops_out(session):
@@ -160,10 +178,12 @@ def test_monitoring_goes_on_with_a_pair_where_a_vehicle_drops_out(session):
     (pair,) = session.newest("uav1", ["uav2", "uav3"], 0.02, after_s=10.0).configurations
     assert (pair.references[0].stamp_s, pair.others[0].vehicle) == (12.5, "uav2")
     watched(session, "uav1", [13.0, 13.5, 14.0, 14.5, 15.0])
-    assert session.newest("uav1", ["uav2", "uav3"], 0.02, after_s=12.5) is None  # one alone sees no depth
+    # one alone sees no depth
+    assert session.newest("uav1", ["uav2", "uav3"], 0.02, after_s=12.5) is None
     for name in ("uav1", "uav2", "uav3"):
         watched(session, name, [16.0])
-    assert len(session.newest("uav1", ["uav2", "uav3"], 0.02, after_s=12.5).configurations) == 2  # it is back
+    # it is back
+    assert len(session.newest("uav1", ["uav2", "uav3"], 0.02, after_s=12.5).configurations) == 2
 
 
 def test_pictures_that_are_never_of_one_instant_can_be_told(session):
@@ -177,15 +197,25 @@ def test_pictures_that_are_never_of_one_instant_can_be_told(session):
 
 
 def test_corrections_carry_over_to_later_pictures_of_a_vehicle_that_holds(session):
-    """An odometry frame that lies wrong in home: what was found of one picture serves the next, which is tilted."""
+    """An odometry frame that lies wrong in home: what was found of one picture serves the next,
+    which is tilted."""
     wrong = transforms.from_xyz_rpy([0.05, -0.02, 0.01], np.radians([0.1, -0.2, 0.3]))
     first, later = camera_poses()
     prior = [transforms.invert(wrong) @ T for T in (first, later)]
-    images = [ImageEntry("a", "uav1", 0.0, np.eye(4), np.eye(4)), ImageEntry("b", "uav2", 0.0, first, prior[0], True)]
+    images = [
+        ImageEntry("a", "uav1", 0.0, np.eye(4), np.eye(4)),
+        ImageEntry("b", "uav2", 0.0, first, prior[0], True),
+    ]
     corrections = Corrections()
     view = picture("uav2", 1.0).picture(np.eye(4))
-    given = MapInput("session", [ConfigurationInput(Configuration("horizontal", 2.0), [view],
-                                                    [replace(view, T_home_cam=prior[1])])])  # fmt: skip
+    given = MapInput(
+        "session",
+        [
+            ConfigurationInput(
+                Configuration("horizontal", 2.0), [view], [replace(view, T_home_cam=prior[1])]
+            )
+        ],
+    )
     assert not corrections.know(given)
     corrections.learn(MapResult("joint", None, images, [], None, None, None))
     assert corrections.know(given)
@@ -209,4 +239,5 @@ def test_where_the_middle_picture_is_broken_its_neighbour_serves_a_first_look(se
     (c,) = given.configurations
     assert [p.stamp_s for p in c.references] == [10.5] and [p.stamp_s for p in c.others] == [10.0]
     assert any("uav2 at 10.500 is not a JPEG" in line for line in given.warnings)
-    assert session.last_picture_s() == 11.2  # the delay of a map counts from here, whatever it is made of
+    # the delay of a map counts from here, whatever it is made of
+    assert session.last_picture_s() == 11.2

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live map on a real master: configurations come in one by one, or vehicles hold and are watched."""
+"""The live map on a real master: configurations come in one by one, or vehicles hold and are
+watched."""
 
 import time
 
@@ -40,9 +41,15 @@ class Fleet(RadioPictures):
         axis = Configuration.HORIZONTAL if vehicle == "l_two" else Configuration.VERTICAL
         configuration = Configuration(f"configuration {index}", axis, 1.0, 0.0, 2.0)
         self.captures.publish(
-            Capture(index=index, configuration=configuration, reference="l_one", vehicle=vehicle,
-                    start=rospy.Time.from_sec(start_s), stop=rospy.Time.from_sec(stop_s))
-        )  # fmt: skip
+            Capture(
+                index=index,
+                configuration=configuration,
+                reference="l_one",
+                vehicle=vehicle,
+                start=rospy.Time.from_sec(start_s),
+                stop=rospy.Time.from_sec(stop_s),
+            )
+        )
 
     def listen(self, *names):
         import rospy
@@ -67,7 +74,9 @@ def fleet(start_node):
     made = []
 
     def start(names=NAMES, **params):
-        start_node("fcsv_stereo", "live_map", ns="l_map", params={"vehicles": list(names), **params})
+        start_node(
+            "fcsv_stereo", "live_map", ns="l_map", params={"vehicles": list(names), **params}
+        )
         made.append(Fleet())
         until(lambda: made[-1].listened_to(names), what="the node")
         return made[-1]
@@ -100,7 +109,8 @@ def test_each_configuration_adds_to_the_map(fleet):
     order = [s.state for s in f.states if s.state in ("partial", "ready")]
     assert order[0] == "partial" and f.last("partial").points > 1000  # a quick look came before
     relative = np.abs(depth_of(f.depths[-1]) / DEPTH_M - 1.0)
-    assert np.nanmedian(relative) < 0.05  # the wall; JPEG, one pair of 1 m at 20 m, 3 px of disparity for 10 %
+    # the wall; JPEG, one pair of 1 m at 20 m, 3 px of disparity for 10 %
+    assert np.nanmedian(relative) < 0.05
 
     f.capture(1, "l_three", now + 9.0, now + 11.0)
     f.picture("l_one", now + 10.0)
@@ -109,7 +119,8 @@ def test_each_configuration_adds_to_the_map(fleet):
     f.picture("l_three", now + 10.0)
     until(lambda: f.last("ready").configurations == 2, what="the second configuration")
     assert f.clouds[-1].header.frame_id == "home" and f.clouds[-1].width == f.last("ready").points
-    f.listen("horizontal", "vertical_1m")  # to the points of either baseline, after they were mapped
+    # to the points of either baseline, after they were mapped
+    f.listen("horizontal", "vertical_1m")
     until(lambda: all(f.of_baselines.values()), what="both baselines' points")
     widths = [clouds[-1].width for clouds in f.of_baselines.values()]
     assert min(widths) > 100 and sum(widths) <= f.clouds[-1].width  # thinned, each
@@ -147,7 +158,10 @@ def test_monitoring_answers_again_and_again(fleet):
     assert f.last("ready").configurations == 2
     assert {(d.width, d.height) for d in f.depths} == {(CAMERA.width, CAMERA.height)}
     until(lambda: f.shown and f.last("ready").rate_hz > 0.0, what="their rate")
-    assert f.last("ready").skew_s == 0.0 and (f.shown[-1].width, f.shown[-1].encoding) == (2 * CAMERA.width, "rgb8")
+    assert f.last("ready").skew_s == 0.0 and (f.shown[-1].width, f.shown[-1].encoding) == (
+        2 * CAMERA.width,
+        "rgb8",
+    )
     given = [round(d.header.stamp.to_sec(), 3) for d in f.depths]
     assert len(set(given)) == len(given) and set(given) <= {round(s, 3) for s in stamps}
 
@@ -160,11 +174,16 @@ def test_pictures_that_are_not_of_one_instant_are_told(fleet):
         for name in NAMES:
             f.picture(name, now + 0.5 * k + 0.09 * (name == "l_two"))
     until(lambda: f.last("failed") is not None, what="a named problem")
-    assert "90 ms apart (apart_s:=0.02): trigger the cameras together" in f.last("failed").detail and not f.depths
+    assert (
+        "90 ms apart (apart_s:=0.02): trigger the cameras together" in f.last("failed").detail
+        and not f.depths
+    )
 
 
 def test_wrong_parameters_end_the_node_and_are_named(start_node):
-    node = start_node("fcsv_stereo", "live_map", ns="l_wrong", params={"vehicles": ["a", "b"], "method": "magic"})
+    node = start_node(
+        "fcsv_stereo", "live_map", ns="l_wrong", params={"vehicles": ["a", "b"], "method": "magic"}
+    )
     until(lambda: node.returncode is not None, what="its end")
     assert node.returncode == 2 and "'magic' is not one of joint, thesis" in node.tail(20)
 

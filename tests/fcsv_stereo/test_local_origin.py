@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models far from their world's origin: the same map, in full coordinates wherever a format has them."""
+"""Models far from their world's origin: the same map, in full coordinates wherever a format has
+them."""
 
 import doctest
 import json
@@ -25,10 +26,17 @@ UTM_M = np.array([389012.0, 5819034.0, 41.0])
 
 
 def at(scene, place_m):
-    pictures = {id(p): replace(p, T_home_cam=moved(p.T_home_cam, place_m))
-                for c in scene.configurations for p in (*c.references, *c.others)}  # fmt: skip
+    pictures = {
+        id(p): replace(p, T_home_cam=moved(p.T_home_cam, place_m))
+        for c in scene.configurations
+        for p in (*c.references, *c.others)
+    }
     configurations = [
-        replace(c, references=[pictures[id(p)] for p in c.references], others=[pictures[id(p)] for p in c.others])
+        replace(
+            c,
+            references=[pictures[id(p)] for p in c.references],
+            others=[pictures[id(p)] for p in c.others],
+        )
         for c in scene.configurations
     ]
     return replace(scene, configurations=configurations)
@@ -57,9 +65,14 @@ def test_examples():
 def test_only_far_models_are_shifted(scene):
     assert with_local_origin(scene) is scene
     far = with_local_origin(at(scene, UTM_M))
-    assert np.all(far.origin_m == np.round(far.origin_m)) and np.abs(far.origin_m - UTM_M).max() < 10.0
-    assert np.allclose(far.configurations[0].others[0].T_home_cam[:3, 3] + far.origin_m,
-                       scene.configurations[0].others[0].T_home_cam[:3, 3] + UTM_M, atol=1e-8)  # fmt: skip
+    assert (
+        np.all(far.origin_m == np.round(far.origin_m)) and np.abs(far.origin_m - UTM_M).max() < 10.0
+    )
+    assert np.allclose(
+        far.configurations[0].others[0].T_home_cam[:3, 3] + far.origin_m,
+        scene.configurations[0].others[0].T_home_cam[:3, 3] + UTM_M,
+        atol=1e-8,
+    )
 
 
 def test_the_map_is_the_same(results, wrong_input):
@@ -76,7 +89,12 @@ def test_every_file_has_full_coordinates_or_says_the_shift(scene, results, tmp_p
 
     near, far = results
     expected = near.cloud.points_home_m.astype(float) + UTM_M
-    write_products(["pcd", "laz", "orthophoto", "colmap", "pairs"], far, with_local_origin(at(scene, UTM_M)), tmp_path)
+    write_products(
+        ["pcd", "laz", "orthophoto", "colmap", "pairs"],
+        far,
+        with_local_origin(at(scene, UTM_M)),
+        tmp_path,
+    )
     output.write_arrays(far, tmp_path)
     path = tmp_path / "map.ply"
     ply = output.read_ply(path).points_home_m.astype(float) + output.read_ply_origin(path)
@@ -98,7 +116,9 @@ def test_every_file_has_full_coordinates_or_says_the_shift(scene, results, tmp_p
     assert np.allclose(points.mean(axis=0), expected.mean(axis=0), atol=0.05)
     back = pipeline.load(tmp_path / "colmap")
     again = moved(back.configurations[0].references[0].T_home_cam, back.origin_m)
-    assert back.origin_m.any() and np.allclose(again, moved(far.reference.T_home_cam, far.origin_m), atol=1e-7)
+    assert back.origin_m.any() and np.allclose(
+        again, moved(far.reference.T_home_cam, far.origin_m), atol=1e-7
+    )
     for path in (tmp_path / "pairs").rglob("calibration.yaml"):
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
         T_home_rect = storage.getNode("T_home_rect").mat()
@@ -128,24 +148,41 @@ def looking(rpy_deg, optical=True):
     return T @ transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3)) if optical else T
 
 
-@pytest.mark.parametrize("given, T_home_cam, level, down", [
-    ("ahead", looking([0, 0, 30]), True, False),
-    ("obliquely down", looking([0, 40, 200]), True, False),
-    ("straight down", looking([0, 90, 0]), True, True),
-    ("straight down, heading west", looking([0, 89, 90]), True, True),
-    ("down, stored on its side", looking([90, 80, 0]), True, True),
-    ("a world on its side", looking([90, 0, 0]), False, False),
-    ("COLMAP's first camera as the world", np.eye(4), False, False),
-    ("a world with y down, turned", looking([0, 30, 0], optical=False) @ np.diag([1.0, 1, 1, 1]), False, False),
-    ("upside down: z is down", looking([180, 0, 0]), False, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "given, T_home_cam, level, down",
+    [
+        ("ahead", looking([0, 0, 30]), True, False),
+        ("obliquely down", looking([0, 40, 200]), True, False),
+        ("straight down", looking([0, 90, 0]), True, True),
+        ("straight down, heading west", looking([0, 89, 90]), True, True),
+        ("down, stored on its side", looking([90, 80, 0]), True, True),
+        ("a world on its side", looking([90, 0, 0]), False, False),
+        ("COLMAP's first camera as the world", np.eye(4), False, False),
+        (
+            "a world with y down, turned",
+            looking([0, 30, 0], optical=False) @ np.diag([1.0, 1, 1, 1]),
+            False,
+            False,
+        ),
+        ("upside down: z is down", looking([180, 0, 0]), False, False),
+    ],
+)
 def test_where_homes_z_may_point_up(results, given, T_home_cam, level, down, tmp_path, wrong_input):
     near, _ = results
     reference = replace(near.reference, T_home_cam=T_home_cam)
-    assert isinstance(reference, Reference) and (reference.is_level, reference.looks_down) == (level, down)
+    assert isinstance(reference, Reference) and (reference.is_level, reference.looks_down) == (
+        level,
+        down,
+    )
     turn = T_home_cam @ transforms.invert(near.reference.T_home_cam)
     points = transforms.apply(turn, near.cloud.points_home_m.astype(float)).astype(np.float32)
-    result = replace(near, reference=reference, cloud=replace(near.cloud, points_home_m=points), warnings=[], unseen=[])
+    result = replace(
+        near,
+        reference=reference,
+        cloud=replace(near.cloud, points_home_m=points),
+        warnings=[],
+        unseen=[],
+    )
     write_products(["orthophoto"], result, None, tmp_path)
     assert any("does not point up" in w for w in result.warnings) != level
     assert any("points at the camera" in w for w in result.unseen) == down

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What methods take and give back: a configuration out of two poses, and what the model's modules promise."""
+"""What methods take and give back: a configuration out of two poses, and what the model's modules
+promise."""
 
 import doctest
 import json
@@ -12,7 +13,16 @@ from support.scenes import CAMERA, camera_pose, given, picture
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.in_flight.live import MapStage
 from fcsv_stereo.joint import JointOptions
-from fcsv_stereo.model import AXES, Axis, Configuration, MapInput, Pair, Reference, configuration, inputs
+from fcsv_stereo.model import (
+    AXES,
+    Axis,
+    Configuration,
+    MapInput,
+    Pair,
+    Reference,
+    configuration,
+    inputs,
+)
 from fcsv_stereo.pipeline import DEFAULT_METHOD, METHODS
 from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.thesis import ThesisOptions
@@ -27,14 +37,20 @@ def test_examples(module):
 @pytest.mark.parametrize(
     "xyz, axis, baseline_m",
     [
-        ([0.3, -2.0, 0.5], "horizontal", 2.0833), ([0.0, 0.4, 1.0], "vertical", 1.0770),
+        ([0.3, -2.0, 0.5], "horizontal", 2.0833),
+        ([0.0, 0.4, 1.0], "vertical", 1.0770),
         ([0.0, 0.7, -0.7], "horizontal", 0.9899),
     ],
-)  # fmt: skip
+)
 def test_a_configuration_of_two_poses(xyz, axis, baseline_m):
-    """The reference's image plane decides, not home's axes: a reference rolled by 90 degrees swaps them."""
+    """The reference's image plane decides, not home's axes: a reference rolled by 90 degrees swaps
+    them."""
     found = Configuration.between(camera_pose([0, 0, 0]), camera_pose(xyz))
-    assert found.axis == axis and found.baseline_m == pytest.approx(baseline_m, abs=1e-4) and found.tilt_rad == 0.0
+    assert (
+        found.axis == axis
+        and found.baseline_m == pytest.approx(baseline_m, abs=1e-4)
+        and found.tilt_rad == 0.0
+    )
     if abs(xyz[1]) != abs(xyz[2]):
         rolled = Configuration.between(camera_pose([0, 0, 0], (90.0, 0.0, 0.0)), camera_pose(xyz))
         assert {found.axis, rolled.axis} == {"horizontal", "vertical"}
@@ -63,10 +79,18 @@ def test_a_method_remembers_and_trusts_where_it_can():
     assert joint.remembering(joint.quick, known).refinement.known is known
     assert joint.remembering(joint.quick, known).matching == joint.quick.matching
     assert not joint.trusting_poses(joint.monitor).refine_poses
-    assert [joint.monitor.scale_of(w * h) for w, h in ((160, 120), (640, 480), (1280, 960))] == [1.0, 1.0, 0.5]
-    assert joint.matches_bars and joint.with_bars(joint.monitor) == replace(joint.monitor, bars=True)
+    assert [joint.monitor.scale_of(w * h) for w, h in ((160, 120), (640, 480), (1280, 960))] == [
+        1.0,
+        1.0,
+        0.5,
+    ]
+    assert joint.matches_bars and joint.with_bars(joint.monitor) == replace(
+        joint.monitor, bars=True
+    )
     options = ThesisOptions()
-    assert thesis.remembering(options, known) is options and thesis.trusting_poses(options) is options
+    assert (
+        thesis.remembering(options, known) is options and thesis.trusting_poses(options) is options
+    )
     assert not thesis.matches_bars and thesis.with_bars(options) is options
 
 
@@ -96,13 +120,20 @@ def test_pairs_of_both_methods_have_one_interface(method):
 
 def test_words_are_themselves_on_files_and_refuse_others():
     c = Configuration("vertical", 2.0)
-    assert c.axis is Axis.VERTICAL and c.axis == "vertical" and f"{c.axis} {c.axis:>9}" == "vertical  vertical"
+    assert (
+        c.axis is Axis.VERTICAL
+        and c.axis == "vertical"
+        and f"{c.axis} {c.axis:>9}" == "vertical  vertical"
+    )
     assert json.dumps([Axis.HORIZONTAL]) == '["horizontal"]' and {"vertical": 1}[c.axis] == 1
     assert AXES == ("horizontal", "vertical") and [a.coordinate for a in Axis] == [0, 1]
     with pytest.raises(InputError, match="Axis: 'diagonal' is not one of horizontal, vertical"):
         Configuration("diagonal", 2.0)
-    with pytest.raises(InputError, match="Rectification: 'level' is not one of home, decoupled, bouguet"):
+    with pytest.raises(
+        InputError, match="Rectification: 'level' is not one of home, decoupled, bouguet"
+    ):
         ThesisOptions(rectifier="level")
     with pytest.raises(InputError, match="InputKind: 'film'"):
         MapInput("film", [])
-    assert {str(s) for s in MapStage} == {"waiting", "mapping", "partial", "ready", "failed"}  # as in MapState.msg
+    # as in MapState.msg
+    assert {str(s) for s in MapStage} == {"waiting", "mapping", "partial", "ready", "failed"}

@@ -20,28 +20,45 @@ WALKER_PX = (
 
 
 def street(right_m):
-    """Painted panels of a car, and before them the walker, as a camera sees them that stands to the right."""
+    """Painted panels of a car, and before them the walker, as a camera sees them that stands to the
+    right."""
     random = np.random.default_rng(3)
     panels = np.kron(random.uniform(30, 220, (14, 40, 3)), np.ones((12, 12, 1)))
-    far = cv2.resize(random.uniform(60, 160, (60, 120, 3)), (960, 480), interpolation=cv2.INTER_CUBIC)
+    far = cv2.resize(
+        random.uniform(60, 160, (60, 120, 3)), (960, 480), interpolation=cv2.INTER_CUBIC
+    )
     clothes = np.kron(random.uniform(10, 240, (4, 2, 3)), np.ones((12, 7, 1)))
     image = np.zeros((480, 640, 3), np.float32)
-    for texture, x, y, z_m in ((far, -50, 0, FAR_M), (panels, 100, 270, CAR_M), (clothes, 570, 430, WALKER_M)):
+    for texture, x, y, z_m in (
+        (far, -50, 0, FAR_M),
+        (panels, 100, 270, CAR_M),
+        (clothes, 570, 430, WALKER_M),
+    ):
         move = np.float32([[1, 0, x - CAMERA.fx * right_m / z_m], [0, 1, y]])
         on = cv2.warpAffine(np.ones(texture.shape[:2], np.float32), move, (640, 480))[..., None]
-        image = image * (1.0 - on) + cv2.warpAffine(texture.astype(np.float32), move, (640, 480)) * on
+        image = (
+            image * (1.0 - on) + cv2.warpAffine(texture.astype(np.float32), move, (640, 480)) * on
+        )
     image += np.random.default_rng(int(right_m)).normal(0.0, 2.0, image.shape)
     T_home_cam = transforms.transform(transforms.R_FLU_OPTICAL, np.array([0.0, -right_m, 0.0]))
     return Picture(
-        f"{right_m:g}", f"at {right_m:g} m", 0.0, np.clip(image, 0, 255).astype(np.uint8), CAMERA, T_home_cam
+        f"{right_m:g}",
+        f"at {right_m:g} m",
+        0.0,
+        np.clip(image, 0, 255).astype(np.uint8),
+        CAMERA,
+        T_home_cam,
     )
 
 
 def test_a_walker_14_px_wide_before_a_car_has_his_own_distance():
-    """He took the car's, 8 % farther, or none, where depth was made at half the size in a volume of 20,000 pixels."""
+    """He took the car's, 8 % farther, or none, where depth was made at half the size in a volume of
+    20,000 pixels."""
     joint = METHODS["joint"]
     pair = ConfigurationInput(Configuration(Axis.HORIZONTAL, 4.0), [street(0.0)], [street(4.0)])
-    depth = joint.map(MapInput(InputKind.SESSION, [pair]), joint.trusting_poses(joint.monitor)).depth
+    depth = joint.map(
+        MapInput(InputKind.SESSION, [pair]), joint.trusting_poses(joint.monitor)
+    ).depth
     assert depth.shape == (480, 640)
     walker = depth[WALKER_PX]
     assert np.isfinite(walker).mean() > 0.3  # measured 2026-11-26: 0.53; before: 0.12
@@ -50,7 +67,9 @@ def test_a_walker_14_px_wide_before_a_car_has_his_own_distance():
 
 
 def test_depth_is_red_near_and_blue_far_and_black_where_there_is_none():
-    near, middle, far, none = monitoring.colours(np.array([[5.0, 45.0, 400.0, np.nan]]))[0].astype(int)
+    near, middle, far, none = monitoring.colours(np.array([[5.0, 45.0, 400.0, np.nan]]))[0].astype(
+        int
+    )
     assert near[0] > near[2] and far[2] > far[0] and middle[1] == max(middle) and not none.any()
     beyond = monitoring.colours(np.array([[0.0, 1e4]]))[0]
     assert (beyond == [near, far]).all()

@@ -16,8 +16,8 @@ TURNED_PX = 6
 
 @pytest.fixture
 def pictures():
-    """A plain at 20 m, taken twice, the second time turned by a few pixels; both with the borders that taking out the
-    distortion leaves."""
+    """A plain at 20 m, taken twice, the second time turned by a few pixels; both with the borders
+    that taking out the distortion leaves."""
     noise = np.random.default_rng(1).uniform(40, 255, (240, 400, 3))
     wall = cv2.GaussianBlur(noise, (0, 0), 2.0)
     wall = np.clip(120 + 4.0 * (wall - wall.mean()), 1, 255).astype(np.uint8)
@@ -50,7 +50,9 @@ def test_what_came_is_seen_up_to_near_the_border(pictures):
 
 def moment(stamp_s, changed_px, comparable_px=(0, 1, 2, 3)):
     """Of a picture of four pixels."""
-    return motion.Moment(stamp_s, *(np.isin(np.arange(4), px)[None] for px in (changed_px, comparable_px)))
+    return motion.Moment(
+        stamp_s, *(np.isin(np.arange(4), px)[None] for px in (changed_px, comparable_px))
+    )
 
 
 @pytest.mark.parametrize(
@@ -58,7 +60,8 @@ def moment(stamp_s, changed_px, comparable_px=(0, 1, 2, 3)):
     [
         ([moment(10.0, [1, 2])], [1, 2]),  # one other moment: it may be either that moved
         ([moment(10.0, [1, 2]), moment(20.0, [1])], [1]),  # the third pixel was only passed by
-        ([moment(10.0, [1, 2]), moment(20.0, [1], [0, 1])], [1, 2]),  # no witness: it does not show the third
+        # no witness: it does not show the third
+        ([moment(10.0, [1, 2]), moment(20.0, [1], [0, 1])], [1, 2]),
         ([moment(10.0, [1]), moment(1.9, [])], [1]),  # too near in time to say that it stands
         ([moment(1.0, [1])], []),
     ],

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A car of the simulator's town that drives along the baselines as they grow: its motion looks like parallax.
+"""A car of the simulator's town that drives along the baselines as they grow: its motion looks like
+parallax.
 
-With one reference picture for all it cannot be told from a car at another depth (decision 8). A session has
-a reference picture of every configuration: sigma must know, or the place is left out. Boards do the same in
-test_faults.py.
+With one reference picture for all it cannot be told from a car at another depth (decision 8). A
+session has a reference picture of every configuration: sigma must know, or the place is left out.
+Boards do the same in test_faults.py.
 """
 
 import numpy as np
@@ -43,7 +44,8 @@ def town(car_y: float) -> Town:
 
 @pytest.fixture(scope="module")
 def flight():
-    """Reference and other picture of each configuration, priors as flown; depth of the first reference, and the car."""
+    """Reference and other picture of each configuration, priors as flown; depth of the first
+    reference, and the car."""
     parameters = CameraParameters(
         width=640, height=480, horizontal_fov_deg=FOV_DEG, distortion=(0.0,) * 5, mount_deg=0.0
     )
@@ -52,11 +54,17 @@ def flight():
     random = np.random.default_rng(5)
 
     def take(i, vehicle, xyz, moved, prior_rad, prior_m):
-        T = transforms.from_xyz_rpy(xyz + random.normal(0.0, 0.03, 3), random.normal(0.0, np.radians(1.0), 3))
+        T = transforms.from_xyz_rpy(
+            xyz + random.normal(0.0, 0.03, 3), random.normal(0.0, np.radians(1.0), 3)
+        )
         shot = cameras[moved].shoot(30.0 * i, T_WORLD_HOME @ T)
-        error = transforms.from_xyz_rpy(random.normal(0.0, prior_m, 3), random.normal(0.0, prior_rad, 3))
+        error = transforms.from_xyz_rpy(
+            random.normal(0.0, prior_m, 3), random.normal(0.0, prior_rad, 3)
+        )
         T_home_cam = transforms.invert(T_WORLD_HOME) @ shot.T_world_cam @ error
-        return Picture(f"{vehicle}/{i}", vehicle, 30.0 * i, shot.rgb, cameras[0.0].model, T_home_cam), shot.depth
+        return Picture(
+            f"{vehicle}/{i}", vehicle, 30.0 * i, shot.rgb, cameras[0.0].model, T_home_cam
+        ), shot.depth
 
     pictures, first = [], None
     for i, (b, moved) in enumerate(FLIGHT):
@@ -76,12 +84,18 @@ def false_claims(result, truth, on_car) -> float:
 
 def test_a_car_that_drives_along_the_baselines(flight):
     pictures, truth, on_car = flight
-    session = MapInput("session", [
-        ConfigurationInput(Configuration("horizontal", b, 0.0, f"horizontal {b:g} m"), [reference], [other])
-        for (b, _), (reference, other) in zip(FLIGHT, pictures)
-    ])  # fmt: skip
+    session = MapInput(
+        "session",
+        [
+            ConfigurationInput(
+                Configuration("horizontal", b, 0.0, f"horizontal {b:g} m"), [reference], [other]
+            )
+            for (b, _), (reference, other) in zip(FLIGHT, pictures)
+        ],
+    )
     assert on_car.sum() > 1000
-    assert false_claims(map_joint(session, JointOptions(), quiet), truth, on_car) > 0.3  # matching alone: no easy case
+    # matching alone: no easy case
+    assert false_claims(map_joint(session, JointOptions(), quiet), truth, on_car) > 0.3
     result = METHODS["joint"].map(session, JointOptions(), quiet)
     assert false_claims(result, truth, on_car) <= faulty.MOST_WRONG
     assert any("something moved" in w for w in result.warnings), result.warnings

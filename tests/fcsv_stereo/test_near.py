@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The near field: depth frames with noise, holes and wrong poses, summed in home, against a scene that is known."""
+"""The near field: depth frames with noise, holes and wrong poses, summed in home, against a scene
+that is known."""
 
 import numpy as np
 import pytest
@@ -31,8 +32,11 @@ def true_depth(T_home_cam, camera=CAMERA):
     return np.where(on_column, column, (WALL_M - p[0]) / rays[..., 0])
 
 
-def frames(count=8, seed=1, noise=True, wrong=(0.0,) * 6, covariance=SURE, hole=0.0, vehicle="uav1"):
-    """Of a vehicle that flies 2 m sideways, turning; ``wrong`` (position, rotation) is the error of all its poses."""
+def frames(
+    count=8, seed=1, noise=True, wrong=(0.0,) * 6, covariance=SURE, hole=0.0, vehicle="uav1"
+):
+    """Of a vehicle that flies 2 m sideways, turning; ``wrong`` (position, rotation) is the error of
+    all its poses."""
     random, wrong = np.random.default_rng(seed), np.array(wrong)
     for i in range(count):
         T = pose(-1.0 + 2.0 * i / max(count - 1, 1), 0.05 * np.sin(i))
@@ -52,7 +56,8 @@ def summed(found, **rules):
 
 
 def errors(surface):
-    """How far points are from wall or column along x, and their sigmas; those between both are of the column's edge."""
+    """How far points are from wall or column along x, and their sigmas; those between both are of
+    the column's edge."""
     points = surface.points()
     x = points.points_home_m[:, 0]
     on_column = np.abs(x - BOX_M) < np.abs(x - WALL_M)
@@ -68,12 +73,14 @@ def test_what_was_seen_stands_in_home_where_it_is():
 
 
 def test_noise_averages_out_and_sigma_says_what_is_left():
-    """A voxel's mean of eight frames: each depth is its own pixel's; 1/sqrt(8) of a frame's noise at 6 m is 48 mm."""
+    """A voxel's mean of eight frames: each depth is its own pixel's; 1/sqrt(8) of a frame's noise
+    at 6 m is 48 mm."""
     few, many = errors(summed(frames(count=3)))[0], errors(summed(frames(count=12)))[0]
     assert many.std() < 0.75 * few.std()
     error, sigma = errors(summed(frames()))
     assert abs(np.median(error)) < 0.02
-    assert 0.68 < (np.abs(error) < sigma).mean()  # sigma counts the calibration's 51 mm, which is not wrong here
+    # sigma counts the calibration's 51 mm, which is not wrong here
+    assert 0.68 < (np.abs(error) < sigma).mean()
 
 
 def test_a_pose_error_that_all_frames_share_stays_in_sigma():
@@ -123,7 +130,8 @@ def test_holes_are_filled_by_other_frames_and_what_nobody_saw_stays_empty():
 
 def test_a_surface_is_seen_at_its_depth_and_the_column_hides_the_wall():
     depth, _ = summed(frames()).seen(CAMERA, pose(0.4, 0.1))
-    depth, true = (d[10:110, 40:] for d in (depth, true_depth(pose(0.4, 0.1))))  # what three frames saw
+    # what three frames saw
+    depth, true = (d[10:110, 40:] for d in (depth, true_depth(pose(0.4, 0.1))))
     known = np.isfinite(depth)
     right = np.abs(depth - true)[known] < 0.05 + 0.02 * true[known]
     assert known.mean() > 0.9 and right.mean() > 0.95
@@ -145,7 +153,9 @@ def test_depth_between_two_surfaces_and_out_of_range_does_not_count():
 
 
 def test_nothing_seen_is_an_empty_surface():
-    empty = DepthFrame("uav1", 0.0, np.full((120, 160), np.nan, np.float32), CAMERA, pose(0.0), SURE)
+    empty = DepthFrame(
+        "uav1", 0.0, np.full((120, 160), np.nan, np.float32), CAMERA, pose(0.0), SURE
+    )
     surface = summed([empty])
     assert len(surface) == 0 and len(surface.points()) == 0
     assert not np.isfinite(surface.seen(CAMERA, pose(0.0))[0]).any()
@@ -153,7 +163,9 @@ def test_nothing_seen_is_an_empty_surface():
 
 def test_points_of_one_voxel_become_one():
     vertices = np.array([[0.01, 0.01, 0.01], [0.03, 0.01, 0.01], [0.01, 0.01, 0.06]], np.float32)
-    surface = NearSurface(vertices, np.array([[0, 1, 2]]), np.array([0.01, 0.01, 0.02], np.float32), 0.05)
+    surface = NearSurface(
+        vertices, np.array([[0, 1, 2]]), np.array([0.01, 0.01, 0.02], np.float32), 0.05
+    )
     points = surface.points()
     assert len(points) == 2
     assert np.allclose(sorted(points.points_home_m[:, 2]), [0.01, 0.06]) and np.allclose(
@@ -162,7 +174,10 @@ def test_points_of_one_voxel_become_one():
 
 
 def test_a_vehicle_that_stands_gives_a_frame_a_second():
-    thinning, places = Thinning(), [(0.0, 0.0), (0.3, 0.0), (0.6, 0.0), (1.0, 0.0), (1.2, 0.2), (1.4, 0.2)]
+    thinning, places = (
+        Thinning(),
+        [(0.0, 0.0), (0.3, 0.0), (0.6, 0.0), (1.0, 0.0), (1.2, 0.2), (1.4, 0.2)],
+    )
     assert [t for t, y in places if thinning.takes("uav1", t, pose(y))] == [0.0, 1.0, 1.2]
 
 

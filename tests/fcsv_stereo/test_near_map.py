@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The near field in a map: joined with distant configurations, from a session's bags, by the command."""
+"""The near field in a map: joined with distant configurations, from a session's bags, by the
+command."""
 
 import sys
 
@@ -27,7 +28,8 @@ POSE = camera_pose([0, 0, 0])
 
 
 def ground_depth(T_home_cam, camera=CAMERA, most_m=9.0):
-    """(H,W) uint16 mm of level ground 1.5 m below home as a depth camera sees it, nothing beyond its range."""
+    """(H,W) uint16 mm of level ground 1.5 m below home as a depth camera sees it, nothing beyond
+    its range."""
     rays = camera.rays() @ T_home_cam[:3, :3].T
     with np.errstate(divide="ignore"):
         z = (GROUND_M - T_home_cam[2, 3]) / rays[..., 2]
@@ -72,12 +74,16 @@ def test_what_the_map_does_not_see_comes_from_the_near_field():
 def test_the_surer_stands_and_nothing_is_twice():
     true = ground_depth(POSE) / 1000.0
     seen = np.where(true > 0, true, np.nan)
-    unsure, sure = join(far(seen, 1.0), ground(), {"uav1": 4}), join(far(seen, 1e-4), ground(), {"uav1": 4})
+    unsure, sure = (
+        join(far(seen, 1.0), ground(), {"uav1": 4}),
+        join(far(seen, 1e-4), ground(), {"uav1": 4}),
+    )
     both = unsure.near.shared
     assert both > 5000 and unsure.near.pixels == both and sure.near.pixels < 0.1 * both
     left = (unsure.cloud.baseline_index != NEAR_BASELINE).sum()
     assert left < 0.1 * np.isfinite(seen).sum()
-    # of the near field only what the reference camera does not see, and what it sees less well, is added
+    # of the near field only what the reference camera does not see, and what it sees less well, is
+    # added
     assert (sure.cloud.baseline_index == NEAR_BASELINE).sum() < 0.5 * (
         unsure.cloud.baseline_index == NEAR_BASELINE
     ).sum()
@@ -88,27 +94,36 @@ def test_the_surer_stands_and_nothing_is_twice():
 def test_the_seam_says_by_how_much_they_differ(scale):
     true = ground_depth(POSE) / 1000.0
     seam = join(far(np.where(true > 0, scale * true, np.nan), 0.01), ground(), {"uav1": 4}).near
-    assert seam.step == pytest.approx(scale - 1.0, abs=0.01) and seam.apart == pytest.approx(abs(scale - 1.0), abs=0.01)
+    assert seam.step == pytest.approx(scale - 1.0, abs=0.01) and seam.apart == pytest.approx(
+        abs(scale - 1.0), abs=0.01
+    )
     assert 3.0 < seam.from_m < seam.to_m < 9.5
     assert seam.agree > 0.9 if scale == 1.0 else seam.agree < 0.6
 
 
 def test_what_only_noise_brought_into_range_is_not_there():
-    """A sensor that ends at 10 m tells of a wall at 9.6 m only what is measured too near; at 9 m it is believed."""
+    """A sensor that ends at 10 m tells of a wall at 9.6 m only what is measured too near; at 9 m it
+    is believed."""
     camera = PinholeCamera(32, 24, 60.0, 60.0, 15.5, 11.5)
     found = {}
     for wall_m in (9.0, 9.6):
         volume = NearVolume(DepthSensor())
         for i in range(4):
             depth = np.full((24, 32), 1000.0 * wall_m, np.uint16)
-            volume.integrate(DepthFrame.of_millimetres("uav1", float(i), depth, camera, POSE, np.diag([1e-4] * 6)))
+            volume.integrate(
+                DepthFrame.of_millimetres(
+                    "uav1", float(i), depth, camera, POSE, np.diag([1e-4] * 6)
+                )
+            )
         found[wall_m] = len(volume.surface())
     assert found[9.0] > 1000 and found[9.6] == 0
 
 
 def test_the_far_map_hides_nothing_that_stands_before_or_behind_it():
-    """Beyond the map's depth the near field may see what the reference camera does not; before it, the surer stands."""
-    wall = far(4.0, 1e-4)  # surer than all: the ground beyond 4 m is behind it, the ground before contradicts it
+    """Beyond the map's depth the near field may see what the reference camera does not; before it,
+    the surer stands."""
+    # surer than all: the ground beyond 4 m is behind it, the ground before contradicts it
+    wall = far(4.0, 1e-4)
     cloud = join(wall, ground(), {"uav1": 4}).cloud
     z = cloud.points_home_m[cloud.baseline_index == NEAR_BASELINE][:, 0]
     assert (z > 4.0).mean() > 0.9
@@ -123,26 +138,41 @@ def test_a_map_without_a_near_field_stays_as_it_is():
 
 def test_the_report_says_what_it_brought_and_warns_of_a_seam():
     result = far(12.0, 0.1)
-    heading, table, *said = near_field(ReportData(join(result, ground(), {"uav1": 4, "uav2": 2}), [], []))
-    assert "differ by +" in heading.text and ("frames summed", "uav1: 4, uav2: 2") in table.rows and said
+    heading, table, *said = near_field(
+        ReportData(join(result, ground(), {"uav1": 4, "uav2": 2}), [], [])
+    )
+    assert (
+        "differ by +" in heading.text
+        and ("frames summed", "uav1: 4, uav2: 2") in table.rows
+        and said
+    )
     assert near_field(ReportData(result, [], [])) == []
 
 
 def mapped(session, out, **options):
-    return pipeline.run(pipeline.MapRequest(session, out, "thesis", ThesisOptions(matcher="sgbm"), **options))
+    return pipeline.run(
+        pipeline.MapRequest(session, out, "thesis", ThesisOptions(matcher="sgbm"), **options)
+    )
 
 
 def test_a_session_that_holds_depth_is_mapped_with_it(tmp_path):
-    session = write_session(tmp_path / "session", depth=ground_depth, covariance=np.diag([1e-4] * 3 + [1e-6] * 3))
+    session = write_session(
+        tmp_path / "session", depth=ground_depth, covariance=np.diag([1e-4] * 3 + [1e-6] * 3)
+    )
     document, out = mapped(session, tmp_path / "map"), tmp_path / "map"
-    assert document["near"]["frames"] == {"uav1": 3, "uav2": 3} and document["timing_s"]["near"] > 0.0
+    assert (
+        document["near"]["frames"] == {"uav1": 3, "uav2": 3} and document["timing_s"]["near"] > 0.0
+    )
     cloud, kind = read_ply(out / "map.ply"), np.load(out / "kind.npy")
     of_near = cloud.baseline_index == NEAR_BASELINE
     assert (
-        of_near.sum() == document["near"]["points"] > 1000 and (kind == Kind.NEAR).sum() == document["near"]["pixels"]
+        of_near.sum() == document["near"]["points"] > 1000
+        and (kind == Kind.NEAR).sum() == document["near"]["pixels"]
     )
     assert np.abs(np.median(cloud.points_home_m[of_near, 2]) - GROUND_M) < 0.03
-    assert document["kinds"]["near"] > 0.05 and 'id="near-field"' in (out / "report.html").read_text()
+    assert (
+        document["kinds"]["near"] > 0.05 and 'id="near-field"' in (out / "report.html").read_text()
+    )
     assert any("3 depth frames of uav1 have no odometry" in w for w in document["warnings"])
 
 
@@ -150,7 +180,21 @@ def test_without_depth_or_with_no_near_a_session_is_mapped_as_ever(tmp_path):
     plain = mapped(write_session(tmp_path / "plain"), tmp_path / "a")
     assert "near" not in plain and "near" not in plain["kinds"]
     session = write_session(tmp_path / "session", depth=ground_depth)
-    assert main([str(session), "-o", str(tmp_path / "b"), "--method", "thesis", "--matcher", "sgbm", "--no-near"]) == 0
+    assert (
+        main(
+            [
+                str(session),
+                "-o",
+                str(tmp_path / "b"),
+                "--method",
+                "thesis",
+                "--matcher",
+                "sgbm",
+                "--no-near",
+            ]
+        )
+        == 0
+    )
     for name in ("map.ply", "depth.npy", "kind.npy"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
@@ -161,20 +205,29 @@ def test_another_vehicle_is_not_of_the_map():
     frame = DepthFrame("uav1", 0.0, depth, CAMERA, POSE, np.eye(6))
     left = frame.without([np.array([2.0, 0.0, 0.0])], 0.6).depth_m
     assert not np.isfinite(left[100:140, 140:180]).any() and (left[:60] == 5.0).all()
-    assert frame.without([np.array([-9.0, 0.0, 0.0])], 0.6) is frame and frame.without([], 0.6) is frame
+    assert (
+        frame.without([np.array([-9.0, 0.0, 0.0])], 0.6) is frame
+        and frame.without([], 0.6) is frame
+    )
 
 
 def test_frames_say_where_the_other_vehicle_is(tmp_path):
     """uav2 hovers 0.8 m beside uav1: what uav1 sees there is left out of its frames."""
     near = read_session(write_session(tmp_path / "session", depth=ground_depth)).near
     places = near._others("uav1", T0 + 0.5)
-    assert np.allclose(places, [T_HOME_CAM["uav2"][:3, 3]], atol=1e-6) and near._others("uav1", T0 + 9.0) == []
+    assert (
+        np.allclose(places, [T_HOME_CAM["uav2"][:3, 3]], atol=1e-6)
+        and near._others("uav1", T0 + 9.0) == []
+    )
 
 
-@pytest.mark.parametrize("change, words", [
-    (lambda d: d.astype(np.float32) / 1000, "encoding '32FC1' is not depth in mm"),
-    (lambda d: d[:100], "is 320x100, its camera 320x240"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (lambda d: d.astype(np.float32) / 1000, "encoding '32FC1' is not depth in mm"),
+        (lambda d: d[:100], "is 320x100, its camera 320x240"),
+    ],
+)
 def test_depth_that_is_none_is_refused(tmp_path, change, words):
     session = write_session(tmp_path / "session", depth=lambda T: change(ground_depth(T)))
     with pytest.raises(InputError, match=words):
@@ -183,7 +236,9 @@ def test_depth_that_is_none_is_refused(tmp_path, change, words):
 
 
 def test_a_vehicle_whose_covariance_is_not_known_has_that_of_a_flight(tmp_path):
-    frame = next(read_session(write_session(tmp_path / "session", depth=ground_depth)).near.frames())
+    frame = next(
+        read_session(write_session(tmp_path / "session", depth=ground_depth)).near.frames()
+    )
     assert np.sqrt(frame.covariance[0, 0]) == pytest.approx(0.15, abs=0.02)
 
 
@@ -191,10 +246,14 @@ def test_without_open3d_the_map_says_that_it_has_no_near_field(monkeypatch, tmp_
     given = read_session(write_session(tmp_path / "session", depth=ground_depth))
     monkeypatch.setitem(sys.modules, "open3d", None)
     result = with_near(far(5.0, 0.1), given)
-    assert result.near is None and result.warnings == ["no near field: open3d is not installed: pip install open3d"]
+    assert result.near is None and result.warnings == [
+        "no near field: open3d is not installed: pip install open3d"
+    ]
 
 
 def test_frames_of_nothing_are_a_warning(tmp_path):
-    given = read_session(write_session(tmp_path / "session", depth=lambda T: np.zeros_like(ground_depth(T))))
+    given = read_session(
+        write_session(tmp_path / "session", depth=lambda T: np.zeros_like(ground_depth(T)))
+    )
     result = with_near(far(5.0, 0.1), given)
     assert result.near is None and any("no near field" in w for w in result.warnings)

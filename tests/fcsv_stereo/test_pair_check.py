@@ -17,7 +17,11 @@ from fcsv_stereo.posed import colmap
 from fcsv_stereo.refinement import KnownFeatures
 
 FRONT = camera_pose((0.0, 0.0, 10.0))
-PLACES = {"2 m beside": (0.0, -2.0, 0.0), "8 m beside": (0.0, 8.0, 0.0), "5 m above": (0.0, 0.0, 5.0)}
+PLACES = {
+    "2 m beside": (0.0, -2.0, 0.0),
+    "8 m beside": (0.0, 8.0, 0.0),
+    "5 m above": (0.0, 0.0, 5.0),
+}
 
 
 def pairs(flights, little_texture=False):
@@ -63,15 +67,21 @@ def test_a_drift_along_that_way_is_not():
 
 
 def test_too_little_texture_says_nothing():
-    looks = [seen(pair, (0.0, -2.0, 0.0), (0.0, 0.0, 3.0)) for pair in pairs(20, little_texture=True)]
+    looks = [
+        seen(pair, (0.0, -2.0, 0.0), (0.0, 0.0, 3.0)) for pair in pairs(20, little_texture=True)
+    ]
     assert not any(l.off or l.agree for l in looks)
 
 
 def test_matches_that_agree_with_nothing_say_nothing():
     random = np.random.default_rng(3)
     for _ in range(30):
-        rays = [np.column_stack([random.uniform(-0.5, 0.5, (150, 2)), np.ones(150)]) for _ in range(2)]
-        assert not compare(transforms.transform(np.eye(3), [2.0, 0.0, 0.0]), *rays, FOCAL_PX, NOISE_PX).off
+        rays = [
+            np.column_stack([random.uniform(-0.5, 0.5, (150, 2)), np.ones(150)]) for _ in range(2)
+        ]
+        assert not compare(
+            transforms.transform(np.eye(3), [2.0, 0.0, 0.0]), *rays, FOCAL_PX, NOISE_PX
+        ).off
 
 
 def test_pictures_of_a_wall():
@@ -85,21 +95,29 @@ def test_pictures_of_a_wall():
 
 
 def test_photographs_of_known_pose(shared_data, tmp_path):
-    """Neighbours of the eleven of the fountain. Measured 2026-11-27 over all 82 pairs with 40 matches, ten draws each:
-    none of 820 off without a drift, 351 of 492 with one of 1.5 m and more than 0.9 m of it across."""
+    """Neighbours of the eleven of the fountain. Measured 2026-11-27 over all 82 pairs with 40
+    matches, ten draws each: none of 820 off without a drift, 351 of 492 with one of 1.5 m and more
+    than 0.9 m of it across."""
     names = [f"{k:04}.jpg" for k in range(2, 8)]
     folder = fountain(shared_data, tmp_path / "model", names)
     given = colmap.read_photographs(folder, names[0])
-    photographs = [given.configurations[0].references[0], *(p for c in given.configurations for p in c.others)]
+    photographs = [
+        given.configurations[0].references[0],
+        *(p for c in given.configurations for p in c.others),
+    ]
     photographs = sorted(photographs, key=lambda p: p.name)
     for a, b in zip(photographs, photographs[1:]):
         calm = looked(a, b)
         assert not calm.off and calm.off_m < 0.3 and calm.matches > 90
-        drifted = replace(b, T_home_cam=b.T_home_cam @ transforms.from_xyz_yaw([0.0, 2.0, 0.0], 0.0))
+        drifted = replace(
+            b, T_home_cam=b.T_home_cam @ transforms.from_xyz_yaw([0.0, 2.0, 0.0], 0.0)
+        )
         assert looked(a, drifted).off_m == pytest.approx(2.0, abs=0.4) and looked(a, drifted).off
 
 
-@pytest.mark.parametrize("change", [{"off_m": 0.0}, {"surprise": float("nan")}, {"rotation_rad": -1.0}])
+@pytest.mark.parametrize(
+    "change", [{"off_m": 0.0}, {"surprise": float("nan")}, {"rotation_rad": -1.0}]
+)
 def test_bounds_that_are_none_are_refused(change):
     with pytest.raises(ValueError, match=next(iter(change))):
         PairRules(**change)

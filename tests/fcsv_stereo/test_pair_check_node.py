@@ -12,7 +12,9 @@ pytestmark = pytest.mark.ros
 until = within(40.0)
 
 
-@pytest.mark.parametrize("wrong", [{"vehicles": ["uav1"]}, {"rate_hz": 0.0}, {"most_share": float("nan")}])
+@pytest.mark.parametrize(
+    "wrong", [{"vehicles": ["uav1"]}, {"rate_hz": 0.0}, {"most_share": float("nan")}]
+)
 def test_wrong_parameters_are_named(wrong):
     from fcsv_stereo.ros.pair_check_node import PairCheckParameters
 
@@ -36,7 +38,8 @@ def test_a_pair_is_looked_at_and_a_drift_is_told(ros_master, start_node):
         radio.frames()
 
         def next_look(name, than=lambda m: True):
-            """At a pair, once it is ``than``; pictures until it comes, each a second later than the one before."""
+            """At a pair, once it is ``than``; pictures until it comes, each a second later than the
+            one before."""
             count, found = len(looks), []
 
             def came():
@@ -53,7 +56,11 @@ def test_a_pair_is_looked_at_and_a_drift_is_told(ros_master, start_node):
         sent = []
         for name in NAMES[1:]:
             calm = next_look(name)
-            assert (calm.reference, calm.off) == ("l_one", False) and calm.matches > 60 and calm.agree > 50
+            assert (
+                (calm.reference, calm.off) == ("l_one", False)
+                and calm.matches > 60
+                and calm.agree > 50
+            )
             assert calm.off_m < 0.4
         radio.off_m["l_three"] = np.array([0.0, 1.5, 0.0])
         drifted = next_look("l_three", than=lambda m: m.off)

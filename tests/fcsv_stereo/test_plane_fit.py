@@ -10,7 +10,8 @@ SHAPE = (24, 30)
 
 
 def step(scale):
-    """(plane's value, variance) of a noisy plane of inverse depth, whose information is ``scale`` times as much."""
+    """(plane's value, variance) of a noisy plane of inverse depth, whose information is ``scale``
+    times as much."""
     random = np.random.default_rng(1)
     v, u = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float32)
     w = (0.02 + 1e-5 * u + 2e-5 * v + random.normal(0.0, 1e-5, SHAPE)).astype(np.float32)
@@ -25,8 +26,8 @@ def step(scale):
 
 @pytest.mark.parametrize("scale", [1e-6, 1e13, 1e15])
 def test_how_much_information_there_is_does_not_move_the_plane(scale):
-    """Pictures of 12 megapixels with hard edges 4 m apart had 1e13: its third power was no number any more, and the
-    next step read outside of a picture."""
+    """Pictures of 12 megapixels with hard edges 4 m apart had 1e13: its third power was no number
+    any more, and the next step read outside of a picture."""
     (usual, spread), (out, variance) = step(1e6), step(scale)
     assert np.allclose(out, usual, rtol=1e-5, atol=0.0)
     assert np.allclose(variance * np.float32(scale / 1e6), spread, rtol=1e-3, atol=0.0)

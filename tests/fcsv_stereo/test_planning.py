@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner against the thesis's own examples, against rays, and against the loader of fcsv_control."""
+"""The planner against the thesis's own examples, against rays, and against the loader of
+fcsv_control."""
 
 import doctest
 import re
@@ -48,24 +49,38 @@ def test_the_list_of_the_simulated_city():
 def test_the_example_of_figure_3_7():
     plan = make_plan(request(40.0, ErrorThreshold(0.5, False), count=3))
     assert [b.range_m[1] for b in plan.baselines] == pytest.approx([40 / 3, 80 / 3, 40])
-    assert [b.baseline_m for b in plan.baselines] == pytest.approx([z**2 / (0.5 * 602) for z in (40 / 3, 80 / 3, 40)])
+    assert [b.baseline_m for b in plan.baselines] == pytest.approx(
+        [z**2 / (0.5 * 602) for z in (40 / 3, 80 / 3, 40)]
+    )
     assert [b.error_m for b in plan.baselines] == pytest.approx([0.5] * 3)
 
 
 def test_trim_points_by_hand():
     """The outdoor experiment of 6.7."""
-    plan = make_plan(request(120.0, baselines_m=[5, 7, 10], trim_m=[40, 80, 120], axes=("vertical",)))
+    plan = make_plan(
+        request(120.0, baselines_m=[5, 7, 10], trim_m=[40, 80, 120], axes=("vertical",))
+    )
     assert [b.range_m for b in plan.baselines] == [(0, 40), (40, 80), (80, 120)]
-    assert make_plan(request(300.0, baselines_m=[2], trim_m=[300])).notes  # beyond 3.1: said, not hidden
+    # beyond 3.1: said, not hidden
+    assert make_plan(request(300.0, baselines_m=[2], trim_m=[300])).notes
 
 
 @settings(max_examples=60)
 @example(191.0, 0.25, 6, 0.75, False, True)  # 12 and 13 m both end at 190 m in two digits
 @example(500.0, 0.25, 8, 0.9, False, True)
-@given(st.floats(20, 500), st.floats(0.02, 0.3), st.integers(1, 8), st.floats(0, 0.9), st.booleans(), st.booleans())
+@given(
+    st.floats(20, 500),
+    st.floats(0.02, 0.3),
+    st.integers(1, 8),
+    st.floats(0, 0.9),
+    st.booleans(),
+    st.booleans(),
+)
 def test_every_range_holds_the_error_and_has_no_gap(range_m, value, count, near, relative, whole):
     threshold = ErrorThreshold(value, True) if relative else ErrorThreshold(value * 20, False)
-    plan = make_plan(request(range_m, threshold, nearest_m=near * range_m, count=count, whole=whole))
+    plan = make_plan(
+        request(range_m, threshold, nearest_m=near * range_m, count=count, whole=whole)
+    )
     ends = [near * range_m]
     for b in plan.baselines:
         assert b.range_m[0] == pytest.approx(ends[-1]) and b.range_m[1] > b.range_m[0]
@@ -82,16 +97,21 @@ def test_overlap_is_what_rays_see(baseline_m, tilt_deg, z_m):
     fov, tilt = np.radians(56.0), np.radians(tilt_deg)
     x = (np.arange(4000) + 0.5) / 4000 * 2 - 1
     x = x * z_m * np.tan(fov / 2)
-    angle = np.arctan2(x - baseline_m, z_m) + tilt  # seen from the other camera, from its optical axis
+    # seen from the other camera, from its optical axis
+    angle = np.arctan2(x - baseline_m, z_m) + tilt
     unseen = float((np.abs(angle) > fov / 2).mean())
-    assert overlap.non_overlap(z_m, baseline_m, fov, tilt) == pytest.approx(unseen, abs=1 / 2000)  # two edges' points
+    # two edges' points
+    assert overlap.non_overlap(z_m, baseline_m, fov, tilt) == pytest.approx(unseen, abs=1 / 2000)
     starts = overlap.overlap_starts_m(baseline_m, fov, tilt)
     assert overlap.non_overlap(starts * 0.99, baseline_m, fov, tilt) == 1.0
     assert overlap.non_overlap(starts * 1.02, baseline_m, fov, tilt) < 1.0
 
 
 def test_tilt_of_3_5_brings_the_views_together():
-    plain, tilted = (make_plan(request(baselines_m=[8], tilt_per_m_rad=np.radians(t))).baselines[0] for t in (0.0, 1.0))
+    plain, tilted = (
+        make_plan(request(baselines_m=[8], tilt_per_m_rad=np.radians(t))).baselines[0]
+        for t in (0.0, 1.0)
+    )
     assert np.degrees(tilted.tilt_rad) == pytest.approx(8.0)
     assert tilted.overlap_starts_m < plain.overlap_starts_m
 
@@ -106,29 +126,50 @@ def test_the_mission_is_one_that_fcsv_control_flies(tmp_path):
     ]
 
 
-@pytest.mark.parametrize("more, named", [
-    ({"baselines_m": [1.0, 4.0]}, "minimum separation"),
-    ({"baselines_m": [2.0, 6.0], "axes": ("vertical",), "tilt_per_m_rad": 0.02}, "pitch"),
-    ({"baselines_m": [2.0, 8.0], "tilt_per_m_rad": np.radians(4.0)}, "tilted"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "more, named",
+    [
+        ({"baselines_m": [1.0, 4.0]}, "minimum separation"),
+        ({"baselines_m": [2.0, 6.0], "axes": ("vertical",), "tilt_per_m_rad": 0.02}, "pitch"),
+        ({"baselines_m": [2.0, 8.0], "tilt_per_m_rad": np.radians(4.0)}, "tilted"),
+    ],
+)
 def test_what_the_mission_loader_refuses_is_refused_here(more, named, tmp_path):
     plan = make_plan(request(**more))
     with pytest.raises(PlanError, match=named):
         mission_document(plan, "m")
-    rows = [{"axis": b.axis, "baseline_m": float(b.baseline_m), "tilt_deg": float(np.degrees(b.tilt_rad))}
-            for b in plan.baselines]  # fmt: skip
+    rows = [
+        {
+            "axis": b.axis,
+            "baseline_m": float(b.baseline_m),
+            "tilt_deg": float(np.degrees(b.tilt_rad)),
+        }
+        for b in plan.baselines
+    ]
     write_mission({"name": "m", "configurations": rows}, tmp_path / "m.yaml")
     with pytest.raises(ConfigError):
         load_mission(tmp_path / "m.yaml")
 
 
 @settings(max_examples=40)
-@given(st.lists(st.floats(0.3, 20), min_size=1, max_size=5, unique=True), st.floats(0, 5), st.floats(0.1, 700),
-       st.floats(0.5, 9), st.sampled_from(["horizontal", "vertical"]))  # fmt: skip
-def test_planner_and_loader_agree(tmp_path_factory, baselines, tilt_deg, record_s, separation, axis):
+@given(
+    st.lists(st.floats(0.3, 20), min_size=1, max_size=5, unique=True),
+    st.floats(0, 5),
+    st.floats(0.1, 700),
+    st.floats(0.5, 9),
+    st.sampled_from(["horizontal", "vertical"]),
+)
+def test_planner_and_loader_agree(
+    tmp_path_factory, baselines, tilt_deg, record_s, separation, axis
+):
     try:
         plan = make_plan(
-            request(9000.0, baselines_m=sorted(baselines), axes=(axis,), tilt_per_m_rad=np.radians(tilt_deg))
+            request(
+                9000.0,
+                baselines_m=sorted(baselines),
+                axes=(axis,),
+                tilt_per_m_rad=np.radians(tilt_deg),
+            )
         )
         document = mission_document(plan, "m", record_s, separation)
     except PlanError:
@@ -138,25 +179,46 @@ def test_planner_and_loader_agree(tmp_path_factory, baselines, tilt_deg, record_
     assert len(load_mission(path).configurations) == len(baselines)
 
 
-@pytest.mark.parametrize("words, named", [
-    ("--range-m 0", "--range-m"), ("--range-m nan", "--range-m"), ("--range-m 40 --nearest-m 40", "--nearest-m"),
-    ("--range-m 400 --error x", "error threshold"), ("--range-m 400 --baselines 4 2", "--baselines"),
-    ("--range-m 400 --baselines 2 4 --number 2", "not both"), ("--range-m 400 --baselines 2 4 --trim 100", "--trim"),
-    ("--range-m 400 --focal-px -3", "focal length"), ("--range-m 400 --number 0", "--number"),
-    ("--range-m 100 --baselines 2 8", "nothing left"), ("--range-m 400 --fov-deg 200", "--fov-deg"),
-    ("--range-m 40 --error 0.5 --number 3 --mission {}/no.yaml", "minimum separation"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "words, named",
+    [
+        ("--range-m 0", "--range-m"),
+        ("--range-m nan", "--range-m"),
+        ("--range-m 40 --nearest-m 40", "--nearest-m"),
+        ("--range-m 400 --error x", "error threshold"),
+        ("--range-m 400 --baselines 4 2", "--baselines"),
+        ("--range-m 400 --baselines 2 4 --number 2", "not both"),
+        ("--range-m 400 --baselines 2 4 --trim 100", "--trim"),
+        ("--range-m 400 --focal-px -3", "focal length"),
+        ("--range-m 400 --number 0", "--number"),
+        ("--range-m 100 --baselines 2 8", "nothing left"),
+        ("--range-m 400 --fov-deg 200", "--fov-deg"),
+        ("--range-m 40 --error 0.5 --number 3 --mission {}/no.yaml", "minimum separation"),
+    ],
+)
 def test_bad_requests_name_the_option_and_write_nothing(words, named, capsys, tmp_path):
     assert command.main(words.format(tmp_path).split()) == 2
     error = capsys.readouterr().err
     assert named in error and error.count("\n") == 1 and not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("words, noted", [
-    ("--range-m 400 --error 0.4%", "horizontal: 83, 125, 166 m would leave the fence (60 m): accept a larger --error"),
-    ("--range-m 400 --error 0.4% --axis both", "vertical: 42, 83, 125, 166 m would leave the fence (40 m)"),
-    ("--range-m 7 --error 10% --number 1", "horizontal: 0.12 m is nearer than two vehicles may fly (1.5 m)"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "words, noted",
+    [
+        (
+            "--range-m 400 --error 0.4%",
+            "horizontal: 83, 125, 166 m would leave the fence (60 m): accept a larger --error",
+        ),
+        (
+            "--range-m 400 --error 0.4% --axis both",
+            "vertical: 42, 83, 125, 166 m would leave the fence (40 m)",
+        ),
+        (
+            "--range-m 7 --error 10% --number 1",
+            "horizontal: 0.12 m is nearer than two vehicles may fly (1.5 m)",
+        ),
+    ],
+)
 def test_baselines_that_nobody_can_fly_are_remarked(words, noted, capsys):
     assert command.main(words.split()) == 0
     assert f"note: {noted}" in capsys.readouterr().out
@@ -171,7 +233,10 @@ def test_the_command_writes_what_it_says(tmp_path, capsys):
     words = f"--range-m 400 --error 10% --baselines 2 4 6 8 --figures {tmp_path} --mission {tmp_path}/m.yaml"
     assert command.main(words.split()) == 0
     printed = capsys.readouterr().out
-    assert len(re.findall(r"^horizontal ", printed, re.M)) == 4 and "--trim-horizontal 120 240 360 400" in printed
+    assert (
+        len(re.findall(r"^horizontal ", printed, re.M)) == 4
+        and "--trim-horizontal 120 240 360 400" in printed
+    )
     assert {p.name for p in tmp_path.iterdir()} == {"error_curves.png", "segments.png", "m.yaml"}
 
 
@@ -189,14 +254,20 @@ def test_a_plan_for_the_own_camera_is_made_from_its_calibration_file(tmp_path, c
     assert "no camera named: planned for the D435's 56 degrees" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("more, words", [
-    ("--fov-deg 60", "leave --focal-px, --fov-deg and --size out"), ("--size 640 480", "leave --focal-px"),
-    ("", "fisheye"),
-])
+@pytest.mark.parametrize(
+    "more, words",
+    [
+        ("--fov-deg 60", "leave --focal-px, --fov-deg and --size out"),
+        ("--size 640 480", "leave --focal-px"),
+        ("", "fisheye"),
+    ],
+)
 def test_a_camera_that_cannot_be_planned_for_is_named(tmp_path, capsys, more, words):
     write_camera(tmp_path / "own.yaml", "own", CAMERA)
     if not more:
-        (tmp_path / "own.yaml").write_text((tmp_path / "own.yaml").read_text().replace("plumb_bob", "equidistant"))
+        (tmp_path / "own.yaml").write_text(
+            (tmp_path / "own.yaml").read_text().replace("plumb_bob", "equidistant")
+        )
     assert command.main(f"--range-m 400 --camera {tmp_path}/own.yaml {more}".split()) == 2
     said = capsys.readouterr().err
     assert said.startswith("plan: ") and said.count("\n") == 1 and words in said

@@ -18,7 +18,15 @@ from fcsv_stereo.errors import InputError, MatchingError, OutputError
 from fcsv_stereo.map_files import output
 from fcsv_stereo.model import Cloud, MapInput, Reference, concatenate
 from fcsv_stereo.posed import colmap
-from fcsv_stereo.products import ALL, FILES, PRODUCTS, names, parse_products, pictures, write_products
+from fcsv_stereo.products import (
+    ALL,
+    FILES,
+    PRODUCTS,
+    names,
+    parse_products,
+    pictures,
+    write_products,
+)
 from fcsv_stereo.products.clouds import write_laz, write_pcd
 from fcsv_stereo.products.from_above import rasterize, write_from_above
 from fcsv_stereo.products.points import merge_duplicates
@@ -75,14 +83,17 @@ def test_laz_with_sigma(result, tmp_path):
     assert np.abs(read.xyz - result.cloud.points_home_m).max() < 0.00051  # stored to a millimetre
     assert np.array_equal(read["sigma"], result.cloud.sigma_m)
     assert np.array_equal(read["baseline"], result.cloud.baseline_index)
-    assert np.array_equal(np.stack([read.red, read.green, read.blue], 1) // 257, result.cloud.colors)
+    assert np.array_equal(
+        np.stack([read.red, read.green, read.blue], 1) // 257, result.cloud.colors
+    )
     assert (tmp_path / "map.laz").stat().st_size < 0.7 * len(read.points) * 35  # it is compressed
 
 
 def test_duplicates_become_their_weighted_mean(result):
     reference = replace(result.reference, T_home_cam=camera_pose([0, 0, 0]))
     ray = np.array([1.0, 0.5 / CAMERA.fx, 0.5 / CAMERA.fx])  # of a pixel's middle
-    # two of one pixel that agree (20 and 21 m), one behind them that does not, one beside, two behind the camera
+    # two of one pixel that agree (20 and 21 m), one behind them that does not, one beside, two
+    # behind the camera
     points = [20 * ray, 21 * ray, 40 * ray, 20 * ray + [0, 1, 0], -5 * ray, -5 * ray]
     cloud = cloud_of(points, [1.0, 2.0, 1.0, 1.0, 1.0, 1.0], baseline=[0, 1, 2, 3, 4, 5])
     merged = merge_duplicates(cloud, reference)
@@ -98,7 +109,9 @@ def test_one_map_has_no_duplicates_and_the_same_twice_is_the_same(result):
     assert len(once) == len(result.cloud)
     twice = merge_duplicates(concatenate([result.cloud, result.cloud]), result.reference)
     assert len(twice) == len(result.cloud)
-    assert np.allclose(np.sort(twice.points_home_m[:, 0]), np.sort(result.cloud.points_home_m[:, 0]), atol=1e-4)
+    assert np.allclose(
+        np.sort(twice.points_home_m[:, 0]), np.sort(result.cloud.points_home_m[:, 0]), atol=1e-4
+    )
 
 
 def test_many_maps_of_a_place_do_not_pretend_to_be_exact(result):
@@ -115,7 +128,9 @@ def test_from_above_takes_the_highest_and_lies_where_it_says(tmp_path):
     top = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
     below = top[::7] - [0, 0, 1.5]
     colors = np.where(top[:, 2:] > 0, [[200, 0, 0]], [[0, 90, 0]])
-    cloud = cloud_of(np.vstack([top, below]), np.ones(len(top) + len(below)), np.vstack([colors, colors[::7]]))
+    cloud = cloud_of(
+        np.vstack([top, below]), np.ones(len(top) + len(below)), np.vstack([colors, colors[::7]])
+    )
     write_from_above(cloud, tmp_path)
     a, d, b, e, cx, cy = (float(v) for v in (tmp_path / "orthophoto.pgw").read_text().split())
     picture = cv2.imread(str(tmp_path / "orthophoto.png"), cv2.IMREAD_UNCHANGED)
@@ -124,14 +139,19 @@ def test_from_above_takes_the_highest_and_lies_where_it_says(tmp_path):
         height, page = file.asarray(), file.pages[0]
         assert page.geotiff_tags["ModelPixelScale"][:2] == [a, a]
         tie = page.geotiff_tags["ModelTiepoint"]
-        assert "forward" in page.geotiff_tags["GTCitationGeoKey"] and np.isnan(float(page.tags[42113].value))
+        assert "forward" in page.geotiff_tags["GTCitationGeoKey"] and np.isnan(
+            float(page.tags[42113].value)
+        )
     assert height.shape == picture.shape[:2] and (cx, cy) == (
         pytest.approx(tie[3] + a / 2),
         pytest.approx(tie[4] - a / 2),
     )
     for x_m, y_m, z_m, bgr in ((11.0, 3.5, 3.0, [0, 0, 200]), (20.0, -5.0, -1.0, [0, 90, 0])):
         column, row = round((x_m - cx) / a), round((y_m - cy) / e)
-        assert height[row, column] == pytest.approx(z_m) and list(picture[row, column]) == [*bgr, 255]
+        assert height[row, column] == pytest.approx(z_m) and list(picture[row, column]) == [
+            *bgr,
+            255,
+        ]
 
 
 def test_what_was_not_seen_is_empty_and_few_points_do(tmp_path):
@@ -143,7 +163,10 @@ def test_what_was_not_seen_is_empty_and_few_points_do(tmp_path):
 
 def test_colmap_model_comes_back_as_it_went(scene, result, tmp_path):
     turn = transforms.from_xyz_rpy([0.01, 0.02, -0.01], [0.001, -0.002, 0.003])
-    images = [e if e.name == "uav1/0" else replace(e, T_home_cam=e.T_home_cam @ turn) for e in result.images]
+    images = [
+        e if e.name == "uav1/0" else replace(e, T_home_cam=e.T_home_cam @ turn)
+        for e in result.images
+    ]
     moved = replace(result, images=images)
     write_products(["colmap"], moved, scene, tmp_path)
     back = colmap.read_photographs(tmp_path / "colmap")
@@ -162,9 +185,14 @@ def test_colmap_model_comes_back_as_it_went(scene, result, tmp_path):
 
 
 def test_pairs_reproject_to_the_walls(tmp_path):
-    """A camera on the left, one on the right, one above, one below: Q and T_home_rect of each give points in home."""
-    offsets = (((0, -0.8, 0), "horizontal"), ((0, 0.8, 0), "horizontal"), ((0, 0, 0.8), "vertical"),
-               ((0, 0, -0.8), "vertical"))  # fmt: skip
+    """A camera on the left, one on the right, one above, one below: Q and T_home_rect of each give
+    points in home."""
+    offsets = (
+        ((0, -0.8, 0), "horizontal"),
+        ((0, 0.8, 0), "horizontal"),
+        ((0, 0, 0.8), "vertical"),
+        ((0, 0, -0.8), "vertical"),
+    )
     scene = given(*offsets)
     result = map_thesis(scene, ThesisOptions(threshold=ErrorThreshold(5.0, False)), lambda *_: None)
     write_products(["pairs"], result, scene, tmp_path)
@@ -178,13 +206,16 @@ def test_pairs_reproject_to_the_walls(tmp_path):
         a, b = (cv2.imread(str(folder / f"{n}.png"), cv2.IMREAD_GRAYSCALE) for n in (first, second))
         if axis == "vertical":
             a, b = a.T.copy(), b.T.copy()
-        disparity = cv2.StereoSGBM_create(0, 64, 7, 400, 1600, 1, uniquenessRatio=10).compute(a, b) / 16.0
+        disparity = (
+            cv2.StereoSGBM_create(0, 64, 7, 400, 1600, 1, uniquenessRatio=10).compute(a, b) / 16.0
+        )
         disparity = (disparity.T if axis == "vertical" else disparity).astype(np.float32)
         known = disparity > 4
         assert known.mean() > 0.4
         points = transforms.apply(T_home_rect, cv2.reprojectImageTo3D(disparity.copy(), Q)[known])
         near = np.minimum(abs(points[:, 0] - 12.0), abs(points[:, 0] - 20.0))
-        assert np.median(near) < 0.5 * depth_error(20.0, 0.8, CAMERA.fx)  # SGBM: to half a pixel and better
+        # SGBM: to half a pixel and better
+        assert np.median(near) < 0.5 * depth_error(20.0, 0.8, CAMERA.fx)
 
 
 def test_a_pair_that_cannot_be_rectified_is_left_out_and_said(scene, result, tmp_path, monkeypatch):
@@ -197,7 +228,9 @@ def test_a_pair_that_cannot_be_rectified_is_left_out_and_said(scene, result, tmp
     copy = replace(result, warnings=[])
     write_products(["pairs"], copy, scene, tmp_path)
     assert [p.name for p in (tmp_path / "pairs").iterdir()] == ["01_horizontal_0"]
-    assert len(copy.warnings) == 1 and "vertical 1 is left out (one stands ahead" in copy.warnings[0]
+    assert (
+        len(copy.warnings) == 1 and "vertical 1 is left out (one stands ahead" in copy.warnings[0]
+    )
 
 
 def test_the_command_writes_products_all_or_nothing(scene, tmp_path, monkeypatch):
@@ -215,17 +248,32 @@ def test_the_command_writes_products_all_or_nothing(scene, tmp_path, monkeypatch
 
     monkeypatch.setattr("fcsv_stereo.products.clouds.write_laz", broken)
     with pytest.raises(OutputError, match="laz: cannot be written .*No space left"):
-        pipeline.run(pipeline.MapRequest(tmp_path, tmp_path / "other", "thesis", options, products=["laz"]))
+        pipeline.run(
+            pipeline.MapRequest(tmp_path, tmp_path / "other", "thesis", options, products=["laz"])
+        )
     assert [p.name for p in tmp_path.iterdir()] == ["map"]
 
 
 def test_the_ground_of_a_map_lies_in_its_folder_and_report(root, scene, tmp_path, monkeypatch):
     monkeypatch.setattr(pipeline, "load", lambda path, reference: scene)
-    options, robot = ThesisOptions(threshold=ErrorThreshold(5.0, False)), root / "config/robots/rescue.yaml"
+    options, robot = (
+        ThesisOptions(threshold=ErrorThreshold(5.0, False)),
+        root / "config/robots/rescue.yaml",
+    )
     out = tmp_path / "map"
-    document = pipeline.run(pipeline.MapRequest(tmp_path, out, "thesis", options, products=["ground"], robot=robot))
+    document = pipeline.run(
+        pipeline.MapRequest(tmp_path, out, "thesis", options, products=["ground"], robot=robot)
+    )
     written = {path.name for path in (out / "ground").iterdir()}
-    assert {"map.pgm", "map.yaml", "map.bt", "map.ot", "stand.tif", "ground.png", "ground.json"} <= written
+    assert {
+        "map.pgm",
+        "map.yaml",
+        "map.bt",
+        "map.ot",
+        "stand.tif",
+        "ground.png",
+        "ground.json",
+    } <= written
     assert "free to stand on" in document["ground"]["summary"]
     page = (out / "report.html").read_text()
     assert 'id="ground"' in page and document["ground"]["summary"].split(":")[0] in page
@@ -266,22 +314,30 @@ def test_a_map_of_sky_has_no_products(scene, result, tmp_path):
 
 
 def ply_as_its_header_says(path):
-    """Columns by property name, read with nothing but the header: (names and types, name: values)."""
+    """Columns by property name, read with nothing but the header: (names and types, name:
+    values)."""
     head, _, body = path.read_bytes().partition(b"end_header\n")
     lines = head.decode().splitlines()
     assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
     (count,) = (int(line.split()[2]) for line in lines if line.startswith("element vertex"))
     properties = [tuple(line.split()[1:]) for line in lines if line.startswith("property")]
-    values = np.frombuffer(body, [(name, {"float": "<f4", "uchar": "u1"}[kind]) for kind, name in properties])
+    values = np.frombuffer(
+        body, [(name, {"float": "<f4", "uchar": "u1"}[kind]) for kind, name in properties]
+    )
     assert len(values) == count
     return properties, values
 
 
 def test_a_map_keeps_the_names_and_types_of_its_properties(result, tmp_path):
-    """Other programs find x, y, z, colours, sigma and baseline under the names and types that they always had."""
+    """Other programs find x, y, z, colours, sigma and baseline under the names and types that they
+    always had."""
     path, cloud = tmp_path / "map.ply", result.cloud
-    expected = [*(("float", n) for n in "xyz"), *(("uchar", n) for n in ("red", "green", "blue")),
-                ("float", "sigma"), ("uchar", "baseline")]  # fmt: skip
+    expected = [
+        *(("float", n) for n in "xyz"),
+        *(("uchar", n) for n in ("red", "green", "blue")),
+        ("float", "sigma"),
+        ("uchar", "baseline"),
+    ]
     output.write_ply(cloud, path)
     properties, values = ply_as_its_header_says(path)
     assert properties == expected
@@ -289,7 +345,9 @@ def test_a_map_keeps_the_names_and_types_of_its_properties(result, tmp_path):
         assert np.array_equal(values[name], cloud.points_home_m[:, i])
     for i, name in enumerate(("red", "green", "blue")):
         assert np.array_equal(values[name], cloud.colors[:, i])
-    assert np.array_equal(values["sigma"], cloud.sigma_m) and np.array_equal(values["baseline"], cloud.baseline_index)
+    assert np.array_equal(values["sigma"], cloud.sigma_m) and np.array_equal(
+        values["baseline"], cloud.baseline_index
+    )
     back = output.read_ply(path)
     for name in cloud.__dataclass_fields__:
         a, b = getattr(back, name), getattr(cloud, name)
@@ -299,8 +357,14 @@ def test_a_map_keeps_the_names_and_types_of_its_properties(result, tmp_path):
     assert ply_as_its_header_says(path)[0] == expected and len(output.read_ply(path)) == 0
 
 
-@pytest.mark.parametrize("text", ["an earlier map", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
-                                  "property float y\nproperty float z\nend_header\n1 2 3\n"])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "an earlier map",
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
+        "property float y\nproperty float z\nend_header\n1 2 3\n",
+    ],
+)
 def test_another_cloud_is_not_taken_for_a_map(text, tmp_path):
     (tmp_path / "map.ply").write_text(text)
     with pytest.raises(OutputError, match="is not a map.ply of this program"):
@@ -310,7 +374,8 @@ def test_another_cloud_is_not_taken_for_a_map(text, tmp_path):
 
 
 def test_far_ground_has_no_holes_and_a_step_of_depth_is_not_bridged():
-    """Ground 8 m below a camera that looks ahead: from 50 m on its rows lie metres apart. A wall stands at 20 m."""
+    """Ground 8 m below a camera that looks ahead: from 50 m on its rows lie metres apart. A wall
+    stands at 20 m."""
     camera = PinholeCamera(160, 120, 150.0, 150.0, 79.5, 59.5)
     T_home_cam = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
     rays = camera.rays()

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is relied on: nothing near can be in front of what another picture is known to show behind it."""
+"""What is relied on: nothing near can be in front of what another picture is known to show behind
+it."""
 
 import numpy as np
 import pytest
@@ -49,18 +50,21 @@ def agreement(trust):
 
 
 def trust_of(front, behind=0.9):
-    """Of both pairs: all agree but the right one with what was drawn over the hidden wall, and what it shows there."""
+    """Of both pairs: all agree but the right one with what was drawn over the hidden wall, and what
+    it shows there."""
     trust = np.full((2, *SHAPE), 0.9, np.float32)
     trust[0, :, HIDDEN] = front
     trust[0, :, HIDDEN.start - 40 : HIDDEN.stop - 40] = behind
     return agreement(trust)
 
 
-@pytest.mark.parametrize("front, behind, stays", [
-    (0.6, 0.9, False), (0.9, 0.9, True), (0.6, 0.7, True), (0.1, 0.45, True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "front, behind, stays",
+    [(0.6, 0.9, False), (0.9, 0.9, True), (0.6, 0.7, True), (0.1, 0.45, True)],
+)
 def test_a_front_drawn_over_what_is_hidden_is_seen_through(box, front, behind, stays):
-    """The left picture has nothing else to show there; the right one shows the wall, and that is the better match."""
+    """The left picture has nothing else to show there; the right one shows the wall, and that is
+    the better match."""
     _, both, _, w = box
     wrong = w.copy()
     wrong[:, HIDDEN] = NEAR
@@ -93,8 +97,8 @@ def test_a_thin_thing_that_stands_is_known_whoever_agrees(box):
 
 
 def test_the_wall_beside_a_box_is_not_the_boxs(box, pool):
-    """Plain grey looks like plain grey at any depth, and the right one is hidden: only that the other picture shows the
-    wall where the box would stand tells."""
+    """Plain grey looks like plain grey at any depth, and the right one is hidden: only that the
+    other picture shows the wall where the box would stand tells."""
     reference, _, (found, half), w = box
     coarse = w[::2, ::2].copy()
     known = np.ones(coarse.shape, bool)
@@ -103,6 +107,8 @@ def test_the_wall_beside_a_box_is_not_the_boxs(box, pool):
     coarse[:, hidden] = NEAR
     share = []
     for shown in (known, np.zeros_like(known)):
-        chosen = choose_surfaces(found, Map(half, coarse, known, known, shown[None]), reference.image, pool)
+        chosen = choose_surfaces(
+            found, Map(half, coarse, known, known, shown[None]), reference.image, pool
+        )
         share.append((np.abs(chosen / w - 1.0) < 0.1)[:, HIDDEN].mean())
     assert share[0] > 0.95 and share[1] < 0.85

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reported folders of photographs, and the same kinds drawn here: read right, or refused by name."""
+"""Reported folders of photographs, and the same kinds drawn here: read right, or refused by
+name."""
 
 import struct
 import unicodedata
@@ -38,12 +39,15 @@ def refused(folder, reference=None):
 def test_reported_no_second_lines(shared_data):
     folder = shared_data / "reports" / "photos_subfolder_no_second_lines"
     for reference in ("cam1/uav1_home.png", "uav1_home.png", None):
-        assert set(poses(load(folder, reference))) == {f"cam1/{n}" for n in ("uav1_home.png", *NAMES)}
+        assert set(poses(load(folder, reference))) == {
+            f"cam1/{n}" for n in ("uav1_home.png", *NAMES)
+        }
 
 
 @pytest.mark.parametrize("name", ["photos_nfd_name", "photos_rigs_txt", "photos_utm"])
 def test_reported_models_read_right(shared_data, name):
-    """Poses are those of the same pictures in the folder that has no fault but its missing lines."""
+    """Poses are those of the same pictures in the folder that has no fault but its missing
+    lines."""
     reports = shared_data / "reports"
     right = poses(load(reports / "photos_subfolder_no_second_lines"))
     given = load(reports / name)
@@ -51,13 +55,16 @@ def test_reported_models_read_right(shared_data, name):
     for T, of in zip(found, ("uav1_home.png", "uav2_h4.png", "uav2_h8.png")):
         assert np.allclose(T, right[f"cam1/{of}"], atol=2e-5)  # 12 digits at 5800 km
     assert bool(given.warnings) == (name == "photos_rigs_txt")
-    assert given.origin_m.tolist() == ([389000.0, 5819000.0, 0.0] if name == "photos_utm" else [0.0, 0.0, 0.0])
+    assert given.origin_m.tolist() == (
+        [389000.0, 5819000.0, 0.0] if name == "photos_utm" else [0.0, 0.0, 0.0]
+    )
 
 
 @pytest.mark.slow
 def test_reported_models_map_alike(shared_data):
-    """The same three pictures under another name, with stale poses beside the right ones, and in UTM, where 12 digits
-    are 6 micrometres: priors that were off by so much gave 1.9 % other pixels and depths 1.5 % off (99 %)."""
+    """The same three pictures under another name, with stale poses beside the right ones, and in
+    UTM, where 12 digits are 6 micrometres: priors that were off by so much gave 1.9 % other pixels
+    and depths 1.5 % off (99 %)."""
     depths = []
     for name in ("photos_nfd_name", "photos_rigs_txt", "photos_utm"):
         given = load(shared_data / "reports" / name)
@@ -77,7 +84,9 @@ def test_reported_twice_and_cut(shared_data):
 POSE = "{id} 1 0 0 0 {x} 0 0 1 {name}"
 
 
-def several(folder, names=("a.png", "b.png", "c.png"), between="\n\n", end="\n\n", head="# Image list\n"):
+def several(
+    folder, names=("a.png", "b.png", "c.png"), between="\n\n", end="\n\n", head="# Image list\n"
+):
     """A model of black pictures in a row, its images.txt written in some way."""
     (folder / "images").mkdir(parents=True, exist_ok=True)
     (folder / "cameras.txt").write_text("1 PINHOLE 64 48 60 60 32 24\n")
@@ -90,24 +99,36 @@ def several(folder, names=("a.png", "b.png", "c.png"), between="\n\n", end="\n\n
     return folder
 
 
-@pytest.mark.parametrize("given, ways", [
-    ("images.txt without second lines", {"between": "\n", "end": "\n"}),
-    ("images.txt, the last line without an end", {"between": "\n", "end": ""}),
-    ("images.txt with doubled blank lines", {"between": "\n\n\n\n"}),
-    ("images.txt with three blank lines", {"between": "\n\n\n"}),
-    ("images.txt with blank lines before", {"head": "\n\n# x\n\n"}),
-    ("images.txt with points", {"between": "\n1.5 2.5 -1 3.0 4.0 17\n"}),
-    ("images.txt with points, every line end doubled", {"between": "\n\n1.5 2.5 -1 3.0 4.0 17\n\n"}),
-    ("images.txt with comments between", {"between": "\n\n# next\n  # and one more\n"}),
-    ("images.txt with CRLF", {"between": "\r\n\r\n", "end": "\r\n\r\n", "head": "# Image list\r\n"}),
-    ("images.txt with CRLF, without second lines", {"between": "\r\n", "end": "\r\n"}),
-    ("images.txt with a byte order mark", {"head": "\ufeff# Image list\n"}),
-    ("images.txt with blanks at line ends", {"between": "  \n  \n"}),
-    ("names with two blanks in a row", {"names": ("DJI  1.png", "DJI  2.png", "DJI 2.png")}),
-    ("names with a comma", {"names": ("DJI, 1.png", "DJI, 2.png", "c.png")}),
-    ("names of numbers alone", {"names": ("0001", "0002", "0003"), "between": "\n"}),
-    ("names in folders", {"names": ("cam1/a.png", "cam2/a.png", "cam2/b.png"), "between": "\n"}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "given, ways",
+    [
+        ("images.txt without second lines", {"between": "\n", "end": "\n"}),
+        ("images.txt, the last line without an end", {"between": "\n", "end": ""}),
+        ("images.txt with doubled blank lines", {"between": "\n\n\n\n"}),
+        ("images.txt with three blank lines", {"between": "\n\n\n"}),
+        ("images.txt with blank lines before", {"head": "\n\n# x\n\n"}),
+        ("images.txt with points", {"between": "\n1.5 2.5 -1 3.0 4.0 17\n"}),
+        (
+            "images.txt with points, every line end doubled",
+            {"between": "\n\n1.5 2.5 -1 3.0 4.0 17\n\n"},
+        ),
+        ("images.txt with comments between", {"between": "\n\n# next\n  # and one more\n"}),
+        (
+            "images.txt with CRLF",
+            {"between": "\r\n\r\n", "end": "\r\n\r\n", "head": "# Image list\r\n"},
+        ),
+        ("images.txt with CRLF, without second lines", {"between": "\r\n", "end": "\r\n"}),
+        ("images.txt with a byte order mark", {"head": "\ufeff# Image list\n"}),
+        ("images.txt with blanks at line ends", {"between": "  \n  \n"}),
+        ("names with two blanks in a row", {"names": ("DJI  1.png", "DJI  2.png", "DJI 2.png")}),
+        ("names with a comma", {"names": ("DJI, 1.png", "DJI, 2.png", "c.png")}),
+        ("names of numbers alone", {"names": ("0001", "0002", "0003"), "between": "\n"}),
+        (
+            "names in folders",
+            {"names": ("cam1/a.png", "cam2/a.png", "cam2/b.png"), "between": "\n"},
+        ),
+    ],
+)
 def test_ways_to_write_images_txt(tmp_path, given, ways, wrong_input):
     if ways.get("names", ("",))[0] == "0001":
         several(tmp_path / "m", ("a.png", "b.png", "c.png"))
@@ -132,7 +153,9 @@ def test_names_composed_and_decomposed(tmp_path, form, wrong_input):
     name, other = (unicodedata.normalize(f, "Gr\u00f6\u00dfe \u00e9.png") for f in forms)
     folder = several(tmp_path, ("a.png", name))
     (folder / "images" / name).rename(folder / "images" / other)
-    (folder / "priors.csv").write_text(PRIORS + "\n".join(f"{n},1,1,1,1,1,1" for n in ("a.png", other)))
+    (folder / "priors.csv").write_text(
+        PRIORS + "\n".join(f"{n},1,1,1,1,1,1" for n in ("a.png", other))
+    )
     assert list(poses(load(folder))) == ["a.png", name]
     wrong_input("COLMAP models", "file names decomposed by macOS", "read right")
 
@@ -144,7 +167,9 @@ PRIORS = "name,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg\n"
 def test_priors_of_names_with_commas(tmp_path, quote, wrong_input):
     names = ("DJI, 1.png", "DJI, 2.png")
     folder = several(tmp_path, names)
-    (folder / "priors.csv").write_text(PRIORS + "".join(f"{quote}{n}{quote},1,2,3,1,1,1\n" for n in names))
+    (folder / "priors.csv").write_text(
+        PRIORS + "".join(f"{quote}{n}{quote},1,2,3,1,1,1\n" for n in names)
+    )
     (c,) = load(folder).configurations
     assert np.allclose(np.diag(c.others[0].covariance)[:3], [1, 4, 9])
     wrong_input("COLMAP models", "priors.csv, a name with a comma", "read right")
@@ -167,15 +192,46 @@ def _append(file, line):
     return append
 
 
-@pytest.mark.parametrize("given, spoil_it, words", [
-    ("a name twice in images.txt", _append("images.txt", "9 1 0 0 0 -1 0 0 1 b.png\n\n"), "line 8: b.png stands"),
-    ("a name twice, written otherwise", _append("images.txt", "9 1 0 0 0 -1 0 0 1 ./b.png\n\n"), "line 8: ./b.png"),
-    ("a camera twice in cameras.txt", _append("cameras.txt", "1 PINHOLE 64 48 70 70 32 24\n"), "line 2: camera 1"),
-    ("a pose line that is cut", _append("images.txt", "9 1 0 0 0 -1"), "images.txt, line 8: not a posed picture"),
-    ("a pose line that is no number", _append("images.txt", "9 1 0 x 0 -1 0 0 1 d.png\n"), "images.txt, line 8"),
-    ("a photograph in a folder without a pose", lambda f: several(f / "images", ("d.png",)), "has no pose"),
-    ("frames.txt without rigs.txt", _append("frames.txt", "1 1 1 0 0 0 0 0 0 1 CAMERA 1 1\n"), "rigs.txt is missing"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "given, spoil_it, words",
+    [
+        (
+            "a name twice in images.txt",
+            _append("images.txt", "9 1 0 0 0 -1 0 0 1 b.png\n\n"),
+            "line 8: b.png stands",
+        ),
+        (
+            "a name twice, written otherwise",
+            _append("images.txt", "9 1 0 0 0 -1 0 0 1 ./b.png\n\n"),
+            "line 8: ./b.png",
+        ),
+        (
+            "a camera twice in cameras.txt",
+            _append("cameras.txt", "1 PINHOLE 64 48 70 70 32 24\n"),
+            "line 2: camera 1",
+        ),
+        (
+            "a pose line that is cut",
+            _append("images.txt", "9 1 0 0 0 -1"),
+            "images.txt, line 8: not a posed picture",
+        ),
+        (
+            "a pose line that is no number",
+            _append("images.txt", "9 1 0 x 0 -1 0 0 1 d.png\n"),
+            "images.txt, line 8",
+        ),
+        (
+            "a photograph in a folder without a pose",
+            lambda f: several(f / "images", ("d.png",)),
+            "has no pose",
+        ),
+        (
+            "frames.txt without rigs.txt",
+            _append("frames.txt", "1 1 1 0 0 0 0 0 0 1 CAMERA 1 1\n"),
+            "rigs.txt is missing",
+        ),
+    ],
+)
 def test_what_is_refused_by_line(tmp_path, given, spoil_it, words, wrong_input):
     folder = several(tmp_path / "m")
     spoil_it(folder)
@@ -190,10 +246,16 @@ def test_hints_of_where_files_are(tmp_path):
     (folder / "sparse" / "0").mkdir(parents=True)
     for name in ("cameras.txt", "images.txt"):
         (folder / name).rename(folder / "sparse" / "0" / name)
-    assert "copy what stands in " in refused(folder) and "sparse/0 beside images/" in refused(folder)
+    assert "copy what stands in " in refused(folder) and "sparse/0 beside images/" in refused(
+        folder
+    )
     folder = several(tmp_path / "b")
-    (folder / "images.txt").write_text((folder / "images.txt").read_text().replace("b.png", "images/b.png"))
-    assert "is missing; images.txt names it; " in refused(folder) and "name it 'b.png'" in refused(folder)
+    (folder / "images.txt").write_text(
+        (folder / "images.txt").read_text().replace("b.png", "images/b.png")
+    )
+    assert "is missing; images.txt names it; " in refused(folder) and "name it 'b.png'" in refused(
+        folder
+    )
 
 
 def test_what_systems_leave_beside_pictures_is_passed_over(tmp_path):
@@ -214,9 +276,12 @@ def numbers(T):
 
 
 def rig(folder, stale, cameras=(1, 2)):
-    """Two frames of a rig of two cameras; ``stale``: images.txt has the rig's poses instead of the cameras'."""
+    """Two frames of a rig of two cameras; ``stale``: images.txt has the rig's poses instead of the
+    cameras'."""
     several(folder, ("l0.png", "r0.png", "l1.png", "r1.png"))
-    (folder / "cameras.txt").write_text("".join(f"{c} PINHOLE 64 48 60 60 32 24\n" for c in cameras))
+    (folder / "cameras.txt").write_text(
+        "".join(f"{c} PINHOLE 64 48 60 60 32 24\n" for c in cameras)
+    )
     (folder / "rigs.txt").write_text(f"# Rigs\n1 2 CAMERA 1 CAMERA 2 1 {numbers(T_CAM_RIG)}\n")
     frames, images = ["  # Frames"], []
     for i, T in enumerate(T_RIG_HOME):
@@ -238,20 +303,38 @@ def test_rigs_and_frames_are_composed(tmp_path, stale, wrong_input):
     assert len(given.warnings) == stale
     if stale:
         assert "contradicts rigs.txt and frames.txt about 2 of 4 pictures" in given.warnings[0]
-        wrong_input("COLMAP models", "images.txt older than frames.txt", "read, with a warning", given.warnings[0])
+        wrong_input(
+            "COLMAP models",
+            "images.txt older than frames.txt",
+            "read, with a warning",
+            given.warnings[0],
+        )
     else:
         wrong_input("COLMAP models", "rigs.txt and frames.txt (COLMAP 3.12 on)", "read right")
 
 
-@pytest.mark.parametrize("file, old, new, words", [
-    ("frames.txt", "CAMERA 2 4", "CAMERA 2 9", "image 4 (r1.png) is in no frame"),
-    ("frames.txt", "CAMERA 2 4", "CAMERA 1 4", "frames.txt, line 3: image 4 (r1.png) is of camera 1"),
-    ("frames.txt", "CAMERA 2 4", "CAMERA 2", "frames.txt, line 3: not a frame"),
-    ("frames.txt", "CAMERA 2 4", "CAMERA 2 3", "image 3 is in a frame already"),
-    ("rigs.txt", "CAMERA 2 1", "CAMERA 2 0", "rigs.txt, line 2: not a rig"),
-    ("rigs.txt", "1 2 CAMERA 1", "1 3 CAMERA 1", "rigs.txt, line 2: not a rig"),
-    ("rigs.txt", "1 2 CAMERA 1 CAMERA 2", "1 2 CAMERA 1 CAMERA 7", "camera 2 has no pose in rig 1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "file, old, new, words",
+    [
+        ("frames.txt", "CAMERA 2 4", "CAMERA 2 9", "image 4 (r1.png) is in no frame"),
+        (
+            "frames.txt",
+            "CAMERA 2 4",
+            "CAMERA 1 4",
+            "frames.txt, line 3: image 4 (r1.png) is of camera 1",
+        ),
+        ("frames.txt", "CAMERA 2 4", "CAMERA 2", "frames.txt, line 3: not a frame"),
+        ("frames.txt", "CAMERA 2 4", "CAMERA 2 3", "image 3 is in a frame already"),
+        ("rigs.txt", "CAMERA 2 1", "CAMERA 2 0", "rigs.txt, line 2: not a rig"),
+        ("rigs.txt", "1 2 CAMERA 1", "1 3 CAMERA 1", "rigs.txt, line 2: not a rig"),
+        (
+            "rigs.txt",
+            "1 2 CAMERA 1 CAMERA 2",
+            "1 2 CAMERA 1 CAMERA 7",
+            "camera 2 has no pose in rig 1",
+        ),
+    ],
+)
 def test_wrong_rigs_are_refused(tmp_path, file, old, new, words):
     path = rig(tmp_path / "m", True) / file
     assert old in path.read_text()
@@ -264,7 +347,10 @@ def test_frames_without_lines_say_nothing(tmp_path):
     (folder / "frames.txt").write_text("# Frame list\n# Number of frames: 0\n")
     (folder / "rigs.txt").write_text("# none\n")
     given = load(folder)
-    assert np.allclose(poses(given)["r1.png"], transforms.invert(T_CAM_RIG @ T_RIG_HOME[1])) and not given.warnings
+    assert (
+        np.allclose(poses(given)["r1.png"], transforms.invert(T_CAM_RIG @ T_RIG_HOME[1]))
+        and not given.warnings
+    )
 
 
 def photographs(folder, count=3, suffix=".jpg"):
@@ -287,7 +373,12 @@ def test_one_broken_of_three_is_left_out_and_named(tmp_path, how, wrong_input):
     (message,) = given.warnings
     assert message.startswith("left out: ") and "b.jpg: " in message
     if how == "cut at 50 %":
-        wrong_input("Pictures", "one of several photographs cut", "left out and named", message.split(" (")[0])
+        wrong_input(
+            "Pictures",
+            "one of several photographs cut",
+            "left out and named",
+            message.split(" (")[0],
+        )
 
 
 def test_import_tells_what_is_no_photograph(tmp_path):
@@ -358,15 +449,26 @@ def is_stored(picture):
 
 
 def test_orientation_that_the_size_does_not_tell(tmp_path, wrong_input):
-    """Half turns alone: stored, and said. Where other pictures' size tells that the model is of turned ones: turned."""
+    """Half turns alone: stored, and said. Where other pictures' size tells that the model is of
+    turned ones: turned."""
     given = load(oriented(tmp_path / "a", (1, 3, 3)))
-    images = [given.configurations[0].references[0].image, *(c.others[0].image for c in given.configurations)]
+    images = [
+        given.configurations[0].references[0].image,
+        *(c.others[0].image for c in given.configurations),
+    ]
     assert all(map(is_stored, images)) and "turns 2 of 3 pictures" in given.warnings[0]
-    wrong_input("Pictures", "EXIF orientation 3 of a model's pictures", "read, with a warning", given.warnings[0])
+    wrong_input(
+        "Pictures",
+        "EXIF orientation 3 of a model's pictures",
+        "read, with a warning",
+        given.warnings[0],
+    )
     square = load(oriented(tmp_path / "b", (6, 6), (64, 64), (64, 64)))
     assert is_stored(square.configurations[0].others[0].image) and square.warnings
     folder = oriented(tmp_path / "c", (6, 6, 3), (48, 64), (64, 48))  # stored lying, shown upright
-    (folder / "cameras.txt").write_text("1 PINHOLE 48 64 60 60 24 32\n2 PINHOLE 64 48 60 60 32 24\n")
+    (folder / "cameras.txt").write_text(
+        "1 PINHOLE 48 64 60 60 24 32\n2 PINHOLE 64 48 60 60 32 24\n"
+    )
     text = (folder / "images.txt").read_text().replace("1 c.jpg", "2 c.jpg")
     (folder / "images.txt").write_text(text)
     cameras, warnings = colmap.read_cameras(folder / "cameras.txt"), []
@@ -382,9 +484,16 @@ def test_binary_model_beside_the_text(tmp_path, wrong_input):
     folder = several(tmp_path / "m", ("a.png", "b.png"))
 
     def binary(x):
-        (folder / "cameras.bin").write_bytes(struct.pack("<QiiQQ4d", 1, 1, 1, 64, 48, 60, 60, 32, 24))
-        images = [struct.pack("<i7di", i + 1, 1, 0, 0, 0, -i * x, 0, 0, 1) + n + b"\0" + struct.pack("<Q", 0)
-                  for i, n in enumerate((b"a.png", b"b.png"))]  # fmt: skip
+        (folder / "cameras.bin").write_bytes(
+            struct.pack("<QiiQQ4d", 1, 1, 1, 64, 48, 60, 60, 32, 24)
+        )
+        images = [
+            struct.pack("<i7di", i + 1, 1, 0, 0, 0, -i * x, 0, 0, 1)
+            + n
+            + b"\0"
+            + struct.pack("<Q", 0)
+            for i, n in enumerate((b"a.png", b"b.png"))
+        ]
         (folder / "images.bin").write_bytes(struct.pack("<Q", 2) + b"".join(images))
 
     binary(1.0)
@@ -392,14 +501,19 @@ def test_binary_model_beside_the_text(tmp_path, wrong_input):
     binary(2.0)
     message = refused(folder)
     assert "images.bin: has another pose of b.png" in message
-    wrong_input("COLMAP models", "images.bin beside images.txt with other poses", "refused", message)
+    wrong_input(
+        "COLMAP models", "images.bin beside images.txt with other poses", "refused", message
+    )
     (folder / "images.txt").unlink()
     assert "model_converter" in refused(folder)
 
 
 def test_rounded_quaternions_far_from_the_origin(tmp_path, wrong_input):
     """Six digits at 5800 km are metres; at home they are nothing."""
-    T = [transforms.from_xyz_rpy([389000.0 + i, 5819000.0, 40.0], [0.1, 0.2, 0.3 + 0.01 * i]) for i in range(2)]
+    T = [
+        transforms.from_xyz_rpy([389000.0 + i, 5819000.0, 40.0], [0.1, 0.2, 0.3 + 0.01 * i])
+        for i in range(2)
+    ]
     for shift, ok in ((0.0, False), (5819000.0, True)):
         folder = several(tmp_path / f"m{ok}", ("a.png", "b.png"))
         lines = []
@@ -408,10 +522,17 @@ def test_rounded_quaternions_far_from_the_origin(tmp_path, wrong_input):
             near[:3, 3] -= [389000.0 * ok, shift, 40.0 * ok]
             six = " ".join(f"{float(v):.6f}" for v in numbers(transforms.invert(near)).split())
             lines.append(f"{i + 1} {six} 1 ")
-        (folder / "images.txt").write_text("".join(f"{s}{n}\n\n" for s, n in zip(lines, ("a.png", "b.png"))))
+        (folder / "images.txt").write_text(
+            "".join(f"{s}{n}\n\n" for s, n in zip(lines, ("a.png", "b.png")))
+        )
         if ok:
             assert len(poses(load(folder))) == 2
         else:
             message = refused(folder)
             assert "more digits" in message
-            wrong_input("COLMAP models", "UTM with quaternions of six digits", "refused", message.split(" that ")[0])
+            wrong_input(
+                "COLMAP models",
+                "UTM with quaternions of six digits",
+                "refused",
+                message.split(" that ")[0],
+            )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions after public bug reports (../shared/data/reports): they are one session, each spoilt in its own way."""
+"""Sessions after public bug reports (../shared/data/reports): they are one session, each spoilt in
+its own way."""
 
 import shutil
 
@@ -30,7 +31,8 @@ def pictures(given):
 
 @pytest.fixture
 def right(report):
-    """The report whose pictures and odometry are whole; its camera is that of all others' camera_info."""
+    """The report whose pictures and odometry are whole; its camera is that of all others'
+    camera_info."""
     given = read_session(report("i_first_other_f"))
     found = pictures(given)
     assert len(found) == 8 and {round(p.camera.fx, 3) for p in found.values()} == {75.229}
@@ -45,22 +47,44 @@ def same_but(given, right, lost=0):
         assert np.allclose(p.T_home_cam, right[name].T_home_cam, atol=1e-3)
 
 
-@pytest.mark.parametrize("name, words", [
-    ("b02a_K_garbage", f"{NONE}focal length is 1e-310 px"),
-    ("b03b_D3", f"{NONE}distortion D has 3 coefficients"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name, words",
+    [
+        ("b02a_K_garbage", f"{NONE}focal length is 1e-310 px"),
+        ("b03b_D3", f"{NONE}distortion D has 3 coefficients"),
+    ],
+)
 def test_cameras_that_nobody_can_tell_are_refused_by_name(report, name, words):
     with pytest.raises(InputError) as error:
         read_session(report(name))
     assert words in str(error.value) and "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("name, lost, words", [
-    ("c01_odo_nan1", 0, "topic /uav1/odometry/body: 1 message is left out: uav1.bag: pose is not finite"),
-    ("c05_odo_future60_1", 0, "topic /uav1/odometry/body: 1 message is left out: its stamp is 60.0 s after"),
-    ("e_badone", 1, "topic /uav1/camera/color/image_raw: 1 message is left out: uav1.bag: image has 13400 bytes"),
-    ("i_first_other_f", 0, "topic /uav1/camera/color/camera_info: 1 message is left out: intrinsics of"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name, lost, words",
+    [
+        (
+            "c01_odo_nan1",
+            0,
+            "topic /uav1/odometry/body: 1 message is left out: uav1.bag: pose is not finite",
+        ),
+        (
+            "c05_odo_future60_1",
+            0,
+            "topic /uav1/odometry/body: 1 message is left out: its stamp is 60.0 s after",
+        ),
+        (
+            "e_badone",
+            1,
+            "topic /uav1/camera/color/image_raw: 1 message is left out: uav1.bag: image has 13400 bytes",
+        ),
+        (
+            "i_first_other_f",
+            0,
+            "topic /uav1/camera/color/camera_info: 1 message is left out: intrinsics of",
+        ),
+    ],
+)
 def test_a_single_bad_message_is_left_out_and_named(report, right, name, lost, words):
     given = read_session(report(name))
     assert len([w for w in given.warnings if words in w]) == 1, given.warnings

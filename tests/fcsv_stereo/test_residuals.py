@@ -39,16 +39,22 @@ def test_values_and_slopes_between_pixels_are_those_of_the_surface(w):
 
 
 def thin_bar():
-    """A bar of 4 px before a field that is bright on the left and dark on the right, infinitely far; the bar is before
-    the bright part in the reference and before the dark one in the other picture. Views, inverse depth, the bar."""
+    """A bar of 4 px before a field that is bright on the left and dark on the right, infinitely
+    far; the bar is before the bright part in the reference and before the dark one in the other
+    picture. Views, inverse depth, the bar."""
     u = np.arange(64)
     field = np.where(u < 36, 170.0, 40.0) + np.random.default_rng(5).normal(0.0, 4.0, (40, 64))
     bar = np.random.default_rng(6).normal(100.0, 4.0, (40, 4))
     reference, other = field.copy(), field.copy()
     reference[:, 20:24], other[:, 44:48] = bar, bar
     projection = np.r_[np.eye(3).ravel(), 24.0, 0.0, 0.0].astype(np.float32)[None]
-    found = Views(reference.astype(np.float32), other.astype(np.float32)[None], np.array([reference.shape]),
-                  projection, np.zeros(3))  # fmt: skip
+    found = Views(
+        reference.astype(np.float32),
+        other.astype(np.float32)[None],
+        np.array([reference.shape]),
+        projection,
+        np.zeros(3),
+    )
     here = np.zeros(reference.shape, bool)
     here[4:-4, 20:24] = True
     w = np.zeros(reference.shape, np.float32)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions recorded by ROS 2 give the same pictures and poses as those of ROS 1; what cannot be read is named."""
+"""Sessions recorded by ROS 2 give the same pictures and poses as those of ROS 1; what cannot be
+read is named."""
 
 import shutil
 
@@ -32,7 +33,11 @@ def same(given, other):
     found, expected = pictures(given), pictures(other)
     assert [p.name for p in found] == [p.name for p in expected] and len(found) == 8
     for a, b in zip(found, expected):
-        assert np.array_equal(a.image, b.image) and np.array_equal(a.T_home_cam, b.T_home_cam) and a.camera == b.camera
+        assert (
+            np.array_equal(a.image, b.image)
+            and np.array_equal(a.T_home_cam, b.T_home_cam)
+            and a.camera == b.camera
+        )
         assert np.array_equal(a.covariance, b.covariance)
     assert given.warnings == other.warnings == []
 
@@ -84,15 +89,20 @@ def test_a_damaged_bag_is_named_and_its_vehicle_missed(ros2, tmp_path):
         with pytest.raises(InputError) as error:
             read_session(session)
         said = str(error.value)
-        assert "\n" not in said and "uav2 is missing" in said.replace("/uav2/odometry/body", "uav2"), said
+        assert "\n" not in said and "uav2 is missing" in said.replace(
+            "/uav2/odometry/body", "uav2"
+        ), said
         assert "/uav2: cannot be read as a bag (" in said and "left out" in said, said
 
 
-@pytest.mark.parametrize("change, words", [
-    (("version: 8", "version: 99"), "version 99"),
-    (("storage_identifier: ", "storage_identifier: tape # "), "'tape'"),
-    (("relative_file_paths", "relative_paths"), "relative_file_paths"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (("version: 8", "version: 99"), "version 99"),
+        (("storage_identifier: ", "storage_identifier: tape # "), "'tape'"),
+        (("relative_file_paths", "relative_paths"), "relative_file_paths"),
+    ],
+)
 def test_metadata_that_is_not_known_is_named(ros2, tmp_path, change, words):
     shutil.copytree(ros2, tmp_path / "session")
     metadata = tmp_path / "session" / "uav2" / "metadata.yaml"
@@ -107,5 +117,7 @@ def test_metadata_that_is_not_known_is_named(ros2, tmp_path, change, words):
 def test_a_bag_of_ros2_that_is_missing_is_named(ros2, tmp_path):
     shutil.copytree(ros2, tmp_path / "session")
     shutil.rmtree(tmp_path / "session" / "uav2")
-    with pytest.raises(InputError, match=r"/uav2/odometry/body is missing.*uav2 is missing: copy it"):
+    with pytest.raises(
+        InputError, match=r"/uav2/odometry/body is missing.*uav2 is missing: copy it"
+    ):
         read_session(tmp_path / "session")

@@ -52,10 +52,14 @@ def half_truth(folder, files):
 _HEAD = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
 
 
-@pytest.mark.parametrize("files, words", [
-    ({"scene.ply": "ply"}, "cameras.csv"), ({"cameras.csv": _HEAD}, "scene.ply: does not exist"),
-    ({"scene.ply": "ply", "cameras.csv": _HEAD + "1.0,uav1,0"}, "line 2"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "files, words",
+    [
+        ({"scene.ply": "ply"}, "cameras.csv"),
+        ({"cameras.csv": _HEAD}, "scene.ply: does not exist"),
+        ({"scene.ply": "ply", "cameras.csv": _HEAD + "1.0,uav1,0"}, "line 2"),
+    ],
+)
 def test_half_a_truth_is_a_warning_and_the_map_is_made(files, words, tmp_path):
     session = write_session(tmp_path / "session")
     half_truth(session, files)
@@ -76,10 +80,18 @@ def test_where_no_map_can_be_written_is_said_before_anything_is_read(tmp_path, m
 def test_a_disk_that_takes_no_more_is_one_line_and_leaves_nothing(tmp_path):
     """A limit on the size of files stands for the full disk: writing fails in the same places."""
     session, out = write_session(tmp_path / "session"), tmp_path / "map"
-    command = f"ulimit -f 8; exec rosrun fcsv_stereo map {session} -o {out} --method thesis --error 5"
+    command = (
+        f"ulimit -f 8; exec rosrun fcsv_stereo map {session} -o {out} --method thesis --error 5"
+    )
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
-    assert done.returncode == 2 and done.stderr.strip().splitlines()[-1].startswith("map: "), done.stderr
-    assert "Traceback" not in done.stderr and not out.exists() and list(tmp_path.iterdir()) == [session]
+    assert done.returncode == 2 and done.stderr.strip().splitlines()[-1].startswith("map: "), (
+        done.stderr
+    )
+    assert (
+        "Traceback" not in done.stderr
+        and not out.exists()
+        and list(tmp_path.iterdir()) == [session]
+    )
 
 
 def test_a_session_carries_the_covariance_of_each_picture(tmp_path):
@@ -95,17 +107,24 @@ def test_a_session_carries_the_covariance_of_each_picture(tmp_path):
 NOT_POSITIVE = np.diag([1e-4] * 5 + [-1e-6])
 
 
-@pytest.mark.parametrize("covariance, drop, vehicles, why", [
-    (None, (), "uav1, uav2", "no camera_pose near"),  # a session of before
-    (1e-4 * np.eye(6), ("/uav2/camera_pose",), "uav2", "no camera_pose near"),
-    (np.full((6, 6), np.nan), (), "uav1, uav2", "NaN"),
-    (np.zeros((6, 6)), (), "uav1, uav2", "not positive definite"),
-    (NOT_POSITIVE, (), "uav1, uav2", "not positive definite"),
-])  # fmt: skip
-def test_without_a_covariance_a_session_says_which_prior_serves(tmp_path, covariance, drop, vehicles, why):
+@pytest.mark.parametrize(
+    "covariance, drop, vehicles, why",
+    [
+        (None, (), "uav1, uav2", "no camera_pose near"),  # a session of before
+        (1e-4 * np.eye(6), ("/uav2/camera_pose",), "uav2", "no camera_pose near"),
+        (np.full((6, 6), np.nan), (), "uav1, uav2", "NaN"),
+        (np.zeros((6, 6)), (), "uav1, uav2", "not positive definite"),
+        (NOT_POSITIVE, (), "uav1, uav2", "not positive definite"),
+    ],
+)
+def test_without_a_covariance_a_session_says_which_prior_serves(
+    tmp_path, covariance, drop, vehicles, why
+):
     given = read_session(write_session(tmp_path / "session", covariance=covariance, drop=drop))
     (line,) = given.warnings
-    assert f"poses of {vehicles} are known is not recorded" in line and why in line and "15 cm" in line
+    assert (
+        f"poses of {vehicles} are known is not recorded" in line and why in line and "15 cm" in line
+    )
     (c,) = given.configurations
     without = {p.vehicle for p in (*c.references, *c.others) if p.covariance is None}
     assert without == set(vehicles.split(", ")) and given.prior.position_m == 0.15
@@ -123,23 +142,28 @@ def test_one_bag_that_holds_everything_is_a_session(tmp_path):
     assert len(given.configurations[0].references) == 4 and given.truth_folder is None
 
 
-@pytest.mark.parametrize("changes, words", [
-    ({"drop": ("capture",)}, ["/mission/capture", "no configuration was recorded"]),
-    ({"drop": ("/calibration",)}, ["/calibration", "never calibrated"]),
-    ({"drop": ("/home",)}, ["/home", "never set"]),
-    ({"drop": ("camera_info",)}, ["camera_info", "missing"]),
-    ({"drop": ("odometry/body",)}, ["odometry/body", "missing"]),
-    ({"drop": ("/tf_static",)}, ["/tf_static", "base_link"]),
-    ({"drop": ("image_raw",)}, ["no configuration has pictures"]),
-    ({"encoding": "yuv422"}, ["image_raw", "yuv422", "rgb8"]),
-    ({"window": (T0 + 50, T0 + 51)}, ["overlap in time"]),
-    ({"stamp_offset_s": 0.6, "drop": ("odometry/body",)}, ["odometry/body"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        ({"drop": ("capture",)}, ["/mission/capture", "no configuration was recorded"]),
+        ({"drop": ("/calibration",)}, ["/calibration", "never calibrated"]),
+        ({"drop": ("/home",)}, ["/home", "never set"]),
+        ({"drop": ("camera_info",)}, ["camera_info", "missing"]),
+        ({"drop": ("odometry/body",)}, ["odometry/body", "missing"]),
+        ({"drop": ("/tf_static",)}, ["/tf_static", "base_link"]),
+        ({"drop": ("image_raw",)}, ["no configuration has pictures"]),
+        ({"encoding": "yuv422"}, ["image_raw", "yuv422", "rgb8"]),
+        ({"window": (T0 + 50, T0 + 51)}, ["overlap in time"]),
+        ({"stamp_offset_s": 0.6, "drop": ("odometry/body",)}, ["odometry/body"]),
+    ],
+)
 def test_bad_sessions_are_named_in_one_line(tmp_path, changes, words):
     session = write_session(tmp_path / "session", **changes)
     with pytest.raises(InputError) as error:
         pipeline.run(pipeline.MapRequest(session, tmp_path / "map", "thesis", OPTIONS))
-    assert "\n" not in str(error.value) and all(w in str(error.value) for w in words), str(error.value)
+    assert "\n" not in str(error.value) and all(w in str(error.value) for w in words), str(
+        error.value
+    )
     assert [p.name for p in tmp_path.iterdir()] == ["session"]
 
 
@@ -148,7 +172,9 @@ def test_another_message_under_a_name_that_is_read_is_named(tmp_path, topic):
     session = write_session(tmp_path / "session", drop=(topic,))
     with rosbag.Bag(str(session / "control.bag"), "a") as bag:
         bag.write(topic, String("elsewhere"), rospy.Time.from_sec(T0))
-    with pytest.raises(InputError, match=rf"control\.bag, topic {topic}: is of type std_msgs/String, not \w+/\w+"):
+    with pytest.raises(
+        InputError, match=rf"control\.bag, topic {topic}: is of type std_msgs/String, not \w+/\w+"
+    ):
         read_session(session)
 
 
@@ -197,7 +223,9 @@ def test_a_cut_bag_is_repaired_and_maps_with_what_it_holds(tmp_path):
     cut(path, 0.8)
     original = path.read_bytes()
     given = read_session(session)
-    assert any("uav2.bag was not closed or is damaged: repaired, " in w for w in given.warnings), given.warnings
+    assert any("uav2.bag was not closed or is damaged: repaired, " in w for w in given.warnings), (
+        given.warnings
+    )
     assert 1 <= len(given.configurations[0].others) < len(whole.configurations[0].others) == 4
     assert len(given.configurations[0].references) == 4
     assert (session / "uav2.bag.broken").read_bytes() == original
@@ -209,16 +237,22 @@ def test_a_cut_bag_is_repaired_and_maps_with_what_it_holds(tmp_path):
 def test_an_unclosed_bag_is_a_bag(tmp_path):
     session = write_session(tmp_path / "session")
     (session / "uav2.bag").rename(session / "uav2.bag.active")
-    assert len(read_session(session).configurations[0].others) == 4 and (session / "uav2.bag").exists()
+    assert (
+        len(read_session(session).configurations[0].others) == 4 and (session / "uav2.bag").exists()
+    )
 
 
 def test_what_is_missing_is_named(tmp_path):
     session = write_session(tmp_path / "session")
     (session / "uav2.bag").unlink()
-    with pytest.raises(InputError, match=r"/uav2/odometry/body is missing.*uav2\.bag is missing: copy it"):
+    with pytest.raises(
+        InputError, match=r"/uav2/odometry/body is missing.*uav2\.bag is missing: copy it"
+    ):
         read_session(session)
     (session / "control.bag").unlink()
-    with pytest.raises(InputError, match=r"/mission/capture is missing.*control\.bag is missing: copy it"):
+    with pytest.raises(
+        InputError, match=r"/mission/capture is missing.*control\.bag is missing: copy it"
+    ):
         read_session(session)
 
 
@@ -233,15 +267,24 @@ def test_without_the_control_pcs_bag_what_the_vehicles_heard_makes_the_map(tmp_p
     assert not any(_LOST in w for w in whole.warnings)
     (session / "control.bag").unlink()
     given = read_session(session)
-    assert [len(c.others) for c in given.configurations] == [len(c.others) for c in whole.configurations] == [2, 2]
+    assert (
+        [len(c.others) for c in given.configurations]
+        == [len(c.others) for c in whole.configurations]
+        == [2, 2]
+    )
     for a, b in zip(given.configurations, whole.configurations):
         assert np.array_equal(a.others[0].T_home_cam, b.others[0].T_home_cam)
     (lost,) = [w for w in given.warnings if _LOST in w]
-    assert "/calibration, /home, /mission/capture of 2 configurations: taken from what the vehicles heard" in lost
+    assert (
+        "/calibration, /home, /mission/capture of 2 configurations: taken from what the vehicles heard"
+        in lost
+    )
     assert any("control.bag is missing: copy it" in w for w in given.warnings)
 
 
-def test_windows_that_the_control_pcs_bag_lost_come_from_the_vehicles_but_none_of_a_flight_before(tmp_path):
+def test_windows_that_the_control_pcs_bag_lost_come_from_the_vehicles_but_none_of_a_flight_before(
+    tmp_path,
+):
     session = write_session(tmp_path / "session", windows=_WINDOWS[:1], heard={"uav1": _WINDOWS})
     given = read_session(session)
     assert len(given.configurations) == 2
@@ -267,7 +310,9 @@ def test_parts_are_one_recording_and_a_missing_or_foreign_one_is_named(tmp_path)
     session = write_session(tmp_path / "session")
     whole = read_session(session)
     split(session, "uav2", T0 + 0.5, 1)
-    assert len(read_session(session).configurations[0].others) == 4, "parts beside the first need no line in the file"
+    assert len(read_session(session).configurations[0].others) == 4, (
+        "parts beside the first need no line in the file"
+    )
     description = session / "session.yaml"
     description.write_text(description.read_text() + "parts: {uav2: [uav2.1.bag]}\n")
     given = read_session(session)
@@ -309,13 +354,16 @@ def test_neither_session_nor_photographs(tmp_path):
         pipeline.load(tmp_path / "nowhere")
 
 
-@pytest.mark.parametrize("text, words", [
-    (b"version: [\n", "session.yaml, line 2: not valid YAML"),
-    (b"\xe9: 1\n", "session.yaml: not valid YAML"),
-    (b"version: 1\n", "session.yaml: 'bags' must name a bag for every machine"),
-    (b"bags: [uav1.bag]\n", "session.yaml: 'bags' must name a bag for every machine"),
-    (b"just words\n", "session.yaml: 'bags' must name a bag for every machine"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        (b"version: [\n", "session.yaml, line 2: not valid YAML"),
+        (b"\xe9: 1\n", "session.yaml: not valid YAML"),
+        (b"version: 1\n", "session.yaml: 'bags' must name a bag for every machine"),
+        (b"bags: [uav1.bag]\n", "session.yaml: 'bags' must name a bag for every machine"),
+        (b"just words\n", "session.yaml: 'bags' must name a bag for every machine"),
+    ],
+)
 def test_a_session_description_that_is_none_is_one_line(text, words, tmp_path):
     (tmp_path / "session.yaml").write_bytes(text)
     with pytest.raises(InputError) as refused:

@@ -24,7 +24,13 @@ def by_formula(volume, counts, grey, drift):
                 cost = volume[y, x, : counts[y]].astype(float)
                 before = paths.get((y - dy, x - dx))
                 if before is not None:
-                    cost = cost + ways(before, grey[y, x] - grey[y - dy, x - dx], len(cost), drift[int(dy < 0), y], dy)
+                    cost = cost + ways(
+                        before,
+                        grey[y, x] - grey[y - dy, x - dx],
+                        len(cost),
+                        drift[int(dy < 0), y],
+                        dy,
+                    )
                 paths[y, x] = cost
                 total[y, x, : counts[y]] += cost
     return total
@@ -42,7 +48,9 @@ def ways(before, step, count, drift, dy):
         there = int(np.floor(d + drift[d]))
         if dy != 0 and drift.any() and 0 <= there < len(before):
             share = d + drift[d] - there
-            out[d] = min(out[d], (1 - share) * at(there) + share * min(at(there + 1), at(there) + P1) + LEVEL)
+            out[d] = min(
+                out[d], (1 - share) * at(there) + share * min(at(there + 1), at(there) + P1) + LEVEL
+            )
     return out - before.min()
 
 
@@ -60,8 +68,11 @@ def test_the_sums_are_those_of_the_formula(drifts, same, pool):
     found = aggregate(volume, counts, grey, (P1, P2), drift, pool)
     wanted = by_formula(volume, counts, grey, drift)
     for y, count in enumerate(counts):
-        # prices and parts of levels are rounded, half a unit each, along paths as long as the picture
-        assert np.abs(found[y, :, :count] - wanted[y, :, :count]).max() <= 0.5 * len(PATHS) * max(SHAPE[:2])
+        # prices and parts of levels are rounded, half a unit each, along paths as long as the
+        # picture
+        assert np.abs(found[y, :, :count] - wanted[y, :, :count]).max() <= 0.5 * len(PATHS) * max(
+            SHAPE[:2]
+        )
         assert np.array_equal(*(v[y, :, :count].argmin(axis=1) for v in (found, wanted)))
 
 
@@ -69,4 +80,6 @@ def test_a_price_beyond_what_sixteen_bits_hold_is_refused(pool):
     volume, drift = np.zeros(SHAPE, np.uint8), np.zeros((2, SHAPE[0], SHAPE[2]), np.float32)
     with pytest.raises(ValueError, match="price"):
         prices = P1, SGM.most_price + 1.0
-        aggregate(volume, np.full(SHAPE[0], 3), np.zeros(SHAPE[:2], np.float32), prices, drift, pool)
+        aggregate(
+            volume, np.full(SHAPE[0], 3), np.zeros(SHAPE[:2], np.float32), prices, drift, pool
+        )

@@ -15,7 +15,8 @@ TRUSTED = np.ones((SIZE, SIZE), bool)
 
 
 def match(trust=0.9, seen=1.0, noise=0.01, step=0.0):
-    """A plane at 10 m, with a step half-way where one is given; ``noise`` and ``step`` are shares of inverse depth."""
+    """A plane at 10 m, with a step half-way where one is given; ``noise`` and ``step`` are shares
+    of inverse depth."""
     w = np.full((SIZE, SIZE), W, np.float32)
     w[:, SIZE // 2 :] *= 1.0 + step
 
@@ -38,7 +39,8 @@ def test_the_better_a_place_is_known_the_smaller_is_its_sigma():
     agreed, half = middle(match()), middle(match(), ~TRUSTED)
     hidden = middle(match(trust=RESIDUALS.least_trust / 2), ~TRUSTED)
     unseen = middle(match(trust=0.0, seen=0.0), ~TRUSTED)
-    assert 0.0 < agreed < 0.03 and half < 0.03 and 0.2 < hidden < 0.4 and half < unseen < 0.1  # level ground goes on
+    # level ground goes on
+    assert 0.0 < agreed < 0.03 and half < 0.03 and 0.2 < hidden < 0.4 and half < unseen < 0.1
 
 
 def test_what_agrees_follows_its_noise_and_has_a_floor():
@@ -60,14 +62,18 @@ def test_a_match_that_tells_nothing_says_so_whatever_else_speaks_for_it():
 
 def test_a_place_beside_a_camera_disturbs_no_other():
     """There the picture moves without end with inverse depth, which no float's square holds."""
-    reference, other = (picture(n, n, 0.0, camera_pose([0.0, y, 0.0])) for n, y in (("a", 0.0), ("b", -1.0)))
+    reference, other = (
+        picture(n, n, 0.0, camera_pose([0.0, y, 0.0])) for n, y in (("a", 0.0), ("b", -1.0))
+    )
     fine, covariance = match(trust=0.9), np.diag([1e-6] * 6)
     calm = geometry_sigma(reference, [other] * 2, [covariance] * 2, fine)
     fine.residuals.speed[1, 0, 0], fine.residuals.slope[1, 0, 0] = 1e30, np.inf
     fine.residuals.trust[1, 0, 0] = 0.0
     with np.errstate(over="raise", invalid="raise", divide="raise"):
         found = geometry_sigma(reference, [other] * 2, [covariance] * 2, fine)
-    assert np.isfinite(found).all() and np.allclose(found[SIZE // 2 :], calm[SIZE // 2 :], rtol=1e-3)
+    assert np.isfinite(found).all() and np.allclose(
+        found[SIZE // 2 :], calm[SIZE // 2 :], rtol=1e-3
+    )
 
 
 def test_infinity_has_a_sigma_that_is_a_number():

@@ -57,7 +57,8 @@ def test_it_grows_back_to_the_skyline():
 
 @pytest.mark.parametrize("width", [10, 40])
 def test_where_no_other_picture_would_show_it_colour_decides(width):
-    """Whatever depth the match took there, as none can be right: near clouds, and trees at infinity."""
+    """Whatever depth the match took there, as none can be right: near clouds, and trees at
+    infinity."""
     w, colour = land()
     blind = np.zeros(SHAPE, bool)
     blind[:, -width:] = True
@@ -83,7 +84,8 @@ def test_without_any_sky_there_is_none():
 
 @pytest.mark.parametrize("channels", [1, 3])
 def test_gaps_of_a_far_skyline_are_sky(channels):
-    """Sky between treetops, which has their depth: by its colour, where nothing near could have it."""
+    """Sky between treetops, which has their depth: by its colour, where nothing near could have
+    it."""
     _, colour = land(clouds=5.0)
     told, gaps = ~above(), np.zeros(SHAPE, bool)
     gaps[SKYLINE : SKYLINE + 4, 20:100:7] = True
@@ -97,13 +99,18 @@ def test_gaps_of_a_far_skyline_are_sky(channels):
 
 
 def test_seen_by_any_pair():
-    """One that shifts by 30 px to the left at infinity sees all but the first 30 columns; another the last 60."""
-    A = np.float32([[1, 0, -30, 0, 1, 0, 0, 0, 1, 600, 0, 0], [1, 0, -60, 0, 1, 0, 0, 0, 1, 600, 0, 0]])
+    """One that shifts by 30 px to the left at infinity sees all but the first 30 columns; another
+    the last 60."""
+    A = np.float32(
+        [[1, 0, -30, 0, 1, 0, 0, 0, 1, 600, 0, 0], [1, 0, -60, 0, 1, 0, 0, 0, 1, 600, 0, 0]]
+    )
     picture = np.zeros(SHAPE, np.float32)
 
     def seen(rows, w):
         n = len(rows)
-        return seen_by_any(Views(picture, np.stack([picture] * n), np.array([SHAPE] * n), A[rows], np.zeros(3)), w)
+        return seen_by_any(
+            Views(picture, np.stack([picture] * n), np.array([SHAPE] * n), A[rows], np.zeros(3)), w
+        )
 
     columns = np.arange(SHAPE[1])
     for rows, w, first in (([0, 1], 0.0, 30), ([1], 0.0, 60), ([1], 0.05, 30)):
@@ -111,7 +118,8 @@ def test_seen_by_any_pair():
 
 
 def test_a_strip_of_bright_ground_below_what_stands_is_no_sky():
-    """Beside the sky a column shows no other picture at all; along the lower edge none shows what looks like sky."""
+    """Beside the sky a column shows no other picture at all; along the lower edge none shows what
+    looks like sky."""
     w, colour = land(clouds=5.0)
     blind = np.zeros(SHAPE, bool)
     blind[:, -10:] = blind[-12:] = True
@@ -120,7 +128,7 @@ def test_a_strip_of_bright_ground_below_what_stands_is_no_sky():
     assert not sky_there[-12:, :-10].any() and sky_there[: SKYLINE - 2].all()
 
 
-# ---- clouds that moved between the pictures ----------------------------------------------------------------------
+# ---- clouds that moved between the pictures ------------------------------------------------------
 
 
 def kinds_of(clouds, wall):
@@ -148,7 +156,9 @@ def test_clouds_that_each_pair_finds_elsewhere_are_sky():
 
 
 def test_what_pairs_agree_on_stands_even_where_it_fades_into_the_sky():
-    assert not clouds_in(kinds_of(Kind.SKY, np.random.default_rng(5).choice([1, 2, 3], (80, 60))))[:, 180:].any()
+    assert not clouds_in(kinds_of(Kind.SKY, np.random.default_rng(5).choice([1, 2, 3], (80, 60))))[
+        :, 180:
+    ].any()
 
 
 def test_behind_an_edge_nothing_is_a_cloud():
@@ -161,7 +171,8 @@ def test_one_pair_alone_tells_no_cloud_from_a_wall():
 
 
 def test_a_sky_whose_clouds_moved_between_the_pictures_has_no_depth():
-    """11 % (street 11) and 49 % (village 12) of it had one, at 640x480; here at a quarter of the pixels."""
+    """11 % (street 11) and 49 % (village 12) of it had one, at 640x480; here at a quarter of the
+    pixels."""
     place = SceneName("village", 12)
     scene = shoot(place, HORIZONTAL, (320, 240))
     given = with_moving_clouds(scene.given(HORIZONTAL, NOISES[0]), place, scene.depths)

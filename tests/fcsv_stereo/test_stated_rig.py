@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A calibrated rig that a folder of photographs states: one frame of rigs.txt, or Middlebury's calib.txt."""
+"""A calibrated rig that a folder of photographs states: one frame of rigs.txt, or Middlebury's
+calib.txt."""
 
 from dataclasses import replace
 
@@ -60,8 +61,13 @@ def test_middleburys_calibration_counts_for_rectified_poses_alone(folder, turned
 
 def test_a_stated_rig_is_mapped_as_one_and_said_unless_the_user_says_otherwise():
     seen = replace(given(((0, -1.0, 0), "horizontal"), kind="photographs"), rig="rigs.txt says so")
-    stated, asked = Joint().map(seen), Joint().map(replace(seen, rig=""), JointOptions(
-        prior=RIG, refinement=RefineOptions(calibrated=True)))  # fmt: skip
+    stated, asked = (
+        Joint().map(seen),
+        Joint().map(
+            replace(seen, rig=""),
+            JointOptions(prior=RIG, refinement=RefineOptions(calibrated=True)),
+        ),
+    )
     np.testing.assert_array_equal(stated.depth, asked.depth)
     np.testing.assert_array_equal(stated.sigma, asked.sigma)
     (said,) = [w for w in stated.unseen if "rigs.txt says so" in w]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Candidates for a finer map, and the choice among them: planes that go on, edges that move back, hidden places."""
+"""Candidates for a finer map, and the choice among them: planes that go on, edges that move back,
+hidden places."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -23,7 +24,9 @@ PX_PER_W = 1000.0
 
 def of(given, y, x):
     first = given.start[y, x]
-    return given.w[first : first + given.count[y, x]], given.source[first : first + given.count[y, x]]
+    return given.w[first : first + given.count[y, x]], given.source[
+        first : first + given.count[y, x]
+    ]
 
 
 def test_a_slanted_plane_is_one_candidate_and_goes_on(pool):
@@ -57,37 +60,61 @@ def test_nothing_known_leaves_each_pixel_its_own(pool):
 
 
 def walls():
-    """Reference and another 1 m beside it, as sharp as lenses are, and the true inverse depth at full and half size."""
-    reference = scenes.picture("reference", "uav1", 0.0, scenes.camera_pose([0, 0, 0], (0.3, -0.2, 0.4)))
-    other = scenes.picture("other", "uav2", 0.0, scenes.camera_pose((0, -1.0, 0), (-0.4, 0.3, -0.3)))
-    reference, other = (replace(p, image=cv2.GaussianBlur(p.image, (0, 0), 0.8)) for p in (reference, other))
+    """Reference and another 1 m beside it, as sharp as lenses are, and the true inverse depth at
+    full and half size."""
+    reference = scenes.picture(
+        "reference", "uav1", 0.0, scenes.camera_pose([0, 0, 0], (0.3, -0.2, 0.4))
+    )
+    other = scenes.picture(
+        "other", "uav2", 0.0, scenes.camera_pose((0, -1.0, 0), (-0.4, 0.3, -0.3))
+    )
+    reference, other = (
+        replace(p, image=cv2.GaussianBlur(p.image, (0, 0), 0.8)) for p in (reference, other)
+    )
     true = (1.0 / scenes.true_depth(reference.T_home_cam)).astype(np.float32)
     half = true[::2, ::2].copy()
     greys = [grey(reference), grey(other)]
-    return reference, true, half, views(reference, [other], 1.0, greys), views(reference, [other], 0.5, greys)
+    return (
+        reference,
+        true,
+        half,
+        views(reference, [other], 1.0, greys),
+        views(reference, [other], 0.5, greys),
+    )
 
 
 def choose(found, coarser, w, known, reference, pool):
-    return choose_surfaces(found, Map(coarser, w, known, known, known[None]), colour(reference), pool)
+    return choose_surfaces(
+        found, Map(coarser, w, known, known, known[None]), colour(reference), pool
+    )
 
 
 def colour(reference):
-    return np.repeat(reference.image[..., None], 3, 2) if reference.image.ndim == 2 else reference.image
+    return (
+        np.repeat(reference.image[..., None], 3, 2)
+        if reference.image.ndim == 2
+        else reference.image
+    )
 
 
 def test_a_near_surface_that_was_carried_over_its_edge_moves_back(pool):
-    """The coarse map's windows carry it by some pixels; at full size the pictures tell where it ends."""
+    """The coarse map's windows carry it by some pixels; at full size the pictures tell where it
+    ends."""
     reference, true, half, found, coarser = walls()
     fat = cv2.dilate(half, np.ones((7, 7), np.uint8))
     known = np.ones(fat.shape, bool)
     chosen = choose(found, coarser, fat, known, reference, pool)
-    before = np.abs(cv2.resize(fat, true.shape[::-1], interpolation=cv2.INTER_NEAREST) / true - 1.0) > 0.1
+    before = (
+        np.abs(cv2.resize(fat, true.shape[::-1], interpolation=cv2.INTER_NEAREST) / true - 1.0)
+        > 0.1
+    )
     after = np.abs(chosen / true - 1.0) > 0.1
     assert before.mean() > 0.01 and after.mean() < 0.25 * before.mean()  # measured 2026-11-24: 0.17
 
 
 def test_a_map_that_is_only_stretched_may_settle_where_the_colours_change(pool):
-    """Two colours meet; the coarse map's near surface reaches over the line by a pixel of its own."""
+    """Two colours meet; the coarse map's near surface reaches over the line by a pixel of its
+    own."""
     near, far = np.float32(0.1), np.float32(0.02)
     image = np.full((60, 80, 3), 40.0, np.float32)
     image[:, 41:] = 200.0
@@ -100,7 +127,8 @@ def test_a_map_that_is_only_stretched_may_settle_where_the_colours_change(pool):
 
 
 def test_settling_takes_the_weighted_median_of_the_surroundings(pool):
-    """Against the definition, where surfaces are mixed; what has one surface about it stays as it is, bit by bit."""
+    """Against the definition, where surfaces are mixed; what has one surface about it stays as it
+    is, bit by bit."""
     rng = np.random.default_rng(3)
     image = rng.uniform(0, 80, (40, 50, 3)).astype(np.float32)
     w = np.where(rng.random((40, 50)) < 0.5, 0.1, 0.02).astype(np.float32)
@@ -110,7 +138,9 @@ def test_settling_takes_the_weighted_median_of_the_surroundings(pool):
     colours, wrong = image.astype(np.int32), 0
     for y, x in [(y, x) for y in range(26, 40) for x in range(50)]:
         here = slice(max(y - 5, 0), y + 6), slice(max(x - 5, 0), x + 6)
-        likeness = np.exp(-np.square(colours[here] - colours[y, x]).sum(axis=-1) / (2 * COLOUR.settle_grey**2))
+        likeness = np.exp(
+            -np.square(colours[here] - colours[y, x]).sum(axis=-1) / (2 * COLOUR.settle_grey**2)
+        )
         near = likeness[w[here] == np.float32(0.1)].sum() / likeness.sum()
         wrong += abs(near - 0.5) > 0.01 and (found[y, x] > 0.04) != (near > 0.5)
     assert wrong == 0
@@ -134,7 +164,8 @@ def test_what_is_not_known_follows_its_surroundings(pool):
     broken[rows, columns] = 2.0 * half.max()
     chosen = choose(found, coarser, broken, known, reference, pool)
     here = (slice(2 * rows.start, 2 * rows.stop), slice(2 * columns.start, 2 * columns.stop))
-    assert (np.abs(chosen[here] / true[here] - 1.0) < 0.1).mean() > 0.98  # measured 2026-11-24: 1.000
+    # measured 2026-11-24: 1.000
+    assert (np.abs(chosen[here] / true[here] - 1.0) < 0.1).mean() > 0.98
 
 
 def test_where_the_pictures_agree_a_map_is_relied_on(pool):

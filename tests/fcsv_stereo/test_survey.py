@@ -20,7 +20,16 @@ from fcsv_stereo.survey import inputs
 from fcsv_stereo.survey.station import Station, heading_rad, load_station, prior_of
 
 KEYS = {"crs", "origin", "views", "edges", "gps", "control_points", "tiles", "missing"}
-VIEW_KEYS = {"name", "input", "T_site_home", "scale", "sigma_scale", "sigma_m", "sigma_yaw_deg", "overlaps"}
+VIEW_KEYS = {
+    "name",
+    "input",
+    "T_site_home",
+    "scale",
+    "sigma_scale",
+    "sigma_m",
+    "sigma_yaw_deg",
+    "overlaps",
+}
 STATION = "place_m: [1, 2, 3]\nheading_deg: 10\nplace_sigma_m: 0.5\nheading_sigma_deg: 0.1\n"
 pytestmark = pytest.mark.xdist_group("survey")
 
@@ -34,7 +43,13 @@ def site(tmp_path_factory):
     """Three views of a village, 12 m from each to the next, and their site."""
     folder = tmp_path_factory.mktemp("site")
     stands = [Stand((30.0, y, 22.0), 0.0, 0.1) for y in (12.0, 0.0, -12.0)]
-    drawn = draw_site(Town.generate(1, "village"), stands, folder / "drawn", size=(400, 300), baselines_m=(3.0, 6.0))
+    drawn = draw_site(
+        Town.generate(1, "village"),
+        stands,
+        folder / "drawn",
+        size=(400, 300),
+        baselines_m=(3.0, 6.0),
+    )
     assert survey(*drawn, "-o", folder / "out") == 0
     return folder
 
@@ -53,12 +68,15 @@ def maps(site, tmp_path):
 
 
 def test_the_views_scales_are_better_than_as_flown(site):
-    """As drawn they differ by 1 % rms; the bench has 0.04 % with four pictures of full size (docs/lab/survey.md)."""
+    """As drawn they differ by 1 % rms; the bench has 0.04 % with four pictures of full size
+    (docs/lab/survey.md)."""
     found = document(site / "out")
     off = []
     for v in found["views"]:
         true = np.load(site / "drawn" / v["name"] / "true_depth.npy")
-        depth, sigma = (np.load(site / "out/views" / v["name"] / f"{n}.npy") for n in ("depth", "sigma"))
+        depth, sigma = (
+            np.load(site / "out/views" / v["name"] / f"{n}.npy") for n in ("depth", "sigma")
+        )
         both = np.isfinite(depth) & np.isfinite(true) & (sigma < 0.03 * depth)
         off.append(np.log(np.median(true[both] / depth[both])) - np.log(v["scale"]))
     assert np.std(off) < 0.004 and all(0 < v["sigma_scale"] < 0.01 for v in found["views"])
@@ -66,7 +84,12 @@ def test_the_views_scales_are_better_than_as_flown(site):
 
 def test_site_json_has_the_keys_that_others_read(site):
     found = document(site / "out")
-    assert set(found) == KEYS and found["crs"] is None and found["gps"] is None and found["missing"] == []
+    assert (
+        set(found) == KEYS
+        and found["crs"] is None
+        and found["gps"] is None
+        and found["missing"] == []
+    )
     assert [v["name"] for v in found["views"]] == ["view01", "view02", "view03"]
     assert all(set(v) == VIEW_KEYS for v in found["views"])
     assert set(found["edges"][0]) == {"a", "b", "kept", "reason", "residual_m"}
@@ -77,7 +100,9 @@ def test_site_json_has_the_keys_that_others_read(site):
 def test_homes_are_where_they_were_drawn(site):
     """Places are stated to 0.5 m per axis; home is the reference camera's place."""
     for v in document(site / "out")["views"]:
-        T_world_cam = np.array(json.loads((site / "drawn" / v["name"] / TRUTH).read_text())["T_world_cam"])
+        T_world_cam = np.array(
+            json.loads((site / "drawn" / v["name"] / TRUTH).read_text())["T_world_cam"]
+        )
         T = np.array(v["T_site_home"])
         assert np.linalg.norm(T[:3, 3] - T_world_cam[:3, 3]) < 2.0
         assert np.cbrt(np.linalg.det(T[:3, :3])) == pytest.approx(v["scale"])
@@ -89,9 +114,16 @@ def test_the_clouds_hold_the_same_points_with_sigma_and_views(site):
     head = (out / "site.ply").read_bytes().split(b"end_header\n")[0]
     assert b"property uchar views" in head and b"baseline" not in head
     las = laspy.read(str(out / "site.laz"))
-    assert len(las.points) == tile["points"] == int(re.search(rb"vertex (\d+)", head).group(1)) > 20_000
+    assert (
+        len(las.points)
+        == tile["points"]
+        == int(re.search(rb"vertex (\d+)", head).group(1))
+        > 20_000
+    )
     assert (np.asarray(las["views"]) >= 1).all() and (np.asarray(las["views"]) >= 2).mean() > 0.3
-    assert (np.asarray(las["sigma"]) > 0).all() and np.min(las.x) == pytest.approx(tile["min_m"][0], abs=0.01)
+    assert (np.asarray(las["sigma"]) > 0).all() and np.min(las.x) == pytest.approx(
+        tile["min_m"][0], abs=0.01
+    )
 
 
 def test_the_page_shows_plan_and_edges(site):
@@ -105,7 +137,11 @@ def test_a_survey_that_was_stopped_goes_on(site, tmp_path, monkeypatch):
     shutil.copytree(site / "out", tmp_path / "out")
     (tmp_path / "out/views/view02.json").unlink()
     made, run = [], pipeline.run
-    monkeypatch.setattr(pipeline, "run", lambda request, *rest: made.append(request.path.name) or run(request, *rest))
+    monkeypatch.setattr(
+        pipeline,
+        "run",
+        lambda request, *rest: made.append(request.path.name) or run(request, *rest),
+    )
     assert survey(*sorted((site / "drawn").iterdir()), "-o", tmp_path / "out") == 0
     assert made == ["view02"]
     assert (tmp_path / "out/site.ply").read_bytes() == (site / "out/site.ply").read_bytes()
@@ -130,7 +166,9 @@ def test_another_picture_makes_the_map_again(site, tmp_path):
     assert inputs.content_key(folder) != before
 
 
-def test_finished_maps_are_inputs_and_without_stations_the_first_is_the_frame(maps, tmp_path, capsys):
+def test_finished_maps_are_inputs_and_without_stations_the_first_is_the_frame(
+    maps, tmp_path, capsys
+):
     for m in maps:
         (m / "station.yaml").unlink()
     assert survey(*maps, "-o", tmp_path / "out") == 0
@@ -182,10 +220,14 @@ def test_views_that_do_not_overlap_stay_at_their_stations(maps, tmp_path, capsys
 def test_views_without_station_and_overlap_are_missing(maps, tmp_path):
     lone = maps[2]
     (lone / "station.yaml").unlink()
-    cv2.imwrite(str(lone / "reference.png"), np.full_like(cv2.imread(str(lone / "reference.png")), 90))
+    cv2.imwrite(
+        str(lone / "reference.png"), np.full_like(cv2.imread(str(lone / "reference.png")), 90)
+    )
     assert survey(*maps, "-o", tmp_path / "out") == 1
     missing = document(tmp_path / "out")["missing"]
-    assert [m["name"] for m in missing] == ["m3"] and "has no place: no station.yaml" in missing[0]["reason"]
+    assert [m["name"] for m in missing] == ["m3"] and "has no place: no station.yaml" in missing[0][
+        "reason"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -201,7 +243,9 @@ def test_views_without_station_and_overlap_are_missing(maps, tmp_path):
         ("place_m: [1, 2", "not valid YAML"),
     ],
 )
-def test_a_wrong_station_is_refused_before_any_map_by_file_and_field(maps, tmp_path, capsys, text, said):
+def test_a_wrong_station_is_refused_before_any_map_by_file_and_field(
+    maps, tmp_path, capsys, text, said
+):
     (maps[1] / "station.yaml").write_text(text)
     assert survey(*maps, "-o", tmp_path / "out") == 2
     error = capsys.readouterr().err
@@ -240,7 +284,10 @@ def test_no_map_at_all_is_one_line(tmp_path, capsys):
 def test_a_station_gives_place_and_heading(tmp_path):
     (tmp_path / "station.yaml").write_text(STATION)
     station = load_station(tmp_path)
-    assert station == Station((1.0, 2.0, 3.0), 10.0, 0.5, 0.1) and load_station(tmp_path / "none") is None
+    assert (
+        station == Station((1.0, 2.0, 3.0), 10.0, 0.5, 0.1)
+        and load_station(tmp_path / "none") is None
+    )
     from support.survey_views import camera_at
 
     found = prior_of(station, camera_at(50, 60, 7, heading_deg=-70), False, "a")

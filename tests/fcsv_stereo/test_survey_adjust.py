@@ -11,8 +11,10 @@ from fcsv_stereo.survey.adjust import adjust, closing, components
 from fcsv_stereo.survey.edges import Edge
 
 NAMES = [f"v{i}" for i in range(8)]
-POSES = {n: camera_at(60 * np.cos(a), 60 * np.sin(a), 10, np.degrees(a) + 180)
-         for n, a in zip(NAMES, np.linspace(0, 2 * np.pi, 8, endpoint=False))}  # fmt: skip
+POSES = {
+    n: camera_at(60 * np.cos(a), 60 * np.sin(a), 10, np.degrees(a) + 180)
+    for n, a in zip(NAMES, np.linspace(0, 2 * np.pi, 8, endpoint=False))
+}
 
 
 def scales(seed=0, sigma=0.01):
@@ -28,7 +30,10 @@ def noisy_views(true, place_m=2.0, yaw_deg=0.1, seed=5, names=NAMES):
     random, out = np.random.default_rng(seed), []
     for n in names:
         T = transforms.from_xyz_yaw(random.normal(0, place_m, 3), 0) @ POSES[n]
-        T[:3, :3] = transforms.from_xyz_yaw([0, 0, 0], np.radians(yaw_deg) * random.normal())[:3, :3] @ POSES[n][:3, :3]
+        T[:3, :3] = (
+            transforms.from_xyz_yaw([0, 0, 0], np.radians(yaw_deg) * random.normal())[:3, :3]
+            @ POSES[n][:3, :3]
+        )
         out.append(view(n, POSES[n], known_as=prior(T, place_m, yaw_deg), scale=true[n]))
     return out
 
@@ -39,7 +44,8 @@ def relative_scales(found, true):
 
 
 def test_a_ring_with_errors_of_trackers_closes():
-    """Edges know scales to 0.1 %, places to 5 cm; sixteen edges for eight views, so that either is better here."""
+    """Edges know scales to 0.1 %, places to 5 cm; sixteen edges for eight views, so that either is
+    better here."""
     true = scales()
     found = adjust(noisy_views(true), ring_edges(true))
     assert list(found.placed) == NAMES and all(e.kept for e in found.edges) and not found.remarks
@@ -57,7 +63,9 @@ def test_covariances_hold_the_errors():
         true = scales(seed)
         found = adjust(noisy_views(true, seed=seed), ring_edges(true, seed=100 * seed))
         for n, p in found.placed.items():
-            chi2.append(np.sum((similarity.place(p.S_site_cam) - POSES[n][:3, 3]) ** 2) / p.sigma_m**2 / 3)
+            chi2.append(
+                np.sum((similarity.place(p.S_site_cam) - POSES[n][:3, 3]) ** 2) / p.sigma_m**2 / 3
+            )
             assert 0.0 < p.sigma_scale < 0.01 and 0.0 < p.sigma_yaw_rad < 0.01 and not p.alone
     assert 0.3 < np.mean(chi2) < 2.5  # 5 sites, whose views share their error
 
@@ -69,7 +77,8 @@ def test_wrong_edges_are_thrown_out_with_reasons(wrong):
     for k in range(wrong):
         e = edges[5 * k]
         S = e.S_a_b.compose(similarity.of_pose(transforms.from_xyz_yaw([4.0, 2.0, 0.0], 0.1), 1.1))
-        edges[5 * k] = Edge(e.a, e.b, S, e.covariance, 0.1, 400)  # with more matches than any right one
+        # with more matches than any right one
+        edges[5 * k] = Edge(e.a, e.b, S, e.covariance, 0.1, 400)
     found = adjust(noisy_views(true), edges)
     out = [e for e in found.edges if not e.kept]
     assert {(e.a, e.b) for e in out} == {(edges[5 * k].a, edges[5 * k].b) for k in range(wrong)}
@@ -84,7 +93,9 @@ def test_a_view_without_edges_stays_at_its_prior_and_is_marked():
     found = adjust(views, edges)
     alone = [n for n, p in found.placed.items() if p.alone]
     assert alone == ["v3"]
-    assert np.allclose(similarity.matrix(found.placed["v3"].S_site_cam), views[3].prior.T_site_cam, atol=1e-6)
+    assert np.allclose(
+        similarity.matrix(found.placed["v3"].S_site_cam), views[3].prior.T_site_cam, atol=1e-6
+    )
     assert found.placed["v3"].sigma_m == pytest.approx(2.0, rel=1e-3)
     assert found.placed["v3"].sigma_scale == pytest.approx(0.01, rel=1e-3)
 
@@ -94,7 +105,9 @@ def test_a_view_whose_place_nobody_says_is_found_by_its_edges():
     views = noisy_views(true, place_m=0.1)
     views[2] = view("v2", POSES["v2"], known_as=unplaced(POSES["v2"]))
     found = adjust(views, ring_edges(true))
-    assert np.linalg.norm(similarity.place(found.placed["v2"].S_site_cam) - POSES["v2"][:3, 3]) < 0.4
+    assert (
+        np.linalg.norm(similarity.place(found.placed["v2"].S_site_cam) - POSES["v2"][:3, 3]) < 0.4
+    )
     assert found.placed["v2"].sigma_m < 0.3 and not found.lost
 
 
@@ -105,7 +118,9 @@ def test_without_any_place_the_first_views_home_is_the_frame():
     assert len(found.placed) == 8 and "the home of v0 is the site's frame" in found.remarks[0]
     first = found.placed["v0"]
     assert np.allclose(similarity.place(first.S_site_cam), 0.0, atol=0.01)
-    step = np.linalg.norm(similarity.place(found.placed["v4"].S_site_cam)) / first.scale * true["v0"]
+    step = (
+        np.linalg.norm(similarity.place(found.placed["v4"].S_site_cam)) / first.scale * true["v0"]
+    )
     assert step == pytest.approx(120.0, abs=0.5)
 
 
@@ -123,7 +138,9 @@ def test_a_view_without_place_and_edges_is_lost_and_the_best_refusal_is_told():
 def test_no_overlap_at_all_leaves_every_view_at_its_station():
     views = noisy_views(scales())
     found = adjust(views, [])
-    assert len(found.placed) == 8 and all(p.alone for p in found.placed.values()) and not found.loops
+    assert (
+        len(found.placed) == 8 and all(p.alone for p in found.placed.values()) and not found.loops
+    )
 
 
 @pytest.mark.parametrize("count", [2, 8])
@@ -157,7 +174,8 @@ def test_groups_and_loops():
 
 
 def test_groups_that_no_edge_joins_refer_to_datums_of_their_own():
-    """Else their points would count as unsure as the two groups' places are, and agree with anything."""
+    """Else their points would count as unsure as the two groups' places are, and agree with
+    anything."""
     true = scales()
     near, far = {"v0", "v1", "v2"}, {"v4", "v5", "v6"}
     edges = [e for e in ring_edges(true) if {e.a, e.b} <= near or {e.a, e.b} <= far]

@@ -33,12 +33,14 @@ def test_the_similarity_of_two_views_is_found_among_wrong_matches(wrong, scale):
     edge = edge_of("a", "b", a, b[mixed])
     times, scale_error = off(edge, scale)
     assert edge.kept and edge.matches >= 0.9 * (len(points) - n)
-    assert abs(scale_error) < 0.003  # 0.6 % of depth at 25 m median, 100 to 200 matches: 0.06 %, five times that
+    # 0.6 % of depth at 25 m median, 100 to 200 matches: 0.06 %, five times that
+    assert abs(scale_error) < 0.003
     assert np.abs(times).max() < 4.0
 
 
 def test_an_edges_covariance_is_honest():
-    """Mean squared error over covariance; matches have independent errors here, so that it is on the safe side."""
+    """Mean squared error over covariance; matches have independent errors here, so that it is on
+    the safe side."""
     ratios = []
     for seed in range(6):
         points = places(80, seed)
@@ -50,7 +52,11 @@ def test_an_edges_covariance_is_honest():
 def test_too_few_matches_are_no_edge():
     points = places(tuning.LEAST_MATCHES - 1)
     edge = edge_of("a", "b", seen(points, A), seen(points, B))
-    assert not edge.kept and edge.reason == "11 features are alike; 12 are needed" and edge.S_a_b is None
+    assert (
+        not edge.kept
+        and edge.reason == "11 features are alike; 12 are needed"
+        and edge.S_a_b is None
+    )
 
 
 def test_matches_that_agree_on_nothing_are_no_edge():
@@ -62,7 +68,9 @@ def test_matches_in_one_corner_tell_no_similarity():
     """What is 1 m wide at 100 m turns and scales freely within its sigma."""
     points = np.array([100.0, 10.0, 5.0]) + np.random.default_rng(0).normal(0.0, 0.3, (60, 3))
     edge = edge_of("a", "b", seen(points, A), seen(points, B, seed=1))
-    assert not edge.kept and ("too little overlap" in edge.reason or "agree on one similarity" in edge.reason)
+    assert not edge.kept and (
+        "too little overlap" in edge.reason or "agree on one similarity" in edge.reason
+    )
 
 
 def test_two_units_of_length_are_no_edge():
@@ -72,7 +80,11 @@ def test_two_units_of_length_are_no_edge():
 
 
 def test_views_back_to_back_do_not_overlap_and_neighbours_do():
-    here, beside, behind = view("a", A), view("b", camera_at(0, 8)), view("c", camera_at(-5, 0, heading_deg=180))
+    here, beside, behind = (
+        view("a", A),
+        view("b", camera_at(0, 8)),
+        view("c", camera_at(-5, 0, heading_deg=180)),
+    )
     assert may_overlap(here, beside) and not may_overlap(here, behind)
 
 

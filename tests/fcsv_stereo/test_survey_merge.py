@@ -19,7 +19,9 @@ def placed(v, T, scale=1.0, sigma=0.0):
 
 def joined(*views_and_poses, scales=None):
     views = [v for v, _ in views_and_poses]
-    at = {v.name: placed(v, T, 1.0 if scales is None else scales[v.name]) for v, T in views_and_poses}
+    at = {
+        v.name: placed(v, T, 1.0 if scales is None else scales[v.name]) for v, T in views_and_poses
+    }
     return merge.join(views, at, np.zeros(3))
 
 
@@ -33,13 +35,18 @@ def test_one_view_keeps_its_points_and_sigmas():
 
 def test_two_views_of_a_wall_tell_it_once_and_better():
     """Errors of both are independent: half the variance, within the floor of what views share."""
-    a, b = (view(n, T, sigma_share=0.03, noise=1.0, seed=i) for i, (n, T) in enumerate((("a", A), ("b", B))))
+    a, b = (
+        view(n, T, sigma_share=0.03, noise=1.0, seed=i)
+        for i, (n, T) in enumerate((("a", A), ("b", B)))
+    )
     cloud, parts = joined((a, A), (b, B))
     alone, _ = joined((a, A))
     both = cloud.baseline_index == 2
     assert both.mean() > 0.6 and len(cloud) < 1.4 * len(alone)
     assert np.std(cloud.points_home_m[both, 0]) < 0.85 * np.std(alone.points_home_m[:, 0])
-    assert np.median(cloud.sigma_m[both]) == pytest.approx(np.median(alone.sigma_m) / np.sqrt(2), rel=0.1)
+    assert np.median(cloud.sigma_m[both]) == pytest.approx(
+        np.median(alone.sigma_m) / np.sqrt(2), rel=0.1
+    )
 
 
 def test_the_surer_view_tells_what_both_see():
@@ -48,7 +55,9 @@ def test_the_surer_view_tells_what_both_see():
     cloud, (of_near, of_far) = joined((near, A), (far, FAR))
     assert of_far.duplicates > 200 and of_near.duplicates == 0
     in_sight = of_near.cloud.baseline_index == 2
-    assert in_sight.mean() > 0.95 and np.allclose(of_near.cloud.points_home_m[:, 0], 40.0, atol=0.05)
+    assert in_sight.mean() > 0.95 and np.allclose(
+        of_near.cloud.points_home_m[:, 0], 40.0, atol=0.05
+    )
 
 
 @pytest.mark.parametrize("surer", [True, False])
@@ -61,7 +70,9 @@ def test_what_one_view_sees_through_is_gone_unless_it_is_surer(surer):
     left = (cloud.points_home_m[:, 0] < 30.0).sum()
     count = int((cast(A, boxes=plate) < 30.0).sum())
     assert count > 100
-    assert left == count if surer else (left < 0.15 * count and parts[0].seen_through > 0.85 * count)
+    assert (
+        left == count if surer else (left < 0.15 * count and parts[0].seen_through > 0.85 * count)
+    )
 
 
 def test_a_plate_that_both_views_see_stays():
@@ -69,7 +80,10 @@ def test_a_plate_that_both_views_see_stays():
     a, b = (view(n, T, cast(T, boxes=plate)) for n, T in (("a", A), ("b", B)))
     cloud, parts = joined((a, A), (b, B))
     near = cloud.points_home_m[:, 0] < 30.0
-    assert near.sum() >= (cast(A, boxes=plate) < 30.0).sum() * 0.9 and (cloud.baseline_index[near] == 2).mean() > 0.8
+    assert (
+        near.sum() >= (cast(A, boxes=plate) < 30.0).sum() * 0.9
+        and (cloud.baseline_index[near] == 2).mean() > 0.8
+    )
 
 
 def test_a_point_before_another_views_sky_is_gone():
@@ -105,7 +119,8 @@ def test_what_the_view_does_not_know_of_itself_is_in_sigma():
 
 
 def test_a_scale_that_a_map_states_is_not_counted_twice():
-    """Sigma of 1 % of which 1 % is scale: only a floor of it is the depth's own; sigma without any scale stays."""
+    """Sigma of 1 % of which 1 % is scale: only a floor of it is the depth's own; sigma without any
+    scale stays."""
     stated = view("a", A, sigma_share=0.01)
     assert np.allclose(stated.own_sigma[stated.known], 0.25 * stated.sigma[stated.known], rtol=1e-3)
     wide = view("a", A, sigma_share=0.03)

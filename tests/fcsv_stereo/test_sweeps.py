@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sweeps: which pictures a map takes of a camera that moves all the time, and the clock offset that they show."""
+"""Sweeps: which pictures a map takes of a camera that moves all the time, and the clock offset that
+they show."""
 
 import doctest
 from dataclasses import replace
@@ -22,7 +23,9 @@ R_FLU_OPTICAL = transforms.R_FLU_OPTICAL
 
 
 def seen(vehicle, stamp_s, xyz, rpy_deg=(0.0, 0.0, 0.0), name=None):
-    return Picture(f"{vehicle}/{stamp_s:.3f}", vehicle, stamp_s, GREY, CAMERA, camera_pose(xyz, rpy_deg))
+    return Picture(
+        f"{vehicle}/{stamp_s:.3f}", vehicle, stamp_s, GREY, CAMERA, camera_pose(xyz, rpy_deg)
+    )
 
 
 def swept(places, begin_s=0.0, rpy_deg=lambda k: (0.0, 0.0, 0.0), name="sweep"):
@@ -40,7 +43,7 @@ def line(start, end, number=40):
 RIGHT, UP = line((0, -2, 0), (0, -8, 0)), line((0, -8, 0), (0, -8, 7))
 
 
-# ---- which pictures --------------------------------------------------------------------------------------------
+# ---- which pictures ------------------------------------------------------------------------------
 
 
 def test_baselines_grow_in_equal_ratios_and_end_with_the_longest():
@@ -65,7 +68,9 @@ def test_two_sweeps_share_the_place_where_they_meet():
     found = spread([swept(RIGHT), swept(UP, 10.0, name="up")])
     up = [c for c in found if c.configuration.name.startswith("up")]
     heights_m = [c.others[0].T_home_cam[2, 3] for c in up]
-    assert heights_m[0] > 2.0 and heights_m[-1] == pytest.approx(7.0), "the corner is the first sweep's last picture"
+    assert heights_m[0] > 2.0 and heights_m[-1] == pytest.approx(7.0), (
+        "the corner is the first sweep's last picture"
+    )
 
 
 def test_who_stands_is_left_alone_and_the_whole_is_bounded():
@@ -80,14 +85,17 @@ def test_of_pictures_about_a_step_away_the_sharpest_is_taken():
     jolted = {k: (0.0, 0.0, 1.5 if k in (11, 12, 13) else 0.0) for k in range(40)}
     found = spread([swept(RIGHT, rpy_deg=lambda k: jolted[k])])
     taken = {c.others[0].stamp_s for c in found}
-    shaken = {k / HZ for k in (10, 11, 13, 14)}  # between a picture that is turned and one that is not
+    # between a picture that is turned and one that is not
+    shaken = {k / HZ for k in (10, 11, 13, 14)}
     assert not taken & shaken
 
 
 def test_pictures_that_look_elsewhere_serve_only_where_nothing_else_is_left():
     away = swept(RIGHT, rpy_deg=lambda k: (0.0, 0.0, 80.0 if k > 25 else 0.0))
     found = spread([away])
-    assert max(c.configuration.baseline_m for c in found) == pytest.approx(RIGHT[24][1] * -1.0, abs=0.2)
+    assert max(c.configuration.baseline_m for c in found) == pytest.approx(
+        RIGHT[24][1] * -1.0, abs=0.2
+    )
     blind = swept(RIGHT, rpy_deg=lambda k: (0.0, 0.0, 80.0))
     assert len(spread([blind])) >= 4, "the map says that they do not overlap"
 
@@ -96,23 +104,31 @@ def test_overlap_is_what_both_see():
     reference = seen("uav1", 0.0, (0, 0, 0))
     assert choice.overlap(reference, reference) == 1.0
     assert choice.overlap(reference, seen("uav2", 0.0, (0, 0, 0), (0, 0, 180.0))) == 0.0
-    assert 0.4 < choice.overlap(reference, seen("uav2", 0.0, (0, -10.5, 0))) < 0.62, "half of 21 m at 20 m"
+    assert 0.4 < choice.overlap(reference, seen("uav2", 0.0, (0, -10.5, 0))) < 0.62, (
+        "half of 21 m at 20 m"
+    )
 
 
-# ---- what time they are of -------------------------------------------------------------------------------------
+# ---- what time they are of -----------------------------------------------------------------------
 
 
 def pose(t_s, moving=True):
-    """T_odom_body of a vehicle that flies aside at 1.5 m/s, leans as gusts want, and vibrates by 0.1 degrees."""
+    """T_odom_body of a vehicle that flies aside at 1.5 m/s, leans as gusts want, and vibrates by
+    0.1 degrees."""
     lean = 1.2 * np.array([np.sin(2.1 * t_s), np.sin(1.7 * t_s + 1.0), 0.5 * np.sin(0.9 * t_s)])
-    shake = 0.08 * np.array([[np.sin(2 * np.pi * hz * t_s + phase + k) for k in range(3)]
-                             for hz, phase in ((23.0, 0.0), (31.0, 2.0), (47.0, 4.0))]).sum(0)  # fmt: skip
+    shake = 0.08 * np.array(
+        [
+            [np.sin(2 * np.pi * hz * t_s + phase + k) for k in range(3)]
+            for hz, phase in ((23.0, 0.0), (31.0, 2.0), (47.0, 4.0))
+        ]
+    ).sum(0)
     aside_m = -1.5 * t_s if moving else 0.01 * np.sin(t_s)
     return transforms.from_xyz_rpy([0.0, aside_m + 4.0 * moving, 0.0], np.radians(lean + shake))
 
 
 def flight(offset_s, seconds=5.0, noise_deg=0.01, moving=True):
-    """Pictures whose stamps are ``offset_s`` too early, with the prior that follows from them, and the track."""
+    """Pictures whose stamps are ``offset_s`` too early, with the prior that follows from them, and
+    the track."""
     random = np.random.default_rng(4)
     track = Trajectory()
     for t_s in np.arange(-0.5, seconds + 0.5, 0.005):
@@ -127,7 +143,9 @@ def flight(offset_s, seconds=5.0, noise_deg=0.01, moving=True):
     return pictures, track
 
 
-@pytest.mark.parametrize("offset_s, moving", [(0.005, True), (-0.012, True), (0.0, False), (0.005, False)])
+@pytest.mark.parametrize(
+    "offset_s, moving", [(0.005, True), (-0.012, True), (0.0, False), (0.005, False)]
+)
 def test_an_offset_is_found_to_a_millisecond(offset_s, moving):
     found = clock_offset(*flight(offset_s, moving=moving), R_FLU_OPTICAL)
     assert found.known and found.sigma_s < 0.001
@@ -143,7 +161,9 @@ def test_an_offset_that_cannot_be_seen_is_not_told():
     rare = Trajectory()
     for t_s in np.arange(-0.5, 5.5, 0.1):
         rare.add(t_s, pose(t_s))
-    assert clock_offset(pictures, rare, R_FLU_OPTICAL) is None, "ten poses a second do not show a vibration"
+    assert clock_offset(pictures, rare, R_FLU_OPTICAL) is None, (
+        "ten poses a second do not show a vibration"
+    )
     still = Trajectory()
     for t_s in np.arange(-0.5, 5.5, 0.005):
         still.add(t_s, np.eye(4))
@@ -152,7 +172,8 @@ def test_an_offset_that_cannot_be_seen_is_not_told():
 
 
 def test_a_session_with_a_sweep_is_mapped_from_its_pictures_at_the_trackers_time(tmp_path):
-    """uav2 flies from 1 to 4 m aside in 3 s; its tracker's clock is 5 ms late against its camera's."""
+    """uav2 flies from 1 to 4 m aside in 3 s; its tracker's clock is 5 ms late against its
+    camera's."""
 
     def at(vehicle, t_s):
         T_home_body = pose(t_s + 3.0 * (vehicle == "uav2"), moving=False)
@@ -162,15 +183,29 @@ def test_a_session_with_a_sweep_is_mapped_from_its_pictures_at_the_trackers_time
     moving = Moving(at, 3.0, 2.0 * HZ, tracker_late_s=0.005)
     given = read_session(write_session(tmp_path / "s", window=(T0 - 0.1, T0 + 3.1), moving=moving))
     lengths_m = [c.configuration.baseline_m for c in given.configurations]
-    assert lengths_m == sorted(lengths_m) and lengths_m[0] < 1.05 and lengths_m[-1] > 3.8 and len(lengths_m) >= 4
-    assert given.clocks["uav2"].known and given.clocks["uav2"].offset_s == pytest.approx(0.005, abs=0.001)
-    assert any("uav2: its camera's stamps and its tracker's differ by +" in w for w in given.warnings)
+    assert (
+        lengths_m == sorted(lengths_m)
+        and lengths_m[0] < 1.05
+        and lengths_m[-1] > 3.8
+        and len(lengths_m) >= 4
+    )
+    assert given.clocks["uav2"].known and given.clocks["uav2"].offset_s == pytest.approx(
+        0.005, abs=0.001
+    )
+    assert any(
+        "uav2: its camera's stamps and its tracker's differ by +" in w for w in given.warnings
+    )
     for c in given.configurations:
         for p in (*c.references, *c.others):
             true = at(p.vehicle, p.stamp_s - T0)
-            assert np.linalg.norm(p.T_home_cam[:3, 3] - true[:3, 3]) < 0.002, "5 ms at 1 m/s are 5 mm"
-            # on each axis interpolation between samples of 5 ms takes 0.26 of 0.08 degrees at 47 Hz, 0.12 at 31 Hz
-            assert transforms.rotation_angle(p.T_home_cam, true) < np.radians(np.sqrt(3.0) * 0.38 * 0.08)
+            assert np.linalg.norm(p.T_home_cam[:3, 3] - true[:3, 3]) < 0.002, (
+                "5 ms at 1 m/s are 5 mm"
+            )
+            # on each axis interpolation between samples of 5 ms takes 0.26 of 0.08 degrees at 47
+            # Hz, 0.12 at 31 Hz
+            assert transforms.rotation_angle(p.T_home_cam, true) < np.radians(
+                np.sqrt(3.0) * 0.38 * 0.08
+            )
     document = pipeline.run(pipeline.MapRequest(tmp_path / "s", tmp_path / "map", "joint"))
     assert document["time_offsets"]["uav2"]["offset_ms"] == pytest.approx(5.0, abs=1.0)
     assert "time offset of uav2" in (tmp_path / "map" / "report.html").read_text()

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What errors that all points of a picture share make of the poses: on points alone, with fields that are drawn."""
+"""What errors that all points of a picture share make of the poses: on points alone, with fields
+that are drawn."""
 
 import numpy as np
 import pytest
@@ -14,14 +15,15 @@ from fcsv_stereo.refinement.geometry import PairPrior
 from fcsv_stereo.refinement.rolling_shutter import readout_turns
 from fcsv_stereo.refinement.structure import Observations
 
-TRUE = transforms.transform(np.eye(3), np.array([1.0, 0.0, 0.0]))  # a narrow pair: 1 m, points from 8 to 200 m
+# a narrow pair: 1 m, points from 8 to 200 m
+TRUE = transforms.transform(np.eye(3), np.array([1.0, 0.0, 0.0]))
 POINTS, NOISE_PX = 400, 0.1
 CAMERAS = {0: CAMERA, 1: CAMERA}
 
 
 def adjusted(random, field_px, rotation_rad=0.01, turn_rad=0.0):
-    """A pair of pictures whose points are off by a smooth field each, rms ``field_px``, by noise, and by a turn between
-    first and last row of ``turn_rad`` about each axis."""
+    """A pair of pictures whose points are off by a smooth field each, rms ``field_px``, by noise,
+    and by a turn between first and last row of ``turn_rad`` about each axis."""
     uv = random.uniform([0, 0], [CAMERA.width, CAMERA.height], (POINTS, 2))
     rays = np.column_stack([(uv - [CAMERA.cx, CAMERA.cy]) / CAMERA.fx, np.ones(POINTS)])
     rho = 1.0 / np.exp(random.uniform(np.log(8.0), np.log(200.0), POINTS))
@@ -36,7 +38,9 @@ def adjusted(random, field_px, rotation_rad=0.01, turn_rad=0.0):
         seen_from = seen_from / seen_from[:, 2:]
         measured.append(seen_from + np.column_stack([off_px / CAMERA.fx, np.zeros(POINTS)]))
     point = np.arange(POINTS)
-    seen = Observations(np.zeros(POINTS, int), measured[0], point, np.ones(POINTS, int), measured[1])
+    seen = Observations(
+        np.zeros(POINTS, int), measured[0], point, np.ones(POINTS, int), measured[1]
+    )
     noise_px = 2.5 * np.sqrt(2.0) * NOISE_PX  # of both pictures, and stated as consensus does
     priors = {1: PairPrior(TRUE, rotation_rad, 0.01)}
     problem = Problem(seen, priors, {0: CAMERA.fx, 1: CAMERA.fx}, {0: noise_px, 1: noise_px})
@@ -49,8 +53,8 @@ def rotation(consensus):
 
 
 def test_a_field_makes_of_poses_what_is_said(monkeypatch):
-    """60 draws with 0.3 px: squared errors over what is stated average one (0.18 is the mean's standard deviation), for
-    each axis. Without the fields they are far larger."""
+    """60 draws with 0.3 px: squared errors over what is stated average one (0.18 is the mean's
+    standard deviation), for each axis. Without the fields they are far larger."""
     monkeypatch.setattr(systematic, "_field_px", lambda *_: 0.3)
     random, scores, noise_only = np.random.default_rng(3), [], []
     for _ in range(60):
@@ -59,7 +63,9 @@ def test_a_field_makes_of_poses_what_is_said(monkeypatch):
         stated = noise + np.diag(systematic.systematic(consensus, CAMERAS).covariance)[:3]
         scores.append(rotation(consensus) ** 2 / stated)
         noise_only.append(rotation(consensus) ** 2 / noise)
-    assert ((0.5 < np.mean(scores, axis=0)) & (np.mean(scores, axis=0) < 1.6)).all(), np.mean(scores, axis=0)
+    assert ((0.5 < np.mean(scores, axis=0)) & (np.mean(scores, axis=0) < 1.6)).all(), np.mean(
+        scores, axis=0
+    )
     assert np.mean(noise_only, axis=0).min() > 3.0
 
 
@@ -96,8 +102,9 @@ def test_rows_read_late_are_told_from_any_other_field():
 
 
 def test_turns_that_are_found_take_the_pose_along_and_say_how_well():
-    """40 draws: yaw after the step, squared, over what is stated for it averages about one (0.22 is the mean's standard
-    deviation); what is stated for pictures that are left as they are is not less than what the step takes away."""
+    """40 draws: yaw after the step, squared, over what is stated for it averages about one (0.22 is
+    the mean's standard deviation); what is stated for pictures that are left as they are is not
+    less than what the step takes away."""
     random, scores, before = np.random.default_rng(8), [], []
     for _ in range(40):
         consensus = adjusted(random, 0.0, np.radians(0.15), np.radians(0.1))

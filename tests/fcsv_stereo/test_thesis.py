@@ -45,21 +45,31 @@ def test_bad_thresholds(text):
 
 
 @pytest.mark.parametrize("rectifier", sorted(RECTIFIERS))
-@pytest.mark.parametrize("xyz, axis", [
-    ((0, -0.8, 0), "horizontal"), ((0, 0.8, 0), "horizontal"), ((0, 0, 0.8), "vertical"), ((0, 0, -0.8), "vertical"),
-    ((0.3, -0.8, 0.05), "horizontal"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "xyz, axis",
+    [
+        ((0, -0.8, 0), "horizontal"),
+        ((0, 0.8, 0), "horizontal"),
+        ((0, 0, 0.8), "vertical"),
+        ((0, 0, -0.8), "vertical"),
+        ((0.3, -0.8, 0.05), "horizontal"),
+    ],
+)
 def test_depth_in_every_direction(xyz, axis, rectifier):
-    """Right, left, above, below, and a camera that stands ahead: whole-pixel disparity is half a pixel off at most."""
+    """Right, left, above, below, and a camera that stands ahead: whole-pixel disparity is half a
+    pixel off at most."""
     scene = given((xyz, axis))
     result = map_thesis(
-        scene, ThesisOptions(rectifier=rectifier, threshold=WIDE, window=DisparityWindow(4, 200)), quiet
+        scene,
+        ThesisOptions(rectifier=rectifier, threshold=WIDE, window=DisparityWindow(4, 200)),
+        quiet,
     )
     truth = true_depth(result.reference.T_home_cam)
     known = np.isfinite(result.depth)
     error = np.abs(result.depth[known] - truth[known])
     bound = depth_error(20.0, 0.8, CAMERA.fx)  # 2.12 for one pixel at the far wall
-    # measured 2026-11-24: 0.863 to 0.917; 0.673 where Bouguet turns both pictures to an oblique baseline
+    # measured 2026-11-24: 0.863 to 0.917; 0.673 where Bouguet turns both pictures to an oblique
+    # baseline
     assert known.mean() > (0.64 if xyz[0] and rectifier == "bouguet" else 0.84)
     assert np.median(error) < 0.6 * bound and np.percentile(error, 85) < 1.6 * bound
 
@@ -71,18 +81,20 @@ def test_every_matcher(matcher):
     result = map_thesis(scene, options, quiet)
     known = np.isfinite(result.depth)
     relative = np.abs(result.depth / true_depth(result.reference.T_home_cam) - 1)[known]
-    assert known.mean() > 0.83 and np.median(relative) < 0.005  # measured 2026-11-24: 0.855 to 0.916, 0.0031
+    # measured 2026-11-24: 0.855 to 0.916, 0.0031
+    assert known.mean() > 0.83 and np.median(relative) < 0.005
 
 
 @pytest.mark.parametrize("matcher", ["sgbm", "bm"])
 @pytest.mark.parametrize("xyz, axis", [((0, -0.8, 0), "horizontal"), ((0, 0, 0.8), "vertical")])
 def test_a_wide_window_costs_no_border(matcher, xyz, axis):
-    """Up to 220 px of 240: only what the other camera does not see may be missing (25 px at the near wall, and the
-    blocks at the edges), not a border as wide as the largest disparity."""
+    """Up to 220 px of 240: only what the other camera does not see may be missing (25 px at the
+    near wall, and the blocks at the edges), not a border as wide as the largest disparity."""
     scene = given((xyz, axis)).configurations[0]
     pair = RECTIFIERS["home"](scene.references[0], scene.others[0], axis)
     wide, narrow = (match(pair, matcher, DisparityWindow(4, most)) for most in (220, 60))
-    assert np.isfinite(wide).mean() > 0.98 * np.isfinite(narrow).mean()  # measured 2026-11-24: 0.9956 and more
+    # measured 2026-11-24: 0.9956 and more
+    assert np.isfinite(wide).mean() > 0.98 * np.isfinite(narrow).mean()
 
 
 def test_baselines_share_the_range():
@@ -90,20 +102,25 @@ def test_baselines_share_the_range():
     scene = given(((0, -0.6, 0), "horizontal"), ((0, -1.2, 0), "horizontal"))
     f = CAMERA.fx
     between = (12.0 + 20.0) / 2
-    threshold = ErrorThreshold(between / (0.6 * f), True)  # 3.1: the short one's farthest lies between the walls
-    result = map_thesis(scene, ThesisOptions(threshold=threshold, window=DisparityWindow(4, 200)), quiet)
+    # 3.1: the short one's farthest lies between the walls
+    threshold = ErrorThreshold(between / (0.6 * f), True)
+    result = map_thesis(
+        scene, ThesisOptions(threshold=threshold, window=DisparityWindow(4, 200)), quiet
+    )
     z = result.cloud.points_home_m[:, 0]
     short = result.cloud.baseline_index == 0
-    assert np.median(z[short]) == pytest.approx(12.0, rel=0.05) and np.median(z[~short]) == pytest.approx(
-        20.0, rel=0.05
-    )
+    assert np.median(z[short]) == pytest.approx(12.0, rel=0.05) and np.median(
+        z[~short]
+    ) == pytest.approx(20.0, rel=0.05)
     assert result.pairs[0].effective_range_m == (0.0, pytest.approx(between))
 
 
 def test_horizontal_and_vertical_fill_each_other():
     one = map_thesis(given(((0, -0.8, 0), "horizontal")), ThesisOptions(threshold=WIDE), quiet)
     both = map_thesis(
-        given(((0, -0.8, 0), "horizontal"), ((0, 0, 0.8), "vertical")), ThesisOptions(threshold=WIDE), quiet
+        given(((0, -0.8, 0), "horizontal"), ((0, 0, 0.8), "vertical")),
+        ThesisOptions(threshold=WIDE),
+        quiet,
     )
     assert both.coverage > one.coverage
 
@@ -111,14 +128,18 @@ def test_horizontal_and_vertical_fill_each_other():
 def test_four_cases_of_3_4():
     nan = np.nan
     h, v = np.array([[nan, 2.0, nan, 4.0]]), np.array([[nan, nan, 3.0, 6.0]])
-    assert np.array_equal(fuse.fuse_axes(h, v), np.array([[nan, 2.0, 3.0, 5.0]], np.float32), equal_nan=True)
+    assert np.array_equal(
+        fuse.fuse_axes(h, v), np.array([[nan, 2.0, 3.0, 5.0]], np.float32), equal_nan=True
+    )
 
 
 def test_selection_takes_the_middle_and_the_bracket():
     T = camera_pose([0, 0, 0])
     references = [picture(f"r{i}", "uav1", 10.0 + 0.2 * i, T) for i in range(16)]
     others = [picture(f"o{i}", "uav2", 10.05 + 0.2 * i, T) for i in range(16)]
-    chosen, near = select(ConfigurationInput(Configuration("horizontal", 1.0), references, others), SelectionOptions())
+    chosen, near = select(
+        ConfigurationInput(Configuration("horizontal", 1.0), references, others), SelectionOptions()
+    )
     assert abs(chosen.stamp_s - 11.5) <= 0.11
     assert [o for o in others if abs(o.stamp_s - chosen.stamp_s) <= 0.5] == near and len(near) == 5
 
@@ -131,7 +152,8 @@ def test_the_buffer_ends_after_5_s_or_30_pictures():
         stamps = np.arange(0.0, 20.0, 1 / rate_hz)
         pictures = [dataclasses.replace(one, stamp_s=float(t)) for t in stamps]
         chosen, near = select(
-            ConfigurationInput(Configuration("horizontal", 1.0), pictures, pictures), SelectionOptions()
+            ConfigurationInput(Configuration("horizontal", 1.0), pictures, pictures),
+            SelectionOptions(),
         )
         assert abs(chosen.stamp_s - middle_s) <= 0.5 / rate_hz + 1e-9
         assert all(abs(p.stamp_s - chosen.stamp_s) <= 0.5 for p in near) and len(near) >= 3
@@ -141,7 +163,10 @@ def test_without_a_picture_in_the_bracket_the_nearest_is_tried():
     one = picture("p", "uav1", 10.0, camera_pose([0, 0, 0]))
     others = [dataclasses.replace(one, stamp_s=t) for t in (8.0, 12.5)]
     assert (
-        select(ConfigurationInput(Configuration("horizontal", 1.0), [one], others), SelectionOptions())[1] == others[:1]
+        select(
+            ConfigurationInput(Configuration("horizontal", 1.0), [one], others), SelectionOptions()
+        )[1]
+        == others[:1]
     )
 
 
@@ -154,8 +179,12 @@ def test_trim_points_by_hand():
         cloud = map_thesis(scene, options, quiet).cloud
         far = np.abs(cloud.points_home_m[:, 0] - 20.0) < 3.0
         assert far.sum() > 1000 and (cloud.baseline_index[far] == far_wall).mean() > 0.99
-    for trim_m, words in (({"horizontal": [15]}, "2 baselines"), ({"horizontal": [15, 9]}, "not fall"),
-                          ({"vertical": [15]}, "vertical"), ({"horizontal": [15, float("nan")]}, "trim")):  # fmt: skip
+    for trim_m, words in (
+        ({"horizontal": [15]}, "2 baselines"),
+        ({"horizontal": [15, 9]}, "not fall"),
+        ({"vertical": [15]}, "vertical"),
+        ({"horizontal": [15, float("nan")]}, "trim"),
+    ):
         with pytest.raises(InputError, match=words):
             map_thesis(scene, ThesisOptions(trim_m=trim_m, window=window), quiet)
     with pytest.raises(InputError, match="--across-axes"):
@@ -165,21 +194,30 @@ def test_trim_points_by_hand():
 def test_two_configurations_at_once_make_one_depth_image():
     """3.6: horizontal for the near wall, vertical for the far one, no averaging in between."""
     scene = given(((0, -0.6, 0), "horizontal"), ((0, 0, 1.2), "vertical"))
-    options = ThesisOptions(trim_m={"all": [15, 30]}, across_axes=True, window=DisparityWindow(4, 200))
+    options = ThesisOptions(
+        trim_m={"all": [15, 30]}, across_axes=True, window=DisparityWindow(4, 200)
+    )
     result = map_thesis(scene, options, quiet)
     assert [p.effective_range_m for p in result.pairs] == [(0, 15), (15, 30)]
     known = np.isfinite(result.depth)
     horizontal = result.depth[known] <= 15.0
-    assert np.array_equal(result.cloud.baseline_index == 0, horizontal) and 0.05 < horizontal.mean() < 0.95
+    assert (
+        np.array_equal(result.cloud.baseline_index == 0, horizontal)
+        and 0.05 < horizontal.mean() < 0.95
+    )
 
 
 def test_equal_baselines_of_both_axes_are_averaged_in_their_range():
     nan = np.nan
     h, v, far = (
-        np.array([a], np.float32) for a in ([10.0, nan, 10.0, 50.0], [12.0, 12.0, nan, nan], [nan] * 3 + [55.0])
+        np.array([a], np.float32)
+        for a in ([10.0, nan, 10.0, 50.0], [12.0, 12.0, nan, nan], [nan] * 3 + [55.0])
     )
-    layers = [fuse.Layer("horizontal", 2.0, 2.0, 600.0, h), fuse.Layer("vertical", 2.0, 2.0, 600.0, v),
-              fuse.Layer("horizontal", 4.0, 4.0, 600.0, far)]  # fmt: skip
+    layers = [
+        fuse.Layer("horizontal", 2.0, 2.0, 600.0, h),
+        fuse.Layer("vertical", 2.0, 2.0, 600.0, v),
+        fuse.Layer("horizontal", 4.0, 4.0, 600.0, far),
+    ]
     ranges = fuse.effective_ranges(layers, ErrorThreshold(0.1, True), {"all": [30, 60]}, True)
     assert ranges == [(0, 30), (0, 30), (30, 60)]
     depth, sigma, source = fuse.fuse_layers(layers, ranges, True)
@@ -194,9 +232,12 @@ def test_the_better_candidate_wins():
     blank = picture("uav2/blank", "uav2", 10.0, c.others[0].T_home_cam)
     blank.image[:] = 127
     pair = map_thesis(
-        MapInput("session", [ConfigurationInput(c.configuration, c.references, [blank, c.others[0]])]),
-        ThesisOptions(threshold=WIDE), quiet,
-    ).pairs[0]  # fmt: skip
+        MapInput(
+            "session", [ConfigurationInput(c.configuration, c.references, [blank, c.others[0]])]
+        ),
+        ThesisOptions(threshold=WIDE),
+        quiet,
+    ).pairs[0]
     assert pair.other_name == "uav2/0" and dict(pair.candidates)["uav2/blank"] < 0.05
 
 

@@ -27,9 +27,9 @@ def test_a_narrow_stripe_is_one(height, width):
     assert (thin_uprights(w) == here).all()
 
 
-@pytest.mark.parametrize("height, width, nearer", [
-    (8, 4, 2.0), (40, 9, 2.0), (4, 40, 2.0), (40, 4, 1.2), (40, 4, 0.5),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "height, width, nearer", [(8, 4, 2.0), (40, 9, 2.0), (4, 40, 2.0), (40, 4, 1.2), (40, 4, 0.5)]
+)
 def test_what_is_low_broad_lying_hardly_nearer_or_a_gap_is_none(height, width, nearer):
     assert not thin_uprights(stripe(10, 30, height, width, nearer)[0]).any()
 
@@ -40,9 +40,12 @@ def test_infinity_and_slopes_hold_none():
 
 
 def post_before_a_wall(width, shape=(160, 240), f=600.0):
-    """Reference, another 1 m beside it, and true inverse depth: a grey post at 10 m, a wall of its grey at 30 m."""
+    """Reference, another 1 m beside it, and true inverse depth: a grey post at 10 m, a wall of its
+    grey at 30 m."""
     random = np.random.default_rng(4)
-    wall = 90.0 + 8.0 * cv2.GaussianBlur(random.normal(0.0, 1.0, (shape[0], shape[1] + 40)), (0, 0), 1.2)
+    wall = 90.0 + 8.0 * cv2.GaussianBlur(
+        random.normal(0.0, 1.0, (shape[0], shape[1] + 40)), (0, 0), 1.2
+    )
     post = 82.0 + random.normal(0.0, 1.0, (shape[0], width))
     camera = PinholeCamera(shape[1], shape[0], f, f, (shape[1] - 1) / 2, (shape[0] - 1) / 2)
     w = np.full(shape, 1.0 / 30.0, np.float32)
@@ -70,5 +73,6 @@ def test_a_post_of_the_grey_of_the_wall_behind_it_stays(pool, width, share):
     chosen = choose_surfaces(found, Map(half, w, known, known, shown), reference.image, pool)
     right = np.abs(chosen / true - 1.0) < 0.1
     post = true > 0.05
-    # measured 2026-11-24: 0.730 and 0.973 of the post, 0.998 of the rest; outvoted: 0.23 and 0.68 of the post
+    # measured 2026-11-24: 0.730 and 0.973 of the post, 0.998 of the rest; outvoted: 0.23 and 0.68
+    # of the post
     assert right[post].mean() > share and right[~post].mean() > 0.99

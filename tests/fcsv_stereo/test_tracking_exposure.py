@@ -13,7 +13,9 @@ SHIFT = np.array([0.37, -0.28])  # px, of the second picture's content
 
 def texture(random, softness_px=1.2):
     """(H, W) float32, 60 to 200: as sharp as a lens lets it be."""
-    noise = cv2.GaussianBlur(random.normal(0.0, 1.0, SIZE[::-1]).astype(np.float32), (0, 0), softness_px)
+    noise = cv2.GaussianBlur(
+        random.normal(0.0, 1.0, SIZE[::-1]).astype(np.float32), (0, 0), softness_px
+    )
     return 130.0 + 70.0 * np.clip(noise / (2.5 * noise.std()), -1.0, 1.0)
 
 
@@ -33,13 +35,17 @@ def places(rows=(30, 90), count=60):
 
 @pytest.mark.parametrize(["gain", "offset"], [(1.0, 0.0), (0.6, 5.0), (1.2, -25.0)])
 def test_a_gain_and_an_offset_move_no_corner(gain, offset):
-    """To 0.06 px: half a grey level of noise in both pictures, places by straight lines between pixels (0.03 px without
-    any noise), from half a pixel away."""
+    """To 0.06 px: half a grey level of noise in both pictures, places by straight lines between
+    pixels (0.03 px without any noise), from half a pixel away."""
     random = np.random.default_rng(1)
     scene, uv = texture(random), places()
     a, b = as_taken(scene, random), as_taken(gain * shifted(scene) + offset, random)
     off = tracking.in_any_exposure(a, b, uv, uv) - uv - SHIFT
-    assert np.isfinite(off).all() and np.median(np.abs(off)) < 0.06 and np.abs(np.median(off, axis=0)).max() < 0.05
+    assert (
+        np.isfinite(off).all()
+        and np.median(np.abs(off)) < 0.06
+        and np.abs(np.median(off, axis=0)).max() < 0.05
+    )
 
 
 @pytest.mark.parametrize(["gain", "offset"], [(0.5, 0.0), (1.3, -30.0)])
@@ -55,7 +61,9 @@ def test_pictures_are_brought_to_one_exposure_first(gain, offset):
     wrong[:40] = random.permutation(wrong[:40])  # a fifth of the places is of something else
     same = tracking.as_bright(b, there, wrong, a, uv).astype(float)
     assert np.abs(same - a)[there].max() <= 3.0 < np.abs(b.astype(float) - a)[there].max()
-    assert (tracking.as_bright(b, there & ~there, uv, a, uv) == b).all(), "nothing to compare: as it is"
+    assert (tracking.as_bright(b, there & ~there, uv, a, uv) == b).all(), (
+        "nothing to compare: as it is"
+    )
 
 
 def test_where_there_is_nothing_to_see_places_stay():

@@ -19,7 +19,10 @@ PLACES = ((0, -0.5, 0), (0, -1.0, 0), (0, 0, 1.0))
 @pytest.fixture(scope="module")
 def pictures():
     reference = scenes.picture("reference", "uav1", 0.0, scenes.camera_pose([0, 0, 0]))
-    return reference, [scenes.picture(f"other {i}", "uav2", 0.0, scenes.camera_pose(p)) for i, p in enumerate(PLACES)]
+    return reference, [
+        scenes.picture(f"other {i}", "uav2", 0.0, scenes.camera_pose(p))
+        for i, p in enumerate(PLACES)
+    ]
 
 
 def seen(reference, others, scale=0.5):
@@ -31,7 +34,10 @@ def test_other_poses_give_what_views_made_anew_would(pictures):
     off = transforms.from_xyz_rpy(np.array([0.1, 0.2, -0.1]), np.radians([1.0, -2.0, 0.5]))
     turned = [replace(p, T_home_cam=p.T_home_cam @ off) for p in others]
     anew, given = seen(reference, turned), seen(reference, others).with_poses(reference, turned)
-    assert np.array_equal(anew.projections, given.projections) and anew.fastest_px_m == given.fastest_px_m
+    assert (
+        np.array_equal(anew.projections, given.projections)
+        and anew.fastest_px_m == given.fastest_px_m
+    )
     assert np.array_equal(anew.others, given.others) and np.array_equal(anew.falling, given.falling)
 
 
@@ -54,7 +60,8 @@ def projected(projections, i, u, v, w):
 
 @pytest.mark.parametrize("rows", [slice(0, 120), slice(30, 60)])
 def test_a_pixel_is_projected_as_its_point_is(pictures, rows):
-    """Through the camera models, from the point in home; and its motion by a small step of inverse depth."""
+    """Through the camera models, from the point in home; and its motion by a small step of inverse
+    depth."""
     reference, others = pictures
     found = seen(reference, others).rows(rows)
     K, u, v, w = reference.camera.resized(*seen(reference, others).shape[::-1]), 70, 11, 0.05
@@ -63,7 +70,9 @@ def test_a_pixel_is_projected_as_its_point_is(pictures, rows):
     for i, other in enumerate(others):
         p = transforms.invert(other.T_home_cam) @ np.r_[point_home, 1.0]
         x, y, z, dx, dy = projected(found.projections, i, u, v, w)
-        assert z > 0.0 and np.allclose((x, y), (K.fx * p[0] / p[2] + K.cx, K.fy * p[1] / p[2] + K.cy), atol=1e-2)
+        assert z > 0.0 and np.allclose(
+            (x, y), (K.fx * p[0] / p[2] + K.cx, K.fy * p[1] / p[2] + K.cy), atol=1e-2
+        )
         further = np.array(projected(found.projections, i, u, v, w + 1e-3)[:2])
         assert np.allclose((further - (x, y)) / 1e-3, (dx, dy), rtol=1e-2, atol=1e-2)
 
@@ -74,7 +83,9 @@ def test_what_cannot_serve_is_named_in_order(pictures):
     small = replace(others[1], image=others[1].image[:8], name="small")
     used, left_out = usable(reference, [away, others[0], reference, small, others[1]])
     assert used == [1, 4] and list(left_out) == [0, 2, 3]
-    assert ["overlap" in left_out[0], "one place" in left_out[2], "smaller" in left_out[3]] == [True] * 3
+    assert ["overlap" in left_out[0], "one place" in left_out[2], "smaller" in left_out[3]] == [
+        True
+    ] * 3
 
 
 def test_poses_are_adjusted_only_where_every_covariance_is_given(pictures):

@@ -18,14 +18,26 @@ def warped_row(image, p, w, v, first, width):
     """Grey levels and what is seen, both float."""
     out, seen = np.empty(width, np.int16), np.empty(width, np.float32)
     at = scratch(1, width)[2]
-    warp_row(image, np.array(image.shape, np.int64), p, np.float32(w), np.float32(v), first, at, out, seen)
+    warp_row(
+        image,
+        np.array(image.shape, np.int64),
+        p,
+        np.float32(w),
+        np.float32(v),
+        first,
+        at,
+        out,
+        seen,
+    )
     return out.astype(np.float32) / STEPS, seen
 
 
 @settings(max_examples=300, deadline=None)
 @given(
-    st.lists(st.floats(-1.0, 1.0), min_size=12, max_size=12), st.floats(0.0, 1.0), st.integers(0, 47)
-)  # fmt: skip
+    st.lists(st.floats(-1.0, 1.0), min_size=12, max_size=12),
+    st.floats(0.0, 1.0),
+    st.integers(0, 47),
+)
 def test_nothing_that_is_seen_is_left_out_of_view(numbers, w, v):
     turn = np.array([0.2, 0.2, 30.0, 0.2, 0.2, 30.0, 3e-3, 3e-3, 0.3, 60.0, 60.0, 0.5])
     p = (np.r_[np.eye(3).ravel(), 0.0, 0.0, 0.0] + turn * numbers).astype(np.float32)
@@ -54,7 +66,8 @@ def test_a_pair_that_sees_nothing_counts_more_where_noise_alone_differs():
     strong = (100.0 * (np.indices((20, 20)).sum(axis=0) % 2)).astype(np.float32)
     flat = np.full((20, 20), 90.0, np.float32)
     assert np.all(census(flat) == 0)
-    # every other place of a chequer is of the same grey: half of its bits are as unsure as those of the flat one
+    # every other place of a chequer is of the same grey: half of its bits are as unsure as those of
+    # the flat one
     assert CENSUS.unseen_bits <= unseen_bits(strong).max() < unseen_bits(flat).min() < CUT
     wide = np.random.default_rng(1).uniform(0, 255, (20, 20)).astype(np.float32)
     assert np.median(unseen_bits(wide)) == CENSUS.unseen_bits
@@ -67,19 +80,29 @@ def bilinear(image, x, y):
     return (1 - b) * top + b * low
 
 
-SMOOTH = (120 + 60 * np.sin(np.arange(96) / 9.0) + 50 * np.cos(np.arange(64) / 7.0)[:, None]).astype(np.float32)
+SMOOTH = (
+    120 + 60 * np.sin(np.arange(96) / 9.0) + 50 * np.cos(np.arange(64) / 7.0)[:, None]
+).astype(np.float32)
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.floats(-0.2, 0.2), st.floats(0.9, 1.1), st.floats(-2e-4, 2e-4), st.floats(-30.0, 30.0), st.integers(0, 63))
+@given(
+    st.floats(-0.2, 0.2),
+    st.floats(0.9, 1.1),
+    st.floats(-2e-4, 2e-4),
+    st.floats(-30.0, 30.0),
+    st.integers(0, 63),
+)
 def test_blocks_that_move_as_one_are_sampled_as_each_place_is(roll, scale, tilt, shift, v):
-    """Turned by little, blocks drift within their two pixels; by more, every place is looked for: no seam between."""
+    """Turned by little, blocks drift within their two pixels; by more, every place is looked for:
+    no seam between."""
     c, s = scale * np.cos(roll), scale * np.sin(roll)
     p = np.float32([c, -s, shift, s, c, -0.5 * shift, tilt, 0.0, 1.0, 0.0, 0.0, 0.0])
     out, seen = warped_row(SMOOTH, p, 0.0, v, 0, 96)
     for u in np.flatnonzero(seen):
         q = p[:9].reshape(3, 3).astype(float) @ [u, v, 1.0]
-        # what a drift reaches beyond its two pixels is drawn on from them: their slope changes by little
+        # what a drift reaches beyond its two pixels is drawn on from them: their slope changes by
+        # little
         assert abs(out[u] - bilinear(SMOOTH, q[0] / q[2], q[1] / q[2])) < 0.5
 
 
@@ -98,9 +121,14 @@ def test_costs_are_the_bits_that_differ_sorted_pair_by_pair():
         codes = census(image)
         for r, x in np.ndindex(8, 64):
             if 0 <= x + shift < 64:
-                cost[r, x] = 4 * bin(int(codes[20 + r, x + shift] ^ reference[20 + r, x])).count("1")
-    inner = slice(RADIUS + 5, 64 - RADIUS - 5)  # windows are cut off otherwise where a pair's picture ends
-    assert np.array_equal(np.sort(costs, axis=0)[:, :, inner], ranked.transpose(1, 0, 2)[:, :, inner])
+                cost[r, x] = 4 * bin(int(codes[20 + r, x + shift] ^ reference[20 + r, x])).count(
+                    "1"
+                )
+    # windows are cut off otherwise where a pair's picture ends
+    inner = slice(RADIUS + 5, 64 - RADIUS - 5)
+    assert np.array_equal(
+        np.sort(costs, axis=0)[:, :, inner], ranked.transpose(1, 0, 2)[:, :, inner]
+    )
 
 
 def test_codes_have_room_for_an_exposure_that_was_doubled():

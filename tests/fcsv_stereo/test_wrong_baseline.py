@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One baseline's prior is 10 % too long: what becomes of the others' scale, and what its sigma says."""
+"""One baseline's prior is 10 % too long: what becomes of the others' scale, and what its sigma
+says."""
 
 import numpy as np
 import pytest
@@ -18,11 +19,14 @@ def scene():
 
 
 def scales(scene, numbers, wrong):
-    """(scale less one, its sigma) of each picture ``numbers``; exact priors but for ``wrong``, 10 % too long."""
+    """(scale less one, its sigma) of each picture ``numbers``; exact priors but for ``wrong``, 10 %
+    too long."""
     reference, truths = scene
     truths = [truths[i] for i in numbers]
-    longer = [t if i != wrong else boards.with_prior(t, (0, 0.1 * t.T_home_cam[1, 3], 0))
-              for i, t in zip(numbers, truths)]  # fmt: skip
+    longer = [
+        t if i != wrong else boards.with_prior(t, (0, 0.1 * t.T_home_cam[1, 3], 0))
+        for i, t in zip(numbers, truths)
+    ]
     result = refine(reference, longer)
     assert all(o.refined for o in result.others), result.warnings
     found = []
@@ -35,7 +39,8 @@ def scales(scene, numbers, wrong):
 
 @pytest.mark.parametrize("wrong", [0, 3])
 def test_a_majority_keeps_its_scale(scene, wrong):
-    """Measured 2026-11-25: at most 0.1 %; with a Huber kernel alone +0.8 to +1.5 % (docs/lab/refinement.md)."""
+    """Measured 2026-11-25: at most 0.1 %; with a Huber kernel alone +0.8 to +1.5 %
+    (docs/lab/refinement.md)."""
     found, warnings = scales(scene, [0, 1, 2, 3], wrong)
     assert np.abs(found[:, 0]).max() < 0.003, found
     assert 0.005 < found[:, 1].max() < 0.01, "no better known than by the three that agree"
@@ -43,7 +48,8 @@ def test_a_majority_keeps_its_scale(scene, wrong):
 
 
 def test_where_nobody_can_tell_sigma_says_so(scene):
-    """Two baselines, one of which is wrong: the scale is off by about half of 10 %, and sigma is as large."""
+    """Two baselines, one of which is wrong: the scale is off by about half of 10 %, and sigma is as
+    large."""
     found, _ = scales(scene, [2, 3], 3)
     assert 0.02 < np.abs(found[:, 0]).min() and np.abs(found[:, 0] / found[:, 1]).max() < 1.5, found
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What must not become a pose: tags and calibrations that are wrong, each rejected with a reason and counted."""
+"""What must not become a pose: tags and calibrations that are wrong, each rejected with a reason
+and counted."""
 
 import dataclasses
 
@@ -28,7 +29,9 @@ def test_two_tags_with_one_id_are_neither():
 
 def test_other_ids_are_counted():
     detector = TagDetector({2: 0.16})
-    assert detector.detect(render(pose(2.0)), CAMERA) == [] and detector.rejected == {"unknown id": 1}
+    assert detector.detect(render(pose(2.0)), CAMERA) == [] and detector.rejected == {
+        "unknown id": 1
+    }
 
 
 def test_a_picture_of_another_size_than_camera_info_is_refused():
@@ -51,7 +54,8 @@ def test_a_tag_that_is_bent_is_rejected_and_counted():
 
 @pytest.mark.parametrize("factor", [0.5, 0.8, 1.25, 2.0])
 def test_a_wrong_focal_length_or_tag_size_is_refused_or_inside_its_sigma(factor):
-    """Right or absent, never wrong with a small covariance: the sway of the vehicle in front gives the scale away."""
+    """Right or absent, never wrong with a small covariance: the sway of the vehicle in front gives
+    the scale away."""
     for seed in range(3):
         column = Column(40 + seed)
         detections = [dataclasses.replace(d, size_m=d.size_m * factor) for d in column.detections()]
@@ -67,7 +71,10 @@ def test_a_mirrored_odometry_is_refused():
     """The parent's odometry with y mirrored, as by a driver with the wrong convention."""
     column = Column(50)
     mirror = np.diag([1.0, -1.0, 1.0, 1.0])
-    detections = [dataclasses.replace(d, T_odom_tag=mirror @ d.T_odom_tag @ mirror) for d in column.detections()]
+    detections = [
+        dataclasses.replace(d, T_odom_tag=mirror @ d.T_odom_tag @ mirror)
+        for d in column.detections()
+    ]
     with pytest.raises(CalibrationRefused):
         calibrate_link("uav1", "uav2", detections)
 
@@ -87,26 +94,37 @@ def _oblique():
     for t_s in np.arange(0, 8, 0.2):
         T_world_D1, T_world_D2 = column.bodies(t_s)
         T_world_D1 = T_world_D1 @ turn
-        T_cam_tag = transforms.invert(T_world_D2 @ column.back.T_body_cam) @ T_world_D1 @ column.front.T_body_tag
+        T_cam_tag = (
+            transforms.invert(T_world_D2 @ column.back.T_body_cam)
+            @ T_world_D1
+            @ column.front.T_body_tag
+        )
         p = transforms.apply(T_cam_tag, corner_points(0.16))
         corners = p[:, :2] / p[:, 2:] + column.random.normal(0, 0.1 / 601.8, (4, 2))
         T_O1_D1 = column.noisy(transforms.invert(column.T_world_O1) @ T_world_D1)
         T_O2_D2 = column.noisy(transforms.invert(column.T_world_O2) @ T_world_D2)
-        found.append(dataclasses.replace(
-            column.detection(t_s), corners_normalized=corners,
-            T_odom_tag=T_O1_D1 @ column.front.T_body_tag, T_odom_cam=T_O2_D2 @ column.back.T_body_cam,
-        ))  # fmt: skip
+        found.append(
+            dataclasses.replace(
+                column.detection(t_s),
+                corners_normalized=corners,
+                T_odom_tag=T_O1_D1 @ column.front.T_body_tag,
+                T_odom_cam=T_O2_D2 @ column.back.T_body_cam,
+            )
+        )
     return found
 
 
 @pytest.mark.parametrize("late_s", [0.02, 0.05, 0.1, 0.3])
 def test_clocks_that_differ_unknown_to_the_calibration(late_s):
-    """The parent's odometry comes late while it sways, and nobody measured it: refused, or inside three sigma; the
-    link model has the clocks' difference among its errors."""
+    """The parent's odometry comes late while it sways, and nobody measured it: refused, or inside
+    three sigma; the link model has the clocks' difference among its errors."""
     for seed in range(4):
         flight = Formation(seed, FormationParameters())
         detections = [
-            dataclasses.replace(d, T_odom_tag=flight.states[0].at(d.stamp_s + late_s) @ flight.vehicles[0].T_body_tag)
+            dataclasses.replace(
+                d,
+                T_odom_tag=flight.states[0].at(d.stamp_s + late_s) @ flight.vehicles[0].T_body_tag,
+            )
             for d in flight.detections(1, 0)
             if d.stamp_s + late_s < flight.end_s
         ]
@@ -115,7 +133,9 @@ def test_clocks_that_differ_unknown_to_the_calibration(late_s):
         except CalibrationRefused:
             continue
         estimated, true = flight.relative({"uav2": link.T_parent_child}, 1)
-        assert np.linalg.norm((estimated - true)[:3, 3]) < 3 * np.sqrt(np.trace(link.covariance[:3, :3])), seed
+        assert np.linalg.norm((estimated - true)[:3, 3]) < 3 * np.sqrt(
+            np.trace(link.covariance[:3, :3])
+        ), seed
 
 
 class TestClocks:
@@ -140,16 +160,24 @@ class TestClocks:
         assert exchange.feed(2000.0, 2005.01, 2005.01, 2000.02)
         assert exchange.offset().offset_s == pytest.approx(5.0, abs=0.001)
 
-    @pytest.mark.parametrize("stamps", [
-        (10.0, 10.0, 9.0, 10.1), (10.0, float("nan"), 10.0, 10.1), (10.0, 0.0, 0.0, 10.1), (10.0, 10.0, 10.5, 10.1),
-        (10.0, 11.0, 11.0, 20.0),
-    ])  # fmt: skip
+    @pytest.mark.parametrize(
+        "stamps",
+        [
+            (10.0, 10.0, 9.0, 10.1),
+            (10.0, float("nan"), 10.0, 10.1),
+            (10.0, 0.0, 0.0, 10.1),
+            (10.0, 10.0, 10.5, 10.1),
+            (10.0, 11.0, 11.0, 20.0),
+        ],
+    )
     def test_what_is_no_exchange_is_rejected_and_counted(self, stamps):
         exchange = ClockExchange()
         assert not exchange.feed(*stamps) and exchange.rejected == 1 and exchange.offset() is None
 
     def test_words_and_differences(self):
         ahead = ClockOffset(1.0, 0.35, 0.001)
-        assert "uav2's clock is 0.350 s ahead" in in_words("uav2", ahead) and "chrony" in in_words("uav2", ahead)
+        assert "uav2's clock is 0.350 s ahead" in in_words("uav2", ahead) and "chrony" in in_words(
+            "uav2", ahead
+        )
         assert difference(ahead, None) is None
         assert difference(ahead, ClockOffset(1.0, 0.05, 0.002)) == pytest.approx((0.3, 0.003))

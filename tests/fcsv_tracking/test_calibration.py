@@ -22,8 +22,14 @@ def test_equation_6_1_is_exact_without_noise():
     column = Column(0, **EXACT)
     for t in (0.0, 1.7, 5.0):
         T_world_D1, T_world_D2 = column.bodies(t)
-        T_cam_tag = transforms.invert(T_world_D2 @ column.back.T_body_cam) @ T_world_D1 @ column.front.T_body_tag
-        assert np.allclose(single_link(column.detection(t), T_cam_tag), column.true_link(), atol=1e-9)
+        T_cam_tag = (
+            transforms.invert(T_world_D2 @ column.back.T_body_cam)
+            @ T_world_D1
+            @ column.front.T_body_tag
+        )
+        assert np.allclose(
+            single_link(column.detection(t), T_cam_tag), column.true_link(), atol=1e-9
+        )
 
 
 def test_without_noise_the_adjustment_is_exact():
@@ -43,11 +49,16 @@ def test_corners_are_taken_for_as_sharp_as_they_are_but_no_worse_than_assumed(th
 
 
 def test_figures_over_ten_seeds():
-    """Measured 2026-11-24: median 0.011 m, 0.11 deg, worst 0.015, 0.29; ten more seeds 0.008, 0.06, 0.016, 0.18."""
+    """Measured 2026-11-24: median 0.011 m, 0.11 deg, worst 0.015, 0.29; ten more seeds 0.008, 0.06,
+    0.016, 0.18."""
     errors = []
     for seed in range(10):
         column = Column(seed)
-        errors.append(column.relative_pose_error(calibrate_link("uav1", "uav2", column.detections()).T_parent_child))
+        errors.append(
+            column.relative_pose_error(
+                calibrate_link("uav1", "uav2", column.detections()).T_parent_child
+            )
+        )
     errors = np.array(errors)
     assert (np.median(errors, axis=0) <= [0.014, 0.14]).all(), errors
     assert (errors.max(axis=0) <= [0.02, 0.35]).all(), errors
@@ -56,13 +67,18 @@ def test_figures_over_ten_seeds():
 def test_figures_over_ten_seeds_of_drifting_odometry():
     """The whole simulated T265 (walk, heading, scale, level, noise), four quick sways.
 
-    Measured 2026-11-24: median 0.014 m, 0.16 deg, worst 0.023 m, 0.30 deg; ten more seeds 0.014, 0.20, 0.019, 0.47.
-    The walk sets the yaw: 0.2 deg (1 sigma) is the best that 8 s give, more and quicker sways give less.
+    Measured 2026-11-24: median 0.014 m, 0.16 deg, worst 0.023 m, 0.30 deg; ten more seeds 0.014,
+    0.20, 0.019, 0.47. The walk sets the yaw: 0.2 deg (1 sigma) is the best that 8 s give, more and
+    quicker sways give less.
     """
     errors = []
     for seed in range(10):
         column = DriftingColumn(seed, sway_period_s=5.0)
-        errors.append(column.relative_pose_error(calibrate_link("uav1", "uav2", column.detections()).T_parent_child))
+        errors.append(
+            column.relative_pose_error(
+                calibrate_link("uav1", "uav2", column.detections()).T_parent_child
+            )
+        )
     errors = np.array(errors)
     assert (np.median(errors, axis=0) <= [0.018, 0.2]).all(), errors
     assert (errors.max(axis=0) <= [0.03, 0.4]).all(), errors
@@ -70,7 +86,8 @@ def test_figures_over_ten_seeds_of_drifting_odometry():
 
 @pytest.mark.parametrize("kind, least", [(Column, 0.1), (DriftingColumn, 0.3)])
 def test_covariance_covers_the_error(kind, least):
-    """Normalised yaw error over seeds: mean square near one (chi square of 20, 99.9 % within 0.3 to 2.3).
+    """Normalised yaw error over seeds: mean square near one (chi square of 20, 99.9 % within 0.3 to
+    2.3).
 
     Below where there is none of the drift that is assumed.
     """
@@ -90,7 +107,9 @@ def test_jacobian_of_the_link_model():
     link = calibrate_link("uav1", "uav2", Column(8).detections()).T_parent_child
     x = np.array([*transforms.apply(link, model.mean_Oc_C), transforms.yaw(link)])
     steps = 1e-6 * np.eye(4)
-    numeric = np.stack([(model.residuals(x + s) - model.residuals(x - s)) / 2e-6 for s in steps], axis=-1)
+    numeric = np.stack(
+        [(model.residuals(x + s) - model.residuals(x - s)) / 2e-6 for s in steps], axis=-1
+    )
     assert np.allclose(model.jacobian(x), numeric, rtol=1e-5, atol=1e-3)
 
 
@@ -108,33 +127,48 @@ def test_outliers_are_rejected_and_counted():
     column = Column(3)
     detections = column.detections()
     for i in (4, 11, 23):
-        detections[i] = dataclasses.replace(detections[i], corners_normalized=detections[i].corners_normalized + 0.05)
+        detections[i] = dataclasses.replace(
+            detections[i], corners_normalized=detections[i].corners_normalized + 0.05
+        )
     link = calibrate_link("uav1", "uav2", detections)
     assert link.rejected >= 3 and column.relative_pose_error(link.T_parent_child)[1] < 0.5
 
 
 def test_flipped_normals_do_not_matter():
-    """A square-on tag has two poses that look alike; the link must not depend on which was chosen."""
+    """A square-on tag has two poses that look alike; the link must not depend on which was
+    chosen."""
     column = Column(4, sway_m=0.8)
     flips = sum(len(planar_poses(d.corners_normalized, 0.16)) > 1 for d in column.detections())
     assert flips > 10
-    assert column.relative_pose_error(calibrate_link("uav1", "uav2", column.detections()).T_parent_child)[1] < 0.5
+    assert (
+        column.relative_pose_error(
+            calibrate_link("uav1", "uav2", column.detections()).T_parent_child
+        )[1]
+        < 0.5
+    )
 
 
-@pytest.mark.parametrize("column, seconds, word", [
-    (Column(5), 2.0, "10 usable pictures"),
-    (Column(5, sway_m=0.0), 8.0, "sway uav1"),
-    (Column(5, distance_m=12.0), 8.0, "come nearer"),
-    (Column(5, sway_m=4.0), 8.0, "faster than"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "column, seconds, word",
+    [
+        (Column(5), 2.0, "10 usable pictures"),
+        (Column(5, sway_m=0.0), 8.0, "sway uav1"),
+        (Column(5, distance_m=12.0), 8.0, "come nearer"),
+        (Column(5, sway_m=4.0), 8.0, "faster than"),
+    ],
+)
 def test_refusals_tell_the_operator_what_to_do(column, seconds, word):
     with pytest.raises(CalibrationRefused, match=word):
-        calibrate_link("uav1", "uav2", column.detections(seconds), CalibrationRules(corner_noise_px=0.4))
+        calibrate_link(
+            "uav1", "uav2", column.detections(seconds), CalibrationRules(corner_noise_px=0.4)
+        )
 
 
 def test_position_std_grows_with_the_lever_arm():
     covariance = np.diag([1e-6, 1e-6, 1e-6, np.radians(1.0) ** 2])
-    assert position_std(covariance, np.eye(4), np.array([10.0, 0, 0])) == pytest.approx(0.1745, rel=0.01)
+    assert position_std(covariance, np.eye(4), np.array([10.0, 0, 0])) == pytest.approx(
+        0.1745, rel=0.01
+    )
 
 
 def test_chain_brings_every_vehicle_into_home():
@@ -145,10 +179,13 @@ def test_chain_brings_every_vehicle_into_home():
     homes = odoms_in_home([link23, link12], "uav1", T_O1_home)
     expected = transforms.invert(T_O1_home) @ link12.T_parent_child @ link23.T_parent_child
     assert np.allclose(homes["uav3"], expected)
-    assert set(odoms_in_home([link23], "uav1", T_O1_home)) == {"uav1"}  # an unknown link is no identity
+    # an unknown link is no identity
+    assert set(odoms_in_home([link23], "uav1", T_O1_home)) == {"uav1"}
 
 
 def test_home_is_level_and_looks_where_the_camera_looks():
     T_odom_body = transforms.from_xyz_rpy([1, 2, 3], [0.1, -0.05, 0.7])
     T_odom_home = home_of(T_odom_body @ Column(0).front.T_body_cam)
-    assert np.allclose(T_odom_home[2, :3], [0, 0, 1]) and transforms.yaw(T_odom_home) == pytest.approx(0.7, abs=0.01)
+    assert np.allclose(T_odom_home[2, :3], [0, 0, 1]) and transforms.yaw(
+        T_odom_home
+    ) == pytest.approx(0.7, abs=0.01)

@@ -60,14 +60,24 @@ def test_a_column_is_calibrated_and_home_is_set_in_it():
     assert reply.done and epochs.epochs == {"uav1": 7} and home.reference == "uav1"
     T_odom_body = flown.column.odometry(home.stamp_s)[0]
     there = home_of(T_odom_body @ flown.column.front.T_body_cam)
-    np.testing.assert_allclose(home.T_odom_home, there, atol=0.02)  # noise of 3 mm and 0.05 deg, twice, 5 sigma
+    # noise of 3 mm and 0.05 deg, twice, 5 sigma
+    np.testing.assert_allclose(home.T_odom_home, there, atol=0.02)
 
 
-@pytest.mark.parametrize("spoil, words", [
-    (lambda m: None if isinstance(m, tm.SeenTags) else m, "does not see uav1's tag"),
-    (lambda m: None if isinstance(m, tm.VehicleOdometry) and m.vehicle == "uav1" and m.stamp_s > 3.0 else m,
-     "have no pose of uav1 at their stamp"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "spoil, words",
+    [
+        (lambda m: None if isinstance(m, tm.SeenTags) else m, "does not see uav1's tag"),
+        (
+            lambda m: (
+                None
+                if isinstance(m, tm.VehicleOdometry) and m.vehicle == "uav1" and m.stamp_s > 3.0
+                else m
+            ),
+            "have no pose of uav1 at their stamp",
+        ),
+    ],
+)
 def test_what_is_missing_is_named(spoil, words):
     _, outputs = calibrated(spoil)
     [reply] = outputs
@@ -91,14 +101,21 @@ def test_clocks_that_differ_are_named():
     assert not reply.done and "clocks of uav1 and uav2 differ by -0.300 s" in reply.text
 
 
-@pytest.mark.parametrize("request_, phase, words", [
-    (CalibrateColumn(("uav1",)), "", "needs two known vehicles"),
-    (CalibrateColumn(("uav1", "uav9")), "", "needs two known vehicles"),
-    (CalibrateColumn(()), "CONFIGURATIONS", "while the mission flies the vehicles (CONFIGURATIONS)"),
-    (HomeWanted("uav9"), "", "'uav9' is not a vehicle here"),
-    (HomeWanted("uav1"), "", "uav1 is not calibrated yet"),
-    (HomeWanted("uav1"), "GUIDED", "a new home is refused"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "request_, phase, words",
+    [
+        (CalibrateColumn(("uav1",)), "", "needs two known vehicles"),
+        (CalibrateColumn(("uav1", "uav9")), "", "needs two known vehicles"),
+        (
+            CalibrateColumn(()),
+            "CONFIGURATIONS",
+            "while the mission flies the vehicles (CONFIGURATIONS)",
+        ),
+        (HomeWanted("uav9"), "", "'uav9' is not a vehicle here"),
+        (HomeWanted("uav1"), "", "uav1 is not calibrated yet"),
+        (HomeWanted("uav1"), "GUIDED", "a new home is refused"),
+    ],
+)
 def test_what_cannot_be_is_refused_at_once(request_, phase, words):
     flown = Flown()
     flown.hear(tm.MissionPhase(phase))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Covariances along the chain, loops, and drift since the calibration, against simulated truth and Monte Carlo."""
+"""Covariances along the chain, loops, and drift since the calibration, against simulated truth and
+Monte Carlo."""
 
 import dataclasses
 
@@ -32,13 +33,17 @@ def drawn(random, place):
 
 def spread(T_draws, T_mean):
     """Covariance of draws about a mean, in x, y, z, yaw."""
-    d = [[*(T[:3, 3] - T_mean[:3, 3]), wrap(transforms.yaw(T) - transforms.yaw(T_mean))] for T in T_draws]
+    d = [
+        [*(T[:3, 3] - T_mean[:3, 3]), wrap(transforms.yaw(T) - transforms.yaw(T_mean))]
+        for T in T_draws
+    ]
     return np.cov(np.array(d).T)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_composition_and_inverse_agree_with_monte_carlo(seed):
-    """4,000 draws give a covariance to 2.2 % (1 sigma) per variance; 10 % of the largest is four sigma."""
+    """4,000 draws give a covariance to 2.2 % (1 sigma) per variance; 10 % of the largest is four
+    sigma."""
     random = np.random.default_rng(seed)
     a, b = random_place(random), random_place(random)
     both = a @ b
@@ -66,7 +71,10 @@ def test_home_may_be_at_either_end_of_the_column():
     random = np.random.default_rng(6)
     links = [link("uav1", "uav2", random_place(random)), link("uav2", "uav3", random_place(random))]
     T_odom_home = transforms.from_xyz_yaw([1.0, 2.0, 3.0], 0.7)
-    from_front, from_back = places_in_home(links, "uav1", T_odom_home), places_in_home(links, "uav3", T_odom_home)
+    from_front, from_back = (
+        places_in_home(links, "uav1", T_odom_home),
+        places_in_home(links, "uav3", T_odom_home),
+    )
     assert not from_front["uav1"].covariance.any() and not from_back["uav3"].covariance.any()
     forward = from_front["uav1"].inverse() @ from_front["uav3"]
     backward = from_back["uav1"].inverse() @ from_back["uav3"]
@@ -76,12 +84,15 @@ def test_home_may_be_at_either_end_of_the_column():
 
 
 class TestFiveVehicles:
-    """Last against first over ten seeds, inside its own three sigma; worst 0.130 m, 0.88 deg (docs/lab/tracking.md)."""
+    """Last against first over ten seeds, inside its own three sigma; worst 0.130 m, 0.88 deg
+    (docs/lab/tracking.md)."""
 
     def calibrated(self, seed):
         flight = Formation(seed, FormationParameters(vehicles=5))
         names = flight.names
-        links = [calibrate_link(names[k], names[k + 1], flight.detections(k + 1, k)) for k in range(4)]
+        links = [
+            calibrate_link(names[k], names[k + 1], flight.detections(k + 1, k)) for k in range(4)
+        ]
         return flight, links
 
     @pytest.mark.slow
@@ -95,16 +106,27 @@ class TestFiveVehicles:
             assert np.degrees(transforms.rotation_angle(estimated, true)) < 1.0, seed
             covariance = places["uav5"].at(flight.tracks[4].at(flight.end_s)[:3, 3])
             R_O1_D1 = flight.tracks[0].at(flight.end_s)[:3, :3]
-            error = np.array([*(R_O1_D1 @ (estimated - true)[:3, 3]), transforms.yaw(estimated) - transforms.yaw(true)])
+            error = np.array(
+                [
+                    *(R_O1_D1 @ (estimated - true)[:3, 3]),
+                    transforms.yaw(estimated) - transforms.yaw(true),
+                ]
+            )
             assert (np.abs(error) < 3.0 * np.sqrt(np.diag(covariance))).all(), (seed, error)
             normalised.append(error @ np.linalg.solve(covariance, error))
         low, high = chi2.ppf([0.025, 0.975], 40)
-        assert low < np.sum(normalised) < high, normalised  # 95 % band of ten times four degrees of freedom
+        # 95 % band of ten times four degrees of freedom
+        assert low < np.sum(normalised) < high, normalised
 
 
 def triangle(random, noise=1.0):
-    """Two links of a column and one across it, all of one truth, with errors drawn from their covariances."""
-    T_ref = {"uav1": np.eye(4), "uav2": random_place(random).T_a_b, "uav3": random_place(random).T_a_b}
+    """Two links of a column and one across it, all of one truth, with errors drawn from their
+    covariances."""
+    T_ref = {
+        "uav1": np.eye(4),
+        "uav2": random_place(random).T_a_b,
+        "uav3": random_place(random).T_a_b,
+    }
     covariance = np.diag([0.01, 0.01, 0.005, 0.003]) ** 2
     links = []
     for a, b in (("uav1", "uav2"), ("uav2", "uav3"), ("uav1", "uav3")):
@@ -118,7 +140,10 @@ def test_a_loop_sharpens_the_chain_and_stays_consistent():
     with_loop, without, normalised = [], [], []
     for seed in range(60):
         T_ref, links = triangle(np.random.default_rng(seed))
-        for merged, errors in ((merge_loops(links[:2], links[2:]), with_loop), (links[:2], without)):
+        for merged, errors in (
+            (merge_loops(links[:2], links[2:]), with_loop),
+            (links[:2], without),
+        ):
             place = places_in_home(merged, "uav1", np.eye(4))["uav3"]
             turn = wrap(transforms.yaw(place.T_a_b) - transforms.yaw(T_ref["uav3"]))
             error = np.array([*(place.T_a_b - T_ref["uav3"])[:3, 3], turn])
@@ -126,7 +151,8 @@ def test_a_loop_sharpens_the_chain_and_stays_consistent():
             if merged[0] is not links[0]:
                 normalised.append(error @ np.linalg.solve(place.covariance, error) / 4)
     assert np.mean(np.square(with_loop)) < 0.7 * np.mean(np.square(without))
-    # links of a merged chain are correlated, which the chain does not know: near one, below rather than above
+    # links of a merged chain are correlated, which the chain does not know: near one, below rather
+    # than above
     assert 0.4 < np.mean(normalised) < 1.25
 
 
@@ -147,10 +173,12 @@ def test_a_loop_that_contradicts_is_refused_by_name():
 
 
 class TestDrift:
-    """The tracker of the simulation (T265: walk, heading, scale), flown 60 m, against what is said of it."""
+    """The tracker of the simulation (T265: walk, heading, scale), flown 60 m, against what is said
+    of it."""
 
     def flown(self, seed, metres=60.0, speed_mps=2.0, does=T265_PROFILE):
-        """Error at the end (4,) and what is said of it; ``does``: the simulated tracker, the default is assumed."""
+        """Error at the end (4,) and what is said of it; ``does``: the simulated tracker, the
+        default is assumed."""
         random = np.random.default_rng(seed)
         tracker = T265(dataclasses.replace(does, level_deg=0.0), np.eye(4), seed)
         drift, corners = Drift(), random.uniform(-10, 10, (8, 3)).cumsum(axis=0)
@@ -166,13 +194,16 @@ class TestDrift:
                 drift.feed(i / 200, T_odom_body[:3, 3])
         T_world_body = transforms.from_xyz_yaw(p, 0.0)
         true = first @ T_world_body
-        error = np.array([*(T_odom_body - true)[:3, 3], wrap(transforms.yaw(T_odom_body) - transforms.yaw(true))])
+        error = np.array(
+            [*(T_odom_body - true)[:3, 3], wrap(transforms.yaw(T_odom_body) - transforms.yaw(true))]
+        )
         return error, drift
 
     @pytest.mark.slow
     def test_error_is_inside_its_covariance(self):
-        """Mean normalised error over 24 flights: chi square of 96, 99.9 % within 0.6 and 1.5 times its mean; beginning
-        and end carry 0.03 degrees of attitude noise that the drift does not count."""
+        """Mean normalised error over 24 flights: chi square of 96, 99.9 % within 0.6 and 1.5 times
+        its mean; beginning and end carry 0.03 degrees of attitude noise that the drift does not
+        count."""
         flights = [self.flown(seed) for seed in range(24)]
         normalised = [e @ np.linalg.solve(d.covariance, e) / 4 for e, d in flights]
         assert 0.5 < np.mean(normalised) < 1.6, normalised
@@ -180,14 +211,17 @@ class TestDrift:
 
     @pytest.mark.slow
     def test_a_tracker_that_is_worse_than_its_profile_shows(self):
-        """Simulated with twice the drift that is assumed the mean normalised error is 4, with half of it 1/4; over 12
-        flights (chi square of 48) 99.9 % are within 0.45 and 1.8 times that, outside of the band above."""
+        """Simulated with twice the drift that is assumed the mean normalised error is 4, with half
+        of it 1/4; over 12 flights (chi square of 48) 99.9 % are within 0.45 and 1.8 times that,
+        outside of the band above."""
         for factor in (2.0, 0.5):
             profile = T265_PROFILE
             does = dataclasses.replace(
-                profile, scale=factor * profile.scale, walk_m_per_sqrt_m=factor * profile.walk_m_per_sqrt_m,
+                profile,
+                scale=factor * profile.scale,
+                walk_m_per_sqrt_m=factor * profile.walk_m_per_sqrt_m,
                 heading_deg_per_sqrt_m=factor * profile.heading_deg_per_sqrt_m,
-            )  # fmt: skip
+            )
             flights = [self.flown(seed, does=does) for seed in range(12)]
             mean = np.mean([e @ np.linalg.solve(d.covariance, e) / 4 for e, d in flights])
             assert 0.45 < mean / factor**2 < 1.8 and not 0.5 < mean < 1.6, (factor, mean)
@@ -196,7 +230,8 @@ class TestDrift:
         drift, random = Drift(), np.random.default_rng(3)
         for i in range(3000):
             drift.feed(i / 30, random.normal(0, 0.003, 3))
-        assert drift.path_m == 0.0 and 0.003 < np.sqrt(drift.covariance[0, 0]) < 0.01  # 0.5 mm per root second
+        # 0.5 mm per root second
+        assert drift.path_m == 0.0 and 0.003 < np.sqrt(drift.covariance[0, 0]) < 0.01
         drift.feed(200.0, np.array([5.0, 0, 0]))
         assert drift.path_m == pytest.approx(5.0, abs=0.02)
         drift.feed(199.0, np.array([50.0, 0, 0]))  # a stamp that goes back
@@ -217,14 +252,16 @@ class TestDrift:
         assert heard(2.0).path_m == 0.0 and heard(5.0).path_m == 0.0
         assert heard(-100.0).path_m == 0.0  # a clock that was set: nothing is known of that time
         twice = heard(1.4)
-        twice.begin(1.0)  # of a moment before the last calibration: from there on as far as it is known
+        # of a moment before the last calibration: from there on as far as it is known
+        twice.begin(1.0)
         assert twice.path_m == pytest.approx(0.6, abs=0.1)
 
     def test_links_heard_of_late_state_their_error(self):
-        """Links hold for the last picture; the vehicle in front sways on at 0.9 m/s for 0.4 s until they are heard of.
+        """Links hold for the last picture; the vehicle in front sways on at 0.9 m/s for 0.4 s until
+        they are heard of.
 
-        Normalised errors of 16 columns, mean 1.25: chi square of 64, 99.9 % within 0.53 and 1.65 times its mean. It is
-        2.0 where drift is counted from the message on.
+        Normalised errors of 16 columns, mean 1.25: chi square of 64, 99.9 % within 0.53 and 1.65
+        times its mean. It is 2.0 where drift is counted from the message on.
         """
         normalised, none = [], np.zeros((4, 4))
         for seed in range(16):
@@ -240,9 +277,17 @@ class TestDrift:
             T_O1_world = transforms.level(T_O1_D1 @ transforms.invert(T_world_D1))
             T_O1_world[:3, 3] = T_O1_D1[:3, 3] - T_O1_world[:3, :3] @ T_world_D1[:3, 3]
             estimated, true = link.T_parent_child @ T_O2_D2, T_O1_world @ T_world_D2
-            error = [*(estimated - true)[:3, 3], wrap(transforms.yaw(estimated) - transforms.yaw(true))]
-            covariance = Place(link.T_parent_child, link.covariance).at(T_O2_D2[:3, 3]) + drifts[0].covariance
-            covariance += (Place(link.T_parent_child, none) @ Place(np.eye(4), drifts[1].covariance)).covariance
+            error = [
+                *(estimated - true)[:3, 3],
+                wrap(transforms.yaw(estimated) - transforms.yaw(true)),
+            ]
+            covariance = (
+                Place(link.T_parent_child, link.covariance).at(T_O2_D2[:3, 3])
+                + drifts[0].covariance
+            )
+            covariance += (
+                Place(link.T_parent_child, none) @ Place(np.eye(4), drifts[1].covariance)
+            ).covariance
             normalised.append(error @ np.linalg.solve(covariance, error) / 4)
         assert 0.4 < np.mean(normalised) < 1.65, normalised
 

@@ -11,7 +11,9 @@ from fcsv_tracking.devices import usb_bus
 from fcsv_tracking.devices.driver_watch import DeviceRules, DriverWatch, Level, Remedy
 from fcsv_tracking.devices.usb_bus import UsbDevice, findings, read_devices
 
-RULES = DeviceRules("t265/odom/sample", 150.0, 0.5, starts_s=10.0, reset="t265/reset", nodes=["t265/manager"])
+RULES = DeviceRules(
+    "t265/odom/sample", 150.0, 0.5, starts_s=10.0, reset="t265/reset", nodes=["t265/manager"]
+)
 
 
 class Bench:
@@ -46,8 +48,13 @@ def test_a_device_that_stops_is_remedied_within_the_second_from_mild_to_strong_a
     bench = Bench()
     bench.run(10.0, 200.0)
     bench.run(45.0)
-    assert bench.remedies == [(110.5, Remedy.RESET), (120.5, Remedy.RESTART), (130.5, Remedy.KILL),
-                              (140.5, Remedy.RESET), (150.5, Remedy.RESTART)]  # fmt: skip
+    assert bench.remedies == [
+        (110.5, Remedy.RESET),
+        (120.5, Remedy.RESTART),
+        (130.5, Remedy.KILL),
+        (140.5, Remedy.RESET),
+        (150.5, Remedy.RESTART),
+    ]
     assert bench.status == (Level.ERROR, "T265 is silent for 45 s; its driver is restarted (try 5)")
     bench.run(4.0, 200.0)
     said = "T265 sends at 200 Hz; it was silent 1 times, last remedy: its driver is restarted"
@@ -72,33 +79,53 @@ def test_a_device_of_somebody_else_is_told_and_not_touched():
     bench.run(10.0, 50.0)
     bench.run(20.0)
     assert bench.remedies == []
-    assert bench.status == (Level.ERROR, "T265 is silent for 20 s; nobody here can restart its driver")
+    assert bench.status == (
+        Level.ERROR,
+        "T265 is silent for 20 s; nobody here can restart its driver",
+    )
 
 
 def test_a_device_that_is_slow_is_told_and_not_touched():
     bench = Bench()
     bench.run(10.0, 50.0)
-    assert bench.remedies == [] and bench.status == (Level.WARN, "T265 sends at 50 Hz, 150 are expected")
+    assert bench.remedies == [] and bench.status == (
+        Level.WARN,
+        "T265 sends at 50 Hz, 150 are expected",
+    )
 
 
-@pytest.mark.parametrize("wrong, said", [
-    ({"least_hz": 0.0}, "least_hz"), ({"silent_s": -1.0}, "silent_s"), ({"starts_s": 0}, "starts_s"),
-    ({"speed": 1}, "unknown key"), ({"topic": 3}, "topic"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "wrong, said",
+    [
+        ({"least_hz": 0.0}, "least_hz"),
+        ({"silent_s": -1.0}, "silent_s"),
+        ({"starts_s": 0}, "starts_s"),
+        ({"speed": 1}, "unknown key"),
+        ({"topic": 3}, "topic"),
+    ],
+)
 def test_wrong_rules_are_refused_by_name(wrong, said):
     with pytest.raises(ConfigError, match=said):
         config.from_mapping({"topic": "a", "least_hz": 1.0, **wrong}, DeviceRules, "test")
 
 
-# ---- USB ---------------------------------------------------------------------------------------------------
+# ---- USB -----------------------------------------------------------------------------------------
 
-WANTED = {"camera": ["8086:0b07", "8086:0ad6"], "odometry": ["8087:0b37", "03e7:2150"], "somebody": []}
+WANTED = {
+    "camera": ["8086:0b07", "8086:0ad6"],
+    "odometry": ["8087:0b37", "03e7:2150"],
+    "somebody": [],
+}
 
 
 def test_where_cameras_sit_is_read_as_linux_lists_it(tmp_path):
     assert not doctest.testmod(usb_bus).failed
-    for name, vendor, product, speed in (("2-1", "8086", "0b07", "5000"), ("2-2", "8087", "0b37", "5000"),
-                                         ("usb2", "1d6b", "0003", "5000"), ("1-4", "046d", "c52b", "12")):  # fmt: skip
+    for name, vendor, product, speed in (
+        ("2-1", "8086", "0b07", "5000"),
+        ("2-2", "8087", "0b37", "5000"),
+        ("usb2", "1d6b", "0003", "5000"),
+        ("1-4", "046d", "c52b", "12"),
+    ):
         (tmp_path / name).mkdir()
         for file, text in (("idVendor", vendor), ("idProduct", product), ("speed", speed)):
             (tmp_path / name / file).write_text(text + "\n")
@@ -106,18 +133,26 @@ def test_where_cameras_sit_is_read_as_linux_lists_it(tmp_path):
     (tmp_path / "3-1").mkdir()  # pulled in this moment
     devices = read_devices(tmp_path)
     assert [d.port for d in devices] == ["1-4", "2-1", "2-2"]
-    assert findings(devices, WANTED) == {"camera": "shares USB bus 2 with odometry",
-                                         "odometry": "shares USB bus 2 with camera"}  # fmt: skip
+    assert findings(devices, WANTED) == {
+        "camera": "shares USB bus 2 with odometry",
+        "odometry": "shares USB bus 2 with camera",
+    }
     assert read_devices(tmp_path / "absent") == []
 
 
-@pytest.mark.parametrize("camera, odometry, said", [
-    (("2-1", 5000.0), ("4-1", 5000.0), {}),
-    (("2-1", 5000.0), None, {"odometry": "is not on USB"}),
-    (("2-1.1", 5000.0), ("2-1.4", 5000.0), {"camera": "shares hub 2-1 with odometry",
-                                            "odometry": "shares hub 2-1 with camera"}),
-    (("1-2", 480.0), ("2-2", 5000.0), {"camera": "runs at 480 Mbit/s, not as USB 3"}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "camera, odometry, said",
+    [
+        (("2-1", 5000.0), ("4-1", 5000.0), {}),
+        (("2-1", 5000.0), None, {"odometry": "is not on USB"}),
+        (
+            ("2-1.1", 5000.0),
+            ("2-1.4", 5000.0),
+            {"camera": "shares hub 2-1 with odometry", "odometry": "shares hub 2-1 with camera"},
+        ),
+        (("1-2", 480.0), ("2-2", 5000.0), {"camera": "runs at 480 Mbit/s, not as USB 3"}),
+    ],
+)
 def test_two_cameras_on_one_bus_are_named(camera, odometry, said):
     devices = [UsbDevice(camera[0], "8086:0b07", camera[1])]
     devices += [UsbDevice(odometry[0], "8087:0b37", odometry[1])] if odometry else []

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node that watches drivers: one that stops is reset, one that hangs is ended, and both are told."""
+"""The node that watches drivers: one that stops is reset, one that hangs is ended, and both are
+told."""
 
 import signal
 import sys
@@ -46,31 +47,64 @@ def test_drivers_that_stop_are_reset_or_ended_and_told(start_node, ros_master, t
     thread = threading.Thread(target=speak)
     thread.start()
     resets = []
-    service = rospy.Service("/w/reset", Empty, lambda _: (resets.append(time.monotonic()), speaks.set())
-                            and EmptyResponse())  # fmt: skip
+    service = rospy.Service(
+        "/w/reset",
+        Empty,
+        lambda _: (resets.append(time.monotonic()), speaks.set()) and EmptyResponse(),
+    )
     told = {}
-    ear = rospy.Subscriber("/diagnostics", DiagnosticArray,
-                           lambda m: told.update((s.name, (s.level, s.message)) for s in m.status))  # fmt: skip
+    ear = rospy.Subscriber(
+        "/diagnostics",
+        DiagnosticArray,
+        lambda m: told.update((s.name, (s.level, s.message)) for s in m.status),
+    )
     said = lambda device, words: words in told.get(f"driver {device}", (0, ""))[1]  # noqa: E731
     try:
-        start_node("fcsv_tracking", "driver_watch", ns="w", params={
-            "vehicle": "w", "usb": str(tmp_path),
-            "devices": {
-                "odometry": {"topic": "stops", "least_hz": 10.0, "silent_s": 0.6, "starts_s": 6.0, "reset": "reset",
-                             "nodes": ["absent"], "usb": ["8087:0b37"]},
-                "camera": {"topic": "/w/hangs", "least_hz": 5.0, "silent_s": 0.6, "starts_s": 3.5,
-                           "nodes": ["/w_driver"], "usb": ["8086:0b07"]},
+        start_node(
+            "fcsv_tracking",
+            "driver_watch",
+            ns="w",
+            params={
+                "vehicle": "w",
+                "usb": str(tmp_path),
+                "devices": {
+                    "odometry": {
+                        "topic": "stops",
+                        "least_hz": 10.0,
+                        "silent_s": 0.6,
+                        "starts_s": 6.0,
+                        "reset": "reset",
+                        "nodes": ["absent"],
+                        "usb": ["8087:0b37"],
+                    },
+                    "camera": {
+                        "topic": "/w/hangs",
+                        "least_hz": 5.0,
+                        "silent_s": 0.6,
+                        "starts_s": 3.5,
+                        "nodes": ["/w_driver"],
+                        "usb": ["8086:0b07"],
+                    },
+                },
             },
-        })  # fmt: skip
-        until(lambda: all(said(d, "sends at") for d in ("odometry", "camera")), what="both drivers, in the diagnostics")
+        )
+        until(
+            lambda: all(said(d, "sends at") for d in ("odometry", "camera")),
+            what="both drivers, in the diagnostics",
+        )
         assert said("camera", "it shares USB bus 2 with odometry") and told["driver camera"][0] == 1
         hangs.signal(signal.SIGSTOP)
         speaks.clear()
         stopped_s = time.monotonic()
         until(lambda: resets, what="the reset")
         assert resets[0] - stopped_s < 3.0  # 0.6 s of silence, and a busy machine
-        until(lambda: said("odometry", "it was silent 1 times, last remedy: the device is reset"), what="its recovery")
-        until(lambda: said("camera", "is silent for"), what="the one that hangs, in the diagnostics")
+        until(
+            lambda: said("odometry", "it was silent 1 times, last remedy: the device is reset"),
+            what="its recovery",
+        )
+        until(
+            lambda: said("camera", "is silent for"), what="the one that hangs, in the diagnostics"
+        )
         until(lambda: hangs.returncode is not None, what="the end of the one that hangs")
         assert hangs.returncode == -signal.SIGKILL and len(resets) == 1
     finally:

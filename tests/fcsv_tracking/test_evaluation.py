@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories: TUM files, ATE, RPE and drift against closed forms, and against evo where it is installed."""
+"""Trajectories: TUM files, ATE, RPE and drift against closed forms, and against evo where it is
+installed."""
 
 import json
 
@@ -19,7 +20,14 @@ def flight(seed=0, count=400, rate_hz=20.0):
     stamps_s = 1_700_000_000.0 + np.arange(count) / rate_hz
     phase = random.uniform(0, 6, 6)
     t = np.arange(count) / rate_hz
-    p = np.stack([8 * np.sin(0.2 * t + phase[0]), 6 * np.cos(0.3 * t + phase[1]), 2 * np.sin(0.15 * t + phase[2])], -1)
+    p = np.stack(
+        [
+            8 * np.sin(0.2 * t + phase[0]),
+            6 * np.cos(0.3 * t + phase[1]),
+            2 * np.sin(0.15 * t + phase[2]),
+        ],
+        -1,
+    )
     rpy = np.stack([0.1 * np.sin(t + phase[3]), 0.1 * np.cos(0.8 * t + phase[4]), 0.3 * t], -1)
     return Track(stamps_s, np.stack([transforms.from_xyz_rpy(a, b) for a, b in zip(p, rpy)]))
 
@@ -28,10 +36,14 @@ def disturbed(track, seed=1):
     random = np.random.default_rng(seed)
     walk = np.cumsum(random.normal(0, 0.005, (len(track), 3)), axis=0)
     T = [
-        transforms.transform(np.eye(3), w) @ A @ transforms.from_xyz_rpy(np.zeros(3), random.normal(0, 0.01, 3))
+        transforms.transform(np.eye(3), w)
+        @ A
+        @ transforms.from_xyz_rpy(np.zeros(3), random.normal(0, 0.01, 3))
         for w, A in zip(walk, track.T_a_b)
     ]
-    return Track(track.stamps_s, transforms.from_xyz_rpy([3.0, -2.0, 1.0], [0.0, 0.0, 0.8]) @ np.stack(T))
+    return Track(
+        track.stamps_s, transforms.from_xyz_rpy([3.0, -2.0, 1.0], [0.0, 0.0, 0.8]) @ np.stack(T)
+    )
 
 
 def test_equal_trajectories_have_no_error_in_any_frame():
@@ -39,12 +51,15 @@ def test_equal_trajectories_have_no_error_in_any_frame():
     moved = Track(track.stamps_s, transforms.from_xyz_yaw([5.0, 3.0, -1.0], 2.0) @ track.T_a_b)
     for alignment in ("first", "yaw", "se3"):
         found = metrics.evaluate(moved, track, alignment)
-        assert max(found.ate_m.max, found.rpe_m.max, found.ate_deg.max, found.rpe_deg.max) < 1e-5, alignment
+        assert max(found.ate_m.max, found.rpe_m.max, found.ate_deg.max, found.rpe_deg.max) < 1e-5, (
+            alignment
+        )
     assert metrics.evaluate(moved, track, "none").ate_m.rmse > 1.0
 
 
 def test_a_scale_error_is_its_share_per_metre():
-    """2 % of scale on a straight line is 0.02 m/m, exactly; ATE after alignment is that of a line of 2 % more."""
+    """2 % of scale on a straight line is 0.02 m/m, exactly; ATE after alignment is that of a line
+    of 2 % more."""
     stamps_s = np.arange(201) / 10.0
     line = np.stack([transforms.from_xyz_yaw([0.1 * i, 0, 0], 0.0) for i in range(201)])
     longer = line.copy()
@@ -57,7 +72,9 @@ def test_a_scale_error_is_its_share_per_metre():
 def test_a_heading_drift_is_its_rate_per_metre():
     stamps_s = np.arange(201) / 10.0
     true = np.stack([transforms.from_xyz_yaw([0.1 * i, 0, 0], 0.0) for i in range(201)])
-    bent = np.stack([transforms.from_xyz_yaw([0.1 * i, 0, 0], np.radians(0.05 * i)) for i in range(201)])
+    bent = np.stack(
+        [transforms.from_xyz_yaw([0.1 * i, 0, 0], np.radians(0.05 * i)) for i in range(201)]
+    )
     found = metrics.evaluate(Track(stamps_s, bent), Track(stamps_s, true), "none")
     assert found.drift_deg_per_m == pytest.approx(0.5, rel=1e-6)
 
@@ -65,7 +82,9 @@ def test_a_heading_drift_is_its_rate_per_metre():
 def test_the_reference_is_interpolated_not_snapped():
     track = flight()
     sparse = Track(track.stamps_s[::5], track.T_a_b[::5])
-    found = metrics.evaluate(Track(track.stamps_s[:390], track.T_a_b[:390]), sparse, "none", gap_s=0.3)
+    found = metrics.evaluate(
+        Track(track.stamps_s[:390], track.T_a_b[:390]), sparse, "none", gap_s=0.3
+    )
     assert found.ate_m.max < 0.02  # the bend of the way between two poses 0.25 s apart: a t^2 / 8
 
 
@@ -90,7 +109,10 @@ def test_against_evo(tmp_path):
         assert np.allclose(rpe.error, errors, atol=1e-6)
     evo_estimate.align(evo_reference)
     found = metrics.evaluate(estimate, reference, "se3")
-    for relation, ours in (("translation_part", found.ate_m), ("rotation_angle_deg", found.ate_deg)):
+    for relation, ours in (
+        ("translation_part", found.ate_m),
+        ("rotation_angle_deg", found.ate_deg),
+    ):
         ape = evo_metrics.APE(evo_metrics.PoseRelation[relation])
         ape.process_data((evo_reference, evo_estimate))
         theirs = ape.get_all_statistics()
@@ -102,15 +124,22 @@ def test_files_come_back(tmp_path):
     track = flight(4, 20)
     write_tum(tmp_path / "a.tum", track)
     again = read_tum(tmp_path / "a.tum")
-    assert np.allclose(again.T_a_b, track.T_a_b, atol=1e-8) and np.allclose(again.stamps_s, track.stamps_s, atol=1e-6)
+    assert np.allclose(again.T_a_b, track.T_a_b, atol=1e-8) and np.allclose(
+        again.stamps_s, track.stamps_s, atol=1e-6
+    )
 
 
-@pytest.mark.parametrize("text, word", [
-    ("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0\n", "line 2"), ("1 0 0 0 0 0 0 1\n", "two or more"),
-    ("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "pose 2 does not come after"),
-    ("1 0 0 0 0 0 0 0\n2 0 0 0 0 0 0 1\n", "quaternion of pose 1"),
-    ("1 0 0 nan 0 0 0 1\n2 0 0 0 0 0 0 1\n", "pose 1 is not finite"), ("", "0 poses"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text, word",
+    [
+        ("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0\n", "line 2"),
+        ("1 0 0 0 0 0 0 1\n", "two or more"),
+        ("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "pose 2 does not come after"),
+        ("1 0 0 0 0 0 0 0\n2 0 0 0 0 0 0 1\n", "quaternion of pose 1"),
+        ("1 0 0 nan 0 0 0 1\n2 0 0 0 0 0 0 1\n", "pose 1 is not finite"),
+        ("", "0 poses"),
+    ],
+)
 def test_what_is_no_trajectory_is_refused(tmp_path, text, word):
     (tmp_path / "a.tum").write_text(text)
     with pytest.raises(EvaluationError, match=word):
@@ -140,9 +169,15 @@ def test_the_command(tmp_path, capsys):
     assert "drift" in capsys.readouterr().out
     found = json.loads((tmp_path / "found.json").read_text())
     expected = metrics.evaluate(estimate, read_truth(tmp_path / "cameras.csv", "uav1"))
-    assert found["ate_m"]["rmse"] == pytest.approx(expected.ate_m.rmse) and 0.001 < found["drift_m_per_m"] < 0.1
+    assert (
+        found["ate_m"]["rmse"] == pytest.approx(expected.ate_m.rmse)
+        and 0.001 < found["drift_m_per_m"] < 0.1
+    )
     assert evaluate_main(files) == 2 and "uav1, uav2" in capsys.readouterr().err
-    assert evaluate_main([str(tmp_path / "none.tum"), files[1]]) == 2 and "none.tum" in capsys.readouterr().err
+    assert (
+        evaluate_main([str(tmp_path / "none.tum"), files[1]]) == 2
+        and "none.tum" in capsys.readouterr().err
+    )
 
 
 def test_export_of_a_session(tmp_path, capsys):
@@ -156,7 +191,10 @@ def test_export_of_a_session(tmp_path, capsys):
     track = flight(6, 50)
     with rosbag.Bag(str(tmp_path / "uav1.bag"), "w") as bag:
         for stamp_s, T in zip(track.stamps_s, track.T_a_b):
-            for topic, message in (("odometry/body", Odometry()), ("camera_pose", PoseWithCovarianceStamped())):
+            for topic, message in (
+                ("odometry/body", Odometry()),
+                ("camera_pose", PoseWithCovarianceStamped()),
+            ):
                 message.header = conversions.header(stamp_s, "uav1/odom")
                 message.pose.pose = conversions.transform_to_pose(T)
                 bag.write(f"/uav1/{topic}", message, message.header.stamp)

@@ -47,14 +47,17 @@ def test_the_zone_is_narrower_for_a_near_target():
 
 @pytest.mark.parametrize("lead", [0.0, 0.5])
 def test_a_moving_target_is_met_where_it_will_be(lead):
-    """On arrival it is in the middle, with a lead it is on the side it comes from, by no more than the lead."""
+    """On arrival it is in the middle, with a lead it is on the side it comes from, by no more than
+    the lead."""
     rules = FollowRules(lead=lead)
     follower = Follower(GIMBAL, CAMERA, rules, START)
     left = -GIMBAL.T_ground_cam(START)[:3, 0]
     target = Target(10.0, place(START, (-8.0, 0.0)), 1.0 * left)
     goal = follower.command(10.15, target)  # the picture is 0.15 s old
     way = abs(goal.pan_rad - START.pan_rad)
-    arrival_s = 10.15 + rules.servo_delay_s + 2.0 * np.sqrt(way / np.radians(rules.acceleration_degps2))
+    arrival_s = (
+        10.15 + rules.servo_delay_s + 2.0 * np.sqrt(way / np.radians(rules.acceleration_degps2))
+    )
     x, _, z = tf.apply(tf.invert(GIMBAL.T_ground_cam(goal)), target.at(arrival_s))
     bearing_rad = np.arctan2(x, z)
     if lead:
@@ -95,7 +98,9 @@ class TestSearch:
         limits = np.radians([GIMBAL.pan_limits_deg, GIMBAL.tilt_limits_deg])
         for pan in np.linspace(*limits[0], 40):
             for tilt in np.linspace(*limits[1], 30):
-                assert (np.abs(looked - [pan, tilt]) <= half).all(axis=1).any(), np.degrees([pan, tilt])
+                assert (np.abs(looked - [pan, tilt]) <= half).all(axis=1).any(), np.degrees(
+                    [pan, tilt]
+                )
         assert (looked >= limits[:, 0] - 1e-9).all() and (looked <= limits[:, 1] + 1e-9).all()
         assert sum(np.allclose(g, START) for g in looked) >= 2
 
@@ -120,7 +125,9 @@ class TestSearch:
     def test_without_any_pictures_it_goes_on_after_a_while(self):
         follower, rules, found = Follower(GIMBAL, CAMERA, FollowRules(), START), FollowRules(), []
         for k in range(1000):
-            found += [100.0 + 0.02 * k] if follower.command(100.0 + 0.02 * k, None, looked_s=0.0) else []
+            found += (
+                [100.0 + 0.02 * k] if follower.command(100.0 + 0.02 * k, None, looked_s=0.0) else []
+            )
         assert np.diff(found).min() > rules.search_patience_s and len(found) >= 4
 
     def test_what_nobody_looked_for_is_not_lost(self):
@@ -141,8 +148,17 @@ class TestSearch:
         assert follower.command(105.01, target) is None and not follower.searching
 
 
-@pytest.mark.parametrize("change", [{"zone": (1.0, 0.5)}, {"lead": 1.0}, {"speed_degps": 0.0}, {"servo_delay_s": -1.0},
-                                    {"search_step": 2.0}, {"lost_s": 0.0}])  # fmt: skip
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"zone": (1.0, 0.5)},
+        {"lead": 1.0},
+        {"speed_degps": 0.0},
+        {"servo_delay_s": -1.0},
+        {"search_step": 2.0},
+        {"lost_s": 0.0},
+    ],
+)
 def test_rules_out_of_range_are_named(change):
     with pytest.raises(ValueError, match=next(iter(change))):
         FollowRules(**change)

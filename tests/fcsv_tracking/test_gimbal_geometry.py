@@ -48,7 +48,10 @@ def test_what_an_angle_read_wrong_does_is_the_derivative():
     p = (GIMBAL.T_ground_cam(angles) @ T_cam_body)[:3, 3]
     M, h = GIMBAL.motions(angles, p), 1e-5
     for k, step in enumerate((Angles(h, 0.0), Angles(0.0, h))):
-        ends = [GIMBAL.T_ground_cam(Angles(*np.add(angles, s * np.array(step)))) @ T_cam_body for s in (-1, 1)]
+        ends = [
+            GIMBAL.T_ground_cam(Angles(*np.add(angles, s * np.array(step)))) @ T_cam_body
+            for s in (-1, 1)
+        ]
         moved = (ends[1][:3, 3] - ends[0][:3, 3]) / (2 * h)
         turned = tf.Rotation.from_matrix(ends[1][:3, :3] @ ends[0][:3, :3].T).as_rotvec() / (2 * h)
         assert np.allclose(M[:, k], np.concatenate([moved, turned]), atol=1e-6)
@@ -57,9 +60,14 @@ def test_what_an_angle_read_wrong_does_is_the_derivative():
 @pytest.mark.parametrize("seed", range(4))
 def test_4_1_relative_pose_and_where_the_printed_one_fails(seed):
     random = np.random.default_rng(seed)
-    T_G_C, T_G_D = ([tf.from_xyz_rpy(random.normal(0, 1, 3), random.normal(0, 0.6, 3)) for _ in range(2)] for _ in "CD")
+    T_G_C, T_G_D = (
+        [tf.from_xyz_rpy(random.normal(0, 1, 3), random.normal(0, 0.6, 3)) for _ in range(2)]
+        for _ in "CD"
+    )
     T_C_D = [tf.invert(c) @ d for c, d in zip(T_G_C, T_G_D)]
-    assert np.allclose(relative_pose(T_G_C[0], T_C_D[0], T_G_C[1], T_C_D[1]), tf.invert(T_G_D[0]) @ T_G_D[1])
+    assert np.allclose(
+        relative_pose(T_G_C[0], T_C_D[0], T_G_C[1], T_C_D[1]), tf.invert(T_G_D[0]) @ T_G_D[1]
+    )
     true = (tf.invert(T_G_D[0]) @ T_G_D[1])[:3, 3]
     between = T_G_C[1][:3, 3] - T_G_C[0][:3, 3]
     between = between + T_G_C[1][:3, :3] @ T_C_D[1][:3, 3] - T_G_C[0][:3, :3] @ T_C_D[0][:3, 3]
@@ -89,7 +97,11 @@ class TestAngles:
 
     def test_bad_readings_are_rejected_and_a_clock_set_back_begins_anew(self):
         track = self.track()
-        for stamp_s, angles in ((10.3, Angles(np.nan, 0.0)), (np.inf, Angles(0.0, 0.0)), (10.19, Angles(0.0, 0.0))):
+        for stamp_s, angles in (
+            (10.3, Angles(np.nan, 0.0)),
+            (np.inf, Angles(0.0, 0.0)),
+            (10.19, Angles(0.0, 0.0)),
+        ):
             with pytest.raises(SampleRejected):
                 track.add(stamp_s, angles)
         track.add(3.0, Angles(0.1, 0.1))
@@ -107,17 +119,29 @@ class TestFile:
         "change, message",
         [
             ({"tags": []}, "tags: tello1 wears none"),
-            ({"tags": [{"id": 600, "size_m": 0.08, "mount": {"xyz_m": [0, 0, 0]}}]}, "id: 600 is not in family"),
-            ({"tags": [{"id": 5, "size_m": 80, "mount": {"xyz_m": [0, 0, 0]}}]}, "size_m: 80.0 is not in"),
+            (
+                {"tags": [{"id": 600, "size_m": 0.08, "mount": {"xyz_m": [0, 0, 0]}}]},
+                "id: 600 is not in family",
+            ),
+            (
+                {"tags": [{"id": 5, "size_m": 80, "mount": {"xyz_m": [0, 0, 0]}}]},
+                "size_m: 80.0 is not in",
+            ),
             ({"servo": {"pan_id": 3, "tilt_id": 3}}, "tilt_id: 3 is also pan's"),
-            ({"geometry": {"base": {"xyz_m": [0, 0, 0]}, "tilt_limits_deg": [50, 20]}}, "tilt_limits_deg"),
+            (
+                {"geometry": {"base": {"xyz_m": [0, 0, 0]}, "tilt_limits_deg": [50, 20]}},
+                "tilt_limits_deg",
+            ),
             ({"geometry": {"base": {"xyz_m": [0, 0, float("nan")]}}}, "must be finite"),
             ({"colour": "red"}, "unknown key 'gimbals\\[0\\].colour'"),
         ],
     )
     def test_what_is_wrong_is_named(self, change, message):
-        gimbal = {"vehicle": "tello1", "geometry": {"base": {"xyz_m": [0, 0, 0]}},
-                  "tags": [{"id": 5, "size_m": 0.08, "mount": {"xyz_m": [0, 0, 0]}}]}  # fmt: skip
+        gimbal = {
+            "vehicle": "tello1",
+            "geometry": {"base": {"xyz_m": [0, 0, 0]}},
+            "tags": [{"id": 5, "size_m": 0.08, "mount": {"xyz_m": [0, 0, 0]}}],
+        }
         with pytest.raises(ConfigError, match=message):
             config.from_mapping({"gimbals": [{**gimbal, **change}]}, GroundRobot, "robot.yaml")
 
@@ -129,7 +153,9 @@ class TestFile:
             config.from_mapping({"gimbals": [one, two]}, GroundRobot, "robot.yaml")
         with pytest.raises(ConfigError, match="servo id 1 is there twice"):
             config.from_mapping(
-                {"gimbals": [one, {**two, "servo": {}, "tags": [{**tag, "id": 6}]}]}, GroundRobot, "robot.yaml"
+                {"gimbals": [one, {**two, "servo": {}, "tags": [{**tag, "id": 6}]}]},
+                GroundRobot,
+                "robot.yaml",
             )
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The gimbal tracker's node on a master: simulated gimbals follow two vehicles; camera_pose and tf against truth."""
+"""The gimbal tracker's node on a master: simulated gimbals follow two vehicles; camera_pose and tf
+against truth."""
 
 import threading
 import time
@@ -76,13 +77,20 @@ def test_both_are_followed_and_their_cameras_known(swaying, start_node, root, ro
 
     subscribers = [rospy.Subscriber("/diagnostics", DiagnosticArray, on_diagnostics)]
     for n in NAMES:
-        subscribers.append(rospy.Subscriber(f"/{n}/camera_pose", PoseWithCovarianceStamped, got[n].append))
+        subscribers.append(
+            rospy.Subscriber(f"/{n}/camera_pose", PoseWithCovarianceStamped, got[n].append)
+        )
     ground = GroundTopics(NAMES)
     buffer = tf2_ros.Buffer()
     listener = tf2_ros.TransformListener(buffer)
     for n in NAMES:
-        params = {"vehicle": n, "robot_file": robot_file, "sim_dir": str(tmp_path), "robot_xyz_yaw": ROBOT,
-                  "camera/rate_hz": 5.0}  # fmt: skip
+        params = {
+            "vehicle": n,
+            "robot_file": robot_file,
+            "sim_dir": str(tmp_path),
+            "robot_xyz_yaw": ROBOT,
+            "camera/rate_hz": 5.0,
+        }
         start_node("fcsv_sim", "gimbal", name="sim_gimbal", ns=n, params=params)
     params = {"vehicles": list(NAMES), "vehicles_dir": folder, "robot_file": robot_file}
     tracker = start_node("fcsv_tracking", "gimbal_tracker", params=params)
@@ -94,28 +102,44 @@ def test_both_are_followed_and_their_cameras_known(swaying, start_node, root, ro
     # what is of another gimbal or none: counted, and nothing else happens
     joints = rospy.Publisher("/tello1/gimbal/joint_states", JointState, queue_size=10)
     pictures = rospy.Publisher("/tello1/gimbal/camera/image_raw", Image, queue_size=10)
-    until(lambda: joints.get_num_connections() and pictures.get_num_connections(), what="connections")
-    other = JointState(
-        header=conversions.header(time.time(), "tello2/gimbal_base"), name=["pan", "tilt"], position=[0, 0]
+    until(
+        lambda: joints.get_num_connections() and pictures.get_num_connections(), what="connections"
     )
-    short = JointState(header=conversions.header(time.time(), "tello1/gimbal_base"), name=["pan"], position=[0.1])
+    other = JointState(
+        header=conversions.header(time.time(), "tello2/gimbal_base"),
+        name=["pan", "tilt"],
+        position=[0, 0],
+    )
+    short = JointState(
+        header=conversions.header(time.time(), "tello1/gimbal_base"), name=["pan"], position=[0.1]
+    )
     for message in (other, short):
         joints.publish(message)
     pictures.publish(
-        conversions.array_to_image(np.zeros((9, 9), np.uint8), "mono8", time.time(), "tello2/gimbal_optical")
+        conversions.array_to_image(
+            np.zeros((9, 9), np.uint8), "mono8", time.time(), "tello2/gimbal_optical"
+        )
     )
     until(lambda: all(len(got[n]) > 5 for n in NAMES), 120, "camera poses of both")
     check(got, vehicles, tmp_path)
     ground.check(vehicles, 1e-6)
     ground.close()
-    until(lambda: int(diagnostics.get("dropped: tello1 joints: wrong frame", 0)) == 1, what="the wrong joints counted")
-    until(lambda: int(diagnostics.get("dropped: tello1 joints: not angles", 0)) == 1, what="half joints counted")
     until(
-        lambda: int(diagnostics.get("dropped: tello1 picture: wrong frame", 0)) == 1, what="the wrong picture counted"
+        lambda: int(diagnostics.get("dropped: tello1 joints: wrong frame", 0)) == 1,
+        what="the wrong joints counted",
+    )
+    until(
+        lambda: int(diagnostics.get("dropped: tello1 joints: not angles", 0)) == 1,
+        what="half joints counted",
+    )
+    until(
+        lambda: int(diagnostics.get("dropped: tello1 picture: wrong frame", 0)) == 1,
+        what="the wrong picture counted",
     )
 
     def stands(message) -> bool:
-        """In tf, too. A test that stood still for seconds has lost transforms: those about it are interpolated then."""
+        """In tf, too. A test that stood still for seconds has lost transforms: those about it are
+        interpolated then."""
         stamp = message.header.stamp
         if not buffer.can_transform("home", "tello2/camera_optical", stamp):
             return False
@@ -123,7 +147,8 @@ def test_both_are_followed_and_their_cameras_known(swaying, start_node, root, ro
         pose = conversions.pose_to_transform(message.pose.pose)
         return np.allclose(conversions.transform_from_msg(found), pose, atol=1e-3)
 
-    until(lambda: any(stands(m) for m in got["tello2"][-10:]), what="camera poses in tf")  # they differ by millimetres
+    # they differ by millimetres
+    until(lambda: any(stands(m) for m in got["tello2"][-10:]), what="camera poses in tf")
     assert buffer.can_transform("home", "ground", rospy.Time(0))
     looks = buffer.lookup_transform("ground", "tello2/gimbal_optical", rospy.Time(0)).transform
     ahead = conversions.transform_from_msg(looks)[
@@ -137,7 +162,8 @@ def test_both_are_followed_and_their_cameras_known(swaying, start_node, root, ro
 
 
 def check(got, vehicles, folder):
-    """Either camera relative to the other's, which needs no knowledge of home; the last poses of both."""
+    """Either camera relative to the other's, which needs no knowledge of home; the last poses of
+    both."""
     from fcsv_geometry.ros import conversions
 
     T = {}
@@ -147,20 +173,29 @@ def check(got, vehicles, folder):
         T[n] = conversions.pose_to_transform(message.pose.pose), true
         assert np.linalg.eigvalsh(np.array(message.pose.covariance).reshape(6, 6)).min() > 0
     found, true = (tf.invert(T["tello1"][k]) @ T["tello2"][k] for k in (0, 1))
-    assert np.linalg.norm(found[:3, 3] - true[:3, 3]) < 0.05  # both cameras' 2 cm, and their lever arms' degree
+    # both cameras' 2 cm, and their lever arms' degree
+    assert np.linalg.norm(found[:3, 3] - true[:3, 3]) < 0.05
     assert np.degrees(tf.rotation_angle(found, true)) < 3.0
 
 
 def test_a_vehicle_that_no_gimbal_follows_is_refused(start_node, root, robot_file):
-    params = {"vehicles": ["uav1"], "vehicles_dir": str(root / "config" / "vehicles"), "robot_file": robot_file}
+    params = {
+        "vehicles": ["uav1"],
+        "vehicles_dir": str(root / "config" / "vehicles"),
+        "robot_file": robot_file,
+    }
     process = start_node("fcsv_tracking", "gimbal_tracker", params=params)
     until(lambda: process.returncode is not None, what="the end of the node")
-    assert process.returncode == 2 and "no gimbal follows uav1; it has tello1, tello2" in process.tail(20)
+    assert (
+        process.returncode == 2
+        and "no gimbal follows uav1; it has tello1, tello2" in process.tail(20)
+    )
 
 
 @pytest.mark.slow_motion
 def test_servos_on_a_simulated_bus(start_node, robot_file):
-    """The driver's node, the protocol on a pseudo-terminal, and the MX-12W behind it: command in, joints out."""
+    """The driver's node, the protocol on a pseudo-terminal, and the MX-12W behind it: command in,
+    joints out."""
     import rospy
     from sensor_msgs.msg import JointState
 
@@ -172,13 +207,22 @@ def test_servos_on_a_simulated_bus(start_node, robot_file):
     subscriber = rospy.Subscriber("/tello2/gimbal/joint_states", JointState, got.append)
     command = rospy.Publisher("/tello2/gimbal/command", JointState, queue_size=5)
     with SimulatedBus([1, 2, 3, 4]) as bus:
-        process = start_node("fcsv_tracking", "gimbal_servos", params={"robot_file": robot_file, "port": bus.port,
-                                                                       "rate_hz": 20.0})  # fmt: skip
+        process = start_node(
+            "fcsv_tracking",
+            "gimbal_servos",
+            params={"robot_file": robot_file, "port": bus.port, "rate_hz": 20.0},
+        )
         until(lambda: got and command.get_num_connections(), what="joints")
-        command.publish(joint_messages.to_message(time.time(), "tello2/gimbal_base", Angles(0.4, 0.3)))
-        until(lambda: np.allclose(got[-1].position, [0.4, 0.3], atol=0.003), what="the gimbal at its goal")
+        command.publish(
+            joint_messages.to_message(time.time(), "tello2/gimbal_base", Angles(0.4, 0.3))
+        )
+        until(
+            lambda: np.allclose(got[-1].position, [0.4, 0.3], atol=0.003),
+            what="the gimbal at its goal",
+        )
         assert (
-            got[-1].header.frame_id == "tello2/gimbal_base" and abs(time.time() - got[-1].header.stamp.to_sec()) < 2.0
+            got[-1].header.frame_id == "tello2/gimbal_base"
+            and abs(time.time() - got[-1].header.stamp.to_sec()) < 2.0
         )
         process.stop(grace_s=10.0)
     subscriber.unregister()

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pose of a body from several tags: fused, with a covariance that holds, and absent where it would be wrong."""
+"""The pose of a body from several tags: fused, with a covariance that holds, and absent where it
+would be wrong."""
 
 import dataclasses
 
@@ -32,15 +33,21 @@ def sight(T_G_D, random=None, tags=None, only=None, rules=RULES, prior=None):
 
 def test_exact_from_exact_corners():
     found, true = sight(body())
-    assert np.allclose(found.T_cam_body, true, atol=1e-6) and len(found.tags) == 2 and found.rms_px < 1e-3
+    assert (
+        np.allclose(found.T_cam_body, true, atol=1e-6)
+        and len(found.tags) == 2
+        and found.rms_px < 1e-3
+    )
 
 
 def test_covariance_is_what_noise_does():
-    """150 pictures of noise put in: eᵀC⁻¹e / 6 inside its 95 % band (0.91 to 1.10 for 900 degrees of freedom), and
-    each axis' variance alone within what 150 draws scatter."""
+    """150 pictures of noise put in: eᵀC⁻¹e / 6 inside its 95 % band (0.91 to 1.10 for 900 degrees
+    of freedom), and each axis' variance alone within what 150 draws scatter."""
     random, errors, values = np.random.default_rng(3), [], []
     for k in range(150):
-        found, true = sight(body(distance_m=2.0 + 2.0 * (k % 10) / 9, yaw_deg=20.0 + 5 * (k % 7)), random)
+        found, true = sight(
+            body(distance_m=2.0 + 2.0 * (k % 10) / 9, yaw_deg=20.0 + 5 * (k % 7)), random
+        )
         turn = tf.Rotation.from_matrix(found.T_cam_body[:3, :3] @ true[:3, :3].T).as_rotvec()
         error = np.concatenate([found.T_cam_body[:3, 3] - true[:3, 3], turn])
         values.append(error @ np.linalg.solve(found.covariance, error))
@@ -51,8 +58,9 @@ def test_covariance_is_what_noise_does():
 
 
 def test_tags_that_sit_half_a_millimetre_wrong_cost_no_centimetres():
-    """120 bodies whose tags were glued on as loosely as the rules say: inside the band, and along within a
-    centimetre (rms). Weighed as if the tags sat right, most are refused: they contradict each other."""
+    """120 bodies whose tags were glued on as loosely as the rules say: inside the band, and along
+    within a centimetre (rms). Weighed as if the tags sat right, most are refused: they contradict
+    each other."""
     random, values, along = np.random.default_rng(5), [], {LOOSE: [], RULES: []}
     for k in range(120):
         told, T = sides(), body(distance_m=3.0, yaw_deg=25.0 + k % 40)
@@ -67,7 +75,9 @@ def test_tags_that_sit_half_a_millimetre_wrong_cost_no_centimetres():
                 continue
             errors.append(found.T_cam_body[2, 3] - T_cam_body[2, 3])
             if rules is LOOSE:
-                turn = tf.Rotation.from_matrix(found.T_cam_body[:3, :3] @ T_cam_body[:3, :3].T).as_rotvec()
+                turn = tf.Rotation.from_matrix(
+                    found.T_cam_body[:3, :3] @ T_cam_body[:3, :3].T
+                ).as_rotvec()
                 error = np.concatenate([found.T_cam_body[:3, 3] - T_cam_body[:3, 3], turn])
                 values.append(error @ np.linalg.solve(found.covariance, error))
     low, high = chi2.ppf([0.025, 0.975], 6 * 120) / (6 * 120)
@@ -81,9 +91,14 @@ class _Glued:
 
     def __init__(self, tag, random):
         self.id, self.size_m = tag.id, tag.size_m
-        shift, turn = random.normal(0.0, LOOSE.tag_m, 3), random.normal(0.0, np.radians(LOOSE.tag_deg), 3)
+        shift, turn = (
+            random.normal(0.0, LOOSE.tag_m, 3),
+            random.normal(0.0, np.radians(LOOSE.tag_deg), 3),
+        )
         T = tag.T_body_tag
-        self.T_body_tag = tf.transform(tf.Rotation.from_rotvec(turn).as_matrix() @ T[:3, :3], T[:3, 3] + shift)
+        self.T_body_tag = tf.transform(
+            tf.Rotation.from_rotvec(turn).as_matrix() @ T[:3, :3], T[:3, 3] + shift
+        )
 
 
 def test_two_tags_are_known_better_than_either():
@@ -97,7 +112,10 @@ def test_two_tags_are_known_better_than_either():
 
 
 def test_jacobian_against_numeric():
-    T, points = tf.from_xyz_rpy([0.1, -0.2, 3.0], [1.2, 0.4, -1.0]), np.random.default_rng(1).normal(0, 0.1, (5, 3))
+    T, points = (
+        tf.from_xyz_rpy([0.1, -0.2, 3.0], [1.2, 0.4, -1.0]),
+        np.random.default_rng(1).normal(0, 0.1, (5, 3)),
+    )
     J, h = projection_jacobian(T, points), 1e-6
     for k in range(6):
         ends = []
@@ -125,7 +143,9 @@ def test_a_mirrored_pose_that_fits_alike_is_refused_or_resolved_by_the_last_atti
         random = np.random.default_rng(seed)
         try:
             found, true = sight(T_G_D, random, tags, only=[20])
-            wrong += tf.rotation_angle(found.T_cam_body, true) > 4 * np.sqrt(np.trace(found.covariance[3:, 3:]))
+            wrong += tf.rotation_angle(found.T_cam_body, true) > 4 * np.sqrt(
+                np.trace(found.covariance[3:, 3:])
+            )
         except SampleRejected as error:
             assert error.reason == "ambiguous"
             refused += 1
@@ -134,7 +154,9 @@ def test_a_mirrored_pose_that_fits_alike_is_refused_or_resolved_by_the_last_atti
     resolved = 0
     for seed in range(30):
         try:
-            found, true = sight(T_G_D, np.random.default_rng(seed), tags, [20], prior=T_cam_body[:3, :3])
+            found, true = sight(
+                T_G_D, np.random.default_rng(seed), tags, [20], prior=T_cam_body[:3, :3]
+            )
         except SampleRejected:
             continue  # both are near the last attitude
         resolved += 1
@@ -148,9 +170,16 @@ def test_tags_that_contradict_each_other_are_no_pose():
     observations = seen(tags, T_cam_body)
     told = {t.id: t for t in tags}
     wrong = observations[0].id
-    moved = dataclasses.replace(told[wrong].mount, xyz_m=tuple(np.add(told[wrong].mount.xyz_m, [0.0, 0.0, 0.02])))
+    moved = dataclasses.replace(
+        told[wrong].mount, xyz_m=tuple(np.add(told[wrong].mount.xyz_m, [0.0, 0.0, 0.02]))
+    )
     with pytest.raises(SampleRejected, match="are they where the file says"):
-        see_body(observations, {**told, wrong: dataclasses.replace(told[wrong], mount=moved)}, CAMERA.fx, RULES)
+        see_body(
+            observations,
+            {**told, wrong: dataclasses.replace(told[wrong], mount=moved)},
+            CAMERA.fx,
+            RULES,
+        )
 
 
 def test_no_tag_of_the_body():
@@ -169,17 +198,20 @@ def test_rules_out_of_range_are_named(field):
 
 
 def test_a_tag_seen_nearly_edge_on_does_not_spoil_the_others():
-    """12 rendered pictures of a hovering body whose back tag faces the gimbal and whose side tag is seen at about 75
-    degrees: its corners are a pixel and more off (measured), ten times what the rules take a corner for. With it the
-    tags contradict each other; the pose comes from the good one, along to 1 cm (one tag of 100 px: 0.03 % of 3 m is
-    1 mm, and half a millimetre of the tag's place)."""
+    """12 rendered pictures of a hovering body whose back tag faces the gimbal and whose side tag is
+    seen at about 75 degrees: its corners are a pixel and more off (measured), ten times what the
+    rules take a corner for. With it the tags contradict each other; the pose comes from the good
+    one, along to 1 cm (one tag of 100 px: 0.03 % of 3 m is 1 mm, and half a millimetre of the tag's
+    place)."""
     random, poses = np.random.default_rng(7), []
     tags = sides()
     camera = GimbalCamera(tags, GimbalCameraParameters(), 1001)
     detector = TagDetector({t.id: t.size_m for t in tags}, 2.0)
     beside = 0
     for _ in range(12):
-        T = tf.from_xyz_rpy(np.array([2.6, 1.0, 1.7]) + random.normal(0.0, 0.05, 3), random.normal(0.0, 0.015, 3))
+        T = tf.from_xyz_rpy(
+            np.array([2.6, 1.0, 1.7]) + random.normal(0.0, 0.05, 3), random.normal(0.0, 0.015, 3)
+        )
         T_ground_cam = camera_at(T)
         gray = camera.shoot(0.0, lambda _t, T=T_ground_cam: T, lambda _t, T=T: T)
         found = detector.detect(gray, camera.model)
@@ -193,7 +225,8 @@ def test_a_tag_seen_nearly_edge_on_does_not_spoil_the_others():
 
 
 def test_a_start_that_runs_away_does_not_take_the_pose_along():
-    """Seen in flight: from the second planar pose of a distant tag the adjustment left for infinity, and raised."""
+    """Seen in flight: from the second planar pose of a distant tag the adjustment left for
+    infinity, and raised."""
     T_G_D, tags = body(), sides()
     T_cam_body = tf.invert(camera_at(T_G_D)) @ T_G_D
     away = tf.transform(np.eye(3), np.array([0.0, 0.0, 1e200]))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From tags and angles to the vehicle's pose in the ground robot's frame; everything bad that may come in between."""
+"""From tags and angles to the vehicle's pose in the ground robot's frame; everything bad that may
+come in between."""
 
 import dataclasses
 
@@ -14,7 +15,9 @@ from fcsv_tracking.gimbal.geometry import Angles
 from fcsv_tracking.gimbal.system import GimbalSystem
 from fcsv_tracking.gimbal.tracker import GimbalRules, GimbalTracker
 
-T_D_C = tf.from_xyz_rpy([0.045, 0.0, 0.0], [0.0, 0.17, 0.0]) @ tf.transform(tf.R_FLU_OPTICAL, np.zeros(3))
+T_D_C = tf.from_xyz_rpy([0.045, 0.0, 0.0], [0.0, 0.17, 0.0]) @ tf.transform(
+    tf.R_FLU_OPTICAL, np.zeros(3)
+)
 
 
 def middle(T_G_D):
@@ -53,7 +56,8 @@ class Loop:
 
 
 def test_readings_and_commands_go_on_while_a_picture_is_looked_at():
-    """begin(), see(), finish() with readings and a command between them give what feed_tags() gives at once."""
+    """begin(), see(), finish() with readings and a command between them give what feed_tags() gives
+    at once."""
     at_once, between = Loop(), Loop()
     for loop in (at_once, between):
         loop.readings(0.3)
@@ -65,7 +69,9 @@ def test_readings_and_commands_go_on_while_a_picture_is_looked_at():
     between.tracker.command(between.now_s)
     other = between.tracker.finish(picture, seen)
     assert other.stamp_s == pose.stamp_s == stamp_s
-    assert np.array_equal(other.T_G_D, pose.T_G_D) and np.array_equal(other.covariance, pose.covariance)
+    assert np.array_equal(other.T_G_D, pose.T_G_D) and np.array_equal(
+        other.covariance, pose.covariance
+    )
 
 
 def test_a_picture_that_a_newer_one_overtook_is_none():
@@ -100,7 +106,9 @@ def test_angles_of_the_pictures_moment_not_of_now(loop):
     then, angles = loop.now_s - 0.005, loop.angles
     loop.readings(0.1)
     loop.readings(0.2, rate_radps=1.0)
-    assert np.allclose(loop.picture(body(), then, loop.observations(body(), angles)).T_G_D, body(), atol=1e-6)
+    assert np.allclose(
+        loop.picture(body(), then, loop.observations(body(), angles)).T_G_D, body(), atol=1e-6
+    )
 
 
 def test_across_grows_with_distance_and_with_the_reading():
@@ -177,7 +185,9 @@ class TestBadInput:
         loop.rejected("jump", far, observations=loop.observations(far))
         assert np.allclose(loop.tracker.target().p_ground_m, middle(body()), atol=1e-5)
 
-    @pytest.mark.parametrize("field", ["angle_deg", "mount_m", "stamp_s", "still_degps", "most_speed_mps"])
+    @pytest.mark.parametrize(
+        "field", ["angle_deg", "mount_m", "stamp_s", "still_degps", "most_speed_mps"]
+    )
     def test_rules_out_of_range_are_named(self, field):
         with pytest.raises(ValueError, match=field):
             GimbalRules(**{field: 0.0})
@@ -189,7 +199,9 @@ class TestSystem:
         loops = {"tello1": Loop(first=20), "tello2": Loop(first=30)}
         for loop in loops.values():
             loop.readings(0.3)
-        return loops, GimbalSystem({n: l.tracker for n, l in loops.items()}, dict.fromkeys(loops, T_D_C))
+        return loops, GimbalSystem(
+            {n: l.tracker for n, l in loops.items()}, dict.fromkeys(loops, T_D_C)
+        )
 
     def test_home_is_the_references_camera_level(self, pair):
         loops, system = pair
@@ -201,7 +213,9 @@ class TestSystem:
         T_G_home = system.set_home("tello1", 100.3)
         camera = system.camera("tello1", pose)
         assert np.allclose(T_G_home @ camera.T_home_cam, T @ T_D_C, atol=1e-6)
-        assert np.allclose(camera.T_home_cam[:3, 3], 0.0, atol=1e-6) and T_G_home[2, 2] == pytest.approx(1.0)
+        assert np.allclose(camera.T_home_cam[:3, 3], 0.0, atol=1e-6) and T_G_home[
+            2, 2
+        ] == pytest.approx(1.0)
         assert np.linalg.eigvalsh(camera.covariance).min() > 0
         with pytest.raises(HomeRefused, match="not seen"):
             system.set_home("tello1", 102.0)
@@ -215,14 +229,19 @@ class TestSystem:
 
     def test_relative_pose_at_a_stamp_between_pictures(self, pair):
         loops, system = pair
-        for loop, name, shift in ((loops["tello1"], "tello1", 0.0), (loops["tello2"], "tello2", -0.4)):
+        for loop, name, shift in (
+            (loops["tello1"], "tello1", 0.0),
+            (loops["tello2"], "tello2", -0.4),
+        ):
             for k in range(3):
                 loop.readings(0.02)
                 T = body()
                 T[:3, 3] += [0.0, shift, 0.02 * k]
                 loop.angles = GIMBAL.aim(T[:3, 3])
                 loop.readings(0.1)
-                system.add(name, loop.picture(T, loop.now_s - 0.02 + (0.01 if name == "tello2" else 0.0)))
+                system.add(
+                    name, loop.picture(T, loop.now_s - 0.02 + (0.01 if name == "tello2" else 0.0))
+                )
         stamp_s = loops["tello1"].now_s - 0.08
         T_ab, C = system.relative("tello1", "tello2", stamp_s)
         true = tf.invert(body())[:3, :3] @ [0.0, -0.4, 0.0]
@@ -234,7 +253,8 @@ class TestSystem:
 
 
 def test_a_vehicle_just_lost_is_looked_for_first_where_it_should_be(loop):
-    """A slow machine takes longer for a whole picture than `lost_s`; without this it would never be quicker again."""
+    """A slow machine takes longer for a whole picture than `lost_s`; without this it would never be
+    quicker again."""
     loop.picture(body())
     u, v = CAMERA.project(tf.apply(tf.invert(GIMBAL.T_ground_cam(loop.angles)), middle(body())))[0]
     loop.readings(2.0)

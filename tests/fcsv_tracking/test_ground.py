@@ -20,17 +20,23 @@ def test_it_is_fixed_once_level_is_known_and_stays():
     assert not frame.offer(leaning(0.0), np.radians(0.6)) and frame.T_tracker_level is None
     assert frame.offer(leaning(0.4), KNOWN_RAD)
     first = frame.T_tracker_level.copy()
-    assert not frame.offer(leaning(0.0), KNOWN_RAD / 10) and np.array_equal(frame.T_tracker_level, first)
+    assert not frame.offer(leaning(0.0), KNOWN_RAD / 10) and np.array_equal(
+        frame.T_tracker_level, first
+    )
 
 
 def test_a_tracker_that_is_moved_begins_another_frame_and_says_so():
     frame = LevelFrame()
     frame.offer(leaning(0.0), KNOWN_RAD)
     assert not frame.offer(leaning(6.0), np.radians(5.0))  # nobody knows
-    assert frame.offer(leaning(6.0), KNOWN_RAD) and "leans by 6.0 degrees: it was moved" in frame.why
+    assert (
+        frame.offer(leaning(6.0), KNOWN_RAD) and "leans by 6.0 degrees: it was moved" in frame.why
+    )
 
 
-@pytest.mark.parametrize("R, sigma", [(np.full((3, 3), np.nan), KNOWN_RAD), (np.eye(3), float("nan"))])
+@pytest.mark.parametrize(
+    "R, sigma", [(np.full((3, 3), np.nan), KNOWN_RAD), (np.eye(3), float("nan"))]
+)
 def test_what_is_no_level_is_not_taken(R, sigma):
     assert not LevelFrame().offer(R, sigma)
 
@@ -39,10 +45,14 @@ def test_poses_and_covariances_are_turned_into_the_level_frame():
     """A tracker that looks up by 45 degrees: what it sees ahead of it is ahead and above."""
     T_tracker_level = tf.from_xyz_rpy([0, 0, 0], np.radians([0.0, 45.0, 0.0]))
     covariance = np.diag([4.0, 1.0, 1.0, 0.1, 0.1, 0.1])
-    found = GroundTrack().add(1.0, tf.from_xyz_yaw([2.0, 0.0, 0.0], 0.0), covariance, T_tracker_level)
+    found = GroundTrack().add(
+        1.0, tf.from_xyz_yaw([2.0, 0.0, 0.0], 0.0), covariance, T_tracker_level
+    )
     half = np.sqrt(0.5)
     assert found.T_odom_body[:3, 3] == pytest.approx([2 * half, 0.0, 2 * half])
-    assert found.covariance[:3, :3] == pytest.approx(np.array([[2.5, 0.0, 1.5], [0.0, 1.0, 0.0], [1.5, 0.0, 2.5]]))
+    assert found.covariance[:3, :3] == pytest.approx(
+        np.array([[2.5, 0.0, 1.5], [0.0, 1.0, 0.0], [1.5, 0.0, 2.5]])
+    )
 
 
 def test_velocity_is_in_the_bodys_axes_and_forgets_gaps():

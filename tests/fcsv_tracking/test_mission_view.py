@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a mission plans, as markers: the fence, home, planned places, and what two cameras both see."""
+"""What a mission plans, as markers: the fence, home, planned places, and what two cameras both
+see."""
 
 import numpy as np
 import pytest
@@ -16,11 +17,17 @@ TANGENTS = (0.5, 0.4)
 
 def sees(T_home_cam, points, reach_m):
     p = transforms.apply(transforms.invert(T_home_cam), points)
-    return (p[:, 2] > 0) & (p[:, 2] < reach_m) & (abs(p[:, 0]) < 0.5 * p[:, 2]) & (abs(p[:, 1]) < 0.4 * p[:, 2])
+    return (
+        (p[:, 2] > 0)
+        & (p[:, 2] < reach_m)
+        & (abs(p[:, 0]) < 0.5 * p[:, 2])
+        & (abs(p[:, 1]) < 0.4 * p[:, 2])
+    )
 
 
 def volume(faces):
-    """Of the room within, by the divergence theorem from a point inside; each face once, however it is wound."""
+    """Of the room within, by the divergence theorem from a point inside; each face once, however it
+    is wound."""
     middle = np.concatenate(faces).mean(axis=0)
     total = 0.0
     for face in faces:
@@ -29,16 +36,20 @@ def volume(faces):
     return total
 
 
-@pytest.mark.parametrize("planned", [("horizontal", 6.0, 10.0), ("horizontal", 3.0, -8.0), ("vertical", 5.0, 0.0)])
+@pytest.mark.parametrize(
+    "planned", [("horizontal", 6.0, 10.0), ("horizontal", 3.0, -8.0), ("vertical", 5.0, 0.0)]
+)
 def test_the_shared_room_is_what_both_cameras_see(planned):
-    """Against points thrown at random: 200 000 of them tell the volume to a few tenths of a percent."""
+    """Against points thrown at random: 200 000 of them tell the volume to a few tenths of a
+    percent."""
     reach_m = 25.0
     other = camera_place(StereoConfiguration(*planned))
     faces = shared_view(T_HOME_CAM_AT_HOME, other, TANGENTS, reach_m)
     low, high = np.array([0.0, -16.0, -16.0]), np.array([30.0, 16.0, 16.0])
     points = np.random.default_rng(1).uniform(low, high, (200_000, 3))
     both = sees(T_HOME_CAM_AT_HOME, points, reach_m) & sees(other, points, reach_m)
-    faces = [f for k, f in enumerate(faces) if not any(same_face(f, g) for g in faces[:k])]  # walls that lie in one
+    # walls that lie in one
+    faces = [f for k, f in enumerate(faces) if not any(same_face(f, g) for g in faces[:k])]
     assert volume(faces) == pytest.approx(both.mean() * np.prod(high - low), rel=0.02)
     corners = np.concatenate(faces)
     inside = corners + 1e-6 * (points[both].mean(axis=0) - corners)
@@ -63,7 +74,9 @@ def test_a_fence_with_a_polygon_has_its_walls_too(root):
     lines = mission_view.fence_lines(Fence(polygon=square), 8.0)
     alone = mission_view.fence_lines(Fence(), 8.0)
     walls = lines[len(alone) :]
-    assert len(walls) == 4 + 4 + 4 and {tuple(p) for p in walls[..., :2].reshape(-1, 2)} == set(square)
+    assert len(walls) == 4 + 4 + 4 and {tuple(p) for p in walls[..., :2].reshape(-1, 2)} == set(
+        square
+    )
     assert np.allclose(np.hypot(alone[..., 0], alone[..., 1]), Fence().radius_m)
 
 
@@ -104,7 +117,9 @@ def test_every_configuration_of_a_mission_has_its_place_and_the_running_one_stan
     words = [m for m in markers if m.ns == "planned places" and m.text]
     assert [m.text for m in words] == [str(i + 1) for i in range(len(mission.configurations))]
     assert len({(m.color.r, m.color.g) for m in words}) == 2 and words[1].color != words[0].color
-    assert sum(m.ns == "sweeps" for m in markers) == sum(c.sweep is not None for c in mission.configurations)
+    assert sum(m.ns == "sweeps" for m in markers) == sum(
+        c.sweep is not None for c in mission.configurations
+    )
     assert len({(m.ns, m.id) for m in markers[1:]}) == len(markers) - 1
     arrow = next(m for m in markers if m.ns == "planned places" and not m.text)
     first = camera_place(mission.configurations[0])[:3, 3]
@@ -113,8 +128,13 @@ def test_every_configuration_of_a_mission_has_its_place_and_the_running_one_stan
 
 def test_what_both_see_is_drawn_while_both_poses_are_of_one_moment(root):
     mission = load_mission(root / "config" / "missions" / "outdoor.yaml")
-    own, other = camera(T_HOME_CAM_AT_HOME, 10.0), camera(camera_place(mission.configurations[0]), 10.4)
-    drawn = [m for m in markers_of(mission, None, {"uav1": own, "uav2": other}) if m.ns == "overlap"]
+    own, other = (
+        camera(T_HOME_CAM_AT_HOME, 10.0),
+        camera(camera_place(mission.configurations[0]), 10.4),
+    )
+    drawn = [
+        m for m in markers_of(mission, None, {"uav1": own, "uav2": other}) if m.ns == "overlap"
+    ]
     assert len(drawn) == 2 and all(len(m.points) for m in drawn) and len(drawn[0].points) % 3 == 0
     lost = camera(camera_place(mission.configurations[0]), 11.5)
     for cameras in ({"uav1": own, "uav2": lost}, {"uav2": other}, {"uav1": own}):

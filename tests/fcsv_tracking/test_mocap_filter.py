@@ -18,9 +18,15 @@ EPSILON = 1e-6
 def random_state(random):
     turn = rotations.exp(random.normal(0.0, 1.0, 3))
     return State(
-        random.normal(0.0, 2.0, 3), random.normal(0.0, 1.0, 3), turn, random.normal(0.0, 2.0, 3),
-        rotations.exp(random.normal(0.0, 1.0, 3)), random.normal(0.0, 0.02, 3), random.normal(0.0, 0.1, 3), 0.07,
-    )  # fmt: skip
+        random.normal(0.0, 2.0, 3),
+        random.normal(0.0, 1.0, 3),
+        turn,
+        random.normal(0.0, 2.0, 3),
+        rotations.exp(random.normal(0.0, 1.0, 3)),
+        random.normal(0.0, 0.02, 3),
+        random.normal(0.0, 0.1, 3),
+        0.07,
+    )
 
 
 def numeric(f, size):
@@ -33,7 +39,8 @@ def numeric(f, size):
     return np.stack(columns, axis=1).reshape(size, SIZE)
 
 
-# central differences err by EPSILON^2 times a third derivative (of order 10) and 1e-16 / EPSILON by rounding: 1e-9
+# central differences err by EPSILON^2 times a third derivative (of order 10) and 1e-16 / EPSILON by
+# rounding: 1e-9
 TOLERANCE = 2e-8
 
 
@@ -51,13 +58,24 @@ def test_jacobian_of_the_motion(seed):
 def test_jacobians_of_the_measurements(seed):
     random = np.random.default_rng(100 + seed)
     state = random_state(random)
-    p_O, v_O, rate = random.normal(0.0, 3.0, 3), random.normal(0.0, 1.0, 3), random.normal(0.0, 1.0, 3)
+    p_O, v_O, rate = (
+        random.normal(0.0, 3.0, 3),
+        random.normal(0.0, 1.0, 3),
+        random.normal(0.0, 1.0, 3),
+    )
     late_s = 0.013
-    T_M_D, R_O_D = state.T_M_D, state.R_M_O.T @ state.R_M_D @ rotations.exp(-rate * late_s)  # what is expected
+    # what is expected
+    T_M_D, R_O_D = state.T_M_D, state.R_M_O.T @ state.R_M_D @ rotations.exp(-rate * late_s)
     models = {
         "mocap": (6, lambda s: measurements.mocap_pose(s, T_M_D)),
-        "odometry": (6, lambda s: measurements.odometry(s, p_O, v_O, late_s + s.delay_s - state.delay_s)),
-        "attitude": (3, lambda s: measurements.attitude(s, R_O_D, rate, late_s + s.delay_s - state.delay_s)),
+        "odometry": (
+            6,
+            lambda s: measurements.odometry(s, p_O, v_O, late_s + s.delay_s - state.delay_s),
+        ),
+        "attitude": (
+            3,
+            lambda s: measurements.attitude(s, R_O_D, rate, late_s + s.delay_s - state.delay_s),
+        ),
     }
     for name, (size, model) in models.items():
         H = -numeric(lambda e, model=model: model(state.boxplus(e))[0], size)
@@ -65,13 +83,16 @@ def test_jacobians_of_the_measurements(seed):
 
 
 def test_covariance_of_a_rigid_fit_is_that_of_many():
-    """Simulated frames of one pose: their scatter in the axes of what was foretold is one in all six."""
+    """Simulated frames of one pose: their scatter in the axes of what was foretold is one in all
+    six."""
     T = tf.from_xyz_rpy([2.5, 0.3, -0.4], [0.1, -0.7, 0.3])
     duo = V120Duo(V120DuoErrors(body_m=0.0, body_deg=0.0), np.eye(4), 1)
     errors = []
     for k in range(3000):
         seen = duo.frame(k / 120.0, {"a": T})["a"].T_M_D
-        errors.append(np.concatenate([seen[:3, 3] - T[:3, 3], rotations.log(T[:3, :3].T @ seen[:3, :3])]))
+        errors.append(
+            np.concatenate([seen[:3, 3] - T[:3, 3], rotations.log(T[:3, :3].T @ seen[:3, :3])])
+        )
     foretold = MarkerNoise(MarkerRules()).pose_covariance(T[:3, :3], T[:3, 3])
     shares = np.linalg.eigvals(np.linalg.solve(foretold, np.cov(np.array(errors).T))).real
     # the variance of 3000 draws is known to 2.6 %, the extremes of six to twice that and again
@@ -84,17 +105,23 @@ def test_markers_on_a_line_are_no_rigid_body():
 
 
 def test_noise_much_larger_about_one_axis_leaves_level_alone():
-    """Frames of a body at rest, with noise about other axes than the filter holds to be the noisy ones."""
+    """Frames of a body at rest, with noise about other axes than the filter holds to be the noisy
+    ones."""
     noise = FilterNoise()
     T_M_D = tf.from_xyz_rpy([2.0, 0.6, -0.3], [0.0, -0.8, 0.4])
     T_M_O = tf.from_xyz_rpy([2.0, 0.6, -1.0], [0.0, -0.8, 0.9])
     T_O_D = tf.invert(T_M_O) @ T_M_D
     force = T_O_D[:3, :3].T @ [0.0, 0.0, 9.81]
-    _, axes = np.linalg.eigh(MarkerNoise(noise.markers).pose_covariance(T_M_D[:3, :3], T_M_D[:3, 3])[3:, 3:])
+    _, axes = np.linalg.eigh(
+        MarkerNoise(noise.markers).pose_covariance(T_M_D[:3, :3], T_M_D[:3, 3])[3:, 3:]
+    )
     spread = axes @ rotations.exp(np.array([0.4, 0.4, 0.0])) @ np.diag(np.radians([0.05, 1.0, 1.5]))
     off = []
     for seed in range(4):
-        random, core = np.random.default_rng(seed), MocapFilter(noise, T_M_D, T_O_D, np.zeros(3), 0.07)
+        random, core = (
+            np.random.default_rng(seed),
+            MocapFilter(noise, T_M_D, T_O_D, np.zeros(3), 0.07),
+        )
         for k in range(960):
             core.predict(np.zeros(3), force, 1.0 / 120.0)
             turn = rotations.exp(spread @ random.standard_normal(3))
@@ -112,7 +139,9 @@ def test_residuals_vanish_on_the_truth():
     speed, R_O_M = np.linalg.norm(state.v_M), state.R_M_O.T
     p_O = R_O_M @ (state.p_M_D - state.p_M_O)
     assert np.allclose(measurements.mocap_pose(state, state.T_M_D)[0], 0.0)
-    assert np.allclose(measurements.odometry(state, p_O, R_O_M @ state.v_M + speed * state.drift_O, 0.0)[0], 0.0)
+    assert np.allclose(
+        measurements.odometry(state, p_O, R_O_M @ state.v_M + speed * state.drift_O, 0.0)[0], 0.0
+    )
     assert np.allclose(measurements.attitude(state, R_O_M @ state.R_M_D, np.ones(3), 0.0)[0], 0.0)
 
 
@@ -130,9 +159,13 @@ def test_odometry_that_began_anew_leaves_the_pose_and_keeps_level():
     pose_before, up_before = core.state.T_M_D, core.state.R_M_O[:, 2].copy()
     C_before = core.covariance.copy()
     core.move_odometry(turned, 0.05, np.radians(1.0))
-    assert np.allclose(core.state.T_M_D, pose_before) and np.allclose(core.state.R_M_O[:, 2], up_before)
+    assert np.allclose(core.state.T_M_D, pose_before) and np.allclose(
+        core.state.R_M_O[:, 2], up_before
+    )
     assert np.allclose(core.state.T_M_O @ turned, pose_before, atol=1e-9)
-    assert np.allclose(core.covariance[P, P], C_before[P, P]) and np.allclose(core.covariance[V, V], C_before[V, V])
+    assert np.allclose(core.covariance[P, P], C_before[P, P]) and np.allclose(
+        core.covariance[V, V], C_before[V, V]
+    )
     assert np.linalg.eigvalsh(core.covariance).min() > 0
     # the offset is as uncertain as the pose it was put on, and as the jump itself
     assert core.covariance[PO, PO].trace() > C_before[P, P].trace() + 3 * 0.05**2 - 1e-9

@@ -20,7 +20,8 @@ T_WORLD_MOCAP = tf.from_xyz_rpy([0.0, 0.0, 0.3], np.radians([0.0, -45.0, 0.0]))
 
 
 STEP_S = 0.0025
-AHEAD_S = 0.5  # of its time the truth is written, so that a test that is kept waiting does not hold up the world
+# of its time the truth is written, so that a test that is kept waiting does not hold up the world
+AHEAD_S = 0.5
 
 
 class Hovering:
@@ -48,7 +49,13 @@ class Hovering:
         share = min(1.0, max(0.0, stamp_s - self.leaves_s) / 4.0)
         offset_m = 2.5 * (10 * share**3 - 15 * share**4 + 6 * share**5)
         for i, name in enumerate(NAMES):
-            p = np.array([2.0 + 0.25 * np.sin(0.9 * t + i), (0.7 - 1.4 * i) / 2 + 0.25 * np.cos(0.7 * t), 2.0])
+            p = np.array(
+                [
+                    2.0 + 0.25 * np.sin(0.9 * t + i),
+                    (0.7 - 1.4 * i) / 2 + 0.25 * np.cos(0.7 * t),
+                    2.0,
+                ]
+            )
             p += [0.0, -offset_m * i, 0.0]
             T = tf.from_xyz_rpy(p, [0.02 * np.sin(t), 0.02 * np.cos(t), 0.1 * np.sin(0.3 * t)])
             self._writers[name].write(stamp_s, T, (p - before.get(name, p)) / STEP_S)
@@ -74,8 +81,13 @@ def stamp_s(message):
 
 
 def poses_up_to(got, end_s):
-    """Wait until both cameras have a pose whose own stamp is past ``end_s``; no clock but the stamps is read."""
-    until(lambda: all(got[n] and stamp_s(got[n][-1]) > end_s for n in NAMES), 60.0, f"camera poses of {end_s:.1f} s")
+    """Wait until both cameras have a pose whose own stamp is past ``end_s``; no clock but the
+    stamps is read."""
+    until(
+        lambda: all(got[n] and stamp_s(got[n][-1]) > end_s for n in NAMES),
+        60.0,
+        f"camera poses of {end_s:.1f} s",
+    )
 
 
 def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, tmp_path):
@@ -95,18 +107,29 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
     def on_diagnostics(message):
         for status in message.status:
             if "mocap_tracker" in status.name:
-                diagnostics.update({v.key: v.value for v in status.values}, level=status.level, text=status.message)
+                diagnostics.update(
+                    {v.key: v.value for v in status.values}, level=status.level, text=status.message
+                )
 
     subscribers = [rospy.Subscriber("/diagnostics", DiagnosticArray, on_diagnostics)]
     for n in NAMES:
-        subscribers.append(rospy.Subscriber(f"/{n}/camera_pose", PoseWithCovarianceStamped, got[n].append))
+        subscribers.append(
+            rospy.Subscriber(f"/{n}/camera_pose", PoseWithCovarianceStamped, got[n].append)
+        )
         subscribers.append(rospy.Subscriber(f"/{n}/tello/odom", Odometry, heard[n].append))
     ground = GroundTopics(NAMES)
     buffer = tf2_ros.Buffer()
     listener = tf2_ros.TransformListener(buffer)
-    start_node("fcsv_sim", "mocap", name="sim_mocap", params={"vehicles": list(NAMES), "sim_dir": str(tmp_path)})
+    start_node(
+        "fcsv_sim",
+        "mocap",
+        name="sim_mocap",
+        params={"vehicles": list(NAMES), "sim_dir": str(tmp_path)},
+    )
     logs = [TelloLog(n, tmp_path, i) for i, n in enumerate(NAMES)]
-    tracker = start_node("fcsv_tracking", "mocap_tracker", params={"vehicles": list(NAMES), "vehicles_dir": folder})
+    tracker = start_node(
+        "fcsv_tracking", "mocap_tracker", params={"vehicles": list(NAMES), "vehicles_dir": folder}
+    )
     rospy.wait_for_service("/set_home", 20)
     set_home = rospy.ServiceProxy("/set_home", SetHome)
     assert not set_home("nobody").success
@@ -115,7 +138,10 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
     # frames with another vehicle's name, NaN: counted, and nothing else happens
     bad = rospy.Publisher("/mocap/tello1/pose", PoseStamped, queue_size=10)
     odom = rospy.Publisher("/tello1/tello/odom", Odometry, queue_size=10)
-    until(lambda: bad.get_num_connections() and odom.get_num_connections(), what="the tracker's subscriptions")
+    until(
+        lambda: bad.get_num_connections() and odom.get_num_connections(),
+        what="the tracker's subscriptions",
+    )
     wrong = conversions.pose_stamped(np.eye(4), rospy.get_time(), "tello2/mocap")
     nan = conversions.pose_stamped(np.eye(4), rospy.get_time(), "mocap")
     nan.pose.position.x = float("nan")
@@ -135,7 +161,9 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
     check(got, heard, vehicles, tmp_path, 0.15)  # 2.5 m at 2 %, and where home was a moment ago
     assert buffer.can_transform("home", "tello2/camera_optical", rospy.Time(0))
     found = conversions.transform_from_msg(
-        buffer.lookup_transform("home", "tello1/camera_optical", got["tello1"][-5].header.stamp).transform
+        buffer.lookup_transform(
+            "home", "tello1/camera_optical", got["tello1"][-5].header.stamp
+        ).transform
     )
     assert np.allclose(found, conversions.pose_to_transform(got["tello1"][-5].pose.pose), atol=0.01)
     until(lambda: "tello1 mocap: not a pose" in diagnostics, what="diagnostics")

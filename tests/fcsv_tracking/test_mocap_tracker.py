@@ -68,7 +68,8 @@ def normalised(pose, truth):
 def run(messages, truth, change=lambda m: [m]):
     """The tracker after all messages; every pose on the way is right, or says how wrong it may be.
 
-    The bound on the normalised error: one in a million by chance per pose (41 for six degrees of freedom).
+    The bound on the normalised error: one in a million by chance per pose (41 for six degrees of
+    freedom).
     """
     tracker = MocapTracker()
     poses = []
@@ -86,7 +87,8 @@ def since_start(message):
     return message.arrival_s - evaluation.START_S
 
 
-# -- a seed of the ten in docs/lab/mocap.md; bounds: their worst (1.2 mm, 0.20 deg, 13.6 mm, 0.15 deg) and a fifth more
+# -- a seed of the ten in docs/lab/mocap.md; bounds: their worst (1.2 mm, 0.20 deg, 13.6 mm, 0.15
+# deg) and a fifth more
 
 
 def test_in_view(flight):
@@ -97,7 +99,8 @@ def test_in_view(flight):
 def test_twenty_metres_out_of_view(flight):
     away = evaluation.at_20_m(flight.records["b"])
     assert away.away_m == pytest.approx(20.0, abs=0.2)
-    # odometry's own error, which this seed draws, and half a per cent for heading, level and the start
+    # odometry's own error, which this seed draws, and half a per cent for heading, level and the
+    # start
     assert np.linalg.norm(away.error_m) < away.raw_m + 0.005 * away.away_m
     assert evaluation.normalised(away) < chi2.ppf(0.999, 6)
 
@@ -116,13 +119,15 @@ def test_level_from_both(flight):
 def test_relative_pose_is_consistent_in_view_and_out_of_it(flight):
     for seen in (True, False):
         values = [r[3] for r in flight.relative if r[0] == seen]
-        # one flight's errors are alike throughout: the average over it is as wide as one draw of six
+        # one flight's errors are alike throughout: the average over it is as wide as one draw of
+        # six
         assert len(values) > 100 and np.mean(values) < chi2.ppf(0.999, 6)
 
 
 def test_learns_the_delay_of_the_odometry(flight):
     for name, tracker in flight.system.trackers.items():
-        sensors_s = 0.07, 0.015 * 3.5  # of the simulated link: mean, spread; jitter adds 5 ms on average
+        # of the simulated link: mean, spread; jitter adds 5 ms on average
+        sensors_s = 0.07, 0.015 * 3.5
         delay_s = tracker.filter.state.delay_s
         assert abs(delay_s - sensors_s[0]) < sensors_s[1], name
         assert np.sqrt(tracker.filter.covariance[21, 21]) < 0.005
@@ -140,16 +145,20 @@ def test_consistent_over_ten_flights():
     assert low < sum(values) < high
 
 
-# -- bad input --------------------------------------------------------------------------------------------------------
+# -- bad input
+# --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("position, quaternion, reason", [
-    ((np.nan, 0, 0), (0, 0, 0, 1), "not a pose"),
-    ((0, np.inf, 0), (0, 0, 0, 1), "not a pose"),
-    ((0, 0, 0), (0, 0, 0, 0), "not a pose"),
-    ((0, 0, 0), (np.nan, 0, 0, 1), "not a pose"),
-    ((0, 0, 0), (0, 0, 0, 2), "not a pose"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "position, quaternion, reason",
+    [
+        ((np.nan, 0, 0), (0, 0, 0, 1), "not a pose"),
+        ((0, np.inf, 0), (0, 0, 0, 1), "not a pose"),
+        ((0, 0, 0), (0, 0, 0, 0), "not a pose"),
+        ((0, 0, 0), (np.nan, 0, 0, 1), "not a pose"),
+        ((0, 0, 0), (0, 0, 0, 2), "not a pose"),
+    ],
+)
 def test_what_is_no_pose_is_rejected_and_counted(position, quaternion, reason):
     tracker = MocapTracker()
     with pytest.raises(SampleRejected) as error:
@@ -160,20 +169,33 @@ def test_what_is_no_pose_is_rejected_and_counted(position, quaternion, reason):
     assert tracker.counts[f"odometry: {reason}"] == 1
 
 
-@pytest.mark.parametrize("field, value, reason", [
-    ("v", (np.nan, 0, 0), "velocity impossible"), ("v", (50, 0, 0), "velocity impossible"),
-    ("w", (0, np.inf, 0), "gyro impossible"), ("a", (0, 0, 1e4), "accelerometer impossible"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "field, value, reason",
+    [
+        ("v", (np.nan, 0, 0), "velocity impossible"),
+        ("v", (50, 0, 0), "velocity impossible"),
+        ("w", (0, np.inf, 0), "gyro impossible"),
+        ("a", (0, 0, 1e4), "accelerometer impossible"),
+    ],
+)
 def test_impossible_motion_is_rejected(field, value, reason):
     given = {"v": (0, 0, 0), "w": (0, 0, 0), "a": (0, 0, 9.8), field: value}
     with pytest.raises(SampleRejected) as error:
-        MocapTracker().feed_vehicle(10.0, 10.0, (0, 0, 0), (0, 0, 0, 1), given["v"], given["w"], given["a"])
+        MocapTracker().feed_vehicle(
+            10.0, 10.0, (0, 0, 0), (0, 0, 0, 1), given["v"], given["w"], given["a"]
+        )
     assert error.value.reason == reason
 
 
-@pytest.mark.parametrize("stamp_s, reason", [
-    (np.nan, "stamp in the future"), (11.0, "stamp in the future"), (8.0, "stamp too old"), (9.99, "stamp goes back"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "stamp_s, reason",
+    [
+        (np.nan, "stamp in the future"),
+        (11.0, "stamp in the future"),
+        (8.0, "stamp too old"),
+        (9.99, "stamp goes back"),
+    ],
+)
 def test_stamps_that_cannot_be(stamp_s, reason):
     tracker = MocapTracker()
     tracker.feed_mocap(10.0, 10.0, (1, 0, 0), (0, 0, 0, 1))
@@ -221,13 +243,16 @@ def test_five_seconds_of_silence_of_all(long_in_view):
     tracker, poses = run(messages, truth, silent)
     stamps = np.array([p.stamp_s for p in poses]) - evaluation.START_S
     # half a second of coasting; again half a second of agreement before there is a pose
-    assert not ((stamps > 8.6) & (stamps < 13.3)).any() and ((stamps > 13.3) & (stamps < 14.3)).any()
+    assert (
+        not ((stamps > 8.6) & (stamps < 13.3)).any() and ((stamps > 13.3) & (stamps < 14.3)).any()
+    )
     assert tracker.counts["anchored"] == 2
 
 
 @pytest.fixture(scope="module")
 def hovering():
-    """As recorded(), of a vehicle that flies 0.6 m aside and then stays where it is: nobody who lost it flies it on."""
+    """As recorded(), of a vehicle that flies 0.6 m aside and then stays where it is: nobody who
+    lost it flies it on."""
     places = [(2.0, -0.3, 2.0, 0.0), (2.0, 0.3, 2.0, 3.0), (2.0, 0.3, 2.0, 9.0)]
     truth = mocap_flight.fly(places, np.radians(20.0), 3, evaluation.START_S)
     return [m for _, _, m in mocap_flight.messages({"a": truth}, FlightErrors(), 3)], truth
@@ -321,7 +346,9 @@ def test_an_old_pose_streamed_while_hidden_is_not_believed():
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_swapped_markers_and_turned_bodies_do_no_harm(seed):
-    errors = FlightErrors(mocap=dataclasses.replace(V120DuoErrors(), swaps_per_s=1.0, flips_per_s=0.3))
+    errors = FlightErrors(
+        mocap=dataclasses.replace(V120DuoErrors(), swaps_per_s=1.0, flips_per_s=0.3)
+    )
     messages, truth = recorded(30.0, seed, errors)
     wrong = sum(not m.true_pose for m in messages if not isinstance(m, TelloSample))
     assert wrong > 300
@@ -334,7 +361,9 @@ def test_swapped_markers_and_turned_bodies_do_no_harm(seed):
 @pytest.mark.parametrize("seed", [5, 8])
 def test_swapped_markers_while_the_odometry_is_silent(seed):
     """Then nothing says at once that the body did not turn: the pose may be absent, never wrong."""
-    errors = FlightErrors(mocap=dataclasses.replace(V120DuoErrors(), swaps_per_s=1.0, flips_per_s=0.1))
+    errors = FlightErrors(
+        mocap=dataclasses.replace(V120DuoErrors(), swaps_per_s=1.0, flips_per_s=0.1)
+    )
     messages, truth = recorded(30.0, seed, errors)
     random = np.random.default_rng(seed)
     gaps, begins_s = [], 8.0
@@ -343,27 +372,37 @@ def test_swapped_markers_while_the_odometry_is_silent(seed):
         begins_s += random.uniform(1.0, 2.5)
 
     def silent(m):
-        return [] if isinstance(m, TelloSample) and any(a < since_start(m) < b for a, b in gaps) else [m]
+        return (
+            []
+            if isinstance(m, TelloSample) and any(a < since_start(m) < b for a, b in gaps)
+            else [m]
+        )
 
     _, poses = run(messages, truth, silent)
     assert len(poses) > 700
 
 
 def to_and_fro(leg_s, seed):
-    """As recorded(), of a vehicle that flies 0.6 m to and fro from the first message on, at times out of view."""
-    places = [(2.0 + dx, 0.3 * (-1) ** i, 2.0, leg_s) for i, dx in enumerate([0.0, 0.1, -0.1, 0.1] * 3)]
+    """As recorded(), of a vehicle that flies 0.6 m to and fro from the first message on, at times
+    out of view."""
+    places = [
+        (2.0 + dx, 0.3 * (-1) ** i, 2.0, leg_s) for i, dx in enumerate([0.0, 0.1, -0.1, 0.1] * 3)
+    ]
     truth = mocap_flight.fly(places, np.radians(20.0), seed, evaluation.START_S)
     return [m for _, _, m in mocap_flight.messages({"a": truth}, FlightErrors(), seed)], truth
 
 
 def kept_waiting(messages, longest_s, seed):
-    """(now s, message): either stream or both stand still now and then, as in a process that is not served."""
+    """(now s, message): either stream or both stand still now and then, as in a process that is not
+    served."""
     random = np.random.default_rng(seed)
     until_s, delivered, next_s = {}, [], messages[0].arrival_s + 3.0
     for m in messages:
         if m.arrival_s > next_s:
             end_s = next_s + longest_s * random.uniform(0.3, 1.0)
-            until_s.update(dict.fromkeys(((True,), (False,), (True, False))[random.integers(3)], end_s))
+            until_s.update(
+                dict.fromkeys(((True,), (False,), (True, False))[random.integers(3)], end_s)
+            )
             next_s += random.exponential(1.0)
         delivered.append((max(m.arrival_s, until_s.get(isinstance(m, TelloSample), 0.0)), m))
     return sorted(delivered, key=lambda x: x[0])
@@ -371,7 +410,8 @@ def kept_waiting(messages, longest_s, seed):
 
 @pytest.mark.parametrize("longest_s, seed", [(0.2, 3), (0.4, 4), (0.4, 8)])
 def test_messages_that_come_in_bursts(longest_s, seed):
-    """A frame that comes a little after the filter went on without it is of its own moment, not of now."""
+    """A frame that comes a little after the filter went on without it is of its own moment, not of
+    now."""
     messages, truth = to_and_fro(2.5, seed)
     tracker, last_s = MocapTracker(), 0.0
     for now_s, message in kept_waiting(messages, longest_s, seed):
@@ -386,7 +426,8 @@ def test_messages_that_come_in_bursts(longest_s, seed):
 
 @pytest.mark.parametrize("too_late_s, asked_s", [(10.05, 10.15), (10.0, 9.99), (9.95, 9.99)])
 def test_a_packet_that_came_too_late_is_not_the_next_one(too_late_s, asked_s):
-    """Nor is one of before the newest that the filter took: rate and force lead to the next that it will take."""
+    """Nor is one of before the newest that the filter took: rate and force lead to the next that it
+    will take."""
 
     def sample(yaw_rad):
         turned = tf.from_xyz_yaw([0.0, 0.0, 1.0], yaw_rad)
@@ -401,14 +442,16 @@ def test_a_packet_that_came_too_late_is_not_the_next_one(too_late_s, asked_s):
 
 @pytest.mark.parametrize("seed", [2, 3])
 def test_begun_in_motion(seed):
-    """What is anchored at 0.5 m/s knows its speed at once; else the delay is learned wrong, and the place with it."""
+    """What is anchored at 0.5 m/s knows its speed at once; else the delay is learned wrong, and the
+    place with it."""
     messages, truth = to_and_fro(1.5, seed)
     tracker, worst_m = MocapTracker(), 0.0
     for message in messages:
         take(tracker, message)
         pose = tracker.pose(message.arrival_s)
         worst_m = worst_m if pose is None else max(worst_m, normalised(pose, truth)[0])
-    assert tracker.counts["anchored"] == 1 and 0.0 < worst_m < 0.03  # 0.06 where it begins as if it stood
+    # 0.06 where it begins as if it stood
+    assert tracker.counts["anchored"] == 1 and 0.0 < worst_m < 0.03
 
 
 def test_a_body_taken_the_wrong_way_round_from_the_start_has_no_pose(in_view):
@@ -432,7 +475,9 @@ def test_odometry_that_begins_anew_in_view(in_view):
     def restarted(m):
         if not isinstance(m, TelloSample) or since_start(m) < 9.0:
             return [m]
-        return [dataclasses.replace(m, T_O_D=T_restart @ m.T_O_D, v_O_mps=T_restart[:3, :3] @ m.v_O_mps)]
+        return [
+            dataclasses.replace(m, T_O_D=T_restart @ m.T_O_D, v_O_mps=T_restart[:3, :3] @ m.v_O_mps)
+        ]
 
     tracker, poses = run(messages, truth, restarted)
     after = [p for p in poses if p.stamp_s - evaluation.START_S > 9.5]
@@ -475,9 +520,12 @@ def test_home_is_level_with_the_cameras_heading(flight):
     forward = camera.T_home_cam[:3, 2]
     assert abs(forward[1]) < 1e-9 and forward[0] > 0.9
     T_true = flight.truths["a"].at(camera.stamp_s) @ T_body_cam
-    assert np.degrees(np.arccos(camera.T_home_cam[2, :3] @ T_true[2, :3])) < 0.6  # level 0.2, pose 3 sigma
+    # level 0.2, pose 3 sigma
+    assert np.degrees(np.arccos(camera.T_home_cam[2, :3] @ T_true[2, :3])) < 0.6
     pose = system.trackers["a"].pose(now_s)
-    assert np.allclose(system.T_home_mocap @ pose.T_M_O @ pose.T_O_D @ T_body_cam, camera.T_home_cam)
+    assert np.allclose(
+        system.T_home_mocap @ pose.T_M_O @ pose.T_O_D @ T_body_cam, camera.T_home_cam
+    )
     assert np.linalg.eigvalsh(camera.covariance).min() > 0
 
 

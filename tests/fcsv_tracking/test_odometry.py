@@ -59,21 +59,26 @@ def test_twist_is_that_of_the_bodys_origin(T_body_t265):
     v_body, w_body = np.array([0.4, -0.2, 0.1]), np.array([0.3, -0.5, 0.7])
     v_t265, w_t265 = R.T @ (v_body + np.cross(w_body, p)), R.T @ w_body
     T = body_at(0.0) @ T_body_t265
-    pose = core.feed(1.0, tuple(T[:3, 3]), tuple(tf.quaternion_xyzw(T)), tuple(v_t265), tuple(w_t265))
+    pose = core.feed(
+        1.0, tuple(T[:3, 3]), tuple(tf.quaternion_xyzw(T)), tuple(v_t265), tuple(w_t265)
+    )
     assert np.allclose(pose.linear_mps, v_body) and np.allclose(pose.angular_radps, w_body)
 
 
-@pytest.mark.parametrize("T_jump, turned_deg", [
-    (tf.from_xyz_yaw([0.0, 0.0, -30.0], 0.0), 0.0),  # the thesis's take-off
-    (tf.from_xyz_yaw([0.6, -0.4, 0.2], 0.0), 0.0),
-    (tf.from_xyz_yaw([1.0, 2.0, 0.0], np.radians(30.0)), 0.05),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "T_jump, turned_deg",
+    [
+        (tf.from_xyz_yaw([0.0, 0.0, -30.0], 0.0), 0.0),  # the thesis's take-off
+        (tf.from_xyz_yaw([0.6, -0.4, 0.2], 0.0), 0.0),
+        (tf.from_xyz_yaw([1.0, 2.0, 0.0], np.radians(30.0)), 0.05),
+    ],
+)
 def test_a_jump_is_taken_back(T_body_t265, T_jump, turned_deg):
     core = BodyOdometry(T_body_t265)
     fly(core, T_body_t265, 0, 300)
     off_m, turn_rad = fly(core, T_body_t265, 300, 600, T_jump)
-    # left over: one step's error of the predicted velocity and yaw rate, at 200 Hz and a smoothing of 50 ms;
-    # a turned frame carries the yaw's remainder over the few metres flown
+    # left over: one step's error of the predicted velocity and yaw rate, at 200 Hz and a smoothing
+    # of 50 ms; a turned frame carries the yaw's remainder over the few metres flown
     assert core.status.jumps == 1 and off_m < 0.01 and math.degrees(turn_rad) < 0.05 + turned_deg
     assert core.status.largest_jump_m == pytest.approx(np.linalg.norm(T_jump[:3, 3]), abs=1.5)
 
@@ -92,18 +97,32 @@ def test_fast_flight_is_no_jump(T_body_t265):
     for k in range(400):  # up to 8 m/s at 10 m/s^2, three samples in ten lost
         if k % 10 < 7:
             t_s = k * DT_S
-            feed(core, k, tf.from_xyz_yaw([min(5 * t_s**2, 3.2 + 8 * (t_s - 0.8)), 0, 0], 0.0) @ T_body_t265)
+            feed(
+                core,
+                k,
+                tf.from_xyz_yaw([min(5 * t_s**2, 3.2 + 8 * (t_s - 0.8)), 0, 0], 0.0) @ T_body_t265,
+            )
     assert not core.status.jumps
 
 
-@pytest.mark.parametrize("spoil, reason", [
-    (lambda p, q, s: ((math.nan, p[1], p[2]), q, s), "not_finite"),
-    (lambda p, q, s: (p, (math.nan,) * 4, s), "not_finite"),
-    (lambda p, q, s: (p, (0.0, 0.0, 0.0, 0.0), s), "quaternion"),
-    (lambda p, q, s: (p, tuple(2 * c for c in q), s), "quaternion"),
-    (lambda p, q, s: (p, q, s - 0.1), "stamp"),
-    (lambda p, q, s: (p, tuple(tf.quaternion_xyzw(tf.from_xyz_rpy([0, 0, 0], [0.5, 0, 0]))), s), "tilt"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "spoil, reason",
+    [
+        (lambda p, q, s: ((math.nan, p[1], p[2]), q, s), "not_finite"),
+        (lambda p, q, s: (p, (math.nan,) * 4, s), "not_finite"),
+        (lambda p, q, s: (p, (0.0, 0.0, 0.0, 0.0), s), "quaternion"),
+        (lambda p, q, s: (p, tuple(2 * c for c in q), s), "quaternion"),
+        (lambda p, q, s: (p, q, s - 0.1), "stamp"),
+        (
+            lambda p, q, s: (
+                p,
+                tuple(tf.quaternion_xyzw(tf.from_xyz_rpy([0, 0, 0], [0.5, 0, 0]))),
+                s,
+            ),
+            "tilt",
+        ),
+    ],
+)
 def test_what_is_no_sample_is_rejected_and_counted(T_body_t265, spoil, reason):
     core = BodyOdometry(T_body_t265)
     fly(core, T_body_t265, 0, 50)
@@ -120,7 +139,11 @@ def test_a_tracker_that_jumps_without_end_is_withheld(T_body_t265):
     fly(core, T_body_t265, 0, 50)
     with pytest.raises(OdometryRejected, match="lost"):
         for k in range(50, 100):
-            feed(core, k, tf.from_xyz_yaw([5.0 * (k % 2), 0, 0], 0.0) @ body_at(k * DT_S) @ T_body_t265)
+            feed(
+                core,
+                k,
+                tf.from_xyz_yaw([5.0 * (k % 2), 0, 0], 0.0) @ body_at(k * DT_S) @ T_body_t265,
+            )
     assert core.status.lost
 
 
@@ -137,21 +160,30 @@ def test_a_clock_set_back_is_followed_after_a_bounded_silence(T_body_t265):
     assert passed == 30 - 19
 
 
-# ---- epochs: what was calibrated before another one does not hold any more --------------------------------------
+# ---- epochs: what was calibrated before another one does not hold any more -----------------------
 
 
 class Sampled:
     """A core that is fed at 200 Hz, by stamps whose clock is ``ahead_s`` of the monotonic one."""
 
     def __init__(self, T_body_t265):
-        self.core, self.T_body_t265, self.k, self.ahead_s = BodyOdometry(T_body_t265), T_body_t265, 0, 1.7e9
+        self.core, self.T_body_t265, self.k, self.ahead_s = (
+            BodyOdometry(T_body_t265),
+            T_body_t265,
+            0,
+            1.7e9,
+        )
 
     def fly(self, seconds, T_jump=None, awake_s=0.0):
         """The largest distance (m) of what comes out from the flight without a jump."""
         off_m = 0.0
         for _ in range(round(seconds / DT_S)):
             self.k += 1
-            T = (np.eye(4) if T_jump is None else T_jump) @ body_at(self.k * DT_S) @ self.T_body_t265
+            T = (
+                (np.eye(4) if T_jump is None else T_jump)
+                @ body_at(self.k * DT_S)
+                @ self.T_body_t265
+            )
             p, q, at_s = tuple(T[:3, 3].tolist()), tuple(tf.quaternion_xyzw(T)), self.k * DT_S
             try:
                 out = self.core.feed(at_s + self.ahead_s, p, q, came_s=max(at_s, awake_s))
@@ -164,13 +196,17 @@ class Sampled:
         self.k += round(seconds / DT_S)
 
 
-@pytest.mark.parametrize("silent_s, begins", [(0.1, False), (0.45, False), (0.55, True), (5.0, True)])
+@pytest.mark.parametrize(
+    "silent_s, begins", [(0.1, False), (0.45, False), (0.55, True), (5.0, True)]
+)
 def test_a_gap_of_half_a_second_begins_an_epoch(T_body_t265, silent_s, begins):
     s = Sampled(T_body_t265)
     s.fly(1.0)
     s.silent(silent_s)
     s.fly(1.0)
-    assert (s.core.epoch.number > s.core.status.jumps) is begins, "a jump that it hid begins one more"
+    assert (s.core.epoch.number > s.core.status.jumps) is begins, (
+        "a jump that it hid begins one more"
+    )
 
 
 def test_a_gap_over_which_it_stood_still_begins_an_epoch_too(T_body_t265):
@@ -219,15 +255,19 @@ def test_node_never_lets_a_jump_or_a_bad_sample_through(start_node, root, T_body
     subscribers = [
         rospy.Subscriber("/uav1/odometry/body", Odometry, got["body"].append, queue_size=1000),
         rospy.Subscriber("/uav1/odometry/state", Odometry, got["state"].append, queue_size=1000),
-        rospy.Subscriber("/uav1/mavros/vision_pose/pose", PoseStamped, got["vision"].append, queue_size=1000),
+        rospy.Subscriber(
+            "/uav1/mavros/vision_pose/pose", PoseStamped, got["vision"].append, queue_size=1000
+        ),
     ]
     publisher = rospy.Publisher("/uav1/t265/odom/sample", Odometry, queue_size=200)
     folder = str(root / "config" / "vehicles")
-    process = start_node("fcsv_tracking", "odometry", ns="uav1", params={"vehicle": "uav1", "vehicles_dir": folder})
+    process = start_node(
+        "fcsv_tracking", "odometry", ns="uav1", params={"vehicle": "uav1", "vehicles_dir": folder}
+    )
     deadline = time.monotonic() + 20
-    while (publisher.get_num_connections() < 1 or any(s.get_num_connections() < 1 for s in subscribers)) and (
-        time.monotonic() < deadline
-    ):
+    while (
+        publisher.get_num_connections() < 1 or any(s.get_num_connections() < 1 for s in subscribers)
+    ) and (time.monotonic() < deadline):
         time.sleep(0.05)
     assert publisher.get_num_connections() >= 1, process.tail()
     time.sleep(0.3)
@@ -245,11 +285,16 @@ def test_node_never_lets_a_jump_or_a_bad_sample_through(start_node, root, T_body
         time.sleep(max(0.0, begin_s + (k + 1) * DT_S - time.time()))
     time.sleep(0.5)
     assert len(got["body"]) == 598  # all but the two bad ones
-    assert 80 <= len(got["state"]) <= 92 and len(got["vision"]) == len(got["state"])  # 30 Hz over 3 s
+    # 30 Hz over 3 s
+    assert 80 <= len(got["state"]) <= 92 and len(got["vision"]) == len(got["state"])
     for message in got["vision"]:
         k = round((message.header.stamp.to_sec() - begin_s) / DT_S)
         p = message.pose.position
         assert message.header.frame_id == "uav1/odom"
-        assert np.linalg.norm(np.array([p.x, p.y, p.z]) - body_at(k * DT_S)[:3, 3]) < 0.02  # 30 m jump included
-    assert (got["body"][0].header.frame_id, got["body"][0].child_frame_id) == ("uav1/odom", "uav1/base_link")
+        # 30 m jump included
+        assert np.linalg.norm(np.array([p.x, p.y, p.z]) - body_at(k * DT_S)[:3, 3]) < 0.02
+    assert (got["body"][0].header.frame_id, got["body"][0].child_frame_id) == (
+        "uav1/odom",
+        "uav1/base_link",
+    )
     rospy.delete_param("/uav1/odometry_rebase")  # what the jump left for the node's next start

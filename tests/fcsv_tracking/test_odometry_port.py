@@ -27,7 +27,10 @@ class Tracker:
     def sample(self, frames=FRAMES):
         p_m, still = (self.x_m, 0.0, 0.0), (0.0, 0.0, 0.0)
         stamp_s = WALL_S + self.now_s
-        self.port.receive(self.now_s, TrackerSample(frames, stamp_s, p_m, (0.0, 0.0, 0.0, 1.0), still, still, (0.1,)))
+        self.port.receive(
+            self.now_s,
+            TrackerSample(frames, stamp_s, p_m, (0.0, 0.0, 0.0, 1.0), still, still, (0.1,)),
+        )
         return list(self.port.step(self.now_s))
 
     def run(self, seconds):
@@ -63,7 +66,9 @@ def test_its_epoch_is_told_once_at_the_start_and_before_the_first_pose_after_a_g
 
 
 def test_what_was_before_a_restart_is_gone_on_with():
-    tracker = Tracker(rebase=Rebase(0.0, (3.0, 0.0, 0.0)), epoch=EpochBegan(7, "the odometry was started"))
+    tracker = Tracker(
+        rebase=Rebase(0.0, (3.0, 0.0, 0.0)), epoch=EpochBegan(7, "the odometry was started")
+    )
     assert tracker.first[0].number == 7
     assert of(tracker.run(0.1), BodySample)[-1].pose.p_odom_body == pytest.approx((3.0, 0.0, 0.0))
 
@@ -74,7 +79,10 @@ def test_a_jump_is_undone_and_its_rebase_must_be_kept(tracker, caplog):
     out = tracker.run(0.1)
     assert of(out, BodySample)[-1].pose.p_odom_body == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     [rebase] = of(out, Rebase)
-    assert rebase.p_m == pytest.approx((-5.0, 0.0, 0.0), abs=1e-6) and "odometry jumped (number 1" in caplog.text
+    assert (
+        rebase.p_m == pytest.approx((-5.0, 0.0, 0.0), abs=1e-6)
+        and "odometry jumped (number 1" in caplog.text
+    )
 
 
 def test_samples_of_another_tracker_are_dropped_and_counted(tracker):
@@ -83,7 +91,10 @@ def test_samples_of_another_tracker_are_dropped_and_counted(tracker):
     assert isinstance(dropped, tm.Dropped) and "expected ('uav1/t265_odom_frame'" in dropped.why
     health = tracker.port.health(tracker.now_s, 0.3)
     assert health.error == "" and health.warning == "odometry samples were rejected"
-    assert dict(health.values)["rejected: frames"] == 1 and dict(health.values)["samples in the last period"] == 21
+    assert (
+        dict(health.values)["rejected: frames"] == 1
+        and dict(health.values)["samples in the last period"] == 21
+    )
 
 
 def test_its_health_tells_silence_and_a_jump_until_the_next_calibration(tracker):
@@ -93,7 +104,9 @@ def test_its_health_tells_silence_and_a_jump_until_the_next_calibration(tracker)
     tracker.x_m = 5.0
     tracker.run(0.1)
     for link, error in (("uav9", "odometry jumped: calibrate again"), ("uav1", "")):
-        found = tm.CalibrationFound(WALL_S + tracker.now_s, [OdomLink("uav2", link, np.eye(4), np.zeros((4, 4)))])
+        found = tm.CalibrationFound(
+            WALL_S + tracker.now_s, [OdomLink("uav2", link, np.eye(4), np.zeros((4, 4)))]
+        )
         tracker.port.receive(tracker.now_s, found)
         assert tracker.port.health(tracker.now_s, 0.3).error == error
     assert "no odometry" in tracker.port.health(tracker.now_s + 1.0, 0.3).error

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures held against a tracker's motion: a wall of noise before a camera that moves, and points of a scene."""
+"""Pictures held against a tracker's motion: a wall of noise before a camera that moves, and points
+of a scene."""
 
 import cv2
 import numpy as np
@@ -19,21 +20,29 @@ BOUND_RAD = 0.02  # of SceneCheckRules
 
 @pytest.fixture(scope="module")
 def wall():
-    """240x320 grey of a wall with texture of all sizes, as the camera sees it that stands before its middle."""
+    """240x320 grey of a wall with texture of all sizes, as the camera sees it that stands before
+    its middle."""
     random = np.random.default_rng(1)
     fine, coarse = (cv2.resize(random.random((240 // k, 320 // k)), (320, 240)) for k in (4, 20))
     return np.clip(255.0 * (0.6 * fine + 0.4 * coarse), 0, 255).astype(np.uint8)
 
 
 def pictured(wall, p_cam, turn_rad=0.0):
-    """The wall from a place (m, optical frame of the camera that stood still), turned about the upright."""
+    """The wall from a place (m, optical frame of the camera that stood still), turned about the
+    upright."""
     R = cv2.Rodrigues(np.array([0.0, turn_rad, 0.0]))[0]
-    H = CAMERA.K @ R.T @ (np.eye(3) - np.outer(p_cam, [0.0, 0.0, 1.0]) / WALL_M) @ np.linalg.inv(CAMERA.K)
+    H = (
+        CAMERA.K
+        @ R.T
+        @ (np.eye(3) - np.outer(p_cam, [0.0, 0.0, 1.0]) / WALL_M)
+        @ np.linalg.inv(CAMERA.K)
+    )
     return cv2.warpPerspective(wall, H, (320, 240), borderMode=cv2.BORDER_REFLECT)
 
 
 def looks(wall, moved_m, told_m, turn_rad=0.0):
-    """Of a camera that moves by ``moved_m`` (3,; optical) in a second, and whose tracker tells ``told_m``."""
+    """Of a camera that moves by ``moved_m`` (3,; optical) in a second, and whose tracker tells
+    ``told_m``."""
     watch, seen = SceneWatch(), []
     for k in range(4):
         share = k / 3.0
@@ -45,7 +54,9 @@ def looks(wall, moved_m, told_m, turn_rad=0.0):
     return seen[1:]
 
 
-@pytest.mark.parametrize("moved_m", [[0.0, 0.0, 0.0], [0.4, 0.0, 0.0], [0.0, -0.3, 0.0], [0.2, 0.1, 0.6]])
+@pytest.mark.parametrize(
+    "moved_m", [[0.0, 0.0, 0.0], [0.4, 0.0, 0.0], [0.0, -0.3, 0.0], [0.2, 0.1, 0.6]]
+)
 @pytest.mark.parametrize("turn_rad", [0.0, 0.08])
 def test_a_tracker_that_tells_the_truth_agrees(wall, moved_m, turn_rad):
     last = looks(wall, moved_m, moved_m, turn_rad)[-1]
@@ -56,7 +67,8 @@ def test_a_tracker_that_tells_the_truth_agrees(wall, moved_m, turn_rad):
 def test_who_holds_a_place_by_a_tracker_that_drifts_is_seen_to_fly(wall):
     last = looks(wall, [0.4, 0.0, 0.0], [0.0, 0.0, 0.0])[-1]
     assert last.off_rad == pytest.approx(0.4 / WALL_M, rel=0.1)  # the angle by which the wall moved
-    assert looks(wall, [0.0, 0.3, 0.0], [0.3, 0.0, 0.0])[-1].off_rad > BOUND_RAD  # another way than it tells
+    # another way than it tells
+    assert looks(wall, [0.0, 0.3, 0.0], [0.3, 0.0, 0.0])[-1].off_rad > BOUND_RAD
 
 
 def test_a_drift_along_the_way_is_not_seen(wall):
@@ -80,11 +92,15 @@ def test_points_that_move_by_themselves_are_outvoted():
 
 def test_a_new_frame_or_another_picture_size_begins_anew(wall):
     watch = SceneWatch()
-    assert watch.see(0.0, wall, CAMERA, T_ODOM_CAM) is None and watch.see(0.3, wall, CAMERA, T_ODOM_CAM) is not None
+    assert (
+        watch.see(0.0, wall, CAMERA, T_ODOM_CAM) is None
+        and watch.see(0.3, wall, CAMERA, T_ODOM_CAM) is not None
+    )
     watch.begin_again()
     assert watch.see(0.6, wall, CAMERA, T_ODOM_CAM) is None
     assert watch.see(0.9, wall[:200], CAMERA.resized(320, 200), T_ODOM_CAM) is None
-    assert watch.see(0.5, wall[:200], CAMERA.resized(320, 200), T_ODOM_CAM) is None  # a clock that was set back
+    # a clock that was set back
+    assert watch.see(0.5, wall[:200], CAMERA.resized(320, 200), T_ODOM_CAM) is None
     with pytest.raises(TrackingError, match="320x240, its camera_info 320x200"):
         watch.see(1.2, wall, CAMERA.resized(320, 200), T_ODOM_CAM)
 

@@ -16,7 +16,9 @@ from fcsv_tracking.errors import TagError
 from fcsv_tracking.tags import TagDetector, corner_points, planar_poses
 
 
-@pytest.mark.parametrize("distance_m, yaw_deg, roll_deg", [(2.0, 20, 5), (3.5, 0, 0), (3.5, -30, 10), (4.0, 25, -7)])
+@pytest.mark.parametrize(
+    "distance_m, yaw_deg, roll_deg", [(2.0, 20, 5), (3.5, 0, 0), (3.5, -30, 10), (4.0, 25, -7)]
+)
 def test_pose_and_corners_are_unbiased(distance_m, yaw_deg, roll_deg):
     detector = TagDetector({1: 0.16})
     errors = []
@@ -27,7 +29,8 @@ def test_pose_and_corners_are_unbiased(distance_m, yaw_deg, roll_deg):
         errors.append(seen.corners_px - truth)
         assert seen.id == 1 and np.abs(seen.corners_px - truth).max() < 0.5
         assert np.linalg.norm(seen.T_cam_tag[:3, 3] - T[:3, 3]) < 0.03 * distance_m
-    # a wrong pixel convention would show as a common half pixel; an exactly upright tag leaves 0.07 px
+    # a wrong pixel convention would show as a common half pixel; an exactly upright tag leaves 0.07
+    # px
     assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.12
 
 
@@ -42,7 +45,8 @@ def test_both_planar_solutions_are_offered():
 def test_other_ids_sizes_and_families_are_not_there():
     picture = render(pose(3.0))
     assert TagDetector({2: 0.16}).detect(picture, CAMERA) == []
-    (twice,) = TagDetector({1: 0.32}).detect(picture, CAMERA)  # a wrong size is a wrong distance, nothing else
+    # a wrong size is a wrong distance, nothing else
+    (twice,) = TagDetector({1: 0.32}).detect(picture, CAMERA)
     assert twice.T_cam_tag[2, 3] == pytest.approx(6.0, rel=0.02)
 
 
@@ -53,11 +57,16 @@ def test_mirrored_or_hidden_tags_are_not_found():
     assert TagDetector({1: 0.16}).detect(picture, CAMERA) == []
 
 
-@pytest.mark.parametrize("distance_m, yaw_deg, roll_deg", [(2.0, 20, 5), (3.5, -30, 10), (4.0, 25, -7)])
-def test_sought_in_a_smaller_picture_and_looked_at_again_corners_are_the_same(distance_m, yaw_deg, roll_deg):
+@pytest.mark.parametrize(
+    "distance_m, yaw_deg, roll_deg", [(2.0, 20, 5), (3.5, -30, 10), (4.0, 25, -7)]
+)
+def test_sought_in_a_smaller_picture_and_looked_at_again_corners_are_the_same(
+    distance_m, yaw_deg, roll_deg
+):
     picture = render(pose(distance_m, yaw_deg, roll_deg=roll_deg))
     whole, shrunk, sharp = (
-        TagDetector({1: 0.16}, *how).detect(picture, CAMERA)[0].corners_px for how in ((), (1.5,), (1.5, True))
+        TagDetector({1: 0.16}, *how).detect(picture, CAMERA)[0].corners_px
+        for how in ((), (1.5,), (1.5, True))
     )
     assert np.abs(sharp - whole).max() < 0.01 and not np.allclose(shrunk, whole, atol=0.01)
 
@@ -100,12 +109,15 @@ class TestPhotographs:
         info, camera = self.load(shared_data, "multiple_tags_test")
         detector = TagDetector(dict.fromkeys(range(587), info["tag_size"]))
         for path in sorted((shared_data / "apriltags").glob("test_image_multiple_*.png")):
-            ids = [t.id for t in detector.detect(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), camera)]
+            ids = [
+                t.id for t in detector.detect(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), camera)
+            ]
             assert len(ids) >= 4 and len(set(ids)) == len(ids), (path.name, ids)
 
 
 def test_others_run_while_it_looks():
-    """A node's readings and commands go on meanwhile: a large picture takes tens of times as long as one of them."""
+    """A node's readings and commands go on meanwhile: a large picture takes tens of times as long
+    as one of them."""
     camera = PinholeCamera(1920, 1080, 5000.0, 5000.0, 960.0, 540.0)
     noise = np.random.default_rng(0).integers(0, 256, (1080, 1920)).astype(np.uint8)
     detector, turns, done = TagDetector({1: 0.08}), [0], threading.Event()
@@ -127,4 +139,6 @@ def test_others_run_while_it_looks():
 def test_many_detectors_come_and_go():
     gray = np.zeros((48, 64), np.uint8)
     for _ in range(20):
-        assert TagDetector({1: 0.08}).detect(gray, PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5)) == []
+        assert (
+            TagDetector({1: 0.08}).detect(gray, PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5)) == []
+        )

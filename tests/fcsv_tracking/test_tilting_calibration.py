@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Axes and mounts of a tilting rig from simulated views of a board of tags, with noise of corners and readings."""
+"""Axes and mounts of a tilting rig from simulated views of a board of tags, with noise of corners
+and readings."""
 
 from dataclasses import replace
 
@@ -20,9 +21,10 @@ from fcsv_tracking.tilting.rig_file import write_rig
 BOARD = TagBoard()
 TICK_RAD = 2.0 * np.pi / 4096.0
 STATIONS = [
-    ([0.9, 0.1, 0.05], [5.0, 20.0, 0.0]), ([1.1, 0.05, 0.1], [-10.0, -25.0, 15.0]),
+    ([0.9, 0.1, 0.05], [5.0, 20.0, 0.0]),
+    ([1.1, 0.05, 0.1], [-10.0, -25.0, 15.0]),
     ([0.8, 0.15, 0.2], [0.0, 5.0, -20.0]),
-]  # fmt: skip
+]
 ANGLES_DEG = np.linspace(0.0, 30.0, 4)
 
 
@@ -42,7 +44,8 @@ def built(rig, seed=0):
         sides[side] = replace(camera, axis=TiltAxis(place, tuple(tilt.apply(camera.axis.unit))))
     right = sides["right"]
     xyz_m, rpy_deg = (
-        tuple(np.add(v, random.normal(0.0, s, 3))) for v, s in ((right.mount.xyz_m, 0.002), ((0, 0, 0), 1))
+        tuple(np.add(v, random.normal(0.0, s, 3)))
+        for v, s in ((right.mount.xyz_m, 0.002), ((0, 0, 0), 1))
     )
     return replace(rig, left=sides["left"], right=replace(right, mount=Mount(xyz_m, rpy_deg)))
 
@@ -63,24 +66,40 @@ def views_of(true, stations=(0, 1, 2), angles_deg=ANGLES_DEG, noise_px=0.1, side
                 camera = getattr(true, side)
                 angle = np.radians(deg) + random.normal(0.0, np.radians(0.03))
                 T_cam_board = transforms.invert(camera.T_rig_cam(angle)) @ board_pose(s)
-                points = np.concatenate([BOARD.corners(i) for i in range(BOARD.columns * BOARD.rows)])
+                points = np.concatenate(
+                    [BOARD.corners(i) for i in range(BOARD.columns * BOARD.rows)]
+                )
                 uv = camera.camera.project(transforms.apply(T_cam_board, points))
-                inside = ((uv > 3) & (uv < [636, 476])).all(axis=1).reshape(-1, 4).all(axis=1).repeat(4)
+                inside = (
+                    ((uv > 3) & (uv < [636, 476])).all(axis=1).reshape(-1, 4).all(axis=1).repeat(4)
+                )
                 if inside.sum() < 16:
                     continue
                 uv = uv[inside] + random.normal(0.0, noise_px, (int(inside.sum()), 2))
                 read = np.round(angle / TICK_RAD) * TICK_RAD
-                views.append(BoardView(str(s), side, float(read), camera.camera.normalize(uv), points[inside], 601.8))
+                views.append(
+                    BoardView(
+                        str(s),
+                        side,
+                        float(read),
+                        camera.camera.normalize(uv),
+                        points[inside],
+                        601.8,
+                    )
+                )
     return views
 
 
 def errors(found, true):
-    """Largest rotation (deg) and position error (m) of the right camera against the left one over the angles."""
+    """Largest rotation (deg) and position error (m) of the right camera against the left one over
+    the angles."""
     worst = np.zeros(2)
     for left in (0.0, 0.25, 0.5):
         for right in (0.0, 0.25, 0.5):
             a, b = (r.T_left_right(TiltAngles(left, right)) for r in (found, true))
-            worst = np.maximum(worst, [np.degrees(transforms.rotation_angle(a, b)), np.abs(a - b)[:3, 3].max()])
+            worst = np.maximum(
+                worst, [np.degrees(transforms.rotation_angle(a, b)), np.abs(a - b)[:3, 3].max()]
+            )
     return worst
 
 
@@ -91,13 +110,16 @@ def test_it_finds_what_was_built_and_says_how_well(told):
     rotation_deg, position_m = errors(found.rig, true)
     assert before[0] > 1.0 and before[1] > 0.002
     known = found.rig.known
-    assert rotation_deg < 4.0 * known.rotation_deg and position_m < 4.0 * known.position_m  # three axes, nine places
-    assert known.rotation_deg < 0.05 and known.position_m < 0.0005  # what config/tilting/rig.yaml takes for granted
+    # three axes, nine places
+    assert rotation_deg < 4.0 * known.rotation_deg and position_m < 4.0 * known.position_m
+    # what config/tilting/rig.yaml takes for granted
+    assert known.rotation_deg < 0.05 and known.position_m < 0.0005
     assert found.rms_px == pytest.approx(0.1, rel=0.1) and found.rejected == 0
 
 
 def test_its_standard_deviations_are_those_of_its_errors(told):
-    """Four rigs: squared errors over variances of six numbers at one pair of angles; the mean is 6, its sigma 1.7."""
+    """Four rigs: squared errors over variances of six numbers at one pair of angles; the mean is 6,
+    its sigma 1.7."""
     chi2 = []
     for seed in range(4):
         true = built(told, seed)
@@ -119,17 +141,23 @@ def test_one_servo_for_both_and_one_wrong_tag(told):
     bad[:4] += 0.05  # 30 px: a tag that was pasted elsewhere
     views[4] = replace(views[4], corners_normalized=bad)
     found = calibrate(geared, views)
-    same = [np.subtract(r.T_left_right(TiltAngles(a, a)), true.T_left_right(TiltAngles(a, a)))
-            for a in (0.0, 0.25, 0.5) for r in (found.rig,)]  # fmt: skip
+    same = [
+        np.subtract(r.T_left_right(TiltAngles(a, a)), true.T_left_right(TiltAngles(a, a)))
+        for a in (0.0, 0.25, 0.5)
+        for r in (found.rig,)
+    ]
     assert found.rejected == 4 and np.abs(same).max() < 2e-3
 
 
-@pytest.mark.parametrize("change, words", [
-    ({"sides": ("left",)}, "the right camera sees the board in 0 pictures"),
-    ({"angles_deg": np.linspace(5.0, 9.0, 4)}, "angles span 4"),
-    ({"stations": (0,), "angles_deg": ANGLES_DEG[:3]}, "in 3 pictures, 6 are needed"),
-    ({"noise_px": 8.0}, "only known to"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"sides": ("left",)}, "the right camera sees the board in 0 pictures"),
+        ({"angles_deg": np.linspace(5.0, 9.0, 4)}, "angles span 4"),
+        ({"stations": (0,), "angles_deg": ANGLES_DEG[:3]}, "in 3 pictures, 6 are needed"),
+        ({"noise_px": 8.0}, "only known to"),
+    ],
+)
 def test_what_cannot_be_told_is_refused(told, change, words):
     with pytest.raises(CalibrationRefused, match=words):
         calibrate(told, views_of(built(told), **change))
@@ -137,7 +165,9 @@ def test_what_cannot_be_told_is_refused(told, change, words):
 
 def test_cameras_that_never_see_one_board_are_refused(told):
     true = built(told)
-    views = views_of(true, (0, 2), sides=("left",)) + views_of(true, (1,), np.arange(0, 36, 5), sides=("right",))
+    views = views_of(true, (0, 2), sides=("left",)) + views_of(
+        true, (1,), np.arange(0, 36, 5), sides=("right",)
+    )
     with pytest.raises(CalibrationRefused, match="no station is seen by both"):
         calibrate(told, views)
 
@@ -148,13 +178,22 @@ def picture(T_cam_board, camera):
     scale = np.array([[3.0, 0, 1.0], [0, 3.0, 1.0], [0, 0, 1.0]])
     for i in range(BOARD.columns * BOARD.rows):
         bits = cv2.resize(
-            (tag_bitmap(BOARD.first_id + i) * 255).astype(np.uint8), (200, 200), interpolation=cv2.INTER_NEAREST
+            (tag_bitmap(BOARD.first_id + i) * 255).astype(np.uint8),
+            (200, 200),
+            interpolation=cv2.INTER_NEAREST,
         )
         edge_m, at = BOARD.size_m / 160, BOARD.corners(BOARD.first_id + i).mean(axis=0)
-        A = np.array([[edge_m, 0, at[0] - 99.5 * edge_m], [0, edge_m, at[1] - 99.5 * edge_m], [0, 0, 1.0]])
+        A = np.array(
+            [[edge_m, 0, at[0] - 99.5 * edge_m], [0, edge_m, at[1] - 99.5 * edge_m], [0, 0, 1.0]]
+        )
         H = scale @ camera.K @ T_cam_board[:3, [0, 1, 3]] @ A
         cv2.warpPerspective(
-            bits, H, big.shape[::-1], dst=big, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_TRANSPARENT
+            bits,
+            H,
+            big.shape[::-1],
+            dst=big,
+            flags=cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_TRANSPARENT,
         )
     return cv2.resize(big, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
 
@@ -174,11 +213,17 @@ def test_the_command_from_pictures_to_a_file(told, root, tmp_path, capsys):
     assert "12 views" in capsys.readouterr().out
     rotation_deg, position_m = errors(load_rig(out), true)
     assert rotation_deg < 0.1 and position_m < 0.001  # TiltRules accepts no more
-    for text, words in (("picture,side", "line 1"), ("\n".join([*lines, "none.png,0,left,3"]), "line 14"),
-                        ("\n".join([*lines, f"{name},0,middle,3"]), "side 'middle'"),
-                        ("\n".join([*lines, f"{name},0,left,x"]), "angle 'x'")):  # fmt: skip
+    for text, words in (
+        ("picture,side", "line 1"),
+        ("\n".join([*lines, "none.png,0,left,3"]), "line 14"),
+        ("\n".join([*lines, f"{name},0,middle,3"]), "side 'middle'"),
+        ("\n".join([*lines, f"{name},0,left,x"]), "angle 'x'"),
+    ):
         (tmp_path / "views.csv").write_text(text)
-        assert calibrate_tilting.main([rig_file, str(tmp_path), "-o", str(tmp_path / "none.yaml")]) == 2
+        assert (
+            calibrate_tilting.main([rig_file, str(tmp_path), "-o", str(tmp_path / "none.yaml")])
+            == 2
+        )
         assert words in capsys.readouterr().err and not (tmp_path / "none.yaml").exists()
 
 

@@ -23,7 +23,11 @@ until = within(60.0)
 def small_rig(root, folder):
     document = yaml.safe_load((root / "config/tilting/rig.yaml").read_text())
     c = CAMERA
-    lens = {"width": c.width, "height": c.height, **{k: float(getattr(c, k)) for k in ("fx", "fy", "cx", "cy")}}
+    lens = {
+        "width": c.width,
+        "height": c.height,
+        **{k: float(getattr(c, k)) for k in ("fx", "fy", "cx", "cy")},
+    }
     for side in SIDES:
         document[side]["camera"] = dict(lens)
     document["name"] = "t_rig"
@@ -51,7 +55,9 @@ def test_it_turns_to_the_distance_and_its_pictures_become_live_depth(start_node,
     ]
     distance = rospy.Publisher("/t_rig/distance", Range, queue_size=5)
     command = rospy.Publisher("/t_rig/command", JointState, queue_size=5)
-    cameras = {s: rospy.Publisher(f"/t_rig_{s}/camera/image_raw", Image, queue_size=5) for s in SIDES}
+    cameras = {
+        s: rospy.Publisher(f"/t_rig_{s}/camera/image_raw", Image, queue_size=5) for s in SIDES
+    }
     buffer = tf2_ros.Buffer()
     listener = tf2_ros.TransformListener(buffer)
     with SimulatedBus([1, 2]) as bus:
@@ -64,15 +70,28 @@ def test_it_turns_to_the_distance_and_its_pictures_become_live_depth(start_node,
             ns="t_map",
             params={"vehicles": names, "monitor": True, "refine_every": 20, "bars": True},
         )
-        until(lambda: joints and distance.get_num_connections() and command.get_num_connections(), what="joints")
+        until(
+            lambda: joints and distance.get_num_connections() and command.get_num_connections(),
+            what="joints",
+        )
 
         command.publish(joint_messages.to_message(time.time(), "t_rig/rig", [0.3, 0.1], SIDES))
-        until(lambda: np.allclose(joints[-1].position, [0.3, 0.1], atol=0.004), what="the angles by hand")
+        until(
+            lambda: np.allclose(joints[-1].position, [0.3, 0.1], atol=0.004),
+            what="the angles by hand",
+        )
         for wrong in (float("nan"), -1.0):
-            distance.publish(Range(header=conversions.header(time.time(), "t_rig/rig"), range=wrong))
-        distance.publish(Range(header=conversions.header(time.time(), "t_rig/rig"), range=LOOKED_AT_M))
+            distance.publish(
+                Range(header=conversions.header(time.time(), "t_rig/rig"), range=wrong)
+            )
+        distance.publish(
+            Range(header=conversions.header(time.time(), "t_rig/rig"), range=LOOKED_AT_M)
+        )
         goal = crossing(rig, LOOKED_AT_M)
-        until(lambda: np.allclose(joints[-1].position, goal, atol=0.004), what="the angles for the distance")
+        until(
+            lambda: np.allclose(joints[-1].position, goal, atol=0.004),
+            what="the angles for the distance",
+        )
 
         deadline = time.time() + 60.0
         while len(depths) < 2 and time.time() < deadline:
@@ -81,7 +100,9 @@ def test_it_turns_to_the_distance_and_its_pictures_become_live_depth(start_node,
                 T = rig.T_rig_cam(side, angles)
                 T[:3, 3] *= SCALE
                 frame = f"t_rig_{side}/camera_optical"
-                cameras[side].publish(conversions.array_to_image(photograph(T), "rgb8", now_s, frame))
+                cameras[side].publish(
+                    conversions.array_to_image(photograph(T), "rgb8", now_s, frame)
+                )
             time.sleep(0.4)
         assert len(depths) >= 2, process.tail(20)
         depth = conversions.image_to_array(depths[-1])
@@ -93,7 +114,10 @@ def test_it_turns_to_the_distance_and_its_pictures_become_live_depth(start_node,
         found = conversions.transform_from_msg(
             buffer.lookup_transform("home", "t_rig_right/camera_optical", stamp).transform
         )
-        assert transforms.rotation_angle(found, conversions.pose_to_transform(poses[-1].pose.pose)) < 0.01
+        assert (
+            transforms.rotation_angle(found, conversions.pose_to_transform(poses[-1].pose.pose))
+            < 0.01
+        )
         assert process.returncode is None
         process.stop(grace_s=10.0)
         until(lambda: not any(s.axis.torque for s in bus.servos.values()), what="torque off")

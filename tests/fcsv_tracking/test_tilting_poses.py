@@ -36,7 +36,8 @@ def test_a_camera_that_stands_has_a_pose_and_one_that_turns_none(rig):
 
 
 def test_the_near_thing_in_the_middle_is_looked_at(rig):
-    """A bar at 0.8 m over a third of the middle, a wall at 3 m behind; half of the picture's size."""
+    """A bar at 0.8 m over a third of the middle, a wall at 3 m behind; half of the picture's
+    size."""
     angles = crossing(rig, 0.8)
     T = rig.T_rig_cam("left", angles)
     depth = np.full((240, 320), 3.0, np.float32)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tilting rig: where its cameras are, how well that is known, which angle for which distance, its servos."""
+"""The tilting rig: where its cameras are, how well that is known, which angle for which distance,
+its servos."""
 
 import time
 from dataclasses import replace
@@ -44,19 +45,25 @@ class TestGeometry:
             assert looks == pytest.approx([np.cos(0.2), sign * np.sin(0.2), 0.0])
 
     def test_covariance_is_that_of_many_rigs(self, rig):
-        """Readings and calibration as ``known`` says them; 4000 draws tell a standard deviation to 1.1 %."""
+        """Readings and calibration as ``known`` says them; 4000 draws tell a standard deviation to
+        1.1 %."""
         angles, random, n = TiltAngles(0.3, 0.2), np.random.default_rng(1), 4000
         T_l, T_r = (rig.T_rig_cam(s, angles) for s in SIDES)
         errors = np.empty((n, 6))
         for i in range(n):
             off = random.normal(0.0, rig.angle_std_rad, 2)
-            left, right = rig.left.T_rig_cam(angles[0] + off[0]), rig.right.T_rig_cam(angles[1] + off[1])
+            left, right = (
+                rig.left.T_rig_cam(angles[0] + off[0]),
+                rig.right.T_rig_cam(angles[1] + off[1]),
+            )
             turn = random.normal(0.0, np.radians(rig.known.rotation_deg), 3)
             right[:3, :3] = transforms.Rotation.from_rotvec(turn).as_matrix() @ right[:3, :3]
             right[:3, 3] += random.normal(0.0, rig.known.position_m, 3)
             held = T_l @ transforms.invert(left) @ right  # the right one where the left one is held
             errors[i, :3] = held[:3, 3] - T_r[:3, 3]
-            errors[i, 3:] = transforms.Rotation.from_matrix(held[:3, :3] @ T_r[:3, :3].T).as_rotvec()
+            errors[i, 3:] = transforms.Rotation.from_matrix(
+                held[:3, :3] @ T_r[:3, :3].T
+            ).as_rotvec()
         found, said = np.cov(errors.T), rig.relative_covariance(angles)
         scale = np.sqrt(np.outer(said.diagonal(), said.diagonal()))
         assert np.abs(found - said).max() < 0.07 * scale.max() and np.allclose(
@@ -64,21 +71,25 @@ class TestGeometry:
         )
 
     def test_a_geared_pair_errs_by_one_reading(self, rig, geared):
-        """Both turn inward by the same error: their relative yaw is off by twice it, not by sqrt(2)."""
+        """Both turn inward by the same error: their relative yaw is off by twice it, not by
+        sqrt(2)."""
         angles = TiltAngles(0.2, 0.2)
         known2 = np.radians(rig.known.rotation_deg) ** 2
         own, one = (np.sqrt(r.relative_covariance(angles)[5, 5] - known2) for r in (rig, geared))
         assert one / own == pytest.approx(np.sqrt(2.0), rel=1e-3)
 
-    @pytest.mark.parametrize("path, value, words", [
-        (("left", "servo"), None, "left.servo"),
-        (("right", "servo", "id"), 1, "right.servo.id"),
-        (("left", "axis", "direction"), [0.0, 0.0, 0.0], "left.axis"),
-        (("limits_deg",), [10.0, 5.0], "limits_deg"),
-        (("left", "mount", "xyz_m"), [0.0, -0.3, 0.0], "left.mount.xyz_m"),
-        (("known", "reading_deg"), 0.0, "known.reading_deg"),
-        (("tilt",), 1, "unknown key 'tilt'"),
-    ])  # fmt: skip
+    @pytest.mark.parametrize(
+        "path, value, words",
+        [
+            (("left", "servo"), None, "left.servo"),
+            (("right", "servo", "id"), 1, "right.servo.id"),
+            (("left", "axis", "direction"), [0.0, 0.0, 0.0], "left.axis"),
+            (("limits_deg",), [10.0, 5.0], "limits_deg"),
+            (("left", "mount", "xyz_m"), [0.0, -0.3, 0.0], "left.mount.xyz_m"),
+            (("known", "reading_deg"), 0.0, "known.reading_deg"),
+            (("tilt",), 1, "unknown key 'tilt'"),
+        ],
+    )
     def test_a_wrong_file_is_refused_by_field(self, root, tmp_path, path, value, words):
         document = yaml.safe_load((root / "config/tilting/rig.yaml").read_text())
         at = document
@@ -96,7 +107,9 @@ class TestAim:
         angles = crossing(rig, distance_m)
         for side in SIDES:
             T_cam_rig = transforms.invert(rig.T_rig_cam(side, angles))
-            u, _ = getattr(rig, side).camera.project(transforms.apply(T_cam_rig, np.array([[distance_m, 0, 0]])))[0]
+            u, _ = getattr(rig, side).camera.project(
+                transforms.apply(T_cam_rig, np.array([[distance_m, 0, 0]]))
+            )[0]
             assert u == pytest.approx(319.5, abs=1e-3)
 
     def test_limits_hold(self, rig):
@@ -143,7 +156,8 @@ class TestAim:
         assert aim.goal == goal
 
     def test_nearest_distances(self, rig):
-        """Parallel: 0.15 m to the side and half of the size within 28 degrees, behind lenses 15 mm ahead."""
+        """Parallel: 0.15 m to the side and half of the size within 28 degrees, behind lenses 15 mm
+        ahead."""
         size_m = 0.1
         parallel = (0.15 + size_m / 2) / (319.5 / 601.8) + 0.015
         assert nearest_m(rig, size_m, tilt=False) == pytest.approx(parallel, abs=1e-3)
@@ -162,12 +176,20 @@ class TestServos:
             servos = TiltServos(line, rig, time.time)
             goal = TiltAngles(0.3, 0.2)
             servos.turn(goal)
-            until(lambda: np.allclose(servos.read().angles, goal, atol=2 * mx12w.TICK_RAD), what="the cameras turned")
-            assert bus.servos[1].get(mx12w.GOAL_POSITION) == 2048 - round(0.3 / mx12w.TICK_RAD)  # its sign is -1
-            assert set(servos.health()) == {f"{s} {w}" for s in SIDES for w in ("servo", "lost answers")}
+            until(
+                lambda: np.allclose(servos.read().angles, goal, atol=2 * mx12w.TICK_RAD),
+                what="the cameras turned",
+            )
+            # its sign is -1
+            assert bus.servos[1].get(mx12w.GOAL_POSITION) == 2048 - round(0.3 / mx12w.TICK_RAD)
+            assert set(servos.health()) == {
+                f"{s} {w}" for s in SIDES for w in ("servo", "lost answers")
+            }
             servos.turn(TiltAngles(2.0, 2.0))  # inside the rig's limits
             most = 2048 + round(np.radians(35.0) / mx12w.TICK_RAD)
-            until(lambda: bus.servos[2].get(mx12w.GOAL_POSITION) == most, what="the goal at the limit")
+            until(
+                lambda: bus.servos[2].get(mx12w.GOAL_POSITION) == most, what="the goal at the limit"
+            )
             servos.close()
             line.close()
 
@@ -176,7 +198,10 @@ class TestServos:
             line = DynamixelBus(bus.port, answer_s=0.3)
             servos = TiltServos(line, geared, time.time)
             servos.turn(TiltAngles(0.3, 0.0))
-            until(lambda: abs(servos.read().angles.right_rad - 0.3) < 2 * mx12w.TICK_RAD, what="the cameras turned")
+            until(
+                lambda: abs(servos.read().angles.right_rad - 0.3) < 2 * mx12w.TICK_RAD,
+                what="the cameras turned",
+            )
             line.close()
 
     def test_a_servo_that_is_missing_is_named(self, rig):

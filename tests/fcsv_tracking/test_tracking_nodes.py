@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clock, frames, calibration and tag nodes on a master: what they publish, refuse, count and say."""
+"""Clock, frames, calibration and tag nodes on a master: what they publish, refuse, count and
+say."""
 
 import time
 
@@ -90,14 +91,19 @@ def odometry(name, stamp_s, T_odom_body, frame=None):
 
     from fcsv_geometry.ros import conversions
 
-    message = Odometry(header=conversions.header(stamp_s, frame or f"{name}/odom"), child_frame_id=f"{name}/base_link")
+    message = Odometry(
+        header=conversions.header(stamp_s, frame or f"{name}/odom"),
+        child_frame_id=f"{name}/base_link",
+    )
     message.pose.pose = conversions.transform_to_pose(T_odom_body)
     return message
 
 
 def says(text):
     """A diagnostics message in which some status says so."""
-    return lambda m: any(text in s.message or any(text in f"{v.key} {v.value}" for v in s.values) for s in m.status)
+    return lambda m: any(
+        text in s.message or any(text in f"{v.key} {v.value}" for v in s.values) for s in m.status
+    )
 
 
 def test_clocks_are_measured_and_a_wrong_one_is_named(start_node, listen, talk):
@@ -106,7 +112,10 @@ def test_clocks_are_measured_and_a_wrong_one_is_named(start_node, listen, talk):
 
     from fcsv_msgs.msg import ClockEcho, ClockOffset
 
-    right, wrong = listen("/uav1/clock/offset", ClockOffset), listen("/uav2/clock/offset", ClockOffset)
+    right, wrong = (
+        listen("/uav1/clock/offset", ClockOffset),
+        listen("/uav2/clock/offset", ClockOffset),
+    )
     health = listen("/diagnostics", DiagnosticArray)
     answers = talk("/uav2/clock/pong", ClockEcho)
 
@@ -115,18 +124,28 @@ def test_clocks_are_measured_and_a_wrong_one_is_named(start_node, listen, talk):
         answers.publish(message)
 
     ping = rospy.Subscriber("/uav2/clock/ping", ClockEcho, answer, queue_size=1)
-    start_node("fcsv_tracking", "clock", name="clock_uav1", params={"role": "vehicle", "name": "uav1"})
-    start_node("fcsv_tracking", "clock", name="clock", params={"role": "control", "vehicles": ["uav1", "uav2", "uav3"]})
+    start_node(
+        "fcsv_tracking", "clock", name="clock_uav1", params={"role": "vehicle", "name": "uav1"}
+    )
+    start_node(
+        "fcsv_tracking",
+        "clock",
+        name="clock",
+        params={"role": "control", "vehicles": ["uav1", "uav2", "uav3"]},
+    )
     near = right.wait()
     far = wrong.wait()
-    assert near is not None and abs(near.offset_s) <= near.uncertainty_s + 1e-4  # one machine, one clock
+    # one machine, one clock
+    assert near is not None and abs(near.offset_s) <= near.uncertainty_s + 1e-4
     assert far is not None and abs(far.offset_s - 0.4) <= far.uncertainty_s + 1e-4
     assert health.wait(says("uav2's clock is 0.4")) is not None
     assert health.wait(says("uav3 does not answer")) is not None
     ping.unregister()
 
 
-def test_frames_publish_covariance_that_grows_and_call_for_calibration(start_node, listen, talk, folder):
+def test_frames_publish_covariance_that_grows_and_call_for_calibration(
+    start_node, listen, talk, folder
+):
     from diagnostic_msgs.msg import DiagnosticArray
     from geometry_msgs.msg import PoseWithCovarianceStamped
     from nav_msgs.msg import Odometry
@@ -139,21 +158,40 @@ def test_frames_publish_covariance_that_grows_and_call_for_calibration(start_nod
 
     camera = listen("/uav3/camera_pose", PoseWithCovarianceStamped)
     health = listen("/diagnostics", DiagnosticArray)
-    calibration, home = talk("/calibration", Calibration, latch=True), talk("/home", Home, latch=True)
+    calibration, home = (
+        talk("/calibration", Calibration, latch=True),
+        talk("/home", Home, latch=True),
+    )
     tracks = {n: talk(f"/{n}/odometry/state", Odometry) for n in ("uav1", "uav2", "uav3")}
-    params = {"vehicles": ["uav1", "uav2", "uav3"], "vehicles_dir": folder, "age": {"most_position_std_m": 0.15}}
+    params = {
+        "vehicles": ["uav1", "uav2", "uav3"],
+        "vehicles_dir": folder,
+        "age": {"most_position_std_m": 0.15},
+    }
     start_node("fcsv_tracking", "frames", params=params)
     connected(*tracks.values(), calibration, home)
     link = np.diag([0.01, 0.01, 0.005, 0.004]) ** 2
     T = transforms.from_xyz_yaw([-3.5, 0.0, 0.0], 0.5)
     now_s = time.time()
     message = Calibration(header=conversions.header(now_s, "uav1/odom"))
-    message.links = [link_messages.to_message(Link(a, b, T, link, 0.0, 0.0, 0.0, 40, 0))
-                     for a, b in (("uav1", "uav2"), ("uav2", "uav3"))]  # fmt: skip
+    message.links = [
+        link_messages.to_message(Link(a, b, T, link, 0.0, 0.0, 0.0, 40, 0))
+        for a, b in (("uav1", "uav2"), ("uav2", "uav3"))
+    ]
     calibration.publish(message)
     markers = listen("/tracking/markers", MarkerArray)
-    start_node("fcsv_tracking", "markers", params={"vehicles": ["uav1", "uav2", "uav3"], "vehicles_dir": folder})
-    home.publish(Home(header=message.header, reference="uav1", home_in_odom=conversions.transform_to_pose(np.eye(4))))
+    start_node(
+        "fcsv_tracking",
+        "markers",
+        params={"vehicles": ["uav1", "uav2", "uav3"], "vehicles_dir": folder},
+    )
+    home.publish(
+        Home(
+            header=message.header,
+            reference="uav1",
+            home_in_odom=conversions.transform_to_pose(np.eye(4)),
+        )
+    )
     for i in range(200):  # standing, until calibration and home have arrived
         tracks["uav3"].publish(odometry("uav3", now_s - 30.0 + 0.1 * i, np.eye(4)))
         if camera.wait(seconds=0.1) is not None:
@@ -165,29 +203,43 @@ def test_frames_publish_covariance_that_grows_and_call_for_calibration(start_nod
     tracks["uav3"].publish(odometry("uav3", now_s + 41.0, np.eye(4), frame="uav1/odom"))
     assert camera.wait(lambda m: m.header.stamp.to_sec() > now_s + 39.0) is not None
     first, last = (np.reshape(camera.messages[i].pose.covariance, (6, 6)) for i in (0, -1))
-    # at the beginning the chain's: 3.5 m of lever arm of the first yaw beside both positions, 0.11 m of camera
+    # at the beginning the chain's: 3.5 m of lever arm of the first yaw beside both positions, 0.11
+    # m of camera
     assert np.sqrt(np.trace(first[:3, :3])) == pytest.approx(0.026, abs=0.006)
     assert last[5, 5] > first[5, 5] and np.sqrt(np.trace(last[:3, :3])) > 0.15
     assert np.linalg.eigvalsh(last).min() > -1e-12 and np.allclose(last, last.T)
     assert health.wait(says("calibrate again: uav3 is only known to")) is not None
     assert health.wait(says("dropped: odometry")) is not None
-    expected = T @ T @ transforms.from_xyz_yaw([39.9, 0, 0], 0.0) @ transforms.from_xyz_yaw([0.11, 0, 0.03], 0.0)
-    for i in range(40):  # standing again, until the markers' node, which may start late, has heard of it
+    expected = (
+        T
+        @ T
+        @ transforms.from_xyz_yaw([39.9, 0, 0], 0.0)
+        @ transforms.from_xyz_yaw([0.11, 0, 0.03], 0.0)
+    )
+    # standing again, until the markers' node, which may start late, has heard of it
+    for i in range(40):
         tracks["uav3"].publish(odometry("uav3", now_s + 42.0 + 0.1 * i, T_odom_body))
-        drawn = markers.wait(lambda m: any(k.ns == "covariance of uav3" for k in m.markers), seconds=0.5)
+        drawn = markers.wait(
+            lambda m: any(k.ns == "covariance of uav3" for k in m.markers), seconds=0.5
+        )
         if drawn is not None:
             break
     ball = next(k for k in drawn.markers if k.ns == "covariance of uav3")
     q = ball.pose.orientation
     R = transforms.from_xyz_quaternion(np.zeros(3), [q.x, q.y, q.z, q.w])[:3, :3]
-    drawn_covariance = R @ np.diag(np.square([ball.scale.x, ball.scale.y, ball.scale.z]) / 36.0) @ R.T
+    drawn_covariance = (
+        R @ np.diag(np.square([ball.scale.x, ball.scale.y, ball.scale.z]) / 36.0) @ R.T
+    )
     some = [np.reshape(m.pose.covariance, (6, 6))[:3, :3] for m in camera.messages]
-    assert min(np.abs(drawn_covariance - c).max() for c in some) < 1e-6  # three sigma either way of one that came
+    # three sigma either way of one that came
+    assert min(np.abs(drawn_covariance - c).max() for c in some) < 1e-6
     p = camera.messages[-1].pose.pose.position
     assert np.allclose([p.x, p.y, p.z], expected[:3, 3], atol=1e-6)
 
 
-def test_what_was_flown_before_the_calibration_is_heard_of_is_in_the_covariance(start_node, listen, talk, folder):
+def test_what_was_flown_before_the_calibration_is_heard_of_is_in_the_covariance(
+    start_node, listen, talk, folder
+):
     from geometry_msgs.msg import PoseWithCovarianceStamped
     from nav_msgs.msg import Odometry
 
@@ -197,9 +249,14 @@ def test_what_was_flown_before_the_calibration_is_heard_of_is_in_the_covariance(
     from fcsv_tracking.ros import link_messages
 
     camera = listen("/uav2/camera_pose", PoseWithCovarianceStamped)
-    calibration, home = talk("/calibration", Calibration, latch=True), talk("/home", Home, latch=True)
+    calibration, home = (
+        talk("/calibration", Calibration, latch=True),
+        talk("/home", Home, latch=True),
+    )
     track = talk("/uav2/odometry/state", Odometry)
-    node = start_node("fcsv_tracking", "frames", params={"vehicles": ["uav1", "uav2"], "vehicles_dir": folder})
+    node = start_node(
+        "fcsv_tracking", "frames", params={"vehicles": ["uav1", "uav2"], "vehicles_dir": folder}
+    )
     connected(track, calibration, home, camera)
     now_s = time.time()
     for i in range(41):  # 20 m
@@ -208,9 +265,19 @@ def test_what_was_flown_before_the_calibration_is_heard_of_is_in_the_covariance(
         time.sleep(0.01)
     time.sleep(0.5)
     message = Calibration(header=conversions.header(now_s - 4.0, "uav1/odom"))
-    message.links = [link_messages.to_message(Link("uav1", "uav2", np.eye(4), 1e-6 * np.eye(4), 0.0, 0.0, 0.0, 40, 0))]
+    message.links = [
+        link_messages.to_message(
+            Link("uav1", "uav2", np.eye(4), 1e-6 * np.eye(4), 0.0, 0.0, 0.0, 40, 0)
+        )
+    ]
     calibration.publish(message)
-    home.publish(Home(header=message.header, reference="uav1", home_in_odom=conversions.transform_to_pose(np.eye(4))))
+    home.publish(
+        Home(
+            header=message.header,
+            reference="uav1",
+            home_in_odom=conversions.transform_to_pose(np.eye(4)),
+        )
+    )
     for i in range(200):  # standing, until calibration and home have arrived
         track.publish(odometry("uav2", now_s + 0.1 * (i + 1), T_odom_body))
         if camera.wait(seconds=0.1) is not None:
@@ -236,7 +303,8 @@ def nan(message):
 
 
 class Column:
-    """Two vehicles and what comes of them over the radio, ten times as fast; one calibration after another."""
+    """Two vehicles and what comes of them over the radio, ten times as fast; one calibration after
+    another."""
 
     def __init__(self, talk):
         from nav_msgs.msg import Odometry
@@ -249,7 +317,9 @@ class Column:
         self.begin_s = 0.0
         self.states = {n: talk(f"/{n}/odometry/state", Odometry) for n in self.flight.names}
         self.tags = talk("/uav2/tags/detections", TagDetections)
-        self.clocks = {n: talk(f"/{n}/clock/offset", ClockOffset, latch=True) for n in self.flight.names}
+        self.clocks = {
+            n: talk(f"/{n}/clock/offset", ClockOffset, latch=True) for n in self.flight.names
+        }
 
     def wait_for_node(self):
         connected(*self.states.values(), self.tags, *self.clocks.values(), *self.epochs.values())
@@ -273,7 +343,9 @@ class Column:
 
         self.begin_s += 100.0  # after all that is kept of the one before
         for name, offset_s in (("uav1", 0.0), ("uav2", clock_offset_s)):
-            self.clocks[name].publish(ClockOffset(vehicle=name, offset_s=offset_s, uncertainty_s=0.001))
+            self.clocks[name].publish(
+                ClockOffset(vehicle=name, offset_s=offset_s, uncertainty_s=0.001)
+            )
         calibrate = rospy.ServiceProxy("/calibrate", Calibrate)
         calibrate.wait_for_service(20.0)
         with ThreadPoolExecutor(1) as pool:
@@ -291,36 +363,52 @@ class Column:
             for k, name in enumerate(flight.names):
                 stamp_s = i * 7 / 200.0
                 if stamp_s <= flight.end_s + 0.2:
-                    self.states[name].publish(odometry(name, self.begin_s + stamp_s, flight.states[k].at(stamp_s)))
+                    self.states[name].publish(
+                        odometry(name, self.begin_s + stamp_s, flight.states[k].at(stamp_s))
+                    )
             time.sleep(0.002)
         for d in {round(d.stamp_s, 3): d for d in flight.detections(1, 0)}.values():
             corners = d.corners_normalized.ravel().tolist()
             tag = TagDetection(id=1, size_m=d.size_m, corners_normalized=corners)
-            message = TagDetections(header=conversions.header(self.begin_s + d.stamp_s, "uav2/camera_optical"))
+            message = TagDetections(
+                header=conversions.header(self.begin_s + d.stamp_s, "uav2/camera_optical")
+            )
             message.vehicle, message.focal_px, message.detections = "uav2", d.focal_px, [tag]
             message.camera_in_odom = conversions.transform_to_pose(d.T_odom_cam)
             self.tags.publish(spoil(message))
             time.sleep(0.005)
 
 
-def test_what_spoils_a_calibration_is_named_and_a_good_one_follows(start_node, talk, listen, folder):
+def test_what_spoils_a_calibration_is_named_and_a_good_one_follows(
+    start_node, talk, listen, folder
+):
     """On one node, so that nothing of what was refused is in the good one."""
     from fcsv_geometry.ros import conversions
     from fcsv_msgs.msg import Epochs
 
     held = {what: listen(f"/{what}_epochs", Epochs) for what in ("calibration", "home")}
     column = Column(talk)
-    start_node("fcsv_tracking", "calibration", params={"vehicles": ["uav1", "uav2"], "vehicles_dir": folder})
+    start_node(
+        "fcsv_tracking",
+        "calibration",
+        params={"vehicles": ["uav1", "uav2"], "vehicles_dir": folder},
+    )
     column.wait_for_node()
     for spoilt, words in (
         ({"clock_offset_s": 0.3}, ["clocks of uav1 and uav2 differ", "chrony"]),
         ({"spoil": doubled}, ["does not see uav1's tag"]),
         ({"spoil": larger}, ["takes uav1's tag to be 0.2 m wide"]),
         ({"spoil": nan}, [""]),
-        ({"spoil": lambda m: column.begin_epoch(8, m)}, ["odometry of uav1, uav2 began anew meanwhile"]),
+        (
+            {"spoil": lambda m: column.begin_epoch(8, m)},
+            ["odometry of uav1, uav2 began anew meanwhile"],
+        ),
     ):
         answer = column.calibrate(**spoilt)
-        assert not answer.success and all(w in answer.message for w in words), (spoilt, answer.message)
+        assert not answer.success and all(w in answer.message for w in words), (
+            spoilt,
+            answer.message,
+        )
     assert not held["calibration"].messages
     answer = column.calibrate()
     assert answer.success, answer.message
@@ -328,9 +416,12 @@ def test_what_spoils_a_calibration_is_named_and_a_good_one_follows(start_node, t
     assert dict(zip(epochs.vehicles, epochs.epochs)) == {"uav1": 8, "uav2": 8}
     T = conversions.pose_to_transform(answer.calibration.links[0].child_odom_in_parent_odom)
     estimated, true = column.flight.relative({"uav2": T}, 1)
-    assert np.linalg.norm((estimated - true)[:3, 3]) < 0.05  # docs/lab/tracking.md: at worst 0.018 m
+    # docs/lab/tracking.md: at worst 0.018 m
+    assert np.linalg.norm((estimated - true)[:3, 3]) < 0.05
     # the moment for which the links hold, not that at which they are told
-    assert answer.calibration.header.stamp.to_sec() == pytest.approx(column.begin_s + column.flight.end_s, abs=1e-6)
+    assert answer.calibration.header.stamp.to_sec() == pytest.approx(
+        column.begin_s + column.flight.end_s, abs=1e-6
+    )
     home_is_set_by_odometry_that_came_just_now(column)
     assert (held["home"].wait().vehicles, list(held["home"].messages[0].epochs)) == (["uav1"], [8])
 
@@ -345,7 +436,9 @@ def home_is_set_by_odometry_that_came_just_now(column):
     time.sleep(0.6)
     assert "s old: check its link" in set_home("uav1").message
     stamp_s = column.flight.end_s + 0.5
-    column.states["uav1"].publish(odometry("uav1", column.begin_s + stamp_s, column.flight.states[0].at(1.0)))
+    column.states["uav1"].publish(
+        odometry("uav1", column.begin_s + stamp_s, column.flight.states[0].at(1.0))
+    )
     time.sleep(0.1)
     assert set_home("uav1").success
 
@@ -358,13 +451,24 @@ def test_from_guided_on_neither_calibration_nor_home_may_change(start_node, talk
     from fcsv_msgs.srv import Calibrate, SetHome
 
     state = talk("/mission/state", MissionState, latch=True)
-    start_node("fcsv_tracking", "calibration", params={"vehicles": ["uav1", "uav2"], "vehicles_dir": folder})
-    calibrate, set_home = rospy.ServiceProxy("/calibrate", Calibrate), rospy.ServiceProxy("/set_home", SetHome)
+    start_node(
+        "fcsv_tracking",
+        "calibration",
+        params={"vehicles": ["uav1", "uav2"], "vehicles_dir": folder},
+    )
+    calibrate, set_home = (
+        rospy.ServiceProxy("/calibrate", Calibrate),
+        rospy.ServiceProxy("/set_home", SetHome),
+    )
     set_home.wait_for_service(60.0)
     for phase in ("GUIDED", "CONFIGURATIONS", "LAND", "DONE"):
         state.publish(MissionState(phase_name=phase))
         end_s = time.monotonic() + 10.0
-        words = "calibrate the column" if phase == "DONE" else f"while the mission flies the vehicles ({phase})"
+        words = (
+            "calibrate the column"
+            if phase == "DONE"
+            else f"while the mission flies the vehicles ({phase})"
+        )
         while words not in set_home("uav1").message:
             assert time.monotonic() < end_s, phase
             time.sleep(0.1)
@@ -385,16 +489,35 @@ class TestTags:
 
         from fcsv_msgs.msg import TagDetections
 
-        found, health = listen("/uav2/tags/detections", TagDetections), listen("/diagnostics", DiagnosticArray)
-        out = [talk("/uav2/odometry/body", Odometry), talk("/uav2/camera/color/camera_info", CameraInfo),
-               talk("/uav2/camera/color/image_raw", Image)]  # fmt: skip
-        params = {"vehicle": "uav2", "vehicles": ["uav1", "uav2"], "vehicles_dir": folder, "rate_hz": 30.0,
-                  "search_rate_hz": 30.0}  # fmt: skip
+        found, health = (
+            listen("/uav2/tags/detections", TagDetections),
+            listen("/diagnostics", DiagnosticArray),
+        )
+        out = [
+            talk("/uav2/odometry/body", Odometry),
+            talk("/uav2/camera/color/camera_info", CameraInfo),
+            talk("/uav2/camera/color/image_raw", Image),
+        ]
+        params = {
+            "vehicle": "uav2",
+            "vehicles": ["uav1", "uav2"],
+            "vehicles_dir": folder,
+            "rate_hz": 30.0,
+            "search_rate_hz": 30.0,
+        }
         start_node("fcsv_tracking", "tags", ns="uav2", params=params)
         connected(*out)
         return found, health, out
 
-    def show(self, out, picture, frame="uav2/camera_color_optical_frame", camera=None, odometry_frame=None, times=6):
+    def show(
+        self,
+        out,
+        picture,
+        frame="uav2/camera_color_optical_frame",
+        camera=None,
+        odometry_frame=None,
+        times=6,
+    ):
         from support.tag_pictures import CAMERA
 
         from fcsv_geometry.ros import conversions
@@ -423,7 +546,8 @@ class TestTags:
         blocks = np.random.default_rng(1).integers(0, 256, (24, 32), np.uint8)
         self.show(out, np.kron(blocks, np.ones((20, 20), np.uint8)), times=10)
         assert motion.wait(lambda m: m.points >= 15 and m.span_s > 0.3) is not None
-        assert all(m.off_rad < 0.002 and m.turn_rad < 1e-6 for m in motion.messages)  # nothing moves, nor does its pose
+        # nothing moves, nor does its pose
+        assert all(m.off_rad < 0.002 and m.turn_rad < 1e-6 for m in motion.messages)
         wrong_size = PinholeCamera.from_fov(320, 240, np.radians(56.0))
         for kwargs, word in (
             ({"frame": "uav1/camera_color_optical_frame"}, "dropped: picture"),
@@ -439,7 +563,9 @@ class TestTags:
         del found.messages[:]
         self.ahead_s += 4.0
         begin_s = time.time() + self.ahead_s
-        both = np.concatenate([render(pose(2.5, x=-0.4))[:, :320], render(pose(2.5, x=0.4))[:, 320:]], axis=1)
+        both = np.concatenate(
+            [render(pose(2.5, x=-0.4))[:, :320], render(pose(2.5, x=0.4))[:, 320:]], axis=1
+        )
         self.show(out, both)
         assert health.wait(says("tags rejected: same id twice")) is not None
         came = [m for m in found.messages if m.header.stamp.to_sec() >= begin_s]
@@ -464,11 +590,18 @@ def test_previews_are_pictures_again_for_who_looks(start_node, listen, talk):
     message.header = conversions.header(rospy.Time.now().to_sec(), "uav2/camera_optical")
     deadline = time.monotonic() + 60.0
     told = says("preview")
-    while not (seen.messages and any(map(told, list(health.messages)))) and time.monotonic() < deadline:
-        for each in (CompressedImage(format="jpeg", data=b"\xff\xd8 cut off"), message):  # apart: the newest wins
+    while (
+        not (seen.messages and any(map(told, list(health.messages))))
+        and time.monotonic() < deadline
+    ):
+        # apart: the newest wins
+        for each in (CompressedImage(format="jpeg", data=b"\xff\xd8 cut off"), message):
             sent.publish(each)
             time.sleep(0.1)
     picture = seen.wait()
-    assert picture.header.frame_id == "uav2/camera_optical" and picture.header.stamp == message.header.stamp
+    assert (
+        picture.header.frame_id == "uav2/camera_optical"
+        and picture.header.stamp == message.header.stamp
+    )
     assert np.abs(conversions.image_to_array(picture, "bgr8").astype(int) - bgr).max() <= 4
     assert health.wait(told) is not None

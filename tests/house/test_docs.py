@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pages that a machine can check: links resolve, the index is whole, every folder says what it holds."""
+"""The pages that a machine can check: links resolve, the index is whole, every folder says what it
+holds."""
 
 import re
 import subprocess
@@ -13,13 +14,16 @@ HEADING = re.compile(r"^#{1,6} +(.+?) *$", re.MULTILINE)
 
 
 def pages():
-    names = subprocess.run(["git", "ls-files", "*.md"], cwd=ROOT, capture_output=True, text=True, check=True)
+    names = subprocess.run(
+        ["git", "ls-files", "*.md"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     names = names.stdout.split("\n")
     return [ROOT / n for n in names if n and (ROOT / n).is_file()]
 
 
 def anchors(page):
-    """The fragments that GitHub gives a page's headings: lower case, no punctuation, hyphens for spaces."""
+    """The fragments that GitHub gives a page's headings: lower case, no punctuation, hyphens for
+    spaces."""
     seen, out = Counter(), set()
     for heading in HEADING.findall(FENCE.sub("", page.read_text())):
         words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower()
@@ -53,8 +57,13 @@ def test_relative_links_resolve():
 
 def test_pages_that_are_named_in_the_code_exist():
     where = ["src", "tests", "tools", "config", "launch", "*.md", "Makefile"]
-    names = subprocess.run(["git", "grep", "-hoE", r"\bdocs/[A-Za-z0-9_/-]+\.md", "--", *where], cwd=ROOT,
-                           capture_output=True, text=True, check=True)  # fmt: skip
+    names = subprocess.run(
+        ["git", "grep", "-hoE", r"\bdocs/[A-Za-z0-9_/-]+\.md", "--", *where],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     named = set(names.stdout.split())
     assert named and not sorted(n for n in named if not (ROOT / n).is_file())
 
@@ -68,7 +77,11 @@ def test_every_page_stands_in_the_index():
 
 def test_every_module_of_joint_is_described():
     folder = ROOT / "src/fcsv_stereo/src/fcsv_stereo/joint"
-    modules = {str(m.relative_to(folder).with_suffix("")) for m in folder.rglob("*.py") if m.name != "__init__.py"}
+    modules = {
+        str(m.relative_to(folder).with_suffix(""))
+        for m in folder.rglob("*.py")
+        if m.name != "__init__.py"
+    }
     page = (ROOT / "docs/design/joint.md").read_text()
     assert modules and not sorted(m for m in modules if f"`{m}`" not in page)
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The house rules that a machine can check: who may import whom, and what may not stand in the tree."""
+"""The house rules that a machine can check: who may import whom, and what may not stand in the
+tree."""
 
 import ast
 import dataclasses
@@ -10,8 +11,17 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-ROS_MODULES = {"rospy", "rosbag", "tf2_ros", "cv_bridge", "message_filters", "diagnostic_updater", "actionlib",
-               "fcsv_msgs", "mavros_msgs"}  # fmt: skip
+ROS_MODULES = {
+    "rospy",
+    "rosbag",
+    "tf2_ros",
+    "cv_bridge",
+    "message_filters",
+    "diagnostic_updater",
+    "actionlib",
+    "fcsv_msgs",
+    "mavros_msgs",
+}
 BELOW = {
     "fcsv_geometry": set(),
     "fcsv_tracking": {"fcsv_geometry"},
@@ -20,7 +30,13 @@ BELOW = {
     "fcsv_multimaster": {"fcsv_geometry"},
     "fcsv_control": {"fcsv_geometry", "fcsv_tracking", "fcsv_stereo"},
     "fcsv_sim": {"fcsv_geometry", "fcsv_tracking", "fcsv_stereo", "fcsv_control", "fcsv_guidance"},
-    "fcsv_console": {"fcsv_geometry", "fcsv_tracking", "fcsv_stereo", "fcsv_control", "fcsv_multimaster"},
+    "fcsv_console": {
+        "fcsv_geometry",
+        "fcsv_tracking",
+        "fcsv_stereo",
+        "fcsv_control",
+        "fcsv_multimaster",
+    },
 }
 
 
@@ -35,7 +51,11 @@ def imports(path):
     tree = ast.parse(path.read_text())
     for node in ast.walk(tree):
         names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
-        names += [node.module] if isinstance(node, ast.ImportFrom) and node.module and not node.level else []
+        names += (
+            [node.module]
+            if isinstance(node, ast.ImportFrom) and node.module and not node.level
+            else []
+        )
         for name in names:
             yield name.split(".")[0], node in tree.body
 
@@ -53,14 +73,14 @@ def test_algorithms_import_no_ros(package):
     for path in modules(package):
         if "ros" in path.relative_to(ROOT / "src" / package / "src" / package).parts[:-1]:
             continue
-        found = {m for m, at_top in imports(path) if (m in ROS_MODULES or m.endswith("_msgs")) and at_top}
+        found = {
+            m for m, at_top in imports(path) if (m in ROS_MODULES or m.endswith("_msgs")) and at_top
+        }
         assert not found, f"{path.relative_to(ROOT)} imports {found}; nodes live in ros/"
 
 
 _KNOWS_TRUTH = "fcsv_sim.truth"
-_FLIES_TELLOS = (
-    "fcsv_sim/people/tello_hands.py", "fcsv_sim/ros/tello_pilots_node.py",
-)  # fmt: skip
+_FLIES_TELLOS = ("fcsv_sim/people/tello_hands.py", "fcsv_sim/ros/tello_pilots_node.py")
 
 
 def reached(name, seen):
@@ -88,7 +108,8 @@ def flies_tellos():
 
 @pytest.mark.parametrize("path", flies_tellos())
 def test_nobody_who_flies_a_tello_can_read_the_simulations_truth(path):
-    """Controllers, the link and the pilots of simulated Tellos know what the tracker and the screens say."""
+    """Controllers, the link and the pilots of simulated Tellos know what the tracker and the
+    screens say."""
     name = path[: -len(".py")].replace("/", ".")
     found = reached(name, set())
     assert name in found and _KNOWS_TRUTH not in found, sorted(found)
@@ -100,31 +121,50 @@ def test_who_reads_the_truth_is_found_also_where_another_module_does_it():
 
 def test_no_demo_reads_the_truth_while_it_flies():
     """What they compare with it afterwards comes from the session."""
-    demo = [p for p in modules("fcsv_sim") if p.parent.name == "demo" or p.parent.parent.name == "demo"]
+    demo = [
+        p for p in modules("fcsv_sim") if p.parent.name == "demo" or p.parent.parent.name == "demo"
+    ]
     assert len(demo) > 10 and not [p.name for p in demo if _KNOWS_TRUTH in p.read_text()]
 
 
 def tracked():
-    names = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\n")
+    names = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split("\n")
     return [ROOT / n for n in names if n and (ROOT / n).is_file() and not (ROOT / n).is_symlink()]
 
 
 def test_every_source_file_names_its_licence():
-    code = [p for p in tracked() if p.suffix == ".py" or "nodes" in p.parts or p.suffix in (".sh", ".launch")]
-    assert code and not [str(p.relative_to(ROOT)) for p in code if "SPDX-License-Identifier" not in p.read_text()[:300]]
+    code = [
+        p
+        for p in tracked()
+        if p.suffix == ".py" or "nodes" in p.parts or p.suffix in (".sh", ".launch")
+    ]
+    assert code and not [
+        str(p.relative_to(ROOT))
+        for p in code
+        if "SPDX-License-Identifier" not in p.read_text()[:300]
+    ]
 
 
 def test_no_path_of_a_machine_stands_in_the_tree():
     pattern = re.compile(r"(?<![\w.$~/-])/(work|home/\w+|root)/")
     texts = [
-        p for p in tracked() if p.suffix in {".py", ".sh", ".md", ".yaml", ".launch", ".rviz", ".toml", ".txt", ""}
+        p
+        for p in tracked()
+        if p.suffix in {".py", ".sh", ".md", ".yaml", ".launch", ".rviz", ".toml", ".txt", ""}
     ]
-    assert not [str(p.relative_to(ROOT)) for p in texts if pattern.search(p.read_text(errors="ignore"))]
+    assert not [
+        str(p.relative_to(ROOT)) for p in texts if pattern.search(p.read_text(errors="ignore"))
+    ]
 
 
 def test_linter():
     result = subprocess.run(
-        [ROOT / ".venv/bin/ruff", "check", "src", "tests", "tools"], cwd=ROOT, capture_output=True, text=True
+        [ROOT / ".venv/bin/ruff", "check", "src", "tests", "tools"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
     )
     assert result.returncode == 0, result.stdout[-3000:]
 
@@ -139,29 +179,55 @@ def test_tests_import_no_other_tests():
     """What several tests share stands in tests/support; it imports no test either."""
     for path in tree_of_tests():
         whole = {m for m, _ in imports(path)}
-        others = {m for m in whole if m.startswith("test_") or m == "conftest"} | (whole & {"tests"})
-        assert not others, f"{path.relative_to(ROOT)} imports {others}; what tests share stands in tests/support"
-    loose = {p.name for p in (ROOT / "tests").glob("*/*.py")} - {p.name for p in (ROOT / "tests/support").glob("*.py")}
-    assert not {name for name in loose if not name.startswith("test_") and name not in ("conftest.py", "__init__.py")}
+        others = {m for m in whole if m.startswith("test_") or m == "conftest"} | (
+            whole & {"tests"}
+        )
+        assert not others, (
+            f"{path.relative_to(ROOT)} imports {others}; what tests share stands in tests/support"
+        )
+    loose = {p.name for p in (ROOT / "tests").glob("*/*.py")} - {
+        p.name for p in (ROOT / "tests/support").glob("*.py")
+    }
+    assert not {
+        name
+        for name in loose
+        if not name.startswith("test_") and name not in ("conftest.py", "__init__.py")
+    }
 
 
 def test_bounds_come_from_measurements_and_not_from_issues():
-    """A reader of the tests sees no issue; a bound names its benchmark, its equation, or what was measured and when."""
+    """A reader of the tests sees no issue; a bound names its benchmark, its equation, or what was
+    measured and when."""
     names = {str(p.relative_to(ROOT)): p for p in tree_of_tests() if p != Path(__file__).resolve()}
-    assert not {name for name, path in names.items() if re.search(r"\bissues?\b", path.read_text(), re.I)}
+    assert not {
+        name for name, path in names.items() if re.search(r"\bissues?\b", path.read_text(), re.I)
+    }
 
 
 JOINT_FROM_THE_GROUND = [
-    {"tuning"}, {"bands"}, {"projecting"}, {"views"}, {"pictures"}, {"volume"}, {"surfaces"}, {"refine"}, {"checks"},
-    {"bars"}, {"match", "pairs"}, {"method"},
-]  # fmt: skip
+    {"tuning"},
+    {"bands"},
+    {"projecting"},
+    {"views"},
+    {"pictures"},
+    {"volume"},
+    {"surfaces"},
+    {"refine"},
+    {"checks"},
+    {"bars"},
+    {"match", "pairs"},
+    {"method"},
+]
 
 
 def test_stages_of_joint_import_downward_only():
     """The order that the package's docstring states; a stage may import from itself."""
     root = ROOT / "src/fcsv_stereo/src/fcsv_stereo/joint"
     level = {name: i for i, names in enumerate(JOINT_FROM_THE_GROUND) for name in names}
-    found = {p.stem if p.is_file() else p.name for p in root.iterdir()} - {"__init__", "__pycache__"}
+    found = {p.stem if p.is_file() else p.name for p in root.iterdir()} - {
+        "__init__",
+        "__pycache__",
+    }
     assert found == set(level), "a part of joint stands in no order"
     for path in root.rglob("*.py"):
         own = path.relative_to(root).with_suffix("").parts[0]
@@ -176,7 +242,9 @@ def test_stages_of_joint_import_downward_only():
                 parts = name.split(".")
                 assert len(parts) > 2, f"{path.relative_to(root)} imports the whole of joint"
                 below = parts[2] == own or level[parts[2]] < level[own]
-                assert below, f"{path.relative_to(root)} imports {name}, which does not stand below it"
+                assert below, (
+                    f"{path.relative_to(root)} imports {name}, which does not stand below it"
+                )
 
 
 _UNKNOWN = {"chosen": "not recorded", "same": "not varied"}
@@ -187,15 +255,26 @@ def test_every_tuned_number_says_its_unit_and_what_it_trades():
 
     numbers = [f for stage in STAGES for f in dataclasses.fields(stage)]
     assert all(type(stage).__dataclass_params__.frozen for stage in STAGES)
-    assert [f.name for f in numbers if not f.metadata["unit"].strip() or not f.metadata["trades"].strip()] == []
-    unrecorded, unvaried = (sum(f.metadata[key] == value for f in numbers) for key, value in _UNKNOWN.items())
-    assert len(numbers) <= 273 and unrecorded <= 164 and unvaried <= 252, "a new number says where it was chosen"
+    assert [
+        f.name
+        for f in numbers
+        if not f.metadata["unit"].strip() or not f.metadata["trades"].strip()
+    ] == []
+    unrecorded, unvaried = (
+        sum(f.metadata[key] == value for f in numbers) for key, value in _UNKNOWN.items()
+    )
+    assert len(numbers) <= 273 and unrecorded <= 164 and unvaried <= 252, (
+        "a new number says where it was chosen"
+    )
 
 
 def test_every_process_becomes_a_node_by_the_one_way_that_forgets_no_publisher():
-    """``node.begin`` mends rospy before it calls ``init_node``; reference.py and tests only take its place."""
+    """``node.begin`` mends rospy before it calls ``init_node``; reference.py and tests only take
+    its place."""
     own = ROOT / "src/fcsv_geometry/src/fcsv_geometry/ros/node.py"
-    files = [p for folder in ("src", "tools", "tests") for p in (ROOT / folder).rglob("*.py") if p != own]
+    files = [
+        p for folder in ("src", "tools", "tests") for p in (ROOT / folder).rglob("*.py") if p != own
+    ]
     call = "rospy." + "init_node("
     assert not [str(p.relative_to(ROOT)) for p in files if call in p.read_text()]
 
@@ -205,10 +284,11 @@ def compiled(function):
 
 
 def test_numbers_of_joint_stand_in_tuning():
-    """Neither a name at the top of a module nor a compiled function of joint holds a number of its own.
+    """Neither a name at the top of a module nor a compiled function of joint holds a number of its
+    own.
 
-    Halves and the numbers of colours and of bits are arithmetic; what is below 1e-8 or above 1e5 keeps a value finite
-    or means none; the cubic's are those of its formula.
+    Halves and the numbers of colours and of bits are arithmetic; what is below 1e-8 or above 1e5
+    keeps a value finite or means none; the cubic's are those of its formula.
     """
     root = ROOT / "src/fcsv_stereo/src/fcsv_stereo/joint"
     bare = []
@@ -218,8 +298,16 @@ def test_numbers_of_joint_stand_in_tuning():
         for node in ast.parse(path.read_text()).body:
             kernel = isinstance(node, ast.FunctionDef) and compiled(node) and node.name != "_cubic"
             if kernel or isinstance(node, ast.Assign):
-                numbers = [n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and type(n.value) is float]
-                bare += [f"{path.name}: {n}" for n in numbers if 1e-8 < n < 1e5 and n not in (0.5, 1.0, 2.0, 3.0, 32.0)]
+                numbers = [
+                    n.value
+                    for n in ast.walk(node)
+                    if isinstance(n, ast.Constant) and type(n.value) is float
+                ]
+                bare += [
+                    f"{path.name}: {n}"
+                    for n in numbers
+                    if 1e-8 < n < 1e5 and n not in (0.5, 1.0, 2.0, 3.0, 32.0)
+                ]
     assert not bare
 
 
@@ -237,14 +325,34 @@ def test_no_class_name_stands_three_times():
     for path, node in definitions(ast.ClassDef):
         places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
     public = {name: found for name, found in places.items() if not name.startswith("_")}
-    assert len(public) > 500 and {name: found for name, found in public.items() if len(found) > 2} == {}
+    assert (
+        len(public) > 500
+        and {name: found for name, found in public.items() if len(found) > 2} == {}
+    )
 
 
 #: First words of a docstring that says of nothing what it is.
-_NO_SENTENCE = set("after as at before besides by for from in likewise of on over to under until with without".split())
+_NO_SENTENCE = set(
+    "after as at before besides by for from in likewise of on over to under until with without".split()
+)
 
 
 def test_docstrings_begin_with_what_it_is_or_does():
-    found = [(path, node, ast.get_docstring(node)) for path, node in definitions((ast.FunctionDef, ast.ClassDef))]
-    words = [(f"{p.relative_to(ROOT)}:{n.lineno}", re.match(r"\w*", d)[0].lower()) for p, n, d in found if d]
+    found = [
+        (path, node, ast.get_docstring(node))
+        for path, node in definitions((ast.FunctionDef, ast.ClassDef))
+    ]
+    words = [
+        (f"{p.relative_to(ROOT)}:{n.lineno}", re.match(r"\w*", d)[0].lower())
+        for p, n, d in found
+        if d
+    ]
     assert len(words) > 4000 and [place for place, word in words if word in _NO_SENTENCE] == []
+
+
+def test_lines_are_short_and_the_formatter_decides():
+    """Texts may be longer than 100 characters, one line in a hundred; the linter stops at 120."""
+    code = [p for p in tracked() if p.suffix == ".py"]
+    lines = [line for p in code for line in p.read_text().splitlines()]
+    assert sum(len(line) > 100 for line in lines) < 0.01 * len(lines)
+    assert sum(line.endswith("# fmt: " + "skip") for line in lines) < 60

@@ -12,7 +12,8 @@ import pytest
 from support import tiers
 
 ROOT = Path(__file__).resolve().parents[2]
-# who names one of these starts masters or systems by himself, past the fixtures of tests/conftest.py
+# who names one of these starts masters or systems by himself, past the fixtures of
+# tests/conftest.py
 STARTERS = {"Machine", "NamespaceMachine", "start_demo", "init_node"}
 FILES = sorted(path for path in (ROOT / "tests").rglob("test_*.py"))
 
@@ -30,18 +31,21 @@ class Item:
         return name if name in self.marks else None
 
 
-@pytest.mark.parametrize("item, tier", [
-    (Item(), "plain"),
-    (Item(marks=["slow"]), "plain"),
-    (Item(marks=["slow_motion"]), "slowed"),
-    (Item(fixtures=["ros_master"], marks=["slow_motion"]), "slowed"),
-    (Item("tests/system/test_a.py::test_a", marks=["slow_motion"]), "alone"),
-    (Item(fixtures=["ros_master"]), "nodes"),
-    (Item(fixtures=["tmp_path", "start_node"]), "nodes"),
-    (Item(fixtures=["bench_link"]), "alone"),
-    (Item(fixtures=["ros_master"], marks=["alone"]), "alone"),
-    (Item("tests/system/test_a.py::test_a"), "alone"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "item, tier",
+    [
+        (Item(), "plain"),
+        (Item(marks=["slow"]), "plain"),
+        (Item(marks=["slow_motion"]), "slowed"),
+        (Item(fixtures=["ros_master"], marks=["slow_motion"]), "slowed"),
+        (Item("tests/system/test_a.py::test_a", marks=["slow_motion"]), "alone"),
+        (Item(fixtures=["ros_master"]), "nodes"),
+        (Item(fixtures=["tmp_path", "start_node"]), "nodes"),
+        (Item(fixtures=["bench_link"]), "alone"),
+        (Item(fixtures=["ros_master"], marks=["alone"]), "alone"),
+        (Item("tests/system/test_a.py::test_a"), "alone"),
+    ],
+)
 def test_a_test_with_a_master_is_never_plain(item, tier):
     tiers.mark_what_needs_ros([item])
     assert tiers.tier_of(item) == tier
@@ -49,8 +53,14 @@ def test_a_test_with_a_master_is_never_plain(item, tier):
 
 def marks_itself(tree) -> bool:
     """Whether the module's ``pytestmark`` names ros or system."""
-    marks = [n for n in tree.body if isinstance(n, ast.Assign) and getattr(n.targets[0], "id", "") == "pytestmark"]
-    return any(getattr(n, "attr", "") in ("ros", "system") for mark in marks for n in ast.walk(mark))
+    marks = [
+        n
+        for n in tree.body
+        if isinstance(n, ast.Assign) and getattr(n.targets[0], "id", "") == "pytestmark"
+    ]
+    return any(
+        getattr(n, "attr", "") in ("ros", "system") for mark in marks for n in ast.walk(mark)
+    )
 
 
 def test_whoever_starts_a_master_without_the_fixtures_is_marked():
@@ -61,7 +71,9 @@ def test_whoever_starts_a_master_without_the_fixtures_is_marked():
         names |= {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
         if STARTERS & names:
             found += 1
-            assert marks_itself(tree), f"{path.relative_to(ROOT)} starts masters: pytestmark must name ros or system"
+            assert marks_itself(tree), (
+                f"{path.relative_to(ROOT)} starts masters: pytestmark must name ros or system"
+            )
     assert found
 
 
@@ -79,7 +91,9 @@ def run_tests(args, timeout_s=200):
 
 def test_quotes_in_args_hold_words_together_and_the_last_line_counts_all_tiers():
     """Three tiers are empty: no error, since these arguments ask for so little."""
-    status, said = run_tests("-n0 -q -m 'not slow and not system' -k 'never_plain' tests/house/test_tiers.py")
+    status, said = run_tests(
+        "-n0 -q -m 'not slow and not system' -k 'never_plain' tests/house/test_tiers.py"
+    )
     assert status == 0, said
     assert said.splitlines()[-1].startswith("10 tests: 10 passed, 0 failed, 0 skipped, in "), said
 
@@ -94,31 +108,56 @@ def runner(root, monkeypatch):
     return run_tests
 
 
-@pytest.mark.parametrize("arguments, words", [
-    (["-n0", "tests/absent.py"], "no file 'tests/absent.py'"),
-    (["tests/house/test_tier.py"], "no file 'tests/house/test_tier.py'; did you mean 'tests/house/test_tiers.py'?"),
-    (["test_tiers.py"], "no file 'test_tiers.py'; did you mean 'tests/house/test_tiers.py'?"),
-    (["-k", "flies", "tests/house/test_tiers.py::test_the_exit_state"],
-     "test_tiers.py has no test 'test_the_exit_state'; did you mean 'test_the_exit_status_is_that_of_all_tiers'?"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["-n0", "tests/absent.py"], "no file 'tests/absent.py'"),
+        (
+            ["tests/house/test_tier.py"],
+            "no file 'tests/house/test_tier.py'; did you mean 'tests/house/test_tiers.py'?",
+        ),
+        (["test_tiers.py"], "no file 'test_tiers.py'; did you mean 'tests/house/test_tiers.py'?"),
+        (
+            ["-k", "flies", "tests/house/test_tiers.py::test_the_exit_state"],
+            "test_tiers.py has no test 'test_the_exit_state'; "
+            "did you mean 'test_the_exit_status_is_that_of_all_tiers'?",
+        ),
+    ],
+)
 def test_what_is_mistyped_is_refused_by_name_before_a_tier_begins(runner, capsys, arguments, words):
     assert runner.main(arguments) == 4
     said = capsys.readouterr()
     assert words in said.err and said.err.startswith("test: ") and not said.out
 
 
-@pytest.mark.parametrize("arguments", [
-    [], ["-k", "absent"], ["-m", "not slow", "tests/house"], ["--deselect", "tests/absent.py", "-x"],
-    ["tests/house/test_tiers.py::test_the_exit_status_is_that_of_all_tiers[0-0-False-0]"],
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["-k", "absent"],
+        ["-m", "not slow", "tests/house"],
+        ["--deselect", "tests/absent.py", "-x"],
+        ["tests/house/test_tiers.py::test_the_exit_status_is_that_of_all_tiers[0-0-False-0]"],
+    ],
+)
 def test_what_is_there_is_not_refused(runner, root, arguments):
     assert runner.mistyped(arguments, root) == ""
 
 
-@pytest.mark.parametrize("plain, nodes, explicit, status", [
-    (0, 0, False, 0), (1, 0, False, 1), (0, 1, True, 1), (5, 0, False, 5), (5, 0, True, 0), (5, 5, True, 5),
-    (5, 1, False, 1), (2, 0, True, 2), (0, 3, False, 3),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "plain, nodes, explicit, status",
+    [
+        (0, 0, False, 0),
+        (1, 0, False, 1),
+        (0, 1, True, 1),
+        (5, 0, False, 5),
+        (5, 0, True, 0),
+        (5, 5, True, 5),
+        (5, 1, False, 1),
+        (2, 0, True, 2),
+        (0, 3, False, 3),
+    ],
+)
 def test_the_exit_status_is_that_of_all_tiers(root, monkeypatch, plain, nodes, explicit, status):
     monkeypatch.setattr(sys, "path", [str(root / "tools"), *sys.path])
     import run_tests
@@ -131,27 +170,44 @@ class Definition:
         self.scope, self.baseid = scope, baseid
 
 
-@pytest.mark.parametrize("fixtures, group", [
-    ({}, None),
-    ({"tmp_path": Definition("function", ""), "tmp_path_factory": Definition("session", "")}, None),
-    ({"root": Definition("session", "tests")}, None),
-    ({"town": Definition("module", "tests/a/test_a.py"), "root": Definition("session", "tests")}, "tests/a/test_a.py"),
-    ({"scene": Definition("session", "tests/a")}, "scene"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "fixtures, group",
+    [
+        ({}, None),
+        (
+            {"tmp_path": Definition("function", ""), "tmp_path_factory": Definition("session", "")},
+            None,
+        ),
+        ({"root": Definition("session", "tests")}, None),
+        (
+            {
+                "town": Definition("module", "tests/a/test_a.py"),
+                "root": Definition("session", "tests"),
+            },
+            "tests/a/test_a.py",
+        ),
+        ({"scene": Definition("session", "tests/a")}, "scene"),
+    ],
+)
 def test_who_shares_an_expensive_fixture_shares_a_worker(fixtures, group):
     item = Item()
-    item._fixtureinfo = type("Info", (), {"name2fixturedefs": {name: [d] for name, d in fixtures.items()}})
+    item._fixtureinfo = type(
+        "Info", (), {"name2fixturedefs": {name: [d] for name, d in fixtures.items()}}
+    )
     assert tiers.group_of(item) == group
 
 
-@pytest.mark.parametrize("text, plain", [
-    ("def test_a(tmp_path): ...", True),
-    ("def test_a(start_node): ...", False),
-    ("def test_a(tello_air): ...", False),
-    ("pytestmark = [pytest.mark.slow, pytest.mark.ros]", False),
-    ("@pytest.mark.slow_motion", False),
-    ("@pytest.mark.rosy\n# microstart_nodes", True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text, plain",
+    [
+        ("def test_a(tmp_path): ...", True),
+        ("def test_a(start_node): ...", False),
+        ("def test_a(tello_air): ...", False),
+        ("pytestmark = [pytest.mark.slow, pytest.mark.ros]", False),
+        ("@pytest.mark.slow_motion", False),
+        ("@pytest.mark.rosy\n# microstart_nodes", True),
+    ],
+)
 def test_a_files_text_says_whether_it_can_have_tests_that_are_not_plain(tmp_path, text, plain):
     (tmp_path / "test_a.py").write_text(text)
     assert tiers.only_plain(tmp_path / "test_a.py") is plain
@@ -167,7 +223,11 @@ def test_files_of_plain_tests_are_not_imported_for_another_tier_unless_they_are_
         )
         return tiers.pass_over(at, config)
 
-    assert passed_over("alone", ".") and passed_over("slowed", ".") and passed_over("nodes", str(tmp_path))
+    assert (
+        passed_over("alone", ".")
+        and passed_over("slowed", ".")
+        and passed_over("nodes", str(tmp_path))
+    )
     assert not passed_over("plain", ".") and not passed_over(None, ".")
     assert not passed_over("nodes", "test_a.py::test_a") and not passed_over("nodes", str(path))
     assert not passed_over("nodes", ".", at=tmp_path), "a folder"

@@ -1,2 +1,3 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What several tests share: scenes, boards, simulated rigs, waiting, demos, and how a test run is divided."""
+"""What several tests share: scenes, boards, simulated rigs, waiting, demos, and how a test run is
+divided."""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Synthetic scene for pose refinement: textured boards from 10 to 250 m before an even sky, drawn by homographies."""
+"""Synthetic scene for pose refinement: textured boards from 10 to 250 m before an even sky, drawn
+by homographies."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -17,7 +18,8 @@ CAMERA = PinholeCamera.from_fov(640, 480, np.radians(56.0))
 
 @dataclass(frozen=True)
 class Board:
-    """Upright, facing home's x: centre (m), half width and half height (m), and the seed of its texture."""
+    """Upright, facing home's x: centre (m), half width and half height (m), and the seed of its
+    texture."""
 
     xyz: tuple
     half_m: tuple
@@ -34,7 +36,9 @@ def town(seed: int = 0) -> list:
     return boards
 
 
-def draw(T_home_cam: np.ndarray, boards: Sequence[Board], camera: PinholeCamera = CAMERA) -> np.ndarray:
+def draw(
+    T_home_cam: np.ndarray, boards: Sequence[Board], camera: PinholeCamera = CAMERA
+) -> np.ndarray:
     """The scene as a camera sees it, twice oversampled, with one grey level of noise."""
     size = (2 * camera.width, 2 * camera.height)
     shift = np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1.0]])
@@ -46,14 +50,23 @@ def draw(T_home_cam: np.ndarray, boards: Sequence[Board], camera: PinholeCamera 
         (x, y, z), (half_w, half_h) = b.xyz, b.half_m
         su, sv = 2 * half_w / w, 2 * half_h / h
         H_home = np.array([[0, 0, x], [-su, 0, y + half_w], [0, -sv, z + half_h]], float)
-        H = shift @ camera.K @ (T_cam_home[:3, :3] @ H_home + np.outer(T_cam_home[:3, 3], [0, 0, 1]))
-        rows, columns = _about(H @ np.array([[-1, -1, 1], [w, -1, 1], [-1, h, 1], [w, h, 1]], float).T, size)
+        H = (
+            shift
+            @ camera.K
+            @ (T_cam_home[:3, :3] @ H_home + np.outer(T_cam_home[:3, 3], [0, 0, 1]))
+        )
+        rows, columns = _about(
+            H @ np.array([[-1, -1, 1], [w, -1, 1], [-1, h, 1], [w, h, 1]], float).T, size
+        )
         window = columns.stop - columns.start, rows.stop - rows.start
         if min(window) <= 0:
             continue
         H = np.array([[1, 0, -columns.start], [0, 1, -rows.start], [0, 0, 1]], float) @ H
         drawn = cv2.warpPerspective(texture, H, window, flags=cv2.INTER_LINEAR)
-        mask = cv2.warpPerspective(np.full((h, w), 255, np.uint8), H, window, flags=cv2.INTER_NEAREST) > 0
+        mask = (
+            cv2.warpPerspective(np.full((h, w), 255, np.uint8), H, window, flags=cv2.INTER_NEAREST)
+            > 0
+        )
         image[rows, columns][mask] = drawn[mask]
     image = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     noise = np.random.default_rng(image[::7, ::7].astype(int).sum()).normal(0.0, 1.0, image.shape)
@@ -66,7 +79,13 @@ def pose(xyz, rpy_deg=(0.0, 0.0, 0.0)) -> np.ndarray:
     return T @ transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
 
 
-def shot(name: str, T_home_cam: np.ndarray, boards: Sequence[Board], vehicle: str = "uav2", stamp_s: float = 0.0):
+def shot(
+    name: str,
+    T_home_cam: np.ndarray,
+    boards: Sequence[Board],
+    vehicle: str = "uav2",
+    stamp_s: float = 0.0,
+):
     """A picture whose prior is the truth."""
     return Picture(name, vehicle, stamp_s, draw(T_home_cam, boards), CAMERA, T_home_cam)
 
@@ -79,8 +98,11 @@ def with_prior(picture: Picture, xyz_m=(0.0, 0.0, 0.0), rpy_deg=(0.0, 0.0, 0.0))
     return replace(picture, T_home_cam=T)
 
 
-def noisy(picture: Picture, reference: Picture, random, rotation_deg: float = 0.15, share: float = 0.01) -> Picture:
-    """A prior as a flight gives it: per axis so many degrees, and a share of the baseline in all."""
+def noisy(
+    picture: Picture, reference: Picture, random, rotation_deg: float = 0.15, share: float = 0.01
+) -> Picture:
+    """A prior as a flight gives it: per axis so many degrees, and a share of the baseline in
+    all."""
     baseline_m = float(np.linalg.norm(picture.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]))
     xyz_m = random.normal(0.0, share * baseline_m / np.sqrt(3.0), 3)
     return with_prior(picture, xyz_m, random.normal(0.0, rotation_deg, 3))
@@ -101,16 +123,24 @@ def _texture(board: Board) -> np.ndarray:
     return texture
 
 
-def depth(T_home_cam: np.ndarray, boards: Sequence[Board], camera: PinholeCamera = CAMERA) -> np.ndarray:
+def depth(
+    T_home_cam: np.ndarray, boards: Sequence[Board], camera: PinholeCamera = CAMERA
+) -> np.ndarray:
     """True depth (HxW, m along the optical axis) of what draw() shows; NaN in the sky."""
     rays_home = camera.rays() @ T_home_cam[:3, :3].T
     p, T_cam_home = T_home_cam[:3, 3], transforms.invert(T_home_cam)
     out = np.full(rays_home.shape[:2], np.nan)
     for b in boards:
-        corners = np.array([(0.0, y * b.half_m[0], z * b.half_m[1]) for y in (-1, 1) for z in (-1, 1)]) + b.xyz
-        window = _about(camera.K @ transforms.apply(T_cam_home, corners).T, (camera.width, camera.height))
+        corners = (
+            np.array([(0.0, y * b.half_m[0], z * b.half_m[1]) for y in (-1, 1) for z in (-1, 1)])
+            + b.xyz
+        )
+        window = _about(
+            camera.K @ transforms.apply(T_cam_home, corners).T, (camera.width, camera.height)
+        )
         rays = rays_home[window]
-        z = (b.xyz[0] - p[0]) / rays[..., 0]  # rays have z = 1 in the camera: their length is the depth
+        # rays have z = 1 in the camera: their length is the depth
+        z = (b.xyz[0] - p[0]) / rays[..., 0]
         y, up = p[1] + z * rays[..., 1] - b.xyz[1], p[2] + z * rays[..., 2] - b.xyz[2]
         on = (np.abs(y) < b.half_m[0]) & (np.abs(up) < b.half_m[1]) & (z > 0)
         out[window][on] = z[on]
@@ -118,8 +148,8 @@ def depth(T_home_cam: np.ndarray, boards: Sequence[Board], camera: PinholeCamera
 
 
 def _about(corners: np.ndarray, size: Tuple[int, int]) -> Tuple[slice, slice]:
-    """Rows and columns of a picture of ``size`` (width, height) that hold all between ``corners`` (3xN homogeneous px):
-    the whole of it where some are behind the camera."""
+    """Rows and columns of a picture of ``size`` (width, height) that hold all between ``corners``
+    (3xN homogeneous px): the whole of it where some are behind the camera."""
     width, height = size
     if corners[2].min() <= 1e-6:
         return slice(0, height), slice(0, width)

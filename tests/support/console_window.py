@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The operator's window as a process on a screen: looked at by the names that a screen reader would read, and handled
-by mouse and keys.
+"""The operator's window as a process on a screen: looked at by the names that a screen reader would
+read, and handled by mouse and keys.
 
-Run as a program this is that process: the console's own, and a thread that answers where things stand and what they
-say. It touches nothing.
+Run as a program this is that process: the console's own, and a thread that answers where things
+stand and what they say. It touches nothing.
 """
 
 import json
@@ -15,7 +15,13 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
-BUTTON, FIELD, LABEL, TABLE, BAR = "QPushButton", "QLineEdit", "QLabel", "QTableWidget", "QProgressBar"
+BUTTON, FIELD, LABEL, TABLE, BAR = (
+    "QPushButton",
+    "QLineEdit",
+    "QLabel",
+    "QTableWidget",
+    "QProgressBar",
+)
 
 
 class Window:
@@ -23,8 +29,15 @@ class Window:
 
     def __init__(self, hands, env: Dict[str, str], log: Path, *args: str):
         self.hands, self._log = hands, log
-        self._process = subprocess.Popen([sys.executable, __file__, *args], env=env, stdin=subprocess.PIPE, text=True,
-                                         stdout=subprocess.PIPE, stderr=open(log, "ab"), bufsize=1)  # fmt: skip
+        self._process = subprocess.Popen(
+            [sys.executable, __file__, *args],
+            env=env,
+            stdin=subprocess.PIPE,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=open(log, "ab"),
+            bufsize=1,
+        )
         self.until(lambda: self.ask(what="shown"), "the window is shown", 90.0)
         hands.focus(self.ask(what="id"))
 
@@ -41,11 +54,11 @@ class Window:
     def said(self) -> str:
         return self._log.read_text(errors="replace")[-3000:]
 
-    # ---- what is seen ----------------------------------------------------------------------------------------------
+    # ---- what is seen ----------------------------------------------------------------------------
 
     def find(self, name: str, kind: str = BUTTON) -> Optional[dict]:
-        """{"at": middle on the screen, "on": enabled, "text", "why": tooltip, "described": for a screen reader} of what
-        is visible; None: nothing is."""
+        """{"at": middle on the screen, "on": enabled, "text", "why": tooltip, "described": for a
+        screen reader} of what is visible; None: nothing is."""
         return self.ask(what="control", name=name, kind=kind)
 
     def text(self, name: str, kind: str = LABEL) -> str:
@@ -59,7 +72,7 @@ class Window:
         """The cells of one line of the vehicles' table."""
         return next(row[1:] for row in self.rows("Vehicles") if row[0] == label)
 
-    # ---- what is done ----------------------------------------------------------------------------------------------
+    # ---- what is done ----------------------------------------------------------------------------
 
     def click(self, name: str, kind: str = BUTTON, seconds: float = 0.0) -> None:
         """Once it can be."""
@@ -100,7 +113,7 @@ class Window:
         return self._process.wait(30.0)
 
 
-# ---- in the process of the window ----------------------------------------------------------------------------------
+# ---- in the process of the window ----------------------------------------------------------------
 
 
 def _answer(window, question: dict) -> Any:
@@ -111,7 +124,9 @@ def _answer(window, question: dict) -> Any:
         return at.x(), at.y()
 
     def named(name: str, kind: str):
-        found = (w for w in window.findChildren(getattr(QtWidgets, kind)) if w.accessibleName() == name)
+        found = (
+            w for w in window.findChildren(getattr(QtWidgets, kind)) if w.accessibleName() == name
+        )
         return next((w for w in found if w.isVisible()), None)
 
     what = question["what"]
@@ -121,19 +136,32 @@ def _answer(window, question: dict) -> Any:
         return int((QtWidgets.QApplication.activeModalWidget() or window).winId())
     dialog = QtWidgets.QApplication.activeModalWidget()
     if what == "dialog":
-        return dialog is not None and dialog.windowHandle() is not None and dialog.windowHandle().isExposed()
+        return (
+            dialog is not None
+            and dialog.windowHandle() is not None
+            and dialog.windowHandle().isExposed()
+        )
     if what == "typed in a dialog":
         field = QtWidgets.QApplication.focusWidget()
-        return field.text() if isinstance(field, QtWidgets.QLineEdit) and field.window() == dialog else None
+        return (
+            field.text()
+            if isinstance(field, QtWidgets.QLineEdit) and field.window() == dialog
+            else None
+        )
     if what == "picture":  # of the screen: with what is opened above the window
         return QtWidgets.QApplication.primaryScreen().grabWindow(0).save(question["path"])
     if what == "place":
         plan = window.plan
-        at = plan.mapToGlobal(QtCore.QPoint(*(round(v) for v in plan.scale.to_px(*question["home_m"]))))
+        at = plan.mapToGlobal(
+            QtCore.QPoint(*(round(v) for v in plan.scale.to_px(*question["home_m"])))
+        )
         return at.x(), at.y()
     widget = named(question["name"], question.get("kind", TABLE))
     if what == "rows":
-        cells = [[widget.item(i, k) for k in range(widget.columnCount())] for i in range(widget.rowCount())]
+        cells = [
+            [widget.item(i, k) for k in range(widget.columnCount())]
+            for i in range(widget.rowCount())
+        ]
         return [[item.text() if item else "" for item in row] for row in cells]
     if what == "cell":
         item = widget.item(question["row"], 0)
@@ -142,8 +170,13 @@ def _answer(window, question: dict) -> Any:
     if widget is None:
         return None
     text = widget.value() if isinstance(widget, QtWidgets.QProgressBar) else widget.text()
-    return {"at": middle(widget, widget.rect()), "on": widget.isEnabled(), "text": text, "why": widget.toolTip(),
-            "described": widget.accessibleDescription()}
+    return {
+        "at": middle(widget, widget.rect()),
+        "on": widget.isEnabled(),
+        "text": text,
+        "why": widget.toolTip(),
+        "described": widget.accessibleDescription(),
+    }
 
 
 def main() -> int:
@@ -159,7 +192,9 @@ def main() -> int:
 
     def watch(window) -> None:
         witness = window.witness = Witness(window)
-        witness.asked.connect(lambda line: answers.write(json.dumps(_answer(window, json.loads(line))) + "\n"))
+        witness.asked.connect(
+            lambda line: answers.write(json.dumps(_answer(window, json.loads(line))) + "\n")
+        )
         read = lambda: [witness.asked.emit(line) for line in sys.stdin]  # noqa: E731
         threading.Thread(target=read, daemon=True).start()
 

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A program in the place of ArduCopter's own simulation: MAVLink on two TCP ports, sticks over UDP, its true pose.
+"""A program in the place of ArduCopter's own simulation: MAVLink on two TCP ports, sticks over UDP,
+its true pose.
 
-It flies the simulated autopilot. As ArduCopter's, its SIM_STATE has no stamp, and a position in 1e-7 degrees.
+It flies the simulated autopilot. As ArduCopter's, its SIM_STATE has no stamp, and a position in
+1e-7 degrees.
 """
 
 import math
@@ -38,9 +40,30 @@ def sim_state(p_enu_m, rpy_rad, v_enu_mps):
     heading = math.pi / 2 - yaw
     vx, vy, vz = v_enu_mps
     return M.MAVLink_sim_state_message(
-        1, 0, 0, 0, roll, -pitch, heading, 0, 0, 0, 0, 0, 0, lat_deg, lon_deg, ALTITUDE_M + z, 0, 0, vy, vx, -vz,
-        int(lat_deg * 1e7), int(lon_deg * 1e7),
-    )  # fmt: skip
+        1,
+        0,
+        0,
+        0,
+        roll,
+        -pitch,
+        heading,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        lat_deg,
+        lon_deg,
+        ALTITUDE_M + z,
+        0,
+        0,
+        vy,
+        vx,
+        -vz,
+        int(lat_deg * 1e7),
+        int(lon_deg * 1e7),
+    )
 
 
 class _Port:
@@ -86,7 +109,15 @@ class _Port:
 class CopterElsewhere:
     """Runs in a thread of its own until ``close``. ``truth``: whether it tells its true pose."""
 
-    def __init__(self, system=1, ready_s=2.0, truth=True, speed=1.0, vehicle=M.MAV_TYPE_QUADROTOR, armed=False):
+    def __init__(
+        self,
+        system=1,
+        ready_s=2.0,
+        truth=True,
+        speed=1.0,
+        vehicle=M.MAV_TYPE_QUADROTOR,
+        armed=False,
+    ):
         self.port = free_port()
         self.url = f"tcp:127.0.0.1:{self.port}"
         self.system, self.speed, self._truth, self._vehicle = system, speed, truth, vehicle
@@ -121,7 +152,9 @@ class CopterElsewhere:
             self._answer()
             self.p_enu_m = state[:3].copy()
             if self._rate_hz and self._truth:
-                self._beside.send(sim_state(state[:3], rotations.rpy(state[6:10].tolist()), state[3:6]))
+                self._beside.send(
+                    sim_state(state[:3], rotations.rpy(state[6:10].tolist()), state[3:6])
+                )
             if now_s > told_s + 0.2:
                 told_s = now_s
                 armed = M.MAV_MODE_FLAG_SAFETY_ARMED if self._armed or self.autopilot.armed else 0
@@ -133,7 +166,9 @@ class CopterElsewhere:
                 if int(m.param1) == M.MAVLINK_MSG_ID_SIM_STATE:
                     self._rate_hz = 1e6 / m.param2
             elif m.get_type() == "PARAM_REQUEST_READ" and m.param_id == "SIM_SPEEDUP":
-                self._beside.send(M.MAVLink_param_value_message(b"SIM_SPEEDUP", self.speed, 9, 1, 0))
+                self._beside.send(
+                    M.MAVLink_param_value_message(b"SIM_SPEEDUP", self.speed, 9, 1, 0)
+                )
 
     @property
     def fed(self):

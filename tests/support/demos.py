@@ -17,14 +17,29 @@ FLIGHT_LIMIT_S = 700.0  # of slow motion, where the machine is busy
 
 def start_demo(out: Path, *args: str) -> subprocess.Popen:
     out.mkdir(parents=True, exist_ok=True)
-    command = ["rosrun", "fcsv_sim", "demo", "--out", str(out), "--rviz", "0", "--ready-s", "2", *args]
+    command = [
+        "rosrun",
+        "fcsv_sim",
+        "demo",
+        "--out",
+        str(out),
+        "--rviz",
+        "0",
+        "--ready-s",
+        "2",
+        *args,
+    ]
     log = open(out / "stdout.txt", "wb")
-    env = {k: v for k, v in os.environ.items() if k != "DISPLAY"}  # it opens no window on somebody's screen
-    return subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True, env=env)
+    # it opens no window on somebody's screen
+    env = {k: v for k, v in os.environ.items() if k != "DISPLAY"}
+    return subprocess.Popen(
+        command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True, env=env
+    )
 
 
 def end(demo: subprocess.Popen) -> None:
-    """With all that it started, where it is not over: killed, it would leave its masters and nodes behind."""
+    """With all that it started, where it is not over: killed, it would leave its masters and nodes
+    behind."""
     if demo.poll() is None:
         demo.send_signal(signal.SIGINT)
         try:
@@ -37,7 +52,9 @@ def said(out: Path) -> str:
     return (out / "stdout.txt").read_text(errors="replace")
 
 
-def wait_for(out: Path, words: str, demo: subprocess.Popen, timeout_s: float = FLIGHT_LIMIT_S) -> None:
+def wait_for(
+    out: Path, words: str, demo: subprocess.Popen, timeout_s: float = FLIGHT_LIMIT_S
+) -> None:
     deadline = time.monotonic() + timeout_s
     while words not in said(out):
         assert demo.poll() is None, f"the demo ended before it said '{words}':\n{said(out)[-3000:]}"
@@ -47,7 +64,9 @@ def wait_for(out: Path, words: str, demo: subprocess.Popen, timeout_s: float = F
 
 def processes_of(out: Path) -> List[str]:
     """Those of this demo that still live."""
-    lines = [f"{p.pid} {' '.join(p.info['cmdline'] or [])}" for p in psutil.process_iter(["cmdline"])]
+    lines = [
+        f"{p.pid} {' '.join(p.info['cmdline'] or [])}" for p in psutil.process_iter(["cmdline"])
+    ]
     return [line for line in lines if str(out) in line and "pytest" not in line]
 
 

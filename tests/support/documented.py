@@ -15,7 +15,8 @@ _VARIABLE = re.compile(r"[A-Z][A-Z_]*=")
 
 @dataclass(frozen=True)
 class Command:
-    """One command line as printed, without its comment; ``in_block`` where a reader pastes it whole."""
+    """One command line as printed, without its comment; ``in_block`` where a reader pastes it
+    whole."""
 
     where: str
     text: str
@@ -23,7 +24,8 @@ class Command:
 
     @property
     def words(self) -> List[str]:
-        """As a shell splits it, without variables and sudo before it; brackets around what is optional fall away."""
+        """As a shell splits it, without variables and sudo before it; brackets around what is
+        optional fall away."""
         text = re.sub(r"(?<=\s)\[(-[^\]]*)\]", r"\1", self.text)
         words = shlex.split(text.rstrip(";"))
         while words and (_VARIABLE.match(words[0]) or words[0] == "sudo"):
@@ -41,12 +43,17 @@ def is_command(words: List[str]) -> bool:
     """Whether this is a command of ours: make, ROS, or a script of tools/ with its arguments."""
     if not words:
         return False
-    script = words[0].startswith("tools/") and Path(words[0]).suffix in ("", ".py") and len(words[0]) > len("tools/")
+    script = (
+        words[0].startswith("tools/")
+        and Path(words[0]).suffix in ("", ".py")
+        and len(words[0]) > len("tools/")
+    )
     return script or (words[0] in HEADS[:4] and len(words) > 1)
 
 
 def _begins(line: str) -> bool:
-    """Whether a block that begins with this line holds commands: one of HEADS, or a script of tools/."""
+    """Whether a block that begins with this line holds commands: one of HEADS, or a script of
+    tools/."""
     try:
         head = Command("", re.sub(r"(^|\s)#.*", "", line), True).head
     except ValueError:  # what a program printed
@@ -66,7 +73,8 @@ def _of_block(where: str, block: str) -> Iterator[Command]:
 
 
 def _of_line(where: str, line: str) -> Iterator[Command]:
-    """Inline commands of a line; `VAR=value` alone belongs to the make target that stands before it."""
+    """Inline commands of a line; `VAR=value` alone belongs to the make target that stands before
+    it."""
     target = ""
     for inline in _INLINE.findall(line):
         for text in (part.strip() for part in inline.split(";")):
@@ -86,7 +94,11 @@ def _of_line(where: str, line: str) -> Iterator[Command]:
 def commands(root: Path) -> List[Command]:
     """Of README.md, CONTRIBUTING.md and docs/, each once."""
     found = {}
-    for path in [root / "README.md", root / "CONTRIBUTING.md", *sorted((root / "docs").rglob("*.md"))]:
+    for path in [
+        root / "README.md",
+        root / "CONTRIBUTING.md",
+        *sorted((root / "docs").rglob("*.md")),
+    ]:
         name, text = str(path.relative_to(root)), path.read_text()
         for _, block in _BLOCK.findall(text):
             for command in _of_block(name, block):

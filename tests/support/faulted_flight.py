@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated flight of the whole system in which processes die, as a program of its own, and what is heard on board.
+"""A simulated flight of the whole system in which processes die, as a program of its own, and what
+is heard on board.
 
-``fly`` starts it in slow motion. Its story: an agent stops; the mission dies and everybody is stopped; the radio of the
-upper vehicle of a vertical configuration is gone for good.
+``fly`` starts it in slow motion. Its story: an agent stops; the mission dies and everybody is
+stopped; the radio of the upper vehicle of a vertical configuration is gone for good.
 """
 
 import json
@@ -31,17 +32,25 @@ _DEAD_S, _ASKED_AGAIN_S = 4.0, 1.0
 
 
 def fly(out: Path, limit_s: float = 700.0, program: str = __file__) -> Dict[str, List[dict]]:
-    """By "story" and by vehicle what was heard, each with its time ``t`` (s, of one clock). Raises on a bad end."""
+    """By "story" and by vehicle what was heard, each with its time ``t`` (s, of one clock). Raises
+    on a bad end."""
     command = [sys.executable, program, "fly", str(out)]
     with slow_motion():
         done = subprocess.run(command, capture_output=True, text=True, timeout=limit_s)
     assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-3000:]
     logs = {v: out / "run" / v / "ear.log" for v in ("uav1", "uav2")}
-    return {"story": _lines(out / "story.log"), **{name: _lines(path) for name, path in logs.items()}}
+    return {
+        "story": _lines(out / "story.log"),
+        **{name: _lines(path) for name, path in logs.items()},
+    }
 
 
 def _lines(path: Path) -> List[dict]:
-    return [json.loads(line) for line in path.read_text().splitlines() if line.startswith("{") and line.endswith("}")]
+    return [
+        json.loads(line)
+        for line in path.read_text().splitlines()
+        if line.startswith("{") and line.endswith("}")
+    ]
 
 
 class FaultedFleet(SimulatedFleet):
@@ -82,7 +91,8 @@ class Story:
             self._fleet.stop()
 
     def _go_on(self) -> None:
-        from fcsv_sim.demo.ros.mission_watch import MissionWatch  # needs this fleet's master in the environment
+        # needs this fleet's master in the environment
+        from fcsv_sim.demo.ros.mission_watch import MissionWatch
 
         self._play(MissionWatch(self._fleet.control, self._plan.vehicles, self._say))
 
@@ -110,7 +120,10 @@ class Story:
 
         from fcsv_msgs.srv import Proceed
 
-        stop_all, proceed = rospy.ServiceProxy("/stop_all", Trigger), rospy.ServiceProxy("/mission/proceed", Proceed)
+        stop_all, proceed = (
+            rospy.ServiceProxy("/stop_all", Trigger),
+            rospy.ServiceProxy("/mission/proceed", Proceed),
+        )
         stop_all.wait_for_service(10.0)
         self._signal(CONTROL, "mission", signal.SIGKILL)
         self._note("stop all")
@@ -151,7 +164,7 @@ class Story:
 
         self._until(at_rest, limit_s, "not everybody came down")
 
-    # ---- what it stands on -----------------------------------------------------------------------------------
+    # ---- what it stands on -----------------------------------------------------------------------
 
     def _signal(self, machine: str, node: str, number: int) -> None:
         self._fleet.signal(machine, node, number)
@@ -165,7 +178,11 @@ class Story:
         print(f"{time.monotonic():.1f} {line}", flush=True)
 
     def _hear(self, words: str, limit_s: float) -> None:
-        self._until(lambda: any(s.startswith(words) for s in list(self._said)), limit_s, f"'{words}' was not said")
+        self._until(
+            lambda: any(s.startswith(words) for s in list(self._said)),
+            limit_s,
+            f"'{words}' was not said",
+        )
 
     def _until(self, condition: Callable[[], bool], limit_s: float, otherwise: str) -> None:
         deadline_s = time.monotonic() + limit_s
@@ -177,7 +194,8 @@ class Story:
 
 
 def listen(vehicle: str, sim_folder: str) -> None:
-    """On a vehicle's own master: set-points by sender, the guardian, modes, and the true place, as lines of JSON."""
+    """On a vehicle's own master: set-points by sender, the guardian, modes, and the true place, as
+    lines of JSON."""
     import rospy
     from geometry_msgs.msg import PoseStamped
 
@@ -191,11 +209,20 @@ def listen(vehicle: str, sim_folder: str) -> None:
         sys.stdout.flush()
 
     node.begin("ear", anonymous=True)
-    on = lambda topic, kind, call: rospy.Subscriber(f"/{vehicle}/{topic}", kind, call, queue_size=20)  # noqa: E731
-    on("guardian/state", GuardianState, lambda m: tell("guardian", action=m.action, holds=m.holds, why=m.reasons))
+    on = lambda topic, kind, call: rospy.Subscriber(  # noqa: E731
+        f"/{vehicle}/{topic}", kind, call, queue_size=20
+    )
+    on(
+        "guardian/state",
+        GuardianState,
+        lambda m: tell("guardian", action=m.action, holds=m.holds, why=m.reasons),
+    )
     on("mavros/state", State, lambda m: tell("state", mode=m.mode, armed=m.armed))
-    on("mavros/setpoint_position/local", PoseStamped,
-       lambda m: tell("set-point", by=m._connection_header["callerid"].rsplit("/", 1)[-1]))  # fmt: skip
+    on(
+        "mavros/setpoint_position/local",
+        PoseStamped,
+        lambda m: tell("set-point", by=m._connection_header["callerid"].rsplit("/", 1)[-1]),
+    )
     truth = TruthReader(sim_folder, vehicle)
     while not rospy.is_shutdown():
         try:

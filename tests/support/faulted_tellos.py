@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What goes wrong in a demo of two Tellos before a mocap, as a program beside it with its master and its clock.
+"""What goes wrong in a demo of two Tellos before a mocap, as a program beside it with its master
+and its clock.
 
-The tracker's program hangs for 3 s while horizontal pictures are recorded; the upper vehicle's Wi-Fi is lost for 10 s
-in a vertical configuration; its battery falls to 8 % when all are to land. Pilots end the landings that links began in
-the first two. What was heard, and where all truly were, stands in ``story.log``.
+The tracker's program hangs for 3 s while horizontal pictures are recorded; the upper vehicle's
+Wi-Fi is lost for 10 s in a vertical configuration; its battery falls to 8 % when all are to land.
+Pilots end the landings that links began in the first two. What was heard, and where all truly were,
+stands in ``story.log``.
 """
 
 import contextlib
@@ -30,12 +32,18 @@ def begin(out: Path) -> subprocess.Popen:
     while not on_control.exists():
         time.sleep(0.2)
     with open(out / "story.txt", "wb") as log:
-        return subprocess.Popen([str(on_control), sys.executable, __file__, str(out)], stdout=log, stderr=log)
+        return subprocess.Popen(
+            [str(on_control), sys.executable, __file__, str(out)], stdout=log, stderr=log
+        )
 
 
 def heard(out: Path) -> List[dict]:
     """Lines of story.log, in order of their time ``t`` (s)."""
-    return [json.loads(line) for line in (out / "story.log").read_text().splitlines() if line.endswith("}")]
+    return [
+        json.loads(line)
+        for line in (out / "story.log").read_text().splitlines()
+        if line.endswith("}")
+    ]
 
 
 class Story:
@@ -60,11 +68,17 @@ class Story:
         self._sticks = {n: rospy.Publisher(f"/{n}/pilot/joy", Joy, queue_size=1) for n in NAMES}
         self._stick = Joy(axes=[0.0, 0.5, 0.0, 0.0])
         self._cut = rospy.Publisher(f"/{UPPER}/tello_drone/cut_wifi_s", Float64, queue_size=1)
-        self._battery = rospy.Publisher(f"/{UPPER}/tello_drone/battery_percent", Float64, queue_size=1)
+        self._battery = rospy.Publisher(
+            f"/{UPPER}/tello_drone/battery_percent", Float64, queue_size=1
+        )
         rospy.Subscriber("/mission/state", MissionState, self._on_mission)
         for n in NAMES:
             rospy.Subscriber(f"/{n}/mavros/state", State, self._on_state, n)
-            rospy.Subscriber(f"/{n}/mavros/statustext/recv", StatusText, lambda m, n=n: self._note("text", n, m.text))
+            rospy.Subscriber(
+                f"/{n}/mavros/statustext/recv",
+                StatusText,
+                lambda m, n=n: self._note("text", n, m.text),
+            )
 
     def tell(self) -> None:
         """The faults in their order; each is noted when it begins and when it ends."""
@@ -120,12 +134,17 @@ class Story:
             if self._over():
                 sys.exit("the demo ended before its story did")
             with contextlib.suppress(PoseUnavailable):  # before all are there
-                places = {n: [round(float(x), 3) for x in t.latest()[1][:3, 3]] for n, t in self._truth.items()}
+                places = {
+                    n: [round(float(x), 3) for x in t.latest()[1][:3, 3]]
+                    for n, t in self._truth.items()
+                }
                 self._note("places", "", places)
             time.sleep(0.05)
 
     def _note(self, what: str, name: str = "", value=None) -> None:
-        self._log.write(json.dumps({"t": time.monotonic(), "what": what, "name": name, "value": value}) + "\n")
+        self._log.write(
+            json.dumps({"t": time.monotonic(), "what": what, "name": name, "value": value}) + "\n"
+        )
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small flight over the boards, what can be wrong with one of its pictures, and how a map is held to its sigma."""
+"""A small flight over the boards, what can be wrong with one of its pictures, and how a map is held
+to its sigma."""
 
 from dataclasses import replace
 from typing import Sequence
@@ -14,7 +15,8 @@ from support import boards
 CAMERA = PinholeCamera.from_fov(320, 240, np.radians(56.0))
 BASELINES_M = (2.0, 4.0, 8.0)
 TOWN = boards.town()
-CONFIDENT, WRONG = 0.03, 0.1  # share of the depth: sigma below the one is a claim, an error above the other refutes it
+# share of the depth: sigma below the one is a claim, an error above the other refutes it
+CONFIDENT, WRONG = 0.03, 0.1
 MOST_WRONG = 0.05  # "at most a few per cent" of the claims
 
 
@@ -23,7 +25,8 @@ def shot(name, T_home_cam, scene=TOWN, vehicle="uav2") -> Picture:
 
 
 def flight(seed=1, scene=TOWN, of_other=None):
-    """The reference, the true other pictures at 2, 4, 8 m, and the same with priors as a flight gives them.
+    """The reference, the true other pictures at 2, 4, 8 m, and the same with priors as a flight
+    gives them.
 
     ``of_other`` (index to scene) shows some of the others another scene.
     """
@@ -36,18 +39,27 @@ def flight(seed=1, scene=TOWN, of_other=None):
 
 
 def session(scenes, seed=1) -> MapInput:
-    """A flight as a session holds it: a reference picture of every configuration; ``scenes`` as each one met it.
+    """A flight as a session holds it: a reference picture of every configuration; ``scenes`` as
+    each one met it.
 
-    The reference vehicle hovers: 3 cm and 1 degree about its place, known to 0.05 degrees from one to the next.
+    The reference vehicle hovers: 3 cm and 1 degree about its place, known to 0.05 degrees from one
+    to the next.
     """
     random = np.random.default_rng(seed)
     configurations, first = [], None
     for i, (b, scene) in enumerate(zip(BASELINES_M, scenes)):
-        true = shot(f"uav1/{i}", boards.pose(random.normal(0, 0.03, 3), random.normal(0, 1, 3)), scene, "uav1")
+        true = shot(
+            f"uav1/{i}",
+            boards.pose(random.normal(0, 0.03, 3), random.normal(0, 1, 3)),
+            scene,
+            "uav1",
+        )
         first = first or true
         other = shot(f"uav2/{i}", boards.pose([0.03, -b, 0.02], random.normal(0, 1, 3)), scene)
         reference = boards.noisy(true, first, random, 0.05) if i else true
-        pictures = (replace(p, stamp_s=30.0 * i) for p in (reference, boards.noisy(other, first, random)))
+        pictures = (
+            replace(p, stamp_s=30.0 * i) for p in (reference, boards.noisy(other, first, random))
+        )
         name = Configuration("horizontal", b, 0.0, f"horizontal {b:g} m")
         configurations.append(ConfigurationInput(name, *([p] for p in pictures)))
     return MapInput("session", configurations)
@@ -55,9 +67,15 @@ def session(scenes, seed=1) -> MapInput:
 
 def given(reference: Picture, others: Sequence[Picture]) -> MapInput:
     configurations = [
-        ConfigurationInput(Configuration("horizontal", b, 0.0, f"horizontal {b:g} m"), [reference], [o])
+        ConfigurationInput(
+            Configuration("horizontal", b, 0.0, f"horizontal {b:g} m"), [reference], [o]
+        )
         for o in others
-        for b in [max(round(float(np.linalg.norm(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]))), 0.0)]
+        for b in [
+            max(
+                round(float(np.linalg.norm(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]))), 0.0
+            )
+        ]
     ]
     return MapInput("session", configurations)
 
@@ -68,7 +86,9 @@ def replaced(others: Sequence[Picture], index: int, fault) -> list:
 
 def on_image(change):
     """A fault that changes a picture's values."""
-    return lambda p: replace(p, image=np.clip(change(p.image.astype(float)), 0, 255).astype(np.uint8))
+    return lambda p: replace(
+        p, image=np.clip(change(p.image.astype(float)), 0, 255).astype(np.uint8)
+    )
 
 
 blurred = on_image(lambda i: cv2.GaussianBlur(i, (0, 0), 6.0))
@@ -85,11 +105,15 @@ def elsewhere(picture: Picture) -> Picture:
 
 def of_sky(picture: Picture) -> Picture:
     """Clouds, so far that they do not move."""
-    return replace(picture, image=boards.draw(picture.T_home_cam, [boards.Board((1e5, 0, 0), (1e5, 1e5), 3)], CAMERA))
+    return replace(
+        picture,
+        image=boards.draw(picture.T_home_cam, [boards.Board((1e5, 0, 0), (1e5, 1e5), 3)], CAMERA),
+    )
 
 
 def claims(result, truth: np.ndarray, within=True):
-    """Share of all pixels that the map is sure of, and the share of these that is wrong (sky has no depth)."""
+    """Share of all pixels that the map is sure of, and the share of these that is wrong (sky has no
+    depth)."""
     sure = np.isfinite(result.depth) & (result.sigma < CONFIDENT * result.depth) & within
     wrong = sure & ~(np.abs(result.depth / truth - 1.0) <= WRONG)
     return float(sure.mean()), float(wrong.sum() / max(sure.sum(), 1))

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The flight link's core flying an autopilot: the simulated one faster than real time, or one at an address.
+"""The flight link's core flying an autopilot: the simulated one faster than real time, or one at an
+address.
 
-With FCSV_AUTOPILOT (as tcp:127.0.0.1:5760) the tests fly that one, in real time. It must be a simulation that tells its
-true pose as SIM_STATE at FCSV_AUTOPILOT_TRUTH (the port two further on, by default): the feed is made of it. With
-FCSV_AUTOPILOT_KEY, a key file, both lines are signed.
+With FCSV_AUTOPILOT (as tcp:127.0.0.1:5760) the tests fly that one, in real time. It must be a
+simulation that tells its true pose as SIM_STATE at FCSV_AUTOPILOT_TRUTH (the port two further on,
+by default): the feed is made of it. With FCSV_AUTOPILOT_KEY, a key file, both lines are signed.
 """
 
 import math
@@ -37,8 +38,8 @@ _FEED_Z_M = 0.05  # the tracker's zero is a little under the vehicle that stands
 
 
 def flown_link(number=1):
-    """A closed loop with the autopilot of FCSV_AUTOPILOT, the simulated one by default. ``number`` 2: one more, of
-    system id 2, at FCSV_AUTOPILOT_SECOND; None where only the first is given."""
+    """A closed loop with the autopilot of FCSV_AUTOPILOT, the simulated one by default. ``number``
+    2: one more, of system id 2, at FCSV_AUTOPILOT_SECOND; None where only the first is given."""
     url = os.environ.get("FCSV_AUTOPILOT", "")
     second = os.environ.get("FCSV_AUTOPILOT_SECOND", "")
     if not url:
@@ -49,8 +50,8 @@ def flown_link(number=1):
 
 
 class Loop:
-    """``run`` lets time pass; ``offset_m`` jumps the feed, ``feed_hz`` 0 cuts it, ``target`` is streamed at 10 Hz and
-    moves along with the estimate."""
+    """``run`` lets time pass; ``offset_m`` jumps the feed, ``feed_hz`` 0 cuts it, ``target`` is
+    streamed at 10 Hz and moves along with the estimate."""
 
     def __init__(self, **parameters):
         self._parameters = LinkParameters(**parameters)
@@ -59,7 +60,8 @@ class Loop:
         self.t, self.offset_m, self.feed_hz, self.target = 0.0, np.zeros(3), 30.0, None
         self.beside = None  # a loop for which time passes as well
         self.moved, self.texts, self.estimate = [], [], None
-        self.tracker = lambda T, _s: T  # and ``check``, a FeedCheck, between the tracker's poses and the core
+        # and ``check``, a FeedCheck, between the tracker's poses and the core
+        self.tracker = lambda T, _s: T
         self._random = np.random.default_rng(5)
         self._feed_s = self._aimed_s = -math.inf
 
@@ -69,7 +71,8 @@ class Loop:
         self.check = None if self.check is None else FeedCheck()
 
     def pilot_sets(self, mode):
-        """A mode that somebody else asks for: the ground station, which is heard whatever SYSID_ENFORCE says."""
+        """A mode that somebody else asks for: the ground station, which is heard whatever
+        SYSID_ENFORCE says."""
         self._say(_command(self.system, M.MAV_CMD_DO_SET_MODE, 1.0, MODES[mode], source=(255, 190)))
 
     @property
@@ -101,7 +104,8 @@ class Loop:
     def fed(self):
         """What is due towards the core."""
         if self.feed_hz and self.t >= self._feed_s and self.T_true is not None:
-            self._feed_s = max(self._feed_s + 1.0 / self.feed_hz, self.t - PASS_S)  # as evenly as passes allow
+            # as evenly as passes allow
+            self._feed_s = max(self._feed_s + 1.0 / self.feed_hz, self.t - PASS_S)
             T = self.T_true.copy()
             T[:3, 3] += self.offset_m + [0, 0, _FEED_Z_M]
             T = self.tracker(T, self.t)
@@ -121,7 +125,8 @@ class Loop:
         return believed
 
     def checked(self):
-        """With the feed check in the loop, as the flight link has it, and a tracker with a T265's noise."""
+        """With the feed check in the loop, as the flight link has it, and a tracker with a T265's
+        noise."""
         self.check, self.tracker = FeedCheck(), lambda T, _s: self.noisy(T)
         return self
 
@@ -142,7 +147,9 @@ class Loop:
 
     def noisy(self, T):
         """As a T265 that hovers: 1.5 mm and 0.03 deg."""
-        noise = transforms.from_xyz_rpy(self._random.normal(0, 0.0015, 3), np.radians(self._random.normal(0, 0.03, 3)))
+        noise = transforms.from_xyz_rpy(
+            self._random.normal(0, 0.0015, 3), np.radians(self._random.normal(0, 0.03, 3))
+        )
         return T @ noise
 
     def until(self, condition, timeout_s):
@@ -158,7 +165,8 @@ class Loop:
         request.require_done()
 
     def guided(self):
-        """As the agent asks: again where the link says so, because this process stood still on a busy machine."""
+        """As the agent asks: again where the link says so, because this process stood still on a
+        busy machine."""
         end_s = self.t + 5.0
         while True:
             try:
@@ -169,9 +177,12 @@ class Loop:
             self.run(0.5)
 
     def ready(self):
-        """May be armed, estimate and feed together: an autopilot at an address remembers the place of the last test."""
+        """May be armed, estimate and feed together: an autopilot at an address remembers the place
+        of the last test."""
         together = lambda: self.core.estimate_apart_m(self.t) < 0.15  # noqa: E731
-        assert self.until(lambda: self.core.origin_set(self.t) and self.core.state.prearm_ok and together(), 60.0)
+        assert self.until(
+            lambda: self.core.origin_set(self.t) and self.core.state.prearm_ok and together(), 60.0
+        )
         return self
 
     def hover(self):
@@ -181,7 +192,9 @@ class Loop:
         self.done(self.core.arm(self.t, True))
         self.done(self.core.take_off(self.t, 3.0))
         assert self.until(lambda: self.estimate[2, 3] > 2.8, 20.0)
-        self.target = transforms.from_xyz_yaw([*self.estimate[:2, 3], 3.0], transforms.yaw(self.estimate))
+        self.target = transforms.from_xyz_yaw(
+            [*self.estimate[:2, 3], 3.0], transforms.yaw(self.estimate)
+        )
         self.run(5.0)
         assert abs(self.p_true_m[2] + _FEED_Z_M - 3.0) < 0.3
         self.moved.clear()
@@ -203,7 +216,10 @@ class SimulatedLoop(Loop):
         super().__init__(**parameters)
         self.body = Quadrotor(Airframe(), np.eye(4), 3, 0.3)
         self.pilot = Autopilot(self.body.hover_thrust, 3, ready_s=2.0)  # 20 s in a real one
-        self.server, self._piloted = MavlinkServer(self.pilot, self.system), Piloted(self.body, self.pilot)
+        self.server, self._piloted = (
+            MavlinkServer(self.pilot, self.system),
+            Piloted(self.body, self.pilot),
+        )
         self.line_up, self._command = True, (0.0,) * 4
 
     @property
@@ -257,7 +273,8 @@ class AddressLoop(Loop):
         self._say(_command(self.system, M.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0))
 
     def _say(self, message):
-        """On the other line, as a ground station has its own: a UDP line says nothing in the name of another system."""
+        """On the other line, as a ground station has its own: a UDP line says nothing in the name
+        of another system."""
         self._truth.send(message)
 
     def _run(self, seconds):
@@ -298,7 +315,9 @@ class AddressLoop(Loop):
 
 
 def _command(system, number, *values, source=None):
-    message = M.MAVLink(None).command_long_encode(system, 1, number, 0, *values, *[0.0] * (7 - len(values)))
+    message = M.MAVLink(None).command_long_encode(
+        system, 1, number, 0, *values, *[0.0] * (7 - len(values))
+    )
     message.get_header().srcSystem, message.get_header().srcComponent = source or (system, 195)
     return message
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags as other robots record them: a camera that moves, with its poses in every form, and known truth."""
+"""Bags as other robots record them: a camera that moves, with its poses in every form, and known
+truth."""
 
 import cv2
 import genpy
@@ -23,7 +24,8 @@ COVARIANCE = np.diag([0.02**2, 0.03**2, 0.04**2, 0.002**2, 0.003**2, 0.004**2])
 
 
 def T_odom_base(stamp_s):
-    """Sideways by 1 m/s while it turns by 0.1 rad/s about its own origin: linear and slerp are exact."""
+    """Sideways by 1 m/s while it turns by 0.1 rad/s about its own origin: linear and slerp are
+    exact."""
     t = stamp_s - START_S
     T = transforms.from_xyz_rpy([0, 0, 0], [0.0, 0.0, 0.1 * (t - 1.0)])
     T[:3, 3] = [0.0, t, 0.2 * t]
@@ -32,7 +34,9 @@ def T_odom_base(stamp_s):
 
 def fill(message, T):
     """position/orientation or translation/rotation of a message."""
-    p, q = ("position", "orientation") if hasattr(message, "position") else ("translation", "rotation")
+    p, q = (
+        ("position", "orientation") if hasattr(message, "position") else ("translation", "rotation")
+    )
     for name, value in zip("xyz", T[:3, 3]):
         setattr(getattr(message, p), name, value)
     for name, value in zip("xyzw", transforms.quaternion_xyzw(T)):
@@ -100,7 +104,8 @@ def pose_stamps():
 
 
 def messages():
-    """(topic, message, stamp) of a walk: poses by Odometry, PoseStamped, PoseWithCovarianceStamped, tf."""
+    """(topic, message, stamp) of a walk: poses by Odometry, PoseStamped, PoseWithCovarianceStamped,
+    tf."""
     found = []
     for k, s in enumerate(picture_stamps()):
         found += [("/cam/image_raw", image(s, picture_at(k)), s), ("/cam/camera_info", info(s), s)]
@@ -116,8 +121,10 @@ def messages():
         found.append(("/pose_cov", with_covariance, s))
         moving = [transform(s, "odom", "base_link", T), transform(s, "map", "odom", T_MAP_ODOM)]
         found.append(("/tf", TFMessage(moving), s))
-    mounts = [transform(START_S, "base_link", "camera_link", T_BASE_LINK),
-              transform(START_S, "camera_link", "camera_optical_frame", T_LINK_OPTICAL)]  # fmt: skip
+    mounts = [
+        transform(START_S, "base_link", "camera_link", T_BASE_LINK),
+        transform(START_S, "camera_link", "camera_optical_frame", T_LINK_OPTICAL),
+    ]
     return [("/tf_static", TFMessage(mounts), START_S - 1.0), *found]
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A gimbal, a body with tags on its sides, and corners as an ideal detector would report them, with noise."""
+"""A gimbal, a body with tags on its sides, and corners as an ideal detector would report them, with
+noise."""
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from fcsv_tracking.gimbal.geometry import GimbalGeometry
 from fcsv_tracking.tags import corner_points, observation
 
 CAMERA = PinholeCamera.from_fov(1920, 1080, np.radians(21.5))
-GIMBAL = GimbalGeometry(Mount((0.1, 0.2, 0.4), (1.0, -2.0, 5.0)), (0.0, 0.0, 0.05), Mount((0.03, 0.01, 0.0)))
+GIMBAL = GimbalGeometry(
+    Mount((0.1, 0.2, 0.4), (1.0, -2.0, 5.0)), (0.0, 0.0, 0.05), Mount((0.03, 0.01, 0.0))
+)
 
 
 def sides(lean_deg=10.0, size_m=0.08, first=20):
@@ -23,7 +26,8 @@ def sides(lean_deg=10.0, size_m=0.08, first=20):
 
 
 def seen(tags, T_cam_body, random=None, noise_px=0.0, only=None):
-    """Observations of the tags that face the camera and lie in the picture; ``noise_px`` of corners seen face on."""
+    """Observations of the tags that face the camera and lie in the picture; ``noise_px`` of corners
+    seen face on."""
     found = []
     for tag in tags:
         T_cam_tag = T_cam_body @ tag.T_body_tag

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""GPS-tagged photographs of 64 x 48 px and a model of their poses, whose truth is known; the test spoils tags."""
+"""GPS-tagged photographs of 64 x 48 px and a model of their poses, whose truth is known; the test
+spoils tags."""
 
 from dataclasses import dataclass, field
 from typing import Callable, Dict, List, Optional
@@ -37,14 +38,19 @@ class Photo:
     orientation: int = 1
 
 
-def block(columns: int = 5, rows: int = 2, nadir: bool = True, sigma_m: float = 0.3, seed: int = 3) -> List[Photo]:
-    """Rows of photographs, 15 m apart, in rows 40 m apart, flown east and back; tags as of a good receiver."""
+def block(
+    columns: int = 5, rows: int = 2, nadir: bool = True, sigma_m: float = 0.3, seed: int = 3
+) -> List[Photo]:
+    """Rows of photographs, 15 m apart, in rows 40 m apart, flown east and back; tags as of a good
+    receiver."""
     rng = np.random.default_rng(seed)
     photos = []
     for i in range(columns * rows):
         row, column = divmod(i, columns)
         enu = np.array([15.0 * column, 40.0 * row, 0.0]) + rng.normal(0, [1.0, 1.0, 1.0])
-        angles = np.array([180.0 * (row % 2), -90.0 if nadir else -40.0, 0.0]) + rng.normal(0, [2.0, 1.0, 0.5])
+        angles = np.array([180.0 * (row % 2), -90.0 if nadir else -40.0, 0.0]) + rng.normal(
+            0, [2.0, 1.0, 0.5]
+        )
         photo = Photo(f"DJI_{i:04}.JPG", enu, angles)
         photo.exif_gps = exif_gps(gps_at(enu + rng.normal(0, sigma_m, 3), ORIGIN), sigma_m)
         photos.append(photo)
@@ -53,16 +59,24 @@ def block(columns: int = 5, rows: int = 2, nadir: bool = True, sigma_m: float = 
 
 def exif_gps(gps: Gps, sigma_m: Optional[float] = None) -> Dict[int, object]:
     tags = {
-        1: "NS"[int(gps.latitude_deg < 0)], 2: sexagesimal(gps.latitude_deg), 3: "EW"[int(gps.longitude_deg < 0)],
-        4: sexagesimal(gps.longitude_deg), 5: bytes([int(gps.height_m < 0)]), 6: ratio(abs(gps.height_m), 1000),
-    }  # fmt: skip
+        1: "NS"[int(gps.latitude_deg < 0)],
+        2: sexagesimal(gps.latitude_deg),
+        3: "EW"[int(gps.longitude_deg < 0)],
+        4: sexagesimal(gps.longitude_deg),
+        5: bytes([int(gps.height_m < 0)]),
+        6: ratio(abs(gps.height_m), 1000),
+    }
     return {**tags, 31: ratio(sigma_m, 1000)} if sigma_m else tags
 
 
 def sexagesimal(degrees: float, of: int = 1000000) -> tuple:
     """``of``: parts of a second that are written."""
     seconds = round(abs(degrees) * 3600 * of)
-    return ratio(seconds // (3600 * of), 1), ratio(seconds // (60 * of) % 60, 1), ratio(seconds % (60 * of) / of, of)
+    return (
+        ratio(seconds // (3600 * of), 1),
+        ratio(seconds // (60 * of) % 60, 1),
+        ratio(seconds % (60 * of) / of, of),
+    )
 
 
 def ratio(value: float, of: int):
@@ -79,11 +93,21 @@ def with_angles(photos: List[Photo]) -> List[Photo]:
 
 
 def R_enu_cam(photo: Photo) -> np.ndarray:
-    return _NED_ENU @ Rotation.from_euler("ZYX", photo.angles_deg, degrees=True).as_matrix() @ _R_BODY_OPTICAL
+    return (
+        _NED_ENU
+        @ Rotation.from_euler("ZYX", photo.angles_deg, degrees=True).as_matrix()
+        @ _R_BODY_OPTICAL
+    )
 
 
-def write(folder, photos: List[Photo], turned: Callable[[Photo], np.ndarray] = lambda p: np.eye(3), size=SIZE):
-    """``folder`` with DCIM/ and model/. ``turned``: R_upright_cam, of the model's picture in the upright one."""
+def write(
+    folder,
+    photos: List[Photo],
+    turned: Callable[[Photo], np.ndarray] = lambda p: np.eye(3),
+    size=SIZE,
+):
+    """``folder`` with DCIM/ and model/. ``turned``: R_upright_cam, of the model's picture in the
+    upright one."""
     R_model_enu = Rotation.from_euler("ZYX", [0.5, -0.3, 2.0]).as_matrix()
     (folder / "model").mkdir(parents=True)
     posed = []
@@ -94,7 +118,11 @@ def write(folder, photos: List[Photo], turned: Callable[[Photo], np.ndarray] = l
         T[:3, :3] = R_model_enu @ R_enu_cam(p) @ turned(p)
         T[:3, 3] = R_model_enu @ p.enu_m / SCALE + [3.0, -1.0, 2.0]
         posed.append(colmap.PosedImage(p.name, 1, T))
-    write_model(folder / "model", {1: PinholeCamera(*size, 60.0, 60.0, size[0] / 2 - 0.5, size[1] / 2 - 0.5)}, posed)
+    write_model(
+        folder / "model",
+        {1: PinholeCamera(*size, 60.0, 60.0, size[0] / 2 - 0.5, size[1] / 2 - 0.5)},
+        posed,
+    )
     return folder
 
 
@@ -107,22 +135,37 @@ def _write_photo(path, photo: Photo) -> None:
 
 
 def errors(out, photos: List[Photo]):
-    """(scale's, a share; degrees from the true orientation of ENU; of that, up's) of a folder that was imported."""
+    """(scale's, a share; degrees from the true orientation of ENU; of that, up's) of a folder that
+    was imported."""
     found = {
-        p.name: p.T_home_cam for p in colmap.read_images(out / "images.txt", colmap.read_cameras(out / "cameras.txt"))
+        p.name: p.T_home_cam
+        for p in colmap.read_images(out / "images.txt", colmap.read_cameras(out / "cameras.txt"))
     }
     places = np.array([found[p.name][:3, 3] for p in photos])
     true = np.array([p.enu_m for p in photos])
-    scale = np.linalg.norm(places - places.mean(axis=0)) / np.linalg.norm(true - true.mean(axis=0)) - 1.0
+    scale = (
+        np.linalg.norm(places - places.mean(axis=0)) / np.linalg.norm(true - true.mean(axis=0))
+        - 1.0
+    )
     turn = _turn(places - places.mean(axis=0), true - true.mean(axis=0), found, photos)
-    return scale, np.degrees(Rotation.from_matrix(turn).magnitude()), np.degrees(np.arccos(np.clip(turn[2, 2], -1, 1)))
+    return (
+        scale,
+        np.degrees(Rotation.from_matrix(turn).magnitude()),
+        np.degrees(np.arccos(np.clip(turn[2, 2], -1, 1))),
+    )
 
 
 def _turn(places, true, found, photos) -> np.ndarray:
     """R_found_true, from the axes along which the cameras look and their places."""
-    looks = np.array([found[p.name][:3, 2] for p in photos]), np.array([R_enu_cam(p)[:, 2] for p in photos])
+    looks = (
+        np.array([found[p.name][:3, 2] for p in photos]),
+        np.array([R_enu_cam(p)[:, 2] for p in photos]),
+    )
     spread = np.linalg.norm(true)
-    a, b = (np.vstack([p / spread, look / np.sqrt(len(photos))]) for p, look in zip((places, true), looks))
+    a, b = (
+        np.vstack([p / spread, look / np.sqrt(len(photos))])
+        for p, look in zip((places, true), looks)
+    )
     return Rotation.align_vectors(a, b)[0].as_matrix()
 
 
@@ -131,12 +174,15 @@ def imported(folder, out):
 
 
 def require_right(folder, out, photos, scale=0.03, turn_deg=3.0):
-    """The truth is within three of the standard deviations that are stated, and these are of use."""
+    """The truth is within three of the standard deviations that are stated, and these are of
+    use."""
     done = imported(folder, out)
     s = done.similarity
     scale_error, turned_deg, _ = errors(out, photos)
     assert abs(scale_error) < min(3.0 * s.scale_sigma, scale)
-    assert turned_deg < min(3.0 * np.degrees(np.hypot(s.level_sigma_rad, s.north_sigma_rad)), turn_deg)
+    assert turned_deg < min(
+        3.0 * np.degrees(np.hypot(s.level_sigma_rad, s.north_sigma_rad)), turn_deg
+    )
     return done
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Photographs with GPS tags as cameras write them: pixels of a file or of a scene, tags written here."""
+"""Photographs with GPS tags as cameras write them: pixels of a file or of a scene, tags written
+here."""
 
 import numpy as np
 from PIL import Image, TiffImagePlugin
@@ -14,12 +15,13 @@ from support.scenes import CAMERA, camera_pose, photograph
 
 ORIGIN = Gps(48.1371, 11.5754, 520.0)
 FOCAL_35_MM = 33  # of CAMERA, in whole millimetres, as cameras write it
-PLACES_M = np.array([[0.0, 0, 0], [0, -3, 0.5], [0.5, 3, 1.5], [1, -6, 1.5], [-0.5, 6, 0]])  # in home
+# in home
+PLACES_M = np.array([[0.0, 0, 0], [0, -3, 0.5], [0.5, 3, 1.5], [1, -6, 1.5], [-0.5, 6, 0]])
 
 
 def flown_photographs(folder):
-    """``folder`` with photographs of the drawn walls in photos/, GPS good to 5 cm (home's x is north-east), and
-    COLMAP's model of them in model/, as text."""
+    """``folder`` with photographs of the drawn walls in photos/, GPS good to 5 cm (home's x is
+    north-east), and COLMAP's model of them in model/, as text."""
     rng = np.random.default_rng(2)
     (folder / "photos").mkdir(parents=True)
     (folder / "model").mkdir()
@@ -29,7 +31,14 @@ def flown_photographs(folder):
     for i, p in enumerate(PLACES_M):
         T_home_cam = camera_pose(p, (0.0, 0.0, -2.0 * p[1]))
         gps = gps_at(R_enu_home @ p + rng.normal(0, 0.05, 3))
-        write_tagged(folder / "photos" / f"{i}.jpg", photograph(T_home_cam), gps, 1, FOCAL_35_MM, error_m=0.05)
+        write_tagged(
+            folder / "photos" / f"{i}.jpg",
+            photograph(T_home_cam),
+            gps,
+            1,
+            FOCAL_35_MM,
+            error_m=0.05,
+        )
         T_model_cam = T_model_home @ T_home_cam
         T_model_cam[:3, 3] *= 0.37
         posed.append(colmap.PosedImage(f"{i}.jpg", 1, T_model_cam))
@@ -38,7 +47,8 @@ def flown_photographs(folder):
 
 
 def gps_at(enu_m, origin=ORIGIN):
-    """The place that lies at ``enu_m`` of the origin, to a tenth of a millimetre, by Newton's method."""
+    """The place that lies at ``enu_m`` of the origin, to a tenth of a millimetre, by Newton's
+    method."""
     at = np.array([origin.latitude_deg, origin.longitude_deg, origin.height_m])
     step = np.array([1e-5, 1e-5, 1.0])
     for _ in range(5):
@@ -49,7 +59,8 @@ def gps_at(enu_m, origin=ORIGIN):
 
 
 def write_tagged(target, pixels, gps=None, orientation=1, focal_35_mm=None, xmp=None, error_m=None):
-    """``pixels``: an (H, W, 3) RGB array, or a file whose pixels they are. JPEG; ``gps`` None leaves the tags out."""
+    """``pixels``: an (H, W, 3) RGB array, or a file whose pixels they are. JPEG; ``gps`` None
+    leaves the tags out."""
     image = Image.fromarray(pixels) if isinstance(pixels, np.ndarray) else Image.open(pixels)
     exif = Image.Exif()
     exif[0x010F], exif[0x0110], exif[0x0112] = "Maker", "Flyer 1", orientation

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated flight of the whole system in which a battery is low while the control PC is silent: the guardian flies
-its vehicle home. On request, ``python tests/support/home_flight.py FOLDER``: no test flies it. Prints when what
-happened."""
+"""A simulated flight of the whole system in which a battery is low while the control PC is silent:
+the guardian flies its vehicle home. On request, ``python tests/support/home_flight.py FOLDER``: no
+test flies it. Prints when what happened."""
 
 import signal
 import sys
@@ -57,15 +57,25 @@ def told(logs: Dict[str, List[dict]]) -> List[str]:
     for vehicle in ("uav1", WHO):
         places = [m for m in logs[vehicle] if m["what"] == "place"]
         before = {}
-        for m in (m for m in logs[vehicle] if m["what"] in ("guardian", "state") and m["t"] > begun_s):
-            what = m["mode"] + ("" if m["armed"] else ", motors off") if m["what"] == "state" else m["action"]
+        for m in (
+            m for m in logs[vehicle] if m["what"] in ("guardian", "state") and m["t"] > begun_s
+        ):
+            what = (
+                m["mode"] + ("" if m["armed"] else ", motors off")
+                if m["what"] == "state"
+                else m["action"]
+            )
             if m["what"] == "guardian" and not what:
                 continue
             if before.get(m["what"]) != what:
-                lines.append(f"{m['t'] - begun_s:6.1f} s {vehicle} {m['what']}: {what} {'; '.join(m.get('why', []))}")
+                lines.append(
+                    f"{m['t'] - begun_s:6.1f} s {vehicle} {m['what']}: {what} {'; '.join(m.get('why', []))}"
+                )
             before[m["what"]] = what
         from_m, to_m = (np.array(places[k]["p"]) for k in (0, -1))
-        lines.append(f"         {vehicle} came down {np.hypot(*(to_m - from_m)[:2]):.2f} m from where it took off")
+        lines.append(
+            f"         {vehicle} came down {np.hypot(*(to_m - from_m)[:2]):.2f} m from where it took off"
+        )
     return lines
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a launch file would start, read by roslaunch itself in a process of its own; nothing is started."""
+"""What a launch file would start, read by roslaunch itself in a process of its own; nothing is
+started."""
 
 import json
 import os
@@ -19,7 +20,8 @@ nodes = {n.namespace + n.name: {"type": f"{n.package}/{n.type}", "args": n.args,
                                 "remaps": {str(a): str(b) for a, b in n.remap_args}} for n in config.nodes}
 print(json.dumps({"nodes": nodes, "params": {k: p.value for k, p in config.params.items()}}, default=str))
 """
-# what realsense2_camera 2.3 declares in its includes/nodelet.launch.xml, as far as anybody here gives it
+# what realsense2_camera 2.3 declares in its includes/nodelet.launch.xml, as far as anybody here
+# gives it
 _REALSENSE_ARGS = (
     "manager tf_prefix device_type serial_no respawn initial_reset enable_color color_width color_height color_fps"
     " enable_infra1 infra_width infra_height infra_fps enable_depth align_depth depth_width"
@@ -29,7 +31,8 @@ _REALSENSE_ARGS = (
 
 
 def fake_realsense(folder):
-    """A package of the driver's name whose launch file takes the driver's arguments and keeps them as parameters."""
+    """A package of the driver's name whose launch file takes the driver's arguments and keeps them
+    as parameters."""
     package = folder / "realsense2_camera"
     (package / "launch/includes").mkdir(parents=True)
     (package / "package.xml").write_text(
@@ -46,7 +49,8 @@ def fake_realsense(folder):
 
 
 def launched(path, *arguments, packages=None):
-    """{"nodes": {name: {type, args, respawn, remaps}}, "params": {name: value}}, or {"error": text}."""
+    """{"nodes": {name: {type, args, respawn, remaps}}, "params": {name: value}}, or {"error":
+    text}."""
     found = os.environ.get("ROS_PACKAGE_PATH", "")
     env = dict(os.environ, ROS_PACKAGE_PATH=f"{packages}:{found}" if packages else found)
     command = [sys.executable, "-c", _READ, str(path), *arguments]

@@ -11,11 +11,14 @@ from fcsv_control.flight.settings.profile import NOTHING
 
 
 class LinkByHand(FlightLink):
-    """``told`` has what its port gave; poses and set-points go to its core as they are, past the check of the feed."""
+    """``told`` has what its port gave; poses and set-points go to its core as they are, past the
+    check of the feed."""
 
     def __init__(self, line, parameters=None, profile=NOTHING):
         self.told = []
-        port = FlightLinkPort("uav1", parameters or LinkParameters(), profile, FeedRules(), 1, time.monotonic())
+        port = FlightLinkPort(
+            "uav1", parameters or LinkParameters(), profile, FeedRules(), 1, time.monotonic()
+        )
         self.core = port.core
         super().__init__(line, port, lambda output: self.tell(output))
 

@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""A stand-in for MAVROS's node, for tests where it is not installed: its names, types and way of answering.
+"""A stand-in for MAVROS's node, for tests where it is not installed: its names, types and way of
+answering.
 
-No kinder than the real one: a mode is answered as sent, whatever becomes of it; a command goes out once and is given up
-after command_ack_timeout; a second one of the same number meanwhile fails; texts come in the pieces in which they stand
-on the line; a battery that is not known has a share of -0.01.
+No kinder than the real one: a mode is answered as sent, whatever becomes of it; a command goes out
+once and is given up after command_ack_timeout; a second one of the same number meanwhile fails;
+texts come in the pieces in which they stand on the line; a battery that is not known has a share of
+-0.01.
 """
 
 import os
@@ -26,7 +28,14 @@ from fcsv_control.flight.mavlink.lines import UdpLine
 from fcsv_control.flight.state import MODES
 from fcsv_geometry.ros import conversions, node
 from mavros_msgs.msg import Mavlink, RCIn, State, StatusText
-from mavros_msgs.srv import CommandBool, CommandBoolResponse, CommandTOL, CommandTOLResponse, SetMode, SetModeResponse
+from mavros_msgs.srv import (
+    CommandBool,
+    CommandBoolResponse,
+    CommandTOL,
+    CommandTOLResponse,
+    SetMode,
+    SetModeResponse,
+)
 
 M = mavutil.mavlink
 NAMES = {number: name for name, number in MODES.items()}
@@ -42,7 +51,13 @@ class MavrosDouble:
         self.ack_s = rospy.get_param("~cmd/command_ack_timeout", 5.0)
         self.frame = rospy.get_param("~local_position/frame_id", "map")
         self.line = UdpLine(url[len("udp://") : -1], listens=True)
-        self.rpy, self.heard_s, self.connected, self.waits, self.armed = None, -math.inf, False, {}, False
+        self.rpy, self.heard_s, self.connected, self.waits, self.armed = (
+            None,
+            -math.inf,
+            False,
+            {},
+            False,
+        )
         self.lock = threading.Lock()
         self.raw = rospy.Publisher("mavlink/from", Mavlink, queue_size=100)
         self.state = rospy.Publisher("~state", State, queue_size=10, latch=True)
@@ -52,8 +67,14 @@ class MavrosDouble:
         self.rc = rospy.Publisher("~rc/in", RCIn, queue_size=10)
         self.state.publish(State())
         rospy.Service("~set_mode", SetMode, self.set_mode)
-        rospy.Service("~cmd/arming", CommandBool, lambda r: self.command(CommandBoolResponse, 400, float(r.value)))
-        take_off = lambda r: self.command(CommandTOLResponse, 22, r.min_pitch, 0, 0, r.yaw, 0, 0, r.altitude)  # noqa: E731
+        rospy.Service(
+            "~cmd/arming",
+            CommandBool,
+            lambda r: self.command(CommandBoolResponse, 400, float(r.value)),
+        )
+        take_off = lambda r: self.command(  # noqa: E731
+            CommandTOLResponse, 22, r.min_pitch, 0, 0, r.yaw, 0, 0, r.altitude
+        )
         rospy.Service("~cmd/takeoff", CommandTOL, take_off)
         rospy.Service("~cmd/land", CommandTOL, lambda r: self.command(CommandTOLResponse, 21))
         rospy.Subscriber("mavlink/to", Mavlink, self.send_raw, queue_size=100)
@@ -70,14 +91,26 @@ class MavrosDouble:
     def beat(self):
         while not rospy.is_shutdown():
             self.send(M.MAVLink_heartbeat_message(18, 8, 192, 0, 4, 3))
-            if self.connected and time.monotonic() - self.heard_s > rospy.get_param("~conn/timeout", 10.0):
+            if self.connected and time.monotonic() - self.heard_s > rospy.get_param(
+                "~conn/timeout", 10.0
+            ):
                 self.connected = False
                 self.state.publish(State())
             time.sleep(1.0)
 
     def send_raw(self, m):
-        frame = frame_bytes.to_frame(m.len, m.incompat_flags, m.compat_flags, m.seq, m.sysid, m.compid, m.msgid,
-                                     m.checksum, m.payload64, m.signature)  # fmt: skip
+        frame = frame_bytes.to_frame(
+            m.len,
+            m.incompat_flags,
+            m.compat_flags,
+            m.seq,
+            m.sysid,
+            m.compid,
+            m.msgid,
+            m.checksum,
+            m.payload64,
+            m.signature,
+        )
         with self.lock:
             self.line.mav.srcSystem = m.sysid
             self.line.write(frame)
@@ -85,7 +118,11 @@ class MavrosDouble:
     def set_mode(self, request):
         if request.custom_mode not in MODES:
             return SetModeResponse(False)
-        self.send(M.MAVLink_set_mode_message(self.target, 1 | (128 if self.armed else 0), MODES[request.custom_mode]))
+        self.send(
+            M.MAVLink_set_mode_message(
+                self.target, 1 | (128 if self.armed else 0), MODES[request.custom_mode]
+            )
+        )
         return SetModeResponse(True)
 
     def command(self, response, number, *values):
@@ -102,8 +139,11 @@ class MavrosDouble:
 
     def set_point(self, message):
         ned, (_, _, yaw) = conversion.ned_from_pose(conversions.pose_to_transform(message.pose))
-        self.send(M.MAVLink_set_position_target_local_ned_message(
-            0, self.target, 1, M.MAV_FRAME_LOCAL_NED, 0x9F8, *ned, 0, 0, 0, 0, 0, 0, yaw, 0))  # fmt: skip
+        self.send(
+            M.MAVLink_set_position_target_local_ned_message(
+                0, self.target, 1, M.MAV_FRAME_LOCAL_NED, 0x9F8, *ned, 0, 0, 0, 0, 0, 0, yaw, 0
+            )
+        )
 
     # ---- from it
 
@@ -120,9 +160,17 @@ class MavrosDouble:
 
     def on_heartbeat(self, m):
         self.heard_s, self.connected, self.armed = time.monotonic(), True, bool(m.base_mode & 128)
-        self.state.publish(State(
-            conversions.header(rospy.get_time(), ""), True, self.armed, bool(m.base_mode & 8), bool(m.base_mode & 64),
-            NAMES.get(m.custom_mode, f"CMODE({m.custom_mode})"), m.system_status))  # fmt: skip
+        self.state.publish(
+            State(
+                conversions.header(rospy.get_time(), ""),
+                True,
+                self.armed,
+                bool(m.base_mode & 8),
+                bool(m.base_mode & 64),
+                NAMES.get(m.custom_mode, f"CMODE({m.custom_mode})"),
+                m.system_status,
+            )
+        )
 
     def on_command_ack(self, m):
         wait = self.waits.get(m.command)
@@ -134,7 +182,9 @@ class MavrosDouble:
         self.texts.publish(StatusText(conversions.header(rospy.get_time(), ""), m.severity, m.text))
 
     def on_sys_status(self, m):
-        self.battery.publish(BatteryState(voltage=m.voltage_battery / 1e3, percentage=m.battery_remaining * 0.01))
+        self.battery.publish(
+            BatteryState(voltage=m.voltage_battery / 1e3, percentage=m.battery_remaining * 0.01)
+        )
 
     def on_rc_channels(self, m):
         channels = [getattr(m, f"chan{k + 1}_raw") for k in range(m.chancount)]

@@ -11,7 +11,11 @@ def fountain(shared_data, folder, names):
     """A model of some of the fountain's photographs with their surveyed poses."""
     source = shared_data / "fountain"
     (folder / "images").mkdir(parents=True)
-    lines = [s for s in (source / "truth_images.txt").read_text().splitlines() if s.split() and s.split()[-1] in names]
+    lines = [
+        s
+        for s in (source / "truth_images.txt").read_text().splitlines()
+        if s.split() and s.split()[-1] in names
+    ]
     (folder / "images.txt").write_text("".join(f"{s}\n\n" for s in lines))
     shutil.copy(source / "cameras.txt", folder)
     for name in names:
@@ -20,7 +24,8 @@ def fountain(shared_data, folder, names):
 
 
 def motorcycle(shared_data, folder):
-    """A model of the pair; its disparity, where that is truth, f (px), baseline (m), difference of cx (px)."""
+    """A model of the pair; its disparity, where that is truth, f (px), baseline (m), difference of
+    cx (px)."""
     source = shared_data / "motorcycle"
     (folder / "images").mkdir()
     for side in ("left", "right"):
@@ -45,5 +50,7 @@ def model(folder, cameras="1 PINHOLE 64 48 60 60 32 24\n", images=None, sizes=((
     for name, (w, h) in zip("ab", sizes):
         cv2.imwrite(str(folder / "images" / f"{name}.png"), np.zeros((h, w, 3), np.uint8))
     (folder / "cameras.txt").write_text(cameras)
-    (folder / "images.txt").write_text(images or "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 -1 0 0 1 b.png\n\n")
+    (folder / "images.txt").write_text(
+        images or "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 -1 0 0 1 b.png\n\n"
+    )
     return folder

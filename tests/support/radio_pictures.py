@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the radio brings of vehicles that see synthetic walls: calibration and home, pictures with their poses."""
+"""What the radio brings of vehicles that see synthetic walls: calibration and home, pictures with
+their poses."""
 
 import cv2
 import numpy as np
@@ -7,15 +8,19 @@ import numpy as np
 from fcsv_geometry import transforms
 from support.scenes import CAMERA, camera_pose, photograph
 
-NAMES = ("l_one", "l_two", "l_three")  # not uav1, uav2: other tests may use those on the same master
+# not uav1, uav2: other tests may use those on the same master
+NAMES = ("l_one", "l_two", "l_three")
 PLACES = {"l_one": (0.0, 0.0, 0.0), "l_two": (0.0, -1.0, 0.0), "l_three": (0.0, 0.0, 1.0)}
-T_HOME_ODOM = {"l_one": transforms.from_xyz_yaw([3.0, 1.0, 0.0], 0.4),
-               "l_two": transforms.from_xyz_yaw([-2.0, 0.0, 1.0], -1.0),
-               "l_three": np.eye(4)}  # fmt: skip
+T_HOME_ODOM = {
+    "l_one": transforms.from_xyz_yaw([3.0, 1.0, 0.0], 0.4),
+    "l_two": transforms.from_xyz_yaw([-2.0, 0.0, 1.0], -1.0),
+    "l_three": np.eye(4),
+}
 
 
 class RadioPictures:
-    """Publishes on a real master; ``close`` at the end. ``off_m``: (3,; home) by how much each tracker is wrong."""
+    """Publishes on a real master; ``close`` at the end. ``off_m``: (3,; home) by how much each
+    tracker is wrong."""
 
     def __init__(self):
         import rospy
@@ -26,7 +31,10 @@ class RadioPictures:
         self.off_m = {}
         self.calibration = rospy.Publisher("/calibration", Calibration, **latched)
         self.home = rospy.Publisher("/home", Home, **latched)
-        self.pictures = {n: rospy.Publisher(f"/{n}/capture/picture", CapturedPicture, queue_size=5) for n in NAMES}
+        self.pictures = {
+            n: rospy.Publisher(f"/{n}/capture/picture", CapturedPicture, queue_size=5)
+            for n in NAMES
+        }
 
     def listened_to(self, names):
         """Whether a node has subscribed to the pictures of these."""
@@ -40,7 +48,9 @@ class RadioPictures:
         links = []
         for parent, child in zip(NAMES, NAMES[1:]):
             link = CalibrationLink(parent=parent, child=child)
-            link.child_odom_in_parent_odom = conversions.transform_to_pose(transforms.invert(T[parent]) @ T[child])
+            link.child_odom_in_parent_odom = conversions.transform_to_pose(
+                transforms.invert(T[parent]) @ T[child]
+            )
             links.append(link)
         self.calibration.publish(Calibration(links=links))
         home = conversions.transform_to_pose(transforms.invert(T["l_one"]))
@@ -59,7 +69,9 @@ class RadioPictures:
         message.camera = conversions.info_from_camera(CAMERA, stamp_s, "")
         believed = T_home_cam.copy()
         believed[:3, 3] += self.off_m.get(name, 0.0)
-        message.camera_in_odom = conversions.transform_to_pose(transforms.invert(T_HOME_ODOM[name]) @ believed)
+        message.camera_in_odom = conversions.transform_to_pose(
+            transforms.invert(T_HOME_ODOM[name]) @ believed
+        )
         self.pictures[name].publish(message)
 
     def close(self):

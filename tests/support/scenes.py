@@ -20,7 +20,9 @@ def texture(seed, size=1024):
     random = np.random.default_rng(seed)
     fine = cv2.GaussianBlur(random.random((size, size)).astype(np.float32), (0, 0), 2.0)
     coarse = cv2.GaussianBlur(random.random((size, size)).astype(np.float32), (0, 0), 12.0)
-    both = cv2.normalize(fine, None, 0, 1, cv2.NORM_MINMAX) + cv2.normalize(coarse, None, 0, 1, cv2.NORM_MINMAX)
+    both = cv2.normalize(fine, None, 0, 1, cv2.NORM_MINMAX) + cv2.normalize(
+        coarse, None, 0, 1, cv2.NORM_MINMAX
+    )
     made = cv2.cvtColor((both * 127).astype(np.uint8), cv2.COLOR_GRAY2RGB)
     made.setflags(write=False)  # it is made once
     return made
@@ -71,7 +73,8 @@ def true_depth(T_home_cam):
 
 
 def given(*offsets_and_axes, kind="session"):
-    """A MapInput with the reference at home (slightly turned, as a vibrating camera is) and others at offsets."""
+    """A MapInput with the reference at home (slightly turned, as a vibrating camera is) and others
+    at offsets."""
     T_reference = camera_pose([0, 0, 0], (0.3, -0.2, 0.4))
     reference = picture("uav1/0", "uav1", 10.0, T_reference)
     configurations = []

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A screen in memory (Xvfb) and the hands of who sits before it: mouse and keyboard as events of the X server."""
+"""A screen in memory (Xvfb) and the hands of who sits before it: mouse and keyboard as events of
+the X server."""
 
 import os
 import select
@@ -14,7 +15,15 @@ from Xlib.ext import xtest
 Point = Tuple[int, int]
 _LEFT = 1
 _STEPS = 12  # of a drag
-_NAMED = {" ": "space", "/": "slash", "_": "underscore", "-": "minus", ".": "period", "=": "equal", ":": "colon"}
+_NAMED = {
+    " ": "space",
+    "/": "slash",
+    "_": "underscore",
+    "-": "minus",
+    ".": "period",
+    "=": "equal",
+    ":": "colon",
+}
 
 
 class Screen:
@@ -45,7 +54,9 @@ class Hands:
 
     def focus(self, window: int) -> None:
         """What a window manager does when a window is opened or clicked on."""
-        self._display.create_resource_object("window", window).set_input_focus(X.RevertToParent, X.CurrentTime)
+        self._display.create_resource_object("window", window).set_input_focus(
+            X.RevertToParent, X.CurrentTime
+        )
         self._display.sync()
 
     def click(self, at: Point) -> None:
@@ -76,9 +87,16 @@ class Hands:
         """On a keyboard of the United States, as Xvfb has it."""
         for letter in text:
             keysym = XK.string_to_keysym(_NAMED.get(letter, letter))
-            ((code, index), *_) = sorted(self._display.keysym_to_keycodes(keysym), key=lambda found: found[1])
+            ((code, index), *_) = sorted(
+                self._display.keysym_to_keycodes(keysym), key=lambda found: found[1]
+            )
             shift = self._display.keysym_to_keycode(XK.XK_Shift_L) if index & 1 else None
-            for kind, number in ((X.KeyPress, shift), (X.KeyPress, code), (X.KeyRelease, code), (X.KeyRelease, shift)):
+            for kind, number in (
+                (X.KeyPress, shift),
+                (X.KeyPress, code),
+                (X.KeyRelease, code),
+                (X.KeyRelease, shift),
+            ):
                 if number is not None:
                     self._send(kind, number)
 

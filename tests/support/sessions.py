@@ -23,13 +23,16 @@ T_BODY_CAM = transforms.from_xyz_rpy([0.1, 0.0, 0.02], [0, 0, 0]) @ transforms.t
 )
 T_O1_HOME = transforms.from_xyz_yaw([2.0, -1.0, 5.0], 0.6)
 T_O1_O2 = transforms.from_xyz_yaw([-3.0, 4.0, 0.5], -1.1)
-T_HOME_CAM = {"uav1": camera_pose([0, 0, 0], (0.2, 0.1, -0.3)), "uav2": camera_pose([0, -0.8, 0], (-0.2, 0.2, 0.3))}
+T_HOME_CAM = {
+    "uav1": camera_pose([0, 0, 0], (0.2, 0.1, -0.3)),
+    "uav2": camera_pose([0, -0.8, 0], (-0.2, 0.2, 0.3)),
+}
 
 
 @dataclass(frozen=True)
 class Moving:
-    """Vehicles that move: T_home_cam of one at a time after T0, pictures ``hz`` times a second for so long, and by how
-    much its tracker's stamps are late against its camera's."""
+    """Vehicles that move: T_home_cam of one at a time after T0, pictures ``hz`` times a second for
+    so long, and by how much its tracker's stamps are late against its camera's."""
 
     pose: Callable[[str, float], np.ndarray]
     seconds: float
@@ -46,16 +49,28 @@ def odom_cam(vehicle):
 
 
 def write_session(
-    folder, drop=(), encoding="rgb8", window=(T0, T0 + 1.0), stamp_offset_s=0.0, encode=None, windows=None,
-    covariance=None, odometry_s=0.05, moving=None, depth=None, heard=None,
-):  # fmt: skip
-    """A session of one configuration, or of as many as ``windows``; ``drop`` leaves topics out (by their end).
+    folder,
+    drop=(),
+    encoding="rgb8",
+    window=(T0, T0 + 1.0),
+    stamp_offset_s=0.0,
+    encode=None,
+    windows=None,
+    covariance=None,
+    odometry_s=0.05,
+    moving=None,
+    depth=None,
+    heard=None,
+):
+    """A session of one configuration, or of as many as ``windows``; ``drop`` leaves topics out (by
+    their end).
 
     ``odometry_s``: from one pose to the next.
 
-    ``encode`` makes what a picture holds of its RGB; without it ``encoding`` is only what it says. ``depth`` gives the
-    depth (H,W uint16 mm) that a camera at T_home_cam sees: both vehicles then record it once a second. ``heard``: what
-    of the control PC's words a vehicle records too, its windows by vehicle.
+    ``encode`` makes what a picture holds of its RGB; without it ``encoding`` is only what it says.
+    ``depth`` gives the depth (H,W uint16 mm) that a camera at T_home_cam sees: both vehicles then
+    record it once a second. ``heard``: what of the control PC's words a vehicle records too, its
+    windows by vehicle.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for vehicle in T_HOME_CAM:
@@ -72,7 +87,9 @@ def write_session(
         write_control(bag, drop, windows or [window])
         if covariance is not None:
             write_camera_poses(bag, drop, covariance)
-    (folder / "session.yaml").write_text("version: 1\nbags: {uav1: uav1.bag, uav2: uav2.bag, control: control.bag}\n")
+    (folder / "session.yaml").write_text(
+        "version: 1\nbags: {uav1: uav1.bag, uav2: uav2.bag, control: control.bag}\n"
+    )
     return folder
 
 
@@ -82,7 +99,9 @@ def put(bag, topic, message, stamp_s, drop):
 
 
 def write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode, odometry_s=0.05):
-    fixed = conversions.transform_stamped(T_BODY_CAM, T0, frames.base_link(vehicle), frames.camera_optical(vehicle))
+    fixed = conversions.transform_stamped(
+        T_BODY_CAM, T0, frames.base_link(vehicle), frames.camera_optical(vehicle)
+    )
     put(bag, "/tf_static", TFMessage([fixed]), T0, drop)
     T_odom_body = odom_cam(vehicle) @ transforms.invert(T_BODY_CAM)
     for t in np.arange(T0 - 0.5, T0 + 2.5, odometry_s):
@@ -105,7 +124,9 @@ def write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode, odometry
 
 def write_moving(bag, vehicle, moving):
     """All that ``write_vehicle`` writes, of a vehicle that moves."""
-    fixed = conversions.transform_stamped(T_BODY_CAM, T0, frames.base_link(vehicle), frames.camera_optical(vehicle))
+    fixed = conversions.transform_stamped(
+        T_BODY_CAM, T0, frames.base_link(vehicle), frames.camera_optical(vehicle)
+    )
     put(bag, "/tf_static", TFMessage([fixed]), T0, ())
     for t in np.arange(-0.3, moving.seconds + 0.3, 0.005).tolist():
         stamp_s = T0 + t + moving.tracker_late_s
@@ -123,14 +144,21 @@ def write_moving(bag, vehicle, moving):
 
 
 def write_depth(bag, vehicle, millimetres, drop):
-    """Six frames as realsense2_camera aligns them with the colour camera, one a second; the last has no odometry."""
+    """Six frames as realsense2_camera aligns them with the colour camera, one a second; the last
+    has no odometry."""
     for i in range(6):
         t = T0 - 0.4 + 1.0 * i
         frame_id = f"{vehicle}/camera_color_optical_frame"
         encoding = "16UC1" if millimetres.dtype == np.uint16 else "32FC1"
         image = conversions.array_to_image(millimetres, encoding, t, frame_id)
         put(bag, f"/{vehicle}/{DEPTH}", image, t, drop)
-        put(bag, f"/{vehicle}/{DEPTH_INFO}", conversions.info_from_camera(CAMERA, t, frame_id), t, drop)
+        put(
+            bag,
+            f"/{vehicle}/{DEPTH_INFO}",
+            conversions.info_from_camera(CAMERA, t, frame_id),
+            t,
+            drop,
+        )
 
 
 def write_camera_poses(bag, drop, covariance):
@@ -146,13 +174,25 @@ def write_camera_poses(bag, drop, covariance):
 
 def write_control(bag, drop, windows, stamp_s=T0):
     link = CalibrationLink(
-        parent="uav1", child="uav2", child_odom_in_parent_odom=conversions.transform_to_pose(T_O1_O2)
+        parent="uav1",
+        child="uav2",
+        child_odom_in_parent_odom=conversions.transform_to_pose(T_O1_O2),
     )
-    put(bag, "/calibration", Calibration(conversions.header(stamp_s, "uav1/odom"), [link]), stamp_s, drop)
-    home = Home(conversions.header(stamp_s, "uav1/odom"), "uav1", conversions.transform_to_pose(T_O1_HOME))
+    put(
+        bag,
+        "/calibration",
+        Calibration(conversions.header(stamp_s, "uav1/odom"), [link]),
+        stamp_s,
+        drop,
+    )
+    home = Home(
+        conversions.header(stamp_s, "uav1/odom"), "uav1", conversions.transform_to_pose(T_O1_HOME)
+    )
     put(bag, "/home", home, stamp_s, drop)
     for index, window in enumerate(windows):
-        capture = Capture(header=conversions.header(stamp_s, ""), index=index, reference="uav1", vehicle="uav2")
+        capture = Capture(
+            header=conversions.header(stamp_s, ""), index=index, reference="uav1", vehicle="uav2"
+        )
         name = f"horizontal 0.8 m{f' ({index})' if index else ''}"
         capture.configuration = Configuration(name, Configuration.HORIZONTAL, 0.8, 0.0, 1.0)
         capture.start, capture.stop = (rospy.Time.from_sec(t) for t in window)

@@ -18,9 +18,14 @@ END_S = 8.0
 
 def vehicle(name, number):
     return VehicleGeometry(
-        name, number, number, 0.16, Mount((0.11, 0.0, 0.03)), Mount((0.06, 0.0, -0.05), (0.0, 90.0, 0.0)),
+        name,
+        number,
+        number,
+        0.16,
+        Mount((0.11, 0.0, 0.03)),
+        Mount((0.06, 0.0, -0.05), (0.0, 90.0, 0.0)),
         Mount((-0.16, 0.0, 0.02), (0.0, 0.0, 180.0)),
-    )  # fmt: skip
+    )
 
 
 @dataclass
@@ -38,11 +43,14 @@ class Column:
     def __post_init__(self):
         self.random = np.random.default_rng(self.seed)
         self.front, self.back = vehicle("uav1", 1), vehicle("uav2", 2)
-        odom = lambda: transforms.from_xyz_yaw(self.random.uniform(-20, 20, 3), self.random.uniform(-3, 3))  # noqa: E731
+        odom = lambda: transforms.from_xyz_yaw(  # noqa: E731
+            self.random.uniform(-20, 20, 3), self.random.uniform(-3, 3)
+        )
         self.T_world_O1, self.T_world_O2 = odom(), odom()
 
     def bodies(self, t_s):
-        """T_world_body of front and back at a time: the front one sways, both tilt and wander a little."""
+        """T_world_body of front and back at a time: the front one sways, both tilt and wander a
+        little."""
         wobble = lambda s: 0.05 * np.sin(np.array([0.7, 0.9, 0.5]) * t_s + s)  # noqa: E731
         tilt = lambda s: 0.03 * np.sin(np.array([1.3, 1.1, 0.4]) * t_s + s)  # noqa: E731
         phase = 2 * np.pi * t_s / self.sway_period_s
@@ -64,11 +72,23 @@ class Column:
 
     def detection(self, t_s):
         T_world_D1, T_world_D2 = self.bodies(t_s)
-        T_world_tag, T_world_cam = T_world_D1 @ self.front.T_body_tag, T_world_D2 @ self.back.T_body_cam
+        T_world_tag, T_world_cam = (
+            T_world_D1 @ self.front.T_body_tag,
+            T_world_D2 @ self.back.T_body_cam,
+        )
         p_cam = transforms.apply(transforms.invert(T_world_cam) @ T_world_tag, corner_points(0.16))
-        corners = p_cam[:, :2] / p_cam[:, 2:] + self.random.normal(0, self.corner_noise_px / FOCAL_PX, (4, 2))
+        corners = p_cam[:, :2] / p_cam[:, 2:] + self.random.normal(
+            0, self.corner_noise_px / FOCAL_PX, (4, 2)
+        )
         T_O1_D1, T_O2_D2 = self.odometry(t_s)
-        return Detection(t_s, corners, 0.16, FOCAL_PX, T_O2_D2 @ self.back.T_body_cam, T_O1_D1 @ self.front.T_body_tag)
+        return Detection(
+            t_s,
+            corners,
+            0.16,
+            FOCAL_PX,
+            T_O2_D2 @ self.back.T_body_cam,
+            T_O1_D1 @ self.front.T_body_tag,
+        )
 
     def detections(self, seconds=END_S, rate_hz=5.0):
         return [self.detection(t) for t in np.arange(0, seconds, 1.0 / rate_hz)]
@@ -76,7 +96,9 @@ class Column:
     def odometry_at_end(self):
         """T_O1_D1 and T_O2_D2 that a link of the end of the calibration is to agree with."""
         T_world_D1, T_world_D2 = self.bodies(END_S)
-        return transforms.invert(self.T_world_O1) @ T_world_D1, transforms.invert(self.T_world_O2) @ T_world_D2
+        return transforms.invert(self.T_world_O1) @ T_world_D1, transforms.invert(
+            self.T_world_O2
+        ) @ T_world_D2
 
     def true_link(self):
         """T_O1_O2 with which the odometries of the end give the true relative pose."""
@@ -93,12 +115,16 @@ class Column:
 
 @dataclass
 class DriftingColumn(Column):
-    """The same column by the odometry of two simulated T265: walk, heading, scale and level go wrong as it moves."""
+    """The same column by the odometry of two simulated T265: walk, heading, scale and level go
+    wrong as it moves."""
 
     def __post_init__(self):
         super().__post_init__()
         self._vehicles = [self.front, self.back]
-        self._trackers = [T265(T265_PROFILE, v.T_body_t265, 2 * self.seed + i) for i, v in enumerate(self._vehicles)]
+        self._trackers = [
+            T265(T265_PROFILE, v.T_body_t265, 2 * self.seed + i)
+            for i, v in enumerate(self._vehicles)
+        ]
         self._next_s = 0.0
 
     def odometry(self, t_s):

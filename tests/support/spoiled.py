@@ -6,7 +6,8 @@ from sensor_msgs.msg import CompressedImage
 
 
 def spoil(bag, topic_end, change):
-    """Each message of the topics that end so becomes ``change(i, message)``: the message, or None to drop it."""
+    """Each message of the topics that end so becomes ``change(i, message)``: the message, or None
+    to drop it."""
     with rosbag.Bag(str(bag)) as source:
         messages = [(topic, message, t) for topic, message, t in source.read_messages()]
     count = {}

@@ -22,7 +22,9 @@ def spoil(data: bytes, how: str) -> bytes:
 def grain(shape=(120, 160), seed=3):
     """RGB of a photograph's kind: structure of all sizes."""
     rng = np.random.default_rng(seed)
-    image = cv2.resize(rng.integers(0, 255, (shape[0] // 8, shape[1] // 8, 3), np.uint8), shape[::-1])
+    image = cv2.resize(
+        rng.integers(0, 255, (shape[0] // 8, shape[1] // 8, 3), np.uint8), shape[::-1]
+    )
     return np.clip(image + rng.normal(0, 8, image.shape), 1, 255).astype(np.uint8)
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Views for surveys, cast from planes and boxes with known truth; matches and edges between them."""
+"""Views for surveys, cast from planes and boxes with known truth; matches and edges between
+them."""
 
 import numpy as np
 
@@ -31,10 +32,15 @@ def unplaced(T, scale=0.02):
 
 
 def cast(T_site_cam, wall_x=40.0, boxes=()):
-    """(H,W) depth of a wall across x, and of boxes (x, y0, y1, z0, z1): plates before it, across x."""
+    """(H,W) depth of a wall across x, and of boxes (x, y0, y1, z0, z1): plates before it, across
+    x."""
     rays = CAMERA.rays() @ T_site_cam[:3, :3].T
     p = T_site_cam[:3, 3]
-    depth = np.where(rays[..., 0] > 0.1, (wall_x - p[0]) / np.where(rays[..., 0] > 0.1, rays[..., 0], 1.0), np.nan)
+    depth = np.where(
+        rays[..., 0] > 0.1,
+        (wall_x - p[0]) / np.where(rays[..., 0] > 0.1, rays[..., 0], 1.0),
+        np.nan,
+    )
     for x, y0, y1, z0, z1 in boxes:
         near = (x - p[0]) / np.where(rays[..., 0] > 0.1, rays[..., 0], np.nan)
         hit = p + near[..., None] * rays
@@ -44,7 +50,8 @@ def cast(T_site_cam, wall_x=40.0, boxes=()):
 
 
 def view(name, T, depth=None, sigma_share=0.01, scale=1.0, known_as=None, noise=0.0, seed=0):
-    """A view whose map is 1 / ``scale`` times too small; its prior is its true pose unless ``known_as``."""
+    """A view whose map is 1 / ``scale`` times too small; its prior is its true pose unless
+    ``known_as``."""
     depth = cast(T) if depth is None else depth
     sigma = np.nan_to_num(sigma_share * depth, nan=1.0)
     told = (depth + noise * sigma * np.random.default_rng(seed).normal(size=depth.shape)) / scale
@@ -52,8 +59,17 @@ def view(name, T, depth=None, sigma_share=0.01, scale=1.0, known_as=None, noise=
     image = np.full((*depth.shape, 3), 90, np.uint8)
     known_as = prior(T) if known_as is None else known_as
     T_home_cam = transforms.transform(T[:3, :3], np.zeros(3))
-    return View(name, f"in/{name}", image, told.astype(np.float32), sigma.astype(np.float32), kind, CAMERA, T_home_cam,
-                known_as)  # fmt: skip
+    return View(
+        name,
+        f"in/{name}",
+        image,
+        told.astype(np.float32),
+        sigma.astype(np.float32),
+        kind,
+        CAMERA,
+        T_home_cam,
+        known_as,
+    )
 
 
 def places(count=200, seed=0):
@@ -64,17 +80,24 @@ def places(count=200, seed=0):
 
 
 def seen(points, T_site_cam, scale=1.0, seed=0, noise_px=0.7):
-    """Features of site points as a view measures them: sigma 0.25 % of the depth per 10 m, and pixels."""
+    """Features of site points as a view measures them: sigma 0.25 % of the depth per 10 m, and
+    pixels."""
     random = np.random.default_rng(seed)
     in_cam = transforms.apply(transforms.invert(T_site_cam), points)
     z = in_cam[:, 2]
-    uv = in_cam[:, :2] / z[:, None] * SHARP.fx + [SHARP.cx, SHARP.cy] + random.normal(0.0, noise_px, (len(z), 2))
+    uv = (
+        in_cam[:, :2] / z[:, None] * SHARP.fx
+        + [SHARP.cx, SHARP.cy]
+        + random.normal(0.0, noise_px, (len(z), 2))
+    )
     sigma = 2.5e-4 * z**2
     depth = (z + sigma * random.normal(size=len(z))) / scale
     return located(SHARP, uv, depth, sigma, np.zeros((len(z), 128), np.float32))
 
 
-def true_edge(a, b, poses, scales, sigma_m=0.05, sigma_rad=5e-4, sigma_scale=1e-3, seed=0, matches=100):
+def true_edge(
+    a, b, poses, scales, sigma_m=0.05, sigma_rad=5e-4, sigma_scale=1e-3, seed=0, matches=100
+):
     """An edge between poses by name with the noise that its covariance states."""
     sigmas = np.array([sigma_rad] * 3 + [sigma_m] * 3 + [sigma_scale])
     S = similarity.between(*(similarity.of_pose(poses[n], scales[n]) for n in (a, b)))

@@ -25,7 +25,12 @@ def render(T_cam_tag, size_m=0.16, tag_id=1, camera=CAMERA):
     S = np.array([[SUPER, 0, (SUPER - 1) / 2], [0, SUPER, (SUPER - 1) / 2], [0, 0, 1.0]])
     big = np.full((camera.height * SUPER, camera.width * SUPER), 120, np.uint8)
     cv2.warpPerspective(
-        board, S @ H, big.shape[::-1], dst=big, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_TRANSPARENT
+        board,
+        S @ H,
+        big.shape[::-1],
+        dst=big,
+        flags=cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_TRANSPARENT,
     )
     return cv2.resize(big, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
 

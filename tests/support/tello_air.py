@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Unmodified tellopy against a simulated Tello: one in each of two network namespaces, or both on loopback.
+"""Unmodified tellopy against a simulated Tello: one in each of two network namespaces, or both on
+loopback.
 
-tellopy's threads catch every exception and only log it, so whatever it logs as an error is kept in ``errors``. Its
-dispatcher is one for the whole process, and every Tello in it obeys what another one hears: one client at a time.
+tellopy's threads catch every exception and only log it, so whatever it logs as an error is kept in
+``errors``. Its dispatcher is one for the whole process, and every Tello in it obeys what another
+one hears: one client at a time.
 """
 
 import contextlib
@@ -43,7 +45,9 @@ class SwitchedOn:
         self._open = switched_on(parameters)
         self.shell = self._open.__enter__()
         self.drone = self.shell.drone
-        self._thread = threading.Thread(target=run, args=(self.shell, self._over.is_set), name="simulated Tello")
+        self._thread = threading.Thread(
+            target=run, args=(self.shell, self._over.is_set), name="simulated Tello"
+        )
         self._thread.start()
 
     @property
@@ -57,12 +61,25 @@ class SwitchedOn:
 
 
 class Client:
-    """A tellopy.Tello as its users make it; its events by name, each with the time at which it came."""
+    """A tellopy.Tello as its users make it; its events by name, each with the time at which it
+    came."""
 
     def __init__(self, namespace: str = "", address=None, **ports):
         self.errors: List[str] = []
-        self.events = {name: [] for name in ("flight_data", "log_data", "wifi", "sample_mvo", "sample_imu",
-                                             "disconnected", "connected", "video_data", "sample_raw")}  # fmt: skip
+        self.events = {
+            name: []
+            for name in (
+                "flight_data",
+                "log_data",
+                "wifi",
+                "sample_mvo",
+                "sample_imu",
+                "disconnected",
+                "connected",
+                "video_data",
+                "sample_raw",
+            )
+        }
         self._log_error, tello_module.log.error = tello_module.log.error, self.errors.append
         self._before = set(threading.enumerate())
         with netns.inside(namespace):
@@ -110,7 +127,9 @@ class Air:
         return f"fcsv-{os.getpid()}-air{next(_numbers)}-tello1"
 
     def drone(self, network: str, vehicle: str = "tello1", **parameters) -> SwitchedOn:
-        on = SwitchedOn(ProgramParameters(vehicle, str(self._folder), network=network, **parameters))
+        on = SwitchedOn(
+            ProgramParameters(vehicle, str(self._folder), network=network, **parameters)
+        )
         self._things.append(on)
         return on
 

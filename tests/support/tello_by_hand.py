@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated Tellos in people's hands before a mocap, without ROS and faster than real time: what each sends and hears
-goes through the cores of link and tracker."""
+"""Simulated Tellos in people's hands before a mocap, without ROS and faster than real time: what
+each sends and hears goes through the cores of link and tracker."""
 
 from types import SimpleNamespace
 from typing import Optional
@@ -40,11 +40,22 @@ EPOCH_S = 1e9  # as a wall clock
 
 class _One:
     def __init__(self, folder, name: str, start, seed: int, gains: PidConfig, height_m: float):
-        self.drone = TelloDrone(TelloDroneParameters(name, str(folder), seed, tuple(start)), EPOCH_S)
+        self.drone = TelloDrone(
+            TelloDroneParameters(name, str(folder), seed, tuple(start)), EPOCH_S
+        )
         self.core, self.own = TelloCore(name, gains, TelloRules()), OwnOdometry()
-        self.hands, self.track, self.height_m = TelloHands(gains, height_m, MOCAP_SITE.sway_m), GroundTrack(), height_m
+        self.hands, self.track, self.height_m = (
+            TelloHands(gains, height_m, MOCAP_SITE.sway_m),
+            GroundTrack(),
+            height_m,
+        )
         self.v_body = np.zeros(3)
-        self.sensors, self.count, self.T_N_O, self.pose_s = TelloSensors(_no_delays(), seed), 0, None, 0.0
+        self.sensors, self.count, self.T_N_O, self.pose_s = (
+            TelloSensors(_no_delays(), seed),
+            0,
+            None,
+            0.0,
+        )
 
     @property
     def p_m(self) -> np.ndarray:
@@ -56,14 +67,23 @@ class ByHand:
 
     def __init__(self, folder, mission, seed: int = 1):
         names = ["tello1", "tello2"]
-        gains, starts = config.load(CONFIG / "velocity.yaml", PidConfig), MOCAP_SITE.starts(mission, names)
-        self.tellos = {n: _One(folder, n, starts[n], 10 * seed + k, gains, mission.home_height_m)
-                       for k, n in enumerate(names)}  # fmt: skip
+        gains, starts = (
+            config.load(CONFIG / "velocity.yaml", PidConfig),
+            MOCAP_SITE.starts(mission, names),
+        )
+        self.tellos = {
+            n: _One(folder, n, starts[n], 10 * seed + k, gains, mission.home_height_m)
+            for k, n in enumerate(names)
+        }
         self.duo = V120Duo(V120DuoErrors(swaps_per_s=0.02, flips_per_s=0.005), T_WORLD_MOCAP, seed)
-        self.system, self.level = MocapSystem(dict.fromkeys(names, np.eye(4)), RULES), LevelFrame(None)
+        self.system, self.level = (
+            MocapSystem(dict.fromkeys(names, np.eye(4)), RULES),
+            LevelFrame(None),
+        )
         self.now_s, self._steps, self._waiting = EPOCH_S, 0, []
         self.refused, self._random = [], np.random.default_rng(seed)
-        self.deaf, self.unseen, self.battery = set(), set(), dict.fromkeys(names, 0.9)  # faults, by vehicle
+        # faults, by vehicle
+        self.deaf, self.unseen, self.battery = set(), set(), dict.fromkeys(names, 0.9)
 
     def run(self, seconds: float, phase: str, until=lambda: False) -> bool:
         """Whether ``until()`` came true within the time."""
@@ -77,7 +97,9 @@ class ByHand:
     def screen(self, name: str) -> Screen:
         one = self.tellos[name]
         state, tracking = one.core.state(self.now_s), one.core.tracking
-        return Screen(state.armed, state.mode, tracking.T_odom_body, one.v_body, tracking.rate_hz(self.now_s))
+        return Screen(
+            state.armed, state.mode, tracking.T_odom_body, one.v_body, tracking.rate_hz(self.now_s)
+        )
 
     def _step(self, phase: str) -> None:
         self.now_s += STEP_S
@@ -87,9 +109,15 @@ class ByHand:
         bodies = {n: one.drone.body.T_world_body for n, one in self.tellos.items()}
         sights = self.duo.frame(self.now_s, bodies)
         self._waiting.append((self.now_s + _MOCAP_S, self._mocap, sights))
-        logs = {n: r for n, r in ((n, self._record(one)) for n, one in self.tellos.items()) if r is not None}
+        logs = {
+            n: r
+            for n, r in ((n, self._record(one)) for n, one in self.tellos.items())
+            if r is not None
+        }
         if logs:
-            self._waiting.append((self.now_s + _LOG_S + self._random.exponential(_JITTER_S), self._log, logs))
+            self._waiting.append(
+                (self.now_s + _LOG_S + self._random.exponential(_JITTER_S), self._log, logs)
+            )
         due = [w for w in self._waiting if w[0] <= self.now_s]
         self._waiting = [w for w in self._waiting if w[0] > self.now_s]
         for _, take, what in due:
@@ -108,8 +136,11 @@ class ByHand:
                 pass
 
     def _record(self, one: _One) -> Optional[SimpleNamespace]:
-        """An IMU record as tellopy decodes it, with the errors that the simulated Tello's log has."""
-        found = one.sensors.advance(self.now_s, one.drone.body.T_world_body.copy(), one.drone.body.velocity_mps.copy())
+        """An IMU record as tellopy decodes it, with the errors that the simulated Tello's log
+        has."""
+        found = one.sensors.advance(
+            self.now_s, one.drone.body.T_world_body.copy(), one.drone.body.velocity_mps.copy()
+        )
         one.count += len(found)
         if not found or one.count % 2 or self._random.uniform() < _LOST:
             return None
@@ -120,10 +151,21 @@ class ByHand:
         x, y, z, w = transforms.fast_quaternion_xyzw(T)
         accel, gyro = _FLIP * sample.accel_mps2 / 9.81, _FLIP * sample.gyro_radps
         return SimpleNamespace(
-            vg_x=v[0], vg_y=v[1], vg_z=v[2], acc_x=accel[0], acc_y=accel[1], acc_z=accel[2],
-            gyro_x=gyro[0], gyro_y=gyro[1], gyro_z=gyro[2], q0=w, q1=x, q2=-y, q3=-z,
+            vg_x=v[0],
+            vg_y=v[1],
+            vg_z=v[2],
+            acc_x=accel[0],
+            acc_y=accel[1],
+            acc_z=accel[2],
+            gyro_x=gyro[0],
+            gyro_y=gyro[1],
+            gyro_z=gyro[2],
+            q0=w,
+            q1=x,
+            q2=-y,
+            q3=-z,
             tick=tick_of(self.now_s - EPOCH_S),
-        )  # fmt: skip
+        )
 
     def _log(self, logs) -> None:
         for name, record in logs.items():
@@ -140,9 +182,15 @@ class ByHand:
             T = motion.T_own_body
             try:
                 self.system.feed_vehicle(
-                    name, self.now_s, motion.stamp_s, T[:3, 3], transforms.fast_quaternion_xyzw(T), motion.v_body_mps,
-                    motion.gyro_radps, motion.accel_mps2,
-                )  # fmt: skip
+                    name,
+                    self.now_s,
+                    motion.stamp_s,
+                    T[:3, 3],
+                    transforms.fast_quaternion_xyzw(T),
+                    motion.v_body_mps,
+                    motion.gyro_radps,
+                    motion.accel_mps2,
+                )
             except SampleRejected:
                 pass  # counted
 
@@ -159,7 +207,9 @@ class ByHand:
             if name in self.unseen or pose is None or pose.stamp_s <= one.pose_s:
                 continue
             one.pose_s = pose.stamp_s
-            found = one.track.add(pose.stamp_s, pose.T_M_D, pose.covariance, self.level.T_tracker_level)
+            found = one.track.add(
+                pose.stamp_s, pose.T_M_D, pose.covariance, self.level.T_tracker_level
+            )
             if found is not None:
                 one.core.pose(self.now_s, pose.stamp_s, found.T_odom_body)
                 self._seen(name, found.T_odom_body, found.v_body_mps)
@@ -185,7 +235,10 @@ class ByHand:
             if isinstance(output, GiveSticks):
                 s = output.sticks
                 flight.heard(self.now_s)
-                flight.sticks(self.now_s, DroneSticks(roll=-s.left, pitch=s.forward, throttle=s.up, yaw=-s.turn))
+                flight.sticks(
+                    self.now_s,
+                    DroneSticks(roll=-s.left, pitch=s.forward, throttle=s.up, yaw=-s.turn),
+                )
             elif isinstance(output, TakeOffNow):
                 flight.take_off()
             elif isinstance(output, LandNow):

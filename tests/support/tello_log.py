@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated Tello's log as its link publishes it: tello/odom and tello/imu of a body whose truth somebody writes."""
+"""A simulated Tello's log as its link publishes it: tello/odom and tello/imu of a body whose truth
+somebody writes."""
 
 import threading
 import time
@@ -28,7 +29,9 @@ class TelloLog(threading.Thread):
         self._name, self._over = name, threading.Event()
         self._sensors, self._truth = TelloSensors(TelloErrors(), seed), TruthReader(folder, name)
         self._on_the_way: Deque[TelloSample] = deque()
-        self._odom = rospy.Publisher(f"/{name}/tello/odom", Odometry, queue_size=20, tcp_nodelay=True)
+        self._odom = rospy.Publisher(
+            f"/{name}/tello/odom", Odometry, queue_size=20, tcp_nodelay=True
+        )
         self._imu = rospy.Publisher(f"/{name}/tello/imu", Imu, queue_size=20, tcp_nodelay=True)
         self.start()
 
@@ -62,7 +65,8 @@ class TelloLog(threading.Thread):
 
         from fcsv_geometry.ros import conversions
 
-        name, T, stamp_s = self._name, sample.T_O_D, sample.arrival_s  # not now: this process may be kept waiting
+        # not now: this process may be kept waiting
+        name, T, stamp_s = self._name, sample.T_O_D, sample.arrival_s
         q, gyro = Quaternion(*transforms.fast_quaternion_xyzw(T)), Vector3(*sample.gyro_radps)
         header = conversions.header(stamp_s, frames.tello_odom(name))
         odometry = Odometry(header=header, child_frame_id=frames.base_link(name))

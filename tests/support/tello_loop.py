@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated Tello's dynamics under the PID, with poses as trackers on the ground give them: late, noisy, gapped."""
+"""A simulated Tello's dynamics under the PID, with poses as trackers on the ground give them: late,
+noisy, gapped."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +9,15 @@ from typing import List, Tuple
 import numpy as np
 
 from fcsv_control.tello.core import TelloCore
-from fcsv_control.tello.messages import FlightReport, GiveSticks, LandNow, LogReport, StayUp, TakeOffNow, TelloText
+from fcsv_control.tello.messages import (
+    FlightReport,
+    GiveSticks,
+    LandNow,
+    LogReport,
+    StayUp,
+    TakeOffNow,
+    TelloText,
+)
 from fcsv_control.tello.observer import Observer, ObserverRules
 from fcsv_control.tello.pid import PidConfig, PositionPid, TelloSticks
 from fcsv_control.tello.rules import TelloRules
@@ -23,8 +32,8 @@ CONFIG = Path(__file__).resolve().parents[2] / "config" / "tello"
 
 @dataclass(frozen=True)
 class Poses:
-    """How a tracker sees: rate, delay and its spread (s), standard deviations (docs/lab/mocap.md, docs/lab/gimbal.md),
-    and how often a gap of ``gap_s`` begins."""
+    """How a tracker sees: rate, delay and its spread (s), standard deviations (docs/lab/mocap.md,
+    docs/lab/gimbal.md), and how often a gap of ``gap_s`` begins."""
 
     rate_hz: float
     delay_s: float
@@ -49,34 +58,54 @@ class SeenPoses:
     def take(self, now_s: float, T_world_body: np.ndarray) -> List[Tuple[float, np.ndarray]]:
         k, random = self._kind, self._random
         if now_s >= self._next_s:
-            self._next_s = now_s + 1.0 / k.rate_hz + (k.gap_s if random.uniform() < k.gap_share else 0.0)
+            self._next_s = (
+                now_s + 1.0 / k.rate_hz + (k.gap_s if random.uniform() < k.gap_share else 0.0)
+            )
             noisy = transforms.from_xyz_rpy(
                 T_world_body[:3, 3] + random.normal(0.0, k.sigma_m, 3),
                 transforms.rpy(T_world_body) + np.radians(random.normal(0.0, k.sigma_deg, 3)),
             )
-            self._under_way.append((now_s + k.delay_s + abs(random.normal(0.0, k.jitter_s)), now_s, noisy))
+            self._under_way.append(
+                (now_s + k.delay_s + abs(random.normal(0.0, k.jitter_s)), now_s, noisy)
+            )
         arrived = [(stamp_s, T) for arrives_s, stamp_s, T in self._under_way if arrives_s <= now_s]
         self._under_way = [p for p in self._under_way if p[0] > now_s]
         return arrived
 
 
-def drone(folder, seed: int, start_m=(0.0, 0.0), wind_mps: float = 0.5, bias_mps: float = 0.02, name: str = "tello1"):
-    """fcsv_sim's Tello but for its radio: sticks are lean angles, an axis that is let go brakes and is held by flow."""
-    return TelloDrone(TelloDroneParameters(
-        name, str(folder), seed, (*start_m, 0.0, 0.3), wind_mps=wind_mps, flow_bias_mps=bias_mps), 0.0)  # fmt: skip
+def drone(
+    folder,
+    seed: int,
+    start_m=(0.0, 0.0),
+    wind_mps: float = 0.5,
+    bias_mps: float = 0.02,
+    name: str = "tello1",
+):
+    """fcsv_sim's Tello but for its radio: sticks are lean angles, an axis that is let go brakes and
+    is held by flow."""
+    return TelloDrone(
+        TelloDroneParameters(
+            name, str(folder), seed, (*start_m, 0.0, 0.3), wind_mps=wind_mps, flow_bias_mps=bias_mps
+        ),
+        0.0,
+    )
 
 
 def give(tello: TelloDrone, now_s: float, s: TelloSticks) -> None:
     """As its link's sticks arrive."""
     tello.flight.heard(now_s)
-    tello.flight.sticks(now_s, DroneSticks(roll=-s.left, pitch=s.forward, throttle=s.up, yaw=-s.turn))
+    tello.flight.sticks(
+        now_s, DroneSticks(roll=-s.left, pitch=s.forward, throttle=s.up, yaw=-s.turn)
+    )
 
 
 class LinkedTello:
-    """The link's core over a simulated Tello of fcsv_sim: flight data at 10 Hz, its log at 20 Hz, the tracker's poses,
-    and what can go wrong with each. The frame is the world's."""
+    """The link's core over a simulated Tello of fcsv_sim: flight data at 10 Hz, its log at 20 Hz,
+    the tracker's poses, and what can go wrong with each. The frame is the world's."""
 
-    def __init__(self, folder, seed: int, start_m=(0.0, 0.0), kind: Poses = MOCAP, name: str = "tello1"):
+    def __init__(
+        self, folder, seed: int, start_m=(0.0, 0.0), kind: Poses = MOCAP, name: str = "tello1"
+    ):
         self.tello, self.now_s = drone(folder, seed, start_m, name=name), 0.0
         self.pid = config.load(CONFIG / "velocity.yaml", PidConfig)
         self.core = TelloCore(name, self.pid, TelloRules())
@@ -124,7 +153,10 @@ class LinkedTello:
             v_body = T[:3, :3].T @ self.tello.body.velocity_mps
             self.core.log(self.now_s, LogReport(own, v_body))
         if self._ticks % 3 == 0:
-            self.core.flight(self.now_s, FlightReport(self.tello.flight.flying, float(T[2, 3]), self.battery_share))
+            self.core.flight(
+                self.now_s,
+                FlightReport(self.tello.flight.flying, float(T[2, 3]), self.battery_share),
+            )
 
     def _do(self, output) -> None:
         if isinstance(output, TelloText):
@@ -163,10 +195,16 @@ class Flown:
 
 
 def fly(
-    tello: TelloDrone, kind: Poses, gains: PidConfig, target: np.ndarray, seconds: float, seed: int = 1,
+    tello: TelloDrone,
+    kind: Poses,
+    gains: PidConfig,
+    target: np.ndarray,
+    seconds: float,
+    seed: int = 1,
     predict: bool = True,
-) -> Flown:  # fmt: skip
-    """Off the ground and towards one target. Without ``predict`` the pose is taken as if it were of now."""
+) -> Flown:
+    """Off the ground and towards one target. Without ``predict`` the pose is taken as if it were of
+    now."""
     observer, pid = Observer(ObserverRules(), gains.sticks), PositionPid(gains)
     seen, now_s, sticks, rows = SeenPoses(kind, seed), 0.0, TelloSticks(), []
     tello.flight.take_off()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A mission of simulated Tellos before a mocap, without ROS: the cores of mission, agents, guardians, links, tracker
-and people, as the launch files join them."""
+"""A mission of simulated Tellos before a mocap, without ROS: the cores of mission, agents,
+guardians, links, tracker and people, as the launch files join them."""
 
 from typing import Dict, List
 
@@ -25,7 +25,8 @@ from support.tello_loop import CONFIG
 
 _SENDER, _EPOCH = "mission", 7
 _GUARDIAN_STEPS, _MISSION_STEPS, _STATE_STEPS = 5, 12, 120
-T_WORLD_LEVEL = transforms.from_xyz_yaw([0.0, 0.0, 0.3], 0.0)  # the mocap's level frame (docs/design/trackers.md)
+# the mocap's level frame (docs/design/trackers.md)
+T_WORLD_LEVEL = transforms.from_xyz_yaw([0.0, 0.0, 0.3], 0.0)
 
 
 class _Board:
@@ -34,7 +35,9 @@ class _Board:
     def __init__(self, name: str, one):
         self.name, self._one = name, one
         self.agent = AgentCore(name, AgentRules(), DuplicateAgentGuard(name, -np.inf))
-        self.guardian = Guardian(name, config.load(CONFIG.parent / "guardian" / "tello.yaml", GuardianRules))
+        self.guardian = Guardian(
+            name, config.load(CONFIG.parent / "guardian" / "tello.yaml", GuardianRules)
+        )
         self.acks: List[Ack] = []
         self.set_point, self.recording, self.pictures = None, False, 0
         self.T_odom_body, self.v_mps = None, np.zeros(3)
@@ -50,7 +53,9 @@ class _Board:
             self.agent.pose(now_s, tracking.T_odom_body)
             self.guardian.estimate(now_s, tracking.T_odom_body)
         if guard:
-            report = LinkReport(tracking.doubt(now_s), np.nan, 0.0, False, True, in_the_air=state.armed)
+            report = LinkReport(
+                tracking.doubt(now_s), np.nan, 0.0, False, True, in_the_air=state.armed
+            )
             self.guardian.link(now_s, report)
             self.guardian.step(now_s)
             for output in self.guardian.outgoing():
@@ -87,14 +92,16 @@ class _Board:
 
 
 class TelloMission(ByHand):
-    """``fly`` to its end; ``held`` by vehicle: distance (m) and heading (deg) from its set-point by the truth, at each
-    step while pictures were recorded."""
+    """``fly`` to its end; ``held`` by vehicle: distance (m) and heading (deg) from its set-point by
+    the truth, at each step while pictures were recorded."""
 
     def __init__(self, folder, mission, geometry, seed: int = 1):
         super().__init__(folder, mission, seed)
         self.mission, self._cameras = mission, {n: g.T_body_cam for n, g in geometry.items()}
         self.system._T_body_cam = dict(self._cameras)
-        self.machine = MissionMachine(mission, list(geometry), {n: g.radius_m for n, g in geometry.items()})
+        self.machine = MissionMachine(
+            mission, list(geometry), {n: g.radius_m for n, g in geometry.items()}
+        )
         self.boards = {n: _Board(n, one) for n, one in self.tellos.items()}
         self._heard = {n: VehicleHeard(T) for n, T in self._cameras.items()}
         self._finger, self.T_home_odom, self.nearest_m = Finger(), {}, np.inf
@@ -104,7 +111,9 @@ class TelloMission(ByHand):
     def fly(self, longest_s: float = 240.0, meanwhile=lambda _air: None) -> str:
         """The phase in which it ended; ``meanwhile(self)`` at each step."""
         end_s = self.now_s + longest_s
-        while self.now_s < end_s and not (self.machine.over and not any(o.core.flying for o in self.tellos.values())):
+        while self.now_s < end_s and not (
+            self.machine.over and not any(o.core.flying for o in self.tellos.values())
+        ):
             self._step(self.machine.phase)
             self._meanwhile()
             meanwhile(self)
@@ -151,10 +160,19 @@ class TelloMission(ByHand):
         for order in m.outbox.due(now_s):
             a, board = order.arguments, self.boards[order.vehicle]
             told = Instruction(
-                order.vehicle, _SENDER, order.number, Kind[order.kind], now_s, order.ordered_s,
-                order.expires_s - order.ordered_s, a.get("mode", ""), a.get("flag", False), 0.0, a.get("target"),
+                order.vehicle,
+                _SENDER,
+                order.number,
+                Kind[order.kind],
+                now_s,
+                order.ordered_s,
+                order.expires_s - order.ordered_s,
+                a.get("mode", ""),
+                a.get("flag", False),
+                0.0,
+                a.get("target"),
                 a.get("frame", ""),
-            )  # fmt: skip
+            )
             if told.kind in (Kind.GOTO, Kind.HOLD):
                 board.guardian.moved(now_s, told.target)
             board.agent.take(now_s, told)
@@ -183,11 +201,18 @@ class TelloMission(ByHand):
                     p = (self.T_home_odom[other] @ o.T_odom_body)[:3, 3]
                     state = self.tellos[other].core.state(self.now_s)
                     speed_mps = float(np.linalg.norm(o.v_mps))
-                    board.guardian.other(other, Other(p, self.now_s, speed_mps, state.armed, state.mode))
+                    board.guardian.other(
+                        other, Other(p, self.now_s, speed_mps, state.armed, state.mode)
+                    )
         a, b = (one.p_m for one in self.tellos.values())
         self.nearest_m = min(self.nearest_m, float(np.linalg.norm(a - b)))
         for name, board in self.boards.items():
             if board.recording and board.set_point is not None:
-                T, target = self.tellos[name].drone.body.T_world_body, T_WORLD_LEVEL @ board.set_point
+                T, target = (
+                    self.tellos[name].drone.body.T_world_body,
+                    T_WORLD_LEVEL @ board.set_point,
+                )
                 off_rad = wrap(transforms.yaw(T) - transforms.yaw(target))
-                self.held[name].append((np.linalg.norm(T[:3, 3] - target[:3, 3]), abs(np.degrees(off_rad))))
+                self.held[name].append(
+                    (np.linalg.norm(T[:3, 3] - target[:3, 3]), abs(np.degrees(off_rad)))
+                )

@@ -5,7 +5,8 @@ import time
 
 
 def within(usual_s):
-    """until(condition, timeout_s=usual_s, what=""): returns once the condition holds, else an assertion error."""
+    """until(condition, timeout_s=usual_s, what=""): returns once the condition holds, else an
+    assertion error."""
 
     def until(condition, timeout_s=usual_s, what=""):
         deadline = time.monotonic() + timeout_s

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A mission flown from the operator's window on a screen, by mouse and keys, from its list to the open report.
+"""A mission flown from the operator's window on a screen, by mouse and keys, from its list to the
+open report.
 
-Pilots are simulated, buttons are not pressed by anybody else. The window is opened three times: before the fleet is
-there, for the list; beside it; and in flight, after it was killed.
+Pilots are simulated, buttons are not pressed by anybody else. The window is opened three times:
+before the fleet is there, for the list; beside it; and in flight, after it was killed.
 """
 
 import json
@@ -35,7 +36,8 @@ _MISSION = re.compile(r"^(?P<phase>\w+)(, waits for (?P<waits>\w+))?(: |$)")
 
 
 class Eyes:
-    """Whoever sits at the window sees the vehicles, too, and presses once they are where they should be."""
+    """Whoever sits at the window sees the vehicles, too, and presses once they are where they
+    should be."""
 
     def __init__(self, sim_folder: Path, mission_file: Path):
         mission = load_mission(mission_file)
@@ -53,7 +55,8 @@ class Eyes:
 
 
 class WindowFlight:
-    """``fly`` leaves in ``out`` what a demo leaves; gives what the operator saw and what was opened."""
+    """``fly`` leaves in ``out`` what a demo leaves; gives what the operator saw and what was
+    opened."""
 
     def __init__(self, out: Path, short_mission: Path):
         self._out, self._mission = out, out / "mine.yaml"
@@ -88,18 +91,22 @@ class WindowFlight:
             self._close()
         return self.seen
 
-    # ---- the story -------------------------------------------------------------------------------------------------
+    # ---- the story -------------------------------------------------------------------------------
 
     def _make_the_list(self) -> None:
         """Without a master: a goal is dragged, the list is saved."""
-        window = self._open("list", "--vehicles", ",".join(VEHICLES), "--mission", str(self._mission))
+        window = self._open(
+            "list", "--vehicles", ",".join(VEHICLES), "--mission", str(self._mission)
+        )
         begin, end = (window.ask(what="place", home_m=(0.0, -y_m)) for y_m in (FROM_M, TO_M))
         self._hands.drag(begin, end)
         time.sleep(0.3)
         self.seen["dragged while it is locked"] = window.text("Mission file") != self._mission.name
         self._window.key("d")
         self._hands.drag(begin, end)
-        window.until(lambda: "changed and not saved" in window.text("Mission file"), "the goal was dragged")
+        window.until(
+            lambda: "changed and not saved" in window.text("Mission file"), "the goal was dragged"
+        )
         self._picture("list")
         window.click("Save")
         window.until(lambda: window.text("Mission file") == self._mission.name, "the list is saved")
@@ -107,15 +114,23 @@ class WindowFlight:
         self._window = None
 
     def _start(self) -> None:
-        self._demo = start_demo(self._out, "--mission", str(self._mission), "--seed", "1", "--operator", "you")
+        self._demo = start_demo(
+            self._out, "--mission", str(self._mission), "--seed", "1", "--operator", "you"
+        )
         fleet = self._until(self._fleet, "the masters are up", 300.0)
-        of_uav1, control = (xmlrpc.client.ServerProxy(fleet[n]["ROS_MASTER_URI"]) for n in ("uav1", "control"))
+        of_uav1, control = (
+            xmlrpc.client.ServerProxy(fleet[n]["ROS_MASTER_URI"]) for n in ("uav1", "control")
+        )
         # before the node that reads it is there: a line that is amber on every machine
         of_uav1.setParam("/window_flight", "/uav1/vehicle_check/rules/amber_disk_mib", 1e9)
         self._until(
-            lambda: control.hasParam("/window_flight", "/mission/memory_dir")[2], "the mission is started", 60.0
+            lambda: control.hasParam("/window_flight", "/mission/memory_dir")[2],
+            "the mission is started",
+            60.0,
         )
-        self._env.update({k: v for k, v in fleet["control"].items() if k.isupper()}, ROS_IP="127.0.0.1")
+        self._env.update(
+            {k: v for k, v in fleet["control"].items() if k.isupper()}, ROS_IP="127.0.0.1"
+        )
         if "FCSV_SLOW_MOTION" in self._env:
             self._hands.clock = Page(self._env["FCSV_SLOW_MOTION"]).now_s
         self._open("check")
@@ -130,14 +145,20 @@ class WindowFlight:
         self.seen["locked"] = why()
 
     def _calibrate_and_set_home(self) -> None:
-        """By a key and by the mouse, once vehicles are where they should be; one that is refused is asked for again."""
-        press = {"calibrate": lambda: self._window.key("c"), "set_home": lambda: self._window.click("Set home")}
+        """By a key and by the mouse, once vehicles are where they should be; one that is refused is
+        asked for again."""
+        press = {
+            "calibrate": lambda: self._window.key("c"),
+            "set_home": lambda: self._window.click("Set home"),
+        }
 
         def set_home() -> bool:
             phase, waits_for = self._headline()
             if waits_for in press and self._eyes.press(self._hands.clock(), phase, waits_for):
                 press[waits_for]()
-                self._until(lambda: self._headline()[1] != waits_for, f"'{waits_for}' is confirmed", 60.0)
+                self._until(
+                    lambda: self._headline()[1] != waits_for, f"'{waits_for}' is confirmed", 60.0
+                )
             return waits_for == "execute"
 
         self._until(set_home, "home is set", 400.0)
@@ -155,25 +176,51 @@ class WindowFlight:
         self._until(lambda: self._headline()[0] == "CONFIGURATIONS", "the list is flown", 60.0)
 
     def _window_dies(self) -> None:
-        """Killed at the first configuration; another one is opened, and shows where everything is."""
-        kept = lambda: "".join(p.read_text() for p in (self._out / "session").glob("console_events_*.csv"))  # noqa: E731
-        self._until(lambda: "it is flown" in kept(), "the first window kept what was asked for", 60.0)
+        """Killed at the first configuration; another one is opened, and shows where everything
+        is."""
+        kept = lambda: "".join(  # noqa: E731
+            p.read_text() for p in (self._out / "session").glob("console_events_*.csv")
+        )
+        self._until(
+            lambda: "it is flown" in kept(), "the first window kept what was asked for", 60.0
+        )
         before = len(said(self._out))
         self._window.kill()
         window = self._open("flight", "--session", str(self._out / "session"))
-        self._until(lambda: self._headline()[0] == "CONFIGURATIONS", "the new window knows the phase", 30.0)
-        unknown = lambda: [w for w in window.of_vehicle("flown by") if "not heard" in w or w == "waiting"]  # noqa: E731
+        self._until(
+            lambda: self._headline()[0] == "CONFIGURATIONS", "the new window knows the phase", 30.0
+        )
+        unknown = lambda: [  # noqa: E731
+            w for w in window.of_vehicle("flown by") if "not heard" in w or w == "waiting"
+        ]
         self._until(lambda: not unknown(), "it knows who flies", 30.0)
-        self._until(lambda: not [w for w in window.of_vehicle("in home") if not w.startswith(("+", "-")) or "old" in w],
-                    "the new window knows where the vehicles are", 30.0)  # fmt: skip
-        self.seen["new window"] = {label: window.of_vehicle(label) for label in ("flown by", "in home", "mode")}
-        self.seen["new window"]["running"] = [row for row in window.rows("Configurations") if row[0].startswith(">")]
+        self._until(
+            lambda: (
+                not [
+                    w
+                    for w in window.of_vehicle("in home")
+                    if not w.startswith(("+", "-")) or "old" in w
+                ]
+            ),
+            "the new window knows where the vehicles are",
+            30.0,
+        )
+        self.seen["new window"] = {
+            label: window.of_vehicle(label) for label in ("flown by", "in home", "mode")
+        }
+        self.seen["new window"]["running"] = [
+            row for row in window.rows("Configurations") if row[0].startswith(">")
+        ]
         self.seen["said without a window"] = said(self._out)[before:]
         self._picture("flight")
 
     def _pause_and_resume(self) -> None:
         window = self._window
-        self._until(lambda: "on its way" in self._says() and window.find("Pause")["on"], "there is a way", 120.0)
+        self._until(
+            lambda: "on its way" in self._says() and window.find("Pause")["on"],
+            "there is a way",
+            120.0,
+        )
         self._window.key("p")
         self._until(lambda: self._headline()[1] == "resume", "it is paused", 30.0)
         self._picture("paused")
@@ -186,11 +233,14 @@ class WindowFlight:
 
     def _land(self) -> None:
         """Until the bags are closed; the demo goes on, with its own map."""
-        self._until(lambda: self._headline()[0] in ("LAND", "DONE"), "the list is flown", FLIGHT_LIMIT_S)
+        self._until(
+            lambda: self._headline()[0] in ("LAND", "DONE"), "the list is flown", FLIGHT_LIMIT_S
+        )
         self._until(lambda: "session: " in said(self._out), "the machines are off", 200.0)
 
     def _gather_map_report(self) -> None:
-        """The machines are off; their bags are where they recorded. The map stands beside the demo's own."""
+        """The machines are off; their bags are where they recorded. The map stands beside the
+        demo's own."""
         window, session = self._window, self._out / "session"
         self._window.key("F5")
         self._until(lambda: window.find("Map")["on"], "the bags are closed", 60.0)
@@ -202,10 +252,16 @@ class WindowFlight:
         window.write("Machines", " ".join(f"{name}={session}" for name in (*VEHICLES, "control")))
         window.write("Map", str(self._out / GATHERED_MAP))
         window.click("Gather")
-        window.until(lambda: window.text("What gather said").startswith(("done", "FAILED")), "it gathered", 180.0)
+        window.until(
+            lambda: window.text("What gather said").startswith(("done", "FAILED")),
+            "it gathered",
+            180.0,
+        )
         self.seen["gathered"] = window.text("What gather said")
         window.click("Map")
-        window.until(lambda: window.text("What map said").startswith(("done", "FAILED")), "it mapped", 400.0)
+        window.until(
+            lambda: window.text("What map said").startswith(("done", "FAILED")), "it mapped", 400.0
+        )
         self.seen["mapped"] = window.text("What map said")
         window.click("Report")
         window.until(lambda: window.text("What report said"), "the report was opened")
@@ -234,7 +290,11 @@ class WindowFlight:
         pressed_s = [-math.inf]
 
         def again() -> bool:
-            if not done() and time.monotonic() - pressed_s[0] > _RETURN_S and self._window.ask(what="dialog"):
+            if (
+                not done()
+                and time.monotonic() - pressed_s[0] > _RETURN_S
+                and self._window.ask(what="dialog")
+            ):
                 pressed_s[0] = time.monotonic()
                 self._window.key("Return")
             return done()
@@ -246,7 +306,7 @@ class WindowFlight:
         status = self._demo.wait(FLIGHT_LIMIT_S)
         assert status == 0, said(self._out)[-4000:]
 
-    # ---- what it stands on -----------------------------------------------------------------------------------------
+    # ---- what it stands on -----------------------------------------------------------------------
 
     def _environment(self) -> Dict[str, str]:
         """Of a desktop whose browser writes down what it is to open."""
@@ -254,12 +314,20 @@ class WindowFlight:
         browser.parent.mkdir()
         browser.write_text(_BROWSER.format(opened=self._out / "opened"))
         browser.chmod(0o755)
-        return {**os.environ, "DISPLAY": self._screen.name, "QT_QPA_PLATFORM": "xcb", "PYTHONUNBUFFERED": "1",
-                "ROS_MASTER_URI": "http://127.0.0.1:1", "XDG_CONFIG_HOME": str(self._out / "config"),
-                "PATH": f"{browser.parent}:{os.environ['PATH']}"}  # fmt: skip
+        return {
+            **os.environ,
+            "DISPLAY": self._screen.name,
+            "QT_QPA_PLATFORM": "xcb",
+            "PYTHONUNBUFFERED": "1",
+            "ROS_MASTER_URI": "http://127.0.0.1:1",
+            "XDG_CONFIG_HOME": str(self._out / "config"),
+            "PATH": f"{browser.parent}:{os.environ['PATH']}",
+        }
 
     def _open(self, name: str, *args: str) -> Window:
-        self._window = Window(self._hands, self._env, self._out / f"window_{name}.log", "--theme", "dark", *args)
+        self._window = Window(
+            self._hands, self._env, self._out / f"window_{name}.log", "--theme", "dark", *args
+        )
         return self._window
 
     def _fleet(self) -> Optional[dict]:
@@ -272,11 +340,19 @@ class WindowFlight:
         return self._window.text("What the mission does", LABEL)
 
     def _headline(self) -> Tuple[str, str]:
-        """Phase and what it waits for, as a screen reader reads them; of a pause that ends by itself ("PAUSED", "")."""
-        headline = self._window.find("What the mission does", LABEL) or {"text": "", "described": ""}
+        """Phase and what it waits for, as a screen reader reads them; of a pause that ends by
+        itself ("PAUSED", "")."""
+        headline = self._window.find("What the mission does", LABEL) or {
+            "text": "",
+            "described": "",
+        }
         found = _MISSION.match(headline["described"])
         phase, waits_for = (found["phase"], found["waits"] or "") if found else ("", "")
-        return ("PAUSED", "") if headline["text"].startswith("PAUSED") and not waits_for else (phase, waits_for)
+        return (
+            ("PAUSED", "")
+            if headline["text"].startswith("PAUSED") and not waits_for
+            else (phase, waits_for)
+        )
 
     def _until(self, condition: Callable[[], Any], what: str, limit_s: float) -> Any:
         """What it gives in the end; meanwhile amber lines are accepted, by name."""
@@ -285,14 +361,20 @@ class WindowFlight:
             found = condition()
             if found:
                 return found
-            assert self._demo.poll() is None, f"the demo ended before {what}:\n{said(self._out)[-3000:]}"
-            assert time.monotonic() < deadline_s, f"it never was so that {what}:\n{said(self._out)[-3000:]}"
+            assert self._demo.poll() is None, (
+                f"the demo ended before {what}:\n{said(self._out)[-3000:]}"
+            )
+            assert time.monotonic() < deadline_s, (
+                f"it never was so that {what}:\n{said(self._out)[-3000:]}"
+            )
             self._accept_one()
             time.sleep(0.1 if self._window else 0.02)
 
     def _accept_one(self) -> None:
         """By its name; the table takes a second to show it."""
-        for k, (who, name, state, *_) in enumerate(self._window.rows("Flight check") if self._window else ()):
+        for k, (who, name, state, *_) in enumerate(
+            self._window.rows("Flight check") if self._window else ()
+        ):
             if state == "amber" and time.monotonic() - self._asked_s.get((who, name), -60.0) > 3.0:
                 self._asked_s[who, name] = time.monotonic()
                 self._window.choose("Flight check", k)

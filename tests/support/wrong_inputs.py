@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/reference/wrong_inputs.md: kinds of wrong input and what happens to each, written by the tests that assert it.
+"""docs/reference/wrong_inputs.md: kinds of wrong input and what happens to each, written by the
+tests that assert it.
 
-A test takes the fixture ``wrong_input`` and calls it once per kind, after its assertions. An ordinary run fails where
-the page lacks the row; ``tools/run wrong-inputs`` runs these tests alone and writes the page.
+A test takes the fixture ``wrong_input`` and calls it once per kind, after its assertions. An
+ordinary run fails where the page lacks the row; ``tools/run wrong-inputs`` runs these tests alone
+and writes the page.
 """
 
 import json
@@ -15,10 +17,23 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "wrong_input
 FIXTURE = MARK = PROPERTY = "wrong_input"
 
 AREAS = (
-    "Photographs with GPS", "COLMAP models", "Pictures", "Cameras", "Sessions and bags", "Poses and maps",
-    "Calibration", "Autopilot",
-)  # fmt: skip
-OUTCOMES = ("read right", "read, with a warning", "left out and named", "corrected and said", "refused", "in sigma")
+    "Photographs with GPS",
+    "COLMAP models",
+    "Pictures",
+    "Cameras",
+    "Sessions and bags",
+    "Poses and maps",
+    "Calibration",
+    "Autopilot",
+)
+OUTCOMES = (
+    "read right",
+    "read, with a warning",
+    "left out and named",
+    "corrected and said",
+    "refused",
+    "in sigma",
+)
 
 _HEAD = """# Wrong inputs, and what happens to each
 
@@ -30,8 +45,8 @@ _FOLDERS = re.compile(r"(?:/[\w.+-]+)+/(?=[\w.+-])")
 
 @dataclass(frozen=True, order=True)
 class Row:
-    """``given`` names the kind of input; ``message`` is printed text without figures that another machine rounds
-    otherwise."""
+    """``given`` names the kind of input; ``message`` is printed text without figures that another
+    machine rounds otherwise."""
 
     area: str
     given: str
@@ -57,7 +72,12 @@ def page(rows: Iterable[Row]) -> str:
     for area in AREAS:
         lines = [row.line for row in rows if row.area == area]
         if lines:
-            parts += [f"\n## {area}\n", "| input | what happens | printed |", "|---|---|---|", *lines]
+            parts += [
+                f"\n## {area}\n",
+                "| input | what happens | printed |",
+                "|---|---|---|",
+                *lines,
+            ]
     return "\n".join(parts).rstrip() + "\n"
 
 
@@ -72,12 +92,15 @@ class Recorder:
         self._record(PROPERTY, json.dumps(asdict(row)))
         if not self._writes:
             text = PAGE.read_text() if PAGE.exists() else ""
-            lacking = f"docs/reference/{PAGE.name} lacks: {row.line}\n(write it: tools/run wrong-inputs)"
+            lacking = (
+                f"docs/reference/{PAGE.name} lacks: {row.line}\n(write it: tools/run wrong-inputs)"
+            )
             assert row.line in text.splitlines(), lacking
 
 
 class Writer:
-    """Plugin of a run that writes the page: gathers rows from reports, those of other processes, too."""
+    """Plugin of a run that writes the page: gathers rows from reports, those of other processes,
+    too."""
 
     def __init__(self):
         self.rows: List[Row] = []

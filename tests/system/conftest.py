@@ -7,7 +7,8 @@ from support.window_flight import WindowFlight
 
 @pytest.fixture(scope="session")
 def operated(tmp_path_factory, root):
-    """(folder, what the operator saw) of a demo flown from the operator's window and mapped to its end."""
+    """(folder, what the operator saw) of a demo flown from the operator's window and mapped to its
+    end."""
     out = tmp_path_factory.mktemp("demo")
     return out, WindowFlight(out, root / "config" / "missions" / "short.yaml").fly()
 

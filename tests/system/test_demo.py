@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole thing, as a user starts it: three masters, a flight in real time, a map; and what happens on Ctrl-C."""
+"""The whole thing, as a user starts it: three masters, a flight in real time, a map; and what
+happens on Ctrl-C."""
 
 import json
 import re
@@ -26,7 +27,10 @@ def test_it_leaves_a_session_and_a_map(flown):
         assert (flown / "map" / name).stat().st_size > 0
     report = json.loads((flown / "map" / "report.json").read_text())
     depth = np.load(flown / "map" / "depth.npy")
-    assert depth.shape == (report["reference"]["height"], report["reference"]["width"]) and depth.dtype == np.float32
+    assert (
+        depth.shape == (report["reference"]["height"], report["reference"]["width"])
+        and depth.dtype == np.float32
+    )
     for key in ("method", "images", "configurations", "coverage", "points", "timing_s"):
         assert key in report
     assert report["timing_s"]["total"] > 0 and report["points"] > 10000
@@ -41,7 +45,12 @@ def test_the_map_is_right(flown):
 def test_bags_hold_what_a_map_needs(flown):
     for vehicle in ("uav1", "uav2"):
         topics = bag_topics(flown / "session" / f"{vehicle}.bag")
-        for name in ("camera/color/image_raw", "camera/color/camera_info", "odometry/body", "tags/detections"):
+        for name in (
+            "camera/color/image_raw",
+            "camera/color/camera_info",
+            "odometry/body",
+            "tags/detections",
+        ):
             assert topics.get(f"/{vehicle}/{name}", 0) > 20, (name, topics)
         assert "/tf_static" in topics
     topics = bag_topics(flown / "session" / "control.bag")
@@ -69,12 +78,24 @@ def test_nothing_is_left_behind(flown):
 
 
 def test_a_mission_that_cannot_be_flown_is_refused_before_anything_starts(tmp_path):
-    """As a command; what else is refused, and in which words: tests/fcsv_sim/test_demo_systems.py."""
+    """As a command; what else is refused, and in which words:
+    tests/fcsv_sim/test_demo_systems.py."""
     (tmp_path / "bad.yaml").write_text("name: x\nconfigurations: []")
-    command = ["rosrun", "fcsv_sim", "demo", "--out", str(tmp_path / "out"), "--mission", str(tmp_path / "bad.yaml")]
+    command = [
+        "rosrun",
+        "fcsv_sim",
+        "demo",
+        "--out",
+        str(tmp_path / "out"),
+        "--mission",
+        str(tmp_path / "bad.yaml"),
+    ]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and "bad.yaml" in done.stderr
-    assert all(w in done.stderr for w in ("configurations", "empty")) and not (tmp_path / "out").exists()
+    assert (
+        all(w in done.stderr for w in ("configurations", "empty"))
+        and not (tmp_path / "out").exists()
+    )
 
 
 def interrupted(demo, out) -> None:

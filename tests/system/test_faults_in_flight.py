@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Three faults in one flight of masters, relays and nodes. Others are rehearsed (docs/lab/rehearsals.md)."""
+"""Three faults in one flight of masters, relays and nodes. Others are rehearsed
+(docs/lab/rehearsals.md)."""
 
 from collections import defaultdict
 
@@ -9,9 +10,11 @@ from support import faulted_flight
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(900)]
 
-# It is held on its way at 3.5 m/s (measured), overshoots and comes back to where it was held: v^2 / 2a with 2.5 m/s^2.
+# It is held on its way at 3.5 m/s (measured), overshoots and comes back to where it was held: v^2 /
+# 2a with 2.5 m/s^2.
 _STOPPING_M, _BACK_S = 3.0, 4.0
-_TOLD_LATE_S = 0.5  # that it was resumed is known from the mission's state, at most so much after it asked for GUIDED
+# that it was resumed is known from the mission's state, at most so much after it asked for GUIDED
+_TOLD_LATE_S = 0.5
 
 
 class Heard:
@@ -26,7 +29,11 @@ class Heard:
 
     def first_s(self, vehicle, what, since_s, **wanted):
         """When it was heard first with these values; infinity where it never was."""
-        found = (m["t"] for m in self.of(vehicle, what, since_s) if all(m[k] == v for k, v in wanted.items()))
+        found = (
+            m["t"]
+            for m in self.of(vehicle, what, since_s)
+            if all(m[k] == v for k, v in wanted.items())
+        )
         return next(found, np.inf)
 
     def places_m(self, vehicle, from_s=-np.inf, to_s=np.inf):

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A whole mission from the operator's window: real clicks, keys and drags on a screen, from its list to its report.
+"""A whole mission from the operator's window: real clicks, keys and drags on a screen, from its
+list to its report.
 
-The story is in support/window_flight.py; what the demo leaves behind meanwhile, test_demo.py looks at. All else of the
-window is tested against the view-model (tests/fcsv_console).
+The story is in support/window_flight.py; what the demo leaves behind meanwhile, test_demo.py looks
+at. All else of the window is tested against the view-model (tests/fcsv_console).
 """
 
 import csv
@@ -34,14 +35,17 @@ def test_a_goal_is_dragged_while_it_is_allowed_and_flown_where_it_was_put(seen, 
     assert not seen["dragged while it is locked"] and seen["list closed"] == 0
     text = (flown / "mine.yaml").read_text()
     assert (
-        text.startswith("# The demo's") and load_mission(flown / "mine.yaml").configurations[DRAGGED].baseline_m == TO_M
+        text.startswith("# The demo's")
+        and load_mission(flown / "mine.yaml").configurations[DRAGGED].baseline_m == TO_M
     )
     assert f"captured horizontal {TO_M:g} m" in said(flown)
 
 
 def test_amber_lines_are_accepted_by_their_names(flown):
     (kept, *_) = sorted((flown / "session").glob("console_events_*.csv"))
-    accepted = {what: answer for (who, what), answer in events(kept).items() if what.startswith("accept ")}
+    accepted = {
+        what: answer for (who, what), answer in events(kept).items() if what.startswith("accept ")
+    }
     assert accepted["accept uav1 disk"], accepted
 
 
@@ -52,15 +56,25 @@ def test_nothing_is_flown_by_a_slip_nor_unrehearsed(seen):
     assert seen["after a slip of the key"] == ("CONFIGURATIONS", "resume")
 
 
-def test_a_window_that_is_killed_in_flight_is_missed_by_nobody_and_the_next_one_knows_everything(seen):
-    assert "!!" not in seen["said without a window"] and "paused" not in seen["said without a window"]
+def test_a_window_that_is_killed_in_flight_is_missed_by_nobody_and_the_next_one_knows_everything(
+    seen,
+):
+    assert (
+        "!!" not in seen["said without a window"] and "paused" not in seen["said without a window"]
+    )
     new = seen["new window"]
-    assert new["flown by"] == ["mission", "mission"] and all(m.startswith("GUIDED, ARMED") for m in new["mode"])
-    assert all(re.match(r"[+-]\d+\.\d ", words) for words in new["in home"]) and len(new["running"]) == 1
+    assert new["flown by"] == ["mission", "mission"] and all(
+        m.startswith("GUIDED, ARMED") for m in new["mode"]
+    )
+    assert (
+        all(re.match(r"[+-]\d+\.\d ", words) for words in new["in home"])
+        and len(new["running"]) == 1
+    )
 
 
 def test_after_the_flight_it_points_at_what_was_recorded_in_this_simulation(seen, flown):
-    """The machines are off: nothing is violet, and no host is offered that a simulation does not have."""
+    """The machines are off: nothing is violet, and no host is offered that a simulation does not
+    have."""
     assert seen["places"] == ["", str(flown / "session"), str(flown / "map")]
     assert f"all machines recorded into {flown / 'session'}" in seen["nothing to gather"]
     assert seen["over"].startswith("DONE: all configurations flown")
@@ -69,7 +83,9 @@ def test_after_the_flight_it_points_at_what_was_recorded_in_this_simulation(seen
 def test_it_gathers_maps_and_opens_the_report(seen, flown):
     assert seen["gathered"].startswith("done: ") and seen["mapped"].startswith("done: ")
     assert seen["opened"] == [f"file://{flown / GATHERED_MAP}/report.html"] and seen["closed"] == 0
-    demos_own, gathered = (np.load(flown / folder / "depth.npy") for folder in ("map", GATHERED_MAP))
+    demos_own, gathered = (
+        np.load(flown / folder / "depth.npy") for folder in ("map", GATHERED_MAP)
+    )
     np.testing.assert_array_equal(gathered, demos_own)
 
 
@@ -77,8 +93,16 @@ def test_every_command_is_kept_with_its_answer_and_exported(flown):
     """By the window that was killed, too: all but the last two seconds."""
     first, second = sorted((flown / "session").glob("console_events_*.csv"))
     before, after = events(first), events(flown / "events.csv")
-    asked = {("operator", what): by for by, whats in ((before, ("calibrate", "set home", "execute")),
-             (after, ("pause", "hand over"))) for what in whats}  # fmt: skip
+    asked = {
+        ("operator", what): by
+        for by, whats in (
+            (before, ("calibrate", "set home", "execute")),
+            (after, ("pause", "hand over")),
+        )
+        for what in whats
+    }
     assert all(by[key] for key, by in asked.items()), (before, after)
     assert ("operator", "hand over") not in before and ("gather", "runs") in after
-    assert events(second).keys() >= after.keys() - {key for key in after if key[1].startswith("export")}
+    assert events(second).keys() >= after.keys() - {
+        key for key in after if key[1].startswith("export")
+    }

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bench's own arithmetic: a map that is the truth scores all, a known error scores what it is."""
+"""The bench's own arithmetic: a map that is the truth scores all, a known error scores what it
+is."""
 
 from dataclasses import replace
 from functools import partial
@@ -37,12 +38,16 @@ class Oracle(Thesis):
 def scene():
     reference = picture("uav1/reference", "uav1", 0.0, camera_pose([0, 0, 0]))
     others = [picture(f"uav2/{b:g}", "uav2", 0.0, camera_pose([0, -b, 0])) for _, b in HORIZONTAL]
-    return Scene(SceneName("walls", 1), HORIZONTAL, reference, others, true_depth(reference.T_home_cam), {})
+    return Scene(
+        SceneName("walls", 1), HORIZONTAL, reference, others, true_depth(reference.T_home_cam), {}
+    )
 
 
 def result_of(scene, depth, sigma, poses):
     reference = scene.reference
-    view = Reference(reference.name, 0.0, "uav1", reference.image, reference.camera, reference.T_home_cam)
+    view = Reference(
+        reference.name, 0.0, "uav1", reference.image, reference.camera, reference.T_home_cam
+    )
     images = [ImageEntry(n, "uav2", 0.0, T, T) for n, T in poses.items()]
     empty = Cloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
     return MapResult("oracle", view, images, [], depth, sigma, empty)
@@ -58,8 +63,11 @@ def test_truth_scores_all_and_noise_is_what_it_says(scene, monkeypatch):
     monkeypatch.setitem(pipeline.METHODS, "oracle", Oracle(oracle))
     f = measure.measure("oracle", scene.given(HORIZONTAL, NOISES[0]), scene)
     assert f.within_10 == 1.0 and f.covered == 1.0 and f.wrong_of_answered == 0.0
-    # normal errors of 0.2 m against sigma 0.2 m: 68.3 and 95.4 %, to within the scatter of 76800 draws
-    assert f.within_1_sigma == pytest.approx(0.683, abs=0.01) and f.within_2_sigma == pytest.approx(0.954, abs=0.01)
+    # normal errors of 0.2 m against sigma 0.2 m: 68.3 and 95.4 %, to within the scatter of 76800
+    # draws
+    assert f.within_1_sigma == pytest.approx(0.683, abs=0.01) and f.within_2_sigma == pytest.approx(
+        0.954, abs=0.01
+    )
     assert f.rotation_worst_deg < 1e-5 and np.isnan(f.median_far)
 
 
@@ -84,16 +92,22 @@ def test_noise_is_the_same_for_every_list_and_spares_the_reference(scene):
 
 
 def test_priors_state_the_noise_that_is_on_them(scene):
-    """Over 400 worlds: rotation and position of the picture at 8 m against the standard deviations that are given."""
+    """Over 400 worlds: rotation and position of the picture at 8 m against the standard deviations
+    that are given."""
     noise, shares = NOISES[1], []
     true = scene.true_poses()["uav2/8"]
     for seed in range(400):
         given = replace(scene, name=SceneName("walls", seed)).given(HORIZONTAL, noise)
         error = transforms.invert(true) @ given.configurations[3].others[0].T_home_cam
         turn, _ = cv2.Rodrigues(error[:3, :3])
-        shares.append([*turn[:, 0] / given.prior.rotation_rad,
-                       *error[:3, 3] / given.prior.position_sigma_m(8.0)])  # fmt: skip
-    assert np.std(shares, axis=0) == pytest.approx(np.ones(6), abs=0.15)  # four times the scatter of 400 draws
+        shares.append(
+            [
+                *turn[:, 0] / given.prior.rotation_rad,
+                *error[:3, 3] / given.prior.position_sigma_m(8.0),
+            ]
+        )
+    # four times the scatter of 400 draws
+    assert np.std(shares, axis=0) == pytest.approx(np.ones(6), abs=0.15)
     assert given.prior.position_sigma_m(8.0) * np.sqrt(3.0) == pytest.approx(0.03 * 8.0)
 
 
@@ -108,25 +122,38 @@ def test_a_method_that_refuses_scores_nothing(scene, monkeypatch):
 
 def test_means_keep_the_worst_and_leave_out_what_is_not_known():
     a = measure.Figures(0.8, 0.9, 0.1, 0.01, float("nan"), 0.6, 0.9, 0.01, 0.02, 1.0, 2.0)
-    b = replace(a, within_10=0.6, median_far=0.03, rotation_worst_deg=0.5, seconds=3.0, cpu_seconds=4.0)
+    b = replace(
+        a, within_10=0.6, median_far=0.03, rotation_worst_deg=0.5, seconds=3.0, cpu_seconds=4.0
+    )
     both = measure.mean([a, b])
-    assert both.within_10 == pytest.approx(0.7) and both.median_far == 0.03 and both.rotation_worst_deg == 0.5
+    assert (
+        both.within_10 == pytest.approx(0.7)
+        and both.median_far == 0.03
+        and both.rotation_worst_deg == 0.5
+    )
     rows = tables.requirement_table(
         {("thesis", "H", "low"): [b], ("joint", "H", "low"): [a]}, ["H", "HV"], ["low", "hi"]
     )
     (ratio,) = [r for r in rows if "seconds" in r and ", H " in r]
-    assert "| 1.00 (1.00) | 0.33 (0.50) |" in ratio and sum("–" in r.split("|")[3] for r in rows) > 2
+    assert (
+        "| 1.00 (1.00) | 0.33 (0.50) |" in ratio and sum("–" in r.split("|")[3] for r in rows) > 2
+    )
 
 
 def test_the_fields_metrics_stand_in_the_tables(scene):
-    """Normal errors of 0.2 m against sigma 0.2 m, for one scene; half of that sigma for the other."""
+    """Normal errors of 0.2 m against sigma 0.2 m, for one scene; half of that sigma for the
+    other."""
     truth = scene.true_depth.astype(np.float32)
     noise = np.random.default_rng(1).normal(0.0, 0.2, truth.shape).astype(np.float32)
-    maps = [result_of(scene, truth + noise, np.full_like(truth, s), scene.true_poses()) for s in (0.2, 0.1)]
+    maps = [
+        result_of(scene, truth + noise, np.full_like(truth, s), scene.true_poses())
+        for s in (0.2, 0.1)
+    ]
     rows = [measure.figures(m, scene, 1.0, 2.0) for m in maps]
     both = measure.mean([*rows, measure.Figures(*[0.0] * 11)])  # the last one answered nothing
     shares = dict(both.metrics.interval_coverage)
-    assert shares[0.9] == pytest.approx((0.9 + 0.589) / 2, abs=0.01)  # 1.645 sigma and 0.822 of the errors' own
+    # 1.645 sigma and 0.822 of the errors' own
+    assert shares[0.9] == pytest.approx((0.9 + 0.589) / 2, abs=0.01)
     assert both.metrics.worst_group == rows[1].metrics.worst_group
     assert both.metrics.sharpness == pytest.approx(0.75 * rows[0].metrics.sharpness, rel=1e-3)
     lines = tables.requirement_table({("joint", "H", "low"): rows}, ["H", "HV"], ["low", "high"])
@@ -137,16 +164,21 @@ def test_the_fields_metrics_stand_in_the_tables(scene):
     assert said == f"{worst.coverage:.1%} ({worst.name})"
     refused = [measure.Figures(*[0.0] * 11)]
     assert measure.mean(refused).metrics is None
-    lines = tables.scene_tables({("joint", "H", n): [*rows, *refused] for n in ("low", "hi")}, ["a", "b", "c"])
+    lines = tables.scene_tables(
+        {("joint", "H", n): [*rows, *refused] for n in ("low", "hi")}, ["a", "b", "c"]
+    )
     at = lines.index("The field's metrics of the same maps:")
     assert lines.count(lines[at]) == 1 and at < lines.index("### H, pose noise hi")
     table = lines[at + 2 : at + 8]
-    assert len({line.count("|") for line in table}) == 1 and table[-2].startswith("| `joint`, c | – | –")
+    assert len({line.count("|") for line in table}) == 1 and table[-2].startswith(
+        "| `joint`, c | – | –"
+    )
     assert table[-1].split("|")[4].strip() == f"{both.metrics.ause:.3f}"
 
 
 def test_what_is_answered_is_judged_by_its_kind(scene, monkeypatch):
-    """A quarter agrees and is right, a quarter is by one pair and 20 % too far, the rest no pair supports."""
+    """A quarter agrees and is right, a quarter is by one pair and 20 % too far, the rest no pair
+    supports."""
     truth = scene.true_depth.astype(np.float32)
     quarter = truth.shape[1] // 4
     depth, kind = truth.copy(), np.full(truth.shape, Kind.HIDDEN, np.uint8)
@@ -175,13 +207,21 @@ def test_smaller_pictures_keep_their_rays(scene):
     small = smaller(scene.given(HORIZONTAL[:1], NOISES[0]), 2).configurations[0].references[0]
     assert small.image.shape[:2] == (120, 160)
     # the middle of four pixels is the pixel that they become
-    assert (CAMERA.cx - 100.5) / CAMERA.fx == pytest.approx((small.camera.cx - 50.0) / small.camera.fx)
-    assert np.abs(photograph(scene.reference.T_home_cam, small.camera).astype(int) - small.image).mean() < 8
+    assert (CAMERA.cx - 100.5) / CAMERA.fx == pytest.approx(
+        (small.camera.cx - 50.0) / small.camera.fx
+    )
+    assert (
+        np.abs(
+            photograph(scene.reference.T_home_cam, small.camera).astype(int) - small.image
+        ).mean()
+        < 8
+    )
 
 
 @pytest.mark.slow
 def test_the_page(tmp_path, monkeypatch):
-    """Both methods on a real scene, in pictures of a quarter: what it takes is what is rendered and mapped."""
+    """Both methods on a real scene, in pictures of a quarter: what it takes is what is rendered and
+    mapped."""
     small = partial(bench_main.shoot, size=(320, 240))
     monkeypatch.setattr(bench_main, "shoot", small)
     monkeypatch.setattr(colmap_poses, "missing", lambda: "COLMAP is not asked here")
@@ -189,8 +229,16 @@ def test_the_page(tmp_path, monkeypatch):
     out = tmp_path / "benchmarks.md"
     assert main(["--scenes", "field:1", "--no-growth", "--out", str(out)]) == 0
     text = out.read_text()
-    for words in ("| figure (mean of the scenes) |", "field 1", "## COLMAP", "rotation error, worst", "noise 0.5°",
-                  "| AUSE, H 2, 4, 6, 8 m |", "## Pandora", "| pair |"):  # fmt: skip
+    for words in (
+        "| figure (mean of the scenes) |",
+        "field 1",
+        "## COLMAP",
+        "rotation error, worst",
+        "noise 0.5°",
+        "| AUSE, H 2, 4, 6, 8 m |",
+        "## Pandora",
+        "| pair |",
+    ):
         assert words in text
 
 
@@ -201,7 +249,8 @@ def test_places_are_compared_without_turn_shift_and_scale():
     found = 0.2 * true @ T[:3, :3].T + T[:3, 3]
     assert colmap_poses.similarity_rms(found, true) < 1e-9
     scattered = true + random.normal(0.0, 0.01, (8, 3))
-    # of 24 errors of 1 cm the similarity takes 7: rms of sqrt(17 / 8) cm, to within three times 1 / sqrt(2 x 17)
+    # of 24 errors of 1 cm the similarity takes 7: rms of sqrt(17 / 8) cm, to within three times 1 /
+    # sqrt(2 x 17)
     expected = 0.01 * np.sqrt(17.0 / 8.0)
     assert colmap_poses.similarity_rms(scattered, true) == pytest.approx(expected, rel=0.5)
 
@@ -212,7 +261,9 @@ def test_the_table_of_poses_and_what_failed():
 
     street, field = SceneName("street", 1), SceneName("field", 1)
     ours = found([0.01, 0.02, 0.03], 8)
-    lines = tables.pose_table([(street, found([0.05] * 3, 7), ours), (field, "COLMAP failed: no model came out", ours)])
+    lines = tables.pose_table(
+        [(street, found([0.05] * 3, 7), ours), (field, "COLMAP failed: no model came out", ours)]
+    )
     assert "| street 1 | COLMAP | 7 of 8 | 0.050° | 0.050° | 1.0 cm | 4.0 (6.0) |" in lines
     assert "| field 1 | COLMAP | COLMAP failed: no model came out | – | – | – | – |" in lines
     assert "| **all** | ours | 16 of 16 | 0.020° | 0.030° | 1.0 cm | 4.0 (6.0) |" in lines
@@ -221,8 +272,12 @@ def test_the_table_of_poses_and_what_failed():
 def test_parts_alone_are_printed_and_leave_the_page_alone(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     sample = growth.Sample("size", "joint", 0.3, 4.0, 6.0, 160.0)
-    monkeypatch.setattr(growth, "measure_growth", lambda methods, quick: [sample, replace(sample, x=0.6)])
+    monkeypatch.setattr(
+        growth, "measure_growth", lambda methods, quick: [sample, replace(sample, x=0.6)]
+    )
     assert main(["--only", "growth"]) == 0
     said = capsys.readouterr().out
     assert "## Growth" in said and "## COLMAP" not in said and "figure (mean" not in said
-    assert [str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*.*")] == ["docs/pictures/growth.png"]
+    assert [str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*.*")] == [
+        "docs/pictures/growth.png"
+    ]

@@ -15,10 +15,13 @@ def judged():
 
 
 def test_the_truth_is_within_what_is_stated(judged):
-    """Of 500 sets 97 % must be (docs/lab/photographs.md); of 60 one further set may miss by chance."""
+    """Of 500 sets 97 % must be (docs/lab/photographs.md); of 60 one further set may miss by
+    chance."""
     assert gps_sets.within(judged, 3.0) >= 0.97 - 1.0 / 60.0
     errors = np.array([j.errors for j in judged if j.errors is not None])
-    assert len(errors) >= 54 and 0.5 < np.mean(errors <= 1.0) < 0.9, "nor is too much stated: 68 % of Gauss's errors"
+    assert len(errors) >= 54 and 0.5 < np.mean(errors <= 1.0) < 0.9, (
+        "nor is too much stated: 68 % of Gauss's errors"
+    )
 
 
 def test_nothing_is_refused_without_need(judged):
@@ -26,7 +29,8 @@ def test_nothing_is_refused_without_need(judged):
 
 
 def test_what_is_enough_is_told_by_the_truth():
-    """Of a set whose places are all wrong but five nobody could know enough; the bound falls as GPS gets better."""
+    """Of a set whose places are all wrong but five nobody could know enough; the bound falls as GPS
+    gets better."""
     drawn = gps_sets.draw(np.random.default_rng([7, 0]))
     known = gps_sets.known_to(drawn)
     better = replace(drawn, sigmas_m=drawn.sigmas_m / 10.0)

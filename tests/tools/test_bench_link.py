@@ -15,13 +15,18 @@ until = within(120.0)
 
 @pytest.fixture
 def begin(bench_link, root, tmp_path):
-    """begin() -> a bench that has begun; its namespaces end with its process id, its files are in tmp_path."""
+    """begin() -> a bench that has begun; its namespaces end with its process id, its files are in
+    tmp_path."""
     begun = []
 
     def start():
         command = [sys.executable, str(root / "tools/bench_link/bench.py"), "--parts", "first"]
         env = dict(os.environ, TMPDIR=str(tmp_path))
-        begun.append(subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True, start_new_session=True))
+        begun.append(
+            subprocess.Popen(
+                command, env=env, stderr=subprocess.PIPE, text=True, start_new_session=True
+            )
+        )
         return begun[-1]
 
     yield start
@@ -34,8 +39,12 @@ def begin(bench_link, root, tmp_path):
 
 
 def namespaces(bench):
-    listed = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=True).stdout
-    return [line.split()[0] for line in listed.splitlines() if line.split()[0].endswith(f"-{bench.pid}")]
+    listed = subprocess.run(
+        ["ip", "netns", "list"], capture_output=True, text=True, check=True
+    ).stdout
+    return [
+        line.split()[0] for line in listed.splitlines() if line.split()[0].endswith(f"-{bench.pid}")
+    ]
 
 
 def inside(bench):
@@ -65,7 +74,9 @@ def test_a_bench_that_is_ended_leaves_nothing_behind(begin, tmp_path, number, be
     bench.send_signal(number)
     bench.send_signal(number)  # impatience must not stop the tidying
     assert bench.wait(120.0) == 128 + number and number.name in bench.stderr.read()
-    assert not namespaces(bench) and not [p for p in tree if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
+    assert not namespaces(bench) and not [
+        p for p in tree if p.is_running() and p.status() != psutil.STATUS_ZOMBIE
+    ]
     assert not list(tmp_path.glob("bench-link-*"))
 
 
@@ -91,7 +102,10 @@ def test_every_signal_ends_by_the_same_way_and_only_once(bench_link, capsys):
     for number in ending.SIGNALS:
         with pytest.raises(SystemExit) as ended:
             ending._end(number, None)
-        assert ended.value.code == 128 + number and signal.Signals(number).name in capsys.readouterr().err
+        assert (
+            ended.value.code == 128 + number
+            and signal.Signals(number).name in capsys.readouterr().err
+        )
         assert all(signal.getsignal(n) == signal.SIG_IGN for n in ending.SIGNALS)
 
 
@@ -99,7 +113,9 @@ def test_growth_is_the_slope_of_the_second_half(bench_link):
     from endurance import Footprint, growth, per_hour
 
     times = [60.0 * n for n in range(61)]
-    assert per_hour(times, [100.0 + 2.0 * t / 3600 for t in times]) == pytest.approx((2.0, 0.0), abs=1e-6)
+    assert per_hour(times, [100.0 + 2.0 * t / 3600 for t in times]) == pytest.approx(
+        (2.0, 0.0), abs=1e-6
+    )
     # 20 MB in the first ten minutes, then nothing: no growth
     series = [Footprint(t, 100.0 + min(t, 600.0) / 30, 40, 43, 16) for t in times]
     assert growth(series).startswith("memory 100 → 120 MB (+0.0 ± 0.0 an hour), threads 40 → 40 (")

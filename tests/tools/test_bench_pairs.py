@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rectified pairs in the bench: what counts as inside an interval, and how Pandora is asked and read."""
+"""Rectified pairs in the bench: what counts as inside an interval, and how Pandora is asked and
+read."""
 
 import json
 import sys
@@ -35,7 +36,14 @@ def case():
     """A wall and a smaller one before it; the right camera has another principal point."""
     shifted = PinholeCamera(320, 240, CAMERA.fx, CAMERA.fy, CAMERA.cx + DOFFS_PX, CAMERA.cy)
     left, right = (
-        Picture(name, name, 0.0, photograph(camera_pose([0, y, 0]), camera), camera, camera_pose([0, y, 0]))
+        Picture(
+            name,
+            name,
+            0.0,
+            photograph(camera_pose([0, y, 0]), camera),
+            camera,
+            camera_pose([0, y, 0]),
+        )
         for name, y, camera in (("a", 0.0, CAMERA), ("b", -1.0, shifted))
     )
     return rectified.RectifiedCase("walls", left, right, true_depth(left.T_home_cam))
@@ -53,14 +61,18 @@ def test_bounds_in_disparity_and_sigma_in_depth_that_are_alike_give_the_same_fig
     depth = (1.02 * case.true_depth).astype(np.float32)
     disparity = case.disparity(depth)
     half_px = 0.03 * case.focal_baseline_px_m / depth
-    bounds = IntervalMap.of_disparity(case, disparity, disparity - half_px, disparity + half_px, 1.0)
+    bounds = IntervalMap.of_disparity(
+        case, disparity, disparity - half_px, disparity + half_px, 1.0
+    )
     sigma = type("Map", (), {"depth": depth, "sigma": 0.03 * depth / 1.6448536})
     by_sigma = IntervalMap.of_sigma(case, sigma, 1.0)
     a, b = pair_rows(case, {"bounds": bounds, "sigma": by_sigma})
     assert a.figures == pytest.approx(b.figures, rel=1e-4)
     assert a.figures["inside"] == a.figures["both_inside"] == 1.0
     assert a.figures["width"] == pytest.approx(0.06, rel=1e-4)
-    narrow = IntervalMap.of_disparity(case, disparity, disparity - half_px / 3, disparity + half_px / 3, 1.0)
+    narrow = IntervalMap.of_disparity(
+        case, disparity, disparity - half_px / 3, disparity + half_px / 3, 1.0
+    )
     assert pair_rows(case, {"narrow": narrow})[0].figures["inside"] == 0.0
 
 
@@ -75,11 +87,18 @@ def test_what_both_answer_is_what_all_with_intervals_answer(case):
     rows = pair_rows(case, maps)
     known = np.isfinite(case.true_depth)
     assert rows[0].figures["answered"] == pytest.approx((LEFT & known).sum() / known.sum())
-    assert rows[1].figures["inside"] == pytest.approx((LEFT & RIGHT & known).sum() / (RIGHT & known).sum())
+    assert rows[1].figures["inside"] == pytest.approx(
+        (LEFT & RIGHT & known).sum() / (RIGHT & known).sum()
+    )
     assert rows[1].figures["both_inside"] == 1.0 and rows[1].figures["both_width_px"] == 2.0
-    assert "ause" not in rows[2].figures and rows[2].figures["wrong"] == pytest.approx(LEFT[known].mean())
+    assert "ause" not in rows[2].figures and rows[2].figures["wrong"] == pytest.approx(
+        LEFT[known].mean()
+    )
     lines = interval_table([*rows, *rows])
-    assert "| walls | none | refused: nothing matched | – | – | – | – | – | – | – | – | – | – | – |" in lines
+    assert (
+        "| walls | none | refused: nothing matched | – | – | – | – | – | – | – | – | – | – | – |"
+        in lines
+    )
     (mean,) = [line for line in lines if line.startswith("| **mean** | plain |")]
     assert mean.split("|")[3].strip() == "100.0%" and mean.split("|")[-2].strip() == "3.0"
     assert len({line.count("|") for line in lines}) == 1
@@ -106,7 +125,8 @@ def test_pandora_is_asked_for_the_range_and_read_with_its_signs(case, environmen
     disparity = case.disparity(case.true_depth).astype(np.float32)
     disparity[np.isnan(disparity)] = 5.0
     invalid = np.zeros(disparity.shape, np.uint16)
-    invalid[:10], invalid[10:20] = 1 << 8, 1 << 11  # occluded; interval regularised, which informs alone
+    # occluded; interval regularised, which informs alone
+    invalid[:10], invalid[10:20] = 1 << 8, 1 << 11
     bounds = np.stack([0 * disparity, -disparity - 1.0, -disparity + 3.0], axis=-1)
     made = {"disparity": -disparity, "confidence_measure": bounds, "validity_mask": invalid}
     np.savez(environment / "made.npz", **made)
@@ -114,24 +134,34 @@ def test_pandora_is_asked_for_the_range_and_read_with_its_signs(case, environmen
     assert np.isnan(found.depth[:10]).all()
     known = np.isfinite(case.true_depth[10:])
     np.testing.assert_allclose(found.depth[10:][known], case.true_depth[10:][known], rtol=1e-5)
-    assert found.width_px[100, 100] == pytest.approx(4.0, abs=1e-4) and found.inside[10:][known].all()
+    assert (
+        found.width_px[100, 100] == pytest.approx(4.0, abs=1e-4) and found.inside[10:][known].all()
+    )
     asked = json.loads((environment / "seen.json").read_text())
     truth = case.disparity(case.true_depth[np.isfinite(case.true_depth)])
     low, high = asked["input"]["left"]["disp"]
-    assert -high <= 0.9 * truth.min() and -low >= 1.1 * truth.max() and -low < 1.1 * truth.max() + 1.0
+    assert (
+        -high <= 0.9 * truth.min() and -low >= 1.1 * truth.max() and -low < 1.1 * truth.max() + 1.0
+    )
     assert asked["pipeline"]["cost_volume_confidence.interval"]["possibility_threshold"] == 0.9
 
 
-def test_where_pandora_is_missing_or_fails_the_reason_is_said(case, environment, tmp_path, monkeypatch):
+def test_where_pandora_is_missing_or_fails_the_reason_is_said(
+    case, environment, tmp_path, monkeypatch
+):
     """This Python cannot import it (and must not: its numpy is another)."""
     assert "pandora cannot be imported" in pandora_intervals.missing()
     (environment / "bin" / "pandora").write_text("raise SystemExit('no such measure')")
     assert pandora_intervals.pandora_on(case) == "Pandora failed: no such measure"
-    monkeypatch.setattr(pandora_intervals, "ENVIRONMENT", pandora_intervals.ROOT / "build" / "is-not-there")
+    monkeypatch.setattr(
+        pandora_intervals, "ENVIRONMENT", pandora_intervals.ROOT / "build" / "is-not-there"
+    )
     assert pandora_intervals.missing().startswith("there is no build/is-not-there; make bench")
 
 
-def test_an_environment_that_cannot_be_made_ends_the_bench_with_the_reason(environment, tmp_path, monkeypatch):
+def test_an_environment_that_cannot_be_made_ends_the_bench_with_the_reason(
+    environment, tmp_path, monkeypatch
+):
     monkeypatch.setattr(pandora_intervals, "REQUIREMENTS", tmp_path / "absent.txt")
     with pytest.raises(SystemExit, match="Pandora's environment cannot be made: .*absent.txt"):
         pandora_intervals.install()
@@ -159,7 +189,8 @@ def test_the_pages_lines_leave_pandora_out_where_it_is_missing(case, monkeypatch
 
 @pytest.mark.slow
 def test_pandora_itself_on_a_drawn_pair():
-    """Where its environment was made: what it answers is right, and its intervals hold the truth."""
+    """Where its environment was made: what it answers is right, and its intervals hold the
+    truth."""
     why_not = pandora_intervals.missing()
     if why_not is not None:
         pytest.skip(why_not)

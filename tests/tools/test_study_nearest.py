@@ -20,7 +20,10 @@ print(nearest_by_truth(depth, truth, 64.0), nearest_by_truth(np.full_like(truth,
 
 def test_it_is_the_near_end_of_the_bands_that_are_right_without_a_gap(root):
     done = subprocess.run(
-        [sys.executable, "-c", _CODE, str(root / "tools/study")], capture_output=True, text=True, cwd=root
+        [sys.executable, "-c", _CODE, str(root / "tools/study")],
+        capture_output=True,
+        text=True,
+        cwd=root,
     )
     near, whole, behind, none = map(float, done.stdout.split())
     assert abs(near - 4.0) < 0.1 and whole == 1.0, done.stderr

@@ -22,7 +22,10 @@ print(*seams.at_seams(hole, truth, at))
 
 def test_a_step_at_a_trim_point_and_a_hole_are_seen(root):
     done = subprocess.run(
-        [sys.executable, "-c", _CODE, str(root / "tools/study")], capture_output=True, text=True, cwd=root
+        [sys.executable, "-c", _CODE, str(root / "tools/study")],
+        capture_output=True,
+        text=True,
+        cwd=root,
     )
     values = [list(map(float, line.split())) for line in done.stdout.splitlines()]
     assert len(values) == 2, done.stderr

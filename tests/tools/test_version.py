@@ -29,7 +29,10 @@ def test_setting_a_version_writes_it_into_every_place(root, tmp_path, capsys):
     assert version.main(["9.8.7"], tmp_path) == 0 and version.main(["--check"], tmp_path) == 0
     assert all("9.8.7" in p.read_text() for p in version.places(tmp_path))
     (tmp_path / "VERSION").write_text("9.9.0\n")
-    assert version.main(["--check"], tmp_path) == 1 and "pyproject.toml: not 9.9.0" in capsys.readouterr().out
+    assert (
+        version.main(["--check"], tmp_path) == 1
+        and "pyproject.toml: not 9.9.0" in capsys.readouterr().out
+    )
 
 
 @pytest.mark.parametrize("wrong", ["1.2", "v1.2.3", "1.2.3-rc"])
@@ -37,7 +40,10 @@ def test_what_is_no_version_is_refused(tmp_path, wrong, capsys):
     (tmp_path / "VERSION").write_text("1.0.0\n")
     with pytest.raises(SystemExit):
         version.main([wrong], tmp_path)
-    assert "is no MAJOR.MINOR.PATCH" in capsys.readouterr().err and (tmp_path / "VERSION").read_text() == "1.0.0\n"
+    assert (
+        "is no MAJOR.MINOR.PATCH" in capsys.readouterr().err
+        and (tmp_path / "VERSION").read_text() == "1.0.0\n"
+    )
 
 
 def test_the_commands_say_it(capsys):

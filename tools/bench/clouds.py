@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What bounds and an outlier filter do to a cloud: points kept, and points wrong by more than 10 % (or in the sky).
+"""What bounds and an outlier filter do to a cloud: points kept, and points wrong by more than 10 %
+(or in the sky).
 
     PYTHONPATH=tools python -m bench.clouds             eight scenes, four horizontal pairs; --quick: two scenes
 
-Bounds are those of ``cloud_bounds``; the filter is open3d's ``remove_statistical_outlier`` (20 neighbours, 2 standard
-deviations) after them, in metres and in pixels and disparity, where a cloud is evenly dense.
+Bounds are those of ``cloud_bounds``; the filter is open3d's ``remove_statistical_outlier`` (20
+neighbours, 2 standard deviations) after them, in metres and in pixels and disparity, where a cloud
+is evenly dense.
 """
 
 import argparse
@@ -34,18 +36,26 @@ def main(argv: Optional[List[str]] = None) -> int:
     for name in scenes:
         scene = shoot(name, HORIZONTAL)
         for complete, found in rows.items():
-            result = Joint().map(scene.given(HORIZONTAL, NOISES[0]), JointOptions(complete=complete))
+            result = Joint().map(
+                scene.given(HORIZONTAL, NOISES[0]), JointOptions(complete=complete)
+            )
             with np.errstate(invalid="ignore"):
-                right = (np.abs(result.depth / scene.true_depth - 1.0) <= 0.1)[np.isfinite(result.depth)]
+                right = (np.abs(result.depth / scene.true_depth - 1.0) <= 0.1)[
+                    np.isfinite(result.depth)
+                ]
             for title, kept in _choices(result).items():
                 found.setdefault(title, []).append(_figures(result, right, kept))
         print(f"{name}: {len(result.cloud):,} points with --complete", file=sys.stderr, flush=True)
     for complete, found in rows.items():
-        print(f"\nMean of {len(scenes)} scenes{', --complete' if complete else ''}\n\n| {' | '.join(_HEAD)} |")
+        print(
+            f"\nMean of {len(scenes)} scenes{', --complete' if complete else ''}\n\n| {' | '.join(_HEAD)} |"
+        )
         print("|" + "---|" * len(_HEAD))
         for title, each in found.items():
             kept, right, wrong, _ = np.mean(each, axis=0)
-            print(f"| {title} | {kept:.1%} | {right:.1%} | {wrong:.2%} | {np.max(each, axis=0)[3]:.0f} m |")
+            print(
+                f"| {title} | {kept:.1%} | {right:.1%} | {wrong:.2%} | {np.max(each, axis=0)[3]:.0f} m |"
+            )
     return 0
 
 
@@ -53,7 +63,9 @@ def _choices(result: MapResult) -> Dict[str, np.ndarray]:
     """Which points stay (N bool), by what was done."""
     bounds = {"the map": CloudBounds(None, None), "range": CloudBounds("auto", None)}
     for percent in (30, 20, 10):
-        bounds[f"sigma up to {percent} %"] = CloudBounds(None, ErrorThreshold(percent / 100.0, True))
+        bounds[f"sigma up to {percent} %"] = CloudBounds(
+            None, ErrorThreshold(percent / 100.0, True)
+        )
     bounds["range, sigma up to 20 % (default)"] = CloudBounds()
     found = {title: _within(result, b) for title, b in bounds.items()}
     default = _within(result, CloudBounds())
@@ -65,14 +77,20 @@ def _choices(result: MapResult) -> Dict[str, np.ndarray]:
 def _within(result: MapResult, bounds: CloudBounds) -> np.ndarray:
     """N bool: the cloud's points have an index in place of their pair."""
     index = np.arange(len(result.cloud))
-    marked = type(result.cloud)(result.cloud.points_home_m, result.cloud.colors, result.cloud.sigma_m, index)
+    marked = type(result.cloud)(
+        result.cloud.points_home_m, result.cloud.colors, result.cloud.sigma_m, index
+    )
     kept = np.zeros(len(index), bool)
-    kept[bound_cloud(MapResult(**{**vars(result), "cloud": marked}), bounds).cloud.baseline_index] = True
+    kept[
+        bound_cloud(MapResult(**{**vars(result), "cloud": marked}), bounds).cloud.baseline_index
+    ] = True
     return kept
 
 
 def _camera_points(result: MapResult) -> np.ndarray:
-    return transforms.apply(transforms.invert(result.reference.T_home_cam), result.cloud.points_home_m.astype(float))
+    return transforms.apply(
+        transforms.invert(result.reference.T_home_cam), result.cloud.points_home_m.astype(float)
+    )
 
 
 _metres = _camera_points
@@ -97,7 +115,12 @@ def _without_outliers(result: MapResult, kept: np.ndarray, space: Callable) -> n
 
 def _figures(result: MapResult, right: np.ndarray, kept: np.ndarray):
     farthest = _camera_points(result)[kept, 2].max()
-    return kept.mean(), (kept & right).sum() / right.sum(), (kept & ~right).sum() / kept.sum(), farthest
+    return (
+        kept.mean(),
+        (kept & right).sum() / right.sum(),
+        (kept & ~right).sum() / kept.sum(),
+        farthest,
+    )
 
 
 if __name__ == "__main__":

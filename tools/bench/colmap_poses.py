@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""COLMAP's structure from motion on the bench's pictures, beside our refinement; COLMAP as a process of its own.
+"""COLMAP's structure from motion on the bench's pictures, beside our refinement; COLMAP as a
+process of its own.
 
-Both get the same pictures and the camera's true intrinsics, which stay; ours gets priors with noise besides, from which
-it has its scale. Rotations are compared relative to the reference, places after the similarity that fits all best.
+Both get the same pictures and the camera's true intrinsics, which stay; ours gets priors with noise
+besides, from which it has its scale. Rotations are compared relative to the reference, places after
+the similarity that fits all best.
 
-python -m bench.colmap_poses FOLDER     FOLDER/images/*.png and FOLDER/camera.json; prints poses as JSON
+python -m bench.colmap_poses FOLDER     FOLDER/images/*.png and FOLDER/camera.json; prints poses as
+JSON
 """
 
 import json
@@ -26,8 +29,8 @@ from fcsv_stereo.refinement import refine
 
 @dataclass(frozen=True)
 class PosesFound:
-    """Rotation errors (deg) of the pictures placed, the error of their places (m, rms) with turn, shift and scale taken
-    off, and the seconds that it took: on the wall, and of the processor."""
+    """Rotation errors (deg) of the pictures placed, the error of their places (m, rms) with turn,
+    shift and scale taken off, and the seconds that it took: on the wall, and of the processor."""
 
     errors_deg: List[float]
     places_rms_m: float
@@ -58,11 +61,20 @@ def ours_on(scene: Scene) -> PosesFound:
     return _judged(scene, poses, seconds, cpu_seconds)
 
 
-def _judged(scene: Scene, poses: Dict[str, np.ndarray], seconds: float, cpu_seconds: float) -> PosesFound:
+def _judged(
+    scene: Scene, poses: Dict[str, np.ndarray], seconds: float, cpu_seconds: float
+) -> PosesFound:
     true = scene.true_poses()
     errors = relative_rotations_deg(poses, scene.reference.name, true)
     places = np.array([(poses[n][:3, 3], true[n][:3, 3]) for n in poses])
-    return PosesFound(errors, similarity_rms(places[:, 0], places[:, 1]), len(poses), len(true), seconds, cpu_seconds)
+    return PosesFound(
+        errors,
+        similarity_rms(places[:, 0], places[:, 1]),
+        len(poses),
+        len(true),
+        seconds,
+        cpu_seconds,
+    )
 
 
 def similarity_rms(found: np.ndarray, true: np.ndarray) -> float:
@@ -75,7 +87,8 @@ def similarity_rms(found: np.ndarray, true: np.ndarray) -> float:
 
 
 def colmap_on(scene: Scene) -> Union[PosesFound, str]:
-    """Poses of all pictures of a scene from the pictures alone; a text that says why where it failed."""
+    """Poses of all pictures of a scene from the pictures alone; a text that says why where it
+    failed."""
     pictures = [scene.reference, *scene.others]
     names = {f"{i:02d}.png": p.name for i, p in enumerate(pictures)}
     with tempfile.TemporaryDirectory() as folder:
@@ -85,7 +98,9 @@ def colmap_on(scene: Scene) -> Union[PosesFound, str]:
             cv2.imwrite(str(images / file), cv2.cvtColor(picture.image, cv2.COLOR_RGB2BGR))
         c = scene.reference.camera
         (Path(folder) / "camera.json").write_text(json.dumps([c.fx, c.fy, c.cx + 0.5, c.cy + 0.5]))
-        done = subprocess.run([sys.executable, "-m", "bench.colmap_poses", folder], capture_output=True, text=True)
+        done = subprocess.run(
+            [sys.executable, "-m", "bench.colmap_poses", folder], capture_output=True, text=True
+        )
     if done.returncode != 0:
         return f"COLMAP failed: {(done.stderr.strip().splitlines() or ['no reason given'])[-1]}"
     found = json.loads(done.stdout.strip().splitlines()[-1])
@@ -103,7 +118,9 @@ def _reconstruct(folder: Path) -> Dict:
     fx, fy, cx, cy = json.loads((folder / "camera.json").read_text())
     database = folder / "database.db"
     started, started_cpu = time.perf_counter(), time.process_time()
-    reader = pycolmap.ImageReaderOptions(camera_model="PINHOLE", camera_params=f"{fx},{fy},{cx},{cy}")
+    reader = pycolmap.ImageReaderOptions(
+        camera_model="PINHOLE", camera_params=f"{fx},{fy},{cx},{cy}"
+    )
     pycolmap.extract_features(
         database, folder / "images", camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader
     )
@@ -111,7 +128,8 @@ def _reconstruct(folder: Path) -> Dict:
     options = pycolmap.IncrementalPipelineOptions()
     for name in ("ba_refine_focal_length", "ba_refine_principal_point", "ba_refine_extra_params"):
         setattr(options, name, False)
-    # a few metres of baseline before hundreds of distance: COLMAP's own bounds (16 and 1.5 degrees) find no first pair
+    # a few metres of baseline before hundreds of distance: COLMAP's own bounds (16 and 1.5 degrees)
+    # find no first pair
     options.mapper.init_min_tri_angle, options.mapper.init_min_num_inliers = 1.0, 50
     options.mapper.filter_min_tri_angle = options.triangulation.min_angle = 0.2
     maps = pycolmap.incremental_mapping(database, folder / "images", folder, options)

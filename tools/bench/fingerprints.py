@@ -4,7 +4,8 @@
     tools/run same-maps --write before.txt      at the old code
     tools/run same-maps --against before.txt    at the new code: exit status 1 where a map differs
 
-A line is a map: scene, list of baselines, method, and SHA-256 sums of depth, sigma, points and refined poses.
+A line is a map: scene, list of baselines, method, and SHA-256 sums of depth, sigma, points and
+refined poses.
 """
 
 import argparse
@@ -42,7 +43,10 @@ def main(argv: Optional[List[str]] = None) -> int:
                 differs = args.against is not None and before.get(key) != sums
                 differing += differs
                 lines.append(f"{key} | {sums}")
-                print(lines[-1] + ("  DIFFERS from " + before.get(key, "nothing") if differs else ""), flush=True)
+                print(
+                    lines[-1] + ("  DIFFERS from " + before.get(key, "nothing") if differs else ""),
+                    flush=True,
+                )
     if args.write:
         args.write.write_text("\n".join(lines) + "\n")
     if args.against:
@@ -53,7 +57,12 @@ def main(argv: Optional[List[str]] = None) -> int:
 def fingerprint(result: MapResult) -> str:
     """Sums of depth, sigma, the cloud's points and the refined poses, by name."""
     poses = np.array([i.T_home_cam for i in result.images])
-    parts = {"depth": result.depth, "sigma": result.sigma, "points": result.cloud.points_home_m, "poses": poses}
+    parts = {
+        "depth": result.depth,
+        "sigma": result.sigma,
+        "points": result.cloud.points_home_m,
+        "poses": poses,
+    }
     return " ".join(f"{k}={_sum(v)}" for k, v in parts.items())
 
 

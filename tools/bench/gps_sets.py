@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sets of GPS-tagged photographs drawn at random: is the truth within what import_photos states, and what is refused?
+"""Sets of GPS-tagged photographs drawn at random: is the truth within what import_photos states,
+and what is refused?
 
 tools/run gps-sets [--sets 500] [--seed 1]
 
-No pictures: places, angles and a model's poses are drawn, and the fit is that of import_photos. Refused without need is
-a set of which an observer who knows what is wrong and how large the errors are would know scale, level and north to
-half of the bounds at which import_photos refuses (Cramér and Rao's bound), from six right places or more that are more
-than twice as many as the wrong ones. The table is in docs/lab/photographs.md.
+No pictures: places, angles and a model's poses are drawn, and the fit is that of import_photos.
+Refused without need is a set of which an observer who knows what is wrong and how large the errors
+are would know scale, level and north to half of the bounds at which import_photos refuses (Cramér
+and Rao's bound), from six right places or more that are more than twice as many as the wrong ones.
+The table is in docs/lab/photographs.md.
 """
 
 import argparse
@@ -25,7 +27,7 @@ from fcsv_stereo.photos.similarity import (
     MOST_SCALE_SIGMA,
     Similarity,
     fit,
-)  # fmt: skip
+)
 
 LAYOUTS = ("strip", "block", "orbit")
 VIEWS_DEG = {"nadir": 90.0, "oblique": 45.0, "level": 5.0}
@@ -36,7 +38,8 @@ _R_NORTH = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 @dataclass(frozen=True)
 class GpsSet:
-    """Of N photographs what the fit is given (as ``fit`` has it), and how it was drawn. ``wrong_*`` (N,) bool."""
+    """Of N photographs what the fit is given (as ``fit`` has it), and how it was drawn. ``wrong_*``
+    (N,) bool."""
 
     layout: str
     view: str
@@ -60,7 +63,8 @@ class GpsSet:
 
 
 class Judged(NamedTuple):
-    """Errors in stated standard deviations (scale, level about two axes, north), or why it was refused."""
+    """Errors in stated standard deviations (scale, level about two axes, north), or why it was
+    refused."""
 
     errors: Optional[np.ndarray]
     scale_sigma: float
@@ -87,18 +91,38 @@ def draw(rng: np.random.Generator) -> GpsSet:
     )
     extent_m = np.linalg.norm(true_enu.std(axis=0))
     noise_m = extent_m * _log_uniform(rng, 0.0003, 0.005)
-    turned = Rotation.from_rotvec(np.radians(_log_uniform(rng, 0.02, 0.2)) * rng.normal(0, 1, (n, 3))).as_matrix()
-    p_model = (true_enu + rng.normal(0, noise_m, (n, 3)) - rng.normal(0, 100, 3)) @ R_enu_model / scale
+    turned = Rotation.from_rotvec(
+        np.radians(_log_uniform(rng, 0.02, 0.2)) * rng.normal(0, 1, (n, 3))
+    ).as_matrix()
+    p_model = (
+        (true_enu + rng.normal(0, noise_m, (n, 3)) - rng.normal(0, 100, 3)) @ R_enu_model / scale
+    )
     return GpsSet(
-        str(layout), str(view), p_model, p_enu, _said(sigmas, rng), R_enu_model.T @ turned @ R_true,
+        str(layout),
+        str(view),
+        p_model,
+        p_enu,
+        _said(sigmas, rng),
+        R_enu_model.T @ turned @ R_true,
         _angles(R_true, angle_sigmas, wrong_angles, rng) if rng.random() < 0.7 else [None] * n,
-        scale, R_enu_model, true_enu, R_true, np.hypot(sigmas, noise_m), angle_sigmas, wrong_places, wrong_angles,
-    )  # fmt: skip
+        scale,
+        R_enu_model,
+        true_enu,
+        R_true,
+        np.hypot(sigmas, noise_m),
+        angle_sigmas,
+        wrong_places,
+        wrong_angles,
+    )
 
 
 def _flown(rng, layout: str):
     """Places (N, 3) and headings (N,) from north, clockwise."""
-    n, step, course = int(_log_uniform(rng, 6, 60)), _log_uniform(rng, 4, 30), rng.uniform(0, 2 * np.pi)
+    n, step, course = (
+        int(_log_uniform(rng, 6, 60)),
+        _log_uniform(rng, 4, 30),
+        rng.uniform(0, 2 * np.pi),
+    )
     along, beside = np.arange(n) * step, np.zeros(n)
     headings = np.full(n, course + rng.choice([0.0, np.pi / 2]))
     if layout == "block":
@@ -108,10 +132,21 @@ def _flown(rng, layout: str):
         headings = headings + np.pi * (row % 2)
     if layout == "orbit":
         angle = np.arange(n) / n * rng.uniform(0.7, 2.0) * np.pi
-        along, beside, headings = n * step / 6 * np.sin(angle), n * step / 6 * np.cos(angle), course + angle + np.pi
-    level = along[:, None] * [np.sin(course), np.cos(course)] + beside[:, None] * [np.cos(course), -np.sin(course)]
+        along, beside, headings = (
+            n * step / 6 * np.sin(angle),
+            n * step / 6 * np.cos(angle),
+            course + angle + np.pi,
+        )
+    level = along[:, None] * [np.sin(course), np.cos(course)] + beside[:, None] * [
+        np.cos(course),
+        -np.sin(course),
+    ]
     places = np.column_stack([level, 50.0 + 0.0 * along])
-    return places + rng.normal(0, 1, (n, 3)) * [0.05 * step, 0.05 * step, _log_uniform(rng, 0.1, 3.0)], headings
+    return places + rng.normal(0, 1, (n, 3)) * [
+        0.05 * step,
+        0.05 * step,
+        _log_uniform(rng, 0.1, 3.0),
+    ], headings
 
 
 def _camera(heading: float, down_deg: float, rng) -> np.ndarray:
@@ -125,7 +160,9 @@ def _wrong_place(place, gps_m: float, rng) -> np.ndarray:
     if rng.random() < 0.2:
         return place - [0.0, 0.0, 2.0 * rng.uniform(200, 600)]
     direction = rng.normal(0, 1, 3) * [1.0, 1.0, 0.3]
-    return place + direction / np.linalg.norm(direction) * _log_uniform(rng, max(10 * gps_m, 3.0), 1e5)
+    return place + direction / np.linalg.norm(direction) * _log_uniform(
+        rng, max(10 * gps_m, 3.0), 1e5
+    )
 
 
 def _said(sigmas: np.ndarray, rng) -> np.ndarray:
@@ -137,13 +174,18 @@ def _said(sigmas: np.ndarray, rng) -> np.ndarray:
 
 def _angles(R_true, sigmas, wrong, rng) -> List[np.ndarray]:
     shared = rng.normal(0, [_SHARED_TILT_RAD, _SHARED_TILT_RAD, _SHARED_NORTH_RAD])
-    found = Rotation.from_rotvec(rng.normal(0, 1, (len(R_true), 3)) * sigmas + shared).as_matrix() @ R_true
+    found = (
+        Rotation.from_rotvec(rng.normal(0, 1, (len(R_true), 3)) * sigmas + shared).as_matrix()
+        @ R_true
+    )
     for i in np.flatnonzero(wrong):
         kind = rng.integers(3)
         if kind == 0:  # roll of 180 degrees
             found[i] = found[i] @ np.diag([-1.0, -1.0, 1.0])
         elif kind == 1:  # a compass that is off
-            found[i] = Rotation.from_euler("Z", rng.uniform(0.6, 2 * np.pi - 0.6)).as_matrix() @ found[i]
+            found[i] = (
+                Rotation.from_euler("Z", rng.uniform(0.6, 2 * np.pi - 0.6)).as_matrix() @ found[i]
+            )
         else:
             found[i] = Rotation.random(random_state=int(rng.integers(1 << 30))).as_matrix()
     return list(found)
@@ -152,7 +194,9 @@ def _angles(R_true, sigmas, wrong, rng) -> List[np.ndarray]:
 def judge(drawn: GpsSet) -> Judged:
     """The fit of a set, against its truth."""
     try:
-        found = fit(drawn.p_model, drawn.p_enu_m, drawn.said_sigmas_m, drawn.R_model_cam, drawn.R_enu_cam)
+        found = fit(
+            drawn.p_model, drawn.p_enu_m, drawn.said_sigmas_m, drawn.R_model_cam, drawn.R_enu_cam
+        )
     except InputError as error:
         return Judged(None, np.nan, str(error), is_enough(drawn))
     return Judged(errors_in_sigmas(drawn, found), found.scale_sigma, "", False)
@@ -173,28 +217,41 @@ def is_enough(drawn: GpsSet) -> bool:
     if right < 6 or right <= 2 * wrong:
         return False
     scale, level, north = known_to(drawn)
-    return bool(scale < MOST_SCALE_SIGMA / 2 and level < MOST_LEVEL_SIGMA_RAD / 2 and north < MOST_NORTH_SIGMA_RAD / 2)
+    return bool(
+        scale < MOST_SCALE_SIGMA / 2
+        and level < MOST_LEVEL_SIGMA_RAD / 2
+        and north < MOST_NORTH_SIGMA_RAD / 2
+    )
 
 
 def known_to(drawn: GpsSet) -> Sequence[float]:
-    """Least standard deviations of scale, level (its worst axis) and north, from what is right alone."""
+    """Least standard deviations of scale, level (its worst axis) and north, from what is right
+    alone."""
 
     def statements(x: np.ndarray) -> np.ndarray:
-        """Whitened; x: logarithm of scale, turn, shift, shared turn of angles, shared tilt of rows."""
+        """Whitened; x: logarithm of scale, turn, shift, shared turn of angles, shared tilt of
+        rows."""
         R = Rotation.from_rotvec(x[1:4]).as_matrix()
         middle = drawn.true_enu_m.mean(axis=0)
         places = (np.exp(x[0]) * (drawn.true_enu_m - middle) @ R.T + x[4:7]) / drawn.sigmas_m
-        parts = [places[~drawn.wrong_places].ravel(), x[7:10] / [*[_SHARED_TILT_RAD] * 2, _SHARED_NORTH_RAD]]
+        parts = [
+            places[~drawn.wrong_places].ravel(),
+            x[7:10] / [*[_SHARED_TILT_RAD] * 2, _SHARED_NORTH_RAD],
+        ]
         if drawn.R_enu_cam[0] is not None:
             n = int((~drawn.wrong_angles).sum())
-            parts.append((np.tile(x[1:4] - x[7:10], (n, 1)) / np.hypot(drawn.angle_sigmas_rad, 1e-3)).ravel())
+            parts.append(
+                (np.tile(x[1:4] - x[7:10], (n, 1)) / np.hypot(drawn.angle_sigmas_rad, 1e-3)).ravel()
+            )
         else:
             rows = (R @ drawn.R_true_cam)[:, 2, 0] - x[10]
             parts += [rows / np.sin(np.radians(5.0)), x[10:] / np.sin(np.radians(2.0))]
         return np.concatenate(parts)
 
     step = 1e-5
-    J = np.array([(statements(step * d) - statements(-step * d)) / (2 * step) for d in np.eye(11)]).T
+    J = np.array(
+        [(statements(step * d) - statements(-step * d)) / (2 * step) for d in np.eye(11)]
+    ).T
     known = np.linalg.inv(J.T @ J + np.diag([0, 1, 1, 1, 0, 0, 0, 0, 0, 0, 1e-3]) * 0.3)
     level = float(np.sqrt(np.linalg.eigvalsh(known[1:3, 1:3])[-1]))
     return float(np.sqrt(known[0, 0])), level, float(np.sqrt(known[3, 3]))
@@ -214,7 +271,8 @@ def run(sets: int, seed: int) -> Dict[str, List[Judged]]:
 
 
 def within(judged: Sequence[Judged], sigmas: float) -> float:
-    """Share of the answered sets whose scale, level and north are all within so many stated sigmas."""
+    """Share of the answered sets whose scale, level and north are all within so many stated
+    sigmas."""
     errors = [j.errors.max() <= sigmas for j in judged if j.errors is not None]
     return float(np.mean(errors)) if errors else np.nan
 
@@ -225,11 +283,14 @@ def table(found: Dict[str, List[Judged]]) -> str:
         "| sets | drawn | answered | all within 3σ | scale, level, north within 1σ | scale known to, median | "
         "refused | without need |",
         "|---|---|---|---|---|---|---|---|",
-    ]  # fmt: skip
+    ]
     for kind, judged in [*sorted(found.items()), ("all", [j for of in found.values() for j in of])]:
         answered = [j for j in judged if j.errors is not None]
         errors = np.array([j.errors for j in answered]).reshape(-1, 4)
-        ones = [np.mean(e <= 1.0) if e.size else np.nan for e in (errors[:, 0], errors[:, 1:3], errors[:, 3])]
+        ones = [
+            np.mean(e <= 1.0) if e.size else np.nan
+            for e in (errors[:, 0], errors[:, 1:3], errors[:, 3])
+        ]
         scale = np.median([j.scale_sigma for j in answered]) if answered else np.nan
         lines.append(
             f"| {kind} | {len(judged)} | {len(answered)} | {within(judged, 3.0):.1%} | "
@@ -247,7 +308,9 @@ def main() -> int:
     began = time.process_time()
     found = run(args.sets, args.seed)
     print(table(found))
-    reasons = Counter(j.refused.split(":")[0][:70] for of in found.values() for j in of if j.refused)
+    reasons = Counter(
+        j.refused.split(":")[0][:70] for of in found.values() for j in of if j.refused
+    )
     print("\n".join(f"refused {count} times: {why}" for why, count in reasons.most_common()))
     print(f"{time.process_time() - began:.0f} s of the processor")
     return 0

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time and memory of a method against picture size, pairs and depth steps; every run a process of its own.
+"""Time and memory of a method against picture size, pairs and depth steps; every run a process of
+its own.
 
 python -m bench.growth INPUT.pickle METHOD STEPS|-     prints seconds and memory as JSON
 """
@@ -46,12 +47,16 @@ def measure_growth(methods: List[str], quick: bool) -> List[Sample]:
     """All series; a method without depth steps is left out of that one."""
     samples = []
     for size in SIZES[:2] if quick else SIZES:
-        given = shoot(SceneName("street", 1), HORIZONTAL[::2], size).given(HORIZONTAL[::2], NOISES[0])
+        given = shoot(SceneName("street", 1), HORIZONTAL[::2], size).given(
+            HORIZONTAL[::2], NOISES[0]
+        )
         samples += [_sample("size", m, size[0] * size[1] / 1e6, given, None) for m in methods]
     scene = shoot(SceneName("street", 1), _SIXTEEN)
     for pairs in PAIRS[:3] if quick else PAIRS:
         chosen = [_SIXTEEN[i] for i in np.unique(np.linspace(0, 15, pairs).astype(int))]
-        samples += [_sample("pairs", m, pairs, scene.given(chosen, NOISES[0]), None) for m in methods]
+        samples += [
+            _sample("pairs", m, pairs, scene.given(chosen, NOISES[0]), None) for m in methods
+        ]
     given = scene.given(_SIXTEEN[1::4], NOISES[0])
     for steps in STEPS[:2] if quick else STEPS:
         able = [m for m in methods if _with_steps(m, steps) is not None]
@@ -71,31 +76,53 @@ def _sample(series: str, method: str, x: float, given, steps: Optional[int]) -> 
         command = [sys.executable, "-m", "bench.growth", str(path), method, str(steps or "-")]
         done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode != 0:
-        print(f"    {method} at {series} {x:g} failed: {(done.stderr.strip().splitlines() or ['?'])[-1]}", flush=True)
+        print(
+            f"    {method} at {series} {x:g} failed: {(done.stderr.strip().splitlines() or ['?'])[-1]}",
+            flush=True,
+        )
         return None
     found = json.loads(done.stdout.strip().splitlines()[-1])
-    print(f"    {series} {x:g}, {method}: {found['seconds']:.1f} s, {found['memory_mib']:.0f} MiB", flush=True)
+    print(
+        f"    {series} {x:g}, {method}: {found['seconds']:.1f} s, {found['memory_mib']:.0f} MiB",
+        flush=True,
+    )
     return Sample(series, method, x, found["seconds"], found["cpu_seconds"], found["memory_mib"])
 
 
 def exponent(samples: List[Sample], value: str) -> Optional[float]:
     """Slope in log-log: 1 is linear, 0 constant."""
-    x, y = np.array([[s.x, max(getattr(s, value), 1e-3)] for s in samples]).T if len(samples) > 1 else ([], [])
+    x, y = (
+        np.array([[s.x, max(getattr(s, value), 1e-3)] for s in samples]).T
+        if len(samples) > 1
+        else ([], [])
+    )
     return float(np.polyfit(np.log(x), np.log(y), 1)[0]) if len(x) > 1 else None
 
 
 def plot(samples: List[Sample], path: Path) -> None:
-    """Processor time (a shared machine stretches the other) and memory over size, pairs, steps; grey: linear growth."""
-    titles = {"size": "picture (megapixels), 2 pairs", "pairs": "pairs, 640x480", "steps": "depth steps, 4 pairs"}
+    """Processor time (a shared machine stretches the other) and memory over size, pairs, steps;
+    grey: linear growth."""
+    titles = {
+        "size": "picture (megapixels), 2 pairs",
+        "pairs": "pairs, 640x480",
+        "steps": "depth steps, 4 pairs",
+    }
     figure, axes = plt.subplots(2, 3, figsize=(12.5, 6.6))
-    by_method: Dict[str, str] = {m: f"C{i}" for i, m in enumerate(sorted({s.method for s in samples}))}
+    by_method: Dict[str, str] = {
+        m: f"C{i}" for i, m in enumerate(sorted({s.method for s in samples}))
+    }
     for column, (series, title) in enumerate(titles.items()):
-        for row, (value, label) in enumerate((("cpu_seconds", "s of the processor"), ("memory_mib", "MiB"))):
+        for row, (value, label) in enumerate(
+            (("cpu_seconds", "s of the processor"), ("memory_mib", "MiB"))
+        ):
             ax = axes[row, column]
             for method, color in by_method.items():
                 mine = [s for s in samples if s.series == series and s.method == method]
                 if mine:
-                    x, y = np.array([s.x for s in mine]), np.array([getattr(s, value) for s in mine])
+                    x, y = (
+                        np.array([s.x for s in mine]),
+                        np.array([getattr(s, value) for s in mine]),
+                    )
                     ax.plot(x, y, "o-", color=color, label=method)
                     ax.plot(x, y[0] * x / x[0], ":", color="#999999", lw=1)
             ax.set_xlabel(title)
@@ -114,7 +141,11 @@ def _child(path: str, method: str, steps: str) -> None:
     """A warm-up on small pictures compiles; then the run that counts."""
     given = pickle.loads(Path(path).read_bytes())
     options = None if steps == "-" else _with_steps(method, int(steps))
-    run(method, smaller(given, max(1, given.configurations[0].references[0].camera.width // 320)), options)
+    run(
+        method,
+        smaller(given, max(1, given.configurations[0].references[0].camera.width // 320)),
+        options,
+    )
     Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here on
     before_mib = status_mib("VmRSS")
     _, seconds, cpu_seconds = run(method, given, options)
@@ -123,7 +154,8 @@ def _child(path: str, method: str, steps: str) -> None:
 
 
 def status_mib(key: str) -> float:
-    """A figure of this process's memory (not getrusage's: its peak is that of whoever started the process)."""
+    """A figure of this process's memory (not getrusage's: its peak is that of whoever started the
+    process)."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith(key + ":"):
             return int(line.split()[1]) / 1024.0

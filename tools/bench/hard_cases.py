@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures that are not the simulator's ordinary ones: skies, weather, light and cameras as photographers meet them."""
+"""Pictures that are not the simulator's ordinary ones: skies, weather, light and cameras as
+photographers meet them."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,21 +25,25 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_sim.sensors.camera import SimulatedCamera
 from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Picture
 
-_OVERCAST_GREY, _OVERCAST_STEP = 203.0, 6.0  # grey levels: at the skyline, and brighter by so much at the top
+# grey levels: at the skyline, and brighter by so much at the top
+_OVERCAST_GREY, _OVERCAST_STEP = 203.0, 6.0
 _SENSOR_GREY = 1.2  # grey levels of noise that a processed picture gets anew
 _CLOUD_GREY, _CLOUD_CONTRAST, _CLOUDS_MOVE_DEG = 190.0, 35.0, 2.0
 _CLOUD_TINT = np.array([0.97, 1.0, 1.03], np.float32)
 _FOG_VISIBILITY_M, _FOG_GREY = 150.0, 195.0  # Koschmieder: 2 % of the contrast is left there
 _BACKLIT, _VEIL_GREY, _BLOOM_PX, _BLOOM_GREY = 0.3, 18.0, 25.0, 70.0
-_READOUT_S, _STRIPS = 0.02, 24  # of a D435's colour imager, and of how many poses a picture is put together
-_TURN_RAD_S, _DRIFT_MPS = np.radians(6.0), 0.3  # standard deviations per axis, of a multirotor that holds
+# of a D435's colour imager, and of how many poses a picture is put together
+_READOUT_S, _STRIPS = 0.02, 24
+# standard deviations per axis, of a multirotor that holds
+_TURN_RAD_S, _DRIFT_MPS = np.radians(6.0), 0.3
 _WRONG_FOCAL = 1.05
 EXACT = PoseNoise(1e-7, 1e-7)
 
 
 @dataclass(frozen=True)
 class Case:
-    """``true_depth`` HxW (m along the reference's optical axis), NaN where the sky is; ``exact`` has the true poses."""
+    """``true_depth`` HxW (m along the reference's optical axis), NaN where the sky is; ``exact``
+    has the true poses."""
 
     name: str
     given: MapInput
@@ -46,7 +51,8 @@ class Case:
     exact: MapInput
 
 
-#: A picture (HxWx3 uint8) with its true depth (m, NaN sky), made into another one; ``random`` draws its noise.
+#: A picture (HxWx3 uint8) with its true depth (m, NaN sky), made into another one; ``random`` draws
+#: its noise.
 Light = Callable[[np.ndarray, np.ndarray, np.random.Generator], np.ndarray]
 
 
@@ -58,7 +64,8 @@ def overcast(rgb: np.ndarray, depth: np.ndarray, random: np.random.Generator) ->
 
 
 def fog(rgb: np.ndarray, depth: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """Light that scatters on the way (Koschmieder 1924): contrast falls with depth, the sky is fog."""
+    """Light that scatters on the way (Koschmieder 1924): contrast falls with depth, the sky is
+    fog."""
     left = np.exp(np.log(0.02) / _FOG_VISIBILITY_M * np.nan_to_num(depth, nan=1e6))[..., None]
     return _developed(rgb * left + _FOG_GREY * (1.0 - left), random)
 
@@ -71,8 +78,8 @@ def backlight(rgb: np.ndarray, depth: np.ndarray, random: np.random.Generator) -
 
 
 def moving_clouds(given: MapInput, place: SceneName, depths: Dict[str, np.ndarray]) -> MapInput:
-    """Clouds that the wind has moved between the pictures, each by up to two degrees of its own: as far
-    as they drift in some ten seconds (10 m/s, 1 km up, seen at 20 degrees)."""
+    """Clouds that the wind has moved between the pictures, each by up to two degrees of its own: as
+    far as they drift in some ten seconds (10 m/s, 1 km up, seen at 20 degrees)."""
     random = np.random.default_rng([*place.words(), 17])
     texture = _cloud_texture(random)
     made: Dict[str, np.ndarray] = {}
@@ -89,7 +96,8 @@ def moving_clouds(given: MapInput, place: SceneName, depths: Dict[str, np.ndarra
 
 
 def _cloud_texture(random: np.random.Generator) -> np.ndarray:
-    """Grey levels over 180 degrees of azimuth (columns) and elevation (rows), ten to a degree: noise of all sizes."""
+    """Grey levels over 180 degrees of azimuth (columns) and elevation (rows), ten to a degree:
+    noise of all sizes."""
     shape, out = (1800, 1800), np.zeros((1800, 1800), np.float32)
     for cell_deg in (24.0, 12.0, 6.0, 3.0, 1.5, 0.7):
         cells = int(180.0 / cell_deg) + 2
@@ -104,9 +112,16 @@ def _seen_clouds(texture: np.ndarray, p: Picture, moved_deg: np.ndarray) -> np.n
     x, y = np.meshgrid((np.arange(width) - c.cx) / c.fx, (np.arange(height) - c.cy) / c.fy)
     rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ p.T_home_cam[:3, :3].T
     azimuth_deg = np.degrees(np.arctan2(rays[..., 1], rays[..., 0])) + moved_deg[0]
-    elevation_deg = np.degrees(np.arctan2(rays[..., 2], np.hypot(rays[..., 0], rays[..., 1]))) + moved_deg[1]
+    elevation_deg = (
+        np.degrees(np.arctan2(rays[..., 2], np.hypot(rays[..., 0], rays[..., 1]))) + moved_deg[1]
+    )
     at = [10.0 * (azimuth_deg + 90.0), 10.0 * (elevation_deg + 90.0)]
-    return cv2.remap(texture, *(a.astype(np.float32) for a in at), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    return cv2.remap(
+        texture,
+        *(a.astype(np.float32) for a in at),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REFLECT,
+    )
 
 
 LIGHTS: Dict[str, Light] = {"overcast sky": overcast, "fog": fog, "backlight": backlight}
@@ -117,12 +132,16 @@ def cases(place: SceneName, foreign: SceneName) -> List[Case]:
     scene, elsewhere = shoot(place, HORIZONTAL), shoot(foreign, HORIZONTAL)
     given, exact = scene.given(HORIZONTAL, NOISES[0]), scene.given(HORIZONTAL, EXACT)
     changes: Dict[str, Callable[[MapInput], MapInput]] = {
-        name: partial(lit, place=place, depths=scene.depths, light=light) for name, light in LIGHTS.items()
+        name: partial(lit, place=place, depths=scene.depths, light=light)
+        for name, light in LIGHTS.items()
     }
     changes["moving clouds"] = partial(moving_clouds, place=place, depths=scene.depths)
     changes["focal length 5 % high"] = partial(_with_focal, factor=_WRONG_FOCAL)
     changes["one foreign picture"] = partial(_pasted, which=[1], others=elsewhere.others)
-    found = [Case(name, change(given), scene.true_depth, change(exact)) for name, change in changes.items()]
+    found = [
+        Case(name, change(given), scene.true_depth, change(exact))
+        for name, change in changes.items()
+    ]
     return [*found, Case("rolling shutter", *_rolling(place))]
 
 
@@ -157,7 +176,9 @@ def _developed(values: np.ndarray, random: np.random.Generator) -> np.ndarray:
 
 def _each(given: MapInput, changed: Callable[[Picture], Picture]) -> MapInput:
     configurations = [
-        replace(c, references=[changed(p) for p in c.references], others=[changed(p) for p in c.others])
+        replace(
+            c, references=[changed(p) for p in c.references], others=[changed(p) for p in c.others]
+        )
         for c in given.configurations
     ]
     return replace(given, configurations=configurations)
@@ -166,7 +187,9 @@ def _each(given: MapInput, changed: Callable[[Picture], Picture]) -> MapInput:
 def _with_focal(given: MapInput, factor: float) -> MapInput:
     def changed(p: Picture) -> Picture:
         c = p.camera
-        return replace(p, camera=PinholeCamera(c.width, c.height, c.fx * factor, c.fy * factor, c.cx, c.cy))
+        return replace(
+            p, camera=PinholeCamera(c.width, c.height, c.fx * factor, c.fy * factor, c.cx, c.cy)
+        )
 
     return _each(given, changed)
 
@@ -181,7 +204,8 @@ def _pasted(given: MapInput, which, others: List[Picture]) -> MapInput:
 
 
 def _rolling(place: SceneName) -> Tuple[MapInput, np.ndarray, MapInput]:
-    """Rows read one after the other while the vehicle turns and drifts; poses are of the middle row."""
+    """Rows read one after the other while the vehicle turns and drifts; poses are of the middle
+    row."""
     random = np.random.default_rng([*place.words(), 13])
     camera = camera_in(place)
 
@@ -198,17 +222,21 @@ def _rolling(place: SceneName) -> Tuple[MapInput, np.ndarray, MapInput]:
     for number, (axis, b) in enumerate(HORIZONTAL, 1):
         image, _, T = take(number, [0.0, -b, 0.0])
         error = transforms.from_xyz_rpy(
-            random.normal(0.0, noise.prior.position_sigma_m(b), 3), random.normal(0.0, noise.rotation_rad, 3)
+            random.normal(0.0, noise.prior.position_sigma_m(b), 3),
+            random.normal(0.0, noise.rotation_rad, 3),
         )
         other = Picture(f"uav2/{axis} {b:g} m", "uav2", 0.0, image, camera.model, T)
-        exact.append(ConfigurationInput(Configuration(axis, b, 0.0, other.name), [reference], [other]))
+        exact.append(
+            ConfigurationInput(Configuration(axis, b, 0.0, other.name), [reference], [other])
+        )
         configurations.append(replace(exact[-1], others=[replace(other, T_home_cam=T @ error)]))
     given = MapInput("session", configurations, prior=noise.prior)
     return given, depth, replace(given, configurations=exact)
 
 
 def _shot_by_rows(camera: SimulatedCamera, stamp_s: float, p, rpy, turn, drift):
-    """A picture put together of strips from where the camera was as each was read; depth and pose of the middle."""
+    """A picture put together of strips from where the camera was as each was read; depth and pose
+    of the middle."""
     edges = np.linspace(0, camera.model.height, _STRIPS + 1).astype(int)
     rgb, depth, T_home_cam = None, None, None
     for first, last in zip(edges[:-1], edges[1:]):

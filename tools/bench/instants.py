@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether what moves is mapped where it was: PYTHONPATH=tools python -m bench.instants --instants 20
+"""Whether what moves is mapped where it was: PYTHONPATH=tools python -m bench.instants --instants
+20
 
-Three vehicles hold (horizontal 4 m, vertical 8 m) while a car and a walker pass. Each instant is mapped as in
-monitoring, from pictures at most 20 ms apart; and once, as a session, from pictures of different seconds.
-With --session FOLDER the same of a flown session whose truth tells what moved (make demo MISSION=at_once); at the end
-the map of all its recordings, which is to leave out what moved. With --monitored each instant is mapped as live
-monitoring does it, and that map is left out.
+Three vehicles hold (horizontal 4 m, vertical 8 m) while a car and a walker pass. Each instant is
+mapped as in monitoring, from pictures at most 20 ms apart; and once, as a session, from pictures of
+different seconds. With --session FOLDER the same of a flown session whose truth tells what moved
+(make demo MISSION=at_once); at the end the map of all its recordings, which is to leave out what
+moved. With --monitored each instant is mapped as live monitoring does it, and that map is left out.
 """
 
 import argparse
@@ -43,33 +44,48 @@ class Stage:
     def __init__(self, seed: int):
         town = Town.generate(seed)
         self._movers, self._renderer = movers(town.plan), Renderer(town)
-        parameters = CameraParameters(horizontal_fov_deg=FOV_DEG, distortion=(0.0,) * 5, mount_deg=0.0)
+        parameters = CameraParameters(
+            horizontal_fov_deg=FOV_DEG, distortion=(0.0,) * 5, mount_deg=0.0
+        )
         self._model = parameters.model
-        self._cameras = {v: SimulatedCamera(self._renderer, R_BODY_CAM, parameters, i) for i, v in enumerate(PLACES)}
+        self._cameras = {
+            v: SimulatedCamera(self._renderer, R_BODY_CAM, parameters, i)
+            for i, v in enumerate(PLACES)
+        }
         self._random = np.random.default_rng([seed, 11])
 
     def take(self, vehicle: str, stamp_s: float) -> Picture:
-        """What a vehicle sees, with a pose as tags and odometry tell it; the reference's is home's."""
+        """What a vehicle sees, with a pose as tags and odometry tell it; the reference's is
+        home's."""
         hover = transforms.from_xyz_rpy(
-            self._random.normal(0.0, 0.03, 3) + PLACES[vehicle], self._random.normal(0.0, np.radians(1.0), 3)
+            self._random.normal(0.0, 0.03, 3) + PLACES[vehicle],
+            self._random.normal(0.0, np.radians(1.0), 3),
         )
-        shot = self._cameras[vehicle].shoot(stamp_s, T_WORLD_HOME @ hover, things(self._movers, stamp_s))
+        shot = self._cameras[vehicle].shoot(
+            stamp_s, T_WORLD_HOME @ hover, things(self._movers, stamp_s)
+        )
         away = vehicle != "uav1"
         sigma_m = away * NOISE_SHARE * np.linalg.norm(PLACES[vehicle])
         noise = transforms.from_xyz_rpy(
-            self._random.normal(0.0, 1.0, 3) * sigma_m, self._random.normal(0.0, 1.0, 3) * away * NOISE_RAD
+            self._random.normal(0.0, 1.0, 3) * sigma_m,
+            self._random.normal(0.0, 1.0, 3) * away * NOISE_RAD,
         )
         T_home_cam = transforms.invert(T_WORLD_HOME) @ shot.T_world_cam @ noise
-        return Picture(f"{vehicle}/{stamp_s:.3f}", vehicle, stamp_s, shot.rgb, self._model, T_home_cam)
+        return Picture(
+            f"{vehicle}/{stamp_s:.3f}", vehicle, stamp_s, shot.rgb, self._model, T_home_cam
+        )
 
     def judge(self, result: MapResult) -> List[Moving]:
-        """Movers that stand in the reference picture (its pose is exact), nearest surface of all."""
+        """Movers that stand in the reference picture (its pose is exact), nearest surface of
+        all."""
         reference = result.reference
         T_world_cam, stamp_s = T_WORLD_HOME @ reference.T_home_cam, reference.stamp_s
         empty = self._renderer.render(T_world_cam, reference.camera, samples=1)[1]
         seen: List[Moving] = []
         for mover in self._movers:
-            depth = self._renderer.render(T_world_cam, reference.camera, 1.0, things([mover], stamp_s), 1)[1]
+            depth = self._renderer.render(
+                T_world_cam, reference.camera, 1.0, things([mover], stamp_s), 1
+            )[1]
             on = np.isfinite(depth) & ~(depth > 0.995 * empty)
             seen += moving(result.depth, depth, {mover.name: on})
         return seen
@@ -79,15 +95,19 @@ def instant(stage: Stage, stamp_s: float, skews_s: Tuple[float, float]) -> MapIn
     """One picture of the reference, and of each other vehicle one that is off by its skew."""
     reference = stage.take("uav1", stamp_s)
     pairs = [
-        ConfigurationInput(Configuration(axis, b, 0.0, f"{axis} {b:g} m"), [reference], [stage.take(v, stamp_s + skew)])
+        ConfigurationInput(
+            Configuration(axis, b, 0.0, f"{axis} {b:g} m"),
+            [reference],
+            [stage.take(v, stamp_s + skew)],
+        )
         for (v, axis, b), skew in zip(PAIRS, skews_s)
     ]
     return MapInput("session", pairs)
 
 
 def session(stage: Stage, stamp_s: float) -> MapInput:
-    """The same pairs one after the other, and of each other vehicle only the end of its recording: nothing was taken
-    with the reference picture, which is from the middle."""
+    """The same pairs one after the other, and of each other vehicle only the end of its recording:
+    nothing was taken with the reference picture, which is from the middle."""
     pairs = []
     for k, (v, axis, b) in enumerate(PAIRS):
         stamps_s = [stamp_s + (2 * k + part) * SECONDS_APART_S for part in (0.0, 0.5, 1.0)]
@@ -97,13 +117,22 @@ def session(stage: Stage, stamp_s: float) -> MapInput:
 
 
 def main() -> int:
-    """Exit status 1 where in any instant the median of a mover's answered pixels is off by more than is wanted."""
+    """Exit status 1 where in any instant the median of a mover's answered pixels is off by more
+    than is wanted."""
     parser = argparse.ArgumentParser(prog="bench.instants", description=__doc__.split("\n")[0])
     parser.add_argument("--instants", type=int, default=20, help="two seconds apart")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--session", type=Path, help="a flown session instead: its last recording, instant by instant")
-    parser.add_argument("--every", type=int, default=1, help="with --session: of so many instants one")
-    parser.add_argument("--monitored", action="store_true", help="with --session: as live monitoring maps it")
+    parser.add_argument(
+        "--session",
+        type=Path,
+        help="a flown session instead: its last recording, instant by instant",
+    )
+    parser.add_argument(
+        "--every", type=int, default=1, help="with --session: of so many instants one"
+    )
+    parser.add_argument(
+        "--monitored", action="store_true", help="with --session: as live monitoring maps it"
+    )
     args = parser.parse_args()
     if args.monitored and not args.session:
         parser.error("--monitored needs --session")
@@ -112,11 +141,20 @@ def main() -> int:
 
 
 def flown(path: Path, every: int, monitored: bool) -> int:
-    """Each instant of a session's last recording, and, where it is not ``monitored``, the session as a whole."""
+    """Each instant of a session's last recording, and, where it is not ``monitored``, the session
+    as a whole."""
     joint = METHODS["joint"]
     options = joint.monitor if monitored else joint.options()
-    given, scene, off, silent, took_s = pipeline.load(path), TrueScene(load_truth(path / "truth")), 0, 0, []
-    found = [i for i in instants(at_once(given.configurations)[-1]) if i.skew_s <= MOST_SKEW_S][::every]
+    given, scene, off, silent, took_s = (
+        pipeline.load(path),
+        TrueScene(load_truth(path / "truth")),
+        0,
+        0,
+        [],
+    )
+    found = [i for i in instants(at_once(given.configurations)[-1]) if i.skew_s <= MOST_SKEW_S][
+        ::every
+    ]
     begun_s = found[0].reference.stamp_s if found else 0.0
     for i in found:
         begun = time.process_time()

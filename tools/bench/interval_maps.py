@@ -19,10 +19,21 @@ from fcsv_stereo.thesis.matchers import DisparityWindow
 MOST_M, LEVEL = 400.0, 0.9
 _WRONG = 0.1
 _HEAD = (
-    "pair", "by", "answered", "mean relative error", "within 3 %", "wrong by more than 10 %", "AUSE", "overconfident",
-    "in its interval", "width, median", "of the depth", "where both answer: in its interval", "width, median",
+    "pair",
+    "by",
+    "answered",
+    "mean relative error",
+    "within 3 %",
+    "wrong by more than 10 %",
+    "AUSE",
+    "overconfident",
+    "in its interval",
+    "width, median",
+    "of the depth",
+    "where both answer: in its interval",
+    "width, median",
     "seconds of the processor",
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +50,11 @@ class IntervalMap:
 
     @staticmethod
     def of_disparity(
-        case: RectifiedCase, disparity: np.ndarray, low_px: np.ndarray, high_px: np.ndarray, seconds: float
+        case: RectifiedCase,
+        disparity: np.ndarray,
+        low_px: np.ndarray,
+        high_px: np.ndarray,
+        seconds: float,
     ) -> "IntervalMap":
         """Of disparities and their bounds (px, NaN where there are none)."""
         shift = disparity + case.doffs_px
@@ -114,10 +129,19 @@ class PairRow:
 
 
 _FORMATS = (
-    ("answered", "{:.1%}"), ("mean_relative_error", "{:.2%}"), ("within_3", "{:.1%}"), ("wrong", "{:.1%}"),
-    ("ause", "{:.3f}"), ("overconfident", "{:.1%}"), ("inside", "{:.1%}"), ("width_px", "{:.2f} px"),
-    ("width", "{:.1%}"), ("both_inside", "{:.1%}"), ("both_width_px", "{:.2f} px"), ("seconds", "{:.1f}"),
-)  # fmt: skip
+    ("answered", "{:.1%}"),
+    ("mean_relative_error", "{:.2%}"),
+    ("within_3", "{:.1%}"),
+    ("wrong", "{:.1%}"),
+    ("ause", "{:.3f}"),
+    ("overconfident", "{:.1%}"),
+    ("inside", "{:.1%}"),
+    ("width_px", "{:.2f} px"),
+    ("width", "{:.1%}"),
+    ("both_inside", "{:.1%}"),
+    ("both_width_px", "{:.2f} px"),
+    ("seconds", "{:.1f}"),
+)
 
 
 def pair_rows(case: RectifiedCase, answers: Dict[str, Answer]) -> List[PairRow]:
@@ -127,15 +151,16 @@ def pair_rows(case: RectifiedCase, answers: Dict[str, Answer]) -> List[PairRow]:
     with_intervals = [m for m in maps.values() if m.inside is not None]
     both = np.logical_and.reduce([judged, *(np.isfinite(m.depth) for m in with_intervals)])
     return [
-        PairRow(case.name, by, _figures(case, maps[by], judged, both)) if by in maps
+        PairRow(case.name, by, _figures(case, maps[by], judged, both))
+        if by in maps
         else PairRow(case.name, by, {}, str(answer))
         for by, answer in answers.items()
-    ]  # fmt: skip
+    ]
 
 
 def _figures(
     case: RectifiedCase, found: IntervalMap, judged: np.ndarray, both: np.ndarray
-) -> Dict[str, float]:  # fmt: skip
+) -> Dict[str, float]:
     here = judged & np.isfinite(found.depth)
     depth, true = found.depth[here].astype(float), case.true_depth[here].astype(float)
     figures = {"answered": here.sum() / max(1, judged.sum()), "seconds": found.seconds}

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a user waits for photographs: ``fcsv map`` of a folder of them, report and all, in a process of its own.
+"""What a user waits for photographs: ``fcsv map`` of a folder of them, report and all, in a process
+of its own.
 
 python -m bench.large FOLDER OUT     maps FOLDER into OUT; prints seconds and memory as JSON
 """
@@ -28,7 +29,8 @@ _NOISE_GREY = 2.0
 
 @dataclass(frozen=True)
 class Waited:
-    """For one set of pictures: ``pixels`` of each, by the clock and of the processor, and the process's peak."""
+    """For one set of pictures: ``pixels`` of each, by the clock and of the processor, and the
+    process's peak."""
 
     pixels: int
     pictures: int
@@ -71,12 +73,17 @@ def _measured(width: int, height: int, enlarged: int, pictures: int) -> Waited:
 
 
 def write_photographs(given: MapInput, enlarged: int, folder: Path) -> None:
-    """The pictures ``enlarged`` times, with the noise of a sensor, and their poses, as COLMAP's text model."""
+    """The pictures ``enlarged`` times, with the noise of a sensor, and their poses, as COLMAP's
+    text model."""
     first = given.configurations[0].references[0]
-    pictures = [_enlarged(p, enlarged) for p in (first, *(c.others[0] for c in given.configurations))]
+    pictures = [
+        _enlarged(p, enlarged) for p in (first, *(c.others[0] for c in given.configurations))
+    ]
     entries = [ImageEntry(p.name, p.vehicle, 0.0, p.T_home_cam, p.T_home_cam) for p in pictures]
-    configurations = [replace(c, references=[pictures[0]], others=[p])
-                      for c, p in zip(given.configurations, pictures[1:])]  # fmt: skip
+    configurations = [
+        replace(c, references=[pictures[0]], others=[p])
+        for c, p in zip(given.configurations, pictures[1:])
+    ]
     nothing = Cloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
     depth = np.zeros((1, 1), np.float32)
     result = MapResult("none", Reference.of(pictures[0]), entries, [], depth, depth, nothing)
@@ -88,8 +95,12 @@ def _enlarged(p: Picture, times: int) -> Picture:
         return p
     height, width = (n * times for n in p.image.shape[:2])
     image = cv2.resize(p.image, (width, height), interpolation=cv2.INTER_CUBIC).astype(np.float32)
-    image += np.random.default_rng(len(p.name)).normal(0.0, _NOISE_GREY, image.shape).astype(np.float32)
-    return replace(p, image=np.clip(image, 0.0, 255.0).astype(np.uint8), camera=p.camera.resized(width, height))
+    image += (
+        np.random.default_rng(len(p.name)).normal(0.0, _NOISE_GREY, image.shape).astype(np.float32)
+    )
+    return replace(
+        p, image=np.clip(image, 0.0, 255.0).astype(np.uint8), camera=p.camera.resized(width, height)
+    )
 
 
 def _child(folder: str, out: str) -> Tuple[float, float, float]:

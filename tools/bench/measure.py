@@ -20,10 +20,11 @@ MOST_M = 400.0
 
 @dataclass(frozen=True)
 class Figures:
-    """Of one map, or the mean of several: pixels with truth up to 400 m; rotation errors in degrees.
+    """Of one map, or the mean of several: pixels with truth up to 400 m; rotation errors in
+    degrees.
 
-    ``seconds`` by the clock on the wall, ``cpu_seconds`` of all threads: what a shared machine does not stretch.
-    ``metrics``: those of the field; None where nothing is answered.
+    ``seconds`` by the clock on the wall, ``cpu_seconds`` of all threads: what a shared machine does
+    not stretch. ``metrics``: those of the field; None where nothing is answered.
     """
 
     within_10: float
@@ -41,15 +42,16 @@ class Figures:
 
 
 def run(name: str, given: MapInput, options=None) -> Tuple[MapResult, float, float]:
-    """The map (``options`` None: the method's own, every pixel answered), and the seconds after load: on the wall,
-    and of the processor."""
+    """The map (``options`` None: the method's own, every pixel answered), and the seconds after
+    load: on the wall, and of the processor."""
     started, started_cpu = time.perf_counter(), time.process_time()
     result = METHODS[name].map(given, options or METHODS[name].complete)
     return result, time.perf_counter() - started, time.process_time() - started_cpu
 
 
 def measure(name: str, given: MapInput, scene: Scene) -> Figures:
-    """All figures of a method on a scene; a method that refuses scores nothing and is not hidden."""
+    """All figures of a method on a scene; a method that refuses scores nothing and is not
+    hidden."""
     try:
         result, seconds, cpu_seconds = run(name, given)
     except StereoError as error:
@@ -66,20 +68,34 @@ def figures(result: MapResult, scene: Scene, seconds: float, cpu_seconds: float)
     errors = np.array(rotation_errors_deg(result.images, result.reference.name, scene.true_poses()))
     median = e.overall.median_relative_error
     return Figures(
-        e.overall.within_10_percent, e.overall.coverage, e.overall.wrong_of_answered,
-        np.nan if median is None else median, np.nan if far is None else far, e.within_1_sigma, e.within_2_sigma,
-        float(np.median(errors)), float(errors.max()), seconds, cpu_seconds, e.metrics,
-    )  # fmt: skip
+        e.overall.within_10_percent,
+        e.overall.coverage,
+        e.overall.wrong_of_answered,
+        np.nan if median is None else median,
+        np.nan if far is None else far,
+        e.within_1_sigma,
+        e.within_2_sigma,
+        float(np.median(errors)),
+        float(errors.max()),
+        seconds,
+        cpu_seconds,
+        e.metrics,
+    )
 
 
-def rotation_errors_deg(images: Sequence[ImageEntry], reference: str, true: Dict[str, np.ndarray]) -> List[float]:
+def rotation_errors_deg(
+    images: Sequence[ImageEntry], reference: str, true: Dict[str, np.ndarray]
+) -> List[float]:
     """Of every picture's rotation relative to the reference's."""
     R_found = {i.name: i.T_home_cam for i in images}
     return relative_rotations_deg(R_found, reference, true)
 
 
-def relative_rotations_deg(found: Dict[str, np.ndarray], reference: str, true: Dict[str, np.ndarray]) -> List[float]:
-    """Angles between found and true rotations relative to the reference (poses T_world_cam, any world), in degrees."""
+def relative_rotations_deg(
+    found: Dict[str, np.ndarray], reference: str, true: Dict[str, np.ndarray]
+) -> List[float]:
+    """Angles between found and true rotations relative to the reference (poses T_world_cam, any
+    world), in degrees."""
     errors = []
     for name in found:
         if name != reference:
@@ -90,7 +106,8 @@ def relative_rotations_deg(found: Dict[str, np.ndarray], reference: str, true: D
 
 
 def mean(rows: Sequence[Figures]) -> Figures:
-    """Over scenes; the worst rotation error stays the worst, and a scene without a figure is left out of its mean."""
+    """Over scenes; the worst rotation error stays the worst, and a scene without a figure is left
+    out of its mean."""
     values = {"metrics": mean_metrics([r.metrics for r in rows if r.metrics is not None])}
     for f in fields(Figures):
         if f.name == "metrics":
@@ -112,10 +129,11 @@ def mean_metrics(rows: Sequence[DepthMetrics]) -> Optional[DepthMetrics]:
     levels = [level for level, _ in rows[0].interval_coverage]
     worst = [r.worst_group for r in rows if r.worst_group is not None]
     return replace(
-        rows[0], **{n: float(np.mean([getattr(r, n) for r in rows])) for n in names},
+        rows[0],
+        **{n: float(np.mean([getattr(r, n) for r in rows])) for n in names},
         interval_coverage=tuple(zip(levels, shares.tolist())),
         worst_group=min(worst, key=lambda g: g.coverage) if worst else None,
-    )  # fmt: skip
+    )
 
 
 def prior_errors_deg(given: MapInput, scene: Scene) -> List[float]:
@@ -126,7 +144,8 @@ def prior_errors_deg(given: MapInput, scene: Scene) -> List[float]:
 
 
 def ratio(rows: Sequence[Figures], base: Optional[Sequence[Figures]], name: str) -> Optional[float]:
-    """``name`` (seconds, cpu_seconds) over that of the base, scene by scene: the median of the ratios."""
+    """``name`` (seconds, cpu_seconds) over that of the base, scene by scene: the median of the
+    ratios."""
     if not base or len(base) != len(rows):
         return None
     ratios = np.array([getattr(a, name) / getattr(b, name) for a, b in zip(rows, base)])

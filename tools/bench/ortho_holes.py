@@ -3,10 +3,11 @@
 
     tools/run ortho-holes [--scenes WORLD:SEED ...]
 
-First of the cells whose true highest point the reference camera sees, at a pixel whose depth is in the cloud and within
-5 % of the truth: how many are empty, by points alone and with surfaces, and how many although a surface of the map
-crosses them. Then all cells of the field of view, and of the filled ones within 100 m those that lie more than a cell
-from all that the reference camera truly sees.
+First of the cells whose true highest point the reference camera sees, at a pixel whose depth is in
+the cloud and within 5 % of the truth: how many are empty, by points alone and with surfaces, and
+how many although a surface of the map crosses them. Then all cells of the field of view, and of the
+filled ones within 100 m those that lie more than a cell from all that the reference camera truly
+sees.
 """
 
 import argparse
@@ -57,11 +58,21 @@ def main(argv: Optional[List[str]] = None) -> None:
             raster = rasterize(cloud, reference=reference)
             why = why_empty(raster, surfaces, result.reference, sky)
             astray = _astray(raster, result.reference, scene.true_depth)
-            shares.append((name, "points alone" if reference is None else "with surfaces", HoleShares.of(why), astray))
+            shares.append(
+                (
+                    name,
+                    "points alone" if reference is None else "with surfaces",
+                    HoleShares.of(why),
+                    astray,
+                )
+            )
             seen = _seen(name, raster, result, scene.true_depth)
             told.append((seen & np.isnan(raster.height)).sum() / seen.sum())
         open_share = (seen & (why == OPEN)).sum() / seen.sum()
-        print(f"| {name} | {seen.sum():,} | {told[0]:.1%} | {told[1]:.1%} | {open_share:.2%} |", flush=True)
+        print(
+            f"| {name} | {seen.sum():,} | {told[0]:.1%} | {told[1]:.1%} | {open_share:.2%} |",
+            flush=True,
+        )
     print(
         "\n| world | raster | filled | hidden | no depth | below the picture | of a surface seen there | astray |\n"
         + "|---" * 8
@@ -75,9 +86,14 @@ def main(argv: Optional[List[str]] = None) -> None:
 
 
 def _astray(raster: Raster, reference: Reference, true_depth: np.ndarray) -> float:
-    """Of the filled cells within _NEAR_M ahead, the share that lies more than a cell from what is truly seen."""
+    """Of the filled cells within _NEAR_M ahead, the share that lies more than a cell from what is
+    truly seen."""
     depth = np.where(true_depth < 2.0 * _NEAR_M, true_depth, np.nan).astype(np.float32)
-    true = rasterize(cloud_of(reference, depth, np.ones_like(depth), np.zeros(depth.shape)), raster.cell_m, reference)
+    true = rasterize(
+        cloud_of(reference, depth, np.ones_like(depth), np.zeros(depth.shape)),
+        raster.cell_m,
+        reference,
+    )
     row, column = np.nonzero(np.isfinite(true.height))
     row = row + round((raster.y0_m - true.y0_m) / raster.cell_m)
     column = column + round((true.x0_m - raster.x0_m) / raster.cell_m)
@@ -86,7 +102,9 @@ def _astray(raster: Raster, reference: Reference, true_depth: np.ndarray) -> flo
     there[row[inside], column[inside]] = 1
     near = raster.x0_m + (np.arange(there.shape[1]) + 0.5) * raster.cell_m < _NEAR_M
     filled = np.isfinite(raster.height) & near
-    return float((filled & (cv2.dilate(there, np.ones((3, 3), np.uint8)) == 0)).sum() / filled.sum())
+    return float(
+        (filled & (cv2.dilate(there, np.ones((3, 3), np.uint8)) == 0)).sum() / filled.sum()
+    )
 
 
 def _seen(name: SceneName, raster: Raster, result, true_depth: np.ndarray) -> np.ndarray:
@@ -109,10 +127,13 @@ def _highest(name: SceneName, raster: Raster) -> np.ndarray:
     town = Town.generate(name.seed, name.world)
     scene = o3d.t.geometry.RaycastingScene()
     tensor = o3d.core.Tensor
-    scene.add_triangles(tensor(np.asarray(town.vertices, np.float32)), tensor(np.asarray(town.triangles, np.uint32)))
+    scene.add_triangles(
+        tensor(np.asarray(town.vertices, np.float32)), tensor(np.asarray(town.triangles, np.uint32))
+    )
     rows, columns = raster.height.shape
     x, y = np.meshgrid(
-        raster.x0_m + (np.arange(columns) + 0.5) * raster.cell_m, raster.y0_m - (np.arange(rows) + 0.5) * raster.cell_m
+        raster.x0_m + (np.arange(columns) + 0.5) * raster.cell_m,
+        raster.y0_m - (np.arange(rows) + 0.5) * raster.cell_m,
     )
     above = np.stack([x, y, np.full_like(x, _ABOVE_M)], axis=-1).reshape(-1, 3)
     down = np.broadcast_to([0.0, 0.0, -1.0], above.shape)
@@ -124,7 +145,9 @@ def _highest(name: SceneName, raster: Raster) -> np.ndarray:
 def _in_cloud(result) -> np.ndarray:
     """(H,W) bool of the reference picture."""
     view = result.reference
-    p_cam = transforms.apply(transforms.invert(view.T_home_cam), result.cloud.points_home_m.astype(float))
+    p_cam = transforms.apply(
+        transforms.invert(view.T_home_cam), result.cloud.points_home_m.astype(float)
+    )
     column, row = np.rint(view.camera.project(p_cam)).astype(int).T
     found = np.zeros(result.depth.shape, bool)
     found[row, column] = True

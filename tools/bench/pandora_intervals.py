@@ -34,17 +34,20 @@ _PIPELINE = {
     "optimization": {"optimization_method": "sgm"},
     "cost_volume_confidence.ambiguity": {"confidence_method": "ambiguity"},
     "cost_volume_confidence.interval": {
-        "confidence_method": "interval_bounds", "possibility_threshold": 0.9,
+        "confidence_method": "interval_bounds",
+        "possibility_threshold": 0.9,
     },
     "disparity": {"disparity_method": "wta", "invalid_disparity": "NaN"},
     "refinement": {"refinement_method": "vfit"},
     "filter": {"filter_method": "median"},
     "filter.interval": {
-        "filter_method": "median_for_intervals", "interval_indicator": "interval",
-        "regularization": True, "ambiguity_indicator": "ambiguity",
+        "filter_method": "median_for_intervals",
+        "interval_indicator": "interval",
+        "regularization": True,
+        "ambiguity_indicator": "ambiguity",
     },
     "validation": {"validation_method": "cross_checking_accurate"},
-}  # fmt: skip
+}
 
 
 def missing() -> Optional[str]:
@@ -80,7 +83,9 @@ def pandora_on(case: RectifiedCase) -> Union[IntervalMap, str]:
             return f"Pandora failed: {_last_line(done)}"
         seconds = _children_seconds() - before
         names = ("disparity", "confidence_measure", "validity_mask")
-        read: Dict[str, np.ndarray] = {n: tifffile.imread(at / "out" / f"left_{n}.tif") for n in names}
+        read: Dict[str, np.ndarray] = {
+            n: tifffile.imread(at / "out" / f"left_{n}.tif") for n in names
+        }
     disparity, confidence = -read["disparity"], -read["confidence_measure"]
     valid = (read["validity_mask"] & _INVALID) == 0
     low_px, high_px = confidence[..., _HIGH], confidence[..., _LOW]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Real photographs that lie beside the checkout: a pair with true depth, and one with surveyed poses alone."""
+"""Real photographs that lie beside the checkout: a pair with true depth, and one with surveyed
+poses alone."""
 
 import shutil
 import tempfile
@@ -21,13 +22,15 @@ from fcsv_stereo.thesis.matchers import DisparityWindow
 SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 _MOTORCYCLE = {"f": 994.978, "baseline_m": 0.193001, "doffs": 31.086}
 _REFERENCE = "0005.jpg"
-_APART = (("0003.jpg", "0006.jpg", "0008.jpg"), ("0002.jpg", "0004.jpg", "0007.jpg"))  # by whom the two maps are
+# by whom the two maps are
+_APART = (("0003.jpg", "0006.jpg", "0008.jpg"), ("0002.jpg", "0004.jpg", "0007.jpg"))
 _NEXT = (("0004.jpg",), ("0006.jpg",))  # SGBM, one pair each
 _WRONG = 0.1
 
 
 def motorcycle() -> Optional[Case]:
-    """The pair with its truth, which is unknown (infinite) where its disparity is; None where it is not there."""
+    """The pair with its truth, which is unknown (infinite) where its disparity is; None where it is
+    not there."""
     source, m = SHARED / "motorcycle", _MOTORCYCLE
     if not source.is_dir():
         return None
@@ -39,7 +42,10 @@ def motorcycle() -> Optional[Case]:
         for side in ("left", "right"):
             shutil.copy(source / f"motorcycle_{side}.png", Path(folder) / "images")
         cx = (width / 2, width / 2 + m["doffs"])
-        lines = [f"{i + 1} PINHOLE {width} {height} {m['f']} {m['f']} {c} {height / 2}\n" for i, c in enumerate(cx)]
+        lines = [
+            f"{i + 1} PINHOLE {width} {height} {m['f']} {m['f']} {c} {height / 2}\n"
+            for i, c in enumerate(cx)
+        ]
         (Path(folder) / "cameras.txt").write_text("".join(lines))
         (Path(folder) / "images.txt").write_text(
             f"1 1 0 0 0 0 0 0 1 motorcycle_left.png\n\n2 1 0 0 0 {-m['baseline_m']} 0 0 2 motorcycle_right.png\n\n"
@@ -51,40 +57,50 @@ def motorcycle() -> Optional[Case]:
 
 
 def measure_fountain() -> List[str]:
-    """A table's lines; none where it is not there. Nobody knows the true depth: two maps of one reference, by other
-    pictures each, whose errors are of their own but for the camera's, are compared with each other."""
+    """A table's lines; none where it is not there. Nobody knows the true depth: two maps of one
+    reference, by other pictures each, whose errors are of their own but for the camera's, are
+    compared with each other."""
     source = SHARED / "fountain"
     if not source.is_dir():
         return []
     given = colmap.read_photographs(source, _REFERENCE)
     surveyed = {
         i.name: i.T_home_cam
-        for i in colmap.read_images(source / "truth_images.txt", colmap.read_cameras(source / "cameras.txt"))
+        for i in colmap.read_images(
+            source / "truth_images.txt", colmap.read_cameras(source / "cameras.txt")
+        )
     }
     maps = [Joint().map(_by(given, names), JointOptions()) for names in _APART]
     told = [supported(m.kind) & np.isfinite(m.depth) for m in maps]
     agreed = [masks(m.kind)["agreed"] & t for m, t in zip(maps, told)]
     before, after = rotation_errors_deg(given, maps, surveyed)
     sgbm = [
-        Thesis().map(_exact(_by(given, n), surveyed), ThesisOptions(matcher="sgbm", window=DisparityWindow()))
+        Thesis().map(
+            _exact(_by(given, n), surveyed), ThesisOptions(matcher="sgbm", window=DisparityWindow())
+        )
         for n in _NEXT
     ]
     lines = [
         "Fountain: two maps of one picture, by three others each, compared with each other; SGBM by one other each, "
         f"surveyed poses. Rotation errors of the priors: median {np.median(before):.3f}°, worst {max(before):.3f}°; "
-        f"after refinement {np.median(after):.3f}° and {max(after):.3f}°.", "",
+        f"after refinement {np.median(after):.3f}° and {max(after):.3f}°.",
+        "",
         "| pixels | both answer | differ by more than 10 % | by more than 2 % | median | within 1σ of both | 2σ |",
         "|---|---|---|---|---|---|---|",
-    ]  # fmt: skip
+    ]
     parts = (
-        ("answered", maps, told), ("agreed", maps, agreed), ("SGBM", sgbm, [np.isfinite(m.depth) for m in sgbm]),
-    )  # fmt: skip
+        ("answered", maps, told),
+        ("agreed", maps, agreed),
+        ("SGBM", sgbm, [np.isfinite(m.depth) for m in sgbm]),
+    )
     for name, (a, b), (of_a, of_b) in parts:
         both = of_a & of_b
         off, sigma = np.abs(a.depth - b.depth)[both], np.hypot(a.sigma, b.sigma)[both]
         relative = off / a.depth[both]
         shares = [both.mean(), (relative > _WRONG).mean(), (relative > 0.02).mean()]
-        within = ["–", "–"] if name == "SGBM" else [f"{(off <= k * sigma).mean():.1%}" for k in (1, 2)]
+        within = (
+            ["–", "–"] if name == "SGBM" else [f"{(off <= k * sigma).mean():.1%}" for k in (1, 2)]
+        )
         told_of = [*(f"{s:.1%}" for s in shares), f"{np.median(relative):.2%}", *within]
         lines.append(f"| {name} | {' | '.join(told_of)} |")
     return lines
@@ -93,7 +109,8 @@ def measure_fountain() -> List[str]:
 def rotation_errors_deg(
     given: MapInput, maps: Sequence[MapResult], surveyed: Dict[str, np.ndarray]
 ) -> Tuple[List[float], List[float]]:
-    """Of the pictures that the maps are by, relative to the reference: as given, and in the maps."""
+    """Of the pictures that the maps are by, relative to the reference: as given, and in the
+    maps."""
     others = {p.name: p.T_home_cam for c in given.configurations for p in c.others}
     T_home_reference = given.configurations[0].references[0].T_home_cam
     before, after = [], []
@@ -114,14 +131,18 @@ def _relative(T_home_a: np.ndarray, T_home_b: np.ndarray) -> np.ndarray:
 
 
 def _by(given: MapInput, names: Sequence[str]) -> MapInput:
-    return replace(given, configurations=[c for c in given.configurations if c.others[0].name in names])
+    return replace(
+        given, configurations=[c for c in given.configurations if c.others[0].name in names]
+    )
 
 
 def _exact(given: MapInput, surveyed: Dict[str, np.ndarray]) -> MapInput:
     """With surveyed poses; the reference's is home's, as ``colmap`` has it."""
     configurations = []
     for c in given.configurations:
-        T_home_world = c.references[0].T_home_cam @ transforms.invert(surveyed[c.references[0].name])
+        T_home_world = c.references[0].T_home_cam @ transforms.invert(
+            surveyed[c.references[0].name]
+        )
         others = [replace(p, T_home_cam=T_home_world @ surveyed[p.name]) for p in c.others]
         configurations.append(replace(c, others=others))
     return replace(given, configurations=configurations)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a map knows what it does not know: hard cases and real photographs, beside SGBM with exact poses."""
+"""Whether a map knows what it does not know: hard cases and real photographs, beside SGBM with
+exact poses."""
 
 from dataclasses import dataclass, replace
 from typing import Dict, List, Optional, Sequence, Tuple
@@ -21,7 +22,8 @@ _PLACES = (("street", 11), ("village", 12), ("field", 13))
 _DRAWS = 20
 _SURE, _WRONG = 0.1, 0.1
 _MOST_M = 400.0
-RIG_OPTIONS = JointOptions(prior=RIG, refinement=RefineOptions(calibrated=True))  # as ``--rig`` makes them
+# as ``--rig`` makes them
+RIG_OPTIONS = JointOptions(prior=RIG, refinement=RefineOptions(calibrated=True))
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,8 @@ def measure_real() -> List[str]:
 
 
 def measure_answered(scenes: Sequence[SceneName]) -> List[str]:
-    """The page's lines: what a map holds without ``--complete``, on ordinary scenes, four horizontal pairs each."""
+    """The page's lines: what a map holds without ``--complete``, on ordinary scenes, four
+    horizontal pairs each."""
     rows, by_kind = [], {}
     for name in scenes:
         scene = shoot(name, HORIZONTAL)
@@ -79,7 +82,9 @@ def _mean(rows: Sequence[Row]) -> Row:
     return Row("**mean**", f"{len(rows)} maps", *map(mean, names))
 
 
-def measured(case: Case, place: str, by_kind: Dict[str, list], options: Optional[JointOptions] = None) -> Row:
+def measured(
+    case: Case, place: str, by_kind: Dict[str, list], options: Optional[JointOptions] = None
+) -> Row:
     """A case's map, held against its truth, into a row; its pixels by kind into ``by_kind``."""
     nan = float("nan")
     try:
@@ -93,16 +98,26 @@ def measured(case: Case, place: str, by_kind: Dict[str, list], options: Optional
     off, true = np.abs(whole.depth - true), np.where(judged, true, 1.0)
     for name, mask in masks(whole.kind).items():
         here = mask & judged & np.isfinite(whole.depth)
-        by_kind.setdefault(name, []).append((mask.mean(), (off / true)[here], (off / whole.sigma)[here]))
+        by_kind.setdefault(name, []).append(
+            (mask.mean(), (off / true)[here], (off / whole.sigma)[here])
+        )
     here = told & judged
     agreed = masks(whole.kind)["agreed"] & here
-    wrong = tuple(float((off[part] > _WRONG * true[part]).mean()) if part.any() else nan for part in (here, agreed))
+    wrong = tuple(
+        float((off[part] > _WRONG * true[part]).mean()) if part.any() else nan
+        for part in (here, agreed)
+    )
     sure = told & (whole.sigma < _SURE * whole.depth)
     within = tuple(float((off[here] <= k * whole.sigma[here]).mean()) for k in (1.0, 2.0))
     return Row(
-        case.name, place, float(here.sum() / judged.sum()), *wrong,
-        float(sure[sky].mean()) if sky.any() else nan, within, _sgbm(case),
-    )  # fmt: skip
+        case.name,
+        place,
+        float(here.sum() / judged.sum()),
+        *wrong,
+        float(sure[sky].mean()) if sky.any() else nan,
+        within,
+        _sgbm(case),
+    )
 
 
 def _sgbm(case: Case) -> Tuple[float, float]:
@@ -148,13 +163,18 @@ def table(rows: List[Row]) -> List[str]:
 
 
 def _kind_table(by_kind: Dict[str, list]) -> List[str]:
-    lines = ["| kind | of the pictures | wrong by more than 10 % | within 1σ | within 2σ |", "|---|---|---|---|---|"]
+    lines = [
+        "| kind | of the pictures | wrong by more than 10 % | within 1σ | within 2σ |",
+        "|---|---|---|---|---|",
+    ]
     for name, parts in by_kind.items():
         share = np.mean([p[0] for p in parts])
         off, sigmas = (np.concatenate([p[i] for p in parts]) for i in (1, 2))
         if not off.size:
             lines.append(f"| {WORDS[name]} | {share:.1%} | – | – | – |")
             continue
-        told = " | ".join(f"{s:.1%}" for s in ((off > _WRONG).mean(), (sigmas <= 1).mean(), (sigmas <= 2).mean()))
+        told = " | ".join(
+            f"{s:.1%}" for s in ((off > _WRONG).mean(), (sigmas <= 1).mean(), (sigmas <= 2).mean())
+        )
         lines.append(f"| {WORDS[name]} | {share:.1%} | {told} |")
     return lines

@@ -17,8 +17,8 @@ PRIOR = PosePrior(np.radians(0.01), 0.0, 0.001)  # of a calibrated rig; position
 
 @dataclass(frozen=True)
 class RectifiedCase:
-    """``left`` and ``right`` have their true poses, and their rows correspond. ``true_depth`` is
-    of ``left`` (H,W): m, not finite where there is none or it is not known. ``kind`` as in MapInput.
+    """``left`` and ``right`` have their true poses, and their rows correspond. ``true_depth`` is of
+    ``left`` (H,W): m, not finite where there is none or it is not known. ``kind`` as in MapInput.
     """
 
     name: str

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes of the bench: pictures of the simulated worlds with true depth and poses, and priors with noise."""
+"""Scenes of the bench: pictures of the simulated worlds with true depth and poses, and priors with
+noise."""
 
 import zlib
 from dataclasses import dataclass, replace
@@ -22,7 +23,10 @@ PLACE_SIGMA_M, ATTITUDE_SIGMA_RAD = 0.03, np.radians(1.0)
 Baselines = Sequence[Tuple[str, float]]
 HORIZONTAL: Baselines = [("horizontal", b) for b in (2.0, 4.0, 6.0, 8.0)]
 VERTICAL: Baselines = [("vertical", b) for b in (5.0, 7.0, 10.0)]
-LISTS: Dict[str, Baselines] = {"H 2, 4, 6, 8 m": HORIZONTAL, "and V 5, 7, 10 m": [*HORIZONTAL, *VERTICAL]}
+LISTS: Dict[str, Baselines] = {
+    "H 2, 4, 6, 8 m": HORIZONTAL,
+    "and V 5, 7, 10 m": [*HORIZONTAL, *VERTICAL],
+}
 
 
 @dataclass(frozen=True)
@@ -40,13 +44,25 @@ class SceneName:
         return zlib.crc32(self.world.encode()), self.seed
 
 
-SCENES = [SceneName(*s) for s in (("street", 1), ("street", 2), ("village", 1), ("village", 2), ("field", 1),
-                                  ("field", 2), ("plain", 1), ("plain", 2))]  # fmt: skip
+SCENES = [
+    SceneName(*s)
+    for s in (
+        ("street", 1),
+        ("street", 2),
+        ("village", 1),
+        ("village", 2),
+        ("field", 1),
+        ("field", 2),
+        ("plain", 1),
+        ("plain", 2),
+    )
+]
 
 
 @dataclass(frozen=True)
 class PoseNoise:
-    """Standard deviations of a prior: rotation per axis (rad), position (its three axes together) over baseline."""
+    """Standard deviations of a prior: rotation per axis (rad), position (its three axes together)
+    over baseline."""
 
     rotation_rad: float
     share: float
@@ -65,7 +81,8 @@ NOISES = (PoseNoise(np.radians(0.15), 0.01), PoseNoise(np.radians(0.5), 0.03))
 
 @dataclass(frozen=True)
 class Scene:
-    """``reference`` has its true pose; so have ``others`` (by list order), until noise is put on them.
+    """``reference`` has its true pose; so have ``others`` (by list order), until noise is put on
+    them.
 
     ``true_depth`` is (H,W) float32 of the reference (m along the optical axis, NaN for sky).
     """
@@ -78,7 +95,8 @@ class Scene:
     depths: Dict[str, np.ndarray]  # of every picture, by name
 
     def given(self, baselines: Baselines, noise: PoseNoise) -> MapInput:
-        """A session of these baselines with noise on every pose but the reference's; always the same noise.
+        """A session of these baselines with noise on every pose but the reference's; always the
+        same noise.
 
         It states the noise's standard deviations, as trackers do.
         """
@@ -101,7 +119,8 @@ class Scene:
 
 
 def shoot(name: SceneName, baselines: Baselines, size=(640, 480), clean: bool = False) -> Scene:
-    """Render a scene: places scattered by 3 cm and 1 degree; ``clean`` leaves the sensor's noise and lens out."""
+    """Render a scene: places scattered by 3 cm and 1 degree; ``clean`` leaves the sensor's noise
+    and lens out."""
     random = np.random.default_rng([*name.words(), 3])
     camera = camera_in(name, size, clean)
 
@@ -115,20 +134,29 @@ def shoot(name: SceneName, baselines: Baselines, size=(640, 480), clean: bool = 
     reference = Picture("uav1/reference", "uav1", 0.0, image, camera.model, T_home_cam)
     others, depths = [], {reference.name: depth}
     for number, (axis, b) in enumerate(baselines, 1):
-        image, seen, T_home_cam = take(number, [0.0, -b, 0.0] if axis == "horizontal" else [0.0, 0.0, b])
+        image, seen, T_home_cam = take(
+            number, [0.0, -b, 0.0] if axis == "horizontal" else [0.0, 0.0, b]
+        )
         others.append(Picture(f"uav2/{axis} {b:g} m", "uav2", 0.0, image, camera.model, T_home_cam))
         depths[others[-1].name] = seen
     return Scene(name, baselines, reference, others, depth, depths)
 
 
 def camera_in(name: SceneName, size=(640, 480), clean: bool = False) -> SimulatedCamera:
-    """The simulator's camera in a scene's world, its lens already undistorted; ``clean`` without noise and blur."""
+    """The simulator's camera in a scene's world, its lens already undistorted; ``clean`` without
+    noise and blur."""
     renderer = Renderer(Town.generate(name.seed, name.world))
     parameters = CameraParameters(
-        width=size[0], height=size[1], horizontal_fov_deg=FOV_DEG, distortion=(0.0, 0.0, 0.0, 0.0, 0.0), mount_deg=0.0
+        width=size[0],
+        height=size[1],
+        horizontal_fov_deg=FOV_DEG,
+        distortion=(0.0, 0.0, 0.0, 0.0, 0.0),
+        mount_deg=0.0,
     )
     if clean:
-        parameters = replace(parameters, read_noise=0.0, shot_noise=0.0, blur_px=0.0, vignetting=0.0)
+        parameters = replace(
+            parameters, read_noise=0.0, shot_noise=0.0, blur_px=0.0, vignetting=0.0
+        )
     return SimulatedCamera(renderer, R_BODY_CAM, parameters, name.seed)
 
 
@@ -141,10 +169,14 @@ def smaller(given: MapInput, factor: int) -> MapInput:
         width, height = c.width // factor, c.height // factor
         image = cv2.resize(p.image, (width, height), interpolation=cv2.INTER_AREA)
         at = [(c.cx + 0.5) / factor - 0.5, (c.cy + 0.5) / factor - 0.5]
-        return replace(p, image=image, camera=PinholeCamera(width, height, c.fx / factor, c.fy / factor, *at))
+        return replace(
+            p, image=image, camera=PinholeCamera(width, height, c.fx / factor, c.fy / factor, *at)
+        )
 
     configurations = [
-        replace(c, references=[shrink(p) for p in c.references], others=[shrink(p) for p in c.others])
+        replace(
+            c, references=[shrink(p) for p in c.references], others=[shrink(p) for p in c.others]
+        )
         for c in given.configurations
     ]
     return replace(given, configurations=configurations)

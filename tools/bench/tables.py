@@ -14,14 +14,28 @@ from fcsv_stereo.evaluating import depth_metrics
 #: method, list, noise -> figures by scene, in the scenes' order
 Results = Dict[Tuple[str, str, str], List[Figures]]
 BASE = "thesis"
-_HEAD = ("", "within 10 %", "covered", "wrong of answered", "median error", "median 200–400 m",
-         "rotation error, median", "worst", "seconds", "of the processor")  # fmt: skip
+_HEAD = (
+    "",
+    "within 10 %",
+    "covered",
+    "wrong of answered",
+    "median error",
+    "median 200–400 m",
+    "rotation error, median",
+    "worst",
+    "seconds",
+    "of the processor",
+)
 
 
 def requirement_table(results: Results, lists: Sequence[str], noises: Sequence[str]) -> List[str]:
     """What is required of ``joint``, and the means of every method beside it."""
     methods = list(dict.fromkeys(key[0] for key in results))
-    rows = ["| figure (mean of the scenes) | `joint` must | " + " | ".join(f"`{m}`" for m in methods) + " |"]
+    rows = [
+        "| figure (mean of the scenes) | `joint` must | "
+        + " | ".join(f"`{m}`" for m in methods)
+        + " |"
+    ]
     rows.append("|---|---|" + "---|" * len(methods))
     for title, must, key, value in _requirements(lists, noises):
         cells = []
@@ -51,24 +65,53 @@ def _requirements(lists, noises):
         (f"within 10 %, {hv}", "≥ 93 %", (hv, low), figure("within_10", _percent)),
         (f"median relative error, {h}", "≤ 0.8 %", (h, low), figure("median", _fine)),
         (f"median relative error 200–400 m, {h}", "≤ 1.5 %", (h, low), figure("median_far", _fine)),
-        (f"wrong by more than 10 %, of the answered, {h}", "≤ 4 %", (h, low), figure("wrong_of_answered", _percent)),
-        (f"rotation error, median, {hv}", "≤ 0.01°", (hv, low), figure("rotation_median_deg", _degrees)),
-        (f"rotation error, worst, {hv}", "≤ 0.035°", (hv, low), figure("rotation_worst_deg", _degrees)),
+        (
+            f"wrong by more than 10 %, of the answered, {h}",
+            "≤ 4 %",
+            (h, low),
+            figure("wrong_of_answered", _percent),
+        ),
+        (
+            f"rotation error, median, {hv}",
+            "≤ 0.01°",
+            (hv, low),
+            figure("rotation_median_deg", _degrees),
+        ),
+        (
+            f"rotation error, worst, {hv}",
+            "≤ 0.035°",
+            (hv, low),
+            figure("rotation_worst_deg", _degrees),
+        ),
         (f"seconds after load over `{BASE}`'s (of the processor), {h}", "≤ 0.33", (h, low), times),
-        (f"seconds after load over `{BASE}`'s (of the processor), {hv}", "≤ 0.33", (hv, low), times),
+        (
+            f"seconds after load over `{BASE}`'s (of the processor), {hv}",
+            "≤ 0.33",
+            (hv, low),
+            times,
+        ),
         (f"errors within 1 sigma, {h}", "60–75 %", (h, low), figure("within_1_sigma", _percent)),
         (f"errors within 2 sigma, {h}", "90–97 %", (h, low), figure("within_2_sigma", _percent)),
         (f"within 10 %, {h}, noise {high}", "≥ 85 %", (h, high), figure("within_10", _percent)),
-        *((f"{title}, {h}", "", (h, low), field(i)) for i, title in enumerate(depth_metrics.TITLES)),
+        *(
+            (f"{title}, {h}", "", (h, low), field(i))
+            for i, title in enumerate(depth_metrics.TITLES)
+        ),
     ]
 
 
 def scene_tables(results: Results, scenes: Sequence[str]) -> List[str]:
-    """A table for each list and noise: methods by scene, and their mean; of the first one the field's metrics, too."""
+    """A table for each list and noise: methods by scene, and their mean; of the first one the
+    field's metrics, too."""
     lines: List[str] = []
     keys = list(dict.fromkeys(k[1:] for k in results))
     for key in keys:
-        lines += ["", f"### {key[0]}, pose noise {key[1]}", "", *_by_scene(results, scenes, key, _HEAD, _cells)]
+        lines += [
+            "",
+            f"### {key[0]}, pose noise {key[1]}",
+            "",
+            *_by_scene(results, scenes, key, _HEAD, _cells),
+        ]
         if key == keys[0]:
             head = ("", *depth_metrics.TITLES)
             lines += ["", "The field's metrics of the same maps:", ""]
@@ -76,7 +119,9 @@ def scene_tables(results: Results, scenes: Sequence[str]) -> List[str]:
     return lines
 
 
-def _by_scene(results: Results, scenes: Sequence[str], key: Tuple[str, str], head, cells) -> List[str]:
+def _by_scene(
+    results: Results, scenes: Sequence[str], key: Tuple[str, str], head, cells
+) -> List[str]:
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for method in dict.fromkeys(k[0] for k in results):
         rows = results.get((method, *key), [])
@@ -88,8 +133,10 @@ def _by_scene(results: Results, scenes: Sequence[str], key: Tuple[str, str], hea
 
 def pose_table(poses: Sequence[Tuple[SceneName, Union[PosesFound, str], PosesFound]]) -> List[str]:
     """COLMAP's poses beside those of our refinement, scene by scene and over all."""
-    lines = ["| scene | by | placed | rotation error, median | worst | places, rms | seconds (of the processor) |",
-             "|---|---|---|---|---|---|---|"]  # fmt: skip
+    lines = [
+        "| scene | by | placed | rotation error, median | worst | places, rms | seconds (of the processor) |",
+        "|---|---|---|---|---|---|---|",
+    ]
     by: Dict[str, List[PosesFound]] = {"COLMAP": [], "ours": []}
     for name, *found in poses:
         for who, f in zip(by, found):
@@ -101,16 +148,20 @@ def pose_table(poses: Sequence[Tuple[SceneName, Union[PosesFound, str], PosesFou
     for who, rows in by.items():
         if len(rows) > 1:
             errors = [e for r in rows for e in r.errors_deg]
-            means = [float(np.mean([getattr(r, n) for r in rows])) for n in ("places_rms_m", "seconds", "cpu_seconds")]
+            means = [
+                float(np.mean([getattr(r, n) for r in rows]))
+                for n in ("places_rms_m", "seconds", "cpu_seconds")
+            ]
             counts = (sum(r.placed for r in rows), sum(r.pictures for r in rows))
             both = PosesFound(errors, means[0], *counts, *means[1:])
             lines.append(f"| **all** | {who} | {counts[0]} of {counts[1]} | {_poses(both)} |")
     return [
-        *lines, "",
+        *lines,
+        "",
         "COLMAP has the pictures and the focal length, no priors, and so no scale. Ours is refinement alone, with",
         "priors of the smaller noise, before joint matching aligns poses to the pixels (the first table has them after",
         "that). Rotations are relative to the reference. Places are compared after the similarity that fits best.",
-    ]  # fmt: skip
+    ]
 
 
 def _poses(f: PosesFound) -> str:
@@ -120,7 +171,10 @@ def _poses(f: PosesFound) -> str:
 
 def growth_table(samples: Sequence[Sample]) -> List[str]:
     """Exponents of every series (1 is linear) and where each ends."""
-    lines = ["| method, against | processor time grows with exponent | memory | last measured |", "|---|---|---|---|"]
+    lines = [
+        "| method, against | processor time grows with exponent | memory | last measured |",
+        "|---|---|---|---|",
+    ]
     for method in dict.fromkeys(s.method for s in samples):
         for series, unit in (("size", "megapixels"), ("pairs", "pairs"), ("steps", "depth steps")):
             mine = [s for s in samples if s.series == series and s.method == method]
@@ -134,9 +188,16 @@ def growth_table(samples: Sequence[Sample]) -> List[str]:
 
 def _cells(f: Figures) -> str:
     values = [
-        _percent(f.within_10), _percent(f.covered), _percent(f.wrong_of_answered), _fine(f.median), _fine(f.median_far),
-        _degrees(f.rotation_median_deg), _degrees(f.rotation_worst_deg), _seconds(f.seconds), _seconds(f.cpu_seconds),
-    ]  # fmt: skip
+        _percent(f.within_10),
+        _percent(f.covered),
+        _percent(f.wrong_of_answered),
+        _fine(f.median),
+        _fine(f.median_far),
+        _degrees(f.rotation_median_deg),
+        _degrees(f.rotation_worst_deg),
+        _seconds(f.seconds),
+        _seconds(f.cpu_seconds),
+    ]
     return " | ".join(values)
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""make bench-link: the figures of the link between machines, over an emulated radio, into docs/lab/multimaster.md.
+"""make bench-link: the figures of the link between machines, over an emulated radio, into
+docs/lab/multimaster.md.
 
 Needs root and /dev/net/tun. Each machine is a network namespace with its own ROS master and relay.
 """
@@ -108,12 +109,22 @@ def latency(rows: List, seconds: float, loss: float, delay_s: float) -> None:
     pictures = sum(f["topic"] == "picture" for f in lines)
     add(rows, f"{name}: state, p50 / p99", percentiles_ms(lines, "state") + " ms")
     add(rows, f"{name}: states that came (50 a second sent)", f"{states / seconds:.1f} Hz")
-    add(rows, f"{name}: command and its answer, there and back, p50 / p99", percentiles_ms(lines, "ack") + " ms")
+    add(
+        rows,
+        f"{name}: command and its answer, there and back, p50 / p99",
+        percentiles_ms(lines, "ack") + " ms",
+    )
     add(rows, f"{name}: commands answered", f"{acks} of {commands}")
-    add(rows, f"{name}: pictures of 60 kB that came (30 a second sent), age p50 / p99",
-        f"{pictures / seconds:.1f} Hz, {percentiles_ms(lines, 'picture')} ms")  # fmt: skip
-    add(rows, f"{name}: CPU of the relay, control / vehicle",
-        f"{100 * share['control']:.0f} / {100 * share['uav1']:.0f} % of a core")  # fmt: skip
+    add(
+        rows,
+        f"{name}: pictures of 60 kB that came (30 a second sent), age p50 / p99",
+        f"{pictures / seconds:.1f} Hz, {percentiles_ms(lines, 'picture')} ms",
+    )
+    add(
+        rows,
+        f"{name}: CPU of the relay, control / vehicle",
+        f"{100 * share['control']:.0f} / {100 * share['uav1']:.0f} % of a core",
+    )
 
 
 def comes_back(rows: List) -> None:
@@ -127,13 +138,22 @@ def comes_back(rows: List) -> None:
             run.net.radio.mend()
             mended_s = time.time()
             time.sleep(6.0)
-            first = {t: min((f["came"] for f in run.lines(mended_s) if f["topic"] == t), default=np.inf) - mended_s
-                     for t in ("state", "ack", "picture")}  # fmt: skip
+            first = {
+                t: min((f["came"] for f in run.lines(mended_s) if f["topic"] == t), default=np.inf)
+                - mended_s
+                for t in ("state", "ack", "picture")
+            }
             stale = sum(
-                f.get("came", 0) > mended_s and f["sent"] < mended_s - 1.0 for f in run.lines() if f["topic"] == "state"
+                f.get("came", 0) > mended_s and f["sent"] < mended_s - 1.0
+                for f in run.lines()
+                if f["topic"] == "state"
             )
             text = ", ".join(f"{t} {s:.2f} s" for t, s in first.items())
-            add(rows, f"after a cut of {cut_s:.0f} s: first", f"{text}; {stale} states older than 1 s")
+            add(
+                rows,
+                f"after a cut of {cut_s:.0f} s: first",
+                f"{text}; {stale} states older than 1 s",
+            )
         for name in ("uav1", "control"):
             begin_s = time.time()
             run.net.machines[name].kill_master()
@@ -147,14 +167,22 @@ def comes_back(rows: List) -> None:
             time.sleep(6.0)
             came = sorted(f["came"] for f in run.lines(begin_s) if f["topic"] == "state")
             gap = max(np.diff([begin_s, *came]), default=np.inf)
-            late = [json.loads(line)["came"] for line in sink.read_text().splitlines()] if sink.exists() else []
+            late = (
+                [json.loads(line)["came"] for line in sink.read_text().splitlines()]
+                if sink.exists()
+                else []
+            )
             first = f"{min(late) - up_s:.2f} s" if late else "never"
-            add(rows, f"restart of the master of {name}: longest gap of states; a new subscriber after it is up",
-                f"{gap:.2f} s; {first} (start of its process included)")  # fmt: skip
+            add(
+                rows,
+                f"restart of the master of {name}: longest gap of states; a new subscriber after it is up",
+                f"{gap:.2f} s; {first} (start of its process included)",
+            )
 
 
 def first_message(rows: List) -> None:
-    """From a publisher's beginning to the first of its messages at a subscriber that waits on the other machine."""
+    """From a publisher's beginning to the first of its messages at a subscriber that waits on the
+    other machine."""
     times = []
     for _ in range(3):
         with Run(pictures=False, sources=False) as run:
@@ -163,7 +191,9 @@ def first_message(rows: List) -> None:
             run.wait_for_flow()
             first_s = min(f["came"] for f in run.lines() if f["topic"] == "state")
             log = (run.folder / "uav1" / "probe-source.log").read_text()
-            times.append(first_s - json.loads(log[log.index("{") : log.index("}") + 1])["publishes_since"])
+            times.append(
+                first_s - json.loads(log[log.index("{") : log.index("}") + 1])["publishes_since"]
+            )
     add(rows, "first message after a publisher starts", f"{max(times):.2f} s, worst of 3")
 
 
@@ -176,13 +206,17 @@ def two_vehicles(rows: List, seconds: float) -> None:
         share = (cpu(run.relay("control")) - before_s) / (time.time() - begin_s)
         pictures = sum(f["topic"] == "picture" for f in run.lines(begin_s)) / seconds
         lines = run.lines(begin_s)
-    add(rows, "two vehicles with pictures: CPU of the control PC's relay",
+    add(
+        rows,
+        "two vehicles with pictures: CPU of the control PC's relay",
         f"{100 * share:.0f} % of a core at {pictures:.0f} pictures/s;"
-        f" state p50 / p99 {percentiles_ms(lines, 'state')} ms")  # fmt: skip
+        f" state p50 / p99 {percentiles_ms(lines, 'state')} ms",
+    )
 
 
 def ten_vehicles(rows: List, seconds: float) -> None:
-    """The vehicles' exchanges are the real ones, ten in one process without ROS; the control PC's relay is the node."""
+    """The vehicles' exchanges are the real ones, ten in one process without ROS; the control PC's
+    relay is the node."""
     vehicles = tuple(f"uav{i + 1}" for i in range(10))
     with tempfile.TemporaryDirectory(prefix="bench-link-") as folder:
         with FleetNet(Path(folder), LINKS, vehicles) as net:
@@ -191,18 +225,34 @@ def ten_vehicles(rows: List, seconds: float) -> None:
             control.run([sys.executable, str(PROBE), "sink", str(file), *vehicles], "probe-sink")
             time.sleep(3.0)
             address = f"{net.radio.addresses['control']}:{PORT}"
-            net.run_in("vehicles", [sys.executable, str(PROBE), "fleet", str(net.keys), address, "30",
-                                    str(seconds + 15), *vehicles])  # fmt: skip
+            net.run_in(
+                "vehicles",
+                [
+                    sys.executable,
+                    str(PROBE),
+                    "fleet",
+                    str(net.keys),
+                    address,
+                    "30",
+                    str(seconds + 15),
+                    *vehicles,
+                ],
+            )
             time.sleep(12.0)
             relay = psutil.Process(net.relays["control"].pid)
             begin_s, before_s = time.time(), cpu(relay)
             time.sleep(seconds)
             share = (cpu(relay) - before_s) / (time.time() - begin_s)
-            lines = [json.loads(line) for line in file.read_text().splitlines() if line.endswith("}")]
+            lines = [
+                json.loads(line) for line in file.read_text().splitlines() if line.endswith("}")
+            ]
             lines = [f for f in lines if begin_s <= f["sent"] < begin_s + seconds - 1]
-    add(rows, "ten vehicles, 30 states a second each: CPU of the control PC's relay; latency p50 / p99",
+    add(
+        rows,
+        "ten vehicles, 30 states a second each: CPU of the control PC's relay; latency p50 / p99",
         f"{100 * share:.0f} % of a core; {percentiles_ms(lines, 'state')} ms"
-        f" at {len(lines) / (seconds - 1):.0f} Hz")  # fmt: skip
+        f" at {len(lines) / (seconds - 1):.0f} Hz",
+    )
 
 
 def endurance(rows: List, minutes: float) -> None:
@@ -227,17 +277,28 @@ def add(rows: List, what: str, figure: str) -> None:
 
 
 def write(rows: List, command: str) -> None:
-    """Put these rows into the table of docs/lab/multimaster.md; rows that were not measured now stay."""
+    """Put these rows into the table of docs/lab/multimaster.md; rows that were not measured now
+    stay."""
     with open("/proc/sys/net/ipv4/tcp_congestion_control") as file:
         congestion = file.read().strip()
-    head = (f"Measured {datetime.date.today()} with `{command}`; {os.cpu_count()} cores of {_processor()}, Linux"
-            f" {platform.release().split('-')[0]}, Python {platform.python_version()}, TCP {congestion}."
-            " Publishers, masters, relays, subscribers and the emulated radio all share these cores.")  # fmt: skip
+    head = (
+        f"Measured {datetime.date.today()} with `{command}`; {os.cpu_count()} cores of {_processor()}, Linux"
+        f" {platform.release().split('-')[0]}, Python {platform.python_version()}, TCP {congestion}."
+        " Publishers, masters, relays, subscribers and the emulated radio all share these cores."
+    )
     text = DOC.read_text()
     before, rest = text.split(BEGIN)
-    known = [line[2:-2].split(" | ") for line in rest.split(END)[0].splitlines() if line.startswith("| ")][1:]
+    known = [
+        line[2:-2].split(" | ") for line in rest.split(END)[0].splitlines() if line.startswith("| ")
+    ][1:]
     table = dict([*known, *rows])
-    lines = [head, "", "| figure | measured |", "|---|---|", *(f"| {a} | {b} |" for a, b in table.items())]
+    lines = [
+        head,
+        "",
+        "| figure | measured |",
+        "|---|---|",
+        *(f"| {a} | {b} |" for a, b in table.items()),
+    ]
     table = "\n".join(lines)
     DOC.write_text(f"{before}{BEGIN}\n{table}\n{END}{rest.split(END)[1]}")
     print(f"wrote {DOC}")
@@ -254,11 +315,15 @@ PARTS = ("first", "clean", "loss5", "loss30", "back", "two", "ten", "flight", "c
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--parts", default=",".join(PARTS), help="of " + ",".join(PARTS))
     parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement")
     parser.add_argument("--minutes", type=float, default=0.0, help="of endurance; 0: not measured")
-    parser.add_argument("--write", action="store_true", help="the table into docs/lab/multimaster.md")
+    parser.add_argument(
+        "--write", action="store_true", help="the table into docs/lab/multimaster.md"
+    )
     a = parser.parse_args()
     measure = {
         "first": lambda rows: first_message(rows),
@@ -284,7 +349,10 @@ def main() -> int:
         if a.minutes:
             endurance(rows, a.minutes)
     if a.write:
-        write(rows, "make bench-link" + (f' ARGS="--write --minutes {a.minutes:g}"' if a.minutes else ""))
+        write(
+            rows,
+            "make bench-link" + (f' ARGS="--write --minutes {a.minutes:g}"' if a.minutes else ""),
+        )
     return 0
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An end that leaves nothing behind, on SIGTERM and Ctrl-C, too: no process, no namespace, no device, no folder."""
+"""An end that leaves nothing behind, on SIGTERM and Ctrl-C, too: no process, no namespace, no
+device, no folder."""
 
 import os
 import re
@@ -20,10 +21,12 @@ _NAME = re.compile(r"fcsv-.+-(\d+)")
 
 @contextmanager
 def clean_end() -> Iterator[None]:
-    """A signal ends the block as an error would, so that everything in it closes; a second one does not hinder that.
+    """A signal ends the block as an error would, so that everything in it closes; a second one does
+    not hinder that.
 
-    What a signal in the middle of a constructor left open is swept away last, also a process that nobody knows of as
-    the signal came while it was made; and, before the beginning, what a run that was killed left.
+    What a signal in the middle of a constructor left open is swept away last, also a process that
+    nobody knows of as the signal came while it was made; and, before the beginning, what a run that
+    was killed left.
     """
     sweep()
     raise_again(SystemExit)
@@ -40,8 +43,11 @@ def clean_end() -> Iterator[None]:
 
 
 def sweep() -> List[str]:
-    """Remove the namespaces of this process, and of those that are no more, with what runs in them; their names."""
-    listed = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True).stdout.splitlines()
+    """Remove the namespaces of this process, and of those that are no more, with what runs in them;
+    their names."""
+    listed = subprocess.run(
+        ["ip", "netns", "list"], capture_output=True, text=True
+    ).stdout.splitlines()
     names = [line.split()[0] for line in listed if line and _is_over(line.split()[0])]
     for name in names:
         _end_all(processes_in(name))
@@ -52,14 +58,17 @@ def sweep() -> List[str]:
 def processes_in(namespace: str) -> List[psutil.Process]:
     """What runs in a network namespace."""
     found = []
-    for pid in subprocess.run(["ip", "netns", "pids", namespace], capture_output=True, text=True).stdout.split():
+    for pid in subprocess.run(
+        ["ip", "netns", "pids", namespace], capture_output=True, text=True
+    ).stdout.split():
         with suppress(psutil.NoSuchProcess):  # it ended meanwhile
             found.append(psutil.Process(int(pid)))
     return found
 
 
 def _end_all(processes: List[psutil.Process]) -> None:
-    """They are no more when this returns: one that is killed may take its time on a busy machine."""
+    """They are no more when this returns: one that is killed may take its time on a busy
+    machine."""
     for process in processes:
         with suppress(psutil.NoSuchProcess):  # it ended meanwhile
             process.kill()
@@ -68,11 +77,17 @@ def _end_all(processes: List[psutil.Process]) -> None:
 
 def _is_over(namespace: str) -> bool:
     owner = _NAME.fullmatch(namespace)
-    return owner is not None and (int(owner[1]) == os.getpid() or not psutil.pid_exists(int(owner[1])))
+    return owner is not None and (
+        int(owner[1]) == os.getpid() or not psutil.pid_exists(int(owner[1]))
+    )
 
 
 def _end(number: int, _frame) -> None:
     for other in SIGNALS:
         signal.signal(other, signal.SIG_IGN)
-    print(f"stopped by {signal.Signals(number).name}; removing what was started", file=sys.stderr, flush=True)
+    print(
+        f"stopped by {signal.Signals(number).name}; removing what was started",
+        file=sys.stderr,
+        flush=True,
+    )
     raise SystemExit(128 + number)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the relays hold while the radio is cut again and again: memory, threads, open files and sockets over time."""
+"""What the relays hold while the radio is cut again and again: memory, threads, open files and
+sockets over time."""
 
 import os
 import time
@@ -25,17 +26,29 @@ class Footprint:
     sockets: int
 
 
-FIGURES = (("memory_mb", "memory", "MB"), ("threads", "threads", ""), ("files", "open files", ""),
-           ("sockets", "sockets", ""))  # fmt: skip
+FIGURES = (
+    ("memory_mb", "memory", "MB"),
+    ("threads", "threads", ""),
+    ("files", "open files", ""),
+    ("sockets", "sockets", ""),
+)
 
 
 def footprint(process: psutil.Process, at_s: float) -> Footprint:
-    return Footprint(at_s, process.memory_info().rss / 1e6, process.num_threads(), process.num_fds(), _sockets(process))
+    return Footprint(
+        at_s,
+        process.memory_info().rss / 1e6,
+        process.num_threads(),
+        process.num_fds(),
+        _sockets(process),
+    )
 
 
-def endure(radio, relays: Dict[str, psutil.Process], minutes: float,
-           say: Callable[[str], None]) -> Tuple[Dict[str, List[Footprint]], int]:  # fmt: skip
-    """Every relay's footprints, one before each cut, and how many cuts there were. Says one line a minute and relay."""
+def endure(
+    radio, relays: Dict[str, psutil.Process], minutes: float, say: Callable[[str], None]
+) -> Tuple[Dict[str, List[Footprint]], int]:
+    """Every relay's footprints, one before each cut, and how many cuts there were. Says one line a
+    minute and relay."""
     series: Dict[str, List[Footprint]] = {m: [] for m in relays}
     begin_s, said_s, cuts = time.monotonic(), float("-inf"), 0
     while time.monotonic() - begin_s < 60 * minutes:
@@ -59,7 +72,8 @@ def spell(f: Footprint) -> str:
 
 
 def growth(series: List[Footprint]) -> str:
-    """First and last of every figure, and how fast it grows in the second half: slope and its standard error."""
+    """First and last of every figure, and how fast it grows in the second half: slope and its
+    standard error."""
     half = [f for f in series if f.at_s >= series[-1].at_s / 2]
     parts = []
     for key, name, unit in FIGURES:

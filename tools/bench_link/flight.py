@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated flight whose machines hear each other only over the emulated radio, and the map of it.
+"""A simulated flight whose machines hear each other only over the emulated radio, and the map of
+it.
 
-Every machine is a network namespace; what in the field is no radio network stays none: transmitters reach their
-vehicles, and everybody sees the world.
+Every machine is a network namespace; what in the field is no radio network stays none: transmitters
+reach their vehicles, and everybody sees the world.
 """
 
 import json
@@ -34,7 +35,9 @@ class RadioFleet(SimulatedFleet):
     def __init__(self, plan: FleetPlan, radio: Radio):
         super().__init__(plan)
         self._radio = radio
-        self.machines = {n: NamespaceMachine(n, plan.run_folder, radio.namespace(n)) for n in self.machines}
+        self.machines = {
+            n: NamespaceMachine(n, plan.run_folder, radio.namespace(n)) for n in self.machines
+        }
         self._keys = plan.run_folder / "keys"
         make_fleet(self._keys, tuple(self.machines))
         self._transmitters = Transmitters(radio, self._rc_ports)
@@ -54,7 +57,8 @@ class RadioFleet(SimulatedFleet):
 
 
 class Transmitters:
-    """Carries RC frames from the operators (beside the control PC) to the vehicles: another radio, which works."""
+    """Carries RC frames from the operators (beside the control PC) to the vehicles: another radio,
+    which works."""
 
     def __init__(self, radio: Radio, ports: Dict[str, int]):
         self._ways = {}
@@ -95,14 +99,20 @@ def _udp(address=None) -> socket.socket:
 
 
 def fly(
-    plan: FleetPlan, conditions: Conditions, cut_s: float, cut_at: str, limit_s: float = 420.0,
-    clock: Callable[[], float] = time.monotonic, during_cut: Callable[[float], None] = lambda _since_s: None,
-) -> List[str]:  # fmt: skip
-    """Fly a plan's mission, with nothing carried for ``cut_s`` seconds once its state begins with ``cut_at``.
+    plan: FleetPlan,
+    conditions: Conditions,
+    cut_s: float,
+    cut_at: str,
+    limit_s: float = 420.0,
+    clock: Callable[[], float] = time.monotonic,
+    during_cut: Callable[[float], None] = lambda _since_s: None,
+) -> List[str]:
+    """Fly a plan's mission, with nothing carried for ``cut_s`` seconds once its state begins with
+    ``cut_at``.
 
-    ``clock`` is that of the fleet, where it flies in slow motion. ``during_cut`` is called again and again with the
-    seconds since the cut. Returns what the mission said, line by line. Raises MachineError where it does not end, or
-    not well.
+    ``clock`` is that of the fleet, where it flies in slow motion. ``during_cut`` is called again
+    and again with the seconds since the cut. Returns what the mission said, line by line. Raises
+    MachineError where it does not end, or not well.
     """
     from fcsv_sim.demo.demo import build_world  # not for the watch
     from fcsv_sim.demo.narration import Narrator
@@ -124,9 +134,13 @@ def fly(
                 elif mended_s is not None:
                     during_cut(clock() - (mended_s - cut_s))
             if watch.returncode != 0:
-                raise MachineError(f"the mission did not end well ({watch.returncode}):\n{watch.tail(20)}")
+                raise MachineError(
+                    f"the mission did not end well ({watch.returncode}):\n{watch.tail(20)}"
+                )
             if mended_s is None:
-                raise MachineError(f"the mission never said '{cut_at}', nothing was cut:\n{watch.tail(20)}")
+                raise MachineError(
+                    f"the mission never said '{cut_at}', nothing was cut:\n{watch.tail(20)}"
+                )
         finally:
             fleet.stop()
     export_truth(plan.sim_folder, plan.session_folder, plan.vehicles)
@@ -155,14 +169,20 @@ def whole_mission(conditions: Conditions, cut_s: float) -> Tuple[str, str]:
         truth = make_map(plan)["truth"]
     radio = f"{100 * conditions.loss:.0f} % loss, {1e3 * conditions.delay_s:.0f} ms delay each way"
     what = f"the demo's mission at {radio}, a cut of {cut_s:.0f} s in its second configuration"
-    return what, f"{last} at {speed:.2f} of real time; map within 10 %: {100 * truth['within_10_percent']:.1f} %"
+    return (
+        what,
+        f"{last} at {speed:.2f} of real time; map within 10 %: {100 * truth['within_10_percent']:.1f} %",
+    )
 
 
 def watch(vehicles: List[str]) -> int:
-    """Inside the control PC's namespace: say what the mission says; 0 once it is done and everybody has landed."""
+    """Inside the control PC's namespace: say what the mission says; 0 once it is done and everybody
+    has landed."""
     from fcsv_sim.demo.ros.mission_watch import MissionWatch
 
-    seen = MissionWatch(SimpleNamespace(env=os.environ), vehicles, lambda line: print(line, flush=True))
+    seen = MissionWatch(
+        SimpleNamespace(env=os.environ), vehicles, lambda line: print(line, flush=True)
+    )
     while not (seen.over and seen.landed):
         time.sleep(0.2)
     print(f"flown {seen.flown_s:.0f} s", flush=True)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Machines in network namespaces of their own, with a master and a relay each, and the keys that they share."""
+"""Machines in network namespaces of their own, with a master and a relay each, and the keys that
+they share."""
 
 import sys
 import textwrap
@@ -64,9 +65,15 @@ class Net:
     """
 
     def __init__(
-        self, folder, links, names=("control", "uav1"), conditions=None, congestion="", masters=None,
+        self,
+        folder,
+        links,
+        names=("control", "uav1"),
+        conditions=None,
+        congestion="",
+        masters=None,
         clock: Callable[[], float] = time.monotonic,
-    ):  # fmt: skip
+    ):
         self.folder, self.links = Path(folder), Path(links)
         self.keys = self.folder / "keys"
         make_fleet(self.keys, names)
@@ -91,16 +98,30 @@ class Net:
         others = (n for n in self._with_ros if n != name)
         return ",".join(f"{n}={self.radio.addresses[n]}:{PORT}" for n in others)
 
-    def start_relay(self, name: str, peers: Optional[str] = None, listen: Optional[str] = None,
-                    discovery: bool = False) -> Process:  # fmt: skip
+    def start_relay(
+        self,
+        name: str,
+        peers: Optional[str] = None,
+        listen: Optional[str] = None,
+        discovery: bool = False,
+    ) -> Process:
         """The relay node of a machine, with its keys."""
         listen = listen or f"0.0.0.0:{PORT}"
         peers = self.peers(name) if peers is None else peers
         self.relays[name] = self.machines[name].run(
-            ["rosrun", "fcsv_multimaster", "relay", f"_machine:={name}", f"_links:={self.links}",
-             f"_listen:={listen}", f"_peers:={peers}", f"_keys:={self.keys / name}",
-             f"_discovery:={str(discovery).lower()}"], "relay",
-        )  # fmt: skip
+            [
+                "rosrun",
+                "fcsv_multimaster",
+                "relay",
+                f"_machine:={name}",
+                f"_links:={self.links}",
+                f"_listen:={listen}",
+                f"_peers:={peers}",
+                f"_keys:={self.keys / name}",
+                f"_discovery:={str(discovery).lower()}",
+            ],
+            "relay",
+        )
         return self.relays[name]
 
     def stop(self) -> None:

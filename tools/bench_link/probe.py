@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What runs on the machines of the bench: sources and sinks; sinks write one JSON line per message.
 
-probe.py source VEHICLE STATE_HZ        odometry with the time of sending, and an answer to every command
-probe.py pictures VEHICLE HZ OCTETS     JPEGs of about that size
-probe.py sink FILE VEHICLE...           {"topic", "sent", "came"} of odometry and pictures
-probe.py commander FILE VEHICLE HZ      {"topic": "ack", "sent", "came"}: a command's way there and back
-probe.py fleet KEYS CONTROL HZ SECONDS VEHICLE...   vehicles without ROS in one process, state only
+probe.py source VEHICLE STATE_HZ        odometry with the time of sending, and an answer to every
+command probe.py pictures VEHICLE HZ OCTETS     JPEGs of about that size probe.py sink FILE
+VEHICLE...           {"topic", "sent", "came"} of odometry and pictures probe.py commander FILE
+VEHICLE HZ      {"topic": "ack", "sent", "came"}: a command's way there and back probe.py fleet KEYS
+CONTROL HZ SECONDS VEHICLE...   vehicles without ROS in one process, state only
 """
 
 import json
@@ -29,7 +29,9 @@ def main() -> None:
         from fcsv_geometry.ros import node
 
         node.begin(role, anonymous=True)
-    {"source": source, "pictures": pictures, "sink": sink, "commander": commander, "fleet": fleet}[role](*arguments)
+    {"source": source, "pictures": pictures, "sink": sink, "commander": commander, "fleet": fleet}[
+        role
+    ](*arguments)
 
 
 def source(vehicle: str, state_hz: str) -> None:
@@ -46,7 +48,9 @@ def source(vehicle: str, state_hz: str) -> None:
 
 
 def pictures(vehicle: str, rate_hz: str, octets: str) -> None:
-    publisher = rospy.Publisher(f"/{vehicle}/camera/color/image_raw/compressed", CompressedImage, queue_size=1)
+    publisher = rospy.Publisher(
+        f"/{vehicle}/camera/color/image_raw/compressed", CompressedImage, queue_size=1
+    )
     jpeg = jpeg_of(int(octets))
     for _ in steadily(float(rate_hz)):
         message = CompressedImage(format="jpeg", data=jpeg)
@@ -62,9 +66,13 @@ def sink(path: str, *vehicles: str) -> None:
             file.write(json.dumps(line) + "\n")
 
         for v in vehicles:
-            rospy.Subscriber(f"/{v}/odometry/state", Odometry, note, "state", queue_size=50, tcp_nodelay=True)
+            rospy.Subscriber(
+                f"/{v}/odometry/state", Odometry, note, "state", queue_size=50, tcp_nodelay=True
+            )
             topic = f"/{v}/camera/color/image_raw/compressed"
-            rospy.Subscriber(topic, CompressedImage, note, "picture", queue_size=2, buff_size=1 << 22)
+            rospy.Subscriber(
+                topic, CompressedImage, note, "picture", queue_size=2, buff_size=1 << 22
+            )
         rospy.spin()
 
 
@@ -78,7 +86,9 @@ def commander(path: str, vehicle: str, rate_hz: str) -> None:
             if at_s is not None:
                 file.write(json.dumps({"topic": "ack", "sent": at_s, "came": time.time()}) + "\n")
 
-        rospy.Subscriber(f"/{vehicle}/command_ack", CommandAck, note, queue_size=50, tcp_nodelay=True)
+        rospy.Subscriber(
+            f"/{vehicle}/command_ack", CommandAck, note, queue_size=50, tcp_nodelay=True
+        )
         commands = rospy.Publisher(f"/{vehicle}/command", Command, queue_size=20, tcp_nodelay=True)
         for number in steadily(float(rate_hz)):
             if not commands.get_num_connections():
@@ -101,12 +111,21 @@ def fleet(keys: str, control: str, rate_hz: str, seconds: str, *vehicles: str) -
 
     links = load_links(Path(__file__).with_name("links.yaml"))
     exchanges = [
-        Exchange(v, links, parse_endpoint(f"0.0.0.0:{vehicle_ports(i)}"), {"control": parse_endpoint(control)},
-                 open_keyring(Path(keys) / v, v), lambda _p: None, print, lambda *_: None)
+        Exchange(
+            v,
+            links,
+            parse_endpoint(f"0.0.0.0:{vehicle_ports(i)}"),
+            {"control": parse_endpoint(control)},
+            open_keyring(Path(keys) / v, v),
+            lambda _p: None,
+            print,
+            lambda *_: None,
+        )
         for i, v in enumerate(vehicles)
-    ]  # fmt: skip
+    ]
     until_s = time.monotonic() + float(seconds)
-    for number in steadily(float(rate_hz) * len(vehicles)):  # one after the other, as they are in life
+    # one after the other, as they are in life
+    for number in steadily(float(rate_hz) * len(vehicles)):
         at = number % len(vehicles)
         v, m = vehicles[at], odometry(vehicles[at])
         exchanges[at].send(f"/{v}/odometry/state", m._type, m._md5sum, m._full_text, _serialize(m))
@@ -128,7 +147,10 @@ def jpeg_of(octets: int) -> bytes:
     rng = np.random.default_rng(1)
     noise = rng.integers(0, 60, (480, 640, 3), dtype=np.uint8)
     gradient = np.linspace(0, 190, 640, dtype=np.uint8)[None, :, None]
-    qualities = (cv2.imencode(".jpg", noise + gradient, [cv2.IMWRITE_JPEG_QUALITY, q])[1] for q in range(2, 96))
+    qualities = (
+        cv2.imencode(".jpg", noise + gradient, [cv2.IMWRITE_JPEG_QUALITY, q])[1]
+        for q in range(2, 96)
+    )
     return min((d.tobytes() for d in qualities), key=lambda d: abs(len(d) - octets))
 
 

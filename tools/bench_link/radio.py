@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A radio for network namespaces: each machine has a TUN device, this process carries packets between them.
+"""A radio for network namespaces: each machine has a TUN device, this process carries packets
+between them.
 
-It loses, delays, duplicates, reorders, limits and cuts in user space, so it needs no netem in the kernel, but root and
-/dev/net/tun. Loss is independent per packet: harder than real Wi-Fi, which repeats unicast and loses in bursts.
+It loses, delays, duplicates, reorders, limits and cuts in user space, so it needs no netem in the
+kernel, but root and /dev/net/tun. Loss is independent per packet: harder than real Wi-Fi, which
+repeats unicast and loses in bursts.
 """
 
 import fcntl
@@ -27,7 +29,8 @@ _MTU = 1500
 
 @dataclass(frozen=True)
 class Conditions:
-    """Of every packet on its way. ``rate_bit_s`` 0: no limit; ``queue_s``: of the limited sender, then tail drop."""
+    """Of every packet on its way. ``rate_bit_s`` 0: no limit; ``queue_s``: of the limited sender,
+    then tail drop."""
 
     loss: float = 0.0
     delay_s: float = 0.0
@@ -55,9 +58,13 @@ class Radio:
     """
 
     def __init__(
-        self, machines, conditions: Optional[Conditions] = None, seed: int = 1, congestion: str = "",
+        self,
+        machines,
+        conditions: Optional[Conditions] = None,
+        seed: int = 1,
+        congestion: str = "",
         clock: Callable[[], float] = time.monotonic,
-    ):  # fmt: skip
+    ):
         self._clock = clock
         self._random = random.Random(seed)
         self.conditions = conditions or Conditions()
@@ -76,7 +83,9 @@ class Radio:
         except BaseException:
             self.close()
             raise
-        self._thread: Optional[threading.Thread] = threading.Thread(target=self._run, name="radio", daemon=True)
+        self._thread: Optional[threading.Thread] = threading.Thread(
+            target=self._run, name="radio", daemon=True
+        )
         self._thread.start()
 
     def namespace(self, name: str) -> str:
@@ -87,7 +96,8 @@ class Radio:
         self.conditions = replace(self.conditions, **changes)
 
     def cut(self, *pairs: Tuple[str, str]) -> None:
-        """Nothing goes from the first to the second of each pair any more; no pair: nothing at all."""
+        """Nothing goes from the first to the second of each pair any more; no pair: nothing at
+        all."""
         self._cut |= set(pairs) or {(a, b) for a in self.names for b in self.names}
 
     def mend(self) -> None:
@@ -125,7 +135,9 @@ class Radio:
         self._ip(name, "addr", "add", f"{self.addresses[name]}/24", "dev", "radio0")
         self._ip(name, "link", "set", "radio0", "mtu", str(_MTU), "multicast", "on", "up")
         if congestion:
-            self._ip(name, "route", "change", "10.77.0.0/24", "dev", "radio0", "congctl", congestion)
+            self._ip(
+                name, "route", "change", "10.77.0.0/24", "dev", "radio0", "congctl", congestion
+            )
 
     def _ip(self, name: str, *arguments: str) -> None:
         subprocess.run(["ip", "-n", self.namespace(name), *arguments], check=True)

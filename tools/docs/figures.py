@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws docs/figures/*.svg, the drawings of docs/user/concepts.md; --check only tells which are not as drawn here."""
+"""Draws docs/figures/*.svg, the drawings of docs/user/concepts.md; --check only tells which are not
+as drawn here."""
 
 import argparse
 import sys
@@ -20,15 +21,21 @@ def rig() -> Drawing:
     """Baseline, axis, tilt."""
     d = Drawing(800, 330, "A horizontal pair, a vertical pair, and a pair that is tilted inwards")
     half, tall = np.tan(np.radians(HALF_DEG))
-    for x, title, view in ((10, "horizontal axis", "from above"), (285, "vertical axis", "from the side"),
-                           (540, "horizontal, tilted inwards", "from above")):  # fmt: skip
+    for x, title, view in (
+        (10, "horizontal axis", "from above"),
+        (285, "vertical axis", "from the side"),
+        (540, "horizontal, tilted inwards", "from above"),
+    ):
         d.text((x, 24), title, bold=True, size=15)
         d.text((x, 44), view, GREY)
     _seen_from_above(d, (95, 260), 80, half, tilt_deg=0)
     _seen_from_above(d, (600, 260), 100, half, tilt_deg=10)
     low, high, reach = (320, 230), (320, 150), 190
     for at, color in ((low, BLUE), (high, GREEN)):
-        d.area([at, (at[0] + reach, at[1] - tall * reach), (at[0] + reach, at[1] + tall * reach)], color)
+        d.area(
+            [at, (at[0] + reach, at[1] - tall * reach), (at[0] + reach, at[1] + tall * reach)],
+            color,
+        )
         d.camera(at, color, 90)
     meet = 80 / (2 * tall)
     d.area([(320 + meet, 190), (510, 230 - tall * reach), (510, 150 + tall * reach)], GREY, 0.45)
@@ -44,10 +51,24 @@ def _seen_from_above(d: Drawing, at, baseline, half, tilt_deg):
     reach, other = 150, (at[0] + baseline, at[1])
     left, right = (float(np.tan(np.radians(s * HALF_DEG[0] - tilt_deg))) for s in (-1, 1))
     d.area([at, (at[0] - half * reach, at[1] - reach), (at[0] + half * reach, at[1] - reach)], BLUE)
-    d.area([other, (other[0] + left * reach, at[1] - reach), (other[0] + right * reach, at[1] - reach)], ORANGE)
+    d.area(
+        [
+            other,
+            (other[0] + left * reach, at[1] - reach),
+            (other[0] + right * reach, at[1] - reach),
+        ],
+        ORANGE,
+    )
     meet = baseline / (half - left)
-    d.area([(at[0] + half * meet, at[1] - meet), (other[0] + left * reach, at[1] - reach),
-            (at[0] + half * reach, at[1] - reach)], GREY, 0.45)  # fmt: skip
+    d.area(
+        [
+            (at[0] + half * meet, at[1] - meet),
+            (other[0] + left * reach, at[1] - reach),
+            (at[0] + half * reach, at[1] - reach),
+        ],
+        GREY,
+        0.45,
+    )
     d.camera(at, BLUE)
     d.camera(other, ORANGE, -tilt_deg)
     if tilt_deg:
@@ -82,7 +103,12 @@ def error() -> Drawing:
         shown = error_m <= 62
         d.path([at(*p) for p in zip(z_m[shown], error_m[shown])], color, 2.5)
         end = float(z_m[shown][-1])
-        d.text(at(end + 4, 62.5 if end < 495 else float(error_m[-1]) + 1.5), f"{baseline_m} m", color, bold=True)
+        d.text(
+            at(end + 4, 62.5 if end < 495 else float(error_m[-1]) + 1.5),
+            f"{baseline_m} m",
+            color,
+            bold=True,
+        )
         far = farthest(baseline_m, FOCAL_PX, ten)
         d.line(at(far, 0), at(far, far * 0.1), color, 1.2, "3 3")
         d.dot(at(far, far * 0.1), color, 5)
@@ -116,7 +142,13 @@ def frames() -> Drawing:
         for words, x, y, color in names:
             tip = (start[0] + x, start[1] + y)
             d.arrow(start, tip, color, 2)
-            d.text((tip[0] + (-6 if x < 0 else 6), tip[1] + 5), words, color, 12, "end" if x < 0 else "start")
+            d.text(
+                (tip[0] + (-6 if x < 0 else 6), tip[1] + 5),
+                words,
+                color,
+                12,
+                "end" if x < 0 else "start",
+            )
     d.text((95, 320), "bodies, home, maps", anchor="middle")
     d.text((415, 320), "optical frames, tag")
     return d
@@ -125,7 +157,10 @@ def frames() -> Drawing:
 def chain() -> Drawing:
     """Pose chain of the calibration, thesis 6.1."""
     d = Drawing(800, 250, "The chain of poses from the odometry of uav2 to that of uav1")
-    names = (("uav2", ORANGE, ("odom", "base_link", "camera")), ("uav1", BLUE, ("tag", "base_link", "odom")))
+    names = (
+        ("uav2", ORANGE, ("odom", "base_link", "camera")),
+        ("uav1", BLUE, ("tag", "base_link", "odom")),
+    )
     d.text((20, 26), "uav2, behind", ORANGE, bold=True, size=15)
     d.text((780, 26), "uav1, in front", BLUE, anchor="end", bold=True, size=15)
     for i, (_, color, boxes) in enumerate(names):
@@ -140,20 +175,36 @@ def chain() -> Drawing:
     d.line((67, 160), (67, 190))
     d.line((733, 160), (733, 190))
     d.arrow((67, 190), (733, 190))
-    d.text((400, 182), "T_O2_O1: the calibration (x, y, z, yaw; both odometries are level)", anchor="middle", bold=True)
-    d.text((400, 224), "many detections, while the vehicle in front sways; outliers are rejected, the spread is told",
-           GREY, anchor="middle")  # fmt: skip
+    d.text(
+        (400, 182),
+        "T_O2_O1: the calibration (x, y, z, yaw; both odometries are level)",
+        anchor="middle",
+        bold=True,
+    )
+    d.text(
+        (400, 224),
+        "many detections, while the vehicle in front sways; outliers are rejected, the spread is told",
+        GREY,
+        anchor="middle",
+    )
     return d
 
 
 def refinement() -> Drawing:
-    """Rays of one point miss each other with the poses as tracked, and meet after the adjustment."""
+    """Rays of one point miss each other with the poses as tracked, and meet after the
+    adjustment."""
     d = Drawing(800, 320, "Refinement: rays of the same points miss before and meet after")
     points = ((110, 80), (200, 60), (280, 95))
-    for x, title, words, off in ((0, "as tracked", "rays of one point miss: an error in px in every picture", 1.0),
-                                 (400, "refined", "poses moved until the rays of all points meet", 0.0)):  # fmt: skip
+    for x, title, words, off in (
+        (0, "as tracked", "rays of one point miss: an error in px in every picture", 1.0),
+        (400, "refined", "poses moved until the rays of all points meet", 0.0),
+    ):
         d.text((x + 20, 26), title, bold=True, size=15)
-        cameras = ((x + 140, 270, BLUE, 0.0), (x + 205, 270, ORANGE, 3.2 * off), (x + 270, 270, GREEN, -3.6 * off))
+        cameras = (
+            (x + 140, 270, BLUE, 0.0),
+            (x + 205, 270, ORANGE, 3.2 * off),
+            (x + 270, 270, GREEN, -3.6 * off),
+        )
         for cx, cy, color, wrong in cameras:
             for px, py in points:
                 to = float(np.degrees(np.arctan2(x + px - cx, cy - py)))
@@ -168,7 +219,8 @@ def refinement() -> Drawing:
 
 
 def kinds() -> Drawing:
-    """Why a pixel of the reference has its depth, or none; from above, the field of view drawn wide."""
+    """Why a pixel of the reference has its depth, or none; from above, the field of view drawn
+    wide."""
     d = Drawing(800, 400, "Kinds of pixels: agreed, hidden, outside, blank, sky, moved")
     eye, other, wall, reach = (330.0, 340.0), (440.0, 340.0), 100.0, 240.0
     box, car = (370.0, 408.0, 205.0), (256.0, 290.0, 180.0)  # left, right, and how far down
@@ -185,19 +237,27 @@ def kinds() -> Drawing:
     behind = [on_wall(eye, x, box[2]) for x in box[:2]]
     gone = [on_wall(eye, x, car[2]) for x in car[:2]]
     blank_to = behind[1] + 55
-    for start, end, color in ((far_left, shared, GREY), (shared, gone[0], GREEN), (gone[1], hidden[0], GREEN),
-                              (hidden[0], hidden[1], RED), (hidden[1], behind[0], GREEN),
-                              (behind[1], blank_to, "#d0d0d0")):  # fmt: skip
+    for start, end, color in (
+        (far_left, shared, GREY),
+        (shared, gone[0], GREEN),
+        (gone[1], hidden[0], GREEN),
+        (hidden[0], hidden[1], RED),
+        (hidden[1], behind[0], GREEN),
+        (behind[1], blank_to, "#d0d0d0"),
+    ):
         d.line((start, wall), (end, wall), color, 10)
     d.line((box[0], box[2]), (box[1], box[2]), GREEN, 14)
     d.line((car[0], car[2]), (car[1], car[2]), "#CC79A7", 14)
     for x in box[:2]:
         d.line(other, (on_wall(other, x, box[2]), wall), ORANGE, 0.8, "3 3")
         d.line(eye, (on_wall(eye, x, box[2]), wall), BLUE, 0.8, "3 3")
-    for words, x, color in (("outside", (far_left + shared) / 2 - 8, GREY),
-                            ("agreed", (shared + gone[0]) / 2 + 8, GREEN),
-                            ("hidden", sum(hidden) / 2, RED), ("blank", (behind[1] + blank_to) / 2, GREY),
-                            ("sky", (blank_to + far_right) / 2 + 10, BLUE)):  # fmt: skip
+    for words, x, color in (
+        ("outside", (far_left + shared) / 2 - 8, GREY),
+        ("agreed", (shared + gone[0]) / 2 + 8, GREEN),
+        ("hidden", sum(hidden) / 2, RED),
+        ("blank", (behind[1] + blank_to) / 2, GREY),
+        ("sky", (blank_to + far_right) / 2 + 10, BLUE),
+    ):
         d.text((x, wall - 14), words, color, anchor="middle", bold=True)
     d.text((box[1] + 8, box[2] + 5), "agreed", GREEN, bold=True)
     d.text((car[0] - 8, car[2] + 5), "moved", "#CC79A7", anchor="end", bold=True)
@@ -212,13 +272,17 @@ DRAWINGS = {f.__name__: f for f in (rig, error, frames, chain, refinement, kinds
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--check", action="store_true", help="write nothing; exit status 1 where a file differs")
+    parser.add_argument(
+        "--check", action="store_true", help="write nothing; exit status 1 where a file differs"
+    )
     args = parser.parse_args()
     drawn = {FOLDER / f"{name}.svg": str(draw()) for name, draw in DRAWINGS.items()}
     other = [p for p, text in drawn.items() if not p.is_file() or p.read_text() != text]
     other += [p for p in FOLDER.glob("*.svg") if p not in drawn]
     for path in other:
-        print(f"{path.name}: not as tools/docs/figures.py draws it" if args.check else f"wrote {path}")
+        print(
+            f"{path.name}: not as tools/docs/figures.py draws it" if args.check else f"wrote {path}"
+        )
         if not args.check:
             path.write_text(drawn[path]) if path in drawn else path.unlink()
     return 1 if args.check and other else 0

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/reference/files.md: every key of the configuration files, out of the classes that read them.
 
-Names, defaults and meanings (the comment beside a field) are the classes' own. Ranges are tried out: a value is put
-into a good file, and the file's parser says whether it takes it.
+Names, defaults and meanings (the comment beside a field) are the classes' own. Ranges are tried
+out: a value is put into a good file, and the file's parser says whether it takes it.
 """
 
 import copy
@@ -14,6 +14,8 @@ import typing
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
+from field_notes import notes_of
+
 from fcsv_control.file_check.kinds import KINDS, YAML_KINDS, FileKind, imported
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError, FcsvError
@@ -23,18 +25,35 @@ ROOT = Path(__file__).resolve().parents[2]
 _POI = {"points_of_interest": [{"name": "roof", "u_px": 320.0, "v_px": 240.0}]}
 #: By kind good files, beside an empty one: into the first that has the place a value is put.
 _EXAMPLES: Dict[str, Sequence[Any]] = {
-    "mission": ("missions/short", "missions/sweep", "missions/near"), "vehicle": ("vehicles/uav1",),
-    "robot": ("robots/small",), "gimbals": ("gimbal/ground_robot",), "tilting rig": ("tilting/rig",),
-    "points of interest": (_POI,), "links": ("links/default",),
+    "mission": ("missions/short", "missions/sweep", "missions/near"),
+    "vehicle": ("vehicles/uav1",),
+    "robot": ("robots/small",),
+    "gimbals": ("gimbal/ground_robot",),
+    "tilting rig": ("tilting/rig",),
+    "points of interest": (_POI,),
+    "links": ("links/default",),
 }
 _UNITS = (
-    ("_m_per_sqrt_m", "m/√m"), ("_deg_per_sqrt_m", "degrees/√m"), ("_m_per_sqrt_s", "m/√s"), ("_per_s", "1/s"),
-    ("_mps2", "m/s²"), ("_mps", "m/s"), ("_radps", "rad/s"), ("_dps", "degrees/s"), ("_deg", "degrees"),
-    ("_mib", "MiB"), ("_hz", "Hz"), ("_px", "px"), ("_share", "share of 1"), ("_bytes", "bytes"), ("_m", "m"),
+    ("_m_per_sqrt_m", "m/√m"),
+    ("_deg_per_sqrt_m", "degrees/√m"),
+    ("_m_per_sqrt_s", "m/√s"),
+    ("_per_s", "1/s"),
+    ("_mps2", "m/s²"),
+    ("_mps", "m/s"),
+    ("_radps", "rad/s"),
+    ("_dps", "degrees/s"),
+    ("_deg", "degrees"),
+    ("_mib", "MiB"),
+    ("_hz", "Hz"),
+    ("_px", "px"),
+    ("_share", "share of 1"),
+    ("_bytes", "bytes"),
+    ("_m", "m"),
     ("_s", "s"),
 )
 _FAR, _HALVINGS = 1e9, 80
-_FEW, _DIGITS = 4, 4  # values that are named one by one; decimals of an end that is no rounding of another
+# values that are named one by one; decimals of an end that is no rounding of another
+_FEW, _DIGITS = 4, 4
 _TRIED = [1, 2, 4, 10, 100, 300, 0.3, 0.1, 0.03, 0.01]  # until one is taken, where no default is
 _HEAD = (
     "Every key of the files in `config/`, as their parsers have them. `rosrun fcsv_control check FILE...`, or without "
@@ -50,7 +69,9 @@ def page(head: str) -> str:
     lines = [head, "# Configuration files", "", _HEAD, ""]
     for kind in YAML_KINDS:
         if kind.name == "links":
-            lines += _section(kind, "`RuleEntry` and `TrafficClass` of `fcsv_multimaster/links.py`", _links_rows())
+            lines += _section(
+                kind, "`RuleEntry` and `TrafficClass` of `fcsv_multimaster/links.py`", _links_rows()
+            )
         elif kind.schema:
             cls = imported(kind.schema)
             module, name = kind.schema.split(":")
@@ -61,10 +82,23 @@ def page(head: str) -> str:
 
 def _section(kind: FileKind, where: str, rows: Sequence[Row]) -> List[str]:
     title = f"{kind.name[0].upper()}{kind.name[1:]}"
-    place = f"`config/{kind.folder}/`" if (ROOT / "config" / kind.folder).is_dir() else "Of your own"
-    table = [f"| `{key}` | {unit} | {default} | {span} | {_cell(words)} |" for key, unit, default, span, words in rows]
-    return [f"## {title}", "", f"{place}; {where}.", "", "| key | unit | default | range | meaning |",
-            "|---|---|---|---|---|", *table, ""]
+    place = (
+        f"`config/{kind.folder}/`" if (ROOT / "config" / kind.folder).is_dir() else "Of your own"
+    )
+    table = [
+        f"| `{key}` | {unit} | {default} | {span} | {_cell(words)} |"
+        for key, unit, default, span, words in rows
+    ]
+    return [
+        f"## {title}",
+        "",
+        f"{place}; {where}.",
+        "",
+        "| key | unit | default | range | meaning |",
+        "|---|---|---|---|---|",
+        *table,
+        "",
+    ]
 
 
 def _others() -> List[str]:
@@ -72,29 +106,50 @@ def _others() -> List[str]:
     for kind in KINDS.values():
         if not kind.schema and kind.name != "links":
             reader = f"`{kind.reader.partition(':')[2]}` of `{kind.reader.partition(':')[0].replace('.', '/')}.py`"
-            what = f"keys of {kind.foreign}; checked as YAML" if kind.foreign else f"read by {reader}"
-            keys = f": {', '.join(f'`{k}`' for k in kind.keys)}" if kind.keys and not kind.foreign else ""
-            place = f"`config/{kind.folder}/`" if (ROOT / "config" / kind.folder).is_dir() else "`config/`"
-            place = place if kind.foreign or kind.folder == "autopilot" else "where your driver has it"
+            what = (
+                f"keys of {kind.foreign}; checked as YAML" if kind.foreign else f"read by {reader}"
+            )
+            keys = (
+                f": {', '.join(f'`{k}`' for k in kind.keys)}"
+                if kind.keys and not kind.foreign
+                else ""
+            )
+            place = (
+                f"`config/{kind.folder}/`"
+                if (ROOT / "config" / kind.folder).is_dir()
+                else "`config/`"
+            )
+            place = (
+                place if kind.foreign or kind.folder == "autopilot" else "where your driver has it"
+            )
             lines.append(f"| {kind.name} | {place} | {what}{keys} |")
     return lines
 
 
-# ---- rows ----------------------------------------------------------------------------------------------------------
+# ---- rows ----------------------------------------------------------------------------------------
 
 
 def _rows(cls, at: str, standard: Optional[Any], takes: Takes) -> Iterator[Row]:
-    """Of a class's fields, nested ones below theirs; ``standard``: an instance with the defaults that count here."""
-    hints, notes = typing.get_type_hints(cls), _notes(cls)
+    """Of a class's fields, nested ones below theirs; ``standard``: an instance with the defaults
+    that count here."""
+    hints, notes = typing.get_type_hints(cls), notes_of(cls)
     for field in (f for f in dataclasses.fields(cls) if f.init):
         path, kind = f"{at}{field.name}", hints[field.name]
         default = _default(field) if standard is None else getattr(standard, field.name)
         inner, many = _inner(kind)
         meaning = notes.get(field.name, "") or (_sentence(inner) if inner else "")
         if not meaning:
-            raise SystemExit(f"{cls.__module__}.{cls.__name__}.{field.name}: no comment says what it means")
+            raise SystemExit(
+                f"{cls.__module__}.{cls.__name__}.{field.name}: no comment says what it means"
+            )
         if inner is None:
-            yield path, _unit(field.name), _shown(default), _range(path, kind, default, takes), meaning
+            yield (
+                path,
+                _unit(field.name),
+                _shown(default),
+                _range(path, kind, default, takes),
+                meaning,
+            )
             continue
         span = "list" if many else ""
         yield path, "", "" if dataclasses.is_dataclass(default) else _shown(default), span, meaning
@@ -112,13 +167,12 @@ def _inner(kind: Any) -> Tuple[Optional[type], bool]:
     return (kind, False) if dataclasses.is_dataclass(kind) else (None, False)
 
 
-def _notes(cls) -> Dict[str, str]:
-    """By field the comment beside it."""
-    return dict(re.findall(r"^    (\w+): [^\n]*?  # (?!noqa|type:)([^\n]+)$", inspect.getsource(cls), re.M))
-
-
 def _sentence(cls) -> str:
-    return " ".join((inspect.getdoc(cls) or "").split("\n\n")[0].split()).partition(". ")[0].rstrip(".")
+    return (
+        " ".join((inspect.getdoc(cls) or "").split("\n\n")[0].split())
+        .partition(". ")[0]
+        .rstrip(".")
+    )
 
 
 def _default(field: dataclasses.Field) -> Any:
@@ -147,7 +201,7 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("``", "`").replace("|", "\\|").replace("<", "&lt;")
 
 
-# ---- ranges --------------------------------------------------------------------------------------------------------
+# ---- ranges --------------------------------------------------------------------------------------
 
 
 def _tried(kind: FileKind, cls) -> Takes:
@@ -173,11 +227,16 @@ def _complaint(parse: Callable[[], Any]) -> str:
 
 
 def _document(example: Any) -> Any:
-    return config.read_yaml(ROOT / "config" / f"{example}.yaml") if isinstance(example, str) else example
+    return (
+        config.read_yaml(ROOT / "config" / f"{example}.yaml")
+        if isinstance(example, str)
+        else example
+    )
 
 
 def _put(document: Any, path: str, value: Any, makes: bool) -> Optional[Any]:
-    """A copy of the document with a value at a path; None where a part is missing, unless it ``makes`` them."""
+    """A copy of the document with a value at a path; None where a part is missing, unless it
+    ``makes`` them."""
     changed = copy.deepcopy(document)
     *above, last = path.split(".")
     here = changed
@@ -203,8 +262,14 @@ def _range(path: str, kind: Any, default: Any, takes: Takes) -> str:
         return _words(takes(path, "?!"))
     if origin in (list, tuple):
         return _items(origin, args)
-    given = isinstance(default, (int, float)) and not isinstance(default, bool) and math.isfinite(default)
-    good = next((v for v in ([default] if given else []) + _TRIED if not takes(path, kind(v))), None)
+    given = (
+        isinstance(default, (int, float))
+        and not isinstance(default, bool)
+        and math.isfinite(default)
+    )
+    good = next(
+        (v for v in ([default] if given else []) + _TRIED if not takes(path, kind(v))), None
+    )
     if good is None:
         raise SystemExit(f"{path}: no number is taken ({takes(path, kind(1))})")
     low, high = (_end(path, kind, kind(good), kind(far), takes) for far in (-_FAR, _FAR))
@@ -227,7 +292,8 @@ def _words(complaint: str) -> str:
 
 
 def _end(path: str, kind: type, good: Any, far: Any, takes: Takes) -> Optional[Tuple[float, bool]]:
-    """(the last value that is taken towards a far one, whether it is taken itself); None where all are."""
+    """(the last value that is taken towards a far one, whether it is taken itself); None where all
+    are."""
     if not takes(path, far):
         return None
     for _ in range(_HALVINGS):
@@ -252,7 +318,7 @@ def _span(low: Optional[Tuple[float, bool]], high: Optional[Tuple[float, bool]])
     return ", ".join(parts)
 
 
-# ---- the links file, which is no single class ------------------------------------------------------------------------
+# ---- the links file, which is no single class ----------------------------------------------------
 
 
 def _links_rows() -> List[Row]:
@@ -269,8 +335,15 @@ def _links_rows() -> List[Row]:
         return _complaint(lambda: parse_links(changed, "file"))
 
     found = list(_rows(TrafficClass, "classes.NAME.", None, takes))
-    rules = [(path.replace("traffic", "class"), *rest) for path, *rest in _rows(
-        RuleEntry, "SECTION[].", None, lambda path, value: takes(path.replace("traffic", "class"), value))]
+    rules = [
+        (path.replace("traffic", "class"), *rest)
+        for path, *rest in _rows(
+            RuleEntry,
+            "SECTION[].",
+            None,
+            lambda path, value: takes(path.replace("traffic", "class"), value),
+        )
+    ]
     names = ", ".join(f"`{s}`" for s in SECTIONS)
     section = ("SECTION", "", "none", "list", f"which topics cross in one direction; {names}")
     return [*found, section, *rules]

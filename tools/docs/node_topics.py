@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a node publishes, hears, offers and calls, read from its source and from the ROS modules that it imports."""
+"""What a node publishes, hears, offers and calls, read from its source and from the ROS modules
+that it imports."""
 
 import ast
 import importlib
@@ -10,9 +11,13 @@ from unittest import mock
 
 #: How a call makes an end of a topic or service, by the last name of what is called.
 KINDS = {
-    "Publisher": "publishes", "Subscriber": "hears", "Service": "offers", "ServiceProxy": "calls",
-    "SimpleActionServer": "offers", "SimpleActionClient": "calls",
-}  # fmt: skip
+    "Publisher": "publishes",
+    "Subscriber": "hears",
+    "Service": "offers",
+    "ServiceProxy": "calls",
+    "SimpleActionServer": "offers",
+    "SimpleActionClient": "calls",
+}
 BROADCASTERS = {"TransformBroadcaster": "/tf", "StaticTransformBroadcaster": "/tf_static"}
 #: Its functions subscribe for whoever calls them, to topics of tables.
 SHARED = "fcsv_geometry.ros.telemetry_messages"
@@ -21,7 +26,8 @@ _VEHICLE = {"n", "name", "vehicle", "v", "own", "_name", "_vehicle"}
 
 @dataclass(frozen=True)
 class End:
-    """One end of a topic, service or action; a part of ``name`` in capitals is given by a parameter."""
+    """One end of a topic, service or action; a part of ``name`` in capitals is given by a
+    parameter."""
 
     does: str
     name: str
@@ -36,13 +42,19 @@ def module_file(root: Path, module: str) -> Optional[Path]:
 
 
 def ros_modules(root: Path, module: str) -> List[str]:
-    """``module`` and those about ROS (in a folder ``ros``) that it imports, directly or not, but for SHARED."""
+    """``module`` and those about ROS (in a folder ``ros``) that it imports, directly or not, but
+    for SHARED."""
     found: Set[str] = set()
     waiting = [module]
     while waiting:
         name = waiting.pop()
         path = module_file(root, name)
-        if name in found or name == SHARED or path is None or (name != module and ".ros" not in name):
+        if (
+            name in found
+            or name == SHARED
+            or path is None
+            or (name != module and ".ros" not in name)
+        ):
             continue
         found.add(name)
         for node in ast.walk(ast.parse(path.read_text())):
@@ -61,7 +73,8 @@ def ends_of_node(root: Path, module: str) -> Set[End]:
 
 
 def _shared_ends(path: Path, space: Mapping[str, object]) -> Set[End]:
-    """What one module hears by the shared functions that it calls: each is called, and what it subscribes to noted."""
+    """What one module hears by the shared functions that it calls: each is called, and what it
+    subscribes to noted."""
     found: Set[End] = set()
 
     def noted(topic, kind, *_, **__):
@@ -78,7 +91,8 @@ def _shared_ends(path: Path, space: Mapping[str, object]) -> Set[End]:
 
 
 def _value(expr: ast.expr, space: Mapping[str, object]) -> object:
-    """Of an expression in a module; what only a running node knows is written as it stands in topics."""
+    """Of an expression in a module; what only a running node knows is written as it stands in
+    topics."""
     try:
         return eval(compile(ast.Expression(expr), "<topics>", "eval"), dict(space))
     except (NameError, AttributeError):
@@ -90,7 +104,8 @@ def ends(path: Path, space: Optional[Mapping[str, object]] = None) -> Set[End]:
     tree = _Constants(space or {}).visit(ast.parse(path.read_text()))
     found: Set[End] = set()
     scopes = [(scope, constants, dict(_helpers(scope))) for scope, constants in _scopes(tree)]
-    inside = {id(call) for _, _, helpers in scopes for call, _ in helpers.values()}  # they count where it is called
+    # they count where it is called
+    inside = {id(call) for _, _, helpers in scopes for call, _ in helpers.values()}
     for scope, constants, helpers in scopes:
         calls = [c for c in _calls(scope) if id(c) not in inside]
         for env in _environments(scope, constants):
@@ -99,7 +114,8 @@ def ends(path: Path, space: Optional[Mapping[str, object]] = None) -> Set[End]:
 
 
 class _Constants(ast.NodeTransformer):
-    """Writes out constants of other modules, imported (``STOP``) or of an imported module (``telemetry.HOME``)."""
+    """Writes out constants of other modules, imported (``STOP``) or of an imported module
+    (``telemetry.HOME``)."""
 
     def __init__(self, space: Mapping[str, object]):
         self._space = space
@@ -114,16 +130,30 @@ class _Constants(ast.NodeTransformer):
 
     @staticmethod
     def _written(node, value: object) -> ast.expr:
-        is_constant = isinstance(value, str) and _last(node).isupper() and isinstance(node.ctx, ast.Load)
+        is_constant = (
+            isinstance(value, str) and _last(node).isupper() and isinstance(node.ctx, ast.Load)
+        )
         return ast.Constant(value) if is_constant else node
 
 
 def _scopes(tree: ast.Module) -> Iterator[Tuple[ast.AST, Dict[str, ast.expr]]]:
     """Functions, and the module's constants."""
-    constants = {t.id: n.value for n in tree.body if isinstance(n, ast.Assign) for t in n.targets if _named(t)}
+    constants = {
+        t.id: n.value
+        for n in tree.body
+        if isinstance(n, ast.Assign)
+        for t in n.targets
+        if _named(t)
+    }
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef):
-            local = {t.id: n.value for n in ast.walk(node) if isinstance(n, ast.Assign) for t in n.targets if _named(t)}
+            local = {
+                t.id: n.value
+                for n in ast.walk(node)
+                if isinstance(n, ast.Assign)
+                for t in n.targets
+                if _named(t)
+            }
             yield node, {**constants, **local}
 
 
@@ -135,7 +165,9 @@ def _environments(scope: ast.AST, constants: Dict[str, ast.expr]) -> Iterator[Di
     """As often as a loop over written values turns; other loops leave their variable open."""
     yield constants
     for loop in ast.walk(scope):
-        if not isinstance(loop, (ast.For, ast.comprehension)) or not isinstance(loop.iter, (ast.Tuple, ast.List)):
+        if not isinstance(loop, (ast.For, ast.comprehension)) or not isinstance(
+            loop.iter, (ast.Tuple, ast.List)
+        ):
             continue
         for value in loop.iter.elts:
             if isinstance(loop.target, ast.Name):
@@ -150,12 +182,17 @@ def _calls(scope: ast.AST) -> List[ast.Call]:
 
 
 def _helpers(scope: ast.AST) -> Iterator[Tuple[str, Tuple[ast.Call, List[str]]]]:
-    """Local functions that make an end out of their arguments: the call inside, and the arguments' names."""
+    """Local functions that make an end out of their arguments: the call inside, and the arguments'
+    names."""
     for node in ast.walk(scope):
         inner, name = None, ""
         if isinstance(node, ast.FunctionDef) and node is not scope:
             inner, name = node, node.name
-        elif isinstance(node, ast.Assign) and isinstance(node.value, ast.Lambda) and _named(node.targets[0]):
+        elif (
+            isinstance(node, ast.Assign)
+            and isinstance(node.value, ast.Lambda)
+            and _named(node.targets[0])
+        ):
             inner, name = node.value, node.targets[0].id
         if inner is not None:
             for call in _calls(inner):
@@ -187,7 +224,8 @@ def _last(func: ast.expr) -> str:
 
 
 def _text(expr: ast.expr, env: Dict[str, ast.expr], depth: int = 0) -> Optional[str]:
-    """A name as written; what it is put together from in capitals. None: nothing of it is written here."""
+    """A name as written; what it is put together from in capitals. None: nothing of it is written
+    here."""
     if isinstance(expr, ast.Constant):
         return str(expr.value)
     if isinstance(expr, ast.JoinedStr):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/reference/: nodes, commands, packages, launch and other files as the code has them. --check compares."""
+"""Writes docs/reference/: nodes, commands, packages, launch and other files as the code has them.
+--check compares."""
 
 import argparse
 import ast
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Callable, Dict, List, Optional, Tuple
 
 import files_page
+from field_notes import notes_of
 from node_topics import ends_of_node, module_file, ros_modules
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -73,7 +75,9 @@ def _stopped():
 
 def parser_of(executable: Path) -> Optional[argparse.ArgumentParser]:
     """The arguments of a command; None for a node."""
-    if not re.search(r"ArgumentParser|_parser?\(", module_file(ROOT, entry_module(executable)).read_text()):
+    if not re.search(
+        r"ArgumentParser|_parser?\(", module_file(ROOT, entry_module(executable)).read_text()
+    ):
         return None
     sys.argv = [str(executable)]
     try:
@@ -85,12 +89,18 @@ def parser_of(executable: Path) -> Optional[argparse.ArgumentParser]:
     raise SystemExit(f"{executable}: neither parses arguments nor becomes a node")
 
 
-# ---- commands ----------------------------------------------------------------------------------------------------
+# ---- commands ------------------------------------------------------------------------------------
 
 
 def commands_page(parsers: Dict[Path, argparse.ArgumentParser]) -> str:
     """docs/reference/commands.md."""
-    lines = [_HEAD, "# Commands", "", "Every command and its options. Each says the same with `--help`.", ""]
+    lines = [
+        _HEAD,
+        "# Commands",
+        "",
+        "Every command and its options. Each says the same with `--help`.",
+        "",
+    ]
     for path, parser in parsers.items():
         lines += [f"## {path.name}", "", f"`rosrun {package_of(path)} {path.name}`", ""]
         lines += [_sentence(parser.description), ""] if parser.description else []
@@ -105,8 +115,16 @@ def _arguments(parser: argparse.ArgumentParser, under: str = "") -> List[str]:
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for name, sub in action.choices.items():
-                words = next((a.help for a in action._choices_actions if a.dest == name), None) or sub.description
-                below += [f"### {under}{parser.prog.split()[-1]} {name}", "", _sentence(words or ""), ""]
+                words = (
+                    next((a.help for a in action._choices_actions if a.dest == name), None)
+                    or sub.description
+                )
+                below += [
+                    f"### {under}{parser.prog.split()[-1]} {name}",
+                    "",
+                    _sentence(words or ""),
+                    "",
+                ]
                 below += _arguments(sub)
         elif not isinstance(action, argparse._HelpAction) and action.help != argparse.SUPPRESS:
             rows.append(f"| {_names(action)} | {_cell(_meaning(action, parser))} |")
@@ -141,46 +159,66 @@ def _meaning(action: argparse.Action, parser: argparse.ArgumentParser) -> str:
     return _tidy(" ".join(parts)).replace(f"`{_CORES}`", "the number of cores")
 
 
-# ---- nodes -------------------------------------------------------------------------------------------------------
+# ---- nodes ---------------------------------------------------------------------------------------
 
 
 def nodes_page(nodes: List[Path]) -> str:
     """docs/reference/nodes.md."""
     lines = [
-        _HEAD, "# Nodes", "",
+        _HEAD,
+        "# Nodes",
+        "",
         "Every node: what it is for, its topics and services, its parameters with their defaults. A part of a name in "
         "capitals (`/VEHICLE/odometry/state`) is given by a parameter. A name without a slash is in the node's "
         "namespace (a vehicle's), one with `~` below the node's own name. Meanings of topics: "
-        "[architecture.md](../design/architecture.md#machines-and-topics).", "",
-    ]  # fmt: skip
+        "[architecture.md](../design/architecture.md#machines-and-topics).",
+        "",
+    ]
     for path in nodes:
         module = entry_module(path)
         lines += [f"## {package_of(path)}/{path.name}", "", _sentence(_first_line(module)), ""]
         told = sorted((e.does, e.name, e.type) for e in ends_of_node(ROOT, module))
         rows = [f"| {does} | `{name}` | `{kind}` |" for does, name, kind in told]
-        lines += ["| | name | type |", "|---|---|---|", *rows, ""] if rows else ["It has no topic of its own.", ""]
+        lines += (
+            ["| | name | type |", "|---|---|---|", *rows, ""]
+            if rows
+            else ["It has no topic of its own.", ""]
+        )
         lines += _parameters(module)
     return "\n".join(lines).rstrip() + "\n"
 
 
 def _first_line(module: str) -> str:
-    return (ast.get_docstring(ast.parse(module_file(ROOT, module).read_text())) or "").split("\n\n")[0]
+    return (ast.get_docstring(ast.parse(module_file(ROOT, module).read_text())) or "").split(
+        "\n\n"
+    )[0]
 
 
 def _parameters(module: str) -> List[str]:
     """The dataclass that the node reads its parameters into (``node.parameters(...)``)."""
     for name in [module, *ros_modules(ROOT, module)]:
         for node in ast.walk(ast.parse(module_file(ROOT, name).read_text())):
-            if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "parameters" and node.args:
+            if (
+                isinstance(node, ast.Call)
+                and getattr(node.func, "attr", "") == "parameters"
+                and node.args
+            ):
                 cls = getattr(importlib.import_module(name), node.args[0].id)
-                rows = [f"| `~{k}` | `{kind}` | {default} | {_cell(note)} |" for k, kind, default, note in fields(cls)]
-                return ["| parameter | type | default | |", "|---|---|---|---|", *rows, ""] if rows else []
+                rows = [
+                    f"| `~{k}` | `{kind}` | {default} | {_cell(note)} |"
+                    for k, kind, default, note in fields(cls)
+                ]
+                return (
+                    ["| parameter | type | default | |", "|---|---|---|---|", *rows, ""]
+                    if rows
+                    else []
+                )
     return []
 
 
 def fields(cls, above: str = "") -> List[Tuple[str, str, str, str]]:
     """Name, type, default and the comment beside it, nested ones with their path."""
-    notes, types, found = _written(cls, r"[^\n]*?  # (?!noqa|type:)([^\n]+)$"), _written(cls, r"([^=#\n]+)"), []
+    notes, types, found = notes_of(cls), _written(cls, r"([^=#\n]+)"), []
     for f in dataclasses.fields(cls):
         default = f.default
         if default is dataclasses.MISSING and f.default_factory is not dataclasses.MISSING:
@@ -189,7 +227,9 @@ def fields(cls, above: str = "") -> List[Tuple[str, str, str, str]]:
             found += fields(type(default), f"{above}{f.name}/")
             continue
         shown = "must be given" if default is dataclasses.MISSING else f"`{_shown(default)}`"
-        found.append((above + f.name, types.get(f.name, "").strip(), _tidy(shown), notes.get(f.name, "")))
+        found.append(
+            (above + f.name, types.get(f.name, "").strip(), _tidy(shown), notes.get(f.name, ""))
+        )
     return found
 
 
@@ -206,12 +246,18 @@ def _written(cls, what: str) -> Dict[str, str]:
     return dict(re.findall(rf"^    (\w+): {what}", source, re.M))
 
 
-# ---- packages ----------------------------------------------------------------------------------------------------
+# ---- packages ------------------------------------------------------------------------------------
 
 
 def packages_page() -> str:
     """docs/reference/packages.md."""
-    lines = [_HEAD, "# Packages", "", "Every folder of Python modules, by the first sentence of its `__init__.py`.", ""]
+    lines = [
+        _HEAD,
+        "# Packages",
+        "",
+        "Every folder of Python modules, by the first sentence of its `__init__.py`.",
+        "",
+    ]
     for top in sorted(ROOT.glob("src/fcsv_*/src/fcsv_*")):
         lines += [f"## {top.name}", "", _folder_is(top), ""]
         rooms = sorted(f.parent for f in top.rglob("*/__init__.py"))
@@ -227,12 +273,18 @@ def _folder_is(folder: Path) -> str:
     return _sentence(text.split("\n\n")[0])
 
 
-# ---- launch files ------------------------------------------------------------------------------------------------
+# ---- launch files --------------------------------------------------------------------------------
 
 
 def launch_page() -> str:
     """docs/reference/launch.md."""
-    lines = [_HEAD, "# Launch files", "", "Of `fcsv_bringup`, for roslaunch, with arguments `NAME:=VALUE`.", ""]
+    lines = [
+        _HEAD,
+        "# Launch files",
+        "",
+        "Of `fcsv_bringup`, for roslaunch, with arguments `NAME:=VALUE`.",
+        "",
+    ]
     for path in sorted((ROOT / "launch").rglob("*.launch")):
         name, text = path.relative_to(ROOT / "launch"), path.read_text()
         lines += [f"## {name}", ""]
@@ -244,8 +296,12 @@ def launch_page() -> str:
         for arg in xml.fromstring(text).findall("arg"):
             if arg.get("value") is None:
                 default = arg.get("default")
-                shown = "must be given" if default is None else f"`{default}`" if default else "empty"
-                rows.append(f"| `{arg.get('name')}` | {_cell(shown)} | {_cell(arg.get('doc') or '')} |")
+                shown = (
+                    "must be given" if default is None else f"`{default}`" if default else "empty"
+                )
+                rows.append(
+                    f"| `{arg.get('name')}` | {_cell(shown)} | {_cell(arg.get('doc') or '')} |"
+                )
         lines += ["| argument | default | |", "|---|---|---|", *rows, ""] if rows else []
     return "\n".join(lines).rstrip() + "\n"
 
@@ -259,7 +315,7 @@ def _words_and_commands(lines: List[str]) -> List[str]:
     return found
 
 
-# ---- writing -----------------------------------------------------------------------------------------------------
+# ---- writing -------------------------------------------------------------------------------------
 
 
 def _sentence(text: str) -> str:
@@ -282,8 +338,11 @@ def pages() -> Dict[str, str]:
     commands = {path: parser for path, parser in parsers.items() if parser is not None}
     nodes = [p for p, parser in parsers.items() if parser is None]
     return {
-        "commands.md": commands_page(commands), "nodes.md": nodes_page(nodes), "packages.md": packages_page(),
-        "launch.md": launch_page(), "files.md": files_page.page(_HEAD),
+        "commands.md": commands_page(commands),
+        "nodes.md": nodes_page(nodes),
+        "packages.md": packages_page(),
+        "launch.md": launch_page(),
+        "files.md": files_page.page(_HEAD),
     }
 
 
@@ -299,7 +358,9 @@ def main(write: Callable[[Path, str], None] = lambda path, text: path.write_text
             if not checks:
                 write(path, text)
     for path in stale:
-        print(f"{path.relative_to(ROOT)}: {'is not as the code has it: tools/run reference' if checks else 'written'}")
+        print(
+            f"{path.relative_to(ROOT)}: {'is not as the code has it: tools/run reference' if checks else 'written'}"
+        )
     return int(checks and bool(stale))
 
 

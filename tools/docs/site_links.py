@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""mkdocs' hooks: the pages above docs/ are in the site too, and links to files that are no pages become words."""
+"""mkdocs' hooks: the pages above docs/ are in the site too, and links to files that are no pages
+become words."""
 
 import os
 import re
@@ -7,7 +8,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Pages of the checkout outside docs/, by their name in the site.
-ABOVE = {"start.md": "README.md", "changes.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}
+ABOVE = {
+    "start.md": "README.md",
+    "changes.md": "CHANGELOG.md",
+    "contributing.md": "CONTRIBUTING.md",
+}
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 
 
@@ -28,7 +33,8 @@ def on_page_markdown(markdown, page, config, files):
 
 
 def link(match, folder: Path, site_folder: str) -> str:
-    """One link of a page that lies in ``folder`` of the checkout and in ``site_folder`` of the site."""
+    """One link of a page that lies in ``folder`` of the checkout and in ``site_folder`` of the
+    site."""
     mark, words, target = match.groups()
     path, hash_, fragment = target.partition("#")
     if not path or re.match(r"[a-z]+:", target):

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Prepare this machine for the field: systemd units, clock (chrony), firewall (nftables), ROS_IP.
 
-Without --apply it shows what it would write and run, and changes nothing. Files that it did not write it leaves alone.
+Without --apply it shows what it would write and run, and changes nothing. Files that it did not
+write it leaves alone.
 """
 
 import argparse
@@ -37,18 +38,39 @@ PROGRAMS = {"nft": "nftables", "chronyd": "chrony", "systemctl": "systemd"}
 def arguments(argv) -> argparse.Namespace:
     user = os.environ.get("SUDO_USER") or getpass.getuser()
     parser = argparse.ArgumentParser(prog="install_vehicle.sh", description=__doc__)
-    parser.add_argument("--role", help="control, or this vehicle's name (config/vehicles/NAME.yaml)")
-    parser.add_argument("--radio", default="wlan0", help="network interface of the radio (default %(default)s)")
+    parser.add_argument(
+        "--role", help="control, or this vehicle's name (config/vehicles/NAME.yaml)"
+    )
+    parser.add_argument(
+        "--radio", default="wlan0", help="network interface of the radio (default %(default)s)"
+    )
     parser.add_argument("--peers", default="", help="the other machines: NAME=HOST:PORT,...")
-    parser.add_argument("--port", type=int, default=7447, help="of this machine's relay; it uses the next one too")
-    parser.add_argument("--keys", help="folder of this machine's keys (default ~/fcsv-keys of the user)")
+    parser.add_argument(
+        "--port", type=int, default=7447, help="of this machine's relay; it uses the next one too"
+    )
+    parser.add_argument(
+        "--keys", help="folder of this machine's keys (default ~/fcsv-keys of the user)"
+    )
     parser.add_argument("--user", default=user, help="who runs it (default %(default)s)")
     parser.add_argument("--record-dir", help="where bags go (default ~/fcsv/session of the user)")
-    parser.add_argument("--mission", default="", help="control only: start by itself with this mission file")
-    parser.add_argument("--ssh", action="store_true", help="leave port 22 open on the radio, to copy keys and bags")
-    parser.add_argument("--install-space", default="", metavar="PREFIX", help="start from it, not from devel/")
-    parser.add_argument("--launch", action="append", default=[], help="NAME:=VALUE for roslaunch, as often as needed")
-    parser.add_argument("--root", default="/", help="write below this folder and run nothing (for images and tests)")
+    parser.add_argument(
+        "--mission", default="", help="control only: start by itself with this mission file"
+    )
+    parser.add_argument(
+        "--ssh", action="store_true", help="leave port 22 open on the radio, to copy keys and bags"
+    )
+    parser.add_argument(
+        "--install-space", default="", metavar="PREFIX", help="start from it, not from devel/"
+    )
+    parser.add_argument(
+        "--launch",
+        action="append",
+        default=[],
+        help="NAME:=VALUE for roslaunch, as often as needed",
+    )
+    parser.add_argument(
+        "--root", default="/", help="write below this folder and run nothing (for images and tests)"
+    )
     parser.add_argument("--uninstall", action="store_true", help="take away what was written")
     parser.add_argument("--apply", action="store_true", help="do it; without, only show it")
     return parser.parse_args(argv)
@@ -58,7 +80,9 @@ def came_by_ssh() -> bool:
     """Whether an sshd is among the parents of this process; sudo hides SSH_CONNECTION."""
     process = os.getpid()
     while process > 1:
-        status = dict(line.split(":", 1) for line in Path(f"/proc/{process}/status").read_text().splitlines())
+        status = dict(
+            line.split(":", 1) for line in Path(f"/proc/{process}/status").read_text().splitlines()
+        )
         if status["Name"].strip().startswith("sshd"):
             return True
         process = int(status["PPid"])
@@ -69,22 +93,37 @@ def plan_of(given: argparse.Namespace) -> Plan:
     if not given.role:
         raise InstallError("--role is missing: control, or this vehicle's name")
     if given.apply and given.root == "/" and not given.ssh and came_by_ssh():
-        raise InstallError("you came by ssh, which this would close on the radio; add --ssh, or sit down at it")
+        raise InstallError(
+            "you came by ssh, which this would close on the radio; add --ssh, or sit down at it"
+        )
     home = os.path.expanduser(f"~{given.user}")
     if home.startswith("~"):
         raise InstallError(f"--user '{given.user}' is unknown on this machine")
     space = os.path.abspath(given.install_space) if given.install_space else ""
     if space and not (Path(space) / "setup.bash").is_file():
-        raise InstallError(f"--install-space {space}: holds no setup.bash; make it with `cmake --install build`")
+        raise InstallError(
+            f"--install-space {space}: holds no setup.bash; make it with `cmake --install build`"
+        )
     config = Path(space) / "share/fcsv_bringup/config" if space else WORKSPACE / "config"
     vehicle = config / "vehicles" / f"{given.role}.yaml"
     if given.role != "control" and given.role.isidentifier() and not vehicle.is_file():
-        raise InstallError(f"--role '{given.role}': {vehicle} is missing; where camera and tag sit stands there")
+        raise InstallError(
+            f"--role '{given.role}': {vehicle} is missing; where camera and tag sit stands there"
+        )
     return Plan(
-        given.role, given.radio, parse_peers(given.peers), given.port, str(WORKSPACE), given.user,
-        given.keys or f"{home}/fcsv-keys", given.record_dir or f"{home}/fcsv/session", given.ssh, given.mission,
-        tuple(given.launch), space,
-    )  # fmt: skip
+        given.role,
+        given.radio,
+        parse_peers(given.peers),
+        given.port,
+        str(WORKSPACE),
+        given.user,
+        given.keys or f"{home}/fcsv-keys",
+        given.record_dir or f"{home}/fcsv/session",
+        given.ssh,
+        given.mission,
+        tuple(given.launch),
+        space,
+    )
 
 
 def radio_missing(radio: str) -> str:
@@ -94,7 +133,8 @@ def radio_missing(radio: str) -> str:
 
 
 def changes(wanted: Dict[str, str], root: Path) -> Dict[Path, Optional[str]]:
-    """Path to new text, or None where a file goes; only what differs from what is there. Raises InstallError."""
+    """Path to new text, or None where a file goes; only what differs from what is there. Raises
+    InstallError."""
     out: Dict[Path, Optional[str]] = {}
     for name in ALL_FILES:
         path, text = root / name[1:], wanted.get(name)
@@ -119,7 +159,13 @@ def show(todo: Dict[Path, Optional[str]]) -> None:
         if text is None:
             print(f"--- {path}: is taken away")
         else:
-            print("\n".join(difflib.unified_diff(there, text.splitlines(), f"{path} (now)", str(path), lineterm="")))
+            print(
+                "\n".join(
+                    difflib.unified_diff(
+                        there, text.splitlines(), f"{path} (now)", str(path), lineterm=""
+                    )
+                )
+            )
 
 
 def write(path: Path, text: Optional[str]) -> None:
@@ -137,10 +183,17 @@ def commands(wanted: Dict[str, str], plan: Optional[Plan]) -> List[List[str]]:
     """What is run once the files are as they should be."""
     if not wanted:
         return [["systemctl", "daemon-reload"], ["systemctl", "restart", "chrony"]]
-    out = [["systemctl", "daemon-reload"], ["systemctl", "enable", FIREWALL], ["systemctl", "restart", FIREWALL],
-           ["systemctl", "restart", "chrony"], ["modprobe", "tcp_bbr"],
-           ["sysctl", "-q", "-p", "/etc/sysctl.d/90-fcsv.conf"]]  # fmt: skip
-    return out + ([["systemctl", "enable", SERVICE]] if plan is not None and plan.starts_by_itself else [])
+    out = [
+        ["systemctl", "daemon-reload"],
+        ["systemctl", "enable", FIREWALL],
+        ["systemctl", "restart", FIREWALL],
+        ["systemctl", "restart", "chrony"],
+        ["modprobe", "tcp_bbr"],
+        ["sysctl", "-q", "-p", "/etc/sysctl.d/90-fcsv.conf"],
+    ]
+    return out + (
+        [["systemctl", "enable", SERVICE]] if plan is not None and plan.starts_by_itself else []
+    )
 
 
 def before(wanted: Dict[str, str], root: Path) -> List[List[str]]:
@@ -175,7 +228,11 @@ def main(argv=None) -> int:
             show(todo)
             for step in [*stops, *starts] if todo else []:
                 print("+ " + " ".join(step))
-            print(f"nothing was changed: {len(todo)} files would be; add --apply" if todo else "nothing is to be done")
+            print(
+                f"nothing was changed: {len(todo)} files would be; add --apply"
+                if todo
+                else "nothing is to be done"
+            )
             if alone and plan is not None and radio_missing(plan.radio):
                 print(f"with --apply it would be refused: {radio_missing(plan.radio)}")
             return 0
@@ -183,9 +240,15 @@ def main(argv=None) -> int:
             raise InstallError("--apply needs root: use sudo")
         if alone and plan is not None and radio_missing(plan.radio):
             raise InstallError(radio_missing(plan.radio))
-        missing = [package for program, package in PROGRAMS.items() if alone and wanted and not shutil.which(program)]
+        missing = [
+            package
+            for program, package in PROGRAMS.items()
+            if alone and wanted and not shutil.which(program)
+        ]
         if missing:
-            raise InstallError(f"missing: {', '.join(missing)}; `apt-get install {' '.join(missing)}` first")
+            raise InstallError(
+                f"missing: {', '.join(missing)}; `apt-get install {' '.join(missing)}` first"
+            )
         perform(stops)
         for path, text in todo.items():
             write(path, text)

@@ -21,7 +21,8 @@ class InstallError(Exception):
 
 @dataclass(frozen=True)
 class Plan:
-    """What this machine is to be. ``peers``: NAME to (host, port); ``port``: of the relay, which takes the next too."""
+    """What this machine is to be. ``peers``: NAME to (host, port); ``port``: of the relay, which
+    takes the next too."""
 
     role: str
     radio: str
@@ -38,22 +39,34 @@ class Plan:
 
     def __post_init__(self):
         if not self.role.isidentifier() or self.role == "fleet":
-            raise InstallError(f"--role '{self.role}': give control or a vehicle's name, of letters, digits and _")
+            raise InstallError(
+                f"--role '{self.role}': give control or a vehicle's name, of letters, digits and _"
+            )
         if not _INTERFACE.fullmatch(self.radio) or self.radio == "lo":
-            raise InstallError(f"--radio '{self.radio}' is no network interface; `ip link` lists them")
+            raise InstallError(
+                f"--radio '{self.radio}' is no network interface; `ip link` lists them"
+            )
         if not 1024 <= self.port < 65535:
-            raise InstallError(f"--port {self.port}: must be in 1024..65534; the relay uses it and the one after it")
+            raise InstallError(
+                f"--port {self.port}: must be in 1024..65534; the relay uses it and the one after it"
+            )
         if self.role in self.peers:
             raise InstallError(f"--peers names {self.role}, which is this machine; give the others")
         if self.role != CONTROL and CONTROL not in self.peers:
-            raise InstallError("--peers must name the control PC: control=HOST:PORT,...; its clock is everybody's")
+            raise InstallError(
+                "--peers must name the control PC: control=HOST:PORT,...; its clock is everybody's"
+            )
         for entry in self.launch:
             if not _LAUNCH.fullmatch(entry):
-                raise InstallError(f"--launch '{entry}': write NAME:=VALUE, as for roslaunch, without blanks or quotes")
+                raise InstallError(
+                    f"--launch '{entry}': write NAME:=VALUE, as for roslaunch, without blanks or quotes"
+                )
         for option in ("workspace", "user", "keys", "record_dir", "mission", "install_space"):
             value = getattr(self, option)
             if value and not _WORD.fullmatch(value):
-                raise InstallError(f"--{option.replace('_', '-')} '{value}': blanks and quotes cannot stand in a unit")
+                raise InstallError(
+                    f"--{option.replace('_', '-')} '{value}': blanks and quotes cannot stand in a unit"
+                )
 
     @property
     def environment(self) -> str:
@@ -87,24 +100,30 @@ def files(plan: Plan) -> Dict[str, str]:
         f"/etc/systemd/system/{FIREWALL}": _firewall_unit(),
         "/etc/chrony/fcsv.conf": clock(plan),
         "/etc/sysctl.d/90-fcsv.conf": f"# {MARK}\n# pictures over a radio that loses packets: docs/user/radio.md\n"
-                                      "net.ipv4.tcp_congestion_control = bbr\n",
+        "net.ipv4.tcp_congestion_control = bbr\n",
         "/etc/modules-load.d/fcsv.conf": f"# {MARK}\ntcp_bbr\n",
         "/etc/profile.d/fcsv.sh": f"# {MARK}\n# ROS stays on this machine; topics cross by the relay\n"
-                                  "export ROS_IP=127.0.0.1 ROS_MASTER_URI=http://127.0.0.1:11311\nunset ROS_HOSTNAME\n",
-    }  # fmt: skip
+        "export ROS_IP=127.0.0.1 ROS_MASTER_URI=http://127.0.0.1:11311\nunset ROS_HOSTNAME\n",
+    }
     if plan.starts_by_itself:
         out[f"/etc/systemd/system/{SERVICE}"] = _service(plan)
     return out
 
 
 ALL_FILES = (
-    "/etc/fcsv/nftables.nft", f"/etc/systemd/system/{FIREWALL}", f"/etc/systemd/system/{SERVICE}",
-    "/etc/chrony/fcsv.conf", "/etc/sysctl.d/90-fcsv.conf", "/etc/modules-load.d/fcsv.conf", "/etc/profile.d/fcsv.sh",
-)  # fmt: skip
+    "/etc/fcsv/nftables.nft",
+    f"/etc/systemd/system/{FIREWALL}",
+    f"/etc/systemd/system/{SERVICE}",
+    "/etc/chrony/fcsv.conf",
+    "/etc/sysctl.d/90-fcsv.conf",
+    "/etc/modules-load.d/fcsv.conf",
+    "/etc/profile.d/fcsv.sh",
+)
 
 
 def firewall(plan: Plan) -> str:
-    """nftables: on the radio only the relay is open, and the control PC's clock. Other interfaces stay as they are."""
+    """nftables: on the radio only the relay is open, and the control PC's clock. Other interfaces
+    stay as they are."""
     more = ["    tcp dport 22 accept"] if plan.ssh else []
     more += ["    udp dport 123 accept  # chrony"] if plan.role == CONTROL else []
     extra = "".join(line + "\n" for line in more)
@@ -133,7 +152,8 @@ table inet fcsv {{
 
 
 def clock(plan: Plan) -> str:
-    """chrony: vehicles follow the control PC, which serves its own time where nobody gives it a better one."""
+    """chrony: vehicles follow the control PC, which serves its own time where nobody gives it a
+    better one."""
     if plan.role == CONTROL:
         nets = sorted({n for n in map(_net, (host for host, _ in plan.peers.values())) if n})
         allow = "".join(f"allow {net}\n" for net in nets) or "allow\n"
@@ -176,9 +196,21 @@ WantedBy=sysinit.target
 def launch_command(plan: Plan) -> List[str]:
     """As one would type it."""
     peers = ",".join(f"{name}={host}:{port}" for name, (host, port) in plan.peers.items())
-    link = [f"listen:=0.0.0.0:{plan.port}", f"peers:={peers}", f"keys:={plan.keys}", f"record_dir:={plan.record_dir}"]
+    link = [
+        f"listen:=0.0.0.0:{plan.port}",
+        f"peers:={peers}",
+        f"keys:={plan.keys}",
+        f"record_dir:={plan.record_dir}",
+    ]
     if plan.role == CONTROL:
-        return ["roslaunch", "fcsv_bringup", "control.launch", f"mission:={plan.mission}", *link, *plan.launch]
+        return [
+            "roslaunch",
+            "fcsv_bringup",
+            "control.launch",
+            f"mission:={plan.mission}",
+            *link,
+            *plan.launch,
+        ]
     return ["roslaunch", "fcsv_bringup", "uav.launch", f"uav:={plan.role}", *link, *plan.launch]
 
 
@@ -211,6 +243,8 @@ WantedBy=multi-user.target
 def chrony_conf(text: str, wanted: bool) -> str:
     """chrony's own file with our line (Ubuntu 20.04 reads no conf.d), or without it."""
     mark = f"{_CHRONY_LINE}  # {MARK}"
-    lines = [line for line in text.splitlines() if line.strip() not in (_CHRONY_LINE, f"# {MARK}:", mark)]
+    lines = [
+        line for line in text.splitlines() if line.strip() not in (_CHRONY_LINE, f"# {MARK}:", mark)
+    ]
     ours = [f"# {MARK}:", _CHRONY_LINE] if wanted else []
     return "\n".join(lines + ours) + "\n"

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""make study: chapter 3 of the thesis again on the simulated town; docs/lab/study.md and docs/pictures/study/."""
+"""make study: chapter 3 of the thesis again on the simulated town; docs/lab/study.md and
+docs/pictures/study/."""
 
 import argparse
 import os
@@ -23,10 +24,18 @@ from tilt import tilt
 from fcsv_geometry.errors import FcsvError
 
 SECTIONS = {
-    "growing": growing, "house": house, "trimming": trimming, "axes": axes, "tilt": tilt, "at_once": at_once,
-    "rectification": rectification, "interest": interest, "nearest": nearest,
-    "seams": seams, "sweeps": sweeps,
-}  # fmt: skip
+    "growing": growing,
+    "house": house,
+    "trimming": trimming,
+    "axes": axes,
+    "tilt": tilt,
+    "at_once": at_once,
+    "rectification": rectification,
+    "interest": interest,
+    "nearest": nearest,
+    "seams": seams,
+    "sweeps": sweeps,
+}
 
 
 def main() -> int:
@@ -45,7 +54,9 @@ def main() -> int:
     )
     try:
         if args.demo and not (Path(args.demo) / "map" / "report.json").is_file():
-            raise FcsvError(f"{args.demo}: holds no map/report.json; give the folder that make demo left")
+            raise FcsvError(
+                f"{args.demo}: holds no map/report.json; give the folder that make demo left"
+            )
         for name, section in SECTIONS.items():
             if not args.only or name in args.only:
                 print(f"[{time.perf_counter() - started:6.1f} s] {name}", flush=True)
@@ -56,7 +67,9 @@ def main() -> int:
         print(f"study: {error}", file=sys.stderr)
         return 2
     page.write()
-    print(f"[{time.perf_counter() - started:6.1f} s] wrote {args.out} and pictures to {args.pictures}")
+    print(
+        f"[{time.perf_counter() - started:6.1f} s] wrote {args.out} and pictures to {args.pictures}"
+    )
     return 0
 
 
@@ -64,8 +77,15 @@ def _arguments():
     parser = argparse.ArgumentParser(prog="study", description=__doc__)
     parser.add_argument("--out", default="docs/lab/study.md")
     parser.add_argument("--pictures", default="docs/pictures/study")
-    parser.add_argument("--demo", metavar="FOLDER", help="what a make demo left: its clock goes into the headline")
-    parser.add_argument("--only", nargs="+", choices=[*SECTIONS, "headline"], help="some sections (give another --out)")
+    parser.add_argument(
+        "--demo", metavar="FOLDER", help="what a make demo left: its clock goes into the headline"
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        choices=[*SECTIONS, "headline"],
+        help="some sections (give another --out)",
+    )
     return parser.parse_args()
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One baseline at a time: range and row spacing (figures 3.1 to 3.3), error against equation 2.12 (3.4 to 3.6)."""
+"""One baseline at a time: range and row spacing (figures 3.1 to 3.3), error against equation 2.12
+(3.4 to 3.6)."""
 
 import matplotlib.pyplot as plt
 import methods
@@ -25,29 +26,53 @@ def growing(page: Page) -> None:
         given, truth = scene.given([Shot("horizontal", b)])
         pictures.append(given.configurations[0].others[0].image)
         for name in methods.names():
-            depth = methods.run(name, given, ThesisOptions(window=_WINDOW, threshold=methods.UNTRIMMED)).depth
+            depth = methods.run(
+                name, given, ThesisOptions(window=_WINDOW, threshold=methods.UNTRIMMED)
+            ).depth
             depths[name, b] = depth
             near, far = band(depth, truth, (0.0, 40.0)), band(depth, truth, (200.0, 400.0))
             spacing_m = _spacing(depth)
-            rows.append((
-                f"{b:g} m", name, f"{np.nanpercentile(depth, 99.5):.0f} m", f"{CAMERA.fx * b / 11:.0f} m",
-                "continuous" if spacing_m is None else metres(spacing_m),
-                metres(depth_error(_SPACING_AT_M, b, CAMERA.fx)), percent(near.within_10_percent),
-                percent(far.within_10_percent),
-            ))  # fmt: skip
-    page.text("## Growing baseline (figures 3.1 to 3.3)",
-              "One pair at a time, nothing trimmed, disparities of 11 to 256 px, poses exact. As the baseline grows, "
-              "the reach grows (11 px are f b / 11), the rows move closer together as 2.12 says for one pixel, and "
-              "near pixels are lost. This is the effective range of 3.1.")  # fmt: skip
-    head = ("baseline", "method", "reach (99.5 %)", "f b / 11 px", "rows apart at 100 m", "2.12, 1 px",
-            "0–40 m within 10 %", "200–400 m within 10 %")  # fmt: skip
+            rows.append(
+                (
+                    f"{b:g} m",
+                    name,
+                    f"{np.nanpercentile(depth, 99.5):.0f} m",
+                    f"{CAMERA.fx * b / 11:.0f} m",
+                    "continuous" if spacing_m is None else metres(spacing_m),
+                    metres(depth_error(_SPACING_AT_M, b, CAMERA.fx)),
+                    percent(near.within_10_percent),
+                    percent(far.within_10_percent),
+                )
+            )
+    page.text(
+        "## Growing baseline (figures 3.1 to 3.3)",
+        "One pair at a time, nothing trimmed, disparities of 11 to 256 px, poses exact. As the baseline grows, "
+        "the reach grows (11 px are f b / 11), the rows move closer together as 2.12 says for one pixel, and "
+        "near pixels are lost. This is the effective range of 3.1.",
+    )
+    head = (
+        "baseline",
+        "method",
+        "reach (99.5 %)",
+        "f b / 11 px",
+        "rows apart at 100 m",
+        "2.12, 1 px",
+        "0–40 m within 10 %",
+        "200–400 m within 10 %",
+    )
     page.table(head, rows)
     titles = [f"{b:g} m" for b in baselines]
-    page.figure(panels(pictures, titles, 3), "3_1_pictures", "Pictures of the second camera, 3 to 8 m")
+    page.figure(
+        panels(pictures, titles, 3), "3_1_pictures", "Pictures of the second camera, 3 to 8 m"
+    )
     for name in methods.names():
         shown = [depths[name, b] for b in baselines]
         page.figure(panels(shown, titles, 3), f"3_2_depth_{name}", f"Depth by baseline, {name}")
-        page.figure(_above(shown, titles), f"3_3_above_{name}", f"Points of each baseline from above, {name}")
+        page.figure(
+            _above(shown, titles),
+            f"3_3_above_{name}",
+            f"Points of each baseline from above, {name}",
+        )
 
 
 def house(page: Page) -> None:
@@ -58,22 +83,44 @@ def house(page: Page) -> None:
     for b in (1.0, 2.0, 3.0):
         given, truth = scene.given([Shot("horizontal", b)])
         for name in methods.names():
-            depth = methods.run(name, given, ThesisOptions(window=_WINDOW, threshold=methods.UNTRIMMED)).depth
+            depth = methods.run(
+                name, given, ThesisOptions(window=_WINDOW, threshold=methods.UNTRIMMED)
+            ).depth
             true, found = truth[rows_px, columns], depth[rows_px, columns]
             on_house = (true > 12.0) & (true < 32.0)
             known = on_house & np.isfinite(found)
             error, bound = np.abs(found - true)[known], depth_error(true[known], b, CAMERA.fx)
             drawn[name, b] = true[known], error
-            rows.append((
-                f"{b:g} m", name, percent(known.sum() / on_house.sum()), percent(float((error <= bound).mean())),
-                metres(float(np.median(error))), metres(float(np.median(bound))),
-                f"{np.median(error / bound):.2f}",
-            ))  # fmt: skip
-    page.text("## Error on a house against equation 2.12 (figures 3.4 to 3.6)",
-              "Every pixel of the house, poses exact. The bound is 2.12 for one pixel.")  # fmt: skip
-    page.table(("baseline", "method", "answered", "below the bound", "median error", "median bound",
-                "median of error / bound"), rows)  # fmt: skip
-    page.figure(_scatter(drawn), "3_6_error", "Error of each point over its distance; red: equation 2.12")
+            rows.append(
+                (
+                    f"{b:g} m",
+                    name,
+                    percent(known.sum() / on_house.sum()),
+                    percent(float((error <= bound).mean())),
+                    metres(float(np.median(error))),
+                    metres(float(np.median(bound))),
+                    f"{np.median(error / bound):.2f}",
+                )
+            )
+    page.text(
+        "## Error on a house against equation 2.12 (figures 3.4 to 3.6)",
+        "Every pixel of the house, poses exact. The bound is 2.12 for one pixel.",
+    )
+    page.table(
+        (
+            "baseline",
+            "method",
+            "answered",
+            "below the bound",
+            "median error",
+            "median bound",
+            "median of error / bound",
+        ),
+        rows,
+    )
+    page.figure(
+        _scatter(drawn), "3_6_error", "Error of each point over its distance; red: equation 2.12"
+    )
 
 
 def _spacing(depth: np.ndarray):
@@ -102,8 +149,13 @@ def _above(depths, titles):
 
 def _scatter(drawn):
     names, baselines = sorted({n for n, _ in drawn}, reverse=True), sorted({b for _, b in drawn})
-    figure, axes = plt.subplots(len(baselines), len(names), figsize=(5.5 * len(names), 2.4 * len(baselines)),
-                                squeeze=False, sharex=True)  # fmt: skip
+    figure, axes = plt.subplots(
+        len(baselines),
+        len(names),
+        figsize=(5.5 * len(names), 2.4 * len(baselines)),
+        squeeze=False,
+        sharex=True,
+    )
     for row, b in zip(axes, baselines):
         for ax, name in zip(row, names):
             true, error = drawn[name, b]

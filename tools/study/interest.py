@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Points of interest (figures 6.8 and 6.9) with the configurations of the outdoor experiment, on the town."""
+"""Points of interest (figures 6.8 and 6.9) with the configurations of the outdoor experiment, on
+the town."""
 
 import methods
 from page import Page, metres, percent
@@ -12,9 +13,10 @@ from fcsv_stereo.thesis.matchers import DisparityWindow
 
 #: In the town of seed 1: a gable end, trees of the gardens, and a wall with little texture.
 _POINTS = (
-    PointOfInterest("A (house)", 455, 340), PointOfInterest("B (trees)", 580, 262, 110, 30),
+    PointOfInterest("A (house)", 455, 340),
+    PointOfInterest("B (trees)", 580, 262, 110, 30),
     PointOfInterest("C (plain wall)", 430, 232),
-)  # fmt: skip
+)
 
 
 def interest(page: Page) -> None:
@@ -29,8 +31,16 @@ def interest(page: Page) -> None:
     for p in found:
         for s in p.samples:
             span = s.percentiles_m or [None] * 5
-            rows.append((p.poi.name, metres(p.truth_m), s.configuration, percent(s.match_rate), metres(span[2]),
-                         f"{metres(span[0])} to {metres(span[-1])}"))  # fmt: skip
+            rows.append(
+                (
+                    p.poi.name,
+                    metres(p.truth_m),
+                    s.configuration,
+                    percent(s.match_rate),
+                    metres(span[2]),
+                    f"{metres(span[0])} to {metres(span[-1])}",
+                )
+            )
     page.text(
         "## Points of interest (figures 6.8 and 6.9)",
         "The configurations of 6.7, method `thesis`, before trimming, at least 16 px, poses exact. The house (A) shows "

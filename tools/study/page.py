@@ -40,7 +40,8 @@ class Page:
             print("   ", " | ".join(row), flush=True)
 
     def figure(self, figure, name: str, words: str) -> None:
-        """Saved with a palette of 128 colours: a quarter of the size, and no difference to the eye."""
+        """Saved with a palette of 128 colours: a quarter of the size, and no difference to the
+        eye."""
         data = io.BytesIO()
         figure.savefig(data, format="png", dpi=72, bbox_inches="tight")
         plt.close(figure)
@@ -53,8 +54,15 @@ class Page:
         self.path.write_text("\n".join(self.lines).rstrip() + "\n")
 
 
-def panels(images: Sequence[np.ndarray], titles: Sequence[str], columns: int, limits=(8.0, 480.0), label="depth (m)"):
-    """Pictures (H,W,3) as they are, depth (H,W) in colour over ``limits`` (logarithmic), dark where there is none."""
+def panels(
+    images: Sequence[np.ndarray],
+    titles: Sequence[str],
+    columns: int,
+    limits=(8.0, 480.0),
+    label="depth (m)",
+):
+    """Pictures (H,W,3) as they are, depth (H,W) in colour over ``limits`` (logarithmic), dark where
+    there is none."""
     rows = int(np.ceil(len(images) / columns))
     size = (3.5 * columns, 2.8 * rows)
     figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")

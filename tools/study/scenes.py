@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rendered pictures of the simulated town with known depth; kept in memory for the run, nowhere on disk."""
+"""Rendered pictures of the simulated town with known depth; kept in memory for the run, nowhere on
+disk."""
 
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -41,7 +42,8 @@ class Shot:
 
 @dataclass(frozen=True)
 class Scatter:
-    """Standard deviations: where the vehicle stands (m, rad) and how wrong its pose is known (share of b, rad)."""
+    """Standard deviations: where the vehicle stands (m, rad) and how wrong its pose is known (share
+    of b, rad)."""
 
     place_m: float = 0.0
     attitude_rad: float = 0.0
@@ -70,7 +72,9 @@ class Scene:
             self._pictures[key] = self._renderer.render(self.T_world_home @ T_home_cam, CAMERA)
         return self._pictures[key]
 
-    def poses(self, shots: Sequence[Shot], scatter: Scatter, seed: int) -> Tuple[np.ndarray, List[Tuple]]:
+    def poses(
+        self, shots: Sequence[Shot], scatter: Scatter, seed: int
+    ) -> Tuple[np.ndarray, List[Tuple]]:
         """T_home_cam of the reference, and of each shot the true one and the prior."""
         random = np.random.default_rng([self.seed, seed])
         T_reference = _scattered(T_LEVEL, scatter, random)
@@ -85,7 +89,8 @@ class Scene:
     def given(
         self, shots: Sequence[Shot], scatter: Optional[Scatter] = None, seed: int = 0
     ) -> Tuple[MapInput, np.ndarray]:
-        """Input of a method, and the reference's true depth; without scatter every pose is exact."""
+        """Input of a method, and the reference's true depth; without scatter every pose is
+        exact."""
         T_reference, others = self.poses(shots, scatter or Scatter(), seed)
         image, depth = self.photograph(T_reference)
         reference = Picture("reference", "uav1", 0.0, image, CAMERA, T_reference)
@@ -99,7 +104,8 @@ class Scene:
 
 @lru_cache(maxsize=1)
 def city() -> Scene:
-    """The demo's standpoint: a field, the town behind it, hills; up to 400 m and more. One for the whole study."""
+    """The demo's standpoint: a field, the town behind it, hills; up to 400 m and more. One for the
+    whole study."""
     return Scene(1, transforms.from_xyz_yaw([1.0, 0.0, 8.0], 0.0))
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Confidence fusion against trimming (7.2): depths of four baselines put together in three ways, and their seams."""
+"""Confidence fusion against trimming (7.2): depths of four baselines put together in three ways,
+and their seams."""
 
 from typing import Sequence, Tuple
 
@@ -18,7 +19,8 @@ _TENTH = ErrorThreshold(0.1, True)
 _BASELINES_M = (2.0, 4.0, 6.0, 8.0)
 _MOST_M = 400.0
 _SEAM = 0.05  # of a trim point
-_SURFACE, _STEP = 0.01, 0.05  # of the depth: neighbours whose truth differs by less stand on one surface; a step
+# of the depth: neighbours whose truth differs by less stand on one surface; a step
+_SURFACE, _STEP = 0.01, 0.05
 _AGREE = 3.0  # standard deviations between two depths that may be averaged
 
 
@@ -30,32 +32,62 @@ def seams(page: Page) -> None:
     for words, scatter in (("exact", None), ("as flown", FLIGHT)):
         given, truth = city().given(shots, scatter)
         results = methods.run_all(given, ThesisOptions(window=_WINDOW))
-        weighted = by_confidence([p.depth for p in results["thesis"].pairs], _BASELINES_M, CAMERA.fx)
-        ways = {"trimmed (3.2)": results["thesis"].depth, "weighted by 2.12": weighted, "joint": results["joint"].depth}
+        weighted = by_confidence(
+            [p.depth for p in results["thesis"].pairs], _BASELINES_M, CAMERA.fx
+        )
+        ways = {
+            "trimmed (3.2)": results["thesis"].depth,
+            "weighted by 2.12": weighted,
+            "joint": results["joint"].depth,
+        }
         for name, depth in ways.items():
             whole, at = band(depth, truth, (0.0, _MOST_M)), near_ends(truth, ends_m)
             there = at_seams(depth, truth, at)
-            rows.append((words, name, percent(whole.within_10_percent), percent(whole.wrong_of_answered),
-                         *map(percent, there), percent(broken(depth, truth, ~at))))  # fmt: skip
+            rows.append(
+                (
+                    words,
+                    name,
+                    percent(whole.within_10_percent),
+                    percent(whole.wrong_of_answered),
+                    *map(percent, there),
+                    percent(broken(depth, truth, ~at)),
+                )
+            )
         shown += [] if scatter else list(ways.values())
         titles += [] if scatter else list(ways)
     ends = ", ".join(f"{m:.0f}" for m in ends_m)
-    page.text("## Confidence against trimming (7.2)",
-              f"The thesis trims each baseline at its range (here at {ends} m) and asks for a confidence of each "
-              "point instead. *Weighted by 2.12*: depths of its matcher "
-              f"within {_AGREE:g} standard deviations of the surest, averaged by their inverse "
-              "variances (2.12 for one pixel). "
-              f"*At seams*: pixels whose truth is within {_SEAM:.0%} of a trim point. *Broken*: of neighbouring pixels "
-              f"with a depth that stand on one surface, those between which the map steps by {_STEP:.0%} and more.",
-              )  # fmt: skip
-    head = ("poses", "put together", "within 10 %", "wrong of answered", "at seams: covered", "within 10 %", "broken",
-            "broken elsewhere")  # fmt: skip
+    page.text(
+        "## Confidence against trimming (7.2)",
+        f"The thesis trims each baseline at its range (here at {ends} m) and asks for a confidence of each "
+        "point instead. *Weighted by 2.12*: depths of its matcher "
+        f"within {_AGREE:g} standard deviations of the surest, averaged by their inverse "
+        "variances (2.12 for one pixel). "
+        f"*At seams*: pixels whose truth is within {_SEAM:.0%} of a trim point. *Broken*: of neighbouring pixels "
+        f"with a depth that stand on one surface, those between which the map steps by {_STEP:.0%} and more.",
+    )
+    head = (
+        "poses",
+        "put together",
+        "within 10 %",
+        "wrong of answered",
+        "at seams: covered",
+        "within 10 %",
+        "broken",
+        "broken elsewhere",
+    )
     page.table(head, rows)
-    page.figure(panels(shown, titles, 3), "7_2_seams", "Four baselines trimmed, weighted, and joint; exact poses")
+    page.figure(
+        panels(shown, titles, 3),
+        "7_2_seams",
+        "Four baselines trimmed, weighted, and joint; exact poses",
+    )
 
 
-def by_confidence(depths: Sequence[np.ndarray], baselines_m: Sequence[float], focal_px: float) -> np.ndarray:
-    """(H, W) m: of untrimmed depths (H, W) of one view the mean of those that agree with the surest, by equation 2.12.
+def by_confidence(
+    depths: Sequence[np.ndarray], baselines_m: Sequence[float], focal_px: float
+) -> np.ndarray:
+    """(H, W) m: of untrimmed depths (H, W) of one view the mean of those that agree with the
+    surest, by equation 2.12.
 
     >>> by_confidence([np.array([[50.0, 9.0]]), np.array([[51.0, np.nan]])], (2.0, 4.0), 600.0).round(1).tolist()
     [[50.8, 9.0]]
@@ -80,14 +112,16 @@ def near_ends(truth: np.ndarray, ends_m: Sequence[float]) -> np.ndarray:
 
 
 def at_seams(depth: np.ndarray, truth: np.ndarray, at: np.ndarray) -> Tuple[float, float, float]:
-    """Shares of the pixels ``at`` (H, W; bool) that are covered and within 10 %, and of neighbours that are broken."""
+    """Shares of the pixels ``at`` (H, W; bool) that are covered and within 10 %, and of neighbours
+    that are broken."""
     with np.errstate(invalid="ignore"):
         right = np.abs(depth[at] / truth[at] - 1.0) <= 0.1
     return float(np.isfinite(depth[at]).mean()), float(right.mean()), broken(depth, truth, at)
 
 
 def broken(depth: np.ndarray, truth: np.ndarray, at: np.ndarray) -> float:
-    """Share of the neighbours on one surface, both ``at`` and with a depth, between which the depth steps."""
+    """Share of the neighbours on one surface, both ``at`` and with a depth, between which the depth
+    steps."""
     count = steps = 0
     for axis in (0, 1):
         z, true, here = (np.moveaxis(a, axis, 0) for a in (depth, truth, at))

@@ -8,7 +8,7 @@ from fcsv_control.agent.messages import Ack
 from fcsv_control.flight_check.lines import Line
 from fcsv_geometry.vehicles.telemetry import MissionPhase
 
-# ---- requests -------------------------------------------------------------------------------------------------
+# ---- requests ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class StopCalled:
     reason: str
 
 
-# ---- messages -------------------------------------------------------------------------------------------------
+# ---- messages ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,8 @@ class MissionAlive:
 
 @dataclass(frozen=True)
 class MissionStatus(MissionPhase):
-    """Where the mission is; ``captured``: indices of configurations that are recorded, ``progress`` 0..1."""
+    """Where the mission is; ``captured``: indices of configurations that are recorded, ``progress``
+    0..1."""
 
     detail: str
     waits_for: str
@@ -139,6 +140,7 @@ class MissionStatus(MissionPhase):
 
 @dataclass(frozen=True)
 class FramesJudged:
-    """Whether calibration and home of before a restart count: the mission goes on by them, or begins anew."""
+    """Whether calibration and home of before a restart count: the mission goes on by them, or
+    begins anew."""
 
     count: bool

@@ -8,8 +8,8 @@ _WINDOW_S = 10.0
 
 
 class DiskWatch:
-    """``minutes_left`` is by the highest rate of this flight: between recordings little is written, which promises
-    too much."""
+    """``minutes_left`` is by the highest rate of this flight: between recordings little is written,
+    which promises too much."""
 
     def __init__(self, least_free_bytes: int):
         self._least_free_bytes = least_free_bytes
@@ -18,7 +18,8 @@ class DiskWatch:
         self._room_bytes = 0
 
     def see(self, now_s: float, written_bytes: int, free_bytes: int) -> None:
-        """Takes the counts at least every few seconds: bytes written since the start, bytes that are free."""
+        """Takes the counts at least every few seconds: bytes written since the start, bytes that
+        are free."""
         self._room_bytes = max(free_bytes - self._least_free_bytes, 0)
         self._seen.append((now_s, written_bytes))
         while len(self._seen) > 2 and now_s - self._seen[1][0] >= _WINDOW_S:

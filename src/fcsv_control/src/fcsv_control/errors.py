@@ -21,4 +21,5 @@ class SessionError(ControlError):
 
 
 class ProfileError(ControlError):
-    """A file of an autopilot's parameters is not what it should be; the message names file and line."""
+    """A file of an autopilot's parameters is not what it should be; the message names file and
+    line."""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collects the bags of a flight from its machines into one session folder; what decides, and rsync as the carrier.
+"""Collects the bags of a flight from its machines into one session folder; what decides, and rsync
+as the carrier.
 
 Nothing is removed from a machine. A transfer that was cut off goes on where it ended.
 """
@@ -18,7 +19,8 @@ from fcsv_geometry.bags.parts import part_number
 from fcsv_geometry.bags.repair import ACTIVE, KEPT, recording_of, repaired
 from fcsv_geometry.errors import BagError, ConfigError
 
-#: A machine that is switched off, or whose radio goes in the middle, ends the transfer and not the patience.
+#: A machine that is switched off, or whose radio goes in the middle, ends the transfer and not the
+#: patience.
 RSH = "ssh -o ConnectTimeout=10 -o ServerAliveInterval=5 -o ServerAliveCountMax=3"
 _PARTIAL = ".gathering"  # where rsync keeps what was transferred of a file so far
 _LISTED = re.compile(r"^-\S+\s+(?P<size>[\d,]+) \S+ \S+ (?P<name>.+)$")
@@ -57,7 +59,8 @@ def parse_source(text: str) -> Source:
 
 
 def bags_in(listing: str, machine: str) -> Dict[str, int]:
-    """Names and sizes of a machine's bags in what ``rsync --list-only`` says; those that were moved aside are not its.
+    """Names and sizes of a machine's bags in what ``rsync --list-only`` says; those that were moved
+    aside are not its.
 
     >>> bags_in("-rw-r--r--        1,234 2026/01/02 03:04:05 uav1.1.bag.active", "uav1")
     {'uav1.1.bag.active': 1234}
@@ -70,7 +73,8 @@ def bags_in(listing: str, machine: str) -> Dict[str, int]:
 
 
 class Gatherer:
-    """Gathers into ``folder``; ``rsh``: the remote shell's command. Raises SessionError where nothing can be."""
+    """Gathers into ``folder``; ``rsh``: the remote shell's command. Raises SessionError where
+    nothing can be."""
 
     def __init__(self, folder: Path, rsh: str = RSH):
         if shutil.which("rsync") is None:
@@ -88,32 +92,54 @@ class Gatherer:
             return {}
         found = bags_in(listing, source.machine)
         if not found:
-            self.gathered.problems.append(f"{source.machine}: there is no {source.machine}.bag in {source.place}")
+            self.gathered.problems.append(
+                f"{source.machine}: there is no {source.machine}.bag in {source.place}"
+            )
         return found
 
     def lacking(self, there: Dict[str, int]) -> Dict[str, int]:
         """Those of a machine's bags that are not here yet, whole or as the original of a repair."""
-        return {n: size for n, size in there.items() if size not in (self._size(n), self._size(_original(n)))}
+        return {
+            n: size
+            for n, size in there.items()
+            if size not in (self._size(n), self._size(_original(n)))
+        }
 
     def require_room(self, sizes: Dict[str, int]) -> None:
         """Raises SessionError where the disk has less than these bags need."""
-        need = sum(max(size - (self._size(f"{_PARTIAL}/{n}") or 0), 0) for n, size in sizes.items()) + _SPARE_BYTES
+        need = (
+            sum(max(size - (self._size(f"{_PARTIAL}/{n}") or 0), 0) for n, size in sizes.items())
+            + _SPARE_BYTES
+        )
         free = shutil.disk_usage(self.folder).free
         if need > free:
-            raise SessionError(f"{self.folder}: {need >> 20} MiB are needed, {free >> 20} are free; make room first")
+            raise SessionError(
+                f"{self.folder}: {need >> 20} MiB are needed, {free >> 20} are free; make room first"
+            )
 
     def fetch(self, source: Source, there: Dict[str, int], told: Told) -> None:
-        """Transfer, compare by checksum, repair what was not closed. ``told``: bytes that have come."""
+        """Transfer, compare by checksum, repair what was not closed. ``told``: bytes that have
+        come."""
         wanted = self.lacking(there)
         try:
             if wanted:
-                options = ["--times", "--no-whole-file", f"--partial-dir={_PARTIAL}", "--info=progress2", "--no-h"]
+                options = [
+                    "--times",
+                    "--no-whole-file",
+                    f"--partial-dir={_PARTIAL}",
+                    "--info=progress2",
+                    "--no-h",
+                ]
                 self._rsync(*options, *self._these(source, wanted), told=told)
-                differing = self._rsync("--checksum", "--dry-run", "--out-format=%n", *self._these(source, wanted))
+                differing = self._rsync(
+                    "--checksum", "--dry-run", "--out-format=%n", *self._these(source, wanted)
+                )
                 grown = [n for n in differing.splitlines() if n]
                 if grown:
                     names = ", ".join(grown)
-                    raise SessionError(f"{names} changed meanwhile: stop its recorder and gather again")
+                    raise SessionError(
+                        f"{names} changed meanwhile: stop its recorder and gather again"
+                    )
         except SessionError as error:
             self.gathered.problems.append(f"{source.machine}: {error}")
         self._set_aside(there)
@@ -121,15 +147,19 @@ class Gatherer:
             self._take(source.machine, name)
 
     def fetch_description(self, source: Source) -> None:
-        """What the control PC keeps beside its bag, where it does: session.yaml, and the events of its windows."""
+        """What the control PC keeps beside its bag, where it does: session.yaml, and the events of
+        its windows."""
         try:
             kept = (f"--include={name}" for name in _KEPT)
-            self._rsync("--times", *kept, "--exclude=*", "--recursive", source.place, str(self.folder) + "/")
+            self._rsync(
+                "--times", *kept, "--exclude=*", "--recursive", source.place, str(self.folder) + "/"
+            )
         except SessionError as error:
             self.gathered.problems.append(f"{source.machine}: {error}")
 
     def describe(self) -> Optional[Path]:
-        """session.yaml with every part that was found; names those that it lists and that are not here."""
+        """session.yaml with every part that was found; names those that it lists and that are not
+        here."""
         told = self.gathered
         try:
             session = config.load(self.folder / FILE, Session)
@@ -145,7 +175,7 @@ class Gatherer:
                     told.problems.append(f"{machine}: {bag} is missing; gather it from its machine")
         return save_session(self.folder, session)
 
-    # ---- parts of it --------------------------------------------------------------------------------------
+    # ---- parts of it -----------------------------------------------------------------------------
 
     def _take(self, machine: str, name: str) -> None:
         """A bag that has come: it can be read, or is repaired, or is a problem."""
@@ -160,7 +190,9 @@ class Gatherer:
             self.gathered.problems.append(f"{machine}: {error}")
             return
         if salvaged is not None:
-            self.gathered.problems.append(f"{machine}: {name} was not closed or is damaged: repaired, {salvaged}")
+            self.gathered.problems.append(
+                f"{machine}: {name} was not closed or is damaged: repaired, {salvaged}"
+            )
         self.gathered.bags.setdefault(machine, []).append(bag.name)
 
     def _set_aside(self, there: Dict[str, int]) -> None:
@@ -171,7 +203,13 @@ class Gatherer:
                 early.rename(early.with_name(early.name + ".early"))
 
     def _these(self, source: Source, names: Dict[str, int]) -> List[str]:
-        return ["--recursive", *(f"--include=/{n}" for n in names), "--exclude=*", source.place, str(self.folder) + "/"]
+        return [
+            "--recursive",
+            *(f"--include=/{n}" for n in names),
+            "--exclude=*",
+            source.place,
+            str(self.folder) + "/",
+        ]
 
     def _size(self, name: str) -> Optional[int]:
         path = self.folder / name
@@ -180,7 +218,9 @@ class Gatherer:
     def _rsync(self, *arguments: str, told: Optional[Told] = None) -> str:
         """Its output. Raises SessionError with its last words."""
         command = ["rsync", f"--rsh={self._rsh}", *arguments]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as process:
             try:
                 lines = []
                 for line in process.stdout:  # a line ends with \r too: text mode takes it as an end

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A process without its transport: messages and monotonic time in, messages out.
 
-A ROS node is an adapter of a port: it converts, subscribes, publishes. The rehearsal's bus is another one.
+A ROS node is an adapter of a port: it converts, subscribes, publishes. The rehearsal's bus is
+another one.
 """
 
 from typing import Protocol, Sequence
@@ -21,4 +22,5 @@ class ServingPort(Port, Protocol):
     """A port that also answers: a ROS service is asked, and its caller waits."""
 
     def serve(self, now_s: float, request: object) -> Sequence[object]:
-        """What is to be sent now, the Reply among it. Raises TypeError where the request's type is not known."""
+        """What is to be sent now, the Reply among it. Raises TypeError where the request's type is
+        not known."""

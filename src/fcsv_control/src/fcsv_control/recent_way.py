@@ -33,11 +33,15 @@ class RecentWay:
         if not self._way:
             return np.zeros(3)
         (early_s, p_then), (late_s, p_now) = self._way[0], self._way[-1]
-        return (p_now - p_then) / (late_s - early_s) if late_s - early_s > 0.5 * _WAY_S else np.zeros(3)
+        return (
+            (p_now - p_then) / (late_s - early_s)
+            if late_s - early_s > 0.5 * _WAY_S
+            else np.zeros(3)
+        )
 
     def rest(self, T_odom_body: np.ndarray) -> np.ndarray:
-        """Level T_odom_body where one that is here comes to rest: a place behind it would be overshot, and flown back
-        to."""
+        """Level T_odom_body where one that is here comes to rest: a place behind it would be
+        overshot, and flown back to."""
         v = self.velocity_mps()
         T_rest = transforms.level(T_odom_body)
         T_rest[:3, 3] += v * min(float(np.linalg.norm(v)) / (2.0 * _STOPS_MPS2), _LONGEST_STOP_S)

@@ -28,7 +28,8 @@ class Simulation:
 
 @dataclass(frozen=True)
 class Session:
-    """A session folder's description; ``bags`` maps a machine's name to its bag's file name in the folder."""
+    """A session folder's description; ``bags`` maps a machine's name to its bag's file name in the
+    folder."""
 
     created: str  # UTC, ISO 8601
     reference: str
@@ -36,27 +37,42 @@ class Session:
     bags: Dict[str, str]
     mission: Mission
     simulation: Optional[Simulation] = None
-    parts: Dict[str, List[str]] = field(default_factory=dict)  # of a machine's recording, after its first bag
+    # of a machine's recording, after its first bag
+    parts: Dict[str, List[str]] = field(default_factory=dict)
     version: int = VERSION
 
     def __post_init__(self):
         if self.version != VERSION:
-            raise ValueError(f"version: {self.version} is not known here; this reads version {VERSION}")
+            raise ValueError(
+                f"version: {self.version} is not known here; this reads version {VERSION}"
+            )
         if self.reference not in self.vehicles:
-            raise ValueError(f"reference: '{self.reference}' is not among the vehicles {', '.join(self.vehicles)}")
+            raise ValueError(
+                f"reference: '{self.reference}' is not among the vehicles {', '.join(self.vehicles)}"
+            )
         missing = [n for n in [*self.vehicles, "control"] if n not in self.bags]
         if missing:
             raise ValueError(f"bags: there is none for {', '.join(missing)}")
         unknown = [n for n in self.parts if n not in self.bags]
         if unknown:
             raise ValueError(f"parts: there is no bag of {unknown[0]} for them to follow")
-        outside = [b for bags in (self.bags.values(), *self.parts.values()) for b in bags if Path(b).name != b]
+        outside = [
+            b
+            for bags in (self.bags.values(), *self.parts.values())
+            for b in bags
+            if Path(b).name != b
+        ]
         if outside:
-            raise ValueError(f"bags: '{outside[0]}' is not a plain file name in the session's folder")
+            raise ValueError(
+                f"bags: '{outside[0]}' is not a plain file name in the session's folder"
+            )
 
 
-def new_session(mission: Mission, vehicles: List[str], created: str, seed: Optional[int] = None) -> Session:
-    """The description of a flight that begins: each machine writes NAME.bag. Raises MissionError."""
+def new_session(
+    mission: Mission, vehicles: List[str], created: str, seed: Optional[int] = None
+) -> Session:
+    """The description of a flight that begins: each machine writes NAME.bag. Raises
+    MissionError."""
     mission.check_vehicles(vehicles)
     bags = {name: f"{name}.bag" for name in [*vehicles, "control"]}
     simulation = None if seed is None else Simulation(seed)
@@ -80,7 +96,10 @@ def utc_now() -> str:
 
 def save_session(folder, session: Session) -> Path:
     """Write session.yaml, whole or not at all. Raises SessionError where the disk refuses."""
-    document: Dict[str, Any] = {"version": session.version, **_without_none(dataclasses.asdict(session))}
+    document: Dict[str, Any] = {
+        "version": session.version,
+        **_without_none(dataclasses.asdict(session)),
+    }
     if not session.parts:
         del document["parts"]
     path = Path(folder) / FILE
@@ -94,14 +113,22 @@ def save_session(folder, session: Session) -> Path:
 
 
 def load_session(folder) -> Session:
-    """A session folder's description, with all its bags there. Raises ConfigError or SessionError."""
+    """A session folder's description, with all its bags there. Raises ConfigError or
+    SessionError."""
     folder = Path(folder)
     session = config.load(folder / FILE, Session)
-    for name, bag in [*session.bags.items(), *((n, bag) for n, parts in session.parts.items() for bag in parts)]:
+    for name, bag in [
+        *session.bags.items(),
+        *((n, bag) for n, parts in session.parts.items() for bag in parts),
+    ]:
         if (folder / f"{bag}.active").exists():
-            raise SessionError(f"{folder / bag}.active: was not closed; run: rosrun fcsv_control repair_bag {folder}")
+            raise SessionError(
+                f"{folder / bag}.active: was not closed; run: rosrun fcsv_control repair_bag {folder}"
+            )
         if not (folder / bag).is_file():
-            raise SessionError(f"{folder / bag}: missing; copy the bag of {name} into the session's folder")
+            raise SessionError(
+                f"{folder / bag}: missing; copy the bag of {name} into the session's folder"
+            )
     return session
 
 

@@ -18,10 +18,12 @@ COEFFICIENTS = (4, 5, 8, 12, 14)  # so many distortion coefficients OpenCV takes
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """Intrinsics in pixels; ``distortion`` is k1, k2, p1, p2, k3, ... (OpenCV order), all zero for a pinhole.
+    """Intrinsics in pixels; ``distortion`` is k1, k2, p1, p2, k3, ... (OpenCV order), all zero for
+    a pinhole.
 
-    Raises GeometryError on non-finite values, a focal length that is not positive, an empty picture, or a number of
-    distortion coefficients that OpenCV does not take. Whether a reader's values are plausible: ``intrinsics``.
+    Raises GeometryError on non-finite values, a focal length that is not positive, an empty
+    picture, or a number of distortion coefficients that OpenCV does not take. Whether a reader's
+    values are plausible: ``intrinsics``.
     """
 
     width: int  # of the picture, px
@@ -30,7 +32,8 @@ class PinholeCamera:
     fy: float  # focal length across them, px
     cx: float  # principal point from the middle of the first pixel, px
     cy: float  # likewise
-    distortion: Tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1, k2, p1, p2, k3, ... as OpenCV has them
+    # k1, k2, p1, p2, k3, ... as OpenCV has them
+    distortion: Tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self):
         values = [self.fx, self.fy, self.cx, self.cy, *self.distortion]
@@ -42,10 +45,14 @@ class PinholeCamera:
             )
         if len(self.distortion) not in COEFFICIENTS:
             numbers = ", ".join(map(str, COEFFICIENTS))
-            raise GeometryError(f"camera has {len(self.distortion)} distortion coefficients, not one of {numbers}")
+            raise GeometryError(
+                f"camera has {len(self.distortion)} distortion coefficients, not one of {numbers}"
+            )
 
     @classmethod
-    def from_fov(cls, width: int, height: int, horizontal_fov_rad: float, distortion=(0.0,) * 5) -> "PinholeCamera":
+    def from_fov(
+        cls, width: int, height: int, horizontal_fov_rad: float, distortion=(0.0,) * 5
+    ) -> "PinholeCamera":
         """Square pixels, principal point in the middle.
 
         >>> round(PinholeCamera.from_fov(640, 480, np.radians(56)).fx, 1)
@@ -67,14 +74,17 @@ class PinholeCamera:
         """
         sx, sy = width / self.width, height / self.height
         cx, cy = (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
-        return replace(self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=cx, cy=cy)
+        return replace(
+            self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=cx, cy=cy
+        )
 
     def undistorted(self) -> "PinholeCamera":
         """The same camera without distortion: what the picture from undistort() belongs to."""
         return replace(self, distortion=(0.0,) * 5)
 
     def undistort(self, image: np.ndarray, interpolation: int = cv2.INTER_LINEAR) -> np.ndarray:
-        """The picture as the undistorted camera would have taken it; pixels without a source (``blank()``) are 0."""
+        """The picture as the undistorted camera would have taken it; pixels without a source
+        (``blank()``) are 0."""
         if not any(self.distortion):
             return image
         return (
@@ -84,7 +94,8 @@ class PinholeCamera:
         )
 
     def blank(self) -> Optional[np.ndarray]:
-        """HxW bool, read-only: pixels of the undistorted picture that the camera did not take; None where all are."""
+        """HxW bool, read-only: pixels of the undistorted picture that the camera did not take; None
+        where all are."""
         return _blank(replace(self, distortion=tuple(self.distortion)))
 
     def _undistort_maps(self):
@@ -97,7 +108,9 @@ class PinholeCamera:
         p_cam = np.asarray(p_cam, float).reshape(-1, 3)
         if not len(p_cam):
             return np.empty((0, 2))  # OpenCV gives nothing
-        uv, _ = cv2.projectPoints(p_cam, np.zeros(3), np.zeros(3), self.K, np.array(self.distortion))
+        uv, _ = cv2.projectPoints(
+            p_cam, np.zeros(3), np.zeros(3), self.K, np.array(self.distortion)
+        )
         uv = uv.reshape(-1, 2)
         uv[p_cam[:, 2] <= 0] = np.nan
         return uv
@@ -108,8 +121,8 @@ class PinholeCamera:
         return cv2.undistortPoints(uv, self.K, np.array(self.distortion)).reshape(-1, 2)
 
     def rays(self, step: int = 1, rows: slice = slice(None)) -> np.ndarray:
-        """Directions (height, width, 3), z = 1, optical frame, of every ``step``-th pixel's centre (distortion
-        included), of these only some ``rows``."""
+        """Directions (height, width, 3), z = 1, optical frame, of every ``step``-th pixel's centre
+        (distortion included), of these only some ``rows``."""
         across, down = (np.arange(0, n, step, dtype=float) for n in (self.width, self.height))
         u, v = np.meshgrid(across, down[rows])
         xy = self.normalize(np.stack([u, v], -1)).reshape(*u.shape, 2)

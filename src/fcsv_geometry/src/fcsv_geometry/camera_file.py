@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The YAML file of a camera's calibration, of camera_calibration_parsers: every ROS camera driver reads it."""
+"""The YAML file of a camera's calibration, of camera_calibration_parsers: every ROS camera driver
+reads it."""
 
 from pathlib import Path
 from typing import List, Optional, Tuple
@@ -12,15 +13,21 @@ from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.intrinsics import camera_of_matrix, model_of
 
 _SHAPES = {
-    "camera_matrix": (3, 3), "distortion_coefficients": (1, 5), "rectification_matrix": (3, 3),
+    "camera_matrix": (3, 3),
+    "distortion_coefficients": (1, 5),
+    "rectification_matrix": (3, 3),
     "projection_matrix": (3, 4),
-}  # fmt: skip
+}
 #: of the file; every one must be there
 KEYS = ("image_width", "image_height", "camera_name", "distortion_model", *_SHAPES)
 
 
 def write_camera(
-    path: Path, name: str, camera: PinholeCamera, R: Optional[np.ndarray] = None, P: Optional[np.ndarray] = None
+    path: Path,
+    name: str,
+    camera: PinholeCamera,
+    R: Optional[np.ndarray] = None,
+    P: Optional[np.ndarray] = None,
 ) -> None:
     """One camera; R (3,3) and P (3,4) of a rectified pair, by default those of a single camera."""
     distortion = camera.distortion if len(camera.distortion) > 5 else (*camera.distortion, 0.0)[:5]
@@ -30,12 +37,21 @@ def write_camera(
         "rectification_matrix": np.eye(3) if R is None else R,
         "projection_matrix": np.hstack([camera.K, np.zeros((3, 1))]) if P is None else P,
     }
-    lines = [f"image_width: {camera.width}", f"image_height: {camera.height}", f"camera_name: {name}"]
+    lines = [
+        f"image_width: {camera.width}",
+        f"image_height: {camera.height}",
+        f"camera_name: {name}",
+    ]
     for key, matrix in matrices.items():
         if key == "distortion_coefficients":
             lines.append(f"distortion_model: {model_of(distortion)}")
         values = ", ".join(repr(float(v)) for v in matrix.ravel())
-        lines += [f"{key}:", f"  rows: {matrix.shape[0]}", f"  cols: {matrix.shape[1]}", f"  data: [{values}]"]
+        lines += [
+            f"{key}:",
+            f"  rows: {matrix.shape[0]}",
+            f"  cols: {matrix.shape[1]}",
+            f"  data: [{values}]",
+        ]
     Path(path).write_text("\n".join(lines) + "\n")
 
 
@@ -55,7 +71,9 @@ def read_camera(path: Path) -> Tuple[str, PinholeCamera]:
         size = (int(document["image_width"]), int(document["image_height"]))
         camera = camera_of_matrix(*size, K.ravel(), D, str(document["distortion_model"]))
     except (TypeError, ValueError) as error:
-        raise config.ConfigError(f"{path}: image_width and image_height are no numbers ({error})") from error
+        raise config.ConfigError(
+            f"{path}: image_width and image_height are no numbers ({error})"
+        ) from error
     except GeometryError as error:
         raise config.ConfigError(f"{path}: {error}") from error
     return str(document["camera_name"]), camera

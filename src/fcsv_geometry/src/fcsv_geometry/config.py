@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Strict configuration: a dataclass is the only home of defaults, a file may only name its fields."""
+"""Strict configuration: a dataclass is the only home of defaults, a file may only name its
+fields."""
 
 import dataclasses
 import difflib
@@ -14,25 +15,30 @@ import yaml
 from fcsv_geometry.errors import ConfigError, GeometryError
 
 T = TypeVar("T")
-_ALIKE = 0.6  # by difflib's measure; of a word with two letters exchanged, or one too many, it is above 0.8
+# by difflib's measure; of a word with two letters exchanged, or one too many, it is above 0.8
+_ALIKE = 0.6
 
 
 def load(path, cls: Type[T]) -> T:
     """A dataclass from a YAML file; nested dataclasses and lists of them included.
 
-    A ``ValueError`` raised by a dataclass's ``__post_init__`` ("field: what is wrong") is reported with
-    the file's name. Raises ConfigError naming file and field on an unknown key, a missing one, a wrong
-    type, NaN, or a value that the dataclass refuses.
+    A ``ValueError`` raised by a dataclass's ``__post_init__`` ("field: what is wrong") is reported
+    with the file's name. Raises ConfigError naming file and field on an unknown key, a missing one,
+    a wrong type, NaN, or a value that the dataclass refuses.
     """
     return from_mapping(read_yaml(path), cls, str(path))
 
 
 def require_positive(rules, but: Collection[str] = ()) -> None:
-    """Checks, for a dataclass's ``__post_init__``: ValueError ("field: what is wrong") unless its numbers are positive,
-    ``but`` for those of these names."""
+    """Checks, for a dataclass's ``__post_init__``: ValueError ("field: what is wrong") unless its
+    numbers are positive, ``but`` for those of these names."""
     for field in (f for f in dataclasses.fields(rules) if f.name not in but):
         value = getattr(rules, field.name)
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and not 0 < value < math.inf:
+        if (
+            isinstance(value, (int, float))
+            and not isinstance(value, bool)
+            and not 0 < value < math.inf
+        ):
             raise ValueError(f"{field.name}: must be positive, got {value}")
 
 
@@ -45,15 +51,21 @@ def read_yaml(path) -> Any:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark else ""
-        raise ConfigError(f"{path}{where}: not valid YAML ({getattr(error, 'problem', error)})") from error
+        raise ConfigError(
+            f"{path}{where}: not valid YAML ({getattr(error, 'problem', error)})"
+        ) from error
 
 
-def from_mapping(document: Any, cls: Type[T], source: str, at: str = "", base: Optional[T] = None) -> T:
-    """A dataclass from a parsed mapping; ``source`` and ``at`` name file and field in errors. What the mapping does
-    not name is as in ``base``, or the class's default."""
+def from_mapping(
+    document: Any, cls: Type[T], source: str, at: str = "", base: Optional[T] = None
+) -> T:
+    """A dataclass from a parsed mapping; ``source`` and ``at`` name file and field in errors. What
+    the mapping does not name is as in ``base``, or the class's default."""
     here = at or "top level"
     if not isinstance(document, Mapping):
-        raise ConfigError(f"{source}: {here} must be a mapping of {_names(cls)}, got {_kind(document)}")
+        raise ConfigError(
+            f"{source}: {here} must be a mapping of {_names(cls)}, got {_kind(document)}"
+        )
     hints = typing.get_type_hints(cls)
     fields = {f.name: f for f in dataclasses.fields(cls) if f.init}
     for key in document:
@@ -64,7 +76,10 @@ def from_mapping(document: Any, cls: Type[T], source: str, at: str = "", base: O
         if required and name not in document and base is None:
             field = _join(at, name)
             raise ConfigError(f"{source}: '{field}' is missing", field, "is missing")
-    values = {k: _convert(v, hints[k], source, _join(at, k), _default(fields[k])) for k, v in document.items()}
+    values = {
+        k: _convert(v, hints[k], source, _join(at, k), _default(fields[k]))
+        for k, v in document.items()
+    }
     try:
         return cls(**values) if base is None else dataclasses.replace(base, **values)
     except ValueError as error:
@@ -75,7 +90,8 @@ def from_mapping(document: Any, cls: Type[T], source: str, at: str = "", base: O
 
 
 def unknown_key(source: str, at: str, key: Any, known: Iterable[str]) -> ConfigError:
-    """The error of a key that is not known at ``at``: it names the known ones, and the nearest where there is one.
+    """The error of a key that is not known at ``at``: it names the known ones, and the nearest
+    where there is one.
 
     >>> print(unknown_key("a.yaml", "fence", "radius", ["floor_m", "radius_m"]))
     a.yaml: unknown key 'fence.radius'; known here: floor_m, radius_m; did you mean 'radius_m'?
@@ -88,7 +104,8 @@ def unknown_key(source: str, at: str, key: Any, known: Iterable[str]) -> ConfigE
 
 
 def nearest(key: Any, known: Iterable[str], alike: float = _ALIKE) -> str:
-    """The known key that a mistyped one is likely to mean; "" where none is ``alike`` (0..1, difflib's measure).
+    """The known key that a mistyped one is likely to mean; "" where none is ``alike`` (0..1,
+    difflib's measure).
 
     >>> nearest("baselinem", ["axis", "baseline_m"]), nearest("colour", ["axis", "baseline_m"])
     ('baseline_m', '')
@@ -97,8 +114,8 @@ def nearest(key: Any, known: Iterable[str], alike: float = _ALIKE) -> str:
 
 
 def line_of(text: str, field: str) -> int:
-    """Says in which line, from 1 on, a field ("configurations[1].baseline_m") stands; of one that is missing its
-    parent's.
+    """Says in which line, from 1 on, a field ("configurations[1].baseline_m") stands; of one that
+    is missing its parent's.
 
     >>> line_of("name: a\\nconfigurations:\\n  - {axis: up}\\n  - axis: a\\n    tilt: 1\\n", "configurations[1].tilt")
     5
@@ -158,7 +175,9 @@ def _convert_sequence(value, origin, args, source, at):
     if fixed and len(value) != len(args):
         raise _wrong(source, at, f"must have {len(args)} values, got {len(value)}")
     kinds = args if fixed else (args[0],) * len(value)
-    return origin(_convert(v, k, source, f"{at}[{i}]") for i, (v, k) in enumerate(zip(value, kinds)))
+    return origin(
+        _convert(v, k, source, f"{at}[{i}]") for i, (v, k) in enumerate(zip(value, kinds))
+    )
 
 
 def _wrong(source: str, at: str, problem: str) -> ConfigError:

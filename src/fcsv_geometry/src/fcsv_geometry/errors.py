@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors that every fcsv package builds on: one line that names what is wrong, where, and what to do."""
+"""Errors that every fcsv package builds on: one line that names what is wrong, where, and what to
+do."""
 
 
 class FcsvError(Exception):
@@ -9,8 +10,8 @@ class FcsvError(Exception):
 class ConfigError(FcsvError):
     """A configuration file has an unknown key, a value out of range, or cannot be read.
 
-    ``field`` is the path of what is wrong ("configurations[1].baseline_m"; empty: the file as a whole), ``problem``
-    what is wrong with it.
+    ``field`` is the path of what is wrong ("configurations[1].baseline_m"; empty: the file as a
+    whole), ``problem`` what is wrong with it.
     """
 
     def __init__(self, text: str, field: str = "", problem: str = ""):
@@ -19,15 +20,18 @@ class ConfigError(FcsvError):
 
 
 class MissionError(FcsvError):
-    """A mission cannot be flown as listed: not by this fleet, not at these places, or no longer. Then all land."""
+    """A mission cannot be flown as listed: not by this fleet, not at these places, or no longer.
+    Then all land."""
 
 
 class GeometryError(FcsvError):
-    """A transform, quaternion or camera model is not what it claims to be (NaN, not a rotation, ...)."""
+    """A transform, quaternion or camera model is not what it claims to be (NaN, not a rotation,
+    ...)."""
 
 
 class PoseUnavailable(FcsvError):
-    """No pose can be given for the asked stamp: nothing near enough in time. Drop the data, count it."""
+    """No pose can be given for the asked stamp: nothing near enough in time. Drop the data, count
+    it."""
 
 
 class BagError(FcsvError):

@@ -72,10 +72,15 @@ class Place:
         >>> round(turned.sigma_m(np.array([8.0, 0.0, 3.0])), 6)  # 0.01 rad over 8 m
         0.08
         """
-        (xx, xy, _, xw), (_, yy, _, yw), _, (*_, ww) = self.covariance.tolist()  # symmetric; plain numbers, being asked
+        # symmetric; plain numbers, being asked
+        (xx, xy, _, xw), (_, yy, _, yw), _, (*_, ww) = self.covariance.tolist()
         p_a_m = self.T_a_b[:3, :3] @ p_b_m  # for by every vehicle 25 times a second
         dx, dy = -float(p_a_m[1]), float(p_a_m[0])  # as in about_z
-        xx, xy, yy = xx + dx * (2 * xw + dx * ww), xy + dy * xw + dx * yw + dx * dy * ww, yy + dy * (2 * yw + dy * ww)
+        xx, xy, yy = (
+            xx + dx * (2 * xw + dx * ww),
+            xy + dy * xw + dx * yw + dx * dy * ww,
+            yy + dy * (2 * yw + dy * ww),
+        )
         return math.sqrt(max(0.0, 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)))
 
     def at(self, p_b_m: np.ndarray) -> np.ndarray:
@@ -94,7 +99,9 @@ def about_z(p_m: np.ndarray) -> np.ndarray:
     return np.array([-p_m[1] + 0.0, p_m[0], 0.0])
 
 
-def places_in_home(links: Sequence[OdomLink], reference: str, T_odom_home: np.ndarray) -> Dict[str, Place]:
+def places_in_home(
+    links: Sequence[OdomLink], reference: str, T_odom_home: np.ndarray
+) -> Dict[str, Place]:
     """T_home_odom of every vehicle that the links connect to the reference, whose T_odom_home is given.
 
     Home is defined in the reference's odometry, whose place in it is therefore exact. Of several ways to a vehicle
@@ -122,9 +129,13 @@ def places_in_home(links: Sequence[OdomLink], reference: str, T_odom_home: np.nd
     return places
 
 
-def odoms_in_home(links: Sequence[OdomLink], reference: str, T_odom_home: np.ndarray) -> Dict[str, np.ndarray]:
+def odoms_in_home(
+    links: Sequence[OdomLink], reference: str, T_odom_home: np.ndarray
+) -> Dict[str, np.ndarray]:
     """T_home_odom of places_in_home() alone."""
-    return {name: place.T_a_b for name, place in places_in_home(links, reference, T_odom_home).items()}
+    return {
+        name: place.T_a_b for name, place in places_in_home(links, reference, T_odom_home).items()
+    }
 
 
 def home_of(T_odom_cam: np.ndarray) -> np.ndarray:
@@ -138,7 +149,9 @@ def home_of(T_odom_cam: np.ndarray) -> np.ndarray:
     return transforms.from_xyz_yaw(T_odom_cam[:3, 3], float(np.arctan2(forward[1], forward[0])))
 
 
-def camera_in_home(T_home_odom: np.ndarray, T_odom_body: np.ndarray, T_body_cam: np.ndarray) -> np.ndarray:
+def camera_in_home(
+    T_home_odom: np.ndarray, T_odom_body: np.ndarray, T_body_cam: np.ndarray
+) -> np.ndarray:
     """T_home_cam of one vehicle from the three parts of its chain.
 
     >>> T_home_odom, T_odom_body = (transforms.from_xyz_yaw([x, 0.0, 0.0], 0.0) for x in (-3.5, 2.0))

@@ -38,7 +38,8 @@ _NUMBERS = ", ".join(map(str, COEFFICIENTS[:-1])) + f" or {COEFFICIENTS[-1]}"
 def camera_of_matrix(
     width: int, height: int, K: Sequence[float], D: Sequence[float], model: str
 ) -> PinholeCamera:
-    """Makes a camera from a 3x3 matrix (row by row), coefficients in OpenCV's order and ROS's name of their model.
+    """Makes a camera from a 3x3 matrix (row by row), coefficients in OpenCV's order and ROS's name
+    of their model.
 
     Raises GeometryError that says what is wrong and what is likely meant.
     """

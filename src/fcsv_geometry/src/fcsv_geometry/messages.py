@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What messages say, as arrays: messages of ROS 1 and of bags read without ROS alike. No ROS is needed."""
+"""What messages say, as arrays: messages of ROS 1 and of bags read without ROS alike. No ROS is
+needed."""
 
 import numpy as np
 
@@ -26,7 +27,8 @@ def transform_from_msg(message) -> np.ndarray:
 
 
 def camera_from_info(info) -> PinholeCamera:
-    """Intrinsics from sensor_msgs/CameraInfo. Raises GeometryError where they are none (``intrinsics``)."""
+    """Intrinsics from sensor_msgs/CameraInfo. Raises GeometryError where they are none
+    (``intrinsics``)."""
     K, D = (info_field(info, name) for name in "KD")
     return camera_of_matrix(info.width, info.height, K, D, info.distortion_model)
 

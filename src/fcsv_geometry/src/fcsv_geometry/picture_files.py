@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Picture files as people have them, read in one way by all packages: the pixels as stored, or a refusal.
+"""Picture files as people have them, read in one way by all packages: the pixels as stored, or a
+refusal.
 
-docs/design/conventions.md says when stored pixels are turned by EXIF's orientation. A file that is cut, or whose
-content contradicts itself, is refused: decoders fill what is missing with grey, and say so on stderr only.
+docs/design/conventions.md says when stored pixels are turned by EXIF's orientation. A file that is
+cut, or whose content contradicts itself, is refused: decoders fill what is missing with grey, and
+say so on stderr only.
 """
 
 import contextlib
@@ -20,26 +22,44 @@ from fcsv_geometry.errors import PictureFileError
 
 _ORIENTATION = 0x0112
 _JPEG, _TIFFS = b"\xff\xd8\xff", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-_PNG, _PNG_TEXTS = b"\x89PNG\r\n\x1a\n", {b"eXIf", b"tEXt", b"zTXt", b"iTXt"}  # where EXIF or XMP may stand
+# where EXIF or XMP may stand
+_PNG, _PNG_TEXTS = b"\x89PNG\r\n\x1a\n", {b"eXIf", b"tEXt", b"zTXt", b"iTXt"}
 _DEFLATE = (8, 32946)  # TIFF's numbers of this compression
 _FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 _FTYP_KINDS = {
-    b"heic": "HEIC (iPhone)", b"heix": "HEIC (iPhone)", b"hevc": "HEIC (iPhone)", b"mif1": "HEIF", b"msf1": "HEIF",
-    b"avif": "AVIF", b"crx ": "a raw picture (CR3)", b"qt  ": "a film",
-}  # fmt: skip
+    b"heic": "HEIC (iPhone)",
+    b"heix": "HEIC (iPhone)",
+    b"hevc": "HEIC (iPhone)",
+    b"mif1": "HEIF",
+    b"msf1": "HEIF",
+    b"avif": "AVIF",
+    b"crx ": "a raw picture (CR3)",
+    b"qt  ": "a film",
+}
 _NO_PICTURES = {
-    b"%PDF": "a PDF", b"PK\x03\x04": "an archive (zip)", b"\x1f\x8b": "an archive (gzip)", b"Rar!": "an archive (rar)",
-    b"FUJIFILM": "a raw picture (RAF)", b"IIRO": "a raw picture (ORF)", b"IIU\0": "a raw picture (RW2)",
-    b"\0\0\0\x0cJXL ": "JPEG XL", b"\xff\x0a": "JPEG XL", b"version https://git-lfs": "a pointer of Git LFS",
+    b"%PDF": "a PDF",
+    b"PK\x03\x04": "an archive (zip)",
+    b"\x1f\x8b": "an archive (gzip)",
+    b"Rar!": "an archive (rar)",
+    b"FUJIFILM": "a raw picture (RAF)",
+    b"IIRO": "a raw picture (ORF)",
+    b"IIU\0": "a raw picture (RW2)",
+    b"\0\0\0\x0cJXL ": "JPEG XL",
+    b"\xff\x0a": "JPEG XL",
+    b"version https://git-lfs": "a pointer of Git LFS",
     b"<": "text (HTML or XML)",
-}  # fmt: skip
-_ADVICE = {"a pointer of Git LFS": "fetch it: git lfs pull", "text (HTML or XML)": "download the picture itself"}
+}
+_ADVICE = {
+    "a pointer of Git LFS": "fetch it: git lfs pull",
+    "text (HTML or XML)": "download the picture itself",
+}
 _ZEROS = 512  # (octets) a copy that broke off may leave so many, or more, at the end of a file
 
 
 @dataclass(frozen=True)
 class StoredPicture:
-    """Pixels as stored (HxWx3 BGR, or HxW grey; uint8 or uint16), and EXIF's orientation (1 to 8)."""
+    """Pixels as stored (HxWx3 BGR, or HxW grey; uint8 or uint16), and EXIF's orientation (1 to
+    8)."""
 
     pixels: np.ndarray
     orientation: int = 1
@@ -69,7 +89,9 @@ def decode_picture(data: bytes, name: str, grey: bool = False) -> StoredPicture:
     if pixels is None:
         pixels = _decode(data, name, grey)
     if pixels.dtype not in (np.uint8, np.uint16):
-        raise PictureFileError(f"{name}: holds {pixels.dtype} values; save it with 8 or 16 bits per channel")
+        raise PictureFileError(
+            f"{name}: holds {pixels.dtype} values; save it with 8 or 16 bits per channel"
+        )
     orientation = _orientation(data)
     if data.startswith(_TIFFS):  # which OpenCV turns whatever it is told
         pixels = _turned(pixels, {6: 8, 8: 6}.get(orientation, orientation))
@@ -77,7 +99,8 @@ def decode_picture(data: bytes, name: str, grey: bool = False) -> StoredPicture:
 
 
 def is_turned(stored: Tuple[int, int], orientation: int, wanted: Tuple[int, int]) -> Optional[bool]:
-    """Whether pixels of the size ``wanted`` (width, height) are those turned by EXIF's orientation, by their size.
+    """Whether pixels of the size ``wanted`` (width, height) are those turned by EXIF's orientation,
+    by their size.
 
     None where the size does not tell: half turns, square pictures, and where neither has it.
 
@@ -107,11 +130,14 @@ def _require_picture(data: bytes, name: str) -> None:
     if data[4:8] == b"ftyp":
         kind = _FTYP_KINDS.get(data[8:12], "a film")
     if kind is not None:
-        raise PictureFileError(f"{name}: is {kind}, whatever its name; {_ADVICE.get(kind, 'save it as JPEG or PNG')}")
+        raise PictureFileError(
+            f"{name}: is {kind}, whatever its name; {_ADVICE.get(kind, 'save it as JPEG or PNG')}"
+        )
 
 
 def _decode_jpeg(data: bytes, name: str, grey: bool) -> Optional[np.ndarray]:
-    """None where the colours are not of a kind that is decoded strictly. Raises PictureFileError."""
+    """None where the colours are not of a kind that is decoded strictly. Raises
+    PictureFileError."""
     import simplejpeg  # OpenCV and Pillow pass over libjpeg's warnings
 
     try:
@@ -119,8 +145,13 @@ def _decode_jpeg(data: bytes, name: str, grey: bool) -> Optional[np.ndarray]:
     except ValueError as error:
         words = str(error)
         if "Premature end" in words:
-            raise PictureFileError(f"{name}: ends in the middle of the picture; copy it again ({words})") from error
-        if any(w in words for w in ("Unsupported color", "Could not determine subsampling", "precision")):
+            raise PictureFileError(
+                f"{name}: ends in the middle of the picture; copy it again ({words})"
+            ) from error
+        if any(
+            w in words
+            for w in ("Unsupported color", "Could not determine subsampling", "precision")
+        ):
             return None
         raise PictureFileError(f"{name}: is damaged, copy it again ({words})") from error
     return pixels[..., 0] if grey else pixels
@@ -141,17 +172,21 @@ def _decode(data: bytes, name: str, grey: bool) -> np.ndarray:
     if pixels is None:
         raise PictureFileError(f"{name}: cannot be read as a picture")
     if _ends_in_zeros(data, pixels):
-        raise PictureFileError(f"{name}: ends in the middle of the picture, with zeros behind; copy it again")
+        raise PictureFileError(
+            f"{name}: ends in the middle of the picture, with zeros behind; copy it again"
+        )
     return pixels
 
 
 def _problem(data: bytes) -> Optional[str]:
-    """What Pillow, which is stricter than OpenCV, finds wrong; None: nothing, or a kind that it does not know."""
+    """What Pillow, which is stricter than OpenCV, finds wrong; None: nothing, or a kind that it
+    does not know."""
     from PIL import Image, UnidentifiedImageError
 
     try:
         with _quiet(), Image.open(io.BytesIO(data)) as image:
-            check = image.verify if image.format == "PNG" else image.load  # PNG has a checksum in every part
+            # PNG has a checksum in every part
+            check = image.verify if image.format == "PNG" else image.load
             check()
     except (UnidentifiedImageError, Image.DecompressionBombError):
         return None
@@ -164,7 +199,8 @@ def _problem(data: bytes) -> Optional[str]:
 
 
 def _deflate_problem(data: bytes) -> Optional[str]:
-    """Says what is wrong with the checksums of a TIFF's deflated parts, whose checksums no decoder looks at."""
+    """Says what is wrong with the checksums of a TIFF's deflated parts, whose checksums no decoder
+    looks at."""
     if not data.startswith(_TIFFS):
         return None
     import tifffile
@@ -172,7 +208,11 @@ def _deflate_problem(data: bytes) -> Optional[str]:
     try:
         with tifffile.TiffFile(io.BytesIO(data)) as file:
             page = file.pages[0]
-            parts = list(zip(page.dataoffsets, page.databytecounts)) if page.compression in _DEFLATE else []
+            parts = (
+                list(zip(page.dataoffsets, page.databytecounts))
+                if page.compression in _DEFLATE
+                else []
+            )
         for at, size in parts:
             zlib.decompress(data[at : at + size])
     except (tifffile.TiffFileError, IndexError, AttributeError):
@@ -183,8 +223,8 @@ def _deflate_problem(data: bytes) -> Optional[str]:
 
 
 def _ends_in_zeros(data: bytes, pixels: np.ndarray) -> bool:
-    """Whether zeros took the place of the file's end: compressed files have no such run; in others the picture is black
-    from the middle of a row on."""
+    """Whether zeros took the place of the file's end: compressed files have no such run; in others
+    the picture is black from the middle of a row on."""
     if data.startswith(b"\x89PNG") or len(data) - len(data.rstrip(b"\0")) < _ZEROS:
         return False
     if len(data) < 0.9 * pixels.nbytes:
@@ -195,12 +235,15 @@ def _ends_in_zeros(data: bytes, pixels: np.ndarray) -> bool:
     if not 0 < last < len(rows) - 2:
         return False
     end = int(np.flatnonzero(rows[last])[-1]) + 1
-    return bool(rows[last, 0] and rows[last - 1, end:].mean() > 0.5) if end < rows.shape[1] else False
+    return (
+        bool(rows[last, 0] and rows[last - 1, end:].mean() > 0.5) if end < rows.shape[1] else False
+    )
 
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Runs the block without Pillow's warnings about EXIF parts that are broken, which say nothing of the pixels."""
+    """Runs the block without Pillow's warnings about EXIF parts that are broken, which say nothing
+    of the pixels."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rotations: angles, rotation vectors, quaternions, and how they turn into matrices.
 
-Written out for what runs hundreds of times a second: for a single rotation scipy's Rotation takes 7 to 190 times as
-long (1.17: 35 us for a product of quaternions, 37 us for exp, against 0.2 and 5). Tested against scipy. For whole
-arrays, means and interpolation use scipy's Rotation.
-Quaternions are tuples (x, y, z, w); rotation vectors and their Jacobians as in Solà, "A micro Lie theory" (2018),
-equations 143 to 147.
+Written out for what runs hundreds of times a second: for a single rotation scipy's Rotation takes 7
+to 190 times as long (1.17: 35 us for a product of quaternions, 37 us for exp, against 0.2 and 5).
+Tested against scipy. For whole arrays, means and interpolation use scipy's Rotation. Quaternions
+are tuples (x, y, z, w); rotation vectors and their Jacobians as in Solà, "A micro Lie theory"
+(2018), equations 143 to 147.
 """
 
 import math
@@ -17,7 +17,7 @@ Vector = Tuple[float, float, float]
 Quaternion = Tuple[float, float, float, float]
 
 
-# ---- angles --------------------------------------------------------------------------------------------------
+# ---- angles --------------------------------------------------------------------------------------
 
 
 def wrap(angle_rad: float) -> float:
@@ -39,7 +39,7 @@ def turn_about_z(yaw_rad: float) -> np.ndarray:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-# ---- rotation vectors ------------------------------------------------------------------------------------------
+# ---- rotation vectors ----------------------------------------------------------------------------
 
 
 def skew(v: np.ndarray) -> np.ndarray:
@@ -72,12 +72,16 @@ def exp(v: np.ndarray) -> np.ndarray:
     x, y, z = float(v[0]), float(v[1]), float(v[2])
     angle2 = x * x + y * y + z * z
     angle = math.sqrt(angle2)
-    a, b = (1.0, 0.5) if angle < 1e-6 else (math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle2)
-    return np.array([
-        [1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
-        [b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x],
-        [b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)],
-    ])  # fmt: skip
+    a, b = (
+        (1.0, 0.5) if angle < 1e-6 else (math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle2)
+    )
+    return np.array(
+        [
+            [1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
+            [b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x],
+            [b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)],
+        ]
+    )
 
 
 def log(R: np.ndarray) -> np.ndarray:
@@ -96,7 +100,8 @@ def log(R: np.ndarray) -> np.ndarray:
         return v * (angle / sine)
     if cosine > 0.0:
         return v
-    axis = np.sqrt(np.maximum(0.5 * (np.diag(R) + 1.0), 0.0))  # a half turn: the sign is free, the products are not
+    # a half turn: the sign is free, the products are not
+    axis = np.sqrt(np.maximum(0.5 * (np.diag(R) + 1.0), 0.0))
     k = int(np.argmax(axis))
     return angle * np.where((R[k] + R[:, k] < 0) & (np.arange(3) != k), -axis, axis)
 
@@ -107,7 +112,11 @@ def inverse_right_jacobian(v: np.ndarray) -> np.ndarray:
     K = skew(v)
     if angle < 1e-6:
         return np.eye(3) + 0.5 * K
-    return np.eye(3) + 0.5 * K + (1.0 / angle**2 - (1.0 + math.cos(angle)) / (2.0 * angle * math.sin(angle))) * (K @ K)
+    return (
+        np.eye(3)
+        + 0.5 * K
+        + (1.0 / angle**2 - (1.0 + math.cos(angle)) / (2.0 * angle * math.sin(angle))) * (K @ K)
+    )
 
 
 def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -121,7 +130,7 @@ def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.eye(3) if sine < 1e-12 else exp(axis / sine * float(np.arctan2(sine, a @ b)))
 
 
-# ---- quaternions -----------------------------------------------------------------------------------------------
+# ---- quaternions ---------------------------------------------------------------------------------
 
 
 def multiply(q_a_b: Quaternion, q_b_c: Quaternion) -> Quaternion:
@@ -197,15 +206,18 @@ def matrix_of_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> np.ndarr
     """R_a_b (3, 3) from roll, pitch, yaw (rad) about fixed x, y, z: R = Rz Ry Rx."""
     sr, cr, sp = math.sin(roll_rad), math.cos(roll_rad), math.sin(pitch_rad)
     cp, sy, cy = math.cos(pitch_rad), math.sin(yaw_rad), math.cos(yaw_rad)
-    return np.array([
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ])  # fmt: skip
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
 
 
 def rpy_of_matrix(R_a_b: np.ndarray) -> Vector:
-    """Roll, pitch, yaw (rad) about fixed x, y, z; the inverse of matrix_of_rpy for a pitch within a quarter turn.
+    """Roll, pitch, yaw (rad) about fixed x, y, z; the inverse of matrix_of_rpy for a pitch within a
+    quarter turn.
 
     >>> [round(angle, 12) for angle in rpy_of_matrix(matrix_of_rpy(0.1, -0.2, 3.0))]
     [0.1, -0.2, 3.0]
@@ -233,7 +245,8 @@ def rpy(q_a_b: Quaternion) -> Vector:
 
 
 def tilt_between(q_a_b: Quaternion, q_a_c: Quaternion) -> float:
-    """Angle (rad) between a's vertical as b and as c see it: what a rotation about the vertical cannot explain."""
+    """Angle (rad) between a's vertical as b and as c see it: what a rotation about the vertical
+    cannot explain."""
     up_b = rotate(conjugate(q_a_b), (0.0, 0.0, 1.0))
     up_c = rotate(conjugate(q_a_c), (0.0, 0.0, 1.0))
     dot = sum(a * b for a, b in zip(up_b, up_c))

@@ -19,7 +19,9 @@ class Trajectory:
     ``gap_s`` is the longest silence that is bridged; ``keep_s`` bounds the memory of a live buffer.
     """
 
-    def __init__(self, gap_s: float = 0.1, extrapolation_s: float = 0.0, keep_s: Optional[float] = None):
+    def __init__(
+        self, gap_s: float = 0.1, extrapolation_s: float = 0.0, keep_s: Optional[float] = None
+    ):
         self._gap_s = gap_s
         self._extrapolation_s = extrapolation_s
         self._keep_s = keep_s
@@ -54,7 +56,8 @@ class Trajectory:
     def add(self, stamp_s: float, T_a_b: np.ndarray) -> bool:
         """Append a pose; one that does not come after the newest is refused (False).
 
-        Where the newest alone jumped ahead and the new one follows those before it, the newest was wrong: it goes.
+        Where the newest alone jumped ahead and the new one follows those before it, the newest was
+        wrong: it goes.
         """
         if self._stamps_s and stamp_s <= self._stamps_s[-1]:
             if not self._newest_jumped_before(stamp_s):
@@ -76,8 +79,8 @@ class Trajectory:
         return before_s < stamp_s <= before_s + _JUMP_S < newest_s
 
     def at(self, stamp_s: float) -> np.ndarray:
-        """T_a_b at a stamp (s). Raises PoseUnavailable beyond the ends or inside too long a silence; a pose's own stamp
-        is in none."""
+        """T_a_b at a stamp (s). Raises PoseUnavailable beyond the ends or inside too long a
+        silence; a pose's own stamp is in none."""
         first_s, last_s = self.span_s
         if stamp_s < first_s:
             raise PoseUnavailable(f"stamp is {first_s - stamp_s:.3f} s before the first pose")
@@ -88,8 +91,11 @@ class Trajectory:
         return self._between(max(bisect.bisect_left(self._stamps_s, stamp_s) - 1, 0), stamp_s)
 
     def within(self, first_s: float, last_s: float) -> Tuple[np.ndarray, np.ndarray]:
-        """Stamps (N,) and poses (N, 4, 4) from one time to another, as they were added; N may be 0."""
-        of = slice(bisect.bisect_left(self._stamps_s, first_s), bisect.bisect_right(self._stamps_s, last_s))
+        """Stamps (N,) and poses (N, 4, 4) from one time to another, as they were added; N may be
+        0."""
+        of = slice(
+            bisect.bisect_left(self._stamps_s, first_s), bisect.bisect_right(self._stamps_s, last_s)
+        )
         return np.array(self._stamps_s[of]), np.array(self._poses[of]).reshape(-1, 4, 4)
 
     def _between(self, index: int, stamp_s: float) -> np.ndarray:
@@ -100,7 +106,9 @@ class Trajectory:
             if stamp_s == own_s:
                 return self._poses[k]
         if after_s - before_s > self._gap_s:
-            raise PoseUnavailable(f"poses are silent for {after_s - before_s:.3f} s around the stamp")
+            raise PoseUnavailable(
+                f"poses are silent for {after_s - before_s:.3f} s around the stamp"
+            )
         alpha = (stamp_s - before_s) / (after_s - before_s)
         if 0.0 <= alpha <= 1.0:
             return transforms.interpolate(self._poses[index], self._poses[index + 1], alpha)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rigid transforms as 4x4 float64 arrays: ``T_a_b`` takes points of frame b to frame a, p_a = T_a_b @ p_b.
+"""Rigid transforms as 4x4 float64 arrays: ``T_a_b`` takes points of frame b to frame a, p_a = T_a_b
+@ p_b.
 
 Axes are REP 103 (x forward, y left, z up); optical frames are z forward, x right, y down.
 """
@@ -11,20 +12,23 @@ import numpy as np
 from fcsv_geometry import rotations
 from fcsv_geometry.errors import GeometryError
 
-#: Rotation from the optical frame (z forward) to the body-like frame (x forward) of the same camera.
+#: Rotation from the optical frame (z forward) to the body-like frame (x forward) of the same
+#: camera.
 R_FLU_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _IDENTITY = np.eye(4)
 
 
 def _scipy():
-    """scipy's rotations, imported when first used: a flight link that starts anew in flight waits for no import."""
+    """scipy's rotations, imported when first used: a flight link that starts anew in flight waits
+    for no import."""
     from scipy.spatial import transform as module
 
     return module
 
 
 def __getattr__(name: str):
-    """``transforms.Rotation`` for those who average and interpolate (PEP 562): imported when first used, as above."""
+    """``transforms.Rotation`` for those who average and interpolate (PEP 562): imported when first
+    used, as above."""
     if name == "Rotation":
         return _scipy().Rotation
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
@@ -59,7 +63,8 @@ def apply(T_a_b: np.ndarray, p_b: np.ndarray) -> np.ndarray:
 
 
 def from_xyz_rpy(p_a_b_m, rpy_rad) -> np.ndarray:
-    """T_a_b from a position (m) and roll, pitch, yaw about fixed x, y, z (rad; REP 103, R = Rz Ry Rx).
+    """T_a_b from a position (m) and roll, pitch, yaw about fixed x, y, z (rad; REP 103, R = Rz Ry
+    Rx).
 
     >>> np.allclose(from_xyz_rpy([0, 0, 0], [0, 0, np.pi / 2]) @ [1, 0, 0, 1], [0, 1, 0, 1])
     True
@@ -124,21 +129,30 @@ def rotation_angle(R_a: np.ndarray, R_b: np.ndarray) -> float:
     >>> round(rotation_angle(np.eye(3), from_xyz_yaw([0, 0, 0], 0.1)), 6)
     0.1
     """
-    return float(np.linalg.norm(_scipy().Rotation.from_matrix(R_a[:3, :3].T @ R_b[:3, :3]).as_rotvec()))
+    return float(
+        np.linalg.norm(_scipy().Rotation.from_matrix(R_a[:3, :3].T @ R_b[:3, :3]).as_rotvec())
+    )
 
 
 def interpolate(T_a_b0: np.ndarray, T_a_b1: np.ndarray, alpha: float) -> np.ndarray:
-    """Between two poses: linear in position, spherical-linear in rotation; alpha 0 gives the first."""
+    """Between two poses: linear in position, spherical-linear in rotation; alpha 0 gives the
+    first."""
     ends = _scipy().Rotation.from_matrix([T_a_b0[:3, :3], T_a_b1[:3, :3]])
     R = _scipy().Slerp([0.0, 1.0], ends)(alpha).as_matrix()
     return transform(R, (1.0 - alpha) * T_a_b0[:3, 3] + alpha * T_a_b1[:3, 3])
 
 
 def require_rigid(T_a_b: np.ndarray, name: str) -> np.ndarray:
-    """The array back as float64 where it is a finite 4x4 rigid transform; else GeometryError naming it."""
+    """The array back as float64 where it is a finite 4x4 rigid transform; else GeometryError naming
+    it."""
     T = np.asarray(T_a_b, float)
     if T.shape != (4, 4) or not np.isfinite(T).all():
         raise GeometryError(f"{name} is not a finite 4x4 transform")
-    if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-5) or np.linalg.det(T[:3, :3]) < 0:
-        raise GeometryError(f"the rotation of {name} is not a rotation (not orthonormal, or mirrored)")
+    if (
+        not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-5)
+        or np.linalg.det(T[:3, :3]) < 0
+    ):
+        raise GeometryError(
+            f"the rotation of {name} is not a rotation (not orthonormal, or mirrored)"
+        )
     return T

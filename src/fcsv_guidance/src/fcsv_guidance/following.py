@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Follows a route by pure pursuit (Coulter 1992), and stops where the robot's place or the map cannot be relied on.
+"""Follows a route by pure pursuit (Coulter 1992), and stops where the robot's place or the map
+cannot be relied on.
 
 A port: messages and monotonic time in, a DriveCommand out.
 """
@@ -18,7 +19,8 @@ GOAL_REACHED = "the goal is reached"
 
 @dataclass(frozen=True)
 class RobotPlace:
-    """Where the robot is in home: x, y (m), yaw (rad), standard deviation of x and y together (m), when (s)."""
+    """Where the robot is in home: x, y (m), yaw (rad), standard deviation of x and y together (m),
+    when (s)."""
 
     stamp_s: float
     x_m: float
@@ -36,8 +38,8 @@ class RouteToFollow:
 
 @dataclass(frozen=True)
 class ClearanceMap:
-    """``clear_m`` (rows, columns) of ``grid``: how far the nearest cell is in which the robot must not stand with its
-    middle; 0 there. ``stamp_s``: when its pictures were taken."""
+    """``clear_m`` (rows, columns) of ``grid``: how far the nearest cell is in which the robot must
+    not stand with its middle; 0 there. ``stamp_s``: when its pictures were taken."""
 
     stamp_s: float
     grid: Grid
@@ -46,14 +48,16 @@ class ClearanceMap:
 
 @dataclass(frozen=True)
 class StopRobot:
-    """stop_all, the operator, or a route that is no more: the robot stands until a new one comes."""
+    """stop_all, the operator, or a route that is no more: the robot stands until a new one
+    comes."""
 
     reason: str = "stopped by the operator"
 
 
 @dataclass(frozen=True)
 class DriveCommand:
-    """Forward speed and turning rate; ``reason`` says why the robot stands, empty where it drives."""
+    """Forward speed and turning rate; ``reason`` says why the robot stands, empty where it
+    drives."""
 
     speed_mps: float
     turning_radps: float
@@ -62,7 +66,8 @@ class DriveCommand:
 
 @dataclass(frozen=True)
 class FollowerRules:
-    """Bounds of following; ages count from a stamp. ``sigmas`` of the robot's place are kept clear."""
+    """Bounds of following; ages count from a stamp. ``sigmas`` of the robot's place are kept
+    clear."""
 
     oldest_place_s: float = 0.5
     oldest_map_s: float = 60.0
@@ -90,20 +95,28 @@ class RouteFollower:
         self._standing = "no route has come"
 
     def receive(self, now_s: float, message: Message) -> None:
-        """A message came. Raises TypeError where its type is not known, RouteError where a route is none; a place that
-        is not finite counts as lost."""
+        """A message came. Raises TypeError where its type is not known, RouteError where a route is
+        none; a place that is not finite counts as lost."""
         if isinstance(message, RobotPlace):
             values = (message.stamp_s, message.x_m, message.y_m, message.yaw_rad, message.sigma_m)
             self._place = message if np.isfinite(values).all() and message.sigma_m >= 0 else None
         elif isinstance(message, RouteToFollow):
             points = np.asarray(message.points_home_m, float)
-            if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
-                raise RouteError("a route needs two points and more, each with a finite x and y; plan it again")
+            if (
+                points.ndim != 2
+                or points.shape[1] != 2
+                or len(points) < 2
+                or not np.isfinite(points).all()
+            ):
+                raise RouteError(
+                    "a route needs two points and more, each with a finite x and y; plan it again"
+                )
             self._route, self._reached_m, self._standing = Polyline.of(points), 0.0, ""
         elif isinstance(message, ClearanceMap):
             self._map = message
         elif isinstance(message, StopRobot):
-            if self._route is not None or message == StopRobot():  # a lost route takes no operator's stop back
+            # a lost route takes no operator's stop back
+            if self._route is not None or message == StopRobot():
                 self._route, self._standing = None, message.reason
         else:
             raise TypeError(f"a route follower does not know {type(message).__name__}")
@@ -121,10 +134,13 @@ class RouteFollower:
         self._speed_mps = 0.0
 
     def least_clear_m(self) -> float:
-        """Measures the least clearance of what is left of the route; 0 where there is none, or no map."""
+        """Measures the least clearance of what is left of the route; 0 where there is none, or no
+        map."""
         if self._route is None or self._map is None:
             return 0.0
-        along = np.append(np.arange(self._reached_m + 0.3, self._route.length_m, 0.05), self._route.length_m)
+        along = np.append(
+            np.arange(self._reached_m + 0.3, self._route.length_m, 0.05), self._route.length_m
+        )
         return float(self._clear_m(self._route.at(along)).min())
 
     def _why_not(self, now_s: float) -> str:
@@ -149,7 +165,8 @@ class RouteFollower:
         return ""
 
     def _pursued(self, now_s: float) -> DriveCommand:
-        """Pure pursuit: the arc through a point of the route that lies ahead by a distance that grows with speed."""
+        """Pure pursuit: the arc through a point of the route that lies ahead by a distance that
+        grows with speed."""
         robot, place = self._robot, self._place
         self._reached_m = self._nearest(place)[0]
         off = self._looked_at() - [place.x_m, place.y_m]
@@ -160,43 +177,62 @@ class RouteFollower:
         self._stepped_s = now_s
         if abs(bearing) > np.pi / 3 and robot.turning_radius_m == 0:
             self._speed_mps = 0.0
-            return DriveCommand(0.0, float(np.clip(2.0 * bearing, -1, 1) * robot.turning_rate_radps))
+            return DriveCommand(
+                0.0, float(np.clip(2.0 * bearing, -1, 1) * robot.turning_rate_radps)
+            )
         curvature = 2.0 * left / max(float(off @ off), 1e-6)
         if robot.turning_radius_m > 0:
-            curvature = float(np.clip(curvature, -1 / robot.turning_radius_m, 1 / robot.turning_radius_m))
+            curvature = float(
+                np.clip(curvature, -1 / robot.turning_radius_m, 1 / robot.turning_radius_m)
+            )
         wanted = self._wanted_mps(curvature)
         if wanted <= 0.0:
             self._speed_mps = 0.0
-            return DriveCommand(0.0, 0.0, "what lies ahead on the route is not clear; plan it again")
-        self._speed_mps = float(min(wanted, self._speed_mps + robot.acceleration_mps2 * max(elapsed_s, 0.02)))
+            return DriveCommand(
+                0.0, 0.0, "what lies ahead on the route is not clear; plan it again"
+            )
+        self._speed_mps = float(
+            min(wanted, self._speed_mps + robot.acceleration_mps2 * max(elapsed_s, 0.02))
+        )
         return DriveCommand(self._speed_mps, self._speed_mps * curvature)
 
     def _looked_at(self) -> np.ndarray:
-        """(2,): the point of the route to steer to; nearer where the straight way to it is not clear, so that corners
-        are not cut too close."""
+        """(2,): the point of the route to steer to; nearer where the straight way to it is not
+        clear, so that corners are not cut too close."""
         rules, at = self._rules, np.array([self._place.x_m, self._place.y_m])
         ahead_m = rules.look_ahead_m + rules.look_ahead_s * self._speed_mps
         while True:
             point = self._route.at(self._reached_m + ahead_m)
             chord = at + np.linspace(0, 1, 12)[1:, None] * (point - at)
-            if ahead_m <= rules.least_ahead_m or (self._clear_m(chord) > rules.sigmas * self._place.sigma_m).all():
+            if (
+                ahead_m <= rules.least_ahead_m
+                or (self._clear_m(chord) > rules.sigmas * self._place.sigma_m).all()
+            ):
                 return point
             ahead_m = max(rules.least_ahead_m, 0.7 * ahead_m)
 
     def _wanted_mps(self, curvature: float) -> float:
-        """Gives the speed by the robot's own bound, the curvature, and the way to where it could stop before what is
-        not clear."""
+        """Gives the speed by the robot's own bound, the curvature, and the way to where it could
+        stop before what is not clear."""
         robot, rules, place = self._robot, self._rules, self._place
         bounds = [robot.speed_mps]
         if abs(curvature) > 1e-6:
-            bounds += [robot.turning_rate_radps / abs(curvature), np.sqrt(rules.lateral_mps2 / abs(curvature))]
-        braking_m = robot.speed_mps**2 / (2 * robot.acceleration_mps2) + robot.speed_mps * rules.oldest_place_s
+            bounds += [
+                robot.turning_rate_radps / abs(curvature),
+                np.sqrt(rules.lateral_mps2 / abs(curvature)),
+            ]
+        braking_m = (
+            robot.speed_mps**2 / (2 * robot.acceleration_mps2)
+            + robot.speed_mps * rules.oldest_place_s
+        )
         along = np.arange(0.0, braking_m + 0.5, 0.05)
         points = self._route.at(self._reached_m + along)
         blocked = self._clear_m(points) <= rules.sigmas * place.sigma_m
         blocked[0] = False  # where the robot itself is was judged before
         left_m = self._route.length_m - self._reached_m
-        room_m = min(float(along[int(np.argmax(blocked))]) - 0.1 if blocked.any() else np.inf, left_m)
+        room_m = min(
+            float(along[int(np.argmax(blocked))]) - 0.1 if blocked.any() else np.inf, left_m
+        )
         delay_m = rules.oldest_place_s * robot.acceleration_mps2
         reach = max(room_m, 0.0)
         bounds.append(-delay_m + np.sqrt(delay_m**2 + 2 * robot.acceleration_mps2 * reach))
@@ -208,7 +244,8 @@ class RouteFollower:
         return np.where(inside, self._map.clear_m[row, column], 0.0)
 
     def _nearest(self, place: RobotPlace) -> Tuple[float, float]:
-        """How far along the route (m) its nearest point is, not far behind what was reached, and how far off (m)."""
+        """How far along the route (m) its nearest point is, not far behind what was reached, and
+        how far off (m)."""
         last_m = min(self._route.length_m, self._reached_m + 2.0)
         along = np.arange(max(0.0, self._reached_m - 0.5), last_m + 0.05, 0.05)
         points = self._route.at(along)

@@ -63,15 +63,28 @@ class GoalGiver:
         self._due: List[CancelGoal] = []
 
     def receive(self, now_s: float, message: object) -> None:
-        """A message came. Raises TypeError where its type is not known, RouteError where a route is none."""
+        """A message came. Raises TypeError where its type is not known, RouteError where a route is
+        none."""
         if isinstance(message, RobotPlace):
             finite = np.isfinite([message.stamp_s, message.x_m, message.y_m, message.sigma_m]).all()
             self._place = message if finite else None
         elif isinstance(message, RouteToFollow):
             points = np.asarray(message.points_home_m, float)
-            if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
-                raise RouteError("a route needs two points and more, each with a finite x and y; plan it again")
-            self._route, self._given, self._given_at_m, self._ended = Polyline.of(points), None, 0.0, None
+            if (
+                points.ndim != 2
+                or points.shape[1] != 2
+                or len(points) < 2
+                or not np.isfinite(points).all()
+            ):
+                raise RouteError(
+                    "a route needs two points and more, each with a finite x and y; plan it again"
+                )
+            self._route, self._given, self._given_at_m, self._ended = (
+                Polyline.of(points),
+                None,
+                0.0,
+                None,
+            )
         elif isinstance(message, GoalEnded):
             self._ended = message
         elif isinstance(message, StopRobot):
@@ -104,7 +117,12 @@ class GoalGiver:
         if off_m > rules.most_off_m:
             return f"the robot is {off_m:.1f} m beside its route; plan it again"
         ended = self._ended
-        if ended is not None and self._given is not None and ended.number == self._given.number and not ended.reached:
+        if (
+            ended is not None
+            and self._given is not None
+            and ended.number == self._given.number
+            and not ended.reached
+        ):
             return f"move_base gave up ({ended.text}); plan the route again"
         return ""
 
@@ -131,6 +149,9 @@ class GoalGiver:
         here, before = self._route.at(at_m), self._route.at(at_m - 0.2)
         self._number += 1
         yaw_rad = float(np.arctan2(here[1] - before[1], here[0] - before[0]))
-        self._given_at_m, self._given = at_m, GiveGoal(self._number, float(here[0]), float(here[1]), yaw_rad)
+        self._given_at_m, self._given = (
+            at_m,
+            GiveGoal(self._number, float(here[0]), float(here[1]), yaw_rad),
+        )
         self.text = f"goal {self._number}: {at_m:.1f} of {self._route.length_m:.1f} m"
         return [self._given]

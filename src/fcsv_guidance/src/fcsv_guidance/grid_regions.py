@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Percents of nav_msgs/OccupancyGrid as arrays: what of them changed, and what a follower takes from them."""
+"""Percents of nav_msgs/OccupancyGrid as arrays: what of them changed, and what a follower takes
+from them."""
 
 from dataclasses import dataclass
 from typing import Optional
@@ -15,7 +16,8 @@ from fcsv_guidance.map_files import FREE_PERCENT, UNKNOWN
 
 @dataclass(frozen=True)
 class Region:
-    """A rectangle of a grid from ``row`` and ``column`` on, with its new ``percents`` (rows, columns) int8."""
+    """A rectangle of a grid from ``row`` and ``column`` on, with its new ``percents`` (rows,
+    columns) int8."""
 
     row: int
     column: int
@@ -23,7 +25,8 @@ class Region:
 
 
 def percents_of(p: np.ndarray) -> np.ndarray:
-    """int8: 100 (1 - p), rounded up so that what is below FREE_P stays above FREE_PERCENT; -1 where p is NaN.
+    """int8: 100 (1 - p), rounded up so that what is below FREE_P stays above FREE_PERCENT; -1 where
+    p is NaN.
 
     >>> percents_of(np.array([1.0, 0.98, 0.979, 0.0, np.nan])).tolist()
     [0, 2, 3, 100, -1]
@@ -52,13 +55,15 @@ def with_region(percents: np.ndarray, region: Region) -> np.ndarray:
             f"of {percents.shape[0]} x {percents.shape[1]}"
         )
     changed = percents.copy()
-    changed[region.row : region.row + rows, region.column : region.column + columns] = region.percents
+    changed[region.row : region.row + rows, region.column : region.column + columns] = (
+        region.percents
+    )
     return changed
 
 
 def clearance_map(stamp_s: float, grid: Grid, stands: np.ndarray) -> ClearanceMap:
-    """How far each cell is from where the robot must not stand, by percents ``stands`` (rows, columns) of where it can;
-    beyond the grid it must not."""
+    """How far each cell is from where the robot must not stand, by percents ``stands`` (rows,
+    columns) of where it can; beyond the grid it must not."""
     free = np.pad(((stands >= 0) & (stands <= FREE_PERCENT)).astype(np.uint8), 1)
     far = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
     return ClearanceMap(stamp_s, grid, np.maximum(far - 0.5, 0.0) * grid.cell_m)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ground model: what is known of the ground in a grid of home, and where a robot can stand.
 
-A cell that no pixel's surface touched is unknown: it is neither free nor an obstacle, and nothing fills it.
+A cell that no pixel's surface touched is unknown: it is neither free nor an obstacle, and nothing
+fills it.
 """
 
 from dataclasses import dataclass, replace
@@ -19,12 +20,22 @@ from fcsv_stereo.model.kinds import MOST_PAIRS
 
 _MOST_CELLS = 1 << 24
 _LARGEST_SIGMA_SHARE = 0.2  # of the depth: pixels that say less are left out
-LAYERS = ("height_m", "sigma_m", "low_m", "high_m", "roughness_m", "overhead_m", "trust", "distance_m")
+LAYERS = (
+    "height_m",
+    "sigma_m",
+    "low_m",
+    "high_m",
+    "roughness_m",
+    "overhead_m",
+    "trust",
+    "distance_m",
+)
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Square cells in home: row 0 at the smallest y, column 0 at the smallest x; ``x0_m``, ``y0_m``: outer corner.
+    """Square cells in home: row 0 at the smallest y, column 0 at the smallest x; ``x0_m``,
+    ``y0_m``: outer corner.
 
     >>> Grid(0.0, -1.0, 0.5, 4, 6).cell_of(1.2, -0.9)
     (0, 2)
@@ -38,15 +49,24 @@ class Grid:
 
     def __post_init__(self):
         if not np.isfinite([self.x0_m, self.y0_m]).all() or not 0 < self.cell_m < np.inf:
-            raise GroundError(f"a grid at {self.x0_m}, {self.y0_m} m with cells of {self.cell_m} m cannot be laid")
+            raise GroundError(
+                f"a grid at {self.x0_m}, {self.y0_m} m with cells of {self.cell_m} m cannot be laid"
+            )
         if not 0 < self.rows * self.columns <= _MOST_CELLS or self.rows < 1:
-            raise GroundError(f"a grid of {self.rows} x {self.columns} cells is empty or too large; take larger cells")
+            raise GroundError(
+                f"a grid of {self.rows} x {self.columns} cells is empty or too large; take larger cells"
+            )
 
     @classmethod
     def around(cls, low_m: Sequence[float], high_m: Sequence[float], cell_m: float) -> "Grid":
         """The grid from corner (x, y) to corner, on whole multiples of a cell."""
         first, last = np.floor(np.asarray(low_m) / cell_m), np.ceil(np.asarray(high_m) / cell_m)
-        return cls(float(first[0] * cell_m), float(first[1] * cell_m), cell_m, *map(int, (last - first)[::-1]))
+        return cls(
+            float(first[0] * cell_m),
+            float(first[1] * cell_m),
+            cell_m,
+            *map(int, (last - first)[::-1]),
+        )
 
     @property
     def shape(self) -> Tuple[int, int]:
@@ -58,7 +78,8 @@ class Grid:
         return (int(row), int(column)) if inside else None
 
     def cells_of(self, x_m, y_m) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows and columns of places (any shape, m), 0 where they are outside; whether they are inside."""
+        """Rows and columns of places (any shape, m), 0 where they are outside; whether they are
+        inside."""
         column = np.floor((np.asarray(x_m) - self.x0_m) / self.cell_m)
         row = np.floor((np.asarray(y_m) - self.y0_m) / self.cell_m)
         inside = (row >= 0) & (column >= 0) & (row < self.rows) & (column < self.columns)
@@ -66,17 +87,21 @@ class Grid:
 
     def middle_of(self, row, column) -> np.ndarray:
         """(...,2): x, y (m) of the middles of cells."""
-        x, y = self.x0_m + (np.asarray(column) + 0.5) * self.cell_m, self.y0_m + (np.asarray(row) + 0.5) * self.cell_m
+        x, y = (
+            self.x0_m + (np.asarray(column) + 0.5) * self.cell_m,
+            self.y0_m + (np.asarray(row) + 0.5) * self.cell_m,
+        )
         return np.stack([x, y], -1)
 
 
 @dataclass(frozen=True)
 class Ground:
-    """Layers of ``grid`` (rows, columns), NaN where unknown. In m above home: ``height_m`` of the lowest layer, its
-    ``sigma_m``, lower and upper edge ``low_m`` and ``high_m``, ``roughness_m`` (spread of its points), ``overhead_m``
-    (bottom of what hangs above, inf where nothing does). ``trust`` is the probability that the cell's points are no
-    gross errors, ``distance_m`` the camera's distance, ``seen_s`` when it was seen last (NaN: not told), ``seen_by``
-    the index in ``views`` (-1 where unknown). ``maps``: the ground as each of several maps alone shows it: their
+    """Layers of ``grid`` (rows, columns), NaN where unknown. In m above home: ``height_m`` of the
+    lowest layer, its ``sigma_m``, lower and upper edge ``low_m`` and ``high_m``, ``roughness_m``
+    (spread of its points), ``overhead_m`` (bottom of what hangs above, inf where nothing does).
+    ``trust`` is the probability that the cell's points are no gross errors, ``distance_m`` the
+    camera's distance, ``seen_s`` when it was seen last (NaN: not told), ``seen_by`` the index in
+    ``views`` (-1 where unknown). ``maps``: the ground as each of several maps alone shows it: their
     heights differ by errors of pose, so that steps are looked for in each.
     """
 
@@ -101,15 +126,17 @@ class Ground:
 
     @property
     def free_height_m(self) -> np.ndarray:
-        """Measures the height from the ground's upper edge to what hangs above; inf where nothing does, NaN where
-        unknown.
+        """Measures the height from the ground's upper edge to what hangs above; inf where nothing
+        does, NaN where unknown.
 
-        A view from above shows the upper side of a beam, and its lower edge only at its near side: so the lowest that
-        hangs within ``OVERHEAD_REACH_M`` counts.
+        A view from above shows the upper side of a beam, and its lower edge only at its near side:
+        so the lowest that hangs within ``OVERHEAD_REACH_M`` counts.
         """
         n = int(np.ceil(tuning.OVERHEAD_REACH_M / self.grid.cell_m))
         hangs = np.where(self.known, self.overhead_m, np.inf).astype(np.float32)
-        return standing.least(hangs, np.ones((2 * n + 1, 2 * n + 1), np.uint8), np.inf) - self.high_m
+        return (
+            standing.least(hangs, np.ones((2 * n + 1, 2 * n + 1), np.uint8), np.inf) - self.high_m
+        )
 
     @property
     def step_m(self) -> np.ndarray:
@@ -117,15 +144,19 @@ class Ground:
         return _largest_step(self.height_m, self.sigma_m)[0]
 
     def slope(self, radius_m: float = 0.0) -> np.ndarray:
-        """Rise over run of the plane through the known cells within ``radius_m``; NaN where they span no plane."""
+        """Rise over run of the plane through the known cells within ``radius_m``; NaN where they
+        span no plane."""
         return _plane_slope(self.height_m, self.grid.cell_m, radius_m)
 
 
 def ground_from(
-    views: Sequence[DepthView], cell_m: float = 0.1, grid: Optional[Grid] = None, reach_m: float = 60.0
+    views: Sequence[DepthView],
+    cell_m: float = 0.1,
+    grid: Optional[Grid] = None,
+    reach_m: float = 60.0,
 ) -> Ground:
-    """The ground that the views show together; ``grid`` is laid around what they see up to ``reach_m`` from their
-    cameras unless it is given.
+    """The ground that the views show together; ``grid`` is laid around what they see up to
+    ``reach_m`` from their cameras unless it is given.
 
     Raises GroundError where no pixel has a depth, a sigma and a pair that supports it.
     """
@@ -136,7 +167,9 @@ def ground_from(
     if grid is None:
         near = everything[everything[:, 4] <= reach_m, :2]
         if not len(near):
-            raise GroundError(f"no map shows anything within {reach_m:g} m of its camera; give a larger reach")
+            raise GroundError(
+                f"no map shows anything within {reach_m:g} m of its camera; give a larger reach"
+            )
         low, high = np.percentile(near, (0.2, 99.8), axis=0)
         grid = Grid.around(low, high + cell_m, cell_m)
     ground = _summarised(everything, grid)
@@ -144,18 +177,28 @@ def ground_from(
     stamps = np.array([view.stamp_s for view in views])
     seen_s = np.where(seen_by >= 0, stamps[seen_by], np.nan)
     alone = tuple(_summarised(part, grid) for part in points) if len(points) > 1 else ()
-    return replace(ground, seen_s=seen_s, seen_by=seen_by, views=tuple(view.name for view in views), maps=alone)
+    return replace(
+        ground, seen_s=seen_s, seen_by=seen_by, views=tuple(view.name for view in views), maps=alone
+    )
 
 
 def renewed(ground: Ground, view: DepthView) -> Ground:
-    """The ground with the cells that an instant shows replaced by what it shows; all others stay as they are."""
+    """The ground with the cells that an instant shows replaced by what it shows; all others stay as
+    they are."""
     new = _summarised(_points(view, ground.grid.cell_m), ground.grid)
-    layers = {name: np.where(new.known, getattr(new, name), getattr(ground, name)) for name in LAYERS}
+    layers = {
+        name: np.where(new.known, getattr(new, name), getattr(ground, name)) for name in LAYERS
+    }
     before = tuple(_without(part, new.known) for part in ground.maps or (ground,))
     seen_s = np.where(new.known, view.stamp_s, ground.seen_s)
     seen_by = np.where(new.known, len(ground.views), ground.seen_by)
     return replace(
-        ground, **layers, maps=(*before, new), views=(*ground.views, view.name), seen_s=seen_s, seen_by=seen_by
+        ground,
+        **layers,
+        maps=(*before, new),
+        views=(*ground.views, view.name),
+        seen_s=seen_s,
+        seen_by=seen_by,
     )
 
 
@@ -180,10 +223,12 @@ def cell_probability(ground: Ground, robot: Robot) -> np.ndarray:
 
 
 def stand_probability(ground: Ground, robot: Robot, margin_m: float = 0.0) -> np.ndarray:
-    """(rows, columns): calibrated probability that the robot can stand with its middle in the cell; NaN where unknown.
+    """(rows, columns): calibrated probability that the robot can stand with its middle in the cell;
+    NaN where unknown.
 
-    The footprint is grown by ``margin_m``. It is unknown where no map knows all cells below the footprint, unless one
-    shows an obstacle there. What one map calls free and another does not is uncertain.
+    The footprint is grown by ``margin_m``. It is unknown where no map knows all cells below the
+    footprint, unless one shows an obstacle there. What one map calls free and another does not is
+    uncertain.
     """
     each = [standing.probability(alone, robot, margin_m) for alone in ground.maps or (ground,)]
     return standing.together(each)
@@ -191,7 +236,9 @@ def stand_probability(ground: Ground, robot: Robot, margin_m: float = 0.0) -> np
 
 def _without(ground: Ground, cells: np.ndarray) -> Ground:
     """The ground with ``cells`` (rows, columns) made unknown."""
-    return replace(ground, maps=(), **{name: np.where(cells, np.nan, getattr(ground, name)) for name in LAYERS})
+    return replace(
+        ground, maps=(), **{name: np.where(cells, np.nan, getattr(ground, name)) for name in LAYERS}
+    )
 
 
 def _below(value: np.ndarray, bound: float, sigma: np.ndarray) -> np.ndarray:
@@ -208,29 +255,52 @@ def sure_depth(view: DepthView) -> np.ndarray:
         sure = np.isfinite(view.sigma) & (view.sigma < _LARGEST_SIGMA_SHARE * view.depth)
     sure &= (view.kind >= 1) & (view.kind <= MOST_PAIRS)
     if not sure.any():
-        raise GroundError(f"{view.name}: no pixel has a depth with sigma that a pair supports; map it again")
+        raise GroundError(
+            f"{view.name}: no pixel has a depth with sigma that a pair supports; map it again"
+        )
     return np.where(sure, view.depth, np.nan).astype(np.float32)
 
 
 def _points(view: DepthView, cell_m: float) -> np.ndarray:
     depth = sure_depth(view)
-    R, p = np.ascontiguousarray(view.T_home_cam[:3, :3], float), np.ascontiguousarray(view.T_home_cam[:3, 3], float)
+    R, p = (
+        np.ascontiguousarray(view.T_home_cam[:3, :3], float),
+        np.ascontiguousarray(view.T_home_cam[:3, 3], float),
+    )
     return kernels.points_of_view(
-        depth, view.sigma.astype(np.float32), view.kind.astype(np.uint8), MOST_PAIRS,
-        np.ascontiguousarray(view.K, float), R, p, tuning.SPAN_FACTOR, tuning.LONGEST_SPAN_M, cell_m,
-    )  # fmt: skip
+        depth,
+        view.sigma.astype(np.float32),
+        view.kind.astype(np.uint8),
+        MOST_PAIRS,
+        np.ascontiguousarray(view.K, float),
+        R,
+        p,
+        tuning.SPAN_FACTOR,
+        tuning.LONGEST_SPAN_M,
+        cell_m,
+    )
 
 
 def _summarised(points: np.ndarray, grid: Grid) -> Ground:
     if len(points) >= 1 << kernels._INDEX_BITS:
-        raise GroundError(f"{len(points)} points are too many for one grid; give fewer maps at once")
+        raise GroundError(
+            f"{len(points)} points are too many for one grid; give fewer maps at once"
+        )
     z0_m = float(np.percentile(points[::16, 2], 1)) - 20.0
     keys = kernels.keys_of(points, grid.x0_m, grid.y0_m, z0_m, grid.cell_m, grid.rows, grid.columns)
     keys.sort()
     out = kernels.lowest_layers(
-        keys, points, grid.rows * grid.columns, tuning.LAYER_GAP_M, tuning.LEAST_POINTS, tuning.LOW_QUANTILE,
-        tuning.HIGH_QUANTILE, tuning.COMMON_SHARE, tuning.GROSS_ONE_PAIR, tuning.GROSS_AGREED,
-    )  # fmt: skip
+        keys,
+        points,
+        grid.rows * grid.columns,
+        tuning.LAYER_GAP_M,
+        tuning.LEAST_POINTS,
+        tuning.LOW_QUANTILE,
+        tuning.HIGH_QUANTILE,
+        tuning.COMMON_SHARE,
+        tuning.GROSS_ONE_PAIR,
+        tuning.GROSS_AGREED,
+    )
     out = out.reshape(*grid.shape, len(LAYERS))
     for side in tuning.COARSER_SIDES:
         kernels.coarser_where_sparse(out, side, tuning.COARSER_SHARE)
@@ -249,7 +319,8 @@ def _seen_by(points: Sequence[np.ndarray], grid: Grid, known: np.ndarray) -> np.
 
 
 def _largest_step(height: np.ndarray, sigma: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Largest difference to a neighbour (m), 0 where none is known, and its sigma; NaN where unknown."""
+    """Largest difference to a neighbour (m), 0 where none is known, and its sigma; NaN where
+    unknown."""
     step, step_sigma = np.where(np.isfinite(height), np.float32(0), np.nan), np.array(sigma)
     rows, columns = height.shape
     for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
@@ -278,7 +349,11 @@ def _plane_slope(height: np.ndarray, cell_m: float, radius_m: float) -> np.ndarr
     with np.errstate(invalid="ignore", divide="ignore"):
         s, sx, sy, sz = mean(w), mean(w * x), mean(w * y), mean(z)
         mx, my, mz = sx / s, sy / s, sz / s
-        xx, yy, xy = mean(w * x * x) / s - mx * mx, mean(w * y * y) / s - my * my, mean(w * x * y) / s - mx * my
+        xx, yy, xy = (
+            mean(w * x * x) / s - mx * mx,
+            mean(w * y * y) / s - my * my,
+            mean(w * x * y) / s - mx * my,
+        )
         xz, yz = mean(x * z) / s - mx * mz, mean(y * z) / s - my * mz
         det = xx * yy - xy * xy
         slope = np.hypot((yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det)

@@ -21,7 +21,8 @@ _EXAMPLES = """examples:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit status 0; 1 where a route was asked for and none is known; 2 with one line on stderr on bad input."""
+    """Exit status 0; 1 where a route was asked for and none is known; 2 with one line on stderr on
+    bad input."""
     return run(_parser(), argv, _ground)
 
 
@@ -32,8 +33,12 @@ def _ground(args: argparse.Namespace) -> int:
     views = [read_map(folder) for folder in args.maps]
     asked = None
     if args.route:
-        asked = RouteAsked(tuple(args.route[:2]), tuple(args.route[2:]), args.place_sigma_m, args.through_unknown)
-    written = write_ground(views, robot, out, GroundOptions(args.cell_m, args.reach_m, args.octomap), asked)
+        asked = RouteAsked(
+            tuple(args.route[:2]), tuple(args.route[2:]), args.place_sigma_m, args.through_unknown
+        )
+    written = write_ground(
+        views, robot, out, GroundOptions(args.cell_m, args.reach_m, args.octomap), asked
+    )
     found = written.found
     print(written.summary)
     if isinstance(found, NoRoute):
@@ -48,19 +53,45 @@ def _ground(args: argparse.Namespace) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="ground", description="The ground that a robot can drive on, from maps; a route across it.",
-        epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+        prog="ground",
+        description="The ground that a robot can drive on, from maps; a route across it.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     add = parser.add_argument
     add("maps", nargs="+", metavar="MAP", help="folders that 'map' wrote")
     add("--robot", required=True, metavar="FILE", help="the robot (config/robots/NAME.yaml)")
     add("-o", "--out", required=True, metavar="OUT", help="an empty or new folder")
     add("--cell-m", type=float, default=0.1, help="side of a cell (default 0.1 m)")
-    add("--reach-m", type=float, default=60.0, help="how far from a camera the grid reaches (default 60 m)")
-    add("--octomap", type=float, metavar="VOXEL_M", help="also map.bt and map.ot, an OctoMap of voxels of so many m")
-    add("--route", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="from start to goal, home (m)")
     add(
-        "--place-sigma-m", type=float, default=0.0, help="sigma of the robot's place (m); the way keeps two of it clear"
+        "--reach-m",
+        type=float,
+        default=60.0,
+        help="how far from a camera the grid reaches (default 60 m)",
     )
-    add("--through-unknown", type=float, metavar="COST", help="cost of a metre not seen; without it none is crossed")
+    add(
+        "--octomap",
+        type=float,
+        metavar="VOXEL_M",
+        help="also map.bt and map.ot, an OctoMap of voxels of so many m",
+    )
+    add(
+        "--route",
+        type=float,
+        nargs=4,
+        metavar=("X0", "Y0", "X1", "Y1"),
+        help="from start to goal, home (m)",
+    )
+    add(
+        "--place-sigma-m",
+        type=float,
+        default=0.0,
+        help="sigma of the robot's place (m); the way keeps two of it clear",
+    )
+    add(
+        "--through-unknown",
+        type=float,
+        metavar="COST",
+        help="cost of a metre not seen; without it none is crossed",
+    )
     return parser

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The folder that ``ground`` and ``map --products ground`` write: the ground of maps in all its forms."""
+"""The folder that ``ground`` and ``map --products ground`` write: the ground of maps in all its
+forms."""
 
 import json
 from dataclasses import dataclass
@@ -23,7 +24,8 @@ DOCUMENT = "ground.json"
 
 @dataclass(frozen=True)
 class GroundOptions:
-    """Side of a cell, how far from a camera the grid reaches, and the voxels of an OctoMap (None: none is written)."""
+    """Side of a cell, how far from a camera the grid reaches, and the voxels of an OctoMap (None:
+    none is written)."""
 
     cell_m: float = 0.1
     reach_m: float = 60.0
@@ -42,7 +44,8 @@ class RouteAsked:
 
 @dataclass(frozen=True)
 class GroundWritten:
-    """``summary``: one line on the ground; ``found``: a Route or a NoRoute where one was asked for."""
+    """``summary``: one line on the ground; ``found``: a Route or a NoRoute where one was asked
+    for."""
 
     paths: Sequence[Path]
     summary: str
@@ -50,18 +53,25 @@ class GroundWritten:
 
 
 def write_ground(
-    views: Sequence[DepthView], robot: Robot, out: Path, options: GroundOptions = GroundOptions(),
+    views: Sequence[DepthView],
+    robot: Robot,
+    out: Path,
+    options: GroundOptions = GroundOptions(),
     asked: Optional[RouteAsked] = None,
-) -> GroundWritten:  # fmt: skip
-    """All files of the ground that ``views`` show, and the route that is ``asked`` for, into folder ``out``.
+) -> GroundWritten:
+    """All files of the ground that ``views`` show, and the route that is ``asked`` for, into folder
+    ``out``.
 
-    Raises GuidanceError where there is no ground or the route cannot be asked for; then nothing is written.
+    Raises GuidanceError where there is no ground or the route cannot be asked for; then nothing is
+    written.
     """
     ground = ground_from(views, options.cell_m, reach_m=options.reach_m)
     stands = stand_probability(ground, robot)
     found = None
     if asked is not None:
-        found = plan_route(ground, robot, asked.start_m, asked.goal_m, asked.place_sigma_m, asked.through_unknown)
+        found = plan_route(
+            ground, robot, asked.start_m, asked.goal_m, asked.place_sigma_m, asked.through_unknown
+        )
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     occupied = occupancy(ground, robot, stands)
@@ -81,18 +91,32 @@ def _summary(ground: Ground, stands: np.ndarray) -> str:
     return f"{size}: {ground.known.mean():.0%} known, {free.mean():.0%} free to stand on (p >= {tuning.FREE_P})"
 
 
-def _document(ground: Ground, stands: np.ndarray, robot: str, found: Union[Route, NoRoute, None]) -> dict:
+def _document(
+    ground: Ground, stands: np.ndarray, robot: str, found: Union[Route, NoRoute, None]
+) -> dict:
     grid = ground.grid
     document = {
-        "robot": robot, "maps": list(ground.views),
-        "grid": {"x0_m": grid.x0_m, "y0_m": grid.y0_m, "cell_m": grid.cell_m, "shape": list(grid.shape)},
-        "known": float(ground.known.mean()), "free": float((stands >= tuning.FREE_P).mean()),
-    }  # fmt: skip
+        "robot": robot,
+        "maps": list(ground.views),
+        "grid": {
+            "x0_m": grid.x0_m,
+            "y0_m": grid.y0_m,
+            "cell_m": grid.cell_m,
+            "shape": list(grid.shape),
+        },
+        "known": float(ground.known.mean()),
+        "free": float((stands >= tuning.FREE_P).mean()),
+    }
     if isinstance(found, NoRoute):
-        document["no_route"] = {"reason": found.reason, "to_see_m": grid.middle_of(*found.to_see.T).tolist()}
+        document["no_route"] = {
+            "reason": found.reason,
+            "to_see_m": grid.middle_of(*found.to_see.T).tolist(),
+        }
     elif found is not None:
         document["route"] = {
-            "points_m": found.points_home_m.tolist(), "length_m": found.length_m, "risk": found.risk,
+            "points_m": found.points_home_m.tolist(),
+            "length_m": found.length_m,
+            "risk": found.risk,
             "unknown_m": grid.middle_of(*found.unknown_cells.T).tolist(),
-        }  # fmt: skip
+        }
     return document

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What others are told of the ground: grids and what changed in them, routes, and why there is none.
+"""What others are told of the ground: grids and what changed in them, routes, and why there is
+none.
 
-A port: messages and time in, what is to be published out. It takes maps as they come, and a live map in their place
-where that shows more.
+A port: messages and time in, what is to be published out. It takes maps as they come, and a live
+map in their place where that shows more.
 """
 
 from dataclasses import dataclass, replace
@@ -49,8 +50,8 @@ class GoalDropped:
 
 @dataclass(frozen=True)
 class GridSaid:
-    """The whole grid: percents (rows, columns) int8 of ``map_files.occupancy``, and of where the robot can stand with
-    its middle. ``stamp_s``: of the newest picture in it."""
+    """The whole grid: percents (rows, columns) int8 of ``map_files.occupancy``, and of where the
+    robot can stand with its middle. ``stamp_s``: of the newest picture in it."""
 
     stamp_s: float
     grid: Grid
@@ -76,7 +77,8 @@ class RouteSaid:
 
 @dataclass(frozen=True)
 class NoRouteSaid:
-    """There is none: the reason, and the middles (N,2) in home of the cells that would have to be seen first."""
+    """There is none: the reason, and the middles (N,2) in home of the cells that would have to be
+    seen first."""
 
     reason: str
     to_see_m: np.ndarray
@@ -88,7 +90,8 @@ class GroundRules:
 
     cell_m: float = 0.1
     reach_m: float = 60.0  # of the grid, from the first maps' cameras
-    area_m: Optional[Tuple[float, float, float, float]] = None  # x0, x1, y0, y1 of the grid in place of that
+    # x0, x1, y0, y1 of the grid in place of that
+    area_m: Optional[Tuple[float, float, float, float]] = None
     replan_s: float = 1.0  # least time between two plans
     off_m: float = 0.4  # beside its route the robot gets another
     goal_m: float = 0.3  # so near the goal it is reached
@@ -109,7 +112,8 @@ class GroundServer:
         self._place: Optional[RobotPlace] = None
         self._goal: Optional[GoalSet] = None
         self._route: Optional[Route] = None
-        self._version, self._planned = 0, (-1, -np.inf)  # of the ground; ground and time of the last plan
+        # of the ground; ground and time of the last plan
+        self._version, self._planned = 0, (-1, -np.inf)
         self._waits_for_place = False
         self._out: List[Said] = []
 
@@ -124,15 +128,17 @@ class GroundServer:
         return self._ground
 
     def receive(self, now_s: float, message: object) -> None:
-        """A message came. Raises TypeError where its type is not known, RouteError where a goal is not finite,
-        GroundError where a map shows no ground."""
+        """A message came. Raises TypeError where its type is not known, RouteError where a goal is
+        not finite, GroundError where a map shows no ground."""
         if isinstance(message, MapSeen):
             self._on_map(message)
         elif isinstance(message, RobotPlace):
             self._place = message
         elif isinstance(message, GoalSet):
             if not np.isfinite([message.x_m, message.y_m]).all():
-                raise RouteError(f"the goal ({message.x_m}, {message.y_m}) is not finite; give x and y in home (m)")
+                raise RouteError(
+                    f"the goal ({message.x_m}, {message.y_m}) is not finite; give x and y in home (m)"
+                )
             self._goal, self._route, self._planned = message, None, (-1, -np.inf)
         elif isinstance(message, GoalDropped):
             if self._goal is not None:
@@ -150,8 +156,9 @@ class GroundServer:
         return out
 
     def plan(self, start_m, goal_m, tolerance_m: float = 0.0) -> Union[Route, NoRoute]:
-        """A route between two places of home, or why there is none; the goal may move by ``tolerance_m`` where no robot
-        can stand on it. It keeps clear by the sigma of the robot's place, where that is known.
+        """A route between two places of home, or why there is none; the goal may move by
+        ``tolerance_m`` where no robot can stand on it. It keeps clear by the sigma of the robot's
+        place, where that is known.
 
         Raises RouteError where start or goal is none, before the first map too.
         """
@@ -166,7 +173,7 @@ class GroundServer:
         """Its reason with the first of the cells that would have to be seen, and all of them."""
         return _in_words(found.reason, self._ground.grid.middle_of(*found.to_see.T))
 
-    # ---- maps ----------------------------------------------------------------------------------------------
+    # ---- maps ------------------------------------------------------------------------------------
 
     def _on_map(self, seen: MapSeen) -> None:
         if seen.live and self._ground is not None:
@@ -192,7 +199,9 @@ class GroundServer:
         stands = stand_probability(ground, self._robot)
         stamps = [view.stamp_s for view in (*self._views, self._live) if view is not None]
         stamp_s = max([s for s in stamps if np.isfinite(s)], default=0.0)
-        now = GridSaid(stamp_s, ground.grid, occupancy(ground, self._robot, stands), percents_of(stands))
+        now = GridSaid(
+            stamp_s, ground.grid, occupancy(ground, self._robot, stands), percents_of(stands)
+        )
         before, self._ground, self._said = self._said, ground, now
         self._version += 1
         if before is None or before.grid != now.grid:
@@ -200,9 +209,13 @@ class GroundServer:
             return
         unchanged = Region(0, 0, now.occupied[:1, :1]), Region(0, 0, now.stands[:1, :1])
         occupied = changed_region(before.occupied, now.occupied) or unchanged[0]
-        self._out.append(GridChanged(stamp_s, occupied, changed_region(before.stands, now.stands) or unchanged[1]))
+        self._out.append(
+            GridChanged(
+                stamp_s, occupied, changed_region(before.stands, now.stands) or unchanged[1]
+            )
+        )
 
-    # ---- routes --------------------------------------------------------------------------------------------
+    # ---- routes ----------------------------------------------------------------------------------
 
     def _wants_plan(self, now_s: float) -> bool:
         version, planned_s = self._planned
@@ -226,19 +239,26 @@ class GroundServer:
             found = self.plan((place.x_m, place.y_m), (self._goal.x_m, self._goal.y_m))
         except RouteError as error:
             said = str(error)
-            return NoRouteSaid(said if said.startswith(_NO_ROUTE) else f"{_NO_ROUTE}: {said}", np.empty((0, 2)))
+            return NoRouteSaid(
+                said if said.startswith(_NO_ROUTE) else f"{_NO_ROUTE}: {said}", np.empty((0, 2))
+            )
         if isinstance(found, NoRoute):
             return self.in_words(found)
         self._route = found
         return RouteSaid(found.points_home_m)
 
     def _is_free(self, points: np.ndarray) -> bool:
-        row, column, inside = self._said.grid.cells_of(*densely(points, 0.5 * self._said.grid.cell_m).T)
+        row, column, inside = self._said.grid.cells_of(
+            *densely(points, 0.5 * self._said.grid.cell_m).T
+        )
         percents = self._said.stands[row, column]
-        return bool((inside & (percents >= 0) & (percents <= round(100 * (1 - tuning.FREE_P)))).all())
+        return bool(
+            (inside & (percents >= 0) & (percents <= round(100 * (1 - tuning.FREE_P)))).all()
+        )
 
     def _stands_near(self, goal_m, tolerance_m: float, sigma_m: float) -> Tuple[float, float]:
-        """The goal, or the middle of the nearest cell within the tolerance in which the robot can stand."""
+        """The goal, or the middle of the nearest cell within the tolerance in which the robot can
+        stand."""
         grid = self._ground.grid
         p = stand_probability(self._ground, self._robot, 2 * sigma_m)
         cell = grid.cell_of(*goal_m)
@@ -246,7 +266,11 @@ class GroundServer:
             return tuple(goal_m)
         xy = grid.middle_of(*np.nonzero(p >= tuning.FREE_P))
         far = np.hypot(*(xy - np.asarray(goal_m)).T)
-        return tuple(xy[int(np.argmin(far))]) if len(far) and far.min() <= tolerance_m else tuple(goal_m)
+        return (
+            tuple(xy[int(np.argmin(far))])
+            if len(far) and far.min() <= tolerance_m
+            else tuple(goal_m)
+        )
 
 
 def densely(points: np.ndarray, step_m: float) -> np.ndarray:
@@ -256,7 +280,9 @@ def densely(points: np.ndarray, step_m: float) -> np.ndarray:
     [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]
     """
     pieces = [
-        a + np.linspace(0, 1, max(1, int(np.ceil(np.hypot(*(b - a)) / step_m))) + 1)[:-1, None] * (b - a)
+        a
+        + np.linspace(0, 1, max(1, int(np.ceil(np.hypot(*(b - a)) / step_m))) + 1)[:-1, None]
+        * (b - a)
         for a, b in zip(points[:-1], points[1:])
     ]
     return np.concatenate([*pieces, points[-1:]])
@@ -275,7 +301,8 @@ def _in_words(reason: str, to_see_m: np.ndarray) -> NoRouteSaid:
 
 
 def _with_live(ground: Ground, view: DepthView, finished: int) -> Ground:
-    """The ground with the live map's newest state in it; the live states before are one map, not one more each."""
+    """The ground with the live map's newest state in it; the live states before are one map, not
+    one more each."""
     if view.name in ground.views[finished:]:
         ground = replace(ground, views=(*ground.views[:finished], *ground.views[finished + 1 :]))
     new = renewed(ground, view)
@@ -285,4 +312,3 @@ def _with_live(ground: Ground, view: DepthView, finished: int) -> Ground:
         layers = {n: np.where(live.known, getattr(live, n), getattr(older, n)) for n in LAYERS}
         live = replace(live, **layers)
     return replace(new, maps=(*kept, live), seen_by=np.minimum(new.seen_by, finished))
-

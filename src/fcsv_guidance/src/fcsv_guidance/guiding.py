@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Guides a robot to a goal: maps become a route, the route is followed, and another is planned where it closes.
+"""Guides a robot to a goal: maps become a route, the route is followed, and another is planned
+where it closes.
 
-A port: messages and monotonic time in, a Guidance out. Every doubt ends in a command to stand, with its reason.
+A port: messages and monotonic time in, a Guidance out. Every doubt ends in a command to stand, with
+its reason.
 """
 
 from collections import deque
@@ -20,7 +22,7 @@ from fcsv_guidance.following import (
     RouteFollower,
     RouteToFollow,
     StopRobot,
-)  # fmt: skip
+)
 from fcsv_guidance.known import GroundSeen, KnownGround
 from fcsv_guidance.place import PlaceState
 from fcsv_guidance.robot import Robot
@@ -49,8 +51,8 @@ class RobotHeard:
 
 @dataclass(frozen=True)
 class Guidance:
-    """What the robot is told, and why: ``state`` is one of STATES, ``text`` a sentence for the operator. ``route`` and
-    ``no_route`` are the last that was planned."""
+    """What the robot is told, and why: ``state`` is one of STATES, ``text`` a sentence for the
+    operator. ``route`` and ``no_route`` are the last that was planned."""
 
     command: DriveCommand
     state: str
@@ -61,11 +63,12 @@ class Guidance:
 
 @dataclass(frozen=True)
 class GuideRules:
-    """``watched``: the robot drives only while views watch its place, none older than ``oldest_watch_s``; else maps
-    serve for ``oldest_map_s``. A route keeps ``sigmas`` of the place and ``spare_m`` clear, and more where there is
-    room, up to ``comfort_m``. It crosses steps up to ``step_share`` of what the robot climbs: little more is hardly
-    seen. Two plans are ``replan_s`` apart at least. The robot stands while something came nearer than
-    ``moving_m`` in the last ``still_s``: what walks at 1.5 m/s comes so far until a picture shows it and the robot
+    """``watched``: the robot drives only while views watch its place, none older than
+    ``oldest_watch_s``; else maps serve for ``oldest_map_s``. A route keeps ``sigmas`` of the place
+    and ``spare_m`` clear, and more where there is room, up to ``comfort_m``. It crosses steps up to
+    ``step_share`` of what the robot climbs: little more is hardly seen. Two plans are ``replan_s``
+    apart at least. The robot stands while something came nearer than ``moving_m`` in the last
+    ``still_s``: what walks at 1.5 m/s comes so far until a picture shows it and the robot
     stands."""
 
     watched: bool = False
@@ -103,8 +106,8 @@ class RobotGuide:
         self._planned_s, self._planned_version, self._heard_s = -np.inf, -1, -np.inf
 
     def receive(self, now_s: float, message: Message) -> None:
-        """A message came. Raises TypeError where its type is not known, RouteError where a goal is not finite,
-        GroundError where a view does not fit those before."""
+        """A message came. Raises TypeError where its type is not known, RouteError where a goal is
+        not finite, GroundError where a view does not fit those before."""
         if isinstance(message, PlaceState):
             self._place = message
             if message.place is not None:
@@ -116,7 +119,9 @@ class RobotGuide:
             self._heard_s = max(self._heard_s, message.stamp_s)
         elif isinstance(message, Goal):
             if not np.isfinite([message.x_m, message.y_m]).all():
-                raise RouteError(f"the goal ({message.x_m}, {message.y_m}) is not finite; give x and y in home (m)")
+                raise RouteError(
+                    f"the goal ({message.x_m}, {message.y_m}) is not finite; give x and y in home (m)"
+                )
             self._goal, self._route, self._none = message, None, None
             self._planned_s = -np.inf
         elif isinstance(message, StopRobot):
@@ -142,13 +147,19 @@ class RobotGuide:
             self._plan(now_s)
             command = None if self._route is None else self._follower.step(now_s)[0]
         if command is None:
-            state, reason = (WAITING, "a route is planned") if self._none is None else (NO_ROUTE, self._none.reason)
+            state, reason = (
+                (WAITING, "a route is planned")
+                if self._none is None
+                else (NO_ROUTE, self._none.reason)
+            )
             return [self._standing(state, reason)]
         moves = self._moving(now_s)
         if moves:
             return [self._standing(WAITING, moves)]
         state = WAITING if command.reason else DRIVING
-        return [Guidance(command, state, command.reason or "the robot drives", self._route, self._none)]
+        return [
+            Guidance(command, state, command.reason or "the robot drives", self._route, self._none)
+        ]
 
     def _standing(self, state: str, text: str) -> Guidance:
         self._follower.pause()
@@ -175,7 +186,11 @@ class RobotGuide:
             return "no map has come"
         age_s = now_s - self._seen_s()
         if rules.watched and age_s > rules.oldest_watch_s:
-            return "nobody watches the place" if not np.isfinite(age_s) else f"the place was seen {age_s:.1f} s ago"
+            return (
+                "nobody watches the place"
+                if not np.isfinite(age_s)
+                else f"the place was seen {age_s:.1f} s ago"
+            )
         return "the maps are too old; look at the place again" if age_s > rules.oldest_map_s else ""
 
     def _moving(self, now_s: float) -> str:
@@ -183,11 +198,18 @@ class RobotGuide:
         rules, place, known = self._rules, self._place.place, self.known
         if now_s - known.came_s >= rules.still_s:
             return ""
-        off_m = float(np.hypot(*(known.came_m - [place.x_m, place.y_m]).T).min()) - self._robot.radius_m
-        return "" if off_m >= rules.moving_m else f"something moves {max(off_m, 0.0):.1f} m from the robot"
+        off_m = (
+            float(np.hypot(*(known.came_m - [place.x_m, place.y_m]).T).min()) - self._robot.radius_m
+        )
+        return (
+            ""
+            if off_m >= rules.moving_m
+            else f"something moves {max(off_m, 0.0):.1f} m from the robot"
+        )
 
     def _wants_plan(self, now_s: float, command: Optional[DriveCommand]) -> bool:
-        """Where there is no route, or the one there is closed or cannot be followed; ``command``: the follower's."""
+        """Where there is no route, or the one there is closed or cannot be followed; ``command``:
+        the follower's."""
         since_s = now_s - self._planned_s
         if since_s < self._rules.replan_s:
             return False
@@ -198,7 +220,9 @@ class RobotGuide:
 
     def _is_clear(self) -> bool:
         """Whether what is left of the route keeps clear of what is known now."""
-        return self._follower.least_clear_m() > self._rules.follower.sigmas * self._place.place.sigma_m
+        return (
+            self._follower.least_clear_m() > self._rules.follower.sigmas * self._place.place.sigma_m
+        )
 
     def _plan(self, now_s: float) -> None:
         """A route from where the robot is; where there is none, the robot stands and says so."""
@@ -218,14 +242,18 @@ def careful(robot: Robot, rules: GuideRules = GuideRules()) -> Robot:
     return replace(robot, largest_step_m=rules.step_share * robot.largest_step_m)
 
 
-def plan_over(known: KnownGround, start_m, goal_m, place_sigma_m: float, rules: GuideRules = GuideRules()):
+def plan_over(
+    known: KnownGround, start_m, goal_m, place_sigma_m: float, rules: GuideRules = GuideRules()
+):
     """A Route over what is known, or a NoRoute; also where no robot can stand at start or goal.
 
     Near the start it may be as near to obstacles as the robot already is.
     """
     keep_m = rules.follower.sigmas * place_sigma_m + rules.spare_m
     xy = known.grid.middle_of(*np.indices(known.grid.shape))
-    leaving = np.hypot(xy[..., 0] - start_m[0], xy[..., 1] - start_m[1]) < keep_m + known.grid.cell_m
+    leaving = (
+        np.hypot(xy[..., 0] - start_m[0], xy[..., 1] - start_m[1]) < keep_m + known.grid.cell_m
+    )
     allowed = (known.clear_m > keep_m) | leaving
     p = np.where((known.stands >= tuning.FREE_P) & ~allowed, _UNSURE_P, known.stands)
     lacking = np.clip(1.0 - (known.clear_m - keep_m) / rules.comfort_m, 0.0, 1.0)

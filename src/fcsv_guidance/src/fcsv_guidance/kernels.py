@@ -10,9 +10,11 @@ Z_STEP_M = 0.005  # heights are sorted so finely
 
 @numba.njit(cache=True)
 def points_of_view(depth, sigma, kind, most_pairs, K, R, p, span_factor, longest_m, cell_m):
-    """Points (N,6) float32 of a view: x, y, z (home, m), sigma of z (m), distance (m), 1 where pairs agree, else 0.
+    """Points (N,6) float32 of a view: x, y, z (home, m), sigma of z (m), distance (m), 1 where
+    pairs agree, else 0.
 
-    The surface between two pixels of a column is spanned where it is no longer than level ground allows.
+    The surface between two pixels of a column is spanned where it is no longer than level ground
+    allows.
     """
     height, width = depth.shape
     out = np.empty((4 * height * width, 6), np.float32)
@@ -75,11 +77,15 @@ def keys_of(points, x0_m, y0_m, z0_m, cell_m, rows, columns):
 
 
 @numba.njit(cache=True)
-def lowest_layers(keys, points, cells, gap_m, least, low_q, high_q, common, gross_one, gross_agreed):
-    """(cells,8) float32, NaN where unknown: height, sigma, lower and upper edge, roughness (m), bottom of what hangs
-    above (m, inf where nothing), trust (probability that the points are no gross errors), distance (m).
+def lowest_layers(
+    keys, points, cells, gap_m, least, low_q, high_q, common, gross_one, gross_agreed
+):
+    """(cells,8) float32, NaN where unknown: height, sigma, lower and upper edge, roughness (m),
+    bottom of what hangs above (m, inf where nothing), trust (probability that the points are no
+    gross errors), distance (m).
 
-    ``keys`` is sorted. A layer of fewer than ``least`` points is no ground, but hangs over what lies below it.
+    ``keys`` is sorted. A layer of fewer than ``least`` points is no ground, but hangs over what
+    lies below it.
     """
     out = np.full((cells, 8), np.nan, np.float32)
     mask = (1 << _INDEX_BITS) - 1
@@ -92,10 +98,25 @@ def lowest_layers(keys, points, cells, gap_m, least, low_q, high_q, common, gros
         first = i
         while first < end:
             last = first + 1
-            while last < end and points[keys[last] & mask, 2] - points[keys[last - 1] & mask, 2] < gap_m:
+            while (
+                last < end
+                and points[keys[last] & mask, 2] - points[keys[last - 1] & mask, 2] < gap_m
+            ):
                 last += 1
             if last - first >= least:
-                _summarise(out[cell], keys, points, first, last, end, low_q, high_q, common, gross_one, gross_agreed)
+                _summarise(
+                    out[cell],
+                    keys,
+                    points,
+                    first,
+                    last,
+                    end,
+                    low_q,
+                    high_q,
+                    common,
+                    gross_one,
+                    gross_agreed,
+                )
                 break
             first = last
         i = end
@@ -103,7 +124,9 @@ def lowest_layers(keys, points, cells, gap_m, least, low_q, high_q, common, gros
 
 
 @numba.njit(cache=True)
-def _summarise(cell, keys, points, first, last, end, low_q, high_q, common, gross_one, gross_agreed):
+def _summarise(
+    cell, keys, points, first, last, end, low_q, high_q, common, gross_one, gross_agreed
+):
     mask = (1 << _INDEX_BITS) - 1
     count = last - first
     weight = total = square = variance = distance = agreed = 0.0
@@ -133,8 +156,9 @@ def _summarise(cell, keys, points, first, last, end, low_q, high_q, common, gros
 
 @numba.njit(cache=True)
 def coarser_where_sparse(layers, side, share):
-    """Fills, in place, unknown cells of ``layers`` (rows, columns, 8) with what their block of ``side`` cells shows,
-    where a ``share`` of the block is known: edges are the extremes, trust the least, sigma holds how heights differ.
+    """Fills, in place, unknown cells of ``layers`` (rows, columns, 8) with what their block of
+    ``side`` cells shows, where a ``share`` of the block is known: edges are the extremes, trust the
+    least, sigma holds how heights differ.
     """
     rows, columns, _ = layers.shape
     for top in range(0, rows, side):
@@ -163,14 +187,19 @@ def coarser_where_sparse(layers, side, share):
                 for j in range(left, right):
                     if np.isnan(layers[i, j, 0]):
                         layers[i, j, 0], layers[i, j, 1], layers[i, j, 2] = mean, spread, low
-                        layers[i, j, 3], layers[i, j, 4], layers[i, j, 5] = high, roughness, overhead
+                        layers[i, j, 3], layers[i, j, 4], layers[i, j, 5] = (
+                            high,
+                            roughness,
+                            overhead,
+                        )
                         layers[i, j, 6], layers[i, j, 7] = trust, distance / count
 
 
 @numba.njit(cache=True)
 def rays_through(depth, sigma, K, R, p, voxel_m, reach_m, sigmas, stride, corner_m, shape):
-    """(x, y, z) uint8: how many rays (every ``stride``-th pixel, 255 at most) pass each voxel of a box from
-    ``corner_m``, to ``sigmas`` before their depth and no farther than ``reach_m``; (x, y, z) bool: where depths end."""
+    """(x, y, z) uint8: how many rays (every ``stride``-th pixel, 255 at most) pass each voxel of a
+    box from ``corner_m``, to ``sigmas`` before their depth and no farther than ``reach_m``; (x, y,
+    z) bool: where depths end."""
     rays, hits = np.zeros(shape, np.uint8), np.zeros(shape, np.bool_)
     height, width = depth.shape
     u = np.empty(3)
@@ -188,13 +217,22 @@ def rays_through(depth, sigma, K, R, p, voxel_m, reach_m, sigmas, stride, corner
                 if within(i, j, k, shape):
                     hits[i, j, k] = True
             if row % stride == 0 and column % stride == 0:
-                _pass(rays, p, u, min(d - sigmas * sigma[row, column], reach_m), corner_m, voxel_m, shape)
+                _pass(
+                    rays,
+                    p,
+                    u,
+                    min(d - sigmas * sigma[row, column], reach_m),
+                    corner_m,
+                    voxel_m,
+                    shape,
+                )
     return rays, hits
 
 
 @numba.njit(cache=True)
 def _pass(rays, p, u, end, corner_m, voxel_m, shape):
-    """One more ray in each voxel from p along u to depth ``end``, exactly as it crosses them (Amanatides, Woo 1987)."""
+    """One more ray in each voxel from p along u to depth ``end``, exactly as it crosses them
+    (Amanatides, Woo 1987)."""
     i, j, k = voxel_at(p, u, 0.0, corner_m, voxel_m)
     at = np.array([i, j, k])
     step, following, period = np.zeros(3, np.int64), np.full(3, np.inf), np.full(3, np.inf)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of the ground now: maps that were made before, and views that watch it and take its freedom back."""
+"""What is known of the ground now: maps that were made before, and views that watch it and take its
+freedom back."""
 
 from dataclasses import dataclass, replace
 from typing import Dict, Optional, Tuple
@@ -14,15 +15,16 @@ from fcsv_guidance.ground import LAYERS, Grid, Ground
 from fcsv_guidance.robot import Robot
 
 _SIGMAS = 4.0  # a height that differs by so much, and by CHANGED_M, is another
-CHANGED_M = 0.12  # below the smallest step that stops a robot for System III; noise of one cell stays below
+# below the smallest step that stops a robot for System III; noise of one cell stays below
+CHANGED_M = 0.12
 _MOVES_CELLS = 4  # fewer that change are noise
 _OWN_M = 0.15  # beside the footprint: what is seen there may be the robot itself
 
 
 @dataclass(frozen=True)
 class GroundSeen:
-    """What one view shows of the ground, on the grid that all share. ``source``: its station; the newest of a source
-    counts. ``watching``: it is one of a series that shows what changes."""
+    """What one view shows of the ground, on the grid that all share. ``source``: its station; the
+    newest of a source counts. ``watching``: it is one of a series that shows what changes."""
 
     stamp_s: float
     source: str
@@ -33,15 +35,17 @@ class GroundSeen:
 class KnownGround:
     """Where ``robot`` can stand by all that was seen.
 
-    A cell in which a watching view shows another height than every map is changed: it counts for the maps no more,
-    until a watching view shows the height of the maps again. What hides behind stays as it was.
+    A cell in which a watching view shows another height than every map is changed: it counts for
+    the maps no more, until a watching view shows the height of the maps again. What hides behind
+    stays as it was.
     """
 
     def __init__(self, robot: Robot):
         self._robot = robot
         self._maps: Dict[str, GroundSeen] = {}
         self._watching: Dict[str, GroundSeen] = {}
-        self._stands: Dict[str, Tuple[np.ndarray, np.ndarray]] = {}  # probability, whole footprint known
+        # probability, whole footprint known
+        self._stands: Dict[str, Tuple[np.ndarray, np.ndarray]] = {}
         self._changed: Optional[np.ndarray] = None
         self.stands: Optional[np.ndarray] = None
         self.clear_m: Optional[np.ndarray] = None
@@ -65,18 +69,25 @@ class KnownGround:
         return min((seen.stamp_s for seen in self._watching.values()), default=-np.inf)
 
     def receive(self, seen: GroundSeen, place: Optional[RobotPlace]) -> bool:
-        """Whether what is known of freedom changed. ``place``: of the robot, which a watching view does not take for an
-        obstacle. Raises GroundError where the view has another grid than the first."""
+        """Whether what is known of freedom changed. ``place``: of the robot, which a watching view
+        does not take for an obstacle. Raises GroundError where the view has another grid than the
+        first."""
         if not np.isfinite(seen.stamp_s):
-            raise GroundError(f"{seen.source}: a view without a stamp cannot be told from an old one")
+            raise GroundError(
+                f"{seen.source}: a view without a stamp cannot be told from an old one"
+            )
         if self.grid is not None and seen.ground.grid != self.grid:
-            raise GroundError(f"{seen.source}: its grid is not that of the maps before; make it on the same grid")
+            raise GroundError(
+                f"{seen.source}: its grid is not that of the maps before; make it on the same grid"
+            )
         kept = self._watching if seen.watching else self._maps
         if seen.source in kept and kept[seen.source].stamp_s >= seen.stamp_s:
             return False
         if self._changed is None:
             if seen.watching:
-                raise GroundError(f"{seen.source}: watches a place that has no map yet; give the map first")
+                raise GroundError(
+                    f"{seen.source}: watches a place that has no map yet; give the map first"
+                )
             self._changed = np.zeros(seen.ground.grid.shape, bool)
         if seen.watching:
             self._watching[seen.source] = seen
@@ -125,9 +136,14 @@ class KnownGround:
         doubtful = standing.most(self._changed, around) > 0
         maps = [self._stands[name] for name in self._maps]
         watching = [self._stands[name] for name in self._watching if name in self._stands]
-        mapped = np.logical_or.reduce([whole for _, whole in maps]) & ~doubtful  # a watch that repeats it is no more
-        each = [np.where(doubtful, np.nan, p) for p, _ in maps] + [np.where(mapped, np.nan, p) for p, _ in watching]
-        whole = [whole & ~doubtful for _, whole in maps] + [whole & ~mapped for _, whole in watching]
+        # a watch that repeats it is no more
+        mapped = np.logical_or.reduce([whole for _, whole in maps]) & ~doubtful
+        each = [np.where(doubtful, np.nan, p) for p, _ in maps] + [
+            np.where(mapped, np.nan, p) for p, _ in watching
+        ]
+        whole = [whole & ~doubtful for _, whole in maps] + [
+            whole & ~mapped for _, whole in watching
+        ]
         stands = standing.weighed(each, whole, around)
         for p, _ in watching:  # what is in the way now, no number of older maps can say otherwise
             stands = np.where(doubtful & (p < tuning.FREE_P), np.minimum(stands, p), stands)
@@ -142,7 +158,8 @@ class KnownGround:
 
 
 def _agrees(a: Ground, b: Ground) -> np.ndarray:
-    """(rows, columns) bool: both know the cell, and neither its edges nor what hangs above tell of another surface."""
+    """(rows, columns) bool: both know the cell, and neither its edges nor what hangs above tell of
+    another surface."""
     sigma = np.hypot(a.sigma_m, b.sigma_m)
     bound = np.maximum(CHANGED_M, _SIGMAS * sigma)
     with np.errstate(invalid="ignore"):
@@ -152,5 +169,7 @@ def _agrees(a: Ground, b: Ground) -> np.ndarray:
 
 def _lone(cells: np.ndarray) -> np.ndarray:
     """Those of which none of the eight around is one too: a wrong pixel, no thing."""
-    count = cv2.boxFilter(cells.astype(np.float32), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    count = cv2.boxFilter(
+        cells.astype(np.float32), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT
+    )
     return cells & (count < 1.5)

@@ -17,8 +17,8 @@ class LiveViews:
         self._parts: Dict[float, Dict[str, Any]] = {}
 
     def add(self, stamp_s: float, part: str, value: Any) -> Optional[DepthView]:
-        """The view of a stamp once its last part is here. Raises GroundError where the parts do not belong together,
-        ValueError on a part of another name."""
+        """The view of a stamp once its last part is here. Raises GroundError where the parts do not
+        belong together, ValueError on a part of another name."""
         if part not in PARTS:
             raise ValueError(f"a depth view has no part '{part}'; it has {', '.join(PARTS)}")
         parts = self._parts.setdefault(stamp_s, {})

@@ -14,7 +14,8 @@ from fcsv_guidance.robot import Robot
 from fcsv_stereo.products.from_above import write_geotiff
 
 UNKNOWN = -1  # nav_msgs/OccupancyGrid
-#: map_server's thresholds of occupancy: free below, occupied above, unknown between (trinary) or graded (scaled)
+#: map_server's thresholds of occupancy: free below, occupied above, unknown between (trinary) or
+#: graded (scaled)
 FREE_BELOW, OCCUPIED_ABOVE = 1.0 - tuning.FREE_P, 1.0 - tuning.OBSTACLE_P
 #: the same of an OccupancyGrid's values
 FREE_PERCENT, OCCUPIED_PERCENT = round(100 * FREE_BELOW), round(100 * OCCUPIED_ABOVE)
@@ -25,10 +26,10 @@ _LAYERS = ("height_m", "sigma_m", "roughness_m", "distance_m")
 def occupancy(ground: Ground, robot: Robot, stands: np.ndarray) -> np.ndarray:
     """(rows, columns) int8 of nav_msgs/OccupancyGrid: -1 where unknown, else 100 times 1 - p.
 
-    A cell is free (at most FREE_PERCENT) where the robot can stand somewhere with it below its footprint: p is the
-    best of ``stands`` (stand_probability) there. It is occupied (at least OCCUPIED_PERCENT) where it is not free and
-    an obstacle itself. A planner inflates by the footprint, as ``move_base`` does, and so finds again where it can
-    stand.
+    A cell is free (at most FREE_PERCENT) where the robot can stand somewhere with it below its
+    footprint: p is the best of ``stands`` (stand_probability) there. It is occupied (at least
+    OCCUPIED_PERCENT) where it is not free and an obstacle itself. A planner inflates by the
+    footprint, as ``move_base`` does, and so finds again where it can stand.
     """
     covering = standing.disk(robot.radius_m, ground.grid.cell_m)
     p = standing.most(np.where(np.isfinite(stands), stands, -1.0), covering)
@@ -41,9 +42,11 @@ def occupancy(ground: Ground, robot: Robot, stands: np.ndarray) -> np.ndarray:
     return np.where(ground.known & ((p >= 0) | obstacle), percent, UNKNOWN).astype(np.int8)
 
 
-def write_map_server(occupied: np.ndarray, grid: Grid, folder: Path, name: str, scaled: bool = False) -> List[Path]:
-    """NAME.pgm and NAME.yaml; their paths. Scaled it is NAME.png: map_server tells what is unknown from grades of
-    occupancy by transparency, which a PGM cannot hold.
+def write_map_server(
+    occupied: np.ndarray, grid: Grid, folder: Path, name: str, scaled: bool = False
+) -> List[Path]:
+    """NAME.pgm and NAME.yaml; their paths. Scaled it is NAME.png: map_server tells what is unknown
+    from grades of occupancy by transparency, which a PGM cannot hold.
 
     Raises OSError where the disk does not take them.
     """
@@ -52,10 +55,14 @@ def write_map_server(occupied: np.ndarray, grid: Grid, folder: Path, name: str, 
     if not cv2.imwrite(str(path), np.ascontiguousarray(picture[::-1])):
         raise OSError(f"{path}: cannot be written; is the disk full?")
     lines = [
-        f"image: {path.name}", f"resolution: {grid.cell_m:.6f}", f"origin: [{grid.x0_m:.6f}, {grid.y0_m:.6f}, 0.0]",
-        "negate: 0", f"occupied_thresh: {OCCUPIED_ABOVE:.2f}", f"free_thresh: {FREE_BELOW:.2f}",
+        f"image: {path.name}",
+        f"resolution: {grid.cell_m:.6f}",
+        f"origin: [{grid.x0_m:.6f}, {grid.y0_m:.6f}, 0.0]",
+        "negate: 0",
+        f"occupied_thresh: {OCCUPIED_ABOVE:.2f}",
+        f"free_thresh: {FREE_BELOW:.2f}",
         f"mode: {'scale' if scaled else 'trinary'}",
-    ]  # fmt: skip
+    ]
     described = path.with_suffix(".yaml")
     described.write_text("\n".join(lines) + "\n")
     return [path, described]
@@ -70,19 +77,24 @@ def _trinary(occupied: np.ndarray) -> np.ndarray:
 
 
 def _scaled(occupied: np.ndarray) -> np.ndarray:
-    """(rows, columns, 4) uint8: grey by occupancy; transparent where unknown, which map_server reads as unknown."""
+    """(rows, columns, 4) uint8: grey by occupancy; transparent where unknown, which map_server
+    reads as unknown."""
     grey = np.rint(255 * (1 - np.maximum(occupied, 0) / 100.0)).astype(np.uint8)
     grey[occupied == UNKNOWN] = _TRINARY["unknown"]  # between the thresholds, which are asked first
     return np.dstack([grey, grey, grey, np.where(occupied == UNKNOWN, 0, 255).astype(np.uint8)])
 
 
 def write_layers(ground: Ground, stands: np.ndarray, folder: Path) -> List[Path]:
-    """height.tif, sigma.tif, roughness.tif, distance.tif, slope.tif, step.tif, free_height.tif, stand.tif (the
-    probability ``stands``); NaN where unknown. Row 0 of a file lies at the largest y. Their paths."""
+    """height.tif, sigma.tif, roughness.tif, distance.tif, slope.tif, step.tif, free_height.tif,
+    stand.tif (the probability ``stands``); NaN where unknown. Row 0 of a file lies at the largest
+    y. Their paths."""
     grid = ground.grid
     layers = {name[:-2]: getattr(ground, name) for name in _LAYERS}
     layers.update(
-        slope=ground.slope(1.5 * grid.cell_m), step=ground.step_m, free_height=ground.free_height_m, stand=stands
+        slope=ground.slope(1.5 * grid.cell_m),
+        step=ground.step_m,
+        free_height=ground.free_height_m,
+        stand=stands,
     )
     paths = []
     for name, values in layers.items():

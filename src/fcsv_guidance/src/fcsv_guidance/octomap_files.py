@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Maps as an OctoMap for a vehicle in the air: free along rays, occupied at surfaces, all else unknown.
+"""Maps as an OctoMap for a vehicle in the air: free along rays, occupied at surfaces, all else
+unknown.
 
-Free ends two sigma before a surface, and needs two rays: one wrong pixel frees nothing. Of one map, a surface in a
-voxel stands against rays through it; several maps are added up as log odds, with the library's sensor model.
+Free ends two sigma before a surface, and needs two rays: one wrong pixel frees nothing. Of one map,
+a surface in a voxel stands against rays through it; several maps are added up as log odds, with the
+library's sensor model.
 """
 
 from pathlib import Path
@@ -23,15 +25,17 @@ _UNKNOWN, _FREE, _OCCUPIED = 0, 1, 2
 def write_octomap(
     views: Sequence[DepthView], folder: Path, name: str, voxel_m: float = 0.2, reach_m: float = 60.0
 ) -> List[Path]:
-    """NAME.bt (free, occupied, unknown) and NAME.ot (probabilities) of the views to ``reach_m`` from their cameras;
-    their paths.
+    """NAME.bt (free, occupied, unknown) and NAME.ot (probabilities) of the views to ``reach_m``
+    from their cameras; their paths.
 
-    Raises GroundError where there is nothing to write or the voxels are too many, GuidanceError where the library is
-    not installed, OSError where the disk does not take them.
+    Raises GroundError where there is nothing to write or the voxels are too many, GuidanceError
+    where the library is not installed, OSError where the disk does not take them.
     """
     octomap = _library()
     if not 0 < voxel_m < np.inf or not 0 < reach_m < np.inf:
-        raise GroundError(f"voxels of {voxel_m} m to {reach_m} m cannot be laid; both must be above 0")
+        raise GroundError(
+            f"voxels of {voxel_m} m to {reach_m} m cannot be laid; both must be above 0"
+        )
     first, shape = _box(views, voxel_m, reach_m)
     tree = octomap.OcTree(voxel_m)
     hit, miss = tree.getProbHitLog(), tree.getProbMissLog()
@@ -45,7 +49,8 @@ def write_octomap(
         tree.updateNodes((first + voxels + 0.5) * voxel_m, float(value), True)
     tree.updateInnerOccupancy()
     paths = [Path(folder) / f"{name}.bt", Path(folder) / f"{name}.ot"]
-    if not tree.write(str(paths[1])) or not tree.writeBinary(str(paths[0])):  # .bt forgets probabilities: last
+    # .bt forgets probabilities: last
+    if not tree.write(str(paths[1])) or not tree.writeBinary(str(paths[0])):
         raise OSError(f"{paths[0]}: cannot be written; is the disk full?")
     return paths
 
@@ -54,42 +59,72 @@ def _library():
     try:
         import pyoctomap
     except ImportError as error:
-        raise GuidanceError(f"an OctoMap needs pyoctomap ({error}); install it: pip install pyoctomap") from error
+        raise GuidanceError(
+            f"an OctoMap needs pyoctomap ({error}); install it: pip install pyoctomap"
+        ) from error
     return pyoctomap
 
 
-def _box(views: Sequence[DepthView], voxel_m: float, reach_m: float) -> Tuple[np.ndarray, Tuple[int, int, int]]:
-    """Index of the first voxel (3,), on whole multiples of a voxel from home, and how many there are along x, y, z."""
+def _box(
+    views: Sequence[DepthView], voxel_m: float, reach_m: float
+) -> Tuple[np.ndarray, Tuple[int, int, int]]:
+    """Index of the first voxel (3,), on whole multiples of a voxel from home, and how many there
+    are along x, y, z."""
     corners = []
     for view in views:
         points = _surfaces(view, reach_m)
         if len(points):
             corners += [points.min(0), points.max(0), view.T_home_cam[:3, 3]]
     if not corners:
-        raise GroundError(f"no map shows anything within {reach_m:g} m of its camera; give a larger reach")
+        raise GroundError(
+            f"no map shows anything within {reach_m:g} m of its camera; give a larger reach"
+        )
     first = np.floor(np.min(corners, axis=0) / voxel_m).astype(int)
-    shape = tuple(int(n) for n in np.floor(np.max(corners, axis=0) / voxel_m).astype(int) - first + 1)
+    shape = tuple(
+        int(n) for n in np.floor(np.max(corners, axis=0) / voxel_m).astype(int) - first + 1
+    )
     if np.prod(shape, dtype=float) > _MOST_VOXELS:
-        raise GroundError(f"an OctoMap of {' x '.join(map(str, shape))} voxels is too large; take larger voxels")
+        raise GroundError(
+            f"an OctoMap of {' x '.join(map(str, shape))} voxels is too large; take larger voxels"
+        )
     return first, shape
 
 
 def _surfaces(view: DepthView, reach_m: float) -> np.ndarray:
-    """(N,3) home: points on the rays of all sure pixels, at most ``reach_m`` along the optical axis."""
+    """(N,3) home: points on the rays of all sure pixels, at most ``reach_m`` along the optical
+    axis."""
     depth = np.minimum(sure_depth(view), np.float32(reach_m))
     v, u = np.nonzero(np.isfinite(depth))
-    rays = np.stack([(u - view.K[0, 2]) / view.K[0, 0], (v - view.K[1, 2]) / view.K[1, 1], np.ones(len(u))], -1)
+    rays = np.stack(
+        [(u - view.K[0, 2]) / view.K[0, 0], (v - view.K[1, 2]) / view.K[1, 1], np.ones(len(u))], -1
+    )
     return (rays * depth[v, u, None]) @ view.T_home_cam[:3, :3].T + view.T_home_cam[:3, 3]
 
 
-def _seen_by(view: DepthView, first: np.ndarray, shape, voxel_m: float, reach_m: float) -> np.ndarray:
+def _seen_by(
+    view: DepthView, first: np.ndarray, shape, voxel_m: float, reach_m: float
+) -> np.ndarray:
     """(x, y, z) uint8 of what one view shows of each voxel."""
-    stride = max(1, int(0.5 * voxel_m * view.K[0, 0] / reach_m))  # rays lie half a voxel apart at the farthest
+    # rays lie half a voxel apart at the farthest
+    stride = max(1, int(0.5 * voxel_m * view.K[0, 0] / reach_m))
     depth = sure_depth(view)
-    R, p = np.ascontiguousarray(view.T_home_cam[:3, :3], float), np.ascontiguousarray(view.T_home_cam[:3, 3], float)
+    R, p = (
+        np.ascontiguousarray(view.T_home_cam[:3, :3], float),
+        np.ascontiguousarray(view.T_home_cam[:3, 3], float),
+    )
     rays, hits = kernels.rays_through(
-        depth, view.sigma.astype(np.float32), np.ascontiguousarray(view.K, float), R, p, voxel_m, reach_m, _SIGMAS,
-        stride, first * voxel_m, shape,
-    )  # fmt: skip
-    return np.select([hits, rays >= tuning.LEAST_POINTS], [_OCCUPIED, _FREE], _UNKNOWN).astype(np.uint8)
-
+        depth,
+        view.sigma.astype(np.float32),
+        np.ascontiguousarray(view.K, float),
+        R,
+        p,
+        voxel_m,
+        reach_m,
+        _SIGMAS,
+        stride,
+        first * voxel_m,
+        shape,
+    )
+    return np.select([hits, rays >= tuning.LEAST_POINTS], [_OCCUPIED, _FREE], _UNKNOWN).astype(
+        np.uint8
+    )

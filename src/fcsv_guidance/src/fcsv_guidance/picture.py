@@ -14,7 +14,9 @@ from fcsv_guidance.route import Route
 _COLOURS = {"unknown": "#8c8c8c", "obstacle": "#b2182b", "uncertain": "#fdb863", "free": "#1b9e57"}
 
 
-def draw(ground: Ground, robot: Robot, stands: np.ndarray, path: Path, route: Optional[Route] = None) -> None:
+def draw(
+    ground: Ground, robot: Robot, stands: np.ndarray, path: Path, route: Optional[Route] = None
+) -> None:
     """Writes a PNG: where the robot can stand on the left, height on the right."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import ListedColormap
@@ -22,19 +24,40 @@ def draw(ground: Ground, robot: Robot, stands: np.ndarray, path: Path, route: Op
     from matplotlib.patches import Patch
 
     grid = ground.grid
-    extent = (grid.x0_m, grid.x0_m + grid.columns * grid.cell_m, grid.y0_m, grid.y0_m + grid.rows * grid.cell_m)
+    extent = (
+        grid.x0_m,
+        grid.x0_m + grid.columns * grid.cell_m,
+        grid.y0_m,
+        grid.y0_m + grid.rows * grid.cell_m,
+    )
     with np.errstate(invalid="ignore"):
-        classes = np.select([~np.isfinite(stands), stands <= tuning.OBSTACLE_P, stands < tuning.FREE_P], [0, 1, 2], 3)
+        classes = np.select(
+            [~np.isfinite(stands), stands <= tuning.OBSTACLE_P, stands < tuning.FREE_P],
+            [0, 1, 2],
+            3,
+        )
     figure = Figure(figsize=(14, 6.5), layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
     colours = ListedColormap(list(_COLOURS.values()))
-    left.imshow(classes, origin="lower", extent=extent, cmap=colours, vmin=-0.5, vmax=3.5, interpolation="nearest")
+    left.imshow(
+        classes,
+        origin="lower",
+        extent=extent,
+        cmap=colours,
+        vmin=-0.5,
+        vmax=3.5,
+        interpolation="nearest",
+    )
     if route is not None:
         left.plot(*route.points_home_m.T, color="black", linewidth=2)
     left.set_title(f"where the robot '{robot.name}' can stand (free: p >= {tuning.FREE_P})")
-    left.legend(handles=[Patch(color=c, label=n) for n, c in _COLOURS.items()], loc="upper left", fontsize=8)
-    shown = right.imshow(ground.height_m, origin="lower", extent=extent, cmap="viridis", interpolation="nearest")
+    left.legend(
+        handles=[Patch(color=c, label=n) for n, c in _COLOURS.items()], loc="upper left", fontsize=8
+    )
+    shown = right.imshow(
+        ground.height_m, origin="lower", extent=extent, cmap="viridis", interpolation="nearest"
+    )
     right.set_title("height of the ground (m above home); white: unknown")
     figure.colorbar(shown, ax=right, shrink=0.8)
     for axes in (left, right):

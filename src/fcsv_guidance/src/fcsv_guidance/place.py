@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the robot is: fixes from outside, wheel odometry between, in an augmented Kalman filter (Larsen et al. 1998).
+"""Where the robot is: fixes from outside, wheel odometry between, in an augmented Kalman filter
+(Larsen et al. 1998).
 
-Its state is x, y, yaw in home and the wheels' systematic errors (Borenstein and Feng 1996): scale of distances, scale
-of turns, and yaw per metre of unequal wheels. A port: messages and monotonic time in, a PlaceState out.
+Its state is x, y, yaw in home and the wheels' systematic errors (Borenstein and Feng 1996): scale
+of distances, scale of turns, and yaw per metre of unequal wheels. A port: messages and monotonic
+time in, a PlaceState out.
 """
 
 from collections import deque
@@ -19,9 +21,10 @@ _STATES = 6  # x, y, yaw, scale of distances, scale of turns, yaw per metre
 
 @dataclass(frozen=True)
 class PlaceFix:
-    """A place of the robot in home that something outside of it measured: a vehicle's camera that reads its tag, or any
-    PoseStamped. ``covariance`` (3,3) of x (m), y (m), yaw (rad); a yaw variance of inf: the yaw is not measured.
-    ``stamp_s``: of the picture, in the time of the robot's wheels."""
+    """A place of the robot in home that something outside of it measured: a vehicle's camera that
+    reads its tag, or any PoseStamped. ``covariance`` (3,3) of x (m), y (m), yaw (rad); a yaw
+    variance of inf: the yaw is not measured. ``stamp_s``: of the picture, in the time of the
+    robot's wheels."""
 
     stamp_s: float
     x_m: float
@@ -42,8 +45,8 @@ class WheelOdometry:
 
 @dataclass(frozen=True)
 class PlaceState:
-    """``place`` is None where it is not known; ``reason`` says why, empty where it is. ``yaw_sigma_rad``; numbers of
-    fixes that were used and refused, and why the last was."""
+    """``place`` is None where it is not known; ``reason`` says why, empty where it is.
+    ``yaw_sigma_rad``; numbers of fixes that were used and refused, and why the last was."""
 
     place: Optional[RobotPlace]
     reason: str
@@ -55,9 +58,9 @@ class PlaceState:
 
 @dataclass(frozen=True)
 class PlaceRules:
-    """Sigmas of the wheels' errors, and what is believed. ``*_noise``: standard deviation after one metre or radian; it
-    grows with the root of the way. ``common_share``: of a fix's variance that other fixes share (the vehicle's own
-    place), so that they do not average it away."""
+    """Sigmas of the wheels' errors, and what is believed. ``*_noise``: standard deviation after one
+    metre or radian; it grows with the root of the way. ``common_share``: of a fix's variance that
+    other fixes share (the vehicle's own place), so that they do not average it away."""
 
     distance_noise_m: float = 0.04
     turn_noise_rad: float = 0.04
@@ -96,14 +99,16 @@ class RobotTracker:
         self._waiting: List[PlaceFix] = []  # newer than the wheels
         self._candidates: List[PlaceFix] = []  # not used, while the wheels stood
         self._wheels: Optional[WheelOdometry] = None
-        self._stood: Optional[WheelOdometry] = None  # where the wheels were when the candidates began
+        # where the wheels were when the candidates began
+        self._stood: Optional[WheelOdometry] = None
         self._common = np.zeros((3, 3))
         self._fixed_s = -np.inf
         self._in_a_row, self._doubted = 0, False
         self._used, self._refused, self._why = 0, 0, ""
 
     def receive(self, now_s: float, message: Message) -> None:
-        """A message came. Raises TypeError where its type is not known; one that is not finite is refused."""
+        """A message came. Raises TypeError where its type is not known; one that is not finite is
+        refused."""
         if isinstance(message, WheelOdometry):
             self._on_wheels(message)
         elif isinstance(message, PlaceFix):
@@ -114,7 +119,9 @@ class RobotTracker:
     def step(self, now_s: float) -> PlaceState:
         """The place as of the last wheels, at most as good as the fixes are in common."""
         if not self._history:
-            return self._state(None, "no fixes that agree have come" if self._candidates else "no fix has come")
+            return self._state(
+                None, "no fixes that agree have come" if self._candidates else "no fix has come"
+            )
         if self._doubted:
             return self._state(None, f"{self._in_a_row} fixes in a row contradict the wheels")
         age_s = now_s - self._fixed_s
@@ -126,7 +133,9 @@ class RobotTracker:
         place = RobotPlace(wheels.stamp_s, float(x[0]), float(x[1]), _wrapped(float(x[2])), sigma_m)
         return self._state(place, "", float(np.sqrt(P[2, 2])))
 
-    def _state(self, place: Optional[RobotPlace], reason: str, yaw_sigma_rad: float = np.inf) -> PlaceState:
+    def _state(
+        self, place: Optional[RobotPlace], reason: str, yaw_sigma_rad: float = np.inf
+    ) -> PlaceState:
         return PlaceState(place, reason, yaw_sigma_rad, self._used, self._refused, self._why)
 
     def _on_wheels(self, wheels: WheelOdometry) -> None:
@@ -140,11 +149,16 @@ class RobotTracker:
         self._wheels = wheels
         stood = self._stood or wheels
         moved_m = np.hypot(wheels.x_m - stood.x_m, wheels.y_m - stood.y_m)
-        if moved_m > self._rules.stands_m or abs(_wrapped(wheels.yaw_rad - stood.yaw_rad)) > self._rules.stands_m:
+        if (
+            moved_m > self._rules.stands_m
+            or abs(_wrapped(wheels.yaw_rad - stood.yaw_rad)) > self._rules.stands_m
+        ):
             self._candidates, self._stood = [], wheels
         if self._history and self._history[-1].wheels is not wheels:
             before = self._history[-1]
-            self._history.append(_Moment(wheels, *self._moved(before.x, before.P, before.wheels, wheels)))
+            self._history.append(
+                _Moment(wheels, *self._moved(before.x, before.P, before.wheels, wheels))
+            )
             self._forget(wheels.stamp_s)
         waiting, self._waiting = self._waiting, []
         for fix in waiting:
@@ -176,7 +190,9 @@ class RobotTracker:
         if self._history and fix.stamp_s <= self._history[-1].wheels.stamp_s:
             self._refuse("a fix is older than the last one")
             return
-        self._history = deque([_Moment(WheelOdometry(fix.stamp_s, 0.0, 0.0, 0.0), *self._begun(fix))])
+        self._history = deque(
+            [_Moment(WheelOdometry(fix.stamp_s, 0.0, 0.0, 0.0), *self._begun(fix))]
+        )
         self._common[:] = 0.0
         self._fixed_s, self._used = fix.stamp_s, self._used + 1
 
@@ -204,12 +220,15 @@ class RobotTracker:
         """Put it among those used, and run the filter again from the oldest moment on."""
         self._fixes = deque(sorted([*self._fixes, fix], key=lambda f: f.stamp_s))
         self._used, self._fixed_s = self._used + 1, max(self._fixed_s, fix.stamp_s)
-        share = self._rules.common_share * np.where(np.isfinite(fix.covariance), fix.covariance, 0.0)
+        share = self._rules.common_share * np.where(
+            np.isfinite(fix.covariance), fix.covariance, 0.0
+        )
         self._common = share if self._used == 1 else 0.8 * self._common + 0.2 * share
         moments = list(self._history)
         start = max(i for i, m in enumerate(moments) if m.wheels.stamp_s <= fix.stamp_s)
         at, x, P = moments[start]
-        later = [f for f in self._fixes if f is fix or f.stamp_s > at.stamp_s]  # earlier ones are in its state
+        # earlier ones are in its state
+        later = [f for f in self._fixes if f is fix or f.stamp_s > at.stamp_s]
         again = moments[:start]
         for moment in moments[start:]:
             while later and later[0].stamp_s <= moment.wheels.stamp_s:
@@ -228,7 +247,12 @@ class RobotTracker:
         before = self._history[0]
         for moment in self._history:
             if moment.wheels.stamp_s > stamp_s:
-                return self._moved(before.x, before.P, before.wheels, _between(before.wheels, moment.wheels, stamp_s))
+                return self._moved(
+                    before.x,
+                    before.P,
+                    before.wheels,
+                    _between(before.wheels, moment.wheels, stamp_s),
+                )
             before = moment
         return before.x, before.P
 
@@ -249,7 +273,9 @@ class RobotTracker:
         agree = [c for c in self._candidates if self._agree(c, fix)]
         self._candidates = [*agree, fix]
         lasting_s = fix.stamp_s - self._candidates[0].stamp_s
-        if len(self._candidates) < rules.to_begin or (self._history and lasting_s < rules.relocate_s):
+        if len(self._candidates) < rules.to_begin or (
+            self._history and lasting_s < rules.relocate_s
+        ):
             return
         x, P = self._begun(self._candidates[0])
         for other in self._candidates[1:]:
@@ -279,7 +305,8 @@ class RobotTracker:
         turned = _wrapped(b.yaw_rad - a.yaw_rad)
         far = abs(float(ahead[0]))
         turn = (1.0 + x[4]) * turned + x[5] * ahead[0]
-        heading = x[2] + 0.5 * (turn - turned)  # ``ahead`` is a chord: it holds half of the turn as measured
+        # ``ahead`` is a chord: it holds half of the turn as measured
+        heading = x[2] + 0.5 * (turn - turned)
         ch, sh = np.cos(heading), np.sin(heading)
         way = np.array([ch * ahead[0] - sh * ahead[1], sh * ahead[0] + ch * ahead[1]])
         across = (1.0 + x[3]) * np.array([-way[1], way[0]])
@@ -317,10 +344,13 @@ def _refusal(now_s: float, fix: PlaceFix) -> str:
 
 
 def _innovation(x: np.ndarray, fix: PlaceFix) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """H, how far the fix is from the state, and its covariance; without yaw where that is not measured."""
+    """H, how far the fix is from the state, and its covariance; without yaw where that is not
+    measured."""
     R = np.asarray(fix.covariance, float)
     size = 3 if np.isfinite(R[2, 2]) else 2
-    off = np.array([fix.x_m - x[0], fix.y_m - x[1], _wrapped(fix.yaw_rad - x[2]) if size == 3 else 0.0])
+    off = np.array(
+        [fix.x_m - x[0], fix.y_m - x[1], _wrapped(fix.yaw_rad - x[2]) if size == 3 else 0.0]
+    )
     return np.eye(_STATES)[:size], off[:size], R[:size, :size]
 
 
@@ -335,7 +365,9 @@ def _updated(x: np.ndarray, P: np.ndarray, fix: PlaceFix) -> Tuple[np.ndarray, n
 def _between(a: WheelOdometry, b: WheelOdometry, stamp_s: float) -> WheelOdometry:
     share = (stamp_s - a.stamp_s) / (b.stamp_s - a.stamp_s)
     yaw = a.yaw_rad + share * _wrapped(b.yaw_rad - a.yaw_rad)
-    return WheelOdometry(stamp_s, a.x_m + share * (b.x_m - a.x_m), a.y_m + share * (b.y_m - a.y_m), yaw)
+    return WheelOdometry(
+        stamp_s, a.x_m + share * (b.x_m - a.x_m), a.y_m + share * (b.y_m - a.y_m), yaw
+    )
 
 
 def _padded(C: np.ndarray) -> np.ndarray:

@@ -14,9 +14,9 @@ _STEEPEST_DEG = 60.0  # no wheeled robot holds a steeper slope
 class Robot:
     """A robot with a round footprint; a file ``config/robots/NAME.yaml`` names these fields.
 
-    ``height_m`` is what has to pass under a beam, ``clearance_m`` what its belly passes over. A step above
-    ``largest_step_m`` and a slope above ``largest_slope_deg`` stop it. ``turning_radius_m`` is 0 where it turns on the
-    spot.
+    ``height_m`` is what has to pass under a beam, ``clearance_m`` what its belly passes over. A
+    step above ``largest_step_m`` and a slope above ``largest_slope_deg`` stop it.
+    ``turning_radius_m`` is 0 where it turns on the spot.
     """
 
     name: str  # in messages
@@ -37,11 +37,17 @@ class Robot:
             raise ValueError(f"turning_radius_m: must not be negative, got {self.turning_radius_m}")
         require_positive(self, but=("turning_radius_m",))
         if self.largest_slope_deg > _STEEPEST_DEG:
-            raise ValueError(f"largest_slope_deg: at most {_STEEPEST_DEG:.0f}, got {self.largest_slope_deg}")
+            raise ValueError(
+                f"largest_slope_deg: at most {_STEEPEST_DEG:.0f}, got {self.largest_slope_deg}"
+            )
         if self.clearance_m >= self.height_m:
-            raise ValueError(f"clearance_m: must be below height_m ({self.height_m}), got {self.clearance_m}")
+            raise ValueError(
+                f"clearance_m: must be below height_m ({self.height_m}), got {self.clearance_m}"
+            )
         if self.largest_step_m > 2 * self.radius_m:
-            raise ValueError(f"largest_step_m: must be below the robot's width, got {self.largest_step_m}")
+            raise ValueError(
+                f"largest_step_m: must be below the robot's width, got {self.largest_step_m}"
+            )
 
     @property
     def largest_slope(self) -> float:

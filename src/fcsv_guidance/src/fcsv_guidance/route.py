@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The way of least expected risk over known free cells, or which cells would have to be seen first."""
+"""The way of least expected risk over known free cells, or which cells would have to be seen
+first."""
 
 from dataclasses import dataclass
 from typing import Optional, Tuple
@@ -18,8 +19,8 @@ _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 @dataclass(frozen=True)
 class Route:
-    """``points_home_m`` (N,2) from start to goal; ``length_m``; ``risk``: probability that its worst seen cell is
-    not free; ``unknown_cells`` (M,2) rows and columns that it crosses unseen."""
+    """``points_home_m`` (N,2) from start to goal; ``length_m``; ``risk``: probability that its
+    worst seen cell is not free; ``unknown_cells`` (M,2) rows and columns that it crosses unseen."""
 
     points_home_m: np.ndarray
     length_m: float
@@ -29,25 +30,32 @@ class Route:
 
 @dataclass(frozen=True)
 class NoRoute:
-    """No safe route is known. ``to_see`` (M,2): rows and columns of the unknown cells that a way would cross; empty
-    where what is known closes every way."""
+    """No safe route is known. ``to_see`` (M,2): rows and columns of the unknown cells that a way
+    would cross; empty where what is known closes every way."""
 
     reason: str
     to_see: np.ndarray
 
 
 def plan_route(
-    ground: Ground, robot: Robot, start_m: Tuple[float, float], goal_m: Tuple[float, float], place_sigma_m: float = 0.0,
+    ground: Ground,
+    robot: Robot,
+    start_m: Tuple[float, float],
+    goal_m: Tuple[float, float],
+    place_sigma_m: float = 0.0,
     through_unknown: Optional[float] = None,
-):  # fmt: skip
-    """A Route, or a NoRoute. Minimum-cost path of Dijkstra over eight neighbours (scipy), then straight pieces.
+):
+    """A Route, or a NoRoute. Minimum-cost path of Dijkstra over eight neighbours (scipy), then
+    straight pieces.
 
-    Cost of a metre: 1 + RISK_M * -log(p) of the cell. ``through_unknown`` is the cost of a metre of unknown cells;
-    None forbids them. The footprint is grown by two ``place_sigma_m``. Raises RouteError where start or goal is not
-    finite, outside of the grid, at an obstacle, or unknown.
+    Cost of a metre: 1 + RISK_M * -log(p) of the cell. ``through_unknown`` is the cost of a metre of
+    unknown cells; None forbids them. The footprint is grown by two ``place_sigma_m``. Raises
+    RouteError where start or goal is not finite, outside of the grid, at an obstacle, or unknown.
     """
     if through_unknown is not None and not 1 <= through_unknown < np.inf:
-        raise RouteError(f"the cost of a metre of unknown ground must be at least 1, got {through_unknown}")
+        raise RouteError(
+            f"the cost of a metre of unknown ground must be at least 1, got {through_unknown}"
+        )
     if not 0 <= place_sigma_m < np.inf:
         raise RouteError(f"the sigma of the robot's place must be 0 m or more, got {place_sigma_m}")
     p = stand_probability(ground, robot, 2 * place_sigma_m)
@@ -55,12 +63,19 @@ def plan_route(
 
 
 def route_over(
-    grid: Grid, p: np.ndarray, start_m, goal_m, through_unknown: Optional[float] = None,
+    grid: Grid,
+    p: np.ndarray,
+    start_m,
+    goal_m,
+    through_unknown: Optional[float] = None,
     dearer: Optional[np.ndarray] = None,
-):  # fmt: skip
-    """The same over probabilities ``p`` (rows, columns) that are known already; ``dearer`` (rows, columns), 1 and more,
-    multiplies the cost of a metre."""
-    ends = [_end(grid, p, xy, name, through_unknown) for xy, name in ((start_m, "start"), (goal_m, "goal"))]
+):
+    """The same over probabilities ``p`` (rows, columns) that are known already; ``dearer`` (rows,
+    columns), 1 and more, multiplies the cost of a metre."""
+    ends = [
+        _end(grid, p, xy, name, through_unknown)
+        for xy, name in ((start_m, "start"), (goal_m, "goal"))
+    ]
     cost = _cost(p, through_unknown)
     cost = cost if dearer is None else cost * dearer
     way = cheapest(cost, *ends)
@@ -69,7 +84,9 @@ def route_over(
     corners = _straightened(cost, way)
     points = grid.middle_of(*corners.T)
     points[0], points[-1] = start_m, goal_m
-    cells = np.concatenate([_cells_between(a, b) for a, b in zip(corners[:-1], corners[1:])] or [way])
+    cells = np.concatenate(
+        [_cells_between(a, b) for a, b in zip(corners[:-1], corners[1:])] or [way]
+    )
     crossed = p[tuple(cells.T)]
     unseen = ~np.isfinite(crossed)
     length = float(np.hypot(*np.diff(points, axis=0).T).sum())
@@ -86,10 +103,14 @@ def _end(grid: Grid, p: np.ndarray, xy, name: str, through_unknown) -> Tuple[int
         raise RouteError(f"{where} lies outside of what was mapped; map it first")
     if not np.isfinite(p[cell]):
         if through_unknown is None:
-            raise RouteError(f"{where} is not known: it, or ground below the robot's footprint, was not seen")
+            raise RouteError(
+                f"{where} is not known: it, or ground below the robot's footprint, was not seen"
+            )
     elif p[cell] < tuning.FREE_P:
         words = "is at an obstacle" if p[cell] <= tuning.OBSTACLE_P else "is not surely free"
-        raise RouteError(f"{where} {words} (the robot can stand there with p = {p[cell]:.2f}); choose another place")
+        raise RouteError(
+            f"{where} {words} (the robot can stand there with p = {p[cell]:.2f}); choose another place"
+        )
     return cell
 
 
@@ -101,8 +122,8 @@ def _cost(p: np.ndarray, through_unknown: Optional[float]) -> np.ndarray:
 
 
 def cheapest(cost: np.ndarray, start, goal) -> Optional[np.ndarray]:
-    """(N,2) rows and columns of the cheapest way from cell to cell over ``cost`` (of a metre; inf: closed), by
-    Dijkstra over eight neighbours; None where there is none."""
+    """(N,2) rows and columns of the cheapest way from cell to cell over ``cost`` (of a metre; inf:
+    closed), by Dijkstra over eight neighbours; None where there is none."""
     rows, columns = cost.shape
     index = np.arange(cost.size).reshape(cost.shape)
     edges = []
@@ -124,13 +145,18 @@ def cheapest(cost: np.ndarray, start, goal) -> Optional[np.ndarray]:
 
 
 def _straightened(cost: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """The corners that stay when a straight piece is no dearer than the way between its ends (any angle)."""
-    pieces = np.hypot(*np.diff(way, axis=0).T) * 0.5 * (cost[tuple(way[:-1].T)] + cost[tuple(way[1:].T)])
+    """The corners that stay when a straight piece is no dearer than the way between its ends (any
+    angle)."""
+    pieces = (
+        np.hypot(*np.diff(way, axis=0).T) * 0.5 * (cost[tuple(way[:-1].T)] + cost[tuple(way[1:].T)])
+    )
     so_far = np.concatenate([[0.0], np.cumsum(pieces)])
     kept, at = [0], 0
     while at < len(way) - 1:
         step = len(way) - 1 - at
-        while step > 1 and not _is_cheaper(cost, way[at], way[at + step], so_far[at + step] - so_far[at]):
+        while step > 1 and not _is_cheaper(
+            cost, way[at], way[at + step], so_far[at + step] - so_far[at]
+        ):
             step = step // 2
         at += step
         kept.append(at)
@@ -143,7 +169,8 @@ def _is_cheaper(cost: np.ndarray, a: np.ndarray, b: np.ndarray, bound: float) ->
 
 
 def _cells_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(N,2): the cells that the straight piece between two middles crosses, sampled at a quarter of a cell."""
+    """(N,2): the cells that the straight piece between two middles crosses, sampled at a quarter of
+    a cell."""
     n = int(np.ceil(4 * np.hypot(*(b - a)))) + 1
     line = np.asarray(a) + np.linspace(0, 1, n)[:, None] * (np.asarray(b) - a)
     return np.unique(np.rint(line).astype(int), axis=0)
@@ -152,6 +179,10 @@ def _cells_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _no_route(p: np.ndarray, ends) -> NoRoute:
     way = cheapest(_cost(p, 10.0), *ends)
     if way is None:
-        return NoRoute("no safe route is known: obstacles close every way to the goal", np.empty((0, 2), int))
+        return NoRoute(
+            "no safe route is known: obstacles close every way to the goal", np.empty((0, 2), int)
+        )
     unseen = way[~np.isfinite(p[tuple(way.T)])]
-    return NoRoute(f"no safe route is known: {len(unseen)} cells on the way to the goal were not seen", unseen)
+    return NoRoute(
+        f"no safe route is known: {len(unseen)} cells on the way to the goal were not seen", unseen
+    )

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The calibrated probability that a robot can stand: a logistic regression on what one map shows below a footprint.
+"""The calibrated probability that a robot can stand: a logistic regression on what one map shows
+below a footprint.
 
-Its weights (tuning.STAND_WEIGHTS) come of tools/train_ground.py, on seeds that the tests and the tables do not use.
+Its weights (tuning.STAND_WEIGHTS) come of tools/train_ground.py, on seeds that the tests and the
+tables do not use.
 """
 
 import cv2
@@ -25,8 +27,9 @@ def disk(radius_m: float, cell_m: float) -> np.ndarray:
 
 
 def features(ground, robot, margin_m: float = 0.0) -> np.ndarray:
-    """(rows, columns, FEATURES) float32 of the footprint with its middle in each cell of a Ground of one map, as shares
-    of the robot's limits; the first is 1. Only where the whole footprint is known do they mean anything."""
+    """(rows, columns, FEATURES) float32 of the footprint with its middle in each cell of a Ground
+    of one map, as shares of the robot's limits; the first is 1. Only where the whole footprint is
+    known do they mean anything."""
     known, cell_m = ground.known, ground.grid.cell_m
     step_m, slope = robot.largest_step_m, robot.largest_slope
     inner = disk(robot.radius_m + margin_m, cell_m)
@@ -46,21 +49,31 @@ def features(ground, robot, margin_m: float = 0.0) -> np.ndarray:
     far = np.log(np.maximum(most(np.where(known, ground.distance_m, 1.0), inner), 1.0) / 30.0)
     hangs = np.clip(-least(room, inner), -1, 1)
     pieces = [_pieces(values) for values in (edge, edge_around, steep, rise, rise_around, rough)]
-    return np.stack([np.ones_like(edge), far, *sum(pieces, []), sigma, hangs], -1).astype(np.float32)
+    return np.stack([np.ones_like(edge), far, *sum(pieces, []), sigma, hangs], -1).astype(
+        np.float32
+    )
 
 
 def _pieces(values: np.ndarray) -> list:
-    """What of the values lies in each interval between _KNOTS: a weight on each is a line with corners there."""
+    """What of the values lies in each interval between _KNOTS: a weight on each is a line with
+    corners there."""
     return [np.clip(values - low, 0.0, high - low) for low, high in zip(_KNOTS[:-1], _KNOTS[1:])]
 
 
 def probability(ground, robot, margin_m: float = 0.0) -> np.ndarray:
-    """(rows, columns) float32 of a Ground of one map; NaN where a cell below the footprint is unknown, unless what is
-    known there is an obstacle."""
+    """(rows, columns) float32 of a Ground of one map; NaN where a cell below the footprint is
+    unknown, unless what is known there is an obstacle."""
     inner = disk(robot.radius_m + margin_m, ground.grid.cell_m)
-    p = 1.0 / (1.0 + np.exp(-(features(ground, robot, margin_m) @ np.asarray(tuning.STAND_WEIGHTS, np.float32))))
+    p = 1.0 / (
+        1.0
+        + np.exp(
+            -(features(ground, robot, margin_m) @ np.asarray(tuning.STAND_WEIGHTS, np.float32))
+        )
+    )
     touched = most(ground.known, inner) > 0
-    return np.where(seen_below(ground, robot, margin_m) | (touched & (p <= tuning.OBSTACLE_P)), p, np.nan)
+    return np.where(
+        seen_below(ground, robot, margin_m) | (touched & (p <= tuning.OBSTACLE_P)), p, np.nan
+    )
 
 
 def seen_below(ground, robot, margin_m: float = 0.0) -> np.ndarray:
@@ -69,43 +82,56 @@ def seen_below(ground, robot, margin_m: float = 0.0) -> np.ndarray:
 
 
 def together(each) -> np.ndarray:
-    """Weighs the probabilities of several maps, (N, rows, columns) each with NaN where unknown: the most that one says,
-    but no more than OBSTACLE_P < p < FREE_P where another contradicts it; NaN where none knows."""
+    """Weighs the probabilities of several maps, (N, rows, columns) each with NaN where unknown: the
+    most that one says, but no more than OBSTACLE_P < p < FREE_P where another contradicts it; NaN
+    where none knows."""
     each = np.asarray(each)
     known = np.isfinite(each)
     best = np.where(known, each, -1.0).max(0)
     worst = np.where(known, each, 2.0).min(0)
-    p = np.where((best >= tuning.FREE_P) & (worst < tuning.CONTRADICTED_P), tuning.CONTRADICTED_P, best)
+    p = np.where(
+        (best >= tuning.FREE_P) & (worst < tuning.CONTRADICTED_P), tuning.CONTRADICTED_P, best
+    )
     p = np.where((best < tuning.FREE_P) & (worst <= tuning.OBSTACLE_P), worst, p)
     return np.where(known.any(0), p, np.nan).astype(np.float32)
 
 
 def weighed(each, whole, around: np.ndarray) -> np.ndarray:
-    """Weighs the probabilities of many maps as ``together``, for a footprint ``around`` a cell, but by number: those
-    that know the ``whole`` (N, rows, columns) bool footprint and call it free must be twice as many as those that do
-    not. A map that knows part of a footprint is no witness against one that knows it whole.
+    """Weighs the probabilities of many maps as ``together``, for a footprint ``around`` a cell, but
+    by number: those that know the ``whole`` (N, rows, columns) bool footprint and call it free must
+    be twice as many as those that do not. A map that knows part of a footprint is no witness
+    against one that knows it whole.
 
-    A footprint of whose every part a free footprint was found is free, too: between two maps' edges no gap stays.
+    A footprint of whose every part a free footprint was found is free, too: between two maps' edges
+    no gap stays.
     """
     each, whole = np.asarray(each), np.asarray(whole)
     with np.errstate(invalid="ignore"):
-        free, against = ((whole & said).sum(0) for said in (each >= tuning.FREE_P, each < tuning.CONTRADICTED_P))
+        free, against = (
+            (whole & said).sum(0) for said in (each >= tuning.FREE_P, each < tuning.CONTRADICTED_P)
+        )
     n = max(around.shape)
     found = np.pad(((free >= 1) & (free >= 2 * against)).astype(np.uint8), n)
     found = cv2.morphologyEx(found, cv2.MORPH_CLOSE, around)[n:-n, n:-n] > 0
     best = np.where(whole & np.isfinite(each), each, 0.0).max(0)
-    p = np.where(found, np.maximum(best, tuning.FREE_P), np.minimum(together(each), tuning.CONTRADICTED_P))
+    p = np.where(
+        found, np.maximum(best, tuning.FREE_P), np.minimum(together(each), tuning.CONTRADICTED_P)
+    )
     return p.astype(np.float32)
 
 
 def most(values: np.ndarray, around: np.ndarray) -> np.ndarray:
     """The largest value (float32) of the cells ``around`` each."""
-    return cv2.dilate(values.astype(np.float32), around, borderType=cv2.BORDER_CONSTANT, borderValue=-_FAR)
+    return cv2.dilate(
+        values.astype(np.float32), around, borderType=cv2.BORDER_CONSTANT, borderValue=-_FAR
+    )
 
 
 def least(values: np.ndarray, around: np.ndarray, outside: float = _FAR) -> np.ndarray:
     """The smallest value (float32) of the cells ``around`` each."""
-    return cv2.erode(values.astype(np.float32), around, borderType=cv2.BORDER_CONSTANT, borderValue=outside)
+    return cv2.erode(
+        values.astype(np.float32), around, borderType=cv2.BORDER_CONSTANT, borderValue=outside
+    )
 
 
 def _spread(height: np.ndarray, known: np.ndarray, around: np.ndarray) -> np.ndarray:

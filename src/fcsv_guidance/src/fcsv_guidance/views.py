@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a ground model is made of: depth with sigma and kind, seen by one camera at a known place."""
+"""What a ground model is made of: depth with sigma and kind, seen by one camera at a known
+place."""
 
 import json
 from dataclasses import dataclass
@@ -16,10 +17,12 @@ _FARTHEST_M = 1e4  # points are float32: 1 mm there
 
 @dataclass(frozen=True)
 class DepthView:
-    """Depth of a pinhole picture: ``depth`` and ``sigma`` (H,W) m along the optical axis, NaN where none; ``kind``
-    (H,W) uint8 of ``fcsv_stereo.model.kinds``; ``K`` 3x3 px; ``T_home_cam`` 4x4; ``stamp_s`` NaN where nobody says it.
+    """Depth of a pinhole picture: ``depth`` and ``sigma`` (H,W) m along the optical axis, NaN where
+    none; ``kind`` (H,W) uint8 of ``fcsv_stereo.model.kinds``; ``K`` 3x3 px; ``T_home_cam`` 4x4;
+    ``stamp_s`` NaN where nobody says it.
 
-    Raises GroundError, which names the view, where these do not belong together or the pose is none.
+    Raises GroundError, which names the view, where these do not belong together or the pose is
+    none.
     """
 
     name: str
@@ -33,13 +36,17 @@ class DepthView:
     def __post_init__(self):
         for what in ("sigma", "kind"):
             if getattr(self, what).shape != self.depth.shape:
-                raise GroundError(f"{self.name}: {what} has shape {getattr(self, what).shape}, not {self.depth.shape}")
+                raise GroundError(
+                    f"{self.name}: {what} has shape {getattr(self, what).shape}, not {self.depth.shape}"
+                )
         if self.depth.ndim != 2 or not np.isfinite(self.K).all():
             raise GroundError(f"{self.name}: depth is no picture, or its camera is not finite")
         try:
             transforms.require_rigid(self.T_home_cam, "T_home_cam")
         except GeometryError as error:
-            raise GroundError(f"{self.name}: the pose of its camera cannot be used: {error}") from error
+            raise GroundError(
+                f"{self.name}: the pose of its camera cannot be used: {error}"
+            ) from error
         if np.abs(self.T_home_cam[:3, 3]).max() > _FARTHEST_M:
             raise GroundError(
                 f"{self.name}: its camera is more than {_FARTHEST_M:.0f} m from home's origin (UTM?), where no robot's "
@@ -54,12 +61,21 @@ def read_map(folder) -> DepthView:
         document = json.loads((folder / "report.json").read_text())
         arrays = {name: np.load(folder / f"{name}.npy") for name in ("depth", "sigma", "kind")}
         reference = document["reference"]
-        K = np.array([[reference["fx"], 0, reference["cx"]], [0, reference["fy"], reference["cy"]], [0, 0, 1]], float)
+        K = np.array(
+            [
+                [reference["fx"], 0, reference["cx"]],
+                [0, reference["fy"], reference["cy"]],
+                [0, 0, 1],
+            ],
+            float,
+        )
         T_home_cam = np.array(reference["T_home_cam"], float)
         stamp_s = float(reference.get("stamp_s", np.nan))  # maps before version 0.3 do not say it
     except FileNotFoundError as error:
         lacking = Path(error.filename).name
-        raise GroundError(f"{folder}: has no {lacking}; give a folder that 'map' wrote with -o") from error
+        raise GroundError(
+            f"{folder}: has no {lacking}; give a folder that 'map' wrote with -o"
+        ) from error
     except (KeyError, TypeError, ValueError, OSError) as error:
         raise GroundError(f"{folder}: is not a map of this program ({error})") from error
     return DepthView(str(folder), K=K, T_home_cam=T_home_cam, stamp_s=stamp_s, **arrays)

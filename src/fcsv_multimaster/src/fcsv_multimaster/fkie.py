@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The same topic list for fkie_multimaster, on machines that have it: parameters of its discovery and sync nodes."""
+"""The same topic list for fkie_multimaster, on machines that have it: parameters of its discovery
+and sync nodes."""
 
 from typing import Dict, List, Optional
 
 from fcsv_multimaster.links import Links
 from fcsv_multimaster.network.endpoints import Endpoint
 
-HEARTBEAT_HZ, TIMEOUT_FACTOR = 2.0, 1.0  # measured: back within 2 s of a 15 s cut, with nothing stale
+# measured: back within 2 s of a 15 s cut, with nothing stale
+HEARTBEAT_HZ, TIMEOUT_FACTOR = 2.0, 1.0
 
 
 def discovery(peers: Dict[str, Optional[Endpoint]]) -> Dict[str, object]:
@@ -14,13 +16,17 @@ def discovery(peers: Dict[str, Optional[Endpoint]]) -> Dict[str, object]:
     hosts = [p.host for p in peers.values() if p is not None]
     mcast = len(hosts) < len(peers)
     return {
-        "robot_hosts": hosts, "send_mcast": mcast, "listen_mcast": mcast,
-        "heartbeat_hz": HEARTBEAT_HZ, "timeout_factor": TIMEOUT_FACTOR,
-    }  # fmt: skip
+        "robot_hosts": hosts,
+        "send_mcast": mcast,
+        "listen_mcast": mcast,
+        "heartbeat_hz": HEARTBEAT_HZ,
+        "timeout_factor": TIMEOUT_FACTOR,
+    }
 
 
 def sync(machine: str, links: Links, peers: Dict[str, Optional[Endpoint]]) -> Dict[str, object]:
-    """Parameters of master_sync: what crosses to or from this machine, and no service, node or other topic."""
+    """Parameters of master_sync: what crosses to or from this machine, and no service, node or
+    other topic."""
     topics: List[str] = sorted(
         {t for p in peers for pair in ((machine, p), (p, machine)) for t in links.crossing(*pair)}
     )

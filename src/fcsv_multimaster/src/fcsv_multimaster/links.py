@@ -10,16 +10,25 @@ CONTROL = "control"
 LINKS = ("datagram", "urgent", "bulk")
 TF_TOPICS = ("/tf", "/tf_static")
 CODECS = ("jpeg", "h264")
-PRIORITIES = ("real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low", "background")
+PRIORITIES = (
+    "real_time",
+    "interactive_high",
+    "interactive_low",
+    "data_high",
+    "data",
+    "data_low",
+    "background",
+)
 
 
 @dataclass(frozen=True)
 class TrafficClass:
     """How messages of a class travel.
 
-    ``link``: datagram (small and urgent), urgent (any size), bulk (pictures). ``reliable``: repeated until
-    the other relay has acknowledged it, else newest wins. ``latched``: the last value goes to whoever comes later.
-    ``max_age_s``: older ones are not sent, not repeated, and dropped on arrival. ``max_bytes``: larger ones are, too.
+    ``link``: datagram (small and urgent), urgent (any size), bulk (pictures). ``reliable``:
+    repeated until the other relay has acknowledged it, else newest wins. ``latched``: the last
+    value goes to whoever comes later. ``max_age_s``: older ones are not sent, not repeated, and
+    dropped on arrival. ``max_bytes``: larger ones are, too.
     """
 
     link: str  # datagram: small and urgent; urgent: a stream, any size; bulk: pictures, paced
@@ -32,7 +41,8 @@ class TrafficClass:
 
     @property
     def queue_size(self) -> int:
-        """Gives the length of ROS's queues on either side: where every message counts, a burst after a cut must fit."""
+        """Gives the length of ROS's queues on either side: where every message counts, a burst
+        after a cut must fit."""
         if not self.reliable:
             return 20
         return 64 if self.link == "bulk" else 500
@@ -54,8 +64,8 @@ class TrafficClass:
 class Rule:
     """One topic that crosses.
 
-    ``codec``: how pictures (sensor_msgs/Image, CompressedImage) are packed on the way, by what the link carries.
-    ``frames``: of a tf topic the child frames that cross; the others stay at home.
+    ``codec``: how pictures (sensor_msgs/Image, CompressedImage) are packed on the way, by what the
+    link carries. ``frames``: of a tf topic the child frames that cross; the others stay at home.
     """
 
     topic: str
@@ -82,7 +92,8 @@ class RuleEntry:
     traffic: str  # one of the file's classes
     rate_hz: Optional[float] = None  # in place of the class's
     codec: Optional[str] = None  # how pictures are packed: jpeg or h264; a class of the bulk link
-    frames: List[str] = field(default_factory=list)  # of /tf and /tf_static: the child frames that cross
+    # of /tf and /tf_static: the child frames that cross
+    frames: List[str] = field(default_factory=list)
 
     def __post_init__(self):
         if self.codec is not None and self.codec not in CODECS:
@@ -90,7 +101,9 @@ class RuleEntry:
         if self.rate_hz is not None and not self.rate_hz > 0:
             raise ValueError(f"rate_hz: {self.rate_hz} must be positive")
         if (self.topic in TF_TOPICS) != bool(self.frames):
-            raise ValueError(f"frames: belongs to {' and '.join(TF_TOPICS)}, and names the child frames that cross")
+            raise ValueError(
+                f"frames: belongs to {' and '.join(TF_TOPICS)}, and names the child frames that cross"
+            )
 
 
 @dataclass(frozen=True)
@@ -127,15 +140,20 @@ def load_links(path) -> Links:
 def parse_links(document: Any, path: str) -> Links:
     """The links in a document, whose file ``path`` names in errors. Raises ConfigError."""
     if not isinstance(document, dict):
-        raise config.ConfigError(f"{path}: must hold classes and the sections {', '.join(SECTIONS)}")
+        raise config.ConfigError(
+            f"{path}: must hold classes and the sections {', '.join(SECTIONS)}"
+        )
     for key in document:
         if key not in ("classes", *SECTIONS):
             raise config.unknown_key(str(path), "", key, ("classes", *SECTIONS))
     given = document.get("classes") or {}
     if not isinstance(given, dict):
-        raise config.ConfigError(f"{path}: 'classes' must be a mapping of NAME: {{link, priority, ...}}", "classes")
+        raise config.ConfigError(
+            f"{path}: 'classes' must be a mapping of NAME: {{link, priority, ...}}", "classes"
+        )
     classes = {
-        name: config.from_mapping(entry, TrafficClass, str(path), f"classes.{name}") for name, entry in given.items()
+        name: config.from_mapping(entry, TrafficClass, str(path), f"classes.{name}")
+        for name, entry in given.items()
     }
     sections = {s: _rules(document.get(s) or [], s, classes, path) for s in SECTIONS}
     return Links(classes, **sections)
@@ -151,15 +169,25 @@ def _rules(entries: Any, section: str, classes: Dict[str, TrafficClass], path) -
         if parsed.traffic not in classes:
             near = config.nearest(parsed.traffic, classes)
             hint = f"; did you mean '{near}'?" if near else ""
-            raise config.ConfigError(f"{path}: '{at}.class' is '{parsed.traffic}'; known: {', '.join(classes)}{hint}")
+            raise config.ConfigError(
+                f"{path}: '{at}.class' is '{parsed.traffic}'; known: {', '.join(classes)}{hint}"
+            )
         if not parsed.topic.startswith("/"):
-            raise config.ConfigError(f"{path}: '{at}.topic' is '{parsed.topic}'; topics here begin with /")
+            raise config.ConfigError(
+                f"{path}: '{at}.topic' is '{parsed.topic}'; topics here begin with /"
+            )
         traffic = classes[parsed.traffic]
         if parsed.codec is not None and traffic.link != "bulk":
-            raise config.ConfigError(f"{path}: '{at}.codec' needs a class on the bulk link, not '{parsed.traffic}'")
+            raise config.ConfigError(
+                f"{path}: '{at}.codec' needs a class on the bulk link, not '{parsed.traffic}'"
+            )
         if parsed.topic == "/tf_static" and not traffic.latched:
-            raise config.ConfigError(f"{path}: '{at}.class' of /tf_static must be latched, '{parsed.traffic}' is not")
-        rules.append(Rule(parsed.topic, traffic, parsed.rate_hz, parsed.codec, tuple(parsed.frames)))
+            raise config.ConfigError(
+                f"{path}: '{at}.class' of /tf_static must be latched, '{parsed.traffic}' is not"
+            )
+        rules.append(
+            Rule(parsed.topic, traffic, parsed.rate_hz, parsed.codec, tuple(parsed.frames))
+        )
     return rules
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the workspace's configuration is: the package whose folders are the top-level config/ and launch/."""
+"""Where the workspace's configuration is: the package whose folders are the top-level config/ and
+launch/."""
 
 from pathlib import Path
 
@@ -19,7 +20,8 @@ def vehicles_folder() -> Path:
 
 
 def mission_file(wished: str) -> Path:
-    """A mission's file: as given, or by its name in config/missions. Raises SimulationError where there is none."""
+    """A mission's file: as given, or by its name in config/missions. Raises SimulationError where
+    there is none."""
     folder, path = bringup() / "config" / "missions", Path(wished)
     if not path.suffix:
         path = folder / f"{wished}.yaml"

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where simulated bodies truly are, shared between processes through a memory-mapped ring per vehicle.
+"""Where simulated bodies truly are, shared between processes through a memory-mapped ring per
+vehicle.
 
 One writer, any readers, no locks: a record is written before the counter that announces it, and the
 ring is long enough that a reader never meets the writer.
@@ -33,8 +34,10 @@ class TruthWriter:
         path = _path(folder, vehicle)
         shape = (_RING * _FIELDS + 1,)
         begun = path.with_suffix(".begun")
-        self._map = np.memmap(begun, np.float64, "w+", shape=shape).view(np.ndarray)  # a memmap's own slices are slow
-        begun.replace(path)  # whole from the first look; readers of an earlier run keep their own file
+        # a memmap's own slices are slow
+        self._map = np.memmap(begun, np.float64, "w+", shape=shape).view(np.ndarray)
+        # whole from the first look; readers of an earlier run keep their own file
+        begun.replace(path)
         self._ring = self._map[1:].reshape(_RING, _FIELDS)
         self._count = 0
 
@@ -43,7 +46,8 @@ class TruthWriter:
         self.write_records(np.concatenate([[stamp_s], T_world_body[:3, 3], q, v_world_mps])[None])
 
     def write_records(self, records: np.ndarray) -> None:
-        """Several poses at once, for the fast loop: (n, 11) of stamp, position, quaternion xyzw, velocity."""
+        """Several poses at once, for the fast loop: (n, 11) of stamp, position, quaternion xyzw,
+        velocity."""
         at = self._count % _RING
         fits = min(len(records), _RING - at)
         self._ring[at : at + fits] = records[:fits]
@@ -53,7 +57,8 @@ class TruthWriter:
 
 
 class TruthReader:
-    """Reads the poses of one vehicle, also while its writer has not started yet (PoseUnavailable then)."""
+    """Reads the poses of one vehicle, also while its writer has not started yet (PoseUnavailable
+    then)."""
 
     def __init__(self, folder, vehicle: str):
         self._path = _path(folder, vehicle)
@@ -66,7 +71,8 @@ class TruthReader:
         return float(record[0]), _pose(record)
 
     def wait_for(self, stamp_s: float, patience_s: float = 0.2) -> np.ndarray:
-        """T_world_body at a stamp that the vehicle may not have reached yet: a sensor never runs ahead of the world."""
+        """T_world_body at a stamp that the vehicle may not have reached yet: a sensor never runs
+        ahead of the world."""
         for _ in range(int(patience_s / 0.002)):
             if self._stamp(self._count() - 1) >= stamp_s:
                 break
@@ -78,7 +84,8 @@ class TruthReader:
         return self._record(self._count() - 1)[8:11]
 
     def at(self, stamp_s: float) -> np.ndarray:
-        """T_world_body at a stamp (s), interpolated; extrapolated at most 50 ms beyond the newest record."""
+        """T_world_body at a stamp (s), interpolated; extrapolated at most 50 ms beyond the newest
+        record."""
         count = self._count()
         newest = self._record(count - 1)
         if stamp_s > newest[0]:
@@ -90,7 +97,9 @@ class TruthReader:
         oldest = max(0, count - _RING + 64)  # keep clear of the writer
         low, high = oldest, count - 1
         if stamp_s < self._stamp(low):
-            raise PoseUnavailable(f"{self._vehicle}: truth at {stamp_s:.3f} s is no longer (or not yet) kept")
+            raise PoseUnavailable(
+                f"{self._vehicle}: truth at {stamp_s:.3f} s is no longer (or not yet) kept"
+            )
         if low < high - _RECENT and self._stamp(high - _RECENT) <= stamp_s:
             low = high - _RECENT  # what sensors ask for nearly always
         while high - low > 1:
@@ -109,8 +118,11 @@ class TruthReader:
     def _count(self) -> int:
         if self._map is None:
             if not self._path.exists():
-                raise PoseUnavailable(f"{self._vehicle}: no simulated vehicle of that name ({self._path})")
-            self._map = np.memmap(self._path, np.float64, "r").view(np.ndarray)  # a memmap's own slices are slow
+                raise PoseUnavailable(
+                    f"{self._vehicle}: no simulated vehicle of that name ({self._path})"
+                )
+            # a memmap's own slices are slow
+            self._map = np.memmap(self._path, np.float64, "r").view(np.ndarray)
         count = int(self._map[0])
         if count == 0:
             raise PoseUnavailable(f"{self._vehicle}: no truth yet")

@@ -28,12 +28,27 @@ from fcsv_stereo.thesis.matchers import MATCHERS, DisparityWindow
 
 #: Options that only one method knows.
 _OPTIONS_OF = {
-    "thesis": ("matcher", "rectify", "disparity", "across_axes", *(f"trim_{k}" for k in (*AXES, "all"))),
-    "joint": (
-        "bars", "complete", "no_refine", "prior_rotation_deg", "prior_position_m", "prior_position_percent",
-        "prior_scale_percent", "rig", "refine_focal", "keep_camera", "refine_time_offset",
+    "thesis": (
+        "matcher",
+        "rectify",
+        "disparity",
+        "across_axes",
+        *(f"trim_{k}" for k in (*AXES, "all")),
     ),
-}  # fmt: skip
+    "joint": (
+        "bars",
+        "complete",
+        "no_refine",
+        "prior_rotation_deg",
+        "prior_position_m",
+        "prior_position_percent",
+        "prior_scale_percent",
+        "rig",
+        "refine_focal",
+        "keep_camera",
+        "refine_time_offset",
+    ),
+}
 _MAPPED = 0.9  # of a map's time; the rest is its files and its report
 _EXAMPLES = """examples:
   map out/demo/session -o out/map
@@ -43,7 +58,8 @@ _EXAMPLES = """examples:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit status 0 with a map, 2 with one line on stderr that says what is wrong, 130 on Ctrl-C."""
+    """Exit status 0 with a map, 2 with one line on stderr that says what is wrong, 130 on
+    Ctrl-C."""
     given = sys.argv[1:] if argv is None else argv
     action = partial(_map, command=command_line(sys.argv[0], given))
     return commands.run(_parser(), argv, action, (FcsvError, ValueError), "nothing was written")
@@ -65,9 +81,19 @@ def _map(args, command: str) -> None:
     options, instant = _options(args), _instant(args.instant)
     bounds = CloudBounds.of_words(args.cloud_range_m, args.cloud_sigma)
     request = pipeline.MapRequest(
-        Path(args.input), Path(args.out), args.method, options, reference=args.reference, poi=poi, products=products,
-        instant=instant, bounds=bounds, near=not args.no_near, command=command, robot=args.robot,
-    )  # fmt: skip
+        Path(args.input),
+        Path(args.out),
+        args.method,
+        options,
+        reference=args.reference,
+        poi=poi,
+        products=products,
+        instant=instant,
+        bounds=bounds,
+        near=not args.no_near,
+        command=command,
+        robot=args.robot,
+    )
     with Steps(LiveLine(sys.stderr), "reading pictures").shown() as steps:
 
         def progress(name: str, done: int, total: int) -> None:
@@ -97,17 +123,24 @@ def _options(args) -> Union[JointOptions, ThesisOptions]:
 
 def _joint(args, threshold: ErrorThreshold) -> JointOptions:
     refinement = RefineOptions(
-        refine_focal=args.refine_focal, correct_camera=not args.keep_camera, calibrated=args.rig,
+        refine_focal=args.refine_focal,
+        correct_camera=not args.keep_camera,
+        calibrated=args.rig,
         refine_time_offset=args.refine_time_offset,
-    )  # fmt: skip
+    )
     prior = _prior(args)
     kept = {"complete": args.complete, "bars": args.bars}
     return JointOptions(not args.no_refine, refinement, threshold=threshold, prior=prior, **kept)
 
 
 def _prior(args) -> Optional[PosePrior]:
-    """What the user says of the poses; what he does not say stays as it is assumed, of a rig as of a rig."""
-    rotation_deg, position_m, percent = args.prior_rotation_deg, args.prior_position_m, args.prior_position_percent
+    """What the user says of the poses; what he does not say stays as it is assumed, of a rig as of
+    a rig."""
+    rotation_deg, position_m, percent = (
+        args.prior_rotation_deg,
+        args.prior_position_m,
+        args.prior_position_percent,
+    )
     scale_percent = args.prior_scale_percent
     assumed = RIG if args.rig else PosePrior()
     if rotation_deg is None and position_m is None and percent is None and scale_percent is None:
@@ -141,95 +174,145 @@ def _refuse_foreign(args) -> None:
         given = [n for n in names if getattr(args, n) is not None and getattr(args, n) is not False]
         if method != args.method and given:
             option = "--" + given[0].replace("_", "-")
-            raise InputError(f"{option} belongs to --method {method}; the method here is {args.method}")
+            raise InputError(
+                f"{option} belongs to --method {method}; the method here is {args.method}"
+            )
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="map", description="Depth, a cloud and a report from posed pictures.", epilog=_EXAMPLES,
+        prog="map",
+        description="Depth, a cloud and a report from posed pictures.",
+        epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     window = DisparityWindow()
-    parser.add_argument("input", help="a session folder, a bag, or a folder of posed photographs (COLMAP text model)")
-    parser.add_argument("-o", "--out", required=True, help="folder for the map; an earlier map in it is replaced")
-    parser.add_argument("--version", action="version", version=f"fcsv {VERSION}")
-    parser.add_argument("--method", choices=sorted(pipeline.METHODS), default=pipeline.DEFAULT_METHOD)
-    parser.add_argument("--reference", help="photographs: name of the reference picture (default: first in images.txt)")
     parser.add_argument(
-        "--instant", nargs="?", const="last", metavar="STAMP",
+        "input",
+        help="a session folder, a bag, or a folder of posed photographs (COLMAP text model)",
+    )
+    parser.add_argument(
+        "-o", "--out", required=True, help="folder for the map; an earlier map in it is replaced"
+    )
+    parser.add_argument("--version", action="version", version=f"fcsv {VERSION}")
+    parser.add_argument(
+        "--method", choices=sorted(pipeline.METHODS), default=pipeline.DEFAULT_METHOD
+    )
+    parser.add_argument(
+        "--reference",
+        help="photographs: name of the reference picture (default: first in images.txt)",
+    )
+    parser.add_argument(
+        "--instant",
+        nargs="?",
+        const="last",
+        metavar="STAMP",
         help="sessions: only the pictures of one instant (within 20 ms), so that what moves is mapped where it was; "
         "by default that of the middle of the last recording",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--no-near", action="store_true",
+        "--no-near",
+        action="store_true",
         help="sessions: leave out what depth cameras recorded; default: it is joined with the map (docs/user/maps.md)",
-    )  # fmt: skip
+    )
     listed = f"also: {','.join(PRODUCTS)}; all: without ground"
     parser.add_argument("--products", default="", metavar="LIST", help=listed)
-    parser.add_argument("--robot", type=Path, metavar="FILE", help="ground: the robot (config/robots/NAME.yaml)")
     parser.add_argument(
-        "--cloud-range-m", default="auto", metavar="M",
+        "--robot", type=Path, metavar="FILE", help="ground: the robot (config/robots/NAME.yaml)"
+    )
+    parser.add_argument(
+        "--cloud-range-m",
+        default="auto",
+        metavar="M",
         help="farthest depth of the clouds (map.ply, products); 'none': any; by default where one pixel of disparity "
         "on the widest baseline is 20 %% of the distance",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--cloud-sigma", metavar="SHARE",
+        "--cloud-sigma",
+        metavar="SHARE",
         help="largest standard deviation of the clouds' points: a share of the depth (default 20%%), metres, or 'none'",
-    )  # fmt: skip
+    )
     parser.add_argument("--matcher", choices=sorted(MATCHERS), help="thesis: default quasi-dense")
     parser.add_argument(
-        "--rectify", choices=sorted(r.value for r in Rectification),
+        "--rectify",
+        choices=sorted(r.value for r in Rectification),
         help="thesis: default home for sessions, bouguet for photographs",
-    )  # fmt: skip
-    parser.add_argument(
-        "--error", default="10%", help="accepted depth error: metres, or a share of the distance (10%%)"
     )
     parser.add_argument(
-        "--disparity", nargs=2, type=float, metavar=("LEAST", "MOST"),
+        "--error",
+        default="10%",
+        help="accepted depth error: metres, or a share of the distance (10%%)",
+    )
+    parser.add_argument(
+        "--disparity",
+        nargs=2,
+        type=float,
+        metavar=("LEAST", "MOST"),
         help=f"thesis: disparities in px that count (default {window.least_px:g} {window.most_px:g})",
-    )  # fmt: skip
+    )
     for name in (*AXES, "all"):
         parser.add_argument(
-            f"--trim-{name}", nargs="+", type=float, metavar="M",
+            f"--trim-{name}",
+            nargs="+",
+            type=float,
+            metavar="M",
             help=f"thesis: far end (m) of each {'' if name == 'all' else name + ' '}baseline's range, shortest first",
-        )  # fmt: skip
+        )
     parser.add_argument(
-        "--across-axes", action="store_true",
+        "--across-axes",
+        action="store_true",
         help="thesis: horizontal and vertical baselines share out the range (several configurations at once)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--poi", metavar="FILE", help="points of interest to evaluate (default: INPUT/poi.yaml, if any)"
     )
     parser.add_argument(
-        "--complete", action="store_true",
+        "--poi",
+        metavar="FILE",
+        help="points of interest to evaluate (default: INPUT/poi.yaml, if any)",
+    )
+    parser.add_argument(
+        "--complete",
+        action="store_true",
         help="joint: also depths that no pair's texture supports (hidden, plain, outside); kind.npy marks them",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--bars", action="store_true",
+        "--bars",
+        action="store_true",
         help="joint: also match straight thin things (conductors, rails) by their edges, where the map has no depth",
-    )  # fmt: skip
-    parser.add_argument("--no-refine", action="store_true", help="joint: take the poses as they come")
+    )
     parser.add_argument(
-        "--rig", action="store_true",
+        "--no-refine", action="store_true", help="joint: take the poses as they come"
+    )
+    parser.add_argument(
+        "--rig",
+        action="store_true",
         help="joint, photographs: of a calibrated stereo rig: intrinsics are known, poses to "
         f"{math.degrees(RIG.rotation_rad):.2g} degrees and {100 * RIG.position_share:.2g} %% of the baseline per axis "
         "(--prior-... says otherwise)",
-    )  # fmt: skip
+    )
     for name, words in (
         ("rotation-deg", "degrees, standard deviation per axis"),
         ("position-m", "m, standard deviation per axis"),
-        ("position-percent", "of the distance from the reference picture, standard deviation per axis"),
+        (
+            "position-percent",
+            "of the distance from the reference picture, standard deviation per axis",
+        ),
         ("scale-percent", "of one scale that all positions share, standard deviation"),
     ):
         parser.add_argument(
-            f"--prior-{name}", type=float, metavar="X",
+            f"--prior-{name}",
+            type=float,
+            metavar="X",
             help=f"joint, photographs: how good the poses are ({words}; by default 0.3 degrees, 1 %% of the distance "
             "and 0.5 %% of the median distance); priors.csv says it for each",
-        )  # fmt: skip
-    parser.add_argument("--refine-focal", action="store_true", help="joint: also adjust the focal length")
+        )
     parser.add_argument(
-        "--keep-camera", action="store_true",
+        "--refine-focal", action="store_true", help="joint: also adjust the focal length"
+    )
+    parser.add_argument(
+        "--keep-camera",
+        action="store_true",
         help="joint: do not correct a rolling shutter or a wrong focal length that the pictures show",
-    )  # fmt: skip
-    parser.add_argument("--refine-time-offset", action="store_true", help="joint: also adjust each vehicle's clock")
+    )
+    parser.add_argument(
+        "--refine-time-offset", action="store_true", help="joint: also adjust each vehicle's clock"
+    )
     return parser

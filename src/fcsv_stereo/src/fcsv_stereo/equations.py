@@ -18,7 +18,9 @@ class ErrorThreshold:
 
     def __post_init__(self):
         if not self.value > 0 or (self.relative and self.value >= 1):
-            raise InputError(f"error threshold {self.value} must be positive, and below 100 % where it is a share")
+            raise InputError(
+                f"error threshold {self.value} must be positive, and below 100 % where it is a share"
+            )
 
 
 def parse_threshold(text: str) -> ErrorThreshold:
@@ -36,7 +38,11 @@ def parse_threshold(text: str) -> ErrorThreshold:
         raise InputError(
             f"error threshold '{text}' is not understood; write metres (0.5) or a share of the distance (10%)"
         )
-    return ErrorThreshold(value / 100.0, True) if match.group(2) == "%" else ErrorThreshold(value, False)
+    return (
+        ErrorThreshold(value / 100.0, True)
+        if match.group(2) == "%"
+        else ErrorThreshold(value, False)
+    )
 
 
 def depth_error(z_m, baseline_m: float, focal_px: float, disparity_error_px: float = 1.0):
@@ -48,7 +54,9 @@ def depth_error(z_m, baseline_m: float, focal_px: float, disparity_error_px: flo
     return np.square(z_m) / (baseline_m * focal_px) * disparity_error_px
 
 
-def farthest(baseline_m: float, focal_px: float, threshold: ErrorThreshold, disparity_error_px: float = 1.0) -> float:
+def farthest(
+    baseline_m: float, focal_px: float, threshold: ErrorThreshold, disparity_error_px: float = 1.0
+) -> float:
     """Equation 3.1; with a share e of the distance the error e z equals 2.12 at z = e b f / error.
 
     >>> [round(farthest(b, 602.0, ErrorThreshold(0.1, True))) for b in (2, 4, 6, 8)]
@@ -59,7 +67,9 @@ def farthest(baseline_m: float, focal_px: float, threshold: ErrorThreshold, disp
     return float(np.sqrt(threshold.value * baseline_m * focal_px / disparity_error_px))
 
 
-def baseline_for(z_m: float, focal_px: float, threshold: ErrorThreshold, disparity_error_px: float = 1.0) -> float:
+def baseline_for(
+    z_m: float, focal_px: float, threshold: ErrorThreshold, disparity_error_px: float = 1.0
+) -> float:
     """Equation 3.2: the baseline (m) whose error at z_m equals the threshold; the inverse of 3.1.
 
     >>> round(baseline_for(40.0, 602.0, ErrorThreshold(0.5, False)), 2)
@@ -72,7 +82,8 @@ def baseline_for(z_m: float, focal_px: float, threshold: ErrorThreshold, dispari
 
 
 def segment_ends(nearest_m: float, range_m: float, count: int) -> np.ndarray:
-    """Equation 3.3: the far ends (m) of ``count`` equal segments between the smallest and the largest range.
+    """Equation 3.3: the far ends (m) of ``count`` equal segments between the smallest and the
+    largest range.
 
     >>> segment_ends(0.0, 40.0, 3).round(2).tolist()
     [13.33, 26.67, 40.0]

@@ -10,13 +10,31 @@ from fcsv_geometry.version import VERSION
 
 #: by name: the module whose ``main(arguments)`` it is, and what it does
 COMMANDS = {
-    "map": ("fcsv_stereo.cli", "depth, a cloud and a report from a session, a bag or posed photographs"),
-    "survey": ("fcsv_stereo.survey.command", "several sessions, photographs or maps joined to one site"),
+    "map": (
+        "fcsv_stereo.cli",
+        "depth, a cloud and a report from a session, a bag or posed photographs",
+    ),
+    "survey": (
+        "fcsv_stereo.survey.command",
+        "several sessions, photographs or maps joined to one site",
+    ),
     "plan": ("fcsv_stereo.planning.command", "the baselines to fly, their ranges and errors"),
-    "import-photos": ("fcsv_stereo.photos.command", "GPS-tagged photographs as a folder that map reads, in metres"),
-    "import-bag": ("fcsv_stereo.bag_import.command", "any bag with posed cameras as a folder that map reads"),
-    "check": ("fcsv_control.file_check.command", "whether missions, vehicle files and other configuration are good"),
-    "ground": ("fcsv_guidance.ground_command", "where a robot can drive, from maps; a route across it"),
+    "import-photos": (
+        "fcsv_stereo.photos.command",
+        "GPS-tagged photographs as a folder that map reads, in metres",
+    ),
+    "import-bag": (
+        "fcsv_stereo.bag_import.command",
+        "any bag with posed cameras as a folder that map reads",
+    ),
+    "check": (
+        "fcsv_control.file_check.command",
+        "whether missions, vehicle files and other configuration are good",
+    ),
+    "ground": (
+        "fcsv_guidance.ground_command",
+        "where a robot can drive, from maps; a route across it",
+    ),
 }
 _HELP = ("-h", "--help")
 
@@ -40,4 +58,9 @@ def main(argv: Optional[List[str]] = None) -> int:
 
 def usage() -> str:
     lines = [f"  {name:14} {words}" for name, (_, words) in COMMANDS.items()]
-    return "\n".join(["usage: fcsv COMMAND ...   (fcsv COMMAND --help tells its options; fcsv --version)", *lines])
+    return "\n".join(
+        [
+            "usage: fcsv COMMAND ...   (fcsv COMMAND --help tells its options; fcsv --version)",
+            *lines,
+        ]
+    )

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of one instant: which pictures of several cameras were taken together, and how far apart they were.
+"""Pictures of one instant: which pictures of several cameras were taken together, and how far apart
+they were.
 
-Cameras that run freely are apart by up to half a period; those with a common trigger are not, but each may miss some.
+Cameras that run freely are apart by up to half a period; those with a common trigger are not, but
+each may miss some.
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +20,8 @@ _NEAR_S = 1.0  # a stamp that a user reads off a list is of that recording
 
 @dataclass(frozen=True)
 class Instant:
-    """Configurations with one picture of each camera: the reference's, the same in all, and the others' nearest to it.
+    """Configurations with one picture of each camera: the reference's, the same in all, and the
+    others' nearest to it.
 
     ``skew_s``: between the reference's picture and the one furthest from it in time.
     """
@@ -38,17 +41,21 @@ def skew_s(references: Sequence[Picture], other: Picture) -> float:
 
 
 def middle(configuration: ConfigurationInput) -> Picture:
-    """The other camera's picture of the recording's middle: of those with a reference picture of their instant, if any.
+    """The other camera's picture of the recording's middle: of those with a reference picture of
+    their instant, if any.
 
     What moved is seen by the reference camera in that instant.
     """
     numbered = list(enumerate(configuration.others))
-    together = [(k, o) for k, o in numbered if skew_s(configuration.references, o) <= MOST_SKEW_S] or numbered
+    together = [
+        (k, o) for k, o in numbered if skew_s(configuration.references, o) <= MOST_SKEW_S
+    ] or numbered
     return min(together, key=lambda entry: abs(entry[0] - len(numbered) // 2))[1]
 
 
 def at_once(configurations: Sequence[ConfigurationInput]) -> List[List[ConfigurationInput]]:
-    """The configurations in groups, in order: in a group each was recorded while the first of it was."""
+    """The configurations in groups, in order: in a group each was recorded while the first of it
+    was."""
     groups: List[List[ConfigurationInput]] = []
     for c in configurations:
         stamps = {p.stamp_s for p in c.references}
@@ -60,7 +67,8 @@ def at_once(configurations: Sequence[ConfigurationInput]) -> List[List[Configura
 
 
 def instants(group: Sequence[ConfigurationInput]) -> List[Instant]:
-    """One for each picture that the reference camera took in all recordings of a group, in order of time."""
+    """One for each picture that the reference camera took in all recordings of a group, in order of
+    time."""
     shared = set.intersection(*({p.name for p in c.references} for c in group))
     found = []
     for reference in (p for p in group[0].references if p.name in shared):
@@ -71,15 +79,18 @@ def instants(group: Sequence[ConfigurationInput]) -> List[Instant]:
 
 
 def of_one_instant(given: MapInput, stamp_s: Optional[float] = None) -> MapInput:
-    """The input of one instant: the one nearest to ``stamp_s``, or of the middle of the last recording.
+    """The input of one instant: the one nearest to ``stamp_s``, or of the middle of the last
+    recording.
 
-    Raises InputError where the cameras took no pictures within MOST_SKEW_S of each other, or nothing was recorded
-    at that time.
+    Raises InputError where the cameras took no pictures within MOST_SKEW_S of each other, or
+    nothing was recorded at that time.
     """
     if given.kind is not InputKind.SESSION:
         raise InputError("--instant is for sessions: photographs do not say when they were taken")
     groups = at_once(given.configurations)
-    group = groups[-1] if stamp_s is None else min(groups, key=lambda g: _from_recording_s(g, stamp_s))
+    group = (
+        groups[-1] if stamp_s is None else min(groups, key=lambda g: _from_recording_s(g, stamp_s))
+    )
     off_s = 0.0 if stamp_s is None else _from_recording_s(group, stamp_s)
     if off_s > _NEAR_S:
         raise InputError(f"--instant {stamp_s:.3f}: the nearest picture is {off_s:.1f} s off")
@@ -103,8 +114,8 @@ def _from_recording_s(group: Sequence[ConfigurationInput], stamp_s: float) -> fl
 
 
 def skews(given: MapInput) -> Dict[str, float]:
-    """Gives, by name of the other cameras' pictures: how far (s) the reference camera's nearest is. Empty for
-    photographs."""
+    """Gives, by name of the other cameras' pictures: how far (s) the reference camera's nearest is.
+    Empty for photographs."""
     if given.kind is not InputKind.SESSION:
         return {}
     return {o.name: skew_s(c.references, o) for c in given.configurations for o in c.others}

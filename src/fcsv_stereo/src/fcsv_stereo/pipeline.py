@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Leads from an input to OUT/: load, map with a method, evaluate against truth where there is one, write."""
+"""Leads from an input to OUT/: load, map with a method, evaluate against truth where there is one,
+write."""
 
 import time
 from dataclasses import dataclass, field, replace
@@ -38,27 +39,33 @@ _LEAST_MIB = 20  # a small map's
 
 
 def load(path: Path, reference: Optional[str] = None) -> MapInput:
-    """A session folder, a bag, or posed photographs, these near a local origin. Raises InputError."""
+    """A session folder, a bag, or posed photographs, these near a local origin. Raises
+    InputError."""
     if not path.exists():
         raise InputError(f"{path}: does not exist")
     if is_session(path):
         if reference is not None:
-            raise InputError("--reference chooses among photographs; a session has its reference vehicle")
+            raise InputError(
+                "--reference chooses among photographs; a session has its reference vehicle"
+            )
         return read_session(path)
     if path.is_dir() and colmap.is_model(path):
         return with_local_origin(colmap.read_photographs(path, reference))
-    raise InputError(f"{path}: is neither a session (session.yaml or bags) nor posed photographs (images/, images.txt)")
+    raise InputError(
+        f"{path}: is neither a session (session.yaml or bags) nor posed photographs (images/, images.txt)"
+    )
 
 
 @dataclass(frozen=True)
 class MapRequest:
     """What is mapped, how, and what is written.
 
-    ``options`` are of the method's ``options`` class (None: its defaults). ``reference`` names the reference picture of
-    photographs. ``poi`` is a file of points of interest; a session may hold one (poi.yaml). ``products`` are written
-    besides. ``instant``: only pictures of one, ``last`` or a stamp (s). ``bounds`` are those of the cloud. ``near``:
-    join what depth cameras saw, where a session holds it (docs/user/maps.md). ``command``: what the user gave, for the
-    report. ``robot``: a robot's file, for the product ground.
+    ``options`` are of the method's ``options`` class (None: its defaults). ``reference`` names the
+    reference picture of photographs. ``poi`` is a file of points of interest; a session may hold
+    one (poi.yaml). ``products`` are written besides. ``instant``: only pictures of one, ``last`` or
+    a stamp (s). ``bounds`` are those of the cloud. ``near``: join what depth cameras saw, where a
+    session holds it (docs/user/maps.md). ``command``: what the user gave, for the report.
+    ``robot``: a robot's file, for the product ground.
     """
 
     path: Path
@@ -75,14 +82,15 @@ class MapRequest:
     robot: Optional[Path] = None
 
     def points_of_interest(self) -> List[PointOfInterest]:
-        """Loads the points from ``poi``, or from the input's own file; none where neither is there. Raises
-        InputError."""
+        """Loads the points from ``poi``, or from the input's own file; none where neither is there.
+        Raises InputError."""
         file = self.poi or self.path / POI_FILE
         return load_points(file) if self.poi or file.is_file() else []
 
 
 def run(request: MapRequest, progress: Progress = silent) -> dict:
-    """Map what is requested; the report's document. Raises StereoError, and then nothing is written."""
+    """Map what is requested; the report's document. Raises StereoError, and then nothing is
+    written."""
     started, out = time.perf_counter(), request.out
     output.check_out(out)
     check_robot(request.products, request.robot)
@@ -90,11 +98,17 @@ def run(request: MapRequest, progress: Progress = silent) -> dict:
     points = request.points_of_interest()
     given = load(request.path, request.reference)
     if request.instant is not None:
-        given = instants.of_one_instant(given, None if request.instant == "last" else float(request.instant))
+        given = instants.of_one_instant(
+            given, None if request.instant == "last" else float(request.instant)
+        )
     loaded = time.perf_counter()
     result = METHODS[request.method].map(given, request.options, progress)
     result = replace(
-        result, skews_s=instants.skews(given), clocks=given.clocks, spare=spare(given, result), origin_m=given.origin_m
+        result,
+        skews_s=instants.skews(given),
+        clocks=given.clocks,
+        spare=spare(given, result),
+        origin_m=given.origin_m,
     )
     result = bound_cloud(result, request.bounds)
     result = with_near(result, given) if request.near else result
@@ -117,17 +131,23 @@ def run(request: MapRequest, progress: Progress = silent) -> dict:
     return document
 
 
-def _truth(given: MapInput, result: MapResult) -> Tuple[Optional[Truth], Optional[np.ndarray], Dict[str, np.ndarray]]:
-    """The truth, the true depth of the reference picture, where both are known, and what moves in it.
+def _truth(
+    given: MapInput, result: MapResult
+) -> Tuple[Optional[Truth], Optional[np.ndarray], Dict[str, np.ndarray]]:
+    """The truth, the true depth of the reference picture, where both are known, and what moves in
+    it.
 
-    A truth/ that is not whole, as an interrupted simulation leaves it, is a warning of the map: it was made without.
+    A truth/ that is not whole, as an interrupted simulation leaves it, is a warning of the map: it
+    was made without.
     """
     if given.truth_folder is None:
         return None, None, {}
     reference = result.reference
     try:
         truth = load_truth(given.truth_folder)
-        true_depth, on = TrueScene(truth).look(reference.vehicle, reference.stamp_s, reference.camera)
+        true_depth, on = TrueScene(truth).look(
+            reference.vehicle, reference.stamp_s, reference.camera
+        )
         for image in result.images:
             truth.T_world_cam(image.vehicle, image.stamp_s)
     except InputError as error:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well a picture's pose is known, relative to another picture's.
 
-Covariances in home are (6, 6) of the camera's position (m) and small rotation (rad), both about home's axes, as
-geometry_msgs/PoseWithCovariance has them (REP 103): an error (d, w) stands for p + d and exp(w) R.
+Covariances in home are (6, 6) of the camera's position (m) and small rotation (rad), both about
+home's axes, as geometry_msgs/PoseWithCovariance has them (REP 103): an error (d, w) stands for p +
+d and exp(w) R.
 """
 
 from bisect import bisect_left
@@ -18,7 +19,8 @@ _ASYMMETRIC = 1e-6  # of the largest entry: what rounding leaves
 
 
 def checked(covariance, name: str) -> np.ndarray:
-    """(6, 6) float64, symmetric. Raises InputError where it is not finite, not symmetric or not positive definite.
+    """(6, 6) float64, symmetric. Raises InputError where it is not finite, not symmetric or not
+    positive definite.
 
     >>> checked(np.zeros(36), "uav2")
     Traceback (most recent call last):
@@ -53,7 +55,8 @@ def turned(covariance: np.ndarray, R_b_a: np.ndarray) -> np.ndarray:
 
 
 class KnownCovariances:
-    """Covariances of one vehicle's camera in home as they were said, by stamp; ``refused`` says why others were not.
+    """Covariances of one vehicle's camera in home as they were said, by stamp; ``refused`` says why
+    others were not.
 
     At most ``most`` are kept, the newest.
     """
@@ -76,8 +79,8 @@ class KnownCovariances:
 
 
 def unknown_warning(configurations: Iterable, prior, refused: Iterable[str] = ()) -> List[str]:
-    """Says, in words, which vehicles' pictures have no covariance, why, and the PosePrior that serves; empty where all
-    have.
+    """Says, in words, which vehicles' pictures have no covariance, why, and the PosePrior that
+    serves; empty where all have.
 
     ``configurations`` are of ConfigurationInput.
     """
@@ -94,7 +97,8 @@ def unknown_warning(configurations: Iterable, prior, refused: Iterable[str] = ()
 
 
 def carried(arm_home_m: np.ndarray) -> np.ndarray:
-    """(6, 6): the error at a place ``arm_home_m`` away that is one rigid movement with an error here: d + w x arm.
+    """(6, 6): the error at a place ``arm_home_m`` away that is one rigid movement with an error
+    here: d + w x arm.
 
     >>> (carried(np.array([2.0, 0.0, 0.0])) @ [0, 0, 0, 0, 0, 0.01]).round(3).tolist()
     [0.0, 0.02, 0.0, 0.0, 0.0, 0.01]
@@ -106,11 +110,12 @@ def carried(arm_home_m: np.ndarray) -> np.ndarray:
 
 
 def relative(reference, other) -> Optional[np.ndarray]:
-    """(6, 6) of other's pose where the reference's is held, in home's axes; None where either picture has none.
+    """(6, 6) of other's pose where the reference's is held, in home's axes; None where either
+    picture has none.
 
-    Both vehicles' errors are independent: home lies exactly in its reference vehicle's odometry, and the calibration's
-    error stands in the other's alone (fcsv_tracking.chain). The reference's error moves the other camera the opposite
-    way, its turn by the arm between them.
+    Both vehicles' errors are independent: home lies exactly in its reference vehicle's odometry,
+    and the calibration's error stands in the other's alone (fcsv_tracking.chain). The reference's
+    error moves the other camera the opposite way, its turn by the arm between them.
     """
     if reference.covariance is None or other.covariance is None:
         return None
@@ -119,17 +124,19 @@ def relative(reference, other) -> Optional[np.ndarray]:
 
 
 def common(earlier, later) -> np.ndarray:
-    """(6, 6) cross covariance of the errors in home of two pictures of one vehicle, (earlier, later).
+    """(6, 6) cross covariance of the errors in home of two pictures of one vehicle, (earlier,
+    later).
 
-    The odometry's error at the earlier picture is still there at the later one, carried along; what came in between is
-    independent of it.
+    The odometry's error at the earlier picture is still there at the later one, carried along; what
+    came in between is independent of it.
     """
     F = carried(later.T_home_cam[:3, 3] - earlier.T_home_cam[:3, 3])
     return earlier.covariance @ F.T
 
 
 def relative_common(reference, a, b) -> np.ndarray:
-    """(6, 6) cross covariance of the poses of ``a`` and ``b`` where the reference's is held; all need covariances.
+    """(6, 6) cross covariance of the poses of ``a`` and ``b`` where the reference's is held; all
+    need covariances.
 
     The reference's error is in both; the vehicle's, where it is one vehicle.
     """
@@ -152,9 +159,11 @@ def to_camera(picture, position_too: bool) -> np.ndarray:
 
 
 def prior_covariance(reference, other, prior) -> np.ndarray:
-    """(6, 6) of other's pose relative to the reference: rotation (rad, camera axes), position (m, home's axes).
+    """(6, 6) of other's pose relative to the reference: rotation (rad, camera axes), position (m,
+    home's axes).
 
-    From the pictures' covariances; a PosePrior serves where they have none. Without the scale's (``of_scale``).
+    From the pictures' covariances; a PosePrior serves where they have none. Without the scale's
+    (``of_scale``).
     """
     arm_m = other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]
     known = relative(reference, other)
@@ -166,8 +175,9 @@ def prior_covariance(reference, other, prior) -> np.ndarray:
 
 
 def of_scale(arm_m: np.ndarray, scale_sigma: float) -> np.ndarray:
-    """(6, 6), rotation first: what a scale known to ``scale_sigma`` (a share) makes of a position ``arm_m`` (3,) from
-    the reference. The pictures fit as well at any scale, so it is added to whatever they say of the pose.
+    """(6, 6), rotation first: what a scale known to ``scale_sigma`` (a share) makes of a position
+    ``arm_m`` (3,) from the reference. The pictures fit as well at any scale, so it is added to
+    whatever they say of the pose.
 
     >>> of_scale(np.array([2.0, 0.0, 0.0]), 0.05)[3:, 3:].diagonal().round(4).tolist()
     [0.01, 0.0, 0.0]

@@ -9,7 +9,8 @@ class TrackingError(FcsvError):
 
 
 class OdometryRejected(TrackingError):
-    """A sample of the tracking camera that must not reach the autopilot; ``reason`` is its counter's name."""
+    """A sample of the tracking camera that must not reach the autopilot; ``reason`` is its
+    counter's name."""
 
     def __init__(self, reason: str, message: str):
         super().__init__(message)
@@ -37,11 +38,13 @@ class HomeRefused(TrackingError):
 
 
 class CameraCalibrationRefused(TrackingError):
-    """Pictures of a chessboard that would not give a good camera; the message says which and what to do."""
+    """Pictures of a chessboard that would not give a good camera; the message says which and what
+    to do."""
 
 
 class ExtrinsicsRefused(TrackingError):
-    """A motion or detections from which the mounting of camera or tag cannot be found; the message says why."""
+    """A motion or detections from which the mounting of camera or tag cannot be found; the message
+    says why."""
 
 
 class EvaluationError(TrackingError):

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a tracker on the ground gives mission, agent and guardian: poses in one level frame that stands still.
+"""What a tracker on the ground gives mission, agent and guardian: poses in one level frame that
+stands still.
 
-``NAME/odom`` is the same frame for all vehicles, so their odometry frames coincide and a calibration finds nothing. It
-is fixed once the tracker knows what is level; where it is found to lean later, another epoch begins.
+``NAME/odom`` is the same frame for all vehicles, so their odometry frames coincide and a
+calibration finds nothing. It is fixed once the tracker knows what is level; where it is found to
+lean later, another epoch begins.
 """
 
 import math
@@ -13,25 +15,29 @@ import numpy as np
 
 from fcsv_geometry import transforms
 
-_SPEED_S = 0.3  # time constant of the velocity: poses of gimbals have 6 mm of noise, 8 times a second
+# time constant of the velocity: poses of gimbals have 6 mm of noise, 8 times a second
+_SPEED_S = 0.3
 _GAP_S = 1.0  # after so long without a pose the velocity is found anew
 
 
 @dataclass(frozen=True)
 class LevelRules:
-    """``sigma_deg``: how well level must be known before the frame is fixed. ``leans_deg``: then it is wrong."""
+    """``sigma_deg``: how well level must be known before the frame is fixed. ``leans_deg``: then it
+    is wrong."""
 
     sigma_deg: float = 0.2
     leans_deg: float = 2.5
 
     def __post_init__(self):
         if not 0.0 < self.sigma_deg < self.leans_deg < 90.0:
-            raise ValueError(f"leans_deg: {self.leans_deg} must be over sigma_deg {self.sigma_deg}, and that over 0")
+            raise ValueError(
+                f"leans_deg: {self.leans_deg} must be over sigma_deg {self.sigma_deg}, and that over 0"
+            )
 
 
 class LevelFrame:
-    """Its axes in the tracker's frame, and which beginning of it this is; ``offer`` whatever the tracker holds for
-    level."""
+    """Its axes in the tracker's frame, and which beginning of it this is; ``offer`` whatever the
+    tracker holds for level."""
 
     def __init__(self, rules: Optional[LevelRules] = None):
         self._rules = rules or LevelRules()
@@ -40,7 +46,9 @@ class LevelFrame:
 
     def offer(self, R_tracker_level: np.ndarray, sigma_rad: float) -> bool:
         """Whether a frame began with it."""
-        if not (np.isfinite(R_tracker_level).all() and sigma_rad <= math.radians(self._rules.sigma_deg)):
+        if not (
+            np.isfinite(R_tracker_level).all() and sigma_rad <= math.radians(self._rules.sigma_deg)
+        ):
             return False
         if self.T_tracker_level is not None:
             cosine = float(R_tracker_level[:, 2] @ self.T_tracker_level[:3, 2])
@@ -56,7 +64,8 @@ class LevelFrame:
 
 @dataclass(frozen=True)
 class GroundOdometry:
-    """T_odom_body at a stamp, velocity in the body's axes (m/s); covariance (6,6) about odom's axes."""
+    """T_odom_body at a stamp, velocity in the body's axes (m/s); covariance (6,6) about odom's
+    axes."""
 
     stamp_s: float
     T_odom_body: np.ndarray
@@ -72,7 +81,11 @@ class GroundTrack:
         self._v_mps = np.zeros(3)
 
     def add(
-        self, stamp_s: float, T_tracker_body: np.ndarray, covariance: np.ndarray, T_tracker_level: np.ndarray
+        self,
+        stamp_s: float,
+        T_tracker_body: np.ndarray,
+        covariance: np.ndarray,
+        T_tracker_level: np.ndarray,
     ) -> Optional[GroundOdometry]:
         """None where the stamp is not after the one before."""
         gap_s = stamp_s - self._stamp_s

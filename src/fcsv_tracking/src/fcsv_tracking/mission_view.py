@@ -19,8 +19,8 @@ _POSTS = 8
 
 @dataclass(frozen=True)
 class PlannedPlace:
-    """Is the place of configuration ``index``: a pose of the moving camera, 4x4; of a sweep where it begins and
-    ``end_m`` (3,)."""
+    """Is the place of configuration ``index``: a pose of the moving camera, 4x4; of a sweep where
+    it begins and ``end_m`` (3,)."""
 
     index: int
     T_home_cam: np.ndarray
@@ -28,7 +28,8 @@ class PlannedPlace:
 
 
 def read_mission(text: str) -> Mission:
-    """Reads a mission from a mission file's text as the mission node tells it. Raises ConfigError."""
+    """Reads a mission from a mission file's text as the mission node tells it. Raises
+    ConfigError."""
     try:
         document = yaml.safe_load(text)
     except yaml.YAMLError as error:
@@ -38,7 +39,8 @@ def read_mission(text: str) -> Mission:
 
 
 def fence_lines(fence: Fence, home_height_m: float) -> np.ndarray:
-    """(N, 2, 3) ends of lines in home (m): the circle and the polygon at the floor and at the ceiling, with posts.
+    """(N, 2, 3) ends of lines in home (m): the circle and the polygon at the floor and at the
+    ceiling, with posts.
 
     The fence's heights are above the take-off place, and home is ``home_height_m`` above it.
 
@@ -56,7 +58,9 @@ def fence_lines(fence: Fence, home_height_m: float) -> np.ndarray:
     return np.array(lines)
 
 
-def _walls(ring: np.ndarray, posts: np.ndarray, heights_m: Sequence[float]) -> List[List[Tuple[float, float, float]]]:
+def _walls(
+    ring: np.ndarray, posts: np.ndarray, heights_m: Sequence[float]
+) -> List[List[Tuple[float, float, float]]]:
     lines = []
     for z in heights_m:
         for a, b in zip(ring, np.roll(ring, -1, axis=0)):

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Leads from the tracking camera's odometry to the body's, with a gate that no jump passes.
 
-``odom`` is the T265's own level odometry frame, so T_odom_body = T_odom_t265 @ inv(T_body_t265), until
-the tracker jumps. Then the frame is re-based by four degrees of freedom (the jump undone, roll and
-pitch are gravity's and stay) so that the pose given to the autopilot is continuous: ArduCopter flies a
-jump's length when it adopts it, and does not follow a rotated frame at all. What was calibrated before
-a jump, or before a gap over which the vehicle may have moved, does not hold after it: each begins an epoch.
+``odom`` is the T265's own level odometry frame, so T_odom_body = T_odom_t265 @ inv(T_body_t265),
+until the tracker jumps. Then the frame is re-based by four degrees of freedom (the jump undone,
+roll and pitch are gravity's and stay) so that the pose given to the autopilot is continuous:
+ArduCopter flies a jump's length when it adopts it, and does not follow a rotated frame at all. What
+was calibrated before a jump, or before a gap over which the vehicle may have moved, does not hold
+after it: each begins an epoch.
 """
 
 import math
@@ -21,7 +22,8 @@ from fcsv_geometry.streams.flow import DropCounter
 from fcsv_geometry.vehicles.tracker import T265_PROFILE, TrackerProfile
 from fcsv_tracking.errors import OdometryRejected
 
-_STEP_S = 0.3  # by which stamps may run ahead of when samples come, and no more: they are then stepped
+# by which stamps may run ahead of when samples come, and no more: they are then stepped
+_STEP_S = 0.3
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class GateParameters:
 
     max_step_m: float = 0.3  # off the prediction by the last velocity
     max_speed_mps: float = 10.0
-    max_turn_rad: float = 0.2  # off the prediction, heading; and between tilts of neighbouring samples
+    # off the prediction, heading; and between tilts of neighbouring samples
+    max_turn_rad: float = 0.2
     max_rate_radps: float = 15.0
     bridge_s: float = 0.5  # longest time over which the last velocity carries on
     max_gap_s: float = 0.5  # of silence: after more of it the vehicle may be anywhere near
@@ -55,7 +58,8 @@ class BodyPose:
 
 @dataclass(frozen=True)
 class EpochBegan:
-    """Which beginning of the odometry frame it is, and why it began; another number: calibrate again."""
+    """Which beginning of the odometry frame it is, and why it began; another number: calibrate
+    again."""
 
     number: int = 0
     reason: str = "start"
@@ -86,9 +90,13 @@ class BodyOdometry:
     """Samples of the tracking camera in, poses of the body out; time comes with the samples."""
 
     def __init__(
-        self, T_body_t265: np.ndarray, gate: Optional[GateParameters] = None, rebase: Optional[Rebase] = None,
-        tracker: TrackerProfile = T265_PROFILE, epoch: EpochBegan = EpochBegan(),
-    ):  # fmt: skip
+        self,
+        T_body_t265: np.ndarray,
+        gate: Optional[GateParameters] = None,
+        rebase: Optional[Rebase] = None,
+        tracker: TrackerProfile = T265_PROFILE,
+        epoch: EpochBegan = EpochBegan(),
+    ):
         self.epoch = epoch
         T_t265_body = transforms.invert(T_body_t265)
         self._p_t265_body: Vector = tuple(T_t265_body[:3, 3].tolist())
@@ -100,7 +108,8 @@ class BodyOdometry:
         self._last: Optional[BodyPose] = None
         self._came_s: Optional[float] = None  # the last sample that passed
         self._dt_s = 0.0  # between the last one that passed and this
-        self._velocity: Vector = (0.0, 0.0, 0.0)  # odom frame, from positions: the twist field is not relied on
+        # odom frame, from positions: the twist field is not relied on
+        self._velocity: Vector = (0.0, 0.0, 0.0)
         self._yaw_rate = 0.0
         self._rejected_in_a_row = 0
         self._recent_jumps: Tuple[float, ...] = ()
@@ -117,15 +126,23 @@ class BodyOdometry:
         return OdometryRejected(reason, message)
 
     def feed(
-        self, stamp_s: float, p_t265odom_t265: Vector, q_t265odom_t265_xyzw: Quaternion,
-        linear_mps: Vector = (0.0, 0.0, 0.0), angular_radps: Vector = (0.0, 0.0, 0.0), came_s: Optional[float] = None,
-    ) -> BodyPose:  # fmt: skip
+        self,
+        stamp_s: float,
+        p_t265odom_t265: Vector,
+        q_t265odom_t265_xyzw: Quaternion,
+        linear_mps: Vector = (0.0, 0.0, 0.0),
+        angular_radps: Vector = (0.0, 0.0, 0.0),
+        came_s: Optional[float] = None,
+    ) -> BodyPose:
         """The body's pose from one sample (velocities in the t265 frame). Raises OdometryRejected.
 
-        ``came_s``: when it came, by a monotonic clock, by which a step of the stamps' clock is told from a gap.
+        ``came_s``: when it came, by a monotonic clock, by which a step of the stamps' clock is told
+        from a gap.
         """
         self._dt_s = self._since_last(stamp_s, came_s)
-        q_raw = self._checked(stamp_s, p_t265odom_t265, q_t265odom_t265_xyzw, linear_mps, angular_radps)
+        q_raw = self._checked(
+            stamp_s, p_t265odom_t265, q_t265odom_t265_xyzw, linear_mps, angular_radps
+        )
         pose = self._body(stamp_s, p_t265odom_t265, q_raw, linear_mps, angular_radps)
         if self._last is not None:
             pose = self._continuous(pose, p_t265odom_t265, q_raw)
@@ -137,7 +154,8 @@ class BodyOdometry:
         return pose
 
     def _since_last(self, stamp_s: float, came_s: Optional[float]) -> float:
-        """Time (s) since the last sample that passed: by the stamps, unless their clock was stepped meanwhile."""
+        """Time (s) since the last sample that passed: by the stamps, unless their clock was stepped
+        meanwhile."""
         if self._last is None:
             return 0.0
         by_stamps_s = stamp_s - self._last.stamp_s
@@ -162,9 +180,12 @@ class BodyOdometry:
         return (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
 
     def _body(self, stamp_s, p_raw, q_raw, linear, angular) -> BodyPose:
-        """T_odom_body = T_odom_t265odom @ T_t265odom_t265 @ inv(T_body_t265), and the twist of the body's origin."""
+        """T_odom_body = T_odom_t265odom @ T_t265odom_t265 @ inv(T_body_t265), and the twist of the
+        body's origin."""
         arm = rotations.rotate(q_raw, self._p_t265_body)
-        p = rotations.rotate(self._q_rebase, (p_raw[0] + arm[0], p_raw[1] + arm[1], p_raw[2] + arm[2]))
+        p = rotations.rotate(
+            self._q_rebase, (p_raw[0] + arm[0], p_raw[1] + arm[1], p_raw[2] + arm[2])
+        )
         t = self._rebase.p_m
         q = rotations.multiply(self._q_rebase, rotations.multiply(q_raw, self._q_t265_body))
         w = rotations.rotate(self._q_body_t265, angular)
@@ -178,14 +199,17 @@ class BodyOdometry:
         return BodyPose(stamp_s, (p[0] + t[0], p[1] + t[1], p[2] + t[2]), q, v_body, w)
 
     def _continuous(self, pose: BodyPose, p_raw: Vector, q_raw: Quaternion) -> BodyPose:
-        """The pose itself where it continues the last ones, else the pose after re-basing. Raises OdometryRejected."""
+        """The pose itself where it continues the last ones, else the pose after re-basing. Raises
+        OdometryRejected."""
         last, gate = self._last, self._gate
         dt_s = max(self._dt_s, self._period_s)  # never sharper than the tracker's rate
         began_anew = self._rejected_in_a_row >= gate.patience_samples
         tilt = rotations.tilt_between(last.q_odom_body_xyzw, pose.q_odom_body_xyzw)
         if tilt > max(gate.max_turn_rad, gate.max_rate_radps * dt_s) and not began_anew:
             self._rejected_in_a_row += 1
-            raise self.reject("tilt", f"odometry's roll or pitch jumps by {math.degrees(tilt):.1f} deg")
+            raise self.reject(
+                "tilt", f"odometry's roll or pitch jumps by {math.degrees(tilt):.1f} deg"
+            )
         if dt_s > gate.max_gap_s:
             self._begin_epoch(f"the tracker was silent for {dt_s:.1f} s")
         bridged_s = min(dt_s, gate.bridge_s) if self._dt_s > 0.0 else 0.0
@@ -195,17 +219,27 @@ class BodyOdometry:
         off_m = math.dist(pose.p_odom_body, predicted)
         turn_rad = abs(rotations.wrap(rotations.yaw(pose.q_odom_body_xyzw) - yaw_predicted))
         turned = turn_rad > max(gate.max_turn_rad, gate.max_rate_radps * (dt_s - bridged_s))
-        if not (began_anew or turned or off_m > gate.max_step_m or step_m > gate.max_speed_mps * dt_s):
+        if not (
+            began_anew or turned or off_m > gate.max_step_m or step_m > gate.max_speed_mps * dt_s
+        ):
             return pose
         self._note_jump(pose.stamp_s, off_m, turn_rad)
-        yaw_step = rotations.wrap(yaw_predicted - rotations.yaw(pose.q_odom_body_xyzw)) if turned or began_anew else 0.0
+        yaw_step = (
+            rotations.wrap(yaw_predicted - rotations.yaw(pose.q_odom_body_xyzw))
+            if turned or began_anew
+            else 0.0
+        )
         self._rebase_onto(predicted, yaw_step, p_raw, q_raw)
         return self._body(pose.stamp_s, p_raw, q_raw, (0.0, 0.0, 0.0), pose.angular_radps)
 
-    def _rebase_onto(self, p_odom_body: Vector, yaw_step: float, p_raw: Vector, q_raw: Quaternion) -> None:
+    def _rebase_onto(
+        self, p_odom_body: Vector, yaw_step: float, p_raw: Vector, q_raw: Quaternion
+    ) -> None:
         self._set_rebase(Rebase(rotations.wrap(self._rebase.yaw_rad + yaw_step)))
         without = self._body(0.0, p_raw, q_raw, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)).p_odom_body
-        self._set_rebase(Rebase(self._rebase.yaw_rad, tuple(a - b for a, b in zip(p_odom_body, without))))
+        self._set_rebase(
+            Rebase(self._rebase.yaw_rad, tuple(a - b for a, b in zip(p_odom_body, without)))
+        )
 
     def _set_rebase(self, rebase: Rebase) -> None:
         self._rebase = rebase
@@ -224,7 +258,8 @@ class BodyOdometry:
         self._recent_jumps = (*self._recent_jumps, stamp_s)[-self._gate.max_jumps - 1 :]
 
     def _require_tracking(self, stamp_s: float) -> None:
-        """A tracker that jumps again and again has no pose: the autopilot's failsafe handles silence."""
+        """A tracker that jumps again and again has no pose: the autopilot's failsafe handles
+        silence."""
         recent = [s for s in self._recent_jumps if 0.0 <= stamp_s - s < self._gate.lost_window_s]
         if len(recent) > self._gate.max_jumps:
             self.status.lost = True
@@ -240,6 +275,10 @@ class BodyOdometry:
             return
         gain = min(1.0, dt_s / 0.05)
         before, now = self._last.p_odom_body, pose.p_odom_body
-        self._velocity = tuple(v + gain * ((b - a) / dt_s - v) for v, a, b in zip(self._velocity, before, now))
-        turn = rotations.wrap(rotations.yaw(pose.q_odom_body_xyzw) - rotations.yaw(self._last.q_odom_body_xyzw))
+        self._velocity = tuple(
+            v + gain * ((b - a) / dt_s - v) for v, a, b in zip(self._velocity, before, now)
+        )
+        turn = rotations.wrap(
+            rotations.yaw(pose.q_odom_body_xyzw) - rotations.yaw(self._last.q_odom_body_xyzw)
+        )
         self._yaw_rate += gain * (turn / dt_s - self._yaw_rate)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The odometry's process without its transport: samples of the tracking camera in, poses of the body out."""
+"""The odometry's process without its transport: samples of the tracking camera in, poses of the
+body out."""
 
 import logging
 import math
@@ -22,8 +23,8 @@ _FIRST = EpochBegan()
 
 @dataclass(frozen=True)
 class TrackerSample:
-    """A pose of the tracking camera in its own odometry frame, velocities (m/s, rad/s) in its own; ``frames`` are the
-    names of both, ``covariance`` (36,) is passed on as it is."""
+    """A pose of the tracking camera in its own odometry frame, velocities (m/s, rad/s) in its own;
+    ``frames`` are the names of both, ``covariance`` (36,) is passed on as it is."""
 
     frames: Tuple[str, str]
     stamp_s: float
@@ -45,7 +46,8 @@ class BodySample:
 
 @dataclass(frozen=True)
 class OdometryHealth:
-    """What diagnostics say: an ``error`` or a ``warning``, in words (empty: none), and values by their names."""
+    """What diagnostics say: an ``error`` or a ``warning``, in words (empty: none), and values by
+    their names."""
 
     error: str
     warning: str
@@ -53,13 +55,19 @@ class OdometryHealth:
 
 
 class OdometryPort:
-    """Gives BodySample, tm.OdometryEpoch, tm.Dropped, and Rebase where a new one must outlive this process; step it
-    after each message."""
+    """Gives BodySample, tm.OdometryEpoch, tm.Dropped, and Rebase where a new one must outlive this
+    process; step it after each message."""
 
     def __init__(
-        self, vehicle: str, T_body_t265: np.ndarray, tracker: TrackerProfile, state_rate_hz: float,
-        gate: Optional[GateParameters] = None, rebase: Optional[Rebase] = None, epoch: EpochBegan = _FIRST,
-    ):  # fmt: skip
+        self,
+        vehicle: str,
+        T_body_t265: np.ndarray,
+        tracker: TrackerProfile,
+        state_rate_hz: float,
+        gate: Optional[GateParameters] = None,
+        rebase: Optional[Rebase] = None,
+        epoch: EpochBegan = _FIRST,
+    ):
         self._vehicle = vehicle
         self._frames = (tracker.odom_frame(vehicle), tracker.pose_frame(vehicle))
         self._core = BodyOdometry(T_body_t265, gate, rebase, tracker, epoch)
@@ -91,7 +99,9 @@ class OdometryPort:
         self._received, self._received_s = self._received + 1, now_s
         try:
             if m.frames != self._frames:
-                raise self._core.reject("frames", f"odometry has frames {m.frames}, expected {self._frames}")
+                raise self._core.reject(
+                    "frames", f"odometry has frames {m.frames}, expected {self._frames}"
+                )
             pose = self._core.feed(m.stamp_s, m.p_m, m.q_xyzw, m.linear_mps, m.angular_radps, now_s)
         except OdometryRejected as error:
             self._out.append(tm.Dropped("odometry", str(error)))
@@ -102,13 +112,15 @@ class OdometryPort:
             self._jumps = status.jumps
             _LOG.error(
                 "%s: odometry jumped (number %d, largest %.2f m); undone for the autopilot, calibrate again",
-                frames.odom(self._vehicle), status.jumps, status.largest_jump_m,
-            )  # fmt: skip
+                frames.odom(self._vehicle),
+                status.jumps,
+                status.largest_jump_m,
+            )
             self._out.append(self._core.rebase)
 
     def health(self, now_s: float, stale_s: float) -> OdometryHealth:
-        """Gives the health of now; a tracker that was silent for ``stale_s`` is an error. Samples count since the last
-        call."""
+        """Gives the health of now; a tracker that was silent for ``stale_s`` is an error. Samples
+        count since the last call."""
         status, jumped_s = self._core.status, self._core.status.last_jump_stamp_s
         error = ""
         if now_s - self._received_s > stale_s:
@@ -118,10 +130,14 @@ class OdometryPort:
         elif jumped_s and self._calibrated_s < jumped_s:
             error = "odometry jumped: calibrate again"
         values = [
-            ("samples in the last period", self._received - self._received_before), ("passed", status.passed),
-            ("jumps", status.jumps), ("largest jump (m)", f"{status.largest_jump_m:.3f}"),
+            ("samples in the last period", self._received - self._received_before),
+            ("passed", status.passed),
+            ("jumps", status.jumps),
+            ("largest jump (m)", f"{status.largest_jump_m:.3f}"),
             ("largest jump (deg)", f"{math.degrees(status.largest_jump_rad):.1f}"),
             *((f"rejected: {reason}", count) for reason, count in sorted(status.rejected.items())),
-        ]  # fmt: skip
+        ]
         self._received_before = self._received
-        return OdometryHealth(error, "odometry samples were rejected" if status.rejected else "", values)
+        return OdometryHealth(
+            error, "odometry samples were rejected" if status.rejected else "", values
+        )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""AprilTags (tag36h11) in a picture: corners by the AprilRobotics detector, pose by IPPE and refinement."""
+"""AprilTags (tag36h11) in a picture: corners by the AprilRobotics detector, pose by IPPE and
+refinement."""
 
 from dataclasses import dataclass
 from typing import List, Mapping, Optional, Tuple
@@ -14,18 +15,23 @@ from fcsv_geometry.streams.flow import DropCounter
 from fcsv_tracking.errors import TagError
 
 FAMILY = "tag36h11"
-ON_BOARD_DECIMATE = 1.5  # finds what the whole picture shows, 3 to 4 m away, in half of its time (docs/lab/tracking.md)
-#: The detector puts pixel centres at (0.5, 0.5); ours are at whole numbers (tests/fcsv_tracking/test_tags.py).
+# finds what the whole picture shows, 3 to 4 m away, in half of its time (docs/lab/tracking.md)
+ON_BOARD_DECIMATE = 1.5
+#: The detector puts pixel centres at (0.5, 0.5); ours are at whole numbers
+#: (tests/fcsv_tracking/test_tags.py).
 _PIXEL_CENTRE_PX = 0.5
 _LEAST_MARGIN = 10.0
-_LEAST_MARGIN_PX, _MARGIN_EDGES = 8.0, 0.3  # about a tag that is looked at again: its white border and more
+# about a tag that is looked at again: its white border and more
+_LEAST_MARGIN_PX, _MARGIN_EDGES = 8.0, 0.3
 _TILE_PX = 4  # the detector's thresholds are those of such tiles
-_MOST_RMS_PX, _MOST_RMS_SHARE = 1.0, 0.03  # of the best plane's corners; the larger of the two counts
+# of the best plane's corners; the larger of the two counts
+_MOST_RMS_PX, _MOST_RMS_SHARE = 1.0, 0.03
 
 
 @dataclass(frozen=True)
 class TagObservation:
-    """One tag in one picture; corners (4,2) run bottom-left, bottom-right, top-right, top-left as printed."""
+    """One tag in one picture; corners (4,2) run bottom-left, bottom-right, top-right, top-left as
+    printed."""
 
     id: int
     size_m: float
@@ -49,7 +55,8 @@ def longest_edge(corners: np.ndarray) -> float:
 
 
 def corner_points(size_m: float) -> np.ndarray:
-    """The corners (4,3) in the tag's frame (x right, y down, z into the tag), in the detector's order."""
+    """The corners (4,3) in the tag's frame (x right, y down, z into the tag), in the detector's
+    order."""
     h = size_m / 2.0
     return np.array([[-h, h, 0.0], [h, h, 0.0], [h, -h, 0.0], [-h, -h, 0.0]])
 
@@ -57,8 +64,9 @@ def corner_points(size_m: float) -> np.ndarray:
 class TagDetector:
     """Finds the tags of known size; a tag of another id or family is not there.
 
-    Tags are sought in a picture shrunk by ``decimate``. With ``sharp`` each one found is looked at once more where it
-    is, in the picture as it came: corners as without shrinking, at less than half of its time.
+    Tags are sought in a picture shrunk by ``decimate``. With ``sharp`` each one found is looked at
+    once more where it is, in the picture as it came: corners as without shrinking, at less than
+    half of its time.
     """
 
     def __init__(self, sizes_m: Mapping[int, float], decimate: float = 1.0, sharp: bool = False):
@@ -71,8 +79,8 @@ class TagDetector:
     def detect(self, gray: np.ndarray, camera: PinholeCamera) -> List[TagObservation]:
         """Observations in an undistorted or distorted picture (HxW uint8) of ``camera``.
 
-        What is seen twice is neither: one id on two tags cannot be told apart. Raises TagError where the picture is
-        none, or not the camera's size.
+        What is seen twice is neither: one id on two tags cannot be told apart. Raises TagError
+        where the picture is none, or not the camera's size.
         """
         if gray.dtype != np.uint8 or gray.ndim != 2:
             raise TagError(f"picture must be HxW uint8, got {gray.shape} {gray.dtype}")
@@ -111,7 +119,11 @@ class TagDetector:
     def _good(self, single: List[TagObservation], found: int) -> List[TagObservation]:
         """Those whose corners are a square's: a tag bent, half hidden or cut by a blade is not."""
         self.rejected.count("same id twice", found - len(single))
-        square = [o for o in single if o.reprojection_rms_px < max(_MOST_RMS_PX, _MOST_RMS_SHARE * o.edge_px)]
+        square = [
+            o
+            for o in single
+            if o.reprojection_rms_px < max(_MOST_RMS_PX, _MOST_RMS_SHARE * o.edge_px)
+        ]
         self.rejected.count("not square", len(single) - len(square))
         return square
 
@@ -124,7 +136,12 @@ def _detector(decimate: float) -> Detector:
 
 
 def observation(
-    tag_id: int, size_m: float, corners_px: np.ndarray, camera: PinholeCamera, margin: float = 100.0, hamming: int = 0
+    tag_id: int,
+    size_m: float,
+    corners_px: np.ndarray,
+    camera: PinholeCamera,
+    margin: float = 100.0,
+    hamming: int = 0,
 ) -> TagObservation:
     """Both planar poses to corners (4,2) in a picture of ``camera``."""
     normalized = camera.normalize(corners_px)
@@ -132,15 +149,20 @@ def observation(
     best, rms = solutions[0]
     other = solutions[1][0] if len(solutions) > 1 else None
     f = (camera.fx + camera.fy) / 2.0
-    return TagObservation(tag_id, size_m, corners_px, normalized, best, other, rms * f, margin, hamming)
+    return TagObservation(
+        tag_id, size_m, corners_px, normalized, best, other, rms * f, margin, hamming
+    )
 
 
 def planar_poses(corners_normalized: np.ndarray, size_m: float) -> List[Tuple[np.ndarray, float]]:
     """T_cam_tag and rms (normalised units) of the planar solutions, best first (IPPE, refined)."""
     points = corner_points(size_m)
     image = corners_normalized.reshape(-1, 1, 2)
-    # IPPE_SQUARE wants top-left, top-right, bottom-right, bottom-left with y up in the object: plain IPPE does not
-    _, rotations, translations, _ = cv2.solvePnPGeneric(points, image, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    # IPPE_SQUARE wants top-left, top-right, bottom-right, bottom-left with y up in the object:
+    # plain IPPE does not
+    _, rotations, translations, _ = cv2.solvePnPGeneric(
+        points, image, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+    )
     solutions = []
     for rvec, tvec in zip(rotations, translations):
         rvec, tvec = cv2.solvePnPRefineLM(points, image, np.eye(3), None, rvec.copy(), tvec.copy())

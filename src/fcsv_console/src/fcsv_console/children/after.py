@@ -13,7 +13,10 @@ from fcsv_console.model import facts as f
 from fcsv_geometry.bags.repair import ACTIVE
 from fcsv_geometry.programs.writing import in_words
 
-COMMANDS = {after.GATHER: ("rosrun", "fcsv_control", "gather_session"), after.MAP: ("rosrun", "fcsv_stereo", "map")}
+COMMANDS = {
+    after.GATHER: ("rosrun", "fcsv_control", "gather_session"),
+    after.MAP: ("rosrun", "fcsv_stereo", "map"),
+}
 
 
 _LEFT_OVER_S = 3600.0  # what stands there for so long was left by a command that was killed
@@ -22,25 +25,35 @@ _LEFT_OVER_S = 3600.0  # what stands there for so long was left by a command tha
 class AfterRunner:
     """``put`` is told of progress and end, by other threads."""
 
-    def __init__(self, put: Callable[[f.Fact], None], commands: Mapping[str, Sequence[str]] = COMMANDS):
+    def __init__(
+        self, put: Callable[[f.Fact], None], commands: Mapping[str, Sequence[str]] = COMMANDS
+    ):
         self._put, self._commands = put, commands
         self._children: Dict[str, Child] = {}
 
     def look(self, places: after.Places) -> None:
         """What is on the disk."""
         folder = Path(places.session).expanduser()
-        session = bool(places.session) and ((folder / "session.yaml").is_file() or any(folder.glob("*.bag")))
+        session = bool(places.session) and (
+            (folder / "session.yaml").is_file() or any(folder.glob("*.bag"))
+        )
         recording = session and any(folder.glob(f"*{ACTIVE}"))
         report = bool(places.out) and report_of(places).is_file()
-        self._put(f.PlacesFound(session, report, recording, bool(places.out) and self._is_made(places)))
+        self._put(
+            f.PlacesFound(session, report, recording, bool(places.out) and self._is_made(places))
+        )
 
     def _is_made(self, places: after.Places) -> bool:
-        """Whether a command that this window did not start makes a map there: it has a hidden folder or file beside."""
+        """Whether a command that this window did not start makes a map there: it has a hidden
+        folder or file beside."""
         child = self._children.get(after.MAP)
         if child is not None and child.runs:
             return False
         out = Path(places.out).expanduser().absolute()
-        return any(time.time() - made_s < _LEFT_OVER_S for made_s in _changed_s(out.parent.glob(f".{out.name}.*")))
+        return any(
+            time.time() - made_s < _LEFT_OVER_S
+            for made_s in _changed_s(out.parent.glob(f".{out.name}.*"))
+        )
 
     def start(self, job: str, places: after.Places) -> None:
         """Returns at once."""
@@ -53,12 +66,18 @@ class AfterRunner:
         def ended(status: int, last: str) -> None:
             child = self._children.get(job)
             stopped = child is not None and child.cancelled
-            self._put(f.JobTold(job, after.STOPPED) if stopped else after.judged(job, status, told[0] or last))
+            self._put(
+                f.JobTold(job, after.STOPPED)
+                if stopped
+                else after.judged(job, status, told[0] or last)
+            )
             self.look(places)
 
         self._put(f.JobTold(job, after.RUNS))
         try:
-            self._children[job] = Child([*self._commands[job], *_arguments(job, places)], line, ended)
+            self._children[job] = Child(
+                [*self._commands[job], *_arguments(job, places)], line, ended
+            )
         except (OSError, ValueError) as error:
             words = in_words(error) if isinstance(error, OSError) else str(error)
             self._put(f.JobTold(job, after.FAILED, words=words))

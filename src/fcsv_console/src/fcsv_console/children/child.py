@@ -23,22 +23,31 @@ _ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
 class Child:
-    """``told`` (share 0..1 or NaN, line) with every line; ``ended`` (exit status, last line) once, both by its thread.
+    """``told`` (share 0..1 or NaN, line) with every line; ``ended`` (exit status, last line) once,
+    both by its thread.
 
     Raises OSError where the program cannot be started.
     """
 
     def __init__(
-        self, argv: Sequence[str], told: Callable[[float, str], None], ended: Callable[[int, str], None], cwd: str = ""
+        self,
+        argv: Sequence[str],
+        told: Callable[[float, str], None],
+        ended: Callable[[int, str], None],
+        cwd: str = "",
     ):
         self._told, self._ended, self.cancelled = told, ended, False
         self._terminal, end = pty.openpty()
         fcntl.ioctl(end, termios.TIOCSWINSZ, _SIZE)
         try:
             self._process = subprocess.Popen(
-                [*_NICE, *argv], stdin=subprocess.DEVNULL, stdout=end, stderr=end, start_new_session=True,
+                [*_NICE, *argv],
+                stdin=subprocess.DEVNULL,
+                stdout=end,
+                stderr=end,
+                start_new_session=True,
                 cwd=cwd or None,
-            )  # fmt: skip
+            )
         except OSError:
             os.close(self._terminal)
             raise

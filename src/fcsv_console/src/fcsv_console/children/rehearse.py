@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A mission's list flown by ``rosrun fcsv_sim rehearse`` in a child process: one flight without faults."""
+"""A mission's list flown by ``rosrun fcsv_sim rehearse`` in a child process: one flight without
+faults."""
 
 import json
 import shutil
@@ -16,9 +17,15 @@ COMMAND = ("rosrun", "fcsv_sim", "rehearse")
 
 
 class Rehearser:
-    """``put`` is told what becomes of it, by another thread. One at a time: another ends the one before."""
+    """``put`` is told what becomes of it, by another thread. One at a time: another ends the one
+    before."""
 
-    def __init__(self, put: Callable[[RehearsalTold], None], vehicles: Sequence[str], command: Sequence[str] = COMMAND):
+    def __init__(
+        self,
+        put: Callable[[RehearsalTold], None],
+        vehicles: Sequence[str],
+        command: Sequence[str] = COMMAND,
+    ):
         self._put, self._vehicles, self._command = put, list(vehicles), list(command)
         self._child: Optional[Child] = None
 
@@ -40,8 +47,20 @@ class Rehearser:
             raise FileNotFoundError(2, "is not installed here", self._command[0])
         folder = Path(tempfile.mkdtemp(prefix="fcsv_rehearsal_"))
         mission, result = folder / "mission.yaml", folder / "flown.json"
-        argv = [*self._command, str(mission), "--flights", "1", "--faults", "none", "--jobs", "1",
-                "--vehicles", str(len(self._vehicles)), "--json", str(result)]  # fmt: skip
+        argv = [
+            *self._command,
+            str(mission),
+            "--flights",
+            "1",
+            "--faults",
+            "none",
+            "--jobs",
+            "1",
+            "--vehicles",
+            str(len(self._vehicles)),
+            "--json",
+            str(result),
+        ]
 
         def ended(status: int, last: str) -> None:
             if child is not None and child.cancelled:
@@ -54,7 +73,9 @@ class Rehearser:
         try:
             mission.write_text(text)
             self._put(RehearsalTold(text, "runs"))
-            child = Child(argv, lambda share, _line: self._put(RehearsalTold(text, "runs", share)), ended)
+            child = Child(
+                argv, lambda share, _line: self._put(RehearsalTold(text, "runs", share)), ended
+            )
         except OSError:
             shutil.rmtree(folder, ignore_errors=True)
             raise

@@ -19,7 +19,8 @@ _BAR_MARGIN_PX = 16.0
 
 @dataclass(frozen=True)
 class Scale:
-    """Maps places from home (m) to a picture (px) of ``width`` x ``height``; ``middle_m`` (x, y) is in its middle."""
+    """Maps places from home (m) to a picture (px) of ``width`` x ``height``; ``middle_m`` (x, y) is
+    in its middle."""
 
     width: float
     height: float
@@ -47,16 +48,27 @@ class Scale:
         )
 
 
-def fitted(view: View, width: float, height: float, zoom: float = 1.0, fov_rad: float = 0.0) -> Scale:
-    """Goals, home, vehicles with what they see, and what cameras on the ground see, in the picture."""
+def fitted(
+    view: View, width: float, height: float, zoom: float = 1.0, fov_rad: float = 0.0
+) -> Scale:
+    """Goals, home, vehicles with what they see, and what cameras on the ground see, in the
+    picture."""
     points = [(0.0, 0.0), *((p[0], p[1]) for r in view.file.rows for p in r.way_m or [r.goal_m])]
-    points += [(v.place.value.p_home_m[0], v.place.value.p_home_m[1]) for v in view.vehicles if v.place.value]
-    points += [p for v in view.vehicles if v.place.value and fov_rad for p in sight(v.place.value, fov_rad)]
+    points += [
+        (v.place.value.p_home_m[0], v.place.value.p_home_m[1])
+        for v in view.vehicles
+        if v.place.value
+    ]
+    points += [
+        p for v in view.vehicles if v.place.value and fov_rad for p in sight(v.place.value, fov_rad)
+    ]
     points += [p for seen in view.ground_views for p in seen.outline_m]
     xs, ys = [p[0] for p in points], [p[1] for p in points]
     high_m, wide_m = (max(_LEAST_M, _MARGIN * (max(s) - min(s))) for s in (xs, ys))
     per_m = min(height / (high_m + 2.0), width / (wide_m + 2.0)) * zoom
-    return Scale(width, height, max(per_m, 0.1), ((max(xs) + min(xs)) / 2.0, (max(ys) + min(ys)) / 2.0))
+    return Scale(
+        width, height, max(per_m, 0.1), ((max(xs) + min(xs)) / 2.0, (max(ys) + min(ys)) / 2.0)
+    )
 
 
 def sight(place: CameraInHome, fov_rad: float) -> List[Tuple[float, float]]:
@@ -81,7 +93,8 @@ Box = Tuple[float, float, float, float]  # left, top, width, height in px
 
 
 def free(places: Sequence[Box], taken: Sequence[Box], room: Box) -> Box:
-    """Where a label hides least: of ``places``, the best first, the one that covers least of ``taken``.
+    """Where a label hides least: of ``places``, the best first, the one that covers least of
+    ``taken``.
 
     What stands out of ``room`` is moved into it first.
 
@@ -130,27 +143,37 @@ class HeightBar:
     def picked(self, rows: Sequence[ConfigurationRow], v_px: float) -> Optional[int]:
         """The vertical configuration to stand at whose line is under the mouse."""
         distances = {
-            r.index: abs(self.to_px(r.goal_m[2]) - v_px) for r in rows if r.axis == "vertical" and r.way_m is None
+            r.index: abs(self.to_px(r.goal_m[2]) - v_px)
+            for r in rows
+            if r.axis == "vertical" and r.way_m is None
         }
         near = [i for i, d in distances.items() if d <= _PICK_PX]
         return min(near, key=lambda i: distances[i]) if near else None
 
 
-def picked(rows: Sequence[ConfigurationRow], scale: Scale, u_px: float, v_px: float) -> Optional[int]:
-    """The horizontal configuration to stand at whose goal is under the mouse; of several the nearest."""
-    distances = {r.index: math.dist(scale.to_px(r.goal_m[0], r.goal_m[1]), (u_px, v_px))
-                 for r in rows if r.axis == "horizontal" and r.way_m is None}  # fmt: skip
+def picked(
+    rows: Sequence[ConfigurationRow], scale: Scale, u_px: float, v_px: float
+) -> Optional[int]:
+    """The horizontal configuration to stand at whose goal is under the mouse; of several the
+    nearest."""
+    distances = {
+        r.index: math.dist(scale.to_px(r.goal_m[0], r.goal_m[1]), (u_px, v_px))
+        for r in rows
+        if r.axis == "horizontal" and r.way_m is None
+    }
     near = [i for i, d in distances.items() if d <= _PICK_PX]
     return min(near, key=lambda i: distances[i]) if near else None
 
 
 def dragged(row: ConfigurationRow, scale: Scale, u_px: float, v_px: float) -> float:
-    """The baseline (m) of a horizontal configuration whose goal is dragged there; a vertical one keeps its own."""
+    """The baseline (m) of a horizontal configuration whose goal is dragged there; a vertical one
+    keeps its own."""
     return stepped(-scale.to_m(u_px, v_px)[1]) if row.axis == "horizontal" else row.baseline_m
 
 
 def following(rows: Sequence[ConfigurationRow], index: Optional[int], step: int) -> Optional[int]:
-    """The next configuration to stand at (``step`` 1) or the one before (-1), round and round; None: there is none."""
+    """The next configuration to stand at (``step`` 1) or the one before (-1), round and round;
+    None: there is none."""
     stands = [r.index for r in rows if r.way_m is None]
     if index not in stands:
         return stands[0] if stands else None
@@ -160,19 +183,28 @@ def following(rows: Sequence[ConfigurationRow], index: Optional[int], step: int)
 def handle(row: ConfigurationRow, scale: Scale) -> Tuple[float, float]:
     """Where the handle is (px) by which a horizontal goal is turned: along its camera's view."""
     u, v = scale.to_px(row.goal_m[0], row.goal_m[1])
-    return u - _HANDLE_PX * math.sin(row.goal_heading_rad), v - _HANDLE_PX * math.cos(row.goal_heading_rad)
+    return u - _HANDLE_PX * math.sin(row.goal_heading_rad), v - _HANDLE_PX * math.cos(
+        row.goal_heading_rad
+    )
 
 
-def handle_picked(rows: Sequence[ConfigurationRow], scale: Scale, u_px: float, v_px: float) -> Optional[int]:
-    """The horizontal configuration to stand at whose handle is under the mouse; of several the nearest."""
-    distances = {r.index: math.dist(handle(r, scale), (u_px, v_px))
-                 for r in rows if r.axis == "horizontal" and r.way_m is None}  # fmt: skip
+def handle_picked(
+    rows: Sequence[ConfigurationRow], scale: Scale, u_px: float, v_px: float
+) -> Optional[int]:
+    """The horizontal configuration to stand at whose handle is under the mouse; of several the
+    nearest."""
+    distances = {
+        r.index: math.dist(handle(r, scale), (u_px, v_px))
+        for r in rows
+        if r.axis == "horizontal" and r.way_m is None
+    }
     near = [i for i, d in distances.items() if d <= _PICK_PX]
     return min(near, key=lambda i: distances[i]) if near else None
 
 
 def turned(row: ConfigurationRow, scale: Scale, u_px: float, v_px: float) -> float:
-    """The tilt (whole degrees, inward, to the left) of a horizontal configuration whose handle is dragged there."""
+    """The tilt (whole degrees, inward, to the left) of a horizontal configuration whose handle is
+    dragged there."""
     u, v = scale.to_px(row.goal_m[0], row.goal_m[1])
     return within_tilt(math.degrees(math.atan2(u - u_px, v - v_px)))
 
@@ -188,4 +220,8 @@ def within_tilt(tilt_deg: float) -> float:
 
 def wheeled(row: ConfigurationRow, notches: float) -> float:
     """The baseline of a vertical configuration after the wheel; a horizontal one keeps its own."""
-    return stepped(row.baseline_m + 5.0 * STEP_M * notches) if row.axis == "vertical" else row.baseline_m
+    return (
+        stepped(row.baseline_m + 5.0 * STEP_M * notches)
+        if row.axis == "vertical"
+        else row.baseline_m
+    )

@@ -15,7 +15,8 @@ from fcsv_geometry.missions.phases import FLOWN, OVER
 
 @dataclass(frozen=True)
 class Action:
-    """``why_not`` is empty where it can be asked for; ``hold_s``: for so long a button or key is held."""
+    """``why_not`` is empty where it can be asked for; ``hold_s``: for so long a button or key is
+    held."""
 
     name: str
     title: str
@@ -32,17 +33,43 @@ class Action:
     def tooltip(self) -> str:
         """What it does, its key, and why it cannot be done."""
         hold = f", held for {self.hold_s:g} s" if self.hold_s else ""
-        return f"{self.does} [{self.key}{hold}]" + (f"\nNot now: {self.why_not}" if self.why_not else "")
+        return f"{self.does} [{self.key}{hold}]" + (
+            f"\nNot now: {self.why_not}" if self.why_not else ""
+        )
 
 
 #: name, title, key, what it does, for how long it is held (s)
 TABLE = (
-    ("calibrate", "Calibrate", "C", "Calibrate: find out where the vehicles are against each other", 0.0),
+    (
+        "calibrate",
+        "Calibrate",
+        "C",
+        "Calibrate: find out where the vehicles are against each other",
+        0.0,
+    ),
     ("set_home", "Set home", "H", "Set home at the reference camera", 0.0),
     ("hand_over", "Hand over", "G", "Hand the vehicles over to the mission: GUIDED", 1.0),
-    ("execute", "Execute", "X", "Hand over and fly the chosen configurations; none chosen: all", 1.0),
-    ("rehearse", "Rehearse", "V", "Fly the list as it is shown in simulation; while that runs: stop it", 0.0),
-    ("waive", "Unrehearsed", "W", "Fly the list as it is shown though its rehearsal did not pass", 1.0),
+    (
+        "execute",
+        "Execute",
+        "X",
+        "Hand over and fly the chosen configurations; none chosen: all",
+        1.0,
+    ),
+    (
+        "rehearse",
+        "Rehearse",
+        "V",
+        "Fly the list as it is shown in simulation; while that runs: stop it",
+        0.0,
+    ),
+    (
+        "waive",
+        "Unrehearsed",
+        "W",
+        "Fly the list as it is shown though its rehearsal did not pass",
+        1.0,
+    ),
     ("previous", "Previous", "B", "Fly the configuration before once more", 0.0),
     ("next", "Next", "N", "Fly another configuration first, this one last", 0.0),
     ("pause", "Pause", "P", "Everybody holds", 0.0),
@@ -73,10 +100,11 @@ class Situation:
 
 
 def actions(s: Situation) -> Dict[str, Action]:
-    """Gives the actions by name, in the order of the table. Stop-all is always enabled, but for where a recording is
-    played."""
+    """Gives the actions by name, in the order of the table. Stop-all is always enabled, but for
+    where a recording is played."""
     found = {
-        name: Action(name, title, key, does, _why_not(name, s), hold_s) for name, title, key, does, hold_s in TABLE
+        name: Action(name, title, key, does, _why_not(name, s), hold_s)
+        for name, title, key, does, hold_s in TABLE
     }
     if paused(s.mission):
         found["hand_over"] = replace(found["hand_over"], title="Resume", does="Go on with the list")
@@ -98,7 +126,9 @@ def accept(line: Line, master_problem: str = "") -> Action:
         why = f"it is {line.state.word}: only amber lines are accepted"
     else:
         why = ""
-    return Action("accept", f"Accept {line.vehicle} {line.name}", "Enter", "Fly with it as it is", why)
+    return Action(
+        "accept", f"Accept {line.vehicle} {line.name}", "Enter", "Fly with it as it is", why
+    )
 
 
 def _why_not(name: str, s: Situation) -> str:
@@ -115,11 +145,16 @@ def _why_not(name: str, s: Situation) -> str:
     if name in s.pending:
         return "it was asked for; the answer has not come yet"
     if name == "land":
-        down = bool(s.vehicles) and all(v.state.value is not None and not v.heard.stale and not v.armed
-                                        for v in s.vehicles)  # fmt: skip
+        down = bool(s.vehicles) and all(
+            v.state.value is not None and not v.heard.stale and not v.armed for v in s.vehicles
+        )
         return "all stand with their motors off" if down else ""
     if name == "record":
-        return "the mission records by itself" if s.mission is not None and s.mission.phase in FLOWN else ""
+        return (
+            "the mission records by itself"
+            if s.mission is not None and s.mission.phase in FLOWN
+            else ""
+        )
     if s.mission is None:
         return "the mission node is not heard: start it, or mend its file"
     return _of_mission(name, s, s.mission)
@@ -148,10 +183,16 @@ def _of_list(s: Situation, m: f.MissionTold) -> str:
     if s.file.error is not None:
         return f"mission file: {s.file.error.words}"
     if m.configurations and s.file.rows and m.configurations != len(s.file.rows):
-        return (f"the mission has {m.configurations} configurations, the list shown {len(s.file.rows)}: it reads its "
-                "file when it starts")  # fmt: skip
+        return (
+            f"the mission has {m.configurations} configurations, the list shown {len(s.file.rows)}: it reads its "
+            "file when it starts"
+        )
     other = differs(s.flown, s.file.mission)
-    return f"the mission flies another file: {other}; it reads its file when it starts" if other else s.rehearsal.locks
+    return (
+        f"the mission flies another file: {other}; it reads its file when it starts"
+        if other
+        else s.rehearsal.locks
+    )
 
 
 def _of_rehearsal(name: str, s: Situation) -> str:
@@ -191,7 +232,9 @@ def locked_by(lines: Optional[Sequence[Line]], amber_too: bool) -> str:
     return f"flight check: {', '.join(named)}{more}" if wrong else ""
 
 
-def column_problems(order: Sequence[str], sees: Sequence[Tuple[bool, Optional[float]]]) -> Tuple[str, ...]:
+def column_problems(
+    order: Sequence[str], sees: Sequence[Tuple[bool, Optional[float]]]
+) -> Tuple[str, ...]:
     """Who does not see the tag of the vehicle in front, and since when.
 
     >>> column_problems(["uav1", "uav2"], [(False, 8.0)])

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Leads on after the flight: gather the bags, make the map, open the report. What can be done now, and why not."""
+"""Leads on after the flight: gather the bags, make the map, open the report. What can be done now,
+and why not."""
 
 import math
 from dataclasses import dataclass, replace
@@ -14,7 +15,8 @@ _WORDS = {RUNS: "", DONE: "done", FAILED: "FAILED", STOPPED: "stopped"}
 
 @dataclass(frozen=True)
 class Places:
-    """``sources``: as ``gather_session`` takes them, with blanks between; ``session``: where to; ``out``: the map."""
+    """``sources``: as ``gather_session`` takes them, with blanks between; ``session``: where to;
+    ``out``: the map."""
 
     sources: str = ""
     session: str = ""
@@ -48,7 +50,11 @@ class Step:
 
 
 _STEPS = (
-    Step(GATHER, "Gather", "Collect the bags of all machines into the session's folder; what is there already stays"),
+    Step(
+        GATHER,
+        "Gather",
+        "Collect the bags of all machines into the session's folder; what is there already stays",
+    ),
     Step(MAP, "Map", "Make the map of the session"),
     Step(REPORT, "Report", "Open the map's report"),
 )
@@ -68,7 +74,12 @@ class AfterFlight:
             self._found = fact
             return
         before = self._told.get(fact.job)
-        if fact.state == RUNS and before is not None and before.state == RUNS and math.isnan(fact.share):
+        if (
+            fact.state == RUNS
+            and before is not None
+            and before.state == RUNS
+            and math.isnan(fact.share)
+        ):
             fact = replace(fact, share=before.share)
         self._told[fact.job] = fact
 
@@ -76,7 +87,8 @@ class AfterFlight:
         """``armed``: vehicles whose motors run, or that were not heard since they did."""
         steps = tuple(self._step(step, armed) for step in _STEPS)
         runs = any(step.state == RUNS for step in steps)
-        can = [step.name for step in reversed(steps) if not step.why_not]  # the last one that can be done
+        # the last one that can be done
+        can = [step.name for step in reversed(steps) if not step.why_not]
         return tuple(replace(step, next=not runs and step.name in can[:1]) for step in steps)
 
     def _step(self, step: Step, armed: Sequence[str]) -> Step:
@@ -88,7 +100,11 @@ class AfterFlight:
     def _why_not(self, name: str, armed: Sequence[str]) -> str:
         running = next((job for job, told in self._told.items() if told.state == RUNS), "")
         if name == REPORT:
-            return "" if self._found.report else f"there is no report in {self.places.out or 'the folder of the map'}"
+            return (
+                ""
+                if self._found.report
+                else f"there is no report in {self.places.out or 'the folder of the map'}"
+            )
         if armed:
             return f"the motors of {', '.join(armed)} run: radio and processor are the flight's"
         if running:
@@ -97,15 +113,25 @@ class AfterFlight:
             return "name the session's folder"
         if name == GATHER:
             if not self.places.sources and self._found.session:
-                return f"nothing is to be gathered: all machines recorded into {self.places.session}"
-            return "" if "=" in self.places.sources else "name the machines: NAME=HOST:FOLDER, or NAME=FOLDER"
+                return (
+                    f"nothing is to be gathered: all machines recorded into {self.places.session}"
+                )
+            return (
+                ""
+                if "=" in self.places.sources
+                else "name the machines: NAME=HOST:FOLDER, or NAME=FOLDER"
+            )
         if not self.places.out:
             return "name a folder for the map"
         if not self._found.session:
             return f"there is neither session.yaml nor a bag in {self.places.session}: gather first"
         if self._found.recording:
             return f"a bag in {self.places.session} is still written: the flight's machines are not stopped yet"
-        return f"another command makes a map in {self.places.out} just now" if self._found.mapping else ""
+        return (
+            f"another command makes a map in {self.places.out} just now"
+            if self._found.mapping
+            else ""
+        )
 
 
 def judged(job: str, status: int, last: str) -> f.JobTold:
@@ -117,4 +143,8 @@ def judged(job: str, status: int, last: str) -> f.JobTold:
     'failed'
     """
     words = last.split(": ", 1)[-1] if last.startswith(("map: ", "gather_session: ")) else last
-    return f.JobTold(job, DONE if status == 0 else FAILED, words=words or ("" if status == 0 else f"status {status}"))
+    return f.JobTold(
+        job,
+        DONE if status == 0 else FAILED,
+        words=words or ("" if status == 0 else f"status {status}"),
+    )

@@ -28,7 +28,8 @@ class Above:
 
 
 def above(places: Mapping[str, Tuple[float, float, float]], rules: SeparationRules) -> List[Above]:
-    """Pairs whose horizontal distance is under the rules' semi-axis; places in home (m), only of those in the air.
+    """Pairs whose horizontal distance is under the rules' semi-axis; places in home (m), only of
+    those in the air.
 
     >>> found = above({"uav1": (0.0, 0.0, 0.0), "uav2": (0.3, 0.0, 5.0)}, SeparationRules(0.95))
     >>> [(a.upper, a.lower, a.height_m) for a in found]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics a playback does not have: nobody plays them while others of the same vehicle are played."""
+"""Which topics a playback does not have: nobody plays them while others of the same vehicle are
+played."""
 
 from typing import Callable, Dict, List, Tuple
 
@@ -9,7 +10,8 @@ _LOOKS = 3  # in a row: a player's connections do not all stand at once
 
 
 class Bags:
-    """``follow`` each topic with what counts its publishers; ``told``, once a second, gives what changed.
+    """``follow`` each topic with what counts its publishers; ``told``, once a second, gives what
+    changed.
 
     >>> bags, plays = Bags(), {"mavros/state": 0, "diagnostics/worst": 0}
     >>> for topic in plays: bags.follow("uav1", topic, lambda topic=topic: plays[topic])

@@ -19,7 +19,8 @@ from fcsv_control.flight_check.lines import Line, State
 PLAIN, QUIET, GOOD, CARE, BAD, GONE = "plain", "quiet", "good", "care", "bad", "gone"  # tones
 _OF_FLIER = {PILOT: GOOD, MISSION: GOOD, GUARDIAN: CARE, FAILSAFE: BAD, UNKNOWN: GONE}
 _OF_STATE = {State.GREEN: QUIET, State.AMBER: CARE, State.RED: BAD, State.UNKNOWN: GONE}
-_LEVELS = {1: ("WARN", CARE), 2: ("ERROR", BAD), 3: ("STALE", GONE)}  # of diagnostic_msgs/DiagnosticStatus
+# of diagnostic_msgs/DiagnosticStatus
+_LEVELS = {1: ("WARN", CARE), 2: ("ERROR", BAD), 3: ("STALE", GONE)}
 _FROM_THE_WORST = (State.RED, State.UNKNOWN, State.AMBER, State.GREEN)
 
 
@@ -35,16 +36,28 @@ _NOT_IN_BAGS = Cell("not in the bags", QUIET)
 
 
 _HEARD_BY = {
-    "flown by": "state", "diagnostics": "diagnosed", "connection": "state", "pose": "pose", "in odometry": "pose",
-    "in home": "place", "picture": "picture", "battery": "battery", "radio": "radio", "recorder": "recorder",
+    "flown by": "state",
+    "diagnostics": "diagnosed",
+    "connection": "state",
+    "pose": "pose",
+    "in odometry": "pose",
+    "in home": "place",
+    "picture": "picture",
+    "battery": "battery",
+    "radio": "radio",
+    "recorder": "recorder",
     "clock": "clock",
-}  # fmt: skip
+}
 
 
 def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
-    """(label, one cell per vehicle). What is normal at the start, before home is set and after the end is quiet."""
+    """(label, one cell per vehicle). What is normal at the start, before home is set and after the
+    end is quiet."""
     rows = _vehicle_rows(view)
-    return [(label, [_calmed(view, label, v, cell) for v, cell in zip(view.vehicles, of)]) for label, of in rows]
+    return [
+        (label, [_calmed(view, label, v, cell) for v, cell in zip(view.vehicles, of)])
+        for label, of in rows
+    ]
 
 
 def _calmed(view: View, label: str, v: VehicleRow, cell: Cell) -> Cell:
@@ -53,7 +66,9 @@ def _calmed(view: View, label: str, v: VehicleRow, cell: Cell) -> Cell:
             return cell  # nobody saw it land
         words = {"flown by": "nobody: the flight is over", "connection": f"off for {v.heard.words}"}
         return Cell(words.get(label, cell.text), QUIET)
-    homeless = not view.home_set and not any(other.place.value is not None for other in view.vehicles)
+    homeless = not view.home_set and not any(
+        other.place.value is not None for other in view.vehicles
+    )
     if label in ("in home", "from others") and homeless:
         return Cell("home is not set yet", QUIET)
     if label == "diagnostics" and view.starts:
@@ -68,7 +83,10 @@ def _vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
     table = (
         ("flown by", lambda v: Cell(v.flier.words, _OF_FLIER.get(v.flier.who, PLAIN))),
         ("diagnostics", diagnostics),
-        ("connection", lambda v: Cell(v.connection, PLAIN if v.connection == "connected" else GONE)),
+        (
+            "connection",
+            lambda v: Cell(v.connection, PLAIN if v.connection == "connected" else GONE),
+        ),
         ("mode", _mode),
         ("pose", lambda v: _rate(v.pose)),
         ("in odometry", in_odometry),
@@ -79,8 +97,14 @@ def _vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
         ("radio", _radio),
         ("recorder", _recorder),
         ("clock", _clock),
-        ("calibration", lambda v: Cell(v.calibration, BAD if v.calibration.startswith("OUT") else PLAIN)),
-        ("it said", lambda v: Cell(f"{v.said.value.text} ({v.said.words})" if v.said.value else "-", QUIET)),
+        (
+            "calibration",
+            lambda v: Cell(v.calibration, BAD if v.calibration.startswith("OUT") else PLAIN),
+        ),
+        (
+            "it said",
+            lambda v: Cell(f"{v.said.value.text} ({v.said.words})" if v.said.value else "-", QUIET),
+        ),
     )
     return [(label, [cell(v) for v in view.vehicles]) for label, cell in table]
 
@@ -130,7 +154,9 @@ def against(r: Relative) -> Cell:
 def _against(others: Sequence[Relative]) -> Cell:
     """A line per other vehicle."""
     lines = [against(r) for r in others]
-    return Cell("\n".join(c.text for c in lines), GONE if any(c.tone == GONE for c in lines) else PLAIN)
+    return Cell(
+        "\n".join(c.text for c in lines), GONE if any(c.tone == GONE for c in lines) else PLAIN
+    )
 
 
 def _vector(p_m: Sequence[float]) -> str:
@@ -148,7 +174,9 @@ def _battery(v: VehicleRow) -> Cell:
     if v.battery_enough is None:
         return Cell(f"{b.share:.0%}")
     tone = PLAIN if v.battery_enough else BAD
-    return Cell(f"{b.share:.0%}: {clock_words(v.endurance_s)}, needs {clock_words(v.needed_s)}", tone)
+    return Cell(
+        f"{b.share:.0%}: {clock_words(v.endurance_s)}, needs {clock_words(v.needed_s)}", tone
+    )
 
 
 def _radio(v: VehicleRow) -> Cell:
@@ -179,11 +207,16 @@ def diagnostics(v: VehicleRow) -> Cell:
     if "diagnostics/worst" in v.not_in_bags:
         return _NOT_IN_BAGS
     if v.diagnosed.value is None or v.diagnosed.stale:
-        return Cell("not heard" if v.diagnosed.value is None else f"not heard for {v.diagnosed.words}", GONE)
+        return Cell(
+            "not heard" if v.diagnosed.value is None else f"not heard for {v.diagnosed.words}", GONE
+        )
     wrong = v.diagnosed.value.wrong
     if not wrong:
         return Cell("well", QUIET)
-    told = [f"{_LEVELS[level][0]} {node_of(v.name, name)}: {text}" if name else text for name, level, text in wrong]
+    told = [
+        f"{_LEVELS[level][0]} {node_of(v.name, name)}: {text}" if name else text
+        for name, level, text in wrong
+    ]
     return Cell("\n".join(told), _LEVELS[wrong[0][1]][1])
 
 
@@ -204,11 +237,19 @@ def configuration_cells(row: ConfigurationRow, running: bool) -> List[Cell]:
     """One per head. Times: to hold and to record; the error is that at the far end of the range."""
     tone = GOOD if running else PLAIN
     number = f"> {row.index + 1}" if running else str(row.index + 1)
-    baseline = f"{row.baseline_m:g} m" if row.way_m is None else row.title.replace(f"sweep {row.axis} ", "")
+    baseline = (
+        f"{row.baseline_m:g} m"
+        if row.way_m is None
+        else row.title.replace(f"sweep {row.axis} ", "")
+    )
     words = (
-        number, f"{_AXES[row.axis]} {baseline}", f"{row.tilt_deg:g}°", f"{row.settle_s:g}+{row.record_s:g} s",
-        f"{row.nearest_m:.0f}–{row.farthest_m:.0f} m", f"±{row.error_m:.{1 if row.error_m < 10.0 else 0}f} m",
-    )  # fmt: skip
+        number,
+        f"{_AXES[row.axis]} {baseline}",
+        f"{row.tilt_deg:g}°",
+        f"{row.settle_s:g}+{row.record_s:g} s",
+        f"{row.nearest_m:.0f}–{row.farthest_m:.0f} m",
+        f"±{row.error_m:.{1 if row.error_m < 10.0 else 0}f} m",
+    )
     return [Cell(w, tone) for w in words]
 
 
@@ -216,7 +257,8 @@ CHECK_HEADS = ("who", "line", "state", "found", "what to do")
 
 
 def check_lines(view: View) -> List[Line]:
-    """Gives, of the flight check what is not green, the worst first; that is what an operator must act on."""
+    """Gives, of the flight check what is not green, the worst first; that is what an operator must
+    act on."""
     wrong = [li for li in view.check or () if li.state is not State.GREEN]
     return sorted(wrong, key=lambda li: (view.waits(li), _FROM_THE_WORST.index(li.state)))
 
@@ -236,10 +278,17 @@ def check_words(view: View) -> Cell:
 def check_cells(line: Line, waits: bool = False) -> List[Cell]:
     """One per head; ``waits``: it is so at every start."""
     tone = QUIET if waits else CARE if line.accepted else _OF_STATE[line.state]
-    word = "waiting" if waits else f"{line.state.word}, accepted" if line.accepted else line.state.word
+    word = (
+        "waiting" if waits else f"{line.state.word}, accepted" if line.accepted else line.state.word
+    )
     since = "" if line.state is State.GREEN else f" ({clock_words(line.since_s)})"
-    return [Cell(line.vehicle, tone), Cell(line.name, tone), Cell(word, tone), Cell(line.what + since, tone),
-            Cell(line.remedy, QUIET)]  # fmt: skip
+    return [
+        Cell(line.vehicle, tone),
+        Cell(line.name, tone),
+        Cell(word, tone),
+        Cell(line.what + since, tone),
+        Cell(line.remedy, QUIET),
+    ]
 
 
 def rehearsal_cell(view: View) -> Cell:
@@ -253,10 +302,16 @@ def stereo_cell(view: View) -> Cell:
     s = view.stereo
     figures = _epipolar(s)
     figures += [] if math.isnan(s.skew_s) else [f"skew {1e3 * s.skew_s:.0f} ms"]
-    figures += [] if math.isnan(s.overlap) else [f"{s.overlap:.0%} seen by both at {s.target_m:.0f} m"]
+    figures += (
+        [] if math.isnan(s.overlap) else [f"{s.overlap:.0%} seen by both at {s.target_m:.0f} m"]
+    )
     if not math.isnan(s.error_m):
         figures += [f"error there ±{s.error_m:.1f} m", f"baseline {s.baseline_m:.2f} m"]
-        figures += [f"turned {s.turn_deg:.1f}°", f"pitched {s.pitch_deg:.1f}°", f"rolled {s.roll_deg:.1f}°"]
+        figures += [
+            f"turned {s.turn_deg:.1f}°",
+            f"pitched {s.pitch_deg:.1f}°",
+            f"rolled {s.roll_deg:.1f}°",
+        ]
     tone = QUIET if not s.judged else GOOD if s.go else CARE
     return Cell("\n".join([s.words, ", ".join(figures)]) if figures else s.words, tone)
 
@@ -280,7 +335,11 @@ def height(v: VehicleRow) -> str:
     """Above ground; of one that nobody saw there, in home."""
     if v.height_m is not None:
         return f"{max(0.0, v.height_m):.1f} m up" if v.armed else "on the ground"
-    return f"{round(v.place.value.p_home_m[2], 1) + 0.0:+.1f} m in home" if v.place.value is not None else ""
+    return (
+        f"{round(v.place.value.p_home_m[2], 1) + 0.0:+.1f} m in home"
+        if v.place.value is not None
+        else ""
+    )
 
 
 def problems_tone(view: View) -> str:

@@ -18,23 +18,34 @@ _LOUD = 4  # MAV_SEVERITY_WARNING
 
 
 class Chronicle:
-    """``wall_offset_s``: time of day minus the monotonic time that it is told; only events show it."""
+    """``wall_offset_s``: time of day minus the monotonic time that it is told; only events show
+    it."""
 
     def __init__(self):
         self.log, self.wall_offset_s = EventLog(), 0.0
         self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
-        self._unwell: Dict[Tuple[str, str, int], float] = {}  # vehicle, name, level of a diagnosis -> when heard last
+        # vehicle, name, level of a diagnosis -> when heard last
+        self._unwell: Dict[Tuple[str, str, int], float] = {}
         self._phase = ""
         self._last_words: Dict[str, str] = {}  # what was logged last, by subject
 
-    def event(self, now_s: float, who: str, what: str, answer: str = "", level: str = "info") -> int:
+    def event(
+        self, now_s: float, who: str, what: str, answer: str = "", level: str = "info"
+    ) -> int:
         """Its number; ``now_s`` is monotonic."""
         return self.log.add(now_s + self.wall_offset_s, who, what, answer, level)
 
     def _changed(
-        self, now_s: float, subject: str, who: str, words: str, level: str = "info", state: Optional[str] = None
+        self,
+        now_s: float,
+        subject: str,
+        who: str,
+        words: str,
+        level: str = "info",
+        state: Optional[str] = None,
     ) -> None:
-        """An event where the words, or the ``state`` that they tell of, differ from the last about this subject."""
+        """An event where the words, or the ``state`` that they tell of, differ from the last about
+        this subject."""
         state = words if state is None else state
         if self._last_words.get(subject, "") != state:
             self._last_words[subject] = state
@@ -56,7 +67,8 @@ class Chronicle:
         return [f"{words} ({number} times)" if number > 1 else words for words, number in bad]
 
     def _diagnosed(self, now_s: float, fact: f.Diagnosed) -> None:
-        """An event, with what it is, where a diagnosis is none of the last minute's, and where all have ended."""
+        """An event, with what it is, where a diagnosis is none of the last minute's, and where all
+        have ended."""
         for name, level, text in fact.wrong:
             if not name:
                 continue  # it counts those that are not told
@@ -64,7 +76,12 @@ class Chronicle:
             if now_s - self._unwell.get(key, -math.inf) > _UNWELL_S:
                 node = node_of(fact.vehicle, name)
                 words = f"{_LEVELS.get(level, 'WARN')} {node}: {text}"
-                self.event(now_s, fact.vehicle, words, level="info" if self._phase == "WAIT_VEHICLES" else "warning")
+                self.event(
+                    now_s,
+                    fact.vehicle,
+                    words,
+                    level="info" if self._phase == "WAIT_VEHICLES" else "warning",
+                )
             self._unwell[key] = now_s
         of_it = [key for key in self._unwell if key[0] == fact.vehicle]
         if of_it and not fact.wrong and now_s - max(self._unwell[key] for key in of_it) > _UNWELL_S:
@@ -78,7 +95,9 @@ class Chronicle:
             self._changed(now_s, "phase", "mission", f"{fact.phase}: {fact.detail}".rstrip(": "))
         elif isinstance(fact, f.Guardian):
             words = f"{fact.action}: {'; '.join(fact.reasons)}".rstrip(": ") if fact.action else ""
-            self._changed(now_s, f"guardian {fact.vehicle}", f"{fact.vehicle} guardian", words, "warning")
+            self._changed(
+                now_s, f"guardian {fact.vehicle}", f"{fact.vehicle} guardian", words, "warning"
+            )
         elif isinstance(fact, f.AutopilotState):
             armed = "armed" if fact.armed else "motors off"
             self._changed(now_s, f"mode {fact.vehicle}", fact.vehicle, f"{fact.mode}, {armed}")
@@ -88,12 +107,20 @@ class Chronicle:
             self._changed(now_s, subject, fact.vehicle, words, state=str(fact.epoch))
         elif isinstance(fact, f.VehicleText):
             level = "warning" if fact.severity <= _LOUD else "info"
-            self._changed(now_s, f"said {fact.vehicle} {fact.who}", f"{fact.vehicle} {fact.who}", fact.text, level)
+            self._changed(
+                now_s,
+                f"said {fact.vehicle} {fact.who}",
+                f"{fact.vehicle} {fact.who}",
+                fact.text,
+                level,
+            )
         elif isinstance(fact, f.Diagnosed):
             self._diagnosed(now_s, fact)
         elif isinstance(fact, f.Answered) and fact.outcome:
             who = f"{fact.vehicle} agent"
-            self.event(now_s, who, f"command {fact.number} of {fact.sender}", fact.outcome, "warning")
+            self.event(
+                now_s, who, f"command {fact.number} of {fact.sender}", fact.outcome, "warning"
+            )
         elif isinstance(fact, f.StopTold):
             self._changed(now_s, "stop", "stop-all", fact.words if fact.asked else "", "warning")
         elif isinstance(fact, f.RehearsalTold) and fact.state != RUNS:
@@ -101,13 +128,25 @@ class Chronicle:
             self.event(now_s, "rehearsal", f"{fact.state}: {fact.words}".rstrip(": "), level=level)
         elif isinstance(fact, f.JobTold):
             words = "runs" if fact.state == "runs" else f"{fact.state}: {fact.words}".rstrip(": ")
-            self._changed(now_s, f"job {fact.job}", fact.job, words, "error" if fact.state == "failed" else "info")
+            self._changed(
+                now_s,
+                f"job {fact.job}",
+                fact.job,
+                words,
+                "error" if fact.state == "failed" else "info",
+            )
         elif isinstance(fact, GoalsElsewhere):
-            self._changed(now_s, "goals", "console", fact.words, "warning" if fact.window else "info")
+            self._changed(
+                now_s, "goals", "console", fact.words, "warning" if fact.window else "info"
+            )
         elif isinstance(fact, f.MasterTold) and (fact.problem or "master" in self._last_words):
-            words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
             words, level = (
-                ("the flight's machines are off", "info") if fact.problem and self._phase in OVER else (words, level)
+                (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
+            )
+            words, level = (
+                ("the flight's machines are off", "info")
+                if fact.problem and self._phase in OVER
+                else (words, level)
             )
             self._changed(now_s, "master", "console", words, level)
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The view-model: ``tell`` it facts with monotonic time, ask it for a ``view``. It never raises on what it is told."""
+"""The view-model: ``tell`` it facts with monotonic time, ask it for a ``view``. It never raises on
+what it is told."""
 
 import math
 from dataclasses import replace
@@ -41,19 +42,26 @@ _ALIVE_S = 3.0  # as the flight check has it
 
 
 class Console:
-    """``vehicles``: the column, front first; ``tags``: the tag that each carries; ``target_m``: the range wanted;
-    ``since_s``: from when the newest message of a topic counts that came at some time (Arrivals.since_s).
+    """``vehicles``: the column, front first; ``tags``: the tag that each carries; ``target_m``: the
+    range wanted; ``since_s``: from when the newest message of a topic counts that came at some time
+    (Arrivals.since_s).
 
-    ``verdict_s``: how long another verdict on the pair lasts before it is shown; ``normal_s``: for how long a start is
-    normal. ``wall_offset_s`` as Chronicle's. ``recorded``: a recording is played.
+    ``verdict_s``: how long another verdict on the pair lasts before it is shown; ``normal_s``: for
+    how long a start is normal. ``wall_offset_s`` as Chronicle's. ``recorded``: a recording is
+    played.
     """
 
     def __init__(
-        self, vehicles: Sequence[str], tags: Optional[Mapping[str, int]] = None,
-        optics: files.Optics = files.USUAL, target_m: float = 0.0,
-        since_s: Callable[[str, float], float] = lambda _topic, came_s: came_s, verdict_s: float = HOLD_S,
-        recorded: bool = False, normal_s: float = NORMAL_S,
-    ):  # fmt: skip
+        self,
+        vehicles: Sequence[str],
+        tags: Optional[Mapping[str, int]] = None,
+        optics: files.Optics = files.USUAL,
+        target_m: float = 0.0,
+        since_s: Callable[[str, float], float] = lambda _topic, came_s: came_s,
+        verdict_s: float = HOLD_S,
+        recorded: bool = False,
+        normal_s: float = NORMAL_S,
+    ):
         self.names, self.optics, self.file = list(vehicles), optics, files.MissionFile()
         self._own_optics = OwnOptics(optics)
         self._recorded, self._chronicle = recorded, Chronicle()
@@ -65,7 +73,11 @@ class Console:
         self._check: AgingFact[f.Check] = AgingFact(math.inf)
         self._map: AgingFact[f.MapTold] = AgingFact(math.inf)
         self._stop: AgingFact[f.StopTold] = slow()
-        self._pair, self._stage, self._steady = PairWatch(vehicles), StageWatch(), SteadyVerdict(verdict_s)
+        self._pair, self._stage, self._steady = (
+            PairWatch(vehicles),
+            StageWatch(),
+            SteadyVerdict(verdict_s),
+        )
         self._start, self._phases = StartWatch(normal_s), PhasesTold()
         self._calibration: Optional[f.CalibrationFound] = None
         self._recorder: AgingFact[f.Recorder] = slow()
@@ -90,10 +102,11 @@ class Console:
     def wall_offset_s(self, offset_s: float) -> None:
         self._chronicle.wall_offset_s = offset_s
 
-    # ---- what is told ------------------------------------------------------------------------------------------
+    # ---- what is told ----------------------------------------------------------------------------
 
     def tell(self, now_s: float, fact: f.Fact) -> None:
-        """Anything out of facts.py; what is not sound is named in ``problems`` and changes nothing else."""
+        """Anything out of facts.py; what is not sound is named in ``problems`` and changes nothing
+        else."""
         wrong = fact.why if isinstance(fact, f.Unusable) else unsound(fact)
         name = getattr(fact, "vehicle", CONTROL)
         if not wrong and name not in self._vehicles and name != CONTROL:
@@ -119,7 +132,8 @@ class Console:
         self._show_file(files.parse(text, self.file.source, self.optics))
 
     def _show_file(self, file: files.MissionFile) -> None:
-        """Shows the file with ranges and errors of the camera of the file's reference, where that was heard."""
+        """Shows the file with ranges and errors of the camera of the file's reference, where that
+        was heard."""
         self.file = file
         mission = file.mission or self._flown
         optics = self._own_optics.of(mission.reference if mission is not None else self.names[0])
@@ -129,13 +143,14 @@ class Console:
                 self.file = files.parse(file.text, file.source, optics)
 
     def drag(self, index: int, value: float, field: str = "baseline_m") -> str:
-        """A goal was dragged: another baseline (m), or "tilt_deg", for one configuration. Why it stays, "" where it
-        changed."""
+        """A goal was dragged: another baseline (m), or "tilt_deg", for one configuration. Why it
+        stays, "" where it changed."""
         self.file, why = files.changed(self.file, index, field, value, self.optics)
         return why
 
     def plan(self, wanted: planning.Wanted) -> planning.Planned:
-        """Another list from range and error, in the text that is edited; a plan with a problem changes nothing."""
+        """Another list from range and error, in the text that is edited; a plan with a problem
+        changes nothing."""
         found = planning.planned(wanted, self.file.text, self.optics)
         if not found.problem:
             self.edit(found.text)
@@ -145,11 +160,14 @@ class Console:
         """The list that is shown is flown though its rehearsal did not pass: this is told."""
         self._rehearsals.waive(self.file.text)
         self.answer(
-            self.ask(now_s, "waive", "fly the list unrehearsed"), self._rehearsals.of(self.file.text).told, True
+            self.ask(now_s, "waive", "fly the list unrehearsed"),
+            self._rehearsals.of(self.file.text).told,
+            True,
         )
 
     def ask(self, now_s: float, name: str, words: str = "") -> int:
-        """The operator asked for an action: its event's number; until it is answered it is not asked for again."""
+        """The operator asked for an action: its event's number; until it is answered it is not
+        asked for again."""
         number = self._chronicle.event(now_s, "operator", words or name.replace("_", " "))
         self._pending[name] = (now_s, number)
         return number
@@ -161,9 +179,12 @@ class Console:
 
     def _take(self, now_s: float, fact: Any) -> None:  # noqa: C901
         whole = {
-            f.MissionTold: self._mission, f.MissionAlive: self._alive, f.Check: self._check, f.MapTold: self._map,
+            f.MissionTold: self._mission,
+            f.MissionAlive: self._alive,
+            f.Check: self._check,
+            f.MapTold: self._map,
             f.StopTold: self._stop,
-        }.get(type(fact))  # fmt: skip
+        }.get(type(fact))
         if isinstance(fact, f.MissionTold):
             self._stage.tell(now_s, fact)
             self._phases.tell(fact.phase)
@@ -172,7 +193,9 @@ class Console:
         if whole is not None:
             whole.tell(now_s, fact)
         elif isinstance(fact, (f.Calibrated, f.HomeSet)):
-            (self._calibrated if isinstance(fact, f.Calibrated) else self._home).tell(now_s, fact, fact.age_s)
+            (self._calibrated if isinstance(fact, f.Calibrated) else self._home).tell(
+                now_s, fact, fact.age_s
+            )
         elif isinstance(fact, f.CalibrationFound):
             self._calibration = fact
         elif isinstance(fact, f.MasterTold):
@@ -208,12 +231,13 @@ class Console:
                 self._sightings.saw(now_s, fact.vehicle, fact.ids)
             self._vehicles[fact.vehicle].tell(now_s, fact)
 
-    # ---- what is shown -----------------------------------------------------------------------------------------
+    # ---- what is shown ---------------------------------------------------------------------------
 
     def view(self, now_s: float) -> View:
         """Everything, at monotonic time ``now_s``."""
         mission = self._mission.at(now_s)
-        alive = mission.age_s <= _ALIVE_S or not self._alive.at(now_s).stale  # a bag has no sign of life but the state
+        # a bag has no sign of life but the state
+        alive = mission.age_s <= _ALIVE_S or not self._alive.at(now_s).stale
         told = mission.value if alive else None
         stop = self._stop.at(now_s)
         flown = told is not None and told.phase in FLOWN
@@ -230,33 +254,72 @@ class Console:
         last = mission.value.phase if mission.value is not None else ""
         ended = last if told is None and last in OVER else ""
         situation = Situation(
-            self._master_problem, told, check, rows, column, tuple(self._pending), self.file, rehearsal, self._flown,
-            self._recorded, ended,
-        )  # fmt: skip
+            self._master_problem,
+            told,
+            check,
+            rows,
+            column,
+            tuple(self._pending),
+            self.file,
+            rehearsal,
+            self._flown,
+            self._recorded,
+            ended,
+        )
         view = View(
-            now_s, rows, mission, alive, self.file, running, self._progress(mission.value if ended else told), check,
+            now_s,
+            rows,
+            mission,
+            alive,
+            self.file,
+            running,
+            self._progress(mission.value if ended else told),
+            check,
             actions(situation),
-            self.log.events, pair, tuple(self._above(rows)),
+            self.log.events,
+            pair,
+            tuple(self._above(rows)),
             self._recorder.at(now_s),
-            self._map.at(now_s), stop, self._home.value is not None, rehearsal,
-            self._pictures.cameras([(v.name, v.picture) for v in rows]), self._pictures.map(),
-            self.after.steps([v.name for v in rows if v.armed]), self.after.places, self._goals.shown(self.file.rows),
-            self._problems(now_s, told, column, last in OVER), self._master_problem, stage,
-            self._ground_views.shown(now_s), self._recorded, self._calibration, self._start.starting(now_s),
-            self._waiting(now_s, told, check), bool(ended), optics=self.optics,
-        )  # fmt: skip
+            self._map.at(now_s),
+            stop,
+            self._home.value is not None,
+            rehearsal,
+            self._pictures.cameras([(v.name, v.picture) for v in rows]),
+            self._pictures.map(),
+            self.after.steps([v.name for v in rows if v.armed]),
+            self.after.places,
+            self._goals.shown(self.file.rows),
+            self._problems(now_s, told, column, last in OVER),
+            self._master_problem,
+            stage,
+            self._ground_views.shown(now_s),
+            self._recorded,
+            self._calibration,
+            self._start.starting(now_s),
+            self._waiting(now_s, told, check),
+            bool(ended),
+            optics=self.optics,
+        )
         return replace(view, guide=guide(view, self._phases.before))
 
-    def _waiting(self, now_s: float, told: Optional[f.MissionTold], check: Optional[Sequence[Line]]) -> FrozenSet:
+    def _waiting(
+        self, now_s: float, told: Optional[f.MissionTold], check: Optional[Sequence[Line]]
+    ) -> FrozenSet:
         """Nothing is normal any more once people fly."""
         before = told is None or told.phase == "WAIT_VEHICLES"
         return self._start.waiting(now_s, check) if before else frozenset()
 
     def _lines(self, now_s: float):
         heard = self._check.at(now_s)
-        return None if heard.value is None or heard.age_s > heard.value.patience_s else heard.value.lines
+        return (
+            None
+            if heard.value is None or heard.age_s > heard.value.patience_s
+            else heard.value.lines
+        )
 
-    def _rows(self, now_s: float, stop_asked: str, running: Optional[int]) -> Tuple[VehicleRow, ...]:
+    def _rows(
+        self, now_s: float, stop_asked: str, running: Optional[int]
+    ) -> Tuple[VehicleRow, ...]:
         calibrated = self._calibrated.at(now_s)
         epochs = dict(calibrated.value.epochs) if calibrated.value else {}
         needed_s = files.seconds_left(self.file, running or 0, len(self._vehicles))
@@ -277,39 +340,66 @@ class Console:
         if told is None or not told.configurations:
             return 0.0
         last = told.configuration + 1 >= told.configurations
-        if told.phase == "DONE" or (told.phase == "LAND" and last and self._stage.was_recorded(told.configuration)):
+        if told.phase == "DONE" or (
+            told.phase == "LAND" and last and self._stage.was_recorded(told.configuration)
+        ):
             return 1.0
-        return min(1.0, (told.configuration + self._stage.reached(told.configuration)) / told.configurations)
+        return min(
+            1.0,
+            (told.configuration + self._stage.reached(told.configuration)) / told.configurations,
+        )
 
     def _above(self, rows: Sequence[VehicleRow]) -> List[Above]:
-        rules = self.file.mission.air if self.file.mission else SeparationRules(Mission.min_separation_m)
-        places = {v.name: v.place.value.p_home_m for v in rows if v.armed and v.place.value and not v.place.stale}
+        rules = (
+            self.file.mission.air
+            if self.file.mission
+            else SeparationRules(Mission.min_separation_m)
+        )
+        places = {
+            v.name: v.place.value.p_home_m
+            for v in rows
+            if v.armed and v.place.value and not v.place.stale
+        }
         return above(places, rules)
 
     def _stereo(
-        self, now_s: float, rows: Sequence[VehicleRow], running: Optional[int], told: Optional[f.MissionTold],
-    ) -> stereo.StereoHealth:  # fmt: skip
-        """Judges the pictures of the configuration that is flown, or before the first one of the pair that will fly
-        it."""
+        self,
+        now_s: float,
+        rows: Sequence[VehicleRow],
+        running: Optional[int],
+        told: Optional[f.MissionTold],
+    ) -> stereo.StereoHealth:
+        """Judges the pictures of the configuration that is flown, or before the first one of the
+        pair that will fly it."""
         before = running is None and told is not None and told.phase not in (*BY_HOME, *OVER)
         index = 0 if before else running
         mission = self.file.mission
-        if index is None or mission is None or (told is not None and told.stage in (GOES_BACK, TURNS)):
+        if (
+            index is None
+            or mission is None
+            or (told is not None and told.stage in (GOES_BACK, TURNS))
+        ):
             return stereo.StereoHealth()
         if mission.reference not in self._vehicles or len(self.names) < 2:
             return stereo.StereoHealth()
         pair = (mission.reference, mission.mover(index, self.names))
         by_name = {v.name: v for v in rows}
         if pair[1] not in by_name:
-            return stereo.StereoHealth(pair, reasons=(f"{pair[1]} is not one of {', '.join(self.names)}",))
-        offsets_s = {n: by_name[n].clock.value.offset_s for n in pair if by_name[n].clock.value is not None}
+            return stereo.StereoHealth(
+                pair, reasons=(f"{pair[1]} is not one of {', '.join(self.names)}",)
+            )
+        offsets_s = {
+            n: by_name[n].clock.value.offset_s for n in pair if by_name[n].clock.value is not None
+        }
         skew_s = self._pair.skew_s(now_s, pair, offsets_s, self._stage.recording_since_s)
         agree = self._pair.epipolar(now_s, pair)
         if before:
             return stereo.judge_before(pair, skew_s, agree, self.optics)
         row = self.file.rows[index]
         places = tuple(by_name[n].place for n in pair)
-        return stereo.judge(row, pair, *places, skew_s, self._target_m or row.farthest_m, self.optics, agree)
+        return stereo.judge(
+            row, pair, *places, skew_s, self._target_m or row.farthest_m, self.optics, agree
+        )
 
     def _problems(
         self, now_s: float, told: Optional[f.MissionTold], column: Sequence[str], over: bool

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well two cameras' pictures and their places agree: the distance of matched features from their epipolar lines.
+"""How well two cameras' pictures and their places agree: the distance of matched features from
+their epipolar lines.
 
-Places from tracking, pictures from the radio. Beside it: what a fit of the pair leaves, as the map refines poses.
-A turn along the baseline shows in no epipolar line.
+Places from tracking, pictures from the radio. Beside it: what a fit of the pair leaves, as the map
+refines poses. A turn along the baseline shows in no epipolar line.
 """
 
 import math
@@ -19,20 +20,27 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model.inputs import FLOWN
 
-_FEATURES, _LEAST = 800, 25  # ORB's; fewer matches that agree with any epipolar geometry say nothing
-_RATIO, _SHARE = 0.85, 0.5  # of the second best; of the matches, less is a geometry that chance has found
-_AGREE_PX = 2.0  # of matches with a geometry of their own: it sorts out wrong ones, whatever the places say
-_ALONG = 0.7  # of the baseline: cameras one before the other, as in the column; no configuration stands so
+# ORB's; fewer matches that agree with any epipolar geometry say nothing
+_FEATURES, _LEAST = 800, 25
+# of the second best; of the matches, less is a geometry that chance has found
+_RATIO, _SHARE = 0.85, 0.5
+# of matches with a geometry of their own: it sorts out wrong ones, whatever the places say
+_AGREE_PX = 2.0
+# of the baseline: cameras one before the other, as in the column; no configuration stands so
+_ALONG = 0.7
 _NOISE_PX = 1.0  # standard deviation of a feature of ORB: a corner of some level of its pyramid
-_POSES, _POSE_S = 120, 0.05  # kept per vehicle, 4 s; a picture without one so near in time is left out
+# kept per vehicle, 4 s; a picture without one so near in time is left out
+_POSES, _POSE_S = 120, 0.05
 
 
-Picture = Tuple[float, bytes, Optional[PinholeCamera]]  # stamp, as it came, its camera; None: a reduced one
+# stamp, as it came, its camera; None: a reduced one
+Picture = Tuple[float, bytes, Optional[PinholeCamera]]
 
 
 @dataclass(frozen=True)
 class Seen:
-    """A picture (JPEG or PNG) with its camera as taken and its place; ``reduced``: it may be smaller than that."""
+    """A picture (JPEG or PNG) with its camera as taken and its place; ``reduced``: it may be
+    smaller than that."""
 
     stamp_s: float
     data: bytes
@@ -46,28 +54,44 @@ def measured(pair: Tuple[str, str], a: Seen, b: Seen) -> EpipolarTold:
 
     Raises ValueError where a picture cannot be unpacked.
     """
-    from fcsv_stereo.refinement.geometry import epipolar_error  # it loads all of refinement: not at the window's start
+    # it loads all of refinement: not at the window's start
+    from fcsv_stereo.refinement.geometry import epipolar_error
 
     (gray_a, a), (gray_b, b) = _read(a), _read(b)
     uv_a, uv_b = _matches(gray_a, gray_b)
     if len(uv_a) < _LEAST:
         return EpipolarTold(pair, math.nan, len(uv_a))
-    rays_a, rays_b = (np.column_stack([s.camera.normalize(uv), np.ones(len(uv))]) for s, uv in ((a, uv_a), (b, uv_b)))
+    rays_a, rays_b = (
+        np.column_stack([s.camera.normalize(uv), np.ones(len(uv))])
+        for s, uv in ((a, uv_a), (b, uv_b))
+    )
     cv2.setRNGSeed(1)
-    _, kept = cv2.findEssentialMat(rays_a[:, :2].copy(), rays_b[:, :2].copy(), np.eye(3), cv2.RANSAC, 0.999,
-                                   _AGREE_PX / b.camera.fx)  # fmt: skip
+    _, kept = cv2.findEssentialMat(
+        rays_a[:, :2].copy(),
+        rays_b[:, :2].copy(),
+        np.eye(3),
+        cv2.RANSAC,
+        0.999,
+        _AGREE_PX / b.camera.fx,
+    )
     kept = np.zeros(len(rays_a), bool) if kept is None else kept.ravel().astype(bool)
     if kept.sum() < max(_LEAST, _SHARE * len(kept)):
         return EpipolarTold(pair, math.nan, int(kept.sum()))
     T_a_b = transforms.invert(a.T_home_cam) @ b.T_home_cam
     error, _ = epipolar_error(T_a_b, rays_a[kept], rays_b[kept])
-    error_px, fitted = float(b.camera.fx * np.median(np.abs(error))), _fitted(T_a_b, rays_a[kept], rays_b[kept], b)
+    error_px, fitted = (
+        float(b.camera.fx * np.median(np.abs(error))),
+        _fitted(T_a_b, rays_a[kept], rays_b[kept], b),
+    )
     return EpipolarTold(pair, error_px, int(kept.sum()), *fitted, focal_px=b.camera.fx)
 
 
-def _fitted(T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray, b: Seen) -> Tuple[float, float]:
-    """(median px that is left, standard deviations from the trackers' pose) once the pair is fitted as the map fits it,
-    with its prior; NaN where it would not: the baseline is too short, or the vehicle in front is in the way."""
+def _fitted(
+    T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray, b: Seen
+) -> Tuple[float, float]:
+    """(median px that is left, standard deviations from the trackers' pose) once the pair is fitted
+    as the map fits it, with its prior; NaN where it would not: the baseline is too short, or the
+    vehicle in front is in the way."""
     from fcsv_stereo.refinement.geometry import PairPrior, fit_pair, prior_offset
     from fcsv_stereo.refinement.matching import band_px
 
@@ -84,21 +108,30 @@ def _fitted(T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray, b: Seen) 
 
 def _read(seen: Seen) -> Tuple[np.ndarray, Seen]:
     """Grey, with the camera of its size."""
-    gray = cv2.imdecode(np.frombuffer(seen.data, np.uint8), cv2.IMREAD_GRAYSCALE) if seen.data else None
+    gray = (
+        cv2.imdecode(np.frombuffer(seen.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        if seen.data
+        else None
+    )
     if gray is None:
         raise ValueError(f"{len(seen.data)} octets are no picture")
     if seen.reduced:
         seen = replace(seen, camera=seen.camera.resized(gray.shape[1], gray.shape[0]))
     if gray.shape != (seen.camera.height, seen.camera.width):
-        raise ValueError(f"the picture is {gray.shape[1]} x {gray.shape[0]}, its camera {seen.camera.width} x "
-                         f"{seen.camera.height}")  # fmt: skip
+        raise ValueError(
+            f"the picture is {gray.shape[1]} x {gray.shape[0]}, its camera {seen.camera.width} x "
+            f"{seen.camera.height}"
+        )
     return gray, seen
 
 
 def _matches(a: np.ndarray, b: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """Pixels (N, 2) of features that are each other's best, by far (Lowe's ratio)."""
     orb = cv2.ORB_create(_FEATURES)
-    (points_a, of_a), (points_b, of_b) = orb.detectAndCompute(a, None), orb.detectAndCompute(b, None)
+    (points_a, of_a), (points_b, of_b) = (
+        orb.detectAndCompute(a, None),
+        orb.detectAndCompute(b, None),
+    )
     if of_a is None or of_b is None:
         return np.empty((0, 2)), np.empty((0, 2))
     forth, back = (_best(x, y) for x, y in ((of_a, of_b), (of_b, of_a)))
@@ -109,14 +142,21 @@ def _matches(a: np.ndarray, b: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
 
 def _best(a: np.ndarray, b: np.ndarray) -> Dict[int, int]:
     found = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(a, b, k=2)
-    return {m[0].queryIdx: m[0].trainIdx for m in found if len(m) == 2 and m[0].distance < _RATIO * m[1].distance}
+    return {
+        m[0].queryIdx: m[0].trainIdx
+        for m in found
+        if len(m) == 2 and m[0].distance < _RATIO * m[1].distance
+    }
 
 
 class EpipolarWatch:
-    """Keeps the newest picture of each vehicle with its place. ``tell`` and ``measure`` from different threads."""
+    """Keeps the newest picture of each vehicle with its place. ``tell`` and ``measure`` from
+    different threads."""
 
     def __init__(self, vehicles: Sequence[str]):
-        self._poses: Dict[str, Deque[Tuple[float, np.ndarray]]] = {n: deque(maxlen=_POSES) for n in vehicles}
+        self._poses: Dict[str, Deque[Tuple[float, np.ndarray]]] = {
+            n: deque(maxlen=_POSES) for n in vehicles
+        }
         self._pictures: Dict[str, Deque[Picture]] = {n: deque(maxlen=4) for n in vehicles}
         self._cameras: Dict[str, PinholeCamera] = {}
         self._measured: Tuple[float, float] = (math.nan, math.nan)
@@ -143,7 +183,8 @@ class EpipolarWatch:
             self._pictures[name].append((stamp_s, data, None))
 
     def measure(self, pair: Tuple[str, str]) -> Optional[EpipolarTold]:
-        """Measures the error of the newest pictures of both whose places are known; None where there is nothing new."""
+        """Measures the error of the newest pictures of both whose places are known; None where
+        there is nothing new."""
         if len(set(pair)) < 2 or not set(pair) <= set(self._poses):
             return None
         with self._lock:

@@ -26,7 +26,11 @@ class Event:
     @property
     def clock(self) -> str:
         """Local time of day."""
-        return datetime.fromtimestamp(self.wall_s).strftime("%H:%M:%S") if math.isfinite(self.wall_s) else "--:--:--"
+        return (
+            datetime.fromtimestamp(self.wall_s).strftime("%H:%M:%S")
+            if math.isfinite(self.wall_s)
+            else "--:--:--"
+        )
 
 
 class EventLog:
@@ -59,7 +63,9 @@ class EventLog:
         for i, event in enumerate(self._events):
             if event.number == number:
                 self.changes += 1
-                self._events[i] = replace(event, answer=answer, level=event.level if done else "error")
+                self._events[i] = replace(
+                    event, answer=answer, level=event.level if done else "error"
+                )
 
     def as_csv(self) -> str:
         """Gives the events with times in UTC, ISO 8601."""
@@ -67,7 +73,9 @@ class EventLog:
         writer = csv.writer(out)
         writer.writerow(["time_utc", "who", "what", "answer", "level"])
         for e in self._events:
-            stamp = datetime.fromtimestamp(e.wall_s, timezone.utc).isoformat(timespec="milliseconds")
+            stamp = datetime.fromtimestamp(e.wall_s, timezone.utc).isoformat(
+                timespec="milliseconds"
+            )
             writer.writerow([stamp, e.who, e.what, e.answer, e.level])
         return out.getvalue()
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far each vehicle's camera is from where it should stand, seen from above (thesis 5.3, figure 5.6)."""
+"""How far each vehicle's camera is from where it should stand, seen from above (thesis 5.3, figure
+5.6)."""
 
 from dataclasses import dataclass
 from typing import Dict, Tuple
@@ -11,8 +12,8 @@ REACH_M = 0.5  # the end of a gauge
 
 @dataclass(frozen=True)
 class Gauge:
-    """Shows how far off the place is of the vehicle with that ``number`` in the column: too far forward along home's x
-    and left along its y (m)."""
+    """Shows how far off the place is of the vehicle with that ``number`` in the column: too far
+    forward along home's x and left along its y (m)."""
 
     name: str
     number: int
@@ -40,8 +41,8 @@ class Gauge:
 
 
 def gauges(view: View) -> Tuple[Gauge, ...]:
-    """Gives the gauges of the reference and who moves, while a configuration to stand at is flown and their places are
-    known."""
+    """Gives the gauges of the reference and who moves, while a configuration to stand at is flown
+    and their places are known."""
     mission, running = view.file.mission, view.running
     if mission is None or running is None:
         return ()
@@ -52,7 +53,12 @@ def gauges(view: View) -> Tuple[Gauge, ...]:
         if row.way_m is None:
             goals[mission.mover(index, names)] = row.goal_m[:2]
     return tuple(
-        Gauge(v.name, k, v.place.value.p_home_m[0] - goals[v.name][0], v.place.value.p_home_m[1] - goals[v.name][1])
+        Gauge(
+            v.name,
+            k,
+            v.place.value.p_home_m[0] - goals[v.name][0],
+            v.place.value.p_home_m[1] - goals[v.name][1],
+        )
         for k, v in enumerate(view.vehicles)
         if v.name in goals and v.place.value is not None and not v.place.stale
     )

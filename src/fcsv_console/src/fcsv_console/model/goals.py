@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Goals that are dragged in a view of three dimensions (thesis 4.3): each only while it was enabled by itself."""
+"""Goals that are dragged in a view of three dimensions (thesis 4.3): each only while it was enabled
+by itself."""
 
 from dataclasses import dataclass
 from typing import Optional, Sequence, Set, Tuple
@@ -34,15 +35,19 @@ class GoalsElsewhere:
     @property
     def words(self) -> str:
         """Says it as an event."""
-        whose = f"of {self.window}, opened before this window" if self.window else "this window's again"
+        whose = (
+            f"of {self.window}, opened before this window" if self.window else "this window's again"
+        )
         return f"goals in rviz are {whose}"
 
 
 @dataclass(frozen=True)
 class Goal:
-    """One configuration's baseline and place in home (m), and the unit vector along which it may be dragged.
+    """One configuration's baseline and place in home (m), and the unit vector along which it may be
+    dragged.
 
-    ``asked``: how often something was asked of it; another number means that it is to be drawn anew, where it stands.
+    ``asked``: how often something was asked of it; another number means that it is to be drawn
+    anew, where it stands.
     """
 
     index: int
@@ -76,9 +81,17 @@ class Goals:
         """Gives the goals as they are to be drawn."""
         self._follow(rows)
         return tuple(
-            Goal(r.index, r.baseline_m, r.goal_m, (0.0, -1.0, 0.0) if r.axis == "horizontal" else (0.0, 0.0, 1.0),
-                 r.index in self._enabled, self._asked) for r in rows if r.way_m is None
-        )  # fmt: skip
+            Goal(
+                r.index,
+                r.baseline_m,
+                r.goal_m,
+                (0.0, -1.0, 0.0) if r.axis == "horizontal" else (0.0, 0.0, 1.0),
+                r.index in self._enabled,
+                self._asked,
+            )
+            for r in rows
+            if r.way_m is None
+        )
 
     def enable(self, rows: Sequence[ConfigurationRow], index: int, on: bool) -> None:
         """One that is not in the list is left alone."""
@@ -87,8 +100,11 @@ class Goals:
         if 0 <= index < len(rows) and rows[index].way_m is None:  # a sweep has no one place
             self._enabled = self._enabled | {index} if on else self._enabled - {index}
 
-    def moved(self, rows: Sequence[ConfigurationRow], index: int, p_home_m: Vector3) -> Optional[float]:
-        """The baseline (m), in whole steps, of a goal that was let go of there; None where nothing changes by it."""
+    def moved(
+        self, rows: Sequence[ConfigurationRow], index: int, p_home_m: Vector3
+    ) -> Optional[float]:
+        """The baseline (m), in whole steps, of a goal that was let go of there; None where nothing
+        changes by it."""
         self._follow(rows)
         self._asked += 1
         if index not in self._enabled:

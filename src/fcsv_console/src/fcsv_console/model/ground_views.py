@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What cameras on the ground see, as drawn from above (thesis figure 5.6): the mocap's, and the gimbals'."""
+"""What cameras on the ground see, as drawn from above (thesis figure 5.6): the mocap's, and the
+gimbals'."""
 
 from dataclasses import dataclass
 from typing import Dict, Tuple
@@ -13,7 +14,8 @@ from fcsv_console.model.hearing import AgingFact, slow
 
 @dataclass(frozen=True)
 class GroundView:
-    """``vehicle``: whom a gimbal follows, "" of a mocap; ``outline_m``: from above, corners (x, y) in home in order."""
+    """``vehicle``: whom a gimbal follows, "" of a mocap; ``outline_m``: from above, corners (x, y)
+    in home in order."""
 
     vehicle: str
     eye_m: Tuple[float, float]
@@ -25,7 +27,8 @@ class GroundView:
 
 
 class GroundViews:
-    """The newest of each camera. What is not heard any more is not shown: nobody knows where a gimbal looks then."""
+    """The newest of each camera. What is not heard any more is not shown: nobody knows where a
+    gimbal looks then."""
 
     def __init__(self):
         self._heard: Dict[str, AgingFact[f.SeenFrom]] = {}
@@ -37,7 +40,9 @@ class GroundViews:
         """Gives the views of this moment, by name."""
         now = [(name, heard.at(now_s)) for name, heard in sorted(self._heard.items())]
         return tuple(
-            GroundView(name, aged.value.eye_m[:2], outline(aged.value)) for name, aged in now if not aged.stale
+            GroundView(name, aged.value.eye_m[:2], outline(aged.value))
+            for name, aged in now
+            if not aged.stale
         )
 
 

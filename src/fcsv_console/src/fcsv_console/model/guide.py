@@ -9,7 +9,8 @@ PLAIN, WAITS, WELL, CARE, LOST = "plain", "waits", "well", "care", "lost"  # wha
 
 @dataclass(frozen=True)
 class Guide:
-    """``next``: the name of the button that stands out, "" where none is to be pressed; ``sort``: one of the above."""
+    """``next``: the name of the button that stands out, "" where none is to be pressed; ``sort``:
+    one of the above."""
 
     headline: str
     next: str = ""

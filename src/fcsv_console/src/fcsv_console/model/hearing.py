@@ -13,7 +13,8 @@ _SLOW_STALE_S = 2.5  # of what comes once a second
 _MISSED = 2.4  # of the time between two messages: one that is lost or late is no alarm
 _INTERVALS = 5
 _WINDOW_S = 3.0
-_BURST_S = 0.5  # what came within less does not tell a rate yet: messages may have been held up on their way
+# what came within less does not tell a rate yet: messages may have been held up on their way
+_BURST_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,9 @@ class Aged(Generic[T]):
 
 
 class AgingFact(Generic[T]):
-    """The newest value of a stream. It is stale ``stale_s`` after it was heard; infinite: it holds until replaced. With
-    ``least_s`` it is sooner where the stream comes often: after 2.4 times its usual interval, but not under that.
+    """The newest value of a stream. It is stale ``stale_s`` after it was heard; infinite: it holds
+    until replaced. With ``least_s`` it is sooner where the stream comes often: after 2.4 times its
+    usual interval, but not under that.
 
     >>> h = AgingFact(1.0)
     >>> h.tell(10.0, "GUIDED"); h.at(10.9).stale, h.at(11.1).stale, h.at(11.1).value
@@ -74,8 +76,11 @@ class AgingFact(Generic[T]):
         usual_s = statistics.median(b - a for a, b in zip(times, times[1:]))
         return min(self._stale_s, max(self._least_s, _MISSED * usual_s))
 
-    def at(self, now_s: float, since_s: Callable[[float], float] = lambda came_s: came_s) -> Aged[T]:
-        """Gives the value as it is to be shown now. ``since_s``: from when what came at some time counts."""
+    def at(
+        self, now_s: float, since_s: Callable[[float], float] = lambda came_s: came_s
+    ) -> Aged[T]:
+        """Gives the value as it is to be shown now. ``since_s``: from when what came at some time
+        counts."""
         while self._times and self._times[0] < now_s - _WINDOW_S:
             self._times.popleft()
         times = self._times
@@ -87,8 +92,8 @@ class AgingFact(Generic[T]):
 
 
 def slow() -> AgingFact:
-    """Makes an entry for what may come once a second only: an operator waits for it so long only while it comes so
-    seldom."""
+    """Makes an entry for what may come once a second only: an operator waits for it so long only
+    while it comes so seldom."""
     return AgingFact(_SLOW_STALE_S, STALE_S)
 
 

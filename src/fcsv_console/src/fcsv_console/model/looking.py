@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which way a camera looks, as three angles and as a rotation; and how much of a picture another camera sees, too."""
+"""Which way a camera looks, as three angles and as a rotation; and how much of a picture another
+camera sees, too."""
 
 import math
 from typing import Tuple
@@ -14,7 +15,8 @@ _GRID = (48, 36)  # pixels that are asked: a share is then right to about 1 %
 
 
 def looks(R_home_cam: np.ndarray) -> Tuple[float, float, float]:
-    """(heading, pitch, roll) in rad of an optical frame (x right, y down, z forward): to the left, up, right side down.
+    """(heading, pitch, roll) in rad of an optical frame (x right, y down, z forward): to the left,
+    up, right side down.
 
     >>> angles = (0.4, -0.2, 0.1)
     >>> bool(np.allclose(looks(rotation(*angles)), angles))
@@ -33,7 +35,12 @@ def rotation(heading_rad: float, pitch_rad: float, roll_rad: float) -> np.ndarra
     >>> bool(np.allclose(rotation(0.0, 0.0, 0.0), [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
     True
     """
-    ch, sh, cp, sp = math.cos(heading_rad), math.sin(heading_rad), math.cos(pitch_rad), math.sin(pitch_rad)
+    ch, sh, cp, sp = (
+        math.cos(heading_rad),
+        math.sin(heading_rad),
+        math.cos(pitch_rad),
+        math.sin(pitch_rad),
+    )
     forward, right = np.array([ch * cp, sh * cp, sp]), np.array([sh, -ch, 0.0])
     down = np.cross(forward, right)
     cr, sr = math.cos(roll_rad), math.sin(roll_rad)
@@ -45,8 +52,11 @@ def rotation_of(place: CameraInHome) -> np.ndarray:
     return rotation(place.heading_rad, place.pitch_rad, place.roll_rad)
 
 
-def seen_by_both(reference: CameraInHome, moving: CameraInHome, z_m: float, optics: Optics) -> float:
-    """Share (0..1) of the reference picture whose points at depth ``z_m`` the moving camera sees, by both places."""
+def seen_by_both(
+    reference: CameraInHome, moving: CameraInHome, z_m: float, optics: Optics
+) -> float:
+    """Share (0..1) of the reference picture whose points at depth ``z_m`` the moving camera sees,
+    by both places."""
     wide, high = _GRID
     u = (np.arange(wide) + 0.5) / wide * optics.width - optics.width / 2.0
     v = (np.arange(high) + 0.5) / high * optics.height - optics.height / 2.0

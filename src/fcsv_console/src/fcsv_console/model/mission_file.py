@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The configurations of a mission file with what each will show, or what is wrong with the file and in which line."""
+"""The configurations of a mission file with what each will show, or what is wrong with the file and
+in which line."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -24,9 +25,9 @@ STEP_M = 0.1  # goals are dragged in whole steps
 
 @dataclass(frozen=True)
 class Optics:
-    """Describes the optics of the cameras, undistorted; ``disparity_error_px`` as ``plan`` has it. ``focal_v_px``:
-    across the rows, None: as along them; ``heard_of``: the vehicle whose own camera this is, "" where none was
-    heard."""
+    """Describes the optics of the cameras, undistorted; ``disparity_error_px`` as ``plan`` has it.
+    ``focal_v_px``: across the rows, None: as along them; ``heard_of``: the vehicle whose own camera
+    this is, "" where none was heard."""
 
     focal_px: float = 602.0
     width: int = 640
@@ -65,7 +66,8 @@ USUAL = Optics()
 
 @dataclass(frozen=True)
 class ConfigurationRow:
-    """One configuration; lengths in m. ``farthest_m``: equation 3.1; ``error_m``: equation 2.12 at that range."""
+    """One configuration; lengths in m. ``farthest_m``: equation 3.1; ``error_m``: equation 2.12 at
+    that range."""
 
     index: int
     title: str
@@ -80,7 +82,8 @@ class ConfigurationRow:
     error_m: float
     goal_m: Tuple[float, float, float]
     goal_heading_rad: float
-    way_m: Optional[Tuple[Tuple[float, float, float], ...]] = None  # of a sweep: its beginning and its end
+    # of a sweep: its beginning and its end
+    way_m: Optional[Tuple[Tuple[float, float, float], ...]] = None
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,8 @@ class FileError:
 
 @dataclass(frozen=True)
 class MissionFile:
-    """A file as it was read; ``mission`` is None where it cannot be flown, then ``error`` says why."""
+    """A file as it was read; ``mission`` is None where it cannot be flown, then ``error`` says
+    why."""
 
     source: str = ""
     text: str = ""
@@ -129,7 +133,11 @@ def parse(text: str, source: str = "", optics: Optics = USUAL) -> MissionFile:
         return MissionFile(source, text, error=where)
     except ConfigError as error:
         where = f"{error.field}: " if error.field else ""
-        return MissionFile(source, text, error=FileError(config.line_of(text, error.field), f"{where}{error.problem}"))
+        return MissionFile(
+            source,
+            text,
+            error=FileError(config.line_of(text, error.field), f"{where}{error.problem}"),
+        )
     return MissionFile(source, text, mission, _rows(mission, optics))
 
 
@@ -144,8 +152,12 @@ def _rows(mission: Mission, optics: Optics) -> Tuple[ConfigurationRow, ...]:
 
 def _row(i: int, mission: Mission, optics: Optics) -> ConfigurationRow:
     c = mission.configurations[i]
-    far_m = farthest(c.baseline_m, optics.focal_along(c.axis), optics.threshold, optics.disparity_error_px)
-    error_m = float(depth_error(far_m, c.baseline_m, optics.focal_along(c.axis), optics.disparity_error_px))
+    far_m = farthest(
+        c.baseline_m, optics.focal_along(c.axis), optics.threshold, optics.disparity_error_px
+    )
+    error_m = float(
+        depth_error(far_m, c.baseline_m, optics.focal_along(c.axis), optics.disparity_error_px)
+    )
     T_home_cam = camera_place(c)
     x, y, z = (float(v) for v in T_home_cam[:3, 3])
     settle_s, record_s, way_m = mission.settle.time_s, c.record_s, None
@@ -153,37 +165,59 @@ def _row(i: int, mission: Mission, optics: Optics) -> ConfigurationRow:
         settle_s, record_s = 0.0, round(c.sweep.takes_s(mission.flight), 1)
         way_m = ((x, y, z), tuple(c.sweep.place_m(1.0).tolist()))
     return ConfigurationRow(
-        i, c.title, c.axis, c.baseline_m, c.tilt_deg, record_s, settle_s, c.vehicle or "",
-        overlap_starts_m(c.baseline_m, optics.fov_rad(c.axis), c.tilt_rad), far_m, error_m, (x, y, z),
-        heading_rad(T_home_cam), way_m,
-    )  # fmt: skip
+        i,
+        c.title,
+        c.axis,
+        c.baseline_m,
+        c.tilt_deg,
+        record_s,
+        settle_s,
+        c.vehicle or "",
+        overlap_starts_m(c.baseline_m, optics.fov_rad(c.axis), c.tilt_rad),
+        far_m,
+        error_m,
+        (x, y, z),
+        heading_rad(T_home_cam),
+        way_m,
+    )
 
 
 def differs(flown: Optional[Mission], shown: Optional[Mission]) -> str:
-    """What the mission flies otherwise than the file that is shown says; "" where nothing, or one is not known."""
+    """What the mission flies otherwise than the file that is shown says; "" where nothing, or one
+    is not known."""
     if flown is None or shown is None or flown == shown:
         return ""
     for i, (a, b) in enumerate(zip(flown.configurations, shown.configurations)):
         if a != b:
             return f"configuration {i + 1}: {_apart(a, b)}"
-    found = [n.name for n in dataclasses.fields(Mission) if getattr(flown, n.name) != getattr(shown, n.name)]
+    found = [
+        n.name
+        for n in dataclasses.fields(Mission)
+        if getattr(flown, n.name) != getattr(shown, n.name)
+    ]
     return "" if found == ["name"] else f"other {' and '.join(n for n in found if n != 'name')}"
 
 
 def _apart(flown, shown) -> str:
     """Says the difference of two configurations."""
-    names = [n.name for n in dataclasses.fields(flown) if getattr(flown, n.name) != getattr(shown, n.name)]
+    names = [
+        n.name
+        for n in dataclasses.fields(flown)
+        if getattr(flown, n.name) != getattr(shown, n.name)
+    ]
     return ", ".join(f"{n} is {getattr(flown, n)} there, {getattr(shown, n)} here" for n in names)
 
 
 def overlap_share(row: ConfigurationRow, z_m: float, optics: Optics) -> float:
     """Share (0..1) of the reference picture that both cameras see at depth ``z_m``."""
-    return 1.0 - float(non_overlap(z_m, row.baseline_m, optics.fov_rad(row.axis), float(np.radians(row.tilt_deg))))
+    return 1.0 - float(
+        non_overlap(z_m, row.baseline_m, optics.fov_rad(row.axis), float(np.radians(row.tilt_deg)))
+    )
 
 
 def seconds_left(mission_file: MissionFile, first: int, vehicles: int = 2) -> float:
-    """Flight time (s) of so many vehicles from configuration ``first`` on, by the mission's speeds, with settling,
-    recording and looking round."""
+    """Flight time (s) of so many vehicles from configuration ``first`` on, by the mission's speeds,
+    with settling, recording and looking round."""
     mission = mission_file.mission
     if mission is None:
         return float("nan")
@@ -206,9 +240,11 @@ def stepped(baseline_m: float) -> float:
     return round(max(STEP_M, round(baseline_m / STEP_M) * STEP_M), 3)
 
 
-def changed(file: MissionFile, index: int, field: str, value: float, optics: Optics) -> Tuple[MissionFile, str]:
-    """Gives the file with another value of one configuration's field, and ""; or as it was, and why: it could not be
-    flown."""
+def changed(
+    file: MissionFile, index: int, field: str, value: float, optics: Optics
+) -> Tuple[MissionFile, str]:
+    """Gives the file with another value of one configuration's field, and ""; or as it was, and
+    why: it could not be flown."""
     if file.mission is None or not 0 <= index < len(file.rows):
         return file, "there is no such configuration"
     found = parse(with_value(file.text, index, field, value), file.source, optics)
@@ -216,7 +252,8 @@ def changed(file: MissionFile, index: int, field: str, value: float, optics: Opt
 
 
 def with_value(text: str, index: int, field: str, value: float) -> str:
-    """The file's text with another value of a configuration's field; all else, comments too, as it was.
+    """The file's text with another value of a configuration's field; all else, comments too, as it
+    was.
 
     >>> with_value("configurations: # two\\n  - {axis: vertical, baseline_m: 5.0}  # up\\n", 0, "baseline_m", 6.5)
     'configurations: # two\\n  - {axis: vertical, baseline_m: 6.5}  # up\\n'
@@ -232,4 +269,6 @@ def with_value(text: str, index: int, field: str, value: float) -> str:
         return text[: there.start_mark.index] + words + text[there.end_mark.index :]
     key, after = mapping.value[-1]
     between = ", " if mapping.flow_style else "\n" + " " * key.start_mark.column
-    return text[: after.end_mark.index] + f"{between}{field}: {words}" + text[after.end_mark.index :]
+    return (
+        text[: after.end_mark.index] + f"{between}{field}: {words}" + text[after.end_mark.index :]
+    )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mission files of a folder as a list (thesis figure 6.3), and why another one is not loaded now."""
+"""The mission files of a folder as a list (thesis figure 6.3), and why another one is not loaded
+now."""
 
 from pathlib import Path
 from typing import Sequence, Tuple
@@ -8,18 +9,22 @@ _ENDS = ".yaml"
 
 
 def rows(names: Sequence[str], loaded: str, changed: bool) -> Tuple[Tuple[str, str], ...]:
-    """(name, how it is shown) of those that may be missions, in order; ``loaded``: the name of the one that is shown.
+    """(name, how it is shown) of those that may be missions, in order; ``loaded``: the name of the
+    one that is shown.
 
     >>> rows(["ten.yaml", "short.yaml", "notes.md", ".old.yaml"], "ten.yaml", True)
     (('short.yaml', 'short'), ('ten.yaml', '> ten *'))
     """
     found = sorted(n for n in names if n.endswith(_ENDS) and not n.startswith("."))
     mark = " *" if changed else ""
-    return tuple((n, f"> {n[: -len(_ENDS)]}{mark}" if n == loaded else n[: -len(_ENDS)]) for n in found)
+    return tuple(
+        (n, f"> {n[: -len(_ENDS)]}{mark}" if n == loaded else n[: -len(_ENDS)]) for n in found
+    )
 
 
 def empty(loaded: str) -> str:
-    """What stands in place of the list where it has no row; ``loaded``: path of the file that is shown, or "".
+    """What stands in place of the list where it has no row; ``loaded``: path of the file that is
+    shown, or "".
 
     >>> empty("")
     "No file is loaded: the list is the mission's own. Open shows the files of a folder."

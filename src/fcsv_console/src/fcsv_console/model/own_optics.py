@@ -9,7 +9,8 @@ from fcsv_console.model.mission_file import Optics
 
 
 class OwnOptics:
-    """What ranges and errors are computed with; ``usual``: where a vehicle's camera was not heard."""
+    """What ranges and errors are computed with; ``usual``: where a vehicle's camera was not
+    heard."""
 
     def __init__(self, usual: Optics):
         self._usual = usual
@@ -24,5 +25,11 @@ class OwnOptics:
         c = self._cameras.get(vehicle)
         if c is None:
             return self._usual
-        return replace(self._usual, focal_px=c.focal_px, focal_v_px=c.focal_v_px, width=c.width, height=c.height,
-                       heard_of=vehicle)
+        return replace(
+            self._usual,
+            focal_px=c.focal_px,
+            focal_v_px=c.focal_v_px,
+            width=c.width,
+            height=c.height,
+            heard_of=vehicle,
+        )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is shown of pictures: each camera's newest one with its tags, the map's reference picture under its depth."""
+"""What is shown of pictures: each camera's newest one with its tags, the map's reference picture
+under its depth."""
 
 import math
 from dataclasses import dataclass
@@ -11,17 +12,22 @@ from fcsv_console.model import facts as f
 from fcsv_console.model.hearing import Aged
 
 Outline = Tuple[Tuple[float, float], ...]
-_TOGETHER_S = 0.2  # tags are found in every picture, previews are one in some: an outline of another moment is left out
+# tags are found in every picture, previews are one in some: an outline of another moment is left
+# out
+_TOGETHER_S = 0.2
 _CAMERA = "camera/color/image_raw/compressed"
 _OPACITY = 0.6
 REFERENCE, DEPTH = "reference", "depth"
 #: Of viridis at 0, 1/4, 1/2, 3/4 and 1, which colour-blind people read as one scale.
-_SCALE = np.array([(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)], float)
+_SCALE = np.array(
+    [(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)], float
+)
 
 
 @dataclass(frozen=True)
 class CameraPicture:
-    """``outlines``: of the tags in it, ``ids`` beside; ``problem``: why the newest one cannot be shown."""
+    """``outlines``: of the tags in it, ``ids`` beside; ``problem``: why the newest one cannot be
+    shown."""
 
     vehicle: str
     picture: Aged[f.PictureHeard]
@@ -43,16 +49,19 @@ class CameraPicture:
             return f"{self.vehicle}: {self.problem}"
         if self.picture.value is None:
             return f"{self.vehicle}: no picture was heard"
-        rate = f"STOPPED {self.picture.words} ago" if self.picture.stale else \
-            f"{self.picture.rate_hz:.1f} Hz, {self.picture.age_s:.1f} s old"  # fmt: skip
+        rate = (
+            f"STOPPED {self.picture.words} ago"
+            if self.picture.stale
+            else f"{self.picture.rate_hz:.1f} Hz, {self.picture.age_s:.1f} s old"
+        )
         tags = f", tag {', '.join(str(i) for i in self.ids)}" if self.ids else ""
         return f"{self.vehicle}: {rate}{tags}"
 
 
 @dataclass(frozen=True)
 class MapPictures:
-    """``reference`` and ``depth`` of one size, or None; ``match``: share (0..1) of it with a depth, NaN: not known;
-    ``state``: what the live map said last, "" where none is heard."""
+    """``reference`` and ``depth`` of one size, or None; ``match``: share (0..1) of it with a depth,
+    NaN: not known; ``state``: what the live map said last, "" where none is heard."""
 
     reference: Optional[f.MapPicture] = None
     depth: Optional[f.MapPicture] = None
@@ -67,7 +76,9 @@ class MapPictures:
             return ""
         if not self.state:
             return "No map grows in this flight: the live map does not run (live:=true, LIVE=1 starts it)"
-        return f"The map begins with the first configuration that is recorded (live map: {self.state})"
+        return (
+            f"The map begins with the first configuration that is recorded (live map: {self.state})"
+        )
 
     @property
     def words(self) -> str:
@@ -104,23 +115,37 @@ class Pictures:
             self._map[fact.kind] = fact
             self._match = match_rate(self._map.get(DEPTH))
 
-    def cameras(self, heard: Sequence[Tuple[str, Aged[f.PictureHeard]]]) -> Tuple[CameraPicture, ...]:
+    def cameras(
+        self, heard: Sequence[Tuple[str, Aged[f.PictureHeard]]]
+    ) -> Tuple[CameraPicture, ...]:
         """Gives the pictures of every vehicle."""
         return tuple(self._camera(name, picture) for name, picture in heard)
 
     def _camera(self, name: str, picture: Aged[f.PictureHeard]) -> CameraPicture:
         tags, problem = self._tags.get(name), self._problems.get((name, _CAMERA), "")
-        if tags is None or picture.value is None or abs(tags.stamp_s - picture.value.stamp_s) > _TOGETHER_S:
+        if (
+            tags is None
+            or picture.value is None
+            or abs(tags.stamp_s - picture.value.stamp_s) > _TOGETHER_S
+        ):
             return CameraPicture(name, picture, problem=problem)
         return CameraPicture(name, picture, tags.corners_px, tags.ids, problem)
 
     def map(self) -> MapPictures:
         """Gives the pictures as the live map told it last."""
-        problem = "; ".join(why for (_, topic), why in self._problems.items() if topic.startswith("/map/"))
+        problem = "; ".join(
+            why for (_, topic), why in self._problems.items() if topic.startswith("/map/")
+        )
         reference, depth = self._map.get(REFERENCE), self._map.get(DEPTH)
-        if reference and depth and (reference.width, reference.height) != (depth.width, depth.height):
+        if (
+            reference
+            and depth
+            and (reference.width, reference.height) != (depth.width, depth.height)
+        ):
             sizes = [f"{p.width} x {p.height}" for p in (depth, reference)]
-            return MapPictures(reference, problem=f"depth is {sizes[0]}, its picture {sizes[1]}", state=self._state)
+            return MapPictures(
+                reference, problem=f"depth is {sizes[0]}, its picture {sizes[1]}", state=self._state
+            )
         return MapPictures(reference, depth, self._match, problem, self._state)
 
 
@@ -139,7 +164,8 @@ def match_rate(depth: Optional[f.MapPicture]) -> float:
 
 
 def overlaid(reference: np.ndarray, depth: Optional[np.ndarray]) -> np.ndarray:
-    """(H, W, 3) uint8: the picture in grey, near things yellow and far ones violet over it, by their order in depth."""
+    """(H, W, 3) uint8: the picture in grey, near things yellow and far ones violet over it, by
+    their order in depth."""
     if depth is None:
         return reference
     grey = reference.astype(float).mean(axis=2, keepdims=True) * np.ones(3)
@@ -147,7 +173,9 @@ def overlaid(reference: np.ndarray, depth: Optional[np.ndarray]) -> np.ndarray:
     if not known.any():
         return grey.astype(np.uint8)
     near, far = np.percentile(1.0 / depth[known], (98.0, 2.0))
-    share = np.clip((1.0 / depth[known] - far) / max(near - far, 1e-9), 0.0, 1.0) * (len(_SCALE) - 1)
+    share = np.clip((1.0 / depth[known] - far) / max(near - far, 1e-9), 0.0, 1.0) * (
+        len(_SCALE) - 1
+    )
     at = np.arange(len(_SCALE))
     colours = np.stack([np.interp(share, at, _SCALE[:, k]) for k in range(3)], axis=1)
     grey[known] = (1.0 - _OPACITY) * grey[known] + _OPACITY * colours

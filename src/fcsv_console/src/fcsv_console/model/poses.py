@@ -12,7 +12,8 @@ Vector3 = Tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Relative:
-    """Leads from the camera of ``other`` to this one, along home's axes; ``yaw_rad``: its heading minus the other's.
+    """Leads from the camera of ``other`` to this one, along home's axes; ``yaw_rad``: its heading
+    minus the other's.
 
     ``known`` is False where one of both places is not known, or stale; the figures are NaN then.
     """

@@ -7,12 +7,20 @@ from typing import Dict, Optional, Sequence, Set
 
 from fcsv_console.model import facts as f
 
-NONE, RUNS, PASSED, BROKEN, IMPOSSIBLE, STOPPED = "none", "runs", "passed", "broken", "impossible", "stopped"
+NONE, RUNS, PASSED, BROKEN, IMPOSSIBLE, STOPPED = (
+    "none",
+    "runs",
+    "passed",
+    "broken",
+    "impossible",
+    "stopped",
+)
 
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """Shows the rehearsal of the list as it is shown. ``waived``: the operator flies it though it did not pass."""
+    """Shows the rehearsal of the list as it is shown. ``waived``: the operator flies it though it
+    did not pass."""
 
     state: str = NONE
     share: float = math.nan
@@ -24,10 +32,13 @@ class Rehearsal:
         """Says it in one line."""
         share = "" if math.isnan(self.share) else f": {100.0 * self.share:.0f} %"
         line = {
-            NONE: "not rehearsed", RUNS: f"is being rehearsed{share}", PASSED: f"rehearsed: {self.words}",
-            BROKEN: f"REHEARSAL BROKE: {self.words}", IMPOSSIBLE: f"cannot be rehearsed: {self.words}",
+            NONE: "not rehearsed",
+            RUNS: f"is being rehearsed{share}",
+            PASSED: f"rehearsed: {self.words}",
+            BROKEN: f"REHEARSAL BROKE: {self.words}",
+            IMPOSSIBLE: f"cannot be rehearsed: {self.words}",
             STOPPED: "rehearsal stopped",
-        }[self.state]  # fmt: skip
+        }[self.state]
         return f"{line}; the operator flies it so" if self.waived else line
 
     @property
@@ -54,7 +65,8 @@ class Rehearsal:
 
 
 class Rehearsals:
-    """Keeps what was heard of rehearsals. An outcome holds for the text that was flown, and for no other."""
+    """Keeps what was heard of rehearsals. An outcome holds for the text that was flown, and for no
+    other."""
 
     def __init__(self) -> None:
         self._told: Dict[str, f.RehearsalTold] = {}
@@ -88,15 +100,30 @@ def judged(text: str, status: int, last: str, flown: Optional[Sequence[dict]]) -
     """
     if not flown or status not in (0, 1):
         words = last.split("rehearse: ", 1)[-1] or "it told nothing"
-        return f.RehearsalTold(text, BROKEN if "cannot be flown" in words else IMPOSSIBLE, words=words)
-    violations = [f"{v['kind']} at {v['at_s']:.0f} s ({v['text']})" for one in flown for v in one["violations"]]
-    short = [f"{one['captures']} of {one['wanted']} recorded, then {one['phase']}: {one.get('detail', '')}".rstrip(": ")
-             for one in flown if one["captures"] < one["wanted"]]  # fmt: skip
+        return f.RehearsalTold(
+            text, BROKEN if "cannot be flown" in words else IMPOSSIBLE, words=words
+        )
+    violations = [
+        f"{v['kind']} at {v['at_s']:.0f} s ({v['text']})"
+        for one in flown
+        for v in one["violations"]
+    ]
+    short = [
+        f"{one['captures']} of {one['wanted']} recorded, then {one['phase']}: {one.get('detail', '')}".rstrip(
+            ": "
+        )
+        for one in flown
+        if one["captures"] < one["wanted"]
+    ]
     if violations or short or status:
-        return f.RehearsalTold(text, BROKEN, words="; ".join(violations[:3] + short) or f"exit status {status}")
+        return f.RehearsalTold(
+            text, BROKEN, words="; ".join(violations[:3] + short) or f"exit status {status}"
+        )
     one = flown[0]
     minutes, seconds = divmod(int(round(one["flown_s"])), 60)
     near = "" if one["nearest_m"] is None else f", never nearer than {one['nearest_m']:.1f} m"
     return f.RehearsalTold(
-        text, PASSED, words=f"{one['captures']} of {one['wanted']} recorded in {minutes}:{seconds:02d}{near}"
+        text,
+        PASSED,
+        words=f"{one['captures']} of {one['wanted']} recorded in {minutes}:{seconds:02d}{near}",
     )

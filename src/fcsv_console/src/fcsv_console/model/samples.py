@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scripted situations: what screenshots and tests of the layers show. Facts go in as they do from topics."""
+"""Scripted situations: what screenshots and tests of the layers show. Facts go in as they do from
+topics."""
 
 import math
 from dataclasses import replace
@@ -17,12 +18,15 @@ from fcsv_control.mission.activities.stages import RECORDS
 
 NOW_S = 100.0
 _NAMES = ("uav1", "uav2")
-_CALIBRATION = f.CalibrationFound((f.CalibratedLink("uav2", "uav1", 25, 0, 0.012, math.radians(0.13)),))
+_CALIBRATION = f.CalibrationFound(
+    (f.CalibratedLink("uav2", "uav1", 25, 0, 0.012, math.radians(0.13)),)
+)
 _TAG = ((294.5, 235.5), (325.5, 235.5), (325.5, 204.5), (294.5, 204.5))
 
 
 class _Script:
-    """Facts and requests of a situation; ``play`` tells them in order of time, as a flight would."""
+    """Facts and requests of a situation; ``play`` tells them in order of time, as a flight
+    would."""
 
     def __init__(self, console: Console):
         self.file, self.after = console.file, console.after
@@ -35,7 +39,9 @@ class _Script:
 
     def asked(self, at_s: float, name: str, answer: str) -> None:
         """The operator asked for an action, which was done."""
-        self._told.append((at_s, lambda: self._console.answer(self._console.ask(at_s, name), answer, True)))
+        self._told.append(
+            (at_s, lambda: self._console.answer(self._console.ask(at_s, name), answer, True))
+        )
 
     def play(self) -> None:
         """Tell everything."""
@@ -66,8 +72,24 @@ def console(mission: str) -> Console:
 
 def _lines(**wrong: Tuple[State, str, str]) -> Tuple[Line, ...]:
     """The table of both vehicles, green but for ``uavN_name=(state, what, remedy)``."""
-    names = ("link", "pre-arm", "ekf", "estimate", "feed", "tracker", "transmitter", "battery", "camera", "recorder",
-             "disk", "guardian", "agent", "radio", "clock", "tags")  # fmt: skip
+    names = (
+        "link",
+        "pre-arm",
+        "ekf",
+        "estimate",
+        "feed",
+        "tracker",
+        "transmitter",
+        "battery",
+        "camera",
+        "recorder",
+        "disk",
+        "guardian",
+        "agent",
+        "radio",
+        "clock",
+        "tags",
+    )
     found = []
     for vehicle in _NAMES:
         for name in names:
@@ -76,9 +98,17 @@ def _lines(**wrong: Tuple[State, str, str]) -> Tuple[Line, ...]:
     return tuple(found)
 
 
-def _streams(c: _Script, now_s: float, mode: str, armed: bool, places: Sequence[Tuple[float, float, float]],
-             share: float = 0.82, quiet: Sequence[str] = ()) -> None:  # fmt: skip
-    """Three seconds of all streams; those of ``quiet`` stop 2.4 s before. Both vehicles stood on the ground."""
+def _streams(
+    c: _Script,
+    now_s: float,
+    mode: str,
+    armed: bool,
+    places: Sequence[Tuple[float, float, float]],
+    share: float = 0.82,
+    quiet: Sequence[str] = (),
+) -> None:
+    """Three seconds of all streams; those of ``quiet`` stop 2.4 s before. Both vehicles stood on
+    the ground."""
     for name in _NAMES:
         c.tell(now_s - 90.0, f.EpochHeard(name, 1))
         c.tell(now_s - 90.0, f.AutopilotState(name, True, False, "STABILIZE"))
@@ -89,8 +119,14 @@ def _streams(c: _Script, now_s: float, mode: str, armed: bool, places: Sequence[
             if name in quiet and at_s > now_s - 2.4:
                 continue
             for third in range(3):
-                c.tell(at_s - third / 30.0, f.OdometryHeard(name, (place[0] + 0.2, place[1], place[2] + 8.0), 0.03))
-                c.tell(at_s - third / 30.0, f.CameraInHome(name, place, 0.02 if name == "uav2" else 0.0))
+                c.tell(
+                    at_s - third / 30.0,
+                    f.OdometryHeard(name, (place[0] + 0.2, place[1], place[2] + 8.0), 0.03),
+                )
+                c.tell(
+                    at_s - third / 30.0,
+                    f.CameraInHome(name, place, 0.02 if name == "uav2" else 0.0),
+                )
             c.tell(at_s, f.Guardian(name))
             c.tell(at_s, f.Agent(name, "mission-812-1" if mode == "GUIDED" else ""))
             c.tell(at_s, f.AutopilotState(name, True, armed, mode))
@@ -103,7 +139,9 @@ def _streams(c: _Script, now_s: float, mode: str, armed: bool, places: Sequence[
                 c.tell(at_s, f.Clock(name, 0.0012, 0.0004))
                 taken_s = at_s + (0.012 if name == "uav2" else 0.0)
                 c.tell(at_s, f.PictureHeard(name, taken_s, _picture(name)))
-                c.tell(at_s, f.Tags(name, *(((1,), (_TAG,)) if name == "uav2" else ((), ())), taken_s))
+                c.tell(
+                    at_s, f.Tags(name, *(((1,), (_TAG,)) if name == "uav2" else ((), ())), taken_s)
+                )
                 c.tell(at_s, f.Captured(name, taken_s))
         c.tell(at_s, f.MissionAlive("mission-812-1"))
 
@@ -116,7 +154,9 @@ def _picture(name: str) -> bytes:
     shift = 24 if name == "uav2" else 0
     for k, depth in enumerate((4, 2, 3, 1)):
         left, high = 40 + 150 * k - shift * depth // 2, 40 * depth
-        cv2.rectangle(picture, (left, 270 - high), (left + 90, 290), (70 + 20 * k, 80, 150 - 25 * k), -1)
+        cv2.rectangle(
+            picture, (left, 270 - high), (left + 90, 290), (70 + 20 * k, 80, 150 - 25 * k), -1
+        )
     if name == "uav2":
         cv2.rectangle(picture, (290, 200), (330, 240), (255, 255, 255), -1)
         cv2.rectangle(picture, (295, 205), (325, 235), (0, 0, 0), -1)
@@ -128,7 +168,10 @@ def _mapped(c: _Script) -> None:
     bgr = cv2.imdecode(np.frombuffer(_picture("uav1"), np.uint8), cv2.IMREAD_COLOR)
     rows = np.arange(480, dtype=np.float32)[:, None] * np.ones((1, 640), np.float32)
     depth = np.where(rows > 250.0, 3000.0 / np.maximum(rows - 240.0, 1.0), np.nan).astype("<f4")
-    c.tell(NOW_S - 4.0, f.MapPicture("reference", 640, 480, np.ascontiguousarray(bgr[:, :, ::-1]).tobytes()))
+    c.tell(
+        NOW_S - 4.0,
+        f.MapPicture("reference", 640, 480, np.ascontiguousarray(bgr[:, :, ::-1]).tobytes()),
+    )
     c.tell(NOW_S - 4.0, f.MapPicture("depth", 640, 480, depth.tobytes()))
 
 
@@ -145,9 +188,20 @@ def on_the_ground(c: _Script) -> None:
     red = (State.RED, "PreArm: Compass not calibrated", "do what the autopilot says")
     amber = (State.AMBER, "38 %", "change it; unknown: set BATT_MONITOR")
     c.tell(NOW_S - 0.3, f.Check(_lines(uav2_battery=amber, **{"uav1_pre-arm": red})))
-    c.tell(NOW_S - 0.1, f.MissionTold("WAIT_VEHICLES", "waiting for all vehicles", "", 0, len(c.file.rows),
-                                      ("flight check: uav1 pre-arm is RED",)))  # fmt: skip
-    c.tell(NOW_S - 0.2, f.Diagnosed("uav2", (("uav2/tags: health", 1, "slow or silent: pictures"),)))
+    c.tell(
+        NOW_S - 0.1,
+        f.MissionTold(
+            "WAIT_VEHICLES",
+            "waiting for all vehicles",
+            "",
+            0,
+            len(c.file.rows),
+            ("flight check: uav1 pre-arm is RED",),
+        ),
+    )
+    c.tell(
+        NOW_S - 0.2, f.Diagnosed("uav2", (("uav2/tags: health", 1, "slow or silent: pictures"),))
+    )
     c.tell(NOW_S - 1.0, f.VehicleText("uav1", "autopilot", "PreArm: Compass not calibrated", 2))
     c.tell(NOW_S - 5.0, f.RehearsalTold(c.file.text, "runs", 0.38))
 
@@ -155,7 +209,9 @@ def on_the_ground(c: _Script) -> None:
 @_in_order
 def starting(c: _Script) -> None:
     """Twelve seconds after the start: nothing is wrong, most is not heard yet."""
-    soon = dict.fromkeys(("estimate", "feed", "clock", "tags"), (State.UNKNOWN, "not heard yet", ""))
+    soon = dict.fromkeys(
+        ("estimate", "feed", "clock", "tags"), (State.UNKNOWN, "not heard yet", "")
+    )
     soon["ekf"] = (State.RED, "no position yet", "wait, or look at what the autopilot says")
     lines = _lines(**{f"{v}_{name}": told for v in _NAMES for name, told in soon.items()})
     for name in _NAMES:
@@ -163,7 +219,12 @@ def starting(c: _Script) -> None:
         c.tell(NOW_S - 0.3, f.Battery(name, 0.97, 16.4))
     c.tell(NOW_S - 0.2, f.Check(tuple(replace(li, since_s=12.0) for li in lines)))
     problem = "flight check: uav1 ekf is RED"
-    c.tell(NOW_S - 0.1, f.MissionTold("WAIT_VEHICLES", "waiting for all vehicles", "", 0, len(c.file.rows), (problem,)))
+    c.tell(
+        NOW_S - 0.1,
+        f.MissionTold(
+            "WAIT_VEHICLES", "waiting for all vehicles", "", 0, len(c.file.rows), (problem,)
+        ),
+    )
 
 
 @_in_order
@@ -201,7 +262,12 @@ def flying(c: _Script) -> None:
     c.tell(NOW_S - 0.3, f.Check(_lines()))
     c.tell(NOW_S - 200.0, f.Calibrated((("uav1", 1), ("uav2", 1)), 30.0))
     c.tell(NOW_S - 150.0, f.HomeSet("uav1"))
-    c.tell(NOW_S - 2.0, f.MissionTold("CONFIGURATIONS", f"recording {row.title}", "", 2, len(c.file.rows), (), RECORDS))
+    c.tell(
+        NOW_S - 2.0,
+        f.MissionTold(
+            "CONFIGURATIONS", f"recording {row.title}", "", 2, len(c.file.rows), (), RECORDS
+        ),
+    )
     c.tell(NOW_S - 4.0, f.MapTold("partial", "2 configurations", 0.71))
     _rehearsed(c)
     _mapped(c)
@@ -211,22 +277,40 @@ def flying(c: _Script) -> None:
 
 @_in_order
 def wrong(c: _Script) -> None:
-    """uav2 is above uav1 and falls silent; uav1's guardian holds; NaN in a pose; stop-all was asked for."""
+    """uav2 is above uav1 and falls silent; uav1's guardian holds; NaN in a pose; stop-all was asked
+    for."""
     _streams(c, NOW_S, "GUIDED", True, ((0.0, 0.0, 0.0), (0.3, -0.2, 5.0)), 0.31)
-    c.tell(NOW_S - 0.3, f.Check(_lines(uav2_radio=(State.RED, "no pose for 2.4 s", "go nearer, turn the antenna"))))
+    c.tell(
+        NOW_S - 0.3,
+        f.Check(_lines(uav2_radio=(State.RED, "no pose for 2.4 s", "go nearer, turn the antenna"))),
+    )
     c.tell(NOW_S, f.Guardian("uav1", "hold", True, reasons=("the others' places are not known",)))
     c.tell(NOW_S, f.OdometryHeard("uav1", (math.nan, 0.0, 0.0)))
-    c.tell(NOW_S - 0.2, f.Unusable("uav2", "camera/color/image_raw/compressed", "encoding '13UC5' is no picture"))
-    why, problem = "everybody was stopped: confirm 'resume', or abort", "everybody was stopped by the operator"
-    c.tell(NOW_S - 0.1, f.MissionTold("CONFIGURATIONS", why, "resume", 5, len(c.file.rows), (problem,)))
-    c.tell(NOW_S - 0.1, f.StopTold("stop", "stop all (the operator at the console); done: uav1; under way: uav2"))
+    c.tell(
+        NOW_S - 0.2,
+        f.Unusable("uav2", "camera/color/image_raw/compressed", "encoding '13UC5' is no picture"),
+    )
+    why, problem = (
+        "everybody was stopped: confirm 'resume', or abort",
+        "everybody was stopped by the operator",
+    )
+    c.tell(
+        NOW_S - 0.1, f.MissionTold("CONFIGURATIONS", why, "resume", 5, len(c.file.rows), (problem,))
+    )
+    c.tell(
+        NOW_S - 0.1,
+        f.StopTold("stop", "stop all (the operator at the console); done: uav1; under way: uav2"),
+    )
 
 
 @_in_order
 def silent(c: _Script) -> None:
     """uav2 vanished 2.4 s ago; the master does not answer."""
     _streams(c, NOW_S, "GUIDED", True, ((0.0, 0.0, 0.0), (0.0, -4.0, 0.0)), 0.5, ("uav2",))
-    c.tell(NOW_S - 0.1, f.MissionTold("CONFIGURATIONS", "", "", 1, len(c.file.rows), ("uav2 is not heard",)))
+    c.tell(
+        NOW_S - 0.1,
+        f.MissionTold("CONFIGURATIONS", "", "", 1, len(c.file.rows), ("uav2 is not heard",)),
+    )
     c.tell(NOW_S - 0.1, f.MasterTold("the ROS master does not answer"))
 
 
@@ -248,22 +332,42 @@ def ground_cameras(c: _Script) -> None:
     """Adds cameras, besides ``flying``: what a mocap sees, and a gimbal for each vehicle."""
     c.tell(NOW_S - 0.4, _seen("", (-4.0, 1.0, -0.5), 0.0, 7.0, (47.0, 43.0)))  # thesis table 5.1
     for name, y, place in zip(_NAMES, (0.4, -0.4), ((0.0, 0.0, 0.0), c.file.rows[2].goal_m)):
-        c.tell(NOW_S - 0.2, _seen(name, (-2.5, y, -1.2), math.atan2(place[1] - y, place[0] + 2.5), 4.0, (55.0, 43.0)))
+        c.tell(
+            NOW_S - 0.2,
+            _seen(
+                name, (-2.5, y, -1.2), math.atan2(place[1] - y, place[0] + 2.5), 4.0, (55.0, 43.0)
+            ),
+        )
 
 
-def _seen(gimbal_of: str, eye_m: Tuple[float, float, float], heading_rad: float, reach_m: float,
-          fov_deg: Tuple[float, float]) -> f.SeenFrom:  # fmt: skip
+def _seen(
+    gimbal_of: str,
+    eye_m: Tuple[float, float, float],
+    heading_rad: float,
+    reach_m: float,
+    fov_deg: Tuple[float, float],
+) -> f.SeenFrom:
     """A level camera."""
     wide, high = (reach_m * math.tan(math.radians(a / 2.0)) for a in fov_deg)
     x, y, z = eye_m
     c, s = math.cos(heading_rad), math.sin(heading_rad)
-    return f.SeenFrom(gimbal_of, eye_m, tuple(
-        (x + reach_m * c - side * wide * s, y + reach_m * s + side * wide * c, z + up * high)
-        for side, up in ((1, 1), (-1, 1), (-1, -1), (1, -1))
-    ))  # fmt: skip
+    return f.SeenFrom(
+        gimbal_of,
+        eye_m,
+        tuple(
+            (x + reach_m * c - side * wide * s, y + reach_m * s + side * wide * c, z + up * high)
+            for side, up in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+        ),
+    )
 
 
 SAMPLES: Dict[str, Situation] = {
-    "starting": starting, "ground": on_the_ground, "calibrated": calibrated, "ready": ready, "flying": flying,
-    "wrong": wrong, "silent": silent, "landed": landed,
-}  # fmt: skip
+    "starting": starting,
+    "ground": on_the_ground,
+    "calibrated": calibrated,
+    "ready": ready,
+    "flying": flying,
+    "wrong": wrong,
+    "silent": silent,
+    "landed": landed,
+}

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may be believed of a fact: numbers that are none, or are nonsense, are refused with a reason."""
+"""What may be believed of a fact: numbers that are none, or are nonsense, are refused with a
+reason."""
 
 import dataclasses
 import math
@@ -33,7 +34,11 @@ def unsound(fact: Any) -> str:
             if isinstance(number, float) and not _fine(field.name, number):
                 return f"{field.name} holds {number:g}"
     share = getattr(fact, "share", math.nan)
-    return f"share is {share:g}, not in 0..1" if not math.isnan(share) and not 0.0 <= share <= 1.0 + 1e-6 else ""
+    return (
+        f"share is {share:g}, not in 0..1"
+        if not math.isnan(share) and not 0.0 <= share <= 1.0 + 1e-6
+        else ""
+    )
 
 
 def _flat(value: Any) -> Iterator[Any]:

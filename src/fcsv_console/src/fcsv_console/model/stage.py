@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far the running configuration is: on its way, holding, recording, by when the mission began to say so."""
+"""How far the running configuration is: on its way, holding, recording, by when the mission began
+to say so."""
 
 from dataclasses import dataclass
 from typing import Dict, Optional, Tuple
@@ -14,7 +15,8 @@ _NEARLY = 0.9  # a recording ends a moment before its last picture would be due
 
 @dataclass(frozen=True)
 class Stage:
-    """``share``: 0..1 of holding and recording; ``words``: "" on the way, and where nothing is flown."""
+    """``share``: 0..1 of holding and recording; ``words``: "" on the way, and where nothing is
+    flown."""
 
     share: float = 0.0
     words: str = ""
@@ -23,7 +25,8 @@ class Stage:
 class StageWatch:
     """Told every MissionTold with the time; the clock runs from the first that says another thing.
 
-    A pause, or a recording that begins anew, begins its time anew as well; ``reached`` does not go back.
+    A pause, or a recording that begins anew, begins its time anew as well; ``reached`` does not go
+    back.
     """
 
     def __init__(self):
@@ -49,11 +52,13 @@ class StageWatch:
         return self._reached.get(index, 0.0)
 
     def was_recorded(self, index: int) -> bool:
-        """Whether a configuration that ended was recorded, as far as was seen; one that was not seen counts as such."""
+        """Whether a configuration that ended was recorded, as far as was seen; one that was not
+        seen counts as such."""
         return self._reached.get(index, 1.0) > _NEARLY
 
     def at(self, now_s: float, row: Optional[ConfigurationRow]) -> Stage:
-        """Gives the stage of the running configuration; it never promises more than the file says."""
+        """Gives the stage of the running configuration; it never promises more than the file
+        says."""
         stage = self._stage_at(now_s, row)
         if row is not None:
             self._reached[row.index] = max(self.reached(row.index), stage.share)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is normal while vehicles start: lines of the flight check that never passed, in a vehicle's first minute."""
+"""What is normal while vehicles start: lines of the flight check that never passed, in a vehicle's
+first minute."""
 
 from typing import Dict, FrozenSet, Optional, Sequence, Set, Tuple
 
@@ -21,7 +22,8 @@ class StartWatch:
         """The flight check as it is now."""
         for line in lines:
             oldest_s = max(li.since_s for li in lines if li.vehicle == line.vehicle)
-            self._began_s.setdefault(line.vehicle, now_s - oldest_s)  # it may have begun before this window did
+            # it may have begun before this window did
+            self._began_s.setdefault(line.vehicle, now_s - oldest_s)
             if line.passes:
                 self._passed.add((line.vehicle, line.name))
 

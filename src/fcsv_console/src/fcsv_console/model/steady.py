@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A verdict on a pair that does not flicker: GO and NO-GO change places only where the other lasts."""
+"""A verdict on a pair that does not flicker: GO and NO-GO change places only where the other
+lasts."""
 
 import math
 from dataclasses import replace
@@ -22,7 +23,8 @@ class SteadyVerdict:
         self._other_since_s = math.inf
 
     def at(self, now_s: float, what: Hashable, judged: StereoHealth) -> StereoHealth:
-        """What to show at monotonic time ``now_s`` (s) of a judgement of now; ``what``: the subject that is judged."""
+        """What to show at monotonic time ``now_s`` (s) of a judgement of now; ``what``: the subject
+        that is judged."""
         subject, (before, shown) = (what, judged.pair, judged.before), self._shown
         same = (judged.judged, judged.go) == (shown.judged, shown.go)
         if same or subject != before or not shown.judged:

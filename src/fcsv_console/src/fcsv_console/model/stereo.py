@@ -20,16 +20,19 @@ MOST_TURN_DEG = 3.0  # SettleBounds.heading_deg
 MOST_APART_M = 0.15  # SettleBounds.hold_m
 MOST_REFINED_PX = 1.0  # the map's report warns above it (report.plain_words.MOST_EPIPOLAR_PX)
 MOST_SURPRISE = 3.5  # the map doubts the trackers above it (refinement.links.SURPRISE)
-MOST_CORRECTED_RAD = math.radians(1.0)  # twice the largest turn with which the refinement of poses was measured
-MOST_TRACKED_RAD = FLOWN.rotation_rad  # of pictures that cannot be fitted: as far as the map trusts the trackers
+# twice the largest turn with which the refinement of poses was measured
+MOST_CORRECTED_RAD = math.radians(1.0)
+# of pictures that cannot be fitted: as far as the map trusts the trackers
+MOST_TRACKED_RAD = FLOWN.rotation_rad
 
 
 @dataclass(frozen=True)
 class StereoHealth:
-    """Holds the state of the reference and the vehicle that moves; NaN: not known. ``apart_m``: from the planned place;
-    ``turn_deg``: of the headings against the plan; ``pitch_deg``, ``roll_deg``: of one camera against the other, as
-    wind leans the vehicles: rectification takes them out, so that they count by the overlap only; ``judged``: there is
-    enough to say go or no-go; ``before``: nothing is flown yet, pictures and places alone are judged. ``epipolar_px``,
+    """Holds the state of the reference and the vehicle that moves; NaN: not known. ``apart_m``:
+    from the planned place; ``turn_deg``: of the headings against the plan; ``pitch_deg``,
+    ``roll_deg``: of one camera against the other, as wind leans the vehicles: rectification takes
+    them out, so that they count by the overlap only; ``judged``: there is enough to say go or
+    no-go; ``before``: nothing is flown yet, pictures and places alone are judged. ``epipolar_px``,
     ``refined_px`` and ``surprise``: as EpipolarTold."""
 
     pair: Tuple[str, str] = ("", "")
@@ -59,19 +62,30 @@ class StereoHealth:
             return "GO so far: pictures of the same moment, and they agree with the places"
         if not self.go:
             return f"NO-GO: {'; '.join(self.reasons)}"
-        compared = "" if not math.isnan(self.epipolar_px) else "; its pictures were not compared yet"
+        compared = (
+            "" if not math.isnan(self.epipolar_px) else "; its pictures were not compared yet"
+        )
         return f"GO: the pair is as planned{compared}"
 
 
 def judge(
-    row: ConfigurationRow, pair: Tuple[str, str], reference: Aged[CameraInHome], moving: Aged[CameraInHome],
-    skew_s: float, target_m: float, optics: Optics, told: Optional[EpipolarTold] = None,
-) -> StereoHealth:  # fmt: skip
-    """While ``row`` is flown. ``skew_s``: of the pictures that the map would take (NaN: not known), ``told``: how they
-    agree (None: not known); ``target_m``: the range that is wanted. Places that are not known leave the plan's overlap.
+    row: ConfigurationRow,
+    pair: Tuple[str, str],
+    reference: Aged[CameraInHome],
+    moving: Aged[CameraInHome],
+    skew_s: float,
+    target_m: float,
+    optics: Optics,
+    told: Optional[EpipolarTold] = None,
+) -> StereoHealth:
+    """While ``row`` is flown. ``skew_s``: of the pictures that the map would take (NaN: not known),
+    ``told``: how they agree (None: not known); ``target_m``: the range that is wanted. Places that
+    are not known leave the plan's overlap.
     """
     places = tuple(zip(pair, (reference, moving)))
-    unknown = tuple(f"{name}'s place in home is not known yet" for name, place in places if place.value is None)
+    unknown = tuple(
+        f"{name}'s place in home is not known yet" for name, place in places if place.value is None
+    )
     if unknown:  # a window that was opened a moment ago
         return StereoHealth(pair, reasons=unknown)
     reasons = [f"{name}'s place is {place.words} old" for name, place in places if place.stale]
@@ -82,11 +96,15 @@ def judge(
         overlap = seen_by_both(reference.value, moving.value, target_m, optics)
         baseline_m = float(np.linalg.norm(b - a))
         apart_m = float(np.linalg.norm(b - a - np.array(row.goal_m)))
-        turn_deg = abs(_degrees(moving.value.heading_rad - reference.value.heading_rad - row.goal_heading_rad))
+        turn_deg = abs(
+            _degrees(moving.value.heading_rad - reference.value.heading_rad - row.goal_heading_rad)
+        )
         pitch_deg = abs(_degrees(moving.value.pitch_rad - reference.value.pitch_rad))
         roll_deg = abs(_degrees(moving.value.roll_rad - reference.value.roll_rad))
         focal_px = optics.focal_along(row.axis)
-        error_m = float(depth_error(target_m, max(baseline_m, 1e-3), focal_px, optics.disparity_error_px))
+        error_m = float(
+            depth_error(target_m, max(baseline_m, 1e-3), focal_px, optics.disparity_error_px)
+        )
     reasons += _wrong(overlap, target_m, skew_s, turn_deg, apart_m)
     reasons += _disagree(told, optics)
     return StereoHealth(
@@ -112,18 +130,28 @@ def _degrees(angle_rad: float) -> float:
     return math.degrees((angle_rad + math.pi) % (2.0 * math.pi) - math.pi)
 
 
-def judge_before(pair: Tuple[str, str], skew_s: float, told: Optional[EpipolarTold], optics: Optics) -> StereoHealth:
-    """Judges the pair before the first configuration, by the pictures that cross the radio all the time.
+def judge_before(
+    pair: Tuple[str, str], skew_s: float, told: Optional[EpipolarTold], optics: Optics
+) -> StereoHealth:
+    """Judges the pair before the first configuration, by the pictures that cross the radio all the
+    time.
 
-    Vehicles stand in a column: one looks along the baseline, nothing can be fitted, the error as tracked is judged.
+    Vehicles stand in a column: one looks along the baseline, nothing can be fitted, the error as
+    tracked is judged.
     """
     reasons = _apart_in_time(skew_s) + _disagree(told, optics)
     figures = _figures(told)
     unknown = ["no pictures of both yet"] if math.isnan(skew_s) else []
-    unknown += ["no epipolar error yet: no home, or too little in common"] if math.isnan(figures[0]) else []
+    unknown += (
+        ["no epipolar error yet: no home, or too little in common"]
+        if math.isnan(figures[0])
+        else []
+    )
     words, go = tuple(reasons or unknown), not (reasons or unknown)
     judged = bool(reasons) or not unknown
-    return StereoHealth(pair, math.nan, skew_s, math.nan, *figures, go=go, reasons=words, judged=judged, before=True)
+    return StereoHealth(
+        pair, math.nan, skew_s, math.nan, *figures, go=go, reasons=words, judged=judged, before=True
+    )
 
 
 def _apart_in_time(skew_s: float) -> List[str]:
@@ -138,22 +166,31 @@ def _figures(told: Optional[EpipolarTold]) -> Tuple[float, float, float]:
 
 
 def _disagree(told: Optional[EpipolarTold], optics: Optics) -> List[str]:
-    """What of pictures and places the map would doubt. Pictures that it can fit are judged by what the fit leaves."""
+    """What of pictures and places the map would doubt. Pictures that it can fit are judged by what
+    the fit leaves."""
     if told is None or math.isnan(told.error_px):
         return []
     focal_px = optics.focal_px if math.isnan(told.focal_px) else told.focal_px
     most_rad = MOST_TRACKED_RAD if math.isnan(told.refined_px) else MOST_CORRECTED_RAD
     found = []
     if told.error_px > focal_px * most_rad:
-        found.append(f"pictures and places disagree by {told.error_px:.0f} px across the epipolar lines")
+        found.append(
+            f"pictures and places disagree by {told.error_px:.0f} px across the epipolar lines"
+        )
     if told.refined_px > MOST_REFINED_PX:
-        found.append(f"pictures miss their epipolar lines by {told.refined_px:.1f} px, however the map fits them")
+        found.append(
+            f"pictures miss their epipolar lines by {told.refined_px:.1f} px, however the map fits them"
+        )
     if told.surprise > MOST_SURPRISE:
-        found.append(f"pictures put the cameras {told.surprise:.1f} standard deviations off their trackers")
+        found.append(
+            f"pictures put the cameras {told.surprise:.1f} standard deviations off their trackers"
+        )
     return found
 
 
-def _wrong(overlap: float, target_m: float, skew_s: float, turn_deg: float, apart_m: float) -> List[str]:
+def _wrong(
+    overlap: float, target_m: float, skew_s: float, turn_deg: float, apart_m: float
+) -> List[str]:
     found = []
     if overlap < LEAST_OVERLAP:
         found.append(f"only {overlap:.0%} of the picture is seen by both at {target_m:.0f} m")

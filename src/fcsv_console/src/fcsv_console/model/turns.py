@@ -18,7 +18,8 @@ class Window:
 
 
 class Turns:
-    """``own`` has the goals while no window is heard that was opened before it, nor in its own first moments.
+    """``own`` has the goals while no window is heard that was opened before it, nor in its own
+    first moments.
 
     >>> turns, other = Turns(Window(20.0, "/console_2")), Window(10.0, "/console_1")
     >>> [turns.mine(at_s) for at_s in (0.0, 2.4, 2.6)]
@@ -48,7 +49,9 @@ class Turns:
 
     def before(self, now_s: float) -> Optional[Window]:
         """The window that has them in place of this one; None: there is none."""
-        first = min([self.own, *(w for w, at_s in list(self._others.items()) if now_s - at_s <= _GONE_S)])
+        first = min(
+            [self.own, *(w for w, at_s in list(self._others.items()) if now_s - at_s <= _GONE_S)]
+        )
         return first if first != self.own else None
 
     def due(self, now_s: float) -> bool:

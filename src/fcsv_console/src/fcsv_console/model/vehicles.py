@@ -13,7 +13,14 @@ from fcsv_geometry.streams.silence import Silence
 
 _FAILSAFE_MODES = ("RTL", "SMART_RTL", "AUTO", "FLIP")
 _STOPPED_MODES = ("BRAKE", "LAND")
-PILOT, MISSION, GUARDIAN, FAILSAFE, NOBODY, UNKNOWN = "pilot", "mission", "guardian", "failsafe", "nobody", "unknown"
+PILOT, MISSION, GUARDIAN, FAILSAFE, NOBODY, UNKNOWN = (
+    "pilot",
+    "mission",
+    "guardian",
+    "failsafe",
+    "nobody",
+    "unknown",
+)
 
 
 @dataclass(frozen=True)
@@ -26,10 +33,11 @@ class Flier:
 
 @dataclass(frozen=True)
 class VehicleRow:
-    """A vehicle at one moment; times in s. ``heard``: anything of it at all; its state comes 2.5 times a second, other
-    streams five to thirty times. ``endurance_s``: until its battery is at the mission's lowest share. ``no_picture_s``:
-    how long its recorder has waited for a picture, 0 where one came in the last seconds. ``not_in_bags``: topics that a
-    playback does not have. ``height_m``: above where it stood with its motors off, None: that was not seen."""
+    """A vehicle at one moment; times in s. ``heard``: anything of it at all; its state comes 2.5
+    times a second, other streams five to thirty times. ``endurance_s``: until its battery is at the
+    mission's lowest share. ``no_picture_s``: how long its recorder has waited for a picture, 0
+    where one came in the last seconds. ``not_in_bags``: topics that a playback does not have.
+    ``height_m``: above where it stood with its motors off, None: that was not seen."""
 
     name: str
     flier: Flier
@@ -95,7 +103,8 @@ class VehicleRow:
 
 
 def who_flies(heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked: str = "") -> Flier:  # noqa: C901
-    """Who has the vehicle now, highest first as in docs/user/safety.md: pilot, failsafe, guardian, mission."""
+    """Who has the vehicle now, highest first as in docs/user/safety.md: pilot, failsafe, guardian,
+    mission."""
     if state.value is None:
         return Flier(UNKNOWN, "not heard yet")
     s: f.AutopilotState = state.value
@@ -103,7 +112,9 @@ def who_flies(heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked:
         return Flier(UNKNOWN, f"not heard for {heard.words} (was {s.mode})")
     if state.stale:
         return Flier(UNKNOWN, f"no state for {state.words} (was {s.mode})")
-    g: f.Guardian = guardian.value if guardian.value is not None and not guardian.stale else f.Guardian("")
+    g: f.Guardian = (
+        guardian.value if guardian.value is not None and not guardian.stale else f.Guardian("")
+    )
     if g.uncontrolled:
         return Flier(FAILSAFE, "COMES DOWN WITHOUT A POSITION: keep away")
     if not s.armed:
@@ -133,34 +144,52 @@ def who_flies(heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked:
 _NO_PICTURE_S = 2.5  # its recorder tells once a second how many it has
 #: what crosses the radio as state, by the topic whose age counts
 _CROSSES = {
-    f.AutopilotState: "mavros/state", f.OdometryHeard: "odometry/state", f.Battery: "mavros/battery",
-    f.Guardian: "guardian/state", f.Agent: "agent/alive", f.Recorder: "recorder/status",
-}  # fmt: skip
+    f.AutopilotState: "mavros/state",
+    f.OdometryHeard: "odometry/state",
+    f.Battery: "mavros/battery",
+    f.Guardian: "guardian/state",
+    f.Agent: "agent/alive",
+    f.Recorder: "recorder/status",
+}
 
-_DIAGNOSED_S = 12.0  # told every 5 s while all is well (fcsv_control.flight_check.digest): two may get lost
+# told every 5 s while all is well (fcsv_control.flight_check.digest): two may get lost
+_DIAGNOSED_S = 12.0
 
 
 class Vehicle:
-    """Collects what is heard of one vehicle. ``since_s`` gives from when the newest message of a topic counts that came
-    at some time: Arrivals.since_s, where a relay is between."""
+    """Collects what is heard of one vehicle. ``since_s`` gives from when the newest message of a
+    topic counts that came at some time: Arrivals.since_s, where a relay is between."""
 
-    def __init__(self, name: str, since_s: Callable[[str, float], float] = lambda _topic, came_s: came_s):
+    def __init__(
+        self, name: str, since_s: Callable[[str, float], float] = lambda _topic, came_s: came_s
+    ):
         self.name, self._since_s = name, since_s
         self.epoch: Optional[int] = None
-        self._ground_m: Optional[float] = None  # height in its odometry where it stood with its motors off
+        # height in its odometry where it stood with its motors off
+        self._ground_m: Optional[float] = None
         self._not_in_bags: Tuple[str, ...] = ()
         self._any: AgingFact[str] = AgingFact()
         self._no_picture, self._pictures = Silence(_NO_PICTURE_S), 0
         self.heard: Dict[Type, AgingFact] = {
-            f.AutopilotState: slow(), f.OdometryHeard: AgingFact(), f.CameraInHome: AgingFact(),
-            f.Guardian: AgingFact(), f.Agent: AgingFact(), f.Battery: slow(), f.PictureHeard: slow(),
-            f.Recorder: slow(), f.Clock: AgingFact(10.0), f.Radio: slow(),
-            f.VehicleText: AgingFact(math.inf), f.Captured: slow(), f.Tags: slow(),
+            f.AutopilotState: slow(),
+            f.OdometryHeard: AgingFact(),
+            f.CameraInHome: AgingFact(),
+            f.Guardian: AgingFact(),
+            f.Agent: AgingFact(),
+            f.Battery: slow(),
+            f.PictureHeard: slow(),
+            f.Recorder: slow(),
+            f.Clock: AgingFact(10.0),
+            f.Radio: slow(),
+            f.VehicleText: AgingFact(math.inf),
+            f.Captured: slow(),
+            f.Tags: slow(),
             f.Diagnosed: AgingFact(_DIAGNOSED_S),
-        }  # fmt: skip
+        }
 
     def tell(self, now_s: float, fact: Any) -> None:
-        """A fact of it that was found sound. What this machine makes of it, or says about it, is no sign of life."""
+        """A fact of it that was found sound. What this machine makes of it, or says about it, is no
+        sign of life."""
         if not isinstance(fact, (f.CameraInHome, f.Radio, f.Clock, f.NotInBags)):
             self._any.tell(now_s, self.name)
         if isinstance(fact, f.Recorder):
@@ -176,22 +205,43 @@ class Vehicle:
             self.heard[type(fact)].tell(now_s, fact)
 
     def row(
-        self, now_s: float, calibrated: Tuple[Optional[int], float], stop_asked: str, needed_s: float,
+        self,
+        now_s: float,
+        calibrated: Tuple[Optional[int], float],
+        stop_asked: str,
+        needed_s: float,
         lasts: Callable[[float], float],
-    ) -> VehicleRow:  # fmt: skip
-        """``calibrated``: epoch and age (s) of the calibration; ``lasts``: seconds that a battery share lasts."""
+    ) -> VehicleRow:
+        """``calibrated``: epoch and age (s) of the calibration; ``lasts``: seconds that a battery
+        share lasts."""
         at = {kind: self._at(now_s, kind) for kind in self.heard}
         battery, anything = at[f.Battery], self._any.at(now_s)
         share = battery.value.share if battery.value is not None and not battery.stale else math.nan
         return VehicleRow(
-            self.name, who_flies(anything, at[f.AutopilotState], at[f.Guardian], at[f.Agent], stop_asked),
-            anything, at[f.AutopilotState], at[f.OdometryHeard], at[f.CameraInHome], at[f.PictureHeard], battery,
-            at[f.Guardian], at[f.Agent], at[f.Recorder], at[f.Clock], at[f.Radio], at[f.VehicleText],
+            self.name,
+            who_flies(anything, at[f.AutopilotState], at[f.Guardian], at[f.Agent], stop_asked),
+            anything,
+            at[f.AutopilotState],
+            at[f.OdometryHeard],
+            at[f.CameraInHome],
+            at[f.PictureHeard],
+            battery,
+            at[f.Guardian],
+            at[f.Agent],
+            at[f.Recorder],
+            at[f.Clock],
+            at[f.Radio],
+            at[f.VehicleText],
             at[f.Diagnosed],
-            self.epoch, calibrated[0], calibrated[1], lasts(share), needed_s, self._no_picture.lasts_s(now_s),
+            self.epoch,
+            calibrated[0],
+            calibrated[1],
+            lasts(share),
+            needed_s,
+            self._no_picture.lasts_s(now_s),
             self._not_in_bags,
             self._height_m(at[f.OdometryHeard]),
-        )  # fmt: skip
+        )
 
     def _stands(self, now_s: float, fact: f.OdometryHeard) -> None:
         state = self.heard[f.AutopilotState].at(now_s)
@@ -199,7 +249,11 @@ class Vehicle:
             self._ground_m = fact.p_odom_m[2]
 
     def _height_m(self, pose: Aged) -> Optional[float]:
-        return None if pose.value is None or self._ground_m is None else pose.value.p_odom_m[2] - self._ground_m
+        return (
+            None
+            if pose.value is None or self._ground_m is None
+            else pose.value.p_odom_m[2] - self._ground_m
+        )
 
     def _recorded(self, now_s: float, told: f.Recorder) -> None:
         self._no_picture.want(now_s, told.pictures_on)
@@ -211,4 +265,6 @@ class Vehicle:
         topic = _CROSSES.get(kind)
         if topic is None:
             return self.heard[kind].at(now_s)
-        return self.heard[kind].at(now_s, lambda came_s: self._since_s(f"/{self.name}/{topic}", came_s))
+        return self.heard[kind].at(
+            now_s, lambda came_s: self._since_s(f"/{self.name}/{topic}", came_s)
+        )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that is shown at one moment: immutable, so that a layer may keep it, compare it and draw it later."""
+"""Everything that is shown at one moment: immutable, so that a layer may keep it, compare it and
+draw it later."""
 
 from dataclasses import dataclass
 from typing import Dict, FrozenSet, Optional, Tuple
@@ -26,10 +27,11 @@ from fcsv_geometry.missions.phases import OVER
 
 @dataclass(frozen=True)
 class View:
-    """``running``: index of the running configuration, None where none is; ``progress``: 0..1 of the list,
-    ``stage``: how far the running one is; ``recorded``: a recording is played, nobody flies; ``starting``: what was not
-    heard yet may still come, ``waiting``: lines of the flight check that are so at every start; ``ended``: the mission
-    is over and its machines are silent; ``optics``: whose camera ranges and errors are computed with."""
+    """``running``: index of the running configuration, None where none is; ``progress``: 0..1 of
+    the list, ``stage``: how far the running one is; ``recorded``: a recording is played, nobody
+    flies; ``starting``: what was not heard yet may still come, ``waiting``: lines of the flight
+    check that are so at every start; ``ended``: the mission is over and its machines are silent;
+    ``optics``: whose camera ranges and errors are computed with."""
 
     now_s: float
     vehicles: Tuple[VehicleRow, ...]
@@ -77,7 +79,9 @@ class View:
             return False
         if self.check is None:
             return self.starting
-        return bool(self.waiting) and all(li.passes or li.state is State.AMBER or self.waits(li) for li in self.check)
+        return bool(self.waiting) and all(
+            li.passes or li.state is State.AMBER or self.waits(li) for li in self.check
+        )
 
     def waits(self, line: Line) -> bool:
         """Whether a line of the flight check is as it is at every start."""
@@ -91,13 +95,17 @@ class View:
         return worst([li for li in self.check if not li.passes] or [Line("", "", State.GREEN, "")])
 
     def against_others(self, name: str) -> Tuple[Relative, ...]:
-        """Gives the places of one vehicle, as both places are now; of those that are not known only the name."""
+        """Gives the places of one vehicle, as both places are now; of those that are not known only
+        the name."""
         places = {v.name: v.place for v in self.vehicles}
         own = places[name]
         return tuple(
-            relative(own.value, place.value) if not own.stale and not place.stale else Relative(other)
-            for other, place in places.items() if other != name
-        )  # fmt: skip
+            relative(own.value, place.value)
+            if not own.stale and not place.stale
+            else Relative(other)
+            for other, place in places.items()
+            if other != name
+        )
 
     @property
     def headline(self) -> str:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes, from a view its guide: each phase has a line in words, a verdict on its figures, and at most one next
-button."""
+"""Makes, from a view its guide: each phase has a line in words, a verdict on its figures, and at
+most one next button."""
 
 import math
 from typing import Callable, Dict, List, Optional, Sequence, Tuple
@@ -27,10 +27,22 @@ def _guide(view: View, before: str) -> Guide:
     m = view.mission.value
     if m is None:
         if view.starting:
-            return Guide("Starting, normal for about a minute: no mission is heard yet", _rehearse(view), WAITS)
-        return Guide("No mission is heard: start control.launch, or mend its mission file", _rehearse(view), CARE)
+            return Guide(
+                "Starting, normal for about a minute: no mission is heard yet",
+                _rehearse(view),
+                WAITS,
+            )
+        return Guide(
+            "No mission is heard: start control.launch, or mend its mission file",
+            _rehearse(view),
+            CARE,
+        )
     if m.phase in OVER:
-        return Guide(f"{_told(m)}. The flight is over; {_after(view)}", AFTER, WELL if m.phase == "DONE" else CARE)
+        return Guide(
+            f"{_told(m)}. The flight is over; {_after(view)}",
+            AFTER,
+            WELL if m.phase == "DONE" else CARE,
+        )
     if not view.mission_alive:
         return Guide(f"THE MISSION IS NOT HEARD (was in {m.phase})", "", LOST)
     if m.waits_for == "resume":
@@ -63,7 +75,7 @@ def _rehearse(view: View) -> str:
     return "rehearse" if view.rehearsal.wanted and view.actions["rehearse"].enabled else ""
 
 
-# ---- people fly --------------------------------------------------------------------------------------------------
+# ---- people fly ----------------------------------------------------------------------------------
 
 
 def _wait_vehicles(view: View, m: f.MissionTold, _before: str) -> Guide:
@@ -74,7 +86,9 @@ def _wait_vehicles(view: View, m: f.MissionTold, _before: str) -> Guide:
     if not lines:
         words = "the vehicles are not heard yet"
         return Guide(
-            f"Starting, normal for about a minute: {words}" if view.starting else f"Not ready: {words}",
+            f"Starting, normal for about a minute: {words}"
+            if view.starting
+            else f"Not ready: {words}",
             _rehearse(view),
             WAITS if view.starting else CARE,
         )
@@ -82,12 +96,16 @@ def _wait_vehicles(view: View, m: f.MissionTold, _before: str) -> Guide:
         return Guide("; ".join(m.problems[:1]) or m.detail, _rehearse(view))
     amber = [li for li in wrong if li.state is State.AMBER]
     if wrong and len(amber) == len(left):
-        return Guide(f"{_many(amber, 'amber line')} to accept or mend: {_named(amber)}", ACCEPT, CARE)
+        return Guide(
+            f"{_many(amber, 'amber line')} to accept or mend: {_named(amber)}", ACCEPT, CARE
+        )
     red = [li for li in wrong if li.state is not State.AMBER]
     if red:
         first = max(red, key=lambda li: li.state)
         more = f"; {_many(left, 'check')} of {len(lines)} left" if len(left) > 1 else ""
-        return Guide(f"Not ready: {first.vehicle} {first.name}: {first.what}{more}", _rehearse(view), CARE)
+        return Guide(
+            f"Not ready: {first.vehicle} {first.name}: {first.what}{more}", _rehearse(view), CARE
+        )
     return Guide(
         f"Starting, normal for about a minute: {_many(left, 'check')} of {len(lines)} to go ({_named(left)})",
         _rehearse(view),
@@ -112,8 +130,14 @@ def _take_off(view: View, m: f.MissionTold, _before: str) -> Guide:
 def _column(view: View, m: f.MissionTold, before: str) -> Guide:
     refused = before == "CALIBRATE"
     if m.waits_for == "calibrate":
-        what = f"Calibration refused: {m.detail}" if refused else "The column stands, every tag is in view"
-        return Guide(f"{what}. Hold still and Calibrate [C]", "calibrate", CARE if refused else WELL)
+        what = (
+            f"Calibration refused: {m.detail}"
+            if refused
+            else "The column stands, every tag is in view"
+        )
+        return Guide(
+            f"{what}. Hold still and Calibrate [C]", "calibrate", CARE if refused else WELL
+        )
     missing = view.actions["calibrate"].why_not
     if m.problems:
         return Guide(_sentences(m.problems[0], _heights(view)), "", CARE)
@@ -133,7 +157,11 @@ def _move_home(view: View, m: f.MissionTold, before: str) -> Guide:
     ready = "set_home" if view.actions["set_home"].enabled else ""
     if m.problems:
         return Guide(_sentences(m.problems[0], then), ready, CARE)
-    return Guide(_sentences(m.detail if refused else calibrated, then), ready, CARE if refused and calibrated else sort)
+    return Guide(
+        _sentences(m.detail if refused else calibrated, then),
+        ready,
+        CARE if refused and calibrated else sort,
+    )
 
 
 def calibration_words(found: Optional[f.CalibrationFound]) -> Tuple[str, str]:
@@ -169,7 +197,9 @@ def _set_home(view: View, m: f.MissionTold, _before: str) -> Guide:
             ACCEPT if only_amber else _rehearse(view),
             WAITS if view.rehearsal.runs else CARE,
         )
-    takes = clock_words(seconds_left(view.file, 0, len(view.vehicles))) if mission is not None else "-"
+    takes = (
+        clock_words(seconds_left(view.file, 0, len(view.vehicles))) if mission is not None else "-"
+    )
     lasts = [v.endurance_s for v in view.vehicles if not math.isnan(v.endurance_s)]
     battery = f", batteries last {clock_words(min(lasts))}" if lasts else ""
     words = f"Home is set. Execute [X] flies {len(view.file.rows)} configurations in about {takes}{battery}"
@@ -177,12 +207,14 @@ def _set_home(view: View, m: f.MissionTold, _before: str) -> Guide:
     return Guide(words, "execute", WELL if enough else CARE)
 
 
-# ---- the mission flies -------------------------------------------------------------------------------------------
+# ---- the mission flies ---------------------------------------------------------------------------
 
 
 def _guided(_view: View, m: f.MissionTold, _before: str) -> Guide:
     return Guide(
-        f"Handing over: {m.problems[0] if m.problems else m.detail}".rstrip(": "), "", CARE if m.problems else PLAIN
+        f"Handing over: {m.problems[0] if m.problems else m.detail}".rstrip(": "),
+        "",
+        CARE if m.problems else PLAIN,
     )
 
 
@@ -195,12 +227,16 @@ def _configurations(view: View, m: f.MissionTold, _before: str) -> Guide:
 def _land(view: View, m: f.MissionTold, _before: str) -> Guide:
     what = _sentences("; ".join(m.problems[:1]) or m.detail)
     heights = _heights(view)
-    return Guide(f"Landing: {what}{f'. {heights}' if heights else ''}", "", CARE if m.problems else PLAIN)
+    return Guide(
+        f"Landing: {what}{f'. {heights}' if heights else ''}", "", CARE if m.problems else PLAIN
+    )
 
 
 def _heights(view: View) -> str:
     """Says the heights of who is up, above where it stood."""
-    known = [f"{v.name} {v.height_m:.1f} m" for v in view.vehicles if v.armed and v.height_m is not None]
+    known = [
+        f"{v.name} {v.height_m:.1f} m" for v in view.vehicles if v.armed and v.height_m is not None
+    ]
     return f"Above ground: {', '.join(known)}" if known else ""
 
 

@@ -1,2 +1,3 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The view-model as a window: widgets that show a view and tell which action was asked for, no more."""
+"""The view-model as a window: widgets that show a view and tell which action was asked for, no
+more."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Leads on after the flight, in a dock: three steps with their progress; a step that runs is stopped by its own
-button."""
+"""Leads on after the flight, in a dock: three steps with their progress; a step that runs is
+stopped by its own button."""
 
 from typing import Dict
 
@@ -22,12 +22,16 @@ from fcsv_console.qt import colours
 from fcsv_console.qt.hold import stand_out
 
 _FIELDS = (("sources", "Machines"), ("session", "Session"), ("out", "Map"))
-_HINTS = {"sources": "uav1=pilot@HOST:FOLDER uav2=... control=FOLDER", "session": "folder of the session",
-          "out": "folder of the map"}  # fmt: skip
+_HINTS = {
+    "sources": "uav1=pilot@HOST:FOLDER uav2=... control=FOLDER",
+    "session": "folder of the session",
+    "out": "folder of the map",
+}
 
 
 class AfterDock(QDockWidget):
-    """``asked`` (step, places) for a step that is to begin, or to be stopped; ``changed`` (places) while typing."""
+    """``asked`` (step, places) for a step that is to begin, or to be stopped; ``changed`` (places)
+    while typing."""
 
     asked, changed = Signal(str, object), Signal(object)
 
@@ -54,7 +58,8 @@ class AfterDock(QDockWidget):
             bar.setFixedWidth(120)
             self.words[step.name] = words = QLabel()
             words.setAccessibleName(f"What {step.title.lower()} said")
-            words.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)  # a long line is cut; its tooltip is not
+            # a long line is cut; its tooltip is not
+            words.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
             for column, widget in enumerate((QLabel(name), edit, button, bar, words)):
                 grid.addWidget(widget, k, column)
         grid.setRowStretch(len(_FIELDS), 1)
@@ -70,7 +75,11 @@ class AfterDock(QDockWidget):
     def show_view(self, view: View) -> None:
         """What can be done, and how far it is."""
         for step in view.after:
-            button, bar, words = self.buttons[step.name], self.bars[step.name], self.words[step.name]
+            button, bar, words = (
+                self.buttons[step.name],
+                self.bars[step.name],
+                self.words[step.name],
+            )
             runs = step.state == after.RUNS
             button.setText("Stop" if runs else step.title)
             button.setAccessibleName(f"Stop {step.title.lower()}" if runs else step.title)
@@ -79,10 +88,24 @@ class AfterDock(QDockWidget):
             stand_out(button, step.next)
             busy = runs and step.share != step.share
             bar.setRange(0, 0 if busy else 100)
-            bar.setValue(-1 if busy else 100 if step.state == after.DONE else int(100 * step.share) if runs else 0)
+            bar.setValue(
+                -1
+                if busy
+                else 100
+                if step.state == after.DONE
+                else int(100 * step.share)
+                if runs
+                else 0
+            )
             bar.setVisible(step.name != after.REPORT)
             told = step.told or step.why_not
             words.setText(told)
             words.setToolTip(told)
-            tone = cells.BAD if step.state == after.FAILED else cells.QUIET if not step.told else cells.PLAIN
+            tone = (
+                cells.BAD
+                if step.state == after.FAILED
+                else cells.QUIET
+                if not step.told
+                else cells.PLAIN
+            )
             words.setStyleSheet(f"color: {colours.tone(tone, self.palette()).name()}")

@@ -43,11 +43,20 @@ def disc(number: int) -> QIcon:
 def dark() -> QPalette:
     """A dark palette of our own, for a desktop that has none."""
     p = QPalette()
-    for role, colour in ((QPalette.Window, "#1f2329"), (QPalette.Base, "#181b20"), (QPalette.AlternateBase, "#1f2329"),
-                         (QPalette.Button, "#2c323a"), (QPalette.WindowText, "#e6e6e6"), (QPalette.Text, "#e6e6e6"),
-                         (QPalette.ButtonText, "#e6e6e6"), (QPalette.ToolTipBase, "#2c323a"),
-                         (QPalette.ToolTipText, "#e6e6e6"), (QPalette.Highlight, "#2f5d8a"),
-                         (QPalette.HighlightedText, "#ffffff"), (QPalette.Mid, "#3a414b")):  # fmt: skip
+    for role, colour in (
+        (QPalette.Window, "#1f2329"),
+        (QPalette.Base, "#181b20"),
+        (QPalette.AlternateBase, "#1f2329"),
+        (QPalette.Button, "#2c323a"),
+        (QPalette.WindowText, "#e6e6e6"),
+        (QPalette.Text, "#e6e6e6"),
+        (QPalette.ButtonText, "#e6e6e6"),
+        (QPalette.ToolTipBase, "#2c323a"),
+        (QPalette.ToolTipText, "#e6e6e6"),
+        (QPalette.Highlight, "#2f5d8a"),
+        (QPalette.HighlightedText, "#ffffff"),
+        (QPalette.Mid, "#3a414b"),
+    ):
         p.setColor(role, QColor(colour))
     for role in (QPalette.WindowText, QPalette.Text, QPalette.ButtonText):
         p.setColor(QPalette.Disabled, role, QColor("#7d858f"))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Planar gauges in the corner of the view from above: grey where a vehicle should be, coloured where it is."""
+"""Planar gauges in the corner of the view from above: grey where a vehicle should be, coloured
+where it is."""
 
 from typing import Sequence
 
@@ -13,7 +14,8 @@ SIDE_PX, _GAP_PX, _WORDS_PX = 52.0, 10.0, 16.0
 
 
 def draw(painter: QPainter, gauges: Sequence[Gauge], palette: QPalette, bottom: float) -> None:
-    """Side by side from the left, above ``bottom`` (px). Up is forward; the edge is REACH_M away."""
+    """Side by side from the left, above ``bottom`` (px). Up is forward; the edge is REACH_M
+    away."""
     ink = QColor(palette.color(QPalette.WindowText))
     for k, gauge in enumerate(gauges):
         left = _GAP_PX + k * (SIDE_PX + _GAP_PX)

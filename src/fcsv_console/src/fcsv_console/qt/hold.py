@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A button of an action: a click, or held for so long; its reason in the tooltip; the key does the same."""
+"""A button of an action: a click, or held for so long; its reason in the tooltip; the key does the
+same."""
 
 import time
 from typing import Optional
@@ -15,7 +16,8 @@ _NEXT = "background-color: #005A8C; color: white; border: 2px solid #56B4E9; bor
 
 
 class ActionButton(QPushButton):
-    """Emits ``asked`` with the action's name. Begin and end of holding come from mouse and keys alike."""
+    """Emits ``asked`` with the action's name. Begin and end of holding come from mouse and keys
+    alike."""
 
     asked = Signal(str)
 
@@ -101,12 +103,14 @@ class ActionButton(QPushButton):
         if self._since_s is not None:
             painter = QPainter(self)
             bar = QRectF(2.0, self.height() - 7.0, (self.width() - 4.0) * self.share, 5.0)
-            painter.fillRect(bar, QColor("#ffffff") if self.action.name == "stop_all" else QColor("#E69F00"))
+            painter.fillRect(
+                bar, QColor("#ffffff") if self.action.name == "stop_all" else QColor("#E69F00")
+            )
 
 
 def stand_out(button: QPushButton, is_next: bool) -> None:
-    """Paints the button in the colour of what is well, with a frame: it is what comes next. A screen reader is told,
-    too."""
+    """Paints the button in the colour of what is well, with a frame: it is what comes next. A
+    screen reader is told, too."""
     if bool(button.property("next")) == is_next:
         return
     button.setProperty("next", is_next)

@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every action by key, wherever the focus is; in an editor letters write, and only a held space stops all."""
+"""Every action by key, wherever the focus is; in an editor letters write, and only a held space
+stops all."""
 
 from typing import Callable, Dict, Optional
 
 from python_qt_binding.QtCore import QEvent, QObject, Qt, QTimer
-from python_qt_binding.QtWidgets import QApplication, QDockWidget, QLineEdit, QPlainTextEdit, QWidget
+from python_qt_binding.QtWidgets import (
+    QApplication,
+    QDockWidget,
+    QLineEdit,
+    QPlainTextEdit,
+    QWidget,
+)
 
 from fcsv_console.qt.hold import ActionButton
 
@@ -14,10 +21,16 @@ _REPEAT_MS = 60  # a release that is followed by a press so soon was the key's o
 
 
 class Keys(QObject):
-    """An event filter of the application. A key that is held repeats itself: repeats are no presses, and the releases
-    before them, which Qt takes for real ones where the window is late, do not let go of a button."""
+    """An event filter of the application. A key that is held repeats itself: repeats are no
+    presses, and the releases before them, which Qt takes for real ones where the window is late, do
+    not let go of a button."""
 
-    def __init__(self, window: QWidget, buttons: Dict[str, ActionButton], others: Dict[int, Callable[[], None]]):
+    def __init__(
+        self,
+        window: QWidget,
+        buttons: Dict[str, ActionButton],
+        others: Dict[int, Callable[[], None]],
+    ):
         super().__init__(window)
         self._window, self._others = window, others
         self._by_key = {self.code(b.action.key): b for b in buttons.values()}
@@ -41,7 +54,11 @@ class Keys(QObject):
             return False
         button = self._by_key.get(event.key())
         if button is None:
-            return self._other(event) if not writes or Qt.Key_F1 <= event.key() <= Qt.Key_F35 else False
+            return (
+                self._other(event)
+                if not writes or Qt.Key_F1 <= event.key() <= Qt.Key_F35
+                else False
+            )
         if writes and event.key() != Qt.Key_Space:
             return False
         if event.type() == QEvent.KeyPress:
@@ -71,10 +88,14 @@ class Keys(QObject):
             button.end()
 
     def _ours(self, watched) -> bool:
-        if not isinstance(watched, QWidget) or watched is not (QApplication.focusWidget() or self._window):
+        if not isinstance(watched, QWidget) or watched is not (
+            QApplication.focusWidget() or self._window
+        ):
             return False
         top = watched.window()  # a dock that was taken out is a window of its own
-        return top is self._window or (isinstance(top, QDockWidget) and top.parent() is self._window)
+        return top is self._window or (
+            isinstance(top, QDockWidget) and top.parent() is self._window
+        )
 
     def _other(self, event) -> bool:
         call = self._others.get(event.key())

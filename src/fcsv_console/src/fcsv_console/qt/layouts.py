@@ -16,7 +16,8 @@ def column(*widgets) -> QVBoxLayout:
 
 
 def in_groups(groups: Sequence[Sequence[QWidget]]) -> QHBoxLayout:
-    """Side by side, a rule between groups; narrower than their own hints, so that 960 px are enough."""
+    """Side by side, a rule between groups; narrower than their own hints, so that 960 px are
+    enough."""
     line = QHBoxLayout()
     line.setSpacing(4)
     for k, group in enumerate(groups):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A label of a fixed number of lines: nothing around it moves when its words change; what is too long ends in dots."""
+"""A label of a fixed number of lines: nothing around it moves when its words change; what is too
+long ends in dots."""
 
 from python_qt_binding.QtCore import QPointF, Qt
 from python_qt_binding.QtGui import QPainter, QTextLayout, QTextOption
@@ -38,7 +39,9 @@ class LinesLabel(QLabel):
 
     def _cut(self):
         metrics, width = self.fontMetrics(), max(1, self.width())
-        wrapped = [line for part in self.text().split("\n") for line in _wrapped(part, self.font(), width)]
+        wrapped = [
+            line for part in self.text().split("\n") for line in _wrapped(part, self.font(), width)
+        ]
         if len(wrapped) <= self._lines:
             return wrapped
         rest = " ".join(wrapped[self._lines - 1 :])

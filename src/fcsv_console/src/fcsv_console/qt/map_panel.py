@@ -2,7 +2,13 @@
 """Where everything is: the plan view, or rviz in its place; the stereo pair below it."""
 
 from python_qt_binding.QtCore import Qt, Signal
-from python_qt_binding.QtWidgets import QHBoxLayout, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from python_qt_binding.QtWidgets import (
+    QHBoxLayout,
+    QPushButton,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
 from fcsv_console.model.view import View
 from fcsv_console.qt.lines import LinesLabel
@@ -14,7 +20,8 @@ _STEREO_LINES = 5
 
 
 class MapPanel(QWidget):
-    """``showed``: PLAN, RVIZ (in the plan's place) or RVIZ_ALONE (it asks for the room of the other panels, too)."""
+    """``showed``: PLAN, RVIZ (in the plan's place) or RVIZ_ALONE (it asks for the room of the other
+    panels, too)."""
 
     showed = Signal(int)
 

@@ -22,9 +22,12 @@ class MissionFolder(QListWidget):
     def __init__(self, parent=None):
         super().__init__(parent)
         self.setAccessibleName("Mission files of the folder")
-        self.setToolTip("Click or Enter loads a file; > is loaded, * has changes that are not saved")
+        self.setToolTip(
+            "Click or Enter loads a file; > is loaded, * has changes that are not saved"
+        )
         self.setMinimumWidth(60)
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarAlwaysOff)  # a long name is cut, its tooltip is whole
+        # a long name is cut, its tooltip is whole
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarAlwaysOff)
         self.setUniformItemSizes(True)
         self.setProperty(TAKES_ENTER, True)
         self._path, self._changed, self._rows = "", False, ()
@@ -34,7 +37,8 @@ class MissionFolder(QListWidget):
         self._say()
 
     def show_loaded(self, path: str, changed: bool) -> None:
-        """The file that is loaded, "" where there is none, and whether it has changes that are not saved."""
+        """The file that is loaded, "" where there is none, and whether it has changes that are not
+        saved."""
         if (path, changed) == (self._path, self._changed):
             return
         folder = os.path.dirname(os.path.abspath(path)) if path else ""

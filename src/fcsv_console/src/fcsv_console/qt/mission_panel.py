@@ -40,7 +40,9 @@ class MissionPanel(QWidget):
 
     def __init__(self, buttons: Sequence[QPushButton] = (), parent=None):
         super().__init__(parent)
-        self.table = CellTable("Configurations", cells.CONFIGURATION_HEADS, (1,), (2, 3, 4, 5), whole=True)
+        self.table = CellTable(
+            "Configurations", cells.CONFIGURATION_HEADS, (1,), (2, 3, 4, 5), whole=True
+        )
         self.text = QPlainTextEdit()
         self.text.setAccessibleName("Text of the mission file")
         self.text.setFont(QFontDatabase.systemFont(QFontDatabase.FixedFont))
@@ -49,8 +51,12 @@ class MissionPanel(QWidget):
         self.note.setAccessibleName("Mission file")
         self.optics = LinesLabel(1)
         self.optics.setAccessibleName("Camera of ranges and errors")
-        self.save = self._button("&Save", "Write the file; the mission node reads it when it starts", self._save)
-        self.revert = self._button("Re&vert", "Leave the changes; Ctrl+Z in the text brings them back", self._revert)
+        self.save = self._button(
+            "&Save", "Write the file; the mission node reads it when it starts", self._save
+        )
+        self.revert = self._button(
+            "Re&vert", "Leave the changes; Ctrl+Z in the text brings them back", self._revert
+        )
         kept = self.revert.sizePolicy()
         kept.setRetainSizeWhenHidden(True)
         self.revert.setSizePolicy(kept)
@@ -99,7 +105,8 @@ class MissionPanel(QWidget):
         return button
 
     def resizeEvent(self, event) -> None:
-        """The files stand beside their configurations where both have room, else in a tab of their own."""
+        """The files stand beside their configurations where both have room, else in a tab of their
+        own."""
         super().resizeEvent(event)
         beside = self.width() >= _BESIDE_PX
         if beside == (self._beside.count() == 2):
@@ -131,7 +138,8 @@ class MissionPanel(QWidget):
         self._show_optics(view)
 
     def _show_optics(self, view: View) -> None:
-        """Whose camera ranges and errors are computed with: a line only while it is not the vehicle's own."""
+        """Whose camera ranges and errors are computed with: a line only while it is not the
+        vehicle's own."""
         words = f"Ranges and errors: {view.optics.words}"
         if self.optics.text() != words:
             self.optics.setText(words)
@@ -148,7 +156,13 @@ class MissionPanel(QWidget):
             self._quiet = False
         changed = file.text != self._saved
         name = Path(file.source).name or ("the mission's own file" if file.text else "no file")
-        words = file.error.words if file.error else f"{name}, changed and not saved" if changed else name
+        words = (
+            file.error.words
+            if file.error
+            else f"{name}, changed and not saved"
+            if changed
+            else name
+        )
         self.note.setText(words)
         tone = cells.BAD if file.error else cells.CARE if changed else cells.QUIET
         self.note.setStyleSheet(f"color: {colours.tone(tone, self.palette()).name()}")
@@ -198,6 +212,8 @@ class MissionPanel(QWidget):
         self.opened.emit(path)
 
     def _open(self) -> None:
-        path, _ = QFileDialog.getOpenFileName(self, "Mission file", str(Path(self._source).parent), "*.yaml")
+        path, _ = QFileDialog.getOpenFileName(
+            self, "Mission file", str(Path(self._source).parent), "*.yaml"
+        )
         if path:
             self._want(path)

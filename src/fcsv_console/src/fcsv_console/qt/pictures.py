@@ -80,9 +80,14 @@ class PictureBox(QWidget):
         for width, colour in ((4.0, "#000000"), (2.0, "#F0E442")):  # to be seen on light and dark
             painter.setPen(QPen(QColor(colour), width))
             for outline in self.outlines:
-                painter.drawPolygon(QPolygonF([
-                    QPointF(left + (u + 0.5) * scale, top + (v + 0.5) * scale) for u, v in outline
-                ]))  # fmt: skip
+                painter.drawPolygon(
+                    QPolygonF(
+                        [
+                            QPointF(left + (u + 0.5) * scale, top + (v + 0.5) * scale)
+                            for u, v in outline
+                        ]
+                    )
+                )
 
 
 def _image(pictures: MapPictures) -> QImage:
@@ -90,7 +95,9 @@ def _image(pictures: MapPictures) -> QImage:
         return QImage()
     depth: Optional[np.ndarray] = None if pictures.depth is None else pixels(pictures.depth)
     rgb = np.ascontiguousarray(overlaid(pixels(pictures.reference), depth))
-    return QImage(rgb.data, rgb.shape[1], rgb.shape[0], 3 * rgb.shape[1], QImage.Format_RGB888).copy()
+    return QImage(
+        rgb.data, rgb.shape[1], rgb.shape[0], 3 * rgb.shape[1], QImage.Format_RGB888
+    ).copy()
 
 
 class PicturesDock(QDockWidget):

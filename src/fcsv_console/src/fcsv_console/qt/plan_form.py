@@ -43,11 +43,18 @@ class PlanForm(QWidget):
         self.whole = QCheckBox("whole metres")
         self.whole.setChecked(usual.whole)
         self.go = QPushButton("Into the &list")
-        self.go.setToolTip("Put these configurations in place of the list; the file is not saved by it")
+        self.go.setToolTip(
+            "Put these configurations in place of the list; the file is not saved by it"
+        )
         self.go.clicked.connect(self._ask)
         self.note = QLabel()
         self.note.setWordWrap(True)
-        named = ((self.range, "Range"), (self.error, "Error"), (self.number, "Baselines"), (self.axis, "Axis"))
+        named = (
+            (self.range, "Range"),
+            (self.error, "Error"),
+            (self.number, "Baselines"),
+            (self.axis, "Axis"),
+        )
         form = QGridLayout(self)
         for k, (widget, name) in enumerate(named):
             widget.setMinimumWidth(50)
@@ -58,12 +65,24 @@ class PlanForm(QWidget):
         form.addWidget(self.note, 3, 0, 1, 4)
         form.setRowStretch(3, 1)
         form.setContentsMargins(4, 4, 4, 4)
-        for widget, name in (*named, (self.whole, "Whole metres"), (self.go, "Into the list"), (self.note, "Plan")):
+        for widget, name in (
+            *named,
+            (self.whole, "Whole metres"),
+            (self.go, "Into the list"),
+            (self.note, "Plan"),
+        ):
             widget.setAccessibleName(name)
 
     def _ask(self) -> None:
-        self.wanted.emit(Wanted(self.range.value(), self.error.text(), self.number.value(), self.axis.currentText(),
-                                self.whole.isChecked()))  # fmt: skip
+        self.wanted.emit(
+            Wanted(
+                self.range.value(),
+                self.error.text(),
+                self.number.value(),
+                self.axis.currentText(),
+                self.whole.isChecked(),
+            )
+        )
 
     def show_planned(self, planned: Planned) -> None:
         """Notes, or why there is no plan."""

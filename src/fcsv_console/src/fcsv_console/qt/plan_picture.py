@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the view from above is painted: rings, fence, what cameras on the ground see, goals, vehicles with names, where
-one would fall, height bar."""
+"""How the view from above is painted: rings, fence, what cameras on the ground see, goals, vehicles
+with names, where one would fall, height bar."""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +23,8 @@ _RINGS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
 @dataclass(frozen=True)
 class Hand:
-    """What the operator has hold of: goals by mouse, by its knob, by keys; ``at_px``: where the mouse is."""
+    """What the operator has hold of: goals by mouse, by its knob, by keys; ``at_px``: where the
+    mouse is."""
 
     editable: bool = False
     held: Optional[int] = None
@@ -36,10 +37,22 @@ class PlanPicture:
     """Paints the plan of one moment: made for one painting, ``paint`` once."""
 
     def __init__(
-        self, painter: QPainter, view: View, scale: geometry.Scale, bar: geometry.HeightBar, hand: Hand,
-        palette: QPalette, fov_rad: float,
-    ):  # fmt: skip
-        self._painter, self._view, self._scale, self._bar, self._hand = painter, view, scale, bar, hand
+        self,
+        painter: QPainter,
+        view: View,
+        scale: geometry.Scale,
+        bar: geometry.HeightBar,
+        hand: Hand,
+        palette: QPalette,
+        fov_rad: float,
+    ):
+        self._painter, self._view, self._scale, self._bar, self._hand = (
+            painter,
+            view,
+            scale,
+            bar,
+            hand,
+        )
         self._palette, self._fov_rad = palette, fov_rad
         self._width, self._height = scale.width + BAR_PX, scale.height
         self.taken: List[geometry.Box] = []  # by what stands in the picture already
@@ -66,7 +79,8 @@ class PlanPicture:
         return colours.tone(name, self._palette)
 
     def _gone(self) -> QColor:
-        """Gives the colour of what is not heard any more; after the flight that is nothing to worry about."""
+        """Gives the colour of what is not heard any more; after the flight that is nothing to worry
+        about."""
         return self._tone(cells.QUIET if self._view.ended else cells.GONE)
 
     def _at(self, x_m: float, y_m: float) -> QPointF:
@@ -98,7 +112,8 @@ class PlanPicture:
             self._painter.drawPolygon(QPolygonF([self._at(x, y) for x, y in mission.fence.polygon]))
 
     def _ground_views(self) -> None:
-        """Paints the views of the mocap in the colour of words, of a gimbal in that of the vehicle that it follows."""
+        """Paints the views of the mocap in the colour of words, of a gimbal in that of the vehicle
+        that it follows."""
         names = [v.name for v in self._view.vehicles]
         for seen in self._view.ground_views:
             colour = self._ink(255)
@@ -110,7 +125,9 @@ class PlanPicture:
             self._painter.setBrush(fill)
             self._painter.drawPolygon(QPolygonF([self._at(x, y) for x, y in seen.outline_m]))
             self._painter.setBrush(colour)
-            self._painter.drawRect(QRectF(self._at(*seen.eye_m) - QPointF(4.0, 4.0), QSizeF(8.0, 8.0)))
+            self._painter.drawRect(
+                QRectF(self._at(*seen.eye_m) - QPointF(4.0, 4.0), QSizeF(8.0, 8.0))
+            )
 
     def _goals(self) -> None:
         for row in self._view.file.rows:
@@ -120,23 +137,30 @@ class PlanPicture:
             if row.index == self._hand.held:
                 baseline_m = geometry.dragged(row, self._scale, *self._hand.at_px)
                 at = self._at(0.0, -baseline_m if row.axis == "horizontal" else 0.0)
-            self._painter.setPen(QPen(self._tone(cells.GOOD) if running else self._ink(150), 2.0 if running else 1.0))
+            self._painter.setPen(
+                QPen(self._tone(cells.GOOD) if running else self._ink(150), 2.0 if running else 1.0)
+            )
             self._painter.setBrush(self._tone(cells.GOOD) if running else Qt.NoBrush)
             if row.way_m is not None:
                 self._painter.drawLine(*(self._at(x, y) for x, y, _ in row.way_m))
             if row.axis == "vertical":
                 continue  # they stand on the height bar: from above they are home
-            self._painter.drawPolygon(QPolygonF([at + QPointF(*d) for d in ((0, -6), (6, 0), (0, 6), (-6, 0))]))
+            self._painter.drawPolygon(
+                QPolygonF([at + QPointF(*d) for d in ((0, -6), (6, 0), (0, 6), (-6, 0))])
+            )
             if row.index == self._hand.chosen:
                 self._painter.drawRect(QRectF(at.x() - 10.0, at.y() - 10.0, 20.0, 20.0))
             if self._hand.editable and row.way_m is None:
                 self._handle(row, at)
             self._painter.setPen(self._tone(cells.GOOD) if running else self._ink(170))
-            self._painter.drawText(QRectF(at.x() - 30.0, at.y() + 8.0, 60.0, 16.0), Qt.AlignCenter, f"{baseline_m:g}")
+            self._painter.drawText(
+                QRectF(at.x() - 30.0, at.y() + 8.0, 60.0, 16.0), Qt.AlignCenter, f"{baseline_m:g}"
+            )
             self.taken.append((at.x() - 9.0, at.y() - 6.0, 18.0, 30.0))
 
     def _handle(self, row, at: QPointF) -> None:
-        """A line along the camera's view with a knob at its end; while it is dragged, its degrees."""
+        """A line along the camera's view with a knob at its end; while it is dragged, its
+        degrees."""
         end = QPointF(*geometry.handle(row, self._scale)) - self._at(row.goal_m[0], row.goal_m[1])
         if row.index == self._hand.turned:
             tilt_deg = geometry.turned(row, self._scale, *self._hand.at_px)
@@ -156,7 +180,11 @@ class PlanPicture:
         forward = QPointF(-math.sin(heading), -math.cos(heading))
         wedge, reach = QPainterPath(at), geometry.VIEW_M * self._scale.px_per_m
         half_deg, up_deg = math.degrees(self._fov_rad) / 2.0, 90.0 + math.degrees(heading)
-        wedge.arcTo(QRectF(at.x() - reach, at.y() - reach, 2 * reach, 2 * reach), up_deg - half_deg, 2 * half_deg)
+        wedge.arcTo(
+            QRectF(at.x() - reach, at.y() - reach, 2 * reach, 2 * reach),
+            up_deg - half_deg,
+            2 * half_deg,
+        )
         fill = QColor(colour)
         fill.setAlpha(0 if v.place.stale else 34)
         self._painter.fillPath(wedge, fill)
@@ -168,8 +196,8 @@ class PlanPicture:
         self.taken.append((at.x() - radius, at.y() - radius, 2.0 * radius, 2.0 * radius))
 
     def _names(self) -> None:
-        """Writes the names of vehicles, with their heights, of home and of cameras on the ground; each where it hides
-        least."""
+        """Writes the names of vehicles, with their heights, of home and of cameras on the ground;
+        each where it hides least."""
         for v in self._view.vehicles:
             if v.place.value is not None:
                 x, y, _ = v.place.value.p_home_m
@@ -180,11 +208,17 @@ class PlanPicture:
             self.label(self._at(*seen.eye_m), seen.words)
 
     def label(self, at: QPointF, words: str) -> QRectF:
-        """Beside ``at``, on a ground of its own, so that it can be read over rings; where it was written."""
-        size = self._painter.boundingRect(QRectF(0.0, 0.0, 1.0, 1.0), Qt.AlignLeft | Qt.TextDontClip, words)
+        """Beside ``at``, on a ground of its own, so that it can be read over rings; where it was
+        written."""
+        size = self._painter.boundingRect(
+            QRectF(0.0, 0.0, 1.0, 1.0), Qt.AlignLeft | Qt.TextDontClip, words
+        )
         wide, high = size.width(), size.height()
-        places = [(at.x() + right, at.y() + down, wide, high) for down in (-high - 8.0, 28.0, -2.0 * high - 12.0,
-                  high + 34.0) for right in (12.0, -wide - 12.0, -0.5 * wide)]  # fmt: skip
+        places = [
+            (at.x() + right, at.y() + down, wide, high)
+            for down in (-high - 8.0, 28.0, -2.0 * high - 12.0, high + 34.0)
+            for right in (12.0, -wide - 12.0, -0.5 * wide)
+        ]
         room = (4.0, 2.0, self._width - BAR_PX - 10.0, self._height - 4.0)
         box = QRectF(*geometry.free(places, self.taken, room))
         self.taken.append((box.x(), box.y(), wide, high))
@@ -212,13 +246,17 @@ class PlanPicture:
         """Heights in home; vertical goals as lines, vehicles as arrows."""
         bar, left = self._bar, self._width - BAR_PX + 26.0
         level, low_m, high_m = bar.to_px, bar.low_m, bar.high_m
-        self._painter.fillRect(QRectF(self._width - BAR_PX, 0.0, BAR_PX, self._height),
-                         self._palette.color(QPalette.Window))  # fmt: skip
+        self._painter.fillRect(
+            QRectF(self._width - BAR_PX, 0.0, BAR_PX, self._height),
+            self._palette.color(QPalette.Window),
+        )
         self._painter.setPen(QPen(self._ink(150), 1.0))
         self._painter.drawLine(QPointF(left, level(high_m)), QPointF(left, level(low_m)))
         step_m = next((m for m in _RINGS_M if m * bar.px_per_m > 26.0), _RINGS_M[-1])
         for k in range(math.ceil(low_m / step_m), math.floor(high_m / step_m) + 1):
-            self._painter.drawLine(QPointF(left - 4.0, level(k * step_m)), QPointF(left, level(k * step_m)))
+            self._painter.drawLine(
+                QPointF(left - 4.0, level(k * step_m)), QPointF(left, level(k * step_m))
+            )
             box = QRectF(left - 28.0, level(k * step_m) - 8.0, 22.0, 16.0)
             self._painter.drawText(box, Qt.AlignRight | Qt.AlignVCenter, f"{k * step_m:g}")
         for row in self._view.file.rows:
@@ -226,7 +264,9 @@ class PlanPicture:
                 running = row.index == self._view.running
                 ink = self._tone(cells.GOOD) if running else self._ink(150)
                 self._painter.setPen(QPen(ink, 3.0 if running else 1.5))
-                self._painter.drawLine(QPointF(left, level(row.goal_m[2])), QPointF(left + 14.0, level(row.goal_m[2])))
+                self._painter.drawLine(
+                    QPointF(left, level(row.goal_m[2])), QPointF(left + 14.0, level(row.goal_m[2]))
+                )
         for k, v in enumerate(self._view.vehicles):
             if v.place.value is not None:
                 z = level(v.place.value.p_home_m[2])

@@ -18,8 +18,9 @@ _TURNS = {Qt.Key_PageDown: 1, Qt.Key_PageUp: -1}
 
 
 class PlanView(QWidget):
-    """``goal_changed`` (index, baseline in m) and ``goal_turned`` (index, tilt in degrees) only while ``editable``; the
-    wheel changes a vertical goal's height. Page up and down choose a goal, arrows move it, with shift turn it."""
+    """``goal_changed`` (index, baseline in m) and ``goal_turned`` (index, tilt in degrees) only
+    while ``editable``; the wheel changes a vertical goal's height. Page up and down choose a goal,
+    arrows move it, with shift turn it."""
 
     goal_changed, goal_turned = Signal(int, float), Signal(int, float)
 
@@ -53,14 +54,16 @@ class PlanView(QWidget):
     @property
     def scale(self) -> geometry.Scale:
         """Gives the scale as it is drawn now."""
-        return geometry.fitted(self._view, self.width() - BAR_PX, self.height(), self._zoom, self._fov_rad)
+        return geometry.fitted(
+            self._view, self.width() - BAR_PX, self.height(), self._zoom, self._fov_rad
+        )
 
     @property
     def bar(self) -> geometry.HeightBar:
         """Gives the bar as it is drawn now."""
         return geometry.HeightBar(*geometry.heights(self._view), self.height())
 
-    # ---- mouse ---------------------------------------------------------------------------------------------------
+    # ---- mouse -----------------------------------------------------------------------------------
 
     def mousePressEvent(self, event) -> None:
         if self.editable and self._view is not None:
@@ -88,13 +91,17 @@ class PlanView(QWidget):
     def keyPressEvent(self, event) -> None:
         row, step = self._row(self._chosen) if self.editable else None, _STEPS.get(event.key(), 0)
         if event.key() in _TURNS and self.editable and self._view is not None:
-            self._chosen = geometry.following(self._view.file.rows, self._chosen, _TURNS[event.key()])
+            self._chosen = geometry.following(
+                self._view.file.rows, self._chosen, _TURNS[event.key()]
+            )
             self.show_view(self._view)
         elif step and row is not None:
             if event.modifiers() & Qt.ShiftModifier:
                 self._turn(row, geometry.within_tilt(row.tilt_deg - step))
             else:
-                self.goal_changed.emit(row.index, geometry.stepped(row.baseline_m + geometry.STEP_M * step))
+                self.goal_changed.emit(
+                    row.index, geometry.stepped(row.baseline_m + geometry.STEP_M * step)
+                )
         else:
             super().keyPressEvent(event)
 
@@ -127,5 +134,13 @@ class PlanView(QWidget):
 
     def picture(self, painter: QPainter) -> PlanPicture:
         """Makes the picture of now, and not painted yet."""
-        hand = Hand(self.editable, self._held, self._turned, self._chosen, (self._mouse.x(), self._mouse.y()))
-        return PlanPicture(painter, self._view, self.scale, self.bar, hand, self.palette(), self._fov_rad)
+        hand = Hand(
+            self.editable,
+            self._held,
+            self._turned,
+            self._chosen,
+            (self._mouse.x(), self._mouse.y()),
+        )
+        return PlanPicture(
+            painter, self._view, self.scale, self.bar, hand, self.palette(), self._fov_rad
+        )

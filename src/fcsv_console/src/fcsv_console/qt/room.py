@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Room for what is opened below: where the window is too low for both, it stands in place of the panels."""
+"""Room for what is opened below: where the window is too low for both, it stands in place of the
+panels."""
 
 from typing import Sequence
 
@@ -10,7 +11,8 @@ _SEPARATOR_PX = 8
 
 
 class Room(QObject):
-    """``panels`` hide while a dock is open and the window is too low for both; all else in the window stays."""
+    """``panels`` hide while a dock is open and the window is too low for both; all else in the
+    window stays."""
 
     def __init__(self, window: QMainWindow, panels: QWidget, docks: Sequence[QDockWidget]):
         super().__init__(window)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosrun fcsv_console screenshots: pictures of the window in each of its states, for docs/user/console.md."""
+"""rosrun fcsv_console screenshots: pictures of the window in each of its states, for
+docs/user/console.md."""
 
 import argparse
 import os
@@ -36,7 +37,9 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     parser = argparse.ArgumentParser(prog="screenshots", description=__doc__)
     parser.add_argument("out", type=Path, help="folder for the pictures")
     arguments = parser.parse_args(argv if argv is not None else sys.argv[1:])
-    os.environ.setdefault("QT_QPA_PLATFORM", "offscreen" if not os.environ.get("DISPLAY") else "xcb")
+    os.environ.setdefault(
+        "QT_QPA_PLATFORM", "offscreen" if not os.environ.get("DISPLAY") else "xcb"
+    )
     from fcsv_console.ros.window_command import application
 
     try:
@@ -60,13 +63,15 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 
 def made(situation: str, size: Tuple[int, int]):
-    """A shown window with a scripted situation; "error": a file that cannot be flown; "pictures": with them;
-    "indoors": with cameras on the ground."""
+    """A shown window with a scripted situation; "error": a file that cannot be flown; "pictures":
+    with them; "indoors": with cameras on the ground."""
     from fcsv_console.qt.window import ConsoleWindow
 
     mission = Path(rospkg.RosPack().get_path("fcsv_bringup")) / "config/missions/outdoor.yaml"
     console = samples.console(str(mission))
-    samples.SAMPLES[{"error": "ready", "pictures": "flying", "indoors": "flying"}.get(situation, situation)](console)
+    samples.SAMPLES[
+        {"error": "ready", "pictures": "flying", "indoors": "flying"}.get(situation, situation)
+    ](console)
     if situation == "indoors":
         samples.ground_cameras(console)
     if situation == "error":

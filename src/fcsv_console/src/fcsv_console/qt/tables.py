@@ -5,7 +5,12 @@ from typing import Callable, List, Sequence
 
 from python_qt_binding.QtCore import Qt, QTimer
 from python_qt_binding.QtGui import QBrush, QFont
-from python_qt_binding.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
+from python_qt_binding.QtWidgets import (
+    QAbstractItemView,
+    QHeaderView,
+    QTableWidget,
+    QTableWidgetItem,
+)
 
 from fcsv_console.model.cells import Cell
 from fcsv_console.qt import colours
@@ -17,14 +22,20 @@ _SCALES = (1.0, 0.92, 0.84, 0.76, 0.68)
 class CellTable(QTableWidget):
     """Rows of cells; ``right`` are the columns of figures, ``wide`` those that share what is left.
 
-    ``wraps``: a long cell takes more lines; else its end is cut, and its tooltip has the whole. ``whole``: no cell is
-    cut where a smaller font helps.
+    ``wraps``: a long cell takes more lines; else its end is cut, and its tooltip has the whole.
+    ``whole``: no cell is cut where a smaller font helps.
     """
 
     def __init__(
-        self, name: str, heads: Sequence[str], wide: Sequence[int], right: Sequence[int] = (), rows: bool = True,
-        wraps: bool = False, whole: bool = False,
-    ):  # fmt: skip
+        self,
+        name: str,
+        heads: Sequence[str],
+        wide: Sequence[int],
+        right: Sequence[int] = (),
+        rows: bool = True,
+        wraps: bool = False,
+        whole: bool = False,
+    ):
         super().__init__(0, len(heads))
         self._wraps, self._whole, self._usual = wraps, whole, self.font()
         self._right, self._shown = set(right), []  # type: set, List[List[Cell]]
@@ -32,7 +43,9 @@ class CellTable(QTableWidget):
         self.setAccessibleName(name)
         self.setEditTriggers(QAbstractItemView.NoEditTriggers)
         self.setSelectionBehavior(QAbstractItemView.SelectRows)
-        self.setSelectionMode(QAbstractItemView.ExtendedSelection if rows else QAbstractItemView.NoSelection)
+        self.setSelectionMode(
+            QAbstractItemView.ExtendedSelection if rows else QAbstractItemView.NoSelection
+        )
         self.setShowGrid(False)
         self.setMinimumSize(80, 60)
         self.setAlternatingRowColors(True)
@@ -42,7 +55,9 @@ class CellTable(QTableWidget):
         header = self.horizontalHeader()
         header.setHighlightSections(False)
         for k in range(len(heads)):
-            header.setSectionResizeMode(k, QHeaderView.Stretch if k in wide else QHeaderView.ResizeToContents)
+            header.setSectionResizeMode(
+                k, QHeaderView.Stretch if k in wide else QHeaderView.ResizeToContents
+            )
         self._fitting = QTimer(self)
         self._fitting.setSingleShot(True)
         self._fitting.timeout.connect(self.fit)
@@ -55,7 +70,8 @@ class CellTable(QTableWidget):
         if rows == self._shown:
             return
         if self.rowCount() != len(rows):
-            self._quietly(lambda: self.setRowCount(len(rows)))  # a row that goes is not let go of by the operator
+            # a row that goes is not let go of by the operator
+            self._quietly(lambda: self.setRowCount(len(rows)))
             self._shown = self._shown[: len(rows)]
         for i, row in enumerate(rows):
             before = self._shown[i] if i < len(self._shown) else []
@@ -78,7 +94,10 @@ class CellTable(QTableWidget):
                 self.setFont(font)
                 self.horizontalHeader().setFont(font)
             header = self.horizontalHeader()
-            hints = (max(self.sizeHintForColumn(k), header.sectionSizeHint(k)) for k in range(self.columnCount()))
+            hints = (
+                max(self.sizeHintForColumn(k), header.sectionSizeHint(k))
+                for k in range(self.columnCount())
+            )
             if sum(hints) <= self.viewport().width():
                 break
         for i in range(self.rowCount()) if self._wraps else ():
@@ -96,7 +115,8 @@ class CellTable(QTableWidget):
         return sorted({index.row() for index in self.selectionModel().selectedRows()})
 
     def choose(self, rows: Sequence[int]) -> None:
-        """Selects rows in place of what is selected; nobody is told of it as of what the operator selects."""
+        """Selects rows in place of what is selected; nobody is told of it as of what the operator
+        selects."""
         if list(rows) != self.chosen():
             self._quietly(self.clearSelection)
             for i in rows:
@@ -111,7 +131,9 @@ class CellTable(QTableWidget):
         item = self.item(i, k)
         if item is None:
             item = QTableWidgetItem()
-            item.setTextAlignment((Qt.AlignRight if k in self._right else Qt.AlignLeft) | Qt.AlignVCenter)
+            item.setTextAlignment(
+                (Qt.AlignRight if k in self._right else Qt.AlignLeft) | Qt.AlignVCenter
+            )
             self.setItem(i, k, item)
         item.setText(cell.text)
         item.setToolTip(cell.text)

@@ -37,17 +37,22 @@ from fcsv_console.qt.room import Room
 from fcsv_console.qt.tables import CellTable
 from fcsv_control.flight_check.lines import Line
 
-_GROUPS = (("calibrate", "set_home", "hand_over", "execute"), ("previous", "next", "pause", "skip", "repeat"),
-           ("record", "abort", "land"))  # fmt: skip
+_GROUPS = (
+    ("calibrate", "set_home", "hand_over", "execute"),
+    ("previous", "next", "pause", "skip", "repeat"),
+    ("record", "abort", "land"),
+)
 _EVENTS = 200
-_LEAST_WIDE_PX, _LEAST_HIGH_PX = 900, 500  # a screen of 1920 x 1080 at 200 %, without the desktop's own bars
+# a screen of 1920 x 1080 at 200 %, without the desktop's own bars
+_LEAST_WIDE_PX, _LEAST_HIGH_PX = 900, 500
 _HIGH_PX = 600  # below, one problem leaves room for the flight check
 _HEAD_LINES, _STOP_LINES, _PROBLEM_LINES = 2, 2, 2
 _LEVELS = {"info": cells.PLAIN, "warning": cells.CARE, "error": cells.BAD}
 
 
 class ConsoleWindow(QMainWindow):
-    """``asked`` (name, arguments); the goal that is dragged and the text that is edited go out as the others do."""
+    """``asked`` (name, arguments); the goal that is dragged and the text that is edited go out as
+    the others do."""
 
     asked = Signal(str, dict)
     edited, opened, planned = Signal(str), Signal(str), Signal(object)
@@ -57,7 +62,8 @@ class ConsoleWindow(QMainWindow):
         super().__init__()
         self.setWindowTitle("fcsv console")
         self._view, self._lines = view, []  # type: View, List[Line]
-        self._chosen: Optional[Tuple[str, str]] = None  # vehicle and name of the line that is chosen
+        # vehicle and name of the line that is chosen
+        self._chosen: Optional[Tuple[str, str]] = None
         self.buttons: Dict[str, ActionButton] = {}
         for action in view.actions.values():
             self.buttons[action.name] = ActionButton(action)
@@ -75,12 +81,21 @@ class ConsoleWindow(QMainWindow):
         for dock in (self.pictures, self.after):
             dock.hide()
         self.room = Room(self, self.panels, (self.pictures, self.after))
-        self.keys = Keys(self, self.buttons, {
-            Qt.Key_Return: self._accept, Qt.Key_Enter: self._accept, Qt.Key_D: self.drag.toggle,
-            Qt.Key_F2: self._turn_map, Qt.Key_F3: self._export, Qt.Key_Plus: lambda: self.plan.zoom(1.15),
-            Qt.Key_Minus: lambda: self.plan.zoom(1 / 1.15), Qt.Key_F4: self._toggle_pictures,
-            Qt.Key_F5: self._toggle_after,
-        })  # fmt: skip
+        self.keys = Keys(
+            self,
+            self.buttons,
+            {
+                Qt.Key_Return: self._accept,
+                Qt.Key_Enter: self._accept,
+                Qt.Key_D: self.drag.toggle,
+                Qt.Key_F2: self._turn_map,
+                Qt.Key_F3: self._export,
+                Qt.Key_Plus: lambda: self.plan.zoom(1.15),
+                Qt.Key_Minus: lambda: self.plan.zoom(1 / 1.15),
+                Qt.Key_F4: self._toggle_pictures,
+                Qt.Key_F5: self._toggle_after,
+            },
+        )
         self.setMinimumSize(_LEAST_WIDE_PX, _LEAST_HIGH_PX)
         self.resize(1366, 740)
         self.show_view(view)
@@ -88,20 +103,25 @@ class ConsoleWindow(QMainWindow):
     def end(self) -> None:
         """Close it and delete it with all its parts, now.
 
-        One that only loses its last name is deleted by Python's garbage collector. Until then its timers go on, and
-        the collector may come while one of them is in Qt's code, which then goes on in freed memory.
+        One that only loses its last name is deleted by Python's garbage collector. Until then its
+        timers go on, and the collector may come while one of them is in Qt's code, which then goes
+        on in freed memory.
         """
         self.close()
         self.deleteLater()
         QCoreApplication.sendPostedEvents(self, QEvent.DeferredDelete)
 
-    # ---- parts ---------------------------------------------------------------------------------------------------
+    # ---- parts -----------------------------------------------------------------------------------
 
     def _make_parts(self, view: View) -> None:
         self.headline, self.stop_words = LinesLabel(_HEAD_LINES), LinesLabel(1)
         self.problems, self.verdict = LinesLabel(_PROBLEM_LINES), LinesLabel(1)
-        named = ((self.headline, "What the mission does"), (self.stop_words, "What stop-all did"),
-                 (self.problems, "Problems"), (self.verdict, "Flight check"))  # fmt: skip
+        named = (
+            (self.headline, "What the mission does"),
+            (self.stop_words, "What stop-all did"),
+            (self.problems, "Problems"),
+            (self.verdict, "Flight check"),
+        )
         for label, name in named:
             label.setAccessibleName(name)
         big = QFont(self.headline.font())
@@ -116,8 +136,13 @@ class ConsoleWindow(QMainWindow):
         self.plan.goal_changed.connect(self.goal_changed)
         self.plan.goal_turned.connect(self.goal_turned)
         self.map.showed.connect(self._make_room_for_map)
-        self.vehicles = CellTable("Vehicles", ["", *(v.name for v in view.vehicles)],
-                                  range(1, len(view.vehicles) + 1), rows=False, wraps=True)  # fmt: skip
+        self.vehicles = CellTable(
+            "Vehicles",
+            ["", *(v.name for v in view.vehicles)],
+            range(1, len(view.vehicles) + 1),
+            rows=False,
+            wraps=True,
+        )
         for k in range(1, len(view.vehicles) + 1):
             self.vehicles.horizontalHeaderItem(k).setIcon(colours.disc(k - 1))
         self.check = CellTable("Flight check", cells.CHECK_HEADS, (3, 4), wraps=True)
@@ -132,7 +157,9 @@ class ConsoleWindow(QMainWindow):
         self.export.setToolTip("All events as a table (CSV, times in UTC)")
         self.export.clicked.connect(self._export)
         self.show_rviz = QPushButton("rviz\n[F2]")
-        self.show_rviz.setToolTip("The map, embedded from rviz, in the plan's place; again: alone; again: the plan")
+        self.show_rviz.setToolTip(
+            "The map, embedded from rviz, in the plan's place; again: alone; again: the plan"
+        )
         self.show_rviz.clicked.connect(self._turn_map)
         self.show_pictures = QPushButton("Pictures\n[F4]")
         self.show_pictures.setToolTip("Show or hide what the cameras see, and the map's depth")
@@ -143,9 +170,14 @@ class ConsoleWindow(QMainWindow):
         self.show_after = QPushButton("After\n[F5]")
         self.show_after.setToolTip("After the flight: gather, map, open the report")
         self.show_after.clicked.connect(self._toggle_after)
-        for button, name in ((self.show_pictures, "Pictures"), (self.show_after, "After the flight"),
-                             (self.sound, "Sound"), (self.export, "Export events"),
-                             (self.show_rviz, "Map in rviz"), (self.accept, "Accept line")):  # fmt: skip
+        for button, name in (
+            (self.show_pictures, "Pictures"),
+            (self.show_after, "After the flight"),
+            (self.sound, "Sound"),
+            (self.export, "Export events"),
+            (self.show_rviz, "Map in rviz"),
+            (self.accept, "Accept line"),
+        ):
             button.setAccessibleName(name)
 
     def _lay_out(self) -> None:
@@ -159,7 +191,8 @@ class ConsoleWindow(QMainWindow):
         )
         head = QHBoxLayout()
         words = panel(column(self.headline, self.stop_words), stretch=None)
-        words.setFixedHeight(self.headline.height() + 2)  # what stop-all did takes a line from the headline
+        # what stop-all did takes a line from the headline
+        words.setFixedHeight(self.headline.height() + 2)
         head.addLayout(column(words, self.progress), 1)
         head.addWidget(stop)
         check_line = QHBoxLayout()
@@ -184,7 +217,11 @@ class ConsoleWindow(QMainWindow):
         for part in (self.map, middle, right):
             across.addWidget(part)
         across.setSizes([400, 460, 506])
-        for splitter, name in ((across, "Panels"), (middle, "Vehicles and check"), (right, "Mission and events")):
+        for splitter, name in (
+            (across, "Panels"),
+            (middle, "Vehicles and check"),
+            (right, "Mission and events"),
+        ):
             splitter.setAccessibleName(name)
             splitter.setChildrenCollapsible(False)
         whole = QWidget()
@@ -195,7 +232,7 @@ class ConsoleWindow(QMainWindow):
         layout.addLayout(in_groups([[self.buttons[name] for name in group] for group in _GROUPS]))
         self.setCentralWidget(whole)
 
-    # ---- what is shown -------------------------------------------------------------------------------------------
+    # ---- what is shown ---------------------------------------------------------------------------
 
     def show_view(self, view: View) -> None:
         """Everything, ten times a second: only what changed is touched."""
@@ -237,11 +274,16 @@ class ConsoleWindow(QMainWindow):
             if self.sound.isChecked() and calls_for_a_sound(view.events, self._sounded):
                 QApplication.beep()
             self._sounded = view.events[-1].number
-        self.events.show_cells([
-            [cells.Cell(e.clock, cells.QUIET), cells.Cell(e.who),
-             cells.Cell(f"{e.what} → {e.answer}" if e.answer else e.what, _LEVELS[e.level])]
-            for e in reversed(view.events[-_EVENTS:])
-        ])  # fmt: skip
+        self.events.show_cells(
+            [
+                [
+                    cells.Cell(e.clock, cells.QUIET),
+                    cells.Cell(e.who),
+                    cells.Cell(f"{e.what} → {e.answer}" if e.answer else e.what, _LEVELS[e.level]),
+                ]
+                for e in reversed(view.events[-_EVENTS:])
+            ]
+        )
         for name, action in view.actions.items():
             self.buttons[name].show_action(action)
             if name != "stop_all":
@@ -251,7 +293,8 @@ class ConsoleWindow(QMainWindow):
         self._show_accept()
 
     def _share_head(self, stop_lines: int) -> None:
-        """Shares out the head, of the fixed height of both: the headline has what the words below leave it."""
+        """Shares out the head, of the fixed height of both: the headline has what the words below
+        leave it."""
         headline = 1 if stop_lines else _HEAD_LINES
         if (self.headline.lines, self.stop_words.lines) != (headline, max(1, stop_lines)):
             self.headline.lines, self.stop_words.lines = headline, max(1, stop_lines)
@@ -268,7 +311,9 @@ class ConsoleWindow(QMainWindow):
         """Lines come, go and change places; what is chosen stays the line, not its row."""
         self._lines = cells.check_lines(view)
         self.check.show_cells([cells.check_cells(li, view.waits(li)) for li in self._lines])
-        self.check.choose([k for k, li in enumerate(self._lines) if (li.vehicle, li.name) == self._chosen])
+        self.check.choose(
+            [k for k, li in enumerate(self._lines) if (li.vehicle, li.name) == self._chosen]
+        )
 
     def _choose_line(self) -> None:
         chosen = self.check.chosen()
@@ -283,12 +328,16 @@ class ConsoleWindow(QMainWindow):
         line = self._chosen_line()
         action = model_actions.accept(line) if line is not None else None
         self.accept.setEnabled(action is not None and action.enabled)
-        self.accept.setToolTip(action.tooltip if action else "Choose one amber line of the flight check first")
+        self.accept.setToolTip(
+            action.tooltip if action else "Choose one amber line of the flight check first"
+        )
 
-    # ---- what is asked -------------------------------------------------------------------------------------------
+    # ---- what is asked ---------------------------------------------------------------------------
 
     def _ask(self, name: str) -> None:
-        self.asked.emit(name, {"configurations": self.mission.table.chosen()} if name == "execute" else {})
+        self.asked.emit(
+            name, {"configurations": self.mission.table.chosen()} if name == "execute" else {}
+        )
 
     def _accept(self) -> None:
         line = self._chosen_line()

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the operator asks for, as topics, services and the action of those who do it. Each answer comes later."""
+"""What the operator asks for, as topics, services and the action of those who do it. Each answer
+comes later."""
 
 import os
 import threading
@@ -32,22 +33,27 @@ class Commands:
             what: rospy.Publisher(f"/{what}", String, queue_size=5, tcp_nodelay=True)
             for what in ("stop_all", "land_all")
         }
-        self._commands = {n: rospy.Publisher(f"/{n}/command", Command, queue_size=20) for n in vehicles}
-        self._acks = [rospy.Subscriber(f"/{n}/command_ack", CommandAck, self._on_ack) for n in vehicles]
+        self._commands = {
+            n: rospy.Publisher(f"/{n}/command", Command, queue_size=20) for n in vehicles
+        }
+        self._acks = [
+            rospy.Subscriber(f"/{n}/command_ack", CommandAck, self._on_ack) for n in vehicles
+        ]
         self._outcomes: Dict[Tuple[str, int], str] = {}
         self._execute = actionlib.ActionClient("/mission/execute", ExecuteAction)
         self._goal = None  # kept: who lets go of it hears no answer
 
-    # ---- everybody, without the mission ------------------------------------------------------------------------
+    # ---- everybody, without the mission ----------------------------------------------------------
 
     def everybody(self, what: str, answer: Answer) -> None:
-        """``what``: "stop_all" or "land_all". Sent by the caller's own thread, over a connection that stands."""
+        """``what``: "stop_all" or "land_all". Sent by the caller's own thread, over a connection
+        that stands."""
         publisher = self._all[what]
         listeners = publisher.get_num_connections()
         publisher.publish(String("the operator at the console"))
         answer("sent; see the report of stop_all" if listeners else _NOBODY, listeners > 0)
 
-    # ---- the mission -------------------------------------------------------------------------------------------
+    # ---- the mission -----------------------------------------------------------------------------
 
     def proceed(self, step: str, answer: Answer) -> None:
         """Confirm the step that is waited for."""
@@ -91,7 +97,7 @@ class Commands:
 
         _start(call)
 
-    # ---- commands to a vehicle ---------------------------------------------------------------------------------
+    # ---- commands to a vehicle -------------------------------------------------------------------
 
     def record(self, on: bool, answer: Answer) -> None:
         """Pictures on or off on every vehicle, repeated until each has answered."""
@@ -109,7 +115,10 @@ class Commands:
                 time.sleep(_REPEAT_S)
                 if not self._open.intersection(orders):
                     break
-            told = [f"{name}: {self._outcomes.pop((name, number), 'no answer')}" for name, number in orders]
+            told = [
+                f"{name}: {self._outcomes.pop((name, number), 'no answer')}"
+                for name, number in orders
+            ]
             self._open.difference_update(orders)
             answer("; ".join(told), all(t.endswith(": done") for t in told))
 
@@ -117,10 +126,16 @@ class Commands:
 
     def _command(self, name: str, number: int, on: bool, ordered_s: float) -> Command:
         return Command(
-            header=conversions.header(rospy.get_time(), ""), vehicle=name, sender=self._sender, number=number,
-            kind=Command.RECORD, flag=on, ordered_s=ordered_s, sent_s=time.monotonic(),
+            header=conversions.header(rospy.get_time(), ""),
+            vehicle=name,
+            sender=self._sender,
+            number=number,
+            kind=Command.RECORD,
+            flag=on,
+            ordered_s=ordered_s,
+            sent_s=time.monotonic(),
             lifetime_s=_REPEAT_S * _REPEATS,
-        )  # fmt: skip
+        )
 
     def _on_ack(self, m: CommandAck) -> None:
         key = (m.vehicle, m.number)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Live and recorded pictures and cameras' places to the epipolar error, once a second, by a thread of its own."""
+"""Live and recorded pictures and cameras' places to the epipolar error, once a second, by a thread
+of its own."""
 
 import threading
 from typing import Callable, List, Sequence, Tuple
@@ -29,11 +30,15 @@ class EpipolarHearing:
     def subscribe(self) -> None:
         """Once rospy knows its master."""
         for name in self._vehicles:
-            for topic, kind, heard in (("camera_pose", PoseWithCovarianceStamped, self._on_pose),
-                                       ("camera/color/camera_info", CameraInfo, self._on_camera),
-                                       ("camera/color/image_raw/compressed", CompressedImage, self._on_live),
-                                       ("capture/picture", CapturedPicture, self._on_picture)):  # fmt: skip
-                self._subscribers.append(rospy.Subscriber(f"/{name}/{topic}", kind, heard, name, queue_size=20))
+            for topic, kind, heard in (
+                ("camera_pose", PoseWithCovarianceStamped, self._on_pose),
+                ("camera/color/camera_info", CameraInfo, self._on_camera),
+                ("camera/color/image_raw/compressed", CompressedImage, self._on_live),
+                ("capture/picture", CapturedPicture, self._on_picture),
+            ):
+                self._subscribers.append(
+                    rospy.Subscriber(f"/{name}/{topic}", kind, heard, name, queue_size=20)
+                )
         threading.Thread(target=self._measure, name="epipolar error", daemon=True).start()
 
     def _on_pose(self, m: PoseWithCovarianceStamped, name: str) -> None:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events kept with the session: a table in its folder, one for each start of the window, written beside it."""
+"""Events kept with the session: a table in its folder, one for each start of the window, written
+beside it."""
 
 import os
 import threading
@@ -15,7 +16,8 @@ _EVERY_S = 2.0
 
 
 class EventFile:
-    """``keep`` as often as one likes; whole or not at all. ``put`` is told once why events cannot be kept."""
+    """``keep`` as often as one likes; whole or not at all. ``put`` is told once why events cannot
+    be kept."""
 
     def __init__(self, folder: Path, put: Callable[[f.Fact], None], started_s: float):
         stamp = datetime.fromtimestamp(started_s, timezone.utc).strftime("%Y%m%dT%H%M%SZ")

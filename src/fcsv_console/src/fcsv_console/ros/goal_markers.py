@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Goals as interactive markers of rviz: what is asked of them goes into the queue, the view says how they stand."""
+"""Goals as interactive markers of rviz: what is asked of them goes into the queue, the view says
+how they stand."""
 
 import math
 from typing import Any, Callable, Dict, Tuple
@@ -7,13 +8,19 @@ from typing import Any, Callable, Dict, Tuple
 from geometry_msgs.msg import Pose, Quaternion
 from interactive_markers.interactive_marker_server import InteractiveMarkerServer
 from interactive_markers.menu_handler import MenuHandler
-from visualization_msgs.msg import InteractiveMarker, InteractiveMarkerControl, InteractiveMarkerFeedback, Marker
+from visualization_msgs.msg import (
+    InteractiveMarker,
+    InteractiveMarkerControl,
+    InteractiveMarkerFeedback,
+    Marker,
+)
 
 from fcsv_console.model.goals import Goal, GoalEnabled, GoalMoved
 
 NAMESPACE = "/console/goals"
 _BALL_M = 0.5
-WORDS_M = 0.6  # height of letters: rviz's own of a description are 0.2 m, which nobody reads at 1366 px
+# height of letters: rviz's own of a description are 0.2 m, which nobody reads at 1366 px
+WORDS_M = 0.6
 _HALF = math.sqrt(0.5)
 _LOCKED, _FREE = (0.6, 0.6, 0.6, 0.7), (0.90, 0.62, 0.0, 0.9)  # Okabe and Ito's orange
 
@@ -34,11 +41,17 @@ class GoalMarkers:
         self._server.clear()
         self._menus = {}
         for goal in goals:
-            self._server.insert(marker(goal), lambda feedback, g=goal: self._on_feedback(feedback, g.index))
+            self._server.insert(
+                marker(goal), lambda feedback, g=goal: self._on_feedback(feedback, g.index)
+            )
             menu = self._menus[goal.index] = MenuHandler()
             wanted = GoalEnabled(goal.index, not goal.enabled)
-            entry = menu.insert("Drag this goal", callback=lambda _feedback, wanted=wanted: self._put(wanted))
-            menu.setCheckState(entry, MenuHandler.CHECKED if goal.enabled else MenuHandler.UNCHECKED)
+            entry = menu.insert(
+                "Drag this goal", callback=lambda _feedback, wanted=wanted: self._put(wanted)
+            )
+            menu.setCheckState(
+                entry, MenuHandler.CHECKED if goal.enabled else MenuHandler.UNCHECKED
+            )
             menu.apply(self._server, marker_name(goal.index))
         self._server.applyChanges()
 
@@ -65,11 +78,15 @@ def marker(goal: Goal) -> InteractiveMarker:
     ball.color.r, ball.color.g, ball.color.b, ball.color.a = _FREE if goal.enabled else _LOCKED
     words = Marker(type=Marker.TEXT_VIEW_FACING, text=goal.words, color=ball.color)
     words.pose.orientation.w, words.pose.position.z, words.scale.z = 1.0, 0.8, WORDS_M
-    menu = InteractiveMarkerControl(name="menu", interaction_mode=InteractiveMarkerControl.MENU, markers=[ball, words])
+    menu = InteractiveMarkerControl(
+        name="menu", interaction_mode=InteractiveMarkerControl.MENU, markers=[ball, words]
+    )
     menu.always_visible, menu.orientation.w = True, 1.0
     made.controls = [menu]
     if goal.enabled:
-        way = InteractiveMarkerControl(name="way", interaction_mode=InteractiveMarkerControl.MOVE_AXIS)
+        way = InteractiveMarkerControl(
+            name="way", interaction_mode=InteractiveMarkerControl.MOVE_AXIS
+        )
         x, y, z = goal.along
         way.orientation = Quaternion(0.0, -_HALF * z, _HALF * y, _HALF)  # its x axis along the way
         made.controls.append(way)

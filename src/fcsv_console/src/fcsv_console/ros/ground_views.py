@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fields of view of the mocap and the gimbals, from what the node markers tells of them and where tf2 has them."""
+"""Fields of view of the mocap and the gimbals, from what the node markers tells of them and where
+tf2 has them."""
 
 from typing import Callable, Optional, Tuple
 
@@ -18,8 +19,8 @@ MOCAP, GIMBALS = "mocap view", "gimbal views"  # namespaces of the node markers
 
 
 class GroundViewHearing:
-    """``put`` is told twice a second, of each camera whose place in home is known. tf2 is heard only where there are
-    such cameras."""
+    """``put`` is told twice a second, of each camera whose place in home is known. tf2 is heard
+    only where there are such cameras."""
 
     def __init__(self, put: Callable[[f.Fact], None]):
         self._put = put

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subscribes to what the console shows. Facts wait in a queue until who shows them takes them: no lock, no waiting."""
+"""Subscribes to what the console shows. Facts wait in a queue until who shows them takes them: no
+lock, no waiting."""
 
 import threading
 import time
@@ -26,11 +27,13 @@ NO_MASTER = "the ROS master does not answer"
 class Hearing:
     """``subscribe`` once rospy knows its master; ``take`` from any thread, again and again.
 
-    ``recorded``: a bag is played. Its pictures are those of the camera; in flight only compressed ones cross the radio.
-    ``arrivals`` are told what the relay measures.
+    ``recorded``: a bag is played. Its pictures are those of the camera; in flight only compressed
+    ones cross the radio. ``arrivals`` are told what the relay measures.
     """
 
-    def __init__(self, vehicles: Sequence[str], recorded: bool = False, arrivals: Optional[Arrivals] = None):
+    def __init__(
+        self, vehicles: Sequence[str], recorded: bool = False, arrivals: Optional[Arrivals] = None
+    ):
         self._arrivals = arrivals or Arrivals()
         self._vehicles = list(vehicles)
         self._of_vehicle = dict(messages.OF_VEHICLE, **(messages.RECORDED if recorded else {}))
@@ -48,7 +51,9 @@ class Hearing:
         for topic, (kind, convert) in messages.OF_CONTROL.items():
             self._hear(topic, kind, "", topic, convert)
         self._subscribers.append(hear_ages(self._arrivals))
-        self._subscribers.append(rospy.Subscriber("/relay/links", DiagnosticArray, self._on_links, queue_size=2))
+        self._subscribers.append(
+            rospy.Subscriber("/relay/links", DiagnosticArray, self._on_links, queue_size=2)
+        )
         self._watch.start()
 
     def take(self) -> Iterator[Tuple[float, Any]]:
@@ -66,12 +71,16 @@ class Hearing:
         for subscriber in self._subscribers:
             subscriber.unregister()
 
-    def _hear(self, topic: str, kind: Any, name: str, short: str, convert: messages.Convert) -> None:
+    def _hear(
+        self, topic: str, kind: Any, name: str, short: str, convert: messages.Convert
+    ) -> None:
         def heard(message: Any) -> None:
             self._arrivals.came(topic, publisher_of(message))
             self._keep(lambda: [convert(name, message)], name, short)
 
-        self._subscribers.append(rospy.Subscriber(topic, kind, heard, queue_size=20, tcp_nodelay=True))
+        self._subscribers.append(
+            rospy.Subscriber(topic, kind, heard, queue_size=20, tcp_nodelay=True)
+        )
         if name and self._bags is not None:
             self._bags.follow(name, short, self._subscribers[-1].get_num_connections)
 

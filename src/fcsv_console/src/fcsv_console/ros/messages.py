@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to facts. Each raises FcsvError or ValueError where a message cannot be used; the caller tells why."""
+"""Messages to facts. Each raises FcsvError or ValueError where a message cannot be used; the caller
+tells why."""
 
 import math
 from typing import Any, Callable, Dict, List, Tuple
@@ -66,7 +67,9 @@ def _camera(name: str, m: PoseWithCovarianceStamped) -> f.Fact:
 
 def _picture(name: str, m: CompressedImage) -> f.Fact:
     if not m.data.startswith(_PICTURES):
-        raise GeometryError(f"encoding '{m.format}' with {len(m.data)} octets is no JPEG or PNG picture")
+        raise GeometryError(
+            f"encoding '{m.format}' with {len(m.data)} octets is no JPEG or PNG picture"
+        )
     return f.PictureHeard(name, m.header.stamp.to_sec(), bytes(m.data))
 
 
@@ -90,12 +93,16 @@ def _depth(_name: str, m: Image) -> f.Fact:
 
 
 def _guardian(name: str, m: GuardianState) -> f.Fact:
-    return f.Guardian(name, m.action, m.holds, m.uncontrolled, m.lost, m.taken, tuple(m.reasons), tuple(m.forbids))
+    return f.Guardian(
+        name, m.action, m.holds, m.uncontrolled, m.lost, m.taken, tuple(m.reasons), tuple(m.forbids)
+    )
 
 
 def _diagnosed(name: str, m: DiagnosticArray) -> f.Fact:
     levels = (DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
-    return f.Diagnosed(name, tuple((s.name, s.level, s.message) for s in m.status if s.level in levels))
+    return f.Diagnosed(
+        name, tuple((s.name, s.level, s.message) for s in m.status if s.level in levels)
+    )
 
 
 def _recorder(name: str, m: RecorderStatus) -> f.Fact:
@@ -153,8 +160,10 @@ def _mission(_name: str, m: MissionState) -> f.Fact:
 
 
 def _stop(_name: str, m: StopReport) -> f.Fact:
-    fields = {name: getattr(m, name) for name in ("asked", "reason", "done", "by_hand", "under_way", "unheard",
-                                                  "problems")}  # fmt: skip
+    fields = {
+        name: getattr(m, name)
+        for name in ("asked", "reason", "done", "by_hand", "under_way", "unheard", "problems")
+    }
     return f.StopTold(m.asked, Report(**fields).in_words() if m.asked else "")
 
 
@@ -168,10 +177,14 @@ def _calibrated(_name: str, m: Epochs) -> f.Fact:
 
 def _links(_name: str, m: Calibration) -> f.Fact:
     stds = (math.sqrt(max(0.0, li.covariance[15])) for li in m.links)
-    return f.CalibrationFound(tuple(
-        f.CalibratedLink(li.child, li.parent, li.used, li.rejected, li.position_spread_m, std_rad)
-        for li, std_rad in zip(m.links, stds)
-    ))  # fmt: skip
+    return f.CalibrationFound(
+        tuple(
+            f.CalibratedLink(
+                li.child, li.parent, li.used, li.rejected, li.position_spread_m, std_rad
+            )
+            for li, std_rad in zip(m.links, stds)
+        )
+    )
 
 
 #: topic on the control PC -> type, conversion
@@ -181,7 +194,10 @@ OF_CONTROL: Dict[str, Tuple[Any, Convert]] = {
     "/mission/alive": (Heartbeat, lambda _name, m: f.MissionAlive(m.instance)),
     "/flight_check": (FlightCheck, _check),
     "/stop_all/report": (StopReport, _stop),
-    "/map/state": (MapState, lambda _name, m: f.MapTold(m.state, m.detail, m.coverage, tuple(m.problems))),
+    "/map/state": (
+        MapState,
+        lambda _name, m: f.MapTold(m.state, m.detail, m.coverage, tuple(m.problems)),
+    ),
     "/map/reference": (Image, _reference),
     "/map/depth": (Image, _depth),
     "/calibration_epochs": (Epochs, _calibrated),

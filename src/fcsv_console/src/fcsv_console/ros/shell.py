@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The console on a ROS master: facts in, commands out. The master may be away at the start, and later."""
+"""The console on a ROS master: facts in, commands out. The master may be away at the start, and
+later."""
 
 import math
 import shlex
@@ -48,14 +49,17 @@ class Fleet:
 
 
 def fleet(vehicles: Sequence[str] = (), mission: str = "", vehicles_dir: str = "") -> Fleet:
-    """What is given, else what the mission node was started with, else uav1 and uav2. Raises ConfigError."""
+    """What is given, else what the mission node was started with, else uav1 and uav2. Raises
+    ConfigError."""
     told = _parameters()
     names = list(vehicles) or list(told.get("vehicles", ())) or ["uav1", "uav2"]
     folder = vehicles_dir or told.get("vehicles_dir", "")
     if not folder:
         folder = str(Path(rospkg.RosPack().get_path("fcsv_bringup")) / "config/vehicles")
     tags = {name: v.tag_id for name, v in load_vehicles(folder, names).items()}
-    return Fleet(names, tags, mission or str(told.get("mission", "")), str(told.get("memory_dir", "")))
+    return Fleet(
+        names, tags, mission or str(told.get("mission", "")), str(told.get("memory_dir", ""))
+    )
 
 
 def _parameters() -> dict:
@@ -68,12 +72,17 @@ def _parameters() -> dict:
 
 
 class Shell:
-    """``view`` takes in what came meanwhile; ``do`` asks for an action by name. Both of one thread; neither waits."""
+    """``view`` takes in what came meanwhile; ``do`` asks for an action by name. Both of one thread;
+    neither waits."""
 
     def __init__(
-        self, console: Console, name: str, recorded: bool = False, windowed: bool = False,
+        self,
+        console: Console,
+        name: str,
+        recorded: bool = False,
+        windowed: bool = False,
         arrivals: Optional[Arrivals] = None,
-    ):  # fmt: skip
+    ):
         self.console, self._name, self._windowed = console, name, windowed
         self._goals: Optional[GoalMarkers] = None
         self._turns: Optional[WindowTurns] = None
@@ -88,7 +97,8 @@ class Shell:
         threading.Thread(target=self._join, name="joins the master", daemon=True).start()
 
     def _join(self) -> None:
-        """Waits for a master as long as it takes. rospy would wait too, and then keep the process from ending."""
+        """Waits for a master as long as it takes. rospy would wait too, and then keep the process
+        from ending."""
         while not rosgraph.is_master_online():
             self._hearing.put(f.MasterTold(NO_MASTER))
             if self._over.wait(_LOOK_S):
@@ -127,7 +137,8 @@ class Shell:
         return view
 
     def do(self, name: str, **given) -> None:
-        """An action of actions.TABLE, or "accept" with ``vehicle`` and ``line``; its answer becomes an event."""
+        """An action of actions.TABLE, or "accept" with ``vehicle`` and ``line``; its answer becomes
+        an event."""
         if name == "rehearse":
             self._rehearse()
             return
@@ -162,7 +173,10 @@ class Shell:
 
     def after(self, step: str, places: Places) -> None:
         """Begin "gather" or "map", or stop the one that runs."""
-        runs = next((s.state == RUNS for s in self.console.view(time.monotonic()).after if s.name == step), False)
+        runs = next(
+            (s.state == RUNS for s in self.console.view(time.monotonic()).after if s.name == step),
+            False,
+        )
         self._after.cancel(step) if runs else self._after.start(step, places)
 
     def report_opened(self, page: Path, opened: bool) -> None:
@@ -217,20 +231,28 @@ class Shell:
 
 
 def open_shell(
-    name: str, vehicles: Sequence[str], mission: str, target_m: float, windowed: bool = False, vehicles_dir: str = "",
-    recorded: bool = False, session: str = "",
-) -> Shell:  # fmt: skip
-    """Opens a shell with the fleet that is found; ``windowed``: it keeps its events with the session, and its goals
-    stand in rviz.
+    name: str,
+    vehicles: Sequence[str],
+    mission: str,
+    target_m: float,
+    windowed: bool = False,
+    vehicles_dir: str = "",
+    recorded: bool = False,
+    session: str = "",
+) -> Shell:
+    """Opens a shell with the fleet that is found; ``windowed``: it keeps its events with the
+    session, and its goals stand in rviz.
 
-    ``recorded``: a bag is played, and pictures come as vehicles record them. ``session``: a folder into which all
-    machines record; empty: each records into its own.
+    ``recorded``: a bag is played, and pictures come as vehicles record them. ``session``: a folder
+    into which all machines record; empty: each records into its own.
 
     Raises ConfigError where a vehicle file cannot be used.
     """
     found = fleet(vehicles, mission, vehicles_dir)
     arrivals = Arrivals()
-    console = Console(found.vehicles, found.tags, target_m=target_m, since_s=arrivals.since_s, recorded=recorded)
+    console = Console(
+        found.vehicles, found.tags, target_m=target_m, since_s=arrivals.since_s, recorded=recorded
+    )
     if found.mission:
         console.load(found.mission)
     shell = Shell(console, name, recorded, windowed, arrivals)
@@ -241,14 +263,18 @@ def open_shell(
 
 
 def shared_places(session: str) -> Places:
-    """Gives the places of a folder into which all machines record, as in a simulation: nothing is to be gathered."""
+    """Gives the places of a folder into which all machines record, as in a simulation: nothing is
+    to be gathered."""
     folder = Path(session).expanduser()
     return Places("", str(folder), str(folder.parent / "map"))
 
 
 def usual_places(found: Fleet) -> Places:
-    """Each vehicle by its name as a host, with what ``uav.launch`` records there; the map stands beside the session."""
+    """Each vehicle by its name as a host, with what ``uav.launch`` records there; the map stands
+    beside the session."""
     own = found.session_dir or str(Path.home() / "fcsv/session")
-    sources = [f"{name}={name}:fcsv/session" for name in found.vehicles] + [f"control={shlex.quote(own)}"]
+    sources = [f"{name}={name}:fcsv/session" for name in found.vehicles] + [
+        f"control={shlex.quote(own)}"
+    ]
     beside = Path(own).parent
     return Places(" ".join(sources), str(beside / "flight"), str(beside / "map"))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosrun fcsv_console status: the operator's view on a terminal of 80 columns, with stop-all and land by key."""
+"""rosrun fcsv_console status: the operator's view on a terminal of 80 columns, with stop-all and
+land by key."""
 
 import argparse
 import contextlib
@@ -28,9 +29,13 @@ _ONCE_S = 3.0
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Exit status: 0; 2 where a vehicle file cannot be used."""
     parser = argparse.ArgumentParser(prog="status", description=__doc__)
-    parser.add_argument("--vehicles", default="", help="the column, front first; default: the mission node's")
+    parser.add_argument(
+        "--vehicles", default="", help="the column, front first; default: the mission node's"
+    )
     parser.add_argument("--mission", default="", help="mission file; default: the mission node's")
-    parser.add_argument("--target-m", type=float, default=0.0, help="range wanted; default: the configuration's")
+    parser.add_argument(
+        "--target-m", type=float, default=0.0, help="range wanted; default: the configuration's"
+    )
     parser.add_argument("--once", action="store_true", help="print one screen after 3 s, and end")
     arguments = parser.parse_args(argv if argv is not None else rospy.myargv()[1:])
     names = [n for n in arguments.vehicles.split(",") if n]
@@ -68,18 +73,23 @@ def _watch(shell: Shell) -> None:
 
 
 def press(shell: Shell, key: str) -> None:
-    """Capital letters only, so that a slip of the finger does nothing; what is not enabled is told, not sent."""
+    """Capital letters only, so that a slip of the finger does nothing; what is not enabled is told,
+    not sent."""
     name = KEYS.get(key)
     if name is None:
         return
     view = shell.view()
     action = view.actions[name]
     if name == "hand_over" and not paused(view.mission.value):
-        action = replace(action, why_not="nothing waits for Resume; vehicles are handed over in the window")
+        action = replace(
+            action, why_not="nothing waits for Resume; vehicles are handed over in the window"
+        )
     if action.enabled:
         shell.do(name)
     else:
-        shell.console.answer(shell.console.ask(time.monotonic(), name), f"not now: {action.why_not}", False)
+        shell.console.answer(
+            shell.console.ask(time.monotonic(), name), f"not now: {action.why_not}", False
+        )
 
 
 @contextlib.contextmanager

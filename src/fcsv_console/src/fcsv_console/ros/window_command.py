@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosrun fcsv_console console: the operator's window. It may be closed and opened in flight: nothing depends on it."""
+"""rosrun fcsv_console console: the operator's window. It may be closed and opened in flight:
+nothing depends on it."""
 
 import argparse
 import os
@@ -60,14 +61,26 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 def parser() -> argparse.ArgumentParser:
     """Makes the parser of the command line."""
     found = argparse.ArgumentParser(prog="console", description=__doc__)
-    found.add_argument("--vehicles", default="", help="the column, front first; default: the mission node's")
+    found.add_argument(
+        "--vehicles", default="", help="the column, front first; default: the mission node's"
+    )
     found.add_argument("--mission", default="", help="mission file; default: the mission node's")
-    found.add_argument("--target-m", type=float, default=0.0, help="range wanted; default: the configuration's")
-    found.add_argument("--vehicles-dir", default="", help="their files; default: the mission node's, else the usual")
-    found.add_argument("--recorded", action="store_true", help="a bag is played: show the pictures that it holds")
+    found.add_argument(
+        "--target-m", type=float, default=0.0, help="range wanted; default: the configuration's"
+    )
+    found.add_argument(
+        "--vehicles-dir",
+        default="",
+        help="their files; default: the mission node's, else the usual",
+    )
+    found.add_argument(
+        "--recorded", action="store_true", help="a bag is played: show the pictures that it holds"
+    )
     shared = "all machines record into it, as in a simulation: nothing is gathered; default: each machine's own"
     found.add_argument("--session", default="", metavar="FOLDER", help=shared)
-    found.add_argument("--theme", choices=("system", *THEMES), default="system", help="colours; else the desktop's")
+    found.add_argument(
+        "--theme", choices=("system", *THEMES), default="system", help="colours; else the desktop's"
+    )
     return found
 
 
@@ -108,7 +121,8 @@ def connected(shell: Shell, app: QApplication) -> ConsoleWindow:
 
 
 def after(shell: Shell, step: str, places: Places) -> None:
-    """A step of after the flight; the report is opened by the desktop's own browser, if there is one."""
+    """A step of after the flight; the report is opened by the desktop's own browser, if there is
+    one."""
     if step == REPORT:
         page = report_of(places).resolve()
         shell.report_opened(page, QDesktopServices.openUrl(QUrl.fromLocalFile(str(page))))

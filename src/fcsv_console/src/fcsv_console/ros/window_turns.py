@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows on one master tell each other that they are there, so that one of them has the goals in rviz."""
+"""Windows on one master tell each other that they are there, so that one of them has the goals in
+rviz."""
 
 import time
 from typing import Any, Callable
@@ -14,7 +15,8 @@ TOPIC = "/console/goals/window"
 
 
 class WindowTurns:
-    """``mine`` from one thread, as often as one likes; ``put`` is told who has the goals where that changes."""
+    """``mine`` from one thread, as often as one likes; ``put`` is told who has the goals where that
+    changes."""
 
     def __init__(self, put: Callable[[Any], None]):
         opened = rospy.Time.from_sec(time.time())

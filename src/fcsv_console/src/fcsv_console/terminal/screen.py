@@ -19,9 +19,19 @@ from fcsv_control.disk import disk_words
 from fcsv_control.flight_check.lines import State
 
 WIDTH, HEIGHT = 80, 24
-_FLIERS = {PILOT: "bold cyan", MISSION: "bold blue", GUARDIAN: "bold yellow", FAILSAFE: "bold white on red", NOBODY: ""}
-_STATES = {State.GREEN: "bold blue", State.AMBER: "bold yellow", State.RED: "bold white on red",
-           State.UNKNOWN: "bold magenta"}  # fmt: skip
+_FLIERS = {
+    PILOT: "bold cyan",
+    MISSION: "bold blue",
+    GUARDIAN: "bold yellow",
+    FAILSAFE: "bold white on red",
+    NOBODY: "",
+}
+_STATES = {
+    State.GREEN: "bold blue",
+    State.AMBER: "bold yellow",
+    State.RED: "bold white on red",
+    State.UNKNOWN: "bold magenta",
+}
 _GONE = "bold magenta"
 _TONES = {cells.GOOD: "blue", cells.CARE: "yellow", cells.BAD: "red", cells.GONE: "magenta"}
 _LEVELS = {"info": "", "warning": "yellow", "error": "bold red"}
@@ -30,10 +40,13 @@ KEYS = "S stop all   L land all   P pause   G resume   Q quit"
 
 
 def screen(view: View) -> Group:
-    """Everything that matters, the keys first: a low terminal cuts the end. What is wrong takes lines from events."""
+    """Everything that matters, the keys first: a low terminal cuts the end. What is wrong takes
+    lines from events."""
     parts: List = [Text(KEYS, "bold", justify="center"), _head(view), Rule(style="dim")]
     parts += [_vehicles(view), *_poses(view)]
-    parts += [Text(f" {a.words}", "bold yellow", no_wrap=True, overflow="ellipsis") for a in view.above]
+    parts += [
+        Text(f" {a.words}", "bold yellow", no_wrap=True, overflow="ellipsis") for a in view.above
+    ]
     parts += [Rule(style="dim"), _stereo(view), _check(view)]
     parts += [
         Text(f" ! {p}", "dim" if view.starts else "yellow", no_wrap=True, overflow="ellipsis")
@@ -58,7 +71,11 @@ def _head(view: View) -> Group:
     stopped = view.stop.value is not None and view.stop.value.asked
     style = f"bold {_TONES.get(headline.tone, '')}".strip()
     found = wrap(headline.text, WIDTH)
-    lines = [_line(headline.text, style)] if stopped else [_line(line, style) for line in found[:_HEADLINES]]
+    lines = (
+        [_line(headline.text, style)]
+        if stopped
+        else [_line(line, style) for line in found[:_HEADLINES]]
+    )
     if stopped:
         lines.append(_line(view.stop.value.words, "bold white on red"))
     rows = view.file.rows
@@ -76,28 +93,46 @@ def _head(view: View) -> Group:
 
 def _vehicles(view: View) -> Table:
     table = Table(box=None, padding=(0, 1, 0, 0), expand=False, header_style="dim", width=WIDTH)
-    columns = ("vehicle", 8, "left"), ("flown by", 28, "left"), ("battery", 17, "right"), ("pose", 7, "right"), \
-        ("pict", 6, "right"), ("radio", 7, "right")  # fmt: skip
+    columns = (
+        ("vehicle", 8, "left"),
+        ("flown by", 28, "left"),
+        ("battery", 17, "right"),
+        ("pose", 7, "right"),
+        ("pict", 6, "right"),
+        ("radio", 7, "right"),
+    )
     for name, width, justify in columns:
         table.add_column(name, width=width, justify=justify, no_wrap=True, overflow="ellipsis")
     for v in view.vehicles:
         if view.ended and v.heard.stale and not v.armed:
-            table.add_row(Text(v.name, "bold"), Text(f"the flight is over, off for {v.heard.words}", "dim"))
+            table.add_row(
+                Text(v.name, "bold"), Text(f"the flight is over, off for {v.heard.words}", "dim")
+            )
             continue
         table.add_row(
-            Text(v.name, "bold"), Text(v.flier.words, _FLIERS.get(v.flier.who, "bold magenta")), _battery(v),
-            _rate(v.pose), _rate(v.picture), _radio(v),
-        )  # fmt: skip
+            Text(v.name, "bold"),
+            Text(v.flier.words, _FLIERS.get(v.flier.who, "bold magenta")),
+            _battery(v),
+            _rate(v.pose),
+            _rate(v.picture),
+            _radio(v),
+        )
         style = "dim" if v.connection == "connected" else "bold magenta"
         high = f", {v.height_m:.1f} m up" if v.armed and v.height_m is not None else ""
         motors = "ARMED" if v.armed else "motors off"
         link = "" if v.connection == "connected" else f"{v.connection}, "
         told = f"{link}{v.mode}, {motors}{high}" if v.state.value else v.connection
         table.add_row("", _line(told, style), _disk(v))
-        table.add_row("", _line(f"calibration {v.calibration}", "" if "OUT" in v.calibration else "dim"), _clock(v))
+        table.add_row(
+            "",
+            _line(f"calibration {v.calibration}", "" if "OUT" in v.calibration else "dim"),
+            _clock(v),
+        )
         wrong = cells.diagnostics(v)
         if wrong.tone in (cells.CARE, cells.BAD):
-            style = "dim" if view.starts else "bold yellow" if wrong.tone == cells.CARE else "bold red"
+            style = (
+                "dim" if view.starts else "bold yellow" if wrong.tone == cells.CARE else "bold red"
+            )
             table.add_row("", _line(wrong.text.split("\n")[0], style))
         if v.said.value is not None:
             table.add_row("", _line(f'"{v.said.value.text}" {v.said.words} ago', "dim"))
@@ -109,14 +144,17 @@ def _poses(view: View) -> List[Text]:
     told = []
     for v in view.vehicles:
         odometry, home = (
-            Text(c.text, _GONE if c.tone == cells.GONE else "") for c in (cells.in_odometry(v), cells.in_home(v))
+            Text(c.text, _GONE if c.tone == cells.GONE else "")
+            for c in (cells.in_odometry(v), cells.in_home(v))
         )
         told.append(Text.assemble((f"{v.name:<8}", "bold"), "odometry ", odometry, "  home ", home))
     for k, v in enumerate(view.vehicles):
         before = [other.name for other in view.vehicles[:k]]
         pairs = [cells.against(r) for r in view.against_others(v.name) if r.other in before]
         told += [
-            Text.assemble((f"{v.name:<8}", "bold"), "from ", (c.text, _GONE if c.tone == cells.GONE else ""))
+            Text.assemble(
+                (f"{v.name:<8}", "bold"), "from ", (c.text, _GONE if c.tone == cells.GONE else "")
+            )
             for c in pairs
         ]
     for line in told:
@@ -146,7 +184,10 @@ def _radio(v: VehicleRow) -> Text:
     r = v.radio.value
     if r is None or v.radio.stale:
         return Text("-", "dim")
-    return Text("BAD" if r.problem else f"{1e3 * r.round_trip_s:.0f} ms", "bold white on red" if r.problem else "")
+    return Text(
+        "BAD" if r.problem else f"{1e3 * r.round_trip_s:.0f} ms",
+        "bold white on red" if r.problem else "",
+    )
 
 
 def _disk(v: VehicleRow) -> Text:
@@ -166,33 +207,52 @@ def _clock(v: VehicleRow) -> Text:
 
 def _stereo(view: View) -> Text:
     s = view.stereo
-    figures = "" if math.isnan(s.error_m) else f"  {s.baseline_m:.2f} m, {s.overlap:.0%} shared, +-{s.error_m:.1f} m"
-    return _line(f"{s.words}{figures}", "bold blue" if s.go else "bold yellow" if s.judged else "dim")
+    figures = (
+        ""
+        if math.isnan(s.error_m)
+        else f"  {s.baseline_m:.2f} m, {s.overlap:.0%} shared, +-{s.error_m:.1f} m"
+    )
+    return _line(
+        f"{s.words}{figures}", "bold blue" if s.go else "bold yellow" if s.judged else "dim"
+    )
 
 
 def _check(view: View) -> Group:
     state = view.check_state
     wrong = check_lines(view)
     word, style = ("starting", "dim") if view.starts else (state.word, _STATES[state])
-    lines = [Text.assemble("flight check: ", (word, style), f", {len(wrong)} of {len(view.check or ())} lines not green"
-                           if view.check else ", not heard")]  # fmt: skip
+    lines = [
+        Text.assemble(
+            "flight check: ",
+            (word, style),
+            f", {len(wrong)} of {len(view.check or ())} lines not green"
+            if view.check
+            else ", not heard",
+        )
+    ]
     waiting = [li for li in wrong if view.waits(li)]
     wrong = [li for li in wrong if li not in waiting]
     if waiting:
         named = ", ".join(f"{li.vehicle} {li.name}" for li in waiting)
-        lines.append(_line(f" {len(waiting)} lines wait, normal for about a minute: {named}", "dim"))
+        lines.append(
+            _line(f" {len(waiting)} lines wait, normal for about a minute: {named}", "dim")
+        )
     for li in wrong[:_CHECKS]:
         accepted = " (accepted)" if li.accepted else ""
         words = f" {li.vehicle:<8}{li.name:<11}{li.state.word:<8}{li.what}{accepted}"
         lines.append(_line(words, _STATES[li.state] if not li.passes else "dim"))
     if len(wrong) > _CHECKS:
-        lines.append(_line(f" and {len(wrong) - _CHECKS} more: rosrun fcsv_control flight_check", "dim"))
+        lines.append(
+            _line(f" and {len(wrong) - _CHECKS} more: rosrun fcsv_control flight_check", "dim")
+        )
     return Group(*lines)
 
 
 def _events(view: View, number: int) -> List[Text]:
     told = [
-        _line(f"{e.clock} {e.who}: {e.what}{' -> ' + e.answer if e.answer else ''}", _LEVELS[e.level])
+        _line(
+            f"{e.clock} {e.who}: {e.what}{' -> ' + e.answer if e.answer else ''}", _LEVELS[e.level]
+        )
         for e in view.events[-number:]
     ]
     return told or [_line("no events yet", "dim")]

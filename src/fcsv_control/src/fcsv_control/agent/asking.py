@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A request to a flight link that may answer before its effect shows, as MAVROS does; our own answers when it shows."""
+"""A request to a flight link that may answer before its effect shows, as MAVROS does; our own
+answers when it shows."""
 
 import math
 from typing import Callable, Dict, List, Optional
@@ -12,7 +13,8 @@ _STATE_S = 0.5
 
 
 class Shown:
-    """What the autopilot shows, and why it refused, as an agent hears it; the newest request for a mode."""
+    """What the autopilot shows, and why it refused, as an agent hears it; the newest request for a
+    mode."""
 
     def __init__(self):
         self.mode, self.armed = "", False
@@ -39,21 +41,27 @@ class Shown:
         return self._refusals[-1] if self.refusals > after else ""
 
     def showed(self, mode: str, since_s: float) -> bool:
-        """Whether it is in the mode, or was since: a pilot who then takes over has the last word."""
+        """Whether it is in the mode, or was since: a pilot who then takes over has the last
+        word."""
         return self.mode == mode or self._heard_s.get(mode, -math.inf) >= since_s
 
 
 class Asking:
     """``step`` says whether to send it now; ``over`` once its effect shows.
 
-    It raises ControlError where the autopilot refused since it was sent, where a newer mode was asked for, and where
-    the effect does not show in time.
+    It raises ControlError where the autopilot refused since it was sent, where a newer mode was
+    asked for, and where the effect does not show in time.
     """
 
     def __init__(
-        self, shown: Shown, now_s: float, what: str, shows: Callable[[], bool], again_s: float = math.inf,
+        self,
+        shown: Shown,
+        now_s: float,
+        what: str,
+        shows: Callable[[], bool],
+        again_s: float = math.inf,
         patience_s: float = SHOWS_S,
-    ):  # fmt: skip
+    ):
         self.over = False
         self._shown, self._asked_s, self._what, self._shows = shown, now_s, what, shows
         self._again_s, self._until_s, self._next_s = again_s, now_s + patience_s, now_s
@@ -73,27 +81,36 @@ class Asking:
 
     @staticmethod
     def mode(shown: Shown, now_s: float, mode: str) -> "Asking":
-        """A mode that stops is sent again until it shows, however it was answered. An older request ends."""
+        """A mode that stops is sent again until it shows, however it was answered. An older request
+        ends."""
         stops = mode in STOPPING_MODES
         asking = Asking(
-            shown, now_s, f"mode {mode}", lambda: shown.showed(mode, now_s), STOP_REPEAT_S if stops else math.inf,
+            shown,
+            now_s,
+            f"mode {mode}",
+            lambda: shown.showed(mode, now_s),
+            STOP_REPEAT_S if stops else math.inf,
             STOP_PATIENCE_S if stops else SHOWS_S,
-        )  # fmt: skip
+        )
         asking._newest, shown.newest = shown, asking
         return asking
 
     @staticmethod
     def arming(shown: Shown, now_s: float, value: bool) -> "Asking":
         """The armed flag in the heartbeat lags by up to a second."""
-        return Asking(shown, now_s, "arming" if value else "disarming", lambda: shown.armed == value)
+        return Asking(
+            shown, now_s, "arming" if value else "disarming", lambda: shown.armed == value
+        )
 
     def answered(self, now_s: float) -> None:
-        """The link took it. One that answers when it shows may have taken long; the state comes by another way."""
+        """The link took it. One that answers when it shows may have taken long; the state comes by
+        another way."""
         self._taken, self._until_s = True, max(self._until_s, now_s + _STATE_S)
         self._next_s = max(self._next_s, now_s + self._again_s)
 
     def step(self, now_s: float) -> bool:
-        """Whether to send it now. The first time always: what shows already may be about to change."""
+        """Whether to send it now. The first time always: what shows already may be about to
+        change."""
         first = self._next_s == self._asked_s
         if not first and self._shows():
             self.over = True
@@ -105,7 +122,9 @@ class Asking:
             raise ControlError(refusal)
         if not first and now_s >= self._until_s:
             armed = "armed" if self._shown.armed else "not armed"
-            raise ControlError(f"{self._what} was sent, but the vehicle is in {self._shown.mode or 'no mode'}, {armed}")
+            raise ControlError(
+                f"{self._what} was sent, but the vehicle is in {self._shown.mode or 'no mode'}, {armed}"
+            )
         if now_s < self._next_s:
             return False
         self._next_s = now_s + self._again_s

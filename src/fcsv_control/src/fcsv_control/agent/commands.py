@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbered commands: each is executed once, its answer repeated, and never one that came too late."""
+"""Numbered commands: each is executed once, its answer repeated, and never one that came too
+late."""
 
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -36,20 +37,31 @@ class CommandLog:
         self._newest: Dict[str, int] = {}  # number of the last move of each sender
 
     def judge(
-        self, now_s: float, vehicle: str, sender: str, number: int, moves: bool, expires_s: float, stops: bool = False
+        self,
+        now_s: float,
+        vehicle: str,
+        sender: str,
+        number: int,
+        moves: bool,
+        expires_s: float,
+        stops: bool = False,
     ) -> Tuple[CommandVerdict, Optional[Answer]]:
-        """(what to do, the answer to repeat). A command under way waits; one never executed may be too late.
+        """(what to do, the answer to repeat). A command under way waits; one never executed may be
+        too late.
 
-        Of commands that move the vehicle (``moves``), one that a newer one of its sender overtook is too late,
-        too: a way-point that the radio delayed must not undo the hold that came after it. A command that ``stops``
-        (HOLD, BRAKE, LAND) is never too late by the clock, which may be wrong on either machine.
+        Of commands that move the vehicle (``moves``), one that a newer one of its sender overtook
+        is too late, too: a way-point that the radio delayed must not undo the hold that came after
+        it. A command that ``stops`` (HOLD, BRAKE, LAND) is never too late by the clock, which may
+        be wrong on either machine.
         """
         if vehicle != self._vehicle:
             return CommandVerdict.IGNORE, None
         key = (sender, number)
         if key in self._answers:
             answer = self._answers[key]
-            return (CommandVerdict.WAIT, None) if answer is None else (CommandVerdict.REPEAT, answer)
+            return (
+                (CommandVerdict.WAIT, None) if answer is None else (CommandVerdict.REPEAT, answer)
+            )
         self._answers[key] = None
         while len(self._answers) > _REMEMBERED:
             self._answers.popitem(last=False)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The agent's decisions: commands, states and time in; requests to the flight link, answers and set-points out.
+"""The agent's decisions: commands, states and time in; requests to the flight link, answers and
+set-points out.
 
 No ROS, no thread, no clock. ``now_s`` is monotonic time; no wall clock is ever asked.
 """
@@ -40,7 +41,8 @@ _QUIET_S = 0.15  # set-points on their way arrive before the take-off that they 
 
 @dataclass(frozen=True)
 class AgentRules:
-    """``maintenance`` permits any mode. ``guardian``: without a living one nothing is handed over to the mission."""
+    """``maintenance`` permits any mode. ``guardian``: without a living one nothing is handed over
+    to the mission."""
 
     set_point_rate_hz: float = 10.0
     maintenance: bool = False
@@ -49,7 +51,8 @@ class AgentRules:
 
 
 class AgentCore:
-    """One vehicle's agent. A job that needs the flight link waits for the one before it; stopping waits for nothing."""
+    """One vehicle's agent. A job that needs the flight link waits for the one before it; stopping
+    waits for nothing."""
 
     def __init__(self, vehicle: str, rules: AgentRules, twins: DuplicateAgentGuard):
         self._vehicle, self._rules = vehicle, rules
@@ -61,15 +64,17 @@ class AgentCore:
         self._gate = RateGate(rules.set_point_rate_hz)
         self._waiting: Deque[Instruction] = deque()
         self._running: Optional[Instruction] = None
-        self._asked: Dict[int, Optional[Instruction]] = {}  # by the ask's number; None: the agent's own
+        # by the ask's number; None: the agent's own
+        self._asked: Dict[int, Optional[Instruction]] = {}
         self._due: List[Tuple[float, Ask]] = []  # asks that wait for a moment
         self._asks = 0
         self._out: List[Output] = []
 
-    # ---- what is heard ---------------------------------------------------------------------------------------
+    # ---- what is heard ---------------------------------------------------------------------------
 
     def state(self, mode: str, armed: bool) -> None:
-        """The flight controller's mode; "": its link hears no autopilot (yet), which says nothing."""
+        """The flight controller's mode; "": its link hears no autopilot (yet), which says
+        nothing."""
         if mode:
             self._holder.state(mode, armed)
             self.rights.hands.state(mode, armed)
@@ -81,20 +86,26 @@ class AgentCore:
             self._say(f"the autopilot's estimate jumped by {moved_m:.1f} m; the target moves along")
 
     def estimate_moved(self, now_s: float, step_m: Sequence[float]) -> None:
-        """The autopilot adopted a jump of its navigation, over several messages: the target moves along."""
+        """The autopilot adopted a jump of its navigation, over several messages: the target moves
+        along."""
         if self._holder.moved(now_s, step_m):
-            self._say(f"the autopilot's estimate moved by {math.hypot(*step_m):.1f} m; the target moves along")
+            self._say(
+                f"the autopilot's estimate moved by {math.hypot(*step_m):.1f} m; the target moves along"
+            )
 
     def epoch(self, epoch: int, reason: str) -> None:
-        """The odometry's epoch. Where its frame began anew the target is not where it was meant to be: hold here."""
+        """The odometry's epoch. Where its frame began anew the target is not where it was meant to
+        be: hold here."""
         if self.rights.frame.odometry(epoch, reason) and self._holder.mode == "GUIDED":
             self._say(f"the odometry began anew ({reason}); holding")
             self._hold_here()
 
-    def guarded(self, now_s: float, action: str, holds: bool, why: str, forbids: Sequence[str]) -> None:
-        """The guardian's verdict: while it ``holds`` the vehicle the agent is quiet, and thereafter holds where it
-        is; an
-        ``action`` may be a mode that it asks for; ``forbids`` tells why the vehicle is not to be handed over."""
+    def guarded(
+        self, now_s: float, action: str, holds: bool, why: str, forbids: Sequence[str]
+    ) -> None:
+        """The guardian's verdict: while it ``holds`` the vehicle the agent is quiet, and thereafter
+        holds where it is; an ``action`` may be a mode that it asks for; ``forbids`` tells why the
+        vehicle is not to be handed over."""
         self.rights.guardian_s, self.rights.aside = now_s, action == "aside"
         if action in STOPPING_MODES:
             self.rights.hands.asked(action)
@@ -115,7 +126,9 @@ class AgentCore:
             return
         moves = c.kind is not Kind.RECORD
         expires_s = c.ordered_s + c.lifetime_s
-        verdict, answer = self._log.judge(now_s, c.vehicle, c.sender, c.number, moves, expires_s, c.stops)
+        verdict, answer = self._log.judge(
+            now_s, c.vehicle, c.sender, c.number, moves, expires_s, c.stops
+        )
         if verdict is CommandVerdict.IGNORE:
             return
         refusal = self.rights.refusal(now_s, c)  # a repetition keeps the lease, too
@@ -131,7 +144,8 @@ class AgentCore:
             self._waiting.append(c)
 
     def _mute(self, now_s: float, c: Instruction) -> bool:
-        """An older agent of this vehicle answers, or may be there: this one neither acts nor answers."""
+        """An older agent of this vehicle answers, or may be there: this one neither acts nor
+        answers."""
         return bool(self.twins.older(now_s)) or (self.twins.listening(now_s) and not c.stops)
 
     def finished(self, ask: Ask, refusal: str) -> None:
@@ -147,7 +161,7 @@ class AgentCore:
         if c is self._running:
             self._running = None
 
-    # ---- time ------------------------------------------------------------------------------------------------
+    # ---- time ------------------------------------------------------------------------------------
 
     def step(self, now_s: float) -> None:
         """Time passes: the next job, the target at its rate."""
@@ -168,7 +182,7 @@ class AgentCore:
         out, self._out = self._out, []
         return out
 
-    # ---- what is done ----------------------------------------------------------------------------------------
+    # ---- what is done ----------------------------------------------------------------------------
 
     def _begin(self, now_s: float, c: Instruction) -> None:
         if now_s > c.ordered_s + c.lifetime_s:
@@ -191,9 +205,15 @@ class AgentCore:
             self._running = c
             self._ask(c, Kind.TAKEOFF, altitude_m=c.altitude_m, due_s=now_s + _QUIET_S)
         else:
-            if c.kind is Kind.SET_MODE and c.mode not in MISSION_MODES and not self._rules.maintenance:
+            if (
+                c.kind is Kind.SET_MODE
+                and c.mode not in MISSION_MODES
+                and not self._rules.maintenance
+            ):
                 allowed = ", ".join(sorted(MISSION_MODES))
-                raise CommandRefused(f"mode '{c.mode}' is for pilots; a mission may ask for {allowed}")
+                raise CommandRefused(
+                    f"mode '{c.mode}' is for pilots; a mission may ask for {allowed}"
+                )
             self._running = c
             self._ask(c, c.kind, mode=c.mode, flag=c.flag)
 
@@ -222,7 +242,9 @@ class AgentCore:
             self._out.append(SetPoint(self._holder.target))
         return ""
 
-    def _ask(self, c: Optional[Instruction], kind: Kind, due_s: Optional[float] = None, **what) -> None:
+    def _ask(
+        self, c: Optional[Instruction], kind: Kind, due_s: Optional[float] = None, **what
+    ) -> None:
         self._asks += 1
         ask = Ask(kind, number=self._asks, **what)
         self._asked[ask.number] = c

@@ -13,7 +13,8 @@ class CalibratedFrame:
         self._reason = ""
 
     def odometry(self, epoch: int, reason: str) -> bool:
-        """The epoch of now, and why it began. Whether the frame was begun anew since the last call."""
+        """The epoch of now, and why it began. Whether the frame was begun anew since the last
+        call."""
         begun_anew = self._epoch is not None and epoch != self._epoch
         self._epoch, self._reason = epoch, reason
         return begun_anew
@@ -24,7 +25,8 @@ class CalibratedFrame:
 
     @property
     def outdated(self) -> str:
-        """Why the calibration does not hold any more; empty where it does, or where there is none."""
+        """Why the calibration does not hold any more; empty where it does, or where there is
+        none."""
         if None in (self._epoch, self._calibrated) or self._epoch == self._calibrated:
             return ""
         return f"its odometry began anew after the calibration ({self._reason}); calibrate again"

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a vehicle is flown by hand, as its agent can tell: by the modes that were asked for on board."""
+"""Whether a vehicle is flown by hand, as its agent can tell: by the modes that were asked for on
+board."""
 
 from typing import Optional
 
 
 class AgentModeOwner:
-    """GUIDED is flown by the agent. Another mode is somebody else's unless it was asked for here and shows since."""
+    """GUIDED is flown by the agent. Another mode is somebody else's unless it was asked for here
+    and shows since."""
 
     def __init__(self):
         self._asked: Optional[str] = None
@@ -19,7 +21,8 @@ class AgentModeOwner:
             self._ours = mode
 
     def not_done(self, mode: str) -> None:
-        """The flight link did not bring it about: should the mode show later, somebody else chose it."""
+        """The flight link did not bring it about: should the mode show later, somebody else chose
+        it."""
         if self._asked == mode:
             self._asked = None
 

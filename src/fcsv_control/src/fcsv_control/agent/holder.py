@@ -15,14 +15,17 @@ from fcsv_geometry.config import require_positive
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of what an agent lets a vehicle do, and the step at which the odometry frame counts as begun anew."""
+    """Limits of what an agent lets a vehicle do, and the step at which the odometry frame counts as
+    begun anew."""
 
     furthest_target_m: float = 60.0  # from where it is
     highest_takeoff_m: float = 30.0  # above the zero of its odometry frame
-    reset_step_m: float = 1.0  # of the autopilot's estimate between two messages, beyond what it can fly
+    # of the autopilot's estimate between two messages, beyond what it can fly
+    reset_step_m: float = 1.0
     takeoff_done_m: float = 0.3  # below the altitude asked for
     takeoff_timeout_s: float = 30.0
-    lowest_target_m: float = 0.5  # of a target above where the vehicle stood when it was last disarmed
+    # of a target above where the vehicle stood when it was last disarmed
+    lowest_target_m: float = 0.5
     highest_target_m: float = 40.0  # likewise
 
     def __post_init__(self):
@@ -32,9 +35,9 @@ class Limits:
 class Holder:
     """The target that is streamed: set by commands, else where the vehicle was when GUIDED began.
 
-    During a take-off nothing is streamed, because any set-point would replace it; the place above is
-    held thereafter. Where the autopilot's estimate jumps, its odometry frame was begun anew: the target
-    moves along, or the vehicle would fly the difference.
+    During a take-off nothing is streamed, because any set-point would replace it; the place above
+    is held thereafter. Where the autopilot's estimate jumps, its odometry frame was begun anew: the
+    target moves along, or the vehicle would fly the difference.
     """
 
     _FASTEST_MPS = 10.0
@@ -67,7 +70,8 @@ class Holder:
         return bool(self._armed)
 
     def state(self, mode: str, armed: bool) -> None:
-        """The flight controller's mode. Entering GUIDED means holding here; leaving it forgets the target."""
+        """The flight controller's mode. Entering GUIDED means holding here; leaving it forgets the
+        target."""
         entered = mode == "GUIDED" and self._mode != "GUIDED"
         self._mode, self._armed = mode, armed
         if mode != "GUIDED" or entered:
@@ -76,7 +80,8 @@ class Holder:
             self._target = transforms.level(self._here)
 
     def pose(self, now_s: float, T_odom_body: np.ndarray) -> float:
-        """The autopilot's estimate came. Returns by how far (m) the frame was found to have moved, mostly 0."""
+        """The autopilot's estimate came. Returns by how far (m) the frame was found to have moved,
+        mostly 0."""
         before, before_s = self._here, self._here_s
         self._here, self._here_s = T_odom_body, now_s
         self._way.see(now_s, T_odom_body[:3, 3])
@@ -85,18 +90,23 @@ class Holder:
         self._watch_take_off(now_s)
         if before is None:
             if self._mode == "GUIDED" and self._above is None and self._target is None:
-                self._target = transforms.level(T_odom_body)  # started in flight: the mode was known first
+                # started in flight: the mode was known first
+                self._target = transforms.level(T_odom_body)
             return 0.0
         gap_s = now_s - before_s
         step = T_odom_body[:3, 3] - before[:3, 3]
         step_m = math.hypot(*step.tolist())
-        if not 0.0 <= gap_s <= self._GAP_S or step_m <= self._limits.reset_step_m + self._FASTEST_MPS * gap_s:
+        if (
+            not 0.0 <= gap_s <= self._GAP_S
+            or step_m <= self._limits.reset_step_m + self._FASTEST_MPS * gap_s
+        ):
             return 0.0
         self._move(now_s, step)
         return step_m
 
     def moved(self, now_s: float, step_m: Sequence[float]) -> bool:
-        """The estimate moved by ``step_m`` (3,) in steps that looked like flight. Whether it was not known already."""
+        """The estimate moved by ``step_m`` (3,) in steps that looked like flight. Whether it was
+        not known already."""
         if now_s - self._moved_s < self._GAP_S:
             return False
         self._move(now_s, np.asarray(step_m, float))
@@ -112,16 +122,21 @@ class Holder:
             self._ground_m += float(step[2])
 
     def go_to(self, T_odom_body: np.ndarray, frame: str) -> None:
-        """A target that is finite by construction. Raises CommandRefused where it may not be flown to."""
+        """A target that is finite by construction. Raises CommandRefused where it may not be flown
+        to."""
         self._require_guided()
         if self._above is not None:
             raise CommandRefused("still taking off; a target now would end the take-off")
         if frame != self._frame:
-            raise CommandRefused(f"target is in frame '{frame}', this vehicle flies in '{self._frame}'")
+            raise CommandRefused(
+                f"target is in frame '{frame}', this vehicle flies in '{self._frame}'"
+            )
         distance_m = float(np.linalg.norm(T_odom_body[:3, 3] - self._here[:3, 3]))
         if not distance_m <= self._limits.furthest_target_m:
             most_m = self._limits.furthest_target_m
-            raise CommandRefused(f"target is {distance_m:.1f} m away, at most {most_m:.0f} m are allowed")
+            raise CommandRefused(
+                f"target is {distance_m:.1f} m away, at most {most_m:.0f} m are allowed"
+            )
         self._require_height(float(T_odom_body[2, 3]))
         self._target = transforms.level(T_odom_body)
 
@@ -151,9 +166,13 @@ class Holder:
         self._require_guided()
         if not 0.0 < altitude_m <= self._limits.highest_takeoff_m:  # NaN is refused, too
             most_m = self._limits.highest_takeoff_m
-            raise CommandRefused(f"take-off to {altitude_m:g} m: more than 0 and at most {most_m:.0f} m are allowed")
+            raise CommandRefused(
+                f"take-off to {altitude_m:g} m: more than 0 and at most {most_m:.0f} m are allowed"
+            )
         if altitude_m <= self._here[2, 3]:
-            raise CommandRefused(f"take-off to {altitude_m:g} m: it is at {self._here[2, 3]:.1f} m already")
+            raise CommandRefused(
+                f"take-off to {altitude_m:g} m: it is at {self._here[2, 3]:.1f} m already"
+            )
         self._above = transforms.level(self._here)
         self._above[2, 3] = altitude_m
         self._above_since_s, self._target = now_s, None

@@ -7,7 +7,8 @@ LEASE_S = 2.0
 
 
 class Lease:
-    """The first who sends a moving command holds it, until nothing was heard of him for ``lease_s``.
+    """The first who sends a moving command holds it, until nothing was heard of him for
+    ``lease_s``.
 
     >>> lease = Lease()
     >>> lease.take(10.0, "mission-1"), lease.take(11.0, "mission-2")

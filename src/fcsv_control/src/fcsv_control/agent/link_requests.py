@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All that an agent asks of its flight link: which service to call when, and how each request ended."""
+"""All that an agent asks of its flight link: which service to call when, and how each request
+ended."""
 
 import math
 from dataclasses import dataclass, replace
@@ -17,7 +18,8 @@ _NO_REASON = "the flight link refused without a reason"
 
 @dataclass
 class _Open:
-    """A request that is not over. ``waits``: for the answer to a call; ``refusals``: that came before that call."""
+    """A request that is not over. ``waits``: for the answer to a call; ``refusals``: that came
+    before that call."""
 
     ask: Ask
     asking: Asking
@@ -29,7 +31,8 @@ class _Open:
 
 
 class LinkRequests:
-    """Our flight link answers when the effect shows. MAVROS answers a mode when it is sent, and repeats nothing."""
+    """Our flight link answers when the effect shows. MAVROS answers a mode when it is sent, and
+    repeats nothing."""
 
     def __init__(self):
         self.shown = Shown()
@@ -43,8 +46,8 @@ class LinkRequests:
             self._texts = [*self._texts[-10:], (now_s, m.text)]
 
     def home(self, above_origin_m: float) -> None:
-        """MAVROS counts a take-off's altitude from the autopilot's home, our own flight link from the odometry's zero;
-        that one does not tell this."""
+        """MAVROS counts a take-off's altitude from the autopilot's home, our own flight link from
+        the odometry's zero; that one does not tell this."""
         self._home_m = above_origin_m
 
     def answered(self, now_s: float, m: AskAnswered) -> None:
@@ -60,7 +63,9 @@ class LinkRequests:
 
     def begin(self, now_s: float, ask: Ask) -> None:
         """Ask for this from now on; ``due`` gives its first call."""
-        self._open[ask.number] = _Open(ask, Asking.of(self.shown, now_s, ask), now_s, self.shown.refusals)
+        self._open[ask.number] = _Open(
+            ask, Asking.of(self.shown, now_s, ask), now_s, self.shown.refusals
+        )
 
     def due(self, now_s: float) -> Tuple[List[Ask], List[Tuple[Ask, str]]]:
         """What to call now; what is over, and why it was not done (empty: it was)."""

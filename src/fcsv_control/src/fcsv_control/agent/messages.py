@@ -9,7 +9,8 @@ import numpy as np
 
 DONE, REFUSED, TOO_LATE = 0, 1, 2  # CommandAck.result
 STOPPING_MODES = frozenset({"LAND", "BRAKE"})
-MISSION_MODES = frozenset({"GUIDED", *STOPPING_MODES})  # what a mission needs; any other mode is a pilot's
+# what a mission needs; any other mode is a pilot's
+MISSION_MODES = frozenset({"GUIDED", *STOPPING_MODES})
 
 
 class Kind(Enum):
@@ -28,8 +29,9 @@ class Kind(Enum):
 class Instruction:
     """A numbered command. Which of the last fields count depends on the kind.
 
-    ``sent_s`` (when this copy was sent) and ``ordered_s`` are by a monotonic clock of the sender, whose zero is
-    anywhere. It is not begun later than ``lifetime_s`` after it was ordered, unless it stops the vehicle.
+    ``sent_s`` (when this copy was sent) and ``ordered_s`` are by a monotonic clock of the sender,
+    whose zero is anywhere. It is not begun later than ``lifetime_s`` after it was ordered, unless
+    it stops the vehicle.
     """
 
     vehicle: str
@@ -48,17 +50,21 @@ class Instruction:
     @property
     def stops(self) -> bool:
         """Whether it stops the vehicle: it never waits and never comes too late by the clock."""
-        return self.kind in (Kind.HOLD, Kind.LAND) or (self.kind is Kind.SET_MODE and self.mode in STOPPING_MODES)
+        return self.kind in (Kind.HOLD, Kind.LAND) or (
+            self.kind is Kind.SET_MODE and self.mode in STOPPING_MODES
+        )
 
     @property
     def moves(self) -> bool:
-        """Whether it makes the vehicle fly, or able to fly: only who commands the vehicle may ask for it."""
+        """Whether it makes the vehicle fly, or able to fly: only who commands the vehicle may ask
+        for it."""
         return self.kind is not Kind.RECORD and not self.stops
 
 
 @dataclass(frozen=True)
 class Ask:
-    """A request to the flight link, by a service. The core is told of its end, the port of each answer."""
+    """A request to the flight link, by a service. The core is told of its end, the port of each
+    answer."""
 
     kind: Kind  # SET_MODE, ARM or TAKEOFF
     mode: str = ""
@@ -69,7 +75,8 @@ class Ask:
 
 @dataclass(frozen=True)
 class AskAnswered:
-    """The flight link's service answered an Ask: whether it ``took`` it. ``error``: why it did not answer at all."""
+    """The flight link's service answered an Ask: whether it ``took`` it. ``error``: why it did not
+    answer at all."""
 
     number: int
     took: bool
@@ -109,8 +116,8 @@ class AgentText:
 
 @dataclass(frozen=True)
 class AgentAlive:
-    """A sign of life of an agent of this vehicle, by its own monotonic clock. ``commander``: who may move the vehicle
-    now; ``problem``: why it does nothing, empty where it does."""
+    """A sign of life of an agent of this vehicle, by its own monotonic clock. ``commander``: who
+    may move the vehicle now; ``problem``: why it does nothing, empty where it does."""
 
     instance: str
     started_s: float

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The agent's process without its transport: commands and what is heard on board in, requests and answers out."""
+"""The agent's process without its transport: commands and what is heard on board in, requests and
+answers out."""
 
 import math
 from typing import Any, Callable, Dict, List, Sequence
@@ -9,7 +10,14 @@ from fcsv_control.agent.link_requests import LinkRequests
 from fcsv_control.agent.messages import AgentAlive, Ask, AskAnswered, Instruction, Kind
 from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_control.control_messages import MissionAlive
-from fcsv_control.flight.messages import EstimateMoved, HomeHeard, ModeAsked, PoseEstimated, Refused, TextHeard
+from fcsv_control.flight.messages import (
+    EstimateMoved,
+    HomeHeard,
+    ModeAsked,
+    PoseEstimated,
+    Refused,
+    TextHeard,
+)
 from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_geometry.vehicles import telemetry as tm
 
@@ -17,8 +25,9 @@ _ALIVE_S = 0.2
 
 
 class AgentPort:
-    """Gives Ack, Ask (a service to call), ModeAsked, Pictures, Said, SetPoint and AgentAlive; step it after each
-    message, and at 50 Hz. ``instance``: a name that no other start of an agent has."""
+    """Gives Ack, Ask (a service to call), ModeAsked, Pictures, Said, SetPoint and AgentAlive; step
+    it after each message, and at 50 Hz. ``instance``: a name that no other start of an agent
+    has."""
 
     def __init__(self, vehicle: str, rules: AgentRules, instance: str, now_s: float):
         self._vehicle, self._instance, self._started_s = vehicle, instance, now_s
@@ -26,7 +35,9 @@ class AgentPort:
         self._requests = requests = LinkRequests()
         self._alive_s = -math.inf
         self._take: Dict[type, Callable[[float, Any], None]] = {
-            AgentAlive: lambda now_s, m: core.twins.heard(now_s, m.instance, m.sent_s - m.started_s),
+            AgentAlive: lambda now_s, m: core.twins.heard(
+                now_s, m.instance, m.sent_s - m.started_s
+            ),
             AskAnswered: requests.answered,
             EstimateMoved: lambda now_s, m: core.estimate_moved(now_s, m.step_m),
             HomeHeard: lambda _now_s, m: requests.home(m.above_origin_m),
@@ -35,7 +46,9 @@ class AgentPort:
             PoseEstimated: lambda now_s, m: core.pose(now_s, m.T_odom_body),
             Refused: lambda _now_s, m: requests.shown.refused(m.reason),
             TextHeard: requests.said,
-            GuardianVerdict: lambda now_s, m: core.guarded(now_s, m.action, m.holds, "; ".join(m.reasons), m.forbids),
+            GuardianVerdict: lambda now_s, m: core.guarded(
+                now_s, m.action, m.holds, "; ".join(m.reasons), m.forbids
+            ),
             tm.EpochsFound: self._calibrated,
             tm.OdometryEpoch: lambda _now_s, m: core.epoch(m.number, m.reason),
             tm.VehicleState: self._state,
@@ -74,8 +87,12 @@ class AgentPort:
 
     def _alive(self, now_s: float) -> AgentAlive:
         older, commander = self._core.twins.older(now_s), self._core.rights.lease.holder(now_s)
-        problem = f"{self._vehicle}: {older} is its agent already; this second one does nothing, end it"
-        return AgentAlive(self._instance, self._started_s, now_s, commander, problem if older else "")
+        problem = (
+            f"{self._vehicle}: {older} is its agent already; this second one does nothing, end it"
+        )
+        return AgentAlive(
+            self._instance, self._started_s, now_s, commander, problem if older else ""
+        )
 
     def _state(self, now_s: float, m: tm.VehicleState) -> None:
         self._core.state(m.mode, m.armed)

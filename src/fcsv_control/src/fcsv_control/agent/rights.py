@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who may have a command obeyed: whoever stops a vehicle that is not flown by hand, and one commander who moves it,
-while the guardian lets him."""
+"""Who may have a command obeyed: whoever stops a vehicle that is not flown by hand, and one
+commander who moves it, while the guardian lets him."""
 
 import math
 from typing import Sequence
@@ -11,11 +11,13 @@ from fcsv_control.agent.lease import LEASE_S, Lease
 from fcsv_control.agent.messages import Instruction, Kind
 
 _GUARDIAN_SILENT_S = 2.0
-_MARGIN_S = 0.5  # a commander learns of somebody else's stop a moment after the vehicle, or before it
+# a commander learns of somebody else's stop a moment after the vehicle, or before it
+_MARGIN_S = 0.5
 
 
 class Rights:
-    """``hands``, ``lease`` and ``frame`` are told what is heard of modes, commanders and the odometry's epochs."""
+    """``hands``, ``lease`` and ``frame`` are told what is heard of modes, commanders and the
+    odometry's epochs."""
 
     def __init__(self, vehicle: str, needs_guardian: bool = False):
         self._vehicle, self._needs_guardian = vehicle, needs_guardian
@@ -31,12 +33,17 @@ class Rights:
         self._stopped_s, self._stopped_by = now_s, sender
 
     def refusal(self, now_s: float, c: Instruction) -> str:
-        """Why a command is not obeyed; "" where it is. A moving command takes or renews the lease."""
+        """Why a command is not obeyed; "" where it is. A moving command takes or renews the
+        lease."""
         if c.stops:
             mode = self.hands.by_hand
             if mode:
                 return f"{self._vehicle} is flown by hand ({mode}); tell its pilot"
-            return f"{self._vehicle}: its guardian moves it aside: {self.guarded}" if self.aside else ""
+            return (
+                f"{self._vehicle}: its guardian moves it aside: {self.guarded}"
+                if self.aside
+                else ""
+            )
         if not c.moves:
             return ""
         if c.sender != self._stopped_by and c.ordered_s < self._stopped_s + _MARGIN_S:
@@ -54,7 +61,9 @@ class Rights:
     def _guardians(self, now_s: float, c: Instruction) -> str:
         if self.guarded and c.kind in (Kind.GOTO, Kind.TAKEOFF):
             return f"{self._vehicle}: the guardian flies: {self.guarded}"
-        hands_over = (c.kind is Kind.SET_MODE and c.mode == "GUIDED") or (c.kind is Kind.ARM and c.flag)
+        hands_over = (c.kind is Kind.SET_MODE and c.mode == "GUIDED") or (
+            c.kind is Kind.ARM and c.flag
+        )
         if hands_over and self._needs_guardian and now_s - self.guardian_s > _GUARDIAN_SILENT_S:
             return f"{self._vehicle}: its guardian is not heard; start it before vehicles are handed over"
         if self.forbidden and hands_over:

@@ -12,7 +12,8 @@ class DuplicateAgentGuard:
 
     def __init__(self, instance: str, now_s: float):
         self._instance, self._started_s = instance, now_s
-        self._others: Dict[str, Tuple[float, bool]] = {}  # (when it was heard, whether it goes first)
+        # (when it was heard, whether it goes first)
+        self._others: Dict[str, Tuple[float, bool]] = {}
 
     def heard(self, now_s: float, instance: str, age_s: float) -> None:
         """A heartbeat of an agent of this vehicle, which lives for ``age_s``."""
@@ -24,7 +25,9 @@ class DuplicateAgentGuard:
 
     def older(self, now_s: float) -> str:
         """The agent that goes first; empty: there is none."""
-        return next((n for n, (s, first) in self._others.items() if first and now_s - s < _LISTENS_S), "")
+        return next(
+            (n for n, (s, first) in self._others.items() if first and now_s - s < _LISTENS_S), ""
+        )
 
     def listening(self, now_s: float) -> bool:
         """Whether it was started a moment ago and cannot know yet."""

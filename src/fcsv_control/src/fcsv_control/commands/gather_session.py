@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``rosrun fcsv_control gather_session``: the bags of all machines into one folder, checked, with session.yaml."""
+"""``rosrun fcsv_control gather_session``: the bags of all machines into one folder, checked, with
+session.yaml."""
 
 import argparse
 import sys
@@ -14,7 +15,8 @@ from fcsv_geometry.programs import commands
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit status 0; 1 where something is missing or was damaged, 2 where nothing can be gathered."""
+    """Exit status 0; 1 where something is missing or was damaged, 2 where nothing can be
+    gathered."""
     return commands.run(_parser(), argv, _gather)
 
 
@@ -26,7 +28,9 @@ def _gather(args) -> int:
         raise SessionError(f"'{twice[0]}' is named twice")
     gatherer = Gatherer(args.out, args.rsh)
     there = {s: gatherer.list(s) for s in sources}
-    gatherer.require_room({n: size for bags in there.values() for n, size in gatherer.lacking(bags).items()})
+    gatherer.require_room(
+        {n: size for bags in there.values() for n, size in gatherer.lacking(bags).items()}
+    )
     for source, bags in there.items():
         size = sum(gatherer.lacking(bags).values())
         with tqdm(total=size, unit="B", unit_scale=True, desc=source.machine) as bar:
@@ -38,7 +42,10 @@ def _gather(args) -> int:
     for machine, bags in gathered.bags.items():
         print(f"{machine}: {', '.join(bags)}")
     if gathered.bags:
-        print(f"wrote {described or args.out}; next: rosrun fcsv_stereo map {args.out} -o OUT", flush=True)
+        print(
+            f"wrote {described or args.out}; next: rosrun fcsv_stereo map {args.out} -o OUT",
+            flush=True,
+        )
     for problem in gathered.problems:  # last: what is missing must not be overlooked
         print(problem, file=sys.stderr)
     if not gathered.bags:
@@ -55,6 +62,10 @@ def _parser() -> argparse.ArgumentParser:
         "uav2=pilot@192.168.8.12:fcsv/session control=fcsv/session",
     )
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the session")
-    parser.add_argument("sources", nargs="+", metavar="NAME=PLACE", help="HOST:FOLDER over ssh, or a folder")
-    parser.add_argument("--rsh", default=RSH, help="remote shell, as rsync's --rsh (default: %(default)s)")
+    parser.add_argument(
+        "sources", nargs="+", metavar="NAME=PLACE", help="HOST:FOLDER over ssh, or a folder"
+    )
+    parser.add_argument(
+        "--rsh", default=RSH, help="remote shell, as rsync's --rsh (default: %(default)s)"
+    )
     return parser

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``rosrun fcsv_control repair_bag``: bags that were never closed, or are damaged, become readable."""
+"""``rosrun fcsv_control repair_bag``: bags that were never closed, or are damaged, become
+readable."""
 
 import argparse
 import sys
@@ -25,7 +26,9 @@ def _repair(args) -> int:
         try:
             size = path.stat().st_size
             with tqdm(total=size, unit="B", unit_scale=True, desc=path.name, leave=False) as bar:
-                target, salvaged = repaired(path, lambda at, bar=bar: bar.update(max(at - bar.n, 0)))
+                target, salvaged = repaired(
+                    path, lambda at, bar=bar: bar.update(max(at - bar.n, 0))
+                )
         except (BagError, OSError) as error:
             print(f"not repaired: {error}", file=sys.stderr)
             failed += 1
@@ -43,7 +46,11 @@ def _bags(paths: List[Path]) -> List[Path]:
     for path in paths:
         if not path.exists():
             raise SessionError(f"{path}: does not exist")
-        bags += [p for e in ("", ACTIVE) for p in sorted(path.glob(f"*.bag{e}"))] if path.is_dir() else [path]
+        bags += (
+            [p for e in ("", ACTIVE) for p in sorted(path.glob(f"*.bag{e}"))]
+            if path.is_dir()
+            else [path]
+        )
     if not bags:
         raise SessionError(f"{paths[0]}: there is no bag in it")
     return bags
@@ -54,5 +61,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="repair_bag",
         description="Makes bags readable that were cut off or damaged; the originals are kept as NAME.bag.broken.",
     )
-    parser.add_argument("paths", nargs="+", type=Path, metavar="BAG", help="bags, or folders of bags (a session)")
+    parser.add_argument(
+        "paths", nargs="+", type=Path, metavar="BAG", help="bags, or folders of bags (a session)"
+    )
     return parser

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``rosrun fcsv_control signing``: an autopilot gets the key with which MAVLink is signed, or loses it."""
+"""``rosrun fcsv_control signing``: an autopilot gets the key with which MAVLink is signed, or loses
+it."""
 
 import argparse
 from typing import List, Optional
@@ -37,15 +38,21 @@ def _set(args) -> int:
     if not any(key):
         raise ControlError(f"{args.key}: a key of zeros alone means no key; take another")
     if not reached_by_nobody_else(args.line):
-        raise ControlError(f"'{args.line}' leaves the computer: who listens would have the key; set it over its cable")
+        raise ControlError(
+            f"'{args.line}' leaves the computer: who listens would have the key; set it over its cable"
+        )
     old = read_key(args.old_key) if args.old_key else None
     for _ in range(_TRIES):  # nothing says that it arrived, and a line may lose it
         with Vehicle(args.line, args.system, key=old) as vehicle:
             vehicle.set_up_signing(key)
             said = vehicle.complaints
         if _speaks(args, key):
-            print(f"the autopilot signs with {args.key}, on all its lines, and goes on after a restart")
-            print("give the key to whoever else speaks to it: signing_key:=FILE of uav.launch, and the ground station")
+            print(
+                f"the autopilot signs with {args.key}, on all its lines, and goes on after a restart"
+            )
+            print(
+                "give the key to whoever else speaks to it: signing_key:=FILE of uav.launch, and the ground station"
+            )
             return 0
     words = f": {said[-1]}" if said else ""
     hint = "is --old-key what it signs with? Within a minute of its start or its last key try again"
@@ -58,7 +65,11 @@ def _check(args) -> int:
         return 1
     print(f"the autopilot signs with {args.key}, and answers who does")
     obeys = _speaks(args, None)
-    cable = "; so does ArduCopter on its first port (SERIAL0, USB), whatever it was told" if obeys else ""
+    cable = (
+        "; so does ArduCopter on its first port (SERIAL0, USB), whatever it was told"
+        if obeys
+        else ""
+    )
     print(f"it answers {'also' if obeys else 'nobody'} who does not sign{cable}")
     return 1 if obeys and not reached_by_nobody_else(args.line) else 0
 
@@ -85,9 +96,11 @@ def _speaks(args, key: Optional[bytes]) -> bool:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="signing", description="An autopilot's key for signed MAVLink: set it, check the line, take it away.",
-        epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+        prog="signing",
+        description="An autopilot's key for signed MAVLink: set it, check the line, take it away.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     actions = parser.add_subparsers(dest="action", required=True, metavar="set|check|remove")
     for name, words in (
         ("set", "give the autopilot a key, then speak with it signed"),
@@ -99,7 +112,11 @@ def _parser() -> argparse.ArgumentParser:
         words = "key file, mode 0600: 64 hexadecimal digits"
         words = f"{words} (on USB none is needed)" if name == "remove" else words
         action.add_argument("--key", metavar="FILE", required=name != "remove", help=words)
-        action.add_argument("--system", type=int, default=0, help="system id (default: the first that is heard)")
+        action.add_argument(
+            "--system", type=int, default=0, help="system id (default: the first that is heard)"
+        )
         if name == "set":
-            action.add_argument("--old-key", metavar="FILE", help="with which it signs now (on USB none is needed)")
+            action.add_argument(
+                "--old-key", metavar="FILE", help="with which it signs now (on USB none is needed)"
+            )
     return parser

@@ -17,8 +17,8 @@ _VEHICLES = "vehicles"
 
 @dataclass(frozen=True)
 class Finding:
-    """``kind``: "" where it was not recognised; ``problem``: "" where the file is good; ``line``: 0 where no line is
-    known; ``note``: what was not checked."""
+    """``kind``: "" where it was not recognised; ``problem``: "" where the file is good; ``line``: 0
+    where no line is known; ``note``: what was not checked."""
 
     path: Path
     kind: str = ""
@@ -46,14 +46,20 @@ def files_of(paths: Sequence[Path]) -> List[Path]:
 
 
 def _below(folder: Path) -> Iterator[Path]:
-    return (p for p in sorted(folder.rglob("*")) if p.suffix in (".yaml", ".yml", *PARAMETER_SUFFIXES) and p.is_file())
+    return (
+        p
+        for p in sorted(folder.rglob("*"))
+        if p.suffix in (".yaml", ".yml", *PARAMETER_SUFFIXES) and p.is_file()
+    )
 
 
-def check(path: Path, kind: str = "", vehicles: Sequence[str] = (), vehicles_dir: str = "") -> Finding:
+def check(
+    path: Path, kind: str = "", vehicles: Sequence[str] = (), vehicles_dir: str = ""
+) -> Finding:
     """The finding on a file. ``kind``: one of KINDS, "" finds it out.
 
-    ``vehicles``: the column that is to fly a mission, front first; their files stand in ``vehicles_dir``, by default
-    the folder vehicles/ beside the mission's own.
+    ``vehicles``: the column that is to fly a mission, front first; their files stand in
+    ``vehicles_dir``, by default the folder vehicles/ beside the mission's own.
     """
     name, problem = kind, None
     try:
@@ -71,7 +77,8 @@ def check(path: Path, kind: str = "", vehicles: Sequence[str] = (), vehicles_dir
 
 
 def _require_fleet(mission: Mission, vehicles: Sequence[str], folder: Path) -> None:
-    """Raises FcsvError where these vehicles cannot fly the mission: as the mission node finds out at its start."""
+    """Raises FcsvError where these vehicles cannot fly the mission: as the mission node finds out
+    at its start."""
     geometries = load_vehicles(folder, vehicles)
     mission.check_vehicles(list(vehicles))
     require_flyable(mission, list(vehicles), {name: v.radius_m for name, v in geometries.items()})

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command that checks configuration files, with ROS or without: one line for each, exit status 1 on an error."""
+"""The command that checks configuration files, with ROS or without: one line for each, exit status
+1 on an error."""
 
 import argparse
 import sys
@@ -18,7 +19,8 @@ _EXAMPLES = """examples:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit status 0 where all files are good, 1 where one is not, 2 where there is none to check."""
+    """Exit status 0 where all files are good, 1 where one is not, 2 where there is none to
+    check."""
     return run(_parser(), argv, _check)
 
 
@@ -33,23 +35,40 @@ def _check(args: argparse.Namespace) -> int:
         print(finding.words)
     wrong = sum(bool(finding.problem) for finding in findings)
     if len(findings) > 1:
-        print(f"{len(findings)} files: {wrong} with an error" if wrong else f"{len(findings)} files: all ok")
+        print(
+            f"{len(findings)} files: {wrong} with an error"
+            if wrong
+            else f"{len(findings)} files: all ok"
+        )
     return 1 if wrong else 0
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="check", epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog="check",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Check configuration files by the parsers that read them in flight; exit status 1 on an error.",
     )
-    parser.add_argument("file", nargs="+", metavar="FILE", help="configuration file, or a folder: all files below it")
-    parser.add_argument("--kind", choices=list(KINDS), help="kind of the files; default: by content and folder")
     parser.add_argument(
-        "--vehicles", default="", metavar="NAME,...",
+        "file",
+        nargs="+",
+        metavar="FILE",
+        help="configuration file, or a folder: all files below it",
+    )
+    parser.add_argument(
+        "--kind", choices=list(KINDS), help="kind of the files; default: by content and folder"
+    )
+    parser.add_argument(
+        "--vehicles",
+        default="",
+        metavar="NAME,...",
         help="of missions check, too, whether this column, front first, can fly them",
     )
     parser.add_argument(
-        "--vehicles-dir", default="", metavar="FOLDER",
+        "--vehicles-dir",
+        default="",
+        metavar="FOLDER",
         help="files of those vehicles; default: vehicles/ beside the folder of the mission",
     )
     return parser

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every kind of configuration file: its folder, the class whose fields are its keys, and the function that reads it.
+"""Every kind of configuration file: its folder, the class whose fields are its keys, and the
+function that reads it.
 
-Classes and functions are named as "module:name" and imported where a file of the kind is met: some stand in packages
-above this one, and a check of one file loads nothing that only another needs.
+Classes and functions are named as "module:name" and imported where a file of the kind is met: some
+stand in packages above this one, and a check of one file loads nothing that only another needs.
 """
 
 import importlib
@@ -21,9 +22,10 @@ _RULE = "#:"  # begins a rule of an autopilot's profile (flight/profile.py)
 
 @dataclass(frozen=True)
 class FileKind:
-    """``folder``: below config/; ``schema``: the class of the whole file; ``reader``: called with the path, by default
-    ``config.load`` of the schema; ``keys``: at the top of a file without a schema; ``foreign``: the program of others
-    that reads the file, which then is checked as YAML only."""
+    """``folder``: below config/; ``schema``: the class of the whole file; ``reader``: called with
+    the path, by default ``config.load`` of the schema; ``keys``: at the top of a file without a
+    schema; ``foreign``: the program of others that reads the file, which then is checked as YAML
+    only."""
 
     name: str
     folder: str
@@ -36,7 +38,9 @@ class FileKind:
         """What the file says. Raises FcsvError naming file and field."""
         if self.foreign:
             return config.read_yaml(path)
-        return imported(self.reader)(path) if self.reader else config.load(path, imported(self.schema))
+        return (
+            imported(self.reader)(path) if self.reader else config.load(path, imported(self.schema))
+        )
 
     def known_keys(self) -> Tuple[str, ...]:
         """Gives the keys at the top of a file."""
@@ -50,13 +54,23 @@ class FileKind:
         return tuple(f.name for f in given if f.default is MISSING and f.default_factory is MISSING)
 
 
-CAMERA, MISSION, PROFILE, PARAMETERS = "camera", "mission", "autopilot profile", "autopilot parameters"
+CAMERA, MISSION, PROFILE, PARAMETERS = (
+    "camera",
+    "mission",
+    "autopilot profile",
+    "autopilot parameters",
+)
 _HERE = "fcsv_control.file_check.kinds"
 _LINK_KEYS = ("classes", "to_control", "to_vehicle", "to_all_vehicles", "between_vehicles")
 
 YAML_KINDS: Tuple[FileKind, ...] = (
     FileKind(MISSION, "missions", "fcsv_geometry.missions.mission:Mission"),
-    FileKind("vehicle", "vehicles", "fcsv_geometry.vehicles.vehicle:VehicleGeometry", f"{_HERE}:load_vehicle"),
+    FileKind(
+        "vehicle",
+        "vehicles",
+        "fcsv_geometry.vehicles.vehicle:VehicleGeometry",
+        f"{_HERE}:load_vehicle",
+    ),
     FileKind("robot", "robots", "fcsv_guidance.robot:Robot"),
     FileKind("tracker", "trackers", "fcsv_geometry.vehicles.tracker:TrackerProfile"),
     FileKind("links", "links", reader="fcsv_multimaster.links:load_links", keys=_LINK_KEYS),
@@ -67,10 +81,24 @@ YAML_KINDS: Tuple[FileKind, ...] = (
     FileKind("tilting rig", "tilting", "fcsv_tracking.tilting.rig:TiltingRig"),
     FileKind("points of interest", "poi", "fcsv_stereo.evaluating.poi:PointsOfInterest"),
     FileKind(CAMERA, "cameras", reader="fcsv_geometry.camera_file:read_camera", keys=CAMERA_KEYS),
-    FileKind("MAVROS plugins", "mavros", keys=("plugin_blacklist", "plugin_whitelist"), foreign="MAVROS"),
-    FileKind("MAVROS", "mavros", foreign="MAVROS", keys=(
-        "startup_px4_usb_quirk", "conn", "time", "sys", "cmd", "local_position", "global_position", "setpoint_position",
-    )),
+    FileKind(
+        "MAVROS plugins", "mavros", keys=("plugin_blacklist", "plugin_whitelist"), foreign="MAVROS"
+    ),
+    FileKind(
+        "MAVROS",
+        "mavros",
+        foreign="MAVROS",
+        keys=(
+            "startup_px4_usb_quirk",
+            "conn",
+            "time",
+            "sys",
+            "cmd",
+            "local_position",
+            "global_position",
+            "setpoint_position",
+        ),
+    ),
     FileKind("mocap_optitrack", "config", keys=("rigid_bodies",), foreign="mocap_optitrack"),
 )
 PARAMETER_KINDS: Tuple[FileKind, ...] = (
@@ -90,7 +118,9 @@ def load_vehicle(path: Path) -> Any:
     """A vehicle's geometry as nodes read it: the file's name is the vehicle's."""
     path = Path(path)
     if path.suffix != ".yaml":
-        raise config.ConfigError(f"{path}: nodes look for NAME.yaml; rename the file to {path.stem}.yaml")
+        raise config.ConfigError(
+            f"{path}: nodes look for NAME.yaml; rename the file to {path.stem}.yaml"
+        )
     return load_vehicles(path.parent, [path.stem])[path.stem]
 
 
@@ -109,7 +139,8 @@ def recognised(path: Path) -> FileKind:
 
 
 def of_keys(keys: List[str], path: Path) -> FileKind:
-    """The kind with the most of these top-level keys, mistyped ones counted half. Raises ConfigError.
+    """The kind with the most of these top-level keys, mistyped ones counted half. Raises
+    ConfigError.
 
     Of several, the one whose required keys are all there, then the one of the file's folder.
     """
@@ -124,7 +155,9 @@ def of_keys(keys: List[str], path: Path) -> FileKind:
         names = " or ".join(kind.name for kind in best)
         raise config.ConfigError(f"{path}: may be {names} by its keys; say which with --kind")
     shown = ", ".join(keys[:4]) + (", ..." if len(keys) > 4 else "")
-    raise config.ConfigError(f"{path}: no kind of configuration file has the keys {shown}; {_KNOWN}")
+    raise config.ConfigError(
+        f"{path}: no kind of configuration file has the keys {shown}; {_KNOWN}"
+    )
 
 
 _KNOWN = f"known kinds: {', '.join(KINDS)} (docs/reference/files.md); force one with --kind"
@@ -132,7 +165,10 @@ _KNOWN = f"known kinds: {', '.join(KINDS)} (docs/reference/files.md); force one 
 
 def _points(keys: List[str], kind: FileKind) -> float:
     known = kind.known_keys()
-    return sum(1.0 if key in known else 0.5 if config.nearest(key, known, _MISTYPED) else 0.0 for key in keys)
+    return sum(
+        1.0 if key in known else 0.5 if config.nearest(key, known, _MISTYPED) else 0.0
+        for key in keys
+    )
 
 
 def _in_folder(path: Path) -> Callable[[FileKind], bool]:
@@ -143,6 +179,11 @@ def _in_folder(path: Path) -> Callable[[FileKind], bool]:
 def _has_rules(path: Path) -> bool:
     """Whether a parameter file is a profile. Raises ConfigError where it cannot be read."""
     try:
-        return any(line.lstrip().startswith(_RULE) for line in path.read_text(encoding="utf-8-sig").splitlines())
+        return any(
+            line.lstrip().startswith(_RULE)
+            for line in path.read_text(encoding="utf-8-sig").splitlines()
+        )
     except (OSError, UnicodeDecodeError) as error:
-        raise config.ConfigError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
+        raise config.ConfigError(
+            f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})"
+        ) from error

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The flight link's decisions: MAVLink messages and monotonic time in, MAVLink messages and events out.
+"""The flight link's decisions: MAVLink messages and monotonic time in, MAVLink messages and events
+out.
 
-No socket, no thread, no clock: the same core flies, is rehearsed faster than real time, and is tested in milliseconds.
-What is relied on here was measured on ArduCopter 4.3.8 and 4.6.2.
+No socket, no thread, no clock: the same core flies, is rehearsed faster than real time, and is
+tested in milliseconds. What is relied on here was measured on ArduCopter 4.3.8 and 4.6.2.
 """
 
 import os
@@ -44,10 +45,11 @@ _READ_UP_S = 0.3  # after which what came on the line meanwhile is read
 
 
 class LinkCore:
-    """One flight controller. ``take`` what came, ``step`` often, send what ``outgoing`` gives, mind ``events``.
+    """One flight controller. ``take`` what came, ``step`` often, send what ``outgoing`` gives, mind
+    ``events``.
 
-    Outgoing messages carry their source system and component in their header. ``profile`` says what the autopilot's
-    parameters must be; without one nothing is relied on.
+    Outgoing messages carry their source system and component in their header. ``profile`` says what
+    the autopilot's parameters must be; without one nothing is relied on.
     """
 
     def __init__(self, parameters: LinkParameters, profile: Profile = NOTHING):
@@ -57,7 +59,8 @@ class LinkCore:
         self._watch = EstimateWatch()
         self._fed = Fed()
         self._begun_anew = False
-        self._stepped_s, self._woke_s = float("inf"), float("-inf")  # until the first step nothing stood still
+        # until the first step nothing stood still
+        self._stepped_s, self._woke_s = float("inf"), float("-inf")
         self._whose = LinkModeOwner()
         self._events: List[Event] = []
         self._requests = Requests(parameters.command_timeout_s, parameters.command_tries)
@@ -66,7 +69,7 @@ class LinkCore:
         self._out: List[object] = []
         self._take_off: List[TakeOff] = []
 
-    # ---- what is known ---------------------------------------------------------------------------------------
+    # ---- what is known ---------------------------------------------------------------------------
 
     @property
     def state(self) -> FlightState:
@@ -84,12 +87,13 @@ class LinkCore:
 
     @property
     def mode_is_ours(self) -> bool:
-        """Whether the mode that shows is the last one that was commanded here, and no other has shown since. A stop
-        that somebody else had chosen before stays his."""
+        """Whether the mode that shows is the last one that was commanded here, and no other has
+        shown since. A stop that somebody else had chosen before stays his."""
         return self._whose.is_ours
 
     def origin_set(self, now_s: float) -> bool:
-        """Whether the autopilot goes on reporting an origin since its filter began, and it is not at altitude 0."""
+        """Whether the autopilot goes on reporting an origin since its filter began, and it is not
+        at altitude 0."""
         return self._heard.keeper.origin_set(now_s)
 
     def feed_rate_hz(self, now_s: float) -> float:
@@ -104,13 +108,15 @@ class LinkCore:
         """Distance of the autopilot's estimate and the feed; NaN where one of them is not known."""
         return self._watch.apart_m(now_s)
 
-    # ---- messages and time -----------------------------------------------------------------------------------
+    # ---- messages and time -----------------------------------------------------------------------
 
     def take(self, now_s: float, message) -> None:
         """One message from the line."""
         self._heard.take(now_s, message)
         if self._whose.shows(self.state.mode):  # what was asked before he took it counts no more
-            self._requests.withdraw(_M.MAV_CMD_DO_SET_MODE, f"{self.state.mode} showed, which was not asked here")
+            self._requests.withdraw(
+                _M.MAV_CMD_DO_SET_MODE, f"{self.state.mode} showed, which was not asked here"
+            )
         for event in self._heard.events():
             self._events.append(event)
             if isinstance(event, PoseHeard):
@@ -146,53 +152,81 @@ class LinkCore:
         events, self._events = [*self._events, *self._heard.events()], []
         return events
 
-    # ---- what a caller may ask -------------------------------------------------------------------------------
+    # ---- what a caller may ask -------------------------------------------------------------------
 
-    def send_pose(self, stamp_s: float, T_odom_body: np.ndarray, now_s: Optional[float] = None) -> None:
-        """External navigation: body pose in the odometry frame (ENU/FLU). ``stamp_s`` on any clock that only rises;
-        ``now_s`` where that is not the core's own."""
+    def send_pose(
+        self, stamp_s: float, T_odom_body: np.ndarray, now_s: Optional[float] = None
+    ) -> None:
+        """External navigation: body pose in the odometry frame (ENU/FLU). ``stamp_s`` on any clock
+        that only rises; ``now_s`` where that is not the core's own."""
         now_s = stamp_s if now_s is None else now_s
         self._watch.feed(now_s, stamp_s, T_odom_body[:3, 3], self._begun_anew)
         self._begun_anew = False
         ned, rpy = conversion.ned_from_pose(T_odom_body)
         usec = self._fed.sent(now_s, stamp_s)
-        self._send("vision_position_estimate", usec, *ned, *rpy, _UNKNOWN_COVARIANCE, self._reset_counter)
+        self._send(
+            "vision_position_estimate", usec, *ned, *rpy, _UNKNOWN_COVARIANCE, self._reset_counter
+        )
 
     def note_reset(self) -> None:
-        """The odometry frame was begun anew: the next pose is adopted at once instead of being followed or gated.
+        """The odometry frame was begun anew: the next pose is adopted at once instead of being
+        followed or gated.
 
-        The autopilot's target does not move with it: EstimateMoved says when the estimate is in the new frame.
+        The autopilot's target does not move with it: EstimateMoved says when the estimate is in the
+        new frame.
         """
         self._reset_counter = (self._reset_counter + 1) % 256
         self._begun_anew = True
 
     def mode_asked(self, mode: str) -> None:
-        """A process on board asks for a mode. Here nothing follows: the request itself comes by this link."""
+        """A process on board asks for a mode. Here nothing follows: the request itself comes by
+        this link."""
 
     def send_set_point(self, T_odom_body: np.ndarray) -> None:
         """Position and yaw target of the body in the odometry frame; heard only in GUIDED."""
         ned, (_, _, yaw) = conversion.ned_from_pose(T_odom_body)
         self._send(
-            "set_position_target_local_ned", 0, self._heard.target, _AUTOPILOT, _M.MAV_FRAME_LOCAL_NED,
-            _POSITION_AND_YAW, *ned, 0, 0, 0, 0, 0, 0, yaw, 0,
-        )  # fmt: skip
+            "set_position_target_local_ned",
+            0,
+            self._heard.target,
+            _AUTOPILOT,
+            _M.MAV_FRAME_LOCAL_NED,
+            _POSITION_AND_YAW,
+            *ned,
+            0,
+            0,
+            0,
+            0,
+            0,
+            0,
+            yaw,
+            0,
+        )
 
     def command(self, now_s: float, number: int, *values: float, what: str = "") -> Request:
         """A COMMAND_LONG, repeated until acknowledged."""
         return self._requests.ask(now_s, number, values, what)
 
     def set_mode(self, now_s: float, name: str) -> Request:
-        """Change mode and see it in the heartbeat. A mode that stops overtakes any other and is repeated until it
-        shows. Raises CommandRefused for a mode that ArduCopter does not have."""
+        """Change mode and see it in the heartbeat. A mode that stops overtakes any other and is
+        repeated until it shows. Raises CommandRefused for a mode that ArduCopter does not have."""
         if name not in MODES:
-            raise CommandRefused(f"mode '{name}' is not known; ArduCopter has {', '.join(sorted(MODES))}")
+            raise CommandRefused(
+                f"mode '{name}' is not known; ArduCopter has {', '.join(sorted(MODES))}"
+            )
         if self._heard.foreigner:  # its modes have other numbers: not even LAND is one
             raise CommandRefused(f"mode {name} refused: {self._heard.foreigner}")
         if name not in STOPPING:
             self._require_ready(now_s, f"mode {name}")
         if name == "GUIDED":
             self._require_parameters()
-        ask = (now_s, _M.MAV_CMD_DO_SET_MODE, (1, MODES[name]), f"mode {name}", lambda s: s.mode == name)
+        ask = (
+            now_s,
+            _M.MAV_CMD_DO_SET_MODE,
+            (1, MODES[name]),
+            f"mode {name}",
+            lambda s: s.mode == name,
+        )
         if name in STOPPING:
             request = self._requests.insist(*ask, STOP_REPEAT_S, _STOP_PATIENCE_S)
         else:
@@ -211,21 +245,25 @@ class LinkCore:
         return self._requests.ask(now_s, number, (float(value),), what, lambda s: s.armed == value)
 
     def take_off(self, now_s: float, altitude_m: float) -> TakeOff:
-        """Climb to an altitude (m) above the zero of the odometry frame. Raises CommandRefused where it is not armed
-        in GUIDED."""
+        """Climb to an altitude (m) above the zero of the odometry frame. Raises CommandRefused
+        where it is not armed in GUIDED."""
         if self.state.mode != "GUIDED" or not self.state.armed:
             armed = "armed" if self.state.armed else "not armed"
             where = self.state.mode or "no mode"
-            raise CommandRefused(f"take-off refused: it must be armed in GUIDED, and is {armed} in {where}")
+            raise CommandRefused(
+                f"take-off refused: it must be armed in GUIDED, and is {armed} in {where}"
+            )
         for message in (_M.MAVLINK_MSG_ID_HOME_POSITION, _M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN):
             self._long(_M.MAV_CMD_REQUEST_MESSAGE, [message])
-        take_off = TakeOff(now_s, altitude_m, self._heard, self._requests, self._parameters.command_timeout_s)
+        take_off = TakeOff(
+            now_s, altitude_m, self._heard, self._requests, self._parameters.command_timeout_s
+        )
         self._take_off.append(take_off)
         return take_off
 
     def _require_ready(self, now_s: float, what: str) -> None:
-        """Raises CommandRefused where it is not said which of several autopilots is ours, where this process stood
-        still, or where the autopilot is still starting."""
+        """Raises CommandRefused where it is not said which of several autopilots is ours, where
+        this process stood still, or where the autopilot is still starting."""
         self._require_one_autopilot(what)
         self._require_awake(now_s, what)
         if self.state.booting:
@@ -236,13 +274,17 @@ class LinkCore:
         others = self._heard.strangers
         if others and not self._parameters.target_system:
             ids = ", ".join(map(str, (self._heard.target, *others)))
-            raise CommandRefused(f"{what} refused: autopilots {ids} are on one line; set target_system")
+            raise CommandRefused(
+                f"{what} refused: autopilots {ids} are on one line; set target_system"
+            )
 
     def _require_awake(self, now_s: float, what: str) -> None:
-        """Raises CommandRefused where this process stood still until just now: who asked may have waited meanwhile,
-        and what came on the line is not all read."""
+        """Raises CommandRefused where this process stood still until just now: who asked may have
+        waited meanwhile, and what came on the line is not all read."""
         if now_s - self._stepped_s > _STOOD_STILL_S or now_s - self._woke_s < _READ_UP_S:
-            raise CommandRefused(f"{what} refused: the flight link stood still until just now; ask again")
+            raise CommandRefused(
+                f"{what} refused: the flight link stood still until just now; ask again"
+            )
 
     def _require_parameters(self) -> None:
         """Raises CommandRefused where a parameter is known not to be what it must."""
@@ -250,7 +292,7 @@ class LinkCore:
         if wrong:
             raise CommandRefused(f"mode GUIDED refused: parameter {'; '.join(wrong)}")
 
-    # ---- what goes out ---------------------------------------------------------------------------------------
+    # ---- what goes out ---------------------------------------------------------------------------
 
     def _ask(self, now_s: float, wanted: str) -> None:
         """Send what the keeper wants sent."""
@@ -262,7 +304,10 @@ class LinkCore:
         elif wanted == keeper.ASK_ORIGIN:
             self._long(_M.MAV_CMD_REQUEST_MESSAGE, [_M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN])
         elif wanted == keeper.SET_ORIGIN:
-            place = int(self._parameters.origin_lat_deg * 1e7), int(self._parameters.origin_lon_deg * 1e7)
+            place = (
+                int(self._parameters.origin_lat_deg * 1e7),
+                int(self._parameters.origin_lon_deg * 1e7),
+            )
             altitude_mm = int(self._parameters.origin_alt_m * 1000)
             self._send("set_gps_global_origin", self._heard.target, *place, altitude_mm)
         elif wanted == keeper.PARAMETER:
@@ -277,26 +322,49 @@ class LinkCore:
             self._send("timesync", *self._heard.timesync.ask(now_s))
 
     def _request_streams(self, now_s: float) -> None:
-        for name in sorted({*self._heard.keeper.streams_to_ask(now_s), "HEARTBEAT"}):  # in one order in every process
+        # in one order in every process
+        for name in sorted({*self._heard.keeper.streams_to_ask(now_s), "HEARTBEAT"}):
             message = getattr(_M, f"MAVLINK_MSG_ID_{name}")
             hz = STREAMS_HZ[name] or self._parameters.position_rate_hz
             self._long(_M.MAV_CMD_SET_MESSAGE_INTERVAL, [message, 1e6 / hz])
 
     def _correct(self, rule: Rule, value: float, kind: int) -> None:
         name, needed = rule.name, rule.value
-        if self._parameters.set_parameters and not self.state.armed and name not in self._set_before:
-            self._set_before.add(name)  # once: an autopilot that keeps its value would be asked for ever
-            _LOG.warning("setting %s from %g to %g, as asked; VISO_TYPE needs a restart", name, value, needed)
+        if (
+            self._parameters.set_parameters
+            and not self.state.armed
+            and name not in self._set_before
+        ):
+            # once: an autopilot that keeps its value would be asked for ever
+            self._set_before.add(name)
+            _LOG.warning(
+                "setting %s from %g to %g, as asked; VISO_TYPE needs a restart", name, value, needed
+            )
             self._send("param_set", self._heard.target, _AUTOPILOT, name.encode(), needed, kind)
 
-    def _long(self, number: int, values: Sequence[float], confirmation: int = 0, component: int = COMPANION) -> None:
+    def _long(
+        self,
+        number: int,
+        values: Sequence[float],
+        confirmation: int = 0,
+        component: int = COMPANION,
+    ) -> None:
         padded = [*values, *[0.0] * (7 - len(values))]
-        self._send("command_long", self._heard.target, _AUTOPILOT, number, confirmation, *padded, component=component)
+        self._send(
+            "command_long",
+            self._heard.target,
+            _AUTOPILOT,
+            number,
+            confirmation,
+            *padded,
+            component=component,
+        )
 
     def _send(self, kind: str, *fields, component: int = COMPANION) -> None:
         if self._heard.foreigner and kind != "heartbeat":
             return
         message = getattr(self._encoder, kind + "_encode")(*fields)
         header = message.get_header()
-        header.srcSystem, header.srcComponent = self._heard.target or 1, component  # a companion has its vehicle's id
+        # a companion has its vehicle's id
+        header.srcSystem, header.srcComponent = self._heard.target or 1, component
         self._out.append(message)

@@ -21,13 +21,16 @@ _POLL_S = 0.05
 
 
 class FlightLink:
-    """``tell`` is called with what the port gives, in its order, by whichever thread let it give that.
+    """``tell`` is called with what the port gives, in its order, by whichever thread let it give
+    that.
 
-    ``line`` is an address as Transport has it, or what has Transport's ``receive``, ``send`` and ``close``. Raises
-    LinkError where the address cannot be opened.
+    ``line`` is an address as Transport has it, or what has Transport's ``receive``, ``send`` and
+    ``close``. Raises LinkError where the address cannot be opened.
     """
 
-    def __init__(self, line: Union[str, Transport], port: FlightLinkPort, tell: Callable[[object], None]):
+    def __init__(
+        self, line: Union[str, Transport], port: FlightLinkPort, tell: Callable[[object], None]
+    ):
         self._port, self._tell = port, tell
         self._over: Dict[int, RequestOver] = {}
         self._numbers = itertools.count(1)
@@ -45,7 +48,8 @@ class FlightLink:
             self._step(now_s)
 
     def ask(self, kind: Kind, **what) -> None:
-        """What an Ask says; until it is over. Raises CommandRefused with the reason, or LinkError."""
+        """What an Ask says; until it is over. Raises CommandRefused with the reason, or
+        LinkError."""
         number = next(self._numbers)
         with self._changed:
             self.receive(Ask(kind, number=number, **what))

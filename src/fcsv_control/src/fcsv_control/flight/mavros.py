@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the flight link adds where MAVROS stands in its place: MAVLink messages and time in, messages and events out.
+"""What the flight link adds where MAVROS stands in its place: MAVLink messages and time in,
+messages and events out.
 
-MAVROS sends modes, arming, take-offs and targets. It answers a mode at once, whatever becomes of it, gives no reason
-for a refusal, asks for no streams and sets no origin. What the autopilot answers to MAVROS's component is heard here;
-to the message SET_MODE, which MAVROS sends, ArduCopter 4.6 answers nothing but a text where it refuses.
+MAVROS sends modes, arming, take-offs and targets. It answers a mode at once, whatever becomes of
+it, gives no reason for a refusal, asks for no streams and sets no origin. What the autopilot
+answers to MAVROS's component is heard here; to the message SET_MODE, which MAVROS sends, ArduCopter
+4.6 answers nothing but a text where it refuses.
 """
 
 from typing import List, Optional, Tuple
@@ -27,14 +29,18 @@ _ASKED = {  # by what a COMMAND_ACK names
     _M.MAV_CMD_NAV_LAND: "landing",
 }
 _MODE_REFUSED = "Mode change to "  # how ArduCopter begins the text in which it refuses one
-_REASON_BEFORE_S, _REASON_AFTER_S = 0.5, 0.3  # the reason comes before its acknowledgement, or a little later
+# the reason comes before its acknowledgement, or a little later
+_REASON_BEFORE_S, _REASON_AFTER_S = 0.5, 0.3
 _HOME_S = 1.0
 
 
 class MavrosCore(LinkCore):
-    """A link's core that hears what MAVROS is answered, and says where home is: MAVROS counts take-offs from there."""
+    """A link's core that hears what MAVROS is answered, and says where home is: MAVROS counts
+    take-offs from there."""
 
-    def __init__(self, parameters: LinkParameters, profile: Profile = NOTHING, component: int = COMPONENT):
+    def __init__(
+        self, parameters: LinkParameters, profile: Profile = NOTHING, component: int = COMPONENT
+    ):
         super().__init__(parameters, profile)
         self._component = component
         self._reasons = Reasons()
@@ -48,7 +54,10 @@ class MavrosCore(LinkCore):
         for event in self._events[heard:]:
             if isinstance(event, TextHeard):
                 self._said(now_s, event)
-        if (message.get_srcSystem(), message.get_srcComponent()) != (self._heard.target, _M.MAV_COMP_ID_AUTOPILOT1):
+        if (message.get_srcSystem(), message.get_srcComponent()) != (
+            self._heard.target,
+            _M.MAV_COMP_ID_AUTOPILOT1,
+        ):
             return
         if message.get_type() == "COMMAND_ACK" and message.target_component == self._component:
             self._answered(now_s, message.command, message.result)
@@ -60,13 +69,17 @@ class MavrosCore(LinkCore):
         """Time passes."""
         super().step(now_s)
         self._refused = [r for r in self._refused if not self._told(now_s, *r)]
-        if self.connected(now_s) and not self.state.in_the_air and now_s - self._home_asked_s >= _HOME_S:
+        if (
+            self.connected(now_s)
+            and not self.state.in_the_air
+            and now_s - self._home_asked_s >= _HOME_S
+        ):
             self._home_asked_s = now_s
             self._long(_M.MAV_CMD_REQUEST_MESSAGE, [_M.MAVLINK_MSG_ID_HOME_POSITION])
 
     def mode_asked(self, mode: str) -> None:
-        """Agent or guardian ask MAVROS for this mode: it is the companion's once it shows. One that shows already
-        stays whose it was."""
+        """Agent or guardian ask MAVROS for this mode: it is the companion's once it shows. One that
+        shows already stays whose it was."""
         self._whose.ask_through_others(mode)
 
     def _said(self, now_s: float, text: TextHeard) -> None:
@@ -85,12 +98,15 @@ class MavrosCore(LinkCore):
         reason = self._reasons.since(at_s - _REASON_BEFORE_S)
         if not reason and now_s - at_s < _REASON_AFTER_S:
             return False
-        self._events.append(Refused(f"{_ASKED[command]} refused: {reason or commands.result_name(result)}"))
+        self._events.append(
+            Refused(f"{_ASKED[command]} refused: {reason or commands.result_name(result)}")
+        )
         return True
 
 
 def mavros_url(fcu_url: str) -> str:
-    """MAVROS's way to write an address that the flight link knows; MAVROS's own way is left as it is.
+    """MAVROS's way to write an address that the flight link knows; MAVROS's own way is left as it
+    is.
 
     >>> mavros_url("udpin:127.0.0.1:14550"), mavros_url("tcp:127.0.0.1:5760"), mavros_url("/dev/ttyACM0:115200")
     ('udp://127.0.0.1:14550@', 'tcp://127.0.0.1:5760', '/dev/ttyACM0:115200')
@@ -100,8 +116,12 @@ def mavros_url(fcu_url: str) -> str:
     if fcu_url.startswith("/") or "://" in fcu_url:
         return fcu_url
     kind, _, address = fcu_url.partition(":")
-    form: Optional[str] = {"udpin": "udp://{}@", "udpout": "udp://:0@{}", "tcp": "tcp://{}"}.get(kind)
+    form: Optional[str] = {"udpin": "udp://{}@", "udpout": "udp://:0@{}", "tcp": "tcp://{}"}.get(
+        kind
+    )
     if form is None or not address.rpartition(":")[2].isdigit():
-        raise LinkError(f"fcu_url: '{fcu_url}' is none that MAVROS understands; give udpin:, udpout:, tcp:HOST:PORT, "
-                        "/dev/DEVICE:BAUD or MAVROS's own form")  # fmt: skip
+        raise LinkError(
+            f"fcu_url: '{fcu_url}' is none that MAVROS understands; give udpin:, udpout:, tcp:HOST:PORT, "
+            "/dev/DEVICE:BAUD or MAVROS's own form"
+        )
     return form.format(address)

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether MAVROS's process hangs, and which one is to be ended: what it says and whether it answers; no I/O.
+"""Whether MAVROS's process hangs, and which one is to be ended: what it says and whether it
+answers; no I/O.
 
-Silence alone is no proof: a MAVROS whose autopilot is off, or whose line is cut, says nothing either, and to end it
-would not help. One that hangs does not answer ROS's own question for its process id either. Only a process that
-answered before is ended: one that starts up is left alone, however long that takes.
+Silence alone is no proof: a MAVROS whose autopilot is off, or whose line is cut, says nothing
+either, and to end it would not help. One that hangs does not answer ROS's own question for its
+process id either. Only a process that answered before is ended: one that starts up is left alone,
+however long that takes.
 
-In flight ending it is the safe way: nothing reaches the autopilot through it anyway, and who asked it for a mode waits
-until its connection breaks. ArduCopter keeps its mode and flies on without poses for about 8 s until its own failsafe
-lands it; roslaunch starts MAVROS again well before.
+In flight ending it is the safe way: nothing reaches the autopilot through it anyway, and who asked
+it for a mode waits until its connection breaks. ArduCopter keeps its mode and flies on without
+poses for about 8 s until its own failsafe lands it; roslaunch starts MAVROS again well before.
 """
 
 from dataclasses import dataclass
@@ -18,7 +20,8 @@ _STALL_S = 1.5  # between two steps: this program itself had no processor time
 
 @dataclass(frozen=True)
 class MavrosWatchRules:
-    """``silent_s``: nothing of it for longer is suspicious; ``unanswered``: questions in a row before it is ended."""
+    """``silent_s``: nothing of it for longer is suspicious; ``unanswered``: questions in a row
+    before it is ended."""
 
     silent_s: float = 1.5
     unanswered: int = 3
@@ -60,7 +63,8 @@ class MavrosWatch:
         self.pid, self._unanswered = None, 0
 
     def asks(self, now_s: float) -> bool:
-        """Whether to ask it now: while it is silent, and once before, to learn which process it is."""
+        """Whether to ask it now: while it is silent, and once before, to learn which process it
+        is."""
         return self.pid is None or self._silent(now_s)
 
     def step(self, now_s: float) -> Optional[int]:
@@ -78,7 +82,11 @@ class MavrosWatch:
 
     def hangs(self, now_s: float) -> bool:
         """Silent, and the process that answered before does not."""
-        return self.pid is not None and self._silent(now_s) and self._unanswered >= self._rules.unanswered
+        return (
+            self.pid is not None
+            and self._silent(now_s)
+            and self._unanswered >= self._rules.unanswered
+        )
 
     def _silent(self, now_s: float) -> bool:
         return now_s - self._heard_s > self._rules.silent_s

@@ -8,7 +8,7 @@ import numpy as np
 
 from fcsv_control.errors import CommandRefused, LinkError
 
-# ---- what the autopilot says ---------------------------------------------------------------------------------
+# ---- what the autopilot says ---------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,8 @@ class BatteryHeard:
 
 @dataclass(frozen=True)
 class PoseHeard:
-    """The autopilot's estimate of the body (4x4) and its velocity (m/s) in its external navigation's frame (ENU)."""
+    """The autopilot's estimate of the body (4x4) and its velocity (m/s) in its external
+    navigation's frame (ENU)."""
 
     T_odom_body: np.ndarray
     v_odom_mps: Tuple[float, float, float]
@@ -31,7 +32,8 @@ class PoseHeard:
 
 @dataclass(frozen=True)
 class BarometerHeard:
-    """The autopilot's first barometer, as a height in the standard atmosphere: only differences mean something."""
+    """The autopilot's first barometer, as a height in the standard atmosphere: only differences
+    mean something."""
 
     height_m: float
 
@@ -51,8 +53,9 @@ class RcHeard:
 
 @dataclass(frozen=True)
 class EstimateMoved:
-    """The autopilot's estimate moved by ``step_m`` (3,) (odometry frame) against the world: it adopted a jump of the
-    external navigation, at once or over many messages. A target has to move along, or the difference is flown.
+    """The autopilot's estimate moved by ``step_m`` (3,) (odometry frame) against the world: it
+    adopted a jump of the external navigation, at once or over many messages. A target has to move
+    along, or the difference is flown.
     """
 
     step_m: np.ndarray
@@ -73,11 +76,19 @@ class HomeHeard:
 
 
 Event = Union[
-    StateHeard, BatteryHeard, PoseHeard, BarometerHeard, TextHeard, RcHeard, EstimateMoved, Refused, HomeHeard,
-]  # fmt: skip
+    StateHeard,
+    BatteryHeard,
+    PoseHeard,
+    BarometerHeard,
+    TextHeard,
+    RcHeard,
+    EstimateMoved,
+    Refused,
+    HomeHeard,
+]
 
 
-# ---- the line -----------------------------------------------------------------------------------------------
+# ---- the line ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -94,12 +105,13 @@ class ToAutopilot:
     message: object
 
 
-# ---- what processes on board tell each other -----------------------------------------------------------------
+# ---- what processes on board tell each other -----------------------------------------------------
 
 
 @dataclass(frozen=True)
 class PoseFed:
-    """T_odom_body of the odometry, as it goes to the autopilot; ``stamp_s`` by this computer's time of day."""
+    """T_odom_body of the odometry, as it goes to the autopilot; ``stamp_s`` by this computer's time
+    of day."""
 
     T_odom_body: np.ndarray
     stamp_s: float
@@ -136,7 +148,8 @@ class AutopilotState:
 
 @dataclass(frozen=True)
 class BatteryTold:
-    """The autopilot's battery monitor: share of the charge 0..1, voltage, current; NaN: not known."""
+    """The autopilot's battery monitor: share of the charge 0..1, voltage, current; NaN: not
+    known."""
 
     share: float
     voltage_v: float
@@ -153,7 +166,8 @@ class TransmitterTold:
 
 @dataclass(frozen=True)
 class LinkLives:
-    """What the flight link tells of itself; fields as in fcsv_msgs/LinkHealth, None: the autopilot has not said."""
+    """What the flight link tells of itself; fields as in fcsv_msgs/LinkHealth, None: the autopilot
+    has not said."""
 
     doubt: str
     ekf_variance: float
@@ -219,7 +233,8 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class RequestOver:
-    """An Ask has ended: done where ``refusal`` is empty. ``answered``: by the autopilot, or by this link itself."""
+    """An Ask has ended: done where ``refusal`` is empty. ``answered``: by the autopilot, or by this
+    link itself."""
 
     number: int
     refusal: str = ""

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The flight link's process without its transport: poses, set-points and requests in; what the autopilot says out.
+"""The flight link's process without its transport: poses, set-points and requests in; what the
+autopilot says out.
 
-Which poses of the odometry go on, which are believed, and what follows where they stop is decided here, for our own
-link and beside MAVROS.
+Which poses of the odometry go on, which are believed, and what follows where they stop is decided
+here, for our own link and beside MAVROS.
 """
 
 import logging
@@ -69,13 +70,20 @@ class FeedRules:
 
 
 class FlightLinkPort:
-    """Gives messages to the autopilot first; step it after each message, and at least 20 times a second. ``pid``: of
-    the process that it runs in; ``mavros``: the component with which a MAVROS speaks that it stands beside."""
+    """Gives messages to the autopilot first; step it after each message, and at least 20 times a
+    second. ``pid``: of the process that it runs in; ``mavros``: the component with which a MAVROS
+    speaks that it stands beside."""
 
     def __init__(
-        self, vehicle: str, link: LinkParameters, profile: Profile, rules: FeedRules, pid: int, now_s: float,
+        self,
+        vehicle: str,
+        link: LinkParameters,
+        profile: Profile,
+        rules: FeedRules,
+        pid: int,
+        now_s: float,
         mavros: Optional[int] = None,
-    ):  # fmt: skip
+    ):
         core = LinkCore(link, profile) if mavros is None else MavrosCore(link, profile, mavros)
         self.core, self.check = core, FeedCheck(rules.check)  # to look at
         self._vehicle, self._pid = vehicle, pid
@@ -109,7 +117,8 @@ class FlightLinkPort:
         take(now_s, message)
 
     def step(self, now_s: float) -> Sequence[object]:
-        """Time passes: what goes to the autopilot, what it said, what became of requests, and of the feed."""
+        """Time passes: what goes to the autopilot, what it said, what became of requests, and of
+        the feed."""
         self.core.step(now_s)
         for event in self.core.events():
             self._heard(now_s, event)
@@ -120,7 +129,7 @@ class FlightLinkPort:
         self._out = []
         return out
 
-    # ---- from the autopilot --------------------------------------------------------------------------------------
+    # ---- from the autopilot ----------------------------------------------------------------------
 
     def _heard(self, now_s: float, event: Event) -> None:
         s = self.core.state
@@ -146,12 +155,12 @@ class FlightLinkPort:
         s = self.core.state
         shown = AutopilotState(
             self.core.connected(now_s), s.armed, s.guided, s.manual_input, s.mode, s.system_status
-        )  # fmt: skip
+        )
         if shown != self._shown or now_s - self._shown_s >= _STATE_S:
             self._shown, self._shown_s = shown, now_s
             self._out.append(shown)
 
-    # ---- requests ------------------------------------------------------------------------------------------------
+    # ---- requests --------------------------------------------------------------------------------
 
     def _ask(self, now_s: float, ask: Ask) -> None:
         try:
@@ -179,7 +188,7 @@ class FlightLinkPort:
                 _LOG.error("landing after the loss of the pose feed: %s", error)
             self._landing = None
 
-    # ---- the feed of poses ---------------------------------------------------------------------------------------
+    # ---- the feed of poses -----------------------------------------------------------------------
 
     def _begin_again(self, _now_s: float, _m: OdometryReset) -> None:
         self.core.note_reset()
@@ -201,7 +210,9 @@ class FlightLinkPort:
     def _believed(self, now_s: float, m: PoseFed) -> bool:
         """Whether a pose agrees with what the autopilot feels."""
         s = self.core.state
-        believed = self.check.passes(now_s, self._feed.stamp_s, m.T_odom_body, s.armed, s.in_the_air)
+        believed = self.check.passes(
+            now_s, self._feed.stamp_s, m.T_odom_body, s.armed, s.in_the_air
+        )
         if believed and self.check.came_back:
             self.core.note_reset()
         self._problem("tracker", self.check.doubt or self.check.scene_says)
@@ -211,7 +222,11 @@ class FlightLinkPort:
         """What the age of the feed asks for; state, health and diagnosis where they are due."""
         pause_s, self._watched_s = now_s - self._watched_s, now_s
         if pause_s > _STALL_S:
-            _LOG.warning("%s: this computer did not let the flight link run for %.2f s", self._vehicle, pause_s)
+            _LOG.warning(
+                "%s: this computer did not let the flight link run for %.2f s",
+                self._vehicle,
+                pause_s,
+            )
             self._watchdog.slept(now_s, pause_s - _WATCH_S)
         self._mind_feed(now_s)
         self._show(now_s)
@@ -227,7 +242,9 @@ class FlightLinkPort:
         late, age = alarm is not Alarm.NONE, f"pose feed is {self._watchdog.age_s(now_s):.1f} s old"
         self._problem("feed", f"{age} while flying in {s.mode}" if late else "")
         if late and not self._warned:
-            by_hand = "" if s.mode == "GUIDED" or ours else f" in {s.mode}: fly in ALT_HOLD, or land"
+            by_hand = (
+                "" if s.mode == "GUIDED" or ours else f" in {s.mode}: fly in ALT_HOLD, or land"
+            )
             self._out.append(LinkSaid(CRITICAL, f"{self._vehicle}: {age}{by_hand}"))
         self._warned = late
         if alarm is Alarm.LAND and self._landing is None:
@@ -239,13 +256,17 @@ class FlightLinkPort:
             except ControlError as error:
                 _LOG.error("landing after the loss of the pose feed: %s", error)
 
-    # ---- what it tells of itself ---------------------------------------------------------------------------------
+    # ---- what it tells of itself -----------------------------------------------------------------
 
     def _live(self, now_s: float) -> None:
-        """Tells that it lives, at 5 Hz, and at once where there is another doubt of the poses, or where it is no longer
-        known whether the autopilot may be flown."""
+        """Tells that it lives, at 5 Hz, and at once where there is another doubt of the poses, or
+        where it is no longer known whether the autopilot may be flown."""
         core, s, parameters = self.core, self.core.state, self.core.heard.parameters
-        connected, origin_set, doubt = core.connected(now_s), core.origin_set(now_s), self.check.doubt
+        connected, origin_set, doubt = (
+            core.connected(now_s),
+            core.origin_set(now_s),
+            self.check.doubt,
+        )
         urgent = (doubt, connected, origin_set, parameters.known, s.booting)
         if urgent == self._urgent and not self._gate.passes(now_s):
             return
@@ -253,21 +274,39 @@ class FlightLinkPort:
         wrong = parameters.wrong()
         self._out.append(
             LinkLives(
-                doubt, s.ekf_variance, s.throttle, now_s - s.throttle_heard_s, s.system_status, origin_set,
-                parameters.known and not wrong, wrong[0] if wrong else "", s.in_the_air, connected, self._pid,
-                s.ekf_flags, now_s - s.ekf_heard_s, core.feed_rate_hz(now_s), core.feed_age_s(now_s),
-                core.estimate_apart_m(now_s), s.prearm_ok,
+                doubt,
+                s.ekf_variance,
+                s.throttle,
+                now_s - s.throttle_heard_s,
+                s.system_status,
+                origin_set,
+                parameters.known and not wrong,
+                wrong[0] if wrong else "",
+                s.in_the_air,
+                connected,
+                self._pid,
+                s.ekf_flags,
+                now_s - s.ekf_heard_s,
+                core.feed_rate_hz(now_s),
+                core.feed_age_s(now_s),
+                core.estimate_apart_m(now_s),
+                s.prearm_ok,
             )
-        )  # fmt: skip
+        )
 
     def _check_parameters(self) -> None:
         """What the autopilot's parameters are against the profile, where that is news."""
         check = self.core.heard.parameters
         limits = AutopilotLimits({name: check.value(name) for name in _LIMITS})
         found = ParametersChecked(
-            check.profile.name, self._firmware, check.complete, check.problems(), check.warnings(), check.unknown(),
+            check.profile.name,
+            self._firmware,
+            check.complete,
+            check.problems(),
+            check.warnings(),
+            check.unknown(),
             limits,
-        )  # fmt: skip
+        )
         if found != self._parameters:
             self._parameters = found
             self._out.append(found)
@@ -295,19 +334,29 @@ class FlightLinkPort:
             "link": "" if self.core.connected(now_s) else silent,
             "parameters": f"autopilot's parameters: {wrong}" if wrong else "",
             "advised": f"advised parameters: {weak}" if weak else "",
-            "autopilots": f"a second autopilot, {heard.strangers}, is on the line" if heard.strangers else "",
+            "autopilots": f"a second autopilot, {heard.strangers}, is on the line"
+            if heard.strangers
+            else "",
             "heartbeats": imitated,
             "origin": restart if heard.origin_at_zero and not s.armed else "",
         }
         trip_s, offset_s = heard.timesync.round_trip_s, heard.timesync.offset_s
         values = {
-            "firmware": self._firmware, "line's round trip (ms)": "" if trip_s is None else f"{1e3 * trip_s:.1f}",
-            "autopilot's clock (s)": "" if offset_s is None else f"{offset_s:.4f}", "mode": s.mode, "armed": s.armed,
-            "ready to arm": s.prearm_ok, "origin": self.core.origin_set(now_s), "EKF flags": hex(s.ekf_flags),
-            "EKF variance": f"{s.ekf_variance:.2f}", "throttle stick": f"{s.throttle:.2f}",
+            "firmware": self._firmware,
+            "line's round trip (ms)": "" if trip_s is None else f"{1e3 * trip_s:.1f}",
+            "autopilot's clock (s)": "" if offset_s is None else f"{offset_s:.4f}",
+            "mode": s.mode,
+            "armed": s.armed,
+            "ready to arm": s.prearm_ok,
+            "origin": self.core.origin_set(now_s),
+            "EKF flags": hex(s.ekf_flags),
+            "EKF variance": f"{s.ekf_variance:.2f}",
+            "throttle stick": f"{s.throttle:.2f}",
             "stick heard (s ago)": f"{now_s - s.throttle_heard_s:.1f}",
-        }  # fmt: skip
-        return Diagnosis({k: f"{self._vehicle}: {text}" if text else "" for k, text in problems.items()}, values)
+        }
+        return Diagnosis(
+            {k: f"{self._vehicle}: {text}" if text else "" for k, text in problems.items()}, values
+        )
 
 
 def _over(number: int, error: ControlError) -> RequestOver:

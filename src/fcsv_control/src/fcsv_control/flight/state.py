@@ -9,8 +9,12 @@ from pymavlink import mavutil
 
 _M = mavutil.mavlink
 _PREARM_BIT = 0x10000000
-_LANDED = {_M.MAV_LANDED_STATE_ON_GROUND: True, _M.MAV_LANDED_STATE_IN_AIR: False,
-           _M.MAV_LANDED_STATE_TAKEOFF: False, _M.MAV_LANDED_STATE_LANDING: False}  # fmt: skip
+_LANDED = {
+    _M.MAV_LANDED_STATE_ON_GROUND: True,
+    _M.MAV_LANDED_STATE_IN_AIR: False,
+    _M.MAV_LANDED_STATE_TAKEOFF: False,
+    _M.MAV_LANDED_STATE_LANDING: False,
+}
 _FILTER_RUNS, _FILTER_NOT_BEGUN = 0x001, 0x400  # EKF_STATUS_FLAGS: attitude, uninitialised
 _THROTTLE = 2  # index of the throttle's channel, as RCMAP_THROTTLE is by default
 _MODE_NAMES = dict(mavutil.mode_mapping_acm)
@@ -33,12 +37,14 @@ class FlightState:
     current_a: float = float("nan")
     battery_share: float = float("nan")
     ekf_flags: int = 0
-    velocity_variance: float = float("nan")  # of EKF_STATUS_REPORT: test ratios, about 1 where the filter rejects
+    # of EKF_STATUS_REPORT: test ratios, about 1 where the filter rejects
+    velocity_variance: float = float("nan")
     pos_horiz_variance: float = float("nan")
     pos_vert_variance: float = float("nan")
     compass_variance: float = float("nan")
     ekf_heard_s: float = float("-inf")  # when, on the receiver's monotonic clock
-    throttle: float = float("nan")  # the pilot's stick, -1 (down) to 1; NaN where no transmitter is heard
+    # the pilot's stick, -1 (down) to 1; NaN where no transmitter is heard
+    throttle: float = float("nan")
     throttle_heard_s: float = float("-inf")  # when, on the receiver's monotonic clock
     rc_channels: Tuple[int, ...] = ()  # pulse widths (us)
     rc_rssi: int = 255  # 0..254; 255 is unknown
@@ -46,12 +52,18 @@ class FlightState:
     @property
     def ekf_variance(self) -> float:
         """The largest of the filter's variances that are known; NaN where none is."""
-        all_four = (self.velocity_variance, self.pos_horiz_variance, self.pos_vert_variance, self.compass_variance)
+        all_four = (
+            self.velocity_variance,
+            self.pos_horiz_variance,
+            self.pos_vert_variance,
+            self.compass_variance,
+        )
         return max((v for v in all_four if not math.isnan(v)), default=float("nan"))
 
     @property
     def booting(self) -> bool:
-        """Whether the firmware itself is still starting: nothing that it says of its sensors counts yet."""
+        """Whether the firmware itself is still starting: nothing that it says of its sensors counts
+        yet."""
         return self.system_status == _M.MAV_STATE_BOOT
 
     @property
@@ -63,12 +75,18 @@ class FlightState:
     def with_ekf(self, now_s: float, m) -> "FlightState":
         """Gives the state after an EKF_STATUS_REPORT."""
         return replace(
-            self, ekf_flags=m.flags, velocity_variance=m.velocity_variance, pos_horiz_variance=m.pos_horiz_variance,
-            pos_vert_variance=m.pos_vert_variance, compass_variance=m.compass_variance, ekf_heard_s=now_s,
-        )  # fmt: skip
+            self,
+            ekf_flags=m.flags,
+            velocity_variance=m.velocity_variance,
+            pos_horiz_variance=m.pos_horiz_variance,
+            pos_vert_variance=m.pos_vert_variance,
+            compass_variance=m.compass_variance,
+            ekf_heard_s=now_s,
+        )
 
     def with_rc(self, now_s: float, m) -> "FlightState":
-        """Gives the state after an RC_CHANNELS; a channel that is not heard has a pulse of 0 or 65535."""
+        """Gives the state after an RC_CHANNELS; a channel that is not heard has a pulse of 0 or
+        65535."""
         channels = tuple(getattr(m, f"chan{k + 1}_raw") for k in range(min(m.chancount, 18)))
         pulse = channels[_THROTTLE] if len(channels) > _THROTTLE else 0
         heard = 800 <= pulse <= 2200
@@ -76,7 +94,7 @@ class FlightState:
         heard_s = now_s if heard else self.throttle_heard_s
         return replace(
             self, throttle=throttle, throttle_heard_s=heard_s, rc_channels=channels, rc_rssi=m.rssi
-        )  # fmt: skip
+        )
 
     @property
     def in_the_air(self) -> Optional[bool]:
@@ -98,7 +116,9 @@ class FlightState:
         """Gives the state after a SYS_STATUS; what it does not know is NaN."""
         return replace(
             self,
-            prearm_ok=None if self.booting else bool(m.onboard_control_sensors_health & _PREARM_BIT),
+            prearm_ok=None
+            if self.booting
+            else bool(m.onboard_control_sensors_health & _PREARM_BIT),
             voltage_v=m.voltage_battery / 1000.0 if m.voltage_battery != 65535 else float("nan"),
             current_a=m.current_battery / 100.0 if m.current_battery >= 0 else float("nan"),
             battery_share=m.battery_remaining / 100.0 if m.battery_remaining >= 0 else float("nan"),

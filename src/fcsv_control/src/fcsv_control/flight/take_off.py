@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A take-off: the autopilot counts its altitude from its home, which it may have set where it was armed."""
+"""A take-off: the autopilot counts its altitude from its home, which it may have set where it was
+armed."""
 
 import logging
 from typing import Optional
@@ -15,9 +16,17 @@ _CLIMBS_S = 1.0
 
 
 class TakeOff:
-    """First hears where home is (asked for by who makes this), then commands. Has a Request's outcome."""
+    """First hears where home is (asked for by who makes this), then commands. Has a Request's
+    outcome."""
 
-    def __init__(self, now_s: float, altitude_m: float, heard: Listener, requests: Requests, patience_s: float):
+    def __init__(
+        self,
+        now_s: float,
+        altitude_m: float,
+        heard: Listener,
+        requests: Requests,
+        patience_s: float,
+    ):
         self._altitude_m, self._heard, self._requests = altitude_m, heard, requests
         self._until_s = now_s + patience_s
         self._request: Optional[Request] = None
@@ -44,12 +53,17 @@ class TakeOff:
         if len(told) == 2:
             above_origin_m = (told["home"] - told["origin"]) / 1000.0
         else:
-            _LOG.warning("the autopilot does not tell its home: taken to be at the height of the origin")
+            _LOG.warning(
+                "the autopilot does not tell its home: taken to be at the height of the origin"
+            )
         values = (0, 0, 0, 0, 0, 0, self._altitude_m - above_origin_m)
-        self._request = self._requests.ask(now_s, mavutil.mavlink.MAV_CMD_NAV_TAKEOFF, values, "take-off")
+        self._request = self._requests.ask(
+            now_s, mavutil.mavlink.MAV_CMD_NAV_TAKEOFF, values, "take-off"
+        )
 
     def _judge(self, now_s: float) -> None:
-        """A refusal of a repeated command may mean that the first one's acknowledgement was lost: does it climb?"""
+        """A refusal of a repeated command may mean that the first one's acknowledgement was lost:
+        does it climb?"""
         request = self._request
         doubtful = request.outcome is Outcome.REFUSED and request.pending.result == commands.FAILED
         if not doubtful or request.pending.sent < 2:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whose mode it is that shows: asked for on board, or somebody else's. The watchdog lands in the former alone."""
+"""Whose mode it is that shows: asked for on board, or somebody else's. The watchdog lands in the
+former alone."""
 
 from typing import Optional
 
@@ -7,8 +8,8 @@ from fcsv_control.flight.mavlink.requests import Outcome, Request
 
 
 class LinkModeOwner:
-    """``is_ours``: the mode that shows is the last one that was asked for here, and no other has shown since. A stop
-    that somebody else had chosen before stays his.
+    """``is_ours``: the mode that shows is the last one that was asked for here, and no other has
+    shown since. A stop that somebody else had chosen before stays his.
     """
 
     def __init__(self):
@@ -38,8 +39,8 @@ class LinkModeOwner:
         return strange
 
     def step(self) -> None:
-        """A mode is waited for while it is asked for. One that showed before is ours once it is acknowledged; a stop is
-        not even sent then."""
+        """A mode is waited for while it is asked for. One that showed before is ours once it is
+        acknowledged; a stop is not even sent then."""
         request = self._request
         if request is None or not request.over:
             return

@@ -10,7 +10,8 @@ _GREEN_S = 60.0
 
 
 class Acceptances:
-    """An acceptance lasts while its line is amber: it ends where it becomes red or unknown, or was green for a minute.
+    """An acceptance lasts while its line is amber: it ends where it becomes red or unknown, or was
+    green for a minute.
 
     >>> a, amber = Acceptances(), Line("uav1", "battery", State.AMBER, "31%")
     >>> a.accept([amber], "uav1", "battery"), [line.accepted for line in a.apply(0.0, [amber])]
@@ -20,7 +21,8 @@ class Acceptances:
     """
 
     def __init__(self) -> None:
-        self._green_since_s: Dict[Tuple[str, str], float] = {}  # of what is accepted; infinite: it is amber
+        # of what is accepted; infinite: it is amber
+        self._green_since_s: Dict[Tuple[str, str], float] = {}
 
     def accept(self, lines: Sequence[Line], vehicle: str, name: str) -> str:
         """Why it cannot be accepted; "" where it is."""
@@ -43,7 +45,10 @@ class Acceptances:
         for key in gone:
             del self._green_since_s[key]  # its vehicle is not heard
         accepted = self._green_since_s
-        return [replace(li, accepted=li.state is State.AMBER and (li.vehicle, li.name) in accepted) for li in lines]
+        return [
+            replace(li, accepted=li.state is State.AMBER and (li.vehicle, li.name) in accepted)
+            for li in lines
+        ]
 
     def _see(self, now_s: float, key: Tuple[str, str], state: State) -> None:
         if key not in self._green_since_s:

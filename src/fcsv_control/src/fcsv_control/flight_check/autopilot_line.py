@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who else may speak on the line to the autopilot: nobody on a cable and on loopback, nobody without the key."""
+"""Who else may speak on the line to the autopilot: nobody on a cable and on loopback, nobody
+without the key."""
 
 import ipaddress
 from dataclasses import dataclass
@@ -11,7 +12,8 @@ _CABLE = ("/", "serial:")
 
 @dataclass(frozen=True)
 class AutopilotLine:
-    """``url``: the flight link's fcu_url, empty where it has none; ``signed``: it was given a key."""
+    """``url``: the flight link's fcu_url, empty where it has none; ``signed``: it was given a
+    key."""
 
     url: str = ""
     signed: bool = False
@@ -27,7 +29,8 @@ def reached_by_nobody_else(url: str) -> bool:
     """
     if url.startswith(_CABLE):
         return True
-    ends = url.partition("://" if "://" in url else ":")[2].split("@")  # of MAVROS's form: here, and there
+    # of MAVROS's form: here, and there
+    ends = url.partition("://" if "://" in url else ":")[2].split("@")
     hosts = [end for end in ends if end and not end.startswith(":")]
     return bool(hosts) and all(_on_loopback(host) for host in hosts)
 

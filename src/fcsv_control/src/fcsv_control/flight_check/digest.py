@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong in a vehicle's diagnostics, short enough for the radio: the worst lines, at once where they change."""
+"""What is wrong in a vehicle's diagnostics, short enough for the radio: the worst lines, at once
+where they change."""
 
 from dataclasses import dataclass
 from typing import Callable, Dict, Iterable, Optional, Sequence, Tuple
@@ -9,7 +10,8 @@ from fcsv_control.flight_check.pace import Pace
 OK, WARN, ERROR, STALE = range(4)  # as diagnostic_msgs/DiagnosticStatus
 _FROM_THE_WORST = (ERROR, STALE, WARN)
 _MOST_LINES = 3
-_MOST_NAME, _MOST_TEXT = 40, 54  # octets: a line with a count and all headers is within a second's bytes
+# octets: a line with a count and all headers is within a second's bytes
+_MOST_NAME, _MOST_TEXT = 40, 54
 _BYTES_PER_S, _BURST_BYTES = 240.0, 500.0  # within 2 kbit/s over every minute
 _SILENT_S, _FORGET_S = 5.0, 60.0
 WELL_S = 5.0  # from one report to the next while nothing is wrong
@@ -25,15 +27,16 @@ class Status:
 
 
 class Digest:
-    """``tell`` it all diagnostics, ask ``due`` often. ``own``: only names that begin so count, where several vehicles
-    share a ROS master.
+    """``tell`` it all diagnostics, ask ``due`` often. ``own``: only names that begin so count,
+    where several vehicles share a ROS master.
 
     A line that was wrong and is not told any more is STALE after 5 s, and forgotten after a minute.
     """
 
     def __init__(self, own: str = ""):
         self._own, self._pace = own, Pace(_BYTES_PER_S, _BURST_BYTES)
-        self._wrong: Dict[str, Tuple[float, float, Status]] = {}  # name -> wrong since, told last, line
+        # name -> wrong since, told last, line
+        self._wrong: Dict[str, Tuple[float, float, Status]] = {}
         self._sent: Optional[Tuple[Tuple[str, int], ...]] = None
         self._sent_s = float("-inf")
 
@@ -58,10 +61,14 @@ class Digest:
             found.append((_FROM_THE_WORST.index(level), since_s, _short(status, level)))
         return tuple(line for _, _, line in sorted(found, key=lambda f: (f[0], f[1], f[2].name)))
 
-    def due(self, now_s: float, size_bytes: Callable[[Sequence[Status]], int]) -> Optional[Tuple[Status, ...]]:
-        """What goes over the radio now, None: nothing; then it counts as sent. ``size_bytes`` of lines on the way.
+    def due(
+        self, now_s: float, size_bytes: Callable[[Sequence[Status]], int]
+    ) -> Optional[Tuple[Status, ...]]:
+        """What goes over the radio now, None: nothing; then it counts as sent. ``size_bytes`` of
+        lines on the way.
 
-        The worst line is always there and fits into a second's bytes, so that it never waits longer.
+        The worst line is always there and fits into a second's bytes, so that it never waits
+        longer.
         """
         lines = _packed(self.lines(now_s), size_bytes)
         now = tuple((line.name, line.level) for line in lines)
@@ -74,8 +81,11 @@ class Digest:
         return lines
 
 
-def _packed(lines: Sequence[Status], size_bytes: Callable[[Sequence[Status]], int]) -> Tuple[Status, ...]:
-    """Packs as many as a second carries, three at most; a last one without a name counts the others."""
+def _packed(
+    lines: Sequence[Status], size_bytes: Callable[[Sequence[Status]], int]
+) -> Tuple[Status, ...]:
+    """Packs as many as a second carries, three at most; a last one without a name counts the
+    others."""
     for k in range(min(len(lines), _MOST_LINES), 0, -1):
         more = [Status("", lines[k].level, f"and {len(lines) - k} more")] if len(lines) > k else []
         packed = (*lines[:k], *more)

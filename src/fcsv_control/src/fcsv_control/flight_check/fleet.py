@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the control PC adds to the vehicles' own lines: the radio, clocks, who sees whose tag, and its own programs."""
+"""What the control PC adds to the vehicles' own lines: the radio, clocks, who sees whose tag, and
+its own programs."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
@@ -34,21 +35,28 @@ class FleetCheckRules:
 
     def __post_init__(self):
         require_positive(self)
-        for low, high in (("red_radio_hz", "amber_radio_hz"), ("amber_clock_s", "red_clock_s"),
-                          ("red_disk_mib", "amber_disk_mib")):  # fmt: skip
+        for low, high in (
+            ("red_radio_hz", "amber_radio_hz"),
+            ("amber_clock_s", "red_clock_s"),
+            ("red_disk_mib", "amber_disk_mib"),
+        ):
             if getattr(self, low) > getattr(self, high):
-                raise ValueError(f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}")
+                raise ValueError(
+                    f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}"
+                )
 
 
 @dataclass
 class FromAfar:
-    """One vehicle as the control PC hears it; ``front`` is whose tag it should see, None for the first."""
+    """One vehicle as the control PC hears it; ``front`` is whose tag it should see, None for the
+    first."""
 
     name: str
     front: Optional[str] = None
     report: LineStream[Sequence[Line]] = field(default_factory=LineStream)
     patience_s: float = 0.0  # of its report
-    parameters: Optional[Any] = None  # the newest fcsv_msgs/ParameterReport: it comes where it changes
+    # the newest fcsv_msgs/ParameterReport: it comes where it changes
+    parameters: Optional[Any] = None
     poses: MessageRate = field(default_factory=lambda: MessageRate(_WINDOW_S))
     clock: LineStream[Any] = field(default_factory=LineStream)  # fcsv_tracking's ClockOffset
     epoch: Optional[int] = None
@@ -56,15 +64,19 @@ class FromAfar:
     sightings: Sightings = field(default_factory=lambda: Sightings({}))
 
     def heard_lines(self, now_s: float) -> Sequence[Line]:
-        """Its own lines, older by as long as its report has been here; none where it is not heard any more."""
+        """Its own lines, older by as long as its report has been here; none where it is not heard
+        any more."""
         if not self.report.fresh(now_s, self.patience_s):
             return ()
-        return [replace(li, since_s=li.since_s + now_s - self.report.at_s) for li in self.report.value]
+        return [
+            replace(li, since_s=li.since_s + now_s - self.report.at_s) for li in self.report.value
+        ]
 
 
 @dataclass
 class ControlFacts:
-    """The control PC's own programs. ``recorder`` holds a message of fcsv_msgs, ``mission`` the mission's phase."""
+    """The control PC's own programs. ``recorder`` holds a message of fcsv_msgs, ``mission`` the
+    mission's phase."""
 
     link: str = relay_keys.RELAY
     mission: LineStream[str] = field(default_factory=LineStream)
@@ -74,13 +86,17 @@ class ControlFacts:
     keys: LineStream[relay_keys.Keys] = field(default_factory=LineStream)
 
 
-# ---- of every vehicle -----------------------------------------------------------------------------------------
+# ---- of every vehicle ----------------------------------------------------------------------------
 
 
 def _report(now_s: float, v: FromAfar, _r: FleetCheckRules) -> Found:
     if v.report.value is None:
         return _R, "its own flight check was never heard"
-    return (_G, "heard") if v.report.fresh(now_s, v.patience_s) else (_R, "its own flight check is not heard any more")
+    return (
+        (_G, "heard")
+        if v.report.fresh(now_s, v.patience_s)
+        else (_R, "its own flight check is not heard any more")
+    )
 
 
 def _silent(now_s: float, v: FromAfar, _r: FleetCheckRules) -> bool:
@@ -110,30 +126,47 @@ def _tags(now_s: float, v: FromAfar, _r: FleetCheckRules) -> Found:
     sees, for_s = v.sightings.sees(now_s, v.name, v.front)
     if sees:
         return _G, f"sees {v.front}, for {for_s:.0f} s; {seen}"
-    lacks = f"does not see {v.front}" + (", and never did" if for_s is None else f", for {for_s:.0f} s")
+    lacks = f"does not see {v.front}" + (
+        ", and never did" if for_s is None else f", for {for_s:.0f} s"
+    )
     if v.calibrated is not None and v.calibrated == v.epoch:
         return _G, f"calibrated; {lacks}; {seen}"
     return _A, f"{lacks}; {seen}"
 
 
 FLEET_CHECKS: Tuple[Check, ...] = (
-    Check("check", "its own flight check is heard", "start uav.launch; rosrun fcsv_multimaster link_status", _report),
-    Check("radio", "its poses arrive", "go nearer, turn the antenna; rosrun fcsv_multimaster link_status", _radio),
+    Check(
+        "check",
+        "its own flight check is heard",
+        "start uav.launch; rosrun fcsv_multimaster link_status",
+        _report,
+    ),
+    Check(
+        "radio",
+        "its poses arrive",
+        "go nearer, turn the antenna; rosrun fcsv_multimaster link_status",
+        _radio,
+    ),
     Check("clock", "its clock and the control PC's agree", "start chrony on it", _clock),
-    Check("tags", "it sees the tag of the vehicle in front, or is calibrated",
-          "line it up behind the other; light on the tag; its camera", _tags),
-)  # fmt: skip
+    Check(
+        "tags",
+        "it sees the tag of the vehicle in front, or is calibrated",
+        "line it up behind the other; light on the tag; its camera",
+        _tags,
+    ),
+)
 
 
 def speed_check(planned: FlightBounds) -> Check:
-    """The line that needs the mission: of a vehicle whose autopilot's parameters cross the radio."""
+    """The line that needs the mission: of a vehicle whose autopilot's parameters cross the
+    radio."""
     return speeds.check(planned, _silent)
 
 
 GROUND_CHECKS: Tuple[Check, ...] = (replace(FLEET_CHECKS[0], remedy="start tello.launch for it"),)
 
 
-# ---- of the control PC ----------------------------------------------------------------------------------------
+# ---- of the control PC ---------------------------------------------------------------------------
 
 
 def _mission(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
@@ -166,26 +199,40 @@ def _keys(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
 
 
 CONTROL_CHECKS: Tuple[Check, ...] = (
-    Check("mission", "the mission node lives: its file can be flown", "mend the mission file; see its log", _mission),
-    Check("stop-all", "the node that stops everybody lives", "start control.launch again", _stop_all),
+    Check(
+        "mission",
+        "the mission node lives: its file can be flown",
+        "mend the mission file; see its log",
+        _mission,
+    ),
+    Check(
+        "stop-all", "the node that stops everybody lives", "start control.launch again", _stop_all
+    ),
     Check("recorder", "the recorder writes", "start it again; see its log", _recorder),
     Check("disk", "there is room for the session", "remove sessions that were gathered", _disk),
     relay_keys.check(_keys),
-)  # fmt: skip
+)
 
 
 class FleetTable:
-    """The whole table: the control PC's lines, then each vehicle's: what is heard of it, then what it says itself.
+    """The whole table: the control PC's lines, then each vehicle's: what is heard of it, then what
+    it says itself.
 
-    ``ground``: a tracker on the ground tells where all are, and all links run on the control PC (tello.launch): nothing
-    crosses a radio of ours, there is one clock, and no vehicle looks for another's tag. ``planned``: how fast the
-    mission plans; without, or for vehicles before a tracker on the ground, nothing is compared with it.
+    ``ground``: a tracker on the ground tells where all are, and all links run on the control PC
+    (tello.launch): nothing crosses a radio of ours, there is one clock, and no vehicle looks for
+    another's tag. ``planned``: how fast the mission plans; without, or for vehicles before a
+    tracker on the ground, nothing is compared with it.
     """
 
     def __init__(
-        self, vehicles: Sequence[str], tags: Mapping[str, int], rules: FleetCheckRules, link: str, ground: bool = False,
+        self,
+        vehicles: Sequence[str],
+        tags: Mapping[str, int],
+        rules: FleetCheckRules,
+        link: str,
+        ground: bool = False,
         planned: Optional[FlightBounds] = None,
-    ):  # fmt: skip
+    ):
         self.sightings, self.control, self._rules = Sightings(tags), ControlFacts(link), rules
         fronts = [None, *vehicles[:-1]]
         self.vehicles: Dict[str, FromAfar] = {

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values with the time at which they came, rates, and the autopilot's own words. Times are monotonic and arguments."""
+"""Values with the time at which they came, rates, and the autopilot's own words. Times are
+monotonic and arguments."""
 
 from collections import deque
 from typing import Deque, Dict, Generic, List, Optional, TypeVar
@@ -56,7 +57,8 @@ class MessageRate:
 
 
 class PreArmTexts:
-    """Why the autopilot does not arm, in its own words; those that it no longer repeats are forgotten.
+    """Why the autopilot does not arm, in its own words; those that it no longer repeats are
+    forgotten.
 
     >>> texts = PreArmTexts()
     >>> for at_s, text in ((0.0, "PreArm: RC not found"), (0.1, "PreArm: VisOdom: not healthy"), (0.2, "Ready")):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The keys of this machine's relay, as it tells of them in its diagnostics; of a vehicle and of the control PC."""
+"""The keys of this machine's relay, as it tells of them in its diagnostics; of a vehicle and of the
+control PC."""
 
 from dataclasses import dataclass
 
@@ -11,7 +12,8 @@ RELAY = "relay"
 
 @dataclass(frozen=True)
 class Keys:
-    """``encrypted``: the relay has keys; ``warning``: what is wrong with them; ``exposed``: how ROS is open."""
+    """``encrypted``: the relay has keys; ``warning``: what is wrong with them; ``exposed``: how ROS
+    is open."""
 
     encrypted: bool
     warning: str = ""
@@ -19,7 +21,8 @@ class Keys:
 
 
 def judge(now_s: float, keys: LineStream[Keys], link: str, most_s: float) -> Found:
-    """``link``: which program stands between the machines; another one than the relay encrypts nothing."""
+    """``link``: which program stands between the machines; another one than the relay encrypts
+    nothing."""
     if link != RELAY:
         return State.AMBER, f"{link} encrypts nothing: fly inside a VPN only"
     if not keys.fresh(now_s, most_s):

@@ -17,7 +17,9 @@ class State(IntEnum):
     @property
     def word(self) -> str:
         """Says it for people, who may not tell colours apart."""
-        return {self.UNKNOWN: "unknown", self.GREEN: "green", self.AMBER: "amber", self.RED: "RED"}[self]
+        return {self.UNKNOWN: "unknown", self.GREEN: "green", self.AMBER: "amber", self.RED: "RED"}[
+            self
+        ]
 
 
 _FROM_THE_WORST = (State.RED, State.UNKNOWN, State.AMBER, State.GREEN)
@@ -26,8 +28,8 @@ Found = Tuple[State, str]  # and what was found, for a person
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the table: ``must`` says what must be true, ``remedy`` what to do where it is not; ``judge`` is
-    given the monotonic time (s), what was heard, and the rules."""
+    """One line of the table: ``must`` says what must be true, ``remedy`` what to do where it is
+    not; ``judge`` is given the monotonic time (s), what was heard, and the rules."""
 
     name: str
     must: str
@@ -37,7 +39,8 @@ class Check:
 
 @dataclass(frozen=True)
 class Line:
-    """A line as it is now; ``vehicle`` is "control" for the control PC; ``since_s``: for how long it has been so."""
+    """A line as it is now; ``vehicle`` is "control" for the control PC; ``since_s``: for how long
+    it has been so."""
 
     vehicle: str
     name: str
@@ -64,7 +67,8 @@ def worst(lines: Iterable[Line]) -> State:
 
 
 class Judged:
-    """Judges a table of checks again and again, and knows since when each line has been in its state."""
+    """Judges a table of checks again and again, and knows since when each line has been in its
+    state."""
 
     def __init__(self, vehicle: str, checks: Sequence[Check]):
         self._vehicle, self._checks = vehicle, checks
@@ -72,7 +76,9 @@ class Judged:
 
     def lines(self, now_s: float, facts, rules) -> List[Line]:
         """The table at monotonic time ``now_s``."""
-        return [self._line(now_s, check, *check.judge(now_s, facts, rules)) for check in self._checks]
+        return [
+            self._line(now_s, check, *check.judge(now_s, facts, rules)) for check in self._checks
+        ]
 
     def _line(self, now_s: float, check: Check, state: State, what: str) -> Line:
         before, since_s = self._since.get(check.name, (None, now_s))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which lines a vehicle has behind each flight link: our own and MAVROS's to an ArduCopter, and a Tello's.
+"""Which lines a vehicle has behind each flight link: our own and MAVROS's to an ArduCopter, and a
+Tello's.
 
 What differs is what can be heard, how bad it is, and what to do about it.
 """
@@ -36,7 +37,9 @@ def _flight_data(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 
 
 def _stands(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> bool:
-    return f.link.fresh(now_s, r.silent_s) and f.link.value.connected and f.link.value.in_the_air == 0
+    return (
+        f.link.fresh(now_s, r.silent_s) and f.link.value.connected and f.link.value.in_the_air == 0
+    )
 
 
 def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
@@ -64,19 +67,32 @@ def _remedied(check: Check, remedies: Dict[str, str]) -> Check:
     return replace(check, remedy=remedies.get(check.name, check.remedy))
 
 
-#: A Tello has no pre-arm checks, parameters, origin and filter to ask; its tracker and relay are the control PC's.
+#: A Tello has no pre-arm checks, parameters, origin and filter to ask; its tracker and relay are
+#: the control PC's.
 TELLO_CHECKS: Tuple[Check, ...] = (
-    Check("link", "packets come from the Tello", "is it on? look at its Wi-Fi, and network:= of tello.launch",
-          _OF["link"].judge),
-    Check("flight data", "its flight data can be read", "wait; if it stays so, its firmware is another one",
-          _flight_data),
-    replace(_remedied(_OF["feed"], _TELLO_REMEDIES), must="the tracker's poses come, and are believed", judge=_feed),
+    Check(
+        "link",
+        "packets come from the Tello",
+        "is it on? look at its Wi-Fi, and network:= of tello.launch",
+        _OF["link"].judge,
+    ),
+    Check(
+        "flight data",
+        "its flight data can be read",
+        "wait; if it stays so, its firmware is another one",
+        _flight_data,
+    ),
+    replace(
+        _remedied(_OF["feed"], _TELLO_REMEDIES),
+        must="the tracker's poses come, and are believed",
+        judge=_feed,
+    ),
     _remedied(_OF["transmitter"], _TELLO_REMEDIES),
     replace(_remedied(_OF["battery"], _TELLO_REMEDIES), judge=_battery),
     *(_remedied(_OF[name], _TELLO_REMEDIES) for name in ("camera", "recorder", "disk")),
     replace(_OF["guardian"], judge=_guardian),
     _OF["agent"],
-)  # fmt: skip
+)
 CHECKS: Dict[str, Tuple[Check, ...]] = {
     MAVLINK: VEHICLE_CHECKS,
     MAVROS: tuple(_remedied(check, _MAVROS_REMEDIES) for check in VEHICLE_CHECKS),

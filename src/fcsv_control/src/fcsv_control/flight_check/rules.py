@@ -8,8 +8,8 @@ from fcsv_geometry.config import require_positive
 
 @dataclass(frozen=True)
 class VehicleCheckRules:
-    """``red_*`` and ``amber_*`` are bounds; what is worse than the red one is red. Those that forbid GUIDED on board
-    have the guardian's figures (``guardian/rules.py``)."""
+    """``red_*`` and ``amber_*`` are bounds; what is worse than the red one is red. Those that
+    forbid GUIDED on board have the guardian's figures (``guardian/rules.py``)."""
 
     silent_s: float = 2.0  # of what comes at least five times a second
     slow_silent_s: float = 5.0  # of what comes once a second
@@ -31,8 +31,15 @@ class VehicleCheckRules:
 
     def __post_init__(self):
         require_positive(self)
-        for low, high in (("red_position_hz", "amber_position_hz"), ("red_feed_hz", "amber_feed_hz"),
-                          ("amber_ekf_variance", "red_ekf_variance"), ("amber_apart_m", "red_apart_m"),
-                          ("red_battery", "amber_battery"), ("red_disk_mib", "amber_disk_mib")):  # fmt: skip
+        for low, high in (
+            ("red_position_hz", "amber_position_hz"),
+            ("red_feed_hz", "amber_feed_hz"),
+            ("amber_ekf_variance", "red_ekf_variance"),
+            ("amber_apart_m", "red_apart_m"),
+            ("red_battery", "amber_battery"),
+            ("red_disk_mib", "amber_disk_mib"),
+        ):
             if getattr(self, low) > getattr(self, high):
-                raise ValueError(f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}")
+                raise ValueError(
+                    f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}"
+                )

@@ -21,7 +21,8 @@ class Sightings:
     def __init__(self, tags: Mapping[str, int]):
         self._carrier: Dict[int, str] = {tag: name for name, tag in tags.items()}
         self._vehicles = list(tags)
-        self._seen: Dict[Tuple[str, str], Tuple[float, float]] = {}  # observer, seen -> since, last (s)
+        # observer, seen -> since, last (s)
+        self._seen: Dict[Tuple[str, str], Tuple[float, float]] = {}
 
     def saw(self, now_s: float, observer: str, tag_ids: Iterable[int]) -> None:
         """What one picture of an observer held."""
@@ -30,7 +31,8 @@ class Sightings:
             self._seen[observer, name] = (now_s if now_s - last_s > _GAP_S else since_s), now_s
 
     def sees(self, now_s: float, observer: str, name: str) -> Tuple[bool, Optional[float]]:
-        """Whether it sees the other's tag now, and for how long it has, or has not (s); None: it never has."""
+        """Whether it sees the other's tag now, and for how long it has, or has not (s); None: it
+        never has."""
         if (observer, name) not in self._seen:
             return False, None
         since_s, last_s = self._seen[observer, name]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether an autopilot flies as fast as the mission plans with: its way-point parameters against ``flight``."""
+"""Whether an autopilot flies as fast as the mission plans with: its way-point parameters against
+``flight``."""
 
 import math
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
@@ -11,12 +12,14 @@ _SAME = 0.01  # of the planned value; parameters are set in whole cm/s
 
 
 def flown_with(report: Any) -> Dict[str, float]:
-    """The values (cm/s, cm/s2) of a fcsv_msgs/ParameterReport by the autopilot's names; NaN: not answered."""
+    """The values (cm/s, cm/s2) of a fcsv_msgs/ParameterReport by the autopilot's names; NaN: not
+    answered."""
     return dict(zip(report.limits, report.limit_values))
 
 
 def others(have: Mapping[str, float], wanted: Mapping[str, float]) -> Tuple[List[str], List[str]]:
-    """Names whose value is faster than what is wanted, and slower; a value that is not known is neither.
+    """Names whose value is faster than what is wanted, and slower; a value that is not known is
+    neither.
 
     >>> others({"WPNAV_SPEED": 200.0, "WPNAV_ACCEL": 99.0}, {"WPNAV_SPEED": 100.0, "WPNAV_ACCEL": 150.0})
     (['WPNAV_SPEED'], ['WPNAV_ACCEL'])
@@ -27,8 +30,9 @@ def others(have: Mapping[str, float], wanted: Mapping[str, float]) -> Tuple[List
 
 
 def judge(report: Optional[Any], planned: FlightBounds) -> Found:
-    """``report``: the newest fcsv_msgs/ParameterReport, or None. Faster is red: ways that are timed past each other are
-    flown at other times, and nearer than planned. Slower is amber: it comes late.
+    """``report``: the newest fcsv_msgs/ParameterReport, or None. Faster is red: ways that are timed
+    past each other are flown at other times, and nearer than planned. Slower is amber: it comes
+    late.
     """
     if report is None:
         return State.UNKNOWN, "its parameters are not heard"
@@ -55,13 +59,16 @@ def _set(names, have: Dict[str, float], wanted: Dict[str, float]) -> str:
 
 
 def check(planned: FlightBounds, silent: Callable[..., bool]) -> Check:
-    """The line of one vehicle. ``silent(now_s, vehicle, rules)``: whether its own flight check is not heard."""
+    """The line of one vehicle. ``silent(now_s, vehicle, rules)``: whether its own flight check is
+    not heard."""
 
     def of(now_s, vehicle, rules) -> Found:
         report = None if silent(now_s, vehicle, rules) else vehicle.parameters
         return judge(report, planned)
 
     return Check(
-        "speed", "the autopilot flies as fast as the mission's `flight` says",
-        "rosrun fcsv_control parameters write LINE --set NAME=PLANNED, or mend the mission's flight", of,
-    )  # fmt: skip
+        "speed",
+        "the autopilot flies as fast as the mission's `flight` says",
+        "rosrun fcsv_control parameters write LINE --set NAME=PLANNED, or mend the mission's flight",
+        of,
+    )

@@ -10,7 +10,8 @@ _STATE_WIDTH = 9
 
 
 def render(lines: Sequence[Line], colours: bool = False) -> str:
-    """One line each, those of a vehicle together; under what is not green its remedy. Ends with the verdict.
+    """One line each, those of a vehicle together; under what is not green its remedy. Ends with the
+    verdict.
 
     >>> print(render([Line("uav1", "battery", State.AMBER, "31%", "change it", 75.0)]))
     uav1     battery     amber     31%  (1:15)
@@ -24,7 +25,9 @@ def render(lines: Sequence[Line], colours: bool = False) -> str:
         word = f"{line.state.word:<{_STATE_WIDTH}}"
         accepted = "  (accepted)" if line.accepted else ""
         since = "" if line.state is State.GREEN else f"  ({_clock(line.since_s)})"
-        rows.append(f"{head}{_painted(word, line.state, colours)} {line.what}{since}{accepted}".rstrip())
+        rows.append(
+            f"{head}{_painted(word, line.state, colours)} {line.what}{since}{accepted}".rstrip()
+        )
         if line.remedy:
             rows.append(" " * (len(head) + _STATE_WIDTH + 1) + f"-> {line.remedy}")
     state, wrong = worst(lines), sum(line.state is not State.GREEN for line in lines)

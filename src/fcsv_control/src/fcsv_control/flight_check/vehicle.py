@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a vehicle itself knows must be true: one function a line. None of it needs the radio.
 
-A line that cannot be judged because what it is judged by is not heard is unknown; what is silent is red itself.
+A line that cannot be judged because what it is judged by is not heard is unknown; what is silent is
+red itself.
 """
 
 import math
@@ -21,15 +22,22 @@ _G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
 PREARM_READY, PREARM_NOT_READY = 1, 2  # fcsv_msgs/LinkHealth
 _WINDOW_S = 3.0
 _PICTURES_S = 6.0
-# EKF_STATUS_FLAGS: attitude, both velocities, horizontal and vertical position; without a position it stands still
-_EKF_NEEDED = ((0x01, "attitude"), (0x02, "horizontal velocity"), (0x04, "vertical velocity"),
-               (0x10, "horizontal position"), (0x20, "height"))  # fmt: skip
+# EKF_STATUS_FLAGS: attitude, both velocities, horizontal and vertical position; without a position
+# it stands still
+_EKF_NEEDED = (
+    (0x01, "attitude"),
+    (0x02, "horizontal velocity"),
+    (0x04, "vertical velocity"),
+    (0x10, "horizontal position"),
+    (0x20, "height"),
+)
 _EKF_CONSTANT_POSITION = 0x80
 
 
 @dataclass
 class Disk:
-    """Where the recorder writes: free space, and for how long it lasts where the recorder tells it."""
+    """Where the recorder writes: free space, and for how long it lasts where the recorder tells
+    it."""
 
     free_mib: float
     minutes_left: float = math.nan
@@ -40,9 +48,11 @@ class VehicleFacts:
     """What was heard on board. Messages of fcsv_msgs are held as they came."""
 
     link: LineStream[Any] = field(default_factory=LineStream)
-    parameters: LineStream[Any] = field(default_factory=LineStream)  # told once, and where they change
+    # told once, and where they change
+    parameters: LineStream[Any] = field(default_factory=LineStream)
     armed: LineStream[bool] = field(default_factory=LineStream)
-    battery_share: LineStream[float] = field(default_factory=LineStream)  # with the autopilot's system status
+    # with the autopilot's system status
+    battery_share: LineStream[float] = field(default_factory=LineStream)
     tracker_variance_m2: LineStream[float] = field(default_factory=LineStream)
     recorder: LineStream[Any] = field(default_factory=LineStream)
     disk: LineStream[Disk] = field(default_factory=LineStream)
@@ -89,7 +99,11 @@ def _pre_arm(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     told = f.link.value.prearm if f.battery_share.fresh(now_s, r.slow_silent_s) else 0
     if told == PREARM_NOT_READY:
         return _R, "; ".join(f.texts.now(now_s)) or "not ready to arm; it says why every 30 s"
-    return (_G, "ready to arm") if told == PREARM_READY else (_U, "it has not said whether it is ready to arm")
+    return (
+        (_G, "ready to arm")
+        if told == PREARM_READY
+        else (_U, "it has not said whether it is ready to arm")
+    )
 
 
 def _origin(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
@@ -133,7 +147,9 @@ def _ekf(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
         return _R, f"it has no {', no '.join(missing)}"
     if math.isnan(link.ekf_variance):
         return _U, "its variances are not known"
-    return _most(link.ekf_variance, r.amber_ekf_variance, r.red_ekf_variance), f"variance {link.ekf_variance:.1f}"
+    return _most(
+        link.ekf_variance, r.amber_ekf_variance, r.red_ekf_variance
+    ), f"variance {link.ekf_variance:.1f}"
 
 
 def _estimate(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
@@ -142,7 +158,9 @@ def _estimate(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
         return _U, "estimate or feed is not known"
     red_m = r.red_apart_in_flight_m if link.in_the_air == 1 else r.red_apart_m
     amber_m = r.red_apart_m if link.in_the_air == 1 else r.amber_apart_m
-    return _most(link.estimate_apart_m, amber_m, red_m), f"{link.estimate_apart_m:.1f} m from the tracker's pose"
+    return _most(
+        link.estimate_apart_m, amber_m, red_m
+    ), f"{link.estimate_apart_m:.1f} m from the tracker's pose"
 
 
 def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
@@ -153,7 +171,9 @@ def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
         return _R, link.doubt
     if not link.feed_age_s <= r.red_feed_age_s:
         return _R, "no pose goes to the autopilot"
-    return _least(link.feed_rate_hz, r.red_feed_hz, r.amber_feed_hz), f"{link.feed_rate_hz:.0f} poses a second"
+    return _least(
+        link.feed_rate_hz, r.red_feed_hz, r.amber_feed_hz
+    ), f"{link.feed_rate_hz:.0f} poses a second"
 
 
 def _tracker(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
@@ -198,19 +218,30 @@ def _recorder(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     recorder = f.recorder.value
     if recorder.problem:
         return _R, recorder.problem
-    return (_A, f"{recorder.dropped} messages were dropped") if recorder.dropped else (_G, "it records")
+    return (
+        (_A, f"{recorder.dropped} messages were dropped")
+        if recorder.dropped
+        else (_G, "it records")
+    )
 
 
 def _disk(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if not f.disk.fresh(now_s, r.slow_silent_s):
         return _U, "the recorder's disk is not known"
     disk = f.disk.value
-    lasts = f", enough for {disk_words(disk.minutes_left)}" if math.isfinite(disk.minutes_left) else ""
-    return _least(disk.free_mib, r.red_disk_mib, r.amber_disk_mib), f"{disk.free_mib / 1024:.1f} GiB free{lasts}"
+    lasts = (
+        f", enough for {disk_words(disk.minutes_left)}" if math.isfinite(disk.minutes_left) else ""
+    )
+    return _least(
+        disk.free_mib, r.red_disk_mib, r.amber_disk_mib
+    ), f"{disk.free_mib / 1024:.1f} GiB free{lasts}"
 
 
-def guardian(now_s: float, f: VehicleFacts, r: VehicleCheckRules, excused: Tuple[str, ...] = (STICK,)) -> Found:
-    """``excused``: what it may forbid GUIDED for. On the ground the stick is down; it is judged in flight."""
+def guardian(
+    now_s: float, f: VehicleFacts, r: VehicleCheckRules, excused: Tuple[str, ...] = (STICK,)
+) -> Found:
+    """``excused``: what it may forbid GUIDED for. On the ground the stick is down; it is judged in
+    flight."""
     if not f.guardian.fresh(now_s, r.silent_s):
         return _R, "not heard"
     g = f.guardian.value
@@ -219,7 +250,9 @@ def guardian(now_s: float, f: VehicleFacts, r: VehicleCheckRules, excused: Tuple
     if g.action:
         return _R, f"{g.action}: {'; '.join(g.reasons)}"
     forbids = [text for text in g.forbids if text not in excused]
-    return (_R, f"forbids GUIDED: {'; '.join(forbids)}") if forbids else (_G, "nothing against flying")
+    return (
+        (_R, f"forbids GUIDED: {'; '.join(forbids)}") if forbids else (_G, "nothing against flying")
+    )
 
 
 def _agent(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
@@ -249,28 +282,90 @@ def _most(value: float, amber: float, red: float) -> State:
 
 
 VEHICLE_CHECKS: Tuple[Check, ...] = (
-    Check("link", "the flight link hears its autopilot", "check cable and fcu_url; is the autopilot on?", _link),
-    Check("streams", "the autopilot sends position, system status and filter report at their rates",
-          "free the serial line: its baud rate, other programs on it", _streams),
-    Check("pre-arm", "the autopilot is ready to arm, or armed", "do what the autopilot says", _pre_arm),
-    Check("origin", "the autopilot goes on reporting an origin", "wait for its filter; else restart the autopilot",
-          _origin),
-    Check("parameters", "the autopilot's parameters are as its profile says",
-          "rosrun fcsv_control parameters compare, then write; restart the autopilot", _parameters),
-    Check("ekf", "the autopilot's filter has attitude, velocity and position, and agrees with its sensors",
-          "keep still until it has settled; else restart the autopilot", _ekf),
-    Check("estimate", "the autopilot believes the tracker's pose", "keep still; else restart the autopilot", _estimate),
-    Check("feed", "poses go to the autopilot at 30 Hz", "check the tracking camera and its USB port", _feed),
-    Check("tracker", "the tracking camera trusts its poses", "better light, more texture; move it a little by hand",
-          _tracker),
-    Check("transmitter", "the pilot's transmitter is heard", "switch it on; check the receiver", _transmitter),
-    Check("battery", "the battery is known and full enough", "change it; unknown: set BATT_MONITOR", _battery),
+    Check(
+        "link",
+        "the flight link hears its autopilot",
+        "check cable and fcu_url; is the autopilot on?",
+        _link,
+    ),
+    Check(
+        "streams",
+        "the autopilot sends position, system status and filter report at their rates",
+        "free the serial line: its baud rate, other programs on it",
+        _streams,
+    ),
+    Check(
+        "pre-arm", "the autopilot is ready to arm, or armed", "do what the autopilot says", _pre_arm
+    ),
+    Check(
+        "origin",
+        "the autopilot goes on reporting an origin",
+        "wait for its filter; else restart the autopilot",
+        _origin,
+    ),
+    Check(
+        "parameters",
+        "the autopilot's parameters are as its profile says",
+        "rosrun fcsv_control parameters compare, then write; restart the autopilot",
+        _parameters,
+    ),
+    Check(
+        "ekf",
+        "the autopilot's filter has attitude, velocity and position, and agrees with its sensors",
+        "keep still until it has settled; else restart the autopilot",
+        _ekf,
+    ),
+    Check(
+        "estimate",
+        "the autopilot believes the tracker's pose",
+        "keep still; else restart the autopilot",
+        _estimate,
+    ),
+    Check(
+        "feed",
+        "poses go to the autopilot at 30 Hz",
+        "check the tracking camera and its USB port",
+        _feed,
+    ),
+    Check(
+        "tracker",
+        "the tracking camera trusts its poses",
+        "better light, more texture; move it a little by hand",
+        _tracker,
+    ),
+    Check(
+        "transmitter",
+        "the pilot's transmitter is heard",
+        "switch it on; check the receiver",
+        _transmitter,
+    ),
+    Check(
+        "battery",
+        "the battery is known and full enough",
+        "change it; unknown: set BATT_MONITOR",
+        _battery,
+    ),
     Check("camera", "pictures come", "check the camera, its USB port and the node tags", _camera),
     Check("recorder", "the recorder writes", "start it again; see its log", _recorder),
-    Check("disk", "there is room for the flight's pictures", "remove sessions that were gathered", _disk),
-    Check("guardian", "the guardian lives and forbids nothing", "do away with what it names; see its log", guardian),
-    Check("agent", "the agent lives and obeys", "end the other agent, or start uav.launch again", _agent),
+    Check(
+        "disk",
+        "there is room for the flight's pictures",
+        "remove sessions that were gathered",
+        _disk,
+    ),
+    Check(
+        "guardian",
+        "the guardian lives and forbids nothing",
+        "do away with what it names; see its log",
+        guardian,
+    ),
+    Check(
+        "agent",
+        "the agent lives and obeys",
+        "end the other agent, or start uav.launch again",
+        _agent,
+    ),
     relay_keys.check(_keys),
     autopilot_line.check(_signing),
-)  # fmt: skip
+)
 NAMES: List[str] = [check.name for check in VEHICLE_CHECKS]

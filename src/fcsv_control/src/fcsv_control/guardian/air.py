@@ -24,7 +24,8 @@ _GOES_ON_S, _FLIES_MPS = (1.0, 2.0, 3.0), 0.5  # of one that comes down on its w
 
 @dataclass(frozen=True)
 class LinkReport:
-    """What the flight link says of the autopilot and of the feed; ``throttle`` -1..1, NaN without a transmitter."""
+    """What the flight link says of the autopilot and of the feed; ``throttle`` -1..1, NaN without a
+    transmitter."""
 
     doubt: str = ""  # FeedCheck's
     ekf_variance: float = 0.0  # the largest
@@ -39,8 +40,9 @@ class LinkReport:
 
 @dataclass(frozen=True)
 class Other:
-    """Another vehicle as heard last; position (m) in home. ``uncontrolled``: it comes down without a position;
-    ``lost``: so it did, and where it is was last known then; ``taken``: a pilot has it, or its autopilot."""
+    """Another vehicle as heard last; position (m) in home. ``uncontrolled``: it comes down without
+    a position; ``lost``: so it did, and where it is was last known then; ``taken``: a pilot has it,
+    or its autopilot."""
 
     p_home_m: np.ndarray
     heard_s: float
@@ -53,11 +55,12 @@ class Other:
     lost_s: float = 0.0  # so long it flew without a position, as it tells
     taken: bool = False
     going_to_m: Optional[np.ndarray] = None  # where it was sent, in home
-    v_home_mps: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) as it was heard to move
+    # (3,) as it was heard to move
+    v_home_mps: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def after(self, before: Optional["Other"]) -> "Other":
-        """Gives the vehicle with how it moved since it was heard before. What it says of a place that it has lost
-        counts for nothing."""
+        """Gives the vehicle with how it moved since it was heard before. What it says of a place
+        that it has lost counts for nothing."""
         if before is None:
             return self
         since_s, v_mps = self.heard_s - before.heard_s, before.v_home_mps
@@ -75,9 +78,15 @@ class Other:
         return self.uncontrolled or self.lost
 
     def guarded(self, told) -> "Other":
-        """Gives the vehicle with what its guardian tells of it: ``told`` has ``uncontrolled``, ``lost``, ``lost_s`` and
-        ``taken``."""
-        return replace(self, uncontrolled=told.uncontrolled, lost=told.lost, lost_s=told.lost_s, taken=told.taken)
+        """Gives the vehicle with what its guardian tells of it: ``told`` has ``uncontrolled``,
+        ``lost``, ``lost_s`` and ``taken``."""
+        return replace(
+            self,
+            uncontrolled=told.uncontrolled,
+            lost=told.lost,
+            lost_s=told.lost_s,
+            taken=told.taken,
+        )
 
     def reach_m(self, now_s: float) -> float:
         """How far from where it was last known it may lie, of one that is lost."""
@@ -94,9 +103,12 @@ class Other:
         return replace(self, going_to_m=there)
 
     def places_m(self, now_s: float, silent_s: float) -> List[np.ndarray]:
-        """Where to look for it: one that has been silent for longer than ``silent_s`` may have flown on to where it was
-        sent, and one that comes down as it flies goes on that way, if it has no position for seconds."""
-        flew_on = self.going_to_m is not None and now_s - self.heard_s > silent_s and not self.astray
+        """Where to look for it: one that has been silent for longer than ``silent_s`` may have
+        flown on to where it was sent, and one that comes down as it flies goes on that way, if it
+        has no position for seconds."""
+        flew_on = (
+            self.going_to_m is not None and now_s - self.heard_s > silent_s and not self.astray
+        )
         level_mps = self.v_home_mps * [1.0, 1.0, 0.0]
         falls = self.armed and (self.uncontrolled or self.mode == "LAND")
         goes_on = _GOES_ON_S if falls and float(np.linalg.norm(level_mps)) > _FLIES_MPS else ()
@@ -140,13 +152,14 @@ class VehicleSituation:
     _in_home: Tuple = (None, None, None)  # T_home_odom and estimate, and the place in home by them
 
     def began_anew(self, epoch: int) -> None:
-        """Forgets the places of the odometry, where it is another one: where it was sent is elsewhere now."""
+        """Forgets the places of the odometry, where it is another one: where it was sent is
+        elsewhere now."""
         self.sent_to = self.sent_to if epoch == self.epoch else None
         self.epoch = epoch
 
     def going_to_m(self, place: Optional[np.ndarray]) -> Optional[Tuple[float, float, float]]:
-        """Where it flies, in the odometry frame: to ``place`` (T_odom_body) where the guardian holds it, else to where
-        the mission sent it. None where nobody on board steers it."""
+        """Where it flies, in the odometry frame: to ``place`` (T_odom_body) where the guardian
+        holds it, else to where the mission sent it. None where nobody on board steers it."""
         there = self.sent_to if place is None else place
         return None if there is None or self.mode != "GUIDED" else tuple(there[:3, 3].tolist())
 
@@ -163,9 +176,9 @@ class VehicleSituation:
         self.way.see(now_s, T_odom_body[:3, 3])
 
     def lose(self, now_s: float, blind: bool, found: bool) -> None:
-        """It is lost from when it is ``blind`` until its next take-off, or until it is ``found``; and where its
-        odometry, that began anew since, was calibrated again: people flew it, and its place is known by that. What lies
-        on the ground drifts no further."""
+        """It is lost from when it is ``blind`` until its next take-off, or until it is ``found``;
+        and where its odometry, that began anew since, was calibrated again: people flew it, and its
+        place is known by that. What lies on the ground drifts no further."""
         anew = self.calibrated == self.epoch and self.epoch != self.lost_epoch
         self.lost = blind or (self.lost and not found and not anew)
         if not self.lost:
@@ -200,7 +213,9 @@ class VehicleSituation:
     @property
     def apart_m(self) -> float:
         """Between the tracker's pose and the estimate; NaN where one of them is not known."""
-        return apart_m(*(None if T is None else T[:3, 3].tolist() for T in (self.feed, self.estimate)))
+        return apart_m(
+            *(None if T is None else T[:3, 3].tolist() for T in (self.feed, self.estimate))
+        )
 
     @property
     def p_odom_m(self) -> np.ndarray:
@@ -221,7 +236,8 @@ class VehicleSituation:
         if T_odom_body is None or T_home_odom is None:
             return None
         home, body, p_home_m = self._in_home
-        if home is not T_home_odom or body is not T_odom_body:  # several watches ask for it in every step
+        # several watches ask for it in every step
+        if home is not T_home_odom or body is not T_odom_body:
             p_home_m = transforms.apply(T_home_odom, T_odom_body[:3, 3])
             self._in_home = (T_home_odom, T_odom_body, p_home_m)
         return p_home_m
@@ -232,8 +248,14 @@ class VehicleSituation:
         here = self.p_home_m
         if here is None:
             return None
-        return separation.stop_m(here, self.T_home_odom[:3, :3] @ self.way.velocity_mps(), self.slows_mps2)
+        return separation.stop_m(
+            here, self.T_home_odom[:3, :3] @ self.way.velocity_mps(), self.slows_mps2
+        )
 
     def tilt_rad(self) -> float:
         """Gives the angle of the body's up axis against the vertical."""
-        return 0.0 if self.estimate is None else math.acos(max(-1.0, min(1.0, float(self.estimate[2, 2]))))
+        return (
+            0.0
+            if self.estimate is None
+            else math.acos(max(-1.0, min(1.0, float(self.estimate[2, 2]))))
+        )

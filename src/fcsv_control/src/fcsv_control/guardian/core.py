@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The guardian's decisions: what is heard on board and over the radio in, modes and set-points out.
 
-It warns, holds, moves aside, brakes and lands, in this order of strength, and never asks for LOITER. It acts only while
-the companion flies the vehicle; in a mode that the pilot chose it only speaks. No ROS, no thread, no clock.
+It warns, holds, moves aside, brakes and lands, in this order of strength, and never asks for
+LOITER. It acts only while the companion flies the vehicle; in a mode that the pilot chose it only
+speaks. No ROS, no thread, no clock.
 """
 
 import math
@@ -14,7 +15,14 @@ from fcsv_control.guardian import room
 from fcsv_control.guardian.air import LinkReport, Other, VehicleSituation
 from fcsv_control.guardian.findings import ABOVE, Finding, Monitors, Reaction
 from fcsv_control.guardian.hands import COMPANIONS_MODES, GuardianModeOwner
-from fcsv_control.guardian.messages import AskMode, GuardianVerdict, HoldAt, Output, RestartLink, Warned
+from fcsv_control.guardian.messages import (
+    AskMode,
+    GuardianVerdict,
+    HoldAt,
+    Output,
+    RestartLink,
+    Warned,
+)
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.missions.fence import Fence
@@ -33,29 +41,37 @@ class Guardian:
 
     def __init__(self, vehicle: str, rules: Optional[GuardianRules] = None, now_s: float = 0.0):
         self._vehicle, self._rules = vehicle, rules or GuardianRules()
-        self._watches, self._hands, self.air = Monitors(self._rules), GuardianModeOwner(), VehicleSituation()
-        self.air.control_s = self.air.agent_s = self.air.link_s = self.air.feed_s = now_s  # silence counts from now on
+        self._watches, self._hands, self.air = (
+            Monitors(self._rules),
+            GuardianModeOwner(),
+            VehicleSituation(),
+        )
+        # silence counts from now on
+        self.air.control_s = self.air.agent_s = self.air.link_s = self.air.feed_s = now_s
         self._gate = RateGate(_SET_POINT_HZ)
         self._place: Optional[np.ndarray] = None  # T_odom_body that is held
         self._aside_s: Optional[float] = None  # when the way aside began
-        self._held_s = self._stepped_s = now_s  # when something last asked for a hold, and the last step
+        # when something last asked for a hold, and the last step
+        self._held_s = self._stepped_s = now_s
         self._link_heard = self._link_restarted = False
         self._landing = self._homeward = False
         self._braking_for = ""
-        self._answered: Set[str] = set()  # findings for which it braked: a fence counts once per crossing
+        # findings for which it braked: a fence counts once per crossing
+        self._answered: Set[str] = set()
         self._asked: Tuple[str, float, float] = ("", now_s, now_s)  # mode, first and last asked
         self._said: Dict[str, Tuple[str, float]] = {}  # text and time, by what it is about
         self._verdict = GuardianVerdict()
         self._out: List[Output] = []
 
-    # ---- what is heard ---------------------------------------------------------------------------------------
+    # ---- what is heard ---------------------------------------------------------------------------
 
     def state(self, now_s: float, mode: str, armed: bool) -> None:
         """The flight controller's mode."""
         was_ours = self._hands.ours
         if self._hands.see(now_s, mode, armed):
             self._let_go()
-            if was_ours or mode in COMPANIONS_MODES:  # a pilot who goes from one mode of his to another is no news
+            # a pilot who goes from one mode of his to another is no news
+            if was_ours or mode in COMPANIONS_MODES:
                 text = f"{mode} was not asked for by the companion: it stays with who chose it"
                 self._say(now_s, f"mode {mode}", text, False)
         if not armed:
@@ -73,12 +89,13 @@ class Guardian:
     def estimate(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate."""
         self.air.estimated(now_s, T_odom_body)
-        if not self.air.armed and math.isfinite(self.air.state_s):  # started in flight, it never saw the ground
+        # started in flight, it never saw the ground
+        if not self.air.armed and math.isfinite(self.air.state_s):
             self.air.take_off, self.air.take_off_epoch = T_odom_body, self.air.epoch
 
     def epoch(self, number: int) -> None:
-        """Takes the epoch of the odometry's frame: in flight, a new one says that the take-off place is not where it
-        was."""
+        """Takes the epoch of the odometry's frame: in flight, a new one says that the take-off
+        place is not where it was."""
         self.air.began_anew(number)
 
     def calibrated(self, epoch: int) -> None:
@@ -86,8 +103,8 @@ class Guardian:
         self.air.calibrated = epoch
 
     def slows(self, mps2: float) -> None:
-        """Takes by how much its autopilot slows down as it stops; what is no such number is not known and changes
-        nothing."""
+        """Takes by how much its autopilot slows down as it stops; what is no such number is not
+        known and changes nothing."""
         self.air.slows_mps2 = mps2 if 0.0 < mps2 < math.inf else self.air.slows_mps2
 
     def link(self, now_s: float, report: LinkReport) -> None:
@@ -100,7 +117,8 @@ class Guardian:
         self.air.battery_share, self.air.battery_s = share, now_s
 
     def confidence(self, level: float) -> None:
-        """Takes the confidence of the tracking camera, 0 (failed) to 3 (high); NaN where not known."""
+        """Takes the confidence of the tracking camera, 0 (failed) to 3 (high); NaN where not
+        known."""
         self.air.confidence = level
 
     def agent_lives(self, now_s: float) -> None:
@@ -124,7 +142,8 @@ class Guardian:
         self.air.sent_to = T_odom_body
 
     def home(self, T_home_odom: Optional[np.ndarray], sigma_m: float = 0.0) -> None:
-        """Where this vehicle's odometry frame stands in home, None: not known; how well its place is known by that."""
+        """Where this vehicle's odometry frame stands in home, None: not known; how well its place
+        is known by that."""
         self.air.T_home_odom, self.air.sigma_m = T_home_odom, sigma_m
 
     def mission_fence(self, fence: Fence) -> None:
@@ -135,12 +154,13 @@ class Guardian:
         """Another vehicle was heard."""
         self.air.others[name] = other.after(self.air.others.get(name))
 
-    # ---- time ------------------------------------------------------------------------------------------------
+    # ---- time ------------------------------------------------------------------------------------
 
     def step(self, now_s: float) -> None:
         """Look at everything, and act where it is needed."""
         air = self.air
-        if now_s - self._stepped_s > _STALL_S:  # what came meanwhile is still to be read: no silence of anybody
+        # what came meanwhile is still to be read: no silence of anybody
+        if now_s - self._stepped_s > _STALL_S:
             air.slept(now_s - self._stepped_s)
         self._stepped_s = now_s
         found = self._watches.findings(now_s, air) if air.armed else []
@@ -158,11 +178,14 @@ class Guardian:
         reasons = tuple(f.text for f in found if f.wish > Reaction.SAY)
         action, taken = self._action(now_s) if acting else "", air.armed and not self._hands.ours
         held, to_m = self._place is not None, air.going_to_m(self._place)
-        self._verdict = GuardianVerdict(action, held, blind, reasons, forbids, air.lost, taken, to_m, air.lost_s)
+        self._verdict = GuardianVerdict(
+            action, held, blind, reasons, forbids, air.lost, taken, to_m, air.lost_s
+        )
 
     @property
     def verdict(self) -> GuardianVerdict:
-        """Gives the verdict as of the last step: what the agent, the mission, the others and the operator are told."""
+        """Gives the verdict as of the last step: what the agent, the mission, the others and the
+        operator are told."""
         return self._verdict
 
     def outgoing(self) -> List[Output]:
@@ -170,17 +193,25 @@ class Guardian:
         out, self._out = self._out, []
         return out
 
-    # ---- what is done ----------------------------------------------------------------------------------------
+    # ---- what is done ----------------------------------------------------------------------------
 
     def _act(self, now_s: float, found: List[Finding]) -> None:
         self._answered &= {f.what for f in found}
         wishes = [f for f in found if f.wish > Reaction.SAY and f.what not in self._answered]
         worst = max(wishes, key=lambda f: f.wish, default=None)
-        if self._homeward and (worst is None or worst.wish is not Reaction.HOME):  # it stops where it is
+        # it stops where it is
+        if self._homeward and (worst is None or worst.wish is not Reaction.HOME):
             self._homeward, self._place = False, None
             self._hold(now_s)
-        escape = next((f for f in wishes if f.wish is Reaction.ESCAPE or (self._landing and f.what == ABOVE)), None)
-        if self._landing or escape or (worst is not None and worst.wish in (Reaction.LAND, Reaction.LAND_ASIDE)):
+        escape = next(
+            (f for f in wishes if f.wish is Reaction.ESCAPE or (self._landing and f.what == ABOVE)),
+            None,
+        )
+        if (
+            self._landing
+            or escape
+            or (worst is not None and worst.wish in (Reaction.LAND, Reaction.LAND_ASIDE))
+        ):
             self._land(now_s, worst, escape)
         elif self.air.mode == "BRAKE" and worst is not None and worst.wish is Reaction.ASIDE:
             self._move_aside(now_s, worst.away_from)
@@ -201,7 +232,8 @@ class Guardian:
             self._out.append(HoldAt(self._place))
 
     def _mind_link(self, now_s: float) -> None:
-        """A link that was heard and is silent hangs, whoever flies: once until it is heard again."""
+        """A link that was heard and is silent hangs, whoever flies: once until it is heard
+        again."""
         silent_s = now_s - self.air.link_s
         if silent_s < self._rules.link_silent_s:
             self._link_restarted = False
@@ -210,7 +242,8 @@ class Guardian:
             self._out.append(RestartLink())
 
     def _land(self, now_s: float, worst: Optional[Finding], escape: Optional[Finding]) -> None:
-        """LAND, first out of the way of who is beneath, or comes down without control: then out of LAND, too."""
+        """LAND, first out of the way of who is beneath, or comes down without control: then out of
+        LAND, too."""
         blind = worst is not None and worst.wish is Reaction.LAND
         away_from = escape.away_from if escape is not None and not blind else None
         if self.air.mode == "LAND" and away_from is None:
@@ -234,7 +267,8 @@ class Guardian:
     def _move_aside(self, now_s: float, away_from: str) -> None:
         """Only with both places known, as every finding about another vehicle has them."""
         air = self.air
-        if air.mode != "GUIDED":  # where /stop_all stopped it, or on its way down: so it cannot move
+        # where /stop_all stopped it, or on its way down: so it cannot move
+        if air.mode != "GUIDED":
             self._ask(now_s, "GUIDED")
         self._held_s = now_s
         under_way = self._aside_s is not None and self._place is not None

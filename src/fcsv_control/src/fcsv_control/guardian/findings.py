@@ -47,7 +47,8 @@ class Finding:
 
 
 class Monitors:
-    """All of them; each finding lasts as long as its cause. Times since which something lasts are kept here."""
+    """All of them; each finding lasts as long as its cause. Times since which something lasts are
+    kept here."""
 
     def __init__(self, rules: GuardianRules):
         self._rules = rules
@@ -55,15 +56,28 @@ class Monitors:
         self._took_off = self._homeward = False
         self._stopped = ""  # why, on the way home
         self._unseen_s = float("-inf")  # when the tracker last did not see it
-        self._watches = (self._feed, self._doubt, self._ekf, self._confidence, self._tilt, self._battery, self._control,
-                         self._agent, self._link, self._stick, self._fence, self._others)  # fmt: skip
+        self._watches = (
+            self._feed,
+            self._doubt,
+            self._ekf,
+            self._confidence,
+            self._tilt,
+            self._battery,
+            self._control,
+            self._agent,
+            self._link,
+            self._stick,
+            self._fence,
+            self._others,
+        )
 
     def findings(self, now_s: float, air: VehicleSituation) -> List[Finding]:
         """What is wrong with an armed vehicle."""
         return [finding for watch in self._watches for finding in watch(now_s, air)]
 
     def disarmed(self) -> None:
-        """What counts from a take-off begins anew, also where the autopilot still says that it flies."""
+        """What counts from a take-off begins anew, also where the autopilot still says that it
+        flies."""
         self._took_off = False
 
     def forbids(self, now_s: float, air: VehicleSituation) -> List[str]:
@@ -81,7 +95,9 @@ class Monitors:
         if now_s - air.feed_s > r.feed_warn_s:
             reasons.append(NO_POSES)
         if not air.flying and self._lasts(now_s, "apart", air.apart_m > r.apart_m, 0.5):
-            reasons.append(f"autopilot and tracker are {air.apart_m:.1f} m apart; restart the autopilot")
+            reasons.append(
+                f"autopilot and tracker are {air.apart_m:.1f} m apart; restart the autopilot"
+            )
         share = air.battery_now(now_s, r.battery_old_s)
         if math.isnan(share):
             reasons.append("the battery is not known; see BATT_MONITOR")
@@ -103,7 +119,8 @@ class Monitors:
         return now_s - self._unseen_s > _FOUND_S
 
     def separations(self, now_s: float, air: VehicleSituation) -> Iterator[Tuple[str, float]]:
-        """Says, of the distance to each other vehicle whose place is known, how much is kept (separation.share)."""
+        """Says, of the distance to each other vehicle whose place is known, how much is kept
+        (separation.share)."""
         here = air.p_home_m
         if here is None:
             return
@@ -111,11 +128,14 @@ class Monitors:
             age_s = now_s - other.heard_s
             if other.armed and age_s < _OLD_S:
                 doubt_m = separation.doubt_m((air.sigma_m, other.sigma_m), age_s, other.speed_mps)
-                yield name, float(separation.share(here - other.p_home_m, self._rules.separation, doubt_m))
+                yield (
+                    name,
+                    float(separation.share(here - other.p_home_m, self._rules.separation, doubt_m)),
+                )
 
     def beneath(self, now_s: float, air: VehicleSituation) -> Optional[str]:
-        """A vehicle upon which this one would come down, flying or not, from where it is or on its way to a stand, or
-        close beside which it would, from the same height."""
+        """A vehicle upon which this one would come down, flying or not, from where it is or on its
+        way to a stand, or close beside which it would, from the same height."""
         here, stop = air.p_home_m, air.p_home_stop_m
         if here is None:
             return None
@@ -130,7 +150,7 @@ class Monitors:
                     return name
         return None
 
-    # ---- the position ----------------------------------------------------------------------------------------
+    # ---- the position ----------------------------------------------------------------------------
 
     def _feed(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, age_s, hz = self._rules, now_s - air.feed_s, air.feed_hz(now_s)
@@ -142,11 +162,15 @@ class Monitors:
             yield Finding("feed", Reaction.SAY, "the tracking camera is late")
         elif self._lasts(now_s, "slow", hz < r.feed_land_hz, 1.0):
             yield Finding(
-                "rate", Reaction.LAND, f"the tracking camera gives fewer than {r.feed_land_hz:g} poses a second"
+                "rate",
+                Reaction.LAND,
+                f"the tracking camera gives fewer than {r.feed_land_hz:g} poses a second",
             )
         elif self._lasts(now_s, "slowish", hz < r.feed_warn_hz, 1.0):
             yield Finding(
-                "rate", Reaction.SAY, f"the tracking camera gives fewer than {r.feed_warn_hz:g} poses a second"
+                "rate",
+                Reaction.SAY,
+                f"the tracking camera gives fewer than {r.feed_warn_hz:g} poses a second",
             )
 
     def _doubt(self, _now_s: float, air: VehicleSituation) -> Iterator[Finding]:
@@ -154,15 +178,23 @@ class Monitors:
             yield Finding("tracker", Reaction.LAND, air.link.doubt)
 
     def _ekf(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        if self._lasts(now_s, "ekf", air.link.ekf_variance > self._rules.ekf_variance, self._rules.ekf_s):
-            yield Finding("ekf", Reaction.LAND, "the autopilot's filter does not agree with its sensors")
+        if self._lasts(
+            now_s, "ekf", air.link.ekf_variance > self._rules.ekf_variance, self._rules.ekf_s
+        ):
+            yield Finding(
+                "ekf", Reaction.LAND, "the autopilot's filter does not agree with its sensors"
+            )
         if air.link.failsafe:
             yield Finding("failsafe", Reaction.SAY, "the autopilot has a failsafe of its own")
 
     def _confidence(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, low = self._rules, air.confidence <= self._rules.confidence
         if self._lasts(now_s, "confidence", low, r.confidence_land_s):
-            yield Finding("confidence", Reaction.LAND_ASIDE, "the tracking camera has had low confidence for too long")
+            yield Finding(
+                "confidence",
+                Reaction.LAND_ASIDE,
+                "the tracking camera has had low confidence for too long",
+            )
         elif self._lasts(now_s, "confidence", low, r.confidence_hold_s):
             yield Finding("confidence", Reaction.HOLD, "the tracking camera has low confidence")
 
@@ -173,14 +205,20 @@ class Monitors:
         elif self._lasts(now_s, "tilts", tilt_deg > r.tilt_warn_deg, r.tilt_s):
             yield Finding("tilt", Reaction.SAY, f"it leans by more than {r.tilt_warn_deg:g} deg")
 
-    # ---- what it lives on, and who flies it ------------------------------------------------------------------
+    # ---- what it lives on, and who flies it ------------------------------------------------------
 
     def _battery(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, share = self._rules, air.battery_now(now_s, self._rules.battery_old_s)
         unknown = math.isnan(share)
         text = "battery not known" if unknown else f"battery below {r.low_battery:.0%}"
         low = unknown or share < r.low_battery
-        alone = low and not unknown and air.mode == "GUIDED" and air.flying and now_s - air.control_s > r.home_s
+        alone = (
+            low
+            and not unknown
+            and air.mode == "GUIDED"
+            and air.flying
+            and now_s - air.control_s > r.home_s
+        )
         self._homeward, self._stopped = self._homeward and alone, self._stopped if alone else ""
         if self._lasts(now_s, "empty", share < r.empty_battery, r.battery_s):
             yield Finding("battery", Reaction.LAND_ASIDE, f"battery below {r.empty_battery:.0%}")
@@ -202,20 +240,28 @@ class Monitors:
             return Finding("home", wish, f"it does not fly home: {against}")
         self._homeward = True
         if way_home.left_m(air) < way_home.THERE_M:
-            return Finding("home", Reaction.LAND_ASIDE, f"{text}, and it is above its take-off place")
+            return Finding(
+                "home", Reaction.LAND_ASIDE, f"{text}, and it is above its take-off place"
+            )
         return Finding("home", Reaction.HOME, f"{text}, and nothing from the control PC")
 
     def _control(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, silent_s = self._rules, now_s - air.control_s
         if silent_s > r.link_hold_s and r.link_loss != NEVER:
-            yield Finding("control", Reaction.LAND_ASIDE, f"nothing from the control PC for {r.link_hold_s:g} s")
+            yield Finding(
+                "control",
+                Reaction.LAND_ASIDE,
+                f"nothing from the control PC for {r.link_hold_s:g} s",
+            )
         elif silent_s > r.link_warn_s:
             yield Finding("control", Reaction.SAY, "nothing from the control PC")
 
     def _agent(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, silent_s = self._rules, now_s - air.agent_s
         if silent_s > r.agent_land_s:
-            yield Finding("agent", Reaction.LAND_ASIDE, f"the agent has been silent for {r.agent_land_s:g} s")
+            yield Finding(
+                "agent", Reaction.LAND_ASIDE, f"the agent has been silent for {r.agent_land_s:g} s"
+            )
         elif silent_s > r.agent_silent_s:
             yield Finding("agent", Reaction.HOLD, "the agent is silent")
 
@@ -228,9 +274,11 @@ class Monitors:
     def _stick(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         off = air.mode == "GUIDED" and abs(air.link.throttle) > self._rules.throttle_middle
         if self._lasts(now_s, "stick", off, 1.0):
-            yield Finding("stick", Reaction.SAY, "put the throttle stick in the middle before you take over")
+            yield Finding(
+                "stick", Reaction.SAY, "put the throttle stick in the middle before you take over"
+            )
 
-    # ---- where it is -----------------------------------------------------------------------------------------
+    # ---- where it is -----------------------------------------------------------------------------
 
     def _fence(self, _now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         place, home = air.from_take_off_m, air.p_home_m
@@ -240,7 +288,8 @@ class Monitors:
         fence, height_m = self._rules.fence, float(place[2])
         self._took_off = self._took_off or height_m > fence.floor_m + _ABOVE_FLOOR_M
         if not self._took_off or air.mode == "LAND":
-            height_m = max(height_m, fence.floor_m)  # a take-off begins under the floor, and a landing ends there
+            # a take-off begins under the floor, and a landing ends there
+            height_m = max(height_m, fence.floor_m)
         out_m = fence.outside_m(place if home is None else home, height_m, home is not None)
         if air.mission_fence is not None and home is not None:
             slack_m = self._rules.mission_fence_slack_m
@@ -259,10 +308,19 @@ class Monitors:
             offset_m = other.p_home_m - here
             if any(self._comes_down(now_s, other, p - here) for p in places[name]):
                 lands = other.uncontrolled and air.mode == "LAND" and self._high(air)
-                yield Finding(ABOVE, Reaction.ESCAPE if lands else Reaction.ASIDE, f"{name} comes down", name)
-            elif self._lasts(now_s, f"near {name}", self._unruly(now_s, other, offset_m), self._rules.unruly_s):
+                yield Finding(
+                    ABOVE, Reaction.ESCAPE if lands else Reaction.ASIDE, f"{name} comes down", name
+                )
+            elif self._lasts(
+                now_s, f"near {name}", self._unruly(now_s, other, offset_m), self._rules.unruly_s
+            ):
                 why = "is in other hands" if other.taken and not other.lost else "lost its position"
-                yield Finding("unruly", Reaction.ASIDE, f"{name}, which {why}, is {self._where(offset_m)}", name)
+                yield Finding(
+                    "unruly",
+                    Reaction.ASIDE,
+                    f"{name}, which {why}, is {self._where(offset_m)}",
+                    name,
+                )
 
     @staticmethod
     def _where(offset_m: np.ndarray) -> str:
@@ -275,10 +333,13 @@ class Monitors:
         return place is not None and bool(place[2] > _ESCAPES_M)
 
     def _unruly(self, now_s: float, other: Other, offset_m: np.ndarray) -> bool:
-        """Whether another vehicle is below or above that a pilot has, who may climb or descend, or that is lost."""
+        """Whether another vehicle is below or above that a pilot has, who may climb or descend, or
+        that is lost."""
         if now_s - other.heard_s > _OLD_S or not (other.astray or (other.taken and other.armed)):
             return False
-        return abs(offset_m[2]) > _BELOW_M and math.hypot(offset_m[0], offset_m[1]) < room.clear_m(self._rules, other)
+        return abs(offset_m[2]) > _BELOW_M and math.hypot(offset_m[0], offset_m[1]) < room.clear_m(
+            self._rules, other
+        )
 
     def _comes_down(self, now_s: float, other: Other, offset_m: np.ndarray) -> bool:
         """Whether another vehicle may come down on this one."""
@@ -288,12 +349,14 @@ class Monitors:
         away_m = math.hypot(offset_m[0], offset_m[1])
         if other.uncontrolled:
             return away_m < r.uncontrolled_clear_m
-        # of two at one height neither falls on the other: a radio that is gone must not send both aside
+        # of two at one height neither falls on the other: a radio that is gone must not send both
+        # aside
         silent = silent_s > r.silent_above_s and offset_m[2] > _BELOW_M
         return offset_m[2] > 0.0 and away_m < r.clear_m and (other.mode == "LAND" or silent)
 
     def _lasts(self, now_s: float, what: str, holds: bool, seconds: float) -> bool:
-        """Whether a condition has held for some time; a name counts from the first moment it held."""
+        """Whether a condition has held for some time; a name counts from the first moment it
+        held."""
         if not holds:
             self._since_s.pop(what, None)
             return False

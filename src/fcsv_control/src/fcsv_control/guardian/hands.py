@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whose hands a vehicle is in, as its guardian can tell.
 
-GUIDED is the companion's. LAND and BRAKE are the companion's where it asked for them. Every other mode is the pilot's
-or the autopilot's own, and so is whatever comes after it, until the mission commands the vehicle again: it does so only
-when the operator has confirmed that the vehicle was given back.
+GUIDED is the companion's. LAND and BRAKE are the companion's where it asked for them. Every other
+mode is the pilot's or the autopilot's own, and so is whatever comes after it, until the mission
+commands the vehicle again: it does so only when the operator has confirmed that the vehicle was
+given back.
 """
 
 from typing import Dict

@@ -32,9 +32,10 @@ class HoldAt:
 
 @dataclass(frozen=True)
 class GuardianVerdict:
-    """``holds``: the agent must be quiet, why in ``reasons``; ``forbids``: why GUIDED is refused; ``uncontrolled``: the
-    vehicle comes down without a position; ``lost``: so it did, and nobody knows where it is since; ``lost_s``: so long
-    it flew on; ``taken``: it is not in the companion's hands; ``going_to_m``: where it flies, in its odometry frame."""
+    """``holds``: the agent must be quiet, why in ``reasons``; ``forbids``: why GUIDED is refused;
+    ``uncontrolled``: the vehicle comes down without a position; ``lost``: so it did, and nobody
+    knows where it is since; ``lost_s``: so long it flew on; ``taken``: it is not in the companion's
+    hands; ``going_to_m``: where it flies, in its odometry frame."""
 
     action: str = ""
     holds: bool = False
@@ -62,8 +63,8 @@ class Warned:
 
 @dataclass(frozen=True)
 class RestartLink:
-    """The flight link's process ``pid`` hangs: end it, so that it is started again. Without it the autopilot gets no
-    poses."""
+    """The flight link's process ``pid`` hangs: end it, so that it is started again. Without it the
+    autopilot gets no poses."""
 
     pid: int = 0
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The guardian's process without its transport: what vehicles and the control PC tell in, modes and verdicts out."""
+"""The guardian's process without its transport: what vehicles and the control PC tell in, modes and
+verdicts out."""
 
 import math
 from collections import OrderedDict
@@ -8,7 +9,13 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from fcsv_control.agent.messages import DONE, Ack, AgentAlive, Instruction, Kind
 from fcsv_control.control_messages import MissionAlive
-from fcsv_control.flight.messages import AutopilotLimits, LinkLives, ModeAsked, PoseEstimated, PoseFed
+from fcsv_control.flight.messages import (
+    AutopilotLimits,
+    LinkLives,
+    ModeAsked,
+    PoseEstimated,
+    PoseFed,
+)
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport, Other
 from fcsv_control.guardian.core import Guardian
 from fcsv_control.guardian.messages import GuardianVerdict, Output, RestartLink
@@ -75,7 +82,9 @@ class GuardianPort:
             PoseEstimated: lambda now_s, m: core.estimate(now_s, m.T_odom_body),
             TrackerConfidence: lambda _now_s, m: core.confidence(m.level),
             LinkLives: self._link,
-            AutopilotLimits: lambda _now_s, m: core.slows(m.values.get("WPNAV_ACCEL", math.nan) * _CM),
+            AutopilotLimits: lambda _now_s, m: core.slows(
+                m.values.get("WPNAV_ACCEL", math.nan) * _CM
+            ),
             ModeAsked: lambda now_s, m: core.mode_asked(now_s, m.mode),
             AgentAlive: lambda now_s, _m: core.agent_lives(now_s),
             MissionAlive: lambda now_s, _m: core.control_heard(now_s),
@@ -101,7 +110,8 @@ class GuardianPort:
         take(now_s, message)
 
     def step(self, now_s: float) -> Sequence[object]:
-        """Look at everything; what is to be done, and the verdict where it is another one or 0.2 s old."""
+        """Look at everything; what is to be done, and the verdict where it is another one or 0.2 s
+        old."""
         self._place()
         self.core.step(now_s)
         out: List[object] = [self._addressed(o) for o in self.core.outgoing()]
@@ -111,7 +121,7 @@ class GuardianPort:
             out.append(verdict)
         return out
 
-    # ---- its own vehicle -----------------------------------------------------------------------------------------
+    # ---- its own vehicle -------------------------------------------------------------------------
 
     def _state(self, now_s: float, m: tm.VehicleState) -> None:
         if not m.mode:  # its link hears no autopilot (yet): that says nothing of its motors
@@ -126,9 +136,16 @@ class GuardianPort:
         self._link_pid = m.pid
         throttle = m.throttle if m.throttle_age_s < _THROTTLE_OLD_S else math.nan
         report = LinkReport(
-            m.doubt, m.ekf_variance, throttle, m.system_status in AUTOPILOT_FAILSAFE, m.origin_set, m.parameters_ok,
-            m.parameter, m.in_the_air, m.connected,
-        )  # fmt: skip
+            m.doubt,
+            m.ekf_variance,
+            throttle,
+            m.system_status in AUTOPILOT_FAILSAFE,
+            m.origin_set,
+            m.parameters_ok,
+            m.parameter,
+            m.in_the_air,
+            m.connected,
+        )
         self.core.link(now_s, report)
 
     def _epochs(self, _now_s: float, m: tm.EpochsFound) -> None:
@@ -146,12 +163,13 @@ class GuardianPort:
             self._commands.popitem(last=False)
 
     def _answered(self, now_s: float, ack: Ack) -> None:
-        """A way-point that the agent took: the mission flies the vehicle, as its operator has confirmed."""
+        """A way-point that the agent took: the mission flies the vehicle, as its operator has
+        confirmed."""
         command = self._commands.get((ack.sender, ack.number))
         if command is not None and ack.result == DONE and command.kind in (Kind.GOTO, Kind.HOLD):
             self.core.moved(now_s, command.target if command.kind is Kind.GOTO else None)
 
-    # ---- the others ----------------------------------------------------------------------------------------------
+    # ---- the others ------------------------------------------------------------------------------
 
     def _other(self, name: str) -> _Heard:
         return self._others.setdefault(name, _Heard())
@@ -178,7 +196,9 @@ class GuardianPort:
         heard_s = self._arrivals.since_s(_topic(heard.odometry.vehicle), heard.came_s)
         speed_mps = math.hypot(*heard.odometry.v_body_mps)
         p_home_m = transforms.apply(place.T_a_b, p_odom_m)
-        other = Other(p_home_m, heard_s, speed_mps, heard.armed, heard.mode, sigma_m=place.sigma_m(p_odom_m))
+        other = Other(
+            p_home_m, heard_s, speed_mps, heard.armed, heard.mode, sigma_m=place.sigma_m(p_odom_m)
+        )
         return other.guarded(heard.verdict).sent(place.T_a_b, heard.verdict.going_to_m)
 
     def _addressed(self, output: Output) -> Output:

@@ -23,31 +23,40 @@ def landing_clear_m(now_s: float, rules: GuardianRules, other: Other) -> float:
     return max(clear_m(rules, other), other.reach_m(now_s) if other.lost else 0.0)
 
 
-def places_m(now_s: float, air: VehicleSituation, rules: GuardianRules) -> Dict[str, List[np.ndarray]]:
+def places_m(
+    now_s: float, air: VehicleSituation, rules: GuardianRules
+) -> Dict[str, List[np.ndarray]]:
     """Where to look for each other vehicle."""
     return {name: o.places_m(now_s, rules.silent_above_s) for name, o in air.others.items()}
 
 
-def aside(now_s: float, air: VehicleSituation, rules: GuardianRules, away_from: str, lands: bool) -> np.ndarray:
-    """(3,) in home, clear of everybody, away from a vehicle; to land there, outside of where a lost one may lie.
+def aside(
+    now_s: float, air: VehicleSituation, rules: GuardianRules, away_from: str, lands: bool
+) -> np.ndarray:
+    """(3,) in home, clear of everybody, away from a vehicle; to land there, outside of where a lost
+    one may lie.
 
-    Where another vehicle is not heard it may dodge, too, and has not heard this one: everybody goes to a side that the
-    other knows beforehand then. Away from a third that both dodge two have met at one place, and away from where each
-    was last heard two that were above each other.
+    Where another vehicle is not heard it may dodge, too, and has not heard this one: everybody goes
+    to a side that the other knows beforehand then. Away from a third that both dodge two have met
+    at one place, and away from where each was last heard two that were above each other.
     """
     here, places = air.p_home_m, places_m(now_s, air, rules)
     there = min(places[away_from], key=lambda p: float(np.linalg.norm((p - here)[:2])))
-    side = np.array([0.0, 1.0 if here[2] > there[2] else -1.0])  # of two in one column the upper goes left
+    # of two in one column the upper goes left
+    side = np.array([0.0, 1.0 if here[2] > there[2] else -1.0])
     least_m = clear_m(rules, air.others[away_from])
     needed_m = {n: landing_clear_m(now_s, rules, air.others[n]) if lands else 0.0 for n in places}
     clears_m = [max(least_m, needed_m[n]) for n, found in places.items() for _ in found]
     within = partial(within_fences, air, rules)
     unheard = any(now_s - o.heard_s > _UNHEARD_S for o in air.others.values())
-    return separation.aside(here, sum(places.values(), []), clears_m, None if unheard else there, side, within)
+    return separation.aside(
+        here, sum(places.values(), []), clears_m, None if unheard else there, side, within
+    )
 
 
 def within_fences(air: VehicleSituation, rules: GuardianRules, p_home_m: np.ndarray) -> bool:
-    """Whether a place (3,) in home, at the vehicle's height, is in the guardian's fence and the mission's."""
+    """Whether a place (3,) in home, at the vehicle's height, is in the guardian's fence and the
+    mission's."""
     place = air.from_take_off_m
     height_m = 0.0 if place is None else float(place[2])
     if rules.fence.outside_m(p_home_m, height_m) > 0.0:

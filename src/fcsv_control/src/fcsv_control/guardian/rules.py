@@ -13,12 +13,13 @@ LINK_LOSS = ("land", NEVER)
 
 @dataclass(frozen=True)
 class GuardianRules:
-    """Times in s, shares of the battery, angles in degrees. ``link_loss`` "never" must be written: then a vehicle
-    without its control PC holds until the battery is low."""
+    """Times in s, shares of the battery, angles in degrees. ``link_loss`` "never" must be written:
+    then a vehicle without its control PC holds until the battery is low."""
 
     feed_warn_s: float = 0.5  # without a pose from the tracker: the operator is warned
     feed_land_s: float = 0.7  # before the flight link's own watchdog, which is the second line
-    finds_again: bool = False  # a tracker on the ground knows a place as soon as it sees it; on board ways add up
+    # a tracker on the ground knows a place as soon as it sees it; on board ways add up
+    finds_again: bool = False
     feed_warn_hz: float = 8.0  # fewer poses a second for 1 s: a warning
     feed_land_hz: float = 4.0  # likewise: LAND
     apart_m: float = 0.5  # between estimate and feed, on the ground
@@ -33,7 +34,8 @@ class GuardianRules:
     low_battery: float = 0.2  # share of the charge below which it is low
     low_battery_s: float = 60.0  # so long the mission has to bring it down
     empty_battery: float = 0.1  # share of the charge below which it lands
-    home_s: float = 10.0  # low, and so long without the control PC: home; a mission that restarts is back by then
+    # low, and so long without the control PC: home; a mission that restarts is back by then
+    home_s: float = 10.0
     battery_s: float = 2.0  # a voltage that sags for a moment is no empty battery
     battery_old_s: float = 10.0  # what was heard of it counts for so long
     link_warn_s: float = 2.0  # without the control PC: a warning
@@ -44,14 +46,18 @@ class GuardianRules:
     link_silent_s: float = 2.0  # its own flight link is silent for so long: it is started again
     transmitter: bool = True  # without one that is heard no hand-over: nobody could take over
     throttle_middle: float = 0.25  # of the stick's way either side
-    fence: Fence = field(default_factory=lambda: Fence(0.3, 45.0, 100.0))  # of the place, for every mission
+    # of the place, for every mission
+    fence: Fence = field(default_factory=lambda: Fence(0.3, 45.0, 100.0))
     fence_land_m: float = 5.0  # further out than this: LAND
-    mission_fence_slack_m: float = 1.0  # a mission's own fence, in which every way was planned, counts from so far out
+    # a mission's own fence, in which every way was planned, counts from so far out
+    mission_fence_slack_m: float = 1.0
     separation: SeparationRules = field(default_factory=SeparationRules)  # the air that is its own
     clear_m: float = 2.5  # horizontally, for one to come down beside another
     beside_m: float = 1.8  # likewise, where both fly at one height
-    uncontrolled_clear_m: float = LOST_CLEAR_M  # likewise, of one that comes down without a position
-    unruly_s: float = 1.0  # so long one may be above or below a vehicle that is in other hands, or lost
+    # likewise, of one that comes down without a position
+    uncontrolled_clear_m: float = LOST_CLEAR_M
+    # so long one may be above or below a vehicle that is in other hands, or lost
+    unruly_s: float = 1.0
     silent_above_s: float = 1.5  # who was above and is silent for so long may come down
     aside_s: float = 15.0  # longest way aside
     obey_s: float = 1.0  # a mode that does not show by then: the next one
@@ -60,7 +66,13 @@ class GuardianRules:
         require_positive(self)
         if self.link_loss not in LINK_LOSS:
             raise ValueError(f"link_loss: '{self.link_loss}' is not one of {', '.join(LINK_LOSS)}")
-        for low, high in (("feed_warn_s", "feed_land_s"), ("feed_land_hz", "feed_warn_hz"),
-                          ("empty_battery", "low_battery"), ("tilt_warn_deg", "tilt_land_deg")):  # fmt: skip
+        for low, high in (
+            ("feed_warn_s", "feed_land_s"),
+            ("feed_land_hz", "feed_warn_hz"),
+            ("empty_battery", "low_battery"),
+            ("tilt_warn_deg", "tilt_land_deg"),
+        ):
             if getattr(self, low) > getattr(self, high):
-                raise ValueError(f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}")
+                raise ValueError(
+                    f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}"
+                )

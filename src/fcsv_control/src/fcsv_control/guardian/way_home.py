@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a vehicle that nobody commands can fly to above its take-off place, straight and at the height that it has,
-and come down there."""
+"""Whether a vehicle that nobody commands can fly to above its take-off place, straight and at the
+height that it has, and come down there."""
 
 import math
 
@@ -40,8 +40,12 @@ def against(now_s: float, air: VehicleSituation, rules: GuardianRules, under_way
     for name, other in air.others.items():
         if now_s - other.heard_s > rules.silent_above_s:
             return f"{name} is not heard"
-        doubt_m = separation.doubt_m((air.sigma_m, other.sigma_m), now_s - other.heard_s, other.speed_mps)
-        needed_m = room.landing_clear_m(now_s, rules, other) + doubt_m + (0.0 if under_way else _MORE_M)
+        doubt_m = separation.doubt_m(
+            (air.sigma_m, other.sigma_m), now_s - other.heard_s, other.speed_mps
+        )
+        needed_m = (
+            room.landing_clear_m(now_s, rules, other) + doubt_m + (0.0 if under_way else _MORE_M)
+        )
         if not _clear(air, rules, other, needed_m, p_home_there):
             return f"{name} is too near to the way, or to the take-off place"
     return ""
@@ -57,12 +61,21 @@ def _believed(now_s: float, air: VehicleSituation, rules: GuardianRules) -> bool
 def _within_fences(air: VehicleSituation, rules: GuardianRules, p_home_there: np.ndarray) -> bool:
     parts = 1 + math.ceil(left_m(air))
     way = p_home_there - air.p_home_m
-    return all(room.within_fences(air, rules, air.p_home_m + k / parts * way) for k in range(parts + 1))
+    return all(
+        room.within_fences(air, rules, air.p_home_m + k / parts * way) for k in range(parts + 1)
+    )
 
 
-def _clear(air: VehicleSituation, rules: GuardianRules, other: Other, clear_m: float, p_home_there: np.ndarray) -> bool:
-    """Whether another vehicle keeps away from the way and its end; at any height, so that neither flies over the other.
-    One that moves, or that a pilot has, may be anywhere that it reaches meanwhile."""
+def _clear(
+    air: VehicleSituation,
+    rules: GuardianRules,
+    other: Other,
+    clear_m: float,
+    p_home_there: np.ndarray,
+) -> bool:
+    """Whether another vehicle keeps away from the way and its end; at any height, so that neither
+    flies over the other. One that moves, or that a pilot has, may be anywhere that it reaches
+    meanwhile."""
     here, there = air.p_home_m, p_home_there
     if other.taken and other.armed:
         clear_m = max(clear_m, rules.uncontrolled_clear_m)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mission as a state machine: fed with snapshots and answers, it says what to do next. It knows no clock."""
+"""The mission as a state machine: fed with snapshots and answers, it says what to do next. It knows
+no clock."""
 
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Set
 
@@ -25,21 +26,28 @@ from fcsv_geometry.missions.phases import BY_HOME, FLOWN, OVER
 
 _BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")  # people fly
 _SEEN_S = 2.0
-_LINE_UP = {ON_BOARD: "operators: line up, every tag in view", GROUND: "operators: where the tracker sees everybody"}
+_LINE_UP = {
+    ON_BOARD: "operators: line up, every tag in view",
+    GROUND: "operators: where the tracker sees everybody",
+}
 _AIRBORNE_M = 1.5
 
 
 class MissionMachine(OperatorCommands):
-    """``step`` advances; ``calibrate`` and ``set_home`` are asked for through ``wants`` and answered by ``answer``.
+    """``step`` advances; ``calibrate`` and ``set_home`` are asked for through ``wants`` and
+    answered by ``answer``.
 
-    ``radius_m`` by vehicle; ``gate``: what the flight check says. Raises MissionError where the mission names vehicles
-    that are not in the fleet, or where a leg of it cannot be flown.
+    ``radius_m`` by vehicle; ``gate``: what the flight check says. Raises MissionError where the
+    mission names vehicles that are not in the fleet, or where a leg of it cannot be flown.
     """
 
     def __init__(
-        self, mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]] = None,
+        self,
+        mission: Mission,
+        vehicles: Sequence[str],
+        radius_m: Optional[Mapping[str, float]] = None,
         gate: Optional[OpenGate] = None,
-    ):  # fmt: skip
+    ):
         mission.check_vehicles(vehicles)
         self.mission, self._digest = mission, digest(mission)
         self.vehicles = list(vehicles)
@@ -60,7 +68,8 @@ class MissionMachine(OperatorCommands):
         self._pauses: Set[Pause] = set()
         self._handover = Handover(self.outbox, self._hands)
         self._aborted = False
-        self._stopped = ""  # why everybody was stopped from outside; nothing is ordered until it is over
+        # why everybody was stopped from outside; nothing is ordered until it is over
+        self._stopped = ""
         self._paused_by_operator = False
         self._snapshot: Optional[Snapshot] = None
         self._confirmed_s = float("-inf")
@@ -72,7 +81,7 @@ class MissionMachine(OperatorCommands):
     def over(self) -> bool:
         return self.phase in OVER
 
-    # ---- what services say ------------------------------------------------------------------------------------
+    # ---- what services say -----------------------------------------------------------------------
 
     def answer(self, what: str, success: bool, message: str) -> None:
         """The outcome of a service that was asked for; one that failed is waited for again."""
@@ -83,24 +92,38 @@ class MissionMachine(OperatorCommands):
         if what == "calibrate":
             self._enter(*(("MOVE_HOME", message, "set_home") if success else ("COLUMN", message)))
         else:
-            self._enter(*(("SET_HOME", message, "execute") if success else ("MOVE_HOME", message, "set_home")))
+            self._enter(
+                *(
+                    ("SET_HOME", message, "execute")
+                    if success
+                    else ("MOVE_HOME", message, "set_home")
+                )
+            )
 
-    # ---- over a restart ------------------------------------------------------------------------------------
+    # ---- over a restart --------------------------------------------------------------------------
 
     def restore(self, memory: Memory) -> None:
-        """Takes over, before the first step: what the last run of this mission left. It counts where vehicles still
-        fly."""
+        """Takes over, before the first step: what the last run of this mission left. It counts
+        where vehicles still fly."""
         self._memory = memory
 
     def memory(self) -> Optional[Memory]:
-        """What a restart needs to go on; None while it is not clear yet whether the last run's counts."""
+        """What a restart needs to go on; None while it is not clear yet whether the last run's
+        counts."""
         if self._memory is not None and self.phase == "WAIT_VEHICLES":
             return None
         flown = self._flight_list
         return Memory(
-            self.mission.name, self._digest, self.vehicles, self.phase, self.detail, self._aborted,
-            list(self.captures), dict(self._hands.taken), None if flown is None else flown.memory,
-        )  # fmt: skip
+            self.mission.name,
+            self._digest,
+            self.vehicles,
+            self.phase,
+            self.detail,
+            self._aborted,
+            list(self.captures),
+            dict(self._hands.taken),
+            None if flown is None else flown.memory,
+        )
 
     def _recall(self, snapshot: Snapshot) -> None:
         memory, (what, why) = self._memory, restart.judge(self._memory, snapshot)
@@ -130,18 +153,21 @@ class MissionMachine(OperatorCommands):
             guided = [n for n in restart.in_guided(snapshot) if n not in taken]
             Holding(self.outbox, self.mission.min_separation_m).step(snapshot, guided)
         else:
-            self._flight_list = FlightList.remembered(self.mission, self.vehicles, self.outbox, memory.flight_list)
+            self._flight_list = FlightList.remembered(
+                self.mission, self.vehicles, self.outbox, memory.flight_list
+            )
             self._enter("CONFIGURATIONS", why)
             self._flight_list.pause(snapshot, taken)
 
     def stopped(self, reason: str) -> None:
-        """Somebody has stopped everybody (/stop_all): no order until the operator confirms ``resume``, or aborts."""
+        """Somebody has stopped everybody (/stop_all): no order until the operator confirms
+        ``resume``, or aborts."""
         if self.phase in BY_HOME:
             self._stopped = reason
             self.outbox.withdraw(f"everybody was stopped: {reason}")
             self._hands.all_asked("BRAKE")
 
-    # ---- the story -----------------------------------------------------------------------------------------
+    # ---- the story -------------------------------------------------------------------------------
 
     def step(self, snapshot: Snapshot) -> None:
         """Advance by what is seen; orders go to the outbox."""
@@ -172,7 +198,8 @@ class MissionMachine(OperatorCommands):
             self.abort(str(error))
 
     def _drop_out(self, snapshot: Snapshot) -> Snapshot:
-        """Who is down takes no part any more, once the operator confirms it; what is known of the others."""
+        """Who is down takes no part any more, once the operator confirms it; what is known of the
+        others."""
         flown = self._flight_list
         if self.phase in FLOWN and flown is not None and not flown.going_back:
             for name in self._dropouts.see(snapshot, flown.working):
@@ -208,23 +235,30 @@ class MissionMachine(OperatorCommands):
 
     def _column(self, snapshot: Snapshot) -> None:
         by_tags = self.mission.tracker == ON_BOARD
-        blind = [n for n in self.vehicles[1:] if by_tags and snapshot.vehicles[n].sees_front_s < _SEEN_S]
+        blind = [
+            n for n in self.vehicles[1:] if by_tags and snapshot.vehicles[n].sees_front_s < _SEEN_S
+        ]
         self.waits_for = "" if self.problems or blind else "calibrate"
 
     def _guided(self, snapshot: Snapshot) -> None:
         if self._stopped_by_people() or self.problems:
             return
         self._pauses.add(Pause.HANDOVER)
-        if not self._handover.step(snapshot, [n for n in self.vehicles if n not in self._dropouts.out]):
+        if not self._handover.step(
+            snapshot, [n for n in self.vehicles if n not in self._dropouts.out]
+        ):
             self.detail = self._handover.detail or self.detail
             return
         if self._flight_list is None:
-            self._flight_list = FlightList.begin(self.mission, self.vehicles, self.outbox, snapshot, self._indices)
+            self._flight_list = FlightList.begin(
+                self.mission, self.vehicles, self.outbox, snapshot, self._indices
+            )
         self._flight_list.resumed()
         self._enter("CONFIGURATIONS", "")
 
     def _stand_still(self, snapshot: Snapshot) -> None:
-        """Everybody was stopped: recorders off, and no more than that, until the operator confirms or is too long."""
+        """Everybody was stopped: recorders off, and no more than that, until the operator confirms
+        or is too long."""
         if self.phase == "CONFIGURATIONS":
             self._flight_list.pause(snapshot, self._hands.taken)
         if not self._stopped_by_people():
@@ -235,14 +269,17 @@ class MissionMachine(OperatorCommands):
         self._lose_patience(snapshot)
 
     def _stopped_by_people(self) -> bool:
-        """Whether somebody else has a vehicle, or the operator wants a pause; he confirms once each is given back."""
+        """Whether somebody else has a vehicle, or the operator wants a pause; he confirms once each
+        is given back."""
         taken = self._hands.taken
         self.problems += self._hands.problems()
         if self._paused_by_operator:
             down = " and ".join(sorted(self._dropouts.out))
             why = f"{down} down, the others can go on" if down else "paused by the operator"
             self.problems.append(f"{why}: confirm 'resume'")
-        self._pauses |= {Pause.PILOT} if taken else {Pause.OPERATOR} if self._paused_by_operator else set()
+        self._pauses |= (
+            {Pause.PILOT} if taken else {Pause.OPERATOR} if self._paused_by_operator else set()
+        )
         stopped = bool(taken) or self._paused_by_operator
         self.waits_for = "resume" if stopped and self._hands.all_given_back else ""
         return stopped
@@ -253,8 +290,11 @@ class MissionMachine(OperatorCommands):
         if Pause.LOST in self._pauses or (stopped and not flown.going_back):
             flown.pause(snapshot, taken)
             return
-        if flown.going_back and any(v.armed and v.mode == "LAND" for v in snapshot.vehicles.values()):
-            self._end_of_list(flown)  # one comes down already: who is beneath goes aside, nobody crosses below it
+        if flown.going_back and any(
+            v.armed and v.mode == "LAND" for v in snapshot.vehicles.values()
+        ):
+            # one comes down already: who is beneath goes aside, nobody crosses below it
+            self._end_of_list(flown)
             return
         self.captures += flown.step(snapshot, taken)
         self.detail = f"{flown.detail} ({flown.going_back})" if flown.going_back else flown.detail
@@ -274,12 +314,16 @@ class MissionMachine(OperatorCommands):
         if landed:
             self._enter("ABORTED" if self._aborted else "DONE", self.detail)
 
-    # ---- pauses that last too long -------------------------------------------------------------------------
+    # ---- pauses that last too long ---------------------------------------------------------------
 
     def _lose_patience(self, snapshot: Snapshot) -> None:
         by_hand = self.phase in _BY_HAND and any(v.armed for v in snapshot.vehicles.values())
         going_back = self._flight_list is not None and bool(self._flight_list.going_back)
-        then = {Pause.OPERATOR: LAND} if self._stopped else what_follows(self.phase, going_back, by_hand)
+        then = (
+            {Pause.OPERATOR: LAND}
+            if self._stopped
+            else what_follows(self.phase, going_back, by_hand)
+        )
         pauses = self._pauses | ({Pause.OPERATOR} if by_hand else set())
         ended = self._patience.see(snapshot.now_s, pauses & set(then))
         if ended is None:

@@ -22,7 +22,8 @@ _POSE_NUMBERS = 16
 
 @dataclass(frozen=True)
 class RememberedList:
-    """A FlightList: tasks that are left, configurations behind, T_home_cam (16 numbers, row-major) in the column."""
+    """A FlightList: tasks that are left, configurations behind, T_home_cam (16 numbers, row-major)
+    in the column."""
 
     left: List[Task]
     flown: List[int]
@@ -42,7 +43,8 @@ class RememberedList:
 
 @dataclass(frozen=True)
 class Memory:
-    """``calibration`` and ``home`` are messages as mappings, kept as they came; ``saved_s`` is wall-clock time."""
+    """``calibration`` and ``home`` are messages as mappings, kept as they came; ``saved_s`` is
+    wall-clock time."""
 
     mission: str
     digest: str
@@ -60,12 +62,16 @@ class Memory:
 
     def __post_init__(self):
         if self.version != _VERSION:
-            raise ValueError(f"version: {self.version} is not known here; this reads version {_VERSION}")
+            raise ValueError(
+                f"version: {self.version} is not known here; this reads version {_VERSION}"
+            )
 
 
 def digest(mission: Mission) -> str:
     """Tells a mission from one that was changed."""
-    return hashlib.sha256(json.dumps(dataclasses.asdict(mission), sort_keys=True).encode()).hexdigest()[:16]
+    return hashlib.sha256(
+        json.dumps(dataclasses.asdict(mission), sort_keys=True).encode()
+    ).hexdigest()[:16]
 
 
 def to_text(memory: Memory) -> str:
@@ -73,9 +79,12 @@ def to_text(memory: Memory) -> str:
     return json.dumps(dataclasses.asdict(memory), indent=1)
 
 
-def from_text(text: str, source: str, mission: Mission, vehicles: Sequence[str], wall_s: float) -> Memory:
-    """The memory of this mission's last run at the time of day ``wall_s``. Raises SessionError naming the ``source``
-    and what is wrong with a text that is damaged, of another mission or fleet, or too old."""
+def from_text(
+    text: str, source: str, mission: Mission, vehicles: Sequence[str], wall_s: float
+) -> Memory:
+    """The memory of this mission's last run at the time of day ``wall_s``. Raises SessionError
+    naming the ``source`` and what is wrong with a text that is damaged, of another mission or
+    fleet, or too old."""
     try:
         memory = config.from_mapping(json.loads(text), Memory, source)
     except ValueError as error:
@@ -86,12 +95,16 @@ def from_text(text: str, source: str, mission: Mission, vehicles: Sequence[str],
     return memory
 
 
-def _require_fitting(source: str, memory: Memory, mission: Mission, vehicles: Sequence[str], wall_s: float) -> None:
+def _require_fitting(
+    source: str, memory: Memory, mission: Mission, vehicles: Sequence[str], wall_s: float
+) -> None:
     if memory.digest != digest(mission):
         was = f"of mission '{memory.mission}' as it was then"
         raise SessionError(f"{source}: is {was}, not of '{mission.name}' as it is")
     if memory.vehicles != list(vehicles):
-        raise SessionError(f"{source}: is of the fleet {', '.join(memory.vehicles)}, this is {', '.join(vehicles)}")
+        raise SessionError(
+            f"{source}: is of the fleet {', '.join(memory.vehicles)}, this is {', '.join(vehicles)}"
+        )
     age_s = wall_s - memory.saved_s
     if age_s > _MOST_AGE_S:
         raise SessionError(f"{source}: is {age_s / 60.0:.0f} min old, of an earlier flight")
@@ -100,7 +113,9 @@ def _require_fitting(source: str, memory: Memory, mission: Mission, vehicles: Se
         return
     indices = [*known.flown, *(t.index for t in known.left if t.index is not None)]
     names = [*(t.vehicle for t in known.left), *known.parked, *known.away]
-    if any(not 0 <= i < len(mission.configurations) for i in indices) or set(known.parked) != set(vehicles):
+    if any(not 0 <= i < len(mission.configurations) for i in indices) or set(known.parked) != set(
+        vehicles
+    ):
         raise SessionError(f"{source}: names configurations or places that this mission lacks")
     if not set(names) <= set(vehicles):
         raise SessionError(f"{source}: names vehicles that this mission lacks")

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The operator's half of the mission: confirmations, which configurations to fly, pause, skip and the like."""
+"""The operator's half of the mission: confirmations, which configurations to fly, pause, skip and
+the like."""
 
 from typing import List, Optional, Sequence
 
@@ -52,7 +53,11 @@ class OperatorCommands:
     @property
     def stage(self) -> str:
         """What is done for it now, as stages.py names it; "" where no list is flown."""
-        return self._flight_list.stage if self._flight_list is not None and self.phase == "CONFIGURATIONS" else ""
+        return (
+            self._flight_list.stage
+            if self._flight_list is not None and self.phase == "CONFIGURATIONS"
+            else ""
+        )
 
     @property
     def so_far(self) -> List[CaptureWindow]:
@@ -93,13 +98,15 @@ class OperatorCommands:
         return ""
 
     def _locked(self, now_s: float, step: str) -> str:
-        """Why the flight check hands over nobody; "" where it does, and in steps that hand over nobody."""
+        """Why the flight check hands over nobody; "" where it does, and in steps that hand over
+        nobody."""
         if step == "execute":
             return self.gate.before_list(now_s)
         return self.gate.before_resuming(now_s) if step == "resume" and self.phase != "LAND" else ""
 
     def execute(self, indices: Sequence[int]) -> str:
-        """Begins the list as ``proceed("execute")``, for these configurations in this order (none: all)."""
+        """Begins the list as ``proceed("execute")``, for these configurations in this order (none:
+        all)."""
         most = len(self.mission.configurations) - 1
         wrong = [i for i in indices if not 0 <= i <= most]
         if wrong or len(set(indices)) != len(indices):
@@ -134,13 +141,15 @@ class OperatorCommands:
         return flown.change(self._snapshot, operation)
 
     def abort(self, reason: str) -> None:
-        """Land everybody whom the mission flies, wherever it is; who is flown by hand is told to land."""
+        """Land everybody whom the mission flies, wherever it is; who is flown by hand is told to
+        land."""
         if not self.over:
             self._aborted, self._stopped = True, ""
             self._enter("LAND", reason)
 
     def finish(self, reason: str) -> None:
-        """Fly nothing more: back to the column and land; where the list is not flown, as ``abort``."""
+        """Fly nothing more: back to the column and land; where the list is not flown, as
+        ``abort``."""
         if self.phase == "CONFIGURATIONS" and self._flight_list is not None:
             self._flight_list.go_back(self._snapshot, reason)
             self._paused_by_operator = False

@@ -31,8 +31,8 @@ class Order:
 
 
 class Outbox:
-    """Orders of one sender. A newer order replaces an older open one of the same sort: a late repetition of a way-point
-    must not undo the hold that came after it."""
+    """Orders of one sender. A newer order replaces an older open one of the same sort: a late
+    repetition of a way-point must not undo the hold that came after it."""
 
     def __init__(self, lifetime_s: float = 5.0):
         self._lifetime_s = lifetime_s

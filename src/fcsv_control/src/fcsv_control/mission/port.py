@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mission's process without its transport: telemetry and calls in, commands, states and recordings out."""
+"""The mission's process without its transport: telemetry and calls in, commands, states and
+recordings out."""
 
 import logging
 import math
@@ -29,7 +30,8 @@ from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 
 _log = logging.getLogger(__name__)
 _ALIVE_S = 0.2
-_OTHERS_TELL_S = 3.0  # so long after a restart a calibration node that lives has told calibration and home
+# so long after a restart a calibration node that lives has told calibration and home
+_OTHERS_TELL_S = 3.0
 _REMEMBER_EVERY_S = 60.0  # at least, so that a memory's age tells an earlier flight's
 
 
@@ -42,51 +44,82 @@ class Captured:
 
 
 class MissionPort:
-    """``column``: the fleet, front first; ``sender``: as whom it commands; ``memory``: what its last run left;
-    ``recorder``: name of the control PC's recorder, which must be well (empty: none). Raises MissionError where this
-    fleet cannot fly the mission.
+    """``column``: the fleet, front first; ``sender``: as whom it commands; ``memory``: what its
+    last run left; ``recorder``: name of the control PC's recorder, which must be well (empty:
+    none). Raises MissionError where this fleet cannot fly the mission.
 
-    Gives Instruction, MissionAlive, MissionStatus, Captured, Memory, ServiceWanted, StopOver and FramesJudged.
+    Gives Instruction, MissionAlive, MissionStatus, Captured, Memory, ServiceWanted, StopOver and
+    FramesJudged.
     """
 
     def __init__(
-        self, mission: Mission, column: Sequence[VehicleGeometry], sender: str, now_s: float,
-        gate: Optional[OpenGate] = None, memory: Optional[Memory] = None, recorder: str = "",
-    ):  # fmt: skip
+        self,
+        mission: Mission,
+        column: Sequence[VehicleGeometry],
+        sender: str,
+        now_s: float,
+        gate: Optional[OpenGate] = None,
+        memory: Optional[Memory] = None,
+        recorder: str = "",
+    ):
         names = [v.name for v in column]
         self.mission, self.sender = mission, sender
         self.machine = MissionMachine(mission, names, {v.name: v.radius_m for v in column}, gate)
         self._cameras = {v.name: v.T_body_cam for v in column}
-        self._front_tags: Dict[str, Optional[int]] = dict(zip(names, [None, *(v.tag_id for v in column[:-1])]))
+        self._front_tags: Dict[str, Optional[int]] = dict(
+            zip(names, [None, *(v.tag_id for v in column[:-1])])
+        )
         self._arrivals, self._in_home = Arrivals(), HomeFrames()
         self._heard = {v.name: self._nothing_heard(v) for v in column}
-        self._tag_in_front, self._pairs_seen, self._time_of_day = TagInFront(), PairsSeen(), TimeOfDay()
+        self._tag_in_front, self._pairs_seen, self._time_of_day = (
+            TagInFront(),
+            PairsSeen(),
+            TimeOfDay(),
+        )
         self._recorder, self._recorder_heard = recorder, (-math.inf, "")
         self._begun_s, self._alive_s = now_s, -math.inf
         self._captures, self._so_far = 0, []  # told: how many, and windows under way
         self._restored, self._judged = memory is not None, False
-        self._kept: Optional[Memory] = None  # as it was given; None: a new calibration or home belongs to it
+        # as it was given; None: a new calibration or home belongs to it
+        self._kept: Optional[Memory] = None
         self._kept_s = -math.inf
         if memory is not None:
             _log.info("found the memory of a mission in %s", memory.phase)
             self.machine.restore(memory)
         self._take: Dict[type, Callable[[float, Any], None]] = {
-            tm.VehicleOdometry: self._odometry, tm.OdometryEpoch: self._epoch, tm.VehicleHeight: self._height,
-            tm.VehicleState: self._state, tm.GuardianStatus: self._guardian, tm.BatteryCharge: self._battery,
-            tm.RecorderState: self._recorder_state, tm.SeenTags: self._tags, tm.RelayAges: self._ages,
-            tm.CalibrationFound: self._calibration, tm.HomeFound: self._home, tm.EpochsFound: self._epochs,
-            told.CommandAnswered: self._answer, told.WallClock: self._wall, told.CheckTable: self._check,
-            told.PairLooked: self._pair, told.StopCalled: self._stop, told.ServiceAnswered: self._service,
-        }  # fmt: skip
+            tm.VehicleOdometry: self._odometry,
+            tm.OdometryEpoch: self._epoch,
+            tm.VehicleHeight: self._height,
+            tm.VehicleState: self._state,
+            tm.GuardianStatus: self._guardian,
+            tm.BatteryCharge: self._battery,
+            tm.RecorderState: self._recorder_state,
+            tm.SeenTags: self._tags,
+            tm.RelayAges: self._ages,
+            tm.CalibrationFound: self._calibration,
+            tm.HomeFound: self._home,
+            tm.EpochsFound: self._epochs,
+            told.CommandAnswered: self._answer,
+            told.WallClock: self._wall,
+            told.CheckTable: self._check,
+            told.PairLooked: self._pair,
+            told.StopCalled: self._stop,
+            told.ServiceAnswered: self._service,
+        }
         self._serve: Dict[type, Callable[[Any], tm.Reply]] = {
-            told.Confirm: self._confirm, told.Operate: self._operate, told.Execute: self._execute,
-            told.Abort: self._abort, told.Cancel: self._cancel,
-        }  # fmt: skip
+            told.Confirm: self._confirm,
+            told.Operate: self._operate,
+            told.Execute: self._execute,
+            told.Abort: self._abort,
+            told.Cancel: self._cancel,
+        }
 
     def _nothing_heard(self, v: VehicleGeometry) -> VehicleHeard:
-        return VehicleHeard(v.T_body_cam, lambda t, s: self._arrivals.since_s(f"/{v.name}/{t}", s), v.T_body_tag)
+        return VehicleHeard(
+            v.T_body_cam, lambda t, s: self._arrivals.since_s(f"/{v.name}/{t}", s), v.T_body_tag
+        )
 
-    # ---- what is heard -------------------------------------------------------------------------------------
+    # ---- what is heard ---------------------------------------------------------------------------
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known here."""
@@ -129,7 +162,9 @@ class MissionPort:
         for tag in m.tags:
             if tag.id == self._front_tags[m.vehicle]:
                 known = m.T_odom_cam is not None and tag.p_cam_tag_m is not None
-                heard.front_tag(now_s, transforms.apply(m.T_odom_cam, tag.p_cam_tag_m) if known else None)
+                heard.front_tag(
+                    now_s, transforms.apply(m.T_odom_cam, tag.p_cam_tag_m) if known else None
+                )
 
     def _ages(self, _now_s: float, m: tm.RelayAges) -> None:
         self._arrivals.told(m.topics, m.sent_s)
@@ -169,11 +204,11 @@ class MissionPort:
         _log.info("%s: %s", m.name, m.text)
         self.machine.answer(m.name, m.done, m.text)
 
-    # ---- the operator --------------------------------------------------------------------------------------
+    # ---- the operator ----------------------------------------------------------------------------
 
     def serve(self, now_s: float, request: object) -> List[object]:
-        """The answer to Confirm, Operate, Execute, Abort or Cancel, and what follows from it at once. Raises TypeError
-        for anything else."""
+        """The answer to Confirm, Operate, Execute, Abort or Cancel, and what follows from it at
+        once. Raises TypeError for anything else."""
         serve = self._serve.get(type(request))
         if serve is None:
             raise TypeError(f"the mission does not serve {type(request).__name__}")
@@ -203,13 +238,15 @@ class MissionPort:
         if self.machine.over:
             return tm.Reply(False, f"the mission is over ({self.machine.phase})")
         self.machine.abort("aborted by the operator: landing")
-        return tm.Reply(True, "landing the vehicles that the mission flies; who is flown by hand lands by hand")
+        return tm.Reply(
+            True, "landing the vehicles that the mission flies; who is flown by hand lands by hand"
+        )
 
     def _cancel(self, _request: told.Cancel) -> tm.Reply:
         self.machine.finish("cancelled by who asked for it")
         return tm.Reply(True, "")
 
-    # ---- time ----------------------------------------------------------------------------------------------
+    # ---- time ------------------------------------------------------------------------------------
 
     def step(self, now_s: float) -> List[object]:
         """The mission goes on, by what was heard until now."""
@@ -219,10 +256,19 @@ class MissionPort:
             _log.info("%s -> %s: %s", phase, m.phase, m.detail)
         out = self._judge(now_s)
         out += [self._instruction(order, now_s) for order in m.outbox.due(now_s)]
-        out.append(told.MissionStatus(
-            m.phase, m.detail, m.waits_for, m.stage, m.configuration, list(m.problems), m.over, m.progress,
-            list(dict.fromkeys(w.index for w in m.captures)),
-        ))  # fmt: skip
+        out.append(
+            told.MissionStatus(
+                m.phase,
+                m.detail,
+                m.waits_for,
+                m.stage,
+                m.configuration,
+                list(m.problems),
+                m.over,
+                m.progress,
+                list(dict.fromkeys(w.index for w in m.captures)),
+            )
+        )
         if now_s - self._alive_s >= _ALIVE_S - 1e-3:
             self._alive_s = now_s
             out.append(told.MissionAlive(self.sender, now_s))
@@ -237,12 +283,15 @@ class MissionPort:
         heard_s, problem = self._recorder_heard
         recorder = RecorderView(now_s - heard_s, problem) if self._recorder else None
         views = {n: h.view(now_s, T_home_odom.get(n)) for n, h in self._heard.items()}
-        views = self._pairs_seen.judge(self._tag_in_front.judge(now_s, views, T_home_odom), T_home_odom)
+        views = self._pairs_seen.judge(
+            self._tag_in_front.judge(now_s, views, T_home_odom), T_home_odom
+        )
         slows_mps2 = self.mission.flight.acceleration_mps2
         return Snapshot(now_s, views, T_home_odom, self._cameras, recorder, clock_set, slows_mps2)
 
     def _judge(self, now_s: float) -> List[object]:
-        """Once the machine knows whether the last run's memory counts: its calibration and home count, or do not."""
+        """Once the machine knows whether the last run's memory counts: its calibration and home
+        count, or do not."""
         for text in self.machine.said:
             _log.warning("%s", text)
         self.machine.said.clear()
@@ -255,7 +304,8 @@ class MissionPort:
         return [told.FramesJudged(True)] if self._judged else []
 
     def _recordings(self) -> List[object]:
-        """Gives the recordings: after a restart they are told again, once who records them is connected."""
+        """Gives the recordings: after a restart they are told again, once who records them is
+        connected."""
         if self._restored and not self._judged:
             return []
         m, offset_s = self.machine, self._time_of_day.offset_s
@@ -273,7 +323,16 @@ class MissionPort:
     def _instruction(self, order: Order, now_s: float) -> Instruction:
         a = order.arguments
         return Instruction(
-            order.vehicle, self.sender, order.number, Kind[order.kind], now_s, order.ordered_s,
-            order.expires_s - order.ordered_s, a.get("mode", ""), a.get("flag", False), 0.0, a.get("target"),
+            order.vehicle,
+            self.sender,
+            order.number,
+            Kind[order.kind],
+            now_s,
+            order.ordered_s,
+            order.expires_s - order.ordered_s,
+            a.get("mode", ""),
+            a.get("flag", False),
+            0.0,
+            a.get("target"),
             a.get("frame", ""),
-        )  # fmt: skip
+        )

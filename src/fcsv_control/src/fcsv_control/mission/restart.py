@@ -22,11 +22,15 @@ class RestartVerdict(Enum):
 
 
 def judge(memory: Memory, snapshot: Snapshot) -> Tuple[RestartVerdict, str]:
-    """What to do, and why in words. One vehicle in GUIDED is enough: nobody but this mission flies it."""
+    """What to do, and why in words. One vehicle in GUIDED is enough: nobody but this mission flies
+    it."""
     heard = [n for n, v in snapshot.vehicles.items() if v.state_age_s <= _FRESH_S]
     flying = [n for n in heard if snapshot.vehicles[n].armed]
     if memory.phase in FLOWN and in_guided(snapshot):
-        return RestartVerdict.TAKE_OVER, f"restarted in flight: takes over {', '.join(in_guided(snapshot))}"
+        return (
+            RestartVerdict.TAKE_OVER,
+            f"restarted in flight: takes over {', '.join(in_guided(snapshot))}",
+        )
     braking = [n for n in flying if snapshot.vehicles[n].mode == "BRAKE"]
     if braking and memory.phase in BY_HOME:
         return RestartVerdict.STOPPED, f"restarted: {', '.join(braking)} found in BRAKE"
@@ -34,14 +38,24 @@ def judge(memory: Memory, snapshot: Snapshot) -> Tuple[RestartVerdict, str]:
         return RestartVerdict.LAND, f"restarted while landing: {memory.detail}"
     unheard = [n for n in snapshot.vehicles if n not in heard]
     if unheard:
-        return RestartVerdict.WAIT, f"restarted: goes on or begins anew once {', '.join(unheard)} is heard"
+        return (
+            RestartVerdict.WAIT,
+            f"restarted: goes on or begins anew once {', '.join(unheard)} is heard",
+        )
     if not flying:
         return RestartVerdict.ANEW, "restarted while nobody flies: a new mission begins"
     if memory.phase in FLOWN and any(snapshot.vehicles[n].mode == "LAND" for n in flying):
         return RestartVerdict.LAND, f"restarted: {', '.join(flying)} found coming down"
-    return RestartVerdict.ANEW, f"restarted: {', '.join(flying)} flown by hand: begins anew, calibrate again"
+    return (
+        RestartVerdict.ANEW,
+        f"restarted: {', '.join(flying)} flown by hand: begins anew, calibrate again",
+    )
 
 
 def in_guided(snapshot: Snapshot) -> List[str]:
     """Vehicles that fly in GUIDED, by a fresh state."""
-    return [n for n, v in snapshot.vehicles.items() if v.state_age_s <= _FRESH_S and v.armed and v.mode == "GUIDED"]
+    return [
+        n
+        for n, v in snapshot.vehicles.items()
+        if v.state_age_s <= _FRESH_S and v.armed and v.mode == "GUIDED"
+    ]

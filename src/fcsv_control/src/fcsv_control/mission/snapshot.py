@@ -18,7 +18,8 @@ class VehicleView:
 
     pose_age_s: float = _INF
     speed_mps: float = _INF
-    v_home_mps: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,), once calibration and home are known
+    # (3,), once calibration and home are known
+    v_home_mps: np.ndarray = field(default_factory=lambda: np.zeros(3))
     height_m: float = 0.0  # by the autopilot's estimate, above where it stood disarmed
     state_age_s: float = _INF
     connected: bool = False
@@ -32,10 +33,12 @@ class VehicleView:
     pictures: Optional[int] = None  # recorded so far, None where unknown
     guarded: str = ""  # what its guardian does, and why
     lost: bool = False  # its place is the last one before its tracker failed
-    astray_m: float = 0.0  # so far from its last place, horizontally, it may be: it is lost, or silent
+    # so far from its last place, horizontally, it may be: it is lost, or silent
+    astray_m: float = 0.0
     frame_problem: str = ""  # why its odometry frame is not the one that was calibrated
     p_home_tag: Optional[np.ndarray] = None  # (3,) of the tag that it carries, by its own tracker
-    p_home_front_tag: Optional[np.ndarray] = None  # (3,) of the tag in front, as it sees it now by its own tracker
+    # (3,) of the tag in front, as it sees it now by its own tracker
+    p_home_front_tag: Optional[np.ndarray] = None
     sighted_off: str = ""  # what was seen elsewhere than trackers say (TagInFront, PairsSeen)
 
 
@@ -49,8 +52,9 @@ class RecorderView:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """All vehicles, and T_home_odom and T_body_cam of each where known; ``recorder`` None: none is asked for.
-    ``clock_set``: how often this machine's time of day was set. ``slows_mps2``: by how much who stops slows down."""
+    """All vehicles, and T_home_odom and T_body_cam of each where known; ``recorder`` None: none is
+    asked for. ``clock_set``: how often this machine's time of day was set. ``slows_mps2``: by how
+    much who stops slows down."""
 
     now_s: float
     vehicles: Dict[str, VehicleView]
@@ -65,5 +69,8 @@ class Snapshot:
         return self.vehicles[name].T_home_cam[:3, 3]
 
     def p_home_stop(self, name: str) -> np.ndarray:
-        """Where it comes to a stand that is told now to stop or to land; only where its place is known."""
-        return separation.stop_m(self.p_home_cam(name), self.vehicles[name].v_home_mps, self.slows_mps2)
+        """Where it comes to a stand that is told now to stop or to land; only where its place is
+        known."""
+        return separation.stop_m(
+            self.p_home_cam(name), self.vehicles[name].v_home_mps, self.slows_mps2
+        )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``rosrun fcsv_control parameters``: an autopilot's parameters compared with a profile, written, saved."""
+"""``rosrun fcsv_control parameters``: an autopilot's parameters compared with a profile, written,
+saved."""
 
 import argparse
 import math
@@ -39,8 +40,8 @@ def main(argv: Optional[List[str]] = None) -> int:
 
 
 def _profile(args) -> Profile:
-    """Reads the profile with the stream rates of the autopilot's port that the option, or else the line, names; a file
-    is no line."""
+    """Reads the profile with the stream rates of the autopilot's port that the option, or else the
+    line, names; a file is no line."""
     port = args.port
     if port is None:
         port = 0 if Path(args.source).is_file() else port_of(args.source)
@@ -59,10 +60,14 @@ def _table(profile: Profile, values: Dict[str, float], unknown: List[str]) -> in
     for rule in sorted(wrong, key=lambda rule: not rule.must):
         print(f"{_level(rule.must)}  {rule.complaint(values[rule.name])}")
     for name in unknown:
-        print(f"{_level(profile.rule(name).must)}  {name} is not known there: has this firmware another name for it?")
+        print(
+            f"{_level(profile.rule(name).must)}  {name} is not known there: has this firmware another name for it?"
+        )
     blocks = sum(rule.must for rule in wrong) + sum(profile.rule(name).must for name in unknown)
     advised = len(wrong) + len(unknown) - blocks
-    print(f"{profile.name}: {len(profile.rules)} parameters, {blocks} that must be otherwise, {advised} that should be")
+    print(
+        f"{profile.name}: {len(profile.rules)} parameters, {blocks} that must be otherwise, {advised} that should be"
+    )
     return 1 if blocks else 0
 
 
@@ -84,13 +89,19 @@ def _values(args, profile: Profile) -> Tuple[Dict[str, float], List[str]]:
 def _write(args) -> int:
     profile = _profile(args)
     exactly = bool(args.values or args.set)
-    wanted = parameter_files.read(args.values) if args.values else {} if args.set else profile.values
+    wanted = (
+        parameter_files.read(args.values) if args.values else {} if args.set else profile.values
+    )
     wanted.update(args.set or ())
     if args.must and not exactly:
         wanted = {n: v for n, v in wanted.items() if profile.rule(n).must}
     with _vehicle(args) as vehicle:
         read, unknown = vehicle.read(wanted)
-        due = {n: v for n, v in wanted.items() if n in read and not _same(profile, exactly, n, v, read[n][0])}
+        due = {
+            n: v
+            for n, v in wanted.items()
+            if n in read and not _same(profile, exactly, n, v, read[n][0])
+        }
         for name, value in due.items():
             print(f"{name} {read[name][0]:g} -> {value:g}")
         for name in unknown:
@@ -101,9 +112,13 @@ def _write(args) -> int:
         failed = vehicle.write(due)
         for line in failed:
             print(f"not written: {line}")
-        print(f"wrote {len(due) - len(failed)} of {len(due)} to the {vehicle.firmware} with system id {vehicle.system}")
+        print(
+            f"wrote {len(due) - len(failed)} of {len(due)} to the {vehicle.firmware} with system id {vehicle.system}"
+        )
         if due:
-            print("restart the autopilot, then compare: some count from its start, and some appear with others")
+            print(
+                "restart the autopilot, then compare: some count from its start, and some appear with others"
+            )
         return 1 if failed else 0
 
 
@@ -137,7 +152,9 @@ def _save(args) -> int:
 
 def _vehicle(args) -> Vehicle:
     if "/" not in args.source and ":" not in args.source:
-        raise ProfileError(f"'{args.source}' is neither a file nor a line (tcp:HOST:PORT, udpin:HOST:PORT, /dev/...)")
+        raise ProfileError(
+            f"'{args.source}' is neither a file nor a line (tcp:HOST:PORT, udpin:HOST:PORT, /dev/...)"
+        )
     return Vehicle(args.source, args.system, key=read_key(args.key) if args.key else None)
 
 
@@ -157,9 +174,11 @@ def _assignment(text: str) -> Tuple[str, float]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="parameters", description="An autopilot's parameters: compare with a profile, write it, save all.",
-        epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+        prog="parameters",
+        description="An autopilot's parameters: compare with a profile, write it, save all.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     actions = parser.add_subparsers(dest="action", required=True, metavar="compare|write|save")
     for name, words in (
         ("compare", "name what is not as the profile says"),
@@ -168,7 +187,9 @@ def _parser() -> argparse.ArgumentParser:
     ):
         action = actions.add_parser(name, help=words)
         action.add_argument("source", metavar="SOURCE" if name == "compare" else "LINE")
-        action.add_argument("--system", type=int, default=0, help="system id (default: the first that is heard)")
+        action.add_argument(
+            "--system", type=int, default=0, help="system id (default: the first that is heard)"
+        )
         action.add_argument("--key", metavar="FILE", help="key with which the line is signed")
         if name != "save":
             action.add_argument("--profile", default=_PROFILE, help="(default %(default)s)")
@@ -176,10 +197,16 @@ def _parser() -> argparse.ArgumentParser:
             action.add_argument("--port", type=int, choices=range(7), help=words)
         if name == "write":
             action.add_argument("--must", action="store_true", help="only what must be so")
-            action.add_argument("--values", metavar="FILE", help="set what this file holds instead, exactly")
+            action.add_argument(
+                "--values", metavar="FILE", help="set what this file holds instead, exactly"
+            )
             words = "set this one alone, or beside FILE's; may be given several times"
-            action.add_argument("--set", metavar="NAME=VALUE", type=_assignment, action="append", help=words)
+            action.add_argument(
+                "--set", metavar="NAME=VALUE", type=_assignment, action="append", help=words
+            )
             action.add_argument("--dry-run", action="store_true", help="print only")
         if name == "save":
-            action.add_argument("-o", "--output", required=True, help=".param, or .params for QGroundControl")
+            action.add_argument(
+                "-o", "--output", required=True, help=".param, or .params for QGroundControl"
+            )
     return parser

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading and writing an autopilot's parameters over a line that loses messages: values and time in, questions out."""
+"""Reading and writing an autopilot's parameters over a line that loses messages: values and time
+in, questions out."""
 
 import math
 from typing import Dict, Generic, Iterable, List, Mapping, Optional, Tuple, TypeVar
@@ -37,7 +38,10 @@ class Asker(Generic[Key]):
 
     def over(self, now_s: float) -> bool:
         """All are answered or given up."""
-        return all(n >= self._most and now_s - self._asked_s[k] >= _PATIENCE_S for k, n in self._tries.items())
+        return all(
+            n >= self._most and now_s - self._asked_s[k] >= _PATIENCE_S
+            for k, n in self._tries.items()
+        )
 
     @property
     def open(self) -> List[Key]:
@@ -79,7 +83,9 @@ class WholeRead:
         self._asker: Optional[Asker[int]] = None
         self._list_tries, self._heard_s = 0, -math.inf
 
-    def take(self, now_s: float, name: str, value: float, kind: int, count: int, index: int) -> None:
+    def take(
+        self, now_s: float, name: str, value: float, kind: int, count: int, index: int
+    ) -> None:
         """A PARAM_VALUE came; one outside of the list has another count or index."""
         self.values[name] = (value, kind)
         self._heard_s = now_s
@@ -139,5 +145,8 @@ class Write:
     @property
     def failed(self) -> List[str]:
         """A line for each that is not as it was set."""
-        says = {n: f"it keeps {self.kept[n]:g}" if n in self.kept else "no answer" for n in self._asker.open}
+        says = {
+            n: f"it keeps {self.kept[n]:g}" if n in self.kept else "no answer"
+            for n in self._asker.open
+        }
         return [f"{n} {self._wanted[n]:g}: {says[n]}" for n in says]

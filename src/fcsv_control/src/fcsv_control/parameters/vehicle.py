@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An autopilot on a line, for its parameters and its key: it is asked nothing else, and gets no origin and no poses."""
+"""An autopilot on a line, for its parameters and its key: it is asked nothing else, and gets no
+origin and no poses."""
 
 import os
 
@@ -20,7 +21,8 @@ from fcsv_control.parameters.transfer import TRIES, NamedRead, Value, WholeRead,
 _M = mavutil.mavlink
 _AUTOPILOT, _COMPANION = _M.MAV_COMP_ID_AUTOPILOT1, _M.MAV_COMP_ID_ONBOARD_COMPUTER4
 _POLL_S = 0.02
-_SECOND_S = 1.5  # after another firmware's heartbeat an ArduCopter's may come, which speaks once a second
+# after another firmware's heartbeat an ArduCopter's may come, which speaks once a second
+_SECOND_S = 1.5
 _COMPLAINS_S = 0.5  # at most, after what it does not take
 _ANY = _M.MAV_PARAM_TYPE_REAL32  # ArduPilot goes by its own
 
@@ -28,11 +30,13 @@ Progress = Callable[[int, int], None]  # so many are there, of so many
 
 
 class Vehicle:
-    """Connects to the ArduCopter at ``url`` (as the flight link's ``fcu_url``), ``system`` 0: the first one heard;
-    ``key``: with which the line is signed.
-    Raises LinkError where nobody speaks, or another firmware does. As a context it closes its line."""
+    """Connects to the ArduCopter at ``url`` (as the flight link's ``fcu_url``), ``system`` 0: the
+    first one heard; ``key``: with which the line is signed. Raises LinkError where nobody speaks,
+    or another firmware does. As a context it closes its line."""
 
-    def __init__(self, url: str, system: int = 0, patience_s: float = 10.0, key: Optional[bytes] = None):
+    def __init__(
+        self, url: str, system: int = 0, patience_s: float = 10.0, key: Optional[bytes] = None
+    ):
         self.system, self.armed, self.firmware = system, False, ""
         self._identities = Identities()
         self._line = Transport(url, key)
@@ -48,7 +52,11 @@ class Vehicle:
         if self.firmware != firmware.COPTER:
             self.close()
             who = f" with system id {system}" if system else ""
-            said = f"{self.firmware} speaks; only {firmware.COPTER} is flown" if self.firmware else f"no autopilot{who}"
+            said = (
+                f"{self.firmware} speaks; only {firmware.COPTER} is flown"
+                if self.firmware
+                else f"no autopilot{who}"
+            )
             raise LinkError(f"at '{url}': {said}")
 
     def read(self, names: Iterable[str], tries: int = TRIES) -> Tuple[Dict[str, Value], List[str]]:
@@ -71,10 +79,19 @@ class Vehicle:
             for index in indices:
                 self._send("param_request_read", self.system, _AUTOPILOT, b"", index)
             for m in self._heard():
-                reading.take(time.monotonic(), m.param_id, m.param_value, m.param_type, m.param_count, m.param_index)
+                reading.take(
+                    time.monotonic(),
+                    m.param_id,
+                    m.param_value,
+                    m.param_type,
+                    m.param_count,
+                    m.param_index,
+                )
             progress(len(reading.values), reading.count)
         if not reading.complete:
-            raise LinkError(f"only {len(reading.values)} of {reading.count} parameters came: try again")
+            raise LinkError(
+                f"only {len(reading.values)} of {reading.count} parameters came: try again"
+            )
         return reading.values
 
     def write(self, values: Mapping[str, float]) -> List[str]:
@@ -82,7 +99,9 @@ class Vehicle:
         writing = Write(values)
         while not writing.over(time.monotonic()):
             if self.armed:
-                raise LinkError("it is armed: parameters are written on the ground, with motors off")
+                raise LinkError(
+                    "it is armed: parameters are written on the ground, with motors off"
+                )
             for name, value in writing.due(time.monotonic()):
                 self._send("param_set", self.system, _AUTOPILOT, name.encode(), value, _ANY)
             for m in self._heard():
@@ -90,8 +109,9 @@ class Vehicle:
         return writing.failed
 
     def set_up_signing(self, key: Optional[bytes]) -> None:
-        """Give it a key of 32 bytes; None takes its key away. It does not say that it did: what it complains of is in
-        ``complaints``, and who signs is heard. Raises LinkError while it is armed: it would not take it."""
+        """Give it a key of 32 bytes; None takes its key away. It does not say that it did: what it
+        complains of is in ``complaints``, and who signs is heard. Raises LinkError while it is
+        armed: it would not take it."""
         if self.armed:
             raise LinkError("it is armed: keys are set on the ground, with motors off")
         stamp = 0 if key is None else ticks(time.time())
@@ -124,12 +144,20 @@ class Vehicle:
 
     def _take(self, m) -> None:
         system = m.get_srcSystem()
-        if m.get_type() == "HEARTBEAT" and self.system in (0, system) and self._identities.is_own(time.monotonic(), m):
+        if (
+            m.get_type() == "HEARTBEAT"
+            and self.system in (0, system)
+            and self._identities.is_own(time.monotonic(), m)
+        ):
             self.system, self.firmware = system, firmware.name_of(m)
             self.armed = bool(m.base_mode & _M.MAV_MODE_FLAG_SAFETY_ARMED)
         elif m.get_type() == "PARAM_VALUE" and m.get_srcSystem() == self.system:
             self._values.append(m)
-        elif m.get_type() == "STATUSTEXT" and m.get_srcSystem() == self.system and "signing" in m.text:
+        elif (
+            m.get_type() == "STATUSTEXT"
+            and m.get_srcSystem() == self.system
+            and "signing" in m.text
+        ):
             self.complaints.append(m.text)
 
     def _send(self, kind: str, *fields) -> None:

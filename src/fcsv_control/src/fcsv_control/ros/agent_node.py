@@ -49,7 +49,8 @@ class AgentParameters:
     set_point_rate_hz: float = 10.0
     service_timeout_s: float = 3.0
     maintenance: bool = False  # commands may ask for any mode; never in a flight with people about
-    guardian: bool = True  # nothing is handed over without a living one; never False with people about
+    # nothing is handed over without a living one; never False with people about
+    guardian: bool = True
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self):
@@ -65,7 +66,8 @@ class AgentParameters:
 
 
 class AgentNode:
-    """Requests to the flight link run in threads of their own, so that a slow service blocks nothing."""
+    """Requests to the flight link run in threads of their own, so that a slow service blocks
+    nothing."""
 
     def __init__(self):
         p = node.parameters(AgentParameters)
@@ -79,7 +81,9 @@ class AgentNode:
             "mavros/setpoint_position/local", PoseStamped, queue_size=1, tcp_nodelay=True
         )
         self._pictures = rospy.Publisher("recorder/pictures", Bool, queue_size=1, latch=True)
-        self._asks = rospy.Publisher("flight_link/mode_asked", ModeAsked, queue_size=10, tcp_nodelay=True)
+        self._asks = rospy.Publisher(
+            "flight_link/mode_asked", ModeAsked, queue_size=10, tcp_nodelay=True
+        )
         self._set_mode = rospy.ServiceProxy("mavros/set_mode", SetMode)
         self._arming = rospy.ServiceProxy("mavros/cmd/arming", CommandBool)
         self._takeoff = rospy.ServiceProxy("mavros/cmd/takeoff", CommandTOL)
@@ -124,7 +128,7 @@ class AgentNode:
             self._send_ack(Ack(message.sender, message.number, CommandAck.REFUSED, str(error)))
             return None
 
-    # ---- what is done --------------------------------------------------------------------------------------
+    # ---- what is done ----------------------------------------------------------------------------
 
     def _receive(self, message: object) -> None:
         with self._lock:
@@ -139,13 +143,21 @@ class AgentNode:
 
     def _live(self, m: AgentAlive) -> None:
         self._health.problem("second agent", m.problem)
-        self._alive.publish(Heartbeat(self._header(), m.instance, m.started_s, m.sent_s, m.commander, m.problem))
+        self._alive.publish(
+            Heartbeat(self._header(), m.instance, m.started_s, m.sent_s, m.commander, m.problem)
+        )
 
     def _send_ask(self, ask: Ask) -> None:
-        threading.Thread(target=self._call, args=(ask,), name=ask.kind.name.lower(), daemon=True).start()
+        threading.Thread(
+            target=self._call, args=(ask,), name=ask.kind.name.lower(), daemon=True
+        ).start()
 
     def _call(self, ask: Ask) -> None:
-        service = {Kind.SET_MODE: self._set_mode, Kind.ARM: self._arming, Kind.TAKEOFF: self._takeoff}[ask.kind]
+        service = {
+            Kind.SET_MODE: self._set_mode,
+            Kind.ARM: self._arming,
+            Kind.TAKEOFF: self._takeoff,
+        }[ask.kind]
         try:
             rospy.wait_for_service(service.resolved_name, timeout=self._timeout_s)
             if ask.kind is Kind.SET_MODE:
@@ -156,16 +168,22 @@ class AgentNode:
                 took = service(0, 0, 0, 0, ask.altitude_m).success
             self._receive(AskAnswered(ask.number, took))
         except (rospy.ServiceException, rospy.ROSException) as error:
-            self._receive(AskAnswered(ask.number, False, str(error) or "the flight link did not answer"))
+            self._receive(
+                AskAnswered(ask.number, False, str(error) or "the flight link did not answer")
+            )
 
     def _send_ack(self, ack: Ack) -> None:
         if ack.result != DONE:
             self._health.drop("command", ack.reason)
-        self._acks.publish(CommandAck(self._header(), self._name, ack.sender, ack.number, ack.result, ack.reason))
+        self._acks.publish(
+            CommandAck(self._header(), self._name, ack.sender, ack.number, ack.result, ack.reason)
+        )
 
     def _send_set_point(self, output: SetPoint) -> None:
         frame = frames.odom(self._name)
-        self._set_points.publish(conversions.pose_stamped(output.T_odom_body, rospy.get_time(), frame))
+        self._set_points.publish(
+            conversions.pose_stamped(output.T_odom_body, rospy.get_time(), frame)
+        )
 
     def _say(self, output: AgentText) -> None:
         rospy.logerr("%s", output.text)

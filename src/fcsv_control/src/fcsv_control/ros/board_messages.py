@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What processes on board hear of each other and of the mission, as the dataclasses of their ports."""
+"""What processes on board hear of each other and of the mission, as the dataclasses of their
+ports."""
 
 from typing import Any, Callable
 
@@ -11,7 +12,14 @@ from nav_msgs.msg import Odometry
 from fcsv_control.agent.messages import Ack, AgentAlive, Instruction, Kind
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.errors import ControlError
-from fcsv_control.flight.messages import AutopilotLimits, EstimateMoved, HomeHeard, LinkLives, PoseEstimated, PoseFed
+from fcsv_control.flight.messages import (
+    AutopilotLimits,
+    EstimateMoved,
+    HomeHeard,
+    LinkLives,
+    PoseEstimated,
+    PoseFed,
+)
 from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_control.guardian.port import MissionFence
 from fcsv_control.tracker_confidence import confidence
@@ -27,8 +35,8 @@ _PREARM = {LinkHealth.PREARM_READY: True, LinkHealth.PREARM_NOT_READY: False}
 def taking(
     topic: str, take: Callable[[Any], object], receive: Callable[[object], None], health: Health
 ) -> Callable[[Any], None]:
-    """A callback that receives each message as the port's: what holds no pose is dropped and counted, what ``take``
-    gives as None is passed over."""
+    """A callback that receives each message as the port's: what holds no pose is dropped and
+    counted, what ``take`` gives as None is passed over."""
 
     def came(message) -> None:
         try:
@@ -50,9 +58,19 @@ def instruction_of(m: Command) -> Instruction:
         raise ControlError(f"command kind {m.kind} is not known") from error
     target = conversions.pose_to_transform(m.target.pose) if kind is Kind.GOTO else None
     return Instruction(
-        m.vehicle, m.sender, m.number, kind, m.sent_s, m.ordered_s, m.lifetime_s, m.mode, bool(m.flag), m.altitude_m,
-        target, m.target.header.frame_id,
-    )  # fmt: skip
+        m.vehicle,
+        m.sender,
+        m.number,
+        kind,
+        m.sent_s,
+        m.ordered_s,
+        m.lifetime_s,
+        m.mode,
+        bool(m.flag),
+        m.altitude_m,
+        target,
+        m.target.header.frame_id,
+    )
 
 
 def ack_of(m: CommandAck) -> Ack:
@@ -93,10 +111,24 @@ def home_above_of(m: PointStamped) -> HomeHeard:
 def link_lives_of(m: LinkHealth) -> LinkLives:
     """What the flight link tells of itself."""
     return LinkLives(
-        m.doubt, m.ekf_variance, m.throttle, m.throttle_age_s, m.system_status, m.origin_set, m.parameters_ok,
-        m.parameter, None if m.in_the_air < 0 else bool(m.in_the_air), m.connected, m.pid, m.ekf_flags, m.ekf_age_s,
-        m.feed_rate_hz, m.feed_age_s, m.estimate_apart_m, _PREARM.get(m.prearm),
-    )  # fmt: skip
+        m.doubt,
+        m.ekf_variance,
+        m.throttle,
+        m.throttle_age_s,
+        m.system_status,
+        m.origin_set,
+        m.parameters_ok,
+        m.parameter,
+        None if m.in_the_air < 0 else bool(m.in_the_air),
+        m.connected,
+        m.pid,
+        m.ekf_flags,
+        m.ekf_age_s,
+        m.feed_rate_hz,
+        m.feed_age_s,
+        m.estimate_apart_m,
+        _PREARM.get(m.prearm),
+    )
 
 
 def limits_of(m: ParameterReport) -> AutopilotLimits:
@@ -120,5 +152,13 @@ def verdict_of(m: GuardianState) -> GuardianVerdict:
     """What a guardian tells."""
     going_to_m = (m.going_to.x, m.going_to.y, m.going_to.z) if m.sent else None
     return GuardianVerdict(
-        m.action, m.holds, m.uncontrolled, tuple(m.reasons), tuple(m.forbids), m.lost, m.taken, going_to_m, m.lost_s
+        m.action,
+        m.holds,
+        m.uncontrolled,
+        tuple(m.reasons),
+        tuple(m.forbids),
+        m.lost,
+        m.taken,
+        going_to_m,
+        m.lost_s,
     )

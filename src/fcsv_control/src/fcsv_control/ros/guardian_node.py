@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The guardian on board as a node: topics and the flight link's service around its port.
 
-It hears its own vehicle on the vehicle's own master, and the others and the control PC over the radio while
-there is one.
+It hears its own vehicle on the vehicle's own master, and the others and the control PC over the
+radio while there is one.
 """
 
 import os
@@ -58,7 +58,8 @@ class GuardianParameters:
 
 
 class GuardianNode:
-    """Modes are asked for in threads of their own, one per mode, so that a slow service blocks nothing."""
+    """Modes are asked for in threads of their own, one per mode, so that a slow service blocks
+    nothing."""
 
     def __init__(self):
         p = node.parameters(GuardianParameters)
@@ -66,17 +67,24 @@ class GuardianNode:
         self._port = GuardianPort(p.vehicle, p.rules, time.monotonic())
         self._asking: Dict[str, threading.Thread] = {}
         self._health = Health(p.vehicle)
-        self._states = rospy.Publisher("guardian/state", GuardianState, queue_size=5, latch=True, tcp_nodelay=True)
+        self._states = rospy.Publisher(
+            "guardian/state", GuardianState, queue_size=5, latch=True, tcp_nodelay=True
+        )
         self._texts = rospy.Publisher("guardian/said", StatusText, queue_size=20)
         self._set_points = rospy.Publisher(
             "mavros/setpoint_position/local", PoseStamped, queue_size=1, tcp_nodelay=True
         )
-        self._asks = rospy.Publisher("flight_link/mode_asked", ModeAsked, queue_size=10, tcp_nodelay=True)
+        self._asks = rospy.Publisher(
+            "flight_link/mode_asked", ModeAsked, queue_size=10, tcp_nodelay=True
+        )
         self._set_mode = rospy.ServiceProxy("mavros/set_mode", SetMode)
         self._do: Dict[type, Callable[[Any], None]] = {
-            AskMode: lambda o: self._ask(o.mode), HoldAt: self._hold, RestartLink: self._end_link, Warned: self._say,
+            AskMode: lambda o: self._ask(o.mode),
+            HoldAt: self._hold,
+            RestartLink: self._end_link,
+            Warned: self._say,
             GuardianVerdict: self._publish,
-        }  # fmt: skip
+        }
         self._subscribe([v for v in p.vehicles if v != p.vehicle])
         self._timer = node.every(1.0 / _STEP_HZ, self._step)
 
@@ -90,8 +98,14 @@ class GuardianNode:
         hear("mavros/vision_pose/pose", PoseStamped, convert.fed_of)
         hear("mavros/local_position/pose", PoseStamped, convert.estimated_of)
         hear("odometry/state", Odometry, lambda m: TrackerConfidence(convert.confidence_of(m)))
-        hear("mavros/state", State, lambda m: tm.VehicleState(own, "", m.mode, m.armed, m.connected))
-        hear("mavros/battery", BatteryState, lambda m: tm.BatteryCharge(own, "", conversions.battery_share(m)))
+        hear(
+            "mavros/state", State, lambda m: tm.VehicleState(own, "", m.mode, m.armed, m.connected)
+        )
+        hear(
+            "mavros/battery",
+            BatteryState,
+            lambda m: tm.BatteryCharge(own, "", conversions.battery_share(m)),
+        )
         hear("flight_link/health", LinkHealth, convert.link_lives_of)
         hear("flight_link/parameters", ParameterReport, convert.limits_of)
         hear("flight_link/mode_asked", ModeAsked, self._asked_by_others)
@@ -106,7 +120,9 @@ class GuardianNode:
         telemetry.hear_epochs(self._receive)
         telemetry.hear_relay(self._receive, f"/{own}")
         for name in others:
-            telemetry.hear(name, [tm.VehicleOdometry, tm.VehicleState], self._receive, self._health, TOPICS)
+            telemetry.hear(
+                name, [tm.VehicleOdometry, tm.VehicleState], self._receive, self._health, TOPICS
+            )
             guarded = lambda m, name=name: OtherGuarded(name, convert.verdict_of(m))  # noqa: E731
             hear(f"/{name}/guardian/state", GuardianState, guarded)
 
@@ -119,7 +135,7 @@ class GuardianNode:
         own = publisher_of(message) == rospy.get_name()
         return None if own else flight.ModeAsked(message.mode)
 
-    # ---- what is done --------------------------------------------------------------------------------------
+    # ---- what is done ----------------------------------------------------------------------------
 
     def _step(self, _event) -> None:
         with self._lock:
@@ -129,13 +145,17 @@ class GuardianNode:
 
     def _hold(self, output: HoldAt) -> None:
         frame = frames.odom(self._name)
-        self._set_points.publish(conversions.pose_stamped(output.T_odom_body, rospy.get_time(), frame))
+        self._set_points.publish(
+            conversions.pose_stamped(output.T_odom_body, rospy.get_time(), frame)
+        )
 
     def _ask(self, mode: str) -> None:
         self._asks.publish(ModeAsked(conversions.header(rospy.get_time(), ""), mode))
         running = self._asking.get(mode)
         if running is None or not running.is_alive():
-            thread = threading.Thread(target=self._ask_now, args=(mode,), name=f"guardian {mode}", daemon=True)
+            thread = threading.Thread(
+                target=self._ask_now, args=(mode,), name=f"guardian {mode}", daemon=True
+            )
             self._asking[mode] = thread
             thread.start()
 
@@ -147,33 +167,49 @@ class GuardianNode:
             rospy.logerr("%s: %s cannot be asked for: %s", self._name, mode, error)
 
     def _end_link(self, output: RestartLink) -> None:
-        """roslaunch starts it again. Only a process that is the flight link still: numbers are given again."""
+        """roslaunch starts it again. Only a process that is the flight link still: numbers are
+        given again."""
         try:
             with open(f"/proc/{output.pid}/cmdline", "rb") as file:
                 if b"flight_link" in file.read():
                     os.kill(output.pid, signal.SIGKILL)
-                    rospy.logerr("%s: the flight link hung and was ended; it starts again", self._name)
+                    rospy.logerr(
+                        "%s: the flight link hung and was ended; it starts again", self._name
+                    )
         except OSError as error:
             rospy.logerr("%s: the flight link is silent and cannot be ended: %s", self._name, error)
 
     def _say(self, warned: Warned) -> None:
         rospy.logerr("guardian of %s", warned.text)
         severity = StatusText.ALERT if warned.acts else StatusText.CRITICAL
-        self._texts.publish(StatusText(conversions.header(rospy.get_time(), ""), severity, warned.text))
+        self._texts.publish(
+            StatusText(conversions.header(rospy.get_time(), ""), severity, warned.text)
+        )
 
     def _publish(self, v: GuardianVerdict) -> None:
         self._health.problem("guardian", f"{self._name}: {v.in_words}" if v.action else "")
         self._health.value("not to be handed over", "; ".join(v.forbids) or "nothing against it")
         wrong = [text for text in v.forbids if text != STICK]  # pilots who fly move their sticks
-        self._health.problem("not to be handed over", f"{self._name}: {'; '.join(wrong)}" if wrong else "")
+        self._health.problem(
+            "not to be handed over", f"{self._name}: {'; '.join(wrong)}" if wrong else ""
+        )
         header = conversions.header(rospy.get_time(), "")
         self._states.publish(
             GuardianState(
-                header=header, vehicle=self._name, action=v.action, holds=v.holds, uncontrolled=v.uncontrolled,
-                lost=v.lost, lost_s=v.lost_s, taken=v.taken, sent=v.going_to_m is not None,
-                going_to=Point(*(v.going_to_m or ())), reasons=list(v.reasons), forbids=list(v.forbids),
+                header=header,
+                vehicle=self._name,
+                action=v.action,
+                holds=v.holds,
+                uncontrolled=v.uncontrolled,
+                lost=v.lost,
+                lost_s=v.lost_s,
+                taken=v.taken,
+                sent=v.going_to_m is not None,
+                going_to=Point(*(v.going_to_m or ())),
+                reasons=list(v.reasons),
+                forbids=list(v.forbids),
             )
-        )  # fmt: skip
+        )
 
 
 def main() -> int:

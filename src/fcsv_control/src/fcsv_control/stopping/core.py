@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stop or land everybody, without the mission: who is commanded, again and again until the mode shows, and who is not.
+"""Stop or land everybody, without the mission: who is commanded, again and again until the mode
+shows, and who is not.
 
 No ROS, no clock: states, acknowledgements and monotonic time in, commands and a report out.
 """
@@ -12,9 +13,11 @@ STOP, LAND = "stop", "land"
 REPEAT_S = 0.2
 _AGAIN_S = 1.0  # after an answer the mode must show within this time, or it is asked anew
 _UNHEARD_S = 3.0  # states come twice a second
-_MISSION_S = 1.0  # a mission that lives shows within this time that it lands everybody, upper vehicles aside first
+# a mission that lives shows within this time that it lands everybody, upper vehicles aside first
+_MISSION_S = 1.0
 _MODES = {STOP: "BRAKE", LAND: "LAND"}
-_COMMANDED = ("GUIDED", "BRAKE", "LAND", "")  # any other mode is a pilot's; the agent knows whose BRAKE and LAND are
+# any other mode is a pilot's; the agent knows whose BRAKE and LAND are
+_COMMANDED = ("GUIDED", "BRAKE", "LAND", "")
 _BY_HAND = "flown by hand"
 
 
@@ -47,7 +50,9 @@ class Report:
         """One line for the operator."""
         parts = [("done", self.done), ("under way", self.under_way), ("NOT HEARD", self.unheard)]
         said = [f"{what}: {', '.join(names)}" for what, names in parts if names]
-        said += [f"flown by hand, tell the pilot: {', '.join(self.by_hand)}"] if self.by_hand else []
+        said += (
+            [f"flown by hand, tell the pilot: {', '.join(self.by_hand)}"] if self.by_hand else []
+        )
         return "; ".join([f"{self.asked} all ({self.reason})", *said, *self.problems])
 
 
@@ -79,14 +84,18 @@ class StopAll:
         self._asked, self._orders = "", {}
 
     def state(self, now_s: float, name: str, mode: str, armed: bool) -> None:
-        """What a vehicle shows. Without a mode its link hears no autopilot (yet): what it showed before stays."""
+        """What a vehicle shows. Without a mode its link hears no autopilot (yet): what it showed
+        before stays."""
         seen = self._seen[name]
-        self._seen[name] = _Seen(mode, armed, now_s) if mode else _Seen(seen.mode, seen.armed, now_s)
+        self._seen[name] = (
+            _Seen(mode, armed, now_s) if mode else _Seen(seen.mode, seen.armed, now_s)
+        )
         if self._asked == STOP and mode == "BRAKE":
             self._stopped.add(name)
 
     def mission(self, now_s: float, phase: str) -> None:
-        """The mission lives; in LAND it lands everybody whom it flies, and knows who stands above whom."""
+        """The mission lives; in LAND it lands everybody whom it flies, and knows who stands above
+        whom."""
         if phase == "LAND":
             self._mission_lands_s = now_s
 
@@ -120,11 +129,13 @@ class StopAll:
         return report
 
     def _mission_does(self, now_s: float) -> bool:
-        return self._asked == LAND and max(self._since_s, self._mission_lands_s) > now_s - _MISSION_S
+        return (
+            self._asked == LAND and max(self._since_s, self._mission_lands_s) > now_s - _MISSION_S
+        )
 
     def _stands(self, name: str, seen: _Seen) -> bool:
-        """Whether a vehicle is where the call wants it. One that was stopped and lands now has a newer reason: its
-        guardian's, or that nobody confirmed for too long."""
+        """Whether a vehicle is where the call wants it. One that was stopped and lands now has a
+        newer reason: its guardian's, or that nobody confirmed for too long."""
         lands = seen.mode == "LAND" and name in self._stopped
         return not seen.armed or (self._asked == STOP and (seen.mode == "BRAKE" or lands))
 
@@ -137,7 +148,8 @@ class StopAll:
         answered_s = math.inf if order is None or order.answered_s is None else order.answered_s
         if order is None or now_s - answered_s > _AGAIN_S:
             self._number += 1
-            refused = "" if order is None else order.refused  # is said until there is another answer
+            # is said until there is another answer
+            refused = "" if order is None else order.refused
             order = self._orders[name] = StopOrder(name, self._number, mode, now_s, refused=refused)
         if order.answered_s is not None or now_s - order.sent_s < REPEAT_S:
             return None

@@ -15,7 +15,8 @@ _REPORT_S = 0.5
 
 
 class StopAllPort:
-    """Everybody of ``vehicles`` is stopped; ``sender``: as whom. Step it after each message, and often besides.
+    """Everybody of ``vehicles`` is stopped; ``sender``: as whom. Step it after each message, and
+    often besides.
 
     Gives StopCalled where the mission must hear of a call, then Instruction and Report.
     """
@@ -25,8 +26,8 @@ class StopAllPort:
         self._said, self._reported_s = "", -math.inf
 
     def receive(self, now_s: float, message: object) -> None:
-        """VehicleState, CommandAnswered, MissionPhase, StopCalled (by a topic) or StopOver came. Raises TypeError for
-        anything else."""
+        """VehicleState, CommandAnswered, MissionPhase, StopCalled (by a topic) or StopOver came.
+        Raises TypeError for anything else."""
         m = message
         if isinstance(m, VehicleState):
             self._core.state(now_s, m.vehicle, m.mode, m.armed)
@@ -44,8 +45,8 @@ class StopAllPort:
             raise TypeError(f"stop-all does not hear {type(message).__name__}")
 
     def serve(self, now_s: float, request: object) -> List[object]:
-        """The answer to StopCalled. The mission is told first: it must not order anything after it. Raises TypeError
-        for any other request."""
+        """The answer to StopCalled. The mission is told first: it must not order anything after it.
+        Raises TypeError for any other request."""
         if not isinstance(request, StopCalled):
             raise TypeError(f"stop-all does not serve {type(request).__name__}")
         self.receive(now_s, request)
@@ -67,7 +68,12 @@ class StopAllPort:
 
     def _instruction(self, order: StopOrder, now_s: float) -> Instruction:
         return Instruction(
-            order.vehicle, self._sender, order.number, Kind.SET_MODE, now_s, order.ordered_s, 0.0, order.mode
+            order.vehicle,
+            self._sender,
+            order.number,
+            Kind.SET_MODE,
+            now_s,
+            order.ordered_s,
+            0.0,
+            order.mode,
         )
-
-

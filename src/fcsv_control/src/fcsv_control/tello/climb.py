@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A take-off: the Tello's own to about a metre, then sticks up to the altitude by its own height."""
+"""A take-off: the Tello's own to about a metre, then sticks up to the altitude by its own
+height."""
 
 from typing import Optional, Union
 
@@ -23,11 +24,16 @@ class Climb:
         self._up_s: Optional[float] = None
         self.over, self.failed = False, ""
 
-    def step(self, now_s: float, in_the_air: bool, height_m: float) -> Union[TakeOffNow, Sticks, LandNow]:
+    def step(
+        self, now_s: float, in_the_air: bool, height_m: float
+    ) -> Union[TakeOffNow, Sticks, LandNow]:
         """What to do now."""
         if self._up_s is None and not in_the_air:
             if now_s - self._begun_s > self._rules.take_off_s:
-                self.over, self.failed = True, f"it did not leave the ground in {self._rules.take_off_s:g} s"
+                self.over, self.failed = (
+                    True,
+                    f"it did not leave the ground in {self._rules.take_off_s:g} s",
+                )
                 return LandNow()
             if now_s - self._asked_s >= self._rules.repeat_s:
                 self._asked_s = now_s

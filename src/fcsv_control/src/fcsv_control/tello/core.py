@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The decisions of an autopilot for a Tello, which has none of its own: modes, take-off, holding, landing, failsafes.
+"""The decisions of an autopilot for a Tello, which has none of its own: modes, take-off, holding,
+landing, failsafes.
 
-No ROS, no thread, no clock. ``now_s`` is monotonic. In GUIDED and BRAKE the PID flies by the tracker's poses; without
-fresh ones sticks are let go, and the Tello's own flow sensor holds. Whatever a pilot's stick says, he wins.
+No ROS, no thread, no clock. ``now_s`` is monotonic. In GUIDED and BRAKE the PID flies by the
+tracker's poses; without fresh ones sticks are let go, and the Tello's own flow sensor holds.
+Whatever a pilot's stick says, he wins.
 """
 
 import math
@@ -40,9 +42,12 @@ _LONGEST_STEP_S = 0.2
 
 
 class TelloCore:
-    """One Tello: what is heard, what is asked for, and ``step`` at 25 Hz; ``outgoing`` says what to do."""
+    """One Tello: what is heard, what is asked for, and ``step`` at 25 Hz; ``outgoing`` says what to
+    do."""
 
-    def __init__(self, name: str, pid: PidConfig, rules: TelloRules, observer: Optional[ObserverRules] = None):
+    def __init__(
+        self, name: str, pid: PidConfig, rules: TelloRules, observer: Optional[ObserverRules] = None
+    ):
         self._name, self._rules = name, rules
         self._pid = PositionPid(pid)
         self.tracking = Tracking(observer or ObserverRules(), pid.sticks, rules.doubt_s)
@@ -57,7 +62,7 @@ class TelloCore:
         self._battery_said = math.inf
         self._out: List[Output] = []
 
-    # ---- what is heard -------------------------------------------------------------------------------------------
+    # ---- what is heard ---------------------------------------------------------------------------
 
     def heard(self, now_s: float) -> None:
         """Any packet of the Tello."""
@@ -102,14 +107,18 @@ class TelloCore:
         self._pilot, self._pilot_s = sticks, now_s
         if self.flying and self.mode != PILOT and sticks.moved > self._rules.pilot_moved:
             self._climb = None
-            self._enter(now_s, PILOT, WARNING, f"the pilot's stick was moved in {self.mode}: he flies")
+            self._enter(
+                now_s, PILOT, WARNING, f"the pilot's stick was moved in {self.mode}: he flies"
+            )
 
-    # ---- what is asked for; each raises CommandRefused with the reason -------------------------------------------
+    # ---- what is asked for; each raises CommandRefused with the reason ---------------------------
 
     def set_mode(self, now_s: float, mode: str) -> None:
         """One of MODES."""
         if mode not in MODES:
-            raise CommandRefused(f"{self._name}: a Tello has no mode '{mode}'; it has {', '.join(MODES)}")
+            raise CommandRefused(
+                f"{self._name}: a Tello has no mode '{mode}'; it has {', '.join(MODES)}"
+            )
         if mode == GUIDED:
             self._require_guided(now_s)
         if mode != self.mode:
@@ -120,18 +129,22 @@ class TelloCore:
     def arm(self, value: bool) -> None:
         """A Tello arms by taking off, and disarms by landing."""
         if value != self.flying:
-            raise CommandRefused(f"{self._name}: a Tello's motors start with its take-off and stop with its landing")
+            raise CommandRefused(
+                f"{self._name}: a Tello's motors start with its take-off and stop with its landing"
+            )
 
     def take_off(self, now_s: float, altitude_m: float) -> None:
-        """Takes off to an altitude above where it stands, in a pilot's hands or, with a tracker that sees it, in
-        GUIDED."""
+        """Takes off to an altitude above where it stands, in a pilot's hands or, with a tracker
+        that sees it, in GUIDED."""
         r, report = self._rules, self.tracking.report
         if not self.state(now_s).connected or report is None:
             raise CommandRefused(f"{self._name}: no flight data; look at its Wi-Fi")
         if self.flying or self._climb is not None:
             raise CommandRefused(f"{self._name}: it flies, or is taking off already")
         if not 0.5 <= altitude_m <= r.highest_m:
-            raise CommandRefused(f"{self._name}: altitude {altitude_m:g} m is not in 0.5..{r.highest_m:g}")
+            raise CommandRefused(
+                f"{self._name}: altitude {altitude_m:g} m is not in 0.5..{r.highest_m:g}"
+            )
         if not report.battery_share > r.warn_battery:
             raise CommandRefused(f"{self._name}: battery at {report.battery_share:.0%}: charge it")
         if self.mode not in (PILOT, GUIDED):
@@ -147,11 +160,13 @@ class TelloCore:
         if doubt:
             raise CommandRefused(f"{self._name}: {doubt}")
         if self.tracking.steady_s(now_s, r.feed_old_s) < r.feed_steady_s:
-            raise CommandRefused(f"{self._name}: GUIDED needs poses of the tracker for {r.feed_steady_s:g} s")
+            raise CommandRefused(
+                f"{self._name}: GUIDED needs poses of the tracker for {r.feed_steady_s:g} s"
+            )
         if self.state(now_s).battery_share < r.land_battery:
             raise CommandRefused(f"{self._name}: battery below {r.land_battery:.0%}")
 
-    # ---- time ----------------------------------------------------------------------------------------------------
+    # ---- time ------------------------------------------------------------------------------------
 
     def step(self, now_s: float) -> None:
         """Failsafes, then sticks."""
@@ -180,27 +195,38 @@ class TelloCore:
         """What is shown."""
         report = self.tracking.report
         return TelloState(
-            now_s - self._heard_s <= self._rules.silent_s, self.flying, self.mode,
-            None if report is None else report.in_the_air, math.nan if report is None else report.battery_share,
+            now_s - self._heard_s <= self._rules.silent_s,
+            self.flying,
+            self.mode,
+            None if report is None else report.in_the_air,
+            math.nan if report is None else report.battery_share,
             self.tracking.height_m,
-        )  # fmt: skip
+        )
 
     def pilot_stick(self, now_s: float) -> Sticks:
         """The pilot's sticks while he is heard."""
         return self._pilot if now_s - self._pilot_s <= self._rules.pilot_old_s else Sticks()
 
-    # ---- failsafes -----------------------------------------------------------------------------------------------
+    # ---- failsafes -------------------------------------------------------------------------------
 
     def _watch_wifi(self, now_s: float) -> None:
         silent_s, r = now_s - self._heard_s, self._rules
         if silent_s > r.silent_s and not self._silent:
             self._silent = True
-            self._say(CRITICAL, "its Wi-Fi is silent: it holds by itself, and lands after 15 s without sticks")
+            self._say(
+                CRITICAL,
+                "its Wi-Fi is silent: it holds by itself, and lands after 15 s without sticks",
+            )
         if silent_s > r.silent_land_s and self.mode != LAND:
-            self._enter(now_s, LAND, ALERT, f"its Wi-Fi has been silent for {r.silent_land_s:g} s: landing")
+            self._enter(
+                now_s, LAND, ALERT, f"its Wi-Fi has been silent for {r.silent_land_s:g} s: landing"
+            )
 
     def _watch_battery(self, now_s: float) -> None:
-        r, share = self._rules, self.tracking.report.battery_share if self.tracking.report else math.nan
+        r, share = (
+            self._rules,
+            self.tracking.report.battery_share if self.tracking.report else math.nan,
+        )
         for bound in (r.warn_battery, r.land_battery):
             if share < bound < self._battery_said:
                 self._battery_said = bound
@@ -218,9 +244,11 @@ class TelloCore:
             self._pid.reset()
         self._on_flow = late
         if late and age_s > r.feed_land_s:
-            self._enter(now_s, LAND, ALERT, f"no poses of the tracker for {r.feed_land_s:g} s: landing")
+            self._enter(
+                now_s, LAND, ALERT, f"no poses of the tracker for {r.feed_land_s:g} s: landing"
+            )
 
-    # ---- sticks --------------------------------------------------------------------------------------------------
+    # ---- sticks ----------------------------------------------------------------------------------
 
     def _decide(self, now_s: float, dt_s: float) -> Sticks:
         if self.mode == LAND:
@@ -245,7 +273,8 @@ class TelloCore:
             self._out.append(LandNow())
 
     def _stay_up(self) -> None:
-        """A Tello that was told to land goes on landing, whatever its sticks say, until it is told to stay."""
+        """A Tello that was told to land goes on landing, whatever its sticks say, until it is told
+        to stay."""
         if self._stay_up_left and self.flying and not self._silent:
             self._stay_up_left -= 1
             self._out.append(StayUp())

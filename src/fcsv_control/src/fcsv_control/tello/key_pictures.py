@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a Tello is asked for a key picture: at once where what comes cannot be shown; no I/O, time is given.
+"""When a Tello is asked for a key picture: at once where what comes cannot be shown; no I/O, time
+is given.
 
-tellopy asks every 2 s. A key picture is some ten times as many packets as another one, so that it is lost far more
-often, and each time that costs the pictures of 2 s.
+tellopy asks every 2 s. A key picture is some ten times as many packets as another one, so that it
+is lost far more often, and each time that costs the pictures of 2 s.
 """
 
 from fcsv_geometry.streams.flow import RateGate
 
-_APART_S = 0.5  # an answer takes 0.1 to 0.5 s; faster requests only fill the radio with key pictures
+# an answer takes 0.1 to 0.5 s; faster requests only fill the radio with key pictures
+_APART_S = 0.5
 
 
 class KeyPictures:
@@ -25,7 +27,8 @@ class KeyPictures:
         self.asked = 0
 
     def due(self, now_s: float, broken: bool) -> bool:
-        """Whether to ask now. ``broken``: datagrams come, and what they build on does not (Video.broken)."""
+        """Whether to ask now. ``broken``: datagrams come, and what they build on does not
+        (Video.broken)."""
         if not broken or not self._gate.passes(now_s):
             return False
         self.asked += 1

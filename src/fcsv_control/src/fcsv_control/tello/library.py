@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Unmodified ``tellopy`` as the radio: what it hears is given on, what the core wants is sent.
 
-One in a process: tellopy's dispatcher is one for all Tellos of it. Every Tello has the address 192.168.10.1, so each
-vehicle's Wi-Fi interface stands in a network namespace of its own, or the control socket is bound to the interface.
+One in a process: tellopy's dispatcher is one for all Tellos of it. Every Tello has the address
+192.168.10.1, so each vehicle's Wi-Fi interface stands in a network namespace of its own, or the
+control socket is bound to the interface.
 """
 
 import logging
@@ -28,9 +29,11 @@ _JOIN_S = 3.0
 
 @dataclass(frozen=True)
 class RadioParameters:
-    """``network``: namespace of the vehicle's Wi-Fi; ``interface``: its name, where it is not in a namespace.
+    """``network``: namespace of the vehicle's Wi-Fi; ``interface``: its name, where it is not in a
+    namespace.
 
-    ``address``, ``tello_port``, ``video_port``: of a Tello that is not at its usual place (docs/design/trackers.md).
+    ``address``, ``tello_port``, ``video_port``: of a Tello that is not at its usual place
+    (docs/design/trackers.md).
     """
 
     network: str = ""
@@ -66,9 +69,13 @@ class TelloRadio:
         before = set(threading.enumerate())
         try:
             with netns.inside(parameters.network):
-                self._tello = tellopy.Tello(port=parameters.port, video_port=parameters.video_port, name=name)
+                self._tello = tellopy.Tello(
+                    port=parameters.port, video_port=parameters.video_port, name=name
+                )
         except OSError as error:
-            raise ControlError(f"{name}: port {parameters.port} for its Tello: {error.strerror}") from error
+            raise ControlError(
+                f"{name}: port {parameters.port} for its Tello: {error.strerror}"
+            ) from error
         self._threads = set(threading.enumerate()) - before
         self._tello.set_loglevel(tellopy.Tello.LOG_ERROR)
         self._tello.tello_addr = (parameters.address, parameters.tello_port)
@@ -113,7 +120,8 @@ class TelloRadio:
         self._tello.land()
 
     def stay_up(self) -> None:
-        """An end of the Tello's own landing, for which tellopy has no name; may be lost in the air."""
+        """An end of the Tello's own landing, for which tellopy has no name; may be lost in the
+        air."""
         self._tello.send_packet_data(_LAND, payload=b"\x01")
 
     def key_picture(self) -> None:
@@ -124,7 +132,8 @@ class TelloRadio:
     def mind(self, now_s: float, video: bool) -> None:
         """Ask for what tellopy does not ask for by itself.
 
-        After a gap it waits for silence before it asks for a connection; a Tello that goes on talking is not silent.
+        After a gap it waits for silence before it asks for a connection; a Tello that goes on
+        talking is not silent.
         """
         stuck = not self.connected and now_s - self._heard_s < _STUCK_S
         if not stuck:
@@ -152,7 +161,9 @@ class TelloRadio:
         if not interface:
             return
         try:
-            self._tello.sock.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode() + b"\0")
+            self._tello.sock.setsockopt(
+                socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode() + b"\0"
+            )
         except OSError as error:
             raise ControlError(f"{self._name}: interface {interface}: {error.strerror}") from error
 
@@ -172,5 +183,11 @@ class TelloRadio:
 def where(parameters: RadioParameters) -> Tuple[str, str]:
     """(address, how it is reached), in words."""
     p = parameters
-    way = f"in network namespace {p.network}" if p.network else f"by {p.interface}" if p.interface else "by any route"
+    way = (
+        f"in network namespace {p.network}"
+        if p.network
+        else f"by {p.interface}"
+        if p.interface
+        else "by any route"
+    )
     return f"{p.address}:{p.tello_port}", way

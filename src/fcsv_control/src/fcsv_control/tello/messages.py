@@ -15,7 +15,8 @@ ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO = 1, 2, 3, 4, 5, 6
 
 @dataclass(frozen=True)
 class FlightReport:
-    """Flight data, ten times a second: height above take-off (m), the battery's share (NaN: not known)."""
+    """Flight data, ten times a second: height above take-off (m), the battery's share (NaN: not
+    known)."""
 
     in_the_air: bool
     height_m: float
@@ -24,7 +25,8 @@ class FlightReport:
 
 @dataclass(frozen=True)
 class LogReport:
-    """A log packet: T_own_body in the vehicle's own odometry frame and its velocity in the body's axes (m/s)."""
+    """A log packet: T_own_body in the vehicle's own odometry frame and its velocity in the body's
+    axes (m/s)."""
 
     T_own_body: np.ndarray
     v_body_mps: np.ndarray
@@ -62,7 +64,8 @@ class TelloText:
 
 @dataclass(frozen=True)
 class EstimateMoved:
-    """The estimate's frame changed: from the vehicle's own odometry to the tracker's. ``step_m`` (3,)."""
+    """The estimate's frame changed: from the vehicle's own odometry to the tracker's. ``step_m``
+    (3,)."""
 
     step_m: np.ndarray
 

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a Tello is now, by poses that tell where it was: they are late (mocap 0.1 s, video of gimbals 0.1 to 0.3 s).
+"""Where a Tello is now, by poses that tell where it was: they are late (mocap 0.1 s, video of
+gimbals 0.1 to 0.3 s).
 
-A fading-memory filter (Zarchan and Musoff, "Fundamentals of Kalman Filtering", table 4.4) about the way on which the
-last commands lead. A pose is compared with what was estimated for its own moment, and all estimates since then are
-moved. What the commands do not explain is found: horizontally as an acceleration (wind), vertically as a velocity.
+A fading-memory filter (Zarchan and Musoff, "Fundamentals of Kalman Filtering", table 4.4) about the
+way on which the last commands lead. A pose is compared with what was estimated for its own moment,
+and all estimates since then are moved. What the commands do not explain is found: horizontally as
+an acceleration (wind), vertically as a velocity.
 """
 
 import math
@@ -24,11 +26,11 @@ _CLIMB = np.array([0.0, 0.0, 1.0])  # the axis whose stick asks for a velocity
 
 @dataclass(frozen=True)
 class ObserverRules:
-    """``climb_lag_s``: how a Tello takes up the climb rate that its stick asks for; ``stick_delay_s``: until it leans.
-    ``pose_s``, ``log_s``: time constants of the filter.
+    """``climb_lag_s``: how a Tello takes up the climb rate that its stick asks for;
+    ``stick_delay_s``: until it leans. ``pose_s``, ``log_s``: time constants of the filter.
 
-    A pose that is older than ``oldest_s``, or further than ``gate_m`` + ``gate_mps`` times the time since the last good
-    one from where the vehicle must be, is refused.
+    A pose that is older than ``oldest_s``, or further than ``gate_m`` + ``gate_mps`` times the time
+    since the last good one from where the vehicle must be, is refused.
     """
 
     climb_lag_s: float = 0.35
@@ -56,7 +58,8 @@ class _Moment:
 
 
 class Observer:
-    """``step`` with every command, ``pose`` and ``velocity`` as they come. Time is monotonic; frame: uavN/odom."""
+    """``step`` with every command, ``pose`` and ``velocity`` as they come. Time is monotonic;
+    frame: uavN/odom."""
 
     def __init__(self, rules: ObserverRules, sticks: StickModel):
         self._rules, self._model = rules, sticks
@@ -100,16 +103,24 @@ class Observer:
             return
         last = self._moments[-1]
         dt_s = now_s - last.now_s
-        s = next((k for t_s, k in reversed(self._given) if t_s <= now_s - self._rules.stick_delay_s), Sticks())
+        s = next(
+            (k for t_s, k in reversed(self._given) if t_s <= now_s - self._rules.stick_delay_s),
+            Sticks(),
+        )
         m, R = self._model, turn_about_z(last.yaw_rad)
         v_body = R.T @ last.v_mps
         acc = np.zeros(3)
         for axis, stick in enumerate((s.forward, s.left)):
             brakes = abs(stick) <= m.dead_band
-            acc[axis] = m.most_mps2 * m.share(stick) - (m.brake_per_s if brakes else m.drag_per_s) * v_body[axis]
+            acc[axis] = (
+                m.most_mps2 * m.share(stick)
+                - (m.brake_per_s if brakes else m.drag_per_s) * v_body[axis]
+            )
         v = last.v_mps + R @ acc * dt_s + self._drift * (1.0 - _CLIMB) * dt_s
         climb = m.climb_mps * m.share(s.up)
-        v[2] = last.v_mps[2] + (climb - last.v_mps[2]) * (1.0 - math.exp(-dt_s / self._rules.climb_lag_s))
+        v[2] = last.v_mps[2] + (climb - last.v_mps[2]) * (
+            1.0 - math.exp(-dt_s / self._rules.climb_lag_s)
+        )
         p = last.p_m + (0.5 * (last.v_mps + v) + self._drift * _CLIMB) * dt_s
         turn_rps = math.radians(m.turn_dps) * m.share(s.turn)
         self._moments.append(_Moment(now_s, p, v, wrap(last.yaw_rad + turn_rps * dt_s)))
@@ -129,9 +140,14 @@ class Observer:
         return True
 
     def velocity(self, now_s: float, stamp_s: float, v_body_mps: np.ndarray, dt_s: float) -> None:
-        """The vehicle's own velocity in its body's axes, measured at ``stamp_s``; ``dt_s`` since the last one."""
+        """The vehicle's own velocity in its body's axes, measured at ``stamp_s``; ``dt_s`` since
+        the last one."""
         v_body = np.asarray(v_body_mps, float)
-        if not self._moments or now_s - stamp_s > self._rules.oldest_s or not np.isfinite(v_body).all():
+        if (
+            not self._moments
+            or now_s - stamp_s > self._rules.oldest_s
+            or not np.isfinite(v_body).all()
+        ):
             return
         then = self._at(stamp_s)
         error = turn_about_z(then.yaw_rad) @ v_body - then.v_mps - self._drift * _CLIMB
@@ -155,7 +171,9 @@ class Observer:
         if off_m > r.gate_m + r.gate_mps * gap_s:
             return f"it is {off_m:.1f} m from where the vehicle must be"
         off_deg = abs(math.degrees(wrap(transforms.yaw(T) - then.yaw_rad)))
-        return f"it is turned by {off_deg:.0f} degrees" if off_deg > r.gate_deg * (1.0 + gap_s) else ""
+        return (
+            f"it is turned by {off_deg:.0f} degrees" if off_deg > r.gate_deg * (1.0 + gap_s) else ""
+        )
 
     def _correct(self, now_s: float, stamp_s: float, p: np.ndarray, yaw: float) -> None:
         then = self._at(stamp_s)
@@ -172,7 +190,8 @@ class Observer:
         self._faster(stamp_s, dv, off * ((1.0 - theta) ** 3 / dt_s**2))
 
     def _faster(self, stamp_s: float, dv: np.ndarray, acceleration: np.ndarray) -> None:
-        """The velocity since a moment was other than it was taken to be: what draws the vehicle aside is another."""
+        """The velocity since a moment was other than it was taken to be: what draws the vehicle
+        aside is another."""
         self._drift = self._drift + dv * _CLIMB + acceleration * (1.0 - _CLIMB)
         length = float(np.linalg.norm(self._drift))
         if length > self._rules.most_drift:
@@ -188,10 +207,17 @@ class Observer:
         for m in reversed(moments):
             if m.now_s <= stamp_s:
                 if later is None:
-                    return _Moment(stamp_s, m.p_m + self.v_mps * (stamp_s - m.now_s), m.v_mps, m.yaw_rad)
+                    return _Moment(
+                        stamp_s, m.p_m + self.v_mps * (stamp_s - m.now_s), m.v_mps, m.yaw_rad
+                    )
                 share = (stamp_s - m.now_s) / (later.now_s - m.now_s)
-                p, v = m.p_m + share * (later.p_m - m.p_m), m.v_mps + share * (later.v_mps - m.v_mps)
-                return _Moment(stamp_s, p, v, wrap(m.yaw_rad + share * wrap(later.yaw_rad - m.yaw_rad)))
+                p, v = (
+                    m.p_m + share * (later.p_m - m.p_m),
+                    m.v_mps + share * (later.v_mps - m.v_mps),
+                )
+                return _Moment(
+                    stamp_s, p, v, wrap(m.yaw_rad + share * wrap(later.yaw_rad - m.yaw_rad))
+                )
             later = m
         first = moments[0]
         return _Moment(stamp_s, first.p_m, first.v_mps, first.yaw_rad)

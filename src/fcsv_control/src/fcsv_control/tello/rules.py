@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from fcsv_geometry.config import require_positive
 
 PILOT, GUIDED, BRAKE, LAND = "LOITER", "GUIDED", "BRAKE", "LAND"
-#: Modes in which the companion flies; in LOITER the pilot does, and zero sticks hold by the Tello's own flow sensor.
+#: Modes in which the companion flies; in LOITER the pilot does, and zero sticks hold by the Tello's
+#: own flow sensor.
 MODES = (PILOT, GUIDED, BRAKE, LAND)
 
 
@@ -17,7 +18,8 @@ class TelloRules:
     A Tello that hears no sticks for 15 s lands by itself.
     """
 
-    feed_old_s: float = 0.8  # no position is flown by an older pose: zero sticks, its own flow sensor holds
+    # no position is flown by an older pose: zero sticks, its own flow sensor holds
+    feed_old_s: float = 0.8
     feed_land_s: float = 3.0  # lost for so long: LAND
     feed_steady_s: float = 1.0  # for so long poses must have come before GUIDED is taken
     doubt_s: float = 1.0  # poses that cannot be, for so long: said
@@ -34,7 +36,12 @@ class TelloRules:
 
     def __post_init__(self):
         require_positive(self)
-        for low, high in (("feed_old_s", "feed_land_s"), ("silent_s", "silent_land_s"),
-                          ("land_battery", "warn_battery")):  # fmt: skip
+        for low, high in (
+            ("feed_old_s", "feed_land_s"),
+            ("silent_s", "silent_land_s"),
+            ("land_battery", "warn_battery"),
+        ):
             if getattr(self, low) > getattr(self, high):
-                raise ValueError(f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}")
+                raise ValueError(
+                    f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}"
+                )

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """When a record of a Tello's log was measured: its tick, on this computer's clock.
 
-The radio only ever delays. The clocks' difference is that of the quickest packets; it may grow slowly, as clocks run
-apart.
+The radio only ever delays. The clocks' difference is that of the quickest packets; it may grow
+slowly, as clocks run apart.
 """
 
 from typing import Optional
@@ -10,7 +10,8 @@ from typing import Optional
 TICKS_PER_S = 2344062.0  # as recorded from a real Tello (tellopy's repository)
 _WRAPS = 1 << 32
 _CREEP = 1e-3  # s per s: how much faster or slower its clock may be
-_APART_S = 0.5  # ticks and arrivals disagree by more: it was switched on again, or the record is damaged
+# ticks and arrivals disagree by more: it was switched on again, or the record is damaged
+_APART_S = 0.5
 
 
 class TickClock:
@@ -21,8 +22,8 @@ class TickClock:
         self._now_s = self._drone_s = self._apart_s = 0.0
 
     def stamp_s(self, now_s: float, tick: int) -> float:
-        """Gives the stamp on the clock of ``now_s``, the time of arrival: not after it, and at most half a second
-        before it.
+        """Gives the stamp on the clock of ``now_s``, the time of arrival: not after it, and at most
+        half a second before it.
 
         >>> clock = TickClock()
         >>> came = [(10.0, 1.0), (10.3, 1.1), (10.32, 1.3)]
@@ -35,7 +36,11 @@ class TickClock:
         arrived_s = now_s - self._now_s
         drone_s = self._drone_s + step_s
         apart_s = min(self._apart_s + _CREEP * max(arrived_s, 0.0), now_s - drone_s)
-        if step_s < 0.0 or abs(step_s - arrived_s) > _APART_S or now_s - (drone_s + apart_s) > _APART_S:
+        if (
+            step_s < 0.0
+            or abs(step_s - arrived_s) > _APART_S
+            or now_s - (drone_s + apart_s) > _APART_S
+        ):
             return self._begin(now_s, tick)
         self._tick, self._now_s, self._drone_s, self._apart_s = tick, now_s, drone_s, apart_s
         return drone_s + apart_s

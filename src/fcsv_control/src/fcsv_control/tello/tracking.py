@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the link knows of where its Tello is: the tracker's poses, and before the first of them its own odometry."""
+"""What the link knows of where its Tello is: the tracker's poses, and before the first of them its
+own odometry."""
 
 import math
 from typing import Optional
@@ -45,7 +46,8 @@ class Tracking:
         return now_s - self.observer.stamp_s
 
     def steady_s(self, now_s: float, old_s: float) -> float:
-        """Says for how long good poses have come without a gap of ``old_s``; nought where they do not."""
+        """Says for how long good poses have come without a gap of ``old_s``; nought where they do
+        not."""
         return now_s - self._good_since_s if self.age_s(now_s) <= old_s else 0.0
 
     def rate_hz(self, now_s: float) -> float:
@@ -58,7 +60,9 @@ class Tracking:
             return ""
         return f"the tracker's poses are refused: {self.observer.why_refused}"
 
-    def pose(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray, gap_s: float) -> Optional[EstimateMoved]:
+    def pose(
+        self, now_s: float, stamp_s: float, T_odom_body: np.ndarray, gap_s: float
+    ) -> Optional[EstimateMoved]:
         """A pose of the tracker came; the first one moves the estimate's frame."""
         before = self.T_odom_body if not self.observer.known else None
         if not self.observer.pose(now_s, stamp_s, T_odom_body):

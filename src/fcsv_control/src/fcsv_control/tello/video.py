@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A Tello's video: datagrams in, pictures with stamps out.
 
-H.264 behind two bytes, the picture's number and the packet's, whose bit 7 marks the last one of a picture (tellopy
-0.7.0, VideoData). A picture is shown where all its packets came and all those that it builds on: after a loss nothing
-is shown until the next key picture, where a decoder would go on with what is smeared; key_pictures.py asks for it.
+H.264 behind two bytes, the picture's number and the packet's, whose bit 7 marks the last one of a
+picture (tellopy 0.7.0, VideoData). A picture is shown where all its packets came and all those that
+it builds on: after a loss nothing is shown until the next key picture, where a decoder would go on
+with what is smeared; key_pictures.py asks for it.
 """
 
 from collections import Counter
@@ -95,7 +96,10 @@ class Video:
                 self._parameters = stream
             return None
         if found[_KEY]:
-            stream, self._parameters = (b"" if found[_PARAMETERS] else self._parameters) + stream, b""
+            stream, self._parameters = (
+                (b"" if found[_PARAMETERS] else self._parameters) + stream,
+                b"",
+            )
         elif not self._whole:
             self._lost("pictures before a key picture")
             return None

@@ -18,7 +18,8 @@ def part_name(first: str, number: int) -> str:
 
 
 def part_number(name: str, first: str) -> int:
-    """Which part of ``first`` a bag is, by its name with or without ``.active``; -1 where it is none.
+    """Which part of ``first`` a bag is, by its name with or without ``.active``; -1 where it is
+    none.
 
     >>> part_number("uav1.2.bag.active", "uav1.bag"), part_number("uav1.20260102T030405Z.bag", "uav1.bag")
     (2, -1)
@@ -29,7 +30,8 @@ def part_number(name: str, first: str) -> int:
 
 
 def parts_in(folder: Path, first: str) -> List[Path]:
-    """The parts of a recording that a folder holds, in order, by the names that they will have once closed."""
+    """The parts of a recording that a folder holds, in order, by the names that they will have once
+    closed."""
     found: Dict[int, Path] = {}
     for path in Path(folder).iterdir():
         number = part_number(path.name, first)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of a bag of ROS 1 or ROS 2, without ROS: by the library rosbags, which the wheel brings.
 
-The definitions of messages come from the bag. Where it holds none (ROS 2 before Iron, sqlite3) they are ROS 2 Humble's
-and, for fcsv_msgs, those of ``definitions/``.
+The definitions of messages come from the bag. Where it holds none (ROS 2 before Iron, sqlite3) they
+are ROS 2 Humble's and, for fcsv_msgs, those of ``definitions/``.
 """
 
 from functools import lru_cache
@@ -22,18 +22,22 @@ _IDL_LINE = "=" * 80 + "\nIDL: "
 
 
 def is_ros2(path: Path) -> bool:
-    """Whether a path looks like a bag of ROS 2: a folder with metadata.yaml, or one of its files."""
+    """Whether a path looks like a bag of ROS 2: a folder with metadata.yaml, or one of its
+    files."""
     return path.suffix in ROS2_FILES or (path / METADATA).is_file()
 
 
 def messages(
-    path: Path, wanted: Callable[[str, str], bool], broken: Optional[Callable[[str, float, str], None]] = None
+    path: Path,
+    wanted: Callable[[str, str], bool],
+    broken: Optional[Callable[[str, float, str], None]] = None,
 ) -> Iterator[Tuple[str, object]]:
     """(topic, message) of a bag in order of time, of topics for which ``wanted(topic, type)``.
 
-    Types are named as in ROS 1 ("nav_msgs/Odometry"). ``broken(topic, time, why)`` is told of a message whose bytes are
-    not its type's, with the time at which it was recorded (s); the others follow. Raises BagError where the bag cannot
-    be read (on), or where nobody wants to be told, naming it.
+    Types are named as in ROS 1 ("nav_msgs/Odometry"). ``broken(topic, time, why)`` is told of a
+    message whose bytes are not its type's, with the time at which it was recorded (s); the others
+    follow. Raises BagError where the bag cannot be read (on), or where nobody wants to be told,
+    naming it.
     """
     for topic, _, message in timed_messages(path, wanted, broken):
         yield topic, message
@@ -42,13 +46,16 @@ def messages(
 def topics(path: Path) -> Dict[str, str]:
     """Types by topic, named as in ROS 1. Raises BagError like messages()."""
     found: Dict[str, str] = {}
-    for _ in messages(path, lambda topic, kind: found.update({topic: kind})):  # it returns None: nothing is wanted
+    # it returns None: nothing is wanted
+    for _ in messages(path, lambda topic, kind: found.update({topic: kind})):
         pass
     return found
 
 
 def timed_messages(
-    path: Path, wanted: Callable[[str, str], bool], broken: Optional[Callable[[str, float, str], None]] = None
+    path: Path,
+    wanted: Callable[[str, str], bool],
+    broken: Optional[Callable[[str, float, str], None]] = None,
 ) -> Iterator[Tuple[str, float, object]]:
     """(topic, time at which it was recorded (s), message), else as messages()."""
     try:
@@ -60,7 +67,8 @@ def timed_messages(
             for connection, recorded_ns, data in reader.messages(connections=chosen):
                 try:
                     message = read[connection.id](data, connection.msgtype)
-                except Exception as error:  # whatever the library's code for this type meets in these bytes
+                # whatever the library's code for this type meets in these bytes
+                except Exception as error:
                     if broken is None:
                         raise
                     broken(connection.topic, recorded_ns / 1e9, _words(error))
@@ -68,7 +76,8 @@ def timed_messages(
                     yield connection.topic, recorded_ns / 1e9, message
     except FcsvError:  # of who asked
         raise
-    except Exception as error:  # a damaged bag: the library's errors, and those of sqlite, zstd, lz4, struct below it
+    # a damaged bag: the library's errors, and those of sqlite, zstd, lz4, struct below it
+    except Exception as error:
         raise BagError(f"{path}: cannot be read as a bag ({_words(error)})") from error
 
 
@@ -87,7 +96,8 @@ def _words(error: Exception) -> str:
 
 
 def _definition(connection) -> Tuple[str, str]:
-    """Format ("MSG", "IDL", "NONE") and text; releases of the library before 0.10 know the first alone."""
+    """Format ("MSG", "IDL", "NONE") and text; releases of the library before 0.10 know the first
+    alone."""
     found = connection.msgdef
     if isinstance(found, str):
         return ("MSG" if found else "NONE"), found

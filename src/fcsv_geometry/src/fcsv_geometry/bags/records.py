@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records of a bag of version 2.0: a header of named fields, then data. Source: "Bag format 2.0" of the ROS wiki."""
+"""Records of a bag of version 2.0: a header of named fields, then data. Source: "Bag format 2.0" of
+the ROS wiki."""
 
 import re
 import struct

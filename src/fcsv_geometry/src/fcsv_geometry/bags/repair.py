@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as rosbag can open it: one that was never closed or is damaged is repaired, and the original is kept."""
+"""A bag as rosbag can open it: one that was never closed or is damaged is repaired, and the
+original is kept."""
 
 import contextlib
 import fcntl
@@ -29,16 +30,20 @@ def recording_of(path: Path) -> Path:
 
 
 def check(path: Path) -> bool:
-    """Whether a bag is whole. Raises BagError where it is no bag of version 2.0, is recorded now, or cannot be read."""
+    """Whether a bag is whole. Raises BagError where it is no bag of version 2.0, is recorded now,
+    or cannot be read."""
     with _mapped(path) as buffer:
         return is_whole(buffer)
 
 
-def repaired(path: Path, progress: Callable[[int], None] = lambda _bytes: None) -> Tuple[Path, Optional[Salvaged]]:
+def repaired(
+    path: Path, progress: Callable[[int], None] = lambda _bytes: None
+) -> Tuple[Path, Optional[Salvaged]]:
     """The bag to open in place of ``path``, and what was salvaged (None where it was whole).
 
-    A whole ``NAME.bag.active`` gets its name. Of another one the new bag is ``NAME.bag``, and the original is kept as
-    ``NAME.bag.broken``. Raises BagError where it cannot be repaired; then nothing is changed.
+    A whole ``NAME.bag.active`` gets its name. Of another one the new bag is ``NAME.bag``, and the
+    original is kept as ``NAME.bag.broken``. Raises BagError where it cannot be repaired; then
+    nothing is changed.
     """
     target = recording_of(path)
     if target != path and target.exists():
@@ -59,7 +64,9 @@ def repaired(path: Path, progress: Callable[[int], None] = lambda _bytes: None) 
             elif target != path:
                 os.replace(path, target)
     except OSError as error:
-        raise BagError(f"{path}: cannot be repaired in its folder ({error.strerror}); copy it elsewhere") from error
+        raise BagError(
+            f"{path}: cannot be repaired in its folder ({error.strerror}); copy it elsewhere"
+        ) from error
     finally:
         with contextlib.suppress(OSError):
             partial.unlink()
@@ -67,7 +74,8 @@ def repaired(path: Path, progress: Callable[[int], None] = lambda _bytes: None) 
 
 
 def _keep(path: Path, target: Path, partial: Path) -> None:
-    """The new bag under its name, the original under another; killed in between, none of both is lost."""
+    """The new bag under its name, the original under another; killed in between, none of both is
+    lost."""
     kept, number = target.with_name(target.name + KEPT), 1
     while kept.exists():
         number += 1

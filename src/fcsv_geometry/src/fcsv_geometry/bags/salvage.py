@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a bag still holds that was cut anywhere or damaged, as a new bag with an index.
 
-A recorder that dies leaves chunks with their index, then an open chunk whose size is not written yet, then half a
-record; connections and chunk table are missing. A damaged place is passed over up to the next chunk.
+A recorder that dies leaves chunks with their index, then an open chunk whose size is not written
+yet, then half a record; connections and chunk table are missing. A damaged place is passed over up
+to the next chunk.
 """
 
 import bz2
@@ -11,7 +12,17 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import BinaryIO, Callable, Dict, Iterator, List, Optional, Tuple
 
-from fcsv_geometry.bags.records import MAGIC, U32, U64, Op, Record, next_chunk, packed, record_at, walk
+from fcsv_geometry.bags.records import (
+    MAGIC,
+    U32,
+    U64,
+    Op,
+    Record,
+    next_chunk,
+    packed,
+    record_at,
+    walk,
+)
 
 _BAG_HEADER_BYTES = 4096
 _MOST_OPEN_BYTES = 16 << 20  # of records outside a chunk that are written as one
@@ -20,7 +31,8 @@ _NONE, _BZ2, _LZ4 = b"none", b"bz2", b"lz4"
 
 @dataclass
 class Salvaged:
-    """What was found: messages per topic, first and last time (s), bytes that were no whole record, and why."""
+    """What was found: messages per topic, first and last time (s), bytes that were no whole record,
+    and why."""
 
     topics: Dict[str, int] = field(default_factory=Counter)
     first_s: float = float("inf")
@@ -49,7 +61,8 @@ class _Part:
 
 
 def is_whole(buffer) -> bool:
-    """Whether a bag was closed and no record of it is broken: the index is where the header says, chunks are full."""
+    """Whether a bag was closed and no record of it is broken: the index is where the header says,
+    chunks are full."""
     size, at, index_at = len(buffer), len(MAGIC), -1
     counts: Counter = Counter()
     for record in walk(buffer, at, size):
@@ -62,7 +75,9 @@ def is_whole(buffer) -> bool:
         counts[record.op, record.start >= index_at > 0] += 1
     if at != size or not 0 < index_at <= size or counts[Op.BAG, False] + counts[Op.BAG, True] != 1:
         return False
-    return (counts[Op.CONNECTION, True], counts[Op.CHUNK_INFO, True]) == wanted and not counts[Op.CHUNK, True]
+    return (counts[Op.CONNECTION, True], counts[Op.CHUNK_INFO, True]) == wanted and not counts[
+        Op.CHUNK, True
+    ]
 
 
 def _is_full(buffer, chunk: Record) -> bool:
@@ -75,8 +90,11 @@ def _is_full(buffer, chunk: Record) -> bool:
     return at == chunk.end
 
 
-def salvage(buffer, out: BinaryIO, progress: Callable[[int], None] = lambda _bytes: None) -> Salvaged:
-    """Copy every whole message of a bag of version 2.0 to ``out``, a new seekable file. ``progress``: bytes read.
+def salvage(
+    buffer, out: BinaryIO, progress: Callable[[int], None] = lambda _bytes: None
+) -> Salvaged:
+    """Copy every whole message of a bag of version 2.0 to ``out``, a new seekable file.
+    ``progress``: bytes read.
 
     Raises OSError where ``out`` cannot be written.
     """
@@ -95,7 +113,10 @@ def _connections(buffer) -> Dict[int, Tuple[bytes, bytes]]:
     for part in _parts(buffer, Salvaged(), lambda _bytes: None):
         for r in walk(part.buffer, part.start, part.end):
             if r.op is Op.CONNECTION:
-                known.setdefault(r.number(b"conn"), (r.fields.get(b"topic", b""), bytes(part.buffer[r.data : r.end])))
+                known.setdefault(
+                    r.number(b"conn"),
+                    (r.fields.get(b"topic", b""), bytes(part.buffer[r.data : r.end])),
+                )
     return known
 
 
@@ -157,7 +178,10 @@ def _of_chunk(buffer, record: Record, end: int, found: Salvaged) -> Optional[_Pa
 
 def _unpacked(packed_bytes: bytes, compression: bytes) -> bytes:
     """Unpacks as much as can be unpacked."""
-    unpack, out = (bz2.BZ2Decompressor if compression == _BZ2 else _lz4().LZ4FrameDecompressor)(), []
+    unpack, out = (
+        (bz2.BZ2Decompressor if compression == _BZ2 else _lz4().LZ4FrameDecompressor)(),
+        [],
+    )
     try:
         for i in range(0, len(packed_bytes), 4096):
             out.append(unpack.decompress(packed_bytes[i : i + 4096]))
@@ -167,7 +191,8 @@ def _unpacked(packed_bytes: bytes, compression: bytes) -> bytes:
 
 
 def _packed(body: bytes, compression: bytes) -> bytes:
-    """ROS reads only LZ4 frames of independent blocks with a checksum and without their size (tried: roslz4 1.15)."""
+    """ROS reads only LZ4 frames of independent blocks with a checksum and without their size
+    (tried: roslz4 1.15)."""
     if compression == _BZ2:
         return bz2.compress(body)
     if compression == _LZ4:
@@ -194,9 +219,11 @@ class _Writer:
 
     def _write_header(self, index_at: int) -> None:
         fields = {
-            b"op": bytes([Op.BAG]), b"index_pos": U64.pack(index_at), b"conn_count": U32.pack(len(self._connections)),
+            b"op": bytes([Op.BAG]),
+            b"index_pos": U64.pack(index_at),
+            b"conn_count": U32.pack(len(self._connections)),
             b"chunk_count": U32.pack(len(self._chunks)),
-        }  # fmt: skip
+        }
         padding = _BAG_HEADER_BYTES - len(packed(fields, b""))
         self._out.write(packed(fields, b" " * padding))
 
@@ -225,9 +252,15 @@ class _Writer:
         found.last_s = max(found.last_s, last[0] + last[1] * 1e-9)
         self._write_chunk(b"".join(kept), part.compression, index, (first, last))
 
-    def _write_chunk(self, body: bytes, compression: bytes, index: Dict[int, List[bytes]], span) -> None:
+    def _write_chunk(
+        self, body: bytes, compression: bytes, index: Dict[int, List[bytes]], span
+    ) -> None:
         start = self._out.tell()
-        fields = {b"op": bytes([Op.CHUNK]), b"compression": compression, b"size": U32.pack(len(body))}
+        fields = {
+            b"op": bytes([Op.CHUNK]),
+            b"compression": compression,
+            b"size": U32.pack(len(body)),
+        }
         self._out.write(packed(fields, _packed(body, compression)))
         for conn, entries in index.items():
             fields = {b"op": bytes([Op.INDEX]), b"ver": U32.pack(1), b"conn": U32.pack(conn)}
@@ -235,14 +268,21 @@ class _Writer:
         fields = {b"op": bytes([Op.CHUNK_INFO]), b"ver": U32.pack(1), b"chunk_pos": U64.pack(start)}
         for name, (s, ns) in zip((b"start_time", b"end_time"), span):
             fields[name] = U32.pack(s) + U32.pack(ns)
-        counts = b"".join(U32.pack(conn) + U32.pack(len(entries)) for conn, entries in index.items())
+        counts = b"".join(
+            U32.pack(conn) + U32.pack(len(entries)) for conn, entries in index.items()
+        )
         self._chunks.append(packed({**fields, b"count": U32.pack(len(index))}, counts))
 
     def close(self) -> None:
         """The index, and the header that says where it is."""
         index_at = self._out.tell()
         for conn, (topic, header) in self._connections.items():
-            self._out.write(packed({b"op": bytes([Op.CONNECTION]), b"topic": topic, b"conn": U32.pack(conn)}, header))
+            self._out.write(
+                packed(
+                    {b"op": bytes([Op.CONNECTION]), b"topic": topic, b"conn": U32.pack(conn)},
+                    header,
+                )
+            )
         for chunk in self._chunks:
             self._out.write(chunk)
         self._out.seek(len(MAGIC))

@@ -11,8 +11,8 @@ T_HOME_CAM_AT_HOME = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
 
 
 def camera_place(configuration: StereoConfiguration) -> np.ndarray:
-    """T_home_cam of the moving camera: right of the reference (horizontal) or above it (vertical); of a sweep where it
-    begins.
+    """T_home_cam of the moving camera: right of the reference (horizontal) or above it (vertical);
+    of a sweep where it begins.
 
     >>> camera_place(StereoConfiguration("horizontal", 4.0))[:3, 3].tolist()
     [0.0, -4.0, 0.0]
@@ -34,4 +34,8 @@ def sweep_place(configuration: StereoConfiguration, share: float) -> np.ndarray:
 
 def last_place(configuration: StereoConfiguration) -> np.ndarray:
     """T_home_cam of the moving camera when the configuration is done."""
-    return camera_place(configuration) if configuration.sweep is None else sweep_place(configuration, 1.0)
+    return (
+        camera_place(configuration)
+        if configuration.sweep is None
+        else sweep_place(configuration, 1.0)
+    )

@@ -17,21 +17,26 @@ class Fence:
     floor_m: float = 0.5  # above the take-off place, at least
     ceiling_m: float = 40.0  # above the take-off place, at most
     radius_m: float = 60.0  # around home, at most
-    polygon: List[Tuple[float, float]] = field(default_factory=list)  # corners x, y (m); none: the circle alone
+    # corners x, y (m); none: the circle alone
+    polygon: List[Tuple[float, float]] = field(default_factory=list)
 
     def __post_init__(self):
         if not 0.0 < self.floor_m < self.ceiling_m:
-            raise ValueError(f"ceiling_m: {self.ceiling_m} must be above floor_m {self.floor_m}, and that above 0")
+            raise ValueError(
+                f"ceiling_m: {self.ceiling_m} must be above floor_m {self.floor_m}, and that above 0"
+            )
         if not self.radius_m > 0:
             raise ValueError(f"radius_m: {self.radius_m} must be positive")
         if self.polygon and len(self.polygon) < _CORNERS:
-            raise ValueError(f"polygon: {len(self.polygon)} corners are no area; give three or more, or none")
+            raise ValueError(
+                f"polygon: {len(self.polygon)} corners are no area; give three or more, or none"
+            )
         if not all(math.isfinite(v) for corner in self.polygon for v in corner):
             raise ValueError("polygon: holds NaN or infinity")
 
     def outside_m(self, xy_m: Sequence[float], height_m: float, by_polygon: bool = True) -> float:
-        """How far (m) a place is outside, 0 inside: x, y from home, or (``by_polygon`` False) from the take-off place,
-        where home is not known yet; height above the take-off place.
+        """How far (m) a place is outside, 0 inside: x, y from home, or (``by_polygon`` False) from
+        the take-off place, where home is not known yet; height above the take-off place.
 
         >>> Fence().outside_m((0.0, 63.0), 10.0), Fence().outside_m((0.0, 0.0), 38.0)
         (3.0, 0.0)
@@ -39,20 +44,29 @@ class Fence:
         2.0
         """
         x_m, y_m = float(xy_m[0]), float(xy_m[1])
-        out_m = max(self.floor_m - height_m, height_m - self.ceiling_m, math.hypot(x_m, y_m) - self.radius_m, 0.0)
+        out_m = max(
+            self.floor_m - height_m,
+            height_m - self.ceiling_m,
+            math.hypot(x_m, y_m) - self.radius_m,
+            0.0,
+        )
         if by_polygon and self.polygon and not _inside(self.polygon, x_m, y_m):
             out_m = max(out_m, _edge_m(self.polygon, x_m, y_m))
         return out_m
 
     def outside(self, p_home_m: np.ndarray, home_height_m: float) -> str:
-        """Why a place (3,) in home is out of bounds, "" where it is within; home is so high (m) above the take-off.
+        """Why a place (3,) in home is out of bounds, "" where it is within; home is so high (m)
+        above the take-off.
 
         >>> Fence().outside(np.array([0.0, 0.0, 60.0]), 8.0)
         '68 m above take-off, the fence ends at 40 m'
         >>> Fence().outside(np.array([1.0, -4.0, 0.0]), 8.0)
         ''
         """
-        height_m, away_m = float(p_home_m[2]) + home_height_m, float(np.hypot(p_home_m[0], p_home_m[1]))
+        height_m, away_m = (
+            float(p_home_m[2]) + home_height_m,
+            float(np.hypot(p_home_m[0], p_home_m[1])),
+        )
         if height_m > self.ceiling_m:
             return f"{height_m:g} m above take-off, the fence ends at {self.ceiling_m:g} m"
         if height_m < self.floor_m:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bounds of a mission (fields of the mission file): how long it waits, how fast and how long it flies."""
+"""Bounds of a mission (fields of the mission file): how long it waits, how fast and how long it
+flies."""
 
 from dataclasses import dataclass
 from typing import Dict, Tuple
@@ -11,14 +12,18 @@ from fcsv_geometry import config
 
 @dataclass(frozen=True)
 class PauseLimits:
-    """How long (s) each pause lasts at most; after it the mission goes on by itself: out of the place, or home."""
+    """How long (s) each pause lasts at most; after it the mission goes on by itself: out of the
+    place, or home."""
 
     pause_s: float = 60.0  # no pose, no state, vehicles too near: land
     low_battery_s: float = 20.0  # a battery low or unknown: back to the column, land
-    recorder_s: float = 60.0  # a recorder that is silent or full: back, land; one that refuses: next configuration
-    pilot_s: float = 120.0  # a vehicle in a pilot's hands: the others go back to the column and land
+    # a recorder that is silent or full: back, land; one that refuses: next configuration
+    recorder_s: float = 60.0
+    # a vehicle in a pilot's hands: the others go back to the column and land
+    pilot_s: float = 120.0
     handover_s: float = 60.0  # GUIDED is refused: land
-    task_s: float = 300.0  # a configuration with pauses again and again (and attempts x 4 x record_s): land
+    # a configuration with pauses again and again (and attempts x 4 x record_s): land
+    task_s: float = 300.0
     operator_s: float = 300.0  # the operator confirms nothing, or does not end his pause: land
 
     def __post_init__(self):
@@ -59,7 +64,9 @@ class FlightBounds:
         away_m = max(float(np.hypot(level_m, up_m)), 1e-9)
         level, up = max(level_m / away_m, 1e-6), max(abs(up_m) / away_m, 1e-6)
         upright_mps = self.climb_mps if up_m > 0.0 else self.sink_mps
-        return min(self.speed_mps / level, upright_mps / up), min(self.acceleration_mps2 / level, self.climb_mps2 / up)
+        return min(self.speed_mps / level, upright_mps / up), min(
+            self.acceleration_mps2 / level, self.climb_mps2 / up
+        )
 
     def leg_s(self, level_m: float, up_m: float = 0.0) -> float:
         """Time (s) of a leg from standing to standing.

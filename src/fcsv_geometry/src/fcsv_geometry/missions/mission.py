@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mission file, config/missions/NAME.yaml: what the planner writes and the mission flies, with all its rules."""
+"""The mission file, config/missions/NAME.yaml: what the planner writes and the mission flies, with
+all its rules."""
 
 import math
 from dataclasses import dataclass, field
@@ -15,7 +16,8 @@ from fcsv_geometry.missions.look_round import LookRound
 from fcsv_geometry.missions.separation import SeparationRules
 from fcsv_geometry.missions.sweep import AXES, MOST_BASELINE_M, Sweep
 
-AIR_M = 0.95  # horizontally, of a vehicle of 0.6 m; guardians keep what is theirs of it (SeparationRules)
+# horizontally, of a vehicle of 0.6 m; guardians keep what is theirs of it (SeparationRules)
+AIR_M = 0.95
 ON_BOARD, GROUND = "on_board", "ground"
 TRACKERS = (ON_BOARD, GROUND)
 _RECORD_S = (0.5, 600.0)
@@ -29,37 +31,50 @@ _LEAST_HOME_M = 1.0  # above the minimum separation
 class StereoConfiguration:
     """One place of the moving camera: right of the reference (horizontal) or above it (vertical).
 
-    ``tilt_deg`` turns it inward: for a horizontal baseline by yaw to the left. A vertical baseline would need pitch
-    down, which a fixed camera on a hovering multirotor cannot have; so there it must be 0.
+    ``tilt_deg`` turns it inward: for a horizontal baseline by yaw to the left. A vertical baseline
+    would need pitch down, which a fixed camera on a hovering multirotor cannot have; so there it
+    must be 0.
 
-    With ``sweep`` it is no place but a way, along which pictures are taken without a stop; ``axis`` and ``baseline_m``
-    (the longest) are then the sweep's.
+    With ``sweep`` it is no place but a way, along which pictures are taken without a stop; ``axis``
+    and ``baseline_m`` (the longest) are then the sweep's.
     """
 
-    axis: str = ""  # must be given but for a sweep; horizontal: to the right of the reference, vertical: above it
+    # must be given but for a sweep; horizontal: to the right of the reference, vertical: above it
+    axis: str = ""
     baseline_m: float = math.nan  # must be given but for a sweep; between both cameras
     tilt_deg: float = 0.0  # inwards, of horizontal baselines
     record_s: float = 5.0  # so long pictures are taken
-    least_pictures: int = 6  # of each vehicle; a slow camera is waited for, up to four times ``record_s``
+    # of each vehicle; a slow camera is waited for, up to four times ``record_s``
+    least_pictures: int = 6
     name: Optional[str] = None  # in reports and messages; default: axis and baseline
     vehicle: Optional[str] = None  # who moves; default: the first that is not the reference
-    at_once: bool = False  # flown and recorded at the same time as the one before, by another vehicle
+    # flown and recorded at the same time as the one before, by another vehicle
+    at_once: bool = False
     sweep: Optional[Sweep] = None  # a way in place of a place
 
     def __post_init__(self):
         if self.sweep is not None:
             self._take_sweep(self.sweep)
-        for name, missing in (("axis", self.axis == ""), ("baseline_m", math.isnan(self.baseline_m))):
+        for name, missing in (
+            ("axis", self.axis == ""),
+            ("baseline_m", math.isnan(self.baseline_m)),
+        ):
             if missing:
                 raise ValueError(f"{name}: is missing")
         if self.axis not in AXES:
             raise ValueError(f"axis: '{self.axis}' is not one of {', '.join(AXES)}")
         if not self.baseline_m > 0:
-            raise ValueError(f"baseline_m: {self.baseline_m} must be positive; the axis says the direction")
+            raise ValueError(
+                f"baseline_m: {self.baseline_m} must be positive; the axis says the direction"
+            )
         if self.baseline_m > MOST_BASELINE_M:
-            raise ValueError(f"baseline_m: {self.baseline_m} is over {MOST_BASELINE_M:g} m; give metres")
+            raise ValueError(
+                f"baseline_m: {self.baseline_m} is over {MOST_BASELINE_M:g} m; give metres"
+            )
         if not _RECORD_S[0] <= self.record_s <= _RECORD_S[1]:
-            raise ValueError(f"record_s: {self.record_s} is not in {_RECORD_S[0]:g}..{_RECORD_S[1]:g} s")
+            raise ValueError(
+                f"record_s: {self.record_s} is not in {_RECORD_S[0]:g}..{_RECORD_S[1]:g} s"
+            )
         if not 1 <= self.least_pictures <= _MOST_PICTURES:
             raise ValueError(f"least_pictures: {self.least_pictures} is not in 1..{_MOST_PICTURES}")
         if abs(self.tilt_deg) > _MOST_TILT_DEG:
@@ -67,13 +82,20 @@ class StereoConfiguration:
                 f"tilt_deg: {self.tilt_deg} is beyond {_MOST_TILT_DEG:g} degrees; the pictures would hardly overlap"
             )
         if self.axis == "vertical" and self.tilt_deg:
-            raise ValueError("tilt_deg: a hovering multirotor cannot pitch a fixed camera; set it to 0 for vertical")
+            raise ValueError(
+                "tilt_deg: a hovering multirotor cannot pitch a fixed camera; set it to 0 for vertical"
+            )
 
     def _take_sweep(self, sweep: Sweep) -> None:
         if self.axis not in ("", sweep.axis):
             raise ValueError(f"axis: '{self.axis}' is not that of the sweep; leave it out")
-        if not (math.isnan(self.baseline_m) or math.isclose(self.baseline_m, sweep.longest_m, abs_tol=1e-6)):
-            raise ValueError(f"baseline_m: {self.baseline_m} is beside a sweep, which has no single one; leave it out")
+        if not (
+            math.isnan(self.baseline_m)
+            or math.isclose(self.baseline_m, sweep.longest_m, abs_tol=1e-6)
+        ):
+            raise ValueError(
+                f"baseline_m: {self.baseline_m} is beside a sweep, which has no single one; leave it out"
+            )
         if self.record_s != StereoConfiguration.record_s:
             raise ValueError("record_s: a sweep is recorded for as long as it flies; leave it out")
         object.__setattr__(self, "axis", sweep.axis)
@@ -114,14 +136,17 @@ class SettleBounds:
 
 @dataclass(frozen=True)
 class Mission:
-    """What is flown. Raises ValueError ("field: what is wrong") on a list that cannot be flown safely."""
+    """What is flown. Raises ValueError ("field: what is wrong") on a list that cannot be flown
+    safely."""
 
     name: str  # in reports and messages
     configurations: List[StereoConfiguration]  # flown in this order
     reference: str = "uav1"  # the vehicle that holds at home, whose picture gets depth
     min_separation_m: float = 1.5  # between cameras; what no way and no configuration may undercut
-    air: SeparationRules = field(default_factory=lambda: SeparationRules(AIR_M))  # of a vehicle, with its downwash
-    tracker: str = ON_BOARD  # "ground": one on the ground gives all in one frame, and no tag is needed to calibrate
+    # of a vehicle, with its downwash
+    air: SeparationRules = field(default_factory=lambda: SeparationRules(AIR_M))
+    # "ground": one on the ground gives all in one frame, and no tag is needed to calibrate
+    tracker: str = ON_BOARD
     low_battery_share: float = 0.2  # below: everybody holds until the operator decides
     empty_battery_share: float = 0.1  # below: everybody lands
     home_height_m: float = 8.0  # a hint for the operators: above the take-off place
@@ -130,11 +155,14 @@ class Mission:
     limits: PauseLimits = field(default_factory=PauseLimits)  # how long each kind of pause may last
     fence: Fence = field(default_factory=Fence)  # where vehicles may be
     flight: FlightBounds = field(default_factory=FlightBounds)  # by which ways are planned
-    look_round: Optional[LookRound] = None  # vehicles that stand turn about themselves; none: nobody turns
+    # vehicles that stand turn about themselves; none: nobody turns
+    look_round: Optional[LookRound] = None
 
     def __post_init__(self):
         if not self.configurations:
-            raise ValueError("configurations: the list is empty; give at least one {axis, baseline_m}")
+            raise ValueError(
+                "configurations: the list is empty; give at least one {axis, baseline_m}"
+            )
         if self.tracker not in TRACKERS:
             raise ValueError(f"tracker: '{self.tracker}' is not one of {', '.join(TRACKERS)}")
         if not self.min_separation_m > 0:
@@ -154,7 +182,9 @@ class Mission:
             )
         least_m = _LEAST_HOME_M + self.min_separation_m
         if self.home_height_m < least_m:
-            raise ValueError(f"home_height_m: {self.home_height_m} is too near the ground; give at least {least_m:g}")
+            raise ValueError(
+                f"home_height_m: {self.home_height_m} is too near the ground; give at least {least_m:g}"
+            )
         if not 0.0 <= self.empty_battery_share <= self.low_battery_share < 1.0:
             raise ValueError(
                 f"low_battery_share: {self.low_battery_share} must be in 0..1 and not under "
@@ -175,14 +205,18 @@ class Mission:
                 "'flight' allows on this way"
             )
         if c.vehicle == self.reference:
-            raise ValueError(f"{where}.vehicle: {c.vehicle} is the reference and holds at home; name another")
+            raise ValueError(
+                f"{where}.vehicle: {c.vehicle} is the reference and holds at home; name another"
+            )
 
     def _check_moments(self) -> None:
         if self.configurations[0].at_once:
             raise ValueError("configurations[0].at_once: there is none before it")
         for moment in self.moments():
             of = [self.configurations[i] for i in moment]
-            if len(moment) > 1 and (any(c.vehicle is None for c in of) or len({c.vehicle for c in of}) < len(of)):
+            if len(moment) > 1 and (
+                any(c.vehicle is None for c in of) or len({c.vehicle for c in of}) < len(of)
+            ):
                 raise ValueError(
                     f"configurations[{moment[0]}..{moment[-1]}].vehicle: those at once each need a vehicle of their own"
                 )
@@ -192,7 +226,9 @@ class Mission:
                     f"configurations[{moment[0]}] does the other"
                 )
             if len({c.record_s for c in of}) > 1:
-                raise ValueError(f"configurations[{moment[-1]}].record_s: must be that of configurations[{moment[0]}]")
+                raise ValueError(
+                    f"configurations[{moment[-1]}].record_s: must be that of configurations[{moment[0]}]"
+                )
 
     def moment_of(self, index: int) -> List[int]:
         """Indices of the configurations that are flown at the same time as ``index``, with it."""
@@ -204,7 +240,8 @@ class Mission:
         return list(range(first, last))
 
     def moments(self, indices: Optional[Sequence[int]] = None) -> List[List[int]]:
-        """Chosen configurations (None: all) in their order, those together that are flown at the same time."""
+        """Chosen configurations (None: all) in their order, those together that are flown at the
+        same time."""
         found: List[List[int]] = []
         for i in range(len(self.configurations)) if indices is None else indices:
             if found and i in self.moment_of(found[-1][0]):
@@ -215,7 +252,9 @@ class Mission:
 
     def mover(self, index: int, vehicles: Sequence[str]) -> str:
         """Who takes configuration ``index``'s place."""
-        return self.configurations[index].vehicle or next(v for v in vehicles if v != self.reference)
+        return self.configurations[index].vehicle or next(
+            v for v in vehicles if v != self.reference
+        )
 
     def check_vehicles(self, vehicles: Sequence[str]) -> None:
         """Raises MissionError where the list names a vehicle that does not fly."""
@@ -233,7 +272,8 @@ class Mission:
 
 
 def spaced(min_separation_m: float) -> Dict[str, float]:
-    """The fields of a Mission that keep ``min_separation_m`` (m), the hints raised where it needs more room.
+    """The fields of a Mission that keep ``min_separation_m`` (m), the hints raised where it needs
+    more room.
 
     >>> spaced(5.0)
     {'min_separation_m': 5.0, 'column_spacing_m': 5.0, 'home_height_m': 8.0}

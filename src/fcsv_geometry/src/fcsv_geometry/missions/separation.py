@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How near vehicles are to each other, with their downwash, and where one can go out of the others' way.
+"""How near vehicles are to each other, with their downwash, and where one can go out of the others'
+way.
 
-The planner, the mission, the guardian and the rehearsals measure with these functions: ``share`` says for all of them
-whether two vehicles are far enough apart. Positions are (3,), m, in any one level frame with z up.
+The planner, the mission, the guardian and the rehearsals measure with these functions: ``share``
+says for all of them whether two vehicles are far enough apart. Positions are (3,), m, in any one
+level frame with z up.
 """
 
 from dataclasses import dataclass
@@ -13,15 +15,21 @@ import numpy as np
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.missions.flight_limits import FlightBounds
 
-LOST_CLEAR_M = 6.0  # horizontally, from where one was last known that comes down without a position: it drifts
-_LOST_M, _LOST_MPS = 2.0, 1.2  # what it is off as it is lost, and how fast it drifts: docs/design/guardian.md
-SILENT_REACH_M = 7.5  # one that hears nobody moves 5 m aside of who was above, and lands: 2.5 m must be clear of it
+# horizontally, from where one was last known that comes down without a position: it drifts
+LOST_CLEAR_M = 6.0
+# what it is off as it is lost, and how fast it drifts: docs/design/guardian.md
+_LOST_M, _LOST_MPS = 2.0, 1.2
+# one that hears nobody moves 5 m aside of who was above, and lands: 2.5 m must be clear of it
+SILENT_REACH_M = 7.5
 _SIGMAS = 3.0
-_TRACKERS_SIGMA_M = 0.05  # of two places against each other by what both trackers drifted since calibration
-_USUAL_AGE_S = 0.25  # of a pose that comes ten times a second over a radio: ways are planned with room for it
+# of two places against each other by what both trackers drifted since calibration
+_TRACKERS_SIGMA_M = 0.05
+# of a pose that comes ten times a second over a radio: ways are planned with room for it
+_USUAL_AGE_S = 0.25
 _MOST_AGE_S = 1.0  # of a pose in the separation: then it is its silence that counts
 _MOST_SPEED_MPS = 2.0
-_ANGLES = [0.0, *(sign * k * np.pi / 8.0 for k in range(1, 9) for sign in (1.0, -1.0))]  # the nearest first
+# the nearest first
+_ANGLES = [0.0, *(sign * k * np.pi / 8.0 for k in range(1, 9) for sign in (1.0, -1.0))]
 _BEYOND_M = 3.0  # the edge of a large circle
 _TOLD_S = 0.4  # until a vehicle hears that it is to stop, and does
 _AWAY_M = 0.3  # nearer than this horizontally, "away" has no direction
@@ -31,7 +39,8 @@ Clear = Union[float, Sequence[float]]  # m, of all others or of each
 
 @dataclass(frozen=True)
 class SeparationRules:
-    """The air that belongs to a vehicle: an ellipsoid, taller than wide, because its downwash goes far down."""
+    """The air that belongs to a vehicle: an ellipsoid, taller than wide, because its downwash goes
+    far down."""
 
     horizontal_m: float = 0.6  # horizontal semi-axis of the air that is a vehicle's own
     vertical_factor: float = 3.0  # vertical over horizontal semi-axis
@@ -48,7 +57,8 @@ def flat(points_m: np.ndarray, vertical_factor: float) -> np.ndarray:
 def distance_m(
     offset_m: np.ndarray, vertical_factor: float = SeparationRules.vertical_factor
 ) -> Union[float, np.ndarray]:
-    """Distance (m) of two vehicles in which height counts for ``1 / vertical_factor``; (N,) of offsets (N, 3).
+    """Distance (m) of two vehicles in which height counts for ``1 / vertical_factor``; (N,) of
+    offsets (N, 3).
 
     >>> distance_m(np.array([0.0, 0.0, 3.0]), 3.0), distance_m(np.array([0.0, 3.0, 0.0]), 3.0)
     (1.0, 3.0)
@@ -60,8 +70,9 @@ def distance_m(
 def doubt_m(sigmas_m: Sequence[float] = (), age_s: float = 0.0, speed_mps: float = 0.0) -> float:
     """How much nearer (m) two vehicles may be than they were heard to be.
 
-    ``sigmas_m``: standard deviations of their places in home, as calibration left them; what trackers drift comes to
-    it. ``age_s``: of the older pose. ``speed_mps``: how fast they may have approached meanwhile.
+    ``sigmas_m``: standard deviations of their places in home, as calibration left them; what
+    trackers drift comes to it. ``age_s``: of the older pose. ``speed_mps``: how fast they may have
+    approached meanwhile.
 
     >>> round(doubt_m([0.12], age_s=0.75, speed_mps=1.0), 3)
     0.89
@@ -71,9 +82,12 @@ def doubt_m(sigmas_m: Sequence[float] = (), age_s: float = 0.0, speed_mps: float
     return _SIGMAS * sigma_m + unusual_s * min(speed_mps, _MOST_SPEED_MPS)
 
 
-def share(offset_m: np.ndarray, rules: SeparationRules, doubt: float = 0.0) -> Union[float, np.ndarray]:
-    """Says, of the distance that two vehicles must keep, how much they keep: from 1 on it is enough; (N,) of offsets
-    (N, 3). ``doubt`` (m) is ``doubt_m``, where places were heard and are not planned.
+def share(
+    offset_m: np.ndarray, rules: SeparationRules, doubt: float = 0.0
+) -> Union[float, np.ndarray]:
+    """Says, of the distance that two vehicles must keep, how much they keep: from 1 on it is
+    enough; (N,) of offsets (N, 3). ``doubt`` (m) is ``doubt_m``, where places were heard and are
+    not planned.
 
     >>> float(share(np.array([2.0, 0.0, 0.0]), SeparationRules(0.8, 3.0), doubt=0.2))
     2.0
@@ -82,7 +96,8 @@ def share(offset_m: np.ndarray, rules: SeparationRules, doubt: float = 0.0) -> U
 
 
 def lost_reach_m(flown_s: float) -> float:
-    """How far (m) horizontally from where it was last known one may lie that flew for so long (s) without a position.
+    """How far (m) horizontally from where it was last known one may lie that flew for so long (s)
+    without a position.
 
     >>> lost_reach_m(1.0), lost_reach_m(20.0)
     (6.0, 26.0)
@@ -92,7 +107,7 @@ def lost_reach_m(flown_s: float) -> float:
 
 def stop_m(
     here_m: np.ndarray, velocity_mps: np.ndarray, slows_mps2: float = FlightBounds.acceleration_mps2
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """(3,) where a vehicle comes to a stand, horizontally, that is told now to stop or to land.
 
     >>> stop_m(np.array([0.0, -4.0, 8.0]), np.array([0.0, 1.5, 1.0])).tolist()
@@ -103,13 +118,17 @@ def stop_m(
 
 
 def aside(
-    here_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: Clear, away_from_m: Optional[np.ndarray] = None,
-    side: Optional[np.ndarray] = None, within: Callable[[np.ndarray], bool] = lambda p: True,
-) -> np.ndarray:  # fmt: skip
-    """A place (3,) at the same height whose column of air is ``clear_m`` from all others, by a way that passes
-    nobody: away from one of them, else as near as can be to ``side`` ((2,), a direction; to the right by
-    default); where none is clear, the one with most room. ``clear_m`` may be given for each of the others; places
-    ``within`` the fence are preferred.
+    here_m: np.ndarray,
+    others_m: Sequence[np.ndarray],
+    clear_m: Clear,
+    away_from_m: Optional[np.ndarray] = None,
+    side: Optional[np.ndarray] = None,
+    within: Callable[[np.ndarray], bool] = lambda p: True,
+) -> np.ndarray:
+    """A place (3,) at the same height whose column of air is ``clear_m`` from all others, by a way
+    that passes nobody: away from one of them, else as near as can be to ``side`` ((2,), a
+    direction; to the right by default); where none is clear, the one with most room. ``clear_m``
+    may be given for each of the others; places ``within`` the fence are preferred.
 
     >>> aside(np.array([0.0, 0.0, 8.0]), [np.array([1.0, 0.0, 3.0])], 2.0, np.array([1.0, 0.0, 3.0])).tolist()
     [-4.0, 0.0, 8.0]
@@ -127,7 +146,8 @@ def aside(
 
 
 def _way_m(here_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: Clear) -> float:
-    """How far to go: twice what must be clear, and no further than it takes out of a large circle."""
+    """How far to go: twice what must be clear, and no further than it takes out of a large
+    circle."""
     needed_m = np.broadcast_to(clear_m, len(others_m))
     out_m = [c - float(np.linalg.norm((o - here_m)[:2])) for c, o in zip(needed_m, others_m)]
     most_m = float(np.max(clear_m))
@@ -151,9 +171,11 @@ def passes_m(here_m: np.ndarray, place_m: np.ndarray, other_m: np.ndarray) -> fl
     return float(np.linalg.norm(off - share * ab))
 
 
-def room_m(here_m: np.ndarray, place_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: Clear) -> float:
-    """Says by how much (m) a way and its end keep clear, horizontally; negative: they do not. Who is near already must
-    not come nearer."""
+def room_m(
+    here_m: np.ndarray, place_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: Clear
+) -> float:
+    """Says by how much (m) a way and its end keep clear, horizontally; negative: they do not. Who
+    is near already must not come nearer."""
     least_m = np.inf
     for other, room in zip(others_m, np.broadcast_to(clear_m, len(others_m))):
         needed_m = min(0.8 * room, float(np.linalg.norm(other[:2] - here_m[:2])) - 1e-6)

@@ -9,17 +9,19 @@ import numpy as np
 from fcsv_geometry.missions.flight_limits import FlightBounds
 
 AXES = ("horizontal", "vertical")
-MOST_BASELINE_M = 100.0  # ten times the thesis's longest; beyond, a metre was meant as something else
+# ten times the thesis's longest; beyond, a metre was meant as something else
+MOST_BASELINE_M = 100.0
 _LEAST_WAY_M = 0.5
 _SLOWEST_MPS = 0.1
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """The moving camera's way from ``from_m`` to ``to_m`` right of the reference (horizontal) or above it (vertical).
+    """The moving camera's way from ``from_m`` to ``to_m`` right of the reference (horizontal) or
+    above it (vertical).
 
-    ``across_m`` is kept on the other axis all the way: above the reference for a horizontal sweep, right of it for a
-    vertical one, which then may begin at 0.
+    ``across_m`` is kept on the other axis all the way: above the reference for a horizontal sweep,
+    right of it for a vertical one, which then may begin at 0.
     """
 
     axis: str  # horizontal: to the right of the reference; vertical: above it
@@ -81,7 +83,10 @@ class Sweep:
 
     def bounds(self, flight: FlightBounds) -> FlightBounds:
         """Gives the bounds of a flight that goes no faster than the sweep."""
-        slow = {n: min(self.speed_mps, getattr(flight, n)) for n in ("speed_mps", "climb_mps", "sink_mps")}
+        slow = {
+            n: min(self.speed_mps, getattr(flight, n))
+            for n in ("speed_mps", "climb_mps", "sink_mps")
+        }
         return replace(flight, **slow)
 
     def takes_s(self, flight: FlightBounds) -> float:

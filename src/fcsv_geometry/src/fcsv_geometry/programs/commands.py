@@ -17,7 +17,8 @@ Action = Callable[[argparse.Namespace], Optional[int]]
 
 @contextlib.contextmanager
 def loading(name: str) -> Iterator[None]:
-    """While a command imports what it needs, which takes seconds, Ctrl-C ends it with one line and status 130.
+    """While a command imports what it needs, which takes seconds, Ctrl-C ends it with one line and
+    status 130.
 
     Python would print what it was importing, or lose the interrupt where a library catches it.
     """
@@ -27,7 +28,8 @@ def loading(name: str) -> Iterator[None]:
         os._exit(130)
 
     before = signal.getsignal(signal.SIGINT)
-    if before is signal.default_int_handler:  # who started this in the background may have it ignored
+    # who started this in the background may have it ignored
+    if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, end)
     try:
         yield
@@ -36,13 +38,18 @@ def loading(name: str) -> Iterator[None]:
 
 
 def run(
-    parser: argparse.ArgumentParser, argv: Optional[List[str]], action: Action,
-    refused: Tuple[Type[Exception], ...] = (FcsvError,), left: str = "", writes: Sequence[str] = ("out",),
-) -> int:  # fmt: skip
+    parser: argparse.ArgumentParser,
+    argv: Optional[List[str]],
+    action: Action,
+    refused: Tuple[Type[Exception], ...] = (FcsvError,),
+    left: str = "",
+    writes: Sequence[str] = ("out",),
+) -> int:
     """The action's exit status; 2 with one line on stderr that says what is wrong, 130 on Ctrl-C.
 
-    ``refused``: errors whose words are that line. ``left``: what a full disk or Ctrl-C leaves, behind the line's end.
-    ``writes``: arguments that name where it writes, for errors of the system that do not; the first that is given.
+    ``refused``: errors whose words are that line. ``left``: what a full disk or Ctrl-C leaves,
+    behind the line's end. ``writes``: arguments that name where it writes, for errors of the system
+    that do not; the first that is given.
     """
     args = parser.parse_args(argv)
     left = f"; {left}" if left else ""

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """An error that a signal's handler raises ends the program, also where Python drops errors.
 
-Python runs a handler between any two steps of the main thread, those of callbacks too whose errors nobody gets: of
-``os.register_at_fork`` (logging has one; they run where ``subprocess`` is given a ``preexec_fn``), of finalisers. It
-tells ``sys.unraisablehook`` of such an error and goes on, as if nobody had pressed Ctrl-C.
+Python runs a handler between any two steps of the main thread, those of callbacks too whose errors
+nobody gets: of ``os.register_at_fork`` (logging has one; they run where ``subprocess`` is given a
+``preexec_fn``), of finalisers. It tells ``sys.unraisablehook`` of such an error and goes on, as if
+nobody had pressed Ctrl-C.
 """
 
 import contextlib
@@ -15,8 +16,8 @@ _AGAIN_S = 0.05  # by then the callback is over
 
 
 def raise_again(kind: Type[BaseException]) -> None:
-    """Takes care that from now on an error of this ``kind`` that was dropped is raised again in the main thread, by
-    SIGALRM."""
+    """Takes care that from now on an error of this ``kind`` that was dropped is raised again in the
+    main thread, by SIGALRM."""
     before = sys.unraisablehook
 
     def heard(dropped) -> None:

@@ -19,11 +19,15 @@ _ERASE = "\r\x1b[K"
 class LiveLine:
     """Prints lines, and one status below them. Several threads may use it at once.
 
-    ``clock`` gives monotonic time, s. ``terminal``: whether ``out`` can change a line in place; None: ask ``out``.
+    ``clock`` gives monotonic time, s. ``terminal``: whether ``out`` can change a line in place;
+    None: ask ``out``.
     """
 
     def __init__(
-        self, out: Optional[TextIO] = None, clock: Callable[[], float] = time.monotonic, terminal: Optional[bool] = None
+        self,
+        out: Optional[TextIO] = None,
+        clock: Callable[[], float] = time.monotonic,
+        terminal: Optional[bool] = None,
     ):
         self._out = sys.stdout if out is None else out
         self._clock = clock
@@ -64,7 +68,8 @@ class LiveLine:
 
 
 class Steps:
-    """The steps of a command, of which the newest is shown with the time since the command began."""
+    """The steps of a command, of which the newest is shown with the time since the command
+    began."""
 
     def __init__(self, live: LiveLine, first: str, clock: Callable[[], float] = time.monotonic):
         self._live, self._clock, self._began_s = live, clock, clock()

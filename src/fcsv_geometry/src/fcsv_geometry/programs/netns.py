@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sockets in another network namespace (network_namespaces(7)), while the process stays where its ROS master is.
+"""Sockets in another network namespace (network_namespaces(7)), while the process stays where its
+ROS master is.
 
-For devices that all have the same address, as every Tello has 192.168.10.1: each one's Wi-Fi interface stands in a
-namespace of its own. A socket belongs to the namespace in which it was opened. Entering one needs root, or
-CAP_SYS_ADMIN.
+For devices that all have the same address, as every Tello has 192.168.10.1: each one's Wi-Fi
+interface stands in a namespace of its own. A socket belongs to the namespace in which it was
+opened. Entering one needs root, or CAP_SYS_ADMIN.
 """
 
 import contextlib
@@ -29,7 +30,8 @@ def exists(name: str) -> bool:
 
 @contextlib.contextmanager
 def inside(name: str) -> Iterator[None]:
-    """This thread is in the namespace; what it opens, and threads that it starts, stay there. Raises NamespaceError.
+    """This thread is in the namespace; what it opens, and threads that it starts, stay there.
+    Raises NamespaceError.
 
     An empty name: it stays where it is.
     """
@@ -39,7 +41,9 @@ def inside(name: str) -> Iterator[None]:
     try:
         back = os.open("/proc/thread-self/ns/net", os.O_RDONLY)
     except OSError as error:
-        raise NamespaceError(f"network namespace {name}: this kernel has none ({error.strerror})") from error
+        raise NamespaceError(
+            f"network namespace {name}: this kernel has none ({error.strerror})"
+        ) from error
     try:
         _enter(_opened(name), name)
         try:
@@ -54,13 +58,17 @@ def _opened(name: str) -> int:
     try:
         return os.open(f"{FOLDER}/{name}", os.O_RDONLY)
     except OSError as error:
-        raise NamespaceError(f"network namespace {name}: {error.strerror}; make it first, as root") from error
+        raise NamespaceError(
+            f"network namespace {name}: {error.strerror}; make it first, as root"
+        ) from error
 
 
 def _enter(descriptor: int, name: str) -> None:
     """Closes the descriptor."""
     try:
         if _LIBC.setns(descriptor, _CLONE_NEWNET):
-            raise NamespaceError(f"network namespace {name}: {os.strerror(ctypes.get_errno())}; root is needed")
+            raise NamespaceError(
+                f"network namespace {name}: {os.strerror(ctypes.get_errno())}; root is needed"
+            )
     finally:
         os.close(descriptor)

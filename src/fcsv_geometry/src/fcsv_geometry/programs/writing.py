@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a command will write: looked at before the work begins; and what the system says of files, as a sentence."""
+"""Where a command will write: looked at before the work begins; and what the system says of files,
+as a sentence."""
 
 import errno
 import shutil
@@ -29,7 +30,8 @@ class PlaceError(FcsvError):
 
 
 def require_folder(folder: Path, least_mib: int = 1) -> None:
-    """A folder that exists, or can be made, takes files and ``least_mib`` MiB. Nothing is left. Raises PlaceError."""
+    """A folder that exists, or can be made, takes files and ``least_mib`` MiB. Nothing is left.
+    Raises PlaceError."""
     folder = Path(folder).absolute()
     there = next(p for p in (folder, *folder.parents) if p.exists())
     if not there.is_dir():
@@ -38,9 +40,12 @@ def require_folder(folder: Path, least_mib: int = 1) -> None:
         tempfile.TemporaryFile(dir=there).close()
         free_mib = shutil.disk_usage(there).free // _MIB
     except OSError as error:
-        raise PlaceError(in_words(OSError(error.errno, error.strerror, str(there)))) from error  # not its file
+        # not its file
+        raise PlaceError(in_words(OSError(error.errno, error.strerror, str(there)))) from error
     if free_mib < least_mib:
-        raise PlaceError(f"{there}: {free_mib} MiB are free, {least_mib} are needed: make room, or choose another")
+        raise PlaceError(
+            f"{there}: {free_mib} MiB are free, {least_mib} are needed: make room, or choose another"
+        )
 
 
 def require_file(file: Path) -> None:
@@ -51,7 +56,8 @@ def require_file(file: Path) -> None:
 
 
 def in_words(error: OSError, place: object = "") -> str:
-    """One line: which file, what is wrong, what to do. ``place``: where the work was, if the error does not say.
+    """One line: which file, what is wrong, what to do. ``place``: where the work was, if the error
+    does not say.
 
     >>> in_words(OSError(errno.ENOSPC, "No space left on device"), "out/map")
     'out/map: the disk is full: make room, or choose another folder'
@@ -65,7 +71,11 @@ def in_words(error: OSError, place: object = "") -> str:
 
 def _full(place: object) -> bool:
     try:
-        there = next(p for p in (Path(str(place)).absolute(), *Path(str(place)).absolute().parents) if p.exists())
+        there = next(
+            p
+            for p in (Path(str(place)).absolute(), *Path(str(place)).absolute().parents)
+            if p.exists()
+        )
         return shutil.disk_usage(there).free < _MIB
     except OSError:
         return False

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to arrays and back, with fcsv_geometry.messages, which needs no ROS: the only places where it is done."""
+"""Messages to arrays and back, with fcsv_geometry.messages, which needs no ROS: the only places
+where it is done."""
 
 import math
 from functools import lru_cache
@@ -7,7 +8,15 @@ from typing import Dict
 
 import numpy as np
 import rospy
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Transform, TransformStamped, Vector3
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    Transform,
+    TransformStamped,
+    Vector3,
+)
 from sensor_msgs.msg import BatteryState, CameraInfo, Image
 from std_msgs.msg import Header
 
@@ -19,14 +28,24 @@ from fcsv_geometry.messages import camera_from_info, pose_to_transform, transfor
 from fcsv_msgs.msg import Epochs
 
 __all__ = [
-    "array_to_image", "battery_share", "camera_from_info", "header", "image_to_array", "info_from_camera",
-    "pose_stamped", "pose_to_transform", "transform_from_msg", "transform_stamped", "transform_to_pose",
-]  # fmt: skip
+    "array_to_image",
+    "battery_share",
+    "camera_from_info",
+    "header",
+    "image_to_array",
+    "info_from_camera",
+    "pose_stamped",
+    "pose_to_transform",
+    "transform_from_msg",
+    "transform_stamped",
+    "transform_to_pose",
+]
 
 
 @lru_cache(maxsize=1)
 def _bridge():
-    """Imported with OpenCV when first used: who flies takes no pictures, and waits for no import."""
+    """Imported with OpenCV when first used: who flies takes no pictures, and waits for no
+    import."""
     from cv_bridge import CvBridge
 
     return CvBridge()
@@ -44,7 +63,9 @@ def pose_stamped(T_a_b: np.ndarray, stamp_s: float, frame_a: str) -> PoseStamped
     return PoseStamped(header(stamp_s, frame_a), transform_to_pose(T_a_b))
 
 
-def transform_stamped(T_a_b: np.ndarray, stamp_s: float, frame_a: str, frame_b: str) -> TransformStamped:
+def transform_stamped(
+    T_a_b: np.ndarray, stamp_s: float, frame_a: str, frame_b: str
+) -> TransformStamped:
     q = Quaternion(*transforms.fast_quaternion_xyzw(T_a_b))
     return TransformStamped(header(stamp_s, frame_a), frame_b, Transform(Vector3(*T_a_b[:3, 3]), q))
 
@@ -64,21 +85,27 @@ def epochs_of(message: Epochs) -> Dict[str, int]:
 
 
 def battery_share(message: BatteryState) -> float:
-    """Share of the charge that is left, 0..1; NaN: not known, which MAVROS says with a negative number."""
+    """Share of the charge that is left, 0..1; NaN: not known, which MAVROS says with a negative
+    number."""
     return message.percentage if message.percentage >= 0.0 else math.nan
 
 
 def image_to_array(message: Image, encoding: str = "passthrough") -> np.ndarray:
-    """Picture as an array in ``encoding`` ("bgr8", "mono8", "passthrough"). Raises GeometryError where it cannot."""
+    """Picture as an array in ``encoding`` ("bgr8", "mono8", "passthrough"). Raises GeometryError
+    where it cannot."""
     expected = message.step * message.height
     if len(message.data) != expected or message.step < message.width:
-        raise GeometryError(f"image has {len(message.data)} bytes where height x step is {expected}")
+        raise GeometryError(
+            f"image has {len(message.data)} bytes where height x step is {expected}"
+        )
     from cv_bridge import CvBridgeError
 
     try:
         return _bridge().imgmsg_to_cv2(message, encoding)
     except (CvBridgeError, KeyError, TypeError, ValueError) as error:
-        raise GeometryError(f"image encoding '{message.encoding}' cannot be read as {encoding}: {error}") from error
+        raise GeometryError(
+            f"image encoding '{message.encoding}' cannot be read as {encoding}: {error}"
+        ) from error
 
 
 def array_to_image(image: np.ndarray, encoding: str, stamp_s: float, frame_id: str) -> Image:

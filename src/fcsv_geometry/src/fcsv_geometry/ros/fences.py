@@ -12,11 +12,14 @@ from fcsv_msgs.msg import Fence as FenceMessage
 def to_message(fence: Fence, stamp_s: float) -> FenceMessage:
     """The message; ``stamp_s`` in the time of day."""
     corners = Polygon([Point32(x, y, 0.0) for x, y in fence.polygon])
-    return FenceMessage(conversions.header(stamp_s, ""), fence.floor_m, fence.ceiling_m, fence.radius_m, corners)
+    return FenceMessage(
+        conversions.header(stamp_s, ""), fence.floor_m, fence.ceiling_m, fence.radius_m, corners
+    )
 
 
 def from_message(message: FenceMessage) -> Fence:
-    """Raises GeometryError where it is no fence: NaN, a ceiling under the floor, a polygon of two corners."""
+    """Raises GeometryError where it is no fence: NaN, a ceiling under the floor, a polygon of two
+    corners."""
     polygon = [(float(p.x), float(p.y)) for p in message.polygon.points]
     try:
         return Fence(message.floor_m, message.ceiling_m, message.radius_m, polygon)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node's health as diagnostics: rates of what flows, counts of what was dropped, and what is wrong now."""
+"""A node's health as diagnostics: rates of what flows, counts of what was dropped, and what is
+wrong now."""
 
 import threading
 import time
@@ -14,7 +15,8 @@ from fcsv_geometry.streams.flow import DropCounter
 
 
 class Health:
-    """Published once a second. ``flows`` maps a flow's name to the rate (Hz) below which it is a warning."""
+    """Published once a second. ``flows`` maps a flow's name to the rate (Hz) below which it is a
+    warning."""
 
     def __init__(self, hardware_id: str, flows: Optional[Dict[str, float]] = None):
         self._lock = threading.Lock()
@@ -35,10 +37,13 @@ class Health:
             self._ticks[flow] = self._ticks.get(flow, 0) + 1
 
     def drop(self, reason: str, detail: str = "") -> None:
-        """Something was dropped, from any thread: counted for the diagnostics, told now and then per reason."""
+        """Something was dropped, from any thread: counted for the diagnostics, told now and then
+        per reason."""
         count = self._drops.count(reason)
         if self._drops.tells(reason, time.monotonic()):
-            rospy.logwarn("dropped: %s%s (%d so far)", reason, f": {detail}" if detail else "", count)
+            rospy.logwarn(
+                "dropped: %s%s (%d so far)", reason, f": {detail}" if detail else "", count
+            )
 
     def value(self, name: str, value) -> None:
         with self._lock:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every node begins with: strict parameters, the core's log in rosout, one line where it cannot run."""
+"""What every node begins with: strict parameters, the core's log in rosout, one line where it
+cannot run."""
 
 import dataclasses
 import logging
@@ -19,7 +20,8 @@ _LOG_EVERY_S = 5.0
 
 
 def begin(name: str, **how) -> None:
-    """``rospy.init_node`` of a process of this workspace: it forgets no publisher (publishers.py)."""
+    """``rospy.init_node`` of a process of this workspace: it forgets no publisher
+    (publishers.py)."""
     publishers.keep_all()
     rospy.init_node(name, **how)
 
@@ -27,8 +29,8 @@ def begin(name: str, **how) -> None:
 def run(name: str, make: Callable[[], Any]) -> int:
     """Make the node and spin until ROS shuts it down; its exit status.
 
-    ``make`` reads parameters and subscribes; its result's ``spin()`` is used where it has one. An FcsvError
-    from it is the end, as one line.
+    ``make`` reads parameters and subscribes; its result's ``spin()`` is used where it has one. An
+    FcsvError from it is the end, as one line.
     """
     begin(name)
     _log_to_rosout()
@@ -46,7 +48,8 @@ def run(name: str, make: Callable[[], Any]) -> int:
 
 
 def every(period_s: float, work: Callable[[Any], None]) -> rospy.Timer:
-    """Call ``work`` with the timer's event again and again, in a thread of its own, until ROS shuts the node down.
+    """Call ``work`` with the timer's event again and again, in a thread of its own, until ROS shuts
+    the node down.
 
     A defect in it costs one turn and is logged; rospy's own timer would end without a word.
     """
@@ -55,20 +58,23 @@ def every(period_s: float, work: Callable[[Any], None]) -> rospy.Timer:
         try:
             work(event)
         except Exception:
-            if not rospy.core.is_shutdown_requested():  # topics are closed from then on, before is_shutdown()
+            # topics are closed from then on, before is_shutdown()
+            if not rospy.core.is_shutdown_requested():
                 rospy.logerr_throttle(_LOG_EVERY_S, f"{rospy.get_name()}: {traceback.format_exc()}")
 
     return rospy.Timer(rospy.Duration(period_s), turn)
 
 
 def defect(error: Exception) -> str:
-    """Call where an exception that nobody expected is caught: its traceback goes to the log, the words to the user."""
+    """Call where an exception that nobody expected is caught: its traceback goes to the log, the
+    words to the user."""
     rospy.logerr("%s", traceback.format_exc())
     return f"a defect of this program ({error}); see its log"
 
 
 def parameters(cls: Type[T]) -> T:
-    """The node's private parameters as a frozen dataclass. Raises ConfigError naming node and parameter; logs them."""
+    """The node's private parameters as a frozen dataclass. Raises ConfigError naming node and
+    parameter; logs them."""
     name = rospy.get_name()
     found = config.from_mapping(rospy.get_param(name, {}), cls, name)
     rospy.loginfo("%s: %s", name, dataclasses.asdict(found))
@@ -78,7 +84,9 @@ def parameters(cls: Type[T]) -> T:
 def vehicles(folder: str, names: Sequence[str]) -> Dict[str, VehicleGeometry]:
     """The vehicles named, in order. Raises ConfigError; also on an empty list."""
     if not names:
-        raise config.ConfigError(f"{rospy.get_name()}: 'vehicles' is empty; name the column, front first")
+        raise config.ConfigError(
+            f"{rospy.get_name()}: 'vehicles' is empty; name the column, front first"
+        )
     return load_vehicles(folder, list(dict.fromkeys(names)))
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes of this master's nodes: where they are, whether they answer, and which they are on this machine.
+"""Processes of this master's nodes: where they are, whether they answer, and which they are on this
+machine.
 
 All calls end in time: a master or a node that hangs is what a watch is there for.
 """
@@ -15,12 +16,18 @@ import rosgraph
 
 from fcsv_geometry.ros.calls import server_at
 
-_NO_SOUND_ANSWER = (http.client.HTTPException, xmlrpc.client.Error, ExpatError, ValueError, TypeError)
+_NO_SOUND_ANSWER = (
+    http.client.HTTPException,
+    xmlrpc.client.Error,
+    ExpatError,
+    ValueError,
+    TypeError,
+)
 
 
 def address_of(caller: str, name: str, timeout_s: float) -> str:
-    """Gives the address of a node's own interface (ROS 1 slave API), as the master knows it. Raises OSError where the
-    master does not answer for ``timeout_s``, or does not know the node."""
+    """Gives the address of a node's own interface (ROS 1 slave API), as the master knows it. Raises
+    OSError where the master does not answer for ``timeout_s``, or does not know the node."""
     try:
         with server_at(rosgraph.get_master_uri(), timeout_s) as master:
             code, text, uri = master.lookupNode(caller, name)
@@ -32,7 +39,8 @@ def address_of(caller: str, name: str, timeout_s: float) -> str:
 
 
 def ask_pid(caller: str, uri: str, timeout_s: float) -> Optional[int]:
-    """Process id that the node at ``uri`` tells, as `rosnode ping` asks; None where no sound answer comes in time."""
+    """Process id that the node at ``uri`` tells, as `rosnode ping` asks; None where no sound answer
+    comes in time."""
     try:
         with server_at(uri, timeout_s) as node:
             code, _, pid = node.getPid(caller)
@@ -42,7 +50,8 @@ def ask_pid(caller: str, uri: str, timeout_s: float) -> Optional[int]:
 
 
 def ask_to_end(caller: str, name: str, why: str, timeout_s: float) -> None:
-    """Ask a node to shut down. Raises OSError where master or node does not answer, each for ``timeout_s``."""
+    """Ask a node to shut down. Raises OSError where master or node does not answer, each for
+    ``timeout_s``."""
     try:
         with server_at(address_of(caller, name, timeout_s), timeout_s) as node:
             node.shutdown(caller, why)
@@ -51,13 +60,14 @@ def ask_to_end(caller: str, name: str, why: str, timeout_s: float) -> None:
 
 
 def processes_of(name: str) -> List[psutil.Process]:
-    """Finds the processes of a node of this master (resolved ``name``) on this machine; one that hangs answers no
-    call."""
+    """Finds the processes of a node of this master (resolved ``name``) on this machine; one that
+    hangs answers no call."""
     return [process for process in psutil.process_iter() if is_node(process, name)]
 
 
 def is_node(process: psutil.Process, name: str) -> bool:
-    """Whether a process is the node, by how roslaunch started it: its command line, namespace and master."""
+    """Whether a process is the node, by how roslaunch started it: its command line, namespace and
+    master."""
     namespace, _, base = name.rpartition("/")
     try:
         if f"__name:={base}" not in process.cmdline():

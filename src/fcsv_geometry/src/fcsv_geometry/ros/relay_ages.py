@@ -8,11 +8,13 @@ from fcsv_msgs.msg import RelayAges
 
 
 def hear_ages(arrivals: Arrivals, prefix: str = "") -> rospy.Subscriber:
-    """``arrivals`` are told by the relay under ``prefix`` (a vehicle's namespace; empty on the control PC)."""
+    """``arrivals`` are told by the relay under ``prefix`` (a vehicle's namespace; empty on the
+    control PC)."""
     take = lambda message: arrivals.told(message.topics, message.sent_s)  # noqa: E731
     return rospy.Subscriber(f"{prefix}/relay/ages", RelayAges, take, queue_size=5, tcp_nodelay=True)
 
 
 def publisher_of(message) -> str:
-    """The node that published a message, as rospy gave it to a callback; empty where it is not known."""
+    """The node that published a message, as rospy gave it to a callback; empty where it is not
+    known."""
     return (getattr(message, "_connection_header", None) or {}).get("callerid", "")

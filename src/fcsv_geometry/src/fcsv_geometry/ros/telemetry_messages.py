@@ -37,7 +37,9 @@ def _tags(name: str, by: str, m: TagDetections) -> tm.SeenTags:
     if m.vehicle != name:
         raise GeometryError(f"it is of '{m.vehicle}'")
     tags = [
-        tm.SeenTag(t.id, t.size_m, np.array(t.corners_normalized).reshape(4, 2), _position(t.tag_in_camera))
+        tm.SeenTag(
+            t.id, t.size_m, np.array(t.corners_normalized).reshape(4, 2), _position(t.tag_in_camera)
+        )
         for t in m.detections
     ]
     stamp_s = m.header.stamp.to_sec()
@@ -65,9 +67,15 @@ TOPICS: Dict[type, Topic] = {
 }
 
 
-def hear(vehicle: str, kinds: Sequence[type], receive: Callable[[object], None], health: Health,
-         topics: Mapping[type, Topic] = TOPICS) -> None:  # fmt: skip
-    """Subscribe to what a vehicle tells; ``receive`` each as data. What holds no pose is dropped, and counted."""
+def hear(
+    vehicle: str,
+    kinds: Sequence[type],
+    receive: Callable[[object], None],
+    health: Health,
+    topics: Mapping[type, Topic] = TOPICS,
+) -> None:
+    """Subscribe to what a vehicle tells; ``receive`` each as data. What holds no pose is dropped,
+    and counted."""
     for kind in kinds:
         topic, message_type, take = topics[kind]
 
@@ -93,7 +101,9 @@ def hear_relay(receive: Callable[[object], None], prefix: str = "") -> None:
 def hear_epochs(receive: Callable[[object], None]) -> None:
     """Reads for which epochs calibration and home hold."""
     for of in (tm.CALIBRATION, tm.HOME):
-        take = lambda m, of=of: receive(tm.EpochsFound(of, m.header.stamp.to_sec(), conversions.epochs_of(m)))  # noqa: E731
+        take = lambda m, of=of: receive(  # noqa: E731
+            tm.EpochsFound(of, m.header.stamp.to_sec(), conversions.epochs_of(m))
+        )
         rospy.Subscriber(f"/{of}_epochs", Epochs, take, queue_size=1)
 
 
@@ -104,7 +114,9 @@ def calibration_of(m: Calibration) -> tm.CalibrationFound:
 
 def home_of(m: Home) -> tm.HomeFound:
     """Raises GeometryError where the pose is none."""
-    return tm.HomeFound(m.header.stamp.to_sec(), m.reference, conversions.pose_to_transform(m.home_in_odom))
+    return tm.HomeFound(
+        m.header.stamp.to_sec(), m.reference, conversions.pose_to_transform(m.home_in_odom)
+    )
 
 
 def epochs_message(m: tm.EpochsFound) -> Epochs:

@@ -4,7 +4,8 @@ it."""
 
 from typing import Dict, Sequence, Set
 
-UNMEASURED_S = 1.0  # what a relay lets through is no older: max_age_s of the class `state` in config/links
+# what a relay lets through is no older: max_age_s of the class `state` in config/links
+UNMEASURED_S = 1.0
 RELAY = "relay"  # how launch files name the relay's node
 
 
@@ -29,7 +30,9 @@ class Arrivals:
 
     def came(self, topic: str, publisher: str) -> None:
         """A message came from the node named ``publisher`` (empty: not known)."""
-        (self._relayed.add if publisher.rsplit("/", 1)[-1] == RELAY else self._relayed.discard)(topic)
+        (self._relayed.add if publisher.rsplit("/", 1)[-1] == RELAY else self._relayed.discard)(
+            topic
+        )
 
     def told(self, topics: Sequence[str], sent_s: Sequence[float]) -> None:
         """A relay measured when the newest messages of topics were sent."""

@@ -8,10 +8,11 @@ _STEPS = (1.0, 2.0, 5.0)
 
 
 class Silence:
-    """``came`` with each message; a silence longer than ``longest_s`` is told and counted. It counts from ``want``.
+    """``came`` with each message; a silence longer than ``longest_s`` is told and counted. It
+    counts from ``want``.
 
-    ``times``: silences that ended or were given up; ``worst_s``: the longest of them. One thread may say what came
-    while another asks.
+    ``times``: silences that ended or were given up; ``worst_s``: the longest of them. One thread
+    may say what came while another asks.
 
     >>> pictures = Silence(1.0)
     >>> pictures.lasts_s(99.0)
@@ -46,7 +47,8 @@ class Silence:
             self._since_s = now_s
 
     def lasts_s(self, now_s: float) -> float:
-        """How long nothing has come; 0 where that is no longer than ``longest_s``, or nothing is wanted."""
+        """How long nothing has come; 0 where that is no longer than ``longest_s``, or nothing is
+        wanted."""
         since_s = self._since_s
         return now_s - since_s if since_s is not None and now_s - since_s > self._longest_s else 0.0
 
@@ -58,7 +60,8 @@ class Silence:
 
 
 def in_steps(seconds: float) -> int:
-    """1, 2, 5, 10, 20, 50, ... s, the largest that is not above; 0 below 1 s. So what is said changes seldom.
+    """1, 2, 5, 10, 20, 50, ... s, the largest that is not above; 0 below 1 s. So what is said
+    changes seldom.
 
     >>> [in_steps(s) for s in (0.0, 0.9, 1.0, 4.9, 5.0, 19.0, 73.0)]
     [0, 0, 1, 2, 5, 10, 50]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which stamps of a recorded topic can be believed: single wrong ones, clocks that jump or stand still.
+"""Which stamps of a recorded topic can be believed: single wrong ones, clocks that jump or stand
+still.
 
 Stamps come in the order in which the messages were recorded.
 """

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""/calibration and /home (fcsv_msgs/Calibration, Home) as what fcsv_geometry.home composes. No ROS is needed."""
+"""/calibration and /home (fcsv_msgs/Calibration, Home) as what fcsv_geometry.home composes. No ROS
+is needed."""
 
 from typing import List
 
@@ -12,7 +13,9 @@ from fcsv_geometry.messages import pose_to_transform
 def link_from_message(message) -> OdomLink:
     """Raises GeometryError where the pose is none."""
     T_parent_child = pose_to_transform(message.child_odom_in_parent_odom)
-    return OdomLink(message.parent, message.child, T_parent_child, np.array(message.covariance).reshape(4, 4))
+    return OdomLink(
+        message.parent, message.child, T_parent_child, np.array(message.covariance).reshape(4, 4)
+    )
 
 
 def links_from_message(message) -> List[OdomLink]:
@@ -21,10 +24,12 @@ def links_from_message(message) -> List[OdomLink]:
 
 
 def take_calibration(frames: HomeFrames, message) -> None:
-    """Compose with a new calibration. Raises GeometryError where a pose is none; the frames are then as before."""
+    """Compose with a new calibration. Raises GeometryError where a pose is none; the frames are
+    then as before."""
     frames.calibrate(links_from_message(message))
 
 
 def take_home(frames: HomeFrames, message) -> None:
-    """Compose with a new home. Raises GeometryError where the pose is none; the frames are then as before."""
+    """Compose with a new home. Raises GeometryError where the pose is none; the frames are then as
+    before."""
     frames.set_home(message.reference, pose_to_transform(message.home_in_odom))

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a vehicle tells of itself, and what the calibration tells of all, as data: what ports are given and give.
+"""What a vehicle tells of itself, and what the calibration tells of all, as data: what ports are
+given and give.
 
-A message here is what a topic carries, without its transport. ``publisher`` is the node from which it came to this
-machine (a relay where it crossed the radio; empty: not known), ``topic`` the topic below the vehicle's name.
+A message here is what a topic carries, without its transport. ``publisher`` is the node from which
+it came to this machine (a relay where it crossed the radio; empty: not known), ``topic`` the topic
+below the vehicle's name.
 """
 
 from dataclasses import dataclass
@@ -15,8 +17,8 @@ from fcsv_geometry.home import OdomLink
 
 @dataclass(frozen=True)
 class VehicleOdometry:
-    """Its place T_odom_body (4, 4) in its own odometry frame, its velocity (3,) m/s in the body's axes; ``stamp_s`` is
-    by the time of day of its computer."""
+    """Its place T_odom_body (4, 4) in its own odometry frame, its velocity (3,) m/s in the body's
+    axes; ``stamp_s`` is by the time of day of its computer."""
 
     topic: ClassVar[str] = "odometry/state"
     vehicle: str
@@ -61,7 +63,8 @@ class VehicleState:
 
 @dataclass(frozen=True)
 class GuardianStatus:
-    """What its guardian does, and why, in words; ``lost``: nobody knows where it is, ``lost_s``: so long it flew on."""
+    """What its guardian does, and why, in words; ``lost``: nobody knows where it is, ``lost_s``: so
+    long it flew on."""
 
     topic: ClassVar[str] = "guardian/state"
     vehicle: str
@@ -94,8 +97,8 @@ class RecorderState:
 
 @dataclass(frozen=True)
 class SeenTag:
-    """A tag in a picture: corners (4, 2) as undistorted x/z, y/z in the detector's order; ``p_cam_tag_m`` (3,) in the
-    camera's optical frame, None where its pose is none."""
+    """A tag in a picture: corners (4, 2) as undistorted x/z, y/z in the detector's order;
+    ``p_cam_tag_m`` (3,) in the camera's optical frame, None where its pose is none."""
 
     id: int
     size_m: float
@@ -105,7 +108,8 @@ class SeenTag:
 
 @dataclass(frozen=True)
 class SeenTags:
-    """The tags in one picture of a vehicle; T_odom_cam (4, 4) of its camera at ``stamp_s``, None where it is none."""
+    """The tags in one picture of a vehicle; T_odom_cam (4, 4) of its camera at ``stamp_s``, None
+    where it is none."""
 
     topic: ClassVar[str] = "tags/detections"
     vehicle: str
@@ -123,7 +127,8 @@ class SeenTags:
 
 @dataclass(frozen=True)
 class SceneLook:
-    """What two pictures of a vehicle say of its tracker's motion between them: see SceneMotion.msg."""
+    """What two pictures of a vehicle say of its tracker's motion between them: see
+    SceneMotion.msg."""
 
     span_s: float
     off_rad: float
@@ -134,7 +139,8 @@ class SceneLook:
 
 @dataclass(frozen=True)
 class RelayAges:
-    """A relay measured when the newest messages of topics were sent, by this machine's monotonic clock (s)."""
+    """A relay measured when the newest messages of topics were sent, by this machine's monotonic
+    clock (s)."""
 
     topics: Sequence[str]
     sent_s: Sequence[float]

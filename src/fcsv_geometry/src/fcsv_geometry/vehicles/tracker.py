@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a tracking camera (config/trackers/NAME.yaml): its rate, how it goes wrong, how it names its frames.
+"""What is known of a tracking camera (config/trackers/NAME.yaml): its rate, how it goes wrong, how
+it names its frames.
 
-Tracking reads it as what it assumes; the simulated tracker reads one as what it does. By default both read one file.
-Where the camera sits on the body is in the vehicle's file (vehicle.VehicleGeometry.tracking_camera).
+Tracking reads it as what it assumes; the simulated tracker reads one as what it does. By default
+both read one file. Where the camera sits on the body is in the vehicle's file
+(vehicle.VehicleGeometry.tracking_camera).
 """
 
 import math
@@ -13,10 +15,11 @@ from fcsv_geometry import config
 
 @dataclass(frozen=True)
 class TrackerProfile:
-    """A T265-like visual-inertial odometry; errors are standard deviations, drift grows with the distance moved.
+    """A T265-like visual-inertial odometry; errors are standard deviations, drift grows with the
+    distance moved.
 
-    The level frame begins where the tracker was switched on, with a yaw of its own (REP 103). Raises ValueError on what
-    is negative or not finite.
+    The level frame begins where the tracker was switched on, with a yaw of its own (REP 103).
+    Raises ValueError on what is negative or not finite.
     """
 
     name: str = "t265"  # in its frames' names: uav1/t265_odom_frame
@@ -70,5 +73,6 @@ T265_PROFILE = TrackerProfile()
 
 
 def load_profile(path: str = "") -> TrackerProfile:
-    """A profile from its file; without a file the one of the defaults. Raises ConfigError naming file and field."""
+    """A profile from its file; without a file the one of the defaults. Raises ConfigError naming
+    file and field."""
     return config.load(path, TrackerProfile) if path else T265_PROFILE

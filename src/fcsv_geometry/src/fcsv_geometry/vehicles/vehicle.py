@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is fixed on a vehicle: where its camera, tracking camera and tag sit, and which tag it carries."""
+"""What is fixed on a vehicle: where its camera, tracking camera and tag sit, and which tag it
+carries."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,8 @@ MOST_TAG_ID = 586  # of family tag36h11
 
 @dataclass(frozen=True)
 class Mount:
-    """Pose of a part in the body frame: metres, and degrees about fixed x, y, z (a person types them)."""
+    """Pose of a part in the body frame: metres, and degrees about fixed x, y, z (a person types
+    them)."""
 
     xyz_m: Vector3  # in the body frame: x forward, y left, z up
     rpy_deg: Vector3 = (0.0, 0.0, 0.0)  # roll, pitch, yaw about fixed x, y, z
@@ -26,8 +28,8 @@ class Mount:
 
     @property
     def T_body_tag(self) -> np.ndarray:
-        """The same of a tag whose printed face looks along x, as the AprilRobotics detector has its frame: seen from
-        its front x right, y down, z into the tag."""
+        """The same of a tag whose printed face looks along x, as the AprilRobotics detector has its
+        frame: seen from its front x right, y down, z into the tag."""
         R_flu_tag = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
         return self.T_body_part @ transforms.transform(R_flu_tag, np.zeros(3))
 
@@ -36,9 +38,9 @@ class Mount:
 class VehicleGeometry:
     """One vehicle, as in config/vehicles/NAME.yaml.
 
-    ``camera`` and ``tag`` are given forward-left-up: the camera's x looks out of the lens, the tag's x
-    out of its printed face (a tag on the back has yaw 180 degrees). ``tracking_camera`` is the
-    T265's pose frame (x out of its lens side, REP 103), pitched 90 degrees when it looks down.
+    ``camera`` and ``tag`` are given forward-left-up: the camera's x looks out of the lens, the
+    tag's x out of its printed face (a tag on the back has yaw 180 degrees). ``tracking_camera`` is
+    the T265's pose frame (x out of its lens side, REP 103), pitched 90 degrees when it looks down.
     """
 
     name: str  # as the file's: its namespace, its topics, its bag
@@ -78,7 +80,8 @@ class VehicleGeometry:
 
 
 def load_vehicles(folder, names: Iterable[str]) -> Dict[str, VehicleGeometry]:
-    """Named vehicles from ``folder``/NAME.yaml, in order. Raises ConfigError on a clash of ids or names."""
+    """Named vehicles from ``folder``/NAME.yaml, in order. Raises ConfigError on a clash of ids or
+    names."""
     vehicles: Dict[str, VehicleGeometry] = {}
     for name in names:
         path = Path(folder) / f"{name}.yaml"
@@ -87,8 +90,12 @@ def load_vehicles(folder, names: Iterable[str]) -> Dict[str, VehicleGeometry]:
             raise config.ConfigError(f"{path}: name is '{vehicle.name}', the file says '{name}'")
         for other in vehicles.values():
             if other.tag_id == vehicle.tag_id:
-                raise config.ConfigError(f"{path}: tag_id {vehicle.tag_id} is also {other.name}'s; tags must differ")
+                raise config.ConfigError(
+                    f"{path}: tag_id {vehicle.tag_id} is also {other.name}'s; tags must differ"
+                )
             if other.system_id == vehicle.system_id:
-                raise config.ConfigError(f"{path}: system_id {vehicle.system_id} is also {other.name}'s")
+                raise config.ConfigError(
+                    f"{path}: system_id {vehicle.system_id} is also {other.name}'s"
+                )
         vehicles[name] = vehicle
     return vehicles

@@ -20,25 +20,35 @@ from fcsv_guidance.ground_server import densely
 _POSES_APART_M = 0.2
 
 
-def grid_message(grid: Grid, percents: np.ndarray, stamp_s: float, loaded_s: float) -> OccupancyGrid:
+def grid_message(
+    grid: Grid, percents: np.ndarray, stamp_s: float, loaded_s: float
+) -> OccupancyGrid:
     """``percents`` (rows, columns) int8 in home; ``stamp_s``: of the newest picture in it."""
     origin = Pose(Point(grid.x0_m, grid.y0_m, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
     info = MapMetaData(
-        map_load_time=conversions.header(loaded_s, "").stamp, resolution=grid.cell_m, width=grid.columns,
-        height=grid.rows, origin=origin,
-    )  # fmt: skip
+        map_load_time=conversions.header(loaded_s, "").stamp,
+        resolution=grid.cell_m,
+        width=grid.columns,
+        height=grid.rows,
+        origin=origin,
+    )
     return OccupancyGrid(conversions.header(stamp_s, frames.HOME), info, percents.ravel().tolist())
 
 
 def grid_of(message: OccupancyGrid) -> Tuple[Grid, np.ndarray]:
-    """The grid and its percents (rows, columns) int8. Raises GroundError where it is turned, not in home, or cut."""
+    """The grid and its percents (rows, columns) int8. Raises GroundError where it is turned, not in
+    home, or cut."""
     info, q = message.info, message.info.origin.orientation
     if message.header.frame_id != frames.HOME:
         raise GroundError(f"a grid in frame '{message.header.frame_id}' is not in {frames.HOME}")
     if abs(q.x) + abs(q.y) + abs(q.z) > 1e-6:
-        raise GroundError("a grid that is turned against home cannot be used; its origin's orientation must be none")
+        raise GroundError(
+            "a grid that is turned against home cannot be used; its origin's orientation must be none"
+        )
     if len(message.data) != info.width * info.height:
-        raise GroundError(f"a grid of {info.width} x {info.height} cells has {len(message.data)} values")
+        raise GroundError(
+            f"a grid of {info.width} x {info.height} cells has {len(message.data)} values"
+        )
     cell_m = float(np.round(info.resolution, 6))  # a float32
     grid = Grid(info.origin.position.x, info.origin.position.y, cell_m, info.height, info.width)
     return grid, np.array(message.data, np.int8).reshape(grid.shape)
@@ -48,14 +58,20 @@ def update_message(region: Region, stamp_s: float) -> OccupancyGridUpdate:
     """Makes the message as costmap_2d and rviz take it."""
     rows, columns = region.percents.shape
     header = conversions.header(stamp_s, frames.HOME)
-    return OccupancyGridUpdate(header, region.column, region.row, columns, rows, region.percents.ravel().tolist())
+    return OccupancyGridUpdate(
+        header, region.column, region.row, columns, rows, region.percents.ravel().tolist()
+    )
 
 
 def region_of(message: OccupancyGridUpdate) -> Region:
     """Raises GroundError where it is cut."""
     if len(message.data) != message.width * message.height:
-        raise GroundError(f"an update of {message.width} x {message.height} cells has {len(message.data)} values")
-    return Region(message.y, message.x, np.array(message.data, np.int8).reshape(message.height, message.width))
+        raise GroundError(
+            f"an update of {message.width} x {message.height} cells has {len(message.data)} values"
+        )
+    return Region(
+        message.y, message.x, np.array(message.data, np.int8).reshape(message.height, message.width)
+    )
 
 
 def path_message(points_home_m: np.ndarray, stamp_s: float) -> Path:
@@ -67,7 +83,11 @@ def path_message(points_home_m: np.ndarray, stamp_s: float) -> Path:
     ahead = np.diff(points, axis=0)
     yaws = np.arctan2(ahead[:, 1], ahead[:, 0])
     for (x, y), yaw in zip(points, [*yaws, yaws[-1] if len(yaws) else 0.0]):
-        path.poses.append(conversions.pose_stamped(transforms.from_xyz_yaw([x, y, 0.0], yaw), stamp_s, frames.HOME))
+        path.poses.append(
+            conversions.pose_stamped(
+                transforms.from_xyz_yaw([x, y, 0.0], yaw), stamp_s, frames.HOME
+            )
+        )
     return path
 
 
@@ -75,13 +95,17 @@ def route_of(path: Path) -> np.ndarray:
     """(N,2) home. Raises RouteError where it is not in home."""
     if path.poses and path.header.frame_id != frames.HOME:
         raise RouteError(f"a path in frame '{path.header.frame_id}' is not in {frames.HOME}")
-    return np.array([(p.pose.position.x, p.pose.position.y) for p in path.poses], float).reshape(-1, 2)
+    return np.array([(p.pose.position.x, p.pose.position.y) for p in path.poses], float).reshape(
+        -1, 2
+    )
 
 
 def place_of(message: PoseStamped, name: str) -> Tuple[float, float]:
     """x, y in home. Raises RouteError where it is in another frame."""
     if message.header.frame_id != frames.HOME:
-        raise RouteError(f"the {name} is in frame '{message.header.frame_id}', not in {frames.HOME}")
+        raise RouteError(
+            f"the {name} is in frame '{message.header.frame_id}', not in {frames.HOME}"
+        )
     return message.pose.position.x, message.pose.position.y
 
 

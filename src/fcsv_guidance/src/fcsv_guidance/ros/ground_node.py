@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground on topics: grids with what changes in them, a path to the goal, a service for routes."""
+"""The ground on topics: grids with what changes in them, a path to the goal, a service for
+routes."""
 
 import threading
 from dataclasses import dataclass, field, replace
@@ -49,7 +50,8 @@ class GroundParameters:
     robot: str  # its file, config/robots/NAME.yaml
     maps: List[str] = field(default_factory=list)  # folders that map wrote
     live: bool = False  # take /map/depth with sigma and kind as they come, too
-    fresh: bool = False  # maps of folders count as of now, not of their pictures: only where nothing has moved since
+    # maps of folders count as of now, not of their pictures: only where nothing has moved since
+    fresh: bool = False
     ground: GroundRules = field(default_factory=GroundRules)
     place: PlaceParameters = field(default_factory=PlaceParameters)
 
@@ -59,13 +61,16 @@ class GroundParameters:
 
 
 class _NewestGrid(rospy.SubscribeListener):
-    """Who begins to listen to a grid gets it whole, as it is then; updates bring what changes later."""
+    """Who begins to listen to a grid gets it whole, as it is then; updates bring what changes
+    later."""
 
     def __init__(self):
         super().__init__()
         self.message = None
 
-    def peer_subscribe(self, topic_name: str, _topic_publish: Callable, peer_publish: Callable) -> None:
+    def peer_subscribe(
+        self, topic_name: str, _topic_publish: Callable, peer_publish: Callable
+    ) -> None:
         """rospy's: somebody begins to listen."""
         if self.message is not None:
             peer_publish(self.message)
@@ -108,17 +113,28 @@ class GroundNode:
             self._listen()
 
     def _as_of(self, view):
-        """The view with the time for which it counts; one that nobody knows is the oldest of all."""
+        """The view with the time for which it counts; one that nobody knows is the oldest of
+        all."""
         stamp_s = rospy.get_time() if self._parameters.fresh else view.stamp_s
         if not np.isfinite(stamp_s):
-            rospy.logwarn("%s: does not say when it was seen: it counts as too old to drive on (set fresh)", view.name)
+            rospy.logwarn(
+                "%s: does not say when it was seen: it counts as too old to drive on (set fresh)",
+                view.name,
+            )
         return replace(view, stamp_s=stamp_s)
 
-    # ---- live maps -----------------------------------------------------------------------------------------
+    # ---- live maps -------------------------------------------------------------------------------
 
     def _listen(self) -> None:
         for part, encoding in (("depth", "32FC1"), ("sigma", "32FC1"), ("kind", "mono8")):
-            rospy.Subscriber(f"/map/{part}", Image, self._on_picture, (part, encoding), queue_size=2, buff_size=1 << 24)
+            rospy.Subscriber(
+                f"/map/{part}",
+                Image,
+                self._on_picture,
+                (part, encoding),
+                queue_size=2,
+                buff_size=1 << 24,
+            )
         rospy.Subscriber("/map/camera_info", CameraInfo, self._on_camera, queue_size=2)
         rospy.Subscriber("/tf_static", TFMessage, self._on_static, queue_size=20)
 
@@ -132,7 +148,9 @@ class GroundNode:
     def _on_static(self, message: TFMessage) -> None:
         for each in message.transforms:
             if each.child_frame_id == REFERENCE_FRAME and each.header.frame_id == frames.HOME:
-                self._on_part(each, "T_home_cam", lambda t=each.transform: conversions.transform_from_msg(t))
+                self._on_part(
+                    each, "T_home_cam", lambda t=each.transform: conversions.transform_from_msg(t)
+                )
 
     def _on_part(self, message, part: str, convert: Callable[[], np.ndarray]) -> None:
         try:
@@ -158,7 +176,7 @@ class GroundNode:
                 self._health.tick("live maps")
                 self._publish()
 
-    # ---- goals and routes ----------------------------------------------------------------------------------
+    # ---- goals and routes ------------------------------------------------------------------------
 
     def _on_goal(self, message: PoseStamped) -> None:
         try:
@@ -173,7 +191,10 @@ class GroundNode:
 
     def _on_plan(self, request) -> GetPlanResponse:
         try:
-            start_m, goal_m = messages.place_of(request.start, "start"), messages.place_of(request.goal, "goal")
+            start_m, goal_m = (
+                messages.place_of(request.start, "start"),
+                messages.place_of(request.goal, "goal"),
+            )
             with self._lock:
                 found = self._port.plan(start_m, goal_m, request.tolerance)
                 said = self._port.in_words(found) if isinstance(found, NoRoute) else None
@@ -195,7 +216,7 @@ class GroundNode:
         if not isinstance(message, RobotPlace):
             self._publish()
 
-    # ---- what goes out -------------------------------------------------------------------------------------
+    # ---- what goes out ---------------------------------------------------------------------------
 
     def _publish(self) -> None:
         with self._lock:

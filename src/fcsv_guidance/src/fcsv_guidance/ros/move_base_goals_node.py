@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gives a robot that has its own move_base the goals along the path of ground_map, as a client of its action."""
+"""Gives a robot that has its own move_base the goals along the path of ground_map, as a client of
+its action."""
 
 import threading
 from dataclasses import dataclass, field
@@ -48,13 +49,21 @@ class MoveBaseGoalsNode:
         rospy.on_shutdown(self._client.cancel_all_goals)
         self._timer = node.every(_PERIOD_S, lambda _event: self._step())
         rospy.Subscriber("path", Path, self._on_path, queue_size=1)
-        rospy.Subscriber("/stop_all", String, lambda m: self._receive(StopRobot()), queue_size=5, tcp_nodelay=True)
+        rospy.Subscriber(
+            "/stop_all",
+            String,
+            lambda m: self._receive(StopRobot()),
+            queue_size=5,
+            tcp_nodelay=True,
+        )
         self._place = PlaceSource(p.place, self._receive, self._health)
 
     def _on_path(self, message: Path) -> None:
         try:
             points = messages.route_of(message)
-            self._receive(RouteToFollow(points) if len(points) else StopRobot("no safe route is known"))
+            self._receive(
+                RouteToFollow(points) if len(points) else StopRobot("no safe route is known")
+            )
         except FcsvError as error:
             self._receive(StopRobot(str(error)))
 
@@ -67,7 +76,9 @@ class MoveBaseGoalsNode:
     def _step(self) -> None:
         with self._lock:
             connected = self._client.wait_for_server(rospy.Duration(0.001))
-            self._health.problem("move_base", "" if connected else "no move_base answers; start the robot's")
+            self._health.problem(
+                "move_base", "" if connected else "no move_base answers; start the robot's"
+            )
             if connected:
                 for output in self._port.step(rospy.get_time()):
                     self._send(output)
@@ -81,7 +92,9 @@ class MoveBaseGoalsNode:
         if isinstance(output, GiveGoal):
             T_home_goal = transforms.from_xyz_yaw([output.x_m, output.y_m, 0.0], output.yaw_rad)
             pose: PoseStamped = conversions.pose_stamped(T_home_goal, rospy.get_time(), frames.HOME)
-            self._client.send_goal(MoveBaseGoal(pose), done_cb=partial(self._on_done, output.number))
+            self._client.send_goal(
+                MoveBaseGoal(pose), done_cb=partial(self._on_done, output.number)
+            )
         elif isinstance(output, CancelGoal):
             self._client.cancel_all_goals()
 

@@ -24,15 +24,19 @@ _TF_PERIOD_S = 0.05
 class PlaceParameters:
     """Where a node learns the robot's place."""
 
-    source: str = WITH_COVARIANCE  # pose_with_covariance or pose: the type of robot_pose; tf: from home to frame
+    # pose_with_covariance or pose: the type of robot_pose; tf: from home to frame
+    source: str = WITH_COVARIANCE
     frame: str = "base_link"  # of the robot, for tf
-    sigma_m: Optional[float] = None  # how well its place is known, x and y together, where no covariance says it
+    # how well its place is known, x and y together, where no covariance says it
+    sigma_m: Optional[float] = None
 
     def __post_init__(self):
         if self.source not in SOURCES:
             raise ValueError(f"source: '{self.source}' is not one of {', '.join(SOURCES)}")
         if self.source != WITH_COVARIANCE and self.sigma_m is None:
-            raise ValueError(f"sigma_m: is missing; a place by {self.source} does not say how well it is known")
+            raise ValueError(
+                f"sigma_m: is missing; a place by {self.source} does not say how well it is known"
+            )
         if self.sigma_m is not None and not self.sigma_m >= 0:
             raise ValueError(f"sigma_m: must be 0 or more, got {self.sigma_m}")
 
@@ -40,7 +44,9 @@ class PlaceParameters:
 class PlaceSource:
     """Calls ``receive`` with each place; what is none is dropped, counted, and said."""
 
-    def __init__(self, parameters: PlaceParameters, receive: Callable[[RobotPlace], None], health: Health):
+    def __init__(
+        self, parameters: PlaceParameters, receive: Callable[[RobotPlace], None], health: Health
+    ):
         self._parameters, self._receive, self._health = parameters, receive, health
         self._last_s = -1.0
         if parameters.source == TF:
@@ -48,9 +54,17 @@ class PlaceSource:
             self._listener = tf2_ros.TransformListener(self._buffer)
             self._timer = node.every(_TF_PERIOD_S, lambda _event: self._look())
         elif parameters.source == POSE:
-            rospy.Subscriber("robot_pose", PoseStamped, self._on_pose, queue_size=1, tcp_nodelay=True)
+            rospy.Subscriber(
+                "robot_pose", PoseStamped, self._on_pose, queue_size=1, tcp_nodelay=True
+            )
         else:
-            rospy.Subscriber("robot_pose", PoseWithCovarianceStamped, self._on_pose, queue_size=1, tcp_nodelay=True)
+            rospy.Subscriber(
+                "robot_pose",
+                PoseWithCovarianceStamped,
+                self._on_pose,
+                queue_size=1,
+                tcp_nodelay=True,
+            )
 
     def _on_pose(self, message) -> None:
         stamped = self._parameters.source == POSE
@@ -63,7 +77,9 @@ class PlaceSource:
 
     def _look(self) -> None:
         try:
-            found = self._buffer.lookup_transform(frames.HOME, self._parameters.frame, rospy.Time(0))
+            found = self._buffer.lookup_transform(
+                frames.HOME, self._parameters.frame, rospy.Time(0)
+            )
             if found.header.stamp.to_sec() > self._last_s:
                 self._last_s = found.header.stamp.to_sec()
                 self._take(found.header, transform_from_msg(found.transform), None)
@@ -73,6 +89,8 @@ class PlaceSource:
     def _take(self, header, T_home_robot, covariance) -> None:
         sigma_m = self._parameters.sigma_m
         stamp_s = header.stamp.to_sec()
-        place = robot_place(rospy.get_time(), stamp_s, header.frame_id, T_home_robot, covariance, sigma_m)
+        place = robot_place(
+            rospy.get_time(), stamp_s, header.frame_id, T_home_robot, covariance, sigma_m
+        )
         self._health.tick("robot_pose")
         self._receive(place)

@@ -15,7 +15,13 @@ from std_msgs.msg import String
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import DriveCommand, FollowerRules, RouteFollower, RouteToFollow, StopRobot
+from fcsv_guidance.following import (
+    DriveCommand,
+    FollowerRules,
+    RouteFollower,
+    RouteToFollow,
+    StopRobot,
+)
 from fcsv_guidance.grid_regions import clearance_map, with_region
 from fcsv_guidance.ground import Grid
 from fcsv_guidance.robot import load_robot
@@ -49,9 +55,17 @@ class RouteFollowerNode:
         rospy.on_shutdown(lambda: self._cmd_vel.publish(Twist()))
         self._timer = node.every(_PERIOD_S, lambda _event: self._step())
         rospy.Subscriber("stand", OccupancyGrid, self._on_grid, queue_size=1, buff_size=1 << 24)
-        rospy.Subscriber("stand_updates", OccupancyGridUpdate, self._on_update, queue_size=10, buff_size=1 << 24)
+        rospy.Subscriber(
+            "stand_updates", OccupancyGridUpdate, self._on_update, queue_size=10, buff_size=1 << 24
+        )
         rospy.Subscriber("path", Path, self._on_path, queue_size=1)
-        rospy.Subscriber("/stop_all", String, lambda m: self._receive(StopRobot()), queue_size=5, tcp_nodelay=True)
+        rospy.Subscriber(
+            "/stop_all",
+            String,
+            lambda m: self._receive(StopRobot()),
+            queue_size=5,
+            tcp_nodelay=True,
+        )
         self._place = PlaceSource(p.place, self._receive, self._health)
 
     def _on_grid(self, message: OccupancyGrid) -> None:
@@ -80,7 +94,9 @@ class RouteFollowerNode:
     def _on_path(self, message: Path) -> None:
         try:
             points = messages.route_of(message)
-            self._receive(RouteToFollow(points) if len(points) else StopRobot("no safe route is known"))
+            self._receive(
+                RouteToFollow(points) if len(points) else StopRobot("no safe route is known")
+            )
         except FcsvError as error:
             self._receive(StopRobot(str(error)))
 

@@ -14,7 +14,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from fcsv_multimaster.errors import KeyringError
 
 _BACKEND = default_backend()  # the cryptography of Ubuntu 20.04 wants it named
-_CLOCK_SLACK = datetime.timedelta(days=2)  # the clock of a vehicle without a clock battery may be far behind
+# the clock of a vehicle without a clock battery may be far behind
+_CLOCK_SLACK = datetime.timedelta(days=2)
 _OTHERS = 0o077  # the bits of a file's mode that let anybody but its owner at it
 
 
@@ -29,13 +30,23 @@ def authority_certificate(name: str, key, days: int) -> x509.Certificate:
     return builder.sign(key, hashes.SHA256(), _BACKEND)
 
 
-def machine_certificate(common_name: str, host: str, key, authority: x509.Certificate, authority_key, days: int):
+def machine_certificate(
+    common_name: str, host: str, key, authority: x509.Certificate, authority_key, days: int
+):
     """Makes the certificate of a machine, signed by the fleet."""
-    usages = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
+    usages = x509.ExtendedKeyUsage(
+        [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+    )
     builder = _builder(common_name, common_name_of(authority), key.public_key(), days)
-    builder = builder.add_extension(x509.SubjectAlternativeName([x509.DNSName(host)]), critical=False)
-    builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-    return builder.add_extension(usages, critical=False).sign(authority_key, hashes.SHA256(), _BACKEND)
+    builder = builder.add_extension(
+        x509.SubjectAlternativeName([x509.DNSName(host)]), critical=False
+    )
+    builder = builder.add_extension(
+        x509.BasicConstraints(ca=False, path_length=None), critical=True
+    )
+    return builder.add_extension(usages, critical=False).sign(
+        authority_key, hashes.SHA256(), _BACKEND
+    )
 
 
 def _builder(subject: str, issuer: str, public_key, days: int) -> x509.CertificateBuilder:
@@ -95,4 +106,6 @@ def common_name_of(certificate: x509.Certificate) -> str:
 
 def public_octets(holder) -> bytes:
     """Gives the public octets of a key or a certificate; equal where they belong together."""
-    return holder.public_key().public_bytes(serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo)
+    return holder.public_key().public_bytes(
+        serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo
+    )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keys of a fleet: one authority, and per machine a key and a certificate that carries the machine's name."""
+"""Keys of a fleet: one authority, and per machine a key and a certificate that carries the
+machine's name."""
 
 import datetime
 from dataclasses import dataclass, field
@@ -35,7 +36,8 @@ _CERTIFICATE, _KEY = "machine.pem", "machine.key"
 class Keyring:
     """What one machine needs: the authority's certificate, its own certificate and key (paths).
 
-    ``runs_out``: when the first of the two certificates does (UTC); ``fleet_too``: the authority's soon after, too.
+    ``runs_out``: when the first of the two certificates does (UTC); ``fleet_too``: the authority's
+    soon after, too.
     """
 
     authority: Path
@@ -50,15 +52,19 @@ class Keyring:
         if self.runs_out - now > WARN_BEFORE:
             return ""
         days = max(0, (self.runs_out - now).days)
-        remedy = "all machines need keys from a new folder" if self.fleet_too else "make new ones and copy them here"
+        remedy = (
+            "all machines need keys from a new folder"
+            if self.fleet_too
+            else "make new ones and copy them here"
+        )
         return f"the keys run out on {self.runs_out:%Y-%m-%d}, in {days} days; {remedy}"
 
 
 def make_fleet(folder, names: Sequence[str], days: int = 3650) -> Sequence[Path]:
     """Write fleet.key, fleet.pem (kept where they exist) and a folder per machine; the folders.
 
-    Copy NAME/ to the machine NAME; fleet.key stays at home. A name that has its keys already keeps them, unless they
-    are revoked or run out within 30 days. Raises KeyringError.
+    Copy NAME/ to the machine NAME; fleet.key stays at home. A name that has its keys already keeps
+    them, unless they are revoked or run out within 30 days. Raises KeyringError.
     """
     folder = Path(folder)
     for name in names:
@@ -68,7 +74,9 @@ def make_fleet(folder, names: Sequence[str], days: int = 3650) -> Sequence[Path]
         folder.mkdir(parents=True, exist_ok=True)
         authority_key, authority = _authority(folder, days)
         revoked = read_revoked(folder / _REVOKED, authority)
-        made = [_machine(folder / name, name, authority_key, authority, revoked, days) for name in names]
+        made = [
+            _machine(folder / name, name, authority_key, authority, revoked, days) for name in names
+        ]
         _spread(folder, revoked, authority_key)
         return made
     except OSError as error:
@@ -76,13 +84,16 @@ def make_fleet(folder, names: Sequence[str], days: int = 3650) -> Sequence[Path]
 
 
 def revoke(folder, names: Sequence[str]) -> Sequence[Path]:
-    """Put the present keys of machines on the list of revoked ones; the lists that are to be copied.
+    """Put the present keys of machines on the list of revoked ones; the lists that are to be
+    copied.
 
     Raises KeyringError.
     """
     folder = Path(folder)
     if not (folder / _AUTHORITY_KEY).exists():
-        raise KeyringError(f"{folder}: has no {_AUTHORITY_KEY}; give the folder in which the keys were made")
+        raise KeyringError(
+            f"{folder}: has no {_AUTHORITY_KEY}; give the folder in which the keys were made"
+        )
     authority_key, authority = _authority(folder, 1)
     last = dict(read_revoked(folder / _REVOKED, authority).last)
     for name in names:
@@ -97,7 +108,8 @@ def revoke(folder, names: Sequence[str]) -> Sequence[Path]:
 
 
 def open_keyring(folder, name: str) -> Keyring:
-    """The keys of the machine ``name``, checked: there, its own and nobody else's, good, and not revoked.
+    """The keys of the machine ``name``, checked: there, its own and nobody else's, good, and not
+    revoked.
 
     Raises KeyringError naming the file.
     """
@@ -115,7 +127,9 @@ def open_keyring(folder, name: str) -> Keyring:
         raise KeyringError(f"{paths[1]}: belongs to '{common_name}', this machine is '{name}'")
     try:
         authority.public_key().verify(
-            certificate.signature, certificate.tbs_certificate_bytes, ec.ECDSA(certificate.signature_hash_algorithm)
+            certificate.signature,
+            certificate.tbs_certificate_bytes,
+            ec.ECDSA(certificate.signature_hash_algorithm),
         )
     except InvalidSignature as error:
         raise KeyringError(f"{paths[1]}: is not of the fleet of {paths[0]}") from error
@@ -141,12 +155,16 @@ def _authority(folder: Path, days: int):
     return key, certificate
 
 
-def _machine(folder: Path, name: str, authority_key, authority, revoked: Revoked, days: int) -> Path:
+def _machine(
+    folder: Path, name: str, authority_key, authority, revoked: Revoked, days: int
+) -> Path:
     if (folder / _KEY).exists() and _lasts(read_certificate(folder / _CERTIFICATE), revoked):
         return folder
     folder.mkdir(mode=0o700, exist_ok=True)
     key = new_key()
-    certificate = machine_certificate(revoked.good_name(name), name, key, authority, authority_key, days)
+    certificate = machine_certificate(
+        revoked.good_name(name), name, key, authority, authority_key, days
+    )
     write_certificate(folder / _AUTHORITY_CERTIFICATE, authority)
     write_certificate(folder / _CERTIFICATE, certificate)
     write_key(folder / _KEY, key)

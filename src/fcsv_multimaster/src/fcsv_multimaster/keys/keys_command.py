@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosrun fcsv_multimaster keys: make the keys of a fleet, or revoke those of a machine (keys revoke FOLDER NAME)."""
+"""rosrun fcsv_multimaster keys: make the keys of a fleet, or revoke those of a machine (keys revoke
+FOLDER NAME)."""
 
 import argparse
 import sys
@@ -21,9 +22,15 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 def _make(argv: List[str]) -> int:
     parser = argparse.ArgumentParser(prog="keys", description=__doc__)
-    parser.add_argument("folder", help="where they go; keep fleet.key at home, copy NAME/ to the machine NAME")
-    parser.add_argument("names", nargs="+", help="machines, e.g. control uav1 uav2; one that has keys keeps them,"
-                                                 " unless they are revoked or run out within 30 days")  # fmt: skip
+    parser.add_argument(
+        "folder", help="where they go; keep fleet.key at home, copy NAME/ to the machine NAME"
+    )
+    parser.add_argument(
+        "names",
+        nargs="+",
+        help="machines, e.g. control uav1 uav2; one that has keys keeps them,"
+        " unless they are revoked or run out within 30 days",
+    )
     parser.add_argument("--days", type=int, default=3650, help="how long they are good")
     arguments = parser.parse_args(argv)
     if not 1 <= arguments.days <= 36500:
@@ -35,13 +42,17 @@ def _make(argv: List[str]) -> int:
 
 
 def _revoke(argv: List[str]) -> int:
-    parser = argparse.ArgumentParser(prog="keys revoke", description="the present keys of these machines: no more")
+    parser = argparse.ArgumentParser(
+        prog="keys revoke", description="the present keys of these machines: no more"
+    )
     parser.add_argument("folder", help="in which the keys were made")
     parser.add_argument("names", nargs="+", help="machines whose keys were lost or copied")
     arguments = parser.parse_args(argv)
     for path in revoke(arguments.folder, arguments.names):
         if path.parent.name not in arguments.names:
-            print(f"{path}  -> copy into the keys' folder of {path.parent.name}, and restart its relay")
+            print(
+                f"{path}  -> copy into the keys' folder of {path.parent.name}, and restart its relay"
+            )
     names = " ".join(arguments.names)
     print(f"new keys for {names}: rosrun fcsv_multimaster keys {arguments.folder} {names}")
     return 0

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which keys of a fleet are no longer good: a list that the fleet's authority signs and every machine has a copy of.
+"""Which keys of a fleet are no longer good: a list that the fleet's authority signs and every
+machine has a copy of.
 
-Zenoh lets peers in by the common name of their certificate and reads no list of serial numbers. So the common name
-counts: the first keys of ``uav1`` are ``uav1``, those made after these were revoked ``uav1.2``, and so on. A relay lets
-in one of them, the one after the last that was revoked.
+Zenoh lets peers in by the common name of their certificate and reads no list of serial numbers. So
+the common name counts: the first keys of ``uav1`` are ``uav1``, those made after these were revoked
+``uav1.2``, and so on. A relay lets in one of them, the one after the last that was revoked.
 """
 
 import base64
@@ -60,7 +61,8 @@ def write_revoked(path: Path, revoked: Revoked, authority_key) -> None:
 
 
 def read_revoked(path: Path, authority) -> Revoked:
-    """The list beside a machine's keys; empty where there is none. Raises KeyringError, also on a foreign signature."""
+    """The list beside a machine's keys; empty where there is none. Raises KeyringError, also on a
+    foreign signature."""
     try:
         document = json.loads(path.read_text())
         last = {str(name): int(number) for name, number in document["revoked"].items()}
@@ -69,9 +71,13 @@ def read_revoked(path: Path, authority) -> Revoked:
     except FileNotFoundError:
         return Revoked()
     except InvalidSignature as error:
-        raise KeyringError(f"{path}: was not signed by this fleet; copy it again from the fleet's folder") from error
+        raise KeyringError(
+            f"{path}: was not signed by this fleet; copy it again from the fleet's folder"
+        ) from error
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise KeyringError(f"{path}: is no list of revoked keys ({error!r}); copy it again") from error
+        raise KeyringError(
+            f"{path}: is no list of revoked keys ({error!r}); copy it again"
+        ) from error
     return Revoked(last)
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The addresses of this machine, and whether they have changed: discovery must then start again from the new one."""
+"""The addresses of this machine, and whether they have changed: discovery must then start again
+from the new one."""
 
 import socket
 from pathlib import Path
@@ -25,7 +26,8 @@ def whereabouts() -> str:
 
 
 class AddressWatch:
-    """Look now and then; an address that is only gone changes nothing, as nothing can be reached without one."""
+    """Look now and then; an address that is only gone changes nothing, as nothing can be reached
+    without one."""
 
     def __init__(self, read: Callable[[], FrozenSet[str]] = local_addresses):
         self._read = read

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Addresses of machines: HOST:PORT for what is urgent; what is bulky uses the port after it, or HOST:PORT/PORT."""
+"""Addresses of machines: HOST:PORT for what is urgent; what is bulky uses the port after it, or
+HOST:PORT/PORT."""
 
 import ipaddress
 from dataclasses import dataclass
@@ -10,7 +11,8 @@ from fcsv_multimaster.errors import EndpointError
 
 @dataclass(frozen=True)
 class Endpoint:
-    """Where a machine's relay listens: UDP and TCP on ``urgent_port`` (datagrams, urgent), TCP on ``bulk_port``."""
+    """Where a machine's relay listens: UDP and TCP on ``urgent_port`` (datagrams, urgent), TCP on
+    ``bulk_port``."""
 
     host: str
     urgent_port: int
@@ -59,14 +61,17 @@ def parse_endpoint(text: str) -> Endpoint:
 
 
 def parse_peers(text: str, discovery: bool = False) -> Dict[str, Optional[Endpoint]]:
-    """NAME=HOST:PORT,NAME=...; with discovery a bare NAME, too (None). Raises EndpointError, also on a name twice."""
+    """NAME=HOST:PORT,NAME=...; with discovery a bare NAME, too (None). Raises EndpointError, also
+    on a name twice."""
     peers: Dict[str, Optional[Endpoint]] = {}
     for part in filter(None, (p.strip() for p in text.split(","))):
         name, equals, address = part.partition("=")
         if not name.isidentifier():
             raise EndpointError(f"'{part}' is not a peer; write NAME=HOST:PORT")
         if not equals and not discovery:
-            raise EndpointError(f"peer '{name}' has no address; write {name}=HOST:PORT, or start with discovery:=true")
+            raise EndpointError(
+                f"peer '{name}' has no address; write {name}=HOST:PORT, or start with discovery:=true"
+            )
         if name in peers:
             raise EndpointError(f"peer '{name}' is given twice")
         peers[name] = parse_endpoint(address) if equals else None
@@ -74,11 +79,14 @@ def parse_peers(text: str, discovery: bool = False) -> Dict[str, Optional[Endpoi
 
 
 def refuse_open_networks(endpoints: Iterable[Endpoint], keys: bool, discovery: bool) -> None:
-    """Raises EndpointError where a relay without ``keys`` would listen or connect beyond this machine."""
+    """Raises EndpointError where a relay without ``keys`` would listen or connect beyond this
+    machine."""
     if keys:
         return
     if discovery:
-        raise EndpointError("discovery:=true talks to the whole network, and this relay has no keys; give it keys:=")
+        raise EndpointError(
+            "discovery:=true talks to the whole network, and this relay has no keys; give it keys:="
+        )
     for endpoint in endpoints:
         if not endpoint.stays_on_this_machine:
             raise EndpointError(

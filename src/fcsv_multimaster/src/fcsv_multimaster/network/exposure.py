@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether this machine's ROS is open to the network: whoever reaches its ports needs no keys to command."""
+"""Whether this machine's ROS is open to the network: whoever reaches its ports needs no keys to
+command."""
 
 import socket
 import struct
@@ -29,17 +30,21 @@ def parse_table(text: str) -> List[Tuple[str, int]]:
     for words in (line.split() for line in text.splitlines()[1:]):
         if len(words) > 3 and words[3] == _LISTENS:
             address, _, port = words[1].partition(":")
-            octets = b"".join(struct.pack("=I", int(address[i : i + 8], 16)) for i in range(0, len(address), 8))
+            octets = b"".join(
+                struct.pack("=I", int(address[i : i + 8], 16)) for i in range(0, len(address), 8)
+            )
             family = socket.AF_INET if len(octets) == 4 else socket.AF_INET6
             out.append((socket.inet_ntop(family, octets), int(port, 16)))
     return out
 
 
 def exposed(master_uri: str, nodes: Dict[str, str], ends: Iterable[Tuple[str, int]]) -> List[str]:
-    """What of ROS can be reached from another machine, in words. ``nodes``: name to the address it announces.
+    """What of ROS can be reached from another machine, in words. ``nodes``: name to the address it
+    announces.
 
-    A node follows ROS_IP in what it announces and in where it takes connections for topics. What roscpp cannot be
-    told is here in no case: its XML-RPC port is open whatever ROS_IP says, which only a firewall closes.
+    A node follows ROS_IP in what it announces and in where it takes connections for topics. What
+    roscpp cannot be told is here in no case: its XML-RPC port is open whatever ROS_IP says, which
+    only a firewall closes.
     """
     master = urlsplit(master_uri)
     addresses = [a for a, port in ends if port == master.port]
@@ -48,4 +53,8 @@ def exposed(master_uri: str, nodes: Dict[str, str], ends: Iterable[Tuple[str, in
     if not addresses and not is_loopback(master.hostname or ""):
         out.append(f"the ROS master is on another machine ({master_uri})")
     announced = {name: urlsplit(uri).hostname or "" for name, uri in sorted(nodes.items())}
-    return out + [f"{name} announces itself as {host}" for name, host in announced.items() if not is_loopback(host)]
+    return out + [
+        f"{name} announces itself as {host}"
+        for name, host in announced.items()
+        if not is_loopback(host)
+    ]

@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a relay joins its peers anew, or opens one link anew, and when it had better be started again."""
+"""When a relay joins its peers anew, or opens one link anew, and when it had better be started
+again."""
 
 from typing import Optional
 
-_HALF_OPEN_S = 1.5  # what closes and opens is told by both sides within milliseconds, on a busy machine within a second
+# what closes and opens is told by both sides within milliseconds, on a busy machine within a second
+_HALF_OPEN_S = 1.5
 _TRIES = 2  # of a process that slept; each waits 3 s for its old sessions to close
 
 
 class Joining:
     """Told what happened and how each try ended.
 
-    A process that slept has sessions that its peers closed, and now and then one of them never closes: it keeps the
-    port for as long as the process lives. An address that is not there, however, comes back.
+    A process that slept has sessions that its peers closed, and now and then one of them never
+    closes: it keeps the port for as long as the process lives. An address that is not there,
+    however, comes back.
 
     >>> joining = Joining()
     >>> joining.due(slept=True, moved=False), joining.ended(could=False), joining.hopeless
@@ -44,9 +47,10 @@ class Joining:
 class HalfOpen:
     """Told how many peers listen on a link, and with how many machines its session has contact.
 
-    Where a cut ends while a large message still waits for the old connection, Zenoh closes what it takes for the old
-    one and means the new one, too: its peer counts as there and listening, the connection lives, and nothing that is
-    sent goes by it, for as long as the radio is well (9 of 110 cuts, Zenoh 1.10.2). Then the link is to be opened anew.
+    Where a cut ends while a large message still waits for the old connection, Zenoh closes what it
+    takes for the old one and means the new one, too: its peer counts as there and listening, the
+    connection lives, and nothing that is sent goes by it, for as long as the radio is well (9 of
+    110 cuts, Zenoh 1.10.2). Then the link is to be opened anew.
 
     >>> link = HalfOpen()
     >>> [link.due(listening=1, there=there, now_s=s) for there, s in ((0, 0.0), (1, 1.4), (0, 2.0), (0, 3.4), (0, 3.6))]

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes between machines over Zenoh: one session per link, known or discovered addresses, and only peers with keys.
+"""Bytes between machines over Zenoh: one session per link, known or discovered addresses, and only
+peers with keys.
 
-Small and urgent never shares a queue with large: datagrams (QUIC), an urgent stream (TLS) and a bulk stream (TLS with a
-small send buffer) are three sessions. Certificates say who a machine is, and an access list by certificate says under
-which names it may speak. Without keys only loopback addresses are allowed.
+Small and urgent never shares a queue with large: datagrams (QUIC), an urgent stream (TLS) and a
+bulk stream (TLS with a small send buffer) are three sessions. Certificates say who a machine is,
+and an access list by certificate says under which names it may speak. Without keys only loopback
+addresses are allowed.
 """
 
 import json
@@ -14,8 +16,9 @@ import time
 from dataclasses import replace
 from typing import Callable, Dict, Iterable, List, Optional, Sequence, Tuple
 
-# Closing a TLS link to a machine that vanished blocks one of Zenoh's receiving threads for ten seconds (SO_LINGER):
-# with its two threads one vanished vehicle would silence all others. Read when zenoh is loaded.
+# Closing a TLS link to a machine that vanished blocks one of Zenoh's receiving threads for ten
+# seconds (SO_LINGER): with its two threads one vanished vehicle would silence all others. Read when
+# zenoh is loaded.
 os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 16))")
 
 import zenoh
@@ -30,28 +33,40 @@ from fcsv_multimaster.network.endpoints import Endpoint, refuse_open_networks
 _LOG = logging.getLogger(__name__)
 _CLOSE_S = 3.0  # what takes longer closes in the background
 _LARGEST = 16_000_000  # of one message (octets), whatever a rule says
-_OPEN_MS = 1200  # of the greeting: what is lost of it may be lost for good, so try anew soon; QUIC repeats after 1 s
+# of the greeting: what is lost of it may be lost for good, so try anew soon; QUIC repeats after 1 s
+_OPEN_MS = 1200
 _WAITS_OCTETS = 30000
 _BULK_SEND_BUFFER = 60000  # (octets) old pictures must not pile up in the kernel
-_SCOUT_ADDRESS, _SCOUT_PORTS = "224.0.0.224", {"datagram": 17446, "urgent": 17447, "bulk": 17448}  # not Zenoh's own
-_MESSAGES = ("put", "delete", "declare_subscriber", "query", "declare_queryable", "reply")  # of the access list
+# not Zenoh's own
+_SCOUT_ADDRESS, _SCOUT_PORTS = "224.0.0.224", {"datagram": 17446, "urgent": 17447, "bulk": 17448}
+# of the access list
+_MESSAGES = ("put", "delete", "declare_subscriber", "query", "declare_queryable", "reply")
 
 
 class Transport:
     """Sends to peers and hands over what they send. Callbacks run in Zenoh's threads.
 
-    ``on_parcel(link, source, type, topic, payload)``, ``on_note(source, payload)``. A peer without an address is
-    looked for by multicast where ``discovery`` is on; what answers must still show the certificate of a peer's name.
-    Raises EndpointError where it cannot listen.
+    ``on_parcel(link, source, type, topic, payload)``, ``on_note(source, payload)``. A peer without
+    an address is looked for by multicast where ``discovery`` is on; what answers must still show
+    the certificate of a peer's name. Raises EndpointError where it cannot listen.
     """
 
-    def __init__(self, name: str, listen: Endpoint, peers: Dict[str, Optional[Endpoint]], keys: Optional[Keyring],
-                 on_parcel: Callable[[str, str, str, str, bytes], None],
-                 on_note: Callable[[str, bytes], None], discovery: bool = False):  # fmt: skip
+    def __init__(
+        self,
+        name: str,
+        listen: Endpoint,
+        peers: Dict[str, Optional[Endpoint]],
+        keys: Optional[Keyring],
+        on_parcel: Callable[[str, str, str, str, bytes], None],
+        on_note: Callable[[str, bytes], None],
+        discovery: bool = False,
+    ):
         self._name, self._peers = name, tuple(peers)
         self._changing, self._over = threading.Lock(), False
         self._on_parcel, self._on_note = on_parcel, on_note
-        self.on_malformed: Callable[[str, str], None] = lambda source, text: _LOG.warning("%s: %s", source, text)
+        self.on_malformed: Callable[[str, str], None] = lambda source, text: _LOG.warning(
+            "%s: %s", source, text
+        )
         self.on_lost: Callable[[str, str], None] = self.on_malformed
         self._publishers: Dict[tuple, object] = {}
         self._definitions: Dict[str, str] = {}
@@ -82,14 +97,17 @@ class Transport:
                     self._listen(peer)
                     continue
                 key = wire.everything_key(peer, self._name)
-                self._held[link].append(self._sessions[link].declare_subscriber(key, self._receiver(link)))
+                self._held[link].append(
+                    self._sessions[link].declare_subscriber(key, self._receiver(link))
+                )
             if "urgent" in links:
                 key = wire.definition_key(self._name, peer, "**")
                 asked = self._sessions["urgent"].declare_queryable(key, self._asked_for_definition)
                 self._held["urgent"].append(asked)
 
     def reopen(self, links: Sequence[str] = LINKS) -> None:
-        """Leave the network and join it again: looking for peers goes on from the addresses that there are now.
+        """Leave the network and join it again: looking for peers goes on from the addresses that
+        there are now.
 
         What is sent meanwhile is lost. Raises EndpointError where it cannot listen any more.
         """
@@ -99,25 +117,44 @@ class Transport:
                 self._open_links(links)
 
     def listening(self, link: str) -> Tuple[int, int]:
-        """How many peers listen on a link, and with how many machines its session has contact: see ``HalfOpen``."""
+        """How many peers listen on a link, and with how many machines its session has contact: see
+        ``HalfOpen``."""
         try:
-            return sum(self.reaches(p, link) for p in self._peers), len(self._sessions[link].info.peers_zid())
+            return sum(self.reaches(p, link) for p in self._peers), len(
+                self._sessions[link].info.peers_zid()
+            )
         except zenoh.ZError:
             return 0, 0  # it is closed
 
-    def send(self, target: str, topic: str, traffic: TrafficClass, link: str, type_name: str, payload: bytes) -> None:
-        """One packed message over a link; where the link is full a small one is dropped, a large one waits."""
-        wait = link == "bulk" or len(payload) > _WAITS_OCTETS  # large ones would always find the link busy
+    def send(
+        self,
+        target: str,
+        topic: str,
+        traffic: TrafficClass,
+        link: str,
+        type_name: str,
+        payload: bytes,
+    ) -> None:
+        """One packed message over a link; where the link is full a small one is dropped, a large
+        one waits."""
+        # large ones would always find the link busy
+        wait = link == "bulk" or len(payload) > _WAITS_OCTETS
 
         def declare():
             return self._sessions[link].declare_publisher(
                 wire.topic_key(self._name, target, type_name, topic),
                 priority=getattr(zenoh.Priority, traffic.priority.upper()),
-                congestion_control=zenoh.CongestionControl.BLOCK if wait else zenoh.CongestionControl.DROP,
+                congestion_control=zenoh.CongestionControl.BLOCK
+                if wait
+                else zenoh.CongestionControl.DROP,
                 express=link != "bulk",
             )
 
-        self._by((target, link, topic, type_name, wait), declare, lambda publisher: publisher.put(payload))
+        self._by(
+            (target, link, topic, type_name, wait),
+            declare,
+            lambda publisher: publisher.put(payload),
+        )
 
     def note(self, target: str, payload: bytes, link: str) -> None:
         """A few bytes, at once, perhaps lost."""
@@ -125,19 +162,24 @@ class Transport:
 
     def reaches(self, target: str, link: str) -> bool:
         """Whether the peer listens on this link now."""
-        return bool(self._by_note(target, link, lambda publisher: publisher.matching_status.matching))
+        return bool(
+            self._by_note(target, link, lambda publisher: publisher.matching_status.matching)
+        )
 
     def _by_note(self, target: str, link: str, use: Callable):
         def declare():
             return self._sessions[link].declare_publisher(
-                wire.note_key(self._name, target), priority=zenoh.Priority.REAL_TIME,
-                congestion_control=zenoh.CongestionControl.DROP, express=True,
-            )  # fmt: skip
+                wire.note_key(self._name, target),
+                priority=zenoh.Priority.REAL_TIME,
+                congestion_control=zenoh.CongestionControl.DROP,
+                express=True,
+            )
 
         return self._by((target, link), declare, use)
 
     def _by(self, known: tuple, declare: Callable, use: Callable):
-        """``use(publisher)``, which is declared the first time; None where its session was closed meanwhile."""
+        """``use(publisher)``, which is declared the first time; None where its session was closed
+        meanwhile."""
         try:
             publisher = self._publishers.get(known)
             if publisher is None:
@@ -150,7 +192,8 @@ class Transport:
             return None
 
     def listen_again(self, peer: str) -> None:
-        """Tell a silent peer again that we listen: a declaration that was lost as a datagram is not repeated."""
+        """Tell a silent peer again that we listen: a declaration that was lost as a datagram is not
+        repeated."""
         if self._changing.acquire(blocking=False):
             try:
                 self._listen(peer)
@@ -162,7 +205,9 @@ class Transport:
         if known is not None:
             known.undeclare()
         key = wire.everything_key(peer, self._name)
-        self._datagrams[peer] = self._sessions["datagram"].declare_subscriber(key, self._receiver("datagram"))
+        self._datagrams[peer] = self._sessions["datagram"].declare_subscriber(
+            key, self._receiver("datagram")
+        )
 
     def define(self, type_name: str, text: str) -> None:
         """The full text of a message type, for peers that ask."""
@@ -175,7 +220,9 @@ class Transport:
             replies = self._sessions["urgent"].get(key, timeout=timeout_s)
         except zenoh.ZError:
             return None  # the links are being opened anew
-        return next((reply.ok.payload.to_string() for reply in replies if reply.ok is not None), None)
+        return next(
+            (reply.ok.payload.to_string() for reply in replies if reply.ok is not None), None
+        )
 
     def close(self) -> None:
         """Leave the network."""
@@ -212,9 +259,12 @@ class Transport:
             query.reply(query.key_expr, self._definitions[type_name])
 
 
-def _open(link: str, listen: Endpoint, peers: List[Endpoint], access: Dict[str, object], discovery: bool):
+def _open(
+    link: str, listen: Endpoint, peers: List[Endpoint], access: Dict[str, object], discovery: bool
+):
     encrypted = bool(access)
-    # Zenoh reads this machine's addresses once in a process: for those of now it has to be told them
+    # Zenoh reads this machine's addresses once in a process: for those of now it has to be told
+    # them
     here = sorted(local_addresses()) if discovery else []
     hosts = here if here and listen.is_any else [listen.host]
     locators = [replace(listen, host=host).locator(link, encrypted) for host in hosts]
@@ -245,14 +295,17 @@ def _open(link: str, listen: Endpoint, peers: List[Endpoint], access: Dict[str, 
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise EndpointError(f"the relay cannot listen on {locators[0]}: {str(error).splitlines()[0]}") from error
+        raise EndpointError(
+            f"the relay cannot listen on {locators[0]}: {str(error).splitlines()[0]}"
+        ) from error
 
 
 def _close(session) -> None:
     try:
         session.close()
     except zenoh.ZError as error:
-        _LOG.debug("a session that closes slowly: %s", error)  # it lingers for a machine that vanished
+        # it lingers for a machine that vanished
+        _LOG.debug("a session that closes slowly: %s", error)
 
 
 def _access(name: str, peers: Iterable[str], keys: Optional[Keyring]) -> Dict[str, object]:
@@ -263,22 +316,32 @@ def _access(name: str, peers: Iterable[str], keys: Optional[Keyring]) -> Dict[st
 
 
 def _tls(keys: Keyring) -> Dict[str, object]:
-    """Both sides show a certificate; its name is a machine's, not an address, so that addresses may change."""
+    """Both sides show a certificate; its name is a machine's, not an address, so that addresses may
+    change."""
     return {
         "root_ca_certificate": str(keys.authority),
-        "listen_private_key": str(keys.key), "listen_certificate": str(keys.certificate),
-        "connect_private_key": str(keys.key), "connect_certificate": str(keys.certificate),
-        "enable_mtls": True, "verify_name_on_connect": False,
-    }  # fmt: skip
+        "listen_private_key": str(keys.key),
+        "listen_certificate": str(keys.certificate),
+        "connect_private_key": str(keys.key),
+        "connect_certificate": str(keys.certificate),
+        "enable_mtls": True,
+        "verify_name_on_connect": False,
+    }
 
 
 def _access_list(name: str, peers: Iterable[str], keys: Keyring) -> Dict[str, object]:
-    """Allows this machine and the holder of a peer's unrevoked certificate the topics between the two, no others."""
+    """Allows this machine and the holder of a peer's unrevoked certificate the topics between the
+    two, no others."""
     rules = [
-        {"id": f"with-{p}", "messages": list(_MESSAGES), "flows": ["ingress", "egress"], "permission": "allow",
-         "key_exprs": [f"fcsv/{p}/{name}/**", f"fcsv/{name}/{p}/**"]}
+        {
+            "id": f"with-{p}",
+            "messages": list(_MESSAGES),
+            "flows": ["ingress", "egress"],
+            "permission": "allow",
+            "key_exprs": [f"fcsv/{p}/{name}/**", f"fcsv/{name}/{p}/**"],
+        }
         for p in peers
-    ]  # fmt: skip
+    ]
     return {
         "enabled": True,
         "default_permission": "deny",

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What relays say to each other, as bytes: parcels of topics, and small notes (ping, pong, acknowledgement)."""
+"""What relays say to each other, as bytes: parcels of topics, and small notes (ping, pong,
+acknowledgement)."""
 
 import struct
 from dataclasses import dataclass
@@ -23,10 +24,11 @@ _PING_KIND, _PONG_KIND, _ACK_KIND = 1, 2, 3
 class Head:
     """Stands in front of every message of a topic.
 
-    ``boot`` changes when a relay restarts; ``to`` is the boot of whom it is meant for, as two may bear his name, or 0
-    where the sender has not heard him yet; ``sequence`` counts the topic's messages to this target; ``first`` is the
-    oldest of them that must be delivered before this one, or its own sequence; ``number`` is not 0 where an
-    acknowledgement is wanted; ``sent_s`` is the sender's monotonic clock; ``md5`` the type's sum.
+    ``boot`` changes when a relay restarts; ``to`` is the boot of whom it is meant for, as two may
+    bear his name, or 0 where the sender has not heard him yet; ``sequence`` counts the topic's
+    messages to this target; ``first`` is the oldest of them that must be delivered before this one,
+    or its own sequence; ``number`` is not 0 where an acknowledgement is wanted; ``sent_s`` is the
+    sender's monotonic clock; ``md5`` the type's sum.
     """
 
     packing: int
@@ -41,7 +43,8 @@ class Head:
 
 @dataclass(frozen=True)
 class Ping:
-    """``sent_s``: monotonic, ``wall_s``: the time of day, both the sender's; ``to``: as in Head; ``where`` it is."""
+    """``sent_s``: monotonic, ``wall_s``: the time of day, both the sender's; ``to``: as in Head;
+    ``where`` it is."""
 
     boot: int
     to: int
@@ -62,7 +65,8 @@ class Pong:
 
 @dataclass(frozen=True)
 class Ack:
-    """The message ``number`` that ``boot`` sent has come. ``keyframe``: the decoder needs a whole picture."""
+    """The message ``number`` that ``boot`` sent has come. ``keyframe``: the decoder needs a whole
+    picture."""
 
     boot: int
     number: int
@@ -89,7 +93,9 @@ def unpack(payload: bytes) -> Tuple[Head, bytes]:
     _check_version(version)
     if packing not in PACKINGS or first > sequence or not 0.0 <= sent_s < _LONGEST_S:
         raise WireError("a message with a malformed head")
-    return Head(packing, boot, to, sequence, first, number, sent_s, md5.hex()), payload[_HEAD.size :]
+    return Head(packing, boot, to, sequence, first, number, sent_s, md5.hex()), payload[
+        _HEAD.size :
+    ]
 
 
 def pack_note(note) -> bytes:
@@ -110,7 +116,8 @@ def unpack_note(payload: bytes):
     try:
         if payload[1] == _PING_KIND:
             said = payload[_PING.size : _PING.size + _WHERE_OCTETS].decode(errors="replace")
-            where = "".join(c if c.isprintable() else "?" for c in said)  # it goes into logs and tables
+            # it goes into logs and tables
+            where = "".join(c if c.isprintable() else "?" for c in said)
             return _timed(Ping(*_PING.unpack_from(payload)[2:], where))
         if payload[1] == _PONG_KIND:
             return _timed(Pong(*_PONG.unpack(payload)[2:]))
@@ -159,4 +166,6 @@ def split_topic_key(key: str) -> Tuple[str, str, str]:
 
 def _check_version(version: int) -> None:
     if version != VERSION:
-        raise WireError(f"it speaks version {version} of the relay's language, this relay {VERSION}")
+        raise WireError(
+            f"it speaks version {version} of the relay's language, this relay {VERSION}"
+        )

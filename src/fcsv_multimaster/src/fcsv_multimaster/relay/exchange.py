@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One machine's side of the exchange: what leaves under which rule, what is repeated, what is measured.
+"""One machine's side of the exchange: what leaves under which rule, what is repeated, what is
+measured.
 
 Knows nothing of ROS: messages are bytes with a type's name and md5 sum.
 """
@@ -28,37 +29,58 @@ _LOG = logging.getLogger(__name__)
 _PING_S = 0.25
 _LOOK_S = 0.5  # whether streams have contact
 _LONGEST_SLEEP_S = 0.1
-_DATAGRAM_OCTETS = 16000  # beyond, what must arrive goes by the stream: too many fragments would have to
+# beyond, what must arrive goes by the stream: too many fragments would have to
+_DATAGRAM_OCTETS = 16000
 
 
 class Exchange:
-    """``deliver(Parcel)`` is called in Zenoh's threads; True asks for a keyframe, RelayError is a drop.
+    """``deliver(Parcel)`` is called in Zenoh's threads; True asks for a keyframe, RelayError is a
+    drop.
 
-    ``drop(reason, detail)`` counts and tells, throttled; ``problem(name, text)`` stands until its text is empty;
-    ``pack`` packs a bulky message for a target when its turn comes (see ``as_it_is``).
+    ``drop(reason, detail)`` counts and tells, throttled; ``problem(name, text)`` stands until its
+    text is empty; ``pack`` packs a bulky message for a target when its turn comes (see
+    ``as_it_is``).
     """
 
-    def __init__(self, name: str, links: Links, listen: Endpoint, peers: Dict[str, Optional[Endpoint]],
-                 keys: Optional[Keyring], deliver: Callable[[Parcel], None], drop: Callable[[str, str], None],
-                 problem: Callable[[str, str], None], pack=as_it_is, discovery: bool = False):  # fmt: skip
+    def __init__(
+        self,
+        name: str,
+        links: Links,
+        listen: Endpoint,
+        peers: Dict[str, Optional[Endpoint]],
+        keys: Optional[Keyring],
+        deliver: Callable[[Parcel], None],
+        drop: Callable[[str, str], None],
+        problem: Callable[[str, str], None],
+        pack=as_it_is,
+        discovery: bool = False,
+    ):
         if name in peers:
-            raise RelayError(f"'{name}' is this machine and among its peers; every machine has a name of its own")
+            raise RelayError(
+                f"'{name}' is this machine and among its peers; every machine has a name of its own"
+            )
         self._name, self._boot = name, int.from_bytes(os.urandom(4), "little")
         self._drop, self._problem, self._pack = drop, problem, pack
         self.peers = {p: Peer(p, links.crossing(name, p), links.crossing(p, name)) for p in peers}
         self.exports = sorted({t for p in self.peers.values() for t in p.exports})
         self._closed = False
-        self._half_open = {link: HalfOpen() for link in ("urgent", "bulk")}  # datagrams are called again by themselves
+        # datagrams are called again by themselves
+        self._half_open = {link: HalfOpen() for link in ("urgent", "bulk")}
         self._urgent_work, self._bulk_work = threading.Event(), threading.Event()
         self._inbound = Inbound(name, self._boot, self.peers, deliver, drop, self._note, self._wake)
         self._transport: Optional[Transport] = None
         self._transport = Transport(
             name, listen, peers, keys, self._inbound.on_parcel, self._inbound.on_note, discovery
         )
-        self._transport.on_malformed = lambda source, text: self._drop("malformed message", f"{source}: {text}")
-        self._transport.on_lost = lambda peer, text: self._drop("message that cannot be sent", f"to {peer}: {text}")
+        self._transport.on_malformed = lambda source, text: self._drop(
+            "malformed message", f"{source}: {text}"
+        )
+        self._transport.on_lost = lambda peer, text: self._drop(
+            "message that cannot be sent", f"to {peer}: {text}"
+        )
         self._threads = [
-            threading.Thread(target=work, name=work.__name__, daemon=True) for work in (self._work, self._work_bulk)
+            threading.Thread(target=work, name=work.__name__, daemon=True)
+            for work in (self._work, self._work_bulk)
         ]
         for thread in self._threads:
             thread.start()
@@ -75,17 +97,21 @@ class Exchange:
             thread.join(3.0)
 
     def reopen(self) -> None:
-        """Join the network anew, from the addresses that this machine has now. Raises EndpointError."""
+        """Join the network anew, from the addresses that this machine has now. Raises
+        EndpointError."""
         self._transport.reopen()
 
     def definition(self, source: str, type_name: str) -> Optional[str]:
         """The text of a type, asked of a peer; waits up to two seconds."""
         return self._transport.definition(source, type_name)
 
-    # ---- out -----------------------------------------------------------------------------------------------
+    # ---- out -------------------------------------------------------------------------------------
 
-    def send(self, topic: str, type_name: str, md5: str, definition: str, data: bytes, only: str = "") -> int:
-        """A local message: to every peer (or ``only`` one) that a rule names, at its rate; how many it goes to."""
+    def send(
+        self, topic: str, type_name: str, md5: str, definition: str, data: bytes, only: str = ""
+    ) -> int:
+        """A local message: to every peer (or ``only`` one) that a rule names, at its rate; how many
+        it goes to."""
         self._transport.define(type_name, definition)
         now_s, taken = time.monotonic(), 0
         for peer in self.peers.values():
@@ -94,7 +120,8 @@ class Exchange:
                 continue
             if len(data) > rule.traffic.max_bytes and rule.codec is None:
                 self._drop(
-                    "oversized message", f"{topic}: {len(data)} bytes, its class allows {rule.traffic.max_bytes}"
+                    "oversized message",
+                    f"{topic}: {len(data)} bytes, its class allows {rule.traffic.max_bytes}",
                 )
                 continue
             message = Message(topic, rule, type_name, md5, data, now_s)
@@ -124,15 +151,23 @@ class Exchange:
             self._put(peer, message)
         self._urgent_work.set()
 
-    def _put(self, peer: Peer, message: Message, packing: int = wire.RAW, data: Optional[bytes] = None,
-             link: str = "") -> None:  # fmt: skip
+    def _put(
+        self,
+        peer: Peer,
+        message: Message,
+        packing: int = wire.RAW,
+        data: Optional[bytes] = None,
+        link: str = "",
+    ) -> None:
         traffic, data = message.rule.traffic, message.data if data is None else data
         link = link or traffic.link
         if link == "datagram" and traffic.reliable and len(data) > _DATAGRAM_OCTETS:
             link = "urgent"
         first = peer.first(message)
         boots = (self._boot, peer.measure.boot or 0)
-        head = wire.Head(packing, *boots, message.sequence, first, message.number, message.born_s, message.md5)
+        head = wire.Head(
+            packing, *boots, message.sequence, first, message.number, message.born_s, message.md5
+        )
         try:
             payload = wire.pack(head, data)
         except WireError as error:
@@ -141,13 +176,14 @@ class Exchange:
         self._transport.send(peer.name, message.topic, traffic, link, message.type, payload)
 
     def _note(self, target: str, payload: bytes, link: str) -> None:
-        if self._transport is not None:  # an answer while the links are still being opened: it will be asked again
+        # an answer while the links are still being opened: it will be asked again
+        if self._transport is not None:
             self._transport.note(target, payload, link)
 
     def _wake(self, urgent: bool) -> None:
         (self._urgent_work if urgent else self._bulk_work).set()
 
-    # ---- what goes on by itself ----------------------------------------------------------------------------
+    # ---- what goes on by itself ------------------------------------------------------------------
 
     def _work(self) -> None:
         next_ping_s = 0.0
@@ -201,7 +237,11 @@ class Exchange:
             if gone:
                 _LOG.warning("%s: the relay of %s is gone", self._name, peer.name)
             apart = offset_s is not None and abs(offset_s) > CLOCKS_APART_S
-            text = f"the clock of {peer.name} is {offset_s:+.1f} s off this one's; synchronise them" if apart else ""
+            text = (
+                f"the clock of {peer.name} is {offset_s:+.1f} s off this one's; synchronise them"
+                if apart
+                else ""
+            )
             self._problem(f"clock {peer.name}", text)
             text = f"two machines call themselves {peer.name}; refused: {twin or 'the second'}; give it its own name"
             self._problem(f"twin {peer.name}", "" if twin is None else text)
@@ -219,14 +259,20 @@ class Exchange:
                 if not self._transport.reaches(peer.name, "bulk"):
                     continue
                 with peer.lock:
-                    message = peer.pacer.take(time.monotonic()) if peer.measure.alive(time.monotonic()) else None
+                    message = (
+                        peer.pacer.take(time.monotonic())
+                        if peer.measure.alive(time.monotonic())
+                        else None
+                    )
                     budget, keyframe = peer.pacer.budget_octets_s(time.monotonic()), peer.keyframe
                     peer.keyframe = keyframe and (message is None or message.rule.codec is None)
                 if message is not None:
                     sent = True
                     self._send_bulk(peer, message, budget, keyframe)
             if not sent:
-                self._bulk_work.wait(_LONGEST_SLEEP_S if any(len(p.pacer) for p in self.peers.values()) else 1.0)
+                self._bulk_work.wait(
+                    _LONGEST_SLEEP_S if any(len(p.pacer) for p in self.peers.values()) else 1.0
+                )
                 self._bulk_work.clear()
 
     def _mend_links(self) -> None:
@@ -234,7 +280,9 @@ class Exchange:
         for link, half_open in self._half_open.items():
             if not half_open.due(*self._transport.listening(link), time.monotonic()):
                 continue
-            _LOG.warning("%s: its %s link lost a peer that listens; opening it anew", self._name, link)
+            _LOG.warning(
+                "%s: its %s link lost a peer that listens; opening it anew", self._name, link
+            )
             try:
                 self._transport.reopen((link,))
             except EndpointError as error:
@@ -246,9 +294,13 @@ class Exchange:
                 with peer.lock:
                     (peer.pacer if link == "bulk" else peer.rescue).cut()
 
-    def _send_bulk(self, peer: Peer, message: Message, budget: Optional[float], keyframe: bool) -> None:
+    def _send_bulk(
+        self, peer: Peer, message: Message, budget: Optional[float], keyframe: bool
+    ) -> None:
         try:
-            packing, data = (self._pack if message.rule.codec else as_it_is)(peer.name, message, budget, keyframe)
+            packing, data = (self._pack if message.rule.codec else as_it_is)(
+                peer.name, message, budget, keyframe
+            )
         except RelayError as error:
             self._drop("picture that cannot be packed", f"{message.topic}: {error}")
             return

@@ -15,11 +15,19 @@ _LOG = logging.getLogger(__name__)
 
 
 class Inbound:
-    """Runs in Zenoh's threads. ``note(target, payload, link)`` answers; ``wake(urgent)`` says that there is work."""
+    """Runs in Zenoh's threads. ``note(target, payload, link)`` answers; ``wake(urgent)`` says that
+    there is work."""
 
-    def __init__(self, name: str, boot: int, peers: Dict[str, Peer], deliver: Callable[[Parcel], None],
-                 drop: Callable[[str, str], None], note: Callable[[str, bytes, str], None],
-                 wake: Callable[[bool], None]):  # fmt: skip
+    def __init__(
+        self,
+        name: str,
+        boot: int,
+        peers: Dict[str, Peer],
+        deliver: Callable[[Parcel], None],
+        drop: Callable[[str, str], None],
+        note: Callable[[str, bytes, str], None],
+        wake: Callable[[bool], None],
+    ):
         self._name, self._boot, self._peers = name, boot, peers
         self._deliver, self._drop, self._note, self._wake = deliver, drop, note, wake
 
@@ -49,13 +57,26 @@ class Inbound:
                 not rule.traffic.reliable and peer.measure.overtaken(topic, head.sequence)
             )
             poor = peer.measure.poor
-            age_s, unsure_s = peer.measure.clocks.age_s(head.sent_s, now_s), peer.measure.clocks.unsure_s
+            age_s, unsure_s = (
+                peer.measure.clocks.age_s(head.sent_s, now_s),
+                peer.measure.clocks.unsure_s,
+            )
             if not again:
                 peer.measure.came(topic, head.sequence, len(payload), age_s, now_s)
         keyframe = False
         if not again:
             parcel = Parcel(
-                source, topic, type_name, head.md5, head.sequence, head.packing, data, rule, age_s, now_s, unsure_s
+                source,
+                topic,
+                type_name,
+                head.md5,
+                head.sequence,
+                head.packing,
+                data,
+                rule,
+                age_s,
+                now_s,
+                unsure_s,
             )
             keyframe = self._take(peer, parcel, head)
         if head.number:
@@ -68,13 +89,16 @@ class Inbound:
                 self._hand_over_all(peer.order.overdue(time.monotonic()))
 
     def _take(self, peer: Peer, parcel: Parcel, head: wire.Head) -> bool:
-        """Deliver it, or keep it until what comes before it is here; whether its decoder needs a whole picture."""
+        """Deliver it, or keep it until what comes before it is here; whether its decoder needs a
+        whole picture."""
         traffic = parcel.rule.traffic
         if not traffic.reliable or traffic.link == "bulk":  # newest wins, or a stream that is paced
             return self._hand_over(parcel)
         with peer.handing_over:
             now_s = time.monotonic()
-            ready = peer.order.came(head.boot, parcel.topic, head.sequence, head.first, parcel, now_s)
+            ready = peer.order.came(
+                head.boot, parcel.topic, head.sequence, head.first, parcel, now_s
+            )
             self._hand_over_all(ready)
         return False
 
@@ -92,7 +116,9 @@ class Inbound:
             self._drop("message that cannot be read", f"{parcel.topic} of {parcel.source}: {error}")
             return False
 
-    def _acknowledge(self, source: str, head: wire.Head, keyframe: bool, link: str, poor: bool) -> None:
+    def _acknowledge(
+        self, source: str, head: wire.Head, keyframe: bool, link: str, poor: bool
+    ) -> None:
         ack = wire.pack_note(wire.Ack(head.boot, head.number, keyframe))
         if link == "datagram":
             self._note(source, ack, "datagram")
@@ -129,12 +155,14 @@ class Inbound:
             self._wake(False)
 
     def _known(self, peer: Peer, boot: int, now_s: float, where: str = "") -> bool:
-        """Whether it is the relay that bears the peer's name; a second one of the same name is reported and ignored."""
+        """Whether it is the relay that bears the peer's name; a second one of the same name is
+        reported and ignored."""
         with peer.lock:
             heard = peer.heard(boot, now_s, where)
         if heard is SignOfLife.DOUBLE:
             self._drop(
-                "a second machine of the same name", f"another relay calls itself {peer.name}; give it its own name"
+                "a second machine of the same name",
+                f"another relay calls itself {peer.name}; give it its own name",
             )
             return False
         if heard is SignOfLife.NEW:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of the link to one peer: round trip, clocks, loss, throughput, age per topic. Time is an argument."""
+"""What is known of the link to one peer: round trip, clocks, loss, throughput, age per topic. Time
+is an argument."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -7,8 +8,10 @@ from enum import Enum, auto
 from typing import Deque, Dict, Optional, Tuple
 
 SILENT_S = 1.0  # four pings unanswered: the peer is taken for gone
-TWIN_S = 60.0  # after the last word of the first of two machines with one name, the second may take its place
-_DISPLACED_S = 3.0  # a peer that speaks to another one of our name for so long does not mean our former self
+# after the last word of the first of two machines with one name, the second may take its place
+TWIN_S = 60.0
+# a peer that speaks to another one of our name for so long does not mean our former self
+_DISPLACED_S = 3.0
 CLOCKS_APART_S = 0.1  # of two machines' time of day, beyond which it is said
 _KEPT_PINGS = 40
 _MOST_RIVALS = 16
@@ -16,13 +19,16 @@ _POOR_OF, _POOR_SHARE = 12, 0.75  # of the last three seconds' pings
 
 
 class Clocks:
-    """The peer's clocks against ours, from pings and their answers; a step of a wall clock changes no age."""
+    """The peer's clocks against ours, from pings and their answers; a step of a wall clock changes
+    no age."""
 
     def __init__(self):
-        self._samples: Deque[Tuple[float, float, float]] = deque(maxlen=_KEPT_PINGS)  # round trip, offsets
+        # round trip, offsets
+        self._samples: Deque[Tuple[float, float, float]] = deque(maxlen=_KEPT_PINGS)
 
     def answered(self, sent_s: float, now_s: float, peer_s: float, wall_offset_s: float) -> None:
-        """A pong: our monotonic clock at ping and now, the peer's in between, its wall clock minus ours."""
+        """A pong: our monotonic clock at ping and now, the peer's in between, its wall clock minus
+        ours."""
         self._samples.append((now_s - sent_s, peer_s - (sent_s + now_s) / 2, wall_offset_s))
 
     def forget(self) -> None:
@@ -37,7 +43,8 @@ class Clocks:
 
     @property
     def wall_offset_s(self) -> Optional[float]:
-        """The peer's time of day minus ours, from the quickest of the last five pings, so that a step shows."""
+        """The peer's time of day minus ours, from the quickest of the last five pings, so that a
+        step shows."""
         last = list(self._samples)[-5:]
         return min(last)[2] if last else None
 
@@ -49,8 +56,8 @@ class Clocks:
 
     @property
     def unsure_s(self) -> float:
-        """Says by how much an age may be wrong: the answer to the quickest ping was under way both ways together so
-        long."""
+        """Says by how much an age may be wrong: the answer to the quickest ping was under way both
+        ways together so long."""
         return min(self._samples)[0] / 2 if self._samples else 0.0
 
 
@@ -88,20 +95,25 @@ class PeerMeasure:
         self._since_s: Optional[float] = None
         self._answered: Deque[bool] = deque(maxlen=_POOR_OF)
         self._pong_since_ping = False
-        self._rivals: Dict[int, float] = {}  # boot of others of this name to when they were first heard
-        self._twins: Dict[int, float] = {}  # of these, those that are no restart of the first, and when last heard
+        # boot of others of this name to when they were first heard
+        self._rivals: Dict[int, float] = {}
+        # of these, those that are no restart of the first, and when last heard
+        self._twins: Dict[int, float] = {}
         self._twin_where = ""
         self._displaced_since_s: Optional[float] = None
 
     def heard(self, boot: int, now_s: float, where: str = "") -> SignOfLife:
-        """A sign of life of a relay that bears the peer's name; every start of a relay has a ``boot`` of its own.
+        """A sign of life of a relay that bears the peer's name; every start of a relay has a
+        ``boot`` of its own.
 
-        Two that speak at the same time are two machines: the second is refused while the first was heard in the last
-        minute, so that a cut of the first does not put the second in its place.
+        Two that speak at the same time are two machines: the second is refused while the first was
+        heard in the last minute, so that a cut of the first does not put the second in its place.
         """
         if self.boot == boot:
             self._heard_s = now_s
-            self._twins.update((b, now_s) for b, first_s in self._rivals.items() if now_s - first_s > SILENT_S)
+            self._twins.update(
+                (b, now_s) for b, first_s in self._rivals.items() if now_s - first_s > SILENT_S
+            )
             self._rivals = {b: s for b, s in self._rivals.items() if b not in self._twins}
             return SignOfLife.SAME
         patience_s = TWIN_S if boot in self._twins else SILENT_S
@@ -155,7 +167,8 @@ class PeerMeasure:
 
     @property
     def poor(self) -> bool:
-        """Whether so many datagrams are lost that QUIC hardly sends any: state then goes by the stream."""
+        """Whether so many datagrams are lost that QUIC hardly sends any: state then goes by the
+        stream."""
         return len(self._answered) == _POOR_OF and sum(self._answered) < _POOR_SHARE * _POOR_OF
 
     def overtaken(self, topic: str, sequence: int) -> bool:
@@ -163,8 +176,11 @@ class PeerMeasure:
         count = self.topics.get(topic)
         return count is not None and sequence <= count.newest_sequence
 
-    def came(self, topic: str, sequence: int, octets: int, age_s: Optional[float], now_s: float) -> None:
-        """One message of a topic; gaps in its sequence are losses until what was lost comes late."""
+    def came(
+        self, topic: str, sequence: int, octets: int, age_s: Optional[float], now_s: float
+    ) -> None:
+        """One message of a topic; gaps in its sequence are losses until what was lost comes
+        late."""
         count = self.topics.setdefault(topic, TopicCount())
         gap = sequence - count.newest_sequence - 1
         if gap < 0:
@@ -177,24 +193,31 @@ class PeerMeasure:
         count.age_s, count.last_s = age_s, now_s
 
     def report(self, now_s: float) -> Dict[str, Dict]:
-        """Figures since the last report, and a new beginning: "link" and "topics", for diagnostics."""
+        """Figures since the last report, and a new beginning: "link" and "topics", for
+        diagnostics."""
         elapsed_s = max(now_s - self._since_s, 1e-3) if self._since_s is not None else 1.0
         topics, octets, received, lost = {}, 0, 0, 0
         for name, c in self.topics.items():
             topics[name] = {
-                "rate_hz": c.received / elapsed_s, "loss": c.lost / max(1, c.lost + c.received), "age_s": c.age_s,
-                "silent_s": None if c.last_s is None else now_s - c.last_s, "kbit_s": c.octets * 8e-3 / elapsed_s,
-            }  # fmt: skip
+                "rate_hz": c.received / elapsed_s,
+                "loss": c.lost / max(1, c.lost + c.received),
+                "age_s": c.age_s,
+                "silent_s": None if c.last_s is None else now_s - c.last_s,
+                "kbit_s": c.octets * 8e-3 / elapsed_s,
+            }
             octets, received, lost = octets + c.octets, received + c.received, lost + c.lost
             c.received = c.lost = c.octets = 0
         if self._pings:
             self._ping_loss = max(0.0, 1.0 - self._pongs / self._pings)
         link = {
-            "alive": self.alive(now_s), "round_trip_s": self.clocks.round_trip_s,
+            "alive": self.alive(now_s),
+            "round_trip_s": self.clocks.round_trip_s,
             "in_loss": lost / max(1, lost + received),
-            "poor": self.poor, "ping_loss": self._ping_loss, "in_kbit_s": octets * 8e-3 / elapsed_s,
+            "poor": self.poor,
+            "ping_loss": self._ping_loss,
+            "in_kbit_s": octets * 8e-3 / elapsed_s,
             "clock_offset_s": self.clocks.wall_offset_s,
-        }  # fmt: skip
+        }
         self._pings = self._pongs = 0
         self._since_s = now_s
         return {"link": link, "topics": topics}

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Holds a message until the earlier ones of its topic have come, for a second at most. Time is an argument."""
+"""Holds a message until the earlier ones of its topic have come, for a second at most. Time is an
+argument."""
 
 from typing import Any, Dict, List, Optional, Tuple
 
@@ -7,8 +8,8 @@ _LONGEST_S = 1.0  # a command must not wait for ever for one that is older
 
 
 class Order:
-    """Keeps the order of the messages of one peer, which counts anew in every ``boot``. ``first`` of a message is the
-    oldest of its topic that must be delivered before it.
+    """Keeps the order of the messages of one peer, which counts anew in every ``boot``. ``first``
+    of a message is the oldest of its topic that must be delivered before it.
 
     >>> order = Order()
     >>> order.came(7, "/t", 3, 1, "c", 0.0), order.came(7, "/t", 1, 1, "a", 0.1), order.came(7, "/t", 2, 1, "b", 0.2)
@@ -18,9 +19,12 @@ class Order:
     def __init__(self):
         self._boot: Optional[int] = None
         self._next: Dict[str, int] = {}  # nothing older of the topic is waited for
-        self._held: Dict[str, Dict[int, Tuple[Any, float]]] = {}  # sequence to (what waits, until when)
+        # sequence to (what waits, until when)
+        self._held: Dict[str, Dict[int, Tuple[Any, float]]] = {}
 
-    def came(self, boot: int, topic: str, sequence: int, first: int, item: Any, now_s: float) -> List[Any]:
+    def came(
+        self, boot: int, topic: str, sequence: int, first: int, item: Any, now_s: float
+    ) -> List[Any]:
         """What is to be delivered now, in order; ``item`` is among it, or waits."""
         left: List[Any] = []
         if boot != self._boot:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What waits to be sent to one peer: repeated until acknowledged, or paced so that pictures never pile up."""
+"""What waits to be sent to one peer: repeated until acknowledged, or paced so that pictures never
+pile up."""
 
 from collections import OrderedDict, deque
 from dataclasses import dataclass
@@ -29,7 +30,8 @@ class Message:
     sequence: int = 0
     number: int = 0
     streamed: bool = False
-    early: bool = False  # from before the peer was there, or was well there: what comes after it is delivered after it
+    # from before the peer was there, or was well there: what comes after it is delivered after it
+    early: bool = False
 
     def late(self, now_s: float) -> bool:
         max_age_s = self.rule.traffic.max_age_s
@@ -44,11 +46,13 @@ class _Repeated:
 
 
 class Repeater:
-    """Messages that are sent again until the peer has acknowledged them, or they are too old to matter."""
+    """Messages that are sent again until the peer has acknowledged them, or they are too old to
+    matter."""
 
     def __init__(self):
         self._open: OrderedDict[int, _Repeated] = OrderedDict()
-        self._early: Dict[str, Dict[int, None]] = {}  # sequences of a topic's early messages, in their order
+        # sequences of a topic's early messages, in their order
+        self._early: Dict[str, Dict[int, None]] = {}
         self.expired = 0
 
     def __len__(self) -> int:
@@ -84,8 +88,11 @@ class Repeater:
                 self._early.setdefault(r.message.topic, {})[r.message.sequence] = None
 
     def first(self, message: Message) -> int:
-        """The oldest early message of its topic that is still on its way; its own sequence where none is before it."""
-        return min(message.sequence, next(iter(self._early.get(message.topic, ())), message.sequence))
+        """The oldest early message of its topic that is still on its way; its own sequence where
+        none is before it."""
+        return min(
+            message.sequence, next(iter(self._early.get(message.topic, ())), message.sequence)
+        )
 
     def due(self, now_s: float, round_trip_s: Optional[float]) -> List[Message]:
         """What to send again now; what is too old is forgotten."""
@@ -95,7 +102,9 @@ class Repeater:
         due = [r for r in self._open.values() if r.next_s <= now_s]
         for r in due:
             if r.message.rule.traffic.link == "datagram":
-                r.interval_s = min(_LAST_REPEAT_S, max(1.5 * r.interval_s, 1.5 * (round_trip_s or 0.0)))
+                r.interval_s = min(
+                    _LAST_REPEAT_S, max(1.5 * r.interval_s, 1.5 * (round_trip_s or 0.0))
+                )
             r.next_s = now_s + r.interval_s
         return [r.message for r in due]
 
@@ -104,12 +113,14 @@ class Repeater:
 
 
 class Pacer:
-    """Bulky messages for one peer: newest wins per topic, reliable ones in order, few under way at a time.
+    """Bulky messages for one peer: newest wins per topic, reliable ones in order, few under way at
+    a time.
 
-    The peer acknowledges every one; what it acknowledges per second is what the link carries, and what is under way is
-    bounded by it, so that a slow link makes pictures rarer instead of older. What is under way counts as lost once
-    nothing at all was acknowledged for ``lost_after_s``; where that was too early, for longer (as RFC 6298 does), else
-    a link that is merely slow would carry the same pictures again and again.
+    The peer acknowledges every one; what it acknowledges per second is what the link carries, and
+    what is under way is bounded by it, so that a slow link makes pictures rarer instead of older.
+    What is under way counts as lost once nothing at all was acknowledged for ``lost_after_s``;
+    where that was too early, for longer (as RFC 6298 does), else a link that is merely slow would
+    carry the same pictures again and again.
     """
 
     def __init__(self, lost_after_s: float = 2.5, most_in_flight: int = 3):
@@ -119,13 +130,15 @@ class Pacer:
         self._repeated: Set[int] = set()
         self._latest: OrderedDict[str, Message] = OrderedDict()
         self._waiting: Deque[Message] = deque()
-        self._flying: OrderedDict[int, Tuple[Message, int, float]] = OrderedDict()  # message, octets, since
+        # message, octets, since
+        self._flying: OrderedDict[int, Tuple[Message, int, float]] = OrderedDict()
         self._acked: Deque[Tuple[float, int]] = deque()
         self._carries_octets_s: Optional[float] = None
         self._limited_s = float("-inf")
         self._turn = False
         self.dropped = 0
-        self.queue_s: Optional[float] = None  # age of the last acknowledged one when its acknowledgement came
+        # age of the last acknowledged one when its acknowledgement came
+        self.queue_s: Optional[float] = None
 
     def __len__(self) -> int:
         return len(self._latest) + len(self._waiting)
@@ -150,9 +163,14 @@ class Pacer:
             self._limited_s = now_s
             return None
         while self._waiting or self._latest:
-            self._turn = not self._turn or not self._latest  # by turns: neither kind starves the other
+            # by turns: neither kind starves the other
+            self._turn = not self._turn or not self._latest
             by_turn = self._turn and self._waiting
-            message = self._waiting.popleft() if by_turn or not self._latest else self._latest.popitem(last=False)[1]
+            message = (
+                self._waiting.popleft()
+                if by_turn or not self._latest
+                else self._latest.popitem(last=False)[1]
+            )
             if not message.late(now_s):
                 return message
             self.dropped += 1
@@ -178,14 +196,17 @@ class Pacer:
             span_s = max(now_s - self._acked[0][0], 0.05)
             rate = sum(o for _, o in list(self._acked)[1:]) / span_s
             self._carries_octets_s = (
-                rate if self._carries_octets_s is None else 0.7 * self._carries_octets_s + 0.3 * rate
+                rate
+                if self._carries_octets_s is None
+                else 0.7 * self._carries_octets_s + 0.3 * rate
             )
         elif self._carries_octets_s is not None:
             self._carries_octets_s *= 1.05  # it carried what there was: perhaps more
         return True
 
     def cut(self) -> None:
-        """The peer is gone or restarted: reliable ones that were under way wait again, in their order."""
+        """The peer is gone or restarted: reliable ones that were under way wait again, in their
+        order."""
         again = [m for m, _, _ in self._flying.values() if m.rule.traffic.reliable]
         self._flying.clear()
         self._repeated.clear()
@@ -198,7 +219,11 @@ class Pacer:
 
     def budget_octets_s(self, now_s: float) -> Optional[float]:
         """What pictures may use; None: no bound is known, all that was asked for went through."""
-        return self._carries_octets_s if self.limited(now_s) or self._carries_octets_s is not None else None
+        return (
+            self._carries_octets_s
+            if self.limited(now_s) or self._carries_octets_s is not None
+            else None
+        )
 
     def flying(self) -> Tuple[int, int]:
         """(messages, octets) under way."""
@@ -208,11 +233,19 @@ class Pacer:
         messages, octets = self.flying()
         if messages == 0:
             return True
-        most = _QUEUE_S * self._carries_octets_s if self._carries_octets_s is not None else float("inf")
+        most = (
+            _QUEUE_S * self._carries_octets_s
+            if self._carries_octets_s is not None
+            else float("inf")
+        )
         return messages < self._most_in_flight and octets < max(most, 1.0)
 
     def _forget_lost(self, now_s: float) -> None:
-        lost = [n for n, (_, _, s) in self._flying.items() if now_s - max(s, self._heard_s) > self._patience_s]
+        lost = [
+            n
+            for n, (_, _, s) in self._flying.items()
+            if now_s - max(s, self._heard_s) > self._patience_s
+        ]
         for number in reversed(lost):  # the oldest to the front last
             message = self._flying.pop(number)[0]
             if message.rule.traffic.reliable and not message.late(now_s):

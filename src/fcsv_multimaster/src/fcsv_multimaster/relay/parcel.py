@@ -11,8 +11,8 @@ from fcsv_multimaster.relay.outbound import Message
 
 @dataclass(frozen=True)
 class Parcel:
-    """A message that came at ``came_s`` (monotonic); ``age_s`` is None before the clocks are known, and may be wrong by
-    ``unsure_s``."""
+    """A message that came at ``came_s`` (monotonic); ``age_s`` is None before the clocks are known,
+    and may be wrong by ``unsure_s``."""
 
     source: str
     topic: str
@@ -29,7 +29,11 @@ class Parcel:
     def late(self, now_s: float) -> bool:
         """Whether it is older by now than its class allows."""
         most_s = self.rule.traffic.max_age_s
-        return most_s is not None and self.age_s is not None and self.age_s + now_s - self.came_s > most_s
+        return (
+            most_s is not None
+            and self.age_s is not None
+            and self.age_s + now_s - self.came_s > most_s
+        )
 
 
 def as_it_is(_target: str, message: Message, _budget_octets_s: Optional[float], _keyframe: bool):

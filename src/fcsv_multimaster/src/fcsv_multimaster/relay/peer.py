@@ -23,11 +23,15 @@ class Peer:
         self.lock = threading.RLock()
         self.measure = PeerMeasure()
         self.repeater, self.pacer, self.received = Repeater(), Pacer(), Remembered()
-        self.rescue = Pacer(lost_after_s=0.6, most_in_flight=8)  # state by the urgent stream, where datagrams fail
+        # state by the urgent stream, where datagrams fail
+        self.rescue = Pacer(lost_after_s=0.6, most_in_flight=8)
         self.last: Dict[str, Message] = {}  # of every latched topic
-        self.order, self.handing_over = Order(), threading.RLock()  # hold it while what is in order is delivered
+        # hold it while what is in order is delivered
+        self.order, self.handing_over = Order(), threading.RLock()
         self.keyframe = False  # its decoder asked for a whole picture
-        self._limits = {t: RateGate.bursting(r.most_hz) for t, r in exports.items() if r.most_hz is not None}
+        self._limits = {
+            t: RateGate.bursting(r.most_hz) for t, r in exports.items() if r.most_hz is not None
+        }
         self._poor_limits: Dict[str, RateGate] = {}
         self._held_back: Dict[str, Message] = {}
         self._sequences: Dict[str, int] = {}
@@ -47,7 +51,8 @@ class Peer:
         return heard
 
     def admits(self, message: Message, now_s: float) -> bool:
-        """Whether the rule's rate lets it pass; the last value of a latched topic is only held back."""
+        """Whether the rule's rate lets it pass; the last value of a latched topic is only held
+        back."""
         limit = self._limits.get(message.topic)
         if limit is None:
             return True
@@ -61,23 +66,31 @@ class Peer:
 
     def number(self, message: Message) -> None:
         """Its place in the topic, and a number of its own where it is to be acknowledged."""
-        message.sequence = self._sequences[message.topic] = self._sequences.get(message.topic, 0) + 1
+        message.sequence = self._sequences[message.topic] = (
+            self._sequences.get(message.topic, 0) + 1
+        )
         traffic = message.rule.traffic
         there = self.measure.alive(message.born_s) and message.born_s - self._contact_s > _CONTACT_S
         message.early = traffic.reliable and not traffic.latched and not there
-        if traffic.reliable or traffic.link == "bulk" or (traffic.link == "datagram" and self._spare(message)):
+        if (
+            traffic.reliable
+            or traffic.link == "bulk"
+            or (traffic.link == "datagram" and self._spare(message))
+        ):
             self._numbers += 1
             message.number = self._numbers
 
     def _spare(self, message: Message) -> bool:
-        """Whether a state goes by the stream: all but a few, as long as QUIC's congestion control starves datagrams."""
+        """Whether a state goes by the stream: all but a few, as long as QUIC's congestion control
+        starves datagrams."""
         if not self.measure.poor:
             return False
         limit = self._poor_limits.setdefault(message.topic, RateGate.bursting(_POOR_HZ))
         return not limit.passes(message.born_s)
 
     def _restarted(self, now_s: float) -> None:
-        """A relay that knows nothing of us: the last value of every latched topic waits for it again."""
+        """A relay that knows nothing of us: the last value of every latched topic waits for it
+        again."""
         self._there = True
         self.received = Remembered()
         self._cut()
@@ -85,7 +98,8 @@ class Peer:
             self.repeater.add(message, now_s - 1.0)
 
     def noticed_gone(self, now_s: float) -> bool:
-        """True once when it has fallen silent. What is under way on the bulk link is taken for lost."""
+        """True once when it has fallen silent. What is under way on the bulk link is taken for
+        lost."""
         was, self._there = self._there, self.measure.alive(now_s)
         if was and not self._there:
             self._cut()
@@ -106,14 +120,16 @@ class Peer:
             return True
 
     def first(self, message: Message) -> int:
-        """The oldest of its topic that must be delivered before it; its own sequence where none must."""
+        """The oldest of its topic that must be delivered before it; its own sequence where none
+        must."""
         if not message.rule.traffic.reliable or message.rule.traffic.latched:
             return message.sequence
         with self.lock:
             return self.repeater.first(message)
 
     def due(self, now_s: float) -> Tuple[List[Tuple[Message, bool]], float]:
-        """((message, whether it is new), ...) to send now, and when to look again. Nothing to who is not there."""
+        """((message, whether it is new), ...) to send now, and when to look again. Nothing to who
+        is not there."""
         with self.lock:
             if not self.measure.alive(now_s):
                 return [], now_s + 1.0
@@ -133,10 +149,14 @@ class Peer:
             flying, octets = self.pacer.flying()
             budget = self.pacer.budget_octets_s(now_s)
             report["link"].update(
-                waiting=len(self.repeater) + len(self.rescue), expired=self.repeater.expired,
+                waiting=len(self.repeater) + len(self.rescue),
+                expired=self.repeater.expired,
                 pictures_waiting=len(self.pacer),
-                pictures_flying=flying, flying_kb=octets / 1e3, pictures_dropped=self.pacer.dropped,
-                pictures_give_way=self.pacer.limited(now_s), picture_round_trip_s=self.pacer.queue_s,
+                pictures_flying=flying,
+                flying_kb=octets / 1e3,
+                pictures_dropped=self.pacer.dropped,
+                pictures_give_way=self.pacer.limited(now_s),
+                picture_round_trip_s=self.pacer.queue_s,
                 carries_kbit_s=None if budget is None else budget * 8e-3,
-            )  # fmt: skip
+            )
         return report

@@ -11,7 +11,8 @@ import numpy as np
 from fcsv_multimaster.errors import PictureError
 
 _LOG = logging.getLogger(__name__)
-_LADDER = ((1.0, 90), (1.0, 75), (1.0, 60), (1.0, 40), (0.5, 60), (0.5, 35), (0.25, 40))  # scale, JPEG quality
+# scale, JPEG quality
+_LADDER = ((1.0, 90), (1.0, 75), (1.0, 60), (1.0, 40), (0.5, 60), (0.5, 35), (0.25, 40))
 _SHARE = 0.8  # of the budget: the rest is for other pictures and what surrounds them
 _H264_START_BIT_S = 2_000_000
 _H264_BIT_S = (100_000, 8_000_000)
@@ -40,7 +41,9 @@ class AdaptiveJpeg:
 
     def fits(self, octets: int, budget_octets_s: Optional[float], rate_hz: float) -> bool:
         """Whether a picture of this size may go as it is."""
-        return self.step == 0 and (budget_octets_s is None or octets * rate_hz <= _SHARE * budget_octets_s)
+        return self.step == 0 and (
+            budget_octets_s is None or octets * rate_hz <= _SHARE * budget_octets_s
+        )
 
     def encode(self, bgr: np.ndarray, budget_octets_s: Optional[float], rate_hz: float) -> bytes:
         """A JPEG of a HxW or HxWx3 uint8 picture. Raises PictureError."""
@@ -54,7 +57,11 @@ class AdaptiveJpeg:
         return data.tobytes()
 
     def _follow(self, octets: int, budget_octets_s: Optional[float], rate_hz: float) -> None:
-        share = 0.0 if budget_octets_s is None else octets * rate_hz / max(_SHARE * budget_octets_s, 1.0)
+        share = (
+            0.0
+            if budget_octets_s is None
+            else octets * rate_hz / max(_SHARE * budget_octets_s, 1.0)
+        )
         if share > 1.0:
             self.step = min(self.step + 1, len(_LADDER) - 1)
         elif share < 0.3:  # the next better step may be three times the size
@@ -62,7 +69,8 @@ class AdaptiveJpeg:
 
 
 def decode_jpeg(data: bytes, shape: Optional[Tuple[int, int]] = None) -> np.ndarray:
-    """A JPEG as it was, HxW or HxWx3 (BGR), back at ``shape`` (H, W) where it was sent smaller. Raises PictureError."""
+    """A JPEG as it was, HxW or HxWx3 (BGR), back at ``shape`` (H, W) where it was sent smaller.
+    Raises PictureError."""
     if shape is not None and shape[0] * shape[1] > _LARGEST_PX:
         raise PictureError(f"a picture of {shape[1]} by {shape[0]} pixels")
     try:
@@ -93,7 +101,9 @@ class H264Encoder:
         self._bit_s = 0
         self._shape: Tuple[int, int] = (0, 0)
 
-    def encode(self, bgr: np.ndarray, budget_octets_s: Optional[float], rate_hz: float, keyframe: bool) -> bytes:
+    def encode(
+        self, bgr: np.ndarray, budget_octets_s: Optional[float], rate_hz: float, keyframe: bool
+    ) -> bytes:
         """The picture (HxWx3 uint8, even size) as one access unit. Raises PictureError."""
         import av
 
@@ -101,7 +111,11 @@ class H264Encoder:
             raise PictureError(f"H.264 needs a colour picture of even size, not {bgr.shape}")
         wanted = _H264_START_BIT_S if budget_octets_s is None else int(8 * _SHARE * budget_octets_s)
         wanted = min(max(wanted, _H264_BIT_S[0]), _H264_BIT_S[1])
-        if self._context is None or bgr.shape[:2] != self._shape or not 0.6 < wanted / self._bit_s < 1.7:
+        if (
+            self._context is None
+            or bgr.shape[:2] != self._shape
+            or not 0.6 < wanted / self._bit_s < 1.7
+        ):
             self._open(bgr.shape[:2], wanted, rate_hz)
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(bgr), format="bgr24")
         if keyframe:
@@ -122,8 +136,14 @@ class H264Encoder:
         context.framerate = Fraction(max(1, round(rate_hz)))
         context.time_base = 1 / context.framerate
         buffer = str(max(bit_s // 2, 1))
-        context.options = {"preset": "ultrafast", "tune": "zerolatency", "maxrate": str(bit_s), "bufsize": buffer,
-                           "forced-idr": "1", "g": str(10 * max(1, round(rate_hz)))}  # fmt: skip
+        context.options = {
+            "preset": "ultrafast",
+            "tune": "zerolatency",
+            "maxrate": str(bit_s),
+            "bufsize": buffer,
+            "forced-idr": "1",
+            "g": str(10 * max(1, round(rate_hz))),
+        }
         self._context, self._bit_s, self._shape = context, bit_s, shape
 
 
@@ -135,7 +155,8 @@ class H264Decoder:
         self._next: Optional[int] = None
 
     def decode(self, data: bytes, sequence: int) -> Optional[np.ndarray]:
-        """HxWx3 (BGR), or None while it waits for a whole picture (then ask for one). Raises PictureError."""
+        """HxWx3 (BGR), or None while it waits for a whole picture (then ask for one). Raises
+        PictureError."""
         import av
 
         follows = self._context is not None and sequence == self._next
@@ -156,7 +177,8 @@ class H264Decoder:
 
 
 def _is_whole(data: bytes) -> bool:
-    """Whether an access unit in Annex B form holds an IDR slice (ITU-T H.264, 7.4.1: nal_unit_type 5)."""
+    """Whether an access unit in Annex B form holds an IDR slice (ITU-T H.264, 7.4.1: nal_unit_type
+    5)."""
     at = data.find(b"\x00\x00\x01")
     while 0 <= at < len(data) - 3:
         if data[at + 3] & 0x1F == 5:

@@ -9,13 +9,15 @@ from fcsv_multimaster.relay.parcel import Parcel
 
 
 class SentTimes:
-    """``came`` notes each parcel that is published here; ``take`` gives what is new. Several threads may call."""
+    """``came`` notes each parcel that is published here; ``take`` gives what is new. Several
+    threads may call."""
 
     def __init__(self):
         self._lock, self._new = threading.Lock(), {}
 
     def came(self, parcel: Parcel) -> None:
-        """Only states count: what is repeated until it arrives is no stream whose silence says anything."""
+        """Only states count: what is repeated until it arrives is no stream whose silence says
+        anything."""
         traffic = parcel.rule.traffic
         if traffic.reliable or traffic.link == "bulk":
             return
@@ -25,7 +27,8 @@ class SentTimes:
             self._new[parcel.topic] = parcel.came_s - age_s
 
     def take(self) -> Dict[str, float]:
-        """Topic to the monotonic time (s) of this machine at which its newest message was sent at the latest."""
+        """Topic to the monotonic time (s) of this machine at which its newest message was sent at
+        the latest."""
         with self._lock:
             new, self._new = self._new, {}
         return new

@@ -22,8 +22,8 @@ _NODES = (("fkie_master_discovery", "master_discovery"), ("fkie_master_sync", "m
 
 @dataclass(frozen=True)
 class FkieParameters:
-    """Holds parameters as the relay's; ``keys`` and the ports are not for fkie, which is open: use it inside a VPN
-    alone."""
+    """Holds parameters as the relay's; ``keys`` and the ports are not for fkie, which is open: use
+    it inside a VPN alone."""
 
     machine: str
     links: str
@@ -45,14 +45,20 @@ class FkieNode:
                 raise RelayError(
                     f"link:=fkie needs the package {package}, which is not installed; use link:=relay"
                 ) from error
-        links, peers = load_links(parameters.links), parse_peers(parameters.peers, parameters.discovery)
+        links, peers = (
+            load_links(parameters.links),
+            parse_peers(parameters.peers, parameters.discovery),
+        )
         rospy.set_param("/master_discovery", fkie.discovery(peers))
         rospy.set_param("/master_sync", fkie.sync(parameters.machine, links, peers))
-        rospy.logwarn("link:=fkie neither authenticates nor encrypts: anybody on this network can command the vehicles")
+        rospy.logwarn(
+            "link:=fkie neither authenticates nor encrypts: anybody on this network can command the vehicles"
+        )
         env = dict(os.environ)
         env.pop("ROS_NAMESPACE", None)
         self._processes: List[subprocess.Popen] = [
-            subprocess.Popen(["rosrun", package, name, f"__name:={name}"], env=env) for package, name in _NODES
+            subprocess.Popen(["rosrun", package, name, f"__name:={name}"], env=env)
+            for package, name in _NODES
         ]
         self._health = Health("fkie")
         self._health.value("machine", parameters.machine)
@@ -64,7 +70,9 @@ class FkieNode:
             time.sleep(0.2)
         for (_, name), process in zip(_NODES, self._processes):
             if process.poll() is not None and not rospy.is_shutdown():
-                self._health.problem(name, f"{name} of fkie ended with {process.returncode}; both are started again")
+                self._health.problem(
+                    name, f"{name} of fkie ended with {process.returncode}; both are started again"
+                )
         self._stop()
 
     def _stop(self) -> None:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes from peers, published here under the type it has there; a thread of its own talks to the master."""
+"""What comes from peers, published here under the type it has there; a thread of its own talks to
+the master."""
 
 import queue
 import threading
@@ -36,8 +37,9 @@ class _Entry:
     connections: int = 0
 
     def settled(self) -> bool:
-        """Whether who subscribed before is connected. The master tells how many they are only in answer to another
-        registration, after which a subscriber connects twice and loses what went by its first connection.
+        """Whether who subscribed before is connected. The master tells how many they are only in
+        answer to another registration, after which a subscriber connects twice and loses what went
+        by its first connection.
         """
         if self.until_s is None:
             return True
@@ -50,7 +52,9 @@ class _Entry:
 class Inbox:
     """``drop(reason, detail)``; ``definition(source, type)`` asks a peer for a type's text."""
 
-    def __init__(self, drop: Callable[[str, str], None], definition: Callable[[str, str], Optional[str]]):
+    def __init__(
+        self, drop: Callable[[str, str], None], definition: Callable[[str, str], Optional[str]]
+    ):
         self._drop, self._definition = drop, definition
         self._lock = threading.Lock()
         self._entries: Dict[str, _Entry] = {}
@@ -62,7 +66,8 @@ class Inbox:
         threading.Thread(target=self._advertise_all, name="advertise", daemon=True).start()
 
     def deliver(self, parcel: Parcel) -> bool:
-        """Publish it; whether an H.264 stream needs a whole picture. Raises RelayError where it cannot be read."""
+        """Publish it; whether an H.264 stream needs a whole picture. Raises RelayError where it
+        cannot be read."""
         with self._lock:
             entry = self._entries.get(parcel.topic)
             if entry is None or entry.md5 != parcel.md5 or entry.type != parcel.type:
@@ -74,10 +79,12 @@ class Inbox:
         return self._publish(entry, parcel)
 
     def _keep(self, entry: Optional[_Entry], parcel: Parcel) -> None:
-        """What has no publisher yet waits for it; another type's has to wait for the old one's silence."""
+        """What has no publisher yet waits for it; another type's has to wait for the old one's
+        silence."""
         if entry is not None and time.monotonic() - entry.used_s < _QUIET_S:
             self._drop(
-                "message of another type", f"{parcel.topic} of {parcel.source} is {entry.type}, not {parcel.type}"
+                "message of another type",
+                f"{parcel.topic} of {parcel.source} is {entry.type}, not {parcel.type}",
             )
             return
         new = parcel.topic not in self._waiting
@@ -123,7 +130,10 @@ class Inbox:
         try:
             entry = self._advertise(newest)
         except Exception as error:  # this thread serves all topics
-            self._drop("topic that cannot be published", f"{topic} of {newest.source}: {node.defect(error)}")
+            self._drop(
+                "topic that cannot be published",
+                f"{topic} of {newest.source}: {node.defect(error)}",
+            )
             entry = None
         with self._lock:
             waiting = self._waiting.pop(topic)
@@ -141,8 +151,11 @@ class Inbox:
                     continue
                 try:
                     self._publish(entry, parcel)
-                except Exception as error:  # one bad message must not end the thread that all topics need
-                    self._drop("message that cannot be read", f"{parcel.topic} of {parcel.source}: {error}")
+                # one bad message must not end the thread that all topics need
+                except Exception as error:
+                    self._drop(
+                        "message that cannot be read", f"{parcel.topic} of {parcel.source}: {error}"
+                    )
             entry.held = None
 
     def _advertise(self, parcel: Parcel) -> Optional[_Entry]:
@@ -153,18 +166,32 @@ class Inbox:
                 f"{parcel.source} has another {parcel.type} than this machine ({parcel.topic})",
             )
             return None
-        text = installed._full_text if installed is not None else self._definition(parcel.source, parcel.type)
+        text = (
+            installed._full_text
+            if installed is not None
+            else self._definition(parcel.source, parcel.type)
+        )
         if text is None:
             self._drop("unknown message type", f"{parcel.type} of {parcel.source} ({parcel.topic})")
             return None
         known = self._entries.pop(parcel.topic, None)
         if known is not None:
             known.publisher.unregister()
-            rospy.logwarn("%s of %s is %s now, it was %s", parcel.topic, parcel.source, parcel.type, known.type)
+            rospy.logwarn(
+                "%s of %s is %s now, it was %s",
+                parcel.topic,
+                parcel.source,
+                parcel.type,
+                known.type,
+            )
         cls = _raw_class(parcel.type, parcel.md5, text)
         traffic, now_s = parcel.rule.traffic, time.monotonic()
         publisher = rospy.Publisher(
-            parcel.topic, cls, queue_size=traffic.queue_size, latch=traffic.latched, tcp_nodelay=True
+            parcel.topic,
+            cls,
+            queue_size=traffic.queue_size,
+            latch=traffic.latched,
+            tcp_nodelay=True,
         )
         until_s = now_s + _CONNECT_S if traffic.reliable and not traffic.latched else None
         return _Entry(parcel.type, parcel.md5, cls, publisher, now_s, until_s=until_s)
@@ -173,10 +200,18 @@ class Inbox:
 def _keep_in(kept: List[Parcel], parcel: Parcel) -> None:
     """Where every message counts all are kept, as many as fit; else the newest."""
     traffic = parcel.rule.traffic
-    del kept[: len(kept) if not traffic.reliable or traffic.latched else max(0, len(kept) + 1 - traffic.queue_size)]
+    del kept[
+        : len(kept)
+        if not traffic.reliable or traffic.latched
+        else max(0, len(kept) + 1 - traffic.queue_size)
+    ]
     kept.append(parcel)
 
 
 def _raw_class(type_name: str, md5: str, text: str) -> type:
     """A message class that passes bytes through."""
-    return type("Raw", (rospy.AnyMsg,), {"_type": type_name, "_md5sum": md5, "_full_text": text, "_has_header": False})
+    return type(
+        "Raw",
+        (rospy.AnyMsg,),
+        {"_type": type_name, "_md5sum": md5, "_full_text": text, "_has_header": False},
+    )

@@ -18,7 +18,8 @@ from fcsv_multimaster.ros.master_watch import local_master
 
 
 def exposures() -> list:
-    """What of this machine's ROS others can reach, in words. A master that does not answer tells of no nodes."""
+    """What of this machine's ROS others can reach, in words. A master that does not answer tells of
+    no nodes."""
     return exposed(rosgraph.get_master_uri(), _nodes(), listening())
 
 
@@ -26,18 +27,25 @@ def refuse_while_exposed() -> None:
     """Raises ExposedError."""
     found = exposures()
     if found:
-        raise ExposedError(f"keys protect nothing while ROS is open to the network: {'; '.join(found)}; {REMEDY}")
+        raise ExposedError(
+            f"keys protect nothing while ROS is open to the network: {'; '.join(found)}; {REMEDY}"
+        )
 
 
 def status_of(machine: str, keys: Keyring, now: datetime.datetime) -> DiagnosticStatus:
     """Whether the keys will last."""
     text = keys.warning(now)
     return DiagnosticStatus(
-        level=DiagnosticStatus.WARN if text else DiagnosticStatus.OK, name=f"keys {machine}",
-        message=text or "well", hardware_id=machine,
-        values=[KeyValue("run out", f"{keys.runs_out:%Y-%m-%d}"), KeyValue("certificate", str(keys.certificate)),
-                KeyValue("revoked", ", ".join(sorted(keys.revoked.last)) or "nobody")],
-    )  # fmt: skip
+        level=DiagnosticStatus.WARN if text else DiagnosticStatus.OK,
+        name=f"keys {machine}",
+        message=text or "well",
+        hardware_id=machine,
+        values=[
+            KeyValue("run out", f"{keys.runs_out:%Y-%m-%d}"),
+            KeyValue("certificate", str(keys.certificate)),
+            KeyValue("revoked", ", ".join(sorted(keys.revoked.last)) or "nobody"),
+        ],
+    )
 
 
 def _nodes() -> Dict[str, str]:

@@ -13,7 +13,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from fcsv_geometry.ros import node
 
-_LEVELS = {DiagnosticStatus.OK: "ok", DiagnosticStatus.WARN: "WARN", DiagnosticStatus.ERROR: "ERROR"}
+_LEVELS = {
+    DiagnosticStatus.OK: "ok",
+    DiagnosticStatus.WARN: "WARN",
+    DiagnosticStatus.ERROR: "ERROR",
+}
 _WAIT_S = 10.0  # the relay reports once a second; a machine that is busy starts this program slowly
 _WORDS = ("state", "says")
 _LINK_HEAD = ("link", "state", "round trip", "loss in", "in", "carries", "waiting", "clock", "says")
@@ -25,7 +29,11 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     parser.add_argument("--watch", action="store_true", help="again every second, until Ctrl-C")
     arguments = parser.parse_args(argv if argv is not None else rospy.myargv()[1:])
     try:
-        topics = [n for n, kind in rosgraph.Master("/link_status").getTopicTypes() if n.endswith("/relay/links")]
+        topics = [
+            n
+            for n, kind in rosgraph.Master("/link_status").getTopicTypes()
+            if n.endswith("/relay/links")
+        ]
     except OSError:
         print("link_status: no ROS master answers; is ROS_MASTER_URI right?", file=sys.stderr)
         return 2
@@ -52,7 +60,11 @@ def _show(topics: Sequence[str], watch: bool) -> int:
         print("\033[2J\033[H" + render(list(newest.values())), flush=True)
         time.sleep(1.0)
     if not newest:
-        why = "the relay has no peer" if heard.is_set() else f"nothing came on {', '.join(topics)} in {_WAIT_S:.0f} s"
+        why = (
+            "the relay has no peer"
+            if heard.is_set()
+            else f"nothing came on {', '.join(topics)} in {_WAIT_S:.0f} s"
+        )
         print(f"link_status: {why}", file=sys.stderr)
         return 2
     if not watch:
@@ -62,7 +74,8 @@ def _show(topics: Sequence[str], watch: bool) -> int:
 
 
 def render(statuses: Sequence[DiagnosticStatus]) -> str:
-    """A table of links, then of the topics that come in; a column is as wide as what stands in it."""
+    """A table of links, then of the topics that come in; a column is as wide as what stands in
+    it."""
     statuses = sorted(statuses, key=lambda s: s.name)
     lines = _table(_LINK_HEAD, [_link(s) for s in statuses])
     for status in statuses:
@@ -73,20 +86,34 @@ def render(statuses: Sequence[DiagnosticStatus]) -> str:
 def _link(status: DiagnosticStatus) -> Sequence[str]:
     v = {kv.key: kv.value for kv in status.values}
     return (
-        status.name[5:], _LEVELS.get(status.level, "?"), _ms(v["round_trip_s"]), _percent(v["in_loss"]),
-        v["in_kbit_s"] + " kbit/s", _rate(v["carries_kbit_s"]), str(int(v["waiting"]) + int(v["pictures_waiting"])),
-        _ms(v["clock_offset_s"]), status.message,
-    )  # fmt: skip
+        status.name[5:],
+        _LEVELS.get(status.level, "?"),
+        _ms(v["round_trip_s"]),
+        _percent(v["in_loss"]),
+        v["in_kbit_s"] + " kbit/s",
+        _rate(v["carries_kbit_s"]),
+        str(int(v["waiting"]) + int(v["pictures_waiting"])),
+        _ms(v["clock_offset_s"]),
+        status.message,
+    )
 
 
 def _topics(status: DiagnosticStatus) -> List[str]:
-    rows = [(kv.key[3:], dict(p.split("=") for p in kv.value.split())) for kv in status.values if kv.key[:3] == "in "]
+    rows = [
+        (kv.key[3:], dict(p.split("=") for p in kv.value.split()))
+        for kv in status.values
+        if kv.key[:3] == "in "
+    ]
     if not rows:
         return []
     cells = [
-        (name, r["rate_hz"], _percent(r["loss"]), _ms(r["age_s"]), _ms(r["silent_s"]), r["kbit_s"]) for name, r in rows
+        (name, r["rate_hz"], _percent(r["loss"]), _ms(r["age_s"]), _ms(r["silent_s"]), r["kbit_s"])
+        for name, r in rows
     ]
-    return ["", *_table((f"in over {status.name[5:]}", "Hz", "loss", "age", "silent", "kbit/s"), cells)]
+    return [
+        "",
+        *_table((f"in over {status.name[5:]}", "Hz", "loss", "age", "silent", "kbit/s"), cells),
+    ]
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> List[str]:
@@ -94,7 +121,10 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> List[str]:
     widths = [max(map(len, column)) for column in zip(head, *rows)]
     left = {0} | {k for k, name in enumerate(head) if name in _WORDS}
     cell = [str.ljust if k in left else str.rjust for k in range(len(head))]
-    return ["  ".join(c(text, w) for c, text, w in zip(cell, row, widths)).rstrip() for row in (head, *rows)]
+    return [
+        "  ".join(c(text, w) for c, text, w in zip(cell, row, widths)).rstrip()
+        for row in (head, *rows)
+    ]
 
 
 def _ms(text: str) -> str:

@@ -23,16 +23,21 @@ def local_master() -> xmlrpc.client.ServerProxy:
 def master_knows_us() -> Optional[bool]:
     """None where the master does not answer, be it down or hung.
 
-    Asked by a service that every rospy node has: by its mere name a new master may know a node that reads a parameter.
+    Asked by a service that every rospy node has: by its mere name a new master may know a node that
+    reads a parameter.
     """
     try:
-        return local_master().lookupService(rospy.get_name(), f"{rospy.get_name()}/get_loggers")[0] == 1
+        return (
+            local_master().lookupService(rospy.get_name(), f"{rospy.get_name()}/get_loggers")[0]
+            == 1
+        )
     except (OSError, socket.timeout, http.client.HTTPException, xmlrpc.client.Error):
         return None
 
 
 def register_again() -> None:
-    """Everything that this node publishes, subscribes and serves, as rospy registers it at the start.
+    """Everything that this node publishes, subscribes and serves, as rospy registers it at the
+    start.
 
     Connections between nodes outlive the master, so they stay; rospy has no public call for this.
     """

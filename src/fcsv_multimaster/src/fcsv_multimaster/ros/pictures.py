@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Picture messages packed for the link and unpacked again; the type that goes in is the type that comes out."""
+"""Picture messages packed for the link and unpacked again; the type that goes in is the type that
+comes out."""
 
 import io
 import struct
@@ -39,15 +40,22 @@ class PicturePacker:
 
     def steps(self) -> Dict[str, int]:
         """How far each JPEG stream has given way, 0: not at all."""
-        return {f"{topic} to {target}": jpeg.step for (target, topic), (_, jpeg, _) in list(self._streams.items())}
+        return {
+            f"{topic} to {target}": jpeg.step
+            for (target, topic), (_, jpeg, _) in list(self._streams.items())
+        }
 
     def pack(self, target: str, message: Message, budget_octets_s: Optional[float], keyframe: bool):
         """(packing, data) of a message whose rule has a codec. Raises PictureError."""
         cls = _TYPES.get(message.type)
         if cls is None or cls._md5sum != message.md5:
-            raise PictureError(f"a codec takes {' and '.join(_TYPES)}, not {message.type} {message.md5}")
+            raise PictureError(
+                f"a codec takes {' and '.join(_TYPES)}, not {message.type} {message.md5}"
+            )
         known = (target, message.topic)
-        rate, jpeg, h264 = self._streams.setdefault(known, (OfferedRate(), AdaptiveJpeg(), H264Encoder()))
+        rate, jpeg, h264 = self._streams.setdefault(
+            known, (OfferedRate(), AdaptiveJpeg(), H264Encoder())
+        )
         rate.seen(message.sequence, time.monotonic())
         if cls is CompressedImage and jpeg.fits(len(message.data), budget_octets_s, rate.hz):
             return wire.RAW, message.data
@@ -71,7 +79,8 @@ class PictureUnpacker:
         self._decoders: Dict[Tuple[str, str], H264Decoder] = {}
 
     def unpack(self, parcel: Parcel) -> Optional[bytes]:
-        """The serialised message, or None while H.264 waits for a whole picture. Raises PictureError."""
+        """The serialised message, or None while H.264 waits for a whole picture. Raises
+        PictureError."""
         cls = _TYPES.get(parcel.type)
         if cls is None or cls._md5sum != parcel.md5:
             raise PictureError(f"a packed {parcel.type} {parcel.md5}")
@@ -87,7 +96,9 @@ class PictureUnpacker:
             return None
         if cls is CompressedImage:
             return _serialize(
-                CompressedImage(header=header, format="jpeg", data=AdaptiveJpeg().encode(array, None, 1.0))
+                CompressedImage(
+                    header=header, format="jpeg", data=AdaptiveJpeg().encode(array, None, 1.0)
+                )
             )
         return _serialize(_image(header, encoding, array))
 
@@ -98,10 +109,19 @@ def _array(picture) -> Tuple[np.ndarray, str]:
         return decode_jpeg(picture.data), "compressed"
     channels = _CHANNELS.get(picture.encoding)
     if channels is None:
-        raise PictureError(f"pictures in '{picture.encoding}' cannot be packed; known: {', '.join(_CHANNELS)}")
+        raise PictureError(
+            f"pictures in '{picture.encoding}' cannot be packed; known: {', '.join(_CHANNELS)}"
+        )
     width = picture.width * channels
-    if picture.step < width or len(picture.data) != picture.step * picture.height or not picture.height or not width:
-        raise PictureError(f"a picture whose data do not fit its {picture.width} by {picture.height} pixels")
+    if (
+        picture.step < width
+        or len(picture.data) != picture.step * picture.height
+        or not picture.height
+        or not width
+    ):
+        raise PictureError(
+            f"a picture whose data do not fit its {picture.width} by {picture.height} pixels"
+        )
     rows = np.frombuffer(picture.data, np.uint8).reshape(picture.height, picture.step)[:, :width]
     if channels == 1:
         return rows, picture.encoding
@@ -115,7 +135,9 @@ def _image(header: Header, encoding: str, array: np.ndarray) -> Image:
         raise PictureError(f"a picture of shape {array.shape} for '{encoding}'")
     data = array[:, :, ::-1] if encoding == "rgb8" else array
     height, width = array.shape[:2]
-    return Image(header, height, width, encoding, 0, width * channels, np.ascontiguousarray(data).tobytes())
+    return Image(
+        header, height, width, encoding, 0, width * channels, np.ascontiguousarray(data).tobytes()
+    )
 
 
 def _front(header: Header, encoding: str, array: np.ndarray) -> bytes:

@@ -28,19 +28,20 @@ from fcsv_multimaster.ros.master_watch import master_knows_us, register_again
 from fcsv_multimaster.ros.pictures import PicturePacker
 from fcsv_multimaster.ros.tf_merge import TfOut
 
-_SWITCH_S = 0.0005  # what is urgent must not wait five milliseconds for a thread that handles pictures
+# what is urgent must not wait five milliseconds for a thread that handles pictures
+_SWITCH_S = 0.0005
 _TF_HZ = 10.0
 _AGES_HZ = 20.0
-# A process that slept for longer (SIGSTOP) has sessions that its peers closed. Zenoh's numbers for topics are a
-# session's own; those of an old one were seen to be taken for another machine's.
+# A process that slept for longer (SIGSTOP) has sessions that its peers closed. Zenoh's numbers for
+# topics are a session's own; those of an old one were seen to be taken for another machine's.
 _SLEPT_S = 3.0
 _EXPOSURE_TICKS = 8  # of half a second
 
 
 @dataclass(frozen=True)
 class RelayParameters:
-    """Parameters of the node. ``peers``: NAME=HOST:PORT,..., with ``discovery`` also bare names; ``keys``: this
-    machine's folder of the fleet's keys."""
+    """Parameters of the node. ``peers``: NAME=HOST:PORT,..., with ``discovery`` also bare names;
+    ``keys``: this machine's folder of the fleet's keys."""
 
     machine: str
     links: str
@@ -51,13 +52,17 @@ class RelayParameters:
 
 
 class RelayNode:
-    """What a rule does not name neither leaves nor enters; what this node published itself does not go back."""
+    """What a rule does not name neither leaves nor enters; what this node published itself does not
+    go back."""
 
     def __init__(self):
         parameters = node.parameters(RelayParameters)
         sys.setswitchinterval(_SWITCH_S)
         self._name = parameters.machine
-        links, peers = load_links(parameters.links), parse_peers(parameters.peers, parameters.discovery)
+        links, peers = (
+            load_links(parameters.links),
+            parse_peers(parameters.peers, parameters.discovery),
+        )
         self._discovery = parameters.discovery
         keys = self._keys = open_keyring(parameters.keys, self._name) if parameters.keys else None
         if keys is not None:
@@ -71,18 +76,30 @@ class RelayNode:
         self._reports = rospy.Publisher("~links", DiagnosticArray, queue_size=1)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=2)
         self._exchange = Exchange(
-            self._name, links, parse_endpoint(parameters.listen), peers, keys,
-            self._on_parcel, self._drop, self._health.problem, self._packer.pack,
+            self._name,
+            links,
+            parse_endpoint(parameters.listen),
+            peers,
+            keys,
+            self._on_parcel,
+            self._drop,
+            self._health.problem,
+            self._packer.pack,
             parameters.discovery,
-        )  # fmt: skip
+        )
         rospy.on_shutdown(self._exchange.close)
         self._tf: Dict[str, Dict[str, TfOut]] = {
-            topic: {p.name: TfOut(self._name, p.exports[topic].frames, topic == "/tf_static")
-                    for p in self._exchange.peers.values() if topic in p.exports}
+            topic: {
+                p.name: TfOut(self._name, p.exports[topic].frames, topic == "/tf_static")
+                for p in self._exchange.peers.values()
+                if topic in p.exports
+            }
             for topic in TF_TOPICS
-        }  # fmt: skip
+        }
         self._tf_header: Dict[str, Dict[str, str]] = {}
-        rospy.loginfo("%s to %s sends %s", self._name, sorted(peers) or "nobody", self._exchange.exports)
+        rospy.loginfo(
+            "%s to %s sends %s", self._name, sorted(peers) or "nobody", self._exchange.exports
+        )
         self._subscribers = self._subscribe()
         self._ages = rospy.Publisher("~ages", RelayAges, queue_size=5, tcp_nodelay=True)
         self._ages_timer = node.every(1.0 / _AGES_HZ, lambda _event: self._tell_ages())
@@ -102,13 +119,15 @@ class RelayNode:
     def _definition(self, source: str, type_name: str):
         return self._exchange.definition(source, type_name)
 
-    # ---- out -----------------------------------------------------------------------------------------------
+    # ---- out -------------------------------------------------------------------------------------
 
     def _on_local(self, message: rospy.AnyMsg, topic: str) -> None:
         h = message._connection_header
         if h.get("callerid") == rospy.get_name():
             return  # it came from a peer
-        taken = self._exchange.send(topic, h["type"], h["md5sum"], h.get("message_definition", ""), message._buff)
+        taken = self._exchange.send(
+            topic, h["type"], h["md5sum"], h.get("message_definition", ""), message._buff
+        )
         if taken:
             self._health.tick(f"out {topic}")
 
@@ -130,10 +149,12 @@ class RelayNode:
         for peer, out in self._tf[topic].items():
             data = out.take() if h is not None else None
             if data is not None:
-                self._exchange.send(topic, h["type"], h["md5sum"], h.get("message_definition", ""), data, only=peer)
+                self._exchange.send(
+                    topic, h["type"], h["md5sum"], h.get("message_definition", ""), data, only=peer
+                )
                 self._health.tick(f"out {topic}")
 
-    # ---- in ------------------------------------------------------------------------------------------------
+    # ---- in --------------------------------------------------------------------------------------
 
     def _on_parcel(self, parcel: Parcel) -> bool:
         self._health.tick(f"in {parcel.topic}")
@@ -142,9 +163,11 @@ class RelayNode:
     def _tell_ages(self) -> None:
         sent = self._inbox.sent.take()
         if sent:
-            self._ages.publish(RelayAges(conversions.header(rospy.get_time(), ""), list(sent), list(sent.values())))
+            self._ages.publish(
+                RelayAges(conversions.header(rospy.get_time(), ""), list(sent), list(sent.values()))
+            )
 
-    # ---- what goes on by itself ----------------------------------------------------------------------------
+    # ---- what goes on by itself ------------------------------------------------------------------
 
     def spin(self) -> None:
         """Report the links, and watch the local master."""
@@ -155,28 +178,39 @@ class RelayNode:
             slept = time.monotonic() > before_s + _SLEPT_S
             knows_us = master_knows_us()
             if knows_us is None and known:
-                rospy.logwarn("%s: the ROS master does not answer; what is connected goes on", self._name)
+                rospy.logwarn(
+                    "%s: the ROS master does not answer; what is connected goes on", self._name
+                )
             if knows_us is False:
                 rospy.logwarn("%s: the ROS master was restarted; registering again", self._name)
                 register_again()
             known = knows_us is not None
             moved = self._discovery and addresses.changed()
             if moved:
-                rospy.logwarn("%s: its addresses are others now; looking for its peers from there", self._name)
+                rospy.logwarn(
+                    "%s: its addresses are others now; looking for its peers from there", self._name
+                )
             if slept:
                 rospy.logwarn("%s: it slept; joining its peers anew", self._name)
             if joining.due(slept, moved):
                 joining.ended(self._join_anew())
             if joining.hopeless:
-                rospy.logfatal("%s: after it slept its port does not get free; to be started again", self._name)
-                os._exit(1)  # an orderly end would wait for the session that does not close; roslaunch respawns it
+                rospy.logfatal(
+                    "%s: after it slept its port does not get free; to be started again", self._name
+                )
+                # an orderly end would wait for the session that does not close; roslaunch respawns
+                # it
+                os._exit(1)
             ticks += 1
             if ticks % 2 == 0:
                 self._report()
             if self._keys is not None and ticks % _EXPOSURE_TICKS == 0:
-                # in flight the link is worth more than what a node that was started later opens: said, not cut
+                # in flight the link is worth more than what a node that was started later opens:
+                # said, not cut
                 found = key_watch.exposures()
-                self._health.problem("exposed", f"ROS is open to the network: {'; '.join(found)}" if found else "")
+                self._health.problem(
+                    "exposed", f"ROS is open to the network: {'; '.join(found)}" if found else ""
+                )
 
     def _join_anew(self) -> bool:
         """Whether it could; else it is to be tried again."""
@@ -192,8 +226,12 @@ class RelayNode:
         now_s, statuses = time.monotonic(), []
         for peer in self._exchange.peers.values():
             report = peer.report(now_s)
-            steps = {n: s for n, s in self._packer.steps().items() if n.endswith(f" to {peer.name}")}
-            statuses.append(link_report.status_of(self._name, peer.name, report, self._keys is not None, steps))
+            steps = {
+                n: s for n, s in self._packer.steps().items() if n.endswith(f" to {peer.name}")
+            }
+            statuses.append(
+                link_report.status_of(self._name, peer.name, report, self._keys is not None, steps)
+            )
             self._health.value(f"peer {peer.name}", statuses[-1].message)
         message = link_report.array(rospy.Time.now(), statuses)
         self._reports.publish(message)

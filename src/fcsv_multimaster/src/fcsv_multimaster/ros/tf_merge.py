@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""/tf and /tf_static between machines: listed child frames, with their machine's prefix, merged into one tree."""
+"""/tf and /tf_static between machines: listed child frames, with their machine's prefix, merged
+into one tree."""
 
 import io
 import struct
@@ -15,7 +16,8 @@ SHARED_FRAMES = ("home", "mocap", "map", "world", "earth")  # the same on every 
 
 
 def with_prefix(frame: str, machine: str) -> str:
-    """``uav1/camera`` for ``camera`` on uav1; shared frames and those that have a prefix stay as they are."""
+    """``uav1/camera`` for ``camera`` on uav1; shared frames and those that have a prefix stay as
+    they are."""
     frame = frame.lstrip("/")
     return frame if "/" in frame or frame in SHARED_FRAMES else f"{machine}/{frame}"
 
@@ -29,7 +31,8 @@ class TfOut:
         self._newest: Dict[str, object] = {}
 
     def add(self, data: bytes) -> bool:
-        """A serialised TFMessage of this machine; whether something is to be sent. Raises WireError."""
+        """A serialised TFMessage of this machine; whether something is to be sent. Raises
+        WireError."""
         with self._lock:
             for t in read(data).transforms:
                 t.child_frame_id = with_prefix(t.child_frame_id, self._machine)
@@ -56,7 +59,8 @@ class TfIn:
         self._merged: Dict[str, object] = {}
 
     def merge(self, data: bytes, frames: Iterable[str]) -> Optional[bytes]:
-        """The message to publish, with the listed child frames alone; None where none is. Raises WireError."""
+        """The message to publish, with the listed child frames alone; None where none is. Raises
+        WireError."""
         allowed = set(frames)
         transforms = [t for t in read(data).transforms if t.child_frame_id in allowed]
         if not transforms:

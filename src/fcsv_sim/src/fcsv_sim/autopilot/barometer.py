@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The autopilot's barometer: pressure, with what is wrong with it as a height on a multirotor outdoors."""
+"""The autopilot's barometer: pressure, with what is wrong with it as a height on a multirotor
+outdoors."""
 
 import math
 
@@ -34,5 +35,7 @@ class Barometer:
         self._walk_m += _WALK_M * math.sqrt(passed_s) * walk
         self._gust_m = keep * self._gust_m + math.sqrt(1.0 - keep**2) * _GUST_M * gust
         wash_m = _WASH_M * math.exp(-max(0.0, self._z_m) / _WASH_HEIGHT_M) if motors else 0.0
-        wrong_m = _NOISE_M * noise + self._walk_m + self._gust_m + _PER_SPEED2 * self._air_mps**2 - wash_m
+        wrong_m = (
+            _NOISE_M * noise + self._walk_m + self._gust_m + _PER_SPEED2 * self._air_mps**2 - wash_m
+        )
         return _SEA_HPA * (1.0 - (self._z_m + wrong_m) / _SCALE_M) ** _EXPONENT

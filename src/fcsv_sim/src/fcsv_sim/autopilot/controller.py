@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Leads from positions, velocities or sticks to lean angles, yaw rate and thrust (ext frame, SI).
 
-Plain floats: a hundred passes a second of every vehicle go through here, and numpy takes ten times as long for three.
+Plain floats: a hundred passes a second of every vehicle go through here, and numpy takes ten times
+as long for three.
 """
 
 import math
@@ -29,13 +30,14 @@ class WayLimits:
 
     @classmethod
     def of(cls, parameters: Dict[str, Tuple[float, int]]) -> "WayLimits":
-        """Reads the limits from parameters (value, type), which are in cm/s and cm/s^2; too slow ones are as slow as it
-        gets."""
+        """Reads the limits from parameters (value, type), which are in cm/s and cm/s^2; too slow
+        ones are as slow as it gets."""
         names = ("WPNAV_SPEED", "WPNAV_SPEED_UP", "WPNAV_SPEED_DN", "WPNAV_ACCEL", "WPNAV_ACCEL_Z")
         return cls(*(_clip(0.01 * parameters[n][0], _SLOWEST, _QUICKEST) for n in names))
 
     def along(self, level_m: float, up_m: float) -> Tuple[float, float]:
-        """(m/s, m/s^2) on the straight way to a place so far away: horizontal and vertical share one clock."""
+        """(m/s, m/s^2) on the straight way to a place so far away: horizontal and vertical share
+        one clock."""
         away_m = math.hypot(level_m, up_m)
         level, up = max(level_m / away_m, 1e-6), max(abs(up_m) / away_m, 1e-6)
         upright_mps = self.climb_mps if up_m > 0.0 else self.sink_mps
@@ -46,7 +48,8 @@ class WayLimits:
 
 
 def approach_speed(error_m: float, gain_per_s: float, acc_mps2: float) -> float:
-    """Speed at which a distance is closed: proportional near, as braking allows far (ArduPilot's square root)."""
+    """Speed at which a distance is closed: proportional near, as braking allows far (ArduPilot's
+    square root)."""
     linear_m = acc_mps2 / gain_per_s**2
     if error_m <= linear_m:
         return gain_per_s * error_m
@@ -58,7 +61,8 @@ def _clip(value: float, low: float, high: float) -> float:
 
 
 class Controller:
-    """Cascaded position, velocity and attitude targets with limits on speed, acceleration and lean."""
+    """Cascaded position, velocity and attitude targets with limits on speed, acceleration and
+    lean."""
 
     def __init__(self, hover_thrust: float):
         self._hover = hover_thrust
@@ -85,10 +89,17 @@ class Controller:
         return _clip(2.0 * wrap(yaw_rad - estimate.yaw_ext_rad), -1.0, 1.0)
 
     def to_velocity(
-        self, v_ext_mps, yaw_rate_rps, estimate, dt_s: float, ramp_mps2: float = _RAMP_MPS2, ahead: float = 0.0
+        self,
+        v_ext_mps,
+        yaw_rate_rps,
+        estimate,
+        dt_s: float,
+        ramp_mps2: float = _RAMP_MPS2,
+        ahead: float = 0.0,
     ):
-        """Command towards a velocity (ext, m/s), the target ramped at the acceleration limit; ``ahead``: share of the
-        target's own acceleration that is asked for before the velocity lacks it."""
+        """Command towards a velocity (ext, m/s), the target ramped at the acceleration limit;
+        ``ahead``: share of the target's own acceleration that is asked for before the velocity
+        lacks it."""
         limit = ramp_mps2 * dt_s
         target, integral, acc = self._v_target, self._v_integral, [0.0, 0.0, 0.0]
         for k, (wanted, now) in enumerate(zip(v_ext_mps, estimate.v_ext_mps.tolist())):
@@ -99,13 +110,25 @@ class Controller:
             acc[k] = 2.2 * error + integral[k] + ahead * step / dt_s
         return self._from_acceleration(acc, yaw_rate_rps, estimate)
 
-    def to_lean(self, roll_rad, pitch_rad, yaw_rate_rps, climb_mps, climb_now_mps, dt_s, climb_mps2: float = 0.0):
-        """Lean angles from the sticks with a held climb rate (ALT_HOLD), which changes by ``climb_mps2``."""
+    def to_lean(
+        self,
+        roll_rad,
+        pitch_rad,
+        yaw_rate_rps,
+        climb_mps,
+        climb_now_mps,
+        dt_s,
+        climb_mps2: float = 0.0,
+    ):
+        """Lean angles from the sticks with a held climb rate (ALT_HOLD), which changes by
+        ``climb_mps2``."""
         error = climb_mps - climb_now_mps
         self._v_integral[2] = _clip(self._v_integral[2] + 0.8 * error * dt_s, -3.0, 3.0)
         acc_z = 2.2 * error + self._v_integral[2] + climb_mps2
         self._v_target = [0.0, 0.0, 0.0]
-        thrust = self._hover * (1.0 + acc_z / _G) / max(0.5, math.cos(roll_rad) * math.cos(pitch_rad))
+        thrust = (
+            self._hover * (1.0 + acc_z / _G) / max(0.5, math.cos(roll_rad) * math.cos(pitch_rad))
+        )
         return roll_rad, pitch_rad, yaw_rate_rps, _clip(thrust, 0.05, 1.0)
 
     def sticks(self, roll, pitch, yaw, lean_rad: float = _MAX_LEAN_RAD):

@@ -24,7 +24,8 @@ _IDLE = (0.0, 0.0, 0.0, 0.0)
 
 
 class Autopilot(FlightLaws):
-    """One flight controller. ``update`` gives the command for the airframe: roll, pitch, yaw rate, thrust."""
+    """One flight controller. ``update`` gives the command for the airframe: roll, pitch, yaw rate,
+    thrust."""
 
     def __init__(self, hover_thrust: float, seed: int, ready_s: float = READY_S):
         super().__init__(Estimator(seed, ready_s), Controller(hover_thrust))
@@ -44,7 +45,7 @@ class Autopilot(FlightLaws):
         self._armed_s = 0.0
         self._failsafe = False
 
-    # ---- what comes in -------------------------------------------------------------------------------------
+    # ---- what comes in ---------------------------------------------------------------------------
 
     def rc_frame(self, now_s: float, pwm: Sequence[int]) -> None:
         """A frame of the transmitter; a moved mode switch sets the mode."""
@@ -99,7 +100,8 @@ class Autopilot(FlightLaws):
         return ACCEPTED
 
     def takeoff(self, altitude_m: float) -> int:
-        """MAV_RESULT of NAV_TAKEOFF: only in GUIDED and armed; altitude above the ext frame's zero."""
+        """MAV_RESULT of NAV_TAKEOFF: only in GUIDED and armed; altitude above the ext frame's
+        zero."""
         if self.mode != modes.GUIDED or not self.armed or altitude_m <= self.estimator.p_ext_m[2]:
             return FAILED
         self._target_m = np.array([*self.estimator.p_ext_m[:2], altitude_m])
@@ -109,16 +111,25 @@ class Autopilot(FlightLaws):
         return ACCEPTED
 
     def set_point(self, now_s: float, position_m=None, velocity_mps=None, yaw_rad=None) -> bool:
-        """A target in the ext frame, heard only in GUIDED; without a yaw it turns to the direction of travel."""
+        """A target in the ext frame, heard only in GUIDED; without a yaw it turns to the direction
+        of travel."""
         if self.mode != modes.GUIDED:
             return False
         if position_m is not None:
             step = np.asarray(position_m) - self.estimator.p_ext_m
             if yaw_rad is None and np.linalg.norm(step[:2]) > 0.5:
                 yaw_rad = float(np.arctan2(step[1], step[0]))
-            self._target_m, self._target_v, self._takeoff_m = np.array(position_m, float), None, None
+            self._target_m, self._target_v, self._takeoff_m = (
+                np.array(position_m, float),
+                None,
+                None,
+            )
         elif velocity_mps is not None:
-            self._target_v, self._target_v_s, self._takeoff_m = np.array(velocity_mps, float), now_s, None
+            self._target_v, self._target_v_s, self._takeoff_m = (
+                np.array(velocity_mps, float),
+                now_s,
+                None,
+            )
         else:
             return False
         if yaw_rad is not None:
@@ -130,10 +141,10 @@ class Autopilot(FlightLaws):
         return self._origin.set(origin, self.estimator.started(now_s))
 
     def reboot(self) -> None:
-        """Starts anew as if its watchdog reset it in flight: boot time, streams, intervals, origin and position are
-        gone, the filter begins anew, the system id stays. Motors and mode go on, which is kinder than ArduCopter: that
-        one comes up disarmed and falls. What a companion sees is the same, and a position mode ends in the EKF
-        failsafe's LAND.
+        """Starts anew as if its watchdog reset it in flight: boot time, streams, intervals, origin
+        and position are gone, the filter begins anew, the system id stays. Motors and mode go on,
+        which is kinder than ArduCopter: that one comes up disarmed and falls. What a companion sees
+        is the same, and a position mode ends in the EKF failsafe's LAND.
         """
         self.estimator.begin()
         self.controller.reset()
@@ -143,7 +154,7 @@ class Autopilot(FlightLaws):
         self.texts.clear()
         self._take_over()
 
-    # ---- what is so ----------------------------------------------------------------------------------------
+    # ---- what is so ------------------------------------------------------------------------------
 
     @property
     def flying(self) -> bool:
@@ -156,7 +167,8 @@ class Autopilot(FlightLaws):
 
     @property
     def origin(self) -> Optional[Tuple[int, int, int]]:
-        """Latitude, longitude (1e-7 deg) and altitude (mm) that it reports; None where it has none."""
+        """Latitude, longitude (1e-7 deg) and altitude (mm) that it reports; None where it has
+        none."""
         return self._origin.reported(self.estimator.runs)
 
     def prearm_failures(self, now_s: float) -> List[str]:
@@ -175,9 +187,11 @@ class Autopilot(FlightLaws):
     def say(self, severity: int, text: str) -> None:
         self.texts.append((severity, text))
 
-    # ---- the loop ------------------------------------------------------------------------------------------
+    # ---- the loop --------------------------------------------------------------------------------
 
-    def update(self, now_s: float, dt_s: float, on_ground: bool, climb_mps: float) -> Tuple[float, ...]:
+    def update(
+        self, now_s: float, dt_s: float, on_ground: bool, climb_mps: float
+    ) -> Tuple[float, ...]:
         """One pass after the estimator's prediction; the airframe's command."""
         self._now_s, self._climb_mps = now_s, climb_mps
         self._stick_gestures(now_s)
@@ -189,7 +203,9 @@ class Autopilot(FlightLaws):
             for reason in self.prearm_failures(now_s):
                 self.say(CRITICAL, f"PreArm: {reason}")
         self._ground(now_s, on_ground)
-        self.battery_share = max(0.0, self.battery_share - (dt_s / 900.0 if self._flying else dt_s / 36000.0))
+        self.battery_share = max(
+            0.0, self.battery_share - (dt_s / 900.0 if self._flying else dt_s / 36000.0)
+        )
         self.battery_v = 14.0 + 2.8 * self.battery_share - (0.4 if self._flying else 0.0)
         if not self.armed:
             return _IDLE
@@ -203,7 +219,7 @@ class Autopilot(FlightLaws):
             return self._sticks[2] > max(0.1, self.stick_parameters.throttle_dead)
         return False  # GUIDED lifts off by NAV_TAKEOFF alone
 
-    # ---- rules ---------------------------------------------------------------------------------------------
+    # ---- rules -----------------------------------------------------------------------------------
 
     def _stick_gestures(self, now_s: float) -> None:
         sticks = self._sticks if self.rc_alive(now_s) and not self._flying else None
@@ -218,7 +234,11 @@ class Autopilot(FlightLaws):
     def _failsafes(self, now_s: float) -> None:
         if self._failsafe:
             self._failsafe = not self.estimator.position_ok(now_s)
-        elif self.armed and self.mode in modes.NEEDS_POSITION and not self.estimator.position_ok(now_s):
+        elif (
+            self.armed
+            and self.mode in modes.NEEDS_POSITION
+            and not self.estimator.position_ok(now_s)
+        ):
             self._failsafe = True
             self.say(CRITICAL, "EKF Failsafe: changed to LAND Mode")
             self.mode = modes.LAND

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The true motion of a vehicle that ArduCopter's own simulation flies, from its SIM_STATE messages.
 
-They have no stamp, and the position in them is in whole 1e-7 degrees (11 mm). So the moment comes from
-the steady rate at which they are sent, and the place from their velocity, held within what the rounded
-position allows.
+They have no stamp, and the position in them is in whole 1e-7 degrees (11 mm). So the moment comes
+from the steady rate at which they are sent, and the place from their velocity, held within what the
+rounded position allows.
 """
 
 import math
@@ -19,7 +19,8 @@ TRUTH_HZ = 100.0
 _DEGREES, _METRES_PER_DEGREE = 1e-7, 111319.49  # ArduPilot's own figure of a degree of latitude
 _LEVEL_RAD = math.radians(10.0)
 _GAIN = 0.05  # of what is left outside of the rounding, a message
-_SILENT_S, _STANDS_M = 0.5, 0.05  # of a simulation that restarts; what stands moves by less, m and m/s
+# of a simulation that restarts; what stands moves by less, m and m/s
+_SILENT_S, _STANDS_M = 0.5, 0.05
 _LATE_S = 0.03  # a message that is further off its moment begins a new count
 
 
@@ -57,14 +58,19 @@ class Moments:
 
 
 def units_m(first) -> np.ndarray:
-    """(2,) how far east and north one unit of the position in SIM_STATE is, at the place of such a message."""
+    """(2,) how far east and north one unit of the position in SIM_STATE is, at the place of such a
+    message."""
     north_m = _METRES_PER_DEGREE * _DEGREES
     return np.array([north_m * math.cos(math.radians(first.lat_int * _DEGREES)), north_m])
 
 
 def rounded_pose(message, first) -> np.ndarray:
-    """T_enu_body (4, 4) that a SIM_STATE tells, from the place of the ``first`` one: east and north are rounded."""
-    east_m, north_m = units_m(first) * (message.lon_int - first.lon_int, message.lat_int - first.lat_int)
+    """T_enu_body (4, 4) that a SIM_STATE tells, from the place of the ``first`` one: east and north
+    are rounded."""
+    east_m, north_m = units_m(first) * (
+        message.lon_int - first.lon_int,
+        message.lat_int - first.lat_int,
+    )
     rpy_rad = [message.roll, -message.pitch, math.pi / 2 - message.yaw]
     return transforms.from_xyz_rpy([east_m, north_m, message.alt - first.alt], rpy_rad)
 
@@ -72,9 +78,10 @@ def rounded_pose(message, first) -> np.ndarray:
 class TrueMotion:
     """Turns SIM_STATE into poses in the simulated world.
 
-    The vehicle stands at ``start_xyz_yaw`` (m, rad; world) when the first message comes, whatever its
-    latitude and heading are: the worlds of fcsv have none. A simulation that restarts puts its vehicle
-    back to where it began; here the vehicle stays where it stood, as one whose autopilot restarts.
+    The vehicle stands at ``start_xyz_yaw`` (m, rad; world) when the first message comes, whatever
+    its latitude and heading are: the worlds of fcsv have none. A simulation that restarts puts its
+    vehicle back to where it began; here the vehicle stays where it stood, as one whose autopilot
+    restarts.
     """
 
     def __init__(self, start_xyz_yaw: Sequence[float]):
@@ -89,9 +96,14 @@ class TrueMotion:
         self._T_world_body = self._T_world_start
 
     def take(self, came_s: float, message) -> TrueState:
-        """The state that a SIM_STATE tells; ``came_s`` by the wall clock. Raises ElsewhereError where it lies."""
-        if not all(map(math.isfinite, (message.roll, message.pitch, message.yaw, message.alt, message.vn))):
-            raise ElsewhereError("the simulation tells a true pose that is not finite: start it anew")
+        """The state that a SIM_STATE tells; ``came_s`` by the wall clock. Raises ElsewhereError
+        where it lies."""
+        if not all(
+            map(math.isfinite, (message.roll, message.pitch, message.yaw, message.alt, message.vn))
+        ):
+            raise ElsewhereError(
+                "the simulation tells a true pose that is not finite: start it anew"
+            )
         if self._first is None:
             self._begin(message)
         elif self._restarted(came_s, message):
@@ -107,17 +119,26 @@ class TrueMotion:
 
     def _begin(self, message) -> None:
         if max(abs(message.roll), abs(message.pitch)) > _LEVEL_RAD:
-            raise ElsewhereError("the simulated vehicle lies on its side: start ArduCopter's simulation anew")
+            raise ElsewhereError(
+                "the simulated vehicle lies on its side: start ArduCopter's simulation anew"
+            )
         self._first = message
         yaw_rad = math.pi / 2 - message.yaw
         self._T_start_enu = transforms.invert(transforms.from_xyz_yaw([0.0] * 3, yaw_rad))
 
     def _restarted(self, came_s: float, message) -> bool:
         """Whether it was silent, and stands where it began."""
-        cells = max(abs(message.lat_int - self._first.lat_int), abs(message.lon_int - self._first.lon_int))
+        cells = max(
+            abs(message.lat_int - self._first.lat_int), abs(message.lon_int - self._first.lon_int)
+        )
         speed_mps = math.hypot(message.vn, message.ve, message.vd)
         lifted_m = abs(message.alt - self._first.alt)
-        return came_s > self._came_s + _SILENT_S and cells <= 1 and lifted_m < _STANDS_M and speed_mps < _STANDS_M
+        return (
+            came_s > self._came_s + _SILENT_S
+            and cells <= 1
+            and lifted_m < _STANDS_M
+            and speed_mps < _STANDS_M
+        )
 
     def _begin_again(self, message) -> None:
         """Where it stands now is where it stood."""

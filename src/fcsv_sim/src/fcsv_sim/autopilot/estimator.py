@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the autopilot believes: position, velocity and yaw in the frame of the external navigation.
 
-Complementary filters with innovation gates, tuned to the behaviour measured on ArduCopter 4.3.8 and 4.6.2: a jump of
-half a metre is followed, one of five is refused for four and a half seconds and then adopted over many messages, a yaw
-step of thirty degrees is not adopted, a reset of the tracker is ignored for a second and then adopted in one step, and
-without a feed the position drifts slowly. Frames: ``ext`` is the feed's frame, ENU (z up); yaw counter-clockwise from
-its x axis.
+Complementary filters with innovation gates, tuned to the behaviour measured on ArduCopter 4.3.8 and
+4.6.2: a jump of half a metre is followed, one of five is refused for four and a half seconds and
+then adopted over many messages, a yaw step of thirty degrees is not adopted, a reset of the tracker
+is ignored for a second and then adopted in one step, and without a feed the position drifts slowly.
+Frames: ``ext`` is the feed's frame, ENU (z up); yaw counter-clockwise from its x axis.
 """
 
 import math
@@ -32,7 +32,8 @@ _POSITION_GAIN, _VELOCITY_GAIN, _YAW_GAIN = 0.12, 0.25, 0.06  # per message at 3
 
 @numba.njit(cache=True)
 def _fly_on(p_m, v_mps, bias_mps2, acc_mps2, turn_rad, dt_s):
-    """Position and velocity (3,), changed in place, a step later; the acceleration's frame is turned against theirs."""
+    """Position and velocity (3,), changed in place, a step later; the acceleration's frame is
+    turned against theirs."""
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     turned = (c * acc_mps2[0] - s * acc_mps2[1], s * acc_mps2[0] + c * acc_mps2[1], acc_mps2[2])
     for k in range(3):
@@ -44,7 +45,9 @@ def _fly_on(p_m, v_mps, bias_mps2, acc_mps2, turn_rad, dt_s):
 class Estimator:
     """Fed with the inertial truth (as an IMU would sense it) and external navigation."""
 
-    def __init__(self, seed: int, ready_s: float = READY_S, reset_ignored_s: float = RESET_IGNORED_S):
+    def __init__(
+        self, seed: int, ready_s: float = READY_S, reset_ignored_s: float = RESET_IGNORED_S
+    ):
         random = np.random.default_rng([seed, 2])
         self._acc_bias = random.normal(0.0, 0.005, 3)
         self._random = random
@@ -71,8 +74,15 @@ class Estimator:
         self.yaw_ext_rad = 0.0
         self._yaw_known = False
 
-    def predict(self, now_s: float, dt_s: float, acc_world_mps2: Tuple[float, float, float], yaw_world_rad: float,
-                yaw_rate_rps: float, z_m: float):  # fmt: skip
+    def predict(
+        self,
+        now_s: float,
+        dt_s: float,
+        acc_world_mps2: Tuple[float, float, float],
+        yaw_world_rad: float,
+        yaw_rate_rps: float,
+        z_m: float,
+    ):
         """One step of inertial sensing (m/s2 without gravity, rad, m)."""
         if self._boot_s is None:
             self._boot_s = now_s
@@ -102,7 +112,8 @@ class Estimator:
             self._fuse_position(now_s, gap_s, p)
 
     def _reset(self, now_s: float, counter: int) -> bool:
-        """Whether the feed is ignored, because the tracker was begun anew a moment ago. What comes after is adopted."""
+        """Whether the feed is ignored, because the tracker was begun anew a moment ago. What comes
+        after is adopted."""
         if self._reset_counter is not None and counter != self._reset_counter:
             self._ignored_until_s = now_s + self._reset_ignored_s
             self._adopt_next = True
@@ -116,7 +127,9 @@ class Estimator:
         if self._adopting:
             self._creep(gap_s, innovation, apart_m)
         elif apart_m > _GATE_M:
-            self._rejecting_since_s = now_s if self._rejecting_since_s is None else self._rejecting_since_s
+            self._rejecting_since_s = (
+                now_s if self._rejecting_since_s is None else self._rejecting_since_s
+            )
             if now_s - self._rejecting_since_s > _REJECT_S:
                 self._rejecting_since_s, self._adopting = None, True
                 self.resets += 1
@@ -127,16 +140,19 @@ class Estimator:
             self.v_ext_mps += _VELOCITY_GAIN * weight * innovation
 
     def _creep(self, gap_s: float, innovation: np.ndarray, apart_m: float) -> None:
-        """Moves on the way to a jump that was rejected: over many messages, in steps that no agent takes for a jump."""
+        """Moves on the way to a jump that was rejected: over many messages, in steps that no agent
+        takes for a jump."""
         share = 1.0 - math.exp(-gap_s / _ADOPT_LAG_S)
         step = innovation * min(share, _ADOPT_STEP_M / max(apart_m, 1e-9))
         self.p_ext_m += step
-        self.v_ext_mps += _ADOPT_SPEED_PER_S * step  # taken for flight, which is braked: it swings by 3 m
+        # taken for flight, which is braked: it swings by 3 m
+        self.v_ext_mps += _ADOPT_SPEED_PER_S * step
         self._adopting = apart_m > _ADOPTED_M
 
     def reset_height_datum(self) -> None:
-        """The height of the filter becomes zero and what it was is added to what is told: once a second while disarmed
-        with an origin at altitude 0. The height told creeps up by the height that the feed tells."""
+        """The height of the filter becomes zero and what it was is added to what is told: once a
+        second while disarmed with an origin at altitude 0. The height told creeps up by the height
+        that the feed tells."""
         self._datum_m = float(self.p_ext_m[2])
 
     def _adopt(self, p: np.ndarray) -> None:

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the autopilot decides on the ground: arming with the sticks, when a landing has ended, when it complains."""
+"""What the autopilot decides on the ground: arming with the sticks, when a landing has ended, when
+it complains."""
 
 from typing import Optional, Sequence
 
-READY_S = 20.0  # the filter begins and arming is possible this long after power-on (17 to 26 s were measured)
+# the filter begins and arming is possible this long after power-on (17 to 26 s were measured)
+READY_S = 20.0
 _GESTURE_S = 2.0
 _LANDED_S = 1.0
 _COMPLAINS_S = 30.0  # the first time after half of it
-_SPOOL_DOWN_S = 1.9  # LAND lowers the throttle slowly on the ground: 9.0 s from 3 m to disarmed were measured
+# LAND lowers the throttle slowly on the ground: 9.0 s from 3 m to disarmed were measured
+_SPOOL_DOWN_S = 1.9
 
 
 class StickArming:
@@ -17,8 +20,8 @@ class StickArming:
         self._since_s: Optional[float] = None
 
     def step(self, now_s: float, sticks: Optional[Sequence[float]]) -> Optional[bool]:
-        """True: arm now; False: disarm now; None: nothing. ``sticks``: roll, pitch, throttle, yaw (-1..1) of a vehicle
-        on the ground with a transmitter, else None."""
+        """True: arm now; False: disarm now; None: nothing. ``sticks``: roll, pitch, throttle, yaw
+        (-1..1) of a vehicle on the ground with a transmitter, else None."""
         if sticks is None or not (sticks[2] < -0.9 and abs(sticks[3]) > 0.9):
             self._since_s = None
         elif self._since_s is None:

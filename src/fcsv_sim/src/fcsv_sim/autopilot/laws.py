@@ -18,7 +18,8 @@ _LAND_SPEED_HIGH_MPS = 1.2
 
 
 class FlightLaws:
-    """The part of an autopilot that flies. Who inherits sets mode, targets and sticks, and has an ``origin``."""
+    """The part of an autopilot that flies. Who inherits sets mode, targets and sticks, and has an
+    ``origin``."""
 
     def __init__(self, estimator: Estimator, controller: Controller):
         self.estimator, self.controller = estimator, controller
@@ -35,7 +36,8 @@ class FlightLaws:
         self._takeoff_m: Optional[float] = None
         self._hold_alt_m = 0.0
         self._climb_mps = 0.0
-        self._slowing_mps: List[float] = [0.0, 0.0]  # LAND: what is left of the speed with which it began
+        # LAND: what is left of the speed with which it began
+        self._slowing_mps: List[float] = [0.0, 0.0]
 
     def fly_by(self, parameters: Dict[str, Tuple[float, int]]) -> None:
         """Parameters (value, type) by name: those that are known were read, or changed."""
@@ -75,7 +77,9 @@ class FlightLaws:
         if self.mode == modes.BRAKE or self._target_v is None:
             return control.to_position(self._target_m, self._target_yaw_rad, estimate, dt_s)
         v = self._target_v if now_s - self._target_v_s < _VELOCITY_TIMEOUT_S else np.zeros(3)
-        return control.to_velocity(v, control.yaw_rate(self._target_yaw_rad, estimate), estimate, dt_s)
+        return control.to_velocity(
+            v, control.yaw_rate(self._target_yaw_rad, estimate), estimate, dt_s
+        )
 
     def _leans(self, roll: float, pitch: float, yaw: float) -> Tuple[float, float, float]:
         """Lean angles and yaw rate of sticks beyond their dead bands."""
@@ -117,7 +121,9 @@ class FlightLaws:
             yaw_rate = self.controller.yaw_rate(self._target_yaw_rad, self.estimator)
         else:
             self._target_yaw_rad = self.estimator.yaw_ext_rad
-        return self.controller.to_velocity(v, yaw_rate, self.estimator, dt_s, sticks.loiter_mps2, ahead=1.0)
+        return self.controller.to_velocity(
+            v, yaw_rate, self.estimator, dt_s, sticks.loiter_mps2, ahead=1.0
+        )
 
     def _land(self, now_s, roll, pitch, dt_s):
         sink = -(_LAND_SPEED_HIGH_MPS if self.estimator.baro_m > 3.0 else _LAND_SPEED_MPS)
@@ -128,8 +134,9 @@ class FlightLaws:
         return self.controller.to_velocity((*self._stopped(dt_s), sink), rate, self.estimator, dt_s)
 
     def _stopped(self, dt_s: float) -> Tuple[float, float]:
-        """Velocity that brings it to a stand and keeps it there: ArduCopter's LAND slows down by WPNAV_ACCEL, and holds
-        the place where it stands then. From 2 m/s the real one came down 1.9 m further on."""
+        """Velocity that brings it to a stand and keeps it there: ArduCopter's LAND slows down by
+        WPNAV_ACCEL, and holds the place where it stands then. From 2 m/s the real one came down 1.9
+        m further on."""
         x, y = self._slowing_mps
         speed_mps = math.hypot(x, y)
         less_mps = self.controller.limits.acceleration_mps2 * dt_s
@@ -138,5 +145,8 @@ class FlightLaws:
             self._slowing_mps = [x * share, y * share]
             self._target_m[:2] = self.estimator.p_ext_m[:2]
             return x * share, y * share
-        x, y = (float(target) - p for target, p in zip(self._target_m[:2], self.estimator.p_ext_m.tolist()))
+        x, y = (
+            float(target) - p
+            for target, p in zip(self._target_m[:2], self.estimator.p_ext_m.tolist())
+        )
         return min(1.0, max(-1.0, x)), min(1.0, max(-1.0, y))

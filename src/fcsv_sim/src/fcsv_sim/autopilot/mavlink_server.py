@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The MAVLink 2 side of the simulated autopilot: messages and time in, messages out (NED and FRD live only here)."""
+"""The MAVLink 2 side of the simulated autopilot: messages and time in, messages out (NED and FRD
+live only here)."""
 
 import os
 
@@ -22,7 +23,8 @@ _LOCAL, _IGNORE_XYZ, _IGNORE_V, _IGNORE_A, _IGNORE_YAW = 1, 0x007, 0x038, 0x1C0,
 
 
 class MavlinkServer:
-    """Speaks for one Autopilot: ``take`` what came, ``step`` often, send what ``outgoing`` gives."""
+    """Speaks for one Autopilot: ``take`` what came, ``step`` often, send what ``outgoing``
+    gives."""
 
     def __init__(self, autopilot: Autopilot, system_id: int):
         self._pilot = autopilot
@@ -31,7 +33,8 @@ class MavlinkServer:
         self._out: List[object] = []
         self._parameters = dict(parameters.DEFAULTS, SYSID_THISMAV=(system_id, parameters.INT16))
         self._boots = autopilot.boots
-        self.signing: Optional[Tuple[bytes, int]] = None  # key, and the time (10 us) from which it counts; it is kept
+        # key, and the time (10 us) from which it counts; it is kept
+        self.signing: Optional[Tuple[bytes, int]] = None
         self._start()
         self._fly_by_parameters()
         self._attitude = (0.0, 0.0, 0.0)
@@ -95,14 +98,20 @@ class MavlinkServer:
         header.srcSystem, header.srcComponent = self._system, 1
         self._out.append(message)
 
-    # ---- incoming ------------------------------------------------------------------------------------------
+    # ---- incoming --------------------------------------------------------------------------------
 
     def _on_vision_position_estimate(self, m) -> None:
         if usable(m.x, m.y, m.z, m.yaw):
-            self._pilot.estimator.vision(self._now_s, (m.y, m.x, -m.z), heading(m.yaw), m.reset_counter)
+            self._pilot.estimator.vision(
+                self._now_s, (m.y, m.x, -m.z), heading(m.yaw), m.reset_counter
+            )
 
     def _on_odometry(self, m) -> None:
-        if (m.frame_id, m.child_frame_id) != (20, 12) or not usable(m.x, m.y, m.z, *m.q) or not any(m.q):
+        if (
+            (m.frame_id, m.child_frame_id) != (20, 12)
+            or not usable(m.x, m.y, m.z, *m.q)
+            or not any(m.q)
+        ):
             return  # other frames are dropped without a word
         w, x, y, z = m.q
         yaw = rotations.yaw((x, y, z, w))
@@ -121,16 +130,25 @@ class MavlinkServer:
         yaw = None if mask & _IGNORE_YAW else m.yaw
         position = None if mask & _IGNORE_XYZ else (m.y, m.x, -m.z)
         velocity = None if mask & _IGNORE_V else (m.vy, m.vx, -m.vz)
-        if m.coordinate_frame != _LOCAL or not usable(yaw or 0.0, *(position or ()), *(velocity or ())):
+        if m.coordinate_frame != _LOCAL or not usable(
+            yaw or 0.0, *(position or ()), *(velocity or ())
+        ):
             return
         yaw = None if yaw is None else heading(yaw)
         if position is not None and velocity is None and not mask & _IGNORE_A:
-            position = self._pilot.estimator.p_ext_m.copy()  # position with acceleration, no velocity: it stops
+            # position with acceleration, no velocity: it stops
+            position = self._pilot.estimator.p_ext_m.copy()
         self._pilot.set_point(self._now_s, position, velocity, yaw)
 
     def _on_param_request_read(self, m) -> None:
         names = list(self._parameters)
-        name = m.param_id if m.param_index < 0 else names[m.param_index] if m.param_index < len(names) else ""
+        name = (
+            m.param_id
+            if m.param_index < 0
+            else names[m.param_index]
+            if m.param_index < len(names)
+            else ""
+        )
         if name in self._parameters:  # an unknown name gets no answer
             self._send_parameter(name)
 
@@ -166,13 +184,32 @@ class MavlinkServer:
             self._send("timesync", int(self._now_s * 1e9), m.ts1)
 
     def _on_request_data_stream(self, m) -> None:
-        groups = {1: (24, 27), 2: (1, 36), 6: (32, 33), 10: (30,), 11: (74,), 12: (193,), 0: (1, 30, 32, 193)}
+        groups = {
+            1: (24, 27),
+            2: (1, 36),
+            6: (32, 33),
+            10: (30,),
+            11: (74,),
+            12: (193,),
+            0: (1, 30, 32, 193),
+        }
         for message_id in groups.get(m.req_stream_id, ()):
             if message_id in self._streams:
-                self._set_interval(message_id, 1e6 / m.req_message_rate if m.start_stop and m.req_message_rate else -1)
+                self._set_interval(
+                    message_id,
+                    1e6 / m.req_message_rate if m.start_stop and m.req_message_rate else -1,
+                )
 
     def _on_command_long(self, m) -> None:
-        self._send("command_ack", m.command, self._command(m), 0, 0, m.get_srcSystem(), m.get_srcComponent())
+        self._send(
+            "command_ack",
+            m.command,
+            self._command(m),
+            0,
+            0,
+            m.get_srcSystem(),
+            m.get_srcComponent(),
+        )
 
     def _command(self, m) -> int:
         pilot, now_s = self._pilot, self._now_s
@@ -180,7 +217,11 @@ class MavlinkServer:
             return pilot.set_mode(now_s, whole(m.param2)) if whole(m.param1) & 1 else DENIED
         if m.command == _M.MAV_CMD_COMPONENT_ARM_DISARM:
             force = m.param2 in (2989.0, 21196.0)
-            return pilot.arm(now_s, force) if m.param1 == 1 else pilot.disarm(now_s, m.param2 == 21196.0)
+            return (
+                pilot.arm(now_s, force)
+                if m.param1 == 1
+                else pilot.disarm(now_s, m.param2 == 21196.0)
+            )
         if m.command == _M.MAV_CMD_NAV_TAKEOFF:
             return pilot.takeoff(m.param7) if usable(m.param7) else FAILED
         if m.command == _M.MAV_CMD_NAV_LAND:
@@ -190,7 +231,8 @@ class MavlinkServer:
         if m.command == _M.MAV_CMD_REQUEST_MESSAGE:
             if whole(m.param1) not in self._streams:
                 return FAILED
-            self._streams[whole(m.param1)]()  # of a missing origin nothing comes, and the answer is the same
+            # of a missing origin nothing comes, and the answer is the same
+            self._streams[whole(m.param1)]()
             return ACCEPTED
         return UNSUPPORTED
 
@@ -205,7 +247,7 @@ class MavlinkServer:
             self._due_s[message_id] = self._now_s
         return ACCEPTED
 
-    # ---- outgoing ------------------------------------------------------------------------------------------
+    # ---- outgoing --------------------------------------------------------------------------------
 
     def _send_due(self) -> None:
         now_s = self._now_s
@@ -231,22 +273,40 @@ class MavlinkServer:
         pilot = self._pilot
         self._mode_told = pilot.mode
         base = _M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | _M.MAV_MODE_FLAG_STABILIZE_ENABLED
-        base |= _M.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | (_M.MAV_MODE_FLAG_SAFETY_ARMED if pilot.armed else 0)
+        base |= _M.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | (
+            _M.MAV_MODE_FLAG_SAFETY_ARMED if pilot.armed else 0
+        )
         # "guided" says that the position controller runs
-        base |= _M.MAV_MODE_FLAG_GUIDED_ENABLED if pilot.armed and pilot.mode in modes.POSITION_CONTROL else 0
+        base |= (
+            _M.MAV_MODE_FLAG_GUIDED_ENABLED
+            if pilot.armed and pilot.mode in modes.POSITION_CONTROL
+            else 0
+        )
         if pilot.failsafe:
             status = _M.MAV_STATE_CRITICAL
         elif pilot.estimator.booting(self._now_s):
             status = _M.MAV_STATE_BOOT
         else:
             status = _M.MAV_STATE_ACTIVE if pilot.flying else _M.MAV_STATE_STANDBY
-        self._send("heartbeat", _M.MAV_TYPE_QUADROTOR, _M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, pilot.mode, status)
+        self._send(
+            "heartbeat",
+            _M.MAV_TYPE_QUADROTOR,
+            _M.MAV_AUTOPILOT_ARDUPILOTMEGA,
+            base,
+            pilot.mode,
+            status,
+        )
 
     def _local_position(self) -> None:
         if self._pilot.origin is None or not self._pilot.estimator.position_ok(self._now_s):
             return  # ack 0 does not promise data
         estimate = self._pilot.estimator
-        self._send("local_position_ned", self._milliseconds(), *ned(estimate.p_ext_m), *ned(estimate.v_ext_mps))
+        self._send(
+            "local_position_ned",
+            self._milliseconds(),
+            *ned(estimate.p_ext_m),
+            *ned(estimate.v_ext_mps),
+        )
 
     def _attitude_message(self) -> None:
         roll, pitch, _ = self._attitude
@@ -257,9 +317,22 @@ class MavlinkServer:
         ready = self._pilot.armed or not self._pilot.prearm_failures(self._now_s)
         health = 0x0FFFFFFF | (_PREARM_BIT if ready else 0)
         share = int(self._pilot.battery_share * 100)
-        self._send("sys_status",
-            0x1FFFFFFF, 0x1FFFFFFF, health, 200, int(self._pilot.battery_v * 1000), 1500, share, 0, 0, 0, 0, 0, 0
-        )  # fmt: skip
+        self._send(
+            "sys_status",
+            0x1FFFFFFF,
+            0x1FFFFFFF,
+            health,
+            200,
+            int(self._pilot.battery_v * 1000),
+            1500,
+            share,
+            0,
+            0,
+            0,
+            0,
+            0,
+            0,
+        )
 
     def _battery(self) -> None:
         cell_mv = int(self._pilot.battery_v * 250)
@@ -273,7 +346,9 @@ class MavlinkServer:
             self._send("ekf_status_report", _UNINITIALISED, 0.0, 0.0, 0.0, 0.0, 0.0)
             return
         good, ratio = estimator.position_ok(self._now_s), estimator.innovation_ratio
-        self._send("ekf_status_report", _FLAGS_OK if good else 0x0A7, 0.6 * ratio, ratio, 0.05, 0.0, 0.0)
+        self._send(
+            "ekf_status_report", _FLAGS_OK if good else 0x0A7, 0.6 * ratio, ratio, 0.05, 0.0, 0.0
+        )
 
     def _pressure(self) -> None:
         hpa = self._pilot.barometer.pressure_hpa(self._now_s, self._pilot.armed)
@@ -290,7 +365,14 @@ class MavlinkServer:
     def _rc_channels(self) -> None:
         heard = self._pilot.rc_alive(self._now_s)
         channels = list(self._pilot.rc_pwm if heard else ())
-        self._send("rc_channels", self._milliseconds(), len(channels), *channels, *[0] * (18 - len(channels)), 255)
+        self._send(
+            "rc_channels",
+            self._milliseconds(),
+            len(channels),
+            *channels,
+            *[0] * (18 - len(channels)),
+            255,
+        )
 
     def _version(self) -> None:
         self._send("autopilot_version", 0, 0x040308FF, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)

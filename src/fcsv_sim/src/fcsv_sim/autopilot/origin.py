@@ -7,11 +7,13 @@ _FIELD_ELEVATION_S = 1.0
 
 
 class Origin:
-    """One that is set before the filter begins is confirmed and lost when it begins. While one at altitude 0 is
-    reported and the vehicle is disarmed, the height datum is reset once a second (``step`` says when)."""
+    """One that is set before the filter begins is confirmed and lost when it begins. While one at
+    altitude 0 is reported and the vehicle is disarmed, the height datum is reset once a second
+    (``step`` says when)."""
 
     def __init__(self):
-        self.value: Optional[Tuple[int, int, int]] = None  # latitude, longitude (1e-7 deg), altitude (mm)
+        # latitude, longitude (1e-7 deg), altitude (mm)
+        self.value: Optional[Tuple[int, int, int]] = None
         self._early = False
         self._reset_s = float("-inf")
 
@@ -33,7 +35,12 @@ class Origin:
         if filter_runs and self._early:
             self.value, self._early = None, False
             return False
-        if armed or not filter_runs or self.value[2] != 0 or now_s - self._reset_s < _FIELD_ELEVATION_S:
+        if (
+            armed
+            or not filter_runs
+            or self.value[2] != 0
+            or now_s - self._reset_s < _FIELD_ELEVATION_S
+        ):
             return False
         self._reset_s = now_s
         return True

@@ -1,14 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters that matter to a companion, as config/autopilot/arducopter-4.3-t265.param sets them."""
+"""Parameters that matter to a companion, as config/autopilot/arducopter-4.3-t265.param sets
+them."""
 
 from typing import Dict, Tuple
 
 REAL32, INT8, INT16, INT32 = 9, 2, 4, 6  # MAV_PARAM_TYPE
 #: How ArduCopter's own defaults differ in what the pilot's sticks do.
 STICKS_AS_DELIVERED = {
-    "THR_DZ": 100, "LOIT_SPEED": 1250, "LOIT_ACC_MAX": 500, "LOIT_BRK_DELAY": 1.0, "LOIT_ANG_MAX": 0,
-}  # fmt: skip
-_STREAM_GROUPS = ("RAW_SENS", "EXT_STAT", "RC_CHAN", "RAW_CTRL", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3")
+    "THR_DZ": 100,
+    "LOIT_SPEED": 1250,
+    "LOIT_ACC_MAX": 500,
+    "LOIT_BRK_DELAY": 1.0,
+    "LOIT_ANG_MAX": 0,
+}
+_STREAM_GROUPS = (
+    "RAW_SENS",
+    "EXT_STAT",
+    "RC_CHAN",
+    "RAW_CTRL",
+    "POSITION",
+    "EXTRA1",
+    "EXTRA2",
+    "EXTRA3",
+)
 #: name: (value, type)
 DEFAULTS: Dict[str, Tuple[float, int]] = {
     "SYSID_THISMAV": (1, INT16),

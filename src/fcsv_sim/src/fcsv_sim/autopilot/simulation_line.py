@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A line to ArduCopter's own simulation, beside that of the flight link: who is there, and its true pose."""
+"""A line to ArduCopter's own simulation, beside that of the flight link: who is there, and its true
+pose."""
 
 import contextlib
 import math
@@ -26,7 +27,8 @@ _RESTARTS_S = 1.0  # after which it has let go of its ports
 
 
 class SimulationLine:
-    """``autopilot``: tcp:HOST:PORT of the vehicle's line; this one is two ports further on. Raises LinkError."""
+    """``autopilot``: tcp:HOST:PORT of the vehicle's line; this one is two ports further on. Raises
+    LinkError."""
 
     def __init__(self, autopilot: str):
         kind, host, port = autopilot.split(":")
@@ -36,13 +38,18 @@ class SimulationLine:
         self.system = 0
 
     def receive(self, timeout_s: float):
-        """The next message, or None after about ``timeout_s``; the true pose is asked for again and again."""
+        """The next message, or None after about ``timeout_s``; the true pose is asked for again and
+        again."""
         now_s = time.monotonic()
         if self.system and now_s > self._asked_s + _ASK_S:
             self._asked_s = now_s
             self._ask()
         message = self._line.receive(timeout_s)
-        if message is not None and message.get_type() == "HEARTBEAT" and firmware.is_vehicles(message):
+        if (
+            message is not None
+            and message.get_type() == "HEARTBEAT"
+            and firmware.is_vehicles(message)
+        ):
             self.system = message.get_srcSystem()
         return message
 
@@ -51,7 +58,8 @@ class SimulationLine:
         self._send(_M.MAVLink(None).param_request_read_encode(self.system, 1, _SPEED.encode(), -1))
 
     def restart(self) -> None:
-        """Restarts the simulation: its vehicle stands at its home again, and it waits for the vehicle's line."""
+        """Restarts the simulation: its vehicle stands at its home again, and it waits for the
+        vehicle's line."""
         reboot = (_M.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 1, 0, 0, 0, 0, 0, 0)
         self._send(_M.MAVLink(None).command_long_encode(self.system, 1, *reboot))
 
@@ -60,7 +68,17 @@ class SimulationLine:
         self._line.close()
 
     def _ask(self) -> None:
-        interval = (_M.MAV_CMD_SET_MESSAGE_INTERVAL, 0, _M.MAVLINK_MSG_ID_SIM_STATE, 1e6 / TRUTH_HZ, 0, 0, 0, 0, 0)
+        interval = (
+            _M.MAV_CMD_SET_MESSAGE_INTERVAL,
+            0,
+            _M.MAVLINK_MSG_ID_SIM_STATE,
+            1e6 / TRUTH_HZ,
+            0,
+            0,
+            0,
+            0,
+            0,
+        )
         self._send(_M.MAVLink(None).command_long_encode(self.system, 1, *interval))
 
     def _send(self, message) -> None:
@@ -68,12 +86,15 @@ class SimulationLine:
         self._line.send(message)
 
 
-def require_simulation(autopilot: str, vehicle: str, system: int, speed: Optional[float] = None) -> None:
-    """Raises ElsewhereError unless a disarmed ArduCopter of that system id is there and tells its true pose.
+def require_simulation(
+    autopilot: str, vehicle: str, system: int, speed: Optional[float] = None
+) -> None:
+    """Raises ElsewhereError unless a disarmed ArduCopter of that system id is there and tells its
+    true pose.
 
-    ``speed``: before a flight, the share of real time at which it must simulate. Then it is also restarted, so that
-    it stands at its home as the next flight expects. The vehicle's own line is held meanwhile: a simulation
-    that was just started waits for it.
+    ``speed``: before a flight, the share of real time at which it must simulate. Then it is also
+    restarted, so that it stands at its home as the next flight expects. The vehicle's own line is
+    held meanwhile: a simulation that was just started waits for it.
     """
     _, host, port = autopilot.split(":")
     with contextlib.nullcontext() if speed is None else _reached(host, int(port), 0.0, vehicle):
@@ -103,7 +124,9 @@ def _reached(host: str, port: int, patience_s: float, vehicle: str) -> socket.so
             time.sleep(0.2)
 
 
-def _require(line: SimulationLine, vehicle: str, system: int, until_s: float, speed: Optional[float]) -> None:
+def _require(
+    line: SimulationLine, vehicle: str, system: int, until_s: float, speed: Optional[float]
+) -> None:
     heard, told = False, speed is None
     while time.monotonic() < until_s:
         message = line.receive(0.1)
@@ -114,13 +137,17 @@ def _require(line: SimulationLine, vehicle: str, system: int, until_s: float, sp
             heard = True
             if not told:
                 line.ask_speed()
-        elif message.get_type() == "PARAM_VALUE" and message.param_id == _SPEED and speed is not None:
+        elif (
+            message.get_type() == "PARAM_VALUE" and message.param_id == _SPEED and speed is not None
+        ):
             _check_speed(message.param_value, line.address, vehicle, speed)
             told = True
         elif heard and told and message.get_type() == "SIM_STATE":
             return
     what = "it tells no true pose (SIM_STATE) or no SIM_SPEEDUP: is that a simulation?"
-    raise ElsewhereError(f"{vehicle}: at {line.address} {what if heard else 'no autopilot is heard'}")
+    raise ElsewhereError(
+        f"{vehicle}: at {line.address} {what if heard else 'no autopilot is heard'}"
+    )
 
 
 def _check_speed(found: float, address: str, vehicle: str, speed: float) -> None:
@@ -133,14 +160,19 @@ def _check_speed(found: float, address: str, vehicle: str, speed: float) -> None
 
 
 def _check(heartbeat, address: str, vehicle: str, system: int) -> None:
-    """Raises ElsewhereError where another vehicle answers than the one that is meant, or one that flies."""
+    """Raises ElsewhereError where another vehicle answers than the one that is meant, or one that
+    flies."""
     name = firmware.name_of(heartbeat)
     if name != firmware.COPTER:
-        raise ElsewhereError(f"{vehicle}: {name} answers at {address}; give the address of an ArduCopter")
+        raise ElsewhereError(
+            f"{vehicle}: {name} answers at {address}; give the address of an ArduCopter"
+        )
     if heartbeat.get_srcSystem() != system:
         raise ElsewhereError(
             f"{vehicle}: the ArduCopter at {address} has system id {heartbeat.get_srcSystem()}, "
             f"{vehicle}.yaml says {system}: start it with --sysid {system}"
         )
     if heartbeat.base_mode & _M.MAV_MODE_FLAG_SAFETY_ARMED:
-        raise ElsewhereError(f"{vehicle}: the ArduCopter at {address} is armed: land it, or start it anew")
+        raise ElsewhereError(
+            f"{vehicle}: the ArduCopter at {address} is armed: land it, or start it anew"
+        )

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ArduCopter makes of the pilot's sticks, by its parameters: climb rates, leans, and in LOITER a velocity that is
-pushed by a lean, dragged, and braked some time after the stick was let go."""
+"""What ArduCopter makes of the pilot's sticks, by its parameters: climb rates, leans, and in LOITER
+a velocity that is pushed by a lean, dragged, and braked some time after the stick was let go."""
 
 import math
 from dataclasses import dataclass
@@ -31,21 +31,28 @@ class StickParameters:
 
     @classmethod
     def of(cls, parameters: Dict[str, Tuple[float, int]]) -> "StickParameters":
-        """Reads the parameters from parameters (value, type), in us, cm/s, cm/s^2, cm/s^3, s, degrees and hundredths of
-        a degree."""
+        """Reads the parameters from parameters (value, type), in us, cm/s, cm/s^2, cm/s^3, s,
+        degrees and hundredths of a degree."""
         value = lambda name: float(parameters[name][0])  # noqa: E731
         lean_deg = min(80.0, max(10.0, 0.01 * value("ANGLE_MAX")))
         up, down = value("PILOT_SPEED_UP"), value("PILOT_SPEED_DN")
         return cls(
-            min(0.6, max(0.0, value("THR_DZ") / 500.0)), 0.01 * up, 0.01 * (down or up),
-            max(0.2, 0.01 * value("LOIT_SPEED")), max(1.0, 0.01 * value("LOIT_ACC_MAX")), value("LOIT_BRK_DELAY"),
-            0.01 * value("LOIT_BRK_ACCEL"), max(0.1, 0.01 * value("LOIT_BRK_JERK")),
-            math.radians(value("LOIT_ANG_MAX") or 2.0 / 3.0 * lean_deg), math.radians(lean_deg),
+            min(0.6, max(0.0, value("THR_DZ") / 500.0)),
+            0.01 * up,
+            0.01 * (down or up),
+            max(0.2, 0.01 * value("LOIT_SPEED")),
+            max(1.0, 0.01 * value("LOIT_ACC_MAX")),
+            value("LOIT_BRK_DELAY"),
+            0.01 * value("LOIT_BRK_ACCEL"),
+            max(0.1, 0.01 * value("LOIT_BRK_JERK")),
+            math.radians(value("LOIT_ANG_MAX") or 2.0 / 3.0 * lean_deg),
+            math.radians(lean_deg),
             max(0.5, 0.01 * value("PILOT_ACCEL_Z")),
-        )  # fmt: skip
+        )
 
     def climb_rate(self, throttle: float) -> float:
-        """m/s of the throttle stick (-1..1): nothing within the dead band, and from its edge on evenly.
+        """m/s of the throttle stick (-1..1): nothing within the dead band, and from its edge on
+        evenly.
 
         >>> s = StickParameters()
         >>> s.climb_rate(0.19), round(s.climb_rate(0.6), 2), s.climb_rate(-1.0)
@@ -61,7 +68,8 @@ def beyond_dead(stick: float, dead: float = _LEVEL_DEAD) -> float:
 
 
 class Climb:
-    """The climb rate (m/s) that a stick brings about, eased in and out; ``mps2``: how it changes now."""
+    """The climb rate (m/s) that a stick brings about, eased in and out; ``mps2``: how it changes
+    now."""
 
     def __init__(self):
         self.begin(0.0)
@@ -80,7 +88,8 @@ class Climb:
 
 
 class LoiterVelocity:
-    """The velocity (m/s, level) that LOITER aims at: forward and left of a heading, which the caller turns."""
+    """The velocity (m/s, level) that LOITER aims at: forward and left of a heading, which the
+    caller turns."""
 
     def __init__(self):
         self.begin((0.0, 0.0))
@@ -91,7 +100,9 @@ class LoiterVelocity:
         self._leans: List[float] = [0.0, 0.0]  # acceleration (m/s^2) of the lean that it has
         self._brake_mps2 = self._free_s = 0.0
 
-    def step(self, p: StickParameters, right: float, forward: float, yaw_rad: float, dt_s: float) -> List[float]:
+    def step(
+        self, p: StickParameters, right: float, forward: float, yaw_rad: float, dt_s: float
+    ) -> List[float]:
         """(2,) world; sticks -1..1."""
         wanted = self._wanted(p, beyond_dead(right), beyond_dead(forward), yaw_rad)
         self._free_s = 0.0 if any(wanted) else self._free_s + dt_s
@@ -101,13 +112,19 @@ class LoiterVelocity:
             self.v_mps[k] += self._leans[k] * dt_s
         speed_mps = math.hypot(*self.v_mps)
         if speed_mps > 0.0:
-            slower = max(0.0, speed_mps - (self._drag_mps2(p, speed_mps) + self._braked(p, speed_mps, dt_s)) * dt_s)
+            slower = max(
+                0.0,
+                speed_mps
+                - (self._drag_mps2(p, speed_mps) + self._braked(p, speed_mps, dt_s)) * dt_s,
+            )
             scale = min(slower, p.loiter_mps) / speed_mps
             self.v_mps = [scale * v for v in self.v_mps]
         return self.v_mps
 
     @staticmethod
-    def _wanted(p: StickParameters, right: float, forward: float, yaw_rad: float) -> Tuple[float, float]:
+    def _wanted(
+        p: StickParameters, right: float, forward: float, yaw_rad: float
+    ) -> Tuple[float, float]:
         """Acceleration of the lean that the sticks ask for."""
         stick = math.hypot(right, forward)
         if stick == 0.0:
@@ -123,7 +140,9 @@ class LoiterVelocity:
         return _G * math.tan(p.loiter_lean_rad) * speed_mps / p.loiter_mps
 
     def _braked(self, p: StickParameters, speed_mps: float, dt_s: float) -> float:
-        wanted = min(_BRAKE_PER_S * speed_mps, p.brake_mps2) if self._free_s > p.brake_delay_s else 0.0
+        wanted = (
+            min(_BRAKE_PER_S * speed_mps, p.brake_mps2) if self._free_s > p.brake_delay_s else 0.0
+        )
         step = p.brake_mps3 * dt_s
         self._brake_mps2 += min(step, max(-step, wanted - self._brake_mps2))
         return self._brake_mps2

@@ -18,16 +18,25 @@ _AHEAD = 6_000_000  # ticks: ArduCopter begins a minute after the time that it k
 
 
 class UdpLine:
-    """Carries a MavlinkServer's messages; ``companion`` is HOST:PORT. ``step`` never waits. With a ``key`` of 32 bytes,
-    or one that the server was given by SETUP_SIGNING, it signs, and hears nothing that is not signed with it; ``usb``:
-    as ArduCopter's first port (SERIAL0), it then signs and hears everybody all the same."""
+    """Carries a MavlinkServer's messages; ``companion`` is HOST:PORT. ``step`` never waits. With a
+    ``key`` of 32 bytes, or one that the server was given by SETUP_SIGNING, it signs, and hears
+    nothing that is not signed with it; ``usb``: as ArduCopter's first port (SERIAL0), it then signs
+    and hears everybody all the same."""
 
     def __init__(
-        self, server: MavlinkServer, companion: str, system_id: int, key: Optional[bytes] = None, usb: bool = False
+        self,
+        server: MavlinkServer,
+        companion: str,
+        system_id: int,
+        key: Optional[bytes] = None,
+        usb: bool = False,
     ):
         self._server, self._usb = server, usb
         self._link = mavutil.mavlink_connection(
-            f"udpout:{companion}", source_system=system_id, source_component=1, dialect="ardupilotmega"
+            f"udpout:{companion}",
+            source_system=system_id,
+            source_component=1,
+            dialect="ardupilotmega",
         )
         self._signing: Optional[Tuple[bytes, int]] = None
         if key is not None:

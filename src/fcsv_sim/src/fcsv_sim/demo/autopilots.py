@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ArduCopter's own simulation in the place of the simulated autopilots: ``make demo AUTOPILOT=...``"""
+"""ArduCopter's own simulation in the place of the simulated autopilots: ``make demo
+AUTOPILOT=...``"""
 
 import re
 from typing import Sequence, Tuple
@@ -10,7 +11,8 @@ from fcsv_sim.bringup import vehicles_folder
 from fcsv_sim.machines.machines import MachineError
 
 _ADDRESS = re.compile(r"tcp:(127\.0\.0\.1|localhost):(\d{1,5})")
-_FIRST_PORT, _FIRST_RC_PORT = 5760, 5501  # of instance 0; an instance is ten ports further on, in both
+# of instance 0; an instance is ten ports further on, in both
+_FIRST_PORT, _FIRST_RC_PORT = 5760, 5501
 _LAST_PORT = 65000
 
 
@@ -24,11 +26,15 @@ def addresses(words: str) -> Tuple[str, ...]:
     for word in filter(None, (w.strip() for w in words.split(","))):
         match = _ADDRESS.fullmatch(word)
         if match is None or not _FIRST_PORT <= int(match.group(2)) <= _LAST_PORT:
-            raise MachineError(f"--autopilot {word}: give tcp:127.0.0.1:PORT, {_FIRST_PORT} or a port above it")
+            raise MachineError(
+                f"--autopilot {word}: give tcp:127.0.0.1:PORT, {_FIRST_PORT} or a port above it"
+            )
         found.append(f"tcp:127.0.0.1:{match.group(2)}")
     twice = next((a for a in found if found.count(a) > 1), None)
     if twice is not None:
-        raise MachineError(f"--autopilot {words}: {twice} stands there twice; each vehicle has its own")
+        raise MachineError(
+            f"--autopilot {words}: {twice} stands there twice; each vehicle has its own"
+        )
     return tuple(found)
 
 
@@ -42,8 +48,8 @@ def rc_port(address: str) -> int:
 
 
 def require_there(autopilots: Sequence[str], vehicles: Sequence[str], speed: float) -> None:
-    """Raises MachineError or ElsewhereError unless each vehicle's ArduCopter is there, is the right one, and simulates
-    at ``speed``, a share of real time."""
+    """Raises MachineError or ElsewhereError unless each vehicle's ArduCopter is there, is the right
+    one, and simulates at ``speed``, a share of real time."""
     if len(autopilots) != len(vehicles):
         names = ", ".join(vehicles)
         raise MachineError(

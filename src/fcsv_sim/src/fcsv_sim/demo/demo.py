@@ -70,7 +70,10 @@ def main(argv: Optional[List[str]] = None) -> int:
         plan = _plan(system, args)
         return run(system, plan, say, fly_only=args.fly_only, method=args.method)
     except interrupt.Interrupted:
-        print("\ndemo: interrupted; vehicles landed, bags closed, all processes stopped", file=sys.stderr)
+        print(
+            "\ndemo: interrupted; vehicles landed, bags closed, all processes stopped",
+            file=sys.stderr,
+        )
         return 130
     except FcsvError as error:
         print(f"demo: {error}", file=sys.stderr)
@@ -80,8 +83,15 @@ def main(argv: Optional[List[str]] = None) -> int:
         return 2
 
 
-def run(system: System, plan: FleetPlan, say: Narrator, fly_only: bool = False, method: Optional[str] = None) -> int:
-    """The whole story: a world, a flight in it, its truth, a map, a table; then the window until it is closed."""
+def run(
+    system: System,
+    plan: FleetPlan,
+    say: Narrator,
+    fly_only: bool = False,
+    method: Optional[str] = None,
+) -> int:
+    """The whole story: a world, a flight in it, its truth, a map, a table; then the window until it
+    is closed."""
     try:
         status = _run(system, plan, say, fly_only, method)
         stay(plan)
@@ -91,7 +101,9 @@ def run(system: System, plan: FleetPlan, say: Narrator, fly_only: bool = False, 
             interrupt.uninterrupted(plan.window.close)
 
 
-def _run(system: System, plan: FleetPlan, say: Narrator, fly_only: bool, method: Optional[str]) -> int:
+def _run(
+    system: System, plan: FleetPlan, say: Narrator, fly_only: bool, method: Optional[str]
+) -> int:
     _empty(plan.folder)
     say(_what_comes(load_mission(plan.mission_file), fly_only))
     if plan.camera is not None:
@@ -99,22 +111,36 @@ def _run(system: System, plan: FleetPlan, say: Narrator, fly_only: bool, method:
     build_world(plan, say)
     if not plan.buttons:
         window = shlex.join([str(plan.run_folder / "on_control"), *COMMAND, *plan.window_arguments])
-        say(f"the buttons are yours, in the operator's window; where none opened, or to open it again: {window}")
+        say(
+            f"the buttons are yours, in the operator's window; where none opened, or to open it again: {window}"
+        )
     begun = slow_motion.both_clocks()
     flight_s, moved_m = system.fly(plan, say)
     speed = slow_motion.share_of_real_time(begun)
-    truth = export_truth(plan.sim_folder, plan.session_folder, plan.vehicles, system.stamps and system.stamps(plan))
+    truth = export_truth(
+        plan.sim_folder, plan.session_folder, plan.vehicles, system.stamps and system.stamps(plan)
+    )
     if plan.movers:
         export_movers(truth, plan.movers)
     if system.T_world_odom is not None:
-        T_body_cam = {n: v.T_body_cam for n, v in load_vehicles(vehicles_folder(), plan.vehicles).items()}
-        say(held_in_words(held(plan.session_folder, plan.sim_folder, T_body_cam, system.T_world_odom)))
+        T_body_cam = {
+            n: v.T_body_cam for n, v in load_vehicles(vehicles_folder(), plan.vehicles).items()
+        }
+        say(
+            held_in_words(
+                held(plan.session_folder, plan.sim_folder, T_body_cam, system.T_world_odom)
+            )
+        )
     say(f"session: {plan.session_folder}")
     if plan.monitor:
         _judge_monitoring(plan)
     if fly_only:
         return 0
-    maps = system.maps(load_mission(plan.mission_file)) if method is None else (MapRun(arguments=("--method", method)),)
+    maps = (
+        system.maps(load_mission(plan.mission_file))
+        if method is None
+        else (MapRun(arguments=("--method", method)),)
+    )
     for each in (*maps, *([MapRun("map_instant", ("--instant",))] if plan.movers else [])):
         _map(plan, each, say)
         _print_end(plan, plan.folder / each.folder)
@@ -126,9 +152,13 @@ def _run(system: System, plan: FleetPlan, say: Narrator, fly_only: bool, method:
 
 
 def _what_comes(mission: Mission, fly_only: bool) -> str:
-    """One line at the start: the steps, and about how long each takes on a machine with two free cores."""
+    """One line at the start: the steps, and about how long each takes on a machine with two free
+    cores."""
     flight_s = _AROUND_S + sum(_CHANGE_S + c.record_s for c in mission.configurations)
-    steps = ["build the world, half a minute", f"fly mission '{mission.name}', about {in_minutes(flight_s)}"]
+    steps = [
+        "build the world, half a minute",
+        f"fly mission '{mission.name}', about {in_minutes(flight_s)}",
+    ]
     steps += [] if fly_only else ["map what was seen, one to two minutes"]
     return f"what comes: {'; '.join(steps)} (longer on a busy machine); Ctrl-C lands and stops all"
 
@@ -142,7 +172,8 @@ def _judge_monitoring(plan: FleetPlan) -> None:
 
 
 def build_world(plan: FleetPlan, say: Narrator) -> None:
-    """The truth mesh of the town; meanwhile the renderer's kernels compile (cached for the cameras)."""
+    """The truth mesh of the town; meanwhile the renderer's kernels compile (cached for the
+    cameras)."""
     truth = plan.session_folder / "truth"
     truth.mkdir(parents=True)
     say(f"building the {plan.world} world (seed {plan.seed})")
@@ -155,9 +186,17 @@ def build_world(plan: FleetPlan, say: Narrator) -> None:
 
 def _map(plan: FleetPlan, each: MapRun, say: Narrator) -> None:
     say(" ".join(["mapping", *each.arguments]))
-    command = ["rosrun", "fcsv_stereo", "map", str(plan.session_folder), "-o", str(plan.folder / each.folder)]
+    command = [
+        "rosrun",
+        "fcsv_stereo",
+        "map",
+        str(plan.session_folder),
+        "-o",
+        str(plan.folder / each.folder),
+    ]
     env = slow_motion.in_real_time(dict(os.environ))
-    being_made = plan.folder / f".{each.folder}.being_made"  # the window makes no map there meanwhile
+    # the window makes no map there meanwhile
+    being_made = plan.folder / f".{each.folder}.being_made"
     being_made.touch()
     child = subprocess.Popen([*command, *each.arguments], preexec_fn=os.setpgrp, env=env)
     try:
@@ -169,13 +208,17 @@ def _map(plan: FleetPlan, each: MapRun, say: Narrator) -> None:
     finally:
         being_made.unlink()
     if status != 0:
-        raise MachineError(f"the map could not be made from {plan.session_folder} (exit status {status})")
+        raise MachineError(
+            f"the map could not be made from {plan.session_folder} (exit status {status})"
+        )
 
 
 def _print_end(plan: FleetPlan, out: Path) -> None:
     """Below the table of the map command."""
     document = json.loads((out / "report.json").read_text())
-    print("\n" + errors_in_words(tracked_errors(document, load_truth(plan.session_folder / "truth"))))
+    print(
+        "\n" + errors_in_words(tracked_errors(document, load_truth(plan.session_folder / "truth")))
+    )
     print(f"map:    {out / 'map.ply'}\nreport: {out / 'report.html'}")
 
 
@@ -192,7 +235,9 @@ def _tilt(args, say) -> int:
     if args.autopilot:
         raise MachineError(f"--autopilot {args.autopilot}: in system {TILTING} no autopilot flies")
     if args.camera:
-        raise MachineError(f"--camera {args.camera}: system {TILTING} has the cameras of its rig's file")
+        raise MachineError(
+            f"--camera {args.camera}: system {TILTING} has the cameras of its rig's file"
+        )
     if args.seed < 0:
         raise MachineError(f"--seed {args.seed}: must not be negative")
     from fcsv_sim.demo import tilting  # a second of imports that no flight needs
@@ -202,14 +247,17 @@ def _tilt(args, say) -> int:
 
 def _plan(system: System, args) -> FleetPlan:
     mission = mission_file(args.mission or system.mission)
-    flown = load_mission(mission)  # a list that cannot be flown is refused before anything is started
+    # a list that cannot be flown is refused before anything is started
+    flown = load_mission(mission)
     vehicles = system.fleet(flown)
     system.require(flown)
     autopilots = addresses(args.autopilot)
     if autopilots and args.system != "tags":
         raise MachineError(f"--autopilot: in system {args.system} no autopilot flies")
     if args.camera and args.system != "tags":
-        raise MachineError(f"--camera {args.camera}: system {args.system} flies Tellos, which have their own")
+        raise MachineError(
+            f"--camera {args.camera}: system {args.system} flies Tellos, which have their own"
+        )
     geometries = load_vehicles(vehicles_folder(), vehicles)
     require_flyable(flown, vehicles, {n: v.radius_m for n, v in geometries.items()})
     camera = own_camera(args.camera, flown, geometries) if args.camera else None
@@ -218,14 +266,19 @@ def _plan(system: System, args) -> FleetPlan:
     if not 0.0 < args.ready_s <= 120.0:
         raise MachineError(f"--ready-s {args.ready_s:g}: must be over 0, and 120 at most")
     if args.operator == "you" and args.system != "tags":
-        raise MachineError(f"--operator you: in system {args.system} the buttons are pressed by its simulated pilots")
+        raise MachineError(
+            f"--operator you: in system {args.system} the buttons are pressed by its simulated pilots"
+        )
     monitor = args.live == "monitor"
     if monitor and args.system != "tags":
         raise MachineError(f"--live monitor: system {args.system} has no live map that monitors")
-    moving = _chosen(args.movers, args.world == "street" and any(c.at_once for c in flown.configurations))
+    moving = _chosen(
+        args.movers, args.world == "street" and any(c.at_once for c in flown.configurations)
+    )
     if moving and args.system != "tags":
         raise MachineError(f"--movers 1: in system {args.system} nothing moves through the town")
-    through_town = movers(Town.generate(args.seed, args.world).plan) if moving else ()  # refused without a street
+    # refused without a street
+    through_town = movers(Town.generate(args.seed, args.world).plan) if moving else ()
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
     screen = bool(os.environ.get("DISPLAY"))
     rviz = _chosen(args.rviz, screen)
@@ -234,11 +287,24 @@ def _plan(system: System, args) -> FleetPlan:
     if autopilots:
         require_there(autopilots, vehicles, slow_motion.parse_rate(args.speed) or 1.0)
     return FleetPlan(
-        out, mission, args.seed, args.world, vehicles, start_xy_m=_start(args), rviz=rviz, near=args.near == "1",
-        live=live and not monitor, monitor=monitor, movers=tuple(through_town), flight_link=args.flight_link,
-        autopilots=autopilots, buttons=args.operator != "you", ready_s=args.ready_s, camera=camera,
+        out,
+        mission,
+        args.seed,
+        args.world,
+        vehicles,
+        start_xy_m=_start(args),
+        rviz=rviz,
+        near=args.near == "1",
+        live=live and not monitor,
+        monitor=monitor,
+        movers=tuple(through_town),
+        flight_link=args.flight_link,
+        autopilots=autopilots,
+        buttons=args.operator != "you",
+        ready_s=args.ready_s,
+        camera=camera,
         window=OperatorWindow() if screen and (rviz or args.system == "tags") else None,
-    )  # fmt: skip
+    )
 
 
 def _start(args) -> Tuple[float, float]:
@@ -260,7 +326,9 @@ def _require_free(out: Path, overwrite: bool) -> None:
     if any(p.exists() and not p.is_dir() for p in (out, *out.parents)):
         raise MachineError(f"{out}: a file stands there, not a folder; choose another with OUT=")
     if (out / "session").exists() and not overwrite:
-        raise MachineError(f"{out} holds a recorded flight: OVERWRITE=1 replaces it, OUT=FOLDER flies into another")
+        raise MachineError(
+            f"{out} holds a recorded flight: OVERWRITE=1 replaces it, OUT=FOLDER flies into another"
+        )
     require_folder(out, _LEAST_MIB)
     for there in (p for p in (out / name for name in _FOLDERS) if p.exists()):
         require_folder(there)
@@ -272,16 +340,32 @@ def _chosen(word: str, default: bool) -> bool:
 
 
 def _parse(argv):
-    parser = argparse.ArgumentParser(prog="demo", description="Fly a mission in simulation and map what was seen.")
-    parser.add_argument("--system", default="tags", help=f"how cameras know where they are: {', '.join(SYSTEMS)}; "
-                        f"{TILTING}: a tilting stereo camera, which flies nothing")  # fmt: skip
-    parser.add_argument("--mission", default="", help="a mission file, or the name of one in config/missions")
+    parser = argparse.ArgumentParser(
+        prog="demo", description="Fly a mission in simulation and map what was seen."
+    )
+    parser.add_argument(
+        "--system",
+        default="tags",
+        help=f"how cameras know where they are: {', '.join(SYSTEMS)}; "
+        f"{TILTING}: a tilting stereo camera, which flies nothing",
+    )
+    parser.add_argument(
+        "--mission", default="", help="a mission file, or the name of one in config/missions"
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the town and of every noise")
-    parser.add_argument("--world", choices=list(WORLDS), default="street", help="kind of world to fly in")
+    parser.add_argument(
+        "--world", choices=list(WORLDS), default="street", help="kind of world to fly in"
+    )
     parser.add_argument("--out", default="out/demo", help="folder for run/, session/ and map/")
-    parser.add_argument("--overwrite", default="", help="1 removes what an earlier demo left in --out")
-    parser.add_argument("--method", default=None, help="map method; default: that of the map command")
-    parser.add_argument("--rviz", default="", help="1 opens rviz, 0 does not; default: where there is a screen")
+    parser.add_argument(
+        "--overwrite", default="", help="1 removes what an earlier demo left in --out"
+    )
+    parser.add_argument(
+        "--method", default=None, help="map method; default: that of the map command"
+    )
+    parser.add_argument(
+        "--rviz", default="", help="1 opens rviz, 0 does not; default: where there is a screen"
+    )
     parser.add_argument(
         "--live",
         default="",
@@ -289,42 +373,56 @@ def _parse(argv):
         "again and again; default: 1 where there are more than two cores",
     )
     parser.add_argument(
-        "--movers", default="",
+        "--movers",
+        default="",
         help="system tags: 1 lets a car and a walker move through the town, 0 does not; default: where a mission in "
         "the street has several configurations at once (docs/user/missions.md)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--start", default="", metavar="X,Y",
+        "--start",
+        default="",
+        metavar="X,Y",
         help="system tags: where the column takes off in the world, m; default: 0,0, where nothing stands around it",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--camera", default="", metavar="FILE",
+        "--camera",
+        default="",
+        metavar="FILE",
         help="system tags: calibration file of your own camera (calibrate_camera, camera_calibration), which all "
         "vehicles then carry; default: the thesis's camera, 640 x 480 px, f = 602 px",
     )
     near = "system tags: 1 records depth cameras, for the near field (docs/user/maps.md)"
     parser.add_argument("--near", default="", help=near)
     parser.add_argument(
-        "--speed", default=slow_motion.AUTO,
+        "--speed",
+        default=slow_motion.AUTO,
         help="share of real time at which all is simulated; default: auto: 1, or less where the machine cannot keep up",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--flight-link", choices=("mavlink", "mavros"), default="mavlink",
+        "--flight-link",
+        choices=("mavlink", "mavros"),
+        default="mavlink",
         help="system tags: what flies the autopilots; mavros: MAVROS's node, where installed (docs/user/vehicles.md)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--autopilot", default="", metavar="ADDRESS,...",
+        "--autopilot",
+        default="",
+        metavar="ADDRESS,...",
         help="system tags: ArduCopter's own simulation flies, one for each vehicle: tcp:127.0.0.1:5760,... "
         "(docs/user/simulation.md), with --speed of its own --speedup; default: simulated autopilots",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--operator", choices=("simulated", "you"), default="simulated",
+        "--operator",
+        choices=("simulated", "you"),
+        default="simulated",
         help="system tags: who presses buttons; you: in the window (docs/user/console.md); pilots are simulated",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--ready-s", type=float, default=READY_S,
+        "--ready-s",
+        type=float,
+        default=READY_S,
         help="system tags: until a simulated autopilot may be armed, as a real one (default: %(default)g)",
-    )  # fmt: skip
+    )
     parser.add_argument("--fly-only", action="store_true", help="leave the session, make no map")
     return parser.parse_args(argv)
 

@@ -33,9 +33,18 @@ _ON = """#!/bin/sh
 exec env {words} "$@"
 """
 _WORKSPACE = (
-    "PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "CMAKE_PREFIX_PATH", "PKG_CONFIG_PATH",
-    "ROS_DISTRO", "ROS_ETC_DIR", "ROS_PACKAGE_PATH", "ROS_PYTHON_VERSION", "ROS_ROOT", "ROS_VERSION",
-)  # fmt: skip
+    "PATH",
+    "PYTHONPATH",
+    "LD_LIBRARY_PATH",
+    "CMAKE_PREFIX_PATH",
+    "PKG_CONFIG_PATH",
+    "ROS_DISTRO",
+    "ROS_ETC_DIR",
+    "ROS_PACKAGE_PATH",
+    "ROS_PYTHON_VERSION",
+    "ROS_ROOT",
+    "ROS_VERSION",
+)
 
 
 @dataclass(frozen=True)
@@ -56,7 +65,8 @@ class FleetPlan:
     near: bool = False  # depth cameras are recorded
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
     ready_s: float = READY_S  # until a simulated autopilot may be armed
-    autopilots: Tuple[str, ...] = ()  # tcp:HOST:PORT of ArduCopters that fly in place of the simulated ones
+    # tcp:HOST:PORT of ArduCopters that fly in place of the simulated ones
+    autopilots: Tuple[str, ...] = ()
     camera: Optional[OwnCamera] = None  # that all vehicles carry; none: as the thesis's
     buttons: bool = True  # a simulated operator presses them; else somebody does in the window
     window: Optional[OperatorWindow] = None  # where there is a screen; it outlives the machines
@@ -144,13 +154,17 @@ class Machines:
         said, log = self.launches[launch].log.read_text(errors="replace"), self.launches[launch].log
         end = re.search(rf"\[{node}-\d+\] process has (died|finished)", said)
         if end:
-            words = [line for line in said[: end.start()].splitlines() if line.strip(" \x1b[0m31")][-_TOLD_LINES:]
+            words = [line for line in said[: end.start()].splitlines() if line.strip(" \x1b[0m31")][
+                -_TOLD_LINES:
+            ]
             raise MachineError("\n".join([f"the {node} node ended at its start: {log}", *words]))
 
     def require_alive(self) -> None:
         """Raises MachineError with the end of the log of a launch that ended by itself."""
         for name in self.dead_launches():
-            raise MachineError(f"{name} stopped by itself: {self.launches[name].log}\n{self.launches[name].tail(5)}")
+            raise MachineError(
+                f"{name} stopped by itself: {self.launches[name].log}\n{self.launches[name].tail(5)}"
+            )
 
     def _write_description(self) -> None:
         """How to look into a machine while it runs: run/on_NAME COMMAND runs one there; run/fleet.json is for programs.
@@ -161,9 +175,15 @@ class Machines:
         description = {}
         for name, machine in self.machines.items():
             variables = {"ROS_MASTER_URI": machine.master_uri, **time}
-            description[name] = {**variables, "folder": str(machine.folder), **({"note": _SLOW_NOTE} if time else {})}
+            description[name] = {
+                **variables,
+                "folder": str(machine.folder),
+                **({"note": _SLOW_NOTE} if time else {}),
+            }
             script = self.plan.run_folder / f"on_{name}"
-            script.write_text(_ON.format(name=name, words=assignments({**workspace(), **variables})))
+            script.write_text(
+                _ON.format(name=name, words=assignments({**workspace(), **variables}))
+            )
             script.chmod(0o755)
         (self.plan.run_folder / "fleet.json").write_text(json.dumps(description, indent=1))
 
@@ -183,7 +203,9 @@ class SimulatedFleet(Machines):
             self.launches[vehicle] = self.machines[vehicle].launch(
                 "fcsv_bringup", "uav.launch", **self._vehicle_args(vehicle, index)
             )
-        self.launches[CONTROL] = self.control.launch("fcsv_bringup", "control.launch", **self._control_args())
+        self.launches[CONTROL] = self.control.launch(
+            "fcsv_bringup", "control.launch", **self._control_args()
+        )
 
     def _common_args(self, name: str) -> Dict[str, object]:
         return {

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The flight of a demo, whatever carries it: machines up, a mission followed to its end, everybody down."""
+"""The flight of a demo, whatever carries it: machines up, a mission followed to its end, everybody
+down."""
 
 import time
 from typing import Callable, Tuple
@@ -17,12 +18,14 @@ _LAND_TIMEOUT_S = 45.0
 
 
 def fly_fleet(plan: FleetPlan, say: Narrator) -> Tuple[float, float]:
-    """Vehicles with autopilots, a master each, the mission node in charge; seconds flown and metres moved."""
+    """Vehicles with autopilots, a master each, the mission node in charge; seconds flown and metres
+    moved."""
     return _fly_mission(SimulatedFleet(plan), say)
 
 
 def fly_tellos(site: PairSite, plan: FleetPlan, say: Narrator) -> Tuple[float, float]:
-    """Tellos before a tracker on the ground, the mission node in charge; seconds flown and metres moved."""
+    """Tellos before a tracker on the ground, the mission node in charge; seconds flown and metres
+    moved."""
     with places(plan.vehicles) as (where, otherwise):
         if otherwise:
             say(f"Tellos: {otherwise}")
@@ -30,7 +33,8 @@ def fly_tellos(site: PairSite, plan: FleetPlan, say: Narrator) -> Tuple[float, f
 
 
 def _fly_mission(machines: Machines, say: Narrator) -> Tuple[float, float]:
-    from fcsv_sim.demo.ros.mission_watch import MissionWatch  # needs these machines' master in the environment
+    # needs these machines' master in the environment
+    from fcsv_sim.demo.ros.mission_watch import MissionWatch
 
     watch = None
 
@@ -50,11 +54,20 @@ def _fly_mission(machines: Machines, say: Narrator) -> Tuple[float, float]:
     return _fly(machines, follow, lambda: _land_fleet(watch, say), say)
 
 
-def _fly(machines: Machines, follow: Callable[[], Tuple[float, float]], land: Callable[[], None], say: Narrator):
+def _fly(
+    machines: Machines,
+    follow: Callable[[], Tuple[float, float]],
+    land: Callable[[], None],
+    say: Narrator,
+):
     """What ``follow`` gives. Lands everybody and stops every process whatever happens."""
     try:
         machines.start()
-        masters = "1 ROS master is" if len(machines.machines) == 1 else f"{len(machines.machines)} ROS masters are"
+        masters = (
+            "1 ROS master is"
+            if len(machines.machines) == 1
+            else f"{len(machines.machines)} ROS masters are"
+        )
         say(f"{masters} up; to look in: {machines.plan.run_folder / 'on_control'} rostopic list")
         return follow()
     except Interrupted:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well set-points were held while pictures were recorded, by the truth: from a flown session's bags."""
+"""How well set-points were held while pictures were recorded, by the truth: from a flown session's
+bags."""
 
 import csv
 from bisect import bisect_right
@@ -19,9 +20,11 @@ Track = List[Tuple[float, np.ndarray]]
 _SET_POINT, _CAPTURE = "mavros/setpoint_position/local", "/mission/capture"
 
 
-def errors(windows: Sequence[Tuple[float, float]], set_points: Track, true: Track, T_world_odom: np.ndarray):
-    """(n, 2): distance (m) and heading (deg) between the true T_world_body and the newest set-point (T_odom_body)
-    before it, at every moment inside a window whose truth is known."""
+def errors(
+    windows: Sequence[Tuple[float, float]], set_points: Track, true: Track, T_world_odom: np.ndarray
+):
+    """(n, 2): distance (m) and heading (deg) between the true T_world_body and the newest set-point
+    (T_odom_body) before it, at every moment inside a window whose truth is known."""
     stamps_s, found = [s for s, _ in set_points], []
     for stamp_s, T_world_body in true:
         k = bisect_right(stamps_s, stamp_s) - 1
@@ -29,22 +32,34 @@ def errors(windows: Sequence[Tuple[float, float]], set_points: Track, true: Trac
             continue
         T = T_world_odom @ set_points[k][1]
         off_rad = wrap(transforms.yaw(T_world_body) - transforms.yaw(T))
-        found.append((float(np.linalg.norm(T_world_body[:3, 3] - T[:3, 3])), abs(float(np.degrees(off_rad)))))
+        found.append(
+            (float(np.linalg.norm(T_world_body[:3, 3] - T[:3, 3])), abs(float(np.degrees(off_rad))))
+        )
     return np.reshape(np.array(found), (-1, 2))
 
 
-def held(session: Path, sim_folder: Path, T_body_cam: Mapping[str, np.ndarray], T_world_odom: np.ndarray):
-    """``errors`` by vehicle, of a session in which all fly in one odometry frame. Raises BagError, InputError."""
+def held(
+    session: Path, sim_folder: Path, T_body_cam: Mapping[str, np.ndarray], T_world_odom: np.ndarray
+):
+    """``errors`` by vehicle, of a session in which all fly in one odometry frame. Raises BagError,
+    InputError."""
     windows: List[Tuple[float, float]] = []
     set_points: Dict[str, Track] = {n: [] for n in T_body_cam}
     topics = {f"/{n}/{_SET_POINT}": n for n in T_body_cam}
     for bag in bags_of(session, []):
-        for topic, message in messages(bag, lambda topic, _kind: topic == _CAPTURE or topic in topics):
+        for topic, message in messages(
+            bag, lambda topic, _kind: topic == _CAPTURE or topic in topics
+        ):
             if topic == _CAPTURE:
                 windows.append((seconds(message.start), seconds(message.stop)))
             else:
-                set_points[topics[topic]].append((seconds(message.header.stamp), pose_to_transform(message.pose)))
-    return {n: errors(windows, set_points[n], _true(sim_folder, n, T), T_world_odom) for n, T in T_body_cam.items()}
+                set_points[topics[topic]].append(
+                    (seconds(message.header.stamp), pose_to_transform(message.pose))
+                )
+    return {
+        n: errors(windows, set_points[n], _true(sim_folder, n, T), T_world_odom)
+        for n, T in T_body_cam.items()
+    }
 
 
 def held_in_words(found: Mapping[str, np.ndarray]) -> str:

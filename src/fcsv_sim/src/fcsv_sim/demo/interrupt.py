@@ -9,7 +9,8 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interrupted(BaseException):
-    """Ctrl-C, or SIGTERM from whoever started the demo; no Exception, since rospy would swallow it."""
+    """Ctrl-C, or SIGTERM from whoever started the demo; no Exception, since rospy would swallow
+    it."""
 
 
 def listen() -> None:

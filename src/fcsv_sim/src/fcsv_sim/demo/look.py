@@ -24,13 +24,21 @@ exec env {words} {command} "$@"
 def playback(plan: FleetPlan, map_folder: str = "map") -> List[str]:
     """The command that shows a demo's session with its map."""
     arguments = [f"session:={plan.session_folder}", f"out:={plan.folder / map_folder}"]
-    return ["roslaunch", "fcsv_bringup", "playback.launch", *arguments, f"vehicles:={','.join(plan.vehicles)}"]
+    return [
+        "roslaunch",
+        "fcsv_bringup",
+        "playback.launch",
+        *arguments,
+        f"vehicles:={','.join(plan.vehicles)}",
+    ]
 
 
 def write_play(plan: FleetPlan) -> None:
     """Writes the script that plays the flight back: ``make play OUT=FOLDER`` runs it."""
     script = _script(plan)
-    script.write_text(_PLAY.format(words=assignments(workspace()), command=shlex.join(playback(plan))))
+    script.write_text(
+        _PLAY.format(words=assignments(workspace()), command=shlex.join(playback(plan)))
+    )
     script.chmod(0o755)
 
 
@@ -52,7 +60,9 @@ def stay(plan: FleetPlan) -> None:
     if window is None or not window.is_open:
         return
     what = f"After [F5] in it maps {plan.session_folder} and opens the report"
-    print(f"the operator's window stays open: {what}; close it, or press Ctrl-C, to end", flush=True)
+    print(
+        f"the operator's window stays open: {what}; close it, or press Ctrl-C, to end", flush=True
+    )
     try:
         window.wait()
     except interrupt.Interrupted:
@@ -61,11 +71,16 @@ def stay(plan: FleetPlan) -> None:
 
 def _play(plan: FleetPlan) -> None:
     port = free_port()
-    env = {**slow_motion.in_real_time(dict(os.environ)), "ROS_MASTER_URI": f"http://127.0.0.1:{port}"}
+    env = {
+        **slow_motion.in_real_time(dict(os.environ)),
+        "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
+    }
     own = ["console:=false"] if plan.window is not None and plan.window.is_open else []
     command = [*playback(plan), *own, "-p", str(port)]
     with open(plan.run_folder / "playback.log", "w") as log:
-        child = subprocess.Popen(command, env=env, preexec_fn=os.setpgrp, stdout=log, stderr=subprocess.STDOUT)
+        child = subprocess.Popen(
+            command, env=env, preexec_fn=os.setpgrp, stdout=log, stderr=subprocess.STDOUT
+        )
     try:
         child.wait()
     except interrupt.Interrupted:

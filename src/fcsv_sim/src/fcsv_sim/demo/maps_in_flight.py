@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines of a demo about the map that grows in flight: how old its pictures are, how long after the first set-point."""
+"""Lines of a demo about the map that grows in flight: how old its pictures are, how long after the
+first set-point."""
 
 from typing import Optional, Tuple
 
@@ -7,7 +8,8 @@ _SAID = ("partial", "ready", "failed")
 
 
 class MapsInFlight:
-    """Is told when configurations begin and every state of the map, each with the flight's time (s)."""
+    """Is told when configurations begin and every state of the map, each with the flight's time
+    (s)."""
 
     def __init__(self):
         self._begun_s: Optional[float] = None
@@ -28,7 +30,9 @@ class MapsInFlight:
         if message.state == "failed":
             return f"map in flight: {message.detail}"
         kind = "first look" if message.state == "partial" else "map"
-        line = f"{kind} in flight: {message.configurations} configurations, {message.points} points, "
+        line = (
+            f"{kind} in flight: {message.configurations} configurations, {message.points} points, "
+        )
         line += f"{message.latency_s:.1f} s after the last picture"
         if self._begun_s is not None:
             after_s = now_s - self._begun_s

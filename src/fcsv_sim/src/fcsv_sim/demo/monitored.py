@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Depth images of live monitoring against the truth: how many, how old, of one instant, and right about what moves."""
+"""Depth images of live monitoring against the truth: how many, how old, of one instant, and right
+about what moves."""
 
 import csv
 import math
@@ -23,8 +24,8 @@ _SEEN = 0.1  # of its pixels: what another camera sees less of has no second pic
 
 @dataclass(frozen=True)
 class Frame:
-    """Is a depth image as it was published: depth (H,W f32, m, NaN: none) of the reference's picture, and what was said
-    of it."""
+    """Is a depth image as it was published: depth (H,W f32, m, NaN: none) of the reference's
+    picture, and what was said of it."""
 
     reference: str
     stamp_s: float
@@ -39,8 +40,9 @@ class Frame:
 
 @dataclass(frozen=True)
 class Unjudged:
-    """Something that moves and of which a frame shows too little: ``pixels`` of the ``whole`` that it would take if
-    nothing stood before it. ``alone``: no other camera of the frame sees it, and it has no depth."""
+    """Something that moves and of which a frame shows too little: ``pixels`` of the ``whole`` that
+    it would take if nothing stood before it. ``alone``: no other camera of the frame sees it, and
+    it has no depth."""
 
     name: str
     pixels: int
@@ -64,7 +66,8 @@ class Unjudged:
 
 @dataclass(frozen=True)
 class Judged:
-    """A frame against the truth; ``whole``: pixels that each thing that moves would take if nothing stood before it."""
+    """A frame against the truth; ``whole``: pixels that each thing that moves would take if nothing
+    stood before it."""
 
     frame: Frame
     overall: Band
@@ -94,7 +97,10 @@ def load(folder: Path) -> List[Frame]:
                 width, height, *rest = f["pinhole"].tolist()
                 camera = PinholeCamera(int(width), int(height), *rest)
                 words = {k: str(f[k]) for k in ("reference", "pairs")}
-                numbers = {k: float(f[k]) for k in ("stamp_s", "skew_s", "rate_hz", "processing_s", "latency_s")}
+                numbers = {
+                    k: float(f[k])
+                    for k in ("stamp_s", "skew_s", "rate_hz", "processing_s", "latency_s")
+                }
                 frames.append(Frame(depth=f["depth"], camera=camera, **words, **numbers))
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(f"{path}: not a monitored depth image ({error})") from error
@@ -107,52 +113,103 @@ def judge(frames: Sequence[Frame], truth: Truth) -> List[Judged]:
     for f in frames:
         true_depth, on = scene.look(f.reference, f.stamp_s, f.camera)
         unhidden = scene.unhidden(f.reference, f.stamp_s, f.camera)
-        whole, least = {name: int(mask.sum()) for name, mask in unhidden.items()}, math.ceil(LEAST_SHARE * f.depth.size)
+        whole, least = (
+            {name: int(mask.sum()) for name, mask in unhidden.items()},
+            math.ceil(LEAST_SHARE * f.depth.size),
+        )
         shown = moving(f.depth, true_depth, on)
-        alone = {m.name for m in shown if m.answered == 0.0 and _alone(f, truth, scene, true_depth, on[m.name])}
+        alone = {
+            m.name
+            for m in shown
+            if m.answered == 0.0 and _alone(f, truth, scene, true_depth, on[m.name])
+        }
         seen = tuple(m for m in shown if m.name not in alone)
         rest = sorted(set(on) - {m.name for m in seen})
-        unjudged = tuple(Unjudged(name, int(on[name].sum()), whole[name], least, name in alone) for name in rest)
+        unjudged = tuple(
+            Unjudged(name, int(on[name].sum()), whole[name], least, name in alone) for name in rest
+        )
         judged.append(Judged(f, band(f.depth, true_depth, (0.0, _MOST_M)), seen, unjudged, whole))
     return judged
 
 
-def _alone(f: Frame, truth: Truth, scene: TrueScene, true_depth: np.ndarray, on: np.ndarray) -> bool:
-    """Whether it is known that no other camera of the frame sees what is ``on`` (H,W bool) its picture."""
+def _alone(
+    f: Frame, truth: Truth, scene: TrueScene, true_depth: np.ndarray, on: np.ndarray
+) -> bool:
+    """Whether it is known that no other camera of the frame sees what is ``on`` (H,W bool) its
+    picture."""
     others = sorted({vehicle for vehicle, _ in truth.cameras} - {f.reference})
-    shares = [scene.seen_by(o, f.reference, f.stamp_s, f.camera, true_depth, on) for o in others if f"{o}," in f.pairs]
+    shares = [
+        scene.seen_by(o, f.reference, f.stamp_s, f.camera, true_depth, on)
+        for o in others
+        if f"{o}," in f.pairs
+    ]
     return bool(shares) and all(s is not None and s < _SEEN for s in shares)
 
 
 def write_table(judged: Sequence[Judged], path: Path) -> None:
-    """One row for each frame, and for each thing that moves in it, with what becomes of it (``verdict``)."""
+    """One row for each frame, and for each thing that moves in it, with what becomes of it
+    (``verdict``)."""
     with open(path, "w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(["stamp_s", "pairs", "skew_ms", "rate_hz", "processing_s", "age_s", "within_10_percent",
-                         "what", "verdict", "distance_m", "pixels", "unhidden_pixels", "answered",
-                         "median_error"])  # fmt: skip
+        writer.writerow(
+            [
+                "stamp_s",
+                "pairs",
+                "skew_ms",
+                "rate_hz",
+                "processing_s",
+                "age_s",
+                "within_10_percent",
+                "what",
+                "verdict",
+                "distance_m",
+                "pixels",
+                "unhidden_pixels",
+                "answered",
+                "median_error",
+            ]
+        )
         for j in judged:
             f = j.frame
-            row = [f"{f.stamp_s:.3f}", f.pairs, f"{1e3 * f.skew_s:.1f}", f"{f.rate_hz:.2f}", f"{f.processing_s:.3f}",
-                   f"{f.latency_s:.3f}", f"{j.overall.within_10_percent:.3f}"]  # fmt: skip
+            row = [
+                f"{f.stamp_s:.3f}",
+                f.pairs,
+                f"{1e3 * f.skew_s:.1f}",
+                f"{f.rate_hz:.2f}",
+                f"{f.processing_s:.3f}",
+                f"{f.latency_s:.3f}",
+                f"{j.overall.within_10_percent:.3f}",
+            ]
             writer.writerow([*row, "all", "", "", "", "", "", ""])
             for m in j.moving:
                 error = "" if m.median_relative_error is None else f"{m.median_relative_error:.4f}"
-                writer.writerow([*row, m.name, verdict(m), f"{m.distance_m:.2f}", m.pixels, j.whole[m.name],
-                                 f"{m.answered:.3f}", error])  # fmt: skip
+                writer.writerow(
+                    [
+                        *row,
+                        m.name,
+                        verdict(m),
+                        f"{m.distance_m:.2f}",
+                        m.pixels,
+                        j.whole[m.name],
+                        f"{m.answered:.3f}",
+                        error,
+                    ]
+                )
             for u in j.unjudged:
                 writer.writerow([*row, u.name, u.why, "", u.pixels, u.whole, "", ""])
 
 
 def verdict(m: Moving) -> str:
-    """Gives the verdict of what is seen of something that moves: "right" is within 5 % of its distance."""
+    """Gives the verdict of what is seen of something that moves: "right" is within 5 % of its
+    distance."""
     if m.median_relative_error is None:
         return "not answered"
     return "right" if m.median_relative_error <= MOST_ERROR else "off"
 
 
 def in_words(judged: Sequence[Judged]) -> List[str]:
-    """Lines for the end of a demo; of what moves every image is counted, and why where it is not judged."""
+    """Lines for the end of a demo; of what moves every image is counted, and why where it is not
+    judged."""
     if not judged:
         return ["monitoring: no depth image came"]
     frames = [j.frame for j in judged]
@@ -175,7 +232,11 @@ def _of_mover_in_words(name: str, judged: Sequence[Judged]) -> str:
     worst = f" (worst {max(errors):.1%})" if errors else ""
     parts = "".join(f", {said[word]} {word}" for word in ("off", "not answered") if said[word])
     why = Counter(u.why for j in judged for u in j.unjudged if u.name == name)
-    left = f"; not judged in {sum(why.values())}: " + ", ".join(f"{n} {w}" for w, n in why.items()) if why else ""
+    left = (
+        f"; not judged in {sum(why.values())}: " + ", ".join(f"{n} {w}" for w, n in why.items())
+        if why
+        else ""
+    )
     return (
         f"  {name}, which moves: within {MOST_ERROR:.0%} of its distance in {said['right']} of the {len(of)} "
         f"images that show it{worst}{parts}{left}"

@@ -12,9 +12,11 @@ _CLOCKS_APART_S = 1.0
 
 
 class Narrator:
-    """Prints lines as ``[ 12.3 s] ...``; calling it is :meth:`say`. Several threads may print at once.
+    """Prints lines as ``[ 12.3 s] ...``; calling it is :meth:`say`. Several threads may print at
+    once.
 
-    ``clocks`` gives the flight's monotonic time and the wall's, s: both are printed once they have come apart.
+    ``clocks`` gives the flight's monotonic time and the wall's, s: both are printed once they have
+    come apart.
     """
 
     def __init__(

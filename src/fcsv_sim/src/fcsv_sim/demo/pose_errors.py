@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well the pictures' poses were known before any refinement, where the truth is there to say it."""
+"""How well the pictures' poses were known before any refinement, where the truth is there to say
+it."""
 
 from typing import List, Tuple
 
@@ -10,7 +11,8 @@ from fcsv_stereo.evaluating.truth import Truth
 
 
 def tracked_errors(document: dict, truth: Truth) -> List[Tuple[float, float]]:
-    """(m, deg) of each picture's prior pose relative to the reference picture's; ``document`` is a report.json."""
+    """(m, deg) of each picture's prior pose relative to the reference picture's; ``document`` is a
+    report.json."""
     reference = document["reference"]
     T_cam_home = transforms.invert(np.array(reference["T_home_cam"]))
     T_cam_world = transforms.invert(_true(truth, reference["image"]))
@@ -29,7 +31,8 @@ def errors_in_words(errors: List[Tuple[float, float]]) -> str:
     """One line for the end of a demo.
 
     >>> errors_in_words([(0.01, 0.2), (0.02, 0.1), (0.06, 0.4)])
-    'poses before refinement, against truth: median 2.0 cm, 0.20 deg, worst 6.0 cm, 0.40 deg (3 pictures)'
+    'poses before refinement, against truth: median 2.0 cm, 0.20 deg, worst 6.0 cm, 0.40 deg (3
+    pictures)'
     """
     if not errors:
         return "poses before refinement: none to compare with the reference's"

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a tracker on the ground can follow a pair through a mission; refused before anything is started."""
+"""Whether a tracker on the ground can follow a pair through a mission; refused before anything is
+started."""
 
 import numpy as np
 
@@ -16,10 +17,12 @@ _OUT_OF_VIEW_M = 20.0  # as far as the odometry's drift is known (docs/design/tr
 
 
 def require_gimbal_reach(robot: GroundRobot, site: PairSite, mission: Mission, vehicles) -> None:
-    """Every vehicle near enough to its gimbal, inside its limits and with a tag towards it. Raises MissionError."""
+    """Every vehicle near enough to its gimbal, inside its limits and with a tag towards it. Raises
+    MissionError."""
     for index, c in enumerate(mission.configurations):
         for name in vehicles:
-            T_ground_body = site.expected_body(mission, index, name, vehicles)  # the robot stands at the world's origin
+            # the robot stands at the world's origin
+            T_ground_body = site.expected_body(mission, index, name, vehicles)
             problem = _gimbal_problem(robot.by_vehicle[name], T_ground_body)
             if problem:
                 raise MissionError(
@@ -29,7 +32,9 @@ def require_gimbal_reach(robot: GroundRobot, site: PairSite, mission: Mission, v
 
 
 def _gimbal_problem(gimbal: Gimbal, T_ground_body: np.ndarray) -> str:
-    centre = np.mean([transforms.apply(T_ground_body, t.T_body_tag[:3, 3]) for t in gimbal.tags], axis=0)
+    centre = np.mean(
+        [transforms.apply(T_ground_body, t.T_body_tag[:3, 3]) for t in gimbal.tags], axis=0
+    )
     away_m = float(np.linalg.norm(centre - gimbal.geometry.base.xyz_m))
     if not _NEAREST_M <= away_m <= _FARTHEST_M:
         return f"{away_m:.1f} m from its gimbal, which sees tags from {_NEAREST_M:g} to {_FARTHEST_M:g} m"
@@ -44,13 +49,21 @@ def _gimbal_problem(gimbal: Gimbal, T_ground_body: np.ndarray) -> str:
 
 
 def _oblique_deg(T_ground_tag: np.ndarray, eye_m: np.ndarray) -> float:
-    """Angle (deg) between a tag's face (its frame's -z looks out of it) and the way to an eye (3,)."""
+    """Angle (deg) between a tag's face (its frame's -z looks out of it) and the way to an eye
+    (3,)."""
     to_eye = eye_m - T_ground_tag[:3, 3]
-    return float(np.degrees(np.arccos(np.clip(-T_ground_tag[:3, 2] @ to_eye / np.linalg.norm(to_eye), -1.0, 1.0))))
+    return float(
+        np.degrees(
+            np.arccos(np.clip(-T_ground_tag[:3, 2] @ to_eye / np.linalg.norm(to_eye), -1.0, 1.0))
+        )
+    )
 
 
-def require_mocap_view(T_world_mocap: np.ndarray, site: PairSite, mission: Mission, vehicles) -> None:
-    """All line up in view, where odometry is tied to the mocap, and leave it by no more than is known. MissionError."""
+def require_mocap_view(
+    T_world_mocap: np.ndarray, site: PairSite, mission: Mission, vehicles
+) -> None:
+    """All line up in view, where odometry is tied to the mocap, and leave it by no more than is
+    known. MissionError."""
     duo = V120Duo(V120DuoErrors(), T_world_mocap, 0)
     for name, T in site.line_up(mission, vehicles).items():
         for aside_m in (-site.sway_m, 0.0, site.sway_m):

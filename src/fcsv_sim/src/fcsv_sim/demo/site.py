@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a pair of Tellos flies before a tracker on the ground (world frame, m), and the tracker's launch file."""
+"""Where a pair of Tellos flies before a tracker on the ground (world frame, m), and the tracker's
+launch file."""
 
 from dataclasses import dataclass, field
 from typing import Dict, List, Sequence, Tuple
@@ -19,11 +20,14 @@ class PairSite:
     launch_args: Dict[str, object] = field(default_factory=dict)
     reference_xy_m: Tuple[float, float] = (3.0, 0.5)
     beside_m: float = 1.1  # to the right of the reference the others line up
-    sway_m: float = 0.0  # how far all sway sideways until the tracker knows their headings; nought: it needs no motion
-    late: bool = False  # the tracker starts once the vehicles hover before it: gimbals that search earlier turn away
+    # how far all sway sideways until the tracker knows their headings; nought: it needs no motion
+    sway_m: float = 0.0
+    # the tracker starts once the vehicles hover before it: gimbals that search earlier turn away
+    late: bool = False
 
     def line_up(self, mission: Mission, vehicles: Sequence[str]) -> Dict[str, np.ndarray]:
-        """T_world_body of each vehicle before home is set: side by side, looking along the world's x."""
+        """T_world_body of each vehicle before home is set: side by side, looking along the world's
+        x."""
         ordered = [mission.reference, *(v for v in vehicles if v != mission.reference)]
         return {n: self._place(k, mission.home_height_m) for k, n in enumerate(ordered)}
 
@@ -31,8 +35,11 @@ class PairSite:
         """x, y, z, yaw on the ground below."""
         return {n: [*T[:2, 3], 0.0, 0.0] for n, T in self.line_up(mission, vehicles).items()}
 
-    def expected_body(self, mission: Mission, index: int, vehicle: str, vehicles: Sequence[str]) -> np.ndarray:
-        """T_world_body that configuration ``index`` will ask of a vehicle, were home set exactly at the line-up."""
+    def expected_body(
+        self, mission: Mission, index: int, vehicle: str, vehicles: Sequence[str]
+    ) -> np.ndarray:
+        """T_world_body that configuration ``index`` will ask of a vehicle, were home set exactly at
+        the line-up."""
         T = self.line_up(mission, vehicles)[mission.reference]
         if vehicle != mission.mover(index, vehicles):
             return T

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a fleet still waits for while it starts, in one line; the reasons once it takes longer than it should."""
+"""What a fleet still waits for while it starts, in one line; the reasons once it takes longer than
+it should."""
 
 from typing import Dict, List, Sequence
 
@@ -12,7 +13,8 @@ _ABOUT = "starting, normal for about a minute"
 
 
 class StartUp:
-    """Sums up a start that began at ``began_s`` (the flight's monotonic time). Gives lines, prints nothing."""
+    """Sums up a start that began at ``began_s`` (the flight's monotonic time). Gives lines, prints
+    nothing."""
 
     def __init__(self, began_s: float):
         self._began_s, self._told_s = began_s, float("-inf")
@@ -47,18 +49,31 @@ class StartUp:
         return f"{_ABOUT}: {count} check{'' if count == 1 else 's'} to go ({whose})"
 
     def reasons(self, now_s: float) -> List[str]:
-        """The reasons, a line each, where the start takes too long; none before, and not too often."""
-        if now_s < self._began_s + NORMAL_S or now_s < self._told_s + _AGAIN_S or not self._problems:
+        """The reasons, a line each, where the start takes too long; none before, and not too
+        often."""
+        if (
+            now_s < self._began_s + NORMAL_S
+            or now_s < self._told_s + _AGAIN_S
+            or not self._problems
+        ):
             return []
         self._told_s = now_s
         took_s = now_s - self._began_s
-        return [f"still not ready after {took_s:.0f} s:", *(f"    {text}" for text in self._detailed())]
+        return [
+            f"still not ready after {took_s:.0f} s:",
+            *(f"    {text}" for text in self._detailed()),
+        ]
 
     def _detailed(self) -> List[str]:
         """The check's lines say what was found; the mission's own words where there are none."""
         bad = [li for li in self._lines if li.state in (State.RED, State.UNKNOWN)]
-        found = [f"{li.vehicle} {li.name} is {li.state.word}: {li.what}; {li.remedy}".rstrip("; ") for li in bad]
-        return (found or self._problems) + [f"{v}: {text}" for v, text in sorted(self._texts.items())]
+        found = [
+            f"{li.vehicle} {li.name} is {li.state.word}: {li.what}; {li.remedy}".rstrip("; ")
+            for li in bad
+        ]
+        return (found or self._problems) + [
+            f"{v}: {text}" for v, text in sorted(self._texts.items())
+        ]
 
 
 def _named(names: Sequence[str]) -> str:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated Tellos that speak their own protocol, flown as real ones are: a flight link for each, agents, guardians,
-recorders, a tracker on the ground and the mission, all on one machine (thesis 4 and 5: one PC, Wi-Fi)."""
+"""Simulated Tellos that speak their own protocol, flown as real ones are: a flight link for each,
+agents, guardians, recorders, a tracker on the ground and the mission, all on one machine (thesis 4
+and 5: one PC, Wi-Fi)."""
 
 import os
 from typing import Dict, List, Mapping, Optional
@@ -17,7 +18,8 @@ from fcsv_sim.tello.places import TelloPlace
 from fcsv_stereo.sessions.files import bags_of
 
 _COLUMN = PHASES.index("COLUMN")
-_VIDEO = {"video_hz": 2.0, "video_delay_s": 0.4}  # a picture takes 0.2 s of a core, more where others want it, too
+# a picture takes 0.2 s of a core, more where others want it, too
+_VIDEO = {"video_hz": 2.0, "video_delay_s": 0.4}
 
 
 class SimulatedTellos(Machines):
@@ -33,20 +35,42 @@ class SimulatedTellos(Machines):
         for number, name in enumerate(plan.vehicles):
             start = ",".join(map(str, starts[name]))
             self.launches[f"Tello {name}"] = launch(
-                "fcsv_bringup", "sim_tello_drone.launch", **self._common, uav=name, start=start, **_VIDEO,
-                seed=10 * plan.seed + number, world=plan.world, world_seed=plan.seed, **self._places[name].drone,
-            )  # fmt: skip
+                "fcsv_bringup",
+                "sim_tello_drone.launch",
+                **self._common,
+                uav=name,
+                start=start,
+                **_VIDEO,
+                seed=10 * plan.seed + number,
+                world=plan.world,
+                world_seed=plan.seed,
+                **self._places[name].drone,
+            )
             self.launches[name] = launch(
-                "fcsv_bringup", "tello.launch", uav=name, vehicles=self._vehicles, record_dir=plan.session_folder,
-                calibration=self._calibration(name), video_delay_s=_VIDEO["video_delay_s"], **self._places[name].link,
-            )  # fmt: skip
+                "fcsv_bringup",
+                "tello.launch",
+                uav=name,
+                vehicles=self._vehicles,
+                record_dir=plan.session_folder,
+                calibration=self._calibration(name),
+                video_delay_s=_VIDEO["video_delay_s"],
+                **self._places[name].link,
+            )
         if not self._site.late:
             self._launch_tracker()
         self.launches[CONTROL] = launch(
-            "fcsv_bringup", "control.launch", **self._common, ground=True, sim=True, mission=plan.mission_file,
-            record_dir=plan.session_folder, seed=plan.seed, live=plan.live, console=False,
+            "fcsv_bringup",
+            "control.launch",
+            **self._common,
+            ground=True,
+            sim=True,
+            mission=plan.mission_file,
+            record_dir=plan.session_folder,
+            seed=plan.seed,
+            live=plan.live,
+            console=False,
             sim_sway_m=self._site.sway_m,
-        )  # fmt: skip
+        )
 
     def meanwhile(self, phase: Optional[int]) -> None:
         """Once they hover before it a tracker that starts late is started."""
@@ -55,8 +79,16 @@ class SimulatedTellos(Machines):
 
     def _launch_tracker(self) -> None:
         plan, site = self.plan, self._site
-        arguments = {**self._common, "sim": True, "seed": plan.seed, "rviz": plan.rviz, **site.launch_args}
-        self.launches["tracker"] = self.control.launch("fcsv_bringup", site.launch_file, **arguments)
+        arguments = {
+            **self._common,
+            "sim": True,
+            "seed": plan.seed,
+            "rviz": plan.rviz,
+            **site.launch_args,
+        }
+        self.launches["tracker"] = self.control.launch(
+            "fcsv_bringup", site.launch_file, **arguments
+        )
 
     @property
     def _vehicles(self) -> str:
@@ -74,7 +106,8 @@ class SimulatedTellos(Machines):
 
 
 def received_stamps(plan: FleetPlan) -> Dict[str, List[float]]:
-    """Gives, by vehicle the stamps (s) that its recorded pictures got: a Tello's video has none of its own."""
+    """Gives, by vehicle the stamps (s) that its recorded pictures got: a Tello's video has none of
+    its own."""
     found: Dict[str, List[float]] = {name: [] for name in plan.vehicles}
     topics = {f"/{name}/camera/color/camera_info": name for name in plan.vehicles}
     for bag in bags_of(plan.session_folder, []):

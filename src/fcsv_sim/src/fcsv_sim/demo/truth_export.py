@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The truth of a simulated session, in the form in which a surveyed one would come: a mesh and camera poses."""
+"""The truth of a simulated session, in the form in which a surveyed one would come: a mesh and
+camera poses."""
 
 import csv
 from pathlib import Path
@@ -13,13 +14,17 @@ from fcsv_sim.world.movers import Mover, mesh
 
 
 def export_truth(
-    sim_folder: Path, session_folder: Path, vehicles: Iterable[str],
+    sim_folder: Path,
+    session_folder: Path,
+    vehicles: Iterable[str],
     stamped: Optional[Mapping[str, Sequence[float]]] = None,
-) -> Path:  # fmt: skip
-    """SESSION/truth/cameras.csv out of the cameras' own notes; scene.ply is written beside it by `world`.
+) -> Path:
+    """SESSION/truth/cameras.csv out of the cameras' own notes; scene.ply is written beside it by
+    `world`.
 
-    ``stamped``: of vehicles whose pictures have no stamps of their own (a Tello's video), the stamps (s) that whoever
-    received them gave; each gets the row of the picture that was truly taken nearest to it.
+    ``stamped``: of vehicles whose pictures have no stamps of their own (a Tello's video), the
+    stamps (s) that whoever received them gave; each gets the row of the picture that was truly
+    taken nearest to it.
     """
     truth = Path(session_folder) / "truth"
     truth.mkdir(parents=True, exist_ok=True)
@@ -40,12 +45,17 @@ def export_truth(
 
 
 def export_movers(truth: Path, moving: Sequence[Mover]) -> None:
-    """What moved, beside cameras.csv: a mesh of each in movers/, and in movers.csv where it was at every picture."""
+    """What moved, beside cameras.csv: a mesh of each in movers/, and in movers.csv where it was at
+    every picture."""
     with open(truth / "cameras.csv", newline="") as file:
         stamps = sorted({row["stamp_s"] for row in csv.DictReader(file)})
     (truth / "movers").mkdir(exist_ok=True)
     for mover in moving:
-        write_mesh(*mesh(mover.boxes), truth / "movers" / f"{mover.name}.ply", f"{mover.name}, metres, its own frame")
+        write_mesh(
+            *mesh(mover.boxes),
+            truth / "movers" / f"{mover.name}.ply",
+            f"{mover.name}, metres, its own frame",
+        )
     with open(truth / "movers.csv", "w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["stamp_s", "name", "x", "y", "z", "qx", "qy", "qz", "qw"])
@@ -57,8 +67,8 @@ def export_movers(truth: Path, moving: Sequence[Mover]) -> None:
 
 
 def nearest(rows: List[Dict[str, str]], stamps_s: Sequence[float]) -> List[Dict[str, str]]:
-    """Finds, for each stamp the row whose own is nearest, with that stamp; none for a stamp further from all than they
-    are from each other in the mean.
+    """Finds, for each stamp the row whose own is nearest, with that stamp; none for a stamp further
+    from all than they are from each other in the mean.
 
     >>> rows = [{"stamp_s": "1.0", "x": "a"}, {"stamp_s": "1.5", "x": "b"}]
     >>> nearest(rows, [1.3, 1.1, 9.0])

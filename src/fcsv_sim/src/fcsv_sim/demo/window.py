@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The operator's window of a demo: a process beside the machines, so that it stays open when they are stopped."""
+"""The operator's window of a demo: a process beside the machines, so that it stays open when they
+are stopped."""
 
 from pathlib import Path
 from typing import List, Optional, Sequence
@@ -11,7 +12,8 @@ _LOOK_S = 0.5
 
 
 def arguments(vehicles: Sequence[str], mission: Path, session: Path) -> List[str]:
-    """Gives the arguments of a window on a simulated fleet, whose machines all record into ``session``."""
+    """Gives the arguments of a window on a simulated fleet, whose machines all record into
+    ``session``."""
     return ["--vehicles", ",".join(vehicles), "--mission", str(mission), "--session", str(session)]
 
 
@@ -23,8 +25,11 @@ class OperatorWindow:
         self._process: Optional[Process] = None
 
     def open(self, control: Machine, told: Sequence[str]) -> None:
-        """Opens the window on the control PC's master, with the flight's clock; ``told``: its arguments."""
-        self._process = Process([*self._command, *told], control.folder / "console.log", control.env)
+        """Opens the window on the control PC's master, with the flight's clock; ``told``: its
+        arguments."""
+        self._process = Process(
+            [*self._command, *told], control.folder / "console.log", control.env
+        )
 
     @property
     def is_open(self) -> bool:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bus of simulated MX-12W behind a pseudo-terminal: whoever opens ``port`` speaks protocol 1.0 with them."""
+"""A bus of simulated MX-12W behind a pseudo-terminal: whoever opens ``port`` speaks protocol 1.0
+with them."""
 
 import os
 import pty
@@ -22,8 +23,8 @@ _MIDDLE = 2048
 
 
 class SimulatedMX12W:
-    """One servo: its control table, and the axis that obeys it. ``fault`` is done to its answers: "silent", "checksum",
-    "wrong id", "garbage"; ``error`` is ored into their error byte."""
+    """One servo: its control table, and the axis that obeys it. ``fault`` is done to its answers:
+    "silent", "checksum", "wrong id", "garbage"; ``error`` is ored into their error byte."""
 
     def __init__(self, number: int, now_s: float, errors: ServoErrors):
         self.fault: Optional[str] = None
@@ -32,16 +33,22 @@ class SimulatedMX12W:
         self.axis = SimulatedServo(errors, np.random.default_rng([number, 24]))
         self._now_s = now_s
         for register, value in (
-            (mx12w.MODEL, mx12w.MODEL_NUMBER), (mx12w.CCW_LIMIT, 4095), (mx12w.GOAL_POSITION, _MIDDLE),
-        ):  # fmt: skip
+            (mx12w.MODEL, mx12w.MODEL_NUMBER),
+            (mx12w.CCW_LIMIT, 4095),
+            (mx12w.GOAL_POSITION, _MIDDLE),
+        ):
             self.put(register, value)
         self.table[3], self.table[42], self.table[43] = number, 120, 35
 
     def put(self, register: mx12w.Register, value: int) -> None:
-        self.table[register.address : register.address + register.length] = value.to_bytes(register.length, "little")
+        self.table[register.address : register.address + register.length] = value.to_bytes(
+            register.length, "little"
+        )
 
     def get(self, register: mx12w.Register) -> int:
-        return int.from_bytes(self.table[register.address : register.address + register.length], "little")
+        return int.from_bytes(
+            self.table[register.address : register.address + register.length], "little"
+        )
 
     def advance(self, now_s: float) -> None:
         self._now_s = max(self._now_s, now_s - 1.0)
@@ -62,7 +69,9 @@ class SimulatedMX12W:
             return _ANGLE_ERROR
         self.axis.torque = bool(self.get(mx12w.TORQUE_ENABLE))
         speed, ramp = self.get(mx12w.MOVING_SPEED), self.get(mx12w.GOAL_ACCELERATION)
-        self.axis.limit(mx12w.SPEED_DEGPS * (speed or 513), mx12w.ACCELERATION_DEGPS2 * (ramp or 400))
+        self.axis.limit(
+            mx12w.SPEED_DEGPS * (speed or 513), mx12w.ACCELERATION_DEGPS2 * (ramp or 400)
+        )
         if address <= goal.address < address + len(values) and self.axis.torque:
             self.axis.command(self._now_s, (self.get(goal) - _MIDDLE) * mx12w.TICK_RAD)
         return 0
@@ -72,7 +81,10 @@ class SimulatedBus:
     """A context manager; ``servos`` by id, ``port`` the terminal's path."""
 
     def __init__(
-        self, numbers: Iterable[int], clock: Callable[[], float] = time.time, errors: Optional[ServoErrors] = None
+        self,
+        numbers: Iterable[int],
+        clock: Callable[[], float] = time.time,
+        errors: Optional[ServoErrors] = None,
     ):
         self._clock, self._stop = clock, threading.Event()
         self.servos: Dict[int, SimulatedMX12W] = {

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated gimbal of two MX-12W: delay, ramps, resolution, and encoders a little wrong; no clock, no ROS."""
+"""A simulated gimbal of two MX-12W: delay, ramps, resolution, and encoders a little wrong; no
+clock, no ROS."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -20,9 +21,9 @@ _KEPT_S = 2.0
 
 @dataclass(frozen=True)
 class ServoErrors:
-    """What a servo does and gets wrong. Unloaded an MX-12W turns at 470 rpm; with a camera on it, held to what a
-    profile allows. ``nonlinearity_deg``: what a calibration of the encoder leaves, over a turn; an
-    AS5045 out of the box may be off by half a degree."""
+    """What a servo does and gets wrong. Unloaded an MX-12W turns at 470 rpm; with a camera on it,
+    held to what a profile allows. ``nonlinearity_deg``: what a calibration of the encoder leaves,
+    over a turn; an AS5045 out of the box may be off by half a degree."""
 
     delay_s: float = 0.02
     delay_jitter_s: float = 0.005  # one-sided
@@ -58,7 +59,9 @@ class SimulatedServo:
 
     def command(self, now_s: float, goal_rad: float) -> None:
         ticks = np.round(goal_rad / RESOLUTION_RAD)
-        goal_rad = ticks * RESOLUTION_RAD + np.radians(self._errors.stop_deg) * self._random.uniform(-1.0, 1.0)
+        goal_rad = ticks * RESOLUTION_RAD + np.radians(
+            self._errors.stop_deg
+        ) * self._random.uniform(-1.0, 1.0)
         delay_s = self._errors.delay_s + abs(self._random.normal(0.0, self._errors.delay_jitter_s))
         self._coming.append((now_s + delay_s, goal_rad))
 
@@ -76,20 +79,32 @@ class SimulatedServo:
         wished = np.sign(left) * min(self._speed, np.sqrt(2.0 * ramp * abs(left)))
         self.rate_radps += float(np.clip(wished - self.rate_radps, -ramp * STEP_S, ramp * STEP_S))
         self.angle_rad += self.rate_radps * STEP_S
-        if abs(self._goal_rad - self.angle_rad) < ramp * STEP_S**2 and abs(self.rate_radps) < 2 * ramp * STEP_S:
+        if (
+            abs(self._goal_rad - self.angle_rad) < ramp * STEP_S**2
+            and abs(self.rate_radps) < 2 * ramp * STEP_S
+        ):
             self.angle_rad, self.rate_radps = self._goal_rad, 0.0
 
     def reading_rad(self, angle_rad: float) -> float:
         """What the encoder says when the axis stands at an angle: ticks."""
-        bent = angle_rad + np.radians(self._errors.nonlinearity_deg) * np.sin(2.0 * angle_rad + self._phase)
+        bent = angle_rad + np.radians(self._errors.nonlinearity_deg) * np.sin(
+            2.0 * angle_rad + self._phase
+        )
         return float(np.round(bent / RESOLUTION_RAD) * RESOLUTION_RAD)
 
 
 class SimulatedGimbal(GimbalServos):
-    """A gimbal behind the interface of the real one; ``true`` is its geometry as it really stands."""
+    """A gimbal behind the interface of the real one; ``true`` is its geometry as it really
+    stands."""
 
-    def __init__(self, geometry: GimbalGeometry, seed: int, clock: Callable[[], float],
-                 errors: ServoErrors = ServoErrors(), mount: MountErrors = MountErrors()):  # fmt: skip
+    def __init__(
+        self,
+        geometry: GimbalGeometry,
+        seed: int,
+        clock: Callable[[], float],
+        errors: ServoErrors = ServoErrors(),
+        mount: MountErrors = MountErrors(),
+    ):
         random = np.random.default_rng([seed, 21])
         self._clock, self._errors, self._random = clock, errors, random
         self.true = _moved(geometry, mount, random)
@@ -107,11 +122,14 @@ class SimulatedGimbal(GimbalServos):
     def read(self) -> GimbalReading:
         self.advance()
         pan, tilt = (s.reading_rad(s.angle_rad) for s in self.servos)
-        return GimbalReading(self._now_s + self._random.normal(0.0, self._errors.reading_jitter_s), Angles(pan, tilt))
+        return GimbalReading(
+            self._now_s + self._random.normal(0.0, self._errors.reading_jitter_s), Angles(pan, tilt)
+        )
 
     def health(self) -> Dict[str, str]:
         return {
-            f"{name} rate [deg/s]": f"{np.degrees(s.rate_radps):.0f}" for name, s in zip(("pan", "tilt"), self.servos)
+            f"{name} rate [deg/s]": f"{np.degrees(s.rate_radps):.0f}"
+            for name, s in zip(("pan", "tilt"), self.servos)
         }
 
     def close(self) -> None:
@@ -138,7 +156,8 @@ class SimulatedGimbal(GimbalServos):
         if index < 0 or stamp_s - self._log[-1][0] > 5 * STEP_S:
             raise PoseUnavailable(f"simulated gimbal: no angles at {stamp_s:.3f} s")
         t_s, pan, tilt = self._log[index]
-        if 0 < index and abs(stamp_s - t_s) > 1e-9:  # on along the last step: shutters are open for several of them
+        # on along the last step: shutters are open for several of them
+        if 0 < index and abs(stamp_s - t_s) > 1e-9:
             t0_s, pan0, tilt0 = self._log[index - 1]
             share = (stamp_s - t_s) / max(t_s - t0_s, 1e-9)
             pan, tilt = pan + (pan - pan0) * share, tilt + (tilt - tilt0) * share
@@ -154,15 +173,26 @@ class SimulatedGimbal(GimbalServos):
         return all(abs(s.rate_radps) < np.radians(1.0) for s in self.servos)
 
 
-def _moved(geometry: GimbalGeometry, errors: MountErrors, random: np.random.Generator) -> GimbalGeometry:
+def _moved(
+    geometry: GimbalGeometry, errors: MountErrors, random: np.random.Generator
+) -> GimbalGeometry:
     base = geometry.base
     xyz_m = tuple(np.add(base.xyz_m, random.normal(0.0, errors.position_m, 3)))
     rpy_deg = tuple(np.add(base.rpy_deg, random.normal(0.0, errors.angle_deg, 3)))
-    return GimbalGeometry(Mount(xyz_m, rpy_deg), geometry.tilt_axis_xyz_m, geometry.camera, geometry.pan_limits_deg,
-                          geometry.tilt_limits_deg)  # fmt: skip
+    return GimbalGeometry(
+        Mount(xyz_m, rpy_deg),
+        geometry.tilt_axis_xyz_m,
+        geometry.camera,
+        geometry.pan_limits_deg,
+        geometry.tilt_limits_deg,
+    )
 
 
-def turned(T_a_b: np.ndarray, position_m: float, angle_deg: float, random: np.random.Generator) -> np.ndarray:
+def turned(
+    T_a_b: np.ndarray, position_m: float, angle_deg: float, random: np.random.Generator
+) -> np.ndarray:
     """T_a_b as it is when it was put a little wrong (standard deviations per axis)."""
-    wrong = transforms.from_xyz_rpy(random.normal(0.0, position_m, 3), random.normal(0.0, np.radians(angle_deg), 3))
+    wrong = transforms.from_xyz_rpy(
+        random.normal(0.0, position_m, 3), random.normal(0.0, np.radians(angle_deg), 3)
+    )
     return T_a_b @ wrong

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The narrow camera on a gimbal: a vehicle's tags drawn as they move while the shutter is open; noise, delay."""
+"""The narrow camera on a gimbal: a vehicle's tags drawn as they move while the shutter is open;
+noise, delay."""
 
 from dataclasses import dataclass
 from typing import Callable, List, Sequence, Tuple
@@ -26,7 +27,8 @@ Pose = Callable[[float], np.ndarray]
 
 @dataclass(frozen=True)
 class GimbalCameraParameters:
-    """The thesis's camera (table 4.2): 1920 x 1080, 21.5 degrees across. Times in seconds; noise of 255."""
+    """The thesis's camera (table 4.2): 1920 x 1080, 21.5 degrees across. Times in seconds; noise of
+    255."""
 
     width: int = 1920
     height: int = 1080
@@ -53,37 +55,54 @@ class _Face:
     def __init__(self, tag: BodyTag, T_body_tag: np.ndarray):
         self.tag, self.T_body_tag = tag, T_body_tag
         white = np.kron(tag_bitmap(tag.id), np.ones((_MODULE_PX, _MODULE_PX), np.float32))
-        self.texture = np.stack([np.ones_like(white), white], axis=-1)  # that it is there, and how white
+        # that it is there, and how white
+        self.texture = np.stack([np.ones_like(white), white], axis=-1)
         module_m = tag.size_m / 8.0
         texel_m = module_m / _MODULE_PX
         #: Texture pixel (centres at whole numbers) to the tag's plane (m).
         self.A = np.array(
-            [[texel_m, 0, 0.5 * texel_m - 5 * module_m], [0, texel_m, 0.5 * texel_m - 5 * module_m], [0, 0, 1]]
+            [
+                [texel_m, 0, 0.5 * texel_m - 5 * module_m],
+                [0, texel_m, 0.5 * texel_m - 5 * module_m],
+                [0, 0, 1],
+            ]
         )
         self.half_m = 5 * module_m
 
     @property
     def corners(self) -> np.ndarray:
         h = self.half_m
-        return transforms.apply(self.T_body_tag, np.array([[-h, -h, 0], [h, -h, 0], [h, h, 0], [-h, h, 0.0]]))
+        return transforms.apply(
+            self.T_body_tag, np.array([[-h, -h, 0], [h, -h, 0], [h, h, 0], [-h, h, 0.0]])
+        )
 
 
 def facing(T_cam_tag: np.ndarray) -> float:
-    """How a tag is seen: the cosine of the angle between its face and the line of sight; one: face on."""
+    """How a tag is seen: the cosine of the angle between its face and the line of sight; one: face
+    on."""
     return float(T_cam_tag[:3, 2] @ T_cam_tag[:3, 3] / np.linalg.norm(T_cam_tag[:3, 3]))
 
 
 class GimbalCamera:
-    """shoot() in order of time. Poses are functions of time: camera and body move during the exposure."""
+    """shoot() in order of time. Poses are functions of time: camera and body move during the
+    exposure."""
 
     def __init__(self, tags: Sequence[BodyTag], parameters: GimbalCameraParameters, seed: int):
         self._p, self.model = parameters, parameters.model
         random = self._random = np.random.default_rng([seed, 22])
-        self._faces = [_Face(t, turned(t.T_body_tag, parameters.tag_m, parameters.tag_deg, random)) for t in tags]
+        self._faces = [
+            _Face(t, turned(t.T_body_tag, parameters.tag_m, parameters.tag_deg, random))
+            for t in tags
+        ]
         self._late_s = random.normal(0.0, parameters.stamp_s)
-        self._panorama = np.pad(_clutter(random), ((0, self.model.height), (0, self.model.width)), "wrap")
+        self._panorama = np.pad(
+            _clutter(random), ((0, self.model.height), (0, self.model.width)), "wrap"
+        )
         size = (self.model.height, self.model.width)
-        pool = [parameters.noise * random.standard_normal(size, dtype=np.float32) for _ in range(_NOISES)]
+        pool = [
+            parameters.noise * random.standard_normal(size, dtype=np.float32)
+            for _ in range(_NOISES)
+        ]
         self._noises = [np.clip(np.round(n), -127, 127).astype(np.int8) for n in pool]
 
     def arrival_s(self, true_s: float) -> float:
@@ -105,7 +124,8 @@ class GimbalCamera:
         return gray
 
     def tags_in(self, T_cam_body: np.ndarray) -> List[Tuple[BodyTag, np.ndarray]]:
-        """Tags that face the camera (within 72 degrees) and lie in the picture whole, and their true T_cam_tag."""
+        """Tags that face the camera (within 72 degrees) and lie in the picture whole, and their
+        true T_cam_tag."""
         found = []
         for face in self._faces:
             uv = self.model.project(transforms.apply(T_cam_body, face.corners))
@@ -127,7 +147,9 @@ class GimbalCamera:
             gray = cv2.blur(gray, (int(smear[0]) | 1, int(smear[1]) | 1))
         return gray
 
-    def _draw(self, gray: np.ndarray, true_s: float, T_ground_cam: Pose, T_ground_body: Pose, ends) -> None:
+    def _draw(
+        self, gray: np.ndarray, true_s: float, T_ground_cam: Pose, T_ground_body: Pose, ends
+    ) -> None:
         m = self.model
         hull = np.concatenate([f.corners for f in self._faces] + [_body_corners()])
         uv = np.concatenate([m.project(transforms.apply(T, hull)) for T in ends])
@@ -137,7 +159,9 @@ class GimbalCamera:
         high = np.minimum(np.ceil(uv.max(0)) + 5, [m.width, m.height]).astype(int)
         if (high <= low).any():
             return
-        blur_px = float(np.linalg.norm(m.project(ends[0][None, :3, 3]) - m.project(ends[2][None, :3, 3])))
+        blur_px = float(
+            np.linalg.norm(m.project(ends[0][None, :3, 3]) - m.project(ends[2][None, :3, 3]))
+        )
         count = int(np.clip(np.ceil(blur_px / _SUBFRAME_PX), _LEAST_SUBFRAMES, _MOST_SUBFRAMES))
         window = gray[low[1] : high[1], low[0] : high[0]]
         behind = window.astype(np.float32)
@@ -145,20 +169,26 @@ class GimbalCamera:
         for k in range(count):
             t = true_s + self._p.exposure_s * ((k + 0.5) / count - 0.5)
             T_G_D = T_ground_body(t)
-            total += self._subframe(behind, transforms.invert(T_ground_cam(t)) @ T_G_D, T_G_D[:3, :3], low)
+            total += self._subframe(
+                behind, transforms.invert(T_ground_cam(t)) @ T_G_D, T_G_D[:3, :3], low
+            )
         total /= count
         if self._p.blur_px > 0:
             total = cv2.GaussianBlur(total, (5, 5), self._p.blur_px)
         window[:] = np.clip(total + 0.5, 0, 255).astype(np.uint8)
 
-    def _subframe(self, behind: np.ndarray, T_cam_body: np.ndarray, R_ground_body: np.ndarray, low) -> np.ndarray:
+    def _subframe(
+        self, behind: np.ndarray, T_cam_body: np.ndarray, R_ground_body: np.ndarray, low
+    ) -> np.ndarray:
         out = behind.copy()
         K = self.model.K
         K[:2, 2] -= low
         corners = transforms.apply(T_cam_body, _body_corners()) @ K.T
         outline = cv2.convexHull((corners[:, :2] / corners[:, 2:]).astype(np.float32))
         cv2.fillConvexPoly(out, np.round(outline * 16).astype(np.int32), 45.0, cv2.LINE_8, 4)
-        placed = sorted(((T_cam_body @ f.T_body_tag, f) for f in self._faces), key=lambda pair: -pair[0][2, 3])
+        placed = sorted(
+            ((T_cam_body @ f.T_body_tag, f) for f in self._faces), key=lambda pair: -pair[0][2, 3]
+        )
         for T_cam_tag, face in placed:
             if T_cam_tag[:3, 2] @ T_cam_tag[:3, 3] <= 0:
                 continue  # its back
@@ -171,7 +201,9 @@ class GimbalCamera:
 
 def _paste(out: np.ndarray, face: _Face, H: np.ndarray, light: float) -> None:
     """Lay a face over a picture; H takes its texture's pixels to the picture's."""
-    ends = H @ np.array([[0, _TEXTURE_PX, _TEXTURE_PX, 0], [0, 0, _TEXTURE_PX, _TEXTURE_PX], [1, 1, 1, 1]], float)
+    ends = H @ np.array(
+        [[0, _TEXTURE_PX, _TEXTURE_PX, 0], [0, 0, _TEXTURE_PX, _TEXTURE_PX], [1, 1, 1, 1]], float
+    )
     uv = (ends[:2] / ends[2]).T
     low = np.maximum(np.floor(uv.min(0)) - 2, 0).astype(int)
     high = np.minimum(np.ceil(uv.max(0)) + 3, out.shape[1::-1]).astype(int)
@@ -203,6 +235,12 @@ def _clutter(random: np.random.Generator) -> np.ndarray:
     coarse = random.uniform(70, 190, (height // 64, width // 64)).astype(np.float32)
     wall = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
     for _ in range(120):
-        u, v, w, h = random.integers(0, width), random.integers(0, height), *random.integers(20, 300, 2)
-        cv2.rectangle(wall, (int(u), int(v)), (int(u + w), int(v + h)), float(random.uniform(40, 220)), -1)
+        u, v, w, h = (
+            random.integers(0, width),
+            random.integers(0, height),
+            *random.integers(20, 300, 2),
+        )
+        cv2.rectangle(
+            wall, (int(u), int(v)), (int(u + w), int(v + h)), float(random.uniform(40, 220)), -1
+        )
     return np.clip(cv2.GaussianBlur(wall, (5, 5), 1.2), 0, 255).astype(np.uint8)

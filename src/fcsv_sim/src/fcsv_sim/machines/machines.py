@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Machines of a fleet on one computer: each its own ROS master on a free loopback port, and its processes.
+"""Machines of a fleet on one computer: each its own ROS master on a free loopback port, and its
+processes.
 
 Whatever a machine starts runs in a process group of its own and is stopped by it, also when the
 process that holds the machine dies (the kernel then interrupts the children).
@@ -24,7 +25,8 @@ from fcsv_geometry.errors import FcsvError
 _PR_SET_PDEATHSIG = 1
 _PORTS = 15000, 32000  # below Linux's ip_local_port_range
 _given: Set[int] = set()
-_LIBC = ctypes.CDLL(None, use_errno=True)  # loaded once: nothing may be imported between fork and exec
+# loaded once: nothing may be imported between fork and exec
+_LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 class MachineError(FcsvError):
@@ -32,10 +34,11 @@ class MachineError(FcsvError):
 
 
 def free_port(kind: int = socket.SOCK_STREAM) -> int:
-    """A port on loopback that nobody listened on a moment ago, and that no connection is given for its own end.
+    """A port on loopback that nobody listened on a moment ago, and that no connection is given for
+    its own end.
 
-    Never the same twice in one process: what is given is often listened on only once the next is asked for. Raises
-    MachineError where a hundred are taken.
+    Never the same twice in one process: what is given is often listened on only once the next is
+    asked for. Raises MachineError where a hundred are taken.
     """
     for _ in range(100):
         port = random.SystemRandom().randrange(*_PORTS)  # tests seed the usual one
@@ -48,7 +51,9 @@ def free_port(kind: int = socket.SOCK_STREAM) -> int:
                 continue
             _given.add(port)
             return port
-    raise MachineError(f"no free port on 127.0.0.1 among those tried from {_PORTS[0]} to {_PORTS[1]}")
+    raise MachineError(
+        f"no free port on 127.0.0.1 among those tried from {_PORTS[0]} to {_PORTS[1]}"
+    )
 
 
 class Process:
@@ -60,9 +65,14 @@ class Process:
         self.log.parent.mkdir(parents=True, exist_ok=True)
         with open(self.log, "ab") as output:
             self._popen = subprocess.Popen(
-                self.command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, env=env,
-                start_new_session=True, preexec_fn=lambda: _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT),
-            )  # fmt: skip
+                self.command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=env,
+                start_new_session=True,
+                preexec_fn=lambda: _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT),
+            )
 
     @property
     def pid(self) -> int:
@@ -123,7 +133,8 @@ def _kill(tree: Sequence[psutil.Process]) -> None:
 
 
 def node_process(folder, node: str) -> psutil.Process:
-    """The process of a node that roslaunch started on a machine whose files are in ``folder``, or in a folder below it.
+    """The process of a node that roslaunch started on a machine whose files are in ``folder``, or
+    in a folder below it.
 
     Raises MachineError where there is none.
     """
@@ -135,7 +146,8 @@ def node_process(folder, node: str) -> psutil.Process:
 
 
 class Machine:
-    """One machine: a roscore on ``port`` (free by default), its own ROS home, and what is launched on it."""
+    """One machine: a roscore on ``port`` (free by default), its own ROS home, and what is launched
+    on it."""
 
     def __init__(self, name: str, folder, port: Optional[int] = None):
         self.name = name
@@ -152,7 +164,9 @@ class Machine:
     @property
     def env(self) -> Dict[str, str]:
         """The environment in which this machine's processes run."""
-        env = dict(os.environ, ROS_MASTER_URI=self.master_uri, ROS_IP="127.0.0.1", PYTHONUNBUFFERED="1")
+        env = dict(
+            os.environ, ROS_MASTER_URI=self.master_uri, ROS_IP="127.0.0.1", PYTHONUNBUFFERED="1"
+        )
         env.update(ROS_HOME=str(self.folder / "ros"), ROS_LOG_DIR=str(self.folder / "log"))
         env.pop("ROS_HOSTNAME", None)
         return env
@@ -166,7 +180,9 @@ class Machine:
             if self._core.returncode is not None or time.monotonic() > deadline:
                 tail = self._core.tail(3)
                 self._core.stop()
-                raise MachineError(f"{self.name}: no ROS master on port {self.port}; {self._core.log}: {tail}")
+                raise MachineError(
+                    f"{self.name}: no ROS master on port {self.port}; {self._core.log}: {tail}"
+                )
             time.sleep(0.05)
         return self
 

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Network namespaces for devices that all have the same address, as Tellos have: one for the device, one for its pilot.
+"""Network namespaces for devices that all have the same address, as Tellos have: one for the
+device, one for its pilot.
 
-Each pair is joined by a virtual cable (veth). A process may stay where it is, with its ROS master, and open single
-sockets inside (fcsv_geometry.programs.netns). Root is needed, or CAP_SYS_ADMIN and CAP_NET_ADMIN.
+Each pair is joined by a virtual cable (veth). A process may stay where it is, with its ROS master,
+and open single sockets inside (fcsv_geometry.programs.netns). Root is needed, or CAP_SYS_ADMIN and
+CAP_NET_ADMIN.
 """
 
 import contextlib
@@ -50,10 +52,11 @@ def permitted() -> str:
 
 @contextlib.contextmanager
 def pair(name: str, device_address: str, pilot_address: str) -> Iterator[Pair]:
-    """Two namespaces joined by a cable, each with its address (/24), removed again at the end of the block.
+    """Two namespaces joined by a cable, each with its address (/24), removed again at the end of
+    the block.
 
-    They are removed as well when this process dies, whatever kills it: a small process that outlives it does that.
-    Raises NamespaceError.
+    They are removed as well when this process dies, whatever kills it: a small process that
+    outlives it does that. Raises NamespaceError.
     """
     with _LOCK:
         stem = f"fcsv-{os.getpid()}-{next(_numbers)}-{name}"
@@ -84,7 +87,20 @@ def named(stem: str, device_address: str, pilot_address: str) -> Iterator[Pair]:
 def _join(made: Pair) -> None:
     _ip("netns", "add", made.device)
     _ip("netns", "add", made.pilot)
-    _ip("-n", made.device, "link", "add", "wlan0", "type", "veth", "peer", "name", "wlan0", "netns", made.pilot)
+    _ip(
+        "-n",
+        made.device,
+        "link",
+        "add",
+        "wlan0",
+        "type",
+        "veth",
+        "peer",
+        "name",
+        "wlan0",
+        "netns",
+        made.pilot,
+    )
     for space, address in ((made.device, made.device_address), (made.pilot, made.pilot_address)):
         _ip("-n", space, "address", "add", f"{address}/24", "dev", "wlan0")
         _ip("-n", space, "link", "set", "lo", "up")
@@ -92,10 +108,13 @@ def _join(made: Pair) -> None:
 
 
 def _guard(made: Pair) -> subprocess.Popen:
-    """A process that removes both once its input is closed: by us, or by the kernel when we are dead."""
+    """A process that removes both once its input is closed: by us, or by the kernel when we are
+    dead."""
     script = 'cat > /dev/null; for space; do ip netns del "$space" 2> /dev/null; done'
     return subprocess.Popen(
-        ["sh", "-c", script, "sh", made.device, made.pilot], stdin=subprocess.PIPE, start_new_session=True
+        ["sh", "-c", script, "sh", made.device, made.pilot],
+        stdin=subprocess.PIPE,
+        start_new_session=True,
     )
 
 
@@ -111,8 +130,14 @@ def left_behind(names: Sequence[str]) -> List[str]:
     >>> left_behind(["fcsv-999999999-1-tello1-pilot", "vpn", f"fcsv-{os.getpid()}-1-a-pilot"])
     ['fcsv-999999999-1-tello1-pilot']
     """
-    owners = {name: name.split("-")[1] for name in names if name.startswith("fcsv-") and name.count("-") >= 4}
-    return [name for name, pid in owners.items() if pid.isdigit() and not os.path.exists(f"/proc/{pid}")]
+    owners = {
+        name: name.split("-")[1]
+        for name in names
+        if name.startswith("fcsv-") and name.count("-") >= 4
+    }
+    return [
+        name for name, pid in owners.items() if pid.isdigit() and not os.path.exists(f"/proc/{pid}")
+    ]
 
 
 def sweep() -> None:

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulation that takes the time it needs: where the machine is too slow for real time, time itself passes slowly.
+"""A simulation that takes the time it needs: where the machine is too slow for real time, time
+itself passes slowly.
 
-Everything simulated, autopilots, cameras, nodes and masters, then runs at a fraction of real time, all by one clock,
-and none is starved; where the machine itself is halted for a while, time stands still. A library that is preloaded
-(slow_motion/slow_motion.c) slows the clocks and waits of whole programs by a page of memory that this module writes;
-programs without it, such as the map's, are in real time.
+Everything simulated, autopilots, cameras, nodes and masters, then runs at a fraction of real time,
+all by one clock, and none is starved; where the machine itself is halted for a while, time stands
+still. A library that is preloaded (slow_motion/slow_motion.c) slows the clocks and waits of whole
+programs by a page of memory that this module writes; programs without it, such as the map's, are in
+real time.
 """
 
 import argparse
@@ -32,7 +34,8 @@ _NO_HORIZON_NS = 2**63 - 1
 _TICK_S, _AHEAD_S = 0.02, 0.08  # without a tick time stands still so much later
 _PERIOD_S = 0.5
 _BUSY = 0.85  # of the processors: what more is wanted, waits
-_MOST_DOWN, _MOST_UP = 0.9, 1.05  # in a period: what is timed by one rate and ends at another is little off
+# in a period: what is timed by one rate and ends at another is little off
+_MOST_DOWN, _MOST_UP = 0.9, 1.05
 
 
 class SlowMotionError(FcsvError):
@@ -55,18 +58,28 @@ class Page:
     def slow_s(self, now_s: float) -> float:
         """The slow time.monotonic() at a moment of the real one."""
         since_ns, lag_ns, horizon_ns, rate = self._read()
-        return min(now_s - 1e-9 * lag_ns - (now_s - 1e-9 * since_ns) * (1.0 - rate), 1e-9 * horizon_ns)
+        return min(
+            now_s - 1e-9 * lag_ns - (now_s - 1e-9 * since_ns) * (1.0 - rate), 1e-9 * horizon_ns
+        )
 
     def now_s(self) -> float:
         """The slow time.monotonic(), for a process in real time."""
         return self.slow_s(time.monotonic())
 
     def write(self, now_s: float, rate: float, ahead_s: Optional[float] = None) -> None:
-        """Real ``now_s``: from there on at ``rate``, and no further than ``ahead_s`` (slow) before the next write."""
+        """Real ``now_s``: from there on at ``rate``, and no further than ``ahead_s`` (slow) before
+        the next write."""
         slow_s = self.slow_s(now_s)
         horizon_ns = _NO_HORIZON_NS if ahead_s is None else int(1e9 * (slow_s + ahead_s))
         count = _COUNT.unpack_from(self._map)[0] + 1
-        _PART.pack_into(self._map, self._place(count), int(1e9 * now_s), int(1e9 * (now_s - slow_s)), horizon_ns, rate)
+        _PART.pack_into(
+            self._map,
+            self._place(count),
+            int(1e9 * now_s),
+            int(1e9 * (now_s - slow_s)),
+            horizon_ns,
+            rate,
+        )
         _COUNT.pack_into(self._map, 0, count)
 
     def _read(self) -> Tuple[int, int, int, float]:
@@ -90,13 +103,16 @@ def parse_rate(word: str) -> Optional[float]:
     except ValueError:
         rate = float("nan")
     if not LEAST_RATE <= rate <= 1.0:
-        raise SlowMotionError(f"speed {word}: give {AUTO} or a share of real time, {LEAST_RATE:g} to 1")
+        raise SlowMotionError(
+            f"speed {word}: give {AUTO} or a share of real time, {LEAST_RATE:g} to 1"
+        )
     return rate
 
 
 @contextmanager
 def slow_motion(rate: Optional[float] = None) -> Iterator[Page]:
-    """What this process starts inside runs at ``rate``, or as fast as the machine has room for; it itself does not.
+    """What this process starts inside runs at ``rate``, or as fast as the machine has room for; it
+    itself does not.
 
     Raises SlowMotionError.
     """
@@ -112,7 +128,8 @@ def slow_motion(rate: Optional[float] = None) -> Iterator[Page]:
 
 
 def begin_again_in(rate: Optional[float]) -> None:
-    """This program from its beginning in slow motion, in the same process; nothing where it already is or needs not be.
+    """This program from its beginning in slow motion, in the same process; nothing where it already
+    is or needs not be.
 
     Raises SlowMotionError.
     """
@@ -122,7 +139,8 @@ def begin_again_in(rate: Optional[float]) -> None:
 
 
 def both_clocks() -> Tuple[float, float]:
-    """This process's time.monotonic(), which may be slow, and the time since the machine started, which is not (s)."""
+    """This process's time.monotonic(), which may be slow, and the time since the machine started,
+    which is not (s)."""
     return time.monotonic(), float(Path("/proc/uptime").read_text().split()[0])
 
 
@@ -143,12 +161,20 @@ def in_real_time(env: Dict[str, str]) -> Dict[str, str]:
 
 
 def _changes(rate: Optional[float]) -> Dict[str, str]:
-    """Gives the changes of the environment; a page that begins now, and who keeps its rate until this process ends."""
+    """Gives the changes of the environment; a page that begins now, and who keeps its rate until
+    this process ends."""
     library = _library()
     handle, path = tempfile.mkstemp(prefix="fcsv-slow-motion-")
     os.close(handle)
     Page(path, create=True).write(time.monotonic(), 1.0 if rate is None else rate)
-    keeper = [sys.executable, "-m", "fcsv_sim.machines.slow_motion", path, str(os.getpid()), *([] if rate else [AUTO])]
+    keeper = [
+        sys.executable,
+        "-m",
+        "fcsv_sim.machines.slow_motion",
+        path,
+        str(os.getpid()),
+        *([] if rate else [AUTO]),
+    ]
     subprocess.Popen(keeper, start_new_session=True)
     return {_PRELOAD: str(library), _PAGE: path}
 
@@ -164,7 +190,8 @@ def _library() -> Path:
 
 
 def next_rate(rate: float, busy: float) -> float:
-    """What keeps the processors (``busy``: 0 to 1) at their share of work, as work goes with the rate."""
+    """What keeps the processors (``busy``: 0 to 1) at their share of work, as work goes with the
+    rate."""
     change = min(max(_BUSY / max(busy, 1e-3), _MOST_DOWN), _MOST_UP)
     return min(max(rate * change, LEAST_RATE), 1.0)
 
@@ -177,7 +204,8 @@ def _busy_and_all() -> Tuple[float, float]:
 
 
 def serve_first() -> None:
-    """This process before others, where that is allowed: while it waits, time stands still for all of them."""
+    """This process before others, where that is allowed: while it waits, time stands still for all
+    of them."""
     try:
         os.setpriority(os.PRIO_PROCESS, 0, -20)
         Path("/proc/self/autogroup").write_text("-20")
@@ -186,7 +214,8 @@ def serve_first() -> None:
 
 
 def main() -> int:
-    """The keeper of a page: adapts its rate where asked, and removes it once its process is no more."""
+    """The keeper of a page: adapts its rate where asked, and removes it once its process is no
+    more."""
     parser = argparse.ArgumentParser(prog="slow_motion", description=main.__doc__)
     parser.add_argument("page")
     parser.add_argument("pid", type=int)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a pilot keeps clear of the other vehicles that he sees: he goes around them, waits, and lands beside them."""
+"""How a pilot keeps clear of the other vehicles that he sees: he goes around them, waits, and lands
+beside them."""
 
 from typing import Optional, Sequence
 
@@ -14,9 +15,12 @@ _AROUND_MPS = 0.8
 _BELOW_M = 0.5
 
 
-def kept_clear(v_mps: np.ndarray, p_m: np.ndarray, goal_m: np.ndarray, others: Sequence[np.ndarray]) -> np.ndarray:
-    """(3,) the velocity that he wants (world), without what would bring him too near to somebody, and with a way around
-    where the goal is behind. Where the goal itself is too near to somebody he waits.
+def kept_clear(
+    v_mps: np.ndarray, p_m: np.ndarray, goal_m: np.ndarray, others: Sequence[np.ndarray]
+) -> np.ndarray:
+    """(3,) the velocity that he wants (world), without what would bring him too near to somebody,
+    and with a way around where the goal is behind. Where the goal itself is too near to somebody he
+    waits.
 
     >>> kept_clear(np.array([1.0, 0.0, 0.0]), np.zeros(3), np.array([9.0, 0.0, 0.0]), [np.array([2.5, 0.0, 0.0])])
     array([0. , 0.8, 0. ])
@@ -37,12 +41,15 @@ def kept_clear(v_mps: np.ndarray, p_m: np.ndarray, goal_m: np.ndarray, others: S
             v[:2] += (most_mps - speed_mps) * towards
             if np.hypot(*(goal_m[:2] - other[:2])) > CLEAR_M:
                 side = np.array([-towards[1], towards[0]])
-                v[:2] += (_AROUND_MPS if (goal_m[:2] - p_m[:2]) @ side >= 0.0 else -_AROUND_MPS) * side
+                v[:2] += (
+                    _AROUND_MPS if (goal_m[:2] - p_m[:2]) @ side >= 0.0 else -_AROUND_MPS
+                ) * side
     return v
 
 
 def beside(p_m: np.ndarray, others: Sequence[np.ndarray]) -> Optional[np.ndarray]:
-    """(3,) a place beside somebody on whom he would come down, in the air or on the ground; None: nobody."""
+    """(3,) a place beside somebody on whom he would come down, in the air or on the ground; None:
+    nobody."""
     below = [o for o in others if p_m[2] - o[2] > _BELOW_M and np.hypot(*(o - p_m)[:2]) < CLEAR_M]
     if not below:
         return None

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a pilot gets the velocity that he wants out of a vehicle whose sticks he does not know: he pushes more where
-it is too slow, and learns where the dead band of the throttle ends."""
+"""How a pilot gets the velocity that he wants out of a vehicle whose sticks he does not know: he
+pushes more where it is too slow, and learns where the dead band of the throttle ends."""
 
 import math
 from typing import Sequence, Tuple
@@ -8,7 +8,8 @@ from typing import Sequence, Tuple
 import numpy as np
 
 _CLIMB_MPS = 2.5  # what he expects of the whole throttle stick, upwards and downwards
-_DEAD, _LEAST_DEAD, _MOST_DEAD = 0.1, 0.05, 0.3  # of the throttle: what he expects at first, and may learn
+# of the throttle: what he expects at first, and may learn
+_DEAD, _LEAST_DEAD, _MOST_DEAD = 0.1, 0.05, 0.3
 _LEARNS_PER_S, _LEARNS_MOST = 0.3, 0.08  # per m/s that it is too slow, and per second
 _AFTER_S = 0.7  # it answers a stick so late
 _LOITER_MPS = 3.5  # of the whole stick: ArduCopter's default is twice, what is advised half of it
@@ -41,14 +42,19 @@ class Feel:
 
 
 def level(wanted_mps: Sequence[float], seen_mps: Sequence[float]) -> Tuple[float, float]:
-    """Roll and pitch (-1..1) in LOITER, for a velocity forward and left; where he wants none he lets go."""
+    """Roll and pitch (-1..1) in LOITER, for a velocity forward and left; where he wants none he
+    lets go."""
     forward, left = (_push(w, v) if any(wanted_mps) else 0.0 for w, v in zip(wanted_mps, seen_mps))
     return _clip(-left), _clip(forward)
 
 
 def _push(wanted_mps: float, seen_mps: float) -> float:
     stick = wanted_mps / _LOITER_MPS + _PER_MPS * (wanted_mps - seen_mps)
-    return 0.0 if abs(stick) < _LEAST else math.copysign(_LEVEL_DEAD + (1.0 - _LEVEL_DEAD) * abs(stick), stick)
+    return (
+        0.0
+        if abs(stick) < _LEAST
+        else math.copysign(_LEVEL_DEAD + (1.0 - _LEVEL_DEAD) * abs(stick), stick)
+    )
 
 
 def deflection(value: float, dead: float) -> float:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""People with transmitters: one pilot per vehicle who sees it from the ground, and one who presses the buttons.
+"""People with transmitters: one pilot per vehicle who sees it from the ground, and one who presses
+the buttons.
 
 They are not perfect: they react late, hands shake, decisions take time.
 """
@@ -25,10 +26,12 @@ _TOLD_S = 1.0  # who flies by hand lands when the mission says so, after a momen
 _DARK_S = 30.0  # with the control PC dead, who flies by hand lands after this
 _LOW_BATTERY, _LOW_S = 0.2, 10.0  # and with a low battery after this
 _NO_MISSION_S = 60.0  # and where no mission begins
-_BESIDE_S, _BESIDE_M = 15.0, 0.6  # so long and so well he flies aside of who is beneath, before he lands
+# so long and so well he flies aside of who is beneath, before he lands
+_BESIDE_S, _BESIDE_M = 15.0, 0.6
 _FLICK_S = 0.3
 _REFUSED_S = 1.0  # a mode that does not show by then was refused
-_NO_LANDING_S = 60.0  # who is in LAND for so long and still flies runs after a lost position: down in ALT_HOLD
+# who is in LAND for so long and still flies runs after a lost position: down in ALT_HOLD
+_NO_LANDING_S = 60.0
 _RUNS_OFF_M = 30.0  # from where he wants it, in LOITER: likewise
 _LOW_M = 0.5
 _CALM_MPS = 0.25
@@ -48,8 +51,9 @@ class Sticks:
 
 @dataclass(frozen=True)
 class Sight:
-    """What a pilot sees: T_world_body, velocity (m/s, world), and on the screen armed, mode and the battery's share
-    (NaN: not known); ``others`` are (3,) places of the other vehicles (world, m)."""
+    """What a pilot sees: T_world_body, velocity (m/s, world), and on the screen armed, mode and the
+    battery's share (NaN: not known); ``others`` are (3,) places of the other vehicles (world,
+    m)."""
 
     T_world_body: np.ndarray
     v_world_mps: np.ndarray
@@ -63,8 +67,8 @@ class Sight:
 class Field:
     """Where things are to happen (world frame): take-off, the column, then the starting point.
 
-    The column is formed at the starting point's height and near it (thesis 6.4): what odometry drifts on the way from
-    calibration to home is error in every baseline.
+    The column is formed at the starting point's height and near it (thesis 6.4): what odometry
+    drifts on the way from calibration to home is error in every baseline.
     """
 
     column_xy_m: Tuple[float, float] = (0.0, 0.0)
@@ -74,11 +78,13 @@ class Field:
     spacing_m: float = 3.5
     sway_m: float = 0.8
     sway_period_s: float = 8.0
-    vehicles: int = 0  # in the column, of which all but the last sway as they are calibrated; 0: every second one does
+    # in the column, of which all but the last sway as they are calibrated; 0: every second one does
+    vehicles: int = 0
 
 
 class Pilot:
-    """One pilot: from what is to be done and seen to sticks. Takes time (s) as an argument; it must rise."""
+    """One pilot: from what is to be done and seen to sticks. Takes time (s) as an argument; it must
+    rise."""
 
     def __init__(self, index: int, field: Field, seed: int):
         self._index = index
@@ -92,15 +98,16 @@ class Pilot:
         self._switch = "ALT_HOLD"
         self._shake = np.zeros(3)
         self._feel = feel.Feel()
-        self._screen_s = self._full_s = float("-inf")  # when the screen told a phase, and a battery that is not low
+        # when the screen told a phase, and a battery that is not low
+        self._screen_s = self._full_s = float("-inf")
         self._landing_s: Optional[float] = None  # since when he lands by hand
         self._beside: Optional[np.ndarray] = None  # where, if not here
         self._in_land_s: Optional[float] = None  # since when it has been in LAND
         self._by_thrust_s: Optional[float] = None  # since when in STABILIZE with his hands off
 
     def sticks(self, now_s: float, phase: str, sight: Sight) -> Sticks:
-        """Sticks for the mission's phase, which is empty while the control PC is dead; what is seen is acted upon 0.3 s
-        later."""
+        """Sticks for the mission's phase, which is empty while the control PC is dead; what is seen
+        is acted upon 0.3 s later."""
         sight = self._reacted_to(now_s, sight)
         if phase not in ("", self._phase):
             self._phase, self._phase_since_s = phase, now_s
@@ -118,12 +125,20 @@ class Pilot:
                 self._landing_s -= _BESIDE_S + _NO_LANDING_S
         since_s = now_s - self._landing_s
         if self._beside is None or since_s > _BESIDE_S:
-            return Sticks(mode="LAND") if since_s < _BESIDE_S + _NO_LANDING_S else self._bring_down(sight)
+            return (
+                Sticks(mode="LAND")
+                if since_s < _BESIDE_S + _NO_LANDING_S
+                else self._bring_down(sight)
+            )
         if since_s < _FLICK_S and sight.mode != "LOITER":
             return Sticks(mode="ALT_HOLD")  # the switch may be at LOITER already: away and back
         if np.linalg.norm((self._beside - sight.T_world_body[:3, 3])[:2]) < _BESIDE_M:
             self._beside = None
-        return Sticks(mode="LAND") if self._beside is None else self._fly_to(now_s, self._beside, np.zeros(3), sight)
+        return (
+            Sticks(mode="LAND")
+            if self._beside is None
+            else self._fly_to(now_s, self._beside, np.zeros(3), sight)
+        )
 
     def goal(self, now_s: float, phase: str) -> Tuple[np.ndarray, np.ndarray]:
         """Position (m) and velocity (m/s), world, that the pilot aims at."""
@@ -132,8 +147,11 @@ class Pilot:
         if phase in ("MOVE_HOME", "SET_HOME"):
             return np.array([*f.start_xy_m, f.home_height_m]) + behind, np.zeros(3)
         goal, v = np.array([*f.column_xy_m, f.home_height_m]) + behind, np.zeros(3)
-        against = self._index % 2  # every second one sways, or all but the last, each against the one in front
-        if phase == "CALIBRATE" and (self._index < f.vehicles - 1 or (not f.vehicles and not against)):
+        # every second one sways, or all but the last, each against the one in front
+        against = self._index % 2
+        if phase == "CALIBRATE" and (
+            self._index < f.vehicles - 1 or (not f.vehicles and not against)
+        ):
             w, t_s = 2 * np.pi / f.sway_period_s, now_s - self._phase_since_s
             sway_m = -_AGAINST * f.sway_m if against else f.sway_m
             goal[1] += sway_m * np.sin(w * t_s)
@@ -149,7 +167,8 @@ class Pilot:
 
     @staticmethod
     def _bring_down(sight: Sight) -> Sticks:
-        """Moves the sticks, in ALT_HOLD, which needs no position: against the way that it flies, and down."""
+        """Moves the sticks, in ALT_HOLD, which needs no position: against the way that it flies,
+        and down."""
         forward, left = in_body(np.clip(-0.8 * sight.v_world_mps[:2], -2.0, 2.0), sight)
         lean = [_clip(a / 9.81 / _LEAN_RAD) for a in (-left, forward)]
         return Sticks(*lean, -0.6 if sight.T_world_body[2, 3] > _LOW_M else -1.0, 0.0, "ALT_HOLD")
@@ -166,7 +185,11 @@ class Pilot:
         if sight.mode == "GUIDED":
             return False
         waits_s = now_s - self._phase_since_s if phase == "WAIT_VEHICLES" else 0.0
-        late = now_s - self._screen_s > _DARK_S or now_s - self._full_s > _LOW_S or waits_s > _NO_MISSION_S
+        late = (
+            now_s - self._screen_s > _DARK_S
+            or now_s - self._full_s > _LOW_S
+            or waits_s > _NO_MISSION_S
+        )
         return late or self._runs_off(now_s, sight)
 
     def _decide(self, now_s: float, phase: str, sight: Sight) -> Sticks:
@@ -175,8 +198,11 @@ class Pilot:
         if self._landing_s is not None or (sight.armed and self._must_land(now_s, phase, sight)):
             return self.land_by_hand(now_s, sight)
         if phase == "WAIT_VEHICLES" and sight.armed:
-            return self._hands_off(now_s, sight)  # a mission that was started again in flight: hands off
-        if (phase == "WAIT_VEHICLES" and not self._airborne) or (phase in ("DONE", "ABORTED") and not sight.armed):
+            # a mission that was started again in flight: hands off
+            return self._hands_off(now_s, sight)
+        if (phase == "WAIT_VEHICLES" and not self._airborne) or (
+            phase in ("DONE", "ABORTED") and not sight.armed
+        ):
             return Sticks(throttle=-1.0, mode="ALT_HOLD")
         if phase == "TAKE_OFF" and not (self._airborne and sight.mode == "LOITER"):
             return self._take_off(now_s, sight)
@@ -191,10 +217,15 @@ class Pilot:
         return self._hands_off(now_s, sight)  # the mission flies, or the autopilot lands
 
     def _hands_off(self, now_s: float, sight: Sight) -> Sticks:
-        """Not in STABILIZE, where a stick in the middle climbs for ever: where his switch is refused, ALT_HOLD."""
+        """Not in STABILIZE, where a stick in the middle climbs for ever: where his switch is
+        refused, ALT_HOLD."""
         by_thrust = sight.armed and sight.mode == "STABILIZE"
         self._by_thrust_s = (self._by_thrust_s or now_s) if by_thrust else None
-        return Sticks(mode="ALT_HOLD" if by_thrust and now_s - self._by_thrust_s > _REFUSED_S else self._switch)
+        return Sticks(
+            mode="ALT_HOLD"
+            if by_thrust and now_s - self._by_thrust_s > _REFUSED_S
+            else self._switch
+        )
 
     def _take_off(self, now_s: float, sight: Sight) -> Sticks:
         if not sight.armed:
@@ -235,8 +266,11 @@ class Pilot:
             v[np.abs(error) < 0.08] = 0.0  # good enough: hands off
         v = kept_clear(v, sight.T_world_body[:3, 3], goal, sight.others)
         throttle = self._feel.throttle(now_s, float(v[2]), float(sight.v_world_mps[2]))
-        if sight.mode in ("STABILIZE", "ALT_HOLD"):  # LOITER is refused without a position: there a stick is a lean
-            forward, left = in_body(np.clip(1.5 * (v[:2] - sight.v_world_mps[:2]), -2.0, 2.0), sight)
+        # LOITER is refused without a position: there a stick is a lean
+        if sight.mode in ("STABILIZE", "ALT_HOLD"):
+            forward, left = in_body(
+                np.clip(1.5 * (v[:2] - sight.v_world_mps[:2]), -2.0, 2.0), sight
+            )
             lean = [_clip(a / 9.81 / _LEAN_RAD) for a in (-left, forward)]
             mode = "ALT_HOLD" if sight.mode == "STABILIZE" else "LOITER"
             return Sticks(*lean, throttle, 0.0, mode)
@@ -265,20 +299,28 @@ def _clip(value: float) -> float:
 
 
 class ButtonPresser:
-    """The operator at the screen: confirms what is waited for once it looks right, after a moment."""
+    """The operator at the screen: confirms what is waited for once it looks right, after a
+    moment."""
 
     def __init__(self, delay_s: float = 1.5):
         self._delay_s = delay_s
         self._right_since_s: Optional[float] = None
 
     def press(
-        self, now_s: float, waits_for: str, phase: str, sights: Dict[str, Sight], pilots: Sequence[Pilot]
+        self,
+        now_s: float,
+        waits_for: str,
+        phase: str,
+        sights: Dict[str, Sight],
+        pilots: Sequence[Pilot],
     ) -> bool:
         """Whether to press the button now."""
         if waits_for == "resume":  # wherever they are: the mission brings them back; or one is down
             right = self._all_calm(sights) or not all(sight.armed for sight in sights.values())
         else:
-            right = bool(waits_for) and (waits_for == "execute" or self._in_place(now_s, phase, sights, pilots))
+            right = bool(waits_for) and (
+                waits_for == "execute" or self._in_place(now_s, phase, sights, pilots)
+            )
         if not right:
             self._right_since_s = None
             return False
@@ -293,7 +335,9 @@ class ButtonPresser:
         return all(math.hypot(*sight.v_world_mps.tolist()) < _CALM_MPS for sight in sights.values())
 
     @staticmethod
-    def _in_place(now_s: float, phase: str, sights: Dict[str, Sight], pilots: Sequence[Pilot]) -> bool:
+    def _in_place(
+        now_s: float, phase: str, sights: Dict[str, Sight], pilots: Sequence[Pilot]
+    ) -> bool:
         for sight, pilot in zip(sights.values(), pilots):
             goal, _ = pilot.goal(now_s, phase)
             far = math.dist(goal.tolist(), sight.T_world_body[:3, 3].tolist()) > 0.3

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A transmitter: stick positions as PWM over UDP, in the format of ArduPilot's own simulator (uint16 LE)."""
+"""A transmitter: stick positions as PWM over UDP, in the format of ArduPilot's own simulator
+(uint16 LE)."""
 
 import socket
 import struct
 from typing import Optional, Sequence, Tuple
 
-#: FLTMODE1..6 of the simulated autopilot, chosen by channel 5, and the PWM in the middle of each range.
+#: FLTMODE1..6 of the simulated autopilot, chosen by channel 5, and the PWM in the middle of each
+#: range.
 MODE_SWITCH = ("STABILIZE", "ALT_HOLD", "LOITER", "BRAKE", "GUIDED", "LAND")
 _MODE_PWM = (1165, 1295, 1425, 1555, 1685, 1850)
 _MODE_LIMITS = (1230, 1360, 1490, 1620, 1749)
@@ -27,15 +29,19 @@ def mode_of(pwm_us: int) -> str:
     return MODE_SWITCH[sum(pwm_us > limit for limit in _MODE_LIMITS)]
 
 
-def frame_of(roll: float, pitch: float, throttle: float, yaw: float, mode_name: str) -> Tuple[int, ...]:
-    """PWM of eight channels from sticks (-1 to 1). Raises ValueError for a mode that is not on the switch."""
+def frame_of(
+    roll: float, pitch: float, throttle: float, yaw: float, mode_name: str
+) -> Tuple[int, ...]:
+    """PWM of eight channels from sticks (-1 to 1). Raises ValueError for a mode that is not on the
+    switch."""
     mode_pwm = _MODE_PWM[MODE_SWITCH.index(mode_name)]
     # on channel 2 stick forward is low, as on a real transmitter
     return pwm(roll), pwm(-pitch), pwm(throttle), pwm(yaw), mode_pwm, 1500, 1500, 1500
 
 
 class RcSender:
-    """The transmitter's side. Sticks from -1 to 1: roll right, pitch forward, throttle up, yaw right."""
+    """The transmitter's side. Sticks from -1 to 1: roll right, pitch forward, throttle up, yaw
+    right."""
 
     def __init__(self, port: int, host: str = "127.0.0.1"):
         self._address = (host, port)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who flies a Tello by hand until the mission does, and the operator at the screen.
 
-They know what their screens show: the vehicle's odometry, whether the tracker sees it, the mission's state. Nothing
-here knows the simulation's truth.
+They know what their screens show: the vehicle's odometry, whether the tracker sees it, the
+mission's state. Nothing here knows the simulation's truth.
 """
 
 from dataclasses import dataclass, field
@@ -17,7 +17,8 @@ TAKE_OFF, LAND = "take off", "land"
 _BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")
 _SWAYING = ("COLUMN", "CALIBRATE")
 _ENDS = ("LAND", "DONE", "ABORTED")
-_TOLD_S, _PATIENCE_S = 1.0, 15.0  # who flies by hand lands when told; a mission that lands gets so long to do it
+# who flies by hand lands when told; a mission that lands gets so long to do it
+_TOLD_S, _PATIENCE_S = 1.0, 15.0
 _AGAIN_S = 3.0
 _UP_M = 0.35  # below its height it climbs still
 _SWAY_PERIOD_S = 8.0
@@ -29,8 +30,8 @@ _CALM_MPS, _CALM_S = 0.2, 2.0
 
 @dataclass(frozen=True)
 class Screen:
-    """Shows the state of one vehicle: T_odom_body by its link (None: nothing yet), velocity in the body (m/s), the
-    tracker's rate."""
+    """Shows the state of one vehicle: T_odom_body by its link (None: nothing yet), velocity in the
+    body (m/s), the tracker's rate."""
 
     armed: bool = False
     mode: str = ""
@@ -53,7 +54,8 @@ class Act:
 
 
 class TelloHands:
-    """``act`` at each look. ``sway_m``: how far all sway sideways until the tracker knows their headings."""
+    """``act`` at each look. ``sway_m``: how far all sway sideways until the tracker knows their
+    headings."""
 
     def __init__(self, gains: PidConfig, height_m: float, sway_m: float):
         self._pid, self._height_m, self._sway_m = PositionPid(gains), height_m, sway_m
@@ -87,7 +89,8 @@ class TelloHands:
         return Act(order=order)
 
     def _follow_frame(self, T_odom_body: Optional[np.ndarray]) -> None:
-        """The tracker's frame takes the place of its own odometry's: what is held stays where it is in the air."""
+        """The tracker's frame takes the place of its own odometry's: what is held stays where it is
+        in the air."""
         before, self._seen = self._seen, T_odom_body
         if before is None or T_odom_body is None or self._hold_m is None:
             return
@@ -110,7 +113,8 @@ class TelloHands:
 
 
 class Finger:
-    """Presses what is waited for, once it looks right for a while: everybody tracked, and calm unless they sway."""
+    """Presses what is waited for, once it looks right for a while: everybody tracked, and calm
+    unless they sway."""
 
     def __init__(self):
         self._right_since_s: Optional[float] = None
@@ -130,5 +134,7 @@ class Finger:
     def _looks_right(waits_for: str, screens: Sequence[Screen]) -> bool:
         if waits_for == "resume" and not all(s.armed for s in screens):
             return True
-        calm = waits_for == "calibrate" or all(np.linalg.norm(s.v_body_mps) < _CALM_MPS for s in screens)
+        calm = waits_for == "calibrate" or all(
+            np.linalg.norm(s.v_body_mps) < _CALM_MPS for s in screens
+        )
         return calm and all(s.tracked for s in screens)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What runs on a rehearsed vehicle's computer: the ports of odometry, flight link, agent and guardian."""
+"""What runs on a rehearsed vehicle's computer: the ports of odometry, flight link, agent and
+guardian."""
 
 import itertools
 from dataclasses import dataclass, replace
@@ -9,7 +10,16 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_control.agent.core import AgentRules
-from fcsv_control.agent.messages import Ack, AgentAlive, Ask, AskAnswered, Instruction, Kind, Pictures, SetPoint
+from fcsv_control.agent.messages import (
+    Ack,
+    AgentAlive,
+    Ask,
+    AskAnswered,
+    Instruction,
+    Kind,
+    Pictures,
+    SetPoint,
+)
 from fcsv_control.agent.port import AgentPort
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import (
@@ -46,17 +56,24 @@ from fcsv_tracking.odometry import BodyPose, EpochBegan
 from fcsv_tracking.odometry_port import BodySample, OdometryPort, TrackerSample
 
 WALL_S = 1.7e9  # the wall clock at the rehearsal's zero
-_TEXTS = {"STATUSTEXT": "text", "PARAM_VALUE": "param_id", "PARAM_SET": "param_id", "PARAM_REQUEST_READ": "param_id"}
+_TEXTS = {
+    "STATUSTEXT": "text",
+    "PARAM_VALUE": "param_id",
+    "PARAM_SET": "param_id",
+    "PARAM_REQUEST_READ": "param_id",
+}
 _PORT = 2  # of the autopilot, at which the companion is
 _SAMPLES_HZ = 200.0  # those of the tracker that would not go on are not simulated
 _GUARDIAN_EVERY = 4  # passes between two steps of the guardian: 25 Hz
-_SERVICE_S = 3.0  # so long a caller waits for a service that is not there: the agent's service_timeout_s
+# so long a caller waits for a service that is not there: the agent's service_timeout_s
+_SERVICE_S = 3.0
 _AGENT, _GUARDIAN = "agent", "guardian"
 
 
 @dataclass
 class _Call:
-    """Is a call of a service of the flight link; ``number`` 0: it waits for the service, until a time."""
+    """Is a call of a service of the flight link; ``number`` 0: it waits for the service, until a
+    time."""
 
     by: str
     ask: Ask
@@ -72,22 +89,30 @@ class OnBoard:
     now_s = 0.0  # its monotonic clock
 
     def __init__(
-        self, geometry: VehicleGeometry, tracker: TrackerProfile, rules: AgentRules, guardian: GuardianRules
-    ):  # fmt: skip
+        self,
+        geometry: VehicleGeometry,
+        tracker: TrackerProfile,
+        rules: AgentRules,
+        guardian: GuardianRules,
+    ):
         self.geometry, self.name = geometry, geometry.name
         self.clock_offset_s = 0.0
         self._odometry = OdometryPort(self.name, geometry.T_body_t265, tracker, _SAMPLES_HZ)
         self._frames = (tracker.odom_frame(self.name), tracker.pose_frame(self.name))
         self.epoch = EpochBegan()  # as its odometry told it last
         self.link = Process(self._new_link)
-        self.agent = Process(lambda now_s: AgentPort(self.name, rules, f"agent-{self.name}-{now_s}", now_s))
+        self.agent = Process(
+            lambda now_s: AgentPort(self.name, rules, f"agent-{self.name}-{now_s}", now_s)
+        )
         self.guardian_port = GuardianPort(self.name, guardian, 0.0)
         self.state = AutopilotState(False, False, False, False, "", 0)  # as its link told it last
         self.state_s = -np.inf  # when that was
         self.battery_share = np.nan
         self.verdict = GuardianVerdict()  # as its guardian told it last
-        self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
-        self._latched: Dict[object, object] = {}  # what the control PC told for good, as it came last
+        # what its monitor says, where that is not the truth
+        self.battery_said: Optional[float] = None
+        # what the control PC told for good, as it came last
+        self._latched: Dict[object, object] = {}
         self.recording = False
         self.pictures = 0
         self.acks: List[Ack] = []
@@ -95,19 +120,32 @@ class OnBoard:
         self.T_odom_body: Optional[np.ndarray] = None  # of that; never changed in place
         self.height_m = self._ground_m = 0.0
         self.modes_asked: List[Tuple[float, str]] = []  # every mode command that left the companion
-        self.told: Callable[[float, str, object], None] = _nobody  # "sent" a message, "ordered" an instruction, "held"
+        # "sent" a message, "ordered" an instruction, "held"
+        self.told: Callable[[float, str, object], None] = _nobody
         self._calls: List[_Call] = []
         self._numbers = itertools.count(1)
         self._do: Dict[type, Callable[[float, Any], None]] = {
-            Ack: self._acknowledge, AgentAlive: self.guardian_port.receive, Ask: self._agent_asks,
-            AskMode: self._guardian_asks, AutopilotState: self._shown, BatteryTold: self._battery,
-            BodySample: self._feed, EstimateMoved: self.agent.receive, HoldAt: self._hold,
-            LinkLives: self.guardian_port.receive, ModeAsked: self._mode_asked,
+            Ack: self._acknowledge,
+            AgentAlive: self.guardian_port.receive,
+            Ask: self._agent_asks,
+            AskMode: self._guardian_asks,
+            AutopilotState: self._shown,
+            BatteryTold: self._battery,
+            BodySample: self._feed,
+            EstimateMoved: self.agent.receive,
+            HoldAt: self._hold,
+            LinkLives: self.guardian_port.receive,
+            ModeAsked: self._mode_asked,
             ParametersChecked: lambda now_s, m: self.guardian_port.receive(now_s, m.limits),
-            Pictures: self._switch, PoseEstimated: self._estimated, RequestOver: self._request_over,
-            SetPoint: self._tell_link, TextHeard: self.agent.receive, ToAutopilot: self._to_autopilot,
-            GuardianVerdict: self._judged, tm.OdometryEpoch: self._began,
-        }  # fmt: skip
+            Pictures: self._switch,
+            PoseEstimated: self._estimated,
+            RequestOver: self._request_over,
+            SetPoint: self._tell_link,
+            TextHeard: self.agent.receive,
+            ToAutopilot: self._to_autopilot,
+            GuardianVerdict: self._judged,
+            tm.OdometryEpoch: self._began,
+        }
         self._give(0.0, self._odometry)
 
     def _new_link(self, now_s: float) -> FlightLinkPort:
@@ -115,7 +153,7 @@ class OnBoard:
         link = LinkParameters(target_system=self.geometry.system_id)
         return FlightLinkPort(self.name, link, _profile(), FeedRules(), 0, now_s)
 
-    # ---- the radio ---------------------------------------------------------------------------------------------
+    # ---- the radio -------------------------------------------------------------------------------
 
     def obey(self, instruction: Instruction) -> None:
         """A command came over the radio."""
@@ -160,9 +198,11 @@ class OnBoard:
         self.guardian_port.receive(now_s, message)
         self.agent.receive(now_s, message)
 
-    # ---- odometry ----------------------------------------------------------------------------------------------
+    # ---- odometry --------------------------------------------------------------------------------
 
-    def _sampled(self, now_s: float, stamp_s: float, T: np.ndarray, linear: np.ndarray, angular: np.ndarray) -> None:
+    def _sampled(
+        self, now_s: float, stamp_s: float, T: np.ndarray, linear: np.ndarray, angular: np.ndarray
+    ) -> None:
         """A sample of the tracker came."""
         p, q = tuple(T[:3, 3].tolist()), transforms.fast_quaternion_xyzw(T)
         twist = tuple(linear.tolist()), tuple(angular.tolist())
@@ -173,7 +213,9 @@ class OnBoard:
         if not m.goes_on:
             return
         self.odometry = m.pose
-        self.T_odom_body = transforms.from_xyz_quaternion(m.pose.p_odom_body, m.pose.q_odom_body_xyzw)
+        self.T_odom_body = transforms.from_xyz_quaternion(
+            m.pose.p_odom_body, m.pose.q_odom_body_xyzw
+        )
         fed = PoseFed(self.T_odom_body, m.pose.stamp_s)
         self.guardian_port.receive(now_s, fed)
         self.link.receive(now_s, fed)
@@ -182,7 +224,7 @@ class OnBoard:
         self.epoch = EpochBegan(m.number, m.reason)
         self._hear(now_s, m)
 
-    # ---- time --------------------------------------------------------------------------------------------------
+    # ---- time ------------------------------------------------------------------------------------
 
     def _on_board(self, now_s: float) -> None:
         """One step of each process. What a link is asked goes out at once."""
@@ -203,7 +245,7 @@ class OnBoard:
             if do is not None:
                 do(now_s, output)
 
-    # ---- what the flight link tells ----------------------------------------------------------------------------
+    # ---- what the flight link tells --------------------------------------------------------------
 
     def _to_autopilot(self, now_s: float, output: ToAutopilot) -> None:
         self.told(now_s, "sent", output.message)
@@ -218,7 +260,8 @@ class OnBoard:
         self.guardian_port.receive(now_s, tm.BatteryCharge(self.name, "", self.battery_share))
 
     def _mode_asked(self, now_s: float, m: ModeAsked) -> None:
-        """Notes that a mode was asked for by the agent, or by the link itself where the feed died."""
+        """Notes that a mode was asked for by the agent, or by the link itself where the feed
+        died."""
         self.modes_asked.append((now_s, m.mode))
         self.guardian_port.receive(now_s, m)
 
@@ -228,7 +271,7 @@ class OnBoard:
             self._ground_m = float(m.T_odom_body[2, 3])
         self.height_m = float(m.T_odom_body[2, 3]) - self._ground_m
 
-    # ---- what the flight link is told and asked ----------------------------------------------------------------
+    # ---- what the flight link is told and asked --------------------------------------------------
 
     def _tell_link(self, now_s: float, message: object) -> None:
         self.link.receive(now_s, message)
@@ -254,7 +297,9 @@ class OnBoard:
                 call.number = next(self._numbers)
                 self._tell_link(now_s, replace(call.ask, number=call.number))
             elif now_s > call.until_s:
-                self._end_call(now_s, call, AskAnswered(call.ask.number, False, "the flight link does not run"))
+                self._end_call(
+                    now_s, call, AskAnswered(call.ask.number, False, "the flight link does not run")
+                )
 
     def _request_over(self, now_s: float, over: RequestOver) -> None:
         for call in [c for c in self._calls if c.number == over.number]:
@@ -271,9 +316,11 @@ class OnBoard:
         """Its process dies, and with it what was asked of it."""
         self.link.kill()
         for call in [c for c in self._calls if c.number]:
-            self._end_call(self.now_s, call, AskAnswered(call.ask.number, False, "the flight link died"))
+            self._end_call(
+                self.now_s, call, AskAnswered(call.ask.number, False, "the flight link died")
+            )
 
-    # ---- what agent and guardian tell --------------------------------------------------------------------------
+    # ---- what agent and guardian tell ------------------------------------------------------------
 
     def _acknowledge(self, now_s: float, ack: Ack) -> None:
         self.acks.append(ack)
@@ -297,7 +344,9 @@ class OnBoard:
 @lru_cache(maxsize=None)
 def _profile() -> Profile:
     """Loads the profile, as launch/uav.launch names it."""
-    return load_profile(str(bringup() / "config" / "autopilot" / "arducopter-4.3-t265.param")).at_port(_PORT)
+    return load_profile(
+        str(bringup() / "config" / "autopilot" / "arducopter-4.3-t265.param")
+    ).at_port(_PORT)
 
 
 def _nobody(_now_s: float, _what: str, _which: object) -> None:

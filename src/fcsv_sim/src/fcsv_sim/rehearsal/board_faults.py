@@ -25,7 +25,11 @@ class RadioCut(Fault):
     name = "radio cut"
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        self._radios = list(flight.radios.values()) if self._random.random() < 0.3 else [flight.radios[vehicle.name]]
+        self._radios = (
+            list(flight.radios.values())
+            if self._random.random() < 0.3
+            else [flight.radios[vehicle.name]]
+        )
         self._until_s = self._lasts_s(0.3, 1.0, 40.0)
         for radio in self._radios:
             radio.cut = True
@@ -48,13 +52,17 @@ class RadioLoses(Fault):
 
 
 class RadioHoldsUp(Fault):
-    """A relay on the way keeps what one vehicle, or everybody, sends and is sent for 0.5 to 4 s, then delivers it in a
-    burst; again every 4 to 12 s, for good."""
+    """A relay on the way keeps what one vehicle, or everybody, sends and is sent for 0.5 to 4 s,
+    then delivers it in a burst; again every 4 to 12 s, for good."""
 
     name = "radio holds up"
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        self._radios = list(flight.radios.values()) if self._random.random() < 0.3 else [flight.radios[vehicle.name]]
+        self._radios = (
+            list(flight.radios.values())
+            if self._random.random() < 0.3
+            else [flight.radios[vehicle.name]]
+        )
         self._next_s = flight.now_s
         self.goes_on(flight, 0.0)
 
@@ -68,8 +76,8 @@ class RadioHoldsUp(Fault):
 
 
 class ClockSteps(Fault):
-    """A vehicle's clock is set by 0.4, 2 or 60 s. Where a calibration is refused because of it, somebody starts chrony
-    as he reads, and the clock is right 10 s later."""
+    """A vehicle's clock is set by 0.4, 2 or 60 s. Where a calibration is refused because of it,
+    somebody starts chrony as he reads, and the clock is right 10 s later."""
 
     name = "clock steps"
     changes_nothing = True
@@ -86,7 +94,8 @@ class ClockSteps(Fault):
 
 
 class ControlClockSteps(Fault):
-    """The control PC's clock is set by 0.4, 2 or 60 s, and set back 5 s later in one of two flights."""
+    """The control PC's clock is set by 0.4, 2 or 60 s, and set back 5 s later in one of two
+    flights."""
 
     name = "control clock steps"
     changes_nothing = True
@@ -112,7 +121,8 @@ class Battery(Fault):
 
 
 class LowBatteryAlone(Fault):
-    """A battery is low, and the control PC died just before: nobody but the guardian brings the vehicle home."""
+    """A battery is low, and the control PC died just before: nobody but the guardian brings the
+    vehicle home."""
 
     name = "low battery alone"
 
@@ -145,7 +155,8 @@ class LinkDies(Fault):
 
 
 class LinkSleeps(Fault):
-    """The flight link's process is stopped for 2 to 5 s (SIGSTOP), or a computer that has no time for it."""
+    """The flight link's process is stopped for 2 to 5 s (SIGSTOP), or a computer that has no time
+    for it."""
 
     name = "link sleeps"
 
@@ -184,8 +195,8 @@ class MissionRestarts(Fault):
 
 
 class MissionForgets(MissionRestarts):
-    """Acts likewise likewise, and its memory is lost or damaged. Where it finds vehicles in GUIDED of which it knows
-    nothing, the operator reads so and aborts after 5 to 15 s."""
+    """Acts likewise likewise, and its memory is lost or damaged. Where it finds vehicles in GUIDED
+    of which it knows nothing, the operator reads so and aborts after 5 to 15 s."""
 
     name = "mission forgets"
     _remembers = False
@@ -197,7 +208,11 @@ class MissionForgets(MissionRestarts):
     def goes_on(self, flight: Flight, since_s: float) -> None:
         super().goes_on(flight, since_s)
         machine = flight.control.machine
-        if self._restarted and not self.ended and any("abort to land" in text for text in machine.problems):
+        if (
+            self._restarted
+            and not self.ended
+            and any("abort to land" in text for text in machine.problems)
+        ):
             self._read_s = min(self._read_s, flight.now_s)
             if flight.now_s > self._read_s + self._reads_s:
                 self.ended = True
@@ -215,8 +230,8 @@ class AutopilotReboots(Fault):
 
 
 class ComesDown(Fault):
-    """Brings one down: in a vertical configuration of 3, 5 or 10 m the upper vehicle's autopilot lands by itself, on
-    the lower one; in one of two flights its tracker is gone as well."""
+    """Brings one down: in a vertical configuration of 3, 5 or 10 m the upper vehicle's autopilot
+    lands by itself, on the lower one; in one of two flights its tracker is gone as well."""
 
     name = "comes down"
 
@@ -224,7 +239,9 @@ class ComesDown(Fault):
         height_m = float(self._random.choice([3.0, 5.0, 10.0]))
         height_m = max(height_m, mission.min_separation_m)
         self.phase = "CONFIGURATIONS"
-        return replace(mission, configurations=[StereoConfiguration("vertical", height_m, record_s=3.0)])
+        return replace(
+            mission, configurations=[StereoConfiguration("vertical", height_m, record_s=3.0)]
+        )
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
         vehicle.autopilot.say(2, "EKF Failsafe: changed to LAND Mode")
@@ -243,8 +260,12 @@ class ComesDown(Fault):
     @staticmethod
     def _pair(flight: Flight) -> Optional[Tuple[RehearsedVehicle, RehearsedVehicle]]:
         """Upper and lower, where one stands above another."""
-        pairs = ((a, b, a.p_world_m - b.p_world_m) for a, b in permutations(flight.fleet.values(), 2))
-        return next(((a, b) for a, b, d in pairs if d[2] > 2.0 and np.hypot(d[0], d[1]) < _ABOVE_M), None)
+        pairs = (
+            (a, b, a.p_world_m - b.p_world_m) for a, b in permutations(flight.fleet.values(), 2)
+        )
+        return next(
+            ((a, b) for a, b, d in pairs if d[2] > 2.0 and np.hypot(d[0], d[1]) < _ABOVE_M), None
+        )
 
 
 class ComesDownAlone(ComesDown):
@@ -258,7 +279,20 @@ class ComesDownAlone(ComesDown):
 
 
 BOARD_FAULTS = (
-    RadioCut, RadioLoses, RadioHoldsUp, ClockSteps, ControlClockSteps, Battery, LowBatteryAlone, AgentDies,
-    LinkDies, LinkSleeps, MissionDies, MissionRestarts, MissionForgets, ComesDown, ComesDownAlone,
+    RadioCut,
+    RadioLoses,
+    RadioHoldsUp,
+    ClockSteps,
+    ControlClockSteps,
+    Battery,
+    LowBatteryAlone,
+    AgentDies,
+    LinkDies,
+    LinkSleeps,
+    MissionDies,
+    MissionRestarts,
+    MissionForgets,
+    ComesDown,
+    ComesDownAlone,
     *([AutopilotReboots] if hasattr(Autopilot, "reboot") else []),
-)  # fmt: skip
+)

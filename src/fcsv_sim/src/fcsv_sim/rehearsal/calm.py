@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What must hold in a flight in which nothing befalls anybody that asks for an answer: nobody is stopped, and no feed
-is late."""
+"""What must hold in a flight in which nothing befalls anybody that asks for an answer: nobody is
+stopped, and no feed is late."""
 
 from typing import Callable, Dict
 
@@ -11,22 +11,34 @@ from fcsv_sim.rehearsal.control import ControlPc
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 
 _RULES = GuardianRules()
-POSES, CONTROL, OTHERS = "poses at an autopilot", "control PC at a guardian", "another vehicle at a guardian"
+POSES, CONTROL, OTHERS = (
+    "poses at an autopilot",
+    "control PC at a guardian",
+    "another vehicle at a guardian",
+)
 SEEN, STATES = "poses at the mission", "states at the mission"
-#: Longest silence (s) of each feed upon which nobody acts: an ArduCopter needs 10 poses a second; rules of the
-#: guardian, and of the mission.
+#: Longest silence (s) of each feed upon which nobody acts: an ArduCopter needs 10 poses a second;
+#: rules of the guardian, and of the mission.
 DEADLINES_S: Dict[str, float] = {
-    POSES: 0.1, CONTROL: _RULES.link_warn_s, OTHERS: _RULES.silent_above_s, SEEN: POSE_STALE_S, STATES: STATE_STALE_S,
-}  # fmt: skip
+    POSES: 0.1,
+    CONTROL: _RULES.link_warn_s,
+    OTHERS: _RULES.silent_above_s,
+    SEEN: POSE_STALE_S,
+    STATES: STATE_STALE_S,
+}
 
 
 class Calm:
-    """``needless`` and ``late`` are called with a vehicle (or nobody), time and words of each violation."""
+    """``needless`` and ``late`` are called with a vehicle (or nobody), time and words of each
+    violation."""
 
     def __init__(
-        self, fleet: Dict[str, RehearsedVehicle], control: ControlPc,
-        needless: Callable[[str, float, str], None], late: Callable[[str, float, str], None],
-    ):  # fmt: skip
+        self,
+        fleet: Dict[str, RehearsedVehicle],
+        control: ControlPc,
+        needless: Callable[[str, float, str], None],
+        late: Callable[[str, float, str], None],
+    ):
         self._fleet, self._control, self._needless, self._late = fleet, control, needless, late
         self._posed_s: Dict[str, float] = {}
         self._asked = dict.fromkeys(fleet, 0)  # mode commands that were looked at
@@ -60,11 +72,16 @@ class Calm:
         """All must be recorded."""
         machine, wanted = self._control.machine, len(self._control.machine.mission.configurations)
         if machine.phase != "DONE" or len(machine.captures) != wanted:
-            self._needless("", now_s, f"{len(machine.captures)} of {wanted} recorded ({machine.detail})")
+            self._needless(
+                "", now_s, f"{len(machine.captures)} of {wanted} recorded ({machine.detail})"
+            )
 
     def _ages(self, now_s: float, name: str, vehicle: RehearsedVehicle) -> None:
         air, view = vehicle.guardian.air, self._control.view(now_s, name)
-        ages = [(CONTROL, air.control_s), *((OTHERS, other.heard_s) for other in air.others.values())]
+        ages = [
+            (CONTROL, air.control_s),
+            *((OTHERS, other.heard_s) for other in air.others.values()),
+        ]
         for feed, heard_s in ages:
             self._silent(now_s, name, feed, now_s - heard_s)
         self._silent(now_s, name, SEEN, view.pose_age_s)

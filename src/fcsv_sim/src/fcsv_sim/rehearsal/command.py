@@ -54,7 +54,8 @@ class Job:
 
 
 def rehearse(job: Job, watched: Optional[Callable[[Flight], None]] = None) -> Result:
-    """Fly it. The same job gives the same flight. ``watched`` is told of the flight before it begins."""
+    """Fly it. The same job gives the same flight. ``watched`` is told of the flight before it
+    begins."""
     faults = make_faults(faults_of(job.faults, job.seed), job.seed)
     mission = job.mission
     for fault in faults:
@@ -98,12 +99,23 @@ def _rehearse(args) -> int:
 
 def _write(results: Sequence[Tuple[Job, Result]], path: str) -> None:
     """Writes the results for programs: a list with an object for each flight."""
-    told = [{
-        "seed": job.seed, "faults": job.name, "phase": r.phase, "detail": r.detail, "flown_s": round(r.flown_s, 2),
-        "captures": r.captures, "wanted": r.wanted, "nearest_m": r.nearest_m if isfinite(r.nearest_m) else None,
-        "silences_s": r.silences_s,
-        "violations": [{"kind": v.kind, "at_s": round(v.at_s, 2), "text": v.text} for v in r.violations],
-    } for job, r in results]  # fmt: skip
+    told = [
+        {
+            "seed": job.seed,
+            "faults": job.name,
+            "phase": r.phase,
+            "detail": r.detail,
+            "flown_s": round(r.flown_s, 2),
+            "captures": r.captures,
+            "wanted": r.wanted,
+            "nearest_m": r.nearest_m if isfinite(r.nearest_m) else None,
+            "silences_s": r.silences_s,
+            "violations": [
+                {"kind": v.kind, "at_s": round(v.at_s, 2), "text": v.text} for v in r.violations
+            ],
+        }
+        for job, r in results
+    ]
     Path(path).write_text(json.dumps(told, indent=1))
 
 
@@ -122,7 +134,8 @@ def on_all_cores(work: Callable, jobs: List, processes: int) -> Iterable:
         return [_one(jobs[0])]
     if processes == 1 or len(jobs) == 1:
         return [work(job) for job in tqdm(jobs, unit="flight", disable=None)]
-    with ProcessPoolExecutor(processes, initializer=prepare) as pool:  # a Pool waits for ever for a process that died
+    # a Pool waits for ever for a process that died
+    with ProcessPoolExecutor(processes, initializer=prepare) as pool:
         try:
             return list(tqdm(pool.map(work, jobs), total=len(jobs), unit="flight", disable=None))
         except BrokenProcessPool:
@@ -147,9 +160,9 @@ def _one(job: Job) -> Result:
 
 
 def prepare() -> None:
-    """A process that is to rehearse many flights. A link that is restarted says so; a thousand of them hide the
-    progress. What is loaded now stays: a flight drops so many messages that the collector would look through all of it
-    several times a second.
+    """A process that is to rehearse many flights. A link that is restarted says so; a thousand of
+    them hide the progress. What is loaded now stays: a flight drops so many messages that the
+    collector would look through all of it several times a second.
     """
     logging.getLogger("fcsv_control").setLevel(logging.ERROR)
     gc.collect()
@@ -161,7 +174,9 @@ def _trace(job: Job, path: str) -> int:
     traced = trace.Trace()
     result = rehearse(job, traced.watch)
     traced.draw(path, f"{job.name}, seed {job.seed}", result)
-    print(f"{job.name}, seed {job.seed}: {result.phase} ({result.detail}) after {result.flown_s:.1f} s")
+    print(
+        f"{job.name}, seed {job.seed}: {result.phase} ({result.detail}) after {result.flown_s:.1f} s"
+    )
     print("\n".join(f"{at_s:7.1f} s  {text}" for at_s, text in traced.told(result)))
     print(f"wrote {os.path.abspath(path)}")
     return int(bool(result.violations))
@@ -186,7 +201,10 @@ def _jobs(args) -> List[Job]:
     faults = NONE if args.faults == _TAKEOVER_TABLE else args.faults
     for k in range(faults.count(",") + 1):
         faults_of(faults, k)
-    return [Job(mission, args.vehicles, args.seed + i, faults, args.longest) for i in range(args.flights)]
+    return [
+        Job(mission, args.vehicles, args.seed + i, faults, args.longest)
+        for i in range(args.flights)
+    ]
 
 
 def _vehicles_of(mission: Mission) -> int:
@@ -197,22 +215,38 @@ def _vehicles_of(mission: Mission) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="rehearse", description=__doc__, epilog=_HELP, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="rehearse",
+        description=__doc__,
+        epilog=_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("mission", help="a mission file, or the name of one in config/missions")
     parser.add_argument("--flights", type=int, default=20, help="how many, each with its own seed")
     parser.add_argument(
-        "--faults", default=NONE,
+        "--faults",
+        default=NONE,
         help="none: calm flights; all (single faults and pairs in turn), pairs, takeover-table, or names with commas, "
         "of which each may be a pair (A+B): " + ", ".join(FAULTS),
-    )  # fmt: skip
-    parser.add_argument("--vehicles", type=int, help="how many, uav1 first; by default those that the mission names")
-    parser.add_argument("--seed", type=int, default=1, help="of the first flight; the next have the next numbers")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="flights at a time")
-    parser.add_argument("--show", type=int, default=10, help="so many flights with violations are listed")
-    parser.add_argument("--longest", type=float, default=LONGEST_S, help="s after which a flight has no end")
+    )
     parser.add_argument(
-        "--trace", nargs="?", const="rehearsal.png", metavar="FILE.png", help="fly the flight of --seed and draw it"
+        "--vehicles", type=int, help="how many, uav1 first; by default those that the mission names"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, help="of the first flight; the next have the next numbers"
+    )
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="flights at a time")
+    parser.add_argument(
+        "--show", type=int, default=10, help="so many flights with violations are listed"
+    )
+    parser.add_argument(
+        "--longest", type=float, default=LONGEST_S, help="s after which a flight has no end"
+    )
+    parser.add_argument(
+        "--trace",
+        nargs="?",
+        const="rehearsal.png",
+        metavar="FILE.png",
+        help="fly the flight of --seed and draw it",
     )
     parser.add_argument("--json", metavar="FILE", help="write how every flight went, for programs")
     return parser

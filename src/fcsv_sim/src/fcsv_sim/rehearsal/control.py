@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The control PC of a rehearsal: its processes' ports, and the radio, the clocks and the death that befall them."""
+"""The control PC of a rehearsal: its processes' ports, and the radio, the clocks and the death that
+befall them."""
 
 import dataclasses
 from typing import Dict, List, Optional, Sequence, Tuple
@@ -45,22 +46,31 @@ from fcsv_tracking.column.calibration_port import CalibrateColumn, CalibrationPo
 from fcsv_tracking.devices.clocks import ClockOffset, VehicleClock
 
 _STATE_EVERY_S, _POSE_EVERY_S, _SLOW_EVERY_S = 0.5, 0.1, 1.0
-_POSE_CALIBRATES_S = 0.02  # the radio carries 30 poses a second; where nobody needs them all, every third is sent
+# the radio carries 30 poses a second; where nobody needs them all, every third is sent
+_POSE_CALIBRATES_S = 0.02
 _CLOCK_UNCERTAIN_S = 0.005
 _NOTHING = ("", False, False, "", False)  # that a vehicle showed
 _ZERO_S = 70_000.0  # its monotonic clock at the rehearsal's zero: each machine's begins elsewhere
 
 
 class ControlPc:
-    """Steps the mission at 10 Hz. ``alive`` False: the mission neither hears nor says anything. ``clock_offset_s``: its
-    time of day against the others'; its monotonic clock is another one than theirs."""
+    """Steps the mission at 10 Hz. ``alive`` False: the mission neither hears nor says anything.
+    ``clock_offset_s``: its time of day against the others'; its monotonic clock is another one than
+    theirs."""
 
-    def __init__(self, mission: Mission, fleet: Dict[str, RehearsedVehicle], radios: Dict[str, Radio], seed: int):
+    def __init__(
+        self,
+        mission: Mission,
+        fleet: Dict[str, RehearsedVehicle],
+        radios: Dict[str, Radio],
+        seed: int,
+    ):
         self._mission, self._fleet, self._radios = mission, fleet, radios
         self.alive, self.stop_all_alive, self.clock_offset_s = True, True, 0.0
         self._runs = 0
         self._memory: Optional[Memory] = None  # what lies on its disk
-        self._latched: Dict[object, object] = {}  # calibration, home, and their epochs: told to who begins to listen
+        # calibration, home, and their epochs: told to who begins to listen
+        self._latched: Dict[object, object] = {}
         self._fence = MissionFence(mission.fence)
         self._in_home = HomeFrames()
         self._begin(None)
@@ -68,14 +78,17 @@ class ControlPc:
         self.stopped = Report()  # what became of the last call
         self.battery_share: Dict[str, float] = {}  # overrides what a vehicle says
         column = list(fleet.values())
-        self.calibration_port = CalibrationPort({v.name: v.geometry for v in column}, CalibrationRules())
+        self.calibration_port = CalibrationPort(
+            {v.name: v.geometry for v in column}, CalibrationRules()
+        )
         self._cameras = {
             v.name: TagCamera(v, front, np.random.default_rng([seed, 22, k]))
             for k, (front, v) in enumerate(zip(column, column[1:]))
         }
         self._pair_check = PairCheck(fleet, radios, mission.reference, seed)
         self._due_s = {n: [0.0, 0.0, 0.0] for n in fleet}
-        self._newest_s: Dict[Tuple[str, type], float] = {}  # when what arrived last was sent, by vehicle and kind
+        # when what arrived last was sent, by vehicle and kind
+        self._newest_s: Dict[Tuple[str, type], float] = {}
         self._shown: Dict[str, Tuple] = {}  # of each vehicle's state, as it arrived
         self._wanted = self._service = ""  # a service to call, and that which was called
         self.replied = tm.Reply(True, "")  # to the last call
@@ -84,7 +97,9 @@ class ControlPc:
         """A process of the mission, which has heard nothing but what is latched."""
         self._runs += 1
         column = [v.geometry for v in self._fleet.values()]
-        self.mission_port = MissionPort(self._mission, column, self.sender, _clock_s(now_s), memory=memory)
+        self.mission_port = MissionPort(
+            self._mission, column, self.sender, _clock_s(now_s), memory=memory
+        )
         for message in self._latched.values():
             self.mission_port.receive(_clock_s(now_s), message)
 
@@ -97,7 +112,10 @@ class ControlPc:
     def captures(self) -> List[CaptureWindow]:
         """Recordings so far, by the rehearsal's time."""
         own = self.machine.captures
-        return [dataclasses.replace(w, start_s=w.start_s - _ZERO_S, stop_s=w.stop_s - _ZERO_S) for w in own]
+        return [
+            dataclasses.replace(w, start_s=w.start_s - _ZERO_S, stop_s=w.stop_s - _ZERO_S)
+            for w in own
+        ]
 
     @property
     def sender(self) -> str:
@@ -113,7 +131,7 @@ class ControlPc:
         """What the mission knows of a vehicle."""
         return self.mission_port.view(_clock_s(now_s), name)
 
-    # ---- what the vehicles tell --------------------------------------------------------------------------------
+    # ---- what the vehicles tell ------------------------------------------------------------------
 
     def listen(self, now_s: float) -> None:
         """Every vehicle sends what is due over its radio."""
@@ -124,24 +142,37 @@ class ControlPc:
             vehicle.acks = []
             if now_s >= due[0] and vehicle.odometry is not None:
                 fast = self.calibration_port.collects
-                due[0], p = now_s + (_POSE_CALIBRATES_S if fast else _POSE_EVERY_S), vehicle.odometry
-                self._send(now_s, name, [
-                    tm.VehicleOdometry(name, RELAY, p.stamp_s, vehicle.T_odom_body, p.linear_mps),
-                    tm.VehicleHeight(name, RELAY, vehicle.height_m),
-                    tm.OdometryEpoch(name, RELAY, vehicle.epoch.number, vehicle.epoch.reason),
-                ])  # fmt: skip
+                due[0], p = (
+                    now_s + (_POSE_CALIBRATES_S if fast else _POSE_EVERY_S),
+                    vehicle.odometry,
+                )
+                self._send(
+                    now_s,
+                    name,
+                    [
+                        tm.VehicleOdometry(
+                            name, RELAY, p.stamp_s, vehicle.T_odom_body, p.linear_mps
+                        ),
+                        tm.VehicleHeight(name, RELAY, vehicle.height_m),
+                        tm.OdometryEpoch(name, RELAY, vehicle.epoch.number, vehicle.epoch.reason),
+                    ],
+                )
             v = vehicle.guardian.verdict
             shown = (state.mode, state.armed, state.connected, v.in_words, v.lost)
             if now_s >= due[1] or self._shown.get(name) != shown:
                 due[1] = now_s + _STATE_EVERY_S
                 told = [tm.GuardianStatus(name, RELAY, *shown[3:], v.lost_s)]
-                if now_s < vehicle.state_s + _STATE_EVERY_S:  # a link that does not run tells nothing
+                # a link that does not run tells nothing
+                if now_s < vehicle.state_s + _STATE_EVERY_S:
                     told.insert(0, tm.VehicleState(name, RELAY, *shown[:3]))
                 self._send(now_s, name, told)
             if now_s >= due[2]:
                 due[2] = now_s + _SLOW_EVERY_S
                 share = self.battery_share.get(name, vehicle.battery_share)
-                told = [tm.BatteryCharge(name, RELAY, share), tm.RecorderState(name, RELAY, "", vehicle.pictures)]
+                told = [
+                    tm.BatteryCharge(name, RELAY, share),
+                    tm.RecorderState(name, RELAY, "", vehicle.pictures),
+                ]
                 self._send(now_s, name, told)
                 ahead_s = vehicle.clock_offset_s - self.clock_offset_s
                 offset = ClockOffset(self._wall_s(now_s), ahead_s, _CLOCK_UNCERTAIN_S)
@@ -158,14 +189,18 @@ class ControlPc:
                 self._send(now_s, name, [seen])
 
     def _send(self, now_s: float, name: str, messages: Sequence) -> None:
-        """All arrive together, unless something newer of the kind came before, with the age that the relay measures."""
+        """All arrive together, unless something newer of the kind came before, with the age that
+        the relay measures."""
         kind, mission = (name, type(messages[0])), self.mission_port
 
         def arrived(_message) -> None:
             if now_s < self._newest_s.get(kind, 0.0):
                 return
             self._newest_s[kind] = now_s
-            came_s, topics = _clock_s(self._fleet[name].now_s), [f"/{name}/{m.topic}" for m in messages]
+            came_s, topics = (
+                _clock_s(self._fleet[name].now_s),
+                [f"/{name}/{m.topic}" for m in messages],
+            )
             ages = tm.RelayAges(topics, [_clock_s(now_s)] * len(topics))
             if mission is self.mission_port:  # a new process hears what is new
                 for m in (ages, *messages):
@@ -175,7 +210,12 @@ class ControlPc:
                     self.calibration_port.receive(came_s, m)
                 elif isinstance(m, tm.VehicleState):
                     self.stop_all_port.receive(came_s, m)
-                    self._shown[name] = (m.mode, m.armed, m.connected, *self._shown.get(name, _NOTHING)[3:])
+                    self._shown[name] = (
+                        m.mode,
+                        m.armed,
+                        m.connected,
+                        *self._shown.get(name, _NOTHING)[3:],
+                    )
                 elif isinstance(m, tm.GuardianStatus):
                     self._shown[name] = (*self._shown.get(name, _NOTHING)[:3], m.words, m.lost)
 
@@ -187,7 +227,7 @@ class ControlPc:
         if self.alive:
             self.mission_port.receive(now_s, answer)
 
-    # ---- time --------------------------------------------------------------------------------------------------
+    # ---- time ------------------------------------------------------------------------------------
 
     def step(self, now_s: float) -> None:
         """One step of the mission."""
@@ -202,7 +242,10 @@ class ControlPc:
             self.mission_port.receive(clock_s, PairLooked(self._mission.reference, name, off))
         self._dispatch(now_s, self.mission_port.step(clock_s))
         for name, vehicle in self._fleet.items():
-            told = (MissionAlive(self.sender, clock_s), {MissionFence: self._fence, **self._latched})
+            told = (
+                MissionAlive(self.sender, clock_s),
+                {MissionFence: self._fence, **self._latched},
+            )
             self._radios[name].send(now_s, lambda m, v=vehicle: v.hear_control(*m), told)
 
     def _dispatch(self, now_s: float, outputs: Sequence[object]) -> None:
@@ -219,7 +262,9 @@ class ControlPc:
                 self._latch(now_s, output)
             elif isinstance(output, tm.Reply):
                 self.replied = output
-                self.mission_port.receive(_clock_s(now_s), ServiceAnswered(self._service, output.done, output.text))
+                self.mission_port.receive(
+                    _clock_s(now_s), ServiceAnswered(self._service, output.done, output.text)
+                )
             elif isinstance(output, MissionStatus):
                 self.calibration_port.receive(_clock_s(now_s), tm.MissionPhase(output.phase))
                 if self.stop_all_alive:
@@ -257,8 +302,9 @@ class ControlPc:
         self.alive = self.stop_all_alive = False
 
     def restart(self, now_s: float, remembers: bool = True) -> None:
-        """A new process of the mission, in place of one that died: it reads its memory from the disk, where it
-        ``remembers``, and has heard nobody. Calibration and home are another node's, and are latched."""
+        """A new process of the mission, in place of one that died: it reads its memory from the
+        disk, where it ``remembers``, and has heard nobody. Calibration and home are another node's,
+        and are latched."""
         self._memory = self._memory if remembers else None
         self._wanted = ""
         self._begin(self._recalled(now_s), now_s)
@@ -270,19 +316,23 @@ class ControlPc:
             return None
         text, names = memories.to_text(self._memory), list(self._fleet)
         try:
-            return memories.from_text(text, memories.FILE, self._mission, names, self._wall_s(now_s))
+            return memories.from_text(
+                text, memories.FILE, self._mission, names, self._wall_s(now_s)
+            )
         except SessionError:
             return None
 
     def _wall_s(self, now_s: float) -> float:
         return WALL_S + now_s + self.clock_offset_s
 
-    # ---- calibration and home ----------------------------------------------------------------------------------
+    # ---- calibration and home --------------------------------------------------------------------
 
     def _call_service(self, now_s: float) -> None:
         """The mission's call of a service, which waits for its end."""
         service, self._wanted = self._wanted, ""
-        request = CalibrateColumn(()) if service == "calibrate" else HomeWanted(self._mission.reference)
+        request = (
+            CalibrateColumn(()) if service == "calibrate" else HomeWanted(self._mission.reference)
+        )
         self._service = service
         self._dispatch(now_s, self.calibration_port.serve(_clock_s(now_s), request))
 

@@ -12,15 +12,21 @@ from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 
 #: How long (s) phases in the air last without faults, about; CONFIGURATIONS for each configuration.
 _LASTS_S = {
-    "TAKE_OFF": 7.0, "COLUMN": 5.0, "CALIBRATE": 8.0, "MOVE_HOME": 5.0, "SET_HOME": 1.5, "GUIDED": 1.0,
-    "CONFIGURATIONS": 12.0, "LAND": 8.0,
-}  # fmt: skip
+    "TAKE_OFF": 7.0,
+    "COLUMN": 5.0,
+    "CALIBRATE": 8.0,
+    "MOVE_HOME": 5.0,
+    "SET_HOME": 1.5,
+    "GUIDED": 1.0,
+    "CONFIGURATIONS": 12.0,
+    "LAND": 8.0,
+}
 _MOSTLY = "CONFIGURATIONS"  # half of the faults begin there
 
 
 class Fault:
-    """Told of every pass. ``begin`` is called once, in the air, at a moment that the seed draws: some time after a
-    phase of the mission began, any phase, or when that phase was over early."""
+    """Told of every pass. ``begin`` is called once, in the air, at a moment that the seed draws:
+    some time after a phase of the mission began, any phase, or when that phase was over early."""
 
     name = ""
     changes_nothing = False  # whether nobody may be stopped because of it

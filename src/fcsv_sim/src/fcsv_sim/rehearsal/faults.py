@@ -22,8 +22,9 @@ _AND = "+"
 
 
 def faults_of(names: str, seed: int) -> Tuple[str, ...]:
-    """The faults of one flight. ``names``: none, all (single faults and pairs in turn), pairs, or names with commas, of
-    which each may be a pair (A+B). Depends on the seed alone, so that a flight can be flown again by it.
+    """The faults of one flight. ``names``: none, all (single faults and pairs in turn), pairs, or
+    names with commas, of which each may be a pair (A+B). Depends on the seed alone, so that a
+    flight can be flown again by it.
 
     Raises SimulationError for a name that is not known.
 
@@ -41,7 +42,9 @@ def faults_of(names: str, seed: int) -> Tuple[str, ...]:
 
 def make_faults(names: Sequence[str], seed: int) -> List[Fault]:
     """The faults themselves; each draws from a source of its own."""
-    return [FAULTS[name](np.random.default_rng([seed, 23, zlib.crc32(name.encode())])) for name in names]
+    return [
+        FAULTS[name](np.random.default_rng([seed, 23, zlib.crc32(name.encode())])) for name in names
+    ]
 
 
 def _pair(seed: int) -> Tuple[str, ...]:

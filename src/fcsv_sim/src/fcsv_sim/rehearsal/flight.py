@@ -37,12 +37,14 @@ class Result:
     violations: List[Violation] = field(default_factory=list)
     faults: Sequence[str] = ()
     answers: List[Answer] = field(default_factory=list)
-    crossing_m: float = float("inf")  # smallest horizontal distance when one that lands comes past another
+    # smallest horizontal distance when one that lands comes past another
+    crossing_m: float = float("inf")
     off_m: float = 0.0  # largest error of a recorded baseline
     wanted: int = 0  # captures of the whole mission
     began: Sequence[str] = ()  # faults that did
     cpu_s: float = field(default=0.0, compare=False)
-    silences_s: Optional[Dict[str, float]] = None  # longest of each feed, where nothing befell anybody
+    # longest of each feed, where nothing befell anybody
+    silences_s: Optional[Dict[str, float]] = None
 
     def has(self, kind: str) -> bool:
         """Whether a violation of a kind happened."""
@@ -50,18 +52,27 @@ class Result:
 
 
 class Flight:
-    """``run`` flies a mission to its end. A fault is told the flight with every pass and may do what it likes."""
+    """``run`` flies a mission to its end. A fault is told the flight with every pass and may do
+    what it likes."""
 
-    def __init__(self, mission: Mission, vehicles: int, seed: int, quality: Optional[RadioQuality] = None):
+    def __init__(
+        self, mission: Mission, vehicles: int, seed: int, quality: Optional[RadioQuality] = None
+    ):
         names = [f"uav{k + 1}" for k in range(vehicles)]
         random = np.random.default_rng([seed, 20])
-        field_ = Field(home_height_m=mission.home_height_m, spacing_m=mission.column_spacing_m, vehicles=vehicles)
+        field_ = Field(
+            home_height_m=mission.home_height_m,
+            spacing_m=mission.column_spacing_m,
+            vehicles=vehicles,
+        )
         self.fleet: Dict[str, RehearsedVehicle] = {}
         for k, name in enumerate(names):
             xy = np.array([-mission.column_spacing_m * k, 0.0]) + random.uniform(-0.3, 0.3, 2)
             start = Start((*xy, 0.0, random.uniform(-0.1, 0.1)), random.uniform(0.3, 2.0))
             self.fleet[name] = RehearsedVehicle(formation_vehicle(k + 1), start, seed)
-        self.radios = {n: Radio(quality or RadioQuality(), seed * 100 + k) for k, n in enumerate(names)}
+        self.radios = {
+            n: Radio(quality or RadioQuality(), seed * 100 + k) for k, n in enumerate(names)
+        }
         self.control = ControlPc(mission, self.fleet, self.radios, seed)
         self.pilots = {n: Pilot(k, field_, seed) for k, n in enumerate(names)}
         self.presser = ButtonPresser()
@@ -69,7 +80,9 @@ class Flight:
         self.hands: Dict[str, Callable] = {}  # by vehicle: sticks in place of its pilot's
         self.seed, self.now_s, self.mission = seed, 0.0, mission
         self.invariants = Invariants(self)
-        self.witness = Witness(self.fleet, lambda now_s, who, text: self.invariants.tell(OVERRULED, who, now_s, text))
+        self.witness = Witness(
+            self.fleet, lambda now_s, who, text: self.invariants.tell(OVERRULED, who, now_s, text)
+        )
         self.recorder: Optional[Callable[[Flight], None]] = None  # told of every look at the truth
         self._calm: Optional[Calm] = None
         self._passes = 0
@@ -94,7 +107,9 @@ class Flight:
             self._people(now_s)
             self.control.listen(now_s)
             self.invariants.check(now_s)
-            self.witness.look(now_s, self.phase == "LAND" and self.control.machine.detail.startswith(_FLOWN))
+            self.witness.look(
+                now_s, self.phase == "LAND" and self.control.machine.detail.startswith(_FLOWN)
+            )
             if self._calm is not None:
                 self._calm.look(now_s)
             if self.recorder is not None:
@@ -104,23 +119,30 @@ class Flight:
             self._tell_each_other(now_s)
 
     def _tell_each_other(self, now_s: float) -> None:
-        """Every vehicle tells the others where it is, over its own radio; who has none does not hear it."""
+        """Every vehicle tells the others where it is, over its own radio; who has none does not
+        hear it."""
         for name, vehicle in self.fleet.items():
             told = vehicle.tell()
             for other, hearer in self.fleet.items():
                 if told and other != name and not self.radios[other].cut:
-                    self.radios[name].send(now_s, lambda m, v=hearer, t=now_s: v.hear_other(t, m), told)
+                    self.radios[name].send(
+                        now_s, lambda m, v=hearer, t=now_s: v.hear_other(t, m), told
+                    )
 
     def _people(self, now_s: float) -> None:
         phase = self.phase if self.control.alive else ""
         places = {n: v.p_world_m for n, v in self.fleet.items()}
-        sights = {n: v.sight([p for o, p in places.items() if o != n]) for n, v in self.fleet.items()}
+        sights = {
+            n: v.sight([p for o, p in places.items() if o != n]) for n, v in self.fleet.items()
+        }
         for name, pilot in self.pilots.items():
             decide = self.hands.get(name, pilot.sticks)
             self.fleet[name].sticks(now_s, decide(now_s, phase, sights[name]))
         machine = self.control.machine
         if self.operator_there and self.control.alive:
-            if self.presser.press(now_s, machine.waits_for, phase, sights, list(self.pilots.values())):
+            if self.presser.press(
+                now_s, machine.waits_for, phase, sights, list(self.pilots.values())
+            ):
                 self.confirm(machine.waits_for)
 
     def confirm(self, step: str) -> None:
@@ -130,7 +152,8 @@ class Flight:
 
     @property
     def over(self) -> bool:
-        """The mission has ended and nobody flies, or everybody who flew has been down for a while."""
+        """The mission has ended and nobody flies, or everybody who flew has been down for a
+        while."""
         for vehicle in self.fleet.values():
             if vehicle.autopilot.armed:
                 self._up_s = self.now_s
@@ -138,7 +161,8 @@ class Flight:
         return self.control.machine.over or self.now_s > self._up_s + _DOWN_S
 
     def expect_calm(self) -> None:
-        """Nothing will befall anybody that asks for an answer: nobody may be stopped, and no feed be late."""
+        """Nothing will befall anybody that asks for an answer: nobody may be stopped, and no feed
+        be late."""
         needless, late = (
             lambda who, now_s, text, kind=kind: self.invariants.tell(kind, who, now_s, text)
             for kind in (NEEDLESS, LATE_FEED)
@@ -146,7 +170,9 @@ class Flight:
         self._calm = Calm(self.fleet, self.control, needless, late)
         self.witness.posed = self._calm.posed
 
-    def run(self, faults: Sequence[Callable[["Flight"], None]] = (), longest_s: float = LONGEST_S) -> Result:
+    def run(
+        self, faults: Sequence[Callable[["Flight"], None]] = (), longest_s: float = LONGEST_S
+    ) -> Result:
         """Flies to its end, or for ``longest_s``; ``faults`` are told of every pass."""
         cpu_s = time.process_time()
         while not self.over and self.now_s < longest_s:
@@ -157,12 +183,24 @@ class Flight:
         self.invariants.end(self.over)
         if self._calm is not None:
             self._calm.end(self.now_s)
-        ended = [f.name for f in faults if getattr(f, "ended", False)]  # before anybody had to answer
+        # before anybody had to answer
+        ended = [f.name for f in faults if getattr(f, "ended", False)]
         answers = [a for a in self.witness.answers if a.after_s is not None or a.fault not in ended]
         looked = self.invariants
         return Result(
-            self.seed, machine.phase, machine.detail, self.now_s, len(machine.captures), looked.nearest_m,
-            looked.violations, [getattr(f, "name", "") for f in faults], answers, looked.crossing_m, looked.off_m,
-            len(self.mission.configurations), [fault for _, fault, _ in self.witness.begun],
-            time.process_time() - cpu_s, None if self._calm is None else self._calm.longest_s,
-        )  # fmt: skip
+            self.seed,
+            machine.phase,
+            machine.detail,
+            self.now_s,
+            len(machine.captures),
+            looked.nearest_m,
+            looked.violations,
+            [getattr(f, "name", "") for f in faults],
+            answers,
+            looked.crossing_m,
+            looked.off_m,
+            len(self.mission.configurations),
+            [fault for _, fault, _ in self.witness.begun],
+            time.process_time() - cpu_s,
+            None if self._calm is None else self._calm.longest_s,
+        )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A pilot who flies a vehicle himself, in a mode that he chose: hovers, flies about a little, or lets it sink first."""
+"""A pilot who flies a vehicle himself, in a mode that he chose: hovers, flies about a little, or
+lets it sink first."""
 
 import math
 from typing import Tuple
@@ -21,7 +22,14 @@ _DROP_S = 1.5  # so long the throttle stick is down: LOITER and ALT_HOLD sink by
 class HandsOn:
     """Sticks by the time (s) since the pilot took over at a place (world, m)."""
 
-    def __init__(self, mode: str, p_world_m: np.ndarray, random: np.random.Generator, roams: bool, drops: bool):
+    def __init__(
+        self,
+        mode: str,
+        p_world_m: np.ndarray,
+        random: np.random.Generator,
+        roams: bool,
+        drops: bool,
+    ):
         self._mode, self._here_m = mode, np.array(p_world_m, float)
         self._roams, self._drops = roams, drops
         self._feel = feel.Feel()
@@ -54,7 +62,9 @@ class HandsOn:
         if not self._roams:
             return self._here_m
         angle_rad = 2.0 * math.pi * since_s / _ROAM_PERIOD_S
-        way = math.sin(angle_rad) * np.array([math.cos(self._phase_rad), math.sin(self._phase_rad), 0.3])
+        way = math.sin(angle_rad) * np.array(
+            [math.cos(self._phase_rad), math.sin(self._phase_rad), 0.3]
+        )
         return self._here_m + _ROAM_M * way
 
 

@@ -19,8 +19,18 @@ FENCE, OVERRULED, NOT_HELD, NO_END = "fence", "overruled", "not held", "no end"
 LATE_STOP, NEEDLESS, LATE_FEED = "late stop", "needless", "late feed"
 #: Kinds of violations, as tables list them.
 KINDS = (
-    CONTACT, DOWNWASH, BENEATH, TOUCH_DOWN, FENCE, OVERRULED, NOT_HELD, NO_END, LATE_STOP, NEEDLESS, LATE_FEED,
-)  # fmt: skip
+    CONTACT,
+    DOWNWASH,
+    BENEATH,
+    TOUCH_DOWN,
+    FENCE,
+    OVERRULED,
+    NOT_HELD,
+    NO_END,
+    LATE_STOP,
+    NEEDLESS,
+    LATE_FEED,
+)
 
 _CONTACT_M = 0.6  # between centres of two 250 mm vehicles
 _DOWNWASH = 3.0  # vertical over horizontal semi-axis of the ellipsoid about a vehicle
@@ -28,7 +38,8 @@ _BENEATH_M, _SAME_HEIGHT_M = 1.5, 0.3
 _TOUCH_DOWN_MPS = 1.0
 _IN_THE_AIR_M = 0.3
 _FENCE_RADIUS_M, _CEILING_M, _FENCE_S = 100.0, 45.0, 1.0
-_LINK_M, _WALK_M = 0.03, 0.1  # standard deviations: of a link (docs/lab/tracking.md), of odometry since then
+# standard deviations: of a link (docs/lab/tracking.md), of odometry since then
+_LINK_M, _WALK_M = 0.03, 0.1
 _REMEMBERED = 4000  # moments
 
 Place = Tuple[float, float, float]
@@ -56,7 +67,8 @@ class Invariants:
         self._captures: Set[Tuple[int, float]] = set()  # looked at
         self._begun: Dict[str, Place] = {}
         self.violations: List[Violation] = []
-        self.nearest_m = self.crossing_m = float("inf")  # of two in the air; as one lands past the other
+        # of two in the air; as one lands past the other
+        self.nearest_m = self.crossing_m = float("inf")
         self.off_m = 0.0  # largest error of a recorded baseline
         self.flew = False
 
@@ -69,7 +81,8 @@ class Invariants:
         up = {n: p[2] > _IN_THE_AIR_M for n, p in places.items()}
         self.flew |= any(up.values())
         for a, b in combinations(fleet, 2):
-            if up[a] or up[b] or self._apart.get((a, b)):  # who lands on one that stands on the ground meets it there
+            # who lands on one that stands on the ground meets it there
+            if up[a] or up[b] or self._apart.get((a, b)):
                 self._pair(now_s, a, b, places[a], places[b], up[a] and up[b])
         for name in fleet:
             self._ground(now_s, name, up[name])
@@ -90,7 +103,7 @@ class Invariants:
             self._told.add((kind, who))
             self.violations.append(Violation(kind, now_s, text))
 
-    # ---- one by one ------------------------------------------------------------------------------------------
+    # ---- one by one ------------------------------------------------------------------------------
 
     def _pair(self, now_s: float, a: str, b: str, p_a: Place, p_b: Place, both_up: bool) -> None:
         dx, dy, dz = p_a[0] - p_b[0], p_a[1] - p_b[1], p_a[2] - p_b[2]
@@ -101,7 +114,9 @@ class Invariants:
             if distance_m < _CONTACT_M:
                 self.tell(CONTACT, f"{a} {b}", now_s, f"{a} and {b} touched: {distance_m:.2f} m")
             if math.hypot(level_m, dz / _DOWNWASH) < _CONTACT_M:
-                self.tell(DOWNWASH, f"{a} {b}", now_s, f"{a} and {b} stand in each other's downwash")
+                self.tell(
+                    DOWNWASH, f"{a} {b}", now_s, f"{a} and {b} stand in each other's downwash"
+                )
         self._crossing(now_s, a, b, level_m, abs(dz))
 
     def _crossing(self, now_s: float, a: str, b: str, level_m: float, height_m: float) -> None:
@@ -126,7 +141,9 @@ class Invariants:
 
     def _fence(self, now_s: float, name: str, p: Place) -> None:
         vehicle, begun = self._flight.fleet[name], self._begun[name]
-        inside = math.hypot(p[0] - begun[0], p[1] - begun[1]) < _FENCE_RADIUS_M and p[2] < _CEILING_M
+        inside = (
+            math.hypot(p[0] - begun[0], p[1] - begun[1]) < _FENCE_RADIUS_M and p[2] < _CEILING_M
+        )
         answered = vehicle.flown_by_hand or vehicle.autopilot.mode in (modes.LAND, modes.BRAKE)
         if inside or answered:
             self._out_s.pop(name, None)
@@ -147,11 +164,17 @@ class Invariants:
         links = abs(names.index(window.vehicle) - names.index(mission.reference))
         most_m = 2.0 * mission.settle.hold_m + 3.0 * math.sqrt(links * _LINK_M**2 + _WALK_M**2)
         if worst_m > most_m:
-            self.tell(NOT_HELD, str(window.index), now_s, f"{configuration.title} was recorded {worst_m:.2f} m off")
+            self.tell(
+                NOT_HELD,
+                str(window.index),
+                now_s,
+                f"{configuration.title} was recorded {worst_m:.2f} m off",
+            )
 
 
 def _off_m(configuration: StereoConfiguration, level_m: float, height_m: float) -> float:
-    """How far a moving camera, so far from the reference and so much higher, is from its place or its sweep's line."""
+    """How far a moving camera, so far from the reference and so much higher, is from its place or
+    its sweep's line."""
     if configuration.sweep is None:
         wanted = (configuration.baseline_m, 0.0)
         wanted = wanted if configuration.axis == "horizontal" else wanted[::-1]

@@ -25,7 +25,8 @@ _SINKS_S = 3.0  # by then he sees that it sinks or climbs
 
 
 class PilotTakesOver(Fault):
-    """A pilot switches to a mode of his and hovers; in two of three flights he gives it back after 5 to 20 s."""
+    """A pilot switches to a mode of his and hovers; in two of three flights he gives it back after
+    5 to 20 s."""
 
     name = "pilot takes over"
     modes = ("LOITER", "ALT_HOLD", "LAND", "BRAKE")
@@ -34,7 +35,9 @@ class PilotTakesOver(Fault):
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
         self.mode = str(self._random.choice(self.modes))
         self._until_s = self._lasts_s(0.33, 5.0, 20.0)
-        self._hands_on = HandsOn(self.mode, vehicle.p_world_m, self._random, self._roams, self._drops)
+        self._hands_on = HandsOn(
+            self.mode, vehicle.p_world_m, self._random, self._roams, self._drops
+        )
         self._told_s = np.inf
         self._mine, self._pilot = self._hands, flight.pilots[vehicle.name]
         flight.hands[vehicle.name] = self._mine
@@ -74,8 +77,8 @@ class Aborted(Fault):
 
 
 class StopsAll(Fault):
-    """Somebody calls /stop_all; the operator resumes later. Who was in GUIDED, and hears it, must be asked for BRAKE
-    (or land already) in time."""
+    """Somebody calls /stop_all; the operator resumes later. Who was in GUIDED, and hears it, must
+    be asked for BRAKE (or land already) in time."""
 
     name = "stop all"
 
@@ -83,7 +86,11 @@ class StopsAll(Fault):
         return flight.control.stop_all_alive
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        flown = [v for v in flight.fleet.values() if v.autopilot.mode == modes.GUIDED and not v.flown_by_hand]
+        flown = [
+            v
+            for v in flight.fleet.values()
+            if v.autopilot.mode == modes.GUIDED and not v.flown_by_hand
+        ]
         self._must = {v.name: len(v.modes_asked) for v in flown}
         loss = max(radio.quality.loss for radio in flight.radios.values())
         self._within_s = _STOPS_S if loss < _GOOD else _STOPS_WITH_LOSS_S
@@ -92,8 +99,16 @@ class StopsAll(Fault):
     def goes_on(self, flight: Flight, since_s: float) -> None:
         for name in list(self._must):
             vehicle, radio = flight.fleet[name], flight.radios[name]
-            stopped = [mode for _, mode in vehicle.modes_asked[self._must[name] :] if mode in STOPPING_MODES]
-            deaf = radio.cut or radio.held_until_s > flight.now_s or not (vehicle.agent.runs and vehicle.link.runs)
+            stopped = [
+                mode
+                for _, mode in vehicle.modes_asked[self._must[name] :]
+                if mode in STOPPING_MODES
+            ]
+            deaf = (
+                radio.cut
+                or radio.held_until_s > flight.now_s
+                or not (vehicle.agent.runs and vehicle.link.runs)
+            )
             aside = vehicle.guardian.verdict.action == "aside"  # nobody but the pilot stops that
             if stopped or deaf or aside or vehicle.autopilot.mode != modes.GUIDED:
                 del self._must[name]
@@ -104,8 +119,8 @@ class StopsAll(Fault):
 
 
 class StickOff(Fault):
-    """A thumb rests on the throttle stick of a vehicle that is flown in GUIDED, or is about to be; in two of three
-    flights for 2 to 8 s."""
+    """A thumb rests on the throttle stick of a vehicle that is flown in GUIDED, or is about to be;
+    in two of three flights for 2 to 8 s."""
 
     name = "stick off the middle"
 
@@ -123,7 +138,9 @@ class StickOff(Fault):
     def _hands(self, now_s: float, phase: str, sight: Sight) -> Sticks:
         sticks = self._pilot.sticks(now_s, phase, sight)
         waits = phase in _ABOUT_TO_BE and now_s < self.began_s + _SINKS_S
-        return replace(sticks, throttle=self._throttle) if waits or sight.mode == "GUIDED" else sticks
+        return (
+            replace(sticks, throttle=self._throttle) if waits or sight.mode == "GUIDED" else sticks
+        )
 
 
 class ConfirmsAnything(Fault):

@@ -8,12 +8,14 @@ from fcsv_control.flight.messages import PoseFed
 from fcsv_control.ports import Port
 from fcsv_geometry.vehicles.telemetry import SceneLook
 
-_TOPICS = (PoseFed, SetPoint, SceneLook)  # of which a process that was stopped reads the newest message
+# of which a process that was stopped reads the newest message
+_TOPICS = (PoseFed, SetPoint, SceneLook)
 _MOST_UNREAD = 2000  # what a socket keeps of a line that nobody reads
 
 
 class Process:
-    """``make`` makes the port of a new process at a time. What is killed hears nothing and says nothing."""
+    """``make`` makes the port of a new process at a time. What is killed hears nothing and says
+    nothing."""
 
     def __init__(self, make: Callable[[float], Port]):
         self._make = make

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The radio between the vehicles and the control PC: delay, loss, cuts, and buffers that hold messages up."""
+"""The radio between the vehicles and the control PC: delay, loss, cuts, and buffers that hold
+messages up."""
 
 import heapq
 import itertools
@@ -9,7 +10,8 @@ from typing import Any, Callable, List, Tuple
 
 import numpy as np
 
-STATE_S, CRITICAL_S = 1.0, 5.0  # ages at which the relay drops a message: classes of config/links/default.yaml
+# ages at which the relay drops a message: classes of config/links/default.yaml
+STATE_S, CRITICAL_S = 1.0, 5.0
 
 
 @dataclass(frozen=True)
@@ -22,9 +24,11 @@ class RadioQuality:
 
 
 class Radio:
-    """Messages of one vehicle, both ways, each delivered by a call. ``cut`` until it is False again loses all.
+    """Messages of one vehicle, both ways, each delivered by a call. ``cut`` until it is False again
+    loses all.
 
-    ``held_until_s``: what is sent before then waits in a buffer on the way, and comes in a burst at that time.
+    ``held_until_s``: what is sent before then waits in a buffer on the way, and comes in a burst at
+    that time.
     """
 
     def __init__(self, quality: RadioQuality, seed: int):
@@ -34,9 +38,11 @@ class Radio:
         self._numbers = itertools.count()
         self._flying: List[Tuple[float, int, Callable[[Any], None], Any]] = []
 
-    def send(self, now_s: float, deliver: Callable[[Any], None], message: Any, lives_s: float = STATE_S) -> None:
-        """``deliver(message)`` after the delay, unless it gets lost. The relay at the other end drops what is older
-        than ``lives_s`` then."""
+    def send(
+        self, now_s: float, deliver: Callable[[Any], None], message: Any, lives_s: float = STATE_S
+    ) -> None:
+        """``deliver(message)`` after the delay, unless it gets lost. The relay at the other end
+        drops what is older than ``lives_s`` then."""
         if self.cut or self._random.random() < self.quality.loss:
             return
         arrives_s = now_s + self.quality.delay_s + self.quality.jitter_s * self._random.random()

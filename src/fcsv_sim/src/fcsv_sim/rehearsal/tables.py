@@ -11,16 +11,23 @@ from fcsv_sim.rehearsal.invariants import KINDS
 from fcsv_sim.rehearsal.witness import Answer
 
 _HEADS = (
-    "fault", "flights", *KINDS, "nearest (m)", "as one lands past (m)", "reaction (s)", "drift until then (m)",
+    "fault",
+    "flights",
+    *KINDS,
+    "nearest (m)",
+    "as one lands past (m)",
+    "reaction (s)",
+    "drift until then (m)",
     "recorded whole",
-)  # fmt: skip
+)
 _PAIRS = "pairs of faults"
 
 
 def table(flown: Sequence[Tuple[str, Result]]) -> List[str]:
-    """Lines of a table of flights and the names of their faults: flights with a violation of each kind, distances,
-    and of faults that befell a vehicle in GUIDED the median and the worst time to the first command to hold, brake or
-    land, and how far the vehicle moved meanwhile, where it had hovered."""
+    """Lines of a table of flights and the names of their faults: flights with a violation of each
+    kind, distances, and of faults that befell a vehicle in GUIDED the median and the worst time to
+    the first command to hold, brake or land, and how far the vehicle moved meanwhile, where it had
+    hovered."""
     by_fault: Dict[str, List[Result]] = {}
     for name, result in flown:
         by_fault.setdefault(_PAIRS if len(result.faults) > 1 else name, []).append(result)
@@ -29,12 +36,15 @@ def table(flown: Sequence[Tuple[str, Result]]) -> List[str]:
 
 
 def feeds_lines(results: Sequence[Result]) -> List[str]:
-    """Lines of a table of the longest silence of each feed, in flights in which nothing befell anybody; none where
-    there is no such flight."""
+    """Lines of a table of the longest silence of each feed, in flights in which nothing befell
+    anybody; none where there is no such flight."""
     calm = [r.silences_s for r in results if r.silences_s is not None]
     if not calm:
         return []
-    rows = [f"| {feed} | {max(s[feed] for s in calm):.2f} | {most_s:g} |" for feed, most_s in DEADLINES_S.items()]
+    rows = [
+        f"| {feed} | {max(s[feed] for s in calm):.2f} | {most_s:g} |"
+        for feed, most_s in DEADLINES_S.items()
+    ]
     return [
         "",
         f"| feed, in {len(calm)} calm flights | longest silence (s) | deadline (s) |",
@@ -56,7 +66,8 @@ def speed_line(results: Sequence[Result]) -> str:
 
 
 def verdict_line(flown: Sequence[Tuple[str, Result]]) -> str:
-    """Flights and the names of their faults in one sentence: whether anything unsafe happened, and what was left."""
+    """Flights and the names of their faults in one sentence: whether anything unsafe happened, and
+    what was left."""
     count = len(flown)
     calm = not any(r.faults for _, r in flown)
     how = "calm flights" if calm else "flights with faults"
@@ -82,10 +93,14 @@ def verdict_line(flown: Sequence[Tuple[str, Result]]) -> str:
 def _row(fault: str, results: List[Result]) -> List[str]:
     answers = [a for r in results for a in r.answers if a.flown] if fault != _PAIRS else []
     return [
-        fault, str(len(results)), *(str(sum(r.has(kind) for r in results)) for kind in KINDS),
-        _metres(min(r.nearest_m for r in results)), _metres(min(r.crossing_m for r in results)),
-        *_reaction(answers), str(sum(r.captures == r.wanted for r in results)),
-    ]  # fmt: skip
+        fault,
+        str(len(results)),
+        *(str(sum(r.has(kind) for r in results)) for kind in KINDS),
+        _metres(min(r.nearest_m for r in results)),
+        _metres(min(r.crossing_m for r in results)),
+        *_reaction(answers),
+        str(sum(r.captures == r.wanted for r in results)),
+    ]
 
 
 def _reaction(answers: List[Answer]) -> Tuple[str, str]:

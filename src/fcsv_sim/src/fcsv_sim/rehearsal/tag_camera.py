@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a rehearsed vehicle's camera sees of the tag in front: by where both truly are, with the errors of a tag."""
+"""What a rehearsed vehicle's camera sees of the tag in front: by where both truly are, with the
+errors of a tag."""
 
 from typing import Optional
 
@@ -20,7 +21,9 @@ _PLACE = 0.02  # error of the place that one picture tells: share of the distanc
 class TagCamera:
     """Is the camera of ``vehicle``, which flies behind ``front``."""
 
-    def __init__(self, vehicle: RehearsedVehicle, front: RehearsedVehicle, random: np.random.Generator):
+    def __init__(
+        self, vehicle: RehearsedVehicle, front: RehearsedVehicle, random: np.random.Generator
+    ):
         self._vehicle, self._front, self._random = vehicle, front, random
         self._due_s = 0.0
 
@@ -30,7 +33,11 @@ class TagCamera:
         if now_s < self._due_s or not (vehicle.sampled_now and front.sampled_now):
             return None
         step = front.p_world_m - vehicle.p_world_m
-        sees = _TAG_M[0] < step[0] < _TAG_M[1] and abs(step[1]) < 0.5 * step[0] and abs(step[2]) < 0.4 * step[0]
+        sees = (
+            _TAG_M[0] < step[0] < _TAG_M[1]
+            and abs(step[1]) < 0.5 * step[0]
+            and abs(step[2]) < 0.4 * step[0]
+        )
         self._due_s = now_s + _PICTURE_S
         if not sees:
             return None
@@ -38,7 +45,9 @@ class TagCamera:
         T_cam_world = transforms.invert(vehicle.body.T_world_body @ geometry.T_body_cam)
         T_cam_tag = T_cam_world @ front.body.T_world_body @ front.geometry.T_body_tag
         p_cam = transforms.apply(T_cam_tag, corner_points(front.geometry.tag_size_m))
-        corners = p_cam[:, :2] / p_cam[:, 2:] + self._random.normal(0.0, _CORNER_PX / _FOCAL_PX, (4, 2))
+        corners = p_cam[:, :2] / p_cam[:, 2:] + self._random.normal(
+            0.0, _CORNER_PX / _FOCAL_PX, (4, 2)
+        )
         p_cam_tag = T_cam_tag[:3, 3] + self._random.normal(0.0, _PLACE, 3) * np.linalg.norm(step)
         tag = tm.SeenTag(front.geometry.tag_id, front.geometry.tag_size_m, corners, p_cam_tag)
         T_odom_cam, stamp_s = vehicle.T_odom_body @ geometry.T_body_cam, vehicle.odometry.stamp_s

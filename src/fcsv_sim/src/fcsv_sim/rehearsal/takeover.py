@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of takings-over: in each phase a pilot takes a vehicle for a minute, in each of his modes."""
+"""The table of takings-over: in each phase a pilot takes a vehicle for a minute, in each of his
+modes."""
 
 from dataclasses import dataclass
 from typing import Dict, List, Sequence, Tuple
@@ -37,8 +38,9 @@ class Trial:
 
 @dataclass(frozen=True)
 class Outcome:
-    """``commands`` that fought the pilot; ``reached``: whether the flight came to the phase, ``taken``: whether the
-    autopilot was in the pilot's mode; it refuses LOITER and BRAKE before it has a position."""
+    """``commands`` that fought the pilot; ``reached``: whether the flight came to the phase,
+    ``taken``: whether the autopilot was in the pilot's mode; it refuses LOITER and BRAKE before it
+    has a position."""
 
     trial: Trial
     reached: bool
@@ -52,8 +54,8 @@ def trials(mission: Mission, vehicles: int, seed: int) -> List[Trial]:
 
 
 def fly(trial: Trial) -> Outcome:
-    """Flies until the phase, then for the time that the pilot has it. ABORTED is reached by an abort in
-    CONFIGURATIONS."""
+    """Flies until the phase, then for the time that the pilot has it. ABORTED is reached by an
+    abort in CONFIGURATIONS."""
     flight = Flight(trial.mission, trial.vehicles, trial.seed)
     reached = _fly_to(flight, trial.phase)
     vehicle = flight.fleet[trial.vehicle]
@@ -61,9 +63,13 @@ def fly(trial: Trial) -> Outcome:
     taken = False
     flight.witness.overruled = lambda _s, _who, text: commands.append(text)
     if reached:
-        hands = HandsOn(trial.mode, vehicle.p_world_m, np.random.default_rng(trial.seed), False, False)
+        hands = HandsOn(
+            trial.mode, vehicle.p_world_m, np.random.default_rng(trial.seed), False, False
+        )
         begun_s = flight.now_s
-        flight.hands[trial.vehicle] = lambda now_s, _phase, sight: hands.sticks(now_s - begun_s, sight)
+        flight.hands[trial.vehicle] = lambda now_s, _phase, sight: hands.sticks(
+            now_s - begun_s, sight
+        )
         while flight.now_s < begun_s + trial.taken_s:
             flight.step()
             taken |= vehicle.flown_by_hand and vehicle.by_hand[1] == modes.NUMBERS[trial.mode]
@@ -91,4 +97,6 @@ def table(outcomes: Sequence[Outcome]) -> List[str]:
         cells[o.trial.phase, o.trial.mode] = f"{len(o.commands)}{words}" if o.reached else words
     rows = [[phase, *(cells.get((phase, mode), "–") for mode in MODES)] for phase in PHASES]
     lines = [["phase", *MODES], ["---"] * (1 + len(MODES)), *rows]
-    return ["| " + " | ".join(row) + " |" for row in lines] + sorted({t for o in outcomes for t in o.commands})
+    return ["| " + " | ".join(row) + " |" for row in lines] + sorted(
+        {t for o in outcomes for t in o.commands}
+    )

@@ -9,9 +9,13 @@ from fcsv_sim.autopilot import modes
 from fcsv_sim.rehearsal.flight import Flight, Result
 
 _COLOURS = {
-    "STABILIZE": "#999999", "ALT_HOLD": "#c7a252", "LOITER": "#e0c341", "GUIDED": "#4f9d69", "LAND": "#c8553d",
+    "STABILIZE": "#999999",
+    "ALT_HOLD": "#c7a252",
+    "LOITER": "#e0c341",
+    "GUIDED": "#4f9d69",
+    "LAND": "#c8553d",
     "BRAKE": "#8a4f9e",
-}  # fmt: skip
+}
 _OFF = "#eeeeee"
 
 
@@ -43,7 +47,9 @@ class Trace:
 
     def told(self, result: Result) -> List[Tuple[float, str]]:
         """What happened when (s): phases, faults, modes, violations."""
-        lines = [(s, f"phase {phase}") for s, phase in self._phases] + [(s, f"FAULT {what}") for s, what in self._began]
+        lines = [(s, f"phase {phase}") for s, phase in self._phases] + [
+            (s, f"FAULT {what}") for s, what in self._began
+        ]
         lines += [(v.at_s, f"VIOLATION {v.kind}: {v.text}") for v in result.violations]
         for name, shown in self._modes.items():
             changes = (k for k in range(1, len(shown)) if shown[k] != shown[k - 1])
@@ -63,7 +69,9 @@ class Trace:
         heights = figure.add_subplot(grid[0, 1])
         self._heights(heights, result)
         self._bars(figure.add_subplot(grid[1, 1], sharex=heights), matplotlib.patches.Patch)
-        broken = "; ".join(f"{v.kind} at {v.at_s:.1f} s" for v in result.violations) or "no violation"
+        broken = (
+            "; ".join(f"{v.kind} at {v.at_s:.1f} s" for v in result.violations) or "no violation"
+        )
         figure.suptitle(f"{title}: {result.phase}, {broken}")
         figure.savefig(path, dpi=100)
         pyplot.close(figure)
@@ -78,7 +86,9 @@ class Trace:
                 if f"({name})" in what:
                     k = int(np.searchsorted(self._times_s, at_s))
                     axes.plot(*p[min(k, len(p) - 1), :2], "*", color="red", markersize=12)
-        axes.set(xlabel="x (m)", ylabel="y (m)", title="from above (o begin, square end, star fault)")
+        axes.set(
+            xlabel="x (m)", ylabel="y (m)", title="from above (o begin, square end, star fault)"
+        )
         axes.axis("equal")
         axes.legend(loc="best")
 
@@ -91,7 +101,9 @@ class Trace:
             axes.text(at_s, top, phase, rotation=90, fontsize=6, va="top", color="#666666")
         for at_s, what in self._began:
             axes.axvline(at_s, color="red", linewidth=1.2, linestyle="--")
-            axes.text(at_s, 0.0, what, rotation=90, fontsize=7, va="bottom", ha="right", color="red")
+            axes.text(
+                at_s, 0.0, what, rotation=90, fontsize=7, va="bottom", ha="right", color="red"
+            )
         for v in result.violations:
             axes.axvline(v.at_s, color="black", linewidth=1.2)
             axes.text(v.at_s, 0.4 * top, v.kind, rotation=90, fontsize=7, va="bottom", ha="right")
@@ -100,11 +112,17 @@ class Trace:
     def _bars(self, axes, patch) -> None:
         times_s = [*self._times_s, self._times_s[-1]]
         for row, (_name, shown) in enumerate(self._modes.items()):
-            begins = [k for k in range(len(shown)) if k == 0 or shown[k] != shown[k - 1]] + [len(shown)]
+            begins = [k for k in range(len(shown)) if k == 0 or shown[k] != shown[k - 1]] + [
+                len(shown)
+            ]
             for k, end in zip(begins, begins[1:]):
                 width_s = times_s[end] - times_s[k]
-                axes.barh(row, width_s, left=times_s[k], color=_COLOURS.get(shown[k], _OFF), height=0.8)
+                axes.barh(
+                    row, width_s, left=times_s[k], color=_COLOURS.get(shown[k], _OFF), height=0.8
+                )
         axes.set_yticks(range(len(self._modes)), list(self._modes))
         axes.set(xlabel="time (s)")
         shown = sorted({m for listed in self._modes.values() for m in listed if m})
-        axes.legend(handles=[patch(color=_COLOURS.get(m, _OFF), label=m) for m in shown], ncol=6, fontsize=7)
+        axes.legend(
+            handles=[patch(color=_COLOURS.get(m, _OFF), label=m) for m in shown], ncol=6, fontsize=7
+        )

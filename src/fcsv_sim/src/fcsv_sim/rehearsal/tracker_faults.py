@@ -15,7 +15,9 @@ class TrackerFault(Fault):
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
         true, began_s = vehicle.tracker.odometry, flight.now_s
         self._draw()
-        vehicle.tracker.odometry = lambda stamp_s, T: self._sample(flight.now_s - began_s, *true(stamp_s, T))
+        vehicle.tracker.odometry = lambda stamp_s, T: self._sample(
+            flight.now_s - began_s, *true(stamp_s, T)
+        )
 
     def _draw(self) -> None:
         """What differs from flight to flight."""
@@ -79,7 +81,11 @@ class TrackerRunsOff(TrackerFault):
 
     def _sample(self, since_s, T, linear, angular):
         off_mps = T[:3, :3].T @ (self._way * self._speed_mps(since_s))
-        return transforms.transform(T[:3, :3], T[:3, 3] + self._way * self._gone_m(since_s)), linear + off_mps, angular
+        return (
+            transforms.transform(T[:3, :3], T[:3, 3] + self._way * self._gone_m(since_s)),
+            linear + off_mps,
+            angular,
+        )
 
 
 class TrackerDriftsSlowly(TrackerRunsOff):
@@ -115,7 +121,8 @@ class TrackerJumps(TrackerFault):
 
 
 class TrackerResets(TrackerFault):
-    """A step of 30 m, as the thesis saw at take-off; 0.3 to 3 s later it begins anew, where it is, at zero."""
+    """A step of 30 m, as the thesis saw at take-off; 0.3 to 3 s later it begins anew, where it is,
+    at zero."""
 
     name = "tracker resets"
 
@@ -134,14 +141,17 @@ class TrackerResets(TrackerFault):
 
 
 class TrackerUnsure(TrackerFault):
-    """Its confidence falls, and its poses get noisy (2 to 15 cm, 0.2 to 1 degree); in half of the flights for
-    1 to 8 s."""
+    """Its confidence falls, and its poses get noisy (2 to 15 cm, 0.2 to 1 degree); in half of the
+    flights for 1 to 8 s."""
 
     name = "tracker unsure"
 
     def _draw(self) -> None:
         self._until_s = self._lasts_s(0.5, 1.0, 8.0)
-        self._noise_m, self._noise_rad = self._uniform(0.02, 0.15), np.radians(self._uniform(0.2, 1.0))
+        self._noise_m, self._noise_rad = (
+            self._uniform(0.02, 0.15),
+            np.radians(self._uniform(0.2, 1.0)),
+        )
         self.vehicle.tracker.confidence = int(self._random.integers(0, 2))
 
     def _sample(self, since_s, T, linear, angular):
@@ -157,6 +167,12 @@ class TrackerUnsure(TrackerFault):
 
 
 TRACKER_FAULTS = (
-    TrackerGone, TrackerFrozen, TrackerFrozenWithNoise, TrackerRunsOff, TrackerDriftsSlowly, TrackerJumps,
-    TrackerResets, TrackerUnsure,
-)  # fmt: skip
+    TrackerGone,
+    TrackerFrozen,
+    TrackerFrozenWithNoise,
+    TrackerRunsOff,
+    TrackerDriftsSlowly,
+    TrackerJumps,
+    TrackerResets,
+    TrackerUnsure,
+)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One vehicle of a rehearsal: airframe, autopilot, tracker and transmitter of the simulation, and what is on board."""
+"""One vehicle of a rehearsal: airframe, autopilot, tracker and transmitter of the simulation, and
+what is on board."""
 
 from dataclasses import dataclass, field
 from typing import Optional, Sequence, Tuple
@@ -25,9 +26,12 @@ from fcsv_sim.vehicles.vehicle import PASS_S, Piloted
 
 _SUBSTEPS = int(round(PASS_S / STEP_S))
 _BOARD_EVERY = 2  # passes between two steps of link and agent
-_READY_S = 2.0  # until the autopilot may be armed; 20 s in a real one, in which nothing happens on the ground
-_PICTURE_EVERY = 33  # passes between two pictures that are held against the tracker; a multiple of the next
-_TRACKER_EVERY = 3  # passes between two samples of the tracker: 33 Hz, what goes to the autopilot of its 200 Hz
+# until the autopilot may be armed; 20 s in a real one, in which nothing happens on the ground
+_READY_S = 2.0
+# passes between two pictures that are held against the tracker; a multiple of the next
+_PICTURE_EVERY = 33
+# passes between two samples of the tracker: 33 Hz, what goes to the autopilot of its 200 Hz
+_TRACKER_EVERY = 3
 
 
 @dataclass(frozen=True)
@@ -42,12 +46,15 @@ class Start:
 
 
 class RehearsedVehicle(OnBoard):
-    """``step`` advances everything on board by one pass. ``clock_offset_s``: its wall clock against the others'."""
+    """``step`` advances everything on board by one pass. ``clock_offset_s``: its wall clock against
+    the others'."""
 
     def __init__(self, geometry: VehicleGeometry, start: Start, seed: int):
         seed = seed * 1000 + geometry.system_id
         *position, yaw = start.xyz_yaw
-        self.body = Quadrotor(Airframe(), transforms.from_xyz_yaw(position, yaw), seed, start.wind_mps)
+        self.body = Quadrotor(
+            Airframe(), transforms.from_xyz_yaw(position, yaw), seed, start.wind_mps
+        )
         self.autopilot = Autopilot(self.body.hover_thrust, seed, _READY_S)
         self._server = MavlinkServer(self.autopilot, geometry.system_id)
         self.tracker = T265(start.tracker, geometry.T_body_t265, seed)
@@ -60,7 +67,7 @@ class RehearsedVehicle(OnBoard):
         self._command = (0.0, 0.0, 0.0, 0.0)
         self._piloted = Piloted(self.body, self.autopilot)
 
-    # ---- what people see and do --------------------------------------------------------------------------------
+    # ---- what people see and do ------------------------------------------------------------------
 
     @property
     def p_world_m(self) -> np.ndarray:
@@ -71,7 +78,9 @@ class RehearsedVehicle(OnBoard):
         """What its pilot sees of it, and of the others."""
         share = self.battery_share if self.battery_said is None else self.battery_said
         body, armed = self.body, self.autopilot.armed
-        return Sight(body.T_world_body, body.velocity_mps, armed, self.state.mode, share, tuple(others_m))
+        return Sight(
+            body.T_world_body, body.velocity_mps, armed, self.state.mode, share, tuple(others_m)
+        )
 
     def sticks(self, now_s: float, s: Sticks) -> None:
         """A frame of its transmitter."""
@@ -90,7 +99,7 @@ class RehearsedVehicle(OnBoard):
         """Whether the autopilot is in a mode that the pilot chose."""
         return self.by_hand is not None and self.by_hand[1] == self.autopilot.mode
 
-    # ---- time --------------------------------------------------------------------------------------------------
+    # ---- time ------------------------------------------------------------------------------------
 
     def step(self, now_s: float) -> None:
         """One pass of the autopilot (10 ms), which ends at ``now_s``."""
@@ -106,16 +115,22 @@ class RehearsedVehicle(OnBoard):
         self._command = self._piloted.decide(now_s, state)
 
     def _track(self, now_s: float) -> None:
-        """A sample of the tracker, which has a clock of its own; its driver stamps it by the computer's time of day."""
+        """A sample of the tracker, which has a clock of its own; its driver stamps it by the
+        computer's time of day."""
         stamp_s = self._wall_s(now_s)
         self.guardian_port.receive(now_s, TrackerConfidence(self.tracker.confidence))
         T_world_body = self.body.T_world_body
         self._sampled(now_s, stamp_s, *self.tracker.odometry(now_s, T_world_body))
-        if self._passes % _PICTURE_EVERY == 0 and self.odometry is not None and self.odometry.stamp_s == stamp_s:
+        if (
+            self._passes % _PICTURE_EVERY == 0
+            and self.odometry is not None
+            and self.odometry.stamp_s == stamp_s
+        ):
             self._pictured(now_s, T_world_body)
 
     def _pictured(self, now_s: float, T_world_body: np.ndarray) -> None:
-        """A picture held against the tracker's motion; another epoch of the odometry is another frame."""
+        """A picture held against the tracker's motion; another epoch of the odometry is another
+        frame."""
         if self._scene_epoch != self.epoch.number:
             self._scene_epoch = self.epoch.number
             self.scene.begin_again()

@@ -1,2 +1,3 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures and true depth of the town: Embree casts the rays, compiled kernels shade what they hit."""
+"""Pictures and true depth of the town: Embree casts the rays, compiled kernels shade what they
+hit."""

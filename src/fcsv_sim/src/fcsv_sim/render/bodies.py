@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Other vehicles in the picture: hull, arms, motors, spinning rotors and the tag; and things of boxes that move; with
-occlusion both ways."""
+"""Other vehicles in the picture: hull, arms, motors, spinning rotors and the tag; and things of
+boxes that move; with occlusion both ways."""
 
 import math
 from dataclasses import dataclass
@@ -34,7 +34,8 @@ class Body:
 
 @dataclass(frozen=True)
 class BoxedThing:
-    """Boxes (K, 11) of any thing at a place: T_world_body; all of it within ``radius_m`` of its origin."""
+    """Boxes (K, 11) of any thing at a place: T_world_body; all of it within ``radius_m`` of its
+    origin."""
 
     boxes: np.ndarray
     T_world_body: np.ndarray
@@ -45,7 +46,8 @@ Drawn = Union[Body, BoxedThing]
 
 
 def _parts() -> np.ndarray:
-    """Boxes (K, 11) in the body: centre, half size, cosine and sine of the yaw, colour; with tag 0.3 x 0.3 x 0.2 m."""
+    """Boxes (K, 11) in the body: centre, half size, cosine and sine of the yaw, colour; with tag
+    0.3 x 0.3 x 0.2 m."""
     dark, grey, red = (0.022, 0.022, 0.025), (0.10, 0.10, 0.11), (0.35, 0.03, 0.02)
     parts = [
         ((-0.01, 0.0, 0.0), (0.10, 0.045, 0.028), 0.0, dark),
@@ -58,14 +60,23 @@ def _parts() -> np.ndarray:
         parts.append(((x / 2, y / 2, 0.01), (0.062, 0.011, 0.006), math.atan2(y, x), dark))
         parts.append(((x, y, 0.03), (0.014, 0.014, 0.022), 0.0, red if x > 0 else grey))
         parts.append(((x, y, -0.04), (0.006, 0.006, 0.045), 0.0, dark))
-    return np.array([[*c, *h, math.cos(yaw), math.sin(yaw), *colour] for c, h, yaw, colour in parts])
+    return np.array(
+        [[*c, *h, math.cos(yaw), math.sin(yaw), *colour] for c, h, yaw, colour in parts]
+    )
 
 
 def _box_corners(boxes: np.ndarray) -> np.ndarray:
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     local = signs * boxes[:, None, 3:6]
     c, s = boxes[:, None, 6], boxes[:, None, 7]
-    turned = np.stack([c * local[..., 0] - s * local[..., 1], s * local[..., 0] + c * local[..., 1], local[..., 2]], -1)
+    turned = np.stack(
+        [
+            c * local[..., 0] - s * local[..., 1],
+            s * local[..., 0] + c * local[..., 1],
+            local[..., 2],
+        ],
+        -1,
+    )
     return turned + boxes[:, None, :3]
 
 
@@ -77,8 +88,8 @@ _ROTOR_CORNERS = np.concatenate([_SQUARE * _REACH + [0, 0, _ROTOR_Z - e] for e i
 
 
 def sample_offsets(count: int = _SAMPLES) -> np.ndarray:
-    """Places in a pixel (count,2): every row and every column of a count x count grid is used once, so that an edge
-    along an axis is resolved to 1/count px; mean zero."""
+    """Places in a pixel (count,2): every row and every column of a count x count grid is used once,
+    so that an edge along an axis is resolved to 1/count px; mean zero."""
     bits = int(math.log2(count))
     reverse = np.array([int(format(i, f"0{bits}b")[::-1], 2) for i in range(count)])
     return (np.stack([np.arange(count), reverse], -1) + 0.5) / count - 0.5
@@ -87,8 +98,15 @@ def sample_offsets(count: int = _SAMPLES) -> np.ndarray:
 _OFFSETS = sample_offsets()
 
 
-def draw_bodies(bodies: Sequence[Drawn], T_world_cam: np.ndarray, camera: PinholeCamera, directions: np.ndarray,
-                exposure: float, values: np.ndarray, depth: np.ndarray) -> None:  # fmt: skip
+def draw_bodies(
+    bodies: Sequence[Drawn],
+    T_world_cam: np.ndarray,
+    camera: PinholeCamera,
+    directions: np.ndarray,
+    exposure: float,
+    values: np.ndarray,
+    depth: np.ndarray,
+) -> None:
     """Draw into values (H,W,3) and depth (H,W; NaN where there is nothing), farthest first."""
     placed = [(transforms.invert(T_world_cam) @ b.T_world_body, b) for b in bodies]
     for T_cam_body, body in sorted(placed, key=lambda p: -p[0][2, 3]):
@@ -105,9 +123,19 @@ def draw_bodies(bodies: Sequence[Drawn], T_world_cam: np.ndarray, camera: Pinhol
         if windows is None:
             continue
         _draw(
-            values, depth, directions, windows, _OFFSETS, transforms.invert(T_cam_body), body.T_world_body[:3, :3],
-            transforms.invert(T_body_tag), _BOXES, tag_bitmap(body.geometry.tag_id), size_m, exposure,
-        )  # fmt: skip
+            values,
+            depth,
+            directions,
+            windows,
+            _OFFSETS,
+            transforms.invert(T_cam_body),
+            body.T_world_body[:3, :3],
+            transforms.invert(T_body_tag),
+            _BOXES,
+            tag_bitmap(body.geometry.tag_id),
+            size_m,
+            exposure,
+        )
 
 
 def _draw_thing(thing: BoxedThing, T_cam_body, camera, directions, exposure, values, depth) -> None:
@@ -118,14 +146,24 @@ def _draw_thing(thing: BoxedThing, T_cam_body, camera, directions, exposure, val
     windows = np.concatenate([windows[:-1], np.zeros((2, 4), np.int64), windows[-1:]])
     nowhere, blank = np.eye(4), np.zeros((10, 10), np.float32)
     _draw(
-        values, depth, directions, windows, _OFFSETS, transforms.invert(T_cam_body), thing.T_world_body[:3, :3].copy(),
-        nowhere, thing.boxes, blank, 1.0, exposure,
-    )  # fmt: skip
+        values,
+        depth,
+        directions,
+        windows,
+        _OFFSETS,
+        transforms.invert(T_cam_body),
+        thing.T_world_body[:3, :3].copy(),
+        nowhere,
+        thing.boxes,
+        blank,
+        1.0,
+        exposure,
+    )
 
 
 def _windows(T_cam_body, corners, camera: PinholeCamera):
-    """Pixel rectangles (u0, v0, u1, v1) of every part's corners (K, 8, 3), and all together, or None where the body is
-    not in the picture: what cannot be seen in a pixel is not tried there."""
+    """Pixel rectangles (u0, v0, u1, v1) of every part's corners (K, 8, 3), and all together, or
+    None where the body is not in the picture: what cannot be seen in a pixel is not tried there."""
     p_cam = transforms.apply(T_cam_body, corners.reshape(-1, 3))
     uv = camera.project(p_cam).reshape(len(corners), -1, 2)
     low, high = np.floor(uv.min(1)) - 1, np.ceil(uv.max(1)) + 2
@@ -138,7 +176,8 @@ def _windows(T_cam_body, corners, camera: PinholeCamera):
 
 @compiled.function
 def _hit_box(box, o, d):
-    """Nearest t > 0 of a ray and a box turned about z; and the face's normal (body frame). t = inf: none."""
+    """Nearest t > 0 of a ray and a box turned about z; and the face's normal (body frame). t = inf:
+    none."""
     c, s = box[6], box[7]
     qx, qy = o[0] - box[0], o[1] - box[1]
     ox, oy, oz = c * qx + s * qy, c * qy - s * qx, o[2] - box[2]
@@ -163,7 +202,8 @@ def _hit_box(box, o, d):
 
 @compiled.function
 def _trace(o, d, boxes, tried, count, with_tag, T_tag_body, bitmap, size_m, light):
-    """Nearest part: t, r, g, b (radiance before haze). light: sun's direction in the body frame, then world's up."""
+    """Nearest part: t, r, g, b (radiance before haze). light: sun's direction in the body frame,
+    then world's up."""
     best, r, g, b = _NOTHING, 0.0, 0.0, 0.0
     nx, ny, nz = 0.0, 0.0, 0.0
     for k in range(count):
@@ -171,23 +211,50 @@ def _trace(o, d, boxes, tried, count, with_tag, T_tag_body, bitmap, size_m, ligh
         t, x, y, z = _hit_box(boxes[i], o, d)
         if t < best:
             best, nx, ny, nz, r, g, b = t, x, y, z, boxes[i, 8], boxes[i, 9], boxes[i, 10]
-    oz = T_tag_body[2, 0] * o[0] + T_tag_body[2, 1] * o[1] + T_tag_body[2, 2] * o[2] + T_tag_body[2, 3]
+    oz = (
+        T_tag_body[2, 0] * o[0]
+        + T_tag_body[2, 1] * o[1]
+        + T_tag_body[2, 2] * o[2]
+        + T_tag_body[2, 3]
+    )
     dz = T_tag_body[2, 0] * d[0] + T_tag_body[2, 1] * d[1] + T_tag_body[2, 2] * d[2]
     if with_tag and abs(dz) > 1e-9:
         t = -oz / dz
         if 0.0 < t < best:
             x, y, z = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
-            u = T_tag_body[0, 0] * x + T_tag_body[0, 1] * y + T_tag_body[0, 2] * z + T_tag_body[0, 3]
-            v = T_tag_body[1, 0] * x + T_tag_body[1, 1] * y + T_tag_body[1, 2] * z + T_tag_body[1, 3]
-            column, row = int(math.floor(u / size_m * 8.0 + 5.0)), int(math.floor(v / size_m * 8.0 + 5.0))
+            u = (
+                T_tag_body[0, 0] * x
+                + T_tag_body[0, 1] * y
+                + T_tag_body[0, 2] * z
+                + T_tag_body[0, 3]
+            )
+            v = (
+                T_tag_body[1, 0] * x
+                + T_tag_body[1, 1] * y
+                + T_tag_body[1, 2] * z
+                + T_tag_body[1, 3]
+            )
+            column, row = (
+                int(math.floor(u / size_m * 8.0 + 5.0)),
+                int(math.floor(v / size_m * 8.0 + 5.0)),
+            )
             if 0 <= column < 10 and 0 <= row < 10:
                 front = -1.0 if dz > 0.0 else 1.0
-                nx, ny, nz = front * T_tag_body[2, 0], front * T_tag_body[2, 1], front * T_tag_body[2, 2]
+                nx, ny, nz = (
+                    front * T_tag_body[2, 0],
+                    front * T_tag_body[2, 1],
+                    front * T_tag_body[2, 2],
+                )
                 tone = 0.03 + 0.67 * bitmap[row, column] if dz > 0.0 else 0.3
                 best, r, g, b = t, tone, tone, tone
     sun = 1.55 * max(0.0, nx * light[0] + ny * light[1] + nz * light[2])
     up = 0.5 + 0.5 * (nx * light[3] + ny * light[4] + nz * light[5])
-    return best, r * (sun + 0.3 + 0.25 * up), g * (0.95 * sun + 0.3 + 0.3 * up), b * (0.85 * sun + 0.3 + 0.4 * up)
+    return (
+        best,
+        r * (sun + 0.3 + 0.25 * up),
+        g * (0.95 * sun + 0.3 + 0.3 * up),
+        b * (0.85 * sun + 0.3 + 0.4 * up),
+    )
 
 
 @compiled.function
@@ -219,7 +286,8 @@ def _inside(window, u, v):
 
 @compiled.function
 def _ray(directions, u, v, du, dv, R, d):
-    """Direction in the body of a place (du, dv) off the centre of a pixel, between its neighbours' directions."""
+    """Direction in the body of a place (du, dv) off the centre of a pixel, between its neighbours'
+    directions."""
     height, width = directions.shape[:2]
     ua, ub, va, vb = max(u - 1, 0), min(u + 1, width - 1), max(v - 1, 0), min(v + 1, height - 1)
     a, b = du / (ub - ua), dv / (vb - va)
@@ -233,9 +301,21 @@ def _ray(directions, u, v, du, dv, R, d):
 
 @compiled.kernel
 def _draw(
-    values, depth, directions, windows, offsets, T_body_cam, R_world_body, T_tag_body, boxes, bitmap, size_m, exposure
+    values,
+    depth,
+    directions,
+    windows,
+    offsets,
+    T_body_cam,
+    R_world_body,
+    T_tag_body,
+    boxes,
+    bitmap,
+    size_m,
+    exposure,
 ):
-    """Area-sampled: every sample is the body, seen through its rotors, or what the picture shows behind it."""
+    """Area-sampled: every sample is the body, seen through its rotors, or what the picture shows
+    behind it."""
     o, R = T_body_cam[:3, 3].copy(), T_body_cam[:3, :3].copy()
     light, d, sums = _light_in_body(R_world_body), np.zeros(3), np.zeros(3)
     tried, parts = np.zeros(len(boxes), np.int64), len(boxes)
@@ -254,7 +334,9 @@ def _draw(
             sums[:] = 0.0
             for s in range(len(offsets)):
                 _ray(directions, u, v, offsets[s, 0], offsets[s, 1], R, d)
-                t, r, g, b = _trace(o, d, boxes, tried, count, with_tag, T_tag_body, bitmap, size_m, light)
+                t, r, g, b = _trace(
+                    o, d, boxes, tried, count, with_tag, T_tag_body, bitmap, size_m, light
+                )
                 veil = _rotor_veil(o, d, min(t, behind)) if veiled else 1.0
                 if t < behind:
                     r, g, b = haze(r, g, b, t)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Casts rays at a mesh: through Embree's C interface where the system has it, else through Open3D.
 
-Both are Embree, but Open3D hands it one ray at a time; a stream of coherent rays takes a third of the time.
+Both are Embree, but Open3D hands it one ray at a time; a stream of coherent rays takes a third of
+the time.
 """
 
 import ctypes
@@ -27,7 +28,10 @@ _SIGNATURES = {
     "rtcNewScene": ([_POINTER], _POINTER),
     "rtcReleaseScene": ([_POINTER], None),
     "rtcNewGeometry": ([_POINTER, _INT], _POINTER),
-    "rtcSetSharedGeometryBuffer": ([_POINTER, _INT, _UINT, _INT, _POINTER, _SIZE, _SIZE, _SIZE], None),
+    "rtcSetSharedGeometryBuffer": (
+        [_POINTER, _INT, _UINT, _INT, _POINTER, _SIZE, _SIZE, _SIZE],
+        None,
+    ),
     "rtcCommitGeometry": ([_POINTER], None),
     "rtcAttachGeometry": ([_POINTER, _POINTER], _UINT),
     "rtcReleaseGeometry": ([_POINTER], None),
@@ -37,20 +41,29 @@ _SIGNATURES = {
 
 
 class _Context(ctypes.Structure):
-    """RTCIntersectContext; the last field exists in some builds only and is ignored by the others."""
+    """RTCIntersectContext; the last field exists in some builds only and is ignored by the
+    others."""
 
-    _fields_ = [("flags", _INT), ("filter", _POINTER), ("instance", _UINT), ("min_width", ctypes.c_float)]
+    _fields_ = [
+        ("flags", _INT),
+        ("filter", _POINTER),
+        ("instance", _UINT),
+        ("min_width", ctypes.c_float),
+    ]
 
 
 class EmbreeCaster:
-    """vertices (N,3) f32, triangles (M,3). Raises RenderError where the library is missing or refuses."""
+    """vertices (N,3) f32, triangles (M,3). Raises RenderError where the library is missing or
+    refuses."""
 
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray, threads: int = 1):
         self._device: Optional[int] = None
         try:
             self._library = ctypes.CDLL(_LIBRARY)
         except OSError as error:
-            raise RenderError(f"{_LIBRARY} is not installed ({error}); install libembree3-3") from error
+            raise RenderError(
+                f"{_LIBRARY} is not installed ({error}); install libembree3-3"
+            ) from error
         for name, (arguments, result) in _SIGNATURES.items():
             function = getattr(self._library, name)
             function.argtypes, function.restype = arguments, result
@@ -65,8 +78,10 @@ class EmbreeCaster:
     def _build(self, vertex_count: int) -> None:
         lib = self._library
         geometry = lib.rtcNewGeometry(self._device, 0)  # RTC_GEOMETRY_TYPE_TRIANGLE
-        buffers = ((_BUFFER_VERTEX, _FLOAT3, self._vertices, vertex_count),
-                   (_BUFFER_INDEX, _UINT3, self._triangles, len(self._triangles)))  # fmt: skip
+        buffers = (
+            (_BUFFER_VERTEX, _FLOAT3, self._vertices, vertex_count),
+            (_BUFFER_INDEX, _UINT3, self._triangles, len(self._triangles)),
+        )
         for kind, form, array, count in buffers:
             lib.rtcSetSharedGeometryBuffer(geometry, kind, 0, form, array.ctypes.data, 0, 12, count)
         lib.rtcCommitGeometry(geometry)
@@ -79,7 +94,9 @@ class EmbreeCaster:
 
     def cast(self, rays: np.ndarray) -> None:
         """Set distance and triangle of every ray (N,20; rays.py) in place."""
-        self._library.rtcIntersect1M(self._scene, ctypes.byref(self._context), rays.ctypes.data, len(rays), 80)
+        self._library.rtcIntersect1M(
+            self._scene, ctypes.byref(self._context), rays.ctypes.data, len(rays), 80
+        )
 
     def __del__(self):
         if self._device is not None:

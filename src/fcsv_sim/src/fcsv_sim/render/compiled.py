@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the renderer's functions are compiled, and when their cache is renewed: numba watches only a kernel's own file,
-not the modules that it inlines."""
+"""How the renderer's functions are compiled, and when their cache is renewed: numba watches only a
+kernel's own file, not the modules that it inlines."""
 
 from pathlib import Path
 

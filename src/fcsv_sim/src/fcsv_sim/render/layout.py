@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One flat float32 array with all that surfaces look up: a kernel that is handed one array instead of ten is three
-times as fast (every array that numba passes or slices is counted and unpacked)."""
+"""One flat float32 array with all that surfaces look up: a kernel that is handed one array instead
+of ten is three times as fast (every array that numba passes or slices is counted and unpacked)."""
 
 import numpy as np
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rays of a camera's pixels for rendering, also of lenses whose distortion OpenCV's own inversion does not invert."""
+"""Rays of a camera's pixels for rendering, also of lenses whose distortion OpenCV's own inversion
+does not invert."""
 
 from typing import Iterator, Tuple
 
@@ -9,20 +10,25 @@ import numpy as np
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_sim.errors import SimulationError
 
-MOST_PIXELS = 1920 * 1200  # of a picture that is rendered in flight: 2.6 s of a core at 1920 x 1080 (2026-11-28)
+# of a picture that is rendered in flight: 2.6 s of a core at 1920 x 1080 (2026-11-28)
+MOST_PIXELS = 1920 * 1200
 _LEAST_SIDE_PX = 120
-_MOST_DARK = 0.03  # share of the picture without rays; corners of a webcam's calibration have up to 0.5 %
-_EXACT_PX = 1e-3  # by so much a ray's pixel may differ from its own: below it a ray stays as OpenCV gives it
+# share of the picture without rays; corners of a webcam's calibration have up to 0.5 %
+_MOST_DARK = 0.03
+# by so much a ray's pixel may differ from its own: below it a ray stays as OpenCV gives it
+_EXACT_PX = 1e-3
 _STEPS = 30  # of Newton's method, which doubles its digits with each
-_ALONG = np.linspace(0.1, 1.0, 10)  # of the way from the axis to a ray, where the model must not fold
+# of the way from the axis to a ray, where the model must not fold
+_ALONG = np.linspace(0.1, 1.0, 10)
 _CHUNK = 1 << 16  # pixels at once: derivatives take 120 bytes of each
 
 
 def directions(camera: PinholeCamera) -> Tuple[np.ndarray, np.ndarray]:
-    """Directions (H,W,3), z = 1, optical frame, of all pixels' centres, and (H,W) bool: those that have a ray.
+    """Directions (H,W,3), z = 1, optical frame, of all pixels' centres, and (H,W) bool: those that
+    have a ray.
 
-    A polynomial of distortion that folds reaches no further than its fold: pixels beyond it have none, and their
-    direction is the axis.
+    A polynomial of distortion that folds reaches no further than its fold: pixels beyond it have
+    none, and their direction is the axis.
     """
     found = camera.rays()
     flat, seen = found.reshape(-1, 3), np.ones(camera.height * camera.width, bool)
@@ -48,7 +54,9 @@ def require_can_be_rendered(camera: PinholeCamera) -> None:
             "the camera at a smaller size, or divide size, fx, fy, cx, cy by one factor"
         )
     if min(camera.width, camera.height) < _LEAST_SIDE_PX:
-        raise SimulationError(f"pictures of {size} are too small to map: {_LEAST_SIDE_PX} px a side at least")
+        raise SimulationError(
+            f"pictures of {size} are too small to map: {_LEAST_SIDE_PX} px a side at least"
+        )
     dark = 1.0 - float(directions(camera)[1].mean())
     if dark > _MOST_DARK:
         raise SimulationError(
@@ -70,7 +78,8 @@ def _pixels(camera: PinholeCamera, which) -> np.ndarray:
 def _inverted(camera: PinholeCamera, uv_px: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """x/z, y/z (N, 2) by Newton's method on the distortion, and (N,) bool: it has such a ray.
 
-    From the pixel itself it comes nearer from one side only, as long as distortion grows evenly to the border.
+    From the pixel itself it comes nearer from one side only, as long as distortion grows evenly to
+    the border.
     """
     xy = (uv_px - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
     for _ in range(_STEPS):
@@ -99,7 +108,9 @@ def _projected(camera: PinholeCamera, xy: np.ndarray) -> Tuple[np.ndarray, np.nd
     seen, J = [], []
     for part in _chunks(len(xy)):
         points = np.column_stack([xy[part], np.ones(len(xy[part]))])
-        uv, jacobian = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.K, np.array(camera.distortion))
+        uv, jacobian = cv2.projectPoints(
+            points, np.zeros(3), np.zeros(3), camera.K, np.array(camera.distortion)
+        )
         seen.append(uv.reshape(-1, 2))
         J.append(jacobian[:, 3:5].reshape(-1, 2, 2))  # by x and y of a shift: z is 1
     return np.concatenate(seen), np.concatenate(J)

@@ -16,8 +16,9 @@ _HAZE_M = 2600.0
 
 @compiled.inlined
 def respond(x):
-    """Radiance to picture value 0..1: a soft shoulder, then gamma 2. Applied before averaging over a pixel, so
-    that an edge in the picture lies where it lies in the world (a gamma after averaging would move it)."""
+    """Radiance to picture value 0..1: a soft shoulder, then gamma 2. Applied before averaging over
+    a pixel, so that an edge in the picture lies where it lies in the world (a gamma after averaging
+    would move it)."""
     x = max(x, 0.0)
     return math.sqrt(min(x * (1.0 + 0.16 * x) / (1.0 + 0.6 * x), 1.0))
 
@@ -46,4 +47,8 @@ def haze(r, g, b, distance_m):
     """Aerial perspective."""
     x = distance_m / _HAZE_M
     clear = 1.0 / (1.0 + x * (1.0 + 0.5 * x))
-    return r * clear + 0.72 * (1.0 - clear), g * clear + 0.80 * (1.0 - clear), b * clear + 0.92 * (1.0 - clear)
+    return (
+        r * clear + 0.72 * (1.0 - clear),
+        g * clear + 0.80 * (1.0 - clear),
+        b * clear + 0.92 * (1.0 - clear),
+    )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fractal noise texture with mip levels, and filtered lookups: texture at every distance, no aliasing."""
+"""A fractal noise texture with mip levels, and filtered lookups: texture at every distance, no
+aliasing."""
 
 import math
 
@@ -14,7 +15,8 @@ _FAR = float(SIZE << 20)
 
 
 def noise_pyramid(seed: int = 0) -> np.ndarray:
-    """Flat float32 array of all mip levels, finest first: periodic noise of unit variance, amplitude ~ 1/f."""
+    """Flat float32 array of all mip levels, finest first: periodic noise of unit variance,
+    amplitude ~ 1/f."""
     random = np.random.default_rng([seed, 11])
     f = np.hypot(np.fft.fftfreq(SIZE)[:, None], np.fft.rfftfreq(SIZE)[None]) * SIZE
     spectrum = np.fft.rfft2(random.standard_normal((SIZE, SIZE)))
@@ -49,9 +51,10 @@ def _bilinear(data, x, y, level):
 
 @compiled.inlined
 def fractal(data, x_m, y_m, texel_m, log2_footprint_m):
-    """Noise at a place with texels of ``texel_m``, averaged over a footprint (log2 of metres); the pyramid is at the
-    beginning of ``data``. Coarse levels hardly vary: they fade out and are not read at all. One level
-    is read, the nearest: blending two costs twice the time and cannot be told apart in this noise."""
+    """Noise at a place with texels of ``texel_m``, averaged over a footprint (log2 of metres); the
+    pyramid is at the beginning of ``data``. Coarse levels hardly vary: they fade out and are not
+    read at all. One level is read, the nearest: blending two costs twice the time and cannot be
+    told apart in this noise."""
     level = log2_footprint_m - math.log2(texel_m)
     if level >= _FADED:
         return 0.0

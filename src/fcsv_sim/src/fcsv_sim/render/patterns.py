@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Regular patterns averaged exactly over a pixel's footprint (box filter): pulses, bands, hashes of cells."""
+"""Regular patterns averaged exactly over a pixel's footprint (box filter): pulses, bands, hashes of
+cells."""
 
 import math
 
@@ -42,5 +43,6 @@ def cell_hash(i, j, k):
 
 @compiled.inlined
 def detail(width):
-    """Weight of what differs from cell to cell: one while a cell spans pixels, none when a pixel spans cells."""
+    """Weight of what differs from cell to cell: one while a cell spans pixels, none when a pixel
+    spans cells."""
     return clamp01(1.6 - 2.2 * width)

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rays in Embree's own layout (RTCRayHit): one row of 20 floats a ray, filled and read by kernels in place."""
+"""Rays in Embree's own layout (RTCRayHit): one row of 20 floats a ray, filled and read by kernels
+in place."""
 
 import numpy as np
 
 COLUMNS = 20
-OX, OY, OZ, T_NEAR, DX, DY, DZ, TIME, T = range(9)  # origin, nearest t, direction, time, then the distance hit
+# origin, nearest t, direction, time, then the distance hit
+OX, OY, OZ, T_NEAR, DX, DY, DZ, TIME, T = range(9)
 MASK, PRIM, GEOMETRY, INSTANCE = 9, 17, 18, 19  # as uint32
 
 

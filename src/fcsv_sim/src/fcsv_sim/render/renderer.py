@@ -38,15 +38,28 @@ class Renderer:
         self._tables = build_tables(town, self._distances)
         self._camera = None
 
-    def render(self, T_world_cam: np.ndarray, camera: PinholeCamera, exposure: float = 1.0,
-               bodies: Sequence[Body] = (), samples: int = 5) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    def render(
+        self,
+        T_world_cam: np.ndarray,
+        camera: PinholeCamera,
+        exposure: float = 1.0,
+        bodies: Sequence[Body] = (),
+        samples: int = 5,
+    ) -> Tuple[np.ndarray, np.ndarray]:
         """rgb (H,W,3) uint8 and depth (H,W) float32: metres along the optical axis, NaN for sky."""
         values, depth = self.values(T_world_cam, camera, exposure, bodies, samples)
         return (values * 255.0 + 0.5).astype(np.uint8), depth
 
-    def values(self, T_world_cam: np.ndarray, camera: PinholeCamera, exposure: float = 1.0,
-               bodies: Sequence[Body] = (), samples: int = 5) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """The same before it is made into bytes: float32 0..1. Raises GeometryError where the pose is none."""
+    def values(
+        self,
+        T_world_cam: np.ndarray,
+        camera: PinholeCamera,
+        exposure: float = 1.0,
+        bodies: Sequence[Body] = (),
+        samples: int = 5,
+    ) -> Tuple[np.ndarray, np.ndarray]:
+        """The same before it is made into bytes: float32 0..1. Raises GeometryError where the pose
+        is none."""
         T_world_cam = require_rigid(T_world_cam, "T_world_cam")
         require_samples(samples)
         self._prepare(camera)
@@ -56,8 +69,15 @@ class Renderer:
         shaded = self._shade(self._rays, self._all, R, exposure)
         values = np.empty((camera.height, camera.width, 3), np.float32)
         depth = np.empty((camera.height, camera.width), np.float32)
-        sampling.collect(self._rays, self._order, shaded, *self._tables[:3], values.reshape(-1, 3), depth.ravel(),
-                         self._surface.ravel())  # fmt: skip
+        sampling.collect(
+            self._rays,
+            self._order,
+            shaded,
+            *self._tables[:3],
+            values.reshape(-1, 3),
+            depth.ravel(),
+            self._surface.ravel(),
+        )
         if samples > 1:
             self._refine_edges(values, R, p, exposure, samples)
         draw_bodies(bodies, T_world_cam, camera, self._directions, exposure, values, depth)
@@ -79,18 +99,32 @@ class Renderer:
         self._surface = np.empty((camera.height, camera.width), np.int64)
         self._marked = np.empty((camera.height, camera.width), np.bool_)
         self._shaded = np.empty((len(self._order), 3), np.float32)
-        # kept from picture to picture: fresh pages for tens of megabytes cost a quarter of a picture's time
+        # kept from picture to picture: fresh pages for tens of megabytes cost a quarter of a
+        # picture's time
         most = (int(_MOST_EDGES * len(self._order)) + 1) * _MOST_SAMPLES
         self._edge_rays = ray_buffer(most)
         self._source, self._wanted = np.empty(most, np.int32), np.empty(most, np.int32)
 
-    def _shade(self, rays: np.ndarray, wanted: np.ndarray, R_world_cam: np.ndarray, exposure: float) -> np.ndarray:
+    def _shade(
+        self, rays: np.ndarray, wanted: np.ndarray, R_world_cam: np.ndarray, exposure: float
+    ) -> np.ndarray:
         """Picture values (len(wanted),3) of what the wanted ones of cast rays hit."""
         out = self._shaded[: len(wanted)]
-        shade_rays(*self._tables, R_world_cam, self._camera.fx, self._camera.fy, rays, wanted, float(exposure), out)
+        shade_rays(
+            *self._tables,
+            R_world_cam,
+            self._camera.fx,
+            self._camera.fy,
+            rays,
+            wanted,
+            float(exposure),
+            out,
+        )
         return out
 
-    def _refine_edges(self, values: np.ndarray, R: np.ndarray, p: np.ndarray, exposure: float, samples: int) -> None:
+    def _refine_edges(
+        self, values: np.ndarray, R: np.ndarray, p: np.ndarray, exposure: float, samples: int
+    ) -> None:
         """More rays where surfaces meet in different colours; the strongest edges first."""
         threshold, most = _EDGE_CONTRAST, _MOST_EDGES * self._marked.size
         while True:
@@ -104,13 +138,21 @@ class Renderer:
         sampling.fill_edge_rays(self._directions, self._marked, self._order, offsets, R, p, rays)
         self._caster.cast(rays)
         new = sampling.new_surfaces(
-            rays, *self._tables[:3], self._surface, self._marked, self._order, each, source, self._wanted
+            rays,
+            *self._tables[:3],
+            self._surface,
+            self._marked,
+            self._order,
+            each,
+            source,
+            self._wanted,
         )
         extra = self._shade(rays, self._wanted[:new], R, exposure)
         sampling.average_edges(values, self._marked, self._order, extra, source, each)
 
     def _distances(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Distances (N), in units of the directions, from origins (N,3); inf where nothing is hit."""
+        """Distances (N), in units of the directions, from origins (N,3); inf where nothing is
+        hit."""
         rays = ray_buffer(len(origin))
         set_rays(rays, origin, direction)
         self._caster.cast(rays)

@@ -4,13 +4,27 @@
 import numpy as np
 
 from fcsv_sim.render import compiled
-from fcsv_sim.render.rays import DX, DY, DZ, GEOMETRY, INSTANCE, MASK, OX, OY, OZ, PRIM, T_NEAR, TIME, T
+from fcsv_sim.render.rays import (
+    DX,
+    DY,
+    DZ,
+    GEOMETRY,
+    INSTANCE,
+    MASK,
+    OX,
+    OY,
+    OZ,
+    PRIM,
+    T_NEAR,
+    TIME,
+    T,
+)
 from fcsv_sim.world.materials import FOLIAGE
 
 compiled.drop_stale(__file__, "rays")
 
-#: Where inside a pixel the extra rays go, by rays per pixel: symmetric about the centre (which is always one of them),
-#: so that edges stay where they are.
+#: Where inside a pixel the extra rays go, by rays per pixel: symmetric about the centre (which is
+#: always one of them), so that edges stay where they are.
 OFFSETS = {
     3: np.array([[-0.30, -0.22], [0.30, 0.22]], np.float32),
     5: np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], np.float32),
@@ -31,8 +45,11 @@ def _set_ray(rays, ints, n, p, R, x, y, z):
     rays[n, DZ] = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
     rays[n, T_NEAR], rays[n, TIME], rays[n, T] = 0.0, 0.0, np.inf
     ints[n, MASK], ints[n, PRIM], ints[n, GEOMETRY], ints[n, INSTANCE] = (
-        np.uint32(0xFFFFFFFF), np.uint32(0xFFFFFFFF), np.uint32(0xFFFFFFFF), np.uint32(0xFFFFFFFF),
-    )  # fmt: skip
+        np.uint32(0xFFFFFFFF),
+        np.uint32(0xFFFFFFFF),
+        np.uint32(0xFFFFFFFF),
+        np.uint32(0xFFFFFFFF),
+    )
 
 
 @compiled.kernel
@@ -42,13 +59,21 @@ def fill_rays(directions_cam, order, R_world_cam, p_world_cam, rays):
     for n in range(len(order)):
         i = order[n]
         _set_ray(
-            rays, ints, n, p_world_cam, R_world_cam, directions_cam[i, 0], directions_cam[i, 1], directions_cam[i, 2]
+            rays,
+            ints,
+            n,
+            p_world_cam,
+            R_world_cam,
+            directions_cam[i, 0],
+            directions_cam[i, 1],
+            directions_cam[i, 2],
         )
 
 
 @compiled.function
 def _surface(p, materials, instances, triangles):
-    """A number that differs where instance or orientation differ (of a crown: instance alone); 0 for the sky."""
+    """A number that differs where instance or orientation differ (of a crown: instance alone); 0
+    for the sky."""
     if p == np.uint32(0xFFFFFFFF):
         return 0
     key = 1 + instances[p] * 6859
@@ -60,7 +85,8 @@ def _surface(p, materials, instances, triangles):
 
 @compiled.kernel
 def collect(rays, order, shaded, triangles, materials, instances, values, depth, surface):
-    """Back into picture order: values (N,3), depth (N; NaN for none), and a number that differs between surfaces."""
+    """Back into picture order: values (N,3), depth (N; NaN for none), and a number that differs
+    between surfaces."""
     ints = rays.view(np.uint32)
     for n in range(len(order)):
         i = order[n]
@@ -72,7 +98,8 @@ def collect(rays, order, shaded, triangles, materials, instances, values, depth,
 
 @compiled.kernel
 def find_edges(values, surface, threshold, marked):
-    """Marks pixels (H,W bool) whose neighbour shows another surface in another colour; returns how many."""
+    """Marks pixels (H,W bool) whose neighbour shows another surface in another colour; returns how
+    many."""
     height, width = surface.shape
     marked[:] = False
     for v in range(height):
@@ -117,10 +144,12 @@ def fill_edge_rays(directions_cam, marked, order, offsets, R_world_cam, p_world_
 
 
 @compiled.kernel
-def new_surfaces(rays, triangles, materials, instances, surface, marked, order, per_pixel, source, wanted):
-    """Which extra rays show a surface that their pixel has not been shaded for yet: colour is filtered over the whole
-    pixel, so once per surface is enough. ``source`` (N): -1 for the pixel's own colour, else an index into
-    ``wanted``, the rays to shade; returns how many those are."""
+def new_surfaces(
+    rays, triangles, materials, instances, surface, marked, order, per_pixel, source, wanted
+):
+    """Which extra rays show a surface that their pixel has not been shaded for yet: colour is
+    filtered over the whole pixel, so once per surface is enough. ``source`` (N): -1 for the pixel's
+    own colour, else an index into ``wanted``, the rays to shade; returns how many those are."""
     ints = rays.view(np.uint32)
     width = marked.shape[1]
     n, count = 0, 0

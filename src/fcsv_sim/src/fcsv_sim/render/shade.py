@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The kernel that turns hits into pictures: surface colour, sun and shadow, sky light, haze, response."""
+"""The kernel that turns hits into pictures: surface colour, sun and shadow, sky light, haze,
+response."""
 
 import math
 from typing import NamedTuple
@@ -15,8 +16,18 @@ from fcsv_sim.render.shadows import lit
 from fcsv_sim.render.surfaces import facade, foliage, ground, plain, roof, wood
 from fcsv_sim.world import materials as m
 
-compiled.drop_stale(__file__, "layout", "light", "noise", "patterns", "rays", "shadows", "surfaces",
-                        "../world/materials", "../world/plan")  # fmt: skip
+compiled.drop_stale(
+    __file__,
+    "layout",
+    "light",
+    "noise",
+    "patterns",
+    "rays",
+    "shadows",
+    "surfaces",
+    "../world/materials",
+    "../world/plan",
+)
 
 _S0, _S1, _S2 = (float(v) for v in SUN)
 NO_HIT = np.uint32(0xFFFFFFFF)
@@ -27,7 +38,8 @@ _LONGEST_PART, _MOST_PARTS = 3.0, 12  # of a pixel on the ground: length over wi
 class Tables(NamedTuple):
     """What the kernel looks up (made in tables.py)."""
 
-    triangles: np.ndarray  # (M,12) f32: normal (3), spare, then u = [4:7] @ p + [7], v = [8:11] @ p + [11]
+    # (M,12) f32: normal (3), spare, then u = [4:7] @ p + [7], v = [8:11] @ p + [11]
+    triangles: np.ndarray
     material: np.ndarray  # (M) u8
     instance: np.ndarray  # (M) i32
     data: np.ndarray  # layout.py
@@ -91,7 +103,20 @@ def _light(r, g, b, sun, opening):
 
 @compiled.kernel
 def shade_rays(  # noqa: PLR0913
-    triangles, materials, instances, data, near, far, windows, R_world_cam, fx, fy, rays, wanted, exposure, out
+    triangles,
+    materials,
+    instances,
+    data,
+    near,
+    far,
+    windows,
+    R_world_cam,
+    fx,
+    fy,
+    rays,
+    wanted,
+    exposure,
+    out,
 ):
     """Picture values (K,3) f32 of the ``wanted`` (K) of cast rays (N,20; rays.py).
 
@@ -106,7 +131,11 @@ def shade_rays(  # noqa: PLR0913
         dx, dy, dz, t, prim = rays[i, DX], rays[i, DY], rays[i, DZ], rays[i, T], prims[i, PRIM]
         if prim == NO_HIT:
             r, g, b = sky(data, dx, dy, dz, pixel_rad, data[BEND + 100] * 0.3)
-            out[n, 0], out[n, 1], out[n, 2] = respond(r * exposure), respond(g * exposure), respond(b * exposure)
+            out[n, 0], out[n, 1], out[n, 2] = (
+                respond(r * exposure),
+                respond(g * exposure),
+                respond(b * exposure),
+            )
             continue
         nx, ny, nz = triangles[prim, 0], triangles[prim, 1], triangles[prim, 2]
         facing = nx * dx + ny * dy + nz * dz
@@ -127,7 +156,11 @@ def shade_rays(  # noqa: PLR0913
             # a crown is lit as a whole: the faces of its blobs only modulate that
             cx, cy, cz = x - data[row + 4], y - data[row + 5], z - data[row + 6]
             away = math.sqrt(cx * cx + cy * cy + cz * cz) + 1e-6
-            nx, ny, nz = 0.45 * nx + 0.6 * cx / away, 0.45 * ny + 0.6 * cy / away, 0.45 * nz + 0.6 * cz / away
+            nx, ny, nz = (
+                0.45 * nx + 0.6 * cx / away,
+                0.45 * ny + 0.6 * cy / away,
+                0.45 * nz + 0.6 * cz / away,
+            )
             opening = (0.5 + 0.5 * nz) * (0.35 + 0.65 * clamp01(away / data[row + 7]))
             sun = 0.25 + 0.85 * max(0.0, nx * _S0 + ny * _S1 + nz * _S2)
         else:
@@ -149,4 +182,8 @@ def shade_rays(  # noqa: PLR0913
             sun *= lit(near, far, windows, x + nx * off, y + ny * off, z + nz * off, footprint)
         r, g, b = _light(r, g, b, sun, opening)
         r, g, b = haze(r, g, b, t)
-        out[n, 0], out[n, 1], out[n, 2] = respond(r * exposure), respond(g * exposure), respond(b * exposure)
+        out[n, 0], out[n, 1], out[n, 2] = (
+            respond(r * exposure),
+            respond(g * exposure),
+            respond(b * exposure),
+        )

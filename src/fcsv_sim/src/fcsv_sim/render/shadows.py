@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the sun sees: two depth maps (near the vehicles, and all), made once as town and sun stand still."""
+"""What the sun sees: two depth maps (near the vehicles, and all), made once as town and sun stand
+still."""
 
 import math
 from typing import Tuple
@@ -22,9 +23,9 @@ _S0, _S1, _S2 = (float(v) for v in SUN)
 
 
 def shadow_maps(cast) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """near, far maps (H,W) f32: height along the sun's direction of the topmost surface; windows (2,3) f64: their
-    origins and texels. ``cast`` takes origins and directions
-    (N,3) and gives distances (N)."""
+    """near, far maps (H,W) f32: height along the sun's direction of the topmost surface; windows
+    (2,3) f64: their origins and texels. ``cast`` takes origins and directions (N,3) and gives
+    distances (N)."""
     maps, windows = [], []
     for low, high, texel in _REGIONS:
         corners = np.array(np.meshgrid(*zip(low, high))).reshape(3, -1)

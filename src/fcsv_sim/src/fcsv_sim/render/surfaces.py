@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Albedo (linear rgb) of the town's surfaces at a place, averaged over a footprint. All lengths in metres.
+"""Albedo (linear rgb) of the town's surfaces at a place, averaged over a footprint. All lengths in
+metres.
 
-``data`` is the flat array of layout.py, ``row`` where an instance's parameters begin in it, ``lf`` the footprint's
-log2.
+``data`` is the flat array of layout.py, ``row`` where an instance's parameters begin in it, ``lf``
+the footprint's log2.
 """
 
 import math
@@ -36,13 +37,16 @@ def window(data, row, u, v, du, dv):
     rows = band(v, dv, 0.0, data[row + m.FLOORS] * floor)
     pu, pv = u / bay, v / floor
     wu, wv = du / bay, dv / floor
-    outer = pulse(pu, wu, 0.5 - half / bay, 0.5 + half / bay) * pulse(pv, wv, sill / floor, (sill + high) / floor)
+    outer = pulse(pu, wu, 0.5 - half / bay, 0.5 + half / bay) * pulse(
+        pv, wv, sill / floor, (sill + high) / floor
+    )
     a, b = 0.5 - (half - 0.07) / bay, 0.5 + (half - 0.07) / bay
     glass = pulse(pu, wu, a, b) - pulse(pu, wu, 0.5 - 0.025 / bay, 0.5 + 0.025 / bay)
     glass *= pulse(pv, wv, (sill + 0.07) / floor, (sill + high - 0.07) / floor)
     ledge = pulse(pu, wu, 0.5 - (half + 0.1) / bay, 0.5 + (half + 0.1) / bay)
     ledge *= pulse(pv, wv, (sill - 0.12) / floor, sill / floor)
-    # what is behind the pane: dark room, curtains at the sides, a blind part of the way down, a lamp
+    # what is behind the pane: dark room, curtains at the sides, a blind part of the way down, a
+    # lamp
     sky = 0.05 + 0.16 * h1 * clamp01((y - sill) / high)
     r, g, b_ = sky * 0.8 + 0.01, sky * 0.95 + 0.012, sky * 1.15 + 0.015
     if h2 < 0.45:
@@ -56,7 +60,11 @@ def window(data, row, u, v, du, dv):
     elif h2 < 0.75:
         shut = band(y, dv, sill + high * h3, sill + high + 1.0) * 0.9
         tone = 0.18 + 0.45 * h1
-        r, g, b_ = r + (tone - r) * shut, g + (tone * 0.96 - g) * shut, b_ + (tone * 0.85 - b_) * shut
+        r, g, b_ = (
+            r + (tone - r) * shut,
+            g + (tone * 0.96 - g) * shut,
+            b_ + (tone * 0.85 - b_) * shut,
+        )
     elif h2 > 0.95:
         r, g, b_ = 0.75, 0.55, 0.25
     mean = 0.14
@@ -100,7 +108,15 @@ def facade(data, row, u, v, du, dv, lf):
     r, g, b = data[row] * k, data[row + 1] * k, data[row + 2] * k * (1.0 - 0.05 * coarse)
     if data[row + m.FLOORS] > 0.0:
         if seed - 10.0 * math.floor(seed * 0.1) > 6.0:
-            line = pulse(v / data[row + m.FLOOR_M], dv / data[row + m.FLOOR_M], 0.0, 0.16 / data[row + m.FLOOR_M]) * 0.8
+            line = (
+                pulse(
+                    v / data[row + m.FLOOR_M],
+                    dv / data[row + m.FLOOR_M],
+                    0.0,
+                    0.16 / data[row + m.FLOOR_M],
+                )
+                * 0.8
+            )
             r, g, b = (
                 r + (data[row + 12] * 0.8 - r) * line,
                 g + (data[row + 13] * 0.8 - g) * line,
@@ -108,7 +124,11 @@ def facade(data, row, u, v, du, dv, lf):
             )
         w0, w1, w2, cover = window(data, row, u, v, du, dv)
         grime = 1.0 + 0.1 * fine
-        r, g, b = r * (1.0 - cover) + w0 * grime, g * (1.0 - cover) + w1 * grime, b * (1.0 - cover) + w2 * grime
+        r, g, b = (
+            r * (1.0 - cover) + w0 * grime,
+            g * (1.0 - cover) + w1 * grime,
+            b * (1.0 - cover) + w2 * grime,
+        )
     return r, g, b
 
 
@@ -150,7 +170,9 @@ def _crops(s, t, fs, ft, middle, fine, r, g, b):
     u, v = (s + 0.21 * t) / 74.0, (t - 0.17 * s) / 52.0
     i, j = int(math.floor(u)), int(math.floor(v))
     kind, tone = cell_hash(i, j, 11), cell_hash(i, j, 12)
-    inside = band((u - i) * 74.0, fs + 0.21 * ft, 1.4, 72.6) * band((v - j) * 52.0, ft + 0.17 * fs, 1.4, 50.6)
+    inside = band((u - i) * 74.0, fs + 0.21 * ft, 1.4, 72.6) * band(
+        (v - j) * 52.0, ft + 0.17 * fs, 1.4, 50.6
+    )
     if kind < 0.22:  # meadow
         return r, g, b
     row = (pulse(v * 52.0 / 1.7, (ft + 0.17 * fs) / 1.7, 0.0, 0.35) - 0.35) * 0.5
@@ -166,17 +188,27 @@ def _crops(s, t, fs, ft, middle, fine, r, g, b):
 
 @compiled.function
 def _bare_ground(data, s, t, hs, ht, fs, ft, lf):
-    """Street, pavement, garden or field at plan coordinates (s, t); fs, ft: the footprint's sides. It is (2 hs, 2 ht)
-    longer than lf says: noise is read at its two halves."""
+    """Street, pavement, garden or field at plan coordinates (s, t); fs, ft: the footprint's sides.
+    It is (2 hs, 2 ht) longer than lf says: noise is read at its two halves."""
     coarse = fractal(data, s * 0.93 + 0.37 * t, t * 0.93 - 0.37 * s, 0.37, lf)
-    x, y, hx, hy = s * 0.78 - 0.62 * t, t * 0.78 + 0.62 * s, hs * 0.78 - 0.62 * ht, ht * 0.78 + 0.62 * hs
+    x, y, hx, hy = (
+        s * 0.78 - 0.62 * t,
+        t * 0.78 + 0.62 * s,
+        hs * 0.78 - 0.62 * ht,
+        ht * 0.78 + 0.62 * hs,
+    )
     if abs(hs) + abs(ht) > 0.0:
-        middle = 0.5 * (fractal(data, x - hx, y - hy, 0.053, lf) + fractal(data, x + hx, y + hy, 0.053, lf))
-        fine = 0.5 * (fractal(data, s - hs, t - ht, 0.0091, lf) + fractal(data, s + hs, t + ht, 0.0091, lf))
+        middle = 0.5 * (
+            fractal(data, x - hx, y - hy, 0.053, lf) + fractal(data, x + hx, y + hy, 0.053, lf)
+        )
+        fine = 0.5 * (
+            fractal(data, s - hs, t - ht, 0.0091, lf) + fractal(data, s + hs, t + ht, 0.0091, lf)
+        )
     else:
         middle = fractal(data, x, y, 0.053, lf)
         fine = fractal(data, s, t, 0.0091, lf)
-    # grass, worn to earth in patches, longer and darker elsewhere; past the town: meadows and woodland floor
+    # grass, worn to earth in patches, longer and darker elsewhere; past the town: meadows and
+    # woodland floor
     dry = clamp01(0.45 + 0.33 * coarse + 0.15 * middle)
     k = 1.0 + 0.24 * middle + 0.26 * fine
     r, g, b = (0.085 + 0.11 * dry) * k, (0.125 + 0.05 * dry) * k, (0.035 + 0.035 * dry) * k
@@ -207,16 +239,28 @@ def _bare_ground(data, s, t, hs, ht, fs, ft, lf):
         k = (0.30 + 0.1 * plot) * (1.0 + 0.14 * middle + 0.15 * fine)
         r, g, b = k, k * 0.95, k * 0.87
     slab = 0.88 + 0.08 * middle + 0.13 * fine + 0.06 * coarse
-    slab *= 1.0 - 0.25 * pulse(s / 0.6, fs / 0.6, 0.0, 0.05) - 0.25 * pulse(t / 0.6, ft / 0.6, 0.0, 0.05)
+    slab *= (
+        1.0
+        - 0.25 * pulse(s / 0.6, fs / 0.6, 0.0, 0.05)
+        - 0.25 * pulse(t / 0.6, ft / 0.6, 0.0, 0.05)
+    )
     pave = band(d, foot, -1.0, _KERB)
-    r, g, b = r + (0.33 * slab - r) * pave, g + (0.32 * slab - g) * pave, b + (0.30 * slab - b) * pave
+    r, g, b = (
+        r + (0.33 * slab - r) * pave,
+        g + (0.32 * slab - g) * pave,
+        b + (0.30 * slab - b) * pave,
+    )
     kerb = band(d, foot, _ROAD, _ROAD + 0.18)
     r, g, b = r + (0.5 - r) * kerb, g + (0.5 - g) * kerb, b + (0.48 - b) * kerb
     patch = clamp01((coarse + 0.3 * middle - 0.7) * 4.0)
     tar = (0.095 - 0.035 * patch) * (1.0 + 0.13 * middle + 0.22 * fine + 0.08 * coarse)
     road = band(d, foot, -1.0, _ROAD)
     r, g, b = r + (tar - r) * road, g + (tar - g) * road, b + (tar * 1.05 - b) * road
-    dash = band(near_t, ft, -0.07, 0.07) * pulse(s / 6.0, fs / 6.0, 0.0, 0.5) if across > _KERB else 0.0
+    dash = (
+        band(near_t, ft, -0.07, 0.07) * pulse(s / 6.0, fs / 6.0, 0.0, 0.5)
+        if across > _KERB
+        else 0.0
+    )
     zebra_s = band(across, fs, _KERB + 0.5, _KERB + 3.0) if along < _ROAD else 0.0
     dash = max(dash, zebra_s * pulse(t, ft, 0.0, 0.5) * band(along, ft, -1.0, _ROAD - 0.3))
     dash *= clamp01(0.75 + 0.3 * fine)
@@ -225,7 +269,8 @@ def _bare_ground(data, s, t, hs, ht, fs, ft, lf):
 
 @compiled.function
 def foliage(data, row, x, y, z, nx, ny, nz, lf):
-    """Leaves: strong contrast at the scale of leaves and of twigs, projected along the facet's main axis."""
+    """Leaves: strong contrast at the scale of leaves and of twigs, projected along the facet's main
+    axis."""
     if abs(nz) > max(abs(nx), abs(ny)):
         u, v = x, y
     elif abs(nx) > abs(ny):
@@ -236,14 +281,20 @@ def foliage(data, row, x, y, z, nx, ny, nz, lf):
     leaf = fractal(data, u + seed, v - seed, 0.017, lf)
     twig = fractal(data, u * 0.77 - v * 0.64, v * 0.77 + u * 0.64 + seed, 0.041, lf)
     k = max(0.25, 1.0 + 0.42 * leaf + 0.28 * twig)
-    return data[row] * k * (1.0 + 0.12 * twig), data[row + 1] * k, data[row + 2] * k * (1.0 - 0.1 * leaf)
+    return (
+        data[row] * k * (1.0 + 0.12 * twig),
+        data[row + 1] * k,
+        data[row + 2] * k * (1.0 - 0.1 * leaf),
+    )
 
 
 @compiled.function
 def plain(data, row, u, v, lf, strength, texel_m):
     """One colour with noise of a strength."""
-    k = 1.0 + strength * (fractal(data, u + data[row + m.SEED] * 3.3, v, texel_m, lf)
-                          + 0.7 * fractal(data, v - u * 0.37, u + v * 0.37, texel_m * 0.21, lf))  # fmt: skip
+    k = 1.0 + strength * (
+        fractal(data, u + data[row + m.SEED] * 3.3, v, texel_m, lf)
+        + 0.7 * fractal(data, v - u * 0.37, u + v * 0.37, texel_m * 0.21, lf)
+    )
     k = max(k, 0.1)
     return data[row] * k, data[row + 1] * k, data[row + 2] * k
 

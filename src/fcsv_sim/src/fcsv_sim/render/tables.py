@@ -10,12 +10,16 @@ from fcsv_sim.world.town import Town
 
 
 def build_tables(town: Town, cast) -> Tables:
-    """``cast`` takes origins and directions (N,3) and gives distances to the town (N): for the shadows."""
-    return Tables(_triangles(town), town.material, town.instance, flat_data(town), *shadow_maps(cast))
+    """``cast`` takes origins and directions (N,3) and gives distances to the town (N): for the
+    shadows."""
+    return Tables(
+        _triangles(town), town.material, town.instance, flat_data(town), *shadow_maps(cast)
+    )
 
 
 def _triangles(town: Town) -> np.ndarray:
-    """Normals, and the affine maps from world points to (u, v): gradients by the dual basis of the edges."""
+    """Normals, and the affine maps from world points to (u, v): gradients by the dual basis of the
+    edges."""
     corners = town.vertices[town.triangles].astype(np.float64)
     p0, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(e1, e2)
@@ -28,7 +32,9 @@ def _triangles(town: Town) -> np.ndarray:
     out = np.zeros((len(p0), 12), np.float32)
     out[:, :3] = normal
     for k in range(2):
-        gradient = (uv[:, 1, k] - uv[:, 0, k])[:, None] * dual1 + (uv[:, 2, k] - uv[:, 0, k])[:, None] * dual2
+        gradient = (uv[:, 1, k] - uv[:, 0, k])[:, None] * dual1 + (uv[:, 2, k] - uv[:, 0, k])[
+            :, None
+        ] * dual2
         out[:, 4 + 4 * k : 7 + 4 * k] = gradient
         out[:, 7 + 4 * k] = uv[:, 0, k] - np.einsum("ij,ij->i", gradient, p0)
     return out

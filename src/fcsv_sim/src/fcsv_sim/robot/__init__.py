@@ -1,2 +1,3 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot on the ground: what is seen of its place from above, its wheels, and rehearsals of its drives."""
+"""A robot on the ground: what is seen of its place from above, its wheels, and rehearsals of its
+drives."""

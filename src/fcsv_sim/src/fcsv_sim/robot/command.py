@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`rosrun fcsv_sim rehearse_robot`: many drives of a robot through mapped places, with faults, and what broke."""
+"""`rosrun fcsv_sim rehearse_robot`: many drives of a robot through mapped places, with faults, and
+what broke."""
 
 import argparse
 import logging
@@ -46,8 +47,11 @@ class PlaceJob:
 
 
 def rehearse_place(job: PlaceJob) -> Tuple[str, List[DriveResult]]:
-    """Where the vehicles look from, in words, and how each drive went. Each has the seed of its place and fault."""
-    place = mapped_place(job.world, job.seed, job.robot, job.folder / "maps" / f"{job.world}-{job.seed}")
+    """Where the vehicles look from, in words, and how each drive went. Each has the seed of its
+    place and fault."""
+    place = mapped_place(
+        job.world, job.seed, job.robot, job.folder / "maps" / f"{job.world}-{job.seed}"
+    )
     results = []
     for fault in job.faults:
         number = list(FAULTS).index(fault.name)
@@ -107,30 +111,60 @@ _OPTIONS = {"maze": "mazes", "rubble": "rubble"}
 
 def _jobs(args: argparse.Namespace) -> List[PlaceJob]:
     if args.mazes < 0 or args.rubble < 0 or args.mazes + args.rubble < 1 or args.jobs < 1:
-        raise SimulationError("--mazes and --rubble must be 0 or more, one of them 1 or more; --jobs 1 or more")
+        raise SimulationError(
+            "--mazes and --rubble must be 0 or more, one of them 1 or more; --jobs 1 or more"
+        )
     if not 0.0 < args.longest:
         raise SimulationError(f"--longest must be above 0 s, got {args.longest:g}")
     robot, faults = load_robot(args.robot or robot_file("rescue")), tuple(faults_of(args.faults))
-    out = Path(args.out) if args.out else Path(tempfile.gettempdir()) / f"fcsv_rehearse_robot_{os.getuid()}"
+    out = (
+        Path(args.out)
+        if args.out
+        else Path(tempfile.gettempdir()) / f"fcsv_rehearse_robot_{os.getuid()}"
+    )
     require_folder(out, 200)
     places = [("maze", args.seed + i) for i in range(args.mazes)]
     places += [("rubble", args.seed + i) for i in range(args.rubble)]
-    return [PlaceJob(world, seed, robot, faults, out, args.longest, args.pictures) for world, seed in places]
+    return [
+        PlaceJob(world, seed, robot, faults, out, args.longest, args.pictures)
+        for world, seed in places
+    ]
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="rehearse_robot", description=__doc__, epilog=_HELP, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="rehearse_robot",
+        description=__doc__,
+        epilog=_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("--mazes", type=int, default=1, help="how many, each with its own seed (default 1)")
     add("--rubble", type=int, default=0, help="how many fields of rubble (default 0)")
-    add("--seed", type=int, default=1, help="of the first maze and the first field; the next have the next numbers")
-    add("--faults", default=ALL, help="all, or names with commas, a drive for each: " + ", ".join(FAULTS))
+    add(
+        "--seed",
+        type=int,
+        default=1,
+        help="of the first maze and the first field; the next have the next numbers",
+    )
+    add(
+        "--faults",
+        default=ALL,
+        help="all, or names with commas, a drive for each: " + ", ".join(FAULTS),
+    )
     add("--robot", metavar="FILE", help="default config/robots/rescue.yaml")
-    add("-o", "--out", metavar="OUT", help="keeps maps and pictures; default: a folder in the system's temporary one")
-    add("--longest", type=float, default=LONGEST_S, help="s of simulated time after which a drive has no end")
+    add(
+        "-o",
+        "--out",
+        metavar="OUT",
+        help="keeps maps and pictures; default: a folder in the system's temporary one",
+    )
+    add(
+        "--longest",
+        type=float,
+        default=LONGEST_S,
+        help="s of simulated time after which a drive has no end",
+    )
     add("--jobs", type=int, default=1, help="places at a time")
     add("--pictures", action="store_true", help="draw every drive, not only those that broke")
     return parser
-

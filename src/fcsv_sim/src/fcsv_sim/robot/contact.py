@@ -17,12 +17,14 @@ class TrueGround:
     clear: Clearance
 
     def room_m(self, x_m: float, y_m: float) -> float:
-        """Measures the room from the footprint's edge to the nearest wall, block, beam below the robot's height, step,
-        hole or slope beyond its bounds; negative where the footprint touches it."""
+        """Measures the room from the footprint's edge to the nearest wall, block, beam below the
+        robot's height, step, hole or slope beyond its bounds; negative where the footprint touches
+        it."""
         return float(self.clear.at(x_m, y_m)) - self.clear.robot.radius_m
 
     def T_world_robot(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
-        """4x4: the footprint's plane of least squares on what it stands on; x to where it drives."""
+        """4x4: the footprint's plane of least squares on what it stands on; x to where it
+        drives."""
         grid, top = self.footing.grid, self.footing.top_m
         n = int(np.ceil(self.clear.robot.radius_m / grid.cell_m))
         row, column, _ = grid.cells_of(x_m, y_m)
@@ -37,4 +39,6 @@ class TrueGround:
         ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad), 0.0])
         ahead = ahead - (ahead @ up) * up
         ahead /= np.linalg.norm(ahead)
-        return transforms.transform(np.column_stack([ahead, np.cross(up, ahead), up]), np.array([x_m, y_m, z0]))
+        return transforms.transform(
+            np.column_stack([ahead, np.cross(up, ahead), up]), np.array([x_m, y_m, z0])
+        )

@@ -20,9 +20,10 @@ _TRACK_SHARE = 0.8  # of the footprint's diameter between the wheels
 
 @dataclass(frozen=True)
 class WheelFlaws:
-    """``left_scale``, ``right_scale``: true over believed radius of a wheel; ``track_scale``: true over believed track.
-    ``slip``: share of a wheel's way that the ground does not get, its mean and the standard deviation of what changes
-    from one half second to the next. ``tick_m``: what the encoders resolve."""
+    """``left_scale``, ``right_scale``: true over believed radius of a wheel; ``track_scale``: true
+    over believed track. ``slip``: share of a wheel's way that the ground does not get, its mean and
+    the standard deviation of what changes from one half second to the next. ``tick_m``: what the
+    encoders resolve."""
 
     left_scale: float = 1.0
     right_scale: float = 1.0
@@ -36,19 +37,30 @@ class WheelFlaws:
         """Draws the flaws of a robot that was built and measured with some care."""
         radius = random.normal(1.0, 0.02)
         apart = random.normal(0.0, 0.004)
-        return cls(radius + apart, radius - apart, random.normal(1.0, 0.04), random.uniform(0.0, 0.03), 0.03)
+        return cls(
+            radius + apart,
+            radius - apart,
+            random.normal(1.0, 0.04),
+            random.uniform(0.0, 0.03),
+            0.03,
+        )
 
 
 class SimulatedRobot:
-    """Drives from ``at`` (x, y in m, yaw in rad; world) on. The same seed and commands give the same way.
+    """Drives from ``at`` (x, y in m, yaw in rad; world) on. The same seed and commands give the
+    same way.
 
     ``spinning(now_s, x, y)`` says whether the wheels find no hold there.
     """
 
     def __init__(
-        self, robot: Robot, at: Tuple[float, float, float], flaws: WheelFlaws, seed: int,
+        self,
+        robot: Robot,
+        at: Tuple[float, float, float],
+        flaws: WheelFlaws,
+        seed: int,
         spinning: Optional[Callable[[float, float, float], bool]] = None,
-    ):  # fmt: skip
+    ):
         self.robot, self.flaws = robot, flaws
         self.x_m, self.y_m, self.yaw_rad = map(float, at)
         self.now_s = 0.0
@@ -74,7 +86,8 @@ class SimulatedRobot:
         return bool((self._wheels_mps == 0.0).all())
 
     def command(self, now_s: float, command: DriveCommand) -> None:
-        """A command came. One that is not finite is no command: the watchdog ends the one before."""
+        """A command came. One that is not finite is no command: the watchdog ends the one
+        before."""
         if np.isfinite([command.speed_mps, command.turning_radps]).all():
             self._command, self._command_s = command, now_s
 
@@ -92,7 +105,9 @@ class SimulatedRobot:
         self.watchdog_ended = self.now_s - self._command_s > WATCHDOG_S
         most_mps = self.robot.acceleration_mps2 * dt_s
         wanted = np.zeros(2) if self.watchdog_ended else self._wanted_mps()
-        self._wheels_mps = self._wheels_mps + np.clip(wanted - self._wheels_mps, -most_mps, most_mps)
+        self._wheels_mps = self._wheels_mps + np.clip(
+            wanted - self._wheels_mps, -most_mps, most_mps
+        )
         way_m = self._wheels_mps * dt_s
         self._report(way_m)
         flaws = self.flaws
@@ -107,7 +122,11 @@ class SimulatedRobot:
         """(2,) of the wheels, within the robot's bounds."""
         robot = self.robot
         speed = float(np.clip(self._command.speed_mps, -robot.speed_mps, robot.speed_mps))
-        turning = float(np.clip(self._command.turning_radps, -robot.turning_rate_radps, robot.turning_rate_radps))
+        turning = float(
+            np.clip(
+                self._command.turning_radps, -robot.turning_rate_radps, robot.turning_rate_radps
+            )
+        )
         return speed + 0.5 * self._track_m * turning * np.array([-1.0, 1.0])
 
     def _slipped(self) -> np.ndarray:

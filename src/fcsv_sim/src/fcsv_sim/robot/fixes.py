@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fixes of a robot as vehicles that follow it read its tag: noise along and across the line of sight, gaps, delay."""
+"""Fixes of a robot as vehicles that follow it read its tag: noise along and across the line of
+sight, gaps, delay."""
 
 from typing import Optional
 
@@ -15,7 +16,8 @@ _HIDDEN_S = (1.0, 5.0)
 
 
 class TagReader:
-    """Reads the robot's tag from a bearing that changes slowly. The same seed gives the same errors."""
+    """Reads the robot's tag from a bearing that changes slowly. The same seed gives the same
+    errors."""
 
     def __init__(self, seed: int):
         self._random = np.random.default_rng([seed, 22])

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where two vehicles look from so that a robot's ways are seen: stations chosen by what a place's true heights hide.
+"""Where two vehicles look from so that a robot's ways are seen: stations chosen by what a place's
+true heights hide.
 
 The choice knows the truth; what is then called free comes from the pictures alone.
 """
@@ -29,7 +30,8 @@ _HEADINGS = 8
 _FROM_M = ((31.0, 10.0), (36.0, 14.0))  # distance to what is looked at, height
 _MARGIN_PX, _LEFT_PX = 10.0, 50.0  # the left edge is not in the other camera's picture
 _AROUND_M = 0.25  # what must be seen beside a footprint
-_ON_THE_WAY = 8.0  # weight of a cell of the shortest way against any other that the robot can come to
+# weight of a cell of the shortest way against any other that the robot can come to
+_ON_THE_WAY = 8.0
 _WAY_M = 1.0
 _NEAR_M = 0.05
 _R_FLU_OPTICAL = transforms.R_FLU_OPTICAL
@@ -37,18 +39,27 @@ _R_FLU_OPTICAL = transforms.R_FLU_OPTICAL
 
 @dataclass(frozen=True)
 class Looked:
-    """Stations, and ``sights`` (N, rows, columns) bool of ``grid``: whether a station sees all that lies below a
-    robot's footprint, to REACH_M."""
+    """Stations, and ``sights`` (N, rows, columns) bool of ``grid``: whether a station sees all that
+    lies below a robot's footprint, to REACH_M."""
 
     stations: Tuple[Station, ...]
     grid: Grid
     sights: np.ndarray
 
-    def leads(self, clear: Clearance, start_m, goal_m, margin_m: float, closed: Optional[np.ndarray] = None) -> bool:
-        """Whether a way with so much margin leads from start to goal through footprints that a station sees, and not
-        through cells ``closed`` (rows, columns)."""
+    def leads(
+        self,
+        clear: Clearance,
+        start_m,
+        goal_m,
+        margin_m: float,
+        closed: Optional[np.ndarray] = None,
+    ) -> bool:
+        """Whether a way with so much margin leads from start to goal through footprints that a
+        station sees, and not through cells ``closed`` (rows, columns)."""
         xy = self.grid.middle_of(*np.indices(self.grid.shape))
-        stands = self.sights.any(0) & (clear.at(xy[..., 0], xy[..., 1]) >= clear.robot.radius_m + margin_m)
+        stands = self.sights.any(0) & (
+            clear.at(xy[..., 0], xy[..., 1]) >= clear.robot.radius_m + margin_m
+        )
         if closed is not None:
             stands &= ~closed
         _, parts = cv2.connectedComponents(stands.astype(np.uint8), connectivity=4)
@@ -57,7 +68,8 @@ class Looked:
 
 
 class Lookout:
-    """Chooses stations of a place one by one: each adds most to what was not seen of the ways that the robot has."""
+    """Chooses stations of a place one by one: each adds most to what was not seen of the ways that
+    the robot has."""
 
     def __init__(self, town: Town, clear: Clearance):
         plan = town.plan
@@ -67,7 +79,9 @@ class Lookout:
         self._clear = clear
         self._candidates = _candidates(plan)
         around = disk(clear.robot.radius_m + _AROUND_M, _CELL_M)
-        self._sights = [least(seen, around, 0.0) > 0 for seen in _seen(town, self.grid, self._candidates)]
+        self._sights = [
+            least(seen, around, 0.0) > 0 for seen in _seen(town, self.grid, self._candidates)
+        ]
         self._worth = _worth(clear, self.grid, plan.start_m, plan.goal_m)
         self._chosen: List[int] = []
 
@@ -77,7 +91,8 @@ class Lookout:
         return Looked(tuple(self._candidates[i] for i in self._chosen), self.grid, sights)
 
     def first(self, least_count: int = 5, most_count: int = 8) -> Looked:
-        """Stations until they see a way with WAY_MARGIN_M beside the footprint, or there are ``most_count``."""
+        """Stations until they see a way with WAY_MARGIN_M beside the footprint, or there are
+        ``most_count``."""
         seen = np.zeros(self.grid.shape, bool)
         while len(self._chosen) < most_count:
             if not self._add(self._worth * ~seen):
@@ -87,13 +102,17 @@ class Lookout:
             if enough and self.looked().leads(self._clear, *self._ends, WAY_MARGIN_M):
                 break
         if not self._chosen:
-            raise SimulationError("no station sees anything of the place that the robot can come to")
+            raise SimulationError(
+                "no station sees anything of the place that the robot can come to"
+            )
         return self.looked()
 
     def another(self, free: np.ndarray) -> bool:
-        """One station more for what is not yet ``free`` (rows, columns of ``grid``) on the shortest way; whether there
-        is one."""
-        return self._add(np.where(self._worth >= _ON_THE_WAY, self._worth, 0.1 * self._worth) * ~free)
+        """One station more for what is not yet ``free`` (rows, columns of ``grid``) on the shortest
+        way; whether there is one."""
+        return self._add(
+            np.where(self._worth >= _ON_THE_WAY, self._worth, 0.1 * self._worth) * ~free
+        )
 
     def _add(self, worth: np.ndarray) -> bool:
         gains = [float(worth[sight].sum()) for sight in self._sights]
@@ -120,7 +139,8 @@ def _candidates(plan) -> List[Station]:
 
 
 def _worth(clear: Clearance, grid: Grid, start_m, goal_m) -> np.ndarray:
-    """(rows, columns) of what it is worth to see a cell: 0 where the robot can come neither from start nor goal."""
+    """(rows, columns) of what it is worth to see a cell: 0 where the robot can come neither from
+    start nor goal."""
     xy = grid.middle_of(*np.indices(grid.shape))
     far = clear.at(xy[..., 0], xy[..., 1])
     stands = far >= clear.robot.radius_m

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A drawn place as the product maps it, kept in files: pictures of a place are drawn and mapped once."""
+"""A drawn place as the product maps it, kept in files: pictures of a place are drawn and mapped
+once."""
 
 import json
 import os
@@ -30,8 +31,8 @@ _ARRAYS = ("depth", "sigma", "kind", "K", "T_home_cam")
 
 @dataclass(frozen=True)
 class MappedPlace:
-    """``views`` and ``grounds``: what each station's map shows, in the world's frame, None where nothing matched; the
-    rest is the truth."""
+    """``views`` and ``grounds``: what each station's map shows, in the world's frame, None where
+    nothing matched; the rest is the truth."""
 
     world: str
     town: Town
@@ -50,11 +51,11 @@ class MappedPlace:
 def mapped_place(
     world: str, seed: int, robot: Robot, folder: Path, step: Optional[Callable[[str], None]] = None
 ) -> MappedPlace:
-    """The place of a seed, mapped from stations that see the robot's ways, and then, where the truth has a way and the
-    maps show none, from MOST_MORE more; ``step`` is told of each station.
+    """The place of a seed, mapped from stations that see the robot's ways, and then, where the
+    truth has a way and the maps show none, from MOST_MORE more; ``step`` is told of each station.
 
-    Maps that ``folder`` holds of the same stations are read, new ones are written there. Raises SimulationError where
-    no station's pictures make a map.
+    Maps that ``folder`` holds of the same stations are read, new ones are written there. Raises
+    SimulationError where no station's pictures make a map.
     """
     town = Town.generate(seed, world)
     plan, footing = town.plan, Footing.of(town.plan)
@@ -87,7 +88,8 @@ def mapped_place(
 
 
 def _free(known: KnownGround, looked: Looked) -> np.ndarray:
-    """(rows, columns) bool of the stations' grid: the robot can stand there with room for its place's sigma."""
+    """(rows, columns) bool of the stations' grid: the robot can stand there with room for its
+    place's sigma."""
     xy = looked.grid.middle_of(*np.indices(looked.grid.shape))
     row, column, inside = known.grid.cells_of(xy[..., 0], xy[..., 1])
     return inside & (known.clear_m[row, column] > 2 * PLANNED_SIGMA_M)
@@ -110,7 +112,8 @@ def _read(file: Path, station: Station) -> Optional[List[DepthView]]:
             if "depth" not in stored:
                 return []
             return [DepthView(file.stem, *(stored[name] for name in _ARRAYS), 0.0)]
-    except (FileNotFoundError, ValueError, KeyError, EOFError, zipfile.BadZipFile):  # none, or half written
+    # none, or half written
+    except (FileNotFoundError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One drive of a robot through a mapped place in simulated time: the product's guide, the true wheels, one fault."""
+"""One drive of a robot through a mapped place in simulated time: the product's guide, the true
+wheels, one fault."""
 
 import time
 from dataclasses import dataclass, field
@@ -20,7 +21,7 @@ from fcsv_guidance.guiding import (
     RobotGuide,
     RobotHeard,
     plan_over,
-)  # fmt: skip
+)
 from fcsv_guidance.known import GroundSeen
 from fcsv_guidance.place import RobotTracker
 from fcsv_guidance.robot import Robot
@@ -43,10 +44,11 @@ ARRIVES, SAYS_NONE, EITHER = "arrives", "says none", "either"
 
 @dataclass(frozen=True)
 class DriveResult:
-    """How a drive went. ``expected`` by the truth: ARRIVES, SAYS_NONE or EITHER. ``contact``: empty where the
-    footprint touched nothing. ``reaction_s``: simulated time from the first picture that shows the thing in the way to
-    another route or to none; ``slowest_s``: processor time of the guide's slowest step. ``honest``: share of the time
-    in which the place was within two of its sigma."""
+    """How a drive went. ``expected`` by the truth: ARRIVES, SAYS_NONE or EITHER. ``contact``: empty
+    where the footprint touched nothing. ``reaction_s``: simulated time from the first picture that
+    shows the thing in the way to another route or to none; ``slowest_s``: processor time of the
+    guide's slowest step. ``honest``: share of the time in which the place was within two of its
+    sigma."""
 
     world: str
     seed: int
@@ -79,8 +81,8 @@ class DriveResult:
 
 @dataclass
 class Track:
-    """Holds, for a picture: the true way (N,2), routes that were planned, boxes, where the contact was, and what was
-    free."""
+    """Holds, for a picture: the true way (N,2), routes that were planned, boxes, where the contact
+    was, and what was free."""
 
     way: List[Tuple[float, float]] = field(default_factory=list)
     routes: List[Route] = field(default_factory=list)
@@ -91,7 +93,8 @@ class Track:
 
 
 class RobotDrive:
-    """Drives from the place's start to its goal. The same place, fault and seed give the same drive."""
+    """Drives from the place's start to its goal. The same place, fault and seed give the same
+    drive."""
 
     def __init__(self, place: MappedPlace, robot: Robot, fault: Fault, seed: int):
         self._place, self._robot, self._fault, self._seed = place, robot, fault, seed
@@ -130,14 +133,19 @@ class RobotDrive:
             contact = self._touched(now_s)
             self._sense(now_s)
             guidance = self._guided(now_s)
-            stood_s = 0.0 if guidance.state == DRIVING or not self.machine.stands else stood_s + STEP_S
+            stood_s = (
+                0.0 if guidance.state == DRIVING or not self.machine.stands else stood_s + STEP_S
+            )
             if contact:
                 ended = "contact"
                 break
             if guidance.state == ARRIVED and self.machine.stands:
                 ended = ARRIVED
                 break
-            over = self._begins_s == np.inf or now_s > min(self._ends_s, self._begins_s + 60.0) + _GIVES_UP_S
+            over = (
+                self._begins_s == np.inf
+                or now_s > min(self._ends_s, self._begins_s + 60.0) + _GIVES_UP_S
+            )
             if stood_s > _GIVES_UP_S and over and guidance.state in (NO_ROUTE, "waiting"):
                 ended = guidance.state
                 break
@@ -146,16 +154,30 @@ class RobotDrive:
 
     def _result(self, ended: str, contact: str, now_s: float, guidance: Guidance) -> DriveResult:
         errors = np.array(self._errors or [np.nan])
-        far_m = float(np.hypot(self.machine.x_m - self._goal.x_m, self.machine.y_m - self._goal.y_m))
+        far_m = float(
+            np.hypot(self.machine.x_m - self._goal.x_m, self.machine.y_m - self._goal.y_m)
+        )
         if ended == ARRIVED and far_m > 1.0:
             ended = f"arrived {far_m:.1f} m beside"
         reaction_s = None if self._reacted_s is None else self._reacted_s - self._shown_s
         return DriveResult(
-            self._place.world, self._place.town.seed, self._fault.name, ended, self._expected(), contact,
-            np.isfinite(self._begins_s), self._said_none, self._room_m, now_s, self._way_m,
-            float(np.sqrt(np.mean(errors**2))), float(np.mean(self._within or [np.nan])), reaction_s, self._slowest_s,
+            self._place.world,
+            self._place.town.seed,
+            self._fault.name,
+            ended,
+            self._expected(),
+            contact,
+            np.isfinite(self._begins_s),
+            self._said_none,
+            self._room_m,
+            now_s,
+            self._way_m,
+            float(np.sqrt(np.mean(errors**2))),
+            float(np.mean(self._within or [np.nan])),
+            reaction_s,
+            self._slowest_s,
             guidance.text,
-        )  # fmt: skip
+        )
 
     def _expected(self) -> str:
         place, plan = self._place, self._place.town.plan
@@ -164,7 +186,11 @@ class RobotDrive:
         if self._fault.name == "pose lost for good" and np.isfinite(self._begins_s):
             return EITHER  # by its wheels it may come as far as it is allowed to
         if self._blocked is None:
-            return ARRIVES if place.looked.leads(place.clear, plan.start_m, plan.goal_m, WAY_MARGIN_M) else EITHER
+            return (
+                ARRIVES
+                if place.looked.leads(place.clear, plan.start_m, plan.goal_m, WAY_MARGIN_M)
+                else EITHER
+            )
         at, box = self._blocked
         xy = place.looked.grid.middle_of(*np.indices(place.looked.grid.shape))
         closed = box.gap_m(xy[..., 0], xy[..., 1]) < self._robot.radius_m + WAY_MARGIN_M
@@ -196,13 +222,19 @@ class RobotDrive:
             if gap <= 0.0 and not self.machine.stands:
                 self.track.contact = at
                 return f"touches what came into its way after {now_s:.1f} s"
-            if isinstance(self._thing, Runner) and self._thing.halted_s == now_s and gap <= Runner.SHY_M + 0.1:
+            if (
+                isinstance(self._thing, Runner)
+                and self._thing.halted_s == now_s
+                and gap <= Runner.SHY_M + 0.1
+            ):
                 if abs(self.machine.speed_mps) > MOVES_MPS:
                     self.track.contact = at
                     return f"still drives as the walker reaches it after {now_s:.1f} s"
         if room < 0.0:
             self.track.contact = at
-            return f"touches the ground's obstacle at ({at[0]:.1f}, {at[1]:.1f}) m after {now_s:.1f} s"
+            return (
+                f"touches the ground's obstacle at ({at[0]:.1f}, {at[1]:.1f}) m after {now_s:.1f} s"
+            )
         return ""
 
     def _sense(self, now_s: float) -> None:
@@ -217,8 +249,14 @@ class RobotDrive:
                 fix = self._fixes.told(fix)
             if fix is not None:
                 self._post.append((now_s + DELAY_S, fix))
-        if self._watcher is not None and _every(now_s, LOOK_EVERY_S) and not self._during("map stale", now_s):
-            self._post.append((now_s + LOOK_DELAY_S, GroundSeen(now_s, "watch", self._seen_now(now_s), True)))
+        if (
+            self._watcher is not None
+            and _every(now_s, LOOK_EVERY_S)
+            and not self._during("map stale", now_s)
+        ):
+            self._post.append(
+                (now_s + LOOK_DELAY_S, GroundSeen(now_s, "watch", self._seen_now(now_s), True))
+            )
         if self._during("stop all", now_s - STEP_S) and not self._during("stop all", now_s):
             self._post.append((now_s, self._goal))
 
@@ -227,14 +265,20 @@ class RobotDrive:
         self._post = [item for item in self._post if item[0] > now_s]
         began = time.process_time()
         for what in arrived:
-            to = self._guide if isinstance(what, (GroundSeen, RobotHeard, Goal, StopRobot)) else self._tracker
+            to = (
+                self._guide
+                if isinstance(what, (GroundSeen, RobotHeard, Goal, StopRobot))
+                else self._tracker
+            )
             to.receive(now_s, what)
         state = self._tracker.step(now_s)
         self._guide.receive(now_s, state)
         (guidance,) = self._guide.step(now_s)
         self._slowest_s = max(self._slowest_s, time.process_time() - began)
         if state.place is not None and now_s - state.place.stamp_s < 2 * RADIO_S:
-            off = float(np.hypot(state.place.x_m - self.machine.x_m, state.place.y_m - self.machine.y_m))
+            off = float(
+                np.hypot(state.place.x_m - self.machine.x_m, state.place.y_m - self.machine.y_m)
+            )
             self._errors.append(off)
             self._within.append(off <= 2 * state.place.sigma_m + RADIO_S * self._robot.speed_mps)
         if not self._during("radio cut", now_s):
@@ -249,7 +293,11 @@ class RobotDrive:
         if new:
             self.track.routes.append(route)
             self._first_m = self._first_m or route.length_m
-        if self._shown_s is not None and self._reacted_s is None and (new or guidance.state == NO_ROUTE):
+        if (
+            self._shown_s is not None
+            and self._reacted_s is None
+            and (new or guidance.state == NO_ROUTE)
+        ):
             self._reacted_s = now_s
         waits = self._begins_s == np.inf and self._fault.name != NONE and self._first_m is not None
         if waits and self._way_m > self._share * self._first_m and guidance.state == DRIVING:
@@ -258,7 +306,11 @@ class RobotDrive:
     def _begin(self, now_s: float, route: Route) -> None:
         """The fault befalls the drive."""
         fault, random = self._fault, self._random
-        lasts_s = fault.lasts_s if not np.isfinite(fault.lasts_s) else fault.lasts_s * random.uniform(0.4, 1.0)
+        lasts_s = (
+            fault.lasts_s
+            if not np.isfinite(fault.lasts_s)
+            else fault.lasts_s * random.uniform(0.4, 1.0)
+        )
         if fault.name in ("way closes", "runs at it") and not self._enter(now_s, route):
             return  # nothing of the way ahead is watched now; perhaps later
         self._begins_s, self._ends_s = now_s, now_s + lasts_s
@@ -297,7 +349,8 @@ class RobotDrive:
         return True
 
     def _prepare_watch(self) -> None:
-        """The watch is held at the station that sees most of the first route; without a route at the first one."""
+        """The watch is held at the station that sees most of the first route; without a route at
+        the first one."""
         if not self._fault.watched:
             return
         looked, plan = self._place.looked, self._place.town.plan
@@ -323,7 +376,8 @@ class RobotDrive:
         own = 0.7 * self._robot.radius_m
         z = float(self._true.T_world_robot(machine.x_m, machine.y_m, 0.0)[2, 3])
         itself = Box(machine.x_m, machine.y_m, z, (own, own), self._robot.height_m, machine.yaw_rad)
-        boxes = [box, itself] if self._thing.moves else [box]  # what stays is drawn once, without the robot
+        # what stays is drawn once, without the robot
+        boxes = [box, itself] if self._thing.moves else [box]
         try:
             ground = ground_from([self._watcher.look(now_s, boxes)], grid=still.grid)
         except GroundError:

@@ -9,7 +9,12 @@ from fcsv_guidance import tuning
 from fcsv_sim.robot.mapped import MappedPlace
 from fcsv_sim.robot.rehearsal import DriveResult, Track
 
-_COLOURS = {"unknown": "#8c8c8c", "not free": "#f2c9b0", "free": "#8fd3b4", "stops the robot": "#303030"}
+_COLOURS = {
+    "unknown": "#8c8c8c",
+    "not free": "#f2c9b0",
+    "free": "#8fd3b4",
+    "stops the robot": "#303030",
+}
 
 
 def draw_drive(place: MappedPlace, track: Track, result: DriveResult, path: Path) -> None:
@@ -27,22 +32,39 @@ def draw_drive(place: MappedPlace, track: Track, result: DriveResult, path: Path
     figure = Figure(figsize=(9, 9), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
-    extent = (grid.x0_m, grid.x0_m + grid.columns * grid.cell_m, grid.y0_m, grid.y0_m + grid.rows * grid.cell_m)
+    extent = (
+        grid.x0_m,
+        grid.x0_m + grid.columns * grid.cell_m,
+        grid.y0_m,
+        grid.y0_m + grid.rows * grid.cell_m,
+    )
     colours = ListedColormap(list(_COLOURS.values()))
-    axes.imshow(classes, origin="lower", extent=extent, cmap=colours, vmin=-0.5, vmax=3.5, interpolation="nearest")
+    axes.imshow(
+        classes,
+        origin="lower",
+        extent=extent,
+        cmap=colours,
+        vmin=-0.5,
+        vmax=3.5,
+        interpolation="nearest",
+    )
     for route in track.routes:
         axes.plot(*route.points_home_m.T, color="tab:blue", linewidth=1)
     if track.way:
         axes.plot(*np.array(track.way).T, color="black", linewidth=2)
     for box in track.boxes[:: max(1, len(track.boxes) // 12)]:
         c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
-        corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * box.half_m @ [[c, s], [-s, c]]
+        corners = (
+            np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * box.half_m @ [[c, s], [-s, c]]
+        )
         axes.plot(*(corners + [box.x_m, box.y_m]).T, color="tab:orange", linewidth=1)
     axes.plot(*plan.start_m, "o", color="tab:blue")
     axes.plot(*plan.goal_m, "*", color="tab:purple", markersize=14)
     if track.contact is not None:
         axes.plot(*track.contact, "x", color="red", markersize=14, markeredgewidth=3)
-    axes.set_title(f"{place.name}, {result.fault}: {result.broke or result.ended} after {result.time_s:.0f} s")
+    axes.set_title(
+        f"{place.name}, {result.fault}: {result.broke or result.ended} after {result.time_s:.0f} s"
+    )
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
     handles = [Patch(color=colour, label=name) for name, colour in _COLOURS.items()]

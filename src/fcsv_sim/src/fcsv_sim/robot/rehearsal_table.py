@@ -10,15 +10,26 @@ from fcsv_sim.robot.mapped import MappedPlace
 from fcsv_sim.robot.rehearsal import ARRIVES, SAYS_NONE, DriveResult
 
 _HEADS = (
-    "world", "fault", "drives", "befell", "contacts", "arrived where the truth has a seen way", "others that arrived",
-    '"no safe route" where there is none', "least room (m)", "time, median (s)", "place, rms (m)", "within 2 sigma",
-    "reaction, worst (s)", "slowest step (s)",
-)  # fmt: skip
+    "world",
+    "fault",
+    "drives",
+    "befell",
+    "contacts",
+    "arrived where the truth has a seen way",
+    "others that arrived",
+    '"no safe route" where there is none',
+    "least room (m)",
+    "time, median (s)",
+    "place, rms (m)",
+    "within 2 sigma",
+    "reaction, worst (s)",
+    "slowest step (s)",
+)
 
 
 def table(results: Sequence[DriveResult]) -> List[str]:
-    """Lines of the table. Reaction: simulated seconds from the picture that shows what is in the way to another route
-    or to none; the slowest step of the guide is processor time."""
+    """Lines of the table. Reaction: simulated seconds from the picture that shows what is in the
+    way to another route or to none; the slowest step of the guide is processor time."""
     groups: Dict[Tuple[str, str], List[DriveResult]] = {}
     for result in results:
         groups.setdefault((result.world, result.fault), []).append(result)
@@ -36,15 +47,21 @@ def _row(world: str, fault: str, results: List[DriveResult]) -> List[str]:
     reactions = [r.reaction_s for r in results if r.reaction_s is not None]
     drove = [r for r in results if r.way_m > 1.0] or results
     return [
-        world, fault, str(len(results)), str(sum(r.befell for r in results)),
+        world,
+        fault,
+        str(len(results)),
+        str(sum(r.befell for r in results)),
         str(sum(bool(r.contact) for r in results)),
         f"{sum(r.ended == 'arrived' for r in able)} of {len(able)}",
         f"{sum(r.ended == 'arrived' for r in others)} of {len(others)}",
         f"{sum(r.said_none and r.ended != 'arrived' for r in none)} of {len(none)}",
-        f"{min(r.least_room_m for r in results):.2f}", f"{median(r.time_s for r in arrived):.0f}" if arrived else "–",
-        f"{np.nanmean([r.place_rms_m for r in drove]):.2f}", f"{np.nanmean([r.honest for r in drove]):.0%}",
-        f"{max(reactions):.1f}" if reactions else "–", f"{max(r.slowest_s for r in results):.2f}",
-    ]  # fmt: skip
+        f"{min(r.least_room_m for r in results):.2f}",
+        f"{median(r.time_s for r in arrived):.0f}" if arrived else "–",
+        f"{np.nanmean([r.place_rms_m for r in drove]):.2f}",
+        f"{np.nanmean([r.honest for r in drove]):.0%}",
+        f"{max(reactions):.1f}" if reactions else "–",
+        f"{max(r.slowest_s for r in results):.2f}",
+    ]
 
 
 def stations_line(place: MappedPlace) -> str:

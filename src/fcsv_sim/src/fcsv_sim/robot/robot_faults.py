@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What goes wrong while a robot is guided; each begins when a share of the way is driven, and most end."""
+"""What goes wrong while a robot is guided; each begins when a share of the way is driven, and most
+end."""
 
 from dataclasses import dataclass
 from typing import Dict, List, Optional
@@ -15,7 +16,8 @@ _JUMP_SHARE = 0.3
 
 @dataclass(frozen=True)
 class Fault:
-    """A name, what it does in a sentence, how long it lasts at most (s), and whether the place is watched."""
+    """A name, what it does in a sentence, how long it lasts at most (s), and whether the place is
+    watched."""
 
     name: str
     does: str
@@ -23,23 +25,27 @@ class Fault:
     watched: bool = False
 
 
-FAULTS: Dict[str, Fault] = {fault.name: fault for fault in (
-    Fault(NONE, "nothing but errors of fixes and wheels"),
-    Fault("pose lost", "no fix comes", 25.0),
-    Fault("pose lost for good", "no fix comes any more", np.inf),
-    Fault("pose jumps", "some fixes lie metres beside, then all by one offset", 6.0),
-    Fault("pose not finite", "fixes are NaN, or have a covariance that is none", 10.0),
-    Fault("wheels slip", "the wheels turn on the spot", 4.0),
-    Fault("map stale", "no view of the place comes", 20.0, True),
-    Fault("radio cut", "neither commands nor wheel odometry come through", 10.0),
-    Fault("stop all", "the operator stops all, and gives the goal again", 8.0),
-    Fault("way closes", "something wide comes into the way and stays, or leaves", 40.0, True),
-    Fault("runs at it", "a walker runs along the way at the robot", 40.0, True),
-)}  # fmt: skip
+FAULTS: Dict[str, Fault] = {
+    fault.name: fault
+    for fault in (
+        Fault(NONE, "nothing but errors of fixes and wheels"),
+        Fault("pose lost", "no fix comes", 25.0),
+        Fault("pose lost for good", "no fix comes any more", np.inf),
+        Fault("pose jumps", "some fixes lie metres beside, then all by one offset", 6.0),
+        Fault("pose not finite", "fixes are NaN, or have a covariance that is none", 10.0),
+        Fault("wheels slip", "the wheels turn on the spot", 4.0),
+        Fault("map stale", "no view of the place comes", 20.0, True),
+        Fault("radio cut", "neither commands nor wheel odometry come through", 10.0),
+        Fault("stop all", "the operator stops all, and gives the goal again", 8.0),
+        Fault("way closes", "something wide comes into the way and stays, or leaves", 40.0, True),
+        Fault("runs at it", "a walker runs along the way at the robot", 40.0, True),
+    )
+}
 
 
 def faults_of(names: str) -> List[Fault]:
-    """Finds faults as --faults takes them. Raises SimulationError naming the one that there is not."""
+    """Finds faults as --faults takes them. Raises SimulationError naming the one that there is
+    not."""
     if names == ALL:
         return list(FAULTS.values())
     found = [name.strip() for name in names.split(",")]
@@ -75,5 +81,7 @@ class FixFault:
                 off = self._random.normal(0.0, 3.0, 2)
             else:
                 off = np.zeros(2)
-            return PlaceFix(fix.stamp_s, fix.x_m + off[0], fix.y_m + off[1], fix.yaw_rad, fix.covariance)
+            return PlaceFix(
+                fix.stamp_s, fix.x_m + off[0], fix.y_m + off[1], fix.yaw_rad, fix.covariance
+            )
         return fix

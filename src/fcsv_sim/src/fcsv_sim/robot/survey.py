@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A place as two vehicles map it: pictures drawn at stations around it, mapped by the method ``joint``."""
+"""A place as two vehicles map it: pictures drawn at stations around it, mapped by the method
+``joint``."""
 
 from dataclasses import dataclass, replace
 from typing import List, Sequence, Tuple
@@ -14,10 +15,18 @@ from fcsv_sim.world.place import PlacePlan
 from fcsv_sim.world.town import Town
 from fcsv_stereo.errors import StereoError
 from fcsv_stereo.joint.method import JointOptions, map_joint
-from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Picture, PosePrior, silent
+from fcsv_stereo.model import (
+    Configuration,
+    ConfigurationInput,
+    MapInput,
+    Picture,
+    PosePrior,
+    silent,
+)
 
 BASELINES_M = (2.0, 4.0, 6.0)
-HEIGHT_M, STAND_OFF_M = 10.0, 24.0  # the nearest ground that a camera sees from 10 m lies 25 m ahead
+# the nearest ground that a camera sees from 10 m lies 25 m ahead
+HEIGHT_M, STAND_OFF_M = 10.0, 24.0
 _PLACE_SIGMA_M, _ATTITUDE_SIGMA_RAD = 0.03, np.radians(1.0)
 #: of a pose before refinement: rotation per axis (rad), position per axis over the baseline
 _PRIOR = PosePrior(np.radians(0.15), 0.0, 0.01 / np.sqrt(3.0))
@@ -33,18 +42,23 @@ class Station:
 
 
 def stations(plan: PlacePlan) -> List[Station]:
-    """One on each of four sides, so that what a wall hides from one is seen from another; to 40 m the four cover a
-    place of 36 m."""
+    """One on each of four sides, so that what a wall hides from one is seen from another; to 40 m
+    the four cover a place of 36 m."""
     x0, x1, y0, y1 = plan.area_m
     x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
-    sides = [(x0 - STAND_OFF_M, y), (x, y0 - STAND_OFF_M), (x, y1 + STAND_OFF_M), (x1 + STAND_OFF_M, y)]
+    sides = [
+        (x0 - STAND_OFF_M, y),
+        (x, y0 - STAND_OFF_M),
+        (x, y1 + STAND_OFF_M),
+        (x1 + STAND_OFF_M, y),
+    ]
     yaws = (0.0, np.pi / 2, -np.pi / 2, np.pi)
     return [Station((*at, float(plan.height(*at)) + HEIGHT_M), yaw) for at, yaw in zip(sides, yaws)]
 
 
 def survey(town: Town, places: Sequence[Station], seed: int) -> List[DepthView]:
-    """The maps of the stations as depth views; the reference camera's pose is its true one, the others' are priors
-    with noise. A station where nothing matched is left out."""
+    """The maps of the stations as depth views; the reference camera's pose is its true one, the
+    others' are priors with noise. A station where nothing matched is left out."""
     renderer, views = Renderer(town), []
     for number, place in enumerate(places):
         given = _pictures(renderer, place, seed, number)
@@ -54,7 +68,9 @@ def survey(town: Town, places: Sequence[Station], seed: int) -> List[DepthView]:
             continue
         r = found.reference
         name = f"station {number}"
-        views.append(DepthView(name, found.depth, found.sigma, found.kind, r.camera.K, r.T_home_cam, 0.0))
+        views.append(
+            DepthView(name, found.depth, found.sigma, found.kind, r.camera.K, r.T_home_cam, 0.0)
+        )
     return views
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What gets into a robot's way: boxes that come, stay and go; and how views that watch the place show them."""
+"""What gets into a robot's way: boxes that come, stay and go; and how views that watch the place
+show them."""
 
 from dataclasses import dataclass, replace
 from typing import Callable, Optional, Sequence, Tuple
@@ -39,7 +40,8 @@ Thing = Callable[[float], Optional[Box]]
 
 
 class Watcher:
-    """Vehicles that hold at a station: their depth of now is that of the map, with the things that stand before it."""
+    """Vehicles that hold at a station: their depth of now is that of the map, with the things that
+    stand before it."""
 
     def __init__(self, town: Town, view: DepthView, seed: int):
         self.view = view
@@ -47,7 +49,9 @@ class Watcher:
         height, width = view.depth.shape
         v, u = np.indices((height, width))
         K = view.K
-        self._rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], -1)
+        self._rays = np.stack(
+            [(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], -1
+        )
         self._rays = self._rays @ view.T_home_cam[:3, :3].T
         flat = self._rays.reshape(-1, 3)
         rays = ray_buffer(len(flat))
@@ -58,7 +62,9 @@ class Watcher:
     def look(self, stamp_s: float, boxes: Sequence[Box]) -> DepthView:
         """The depth view of an instant."""
         random, old = self._random, self.view
-        depth = old.depth + _RENEWED * old.sigma * random.standard_normal(old.depth.shape, dtype=np.float32)
+        depth = old.depth + _RENEWED * old.sigma * random.standard_normal(
+            old.depth.shape, dtype=np.float32
+        )
         sigma, kind = old.sigma.copy(), old.kind.copy()
         true = self._true
         for box in boxes:
@@ -66,7 +72,11 @@ class Watcher:
             before = hit < true
             z = hit[before]
             own = z**2 / (old.K[0, 0] * _BASELINE_M) * _MATCHED_PX
-            depth[before], sigma[before], kind[before] = z + own * random.standard_normal(len(z)), own, 2
+            depth[before], sigma[before], kind[before] = (
+                z + own * random.standard_normal(len(z)),
+                own,
+                2,
+            )
             true = np.where(before, hit, true)
         return replace(old, depth=depth, sigma=sigma, kind=kind, stamp_s=stamp_s)
 
@@ -76,7 +86,10 @@ class Watcher:
         R = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         eye = R @ (self.view.T_home_cam[:3, 3] - [box.x_m, box.y_m, box.z_m])
         rays = self._rays @ R.T
-        low, high = np.array([-box.half_m[0], -box.half_m[1], 0.0]), np.array([*box.half_m, box.high_m])
+        low, high = (
+            np.array([-box.half_m[0], -box.half_m[1], 0.0]),
+            np.array([*box.half_m, box.high_m]),
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             a, b = (low - eye) / rays, (high - eye) / rays
             near, far = np.minimum(a, b).max(-1), np.maximum(a, b).min(-1)
@@ -97,8 +110,8 @@ class Closer:
 
 
 class Runner:
-    """Comes along ``way`` (N,2), which ends at the robot, at a speed; it halts SHY_M before the footprint, waits, and
-    goes back."""
+    """Comes along ``way`` (N,2), which ends at the robot, at a speed; it halts SHY_M before the
+    footprint, waits, and goes back."""
 
     SHY_M = 0.25
     _HALF_M, _HIGH_M, _WAITS_S = (0.3, 0.3), 1.7, 4.0

@@ -17,7 +17,9 @@ def accept_amber(names: Sequence[str]) -> rospy.Subscriber:
         for line in message.lines:
             if line.state == FlightCheckLine.AMBER and not line.accepted and line.name in names:
                 try:
-                    rospy.loginfo("operator: %s (%s)", accept(line.vehicle, line.name).message, line.what)
+                    rospy.loginfo(
+                        "operator: %s (%s)", accept(line.vehicle, line.name).message, line.what
+                    )
                 except rospy.ServiceException as error:
                     rospy.logwarn("operator: accepting %s %s: %s", line.vehicle, line.name, error)
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the true poses of a vehicle that ArduCopter's own simulation flies: simulated sensors and people see these."""
+"""Writes the true poses of a vehicle that ArduCopter's own simulation flies: simulated sensors and
+people see these."""
 
 import time
 from dataclasses import dataclass
@@ -17,7 +18,8 @@ _SILENT_S = 1.0
 
 @dataclass(frozen=True)
 class AutopilotTruthParameters:
-    """Parameters of the node; ``autopilot``: tcp:HOST:PORT; start: x, y, z (m) and yaw (rad) in the world."""
+    """Parameters of the node; ``autopilot``: tcp:HOST:PORT; start: x, y, z (m) and yaw (rad) in the
+    world."""
 
     vehicle: str
     vehicles_dir: str
@@ -48,8 +50,13 @@ class AutopilotTruthNode:
                 state = self._motion.take(time.time(), message)
                 self._writer.write(state.stamp_s, state.T_world_body, state.v_world_mps)
             elif time.monotonic() - heard_s > _SILENT_S:
-                rospy.logwarn_throttle(5.0, "%s: no true pose for %.0f s from %s", self._name,
-                                       time.monotonic() - heard_s, self._line.address)  # fmt: skip
+                rospy.logwarn_throttle(
+                    5.0,
+                    "%s: no true pose for %.0f s from %s",
+                    self._name,
+                    time.monotonic() - heard_s,
+                    self._line.address,
+                )
         self._line.close()
 
 

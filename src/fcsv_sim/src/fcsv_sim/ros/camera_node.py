@@ -34,10 +34,12 @@ _CATCH_UP = 3
 
 @dataclass(frozen=True)
 class CameraNodeParameters:
-    """Holds the parameters as given to the node. Pictures have ``samples`` (as in Renderer) while this vehicle's
-    recorder takes pictures, ``preview_samples`` while it says that it does not, ``samples`` where there is no recorder.
+    """Holds the parameters as given to the node. Pictures have ``samples`` (as in Renderer) while
+    this vehicle's recorder takes pictures, ``preview_samples`` while it says that it does not,
+    ``samples`` where there is no recorder.
 
-    The rate goes before the finish: a machine that falls behind gets some pictures of ``preview_samples``.
+    The rate goes before the finish: a machine that falls behind gets some pictures of
+    ``preview_samples``.
     """
 
     vehicle: str
@@ -53,7 +55,8 @@ class CameraNodeParameters:
     movers: bool = False  # a car and a walker move through the town
     near: bool = False  # also depth, in the pictures' pixels
     near_rate_hz: float = 2.0  # of depth, at most that of the pictures
-    calibration: str = ""  # file of the camera that is simulated (calibrate_camera); empty: as ``camera`` says
+    # file of the camera that is simulated (calibrate_camera); empty: as ``camera`` says
+    calibration: str = ""
     camera: CameraParameters = field(default_factory=CameraParameters)
 
     def __post_init__(self):
@@ -67,7 +70,8 @@ class CameraNodeParameters:
 
 
 class CameraNode:
-    """One picture a period, in phase with the other vehicles' cameras; a period that is missed is skipped."""
+    """One picture a period, in phase with the other vehicles' cameras; a period that is missed is
+    skipped."""
 
     def __init__(self):
         parameters = self._parameters = node.parameters(CameraNodeParameters)
@@ -75,7 +79,9 @@ class CameraNode:
         p = parameters
         town = Town.generate(p.seed, p.world)
         shape = replace(p.camera, lens=read_camera(p.calibration)[1]) if p.calibration else p.camera
-        self._camera = Photographer(name, p.vehicles, p.vehicles_dir, p.sim_dir, town, p.seed, shape, p.movers)
+        self._camera = Photographer(
+            name, p.vehicles, p.vehicles_dir, p.sim_dir, town, p.seed, shape, p.movers
+        )
         self._frame = f"{name}/camera_color_optical_frame"
         self._health = Health(name, {"pictures": 0.5 * parameters.rate_hz})
         self._pictures = rospy.Publisher("camera/color/image_raw", Image, queue_size=2)
@@ -108,7 +114,9 @@ class CameraNode:
             if stamp_s <= taken_s:  # the rate just fell
                 due_s = self._due(taken_s)
                 continue
-            self._catch_up = _CATCH_UP if started_s - due_s > _LATE * period_s else max(0, self._catch_up - 1)
+            self._catch_up = (
+                _CATCH_UP if started_s - due_s > _LATE * period_s else max(0, self._catch_up - 1)
+            )
             taken_s = stamp_s
             try:
                 self._take(taken_s)
@@ -119,7 +127,10 @@ class CameraNode:
 
     def _due(self, taken_s: float) -> float:
         """When the picture after the one of ``taken_s`` is to be made."""
-        return trigger.after(max(taken_s, time.time() - 1.0 / self._rate_hz), self._rate_hz) + _LATENCY_S
+        return (
+            trigger.after(max(taken_s, time.time() - 1.0 / self._rate_hz), self._rate_hz)
+            + _LATENCY_S
+        )
 
     def _take(self, stamp_s: float) -> None:
         started_s = time.perf_counter()
@@ -130,7 +141,9 @@ class CameraNode:
         if self._depth is not None:
             self._depth.see(shot)
         self._health.tick("pictures")
-        self._health.value("time per picture [ms]", f"{(time.perf_counter() - started_s) * 1e3:.0f}")
+        self._health.value(
+            "time per picture [ms]", f"{(time.perf_counter() - started_s) * 1e3:.0f}"
+        )
 
 
 class _DepthPublisher:
@@ -142,8 +155,12 @@ class _DepthPublisher:
         self._measured = SimulatedDepth(camera, seed, DepthSensor(), DepthParameters())
         self._camera, self._frame, self._stamp_s = camera, frame, -math.inf
         self._period_s = 1.0 / parameters.near_rate_hz - 0.5 / parameters.rate_hz
-        self._images = rospy.Publisher("camera/aligned_depth_to_color/image_raw", Image, queue_size=2)
-        self._infos = rospy.Publisher("camera/aligned_depth_to_color/camera_info", CameraInfo, queue_size=2)
+        self._images = rospy.Publisher(
+            "camera/aligned_depth_to_color/image_raw", Image, queue_size=2
+        )
+        self._infos = rospy.Publisher(
+            "camera/aligned_depth_to_color/camera_info", CameraInfo, queue_size=2
+        )
 
     def see(self, shot: Shot) -> None:
         """A picture that was just taken."""
@@ -152,7 +169,9 @@ class _DepthPublisher:
         self._stamp_s = shot.stamp_s
         millimetres = self._measured.measure(shot.depth, shot.rgb)
         self._infos.publish(conversions.info_from_camera(self._camera, shot.stamp_s, self._frame))
-        self._images.publish(conversions.array_to_image(millimetres, "16UC1", shot.stamp_s, self._frame))
+        self._images.publish(
+            conversions.array_to_image(millimetres, "16UC1", shot.stamp_s, self._frame)
+        )
 
 
 def main() -> int:

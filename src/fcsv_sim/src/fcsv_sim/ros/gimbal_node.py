@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated gimbal and its camera under the topics of the real ones: joint_states, command, camera."""
+"""A simulated gimbal and its camera under the topics of the real ones: joint_states, command,
+camera."""
 
 import threading
 import time
@@ -26,7 +27,8 @@ _READ_HZ = 100.0
 
 @dataclass(frozen=True)
 class GimbalNodeParameters:
-    """Parameters of the node; the ground robot stands at ``robot_xyz_yaw`` (m, rad) in the world."""
+    """Parameters of the node; the ground robot stands at ``robot_xyz_yaw`` (m, rad) in the
+    world."""
 
     vehicle: str
     robot_file: str
@@ -39,13 +41,16 @@ class GimbalNodeParameters:
 
 
 class GimbalNode:
-    """Servos are read in a thread of their own; pictures come at the rate, or as fast as they are drawn."""
+    """Servos are read in a thread of their own; pictures come at the rate, or as fast as they are
+    drawn."""
 
     def __init__(self):
         p = self._parameters = node.parameters(GimbalNodeParameters)
         gimbals = load_ground_robot(p.robot_file).by_vehicle
         if p.vehicle not in gimbals:
-            raise ConfigError(f"{p.robot_file}: no gimbal follows '{p.vehicle}'; it has {', '.join(gimbals)}")
+            raise ConfigError(
+                f"{p.robot_file}: no gimbal follows '{p.vehicle}'; it has {', '.join(gimbals)}"
+            )
         gimbal, self._name = gimbals[p.vehicle], p.vehicle
         cv2.setNumThreads(1)
         *place, yaw = p.robot_xyz_yaw
@@ -55,7 +60,9 @@ class GimbalNode:
         self._servos = SimulatedGimbal(gimbal.geometry, seed, time.time, p.servo, p.mount)
         self._servos.turn(gimbal.start)
         self._camera = GimbalCamera(gimbal.tags, p.camera, seed)
-        self._health = Health(p.vehicle, {f"{p.vehicle} joints": 0.5 * _READ_HZ, "pictures": 0.3 * p.camera.rate_hz})
+        self._health = Health(
+            p.vehicle, {f"{p.vehicle} joints": 0.5 * _READ_HZ, "pictures": 0.3 * p.camera.rate_hz}
+        )
         at = f"/{p.vehicle}/gimbal/camera"
         self._pictures = rospy.Publisher(f"{at}/image_raw", Image, queue_size=2)
         self._infos = rospy.Publisher(f"{at}/camera_info", CameraInfo, queue_size=2)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated V120 Duo under mocap_optitrack's topics: /mocap/NAME/pose, and /mocap/NAME/ground_pose."""
+"""The simulated V120 Duo under mocap_optitrack's topics: /mocap/NAME/pose, and
+/mocap/NAME/ground_pose."""
 
 import time
 from collections import deque
@@ -22,7 +23,8 @@ Vector3 = Tuple[float, float, float]
 
 @dataclass(frozen=True)
 class MocapNodeParameters:
-    """Parameters of the node; the tracker stands at ``xyz_m`` and ``rpy_deg`` in the world, x out of its lenses."""
+    """Parameters of the node; the tracker stands at ``xyz_m`` and ``rpy_deg`` in the world, x out
+    of its lenses."""
 
     vehicles: List[str]
     sim_dir: str
@@ -40,7 +42,8 @@ class MocapNodeParameters:
 
 
 class MocapNode:
-    """Frames at 120 Hz, their poses at up to 200 Hz: a frame is published again where none is newer."""
+    """Frames at 120 Hz, their poses at up to 200 Hz: a frame is published again where none is
+    newer."""
 
     def __init__(self):
         p = self._parameters = node.parameters(MocapNodeParameters)
@@ -49,8 +52,12 @@ class MocapNode:
         self._truths = {n: TruthReader(p.sim_dir, n) for n in p.vehicles}
         self._frames: Deque[Tuple[float, Dict[str, BodySight]]] = deque()
         self._frame_s = time.time()
-        self._poses = {n: rospy.Publisher(f"/mocap/{n}/pose", PoseStamped, queue_size=50) for n in p.vehicles}
-        self._places = {n: rospy.Publisher(f"/mocap/{n}/ground_pose", Pose2D, queue_size=50) for n in p.vehicles}
+        self._poses = {
+            n: rospy.Publisher(f"/mocap/{n}/pose", PoseStamped, queue_size=50) for n in p.vehicles
+        }
+        self._places = {
+            n: rospy.Publisher(f"/mocap/{n}/ground_pose", Pose2D, queue_size=50) for n in p.vehicles
+        }
 
     def spin(self) -> None:
         """Runs until ROS shuts the node down."""
@@ -59,7 +66,8 @@ class MocapNode:
             due_s = max(due_s + 1.0 / self._parameters.rate_hz, time.time() - 0.05)
             time.sleep(max(0.0, due_s - time.time()))
             self._expose(due_s - MOCAP_DELAY_S / 2)
-            self._publish(due_s)  # its own clock: that this process was kept waiting is no delay of the tracker's
+            # its own clock: that this process was kept waiting is no delay of the tracker's
+            self._publish(due_s)
 
     def _expose(self, until_s: float) -> None:
         self._frame_s = max(self._frame_s, until_s - 0.1)
@@ -71,7 +79,9 @@ class MocapNode:
                     bodies[name] = truth.at(self._frame_s)
                 except PoseUnavailable:
                     continue  # that vehicle is not there yet
-            self._frames.append((self._frame_s + MOCAP_DELAY_S, self._duo.frame(self._frame_s, bodies)))
+            self._frames.append(
+                (self._frame_s + MOCAP_DELAY_S, self._duo.frame(self._frame_s, bodies))
+            )
 
     def _publish(self, now_s: float) -> None:
         while len(self._frames) > 1 and self._frames[1][0] <= now_s:
@@ -80,7 +90,9 @@ class MocapNode:
             return
         for name, sight in self._frames[0][1].items():
             p = sight.T_M_D[:3, 3]
-            self._poses[name].publish(conversions.pose_stamped(sight.T_M_D, now_s, self._parameters.frame))
+            self._poses[name].publish(
+                conversions.pose_stamped(sight.T_M_D, now_s, self._parameters.frame)
+            )
             self._places[name].publish(Pose2D(p[0], p[1], transforms.yaw(sight.T_M_D)))
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The operators of a simulated flight: they look at the vehicles and at the screen, move sticks and press buttons."""
+"""The operators of a simulated flight: they look at the vehicles and at the screen, move sticks and
+press buttons."""
 
 import threading
 import time
@@ -23,7 +24,8 @@ from mavros_msgs.msg import State
 
 @dataclass(frozen=True)
 class OperatorParameters:
-    """Parameters of the node; ``rc_ports`` are the vehicles' receivers, in the order of ``vehicles``."""
+    """Parameters of the node; ``rc_ports`` are the vehicles' receivers, in the order of
+    ``vehicles``."""
 
     vehicles: List[str]
     rc_ports: List[int]
@@ -34,13 +36,15 @@ class OperatorParameters:
     rate_hz: float = 50.0
     start_xy_m: Tuple[float, float] = (0.0, 0.0)  # of the column's first vehicle, in the world
     buttons: bool = True  # it presses and accepts; else somebody does in the window
-    # lines of the flight check that this operator accepts where they are amber, and says so: what a small or busy
-    # computer lacks, a simulated vehicle flies without
+    # lines of the flight check that this operator accepts where they are amber, and says so: what a
+    # small or busy computer lacks, a simulated vehicle flies without
     accepts: Tuple[str, ...] = ("disk", "recorder", "camera")
 
     def __post_init__(self):
         if len(self.rc_ports) != len(self.vehicles) or not self.vehicles:
-            raise ValueError(f"rc_ports: {len(self.rc_ports)} for {len(self.vehicles)} vehicles; give one for each")
+            raise ValueError(
+                f"rc_ports: {len(self.rc_ports)} for {len(self.vehicles)} vehicles; give one for each"
+            )
         if not 5.0 <= self.rate_hz <= 400.0:
             raise ValueError(f"rate_hz: {self.rate_hz} is not in 5..400")
 
@@ -53,8 +57,12 @@ class OperatorNode:
         mission = load_mission(p.mission)
         x, y = p.start_xy_m
         start_xy_m = (x + Field.start_xy_m[0], y + Field.start_xy_m[1])
-        field = Field((x, y), start_xy_m=start_xy_m, home_height_m=mission.home_height_m,
-                      spacing_m=mission.column_spacing_m)  # fmt: skip
+        field = Field(
+            (x, y),
+            start_xy_m=start_xy_m,
+            home_height_m=mission.home_height_m,
+            spacing_m=mission.column_spacing_m,
+        )
         self._pilots = [Pilot(i, field, p.seed) for i in range(len(p.vehicles))]
         self._presser = ButtonPresser()
         self._radios = [RcSender(port) for port in p.rc_ports]
@@ -93,9 +101,13 @@ class OperatorNode:
         for pilot, radio, sight in zip(self._pilots, self._radios, sights.values()):
             s = pilot.sticks(now_s, phase, sight)
             radio.send(s.roll, s.pitch, s.throttle, s.yaw, s.mode)
-        if self._parameters.buttons and self._presser.press(now_s, mission.waits_for, phase, sights, self._pilots):
+        if self._parameters.buttons and self._presser.press(
+            now_s, mission.waits_for, phase, sights, self._pilots
+        ):
             # a service may take its time; the hands stay on the sticks
-            threading.Thread(target=self._press, args=(mission.waits_for,), name="finger", daemon=True).start()
+            threading.Thread(
+                target=self._press, args=(mission.waits_for,), name="finger", daemon=True
+            ).start()
 
     def _sight(self, name: str) -> Sight:
         reader, state = self._truth[name], self._states[name]

@@ -17,14 +17,16 @@ from fcsv_geometry.vehicles.tracker import load_profile
 from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.truth import TruthReader
 
-_BURST_S = 0.01  # samples of this long leave together: waking up costs more than a sample, here and in who listens
+# samples of this long leave together: waking up costs more than a sample, here and in who listens
+_BURST_S = 0.01
 
 
 @dataclass(frozen=True)
 class T265Parameters:
     """Parameters of the node. ``takeoff_jump_m``: how far the altitude jumps at take-off.
 
-    ``tracker_profile``: the file of what this tracker does, which may be other than what tracking assumes.
+    ``tracker_profile``: the file of what this tracker does, which may be other than what tracking
+    assumes.
     """
 
     vehicle: str
@@ -55,7 +57,8 @@ class T265Node:
             self._publisher = rospy.Publisher("t265/odom/sample", Odometry, queue_size=None)
 
     def spin(self) -> None:
-        """One sample per period; after a hiccup periods are skipped, as a camera would drop frames."""
+        """One sample per period; after a hiccup periods are skipped, as a camera would drop
+        frames."""
         due_s = time.time()
         while not rospy.is_shutdown():
             due_s = max(due_s + self._burst * self._profile.period_s, time.time() - 0.1)

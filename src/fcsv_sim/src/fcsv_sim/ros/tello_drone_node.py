@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated Tello beside a ROS master: parameters in, diagnostics out; it is flown by its own protocol alone.
+"""A simulated Tello beside a ROS master: parameters in, diagnostics out; it is flown by its own
+protocol alone.
 
-What goes wrong is told it by topics: for how long (s) its Wi-Fi is cut, and how full (%) its battery is from now on.
+What goes wrong is told it by topics: for how long (s) its Wi-Fi is cut, and how full (%) its
+battery is from now on.
 """
 
 import contextlib

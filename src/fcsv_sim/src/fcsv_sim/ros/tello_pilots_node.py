@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The people of a simulated flight of Tellos: they look at their screens, move sticks and press buttons.
+"""The people of a simulated flight of Tellos: they look at their screens, move sticks and press
+buttons.
 
-Sticks go to ``pilot/joy``, orders to the flight link's services, as a person's would; no truth is read.
+Sticks go to ``pilot/joy``, orders to the flight link's services, as a person's would; no truth is
+read.
 """
 
 import threading
@@ -31,15 +33,16 @@ from mavros_msgs.srv import CommandTOL, SetMode
 
 @dataclass(frozen=True)
 class TelloPilotsParameters:
-    """Parameters of the node. ``gains``: config/tello/NAME.yaml, by which the hands move the sticks."""
+    """Parameters of the node. ``gains``: config/tello/NAME.yaml, by which the hands move the
+    sticks."""
 
     vehicles: List[str]
     mission: str
     gains: str
     sway_m: float = 0.35
     rate_hz: float = 20.0
-    # lines of the flight check that the operator accepts where they are amber: what a busy computer makes amber, and
-    # gimbals, whose poses come with gaps
+    # lines of the flight check that the operator accepts where they are amber: what a busy computer
+    # makes amber, and gimbals, whose poses come with gaps
     accepts: Tuple[str, ...] = ("disk", "recorder", "camera", "feed")
 
     def __post_init__(self):
@@ -61,17 +64,26 @@ class TelloPilotsNode:
         self._screens: Dict[str, Screen] = {n: Screen() for n in p.vehicles}
         self._finger, self._mission, self._lock = Finger(), MissionState(), threading.Lock()
         self._health = Health("pilots", {"sticks": p.rate_hz / 3.0})
-        self._sticks = {n: rospy.Publisher(f"/{n}/pilot/joy", Joy, queue_size=1, tcp_nodelay=True) for n in p.vehicles}
-        self._take_off = {n: rospy.ServiceProxy(f"/{n}/mavros/cmd/takeoff", CommandTOL) for n in p.vehicles}
+        self._sticks = {
+            n: rospy.Publisher(f"/{n}/pilot/joy", Joy, queue_size=1, tcp_nodelay=True)
+            for n in p.vehicles
+        }
+        self._take_off = {
+            n: rospy.ServiceProxy(f"/{n}/mavros/cmd/takeoff", CommandTOL) for n in p.vehicles
+        }
         self._mode = {n: rospy.ServiceProxy(f"/{n}/mavros/set_mode", SetMode) for n in p.vehicles}
         self._proceed, self._height_m = rospy.ServiceProxy("/mission/proceed", Proceed), height_m
         accept_amber(p.accepts)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
         for n in p.vehicles:
             rospy.Subscriber(f"/{n}/mavros/state", State, self._on_state, n, queue_size=2)
-            rospy.Subscriber(f"/{n}/mavros/local_position/pose", PoseStamped, self._on_pose, n, queue_size=1)
+            rospy.Subscriber(
+                f"/{n}/mavros/local_position/pose", PoseStamped, self._on_pose, n, queue_size=1
+            )
             rospy.Subscriber(f"/{n}/tello/odom", Odometry, self._on_odometry, n, queue_size=1)
-            rospy.Subscriber(f"/{n}/flight_link/health", LinkHealth, self._on_health, n, queue_size=1)
+            rospy.Subscriber(
+                f"/{n}/flight_link/health", LinkHealth, self._on_health, n, queue_size=1
+            )
 
     def _on_mission(self, message: MissionState) -> None:
         self._mission = message
@@ -113,7 +125,10 @@ class TelloPilotsNode:
     def _do(self, name: str, act: Act) -> None:
         s = act.sticks
         self._sticks[name].publish(
-            Joy(header=conversions.header(rospy.get_time(), ""), axes=[s.turn, s.up, s.left, s.forward])
+            Joy(
+                header=conversions.header(rospy.get_time(), ""),
+                axes=[s.turn, s.up, s.left, s.forward],
+            )
         )
         if act.order == TAKE_OFF:
             self._aside(f"{name}: take-off", lambda: self._take_off[name](altitude=self._height_m))

@@ -14,8 +14,8 @@ from fcsv_sim.vehicles.vehicle import SimulatedVehicle, VehicleParameters
 
 @dataclass(frozen=True)
 class VehicleNodeParameters:
-    """Parameters of the node; start: x, y, z (m) and yaw (rad) in the world. ``ready_s``: until its autopilot may be
-    armed."""
+    """Parameters of the node; start: x, y, z (m) and yaw (rad) in the world. ``ready_s``: until its
+    autopilot may be armed."""
 
     vehicle: str
     vehicles_dir: str

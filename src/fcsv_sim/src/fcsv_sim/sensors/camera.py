@@ -56,7 +56,8 @@ class CameraParameters:
 
 @dataclass(frozen=True)
 class Shot:
-    """One picture: rgb (H,W,3) uint8, true depth (H,W) f32 along the optical axis, and where it was truly taken."""
+    """One picture: rgb (H,W,3) uint8, true depth (H,W) f32 along the optical axis, and where it was
+    truly taken."""
 
     stamp_s: float
     rgb: np.ndarray
@@ -67,7 +68,9 @@ class Shot:
 class SimulatedCamera:
     """Takes pictures in order of time; the same seed and poses give the same pictures."""
 
-    def __init__(self, renderer: Renderer, T_body_cam: np.ndarray, parameters: CameraParameters, seed: int):
+    def __init__(
+        self, renderer: Renderer, T_body_cam: np.ndarray, parameters: CameraParameters, seed: int
+    ):
         self._renderer = renderer
         self._T_body_cam = T_body_cam
         self._parameters = parameters
@@ -83,15 +86,24 @@ class SimulatedCamera:
         """Gain of the next picture."""
         return self._exposure
 
-    def shoot(self, stamp_s: float, T_world_body: np.ndarray, others: Sequence[Body] = (), samples: int = 5) -> Shot:
-        """A picture at mid-exposure ``stamp_s`` from a body that already vibrates; others are seen where they are.
+    def shoot(
+        self,
+        stamp_s: float,
+        T_world_body: np.ndarray,
+        others: Sequence[Body] = (),
+        samples: int = 5,
+    ) -> Shot:
+        """A picture at mid-exposure ``stamp_s`` from a body that already vibrates; others are seen
+        where they are.
 
         ``samples`` as in Renderer.
         """
         shake = np.radians(self._parameters.mount_deg) * self._random.standard_normal(3)
         T_mount = transforms.transform(Rotation.from_rotvec(shake).as_matrix(), np.zeros(3))
         T_world_cam = T_world_body @ self._T_body_cam @ T_mount
-        values, depth = self._renderer.values(T_world_cam, self.model, self._exposure, others, samples)
+        values, depth = self._renderer.values(
+            T_world_cam, self.model, self._exposure, others, samples
+        )
         if self._parameters.blur_px > 0:
             values = cv2.GaussianBlur(values, (5, 5), self._parameters.blur_px)
         rgb = np.empty(values.shape, np.uint8)
@@ -107,7 +119,9 @@ class SimulatedCamera:
         elapsed_s = stamp_s - self._stamp_s
         self._stamp_s = stamp_s
         share = (
-            1.0 if not np.isfinite(elapsed_s) or p.exposure_lag_s == 0 else 1.0 - np.exp(-elapsed_s / p.exposure_lag_s)
+            1.0
+            if not np.isfinite(elapsed_s) or p.exposure_lag_s == 0
+            else 1.0 - np.exp(-elapsed_s / p.exposure_lag_s)
         )
         # values go with the square root of light
         wished = self._exposure * (p.brightness / max(mean, 0.02)) ** 2
@@ -116,7 +130,8 @@ class SimulatedCamera:
 
 
 def _vignette(camera: PinholeCamera, loss: float) -> np.ndarray:
-    """Share of the value that is left (H,W) f32: light falls by ``loss`` to the corners, values by half of that."""
+    """Share of the value that is left (H,W) f32: light falls by ``loss`` to the corners, values by
+    half of that."""
     v, u = np.mgrid[: camera.height, : camera.width]
     r2 = ((u - camera.cx) / camera.width * 2) ** 2 + ((v - camera.cy) / camera.width * 2) ** 2
     return (1.0 - 0.5 * loss * r2 / r2.max()).astype(np.float32)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated depth camera: what a D435F makes of the true depth, with its noise, its range and its holes."""
+"""The simulated depth camera: what a D435F makes of the true depth, with its noise, its range and
+its holes."""
 
 from dataclasses import dataclass
 
@@ -14,10 +15,11 @@ _SKY_M = 1e5
 
 @dataclass(frozen=True)
 class DepthParameters:
-    """``window_px``: of matching, in the colour camera's pixels; errors hang together over it. ``step_px``: the finest
-    disparity that is told (D4: 1/32 px). ``dark``, ``bright`` and ``plain`` are of picture values 0..1: below, above,
-    or with less contrast than it there is no match. Of the pixels within a window of an edge ``edge_holes`` have none,
-    and ``edge_between`` a depth between both sides. ``speckle``: share of windows without a match for no reason."""
+    """``window_px``: of matching, in the colour camera's pixels; errors hang together over it.
+    ``step_px``: the finest disparity that is told (D4: 1/32 px). ``dark``, ``bright`` and ``plain``
+    are of picture values 0..1: below, above, or with less contrast than it there is no match. Of
+    the pixels within a window of an edge ``edge_holes`` have none, and ``edge_between`` a depth
+    between both sides. ``speckle``: share of windows without a match for no reason."""
 
     window_px: int = 5
     step_px: float = 1.0 / 32.0
@@ -38,17 +40,19 @@ class DepthParameters:
 
 
 class SimulatedDepth:
-    """Depth pictures in order; the same seed and pictures give the same. ``seed`` is that of a camera: its module's
-    calibration is off by an error that all of its pictures share."""
+    """Depth pictures in order; the same seed and pictures give the same. ``seed`` is that of a
+    camera: its module's calibration is off by an error that all of its pictures share."""
 
-    def __init__(self, camera: PinholeCamera, seed: int, sensor: DepthSensor, parameters: DepthParameters):
+    def __init__(
+        self, camera: PinholeCamera, seed: int, sensor: DepthSensor, parameters: DepthParameters
+    ):
         self._camera, self._sensor, self._parameters = camera, sensor, parameters
         self._random = np.random.default_rng([seed, 7])
         self._offset_px = float(np.random.default_rng([seed, 8]).normal(0.0, sensor.offset_px))
 
     def measure(self, depth: np.ndarray, rgb: np.ndarray) -> np.ndarray:
-        """(H,W) uint16 mm, 0 where there is none, of true depth (H,W) float32 (m, NaN: sky) and the picture (H,W,3)
-        uint8 of the same moment."""
+        """(H,W) uint16 mm, 0 where there is none, of true depth (H,W) float32 (m, NaN: sky) and the
+        picture (H,W,3) uint8 of the same moment."""
         p, s = self._parameters, self._sensor
         seen = np.where(np.isfinite(depth), depth, np.float32(_SKY_M))
         nearest, farthest = _around(seen, p.window_px)
@@ -70,7 +74,9 @@ class SimulatedDepth:
     def _noise(self) -> np.ndarray:
         """(H,W) of unit variance; neighbours within a window hang together."""
         n = self._parameters.window_px
-        white = self._random.standard_normal((self._camera.height, self._camera.width), dtype=np.float32)
+        white = self._random.standard_normal(
+            (self._camera.height, self._camera.width), dtype=np.float32
+        )
         return cv2.blur(white, (n, n)) * n
 
     def _chance(self) -> np.ndarray:
@@ -81,7 +87,8 @@ class SimulatedDepth:
         return np.repeat(np.repeat(coarse, n, 0), n, 1)[:height, :width]
 
     def _unmatched(self, rgb: np.ndarray) -> np.ndarray:
-        """Where nothing can be matched: dark, too bright (what mirrors the sun too), or plain; and a little besides."""
+        """Where nothing can be matched: dark, too bright (what mirrors the sun too), or plain; and
+        a little besides."""
         p = self._parameters
         value = rgb.mean(axis=2, dtype=np.float32) / 255.0
         n = (2 * p.window_px + 1, 2 * p.window_px + 1)
@@ -91,7 +98,8 @@ class SimulatedDepth:
         return without | (self._chance() < p.speckle)
 
     def _shadow(self, depth: np.ndarray) -> np.ndarray:
-        """Where something nearer hides from the right imager what the left one sees: to the left of near things."""
+        """Where something nearer hides from the right imager what the left one sees: to the left of
+        near things."""
         with np.errstate(divide="ignore"):
             in_right = np.arange(depth.shape[1]) - self._camera.fx * self._sensor.baseline_m / depth
         to_the_right = np.minimum.accumulate(in_right[:, ::-1], axis=1)[:, ::-1]

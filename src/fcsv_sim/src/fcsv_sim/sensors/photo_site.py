@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A drawn site: folders of photographs from several views of one world, as trackers with errors pose them.
+"""A drawn site: folders of photographs from several views of one world, as trackers with errors
+pose them.
 
-Each is what a flight would leave: an own home, pictures with the errors of its tracker, ``priors.csv`` and
-``station.yaml`` that state their sizes, and ``truth.json`` beside, which no reader of photographs opens.
+Each is what a flight would leave: an own home, pictures with the errors of its tracker,
+``priors.csv`` and ``station.yaml`` that state their sizes, and ``truth.json`` beside, which no
+reader of photographs opens.
 """
 
 import json
@@ -26,8 +28,9 @@ _PLACE_SIGMA_M, _ATTITUDE_SIGMA_RAD = 0.03, np.radians(1.0)  # how steadily vehi
 
 @dataclass(frozen=True)
 class SiteErrors:
-    """Standard deviations of what trackers say: scale of a flight (share), yaw of its home (rad), place of its home per
-    axis (m); of each other picture against the reference, per axis: rotation (rad), place (share of the baseline)."""
+    """Standard deviations of what trackers say: scale of a flight (share), yaw of its home (rad),
+    place of its home per axis (m); of each other picture against the reference, per axis: rotation
+    (rad), place (share of the baseline)."""
 
     scale: float = 0.01
     yaw_rad: float = float(np.radians(0.1))
@@ -38,15 +41,19 @@ class SiteErrors:
 
 @dataclass(frozen=True)
 class Stand:
-    """Where the reference camera of a view is (x, y, z m, world), its heading, and how far it looks down (rad)."""
+    """Where the reference camera of a view is (x, y, z m, world), its heading, and how far it looks
+    down (rad)."""
 
     xyz_m: Tuple[float, float, float]
     heading_rad: float
     down_rad: float = 0.0
 
 
-def ring(count: int, middle_m: Sequence[float], radius_m: float, step_rad: float, height_m: float) -> List[Stand]:
-    """Stands on a circle, ``step_rad`` from each to the next, all looking at its middle (x, y m)."""
+def ring(
+    count: int, middle_m: Sequence[float], radius_m: float, step_rad: float, height_m: float
+) -> List[Stand]:
+    """Stands on a circle, ``step_rad`` from each to the next, all looking at its middle (x, y
+    m)."""
     stands = []
     for i in range(count):
         a = np.pi + (i - 0.5 * (count - 1)) * step_rad
@@ -56,19 +63,36 @@ def ring(count: int, middle_m: Sequence[float], radius_m: float, step_rad: float
 
 
 def draw_site(
-    town: Town, stands: Sequence[Stand], out: Path, seed: int = 1, errors: SiteErrors = SiteErrors(),
-    size: Tuple[int, int] = (640, 480), baselines_m: Sequence[float] = (2.0, 4.0, 6.0, 8.0),
-) -> List[Path]:  # fmt: skip
+    town: Town,
+    stands: Sequence[Stand],
+    out: Path,
+    seed: int = 1,
+    errors: SiteErrors = SiteErrors(),
+    size: Tuple[int, int] = (640, 480),
+    baselines_m: Sequence[float] = (2.0, 4.0, 6.0, 8.0),
+) -> List[Path]:
     """A folder view01, view02, ... for each stand; their paths. The same for the same seed."""
     renderer, folders = Renderer(town), []
     for number, stand in enumerate(stands, 1):
         folders.append(Path(out) / f"view{number:02d}")
-        _draw(renderer, stand, folders[-1], np.random.default_rng([seed, number]), errors, size, baselines_m)
+        _draw(
+            renderer,
+            stand,
+            folders[-1],
+            np.random.default_rng([seed, number]),
+            errors,
+            size,
+            baselines_m,
+        )
     return folders
 
 
-def _draw(renderer, stand: Stand, folder: Path, random, errors: SiteErrors, size, baselines_m) -> None:
-    parameters = CameraParameters(width=size[0], height=size[1], distortion=(0.0,) * 5, mount_deg=0.0)
+def _draw(
+    renderer, stand: Stand, folder: Path, random, errors: SiteErrors, size, baselines_m
+) -> None:
+    parameters = CameraParameters(
+        width=size[0], height=size[1], distortion=(0.0,) * 5, mount_deg=0.0
+    )
     camera = SimulatedCamera(renderer, _T_BODY_CAM, parameters, int(random.integers(1 << 30)))
     T_world_stand = transforms.from_xyz_rpy(stand.xyz_m, [0.0, stand.down_rad, stand.heading_rad])
     scale = float(np.exp(errors.scale * random.standard_normal()))
@@ -102,13 +126,15 @@ def _draw(renderer, stand: Stand, folder: Path, random, errors: SiteErrors, size
 
 
 def _told(posed, random, scale: float, errors: SiteErrors):
-    """Poses in home as the tracker says them: the reference's is home's, the others' have errors of their own and the
-    flight's scale."""
+    """Poses in home as the tracker says them: the reference's is home's, the others' have errors of
+    their own and the flight's scale."""
     told = [posed[0]]
     for T in posed[1:]:
         arm = T[:3, 3] - posed[0][:3, 3]
         away = errors.share * float(np.linalg.norm(arm)) * random.standard_normal(3)
-        turned = transforms.from_xyz_rpy(np.zeros(3), errors.rotation_rad * random.standard_normal(3))[:3, :3]
+        turned = transforms.from_xyz_rpy(
+            np.zeros(3), errors.rotation_rad * random.standard_normal(3)
+        )[:3, :3]
         told.append(transforms.transform(T[:3, :3] @ turned, posed[0][:3, 3] + scale * arm + away))
     return told
 

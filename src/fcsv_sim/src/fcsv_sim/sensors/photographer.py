@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of the simulated world from a vehicle that flies in it now, and the notes of where they were truly taken."""
+"""Pictures of the simulated world from a vehicle that flies in it now, and the notes of where they
+were truly taken."""
 
 from pathlib import Path
 from typing import List, Sequence
@@ -20,23 +21,35 @@ _HEADER = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
 
 
 class Photographer:
-    """The camera of ``vehicle``; ``vehicles`` are seen where they are, and, where ``moving``, a car and a walker.
+    """The camera of ``vehicle``; ``vehicles`` are seen where they are, and, where ``moving``, a car
+    and a walker.
 
     Raises ConfigError where a file is wrong, SimulationError where nothing can move in this town.
     """
 
     def __init__(
-        self, vehicle: str, vehicles: Sequence[str], vehicles_dir: str, sim_dir: str, town: Town, seed: int,
-        camera: CameraParameters, moving: bool = False,
-    ):  # fmt: skip
+        self,
+        vehicle: str,
+        vehicles: Sequence[str],
+        vehicles_dir: str,
+        sim_dir: str,
+        town: Town,
+        seed: int,
+        camera: CameraParameters,
+        moving: bool = False,
+    ):
         self._vehicle = vehicle
         geometries = load_vehicles(vehicles_dir, list(dict.fromkeys([*vehicles, vehicle])))
-        self._others: List = [(g, TruthReader(sim_dir, n)) for n, g in geometries.items() if n != vehicle]
+        self._others: List = [
+            (g, TruthReader(sim_dir, n)) for n, g in geometries.items() if n != vehicle
+        ]
         self._movers = movers(town.plan) if moving else []
         self._truth = TruthReader(sim_dir, vehicle)
         cv2.setNumThreads(1)  # the machine is shared with everything that flies
         own = geometries[vehicle]
-        self._camera = SimulatedCamera(Renderer(town), own.T_body_cam, camera, seed * 1000 + own.system_id)
+        self._camera = SimulatedCamera(
+            Renderer(town), own.T_body_cam, camera, seed * 1000 + own.system_id
+        )
         self._notes = _open_notes(Path(sim_dir) / f"truth_cameras_{vehicle}.csv")
 
     @property
@@ -45,7 +58,8 @@ class Photographer:
         return self._camera.model
 
     def take(self, stamp_s: float, samples: int) -> Shot:
-        """A picture of a moment that just passed, noted. Raises PoseUnavailable where nobody flies."""
+        """A picture of a moment that just passed, noted. Raises PoseUnavailable where nobody
+        flies."""
         T_world_body = self._truth.wait_for(stamp_s)
         bodies = [*self._others_at(stamp_s), *things(self._movers, stamp_s)]
         shot = self._camera.shoot(stamp_s, T_world_body, bodies, samples)
@@ -63,7 +77,8 @@ class Photographer:
         return bodies
 
     def _note(self, shot: Shot) -> None:
-        """The truth, before the picture leaves: no recorded picture is without it. The stamp as ROS cuts it off."""
+        """The truth, before the picture leaves: no recorded picture is without it. The stamp as ROS
+        cuts it off."""
         seconds = int(shot.stamp_s)
         nanoseconds = int((shot.stamp_s - seconds) * 1_000_000_000)
         values = [*shot.T_world_cam[:3, 3], *transforms.quaternion_xyzw(shot.T_world_cam)]

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a camera sees of a scene, as points that are followed from picture to picture: no picture is drawn.
+"""What a camera sees of a scene, as points that are followed from picture to picture: no picture is
+drawn.
 
-It is no kinder than real pictures: in one flight of seven there is too little texture, points are followed to half a
-pixel of a small picture, some move by themselves, and vibration, a rolling shutter and late stamps turn all of a
-picture. How far away the scene is differs from flight to flight: half of its points are beyond 40 to 160 m, as from
-8 to 12 m above the drawn worlds.
+It is no kinder than real pictures: in one flight of seven there is too little texture, points are
+followed to half a pixel of a small picture, some move by themselves, and vibration, a rolling
+shutter and late stamps turn all of a picture. How far away the scene is differs from flight to
+flight: half of its points are beyond 40 to 160 m, as from 8 to 12 m above the drawn worlds.
 """
 
 from typing import Optional, Tuple
@@ -25,12 +26,14 @@ _STAMP_S = 0.008
 
 
 class SimulatedScene:
-    """Stands where scene_motion.SceneWatch stands: the truth and the tracker's pose in, what a look says out."""
+    """Stands where scene_motion.SceneWatch stands: the truth and the tracker's pose in, what a look
+    says out."""
 
     def __init__(self, T_body_cam: np.ndarray, seed: int):
         self._random = np.random.default_rng([seed, 5])
         self._T_body_cam = T_body_cam
-        self.depth_m = float(np.exp(self._random.uniform(*np.log(_DEPTHS_M))))  # of its middle point
+        # of its middle point
+        self.depth_m = float(np.exp(self._random.uniform(*np.log(_DEPTHS_M))))
         self.little_texture = bool(self._random.random() < _LITTLE_TEXTURE)
         self._count = _POINTS_OF_LITTLE_TEXTURE if self.little_texture else _POINTS
         self.begin_again()
@@ -40,9 +43,14 @@ class SimulatedScene:
         self._then: Optional[Tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = None
 
     def see(
-        self, stamp_s: float, T_world_body: np.ndarray, T_odom_body: np.ndarray, turns_radps: np.ndarray
+        self,
+        stamp_s: float,
+        T_world_body: np.ndarray,
+        T_odom_body: np.ndarray,
+        turns_radps: np.ndarray,
     ) -> Optional[SceneLook]:
-        """None where points were only taken now. ``turns_radps`` (3,) in the body: a late stamp turns the picture."""
+        """None where points were only taken now. ``turns_radps`` (3,) in the body: a late stamp
+        turns the picture."""
         T_world_cam, T_odom_cam = T_world_body @ self._T_body_cam, T_odom_body @ self._T_body_cam
         if self._then is None:
             return self._take(stamp_s, T_world_cam, T_odom_cam, turns_radps)
@@ -56,7 +64,9 @@ class SimulatedScene:
             return self._take(stamp_s, T_world_cam, T_odom_cam, turns_radps)
         return look(span_s, xy_then[seen], xy[seen], T_now_then, T_odom_cam[:3, :3])
 
-    def _take(self, stamp_s: float, T_world_cam: np.ndarray, T_odom_cam: np.ndarray, turns_radps) -> None:
+    def _take(
+        self, stamp_s: float, T_world_cam: np.ndarray, T_odom_cam: np.ndarray, turns_radps
+    ) -> None:
         n, random = self._count, self._random
         depth_m = self.depth_m * np.exp(DEPTH_SPREAD * random.standard_normal(n))
         xy = random.uniform(-1.0, 1.0, (n, 2)) * FIELD

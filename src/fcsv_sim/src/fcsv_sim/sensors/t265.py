@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A T265 tracking camera: where it believes to be, with the errors of its profile, which tracking need not assume.
+"""A T265 tracking camera: where it believes to be, with the errors of its profile, which tracking
+need not assume.
 
 Its odometry frame is level, begins where it was switched on, and has a yaw of its own; position
 drifts by about 1 % of the distance, heading slowly; it may jump (the thesis saw 30 m at take-off).
@@ -22,7 +23,9 @@ def _exp(x, y, z):
     """rotations.exp()"""
     angle2 = x * x + y * y + z * z
     angle = math.sqrt(angle2)
-    a, b = (1.0, 0.5) if angle < 1e-6 else (math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle2)
+    a, b = (
+        (1.0, 0.5) if angle < 1e-6 else (math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle2)
+    )
     R = np.empty((3, 3))
     R[0, 0], R[0, 1], R[0, 2] = 1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y
     R[1, 0], R[1, 1], R[1, 2] = b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x
@@ -32,7 +35,8 @@ def _exp(x, y, z):
 
 @numba.njit(cache=True)
 def _times(A, B, n):
-    """The product of the first n rows and columns, without BLAS, whose call takes longer than these few numbers."""
+    """The product of the first n rows and columns, without BLAS, whose call takes longer than these
+    few numbers."""
     product = np.zeros((n, n))
     for i in range(n):
         for j in range(n):
@@ -42,11 +46,24 @@ def _times(A, B, n):
 
 
 @numba.njit(cache=True)
-def _sample(T_world_body, T_body_t265, T_before, dt_s, yaw_rad, p_odom, noise, drawn, R_level, sigma, profile):
-    """Yaw, T_odom_t265, linear and angular velocity of the next sample; moves T_before, p_odom and noise along.
+def _sample(
+    T_world_body,
+    T_body_t265,
+    T_before,
+    dt_s,
+    yaw_rad,
+    p_odom,
+    noise,
+    drawn,
+    R_level,
+    sigma,
+    profile,
+):
+    """Yaw, T_odom_t265, linear and angular velocity of the next sample; moves T_before, p_odom and
+    noise along.
 
-    The position drifts with the way flown and the heading with its root; the noise is of first order, because
-    neighbouring samples of a tracker are not independent.
+    The position drifts with the way flown and the heading with its root; the noise is of first
+    order, because neighbouring samples of a tracker are not independent.
     """
     scale, heading_rad, walk_m, correlation_s = profile
     T = _times(T_world_body, T_body_t265, 4)
@@ -75,37 +92,64 @@ def _sample(T_world_body, T_body_t265, T_before, dt_s, yaw_rad, p_odom, noise, d
 
 
 class T265:
-    """Turns true poses of the tracking camera into its odometry; altitude jumps by ``takeoff_jump_m`` at take-off."""
+    """Turns true poses of the tracking camera into its odometry; altitude jumps by
+    ``takeoff_jump_m`` at take-off."""
 
-    def __init__(self, profile: TrackerProfile, T_body_t265: np.ndarray, seed: int, takeoff_jump_m: float = 0.0):
+    def __init__(
+        self,
+        profile: TrackerProfile,
+        T_body_t265: np.ndarray,
+        seed: int,
+        takeoff_jump_m: float = 0.0,
+    ):
         self.confidence = 3  # as its driver says: 0 failed, 1 low, 2 medium, 3 high
         self._T_body_t265 = T_body_t265
         self._random = np.random.default_rng([seed, 3])
-        self._yaw_rad = self._random.uniform(-np.pi, np.pi)  # of the world in the odometry frame; it drifts
+        # of the world in the odometry frame; it drifts
+        self._yaw_rad = self._random.uniform(-np.pi, np.pi)
         scale = 1.0 + self._random.normal(0.0, profile.scale)
-        self._noise_sigma = np.repeat([profile.position_noise_m, np.radians(profile.attitude_noise_deg)], 3)
+        self._noise_sigma = np.repeat(
+            [profile.position_noise_m, np.radians(profile.attitude_noise_deg)], 3
+        )
         level = np.radians(profile.level_deg) * self._random.standard_normal(2)
         self._R_level = rotations.exp(np.array([level[0], level[1], 0.0]))
         self._noise = np.zeros(6)
         heading_rad = math.radians(profile.heading_deg_per_sqrt_m)
-        self._profile_numbers = (scale, heading_rad, profile.walk_m_per_sqrt_m, profile.noise_correlation_s)
+        self._profile_numbers = (
+            scale,
+            heading_rad,
+            profile.walk_m_per_sqrt_m,
+            profile.noise_correlation_s,
+        )
         self._p_odom = np.zeros(3)
         self._T_before = np.eye(4)  # T_world_t265 of the last sample
         self._jump_left_m = takeoff_jump_m
         self._start_z = 0.0
         self._stamp_s: Optional[float] = None
 
-    def odometry(self, stamp_s: float, T_world_body: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """T_odom_t265 and the velocities (linear m/s, angular rad/s) in the pose frame, from the truth at a stamp."""
+    def odometry(
+        self, stamp_s: float, T_world_body: np.ndarray
+    ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """T_odom_t265 and the velocities (linear m/s, angular rad/s) in the pose frame, from the
+        truth at a stamp."""
         if self._stamp_s is None:
             self._T_before[:] = T_world_body @ self._T_body_t265
             self._start_z, self._stamp_s = self._T_before[2, 3], stamp_s
         dt_s = max(stamp_s - self._stamp_s, 1e-4)
         self._stamp_s = stamp_s
         self._yaw_rad, *sample = _sample(
-            T_world_body, self._T_body_t265, self._T_before, dt_s, self._yaw_rad, self._p_odom, self._noise,
-            self._random.standard_normal(10), self._R_level, self._noise_sigma, self._profile_numbers,
-        )  # fmt: skip
+            T_world_body,
+            self._T_body_t265,
+            self._T_before,
+            dt_s,
+            self._yaw_rad,
+            self._p_odom,
+            self._noise,
+            self._random.standard_normal(10),
+            self._R_level,
+            self._noise_sigma,
+            self._profile_numbers,
+        )
         if self._jump_left_m and self._T_before[2, 3] - self._start_z > _TAKEOFF_HEIGHT_M:
             self._p_odom[2] -= self._jump_left_m
             sample[0][2, 3] -= self._jump_left_m

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A Tello's own odometry and IMU, as its log packets bring them over Wi-Fi: both in one packet, late, and drifting.
+"""A Tello's own odometry and IMU, as its log packets bring them over Wi-Fi: both in one packet,
+late, and drifting.
 
-The thesis measured 0.374 m after 20 m (5.2): the error grows by ``drift_share`` of the distance, in a direction that
-changes over tens of metres, and heading wanders. Level is gravity's, with a constant and a slow error.
+The thesis measured 0.374 m after 20 m (5.2): the error grows by ``drift_share`` of the distance, in
+a direction that changes over tens of metres, and heading wanders. Level is gravity's, with a
+constant and a slow error.
 """
 
 from dataclasses import dataclass
@@ -23,7 +25,8 @@ class TelloErrors:
 
     rate_hz: float = 20.0
     delay_s: float = 0.07  # truth to arrival
-    delay_offset_s: float = 0.015  # standard deviation of a constant that nobody knows, of either vehicle's link
+    # standard deviation of a constant that nobody knows, of either vehicle's link
+    delay_offset_s: float = 0.015
     jitter_s: float = 0.006  # one-sided: a packet is never early
     loss: float = 0.01
     drift: float = 1.0
@@ -43,7 +46,8 @@ class TelloErrors:
 
 @dataclass(frozen=True)
 class TelloSample:
-    """One packet. ``arrival_s`` is when it is heard; the truth it tells is of ``truth_s``, which nobody is told."""
+    """One packet. ``arrival_s`` is when it is heard; the truth it tells is of ``truth_s``, which
+    nobody is told."""
 
     arrival_s: float
     truth_s: float
@@ -61,7 +65,8 @@ class TelloSensors:
         self._random = random = np.random.default_rng([seed, 12])
         self._yaw = random.uniform(-np.pi, np.pi)
         self._R_level = Rotation.from_rotvec(
-            [*np.radians(e.level_deg) / np.sqrt(2.0) * random.standard_normal(2), 0.0]).as_matrix()  # fmt: skip
+            [*np.radians(e.level_deg) / np.sqrt(2.0) * random.standard_normal(2), 0.0]
+        ).as_matrix()
         self._drift = random.standard_normal(3) / np.sqrt(3.0)
         self._gyro_bias = e.gyro_bias_radps * random.standard_normal(3)
         self._accel_bias = e.accel_bias_mps2 * random.standard_normal(3)
@@ -77,7 +82,9 @@ class TelloSensors:
         self._p_O = np.zeros(3)
         self._yaw += self._random.uniform(0.5, 2.0)
 
-    def advance(self, stamp_s: float, T_world_body: np.ndarray, v_world_mps: np.ndarray) -> List[TelloSample]:
+    def advance(
+        self, stamp_s: float, T_world_body: np.ndarray, v_world_mps: np.ndarray
+    ) -> List[TelloSample]:
         """Gives at most one packet."""
         before, self._before = self._before, (stamp_s, T_world_body, np.array(v_world_mps))
         if before is None:
@@ -95,9 +102,16 @@ class TelloSensors:
     def _drive(self, dt_s: float, step_m: np.ndarray) -> None:
         e, random = self._errors, self._random
         moved_m = float(np.linalg.norm(step_m))
-        self._yaw += e.drift * np.radians(e.heading_deg_per_sqrt_s) * np.sqrt(dt_s) * random.standard_normal()
+        self._yaw += (
+            e.drift
+            * np.radians(e.heading_deg_per_sqrt_s)
+            * np.sqrt(dt_s)
+            * random.standard_normal()
+        )
         keep = np.exp(-moved_m / e.drift_length_m)
-        self._drift = keep * self._drift + np.sqrt((1.0 - keep**2) / 3.0) * random.standard_normal(3)
+        self._drift = keep * self._drift + np.sqrt((1.0 - keep**2) / 3.0) * random.standard_normal(
+            3
+        )
         self._p_O += self._R_O_world() @ step_m + e.drift * e.drift_share * moved_m * self._drift
         keep = np.exp(-dt_s / 0.5)
         noise = np.radians(e.attitude_noise_deg) * random.standard_normal(3)
@@ -107,7 +121,12 @@ class TelloSensors:
         e, random = self._errors, self._random
         _, T, v = self._before
         R_world_body, R_O_world = T[:3, :3], self._R_O_world()
-        R = self._R_level @ R_O_world @ R_world_body @ Rotation.from_rotvec(self._attitude_noise).as_matrix()
+        R = (
+            self._R_level
+            @ R_O_world
+            @ R_world_body
+            @ Rotation.from_rotvec(self._attitude_noise).as_matrix()
+        )
         p = self._p_O + random.normal(0.0, e.position_noise_m, 3)
         # one odometry: what its position gains by drift, its velocity says, too
         v_O = R_O_world @ v + e.drift * e.drift_share * float(np.linalg.norm(v)) * self._drift
@@ -115,13 +134,16 @@ class TelloSensors:
         gyro = Rotation.from_matrix(before[1][:3, :3].T @ R_world_body).as_rotvec() / dt_s
         accel = R_world_body.T @ ((v - before[2]) / dt_s - _G)
         arrival_s = stamp_s + self._delay_s + abs(random.normal(0.0, e.jitter_s))
-        self._arrived_s = max(self._arrived_s + 1e-4, arrival_s)  # packets do not overtake each other
+        # packets do not overtake each other
+        self._arrived_s = max(self._arrived_s + 1e-4, arrival_s)
         return TelloSample(
-            self._arrived_s, stamp_s, transforms.transform(R, p),
+            self._arrived_s,
+            stamp_s,
+            transforms.transform(R, p),
             np.round(v_O / e.resolution_mps) * e.resolution_mps if e.resolution_mps else v_O,
             gyro + self._gyro_bias + random.normal(0.0, e.gyro_noise_radps, 3),
             accel + self._accel_bias + random.normal(0.0, e.accel_noise_mps2, 3),
-        )  # fmt: skip
+        )
 
     def _R_O_world(self) -> np.ndarray:
         c, s = np.cos(self._yaw), np.sin(self._yaw)

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When simulated cameras take pictures: in phase by the clock that machines share, as a common trigger does it."""
+"""When simulated cameras take pictures: in phase by the clock that machines share, as a common
+trigger does it."""
 
 import math
 
-_EARLY = 1e-6  # of a period: a stamp that floating point left just before its moment is of that moment
+# of a period: a stamp that floating point left just before its moment is of that moment
+_EARLY = 1e-6
 
 
 def newest(now_s: float, rate_hz: float) -> float:
-    """The newest common moment that is not after now: a whole number of periods since the clock's zero.
+    """The newest common moment that is not after now: a whole number of periods since the clock's
+    zero.
 
     >>> [newest(t, 4.0) for t in (10.0, 10.2, 10.25, 10.49)]
     [10.0, 10.0, 10.25, 10.25]

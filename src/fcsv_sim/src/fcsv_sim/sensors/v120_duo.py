@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An OptiTrack V120 Duo on the ground and its software: rigid bodies of markers, seen by two infrared cameras.
+"""An OptiTrack V120 Duo on the ground and its software: rigid bodies of markers, seen by two
+infrared cameras.
 
-Every marker is triangulated with the noise of its centroids, so depth is as bad as it is for the real one, and
-the pose is a rigid fit to them. Frame M ``mocap``: between the lenses, x out of them, y left, z up (table 5.1: 47 x 43
-degrees, 640 x 480, 120 frames a second). While a body is not seen its last pose is streamed on, as Motive can.
+Every marker is triangulated with the noise of its centroids, so depth is as bad as it is for the
+real one, and the pose is a rigid fit to them. Frame M ``mocap``: between the lenses, x out of them,
+y left, z up (table 5.1: 47 x 43 degrees, 640 x 480, 120 frames a second). While a body is not seen
+its last pose is streamed on, as Motive can.
 """
 
 from dataclasses import dataclass
@@ -30,7 +32,8 @@ class V120DuoErrors:
     fov_deg: Tuple[float, float] = (47.0, 43.0)
     range_m: Tuple[float, float] = (0.3, 7.0)
     lens_distance_m: float = 0.24
-    steepest_deg: float = 140.0  # between the vehicle's up axis and the way to the camera: markers sit on top
+    # between the vehicle's up axis and the way to the camera: markers sit on top
+    steepest_deg: float = 140.0
     swaps_per_s: float = 0.0  # two markers taken for each other, for about 50 ms
     flips_per_s: float = 0.0  # the body taken for itself turned about its up axis, for up to 2 s
     streams_old_pose: bool = True
@@ -57,7 +60,9 @@ class V120Duo:
         self._last: Dict[str, BodySight] = {}
         self._wrong: Dict[str, Tuple[float, str, float]] = {}  # until, what, angle
 
-    def frame(self, stamp_s: float, T_world_body: Dict[str, np.ndarray], hidden=()) -> Dict[str, BodySight]:
+    def frame(
+        self, stamp_s: float, T_world_body: Dict[str, np.ndarray], hidden=()
+    ) -> Dict[str, BodySight]:
         """What is streamed after a frame; bodies named in ``hidden`` stand behind something."""
         out = {}
         for name, T in T_world_body.items():
@@ -83,7 +88,10 @@ class V120Duo:
             if np.any(np.abs(p[:, 1] - side * e.lens_distance_m) > half[0] * p[:, 0]):
                 return False
         up, view = T_M_D[:3, 2], T_M_D[:3, 3] / range_m
-        return bool(np.all(np.abs(p[:, 2]) <= half[1] * p[:, 0]) and -(up @ view) > np.cos(np.radians(e.steepest_deg)))
+        return bool(
+            np.all(np.abs(p[:, 2]) <= half[1] * p[:, 0])
+            and -(up @ view) > np.cos(np.radians(e.steepest_deg))
+        )
 
     def _look(self, stamp_s: float, name: str, T_M_D: np.ndarray) -> Optional[BodySight]:
         if not self._visible(T_M_D):

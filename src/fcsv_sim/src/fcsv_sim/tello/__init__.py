@@ -1,2 +1,3 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated Tello that speaks the real binary protocol over UDP (docs/design/trackers.md#the-simulated-tello)."""
+"""A simulated Tello that speaks the real binary protocol over UDP
+(docs/design/trackers.md#the-simulated-tello)."""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Tello's battery: one cell of 1100 mAh that a hover empties in 13 minutes (its maker's figures)."""
+"""The Tello's battery: one cell of 1100 mAh that a hover empties in 13 minutes (its maker's
+figures)."""
 
 from dataclasses import dataclass
 
@@ -10,7 +11,8 @@ _EMPTY_V, _FULL_V, _SAG_V = 3.3, 4.2, 0.25
 
 @dataclass(frozen=True)
 class BatteryRules:
-    """When it warns and acts. Who flies it sets the warning's threshold; the real one's other is not known."""
+    """When it warns and acts. Who flies it sets the warning's threshold; the real one's other is
+    not known."""
 
     percent: float = 95.0  # at the start
     low_percent: float = 10.0  # warns, refuses take-off
@@ -47,7 +49,9 @@ class TelloBattery:
     @property
     def volts(self) -> float:
         """Gives the voltage of the cell: falls with its charge and under load."""
-        return _EMPTY_V + (_FULL_V - _EMPTY_V) * self._percent / 100.0 - _SAG_V * min(self._load, 2.0)
+        return (
+            _EMPTY_V + (_FULL_V - _EMPTY_V) * self._percent / 100.0 - _SAG_V * min(self._load, 2.0)
+        )
 
     @property
     def left_s(self) -> float:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Tello's side of its camera's process: starts it, tells it what the client wants, sends what it took when due."""
+"""The Tello's side of its camera's process: starts it, tells it what the client wants, sends what
+it took when due."""
 
 import json
 import logging
@@ -68,13 +69,23 @@ class Camera:
 
     def _start(self, now_s: float) -> None:
         if self._process is not None:
-            _LOG.error("%s: its camera died (%s); started again", self._task.vehicle, self._process.returncode)
+            _LOG.error(
+                "%s: its camera died (%s); started again",
+                self._task.vehicle,
+                self._process.returncode,
+            )
             self._end()
         self._started_s = now_s
         self._process = subprocess.Popen(
-            self._task.command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True
+            self._task.command(),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            bufsize=0,
+            start_new_session=True,
         )
-        threading.Thread(target=self._read, args=(self._process,), name="camera", daemon=True).start()
+        threading.Thread(
+            target=self._read, args=(self._process,), name="camera", daemon=True
+        ).start()
 
     def _read(self, process: subprocess.Popen) -> None:
         while True:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the Tello does when a message asks for it, and what it says of itself; no I/O, time is given."""
+"""What the Tello does when a message asks for it, and what it says of itself; no I/O, time is
+given."""
 
 import struct
 from dataclasses import dataclass
@@ -22,8 +23,8 @@ _WINDY_RAD = np.radians(8.0)
 
 @dataclass(frozen=True)
 class DroneParameters:
-    """What it is called, and what its firmware says. ``other_firmware``: one that this protocol was not read from:
-    flight data of 18 bytes, a message and a log record that nobody knows."""
+    """What it is called, and what its firmware says. ``other_firmware``: one that this protocol was
+    not read from: flight data of 18 bytes, a message and a log record that nobody knows."""
 
     ssid: str = "TELLO-FC5000"
     password: str = ""
@@ -35,7 +36,13 @@ class DroneParameters:
 class Drone:
     """Everything that a message can ask for; ``felt`` is renewed every pass."""
 
-    def __init__(self, parameters: DroneParameters, flight: TelloFlight, telemetry: Telemetry, radio: SimulatedWifi):
+    def __init__(
+        self,
+        parameters: DroneParameters,
+        flight: TelloFlight,
+        telemetry: Telemetry,
+        radio: SimulatedWifi,
+    ):
         self.parameters = parameters
         self.flight, self.telemetry, self.radio = flight, telemetry, radio
         self.felt = Felt(0.0, np.zeros(3), 0.0, False)
@@ -49,7 +56,8 @@ class Drone:
     def battery(self) -> TelloBattery:
         return self.flight.battery
 
-    # -- what it says by itself -------------------------------------------------------------------------------------
+    # -- what it says by itself
+    # -------------------------------------------------------------------------------------
 
     def told(self, message: Message, now_s: float) -> bytes:
         """Payload of a message that it sends again and again."""
@@ -64,12 +72,25 @@ class Drone:
         flight, battery, flying = self.flight, self.battery, self.flight.flying
         v_ned = self.telemetry.v_ned_mps if flying else np.zeros(3)
         return FlightData(
-            self.felt.height_m if flying else 0.0, tuple(float(v) for v in v_ned), flight.flown_s, battery.percent,
-            battery.volts, battery.left_s, self.felt.sees_ground, self.lean_rad > _WINDY_RAD,
-            flying, not flying, flying, flying and flight.holds, battery.low, battery.critical, flight.mode(self.felt),
-        )  # fmt: skip
+            self.felt.height_m if flying else 0.0,
+            tuple(float(v) for v in v_ned),
+            flight.flown_s,
+            battery.percent,
+            battery.volts,
+            battery.left_s,
+            self.felt.sees_ground,
+            self.lean_rad > _WINDY_RAD,
+            flying,
+            not flying,
+            flying,
+            flying and flight.holds,
+            battery.low,
+            battery.critical,
+            flight.mode(self.felt),
+        )
 
-    # -- what it is asked -------------------------------------------------------------------------------------------
+    # -- what it is asked
+    # -------------------------------------------------------------------------------------------
 
     def handlers(self) -> Dict[int, Callable[[float, Packet], bytes]]:
         """Gives the handlers by message: now (s) and the packet to the payload of the answer."""
@@ -78,11 +99,16 @@ class Drone:
             Message.STICKS: self._on_sticks,
             Message.TAKE_OFF: lambda _s, _p: STATUS_OK if flight.take_off() else STATUS_REFUSED,
             Message.LAND: self._on_land,
-            Message.PALM_LAND: lambda _s, _p: STATUS_OK if flight.flying else STATUS_REFUSED,  # no hand: it hovers
+            # no hand: it hovers
+            Message.PALM_LAND: lambda _s, _p: STATUS_OK if flight.flying else STATUS_REFUSED,
             Message.FLIP: lambda _s, _p: STATUS_REFUSED,
             Message.THROW_AND_GO: lambda _s, _p: STATUS_REFUSED,
-            Message.SET_HEIGHT_LIMIT: lambda _s, p: self._set("height_limit_m", struct.unpack("<B", p.payload[:1])[0]),
-            Message.SET_TILT_LIMIT: lambda _s, p: self._set("lean_limit_deg", struct.unpack("<f", p.payload[:4])[0]),
+            Message.SET_HEIGHT_LIMIT: lambda _s, p: self._set(
+                "height_limit_m", struct.unpack("<B", p.payload[:1])[0]
+            ),
+            Message.SET_TILT_LIMIT: lambda _s, p: self._set(
+                "lean_limit_deg", struct.unpack("<f", p.payload[:4])[0]
+            ),
             Message.SET_LOW_BATTERY: self._on_low_battery,
             Message.GET_HEIGHT_LIMIT: lambda _s, _p: number("<H", int(flight.height_limit_m)),
             Message.GET_TILT_LIMIT: lambda _s, _p: number("<f", flight.lean_limit_deg),
@@ -102,7 +128,8 @@ class Drone:
             Message.SET_STABILISATION: lambda _s, _p: STATUS_OK,
             Message.TAKE_PICTURE: lambda _s, _p: STATUS_REFUSED,
             Message.START_CALIBRATION: lambda _s, _p: STATUS_OK,
-            Message.CALIBRATION_STATUS: lambda _s, _p: bytes(5),  # nobody turns it: it never goes on
+            # nobody turns it: it never goes on
+            Message.CALIBRATION_STATUS: lambda _s, _p: bytes(5),
         }
 
     @staticmethod

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Tello's video encoder: pictures to H.264 without delay, parameter sets and a key picture only when asked for."""
+"""The Tello's video encoder: pictures to H.264 without delay, parameter sets and a key picture only
+when asked for."""
 
 from fractions import Fraction
 
 import av
 import numpy as np
 
-_QUALITY = 33  # constant rate factor of x264: the size of pictures is then nearest to a real one's, 35 kB and 10 kB
+# constant rate factor of x264: the size of pictures is then nearest to a real one's, 35 kB and 10
+# kB
+_QUALITY = 33
 _KEY, _ANY = 1, 0  # picture types, as libavutil numbers them
 
 
@@ -38,7 +41,11 @@ class Encoder:
         codec.thread_count = 1
         most = int(bit_per_s / 1000.0)
         codec.options = {
-            "preset": "veryfast", "tune": "zerolatency", "forced-idr": "1", "crf": str(_QUALITY), "profile": "main",
+            "preset": "veryfast",
+            "tune": "zerolatency",
+            "forced-idr": "1",
+            "crf": str(_QUALITY),
+            "profile": "main",
             "x264-params": f"keyint=infinite:scenecut=0:vbv-maxrate={most}:vbv-bufsize={most}",
-        }  # fmt: skip
+        }
         return codec

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the Tello does in the air by itself: takes off, holds, follows sticks, lands; time is given, no I/O.
+"""What the Tello does in the air by itself: takes off, holds, follows sticks, lands; time is given,
+no I/O.
 
-Sticks are lean angles, as in thesis 4.3. On a real one (flight of 2026-09-27 in tellopy's tests/data) half a stick
-leans it by 6.5 degrees after 0.25 s and keeps the lean; so a full one is 13 degrees, 25 in fast mode. With its drag
-that ends at 4 and 8 m/s, the maker's speeds. An axis that is let go is stopped and held by optical flow, which is a
-little off.
+Sticks are lean angles, as in thesis 4.3. On a real one (flight of 2026-09-27 in tellopy's
+tests/data) half a stick leans it by 6.5 degrees after 0.25 s and keeps the lean; so a full one is
+13 degrees, 25 in fast mode. With its drag that ends at 4 and 8 m/s, the maker's speeds. An axis
+that is let go is stopped and held by optical flow, which is a little off.
 """
 
 import math
@@ -32,7 +33,8 @@ class FlightRules:
     climb_mps: float = 1.0  # ? at full stick; twice that in fast mode
     turn_deg_per_s: float = 100.0  # ? at full stick
     dead_band: float = 0.02  # ? of a stick
-    stick_delay_s: float = 0.08  # until the lean begins: 165 ms of the way from stick to reading are measured
+    # until the lean begins: 165 ms of the way from stick to reading are measured
+    stick_delay_s: float = 0.08
     let_go_s: float = 0.5  # ? sticks that do not come again are let go
     alone_s: float = 15.0  # without any command it lands
     hover_at_m: float = 0.9
@@ -45,7 +47,8 @@ class FlightRules:
 
 @dataclass
 class Felt:
-    """What its own sensors say: height (m), velocity in the world (m/s), heading (rad), whether flow is to be had."""
+    """What its own sensors say: height (m), velocity in the world (m/s), heading (rad), whether
+    flow is to be had."""
 
     height_m: float
     v_world_mps: np.ndarray
@@ -54,9 +57,12 @@ class Felt:
 
 
 class TelloFlight:
-    """Commands as they come; decide() every pass gives roll, pitch (rad), yaw rate (rad/s), thrust (share)."""
+    """Commands as they come; decide() every pass gives roll, pitch (rad), yaw rate (rad/s), thrust
+    (share)."""
 
-    def __init__(self, rules: FlightRules, battery: TelloBattery, hover_thrust: float, now_s: float):
+    def __init__(
+        self, rules: FlightRules, battery: TelloBattery, hover_thrust: float, now_s: float
+    ):
         self.rules, self.battery = rules, battery
         self._hover = hover_thrust
         self.state = LANDED
@@ -68,7 +74,8 @@ class TelloFlight:
         self._trim_mps2 = np.zeros(2)  # against wind, in the world
         self.why_landing, self._moved = "", False
 
-    # -- commands ---------------------------------------------------------------------------------------------------
+    # -- commands
+    # ---------------------------------------------------------------------------------------------------
 
     @property
     def flying(self) -> bool:
@@ -94,7 +101,8 @@ class TelloFlight:
         self._heard_s = now_s
 
     def take_off(self) -> bool:
-        """Whether it does: on the ground with a battery that is not low; in the air already is no reason to refuse."""
+        """Whether it does: on the ground with a battery that is not low; in the air already is no
+        reason to refuse."""
         if self.state == LANDED:
             if self.battery.low:
                 return False
@@ -118,16 +126,21 @@ class TelloFlight:
     def sticks(self, now_s: float, sticks: TelloSticks) -> None:
         self._sticks = [*self._sticks[-20:], (now_s + self.rules.stick_delay_s, sticks)]
 
-    # -- every pass -------------------------------------------------------------------------------------------------
+    # -- every pass
+    # -------------------------------------------------------------------------------------------------
 
-    def decide(self, now_s: float, dt_s: float, felt: Felt, on_ground: bool) -> Tuple[float, float, float, float]:
+    def decide(
+        self, now_s: float, dt_s: float, felt: Felt, on_ground: bool
+    ) -> Tuple[float, float, float, float]:
         """What the airframe is told next; ``on_ground``: its legs bear its weight."""
         self._change_state(now_s, felt, on_ground)
         if not self.flying:
             return OFF
         self._flown_s += dt_s
         sticks = self._now(now_s) if self.state == FLYING else TelloSticks()
-        self._moved = any(self._axis(s) for s in (sticks.roll, sticks.pitch, sticks.throttle, sticks.yaw))
+        self._moved = any(
+            self._axis(s) for s in (sticks.roll, sticks.pitch, sticks.throttle, sticks.yaw)
+        )
         lift = self._lift(self._climb(sticks, felt), dt_s, felt)
         forward, right = self._level(sticks, felt, dt_s)
         turn = -sticks.yaw * math.radians(self.rules.turn_deg_per_s)
@@ -158,9 +171,12 @@ class TelloFlight:
     def _axis(self, value: float) -> float:
         """A stick beyond its dead band."""
         band = self.rules.dead_band
-        return math.copysign((abs(value) - band) / (1.0 - band), value) if abs(value) > band else 0.0
+        return (
+            math.copysign((abs(value) - band) / (1.0 - band), value) if abs(value) > band else 0.0
+        )
 
-    # -- up and down ------------------------------------------------------------------------------------------------
+    # -- up and down
+    # ------------------------------------------------------------------------------------------------
 
     def _climb(self, sticks: TelloSticks, felt: Felt) -> float:
         """Climb rate (m/s) that is wanted; a height is held where nobody asks for one."""
@@ -183,7 +199,8 @@ class TelloFlight:
         self._climb_integral = max(-3.0, min(3.0, self._climb_integral + 0.8 * error * dt_s))
         return max(-4.0, min(4.0, 2.5 * error + self._climb_integral))
 
-    # -- level ------------------------------------------------------------------------------------------------------
+    # -- level
+    # ------------------------------------------------------------------------------------------------------
 
     def _level(self, sticks: TelloSticks, felt: Felt, dt_s: float) -> Tuple[float, float]:
         """Lean forward and to the right (rad)."""
@@ -195,14 +212,19 @@ class TelloFlight:
         learned, leans = np.zeros(2), []
         for k, stick in enumerate((self._axis(sticks.pitch), self._axis(sticks.roll))):
             if stick:
-                acc = G_MPS2 * math.tan(stick * full) + (trim[k] - self._own_drag * moving[k]) * felt.sees_ground
+                acc = (
+                    G_MPS2 * math.tan(stick * full)
+                    + (trim[k] - self._own_drag * moving[k]) * felt.sees_ground
+                )
             elif felt.sees_ground:
                 acc = _HOLD_PER_S * -moving[k] + trim[k]
                 learned[k] = -moving[k]
             else:
                 acc = 0.0  # level: the wind carries it
             leans.append(max(-limit, min(limit, math.atan2(acc, G_MPS2))))
-        self._trim_mps2 = np.clip(self._trim_mps2 + _TRIM_PER_S2 * dt_s * axes.T @ learned, -1.5, 1.5)
+        self._trim_mps2 = np.clip(
+            self._trim_mps2 + _TRIM_PER_S2 * dt_s * axes.T @ learned, -1.5, 1.5
+        )
         return leans[0], leans[1]
 
     @property

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Tello's side of its protocol: datagrams in, datagrams out; one client at a time; no sockets, time is given.
+"""The Tello's side of its protocol: datagrams in, datagrams out; one client at a time; no sockets,
+time is given.
 
-Who knows nothing of the protocol, another client, and packets with a wrong checksum get no answer. A command is
-answered with its own number and sequence and one byte, 0 where it was done.
+Who knows nothing of the protocol, another client, and packets with a wrong checksum get no answer.
+A command is answered with its own number and sequence and one byte, 0 where it was done.
 """
 
 import struct
@@ -16,7 +17,8 @@ from fcsv_sim.tello.packets import FROM_DRONE, TO_DRONE, Packet, PacketError, de
 
 Address = Tuple[str, int]
 _TOLD = FROM_DRONE | 1 << 3  # type "information"
-_SILENT_S = 5.0  # ? a client that is not heard for so long gets nothing more, and makes room for another
+# ? a client that is not heard for so long gets nothing more, and makes room for another
+_SILENT_S = 5.0
 _LOG_NUMBER = 0x0123
 _UNKNOWN_MESSAGE, _UNKNOWN_RECORD = 0x0FF1, 4242  # of another firmware
 _TELLS = ((Message.FLIGHT, 10.0), (Message.WIFI, 2.0), (Message.LIGHT, 1.0))
@@ -42,16 +44,22 @@ class SimulatedTelloLink:
 
     @property
     def video_to(self) -> Optional[Address]:
-        """Where pictures go: the client's address, at the port that it named, or ``video_port_instead``."""
+        """Where pictures go: the client's address, at the port that it named, or
+        ``video_port_instead``."""
         port = self.video_port_instead or self.video_port
-        return (self.client[0], port) if self.client and self._drone.video_wanted and not self._silent else None
+        return (
+            (self.client[0], port)
+            if self.client and self._drone.video_wanted and not self._silent
+            else None
+        )
 
     def outgoing(self) -> List[bytes]:
         """What goes to the client since the last time."""
         out, self._out = self._out, []
         return out
 
-    # -- what comes in ----------------------------------------------------------------------------------------------
+    # -- what comes in
+    # ----------------------------------------------------------------------------------------------
 
     def take(self, now_s: float, data: bytes, sender: Address) -> None:
         """One datagram; whatever it holds."""
@@ -97,10 +105,12 @@ class SimulatedTelloLink:
         self._drone.video_wanted = False
         self._out = [messages.encode_connected(port)]
 
-    # -- what goes out ----------------------------------------------------------------------------------------------
+    # -- what goes out
+    # ----------------------------------------------------------------------------------------------
 
     def step(self, now_s: float, logged: List[bytes]) -> None:
-        """Everything that is due; ``logged``: payloads of the flight log, sent once its header is acknowledged."""
+        """Everything that is due; ``logged``: payloads of the flight log, sent once its header is
+        acknowledged."""
         self._silent = now_s - self._heard_s > _SILENT_S
         if self.client is None or self._silent:
             return
@@ -117,16 +127,23 @@ class SimulatedTelloLink:
                 self._tell(message, self._drone.told(message, now_s))
         if self._log_asked:
             for payload in logged:
-                self._tell(Message.LOG_DATA, payload + log.record(_UNKNOWN_RECORD, 0, bytes(16)) * other)
+                self._tell(
+                    Message.LOG_DATA, payload + log.record(_UNKNOWN_RECORD, 0, bytes(16)) * other
+                )
 
     def _tell(self, message: int, payload: bytes) -> None:
         self._sequence = (self._sequence + 1) & 0xFFFF
         self._out.append(encode(Packet(message, self._sequence, payload, _TOLD)))
 
-    # -- handlers: payload of the answer ----------------------------------------------------------------------------
+    # -- handlers: payload of the answer
+    # ----------------------------------------------------------------------------
 
     def _handlers(self) -> Dict[int, Callable[[float, Packet], bytes]]:
-        return {**self._drone.handlers(), Message.LOG_HEADER: self._on_log_header, Message.TIME: self._on_time}
+        return {
+            **self._drone.handlers(),
+            Message.LOG_HEADER: self._on_log_header,
+            Message.TIME: self._on_time,
+        }
 
     def _on_log_header(self, _now_s: float, packet: Packet) -> bytes:
         """The client's acknowledgement: status, number of the log."""
@@ -143,4 +160,8 @@ class SimulatedTelloLink:
 
 def _log_header() -> bytes:
     """Number of the log, and the firmware's own words where tellopy prints them."""
-    return struct.pack("<H", _LOG_NUMBER) + bytes(17) + b"BUILD simulated by fcsv   ".ljust(60, b"\x00")
+    return (
+        struct.pack("<H", _LOG_NUMBER)
+        + bytes(17)
+        + b"BUILD simulated by fcsv   ".ljust(60, b"\x00")
+    )

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records of the Tello's flight log (message 0x1051): framed, with a payload that is XORed by its tick's low byte.
+"""Records of the Tello's flight log (message 0x1051): framed, with a payload that is XORed by its
+tick's low byte.
 
-Frames: the log's world has z down and x where the vehicle looked when it was switched on; its body is forward, right,
-down. Layouts: tellopy 0.7.0 and TelloSwift's Protocol.h; the IMU's 120 bytes as recorded from a real Tello (tests/data
-of tellopy's repository, flight of 2026-09-27): the accelerometer in units of g, -1 on z at rest.
+Frames: the log's world has z down and x where the vehicle looked when it was switched on; its body
+is forward, right, down. Layouts: tellopy 0.7.0 and TelloSwift's Protocol.h; the IMU's 120 bytes as
+recorded from a real Tello (tests/data of tellopy's repository, flight of 2026-09-27): the
+accelerometer in units of g, -1 on z at rest.
 """
 
 import struct
@@ -31,21 +33,59 @@ def record(number: int, tick: int, payload: bytes) -> bytes:
     return body + struct.pack("<H", crc16(body))
 
 
-def mvo(v_ned_mps, p_ned_m, height_m: float, valid: int, observations: int, sigma_m: float = 0.05) -> bytes:
-    """Visual odometry, 80 bytes: velocity (cm/s), position (m), covariances, height, and which of them hold."""
+def mvo(
+    v_ned_mps, p_ned_m, height_m: float, valid: int, observations: int, sigma_m: float = 0.05
+) -> bytes:
+    """Visual odometry, 80 bytes: velocity (cm/s), position (m), covariances, height, and which of
+    them hold."""
     p, v = sigma_m**2, 0.04**2
     return struct.pack(
-        "<H3h3f6f6fffB3x", observations & 0xFFFF, *(_short(100.0 * x) for x in v_ned_mps), *p_ned_m,
-        p, 0.0, 0.0, p, 0.0, p, v, 0.0, 0.0, v, 0.0, v, height_m, 0.01, valid,
-    )  # fmt: skip
+        "<H3h3f6f6fffB3x",
+        observations & 0xFFFF,
+        *(_short(100.0 * x) for x in v_ned_mps),
+        *p_ned_m,
+        p,
+        0.0,
+        0.0,
+        p,
+        0.0,
+        p,
+        v,
+        0.0,
+        0.0,
+        v,
+        0.0,
+        v,
+        height_m,
+        0.01,
+        valid,
+    )
 
 
-def imu(accel_frd_mps2, gyro_frd_radps, q_wxyz, a_ned_mps2, v_ned_mps, height_m: float, celsius: float) -> bytes:
-    """Attitude record, 120 bytes. Accelerations in the body are written in g; ``a_ned_mps2`` is without gravity."""
+def imu(
+    accel_frd_mps2, gyro_frd_radps, q_wxyz, a_ned_mps2, v_ned_mps, height_m: float, celsius: float
+) -> bytes:
+    """Attitude record, 120 bytes. Accelerations in the body are written in g; ``a_ned_mps2`` is
+    without gravity."""
     return struct.pack(
-        "<2d21f3hh2x10x", 0.0, 0.0, height_m, *(a / G_MPS2 for a in accel_frd_mps2), *gyro_frd_radps, height_m, *q_wxyz,
-        *a_ned_mps2, *v_ned_mps, 0.0, 0.0, 0.0, 0, 0, 0, _short(100.0 * celsius),
-    )  # fmt: skip
+        "<2d21f3hh2x10x",
+        0.0,
+        0.0,
+        height_m,
+        *(a / G_MPS2 for a in accel_frd_mps2),
+        *gyro_frd_radps,
+        height_m,
+        *q_wxyz,
+        *a_ned_mps2,
+        *v_ned_mps,
+        0.0,
+        0.0,
+        0.0,
+        0,
+        0,
+        0,
+        _short(100.0 * celsius),
+    )
 
 
 def gyro(rates_frd_radps: Sequence) -> bytes:

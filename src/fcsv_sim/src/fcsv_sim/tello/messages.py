@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the Tello's messages hold. Numbers and layouts: tellopy 0.7.0 and the protocol page of tellopilots.com."""
+"""What the Tello's messages hold. Numbers and layouts: tellopy 0.7.0 and the protocol page of
+tellopilots.com."""
 
 import struct
 from dataclasses import dataclass
@@ -65,7 +66,8 @@ class FlyMode(IntEnum):
 
 @dataclass(frozen=True)
 class TelloSticks:
-    """-1..1 each: roll to the right, pitch forward, throttle up, yaw to the right; the switch for fast mode."""
+    """-1..1 each: roll to the right, pitch forward, throttle up, yaw to the right; the switch for
+    fast mode."""
 
     roll: float = 0.0
     pitch: float = 0.0
@@ -76,7 +78,8 @@ class TelloSticks:
 
 @dataclass(frozen=True)
 class FlightData:
-    """What message 0x0056 says. Speeds in its axes north, east, down; ``percent`` of the battery."""
+    """What message 0x0056 says. Speeds in its axes north, east, down; ``percent`` of the
+    battery."""
 
     height_m: float = 0.0
     v_ned_mps: tuple = (0.0, 0.0, 0.0)
@@ -114,7 +117,8 @@ def encode_connected(video_port: int) -> bytes:
 
 
 def decode_sticks(payload: bytes) -> TelloSticks:
-    """Sticks of a payload of 6 bytes and more (a clock follows). Raises ValueError where it is shorter.
+    """Sticks of a payload of 6 bytes and more (a clock follows). Raises ValueError where it is
+    shorter.
 
     Four axes of 11 bits, 1024 in the middle, 660 to either side; bit 44 is the fast mode.
     """
@@ -129,11 +133,31 @@ def encode_flight(data: FlightData) -> bytes:
     """24 bytes of flight data, as firmware since 2018 sends them."""
     d, dm = data, lambda value: max(-32768, min(32767, int(round(10.0 * value))))
     sensors = 0x01 | 0x02 | 0x04 * d.sees_ground | 0x80 * d.windy
-    flags = 0x01 * d.flying | 0x02 * d.on_ground | 0x04 * d.motors | 0x08 * d.hovers | 0x20 * d.low | 0x40 * d.critical
+    flags = (
+        0x01 * d.flying
+        | 0x02 * d.on_ground
+        | 0x04 * d.motors
+        | 0x08 * d.hovers
+        | 0x20 * d.low
+        | 0x40 * d.critical
+    )
     return _FLIGHT.pack(
-        dm(d.height_m), *(dm(v) for v in d.v_ned_mps), dm(d.flown_s), sensors, 0, int(d.percent),
-        int(1000 * d.volts), min(32767, int(d.left_s)), flags, int(d.mode), 0, d.camera, 7 * d.motors, 0, 0x01 * d.hot,
-    )  # fmt: skip
+        dm(d.height_m),
+        *(dm(v) for v in d.v_ned_mps),
+        dm(d.flown_s),
+        sensors,
+        0,
+        int(d.percent),
+        int(1000 * d.volts),
+        min(32767, int(d.left_s)),
+        flags,
+        int(d.mode),
+        0,
+        d.camera,
+        7 * d.motors,
+        0,
+        0x01 * d.hot,
+    )
 
 
 def encode_text(text: str) -> bytes:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Tello's packets: header, two checksums, sequence number; bytes in, bytes out.
 
-Layout (little-endian): 0xCC, length << 3 (16 bit), CRC-8 of these three, kind, message (16 bit), sequence (16 bit),
-payload, CRC-16 of all before it. Source: the protocol page of tellopilots.com; the checksums are reflected CRC-8 (0x8C,
-from 0x77) and CRC-16 (0x8408, from 0x3692), which reproduce tellopy's tables.
+Layout (little-endian): 0xCC, length << 3 (16 bit), CRC-8 of these three, kind, message (16 bit),
+sequence (16 bit), payload, CRC-16 of all before it. Source: the protocol page of tellopilots.com;
+the checksums are reflected CRC-8 (0x8C, from 0x77) and CRC-16 (0x8408, from 0x3692), which
+reproduce tellopy's tables.
 """
 
 import struct
@@ -68,7 +69,9 @@ def encode(packet: Packet) -> bytes:
     """Bytes of a packet. Raises PacketError where it is too long for its 13-bit length."""
     length = len(packet.payload) + LEAST_LENGTH
     if length > MOST_LENGTH:
-        raise PacketError(f"packet 0x{packet.message:04x}: {length} bytes; a packet has {MOST_LENGTH} at most")
+        raise PacketError(
+            f"packet 0x{packet.message:04x}: {length} bytes; a packet has {MOST_LENGTH} at most"
+        )
     start = struct.pack("<BH", START, length << 3)
     head = start + struct.pack("<BBHH", crc8(start), packet.kind, packet.message, packet.sequence)
     return head + packet.payload + struct.pack("<H", crc16(head + packet.payload))
@@ -77,7 +80,9 @@ def encode(packet: Packet) -> bytes:
 def decode(data: bytes) -> Packet:
     """The packet in a datagram. Raises PacketError: no start byte, wrong length, wrong checksum."""
     if len(data) < LEAST_LENGTH or data[0] != START:
-        raise PacketError(f"no packet: {len(data)} bytes that begin with {bytes(data[:1]).hex() or 'nothing'}")
+        raise PacketError(
+            f"no packet: {len(data)} bytes that begin with {bytes(data[:1]).hex() or 'nothing'}"
+        )
     _, length, crc, kind, message, sequence = _HEADER.unpack_from(data)
     if crc != crc8(data[:3]):
         raise PacketError("wrong CRC-8")

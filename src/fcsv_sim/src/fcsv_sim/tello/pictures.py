@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Tello's camera as a process of its own: a picture takes longer than a pass of the flight controller.
+"""The Tello's camera as a process of its own: a picture takes longer than a pass of the flight
+controller.
 
-It gets lines of JSON on its input (Orders) and writes pictures to its output: a head, then H.264. It ends with its
-input, so also when who started it is killed.
+It gets lines of JSON on its input (Orders) and writes pictures to its output: a head, then H.264.
+It ends with its input, so also when who started it is killed.
 """
 
 import json
@@ -33,9 +34,11 @@ def _tello_camera() -> CameraParameters:
 
 @dataclass(frozen=True)
 class VideoParameters:
-    """``world``: none, no video. ``delay_s``: until a picture is sent, of exposure and encoder; ? of the real one.
+    """``world``: none, no video. ``delay_s``: until a picture is sent, of exposure and encoder; ?
+    of the real one.
 
-    A real one sends 30 pictures a second; one of 960 x 720 takes 0.2 s of a core here. ``samples`` as in Renderer.
+    A real one sends 30 pictures a second; one of 960 x 720 takes 0.2 s of a core here. ``samples``
+    as in Renderer.
     """
 
     world: str = ""
@@ -101,7 +104,9 @@ def take(task: Task, given: _Input, out: BinaryIO) -> None:
     """Pictures at their rate as long as they are wanted, until the input ends."""
     p, key = task.video, 0
     town = Town.generate(p.world_seed, p.world)
-    camera = Photographer(task.vehicle, p.vehicles, p.vehicles_dir, task.sim_dir, town, p.world_seed, p.camera)
+    camera = Photographer(
+        task.vehicle, p.vehicles, p.vehicles_dir, task.sim_dir, town, p.world_seed, p.camera
+    )
     encoder, due_s = Encoder(camera.model.width, camera.model.height, p.rate_hz), 0.0
     while not given.over:
         now_s = time.time()
@@ -124,7 +129,8 @@ def take(task: Task, given: _Input, out: BinaryIO) -> None:
 def main(argv: Optional[List[str]] = None) -> int:
     """Run the process; its one argument is a Task as JSON."""
     nice = os.getpriority(os.PRIO_PROCESS, 0)
-    os.setpriority(os.PRIO_PROCESS, 0, max(0, nice))  # the flight controller may have more, pictures have not
+    # the flight controller may have more, pictures have not
+    os.setpriority(os.PRIO_PROCESS, 0, max(0, nice))
     try:
         task = config.from_mapping(json.loads((argv or sys.argv[1:])[0]), Task, "pictures")
         take(task, _Input(sys.stdin.fileno()), sys.stdout.buffer)

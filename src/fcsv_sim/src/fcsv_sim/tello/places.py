@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the simulated Tellos of one computer are, and how their flight links reach them: the launch files' arguments.
+"""Where the simulated Tellos of one computer are, and how their flight links reach them: the launch
+files' arguments.
 
-In network namespaces, so that unmodified tellopy finds each at its usual address; where these are not permitted, on
-loopback at ports of their own, which the links are told.
+In network namespaces, so that unmodified tellopy finds each at its usual address; where these are
+not permitted, on loopback at ports of their own, which the links are told.
 """
 
 import contextlib
@@ -23,8 +24,8 @@ _numbers = itertools.count(1)
 
 @dataclass(frozen=True)
 class TelloPlace:
-    """Names the place of one Tello. ``network``: empty on loopback; ``port``: its own, ``client_port`` that of who
-    flies it."""
+    """Names the place of one Tello. ``network``: empty on loopback; ``port``: its own,
+    ``client_port`` that of who flies it."""
 
     network: str = ""
     address: str = ADDRESS
@@ -35,25 +36,39 @@ class TelloPlace:
     @property
     def drone(self) -> Dict[str, object]:
         """Arguments of sim_tello_drone.launch."""
-        return {"network": self.network, "address": self.address, "port": self.port, "video_port": self.video_port}
+        return {
+            "network": self.network,
+            "address": self.address,
+            "port": self.port,
+            "video_port": self.video_port,
+        }
 
     @property
     def link(self) -> Dict[str, object]:
         """What its flight link is told: RadioParameters of fcsv_control/tello/library.py."""
         network = f"{self.network}-pilot" if self.network else ""
-        return {"network": network, "address": self.address, "tello_port": self.port, "port": self.client_port,
-                "video_port": self.video_port}  # fmt: skip
+        return {
+            "network": network,
+            "address": self.address,
+            "tello_port": self.port,
+            "port": self.client_port,
+            "video_port": self.video_port,
+        }
 
 
 @contextlib.contextmanager
 def places(vehicles: Sequence[str]) -> Iterator[Tuple[Dict[str, TelloPlace], str]]:
-    """A place for each, as long as the block runs; and what is to be said of them, empty where all is as it should be.
+    """A place for each, as long as the block runs; and what is to be said of them, empty where all
+    is as it should be.
 
     The namespaces outlive a Tello that is switched off and on again.
     """
     why = namespaces.permitted()
     if why:
-        yield {v: _on_loopback() for v in vehicles}, f"{why}; so they are on loopback, each at ports of its own"
+        yield (
+            {v: _on_loopback() for v in vehicles},
+            f"{why}; so they are on loopback, each at ports of its own",
+        )
         return
     with contextlib.ExitStack() as made:
         stems = {v: f"fcsv-{os.getpid()}-place{next(_numbers)}-{v}" for v in vehicles}

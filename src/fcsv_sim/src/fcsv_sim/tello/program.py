@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated Tello that is switched on: its network, its sockets, its core; both programs around it use this."""
+"""A simulated Tello that is switched on: its network, its sockets, its core; both programs around
+it use this."""
 
 import contextlib
 import time
@@ -18,10 +19,12 @@ PILOT_ADDRESS = "192.168.10.2"  # what a Tello gives to the first who joins its 
 
 @dataclass(frozen=True)
 class ProgramParameters(TelloDroneParameters):
-    """``network``: it has its address in the network namespace NETWORK-device, who flies it is in NETWORK-pilot; both
-    are made where they are not there. Empty: the address is one of this machine.
+    """``network``: it has its address in the network namespace NETWORK-device, who flies it is in
+    NETWORK-pilot; both are made where they are not there. Empty: the address is one of this
+    machine.
 
-    ``video_port``: where pictures go; 0: to the port that the client names, which is 6038 in tellopy.
+    ``video_port``: where pictures go; 0: to the port that the client names, which is 6038 in
+    tellopy.
     """
 
     network: str = ""
@@ -43,16 +46,21 @@ def switched_on(parameters: ProgramParameters) -> Iterator[Shell]:
     with contextlib.ExitStack() as open_things:
         device = ""
         if p.network:
-            device = open_things.enter_context(namespaces.named(p.network, p.address, PILOT_ADDRESS)).device
+            device = open_things.enter_context(
+                namespaces.named(p.network, p.address, PILOT_ADDRESS)
+            ).device
         with netns.inside(device):
             control = open_things.enter_context(open_socket(p.address, p.port))
             video = open_things.enter_context(open_socket(p.address, 0))
         drone = TelloDrone(p, time.time() - 0.1)
-        drone.advance_to(time.time())  # compiles what is compiled at its first use, before anybody waits for it
+        # compiles what is compiled at its first use, before anybody waits for it
+        drone.advance_to(time.time())
         drone.link.video_port_instead = p.video_port
         camera = None
         if p.video.world:
-            camera = open_things.enter_context(contextlib.closing(Camera(Task(p.vehicle, p.sim_dir, p.video))))
+            camera = open_things.enter_context(
+                contextlib.closing(Camera(Task(p.vehicle, p.sim_dir, p.video)))
+            )
         yield Shell(drone, control, video, camera)
 
 

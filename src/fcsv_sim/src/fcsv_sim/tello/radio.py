@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Tello's Wi-Fi: packets are late, lost and cut off; how strong it is goes with the distance.
 
-Delay and loss as measured on a real one (notes of tellopy on sensor times, 2026-09: round trips of 5 ms at least, 44 ms
-in the median, 124 ms at 95 %, 200 ms at 99 %, 2 % never answered): 2.5 ms and an exponential of 24 ms each way give
-that.
+Delay and loss as measured on a real one (notes of tellopy on sensor times, 2026-09: round trips of
+5 ms at least, 44 ms in the median, 124 ms at 95 %, 200 ms at 99 %, 2 % never answered): 2.5 ms and
+an exponential of 24 ms each way give that.
 """
 
 from collections import deque
@@ -18,8 +18,8 @@ _STRONGEST = 90  # the most that the real one says
 
 @dataclass(frozen=True)
 class RadioParameters:
-    """Describes the radio of both ways. ``cuts``: pairs of start and length (s) after the start, in which nothing
-    passes."""
+    """Describes the radio of both ways. ``cuts``: pairs of start and length (s) after the start, in
+    which nothing passes."""
 
     least_delay_s: float = 0.0025
     mean_delay_s: float = 0.024  # beyond the least
@@ -34,7 +34,8 @@ class RadioParameters:
 
 
 class SimulatedWifi:
-    """Two queues: send() puts a packet on its way, arrived() gives those whose time has come, in order."""
+    """Two queues: send() puts a packet on its way, arrived() gives those whose time has come, in
+    order."""
 
     def __init__(self, parameters: RadioParameters, seed: int, now_s: float):
         self._p = parameters
@@ -58,9 +59,14 @@ class SimulatedWifi:
         loss = min(1.0, p.loss + max(0.0, 1.0 - self.strength / p.weak))
         if any(start <= now_s < end for start, end in self._cuts) or self._random.uniform() < loss:
             return
-        due_s = now_s + p.least_delay_s + (self._random.exponential(p.mean_delay_s) if p.mean_delay_s else 0.0)
+        due_s = (
+            now_s
+            + p.least_delay_s
+            + (self._random.exponential(p.mean_delay_s) if p.mean_delay_s else 0.0)
+        )
         way = self._ways[up]
-        way.append((max(due_s, way[-1][0]) if way else due_s, what))  # packets do not overtake each other
+        # packets do not overtake each other
+        way.append((max(due_s, way[-1][0]) if way else due_s, what))
 
     def arrived(self, now_s: float, up: bool) -> List:
         """What has come through by now."""

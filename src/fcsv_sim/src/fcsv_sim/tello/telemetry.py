@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the Tello writes into its flight log, and when: IMU and visual odometry with the errors of the real ones.
+"""What the Tello writes into its flight log, and when: IMU and visual odometry with the errors of
+the real ones.
 
-Rates and delays as measured on a real one (notes of tellopy on sensor times, 2026-09): a message each 50 ms with the
-gyro's, the controller's and, every second time, the IMU's record; visual odometry 0.2 to 0.9 s behind the IMU.
+Rates and delays as measured on a real one (notes of tellopy on sensor times, 2026-09): a message
+each 50 ms with the gyro's, the controller's and, every second time, the IMU's record; visual
+odometry 0.2 to 0.9 s behind the IMU.
 """
 
 from collections import deque
@@ -16,7 +18,8 @@ from fcsv_sim.sensors.tello_sensors import TelloErrors, TelloSample, TelloSensor
 from fcsv_sim.tello import log
 from fcsv_sim.tello.flight import Felt
 
-_FLIP = np.array([1.0, -1.0, -1.0])  # forward, left, up to forward, right, down; the same for the worlds
+# forward, left, up to forward, right, down; the same for the worlds
+_FLIP = np.array([1.0, -1.0, -1.0])
 _STALE_S = 3.5  # the age since boot of what it sends first
 _LOST_JUMP_M = 1.0
 
@@ -27,7 +30,8 @@ def _no_delays() -> TelloErrors:
 
 @dataclass(frozen=True)
 class TelemetryParameters:
-    """``mvo_delay_s``: least, mean, most; it wanders. ``lost``: share of log messages that it never sends."""
+    """``mvo_delay_s``: least, mean, most; it wanders. ``lost``: share of log messages that it never
+    sends."""
 
     errors: TelloErrors = field(default_factory=_no_delays)
     mvo_delay_s: Tuple[float, float, float] = (0.2, 0.35, 0.9)
@@ -55,12 +59,23 @@ class Telemetry:
         self.v_ned_mps = np.zeros(3)
 
     def first(self) -> bytes:
-        """What a real one sends first after somebody connected: three records from just after it was switched on."""
-        quiet = (np.array([0.0, 0.0, 9.81]) * _FLIP, np.zeros(3), (0.0,) * 4, np.zeros(3), np.zeros(3), 0.0, 35.0)
+        """What a real one sends first after somebody connected: three records from just after it
+        was switched on."""
+        quiet = (
+            np.array([0.0, 0.0, 9.81]) * _FLIP,
+            np.zeros(3),
+            (0.0,) * 4,
+            np.zeros(3),
+            np.zeros(3),
+            0.0,
+            35.0,
+        )
         ticks = [log.tick_of(_STALE_S + 0.1 * k) for k in range(3)]
         return b"\x00" + b"".join(log.record(log.IMU, tick, log.imu(*quiet)) for tick in ticks)
 
-    def advance(self, now_s: float, T_world_body: np.ndarray, v_world_mps, felt: Felt, control) -> List[bytes]:
+    def advance(
+        self, now_s: float, T_world_body: np.ndarray, v_world_mps, felt: Felt, control
+    ) -> List[bytes]:
         """Payloads of log messages; at most one."""
         found = self._sensors.advance(now_s, T_world_body, v_world_mps)
         if not found:
@@ -80,10 +95,15 @@ class Telemetry:
         tick = log.tick_of(now_s - self._boot_s)
         rates = sample.gyro_radps * _FLIP
         stages = [rates + self._random.normal(0.0, sigma, 3) for sigma in (0.02, 0.015, 0.01)]
-        records = [log.record(log.GYRO, tick, log.gyro(stages)), log.record(log.CONTROL, tick, log.control(control))]
+        records = [
+            log.record(log.GYRO, tick, log.gyro(stages)),
+            log.record(log.CONTROL, tick, log.control(control)),
+        ]
         if self._count % 2:
-            records += [log.record(log.IMU, tick, self._imu(sample, T_N_D, v_ned, felt)),
-                        log.record(log.MVO, tick, self._mvo(now_s, felt))]  # fmt: skip
+            records += [
+                log.record(log.IMU, tick, self._imu(sample, T_N_D, v_ned, felt)),
+                log.record(log.MVO, tick, self._mvo(now_s, felt)),
+            ]
         if self._count % 4 == 1:
             records.append(log.record(log.TOF, tick, log.tof(felt.height_m, self._count)))
         return b"\x00" + b"".join(records)
@@ -93,10 +113,13 @@ class Telemetry:
         x, y, z, w = rotations.quaternion_of_matrix(T_N_D[:3, :3])
         a_ned = _FLIP * (T_N_D[:3, :3] @ sample.accel_mps2 - [0.0, 0.0, 9.81])
         rates = sample.gyro_radps * _FLIP
-        return log.imu(sample.accel_mps2 * _FLIP, rates, (w, x, -y, -z), a_ned, v_ned, felt.height_m, 60.0)
+        return log.imu(
+            sample.accel_mps2 * _FLIP, rates, (w, x, -y, -z), a_ned, v_ned, felt.height_m, 60.0
+        )
 
     def _wander(self) -> None:
-        """The delay of the odometry: about its mean with a time constant of half a second, within its limits."""
+        """The delay of the odometry: about its mean with a time constant of half a second, within
+        its limits."""
         least, mean, most = self._p.mvo_delay_s
         keep = np.exp(-0.1)
         sigma = 0.4 * (mean - least) * np.sqrt(1.0 - keep**2)
@@ -104,13 +127,16 @@ class Telemetry:
         self._late_s = float(np.clip(late_s, least, most))
 
     def _mvo(self, now_s: float, felt: Felt) -> bytes:
-        """Where it can see nothing below it says numbers below 3 cm that mean nothing, and is elsewhere afterwards."""
+        """Where it can see nothing below it says numbers below 3 cm that mean nothing, and is
+        elsewhere afterwards."""
         while len(self._past) > 2 and self._past[1][0] <= now_s - self._late_s:
             self._past.popleft()
         _, p, v, height_m = self._past[0]
         if not felt.sees_ground:
             self._saw = False
-            return log.mvo(np.zeros(3), self._random.uniform(-0.02, 0.02, 3), 0.0, 0, self._observations)
+            return log.mvo(
+                np.zeros(3), self._random.uniform(-0.02, 0.02, 3), 0.0, 0, self._observations
+            )
         if not self._saw:
             self._saw = True
             self._offset_m = self._random.normal(0.0, _LOST_JUMP_M, 3)

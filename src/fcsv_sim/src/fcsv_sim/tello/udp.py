@@ -20,7 +20,8 @@ class AddressError(SimulationError):
 
 
 def open_socket(address: str, port: int) -> socket.socket:
-    """A bound, non-blocking UDP socket in the network namespace of this thread. Raises AddressError."""
+    """A bound, non-blocking UDP socket in the network namespace of this thread. Raises
+    AddressError."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         sock.bind((address, port))
@@ -38,7 +39,11 @@ class Shell:
     """Carries datagrams between two sockets, which stay its maker's, and a TelloDrone."""
 
     def __init__(
-        self, drone: TelloDrone, control: socket.socket, video: socket.socket, camera: Optional[Camera] = None
+        self,
+        drone: TelloDrone,
+        control: socket.socket,
+        video: socket.socket,
+        camera: Optional[Camera] = None,
     ):
         self.drone, self.camera = drone, camera
         self._control, self._video = control, video

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A whole simulated Tello but for its sockets: airframe, flight, battery, log, protocol and radio; time is given."""
+"""A whole simulated Tello but for its sockets: airframe, flight, battery, log, protocol and radio;
+time is given."""
 
 from dataclasses import dataclass, field
 from typing import List, Optional, Tuple
@@ -24,8 +25,8 @@ _HEIGHT_NOISE_M = 0.01
 
 @dataclass(frozen=True)
 class TelloDroneParameters:
-    """Holds the parameters of one simulated Tello; start: x, y, z (m) and yaw (rad) in the world; ``pilot_xyz_m``: who
-    has its Wi-Fi."""
+    """Holds the parameters of one simulated Tello; start: x, y, z (m) and yaw (rad) in the world;
+    ``pilot_xyz_m``: who has its Wi-Fi."""
 
     vehicle: str
     sim_dir: str
@@ -65,7 +66,8 @@ class TelloDrone(SteppedBody):
         """How far it has come."""
         return self._now_s
 
-    # -- datagrams --------------------------------------------------------------------------------------------------
+    # -- datagrams
+    # --------------------------------------------------------------------------------------------------
 
     def received(self, now_s: float, data: bytes, sender: Address) -> None:
         """What the pilot's machine sent, before its way through the air."""
@@ -79,10 +81,12 @@ class TelloDrone(SteppedBody):
                 self.radio.send(now_s, False, (data, to, True))
 
     def datagrams(self, now_s: float) -> List[Tuple[bytes, Address, bool]]:
-        """What has come through the air to the pilot's machine: bytes, address, whether it is video."""
+        """What has come through the air to the pilot's machine: bytes, address, whether it is
+        video."""
         return self.radio.arrived(now_s, False)
 
-    # -- every pass -------------------------------------------------------------------------------------------------
+    # -- every pass
+    # -------------------------------------------------------------------------------------------------
 
     def _decide(self, state: np.ndarray):
         now_s, flight = self._now_s, self.flight

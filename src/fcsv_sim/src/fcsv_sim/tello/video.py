@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the Tello cuts its video into datagrams: H.264 behind two bytes, the picture's and the packet's number.
+"""How the Tello cuts its video into datagrams: H.264 behind two bytes, the picture's and the
+packet's number.
 
-Source: tellopy 0.7.0 (VideoData), which waits for a packet 0 after a loss; lengths and the parameter sets' own packets
-as drivers for ROS note them of a real one. The last packet of a picture has bit 7 of its number set. Where the
-parameter sets' packets are numbered is not known: here they are the first of the picture that they stand before.
+Source: tellopy 0.7.0 (VideoData), which waits for a packet 0 after a loss; lengths and the
+parameter sets' own packets as drivers for ROS note them of a real one. The last packet of a picture
+has bit 7 of its number set. Where the parameter sets' packets are numbered is not known: here they
+are the first of the picture that they stand before.
 """
 
 from typing import Iterator, List

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the live map shows of one of the rig's pairs, without bars and with them, and what they cost."""
+"""What the live map shows of one of the rig's pairs, without bars and with them, and what they
+cost."""
 
 import time
 from dataclasses import dataclass
@@ -20,7 +21,8 @@ _RUNS = 2  # the shorter one counts: the first may load kernels
 
 @dataclass(frozen=True)
 class LiveDepth:
-    """``right``: share of the thing's pixels in the picture that are within 10 %; ``took_s``: processor time."""
+    """``right``: share of the thing's pixels in the picture that are within 10 %; ``took_s``:
+    processor time."""
 
     result: MapResult
     right: float
@@ -28,10 +30,11 @@ class LiveDepth:
 
 
 def live_depths(folder: Path, outcome: PairOutcome) -> Tuple[LiveDepth, LiveDepth]:
-    """Maps the pair without bars and with them, as ``live_map`` makes them in between refinements: poses are the rig's
-    own.
+    """Maps the pair without bars and with them, as ``live_map`` makes them in between refinements:
+    poses are the rig's own.
 
-    ``folder`` holds the pair of ``outcome`` (``shots.take``). Raises StereoError where there is no depth.
+    ``folder`` holds the pair of ``outcome`` (``shots.take``). Raises StereoError where there is no
+    depth.
     """
     method, given = pipeline.METHODS[pipeline.DEFAULT_METHOD], pipeline.load(folder)
     plain = method.trusting_poses(method.monitor)
@@ -43,9 +46,16 @@ def live_depths(folder: Path, outcome: PairOutcome) -> Tuple[LiveDepth, LiveDept
             result = method.map(given, options)
             took_s = min(took_s, time.process_time() - begun_s)
         size = result.depth.shape[::-1]
-        thing = cv2.resize(outcome.view.thing.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+        thing = (
+            cv2.resize(outcome.view.thing.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+            > 0
+        )
         truth = cv2.resize(outcome.view.depth, size, interpolation=cv2.INTER_NEAREST)
-        found.append(LiveDepth(result, right_pixels(result.depth, truth, thing) / max(int(thing.sum()), 1), took_s))
+        found.append(
+            LiveDepth(
+                result, right_pixels(result.depth, truth, thing) / max(int(thing.sum()), 1), took_s
+            )
+        )
     return found[0], found[1]
 
 
@@ -54,5 +64,7 @@ def write_live(outcome: PairOutcome, depths: Tuple[LiveDepth, LiveDepth], file: 
     rows = []
     for depth, name in zip(depths, ("without bars", "with bars")):
         words = f"{outcome.thing} at {outcome.distance_m:g} m, live, {name}: {depth.right:.0%} within 10 %"
-        rows.append(monitoring.picture(depth.result.reference.image, depth.result.depth, words, RANGE_M))
+        rows.append(
+            monitoring.picture(depth.result.reference.image, depth.result.depth, words, RANGE_M)
+        )
     cv2.imwrite(str(file), np.vstack(rows)[..., ::-1])

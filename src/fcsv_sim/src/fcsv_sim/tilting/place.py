@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Farmland with the thin things in it, pictures of them with their true depth, and which pixels are theirs."""
+"""Farmland with the thin things in it, pictures of them with their true depth, and which pixels are
+theirs."""
 
 from dataclasses import dataclass, field, replace
 from typing import Dict, Tuple
@@ -18,15 +19,16 @@ from fcsv_sim.world.mesh import MeshBuilder
 from fcsv_sim.world.town import WORLDS, Town
 
 _SEED = 3
-#: Where each thing stands in the world (m): far enough from the others that none is in another's pictures.
+#: Where each thing stands in the world (m): far enough from the others that none is in another's
+#: pictures.
 _AT = {"lines": (11.0, 0.0, 8.0), "valve": (11.0, -40.0, 1.4), "branch": (11.0, 40.0, 3.0)}
 _SAME_DEPTH_M = 2e-3
 
 
 @dataclass(frozen=True)
 class RenderedView:
-    """A picture (H,W,3 uint8 RGB), its true depth (H,W float32, m, NaN for the sky), and which pixels are the
-    thing's (H,W bool)."""
+    """A picture (H,W,3 uint8 RGB), its true depth (H,W float32, m, NaN for the sky), and which
+    pixels are the thing's (H,W bool)."""
 
     image: np.ndarray
     depth: np.ndarray
@@ -56,16 +58,22 @@ class TiltingPlace:
         self._renderer = Renderer(Town(_SEED, plan, *mesh.build()))
 
     def T_world_rig(self, thing: str, distance_m: float) -> np.ndarray:
-        """A level rig (x forward) ``distance_m`` before the middle of a thing. Raises SimulationError on neither."""
+        """A level rig (x forward) ``distance_m`` before the middle of a thing. Raises
+        SimulationError on neither."""
         if thing not in THINGS:
             raise SimulationError(f"thing '{thing}' is not one of {', '.join(THINGS)}")
         if not 0.1 <= distance_m <= 11.0:
-            raise SimulationError(f"distance of {distance_m} m is not in 0.1 to 11 m, where the field is free")
+            raise SimulationError(
+                f"distance of {distance_m} m is not in 0.1 to 11 m, where the field is free"
+            )
         x, y, z = _AT[thing]
         return transforms.transform(np.eye(3), [x - distance_m, y, z])
 
-    def photograph(self, thing: str, T_world_cam: np.ndarray, camera: PinholeCamera, number: int = 0) -> RenderedView:
-        """Takes a picture as a camera with noise, blur and vignetting takes it; ``number`` distinguishes noises."""
+    def photograph(
+        self, thing: str, T_world_cam: np.ndarray, camera: PinholeCamera, number: int = 0
+    ) -> RenderedView:
+        """Takes a picture as a camera with noise, blur and vignetting takes it; ``number``
+        distinguishes noises."""
         sensor = _Sensor(self._renderer, camera, self.seed * 1000 + number)
         image, depth = sensor.shoot(T_world_cam)
         alone = self.depth_of(thing, T_world_cam, camera)
@@ -80,18 +88,32 @@ class TiltingPlace:
         self._things[thing].cast(rays)
         return rays[:, T].reshape(camera.height, camera.width).copy()
 
-    def shown(self, thing: str, T_world_cam: np.ndarray, camera: PinholeCamera, radius_m: float) -> Tuple[int, int]:
-        """How many pixels of the part within ``radius_m`` of the thing's middle the picture shows, and how many it
-        would show if it were twice as wide and high."""
-        wide = replace(camera, width=2 * camera.width, height=2 * camera.height,
-                       cx=camera.cx + camera.width / 2, cy=camera.cy + camera.height / 2)  # fmt: skip
-        near = self.near(thing, self.depth_of(thing, T_world_cam, wide), T_world_cam, wide, radius_m)
+    def shown(
+        self, thing: str, T_world_cam: np.ndarray, camera: PinholeCamera, radius_m: float
+    ) -> Tuple[int, int]:
+        """How many pixels of the part within ``radius_m`` of the thing's middle the picture shows,
+        and how many it would show if it were twice as wide and high."""
+        wide = replace(
+            camera,
+            width=2 * camera.width,
+            height=2 * camera.height,
+            cx=camera.cx + camera.width / 2,
+            cy=camera.cy + camera.height / 2,
+        )
+        near = self.near(
+            thing, self.depth_of(thing, T_world_cam, wide), T_world_cam, wide, radius_m
+        )
         h, w = camera.height // 2, camera.width // 2
         return int(near[h : h + camera.height, w : w + camera.width].sum()), int(near.sum())
 
     def near(
-        self, thing: str, depth: np.ndarray, T_world_cam: np.ndarray, camera: PinholeCamera, radius_m: float
-    ) -> np.ndarray:  # fmt: skip
+        self,
+        thing: str,
+        depth: np.ndarray,
+        T_world_cam: np.ndarray,
+        camera: PinholeCamera,
+        radius_m: float,
+    ) -> np.ndarray:
         """(H,W) bool: which depths lie within ``radius_m`` of the thing's middle."""
         with np.errstate(invalid="ignore"):
             points = transforms.apply(T_world_cam, camera.rays() * depth[..., None])
@@ -99,10 +121,13 @@ class TiltingPlace:
 
 
 class _Sensor(SimulatedCamera):
-    """The simulated camera with another lens, its exposure set by a first picture that nobody keeps."""
+    """The simulated camera with another lens, its exposure set by a first picture that nobody
+    keeps."""
 
     def __init__(self, renderer: Renderer, camera: PinholeCamera, seed: int):
-        f = CameraParameters(width=camera.width, height=camera.height, mount_deg=0.0, exposure_lag_s=0.0)
+        f = CameraParameters(
+            width=camera.width, height=camera.height, mount_deg=0.0, exposure_lag_s=0.0
+        )
         super().__init__(renderer, np.eye(4), f, seed)
         self.model = camera
 

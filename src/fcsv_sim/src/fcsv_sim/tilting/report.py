@@ -16,15 +16,28 @@ from PIL import Image
 
 from fcsv_sim.tilting.trial import PairOutcome
 
-HEAD = ("thing", "distance", "inward", "shown", "covered", "within 10 %", "without bars", "within 2.12", "median error",
-        "2.12, 1 px", "poses", "by the drawing")  # fmt: skip
+HEAD = (
+    "thing",
+    "distance",
+    "inward",
+    "shown",
+    "covered",
+    "within 10 %",
+    "without bars",
+    "within 2.12",
+    "median error",
+    "2.12, 1 px",
+    "poses",
+    "by the drawing",
+)
 _COLOURS = {False: "#8a8f98", True: "#c2410c"}
 _NAMES = {False: "parallel", True: "tilted"}
 _NONE = "#20242b"
 
 
 def table(outcomes: Sequence[PairOutcome]) -> List[str]:
-    """Lines of Markdown, one row each; what stands as it did (parallel beyond a distance) has one row."""
+    """Lines of Markdown, one row each; what stands as it did (parallel beyond a distance) has one
+    row."""
     lines = [f"| {' | '.join(HEAD)} |", "|" + "---|" * len(HEAD)]
     for o in outcomes:
         if o.tilt and any(p.view is o.view and not p.tilt for p in outcomes):
@@ -34,26 +47,47 @@ def table(outcomes: Sequence[PairOutcome]) -> List[str]:
         shares = [f"{v:.0%}" for v in (o.shown, o.covered, o.right, o.unbarred, o.bounded)]
         poses = "as read" if o.refused else "refined"
         drawn = f"{o.drawn:.0%}" if np.isfinite(o.drawn) else "–"
-        lines.append(f"| {' | '.join([o.thing, f'{o.distance_m:g} m', inward, *shares, *ends, poses, drawn])} |")
+        lines.append(
+            f"| {' | '.join([o.thing, f'{o.distance_m:g} m', inward, *shares, *ends, poses, drawn])} |"
+        )
     return lines
 
 
 def write_curves(outcomes: Sequence[PairOutcome], file: Path) -> None:
-    """Share within 10 % and median error over the distance, beside equation 2.12; a column for each thing."""
+    """Share within 10 % and median error over the distance, beside equation 2.12; a column for each
+    thing."""
     things = list(dict.fromkeys(o.thing for o in outcomes))
-    figure, axes = plt.subplots(2, len(things), figsize=(4.0 * len(things), 6.0), squeeze=False, sharex=True,
-                                sharey="row", layout="constrained")  # fmt: skip
+    figure, axes = plt.subplots(
+        2,
+        len(things),
+        figsize=(4.0 * len(things), 6.0),
+        squeeze=False,
+        sharex=True,
+        sharey="row",
+        layout="constrained",
+    )
     for column, thing in zip(axes.T, things):
         for tilt in (False, True):
             rows = [o for o in outcomes if o.thing == thing and o.tilt is tilt]
             z = [o.distance_m for o in rows]
             style = {"color": _COLOURS[tilt], "marker": "o", "ms": 4, "label": _NAMES[tilt]}
             column[0].plot(z, [100.0 * o.right for o in rows], **style)
-            column[0].plot(z, [100.0 * o.unbarred for o in rows], color=_COLOURS[tilt], ls="--", lw=0.8,
-                           label=f"{_NAMES[tilt]}, without bars")  # fmt: skip
+            column[0].plot(
+                z,
+                [100.0 * o.unbarred for o in rows],
+                color=_COLOURS[tilt],
+                ls="--",
+                lw=0.8,
+                label=f"{_NAMES[tilt]}, without bars",
+            )
             column[1].plot(z, [1e3 * o.error_m for o in rows], **style)
-            column[1].plot(z, [1e3 * o.bound_m for o in rows], color=_COLOURS[tilt], ls=":",
-                           label=f"2.12 for 1 px, {_NAMES[tilt]}")  # fmt: skip
+            column[1].plot(
+                z,
+                [1e3 * o.bound_m for o in rows],
+                color=_COLOURS[tilt],
+                ls=":",
+                label=f"2.12 for 1 px, {_NAMES[tilt]}",
+            )
         column[0].set(title=thing, xscale="log", ylim=(0, 102))
         column[1].set(yscale="log", xlabel="distance (m)")
         column[1].xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
@@ -69,19 +103,27 @@ def write_curves(outcomes: Sequence[PairOutcome], file: Path) -> None:
 
 
 def write_pictures(outcomes: Sequence[PairOutcome], distance_m: float, file: Path) -> None:
-    """Writes pictures of every thing at one distance, parallel and tilted: the left picture, and depths of the thing
-    alone."""
+    """Writes pictures of every thing at one distance, parallel and tilted: the left picture, and
+    depths of the thing alone."""
     chosen = [o for o in outcomes if o.distance_m == distance_m]
     things = list(dict.fromkeys(o.thing for o in chosen))
-    figure, axes = plt.subplots(len(things), 4, figsize=(14.0, 2.75 * len(things)), squeeze=False, layout="constrained")
+    figure, axes = plt.subplots(
+        len(things), 4, figsize=(14.0, 2.75 * len(things)), squeeze=False, layout="constrained"
+    )
     colours = plt.get_cmap("turbo_r").with_extremes(bad=_NONE)
     drawn = None
     for row, thing in zip(axes, things):
-        for k, o in enumerate(sorted((o for o in chosen if o.thing == thing), key=lambda o: o.tilt)):
+        for k, o in enumerate(
+            sorted((o for o in chosen if o.thing == thing), key=lambda o: o.tilt)
+        ):
             row[2 * k].imshow(o.view.image)
             row[2 * k].set_title(f"{thing}, {distance_m:g} m, {_NAMES[o.tilt]}", fontsize=9)
-            drawn = row[2 * k + 1].imshow(np.where(o.view.thing, o.depth, np.nan), cmap=colours,
-                                          vmin=0.6 * distance_m, vmax=1.5 * distance_m)  # fmt: skip
+            drawn = row[2 * k + 1].imshow(
+                np.where(o.view.thing, o.depth, np.nan),
+                cmap=colours,
+                vmin=0.6 * distance_m,
+                vmax=1.5 * distance_m,
+            )
             row[2 * k + 1].set_title(f"within 10 %: {o.right:.0%}", fontsize=9)
     for ax in axes.ravel():
         ax.axis("off")
@@ -90,7 +132,8 @@ def write_pictures(outcomes: Sequence[PairOutcome], distance_m: float, file: Pat
 
 
 def _save(figure, file: Path) -> None:
-    """Saves the figure with a palette of 128 colours: a quarter of the size, and no difference to the eye."""
+    """Saves the figure with a palette of 128 colours: a quarter of the size, and no difference to
+    the eye."""
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=72)
     plt.close(figure)

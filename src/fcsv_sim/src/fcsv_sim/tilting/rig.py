@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rig as it really is: a little other than its file says, with servos that stop and read in ticks."""
+"""A rig as it really is: a little other than its file says, with servos that stop and read in
+ticks."""
 
 from dataclasses import dataclass, field, replace
 from typing import Callable, Tuple
@@ -18,20 +19,28 @@ SLOW = ServoErrors(speed_degps=60.0, acceleration_degps2=500.0)
 
 
 def as_built(rig: TiltingRig, random: np.random.Generator) -> TiltingRig:
-    """The rig whose file was calibrated as well as its ``known`` says: the right camera is off by that much."""
+    """The rig whose file was calibrated as well as its ``known`` says: the right camera is off by
+    that much."""
     mount, known = rig.right.mount, rig.known
     xyz_m = tuple(float(v) for v in np.add(mount.xyz_m, random.normal(0.0, known.position_m, 3)))
-    rpy_deg = tuple(float(v) for v in np.add(mount.rpy_deg, random.normal(0.0, known.rotation_deg, 3)))
+    rpy_deg = tuple(
+        float(v) for v in np.add(mount.rpy_deg, random.normal(0.0, known.rotation_deg, 3))
+    )
     return replace(rig, right=replace(rig.right, mount=Mount(xyz_m, rpy_deg)))
 
 
 def as_made(rig: TiltingRig, random: np.random.Generator) -> TiltingRig:
-    """The rig whose file is its drawing: axes and the right camera are off by what a workshop leaves, per axis."""
+    """The rig whose file is its drawing: axes and the right camera are off by what a workshop
+    leaves, per axis."""
     sides = []
     for camera in (rig.left, rig.right):
         tilt = transforms.Rotation.from_rotvec(np.radians(random.normal(0.0, _MADE_DEG, 3)))
         place = tuple(float(v) for v in np.add(camera.axis.xyz_m, random.normal(0.0, _MADE_M, 3)))
-        sides.append(replace(camera, axis=TiltAxis(place, tuple(float(v) for v in tilt.apply(camera.axis.unit)))))
+        sides.append(
+            replace(
+                camera, axis=TiltAxis(place, tuple(float(v) for v in tilt.apply(camera.axis.unit)))
+            )
+        )
     mount = sides[1].mount
     xyz_m = tuple(float(v) for v in np.add(mount.xyz_m, random.normal(0.0, _MADE_M, 3)))
     rpy_deg = tuple(float(v) for v in np.add(mount.rpy_deg, random.normal(0.0, _MADE_DEG, 3)))
@@ -40,7 +49,8 @@ def as_made(rig: TiltingRig, random: np.random.Generator) -> TiltingRig:
 
 @dataclass
 class SimulatedRig:
-    """``told`` is the rig as its file has it, ``true`` as it stands; no clock: a turn takes as long as it takes."""
+    """``told`` is the rig as its file has it, ``true`` as it stands; no clock: a turn takes as long
+    as it takes."""
 
     told: TiltingRig
     seed: int = 1
@@ -51,7 +61,9 @@ class SimulatedRig:
     def __post_init__(self):
         random = np.random.default_rng([self.seed, 72])
         self.true = self.built(self.told, random)
-        self._servos = [SimulatedServo(self.errors, random) for _ in SIDES[: 1 if self.told.coupled else 2]]
+        self._servos = [
+            SimulatedServo(self.errors, random) for _ in SIDES[: 1 if self.told.coupled else 2]
+        ]
         self._now_s = 0.0
 
     def turn(self, angles: TiltAngles) -> float:

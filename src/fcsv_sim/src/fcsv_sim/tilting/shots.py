@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of the rig as the folder that ``map`` reads: posed by the angles as they were read, with their priors."""
+"""Pictures of the rig as the folder that ``map`` reads: posed by the angles as they were read, with
+their priors."""
 
 import shutil
 from pathlib import Path
@@ -19,7 +20,8 @@ from fcsv_tracking.tilting.rig import SIDES, TiltAngles, TiltingRig
 def take(
     place: TiltingPlace, rig: SimulatedRig, thing: str, distance_m: float, folder: Path
 ) -> Tuple[RenderedView, RenderedView]:
-    """Both pictures as they stand in ``folder`` (images/, cameras.txt, images.txt, priors.csv), left first.
+    """Both pictures as they stand in ``folder`` (images/, cameras.txt, images.txt, priors.csv),
+    left first.
 
     ``home`` is the rig's frame, poses are those of ``rig.told``. The folder must be new.
     """
@@ -36,7 +38,8 @@ def take(
 
 
 def posed_by(rig: TiltingRig, read: TiltAngles, taken: Path, folder: Path) -> Path:
-    """The pictures of ``taken`` in a folder of their own, posed by what another file says of the rig."""
+    """The pictures of ``taken`` in a folder of their own, posed by what another file says of the
+    rig."""
     shutil.copytree(taken / "images", folder / "images")
     _pose(folder, rig, read)
     return folder
@@ -47,6 +50,8 @@ def _pose(folder: Path, rig: TiltingRig, read: TiltAngles) -> None:
     for number, side in enumerate(SIDES):
         posed.append(PosedImage(f"{side}.png", number, rig.T_rig_cam(side, read)))
         sigma = np.sqrt(np.diag(rig.covariance(side, read)))
-        lines.append(",".join([f"{side}.png", *(f"{v:.9g}" for v in (*sigma[:3], *np.degrees(sigma[3:])))]))
+        lines.append(
+            ",".join([f"{side}.png", *(f"{v:.9g}" for v in (*sigma[:3], *np.degrees(sigma[3:])))])
+        )
     write_model(folder, {0: rig.left.camera, 1: rig.right.camera}, posed)
     (folder / PRIORS).write_text("\n".join(lines) + "\n")

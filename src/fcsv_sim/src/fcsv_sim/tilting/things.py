@@ -12,9 +12,14 @@ Thing = Callable[[MeshBuilder, np.ndarray], None]
 _SIDES = 12
 
 
-def tube(mesh: MeshBuilder, points: np.ndarray, radii: np.ndarray, material: int, instance: int) -> None:
+def tube(
+    mesh: MeshBuilder, points: np.ndarray, radii: np.ndarray, material: int, instance: int
+) -> None:
     """A round bar along points (K,3) with radii (K) (m); texture in metres around and along."""
-    points, radii = np.asarray(points, float), np.broadcast_to(np.asarray(radii, float), (len(points),))
+    points, radii = (
+        np.asarray(points, float),
+        np.broadcast_to(np.asarray(radii, float), (len(points),)),
+    )
     along = np.gradient(points, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     helper = np.eye(3)[np.argmin(np.abs(along).max(axis=0))]
@@ -29,14 +34,16 @@ def tube(mesh: MeshBuilder, points: np.ndarray, radii: np.ndarray, material: int
     uv = np.stack([u, np.broadcast_to(run, rings.shape[:2])], axis=-1)
 
     def quads(a: np.ndarray) -> np.ndarray:
-        return np.stack([a[:-1, :-1], a[1:, :-1], a[1:, 1:], a[:-1, 1:]], axis=2).reshape(-1, 4, a.shape[-1])
+        return np.stack([a[:-1, :-1], a[1:, :-1], a[1:, 1:], a[:-1, 1:]], axis=2).reshape(
+            -1, 4, a.shape[-1]
+        )
 
     mesh.faces(quads(rings), material, instance, quads(uv))
 
 
 def power_lines(mesh: MeshBuilder, at: np.ndarray) -> None:
-    """Three conductors of 22 mm, 0.3 m apart. They rise steeply: the rig is rolled so that its baseline crosses them,
-    since a line along the baseline has no disparity."""
+    """Three conductors of 22 mm, 0.3 m apart. They rise steeply: the rig is rolled so that its
+    baseline crosses them, since a line along the baseline has no disparity."""
     rises = np.array([0.06, np.sin(np.radians(20.0)), np.cos(np.radians(20.0))])
     for k, aside_m in enumerate((-0.3, 0.0, 0.3)):
         t = np.linspace(-6.0, 6.0, 25)
@@ -45,7 +52,8 @@ def power_lines(mesh: MeshBuilder, at: np.ndarray) -> None:
 
 
 def valve(mesh: MeshBuilder, at: np.ndarray) -> None:
-    """A handwheel of 0.25 m with a rim of 20 mm and five spokes of 13 mm, on a pipe half a metre before a wall."""
+    """A handwheel of 0.25 m with a rim of 20 mm and five spokes of 13 mm, on a pipe half a metre
+    before a wall."""
     red, grey = mesh.instance([0.45, 0.05, 0.04], 11.0), mesh.instance([0.30, 0.31, 0.33], 23.0)
     angle = np.linspace(0.0, 2.0 * np.pi, 49)
     rim = np.stack([0.0 * angle, 0.115 * np.cos(angle), 0.115 * np.sin(angle)], axis=-1)
@@ -64,13 +72,20 @@ def valve(mesh: MeshBuilder, at: np.ndarray) -> None:
 def wall(mesh: MeshBuilder, at: np.ndarray) -> None:
     """Behind the valve: rough concrete, 12 by 9 m."""
     low, high = at + [0.5, -6.0, -1.5], at + [0.5, 6.0, 7.5]
-    corners = np.array([[low[0], low[1], low[2]], [low[0], high[1], low[2]], [low[0], high[1], high[2]],
-                        [low[0], low[1], high[2]]])  # fmt: skip
+    corners = np.array(
+        [
+            [low[0], low[1], low[2]],
+            [low[0], high[1], low[2]],
+            [low[0], high[1], high[2]],
+            [low[0], low[1], high[2]],
+        ]
+    )
     mesh.faces(corners[None], CONCRETE, mesh.instance([0.34, 0.33, 0.31], 5.0))
 
 
 def branch(mesh: MeshBuilder, at: np.ndarray) -> None:
-    """A limb of 36 mm that tapers to 12 mm, twigs of 12 to 4 mm on it, some leaves; the same on every machine."""
+    """A limb of 36 mm that tapers to 12 mm, twigs of 12 to 4 mm on it, some leaves; the same on
+    every machine."""
     random = np.random.default_rng(725)
     bark = mesh.instance([0.16, 0.12, 0.085], 71.0)
     t = np.linspace(-1.6, 1.6, 33)

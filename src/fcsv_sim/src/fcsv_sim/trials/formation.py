@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A column of vehicles while it is calibrated: true motion with vibration, each one's T265, and what each camera sees
-of the tag in front, either as noisy corners or as rendered pictures that the tag detector looks at."""
+"""A column of vehicles while it is calibrated: true motion with vibration, each one's T265, and
+what each camera sees of the tag in front, either as noisy corners or as rendered pictures that the
+tag detector looks at."""
 
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Tuple
@@ -45,13 +46,19 @@ class FormationParameters:
 def formation_vehicle(number: int) -> VehicleGeometry:
     """Vehicle ``number`` (from 1) as in config/vehicles."""
     return VehicleGeometry(
-        f"uav{number}", number, number, 0.16, Mount((0.11, 0.0, 0.03)), Mount((0.06, 0.0, -0.05), (0.0, 90.0, 0.0)),
+        f"uav{number}",
+        number,
+        number,
+        0.16,
+        Mount((0.11, 0.0, 0.03)),
+        Mount((0.06, 0.0, -0.05), (0.0, 90.0, 0.0)),
         Mount((-0.16, 0.0, 0.02), (0.0, 0.0, 180.0)),
-    )  # fmt: skip
+    )
 
 
 class Formation:
-    """One calibration of a column, front first; the same seed gives the same flight, noise and pictures."""
+    """One calibration of a column, front first; the same seed gives the same flight, noise and
+    pictures."""
 
     def __init__(self, seed: int, parameters: FormationParameters = FormationParameters()):
         self.parameters = parameters
@@ -75,7 +82,11 @@ class Formation:
         if k < p.vehicles - 1:  # neighbours a quarter period apart: tags stay in the picture
             wander[1] += p.sway_m * np.sin(2 * np.pi * t_s / p.sway_period_s + k * np.pi / 2)
             wander[2] += 0.2 * p.sway_m * np.sin(2 * np.pi * t_s / 4.0 + phase[3])
-        tilt = 0.03 * np.sin(np.array([1.3, 1.1, 0.4]) * t_s + phase[3:6]) + [0.0, 0.0, self._yaws[k]]
+        tilt = 0.03 * np.sin(np.array([1.3, 1.1, 0.4]) * t_s + phase[3:6]) + [
+            0.0,
+            0.0,
+            self._yaws[k],
+        ]
         shake = np.radians(p.vibration_rms_deg) * np.sqrt(2.0 / 3.0)
         turn = tilt + shake * np.sin(2 * np.pi * _VIBRATION_HZ * t_s + phase[6:9])
         place = np.array([-k * p.distance_m, 0.0, p.height_m]) + self._offsets[k] + wander
@@ -88,7 +99,9 @@ class Formation:
             tracker = T265(self.parameters.tracker, vehicle.T_body_t265, 1000 * self._seed + k)
             T_t265_body = transforms.invert(vehicle.T_body_t265)
             whole, radio = Trajectory(gap_s=0.1), Trajectory(gap_s=0.15)
-            for i in range(int((self.parameters.duration_s + 0.3) * self.parameters.tracker.rate_hz)):
+            for i in range(
+                int((self.parameters.duration_s + 0.3) * self.parameters.tracker.rate_hz)
+            ):
                 t_s = i / self.parameters.tracker.rate_hz
                 T_odom_body = tracker.odometry(t_s, self.body(k, t_s))[0] @ T_t265_body
                 whole.add(t_s, T_odom_body)
@@ -101,7 +114,9 @@ class Formation:
     @property
     def end_s(self) -> float:
         """Stamp of the last picture."""
-        return (int(self.parameters.duration_s * self.parameters.picture_rate_hz) - 1) / self.parameters.picture_rate_hz
+        return (
+            int(self.parameters.duration_s * self.parameters.picture_rate_hz) - 1
+        ) / self.parameters.picture_rate_hz
 
     def stamps_s(self) -> np.ndarray:
         return np.arange(0, self.end_s + 1e-6, 1.0 / self.parameters.picture_rate_hz)
@@ -112,7 +127,11 @@ class Formation:
         found = []
         for t_s in self.stamps_s():
             T_world_cam = self.body(child, t_s) @ self.vehicles[child].T_body_cam
-            T_cam_tag = transforms.invert(T_world_cam) @ self.body(parent, t_s) @ self.vehicles[parent].T_body_tag
+            T_cam_tag = (
+                transforms.invert(T_world_cam)
+                @ self.body(parent, t_s)
+                @ self.vehicles[parent].T_body_tag
+            )
             p_cam = transforms.apply(T_cam_tag, corner_points(self.vehicles[parent].tag_size_m))
             uv = camera.undistorted().project(p_cam)
             if not ((uv > 2).all() and (uv < [camera.width - 3, camera.height - 3]).all()):
@@ -126,7 +145,10 @@ class Formation:
         if self._renderer is None:
             self._renderer = Renderer(Town.generate(self._seed))
         camera = SimulatedCamera(
-            self._renderer, self.vehicles[child].T_body_cam, self.parameters.camera, 100 * self._seed + child
+            self._renderer,
+            self.vehicles[child].T_body_cam,
+            self.parameters.camera,
+            100 * self._seed + child,
         )
         for t_s in self.stamps_s():
             others = [Body(v, self.body(k, t_s)) for k, v in enumerate(self.vehicles) if k != child]
@@ -144,14 +166,24 @@ class Formation:
             for tag in detector.detect(gray, camera)
         ]
 
-    def _detection(self, child: int, parent: int, t_s: float, corners_normalized: np.ndarray) -> Detection:
+    def _detection(
+        self, child: int, parent: int, t_s: float, corners_normalized: np.ndarray
+    ) -> Detection:
         T_odom_cam = self.tracks[child].at(t_s) @ self.vehicles[child].T_body_cam
         T_odom_tag = self.states[parent].at(t_s) @ self.vehicles[parent].T_body_tag
         focal_px = self.parameters.camera.model.fx
-        return Detection(t_s, corners_normalized, self.vehicles[parent].tag_size_m, focal_px, T_odom_cam, T_odom_tag)
+        return Detection(
+            t_s,
+            corners_normalized,
+            self.vehicles[parent].tag_size_m,
+            focal_px,
+            T_odom_cam,
+            T_odom_tag,
+        )
 
     def relative(self, T_O1_On: Dict[str, np.ndarray], k: int) -> Tuple[np.ndarray, np.ndarray]:
-        """Estimated and true T_D1_Dn (first vehicle's body to the k-th's) at the end, from T_O1_On by name."""
+        """Estimated and true T_D1_Dn (first vehicle's body to the k-th's) at the end, from T_O1_On
+        by name."""
         try:
             T_O1_D1, T_On_Dn = self.tracks[0].at(self.end_s), self.tracks[k].at(self.end_s)
         except PoseUnavailable as error:  # the flight goes on beyond the last picture

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A gimbal that follows a vehicle at a constant speed, two to four metres away: pictures, detector, tracker and servos
-closed to a loop in simulated time, and every pose that comes out against the truth."""
+"""A gimbal that follows a vehicle at a constant speed, two to four metres away: pictures, detector,
+tracker and servos closed to a loop in simulated time, and every pose that comes out against the
+truth."""
 
 import heapq
 from dataclasses import dataclass, field
@@ -21,7 +22,8 @@ from fcsv_tracking.tags import TagDetector, TagObservation, corner_points, obser
 
 START_S = 1000.0
 READ_HZ = 100.0
-DETECTION_S = 0.03  # what the detector takes; the tracker hears of a picture so much after it arrived
+# what the detector takes; the tracker hears of a picture so much after it arrived
+DETECTION_S = 0.03
 _LAPS = 2.0  # more of the way than the slowest part of it takes
 SETTLE_S = 2.0  # until the first search is over; not judged
 
@@ -46,12 +48,14 @@ class Setup:
     servo: ServoErrors = field(default_factory=ServoErrors)
     mount: MountErrors = field(default_factory=MountErrors)
     decimate: float = 2.0
-    corners_px: float = 0.0  # above nought: no pictures are drawn, corners seen face on have this noise (long runs)
+    # above nought: no pictures are drawn, corners seen face on have this noise (long runs)
+    corners_px: float = 0.0
 
 
 @dataclass(frozen=True)
 class PoseRecord:
-    """One pose given out, against the truth at its stamp: errors along and across the line of sight, covariance."""
+    """One pose given out, against the truth at its stamp: errors along and across the line of
+    sight, covariance."""
 
     stamp_s: float
     along_m: float
@@ -69,8 +73,8 @@ class PoseRecord:
 
 @dataclass
 class Run:
-    """All that one run gave: poses, and looked at once per period of the camera, whether a tag was in the picture and
-    the gimbal still."""
+    """All that one run gave: poses, and looked at once per period of the camera, whether a tag was
+    in the picture and the gimbal still."""
 
     poses: List[PoseRecord] = field(default_factory=list)
     in_picture: List[bool] = field(default_factory=list)
@@ -86,30 +90,44 @@ def fly(gimbal: Gimbal, scenario: Scenario, seed: int) -> Truth:
     p = _way(gimbal, scenario, fine, random)
     length_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     t = np.arange(0.0, scenario.duration_s + 1.0, 1.0 / STEP_HZ)
-    along = np.stack([np.interp(scenario.speed_mps * t, length_m, p[:, k]) for k in range(3)], axis=1)
+    along = np.stack(
+        [np.interp(scenario.speed_mps * t, length_m, p[:, k]) for k in range(3)], axis=1
+    )
     keep = int(STEP_HZ * 0.1)  # corners that an airframe can fly
-    smooth = np.apply_along_axis(lambda c: np.convolve(np.pad(c, keep, "edge"), np.ones(2 * keep + 1) / (2 * keep + 1),
-                                                       "valid"), 0, along)  # fmt: skip
+    smooth = np.apply_along_axis(
+        lambda c: np.convolve(
+            np.pad(c, keep, "edge"), np.ones(2 * keep + 1) / (2 * keep + 1), "valid"
+        ),
+        0,
+        along,
+    )
     v = np.gradient(smooth, t, axis=0)
     a = np.gradient(v, t, axis=0)
-    yaw = random.uniform(-np.pi, np.pi) + 0.6 * np.sin(2 * np.pi * 0.05 * t + random.uniform(0.0, 2 * np.pi))
+    yaw = random.uniform(-np.pi, np.pi) + 0.6 * np.sin(
+        2 * np.pi * 0.05 * t + random.uniform(0.0, 2 * np.pi)
+    )
     R = attitudes(np.clip(a + 0.25 * v, -4.0, 4.0), yaw) @ vibration(t, random)
     return Truth(START_S + t, smooth, v, R)
 
 
 def _way(gimbal: Gimbal, scenario: Scenario, s: np.ndarray, random) -> np.ndarray:
-    """Places (N,3) in order: distance, bearing and elevation swing within their bounds, none in step with another."""
+    """Places (N,3) in order: distance, bearing and elevation swing within their bounds, none in
+    step with another."""
     lows = np.array([scenario.distance_m[0], -scenario.bearing_deg, scenario.elevation_deg[0]])
     highs = np.array([scenario.distance_m[1], scenario.bearing_deg, scenario.elevation_deg[1]])
     rates = np.array([1.9, 1.0, 1.4]) * random.uniform(0.85, 1.15, 3)
     swing = np.sin(np.outer(s, rates) + random.uniform(0.0, 2 * np.pi, 3))
     distance, bearing, up = (0.5 * (lows + highs) + 0.5 * (highs - lows) * swing).T
     bearing, up = np.radians(bearing), np.radians(up)
-    ahead = np.stack([np.cos(up) * np.cos(bearing), np.cos(up) * np.sin(bearing), np.sin(up)], axis=1)
+    ahead = np.stack(
+        [np.cos(up) * np.cos(bearing), np.cos(up) * np.sin(bearing), np.sin(up)], axis=1
+    )
     return np.array(gimbal.geometry.base.xyz_m) + distance[:, None] * ahead
 
 
-def run(gimbal: Gimbal, seed: int, scenario: Optional[Scenario] = None, setup: Optional[Setup] = None) -> Run:
+def run(
+    gimbal: Gimbal, seed: int, scenario: Optional[Scenario] = None, setup: Optional[Setup] = None
+) -> Run:
     """Follow one flight in simulated time."""
     scenario, setup = scenario or Scenario(), setup or Setup()
     camera = setup.camera
@@ -149,7 +167,13 @@ class _Ear:
     """Pictures as they arrive; drawn only then, and only where they are looked at."""
 
     def __init__(self, tracker, detector, eye, servos, truth, setup: Setup, seed: int):
-        self._tracker, self._detector, self._eye, self._servos, self._truth = tracker, detector, eye, servos, truth
+        self._tracker, self._detector, self._eye, self._servos, self._truth = (
+            tracker,
+            detector,
+            eye,
+            servos,
+            truth,
+        )
         self._corners_px, self._random = setup.corners_px, np.random.default_rng([seed, 25])
 
     def __call__(self, true_s: float, now_s: float) -> Optional[GroundPose]:
@@ -163,7 +187,9 @@ class _Ear:
 
     def _observations(self, true_s: float, stamp_s: float) -> List[TagObservation]:
         if self._corners_px > 0:
-            return self._noisy(transforms.invert(self._servos.T_ground_cam(true_s)) @ self._truth.at(true_s))
+            return self._noisy(
+                transforms.invert(self._servos.T_ground_cam(true_s)) @ self._truth.at(true_s)
+            )
         gray = self._eye.shoot(true_s, self._servos.T_ground_cam, self._truth.at)
         return look(self._detector, gray, self._eye.model, self._tracker.window(stamp_s))[0]
 
@@ -184,7 +210,9 @@ def _read(tracker: GimbalTracker, servos: SimulatedGimbal) -> None:
         pass  # counted
 
 
-def _look(result: Run, eye: GimbalCamera, servos: SimulatedGimbal, truth: Truth, true_s: float) -> None:
+def _look(
+    result: Run, eye: GimbalCamera, servos: SimulatedGimbal, truth: Truth, true_s: float
+) -> None:
     if true_s > START_S + SETTLE_S:
         T_cam_body = transforms.invert(servos.T_ground_cam(true_s)) @ truth.at(true_s)
         result.in_picture.append(bool(eye.tags_in(T_cam_body)))
@@ -202,5 +230,11 @@ def _record(pose, truth: Truth, servos: SimulatedGimbal) -> PoseRecord:
     across = float(np.sqrt(max(0.0, off @ off - along**2)))
     error = np.concatenate([off, turn])
     return PoseRecord(
-        pose.stamp_s, along, across, float(np.degrees(np.linalg.norm(turn))), error, pose.covariance, distance_m
+        pose.stamp_s,
+        along,
+        across,
+        float(np.degrees(np.linalg.norm(turn))),
+        error,
+        pose.covariance,
+        distance_m,
     )

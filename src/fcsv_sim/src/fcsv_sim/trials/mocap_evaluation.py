@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A pair of Tellos in view, then out of it for 20 m, then back: how far the tracker is from the truth all the while."""
+"""A pair of Tellos in view, then out of it for 20 m, then back: how far the tracker is from the
+truth all the while."""
 
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Tuple
@@ -40,7 +41,8 @@ class Record:
 
 @dataclass
 class EvaluatedFlight:
-    """All that one flight gave; ``relative`` holds (in view of both, error m, error rad, normalised error)."""
+    """All that one flight gave; ``relative`` holds (in view of both, error m, error rad, normalised
+    error)."""
 
     records: Dict[str, List[Record]]
     level_deg: List[Tuple[float, float]]
@@ -54,10 +56,18 @@ def in_view(flight: EvaluatedFlight) -> Dict[str, float]:
     """Errors (m, deg) of poses of both vehicles while in view: rms, 95 %, worst."""
     settled = [r for records in flight.records.values() for r in records if r.settled]
     out = {}
-    for unit, errors in (("m", [r.error_m for r in settled]), ("deg", [np.degrees(r.error_rad) for r in settled])):
+    for unit, errors in (
+        ("m", [r.error_m for r in settled]),
+        ("deg", [np.degrees(r.error_rad) for r in settled]),
+    ):
         size = np.linalg.norm(errors, axis=1)
-        out.update({f"rms_{unit}": float(np.sqrt(np.mean(size**2))), f"p95_{unit}": float(np.percentile(size, 95)),
-                    f"worst_{unit}": float(size.max())})  # fmt: skip
+        out.update(
+            {
+                f"rms_{unit}": float(np.sqrt(np.mean(size**2))),
+                f"p95_{unit}": float(np.percentile(size, 95)),
+                f"worst_{unit}": float(size.max()),
+            }
+        )
     return out
 
 
@@ -73,13 +83,15 @@ def normalised(record: Record) -> float:
 
 
 def normalised_in_view(flight: EvaluatedFlight) -> List[float]:
-    """The middle one of either vehicle: constant errors of a mounting make poses of one flight alike."""
+    """The middle one of either vehicle: constant errors of a mounting make poses of one flight
+    alike."""
     settled = [[r for r in records if r.settled] for records in flight.records.values()]
     return [normalised(records[len(records) // 2]) for records in settled]
 
 
 def largest_jump_m(records: List[Record]) -> float:
-    """Largest step between neighbouring poses that the vehicle did not move, from the re-entry on."""
+    """Largest step between neighbouring poses that the vehicle did not move, from the re-entry
+    on."""
     last_away = max(i for i, r in enumerate(records) if r.away_m > 0.0)
     errors = np.array([r.error_m for r in records[last_away:]])
     return float(np.linalg.norm(np.diff(errors, axis=0), axis=1).max())
@@ -88,9 +100,22 @@ def largest_jump_m(records: List[Record]) -> float:
 def truths(seed: int) -> Dict[str, Truth]:
     """Vehicle a stays in view, b leaves it for 24 m and comes back."""
     x, y = 2.0 * _AHEAD
-    around = [(x, y, 2.1, 5), (x + 0.4, y, 2.2, 3), (x, y + 0.4, 1.9, 3), (x - 0.3, y - 0.2, 2.0, 3), (x, y, 2.1, 3)]
-    a = [(x, y, 0.02, 0), *around, (x, y, 2.1, 4), (x + 0.3, y, 2.1, 4), (x, y + 0.3, 2.2, 4), (x, y, 2.1, 4),
-         *[(x + dx, y, 2.1, 5) for dx in (0.3, 0.0, 0.3, 0.0, 0.3, 0.0)]]  # fmt: skip
+    around = [
+        (x, y, 2.1, 5),
+        (x + 0.4, y, 2.2, 3),
+        (x, y + 0.4, 1.9, 3),
+        (x - 0.3, y - 0.2, 2.0, 3),
+        (x, y, 2.1, 3),
+    ]
+    a = [
+        (x, y, 0.02, 0),
+        *around,
+        (x, y, 2.1, 4),
+        (x + 0.3, y, 2.1, 4),
+        (x, y + 0.3, 2.2, 4),
+        (x, y, 2.1, 4),
+        *[(x + dx, y, 2.1, 5) for dx in (0.3, 0.0, 0.3, 0.0, 0.3, 0.0)],
+    ]
     u, w = x + 0.5 * _AHEAD[0] - 0.45 * _AHEAD[1], y + 0.5 * _AHEAD[1] + 0.45 * _AHEAD[0]
     b = [(u, w, 0.02, 0)] + [(px + u - x, py + w - y, pz + 0.25, s) for px, py, pz, s in around]
     b += [
@@ -101,11 +126,17 @@ def truths(seed: int) -> Dict[str, Truth]:
         (u + 0.2, w + 0.1, 2.4, 4),
         (u, w, 2.4, 5),
     ]
-    return {"a": mocap_flight.fly(a, 0.1, seed, START_S), "b": mocap_flight.fly(b, -0.1, seed + 500, START_S)}
+    return {
+        "a": mocap_flight.fly(a, 0.1, seed, START_S),
+        "b": mocap_flight.fly(b, -0.1, seed + 500, START_S),
+    }
 
 
 def evaluate(
-    seed: int, errors: Optional[FlightErrors] = None, rules: Optional[TrackerRules] = None, hidden=lambda _t_s: ()
+    seed: int,
+    errors: Optional[FlightErrors] = None,
+    rules: Optional[TrackerRules] = None,
+    hidden=lambda _t_s: (),
 ) -> EvaluatedFlight:
     """Fly the pair and follow it."""
     flown = truths(seed)
@@ -116,7 +147,9 @@ def evaluate(
     next_s = 0.0
     for now_s, name, message in mocap_flight.messages(flown, errors, seed, hidden):
         watches[name].hear(message)
-        flight.wrong_poses += isinstance(message, mocap_flight.MocapPose) and message.seen and not message.true_pose
+        flight.wrong_poses += (
+            isinstance(message, mocap_flight.MocapPose) and message.seen and not message.true_pose
+        )
         _feed(system, name, message)
         if now_s >= next_s:
             next_s = now_s + 1.0 / RATE_HZ
@@ -152,7 +185,9 @@ class _Watch:
     def __init__(self, truth: Truth, errors: FlightErrors):
         self._truth = truth
         self.records: List[Record] = []
-        self._path_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(truth.p, axis=0), axis=1))])
+        self._path_m = np.concatenate(
+            [[0.0], np.cumsum(np.linalg.norm(np.diff(truth.p, axis=0), axis=1))]
+        )
         self._left: Optional[Tuple[float, np.ndarray]] = None
         self._entered_s: Optional[float] = None
         self._seen_s = -np.inf
@@ -178,15 +213,25 @@ class _Watch:
         if self._left is not None:
             away_m = self._flown(self._left[0], self._packet.truth_s)
             raw_m = self._odometry_error()
-        self.records.append(Record(
-            pose.stamp_s, pose.T_M_D[:3, 3] - T_M_D[:3, 3], turn, pose.covariance, pose.in_view, settled, away_m, raw_m
-        ))  # fmt: skip
+        self.records.append(
+            Record(
+                pose.stamp_s,
+                pose.T_M_D[:3, 3] - T_M_D[:3, 3],
+                turn,
+                pose.covariance,
+                pose.in_view,
+                settled,
+                away_m,
+                raw_m,
+            )
+        )
 
     def _flown(self, from_s: float, to_s: float) -> float:
         return float(np.diff(np.interp([from_s, to_s], self._truth.t_s, self._path_m))[0])
 
     def _odometry_error(self) -> float:
-        """How far the odometry is off what was flown since the view was left, were its axes known exactly then."""
+        """How far the odometry is off what was flown since the view was left, were its axes known
+        exactly then."""
         T_left, now = self._left[1], self._truth.at(self._packet.truth_s)
         R_O_world = self._packet_left.T_O_D[:3, :3] @ T_left[:3, :3].T
         moved_O = self._packet.T_O_D[:3, 3] - self._packet_left.T_O_D[:3, 3]
@@ -205,10 +250,16 @@ def _look_at_both(flight: EvaluatedFlight, now_s: float) -> None:
     if relative is None or abs(poses[0].stamp_s - poses[1].stamp_s) > 0.02:
         return
     T_Da_Db, C = relative
-    T_true = equations.relative_in_view(*(flight.truths[n].at(p.stamp_s) for n, p in zip(("a", "b"), poses)))
+    T_true = equations.relative_in_view(
+        *(flight.truths[n].at(p.stamp_s) for n, p in zip(("a", "b"), poses))
+    )
     turn = Rotation.from_matrix(T_Da_Db[:3, :3] @ T_true[:3, :3].T).as_rotvec()
     error = np.concatenate([T_Da_Db[:3, 3] - T_true[:3, 3], turn])
-    flight.relative.append((
-        poses[1].in_view, float(np.linalg.norm(error[:3])), float(np.linalg.norm(turn)),
-        float(error @ np.linalg.solve(C, error)),
-    ))  # fmt: skip
+    flight.relative.append(
+        (
+            poses[1].in_view,
+            float(np.linalg.norm(error[:3])),
+            float(np.linalg.norm(turn)),
+            float(error @ np.linalg.solve(C, error)),
+        )
+    )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A Tello's flight in and out of a V120 Duo's view, and every message of it in order of arrival; no clock, no ROS.
+"""A Tello's flight in and out of a V120 Duo's view, and every message of it in order of arrival; no
+clock, no ROS.
 
 The tracker stands on the ground and looks up at 45 degrees (thesis 5.7).
 """
@@ -37,7 +38,9 @@ class Truth:
         """T_world_body between two steps."""
         x = (stamp_s - self.t_s[0]) * STEP_HZ
         i = int(np.clip(np.floor(x), 0, len(self.t_s) - 2))
-        return transforms.interpolate(self.pose(i), self.pose(i + 1), float(np.clip(x - i, 0.0, 1.0)))
+        return transforms.interpolate(
+            self.pose(i), self.pose(i + 1), float(np.clip(x - i, 0.0, 1.0))
+        )
 
 
 @dataclass(frozen=True)
@@ -58,9 +61,14 @@ class FlightErrors:
     tello: TelloErrors = field(default_factory=TelloErrors)
 
 
-def fly(waypoints: Sequence[Tuple[float, float, float, float]], yaw_rad: float, seed: int, start_s: float) -> Truth:
-    """Stop-to-stop minimum-jerk legs through (x, y, z, seconds to get there), with the wander and the vibration of a
-    small quadrotor, tilting as its acceleration asks."""
+def fly(
+    waypoints: Sequence[Tuple[float, float, float, float]],
+    yaw_rad: float,
+    seed: int,
+    start_s: float,
+) -> Truth:
+    """Stop-to-stop minimum-jerk legs through (x, y, z, seconds to get there), with the wander and
+    the vibration of a small quadrotor, tilting as its acceleration asks."""
     random = np.random.default_rng([seed, 13])
     t = np.arange(0.0, sum(w[3] for w in waypoints[1:]), 1.0 / STEP_HZ)
     p = np.empty((len(t), 3))
@@ -80,8 +88,11 @@ def fly(waypoints: Sequence[Tuple[float, float, float, float]], yaw_rad: float, 
     return Truth(start_s + t, p, v, R)
 
 
-def messages(truths: Dict[str, Truth], errors: FlightErrors, seed: int, hidden=lambda _t_s: ()) -> Iterator[tuple]:
-    """(arrival s, vehicle, MocapPose or TelloSample) in order of arrival; ``hidden(t)`` names the occluded."""
+def messages(
+    truths: Dict[str, Truth], errors: FlightErrors, seed: int, hidden=lambda _t_s: ()
+) -> Iterator[tuple]:
+    """(arrival s, vehicle, MocapPose or TelloSample) in order of arrival; ``hidden(t)`` names the
+    occluded."""
     duo = V120Duo(errors.mocap, T_WORLD_MOCAP, seed)
     tellos = {n: TelloSensors(errors.tello, seed * 100 + i) for i, n in enumerate(truths)}
     waiting: List[tuple] = []
@@ -91,7 +102,10 @@ def messages(truths: Dict[str, Truth], errors: FlightErrors, seed: int, hidden=l
     for k, now_s in enumerate(t_s):
         if k % int(STEP_HZ / 120.0) == 0:
             frames.append(
-                (now_s + MOCAP_DELAY_S, duo.frame(now_s, {n: T.pose(k) for n, T in truths.items()}, hidden(now_s)))
+                (
+                    now_s + MOCAP_DELAY_S,
+                    duo.frame(now_s, {n: T.pose(k) for n, T in truths.items()}, hidden(now_s)),
+                )
             )
         if k % int(STEP_HZ / TOPIC_HZ) == 0:
             while len(frames) > 1 and frames[1][0] <= now_s:
@@ -99,7 +113,13 @@ def messages(truths: Dict[str, Truth], errors: FlightErrors, seed: int, hidden=l
             for name, sight in frames[0][1].items() if frames[0][0] <= now_s else ():
                 number += 1
                 heapq.heappush(
-                    waiting, (now_s, number, name, MocapPose(now_s, sight.T_M_D, sight.seen, sight.true_pose))
+                    waiting,
+                    (
+                        now_s,
+                        number,
+                        name,
+                        MocapPose(now_s, sight.T_M_D, sight.seen, sight.true_pose),
+                    ),
                 )
             for name, truth in truths.items():
                 for sample in tellos[name].advance(now_s, truth.pose(k), truth.v[k]):
@@ -111,14 +131,20 @@ def messages(truths: Dict[str, Truth], errors: FlightErrors, seed: int, hidden=l
 
 
 def feed(tracker, message, now_s: Optional[float] = None) -> None:
-    """A message into a MocapTracker, at ``now_s`` where that is later than its stamp. Raises SampleRejected."""
+    """A message into a MocapTracker, at ``now_s`` where that is later than its stamp. Raises
+    SampleRejected."""
     now_s = message.arrival_s if now_s is None else now_s
     if isinstance(message, TelloSample):
         T = message.T_O_D
         tracker.feed_vehicle(
-            now_s, message.arrival_s, T[:3, 3], transforms.quaternion_xyzw(T),
-            T[:3, :3].T @ message.v_O_mps, message.gyro_radps, message.accel_mps2,
-        )  # fmt: skip
+            now_s,
+            message.arrival_s,
+            T[:3, 3],
+            transforms.quaternion_xyzw(T),
+            T[:3, :3].T @ message.v_O_mps,
+            message.gyro_radps,
+            message.accel_mps2,
+        )
     else:
         T = message.T_M_D
         tracker.feed_mocap(now_s, message.arrival_s, T[:3, 3], transforms.fast_quaternion_xyzw(T))
@@ -129,7 +155,8 @@ def _minimum_jerk(s: np.ndarray) -> np.ndarray:
 
 
 def attitudes(a_world: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """R_world_body (N,3,3) of a body that tilts as its acceleration (N,3) asks and has a heading (N,)."""
+    """R_world_body (N,3,3) of a body that tilts as its acceleration (N,3) asks and has a heading
+    (N,)."""
     up = a_world + [0.0, 0.0, 9.81]
     z = up / np.linalg.norm(up, axis=1, keepdims=True)
     y = np.cross(z, np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=1))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A 1.5 kg quadrotor with 4 kg of thrust (thesis table 6.1), flown through lean angles, yaw rate and thrust.
+"""A 1.5 kg quadrotor with 4 kg of thrust (thesis table 6.1), flown through lean angles, yaw rate
+and thrust.
 
 World frame ENU-like (z up), body forward-left-up, SI. The fast loop is compiled; noise is seeded.
 """
@@ -17,7 +18,14 @@ G_MPS2 = 9.81
 STEP_S = 1.0 / 400.0
 _DRAWN_AHEAD = 400  # steps
 _GUST_LAG_S = 3.0  # correlation time of gusts near the ground
-_P, _V, _Q, _W, _THRUST, _WIND = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), 13, slice(14, 17)
+_P, _V, _Q, _W, _THRUST, _WIND = (
+    slice(0, 3),
+    slice(3, 6),
+    slice(6, 10),
+    slice(10, 13),
+    13,
+    slice(14, 17),
+)
 _STATE = 17  # position, velocity, quaternion xyzw, body rates, thrust (m/s2), wind (m/s)
 
 
@@ -58,7 +66,8 @@ def _angles(q):
 
 @numba.njit(cache=True)
 def _advance(state, command, gust, params, steps, out):
-    """``steps`` steps of 1/400 s; command: roll, pitch (rad), yaw rate (rad/s), thrust (share of the maximum)."""
+    """``steps`` steps of 1/400 s; command: roll, pitch (rad), yaw rate (rad/s), thrust (share of
+    the maximum)."""
     max_acc, drag, lag, k_angle, k_rate, wind_x, wind_y, gust_lag, gust_mps, gust_per_step = params
     dt = 1.0 / 400.0
     on_ground = False
@@ -77,9 +86,14 @@ def _advance(state, command, gust, params, steps, out):
             state[10:13] = 0.0
         lift = _rotate(state[6:10], np.array((0.0, 0.0, state[13])))
         for axis in range(3):
-            acc = lift[axis] - drag * (state[3 + axis] - state[14 + axis]) - (9.81 if axis == 2 else 0.0)
+            acc = (
+                lift[axis]
+                - drag * (state[3 + axis] - state[14 + axis])
+                - (9.81 if axis == 2 else 0.0)
+            )
             state[3 + axis] += acc * dt
-        if on_ground or (state[2] <= 0.0 and state[5] < 0.0):  # who falls with full thrust meets the ground, too
+        # who falls with full thrust meets the ground, too
+        if on_ground or (state[2] <= 0.0 and state[5] < 0.0):
             state[3:6] = 0.0
             state[2] = 0.0
         for axis in range(3):
@@ -104,7 +118,9 @@ def _felt(states, start_s, radps, phases, amplitude_rad):
         half = np.zeros(3)
         for axis in range(3):
             for k in range(3):
-                half[axis] += 0.5 * amplitude_rad * np.sin(radps[k] * (stamp_s % 1000.0) + phases[axis, k])
+                half[axis] += (
+                    0.5 * amplitude_rad * np.sin(radps[k] * (stamp_s % 1000.0) + phases[axis, k])
+                )
         x, y, z, w = states[i, 6], states[i, 7], states[i, 8], states[i, 9]
         a, b, c = half[0], half[1], half[2]
         felt[i, 0] = stamp_s
@@ -119,9 +135,12 @@ def _felt(states, start_s, radps, phases, amplitude_rad):
 
 
 class Quadrotor:
-    """One vehicle's body in the world. ``advance`` is told what the attitude controller is to reach."""
+    """One vehicle's body in the world. ``advance`` is told what the attitude controller is to
+    reach."""
 
-    def __init__(self, airframe: Airframe, T_world_body: np.ndarray, seed: int, wind_mps: float = 1.0):
+    def __init__(
+        self, airframe: Airframe, T_world_body: np.ndarray, seed: int, wind_mps: float = 1.0
+    ):
         self._airframe = airframe
         self._random = np.random.default_rng([seed, 1])
         heading = self._random.uniform(0, 2 * np.pi)
@@ -133,13 +152,23 @@ class Quadrotor:
         self._vibration_radps = 2 * np.pi * np.array(airframe.vibration_hz)
         self._vibration_rad = np.radians(airframe.vibration_rms_deg) * np.sqrt(2.0 / 3.0)
         # on the ground the wind finds no hold
-        self._params = np.array([
-            airframe.max_thrust_n / airframe.mass_kg, airframe.drag_per_s, airframe.motor_lag_s,
-            airframe.attitude_rate_per_s, airframe.rate_gain_per_s, *self._mean_wind.tolist(), _GUST_LAG_S,
-            0.35 * wind_mps, math.sqrt(2 * STEP_S / _GUST_LAG_S),  # standard deviation of gusts (m/s), share in a step
-        ])  # fmt: skip
+        self._params = np.array(
+            [
+                airframe.max_thrust_n / airframe.mass_kg,
+                airframe.drag_per_s,
+                airframe.motor_lag_s,
+                airframe.attitude_rate_per_s,
+                airframe.rate_gain_per_s,
+                *self._mean_wind.tolist(),
+                _GUST_LAG_S,
+                # standard deviation of gusts (m/s), share in a step
+                0.35 * wind_mps,
+                math.sqrt(2 * STEP_S / _GUST_LAG_S),
+            ]
+        )
         self.on_ground = True
-        self._T_world_body: Optional[np.ndarray] = None  # of this state, where somebody asked for it
+        # of this state, where somebody asked for it
+        self._T_world_body: Optional[np.ndarray] = None
         self._ahead, self._drawn = np.empty((0, 3)), 0  # gusts
 
     @property
@@ -176,7 +205,8 @@ class Quadrotor:
         self._T_world_body = None
 
     def advance(self, command, steps: int) -> np.ndarray:
-        """``steps`` steps of STEP_S under roll, pitch (rad), yaw rate (rad/s), thrust share; states (steps, 17)."""
+        """``steps`` steps of STEP_S under roll, pitch (rad), yaw rate (rad/s), thrust share; states
+        (steps, 17)."""
         gust = self._gusts(steps)
         command = tuple(map(float, command))
         out = np.empty((steps, _STATE))
@@ -188,14 +218,19 @@ class Quadrotor:
         """(steps, 3), drawn a second ahead: to draw takes as long for a hundred as for one."""
         if self._drawn + steps > len(self._ahead):
             left = self._ahead[self._drawn :]
-            self._ahead = np.concatenate([left, self._random.standard_normal((max(steps, _DRAWN_AHEAD), 3))])
+            self._ahead = np.concatenate(
+                [left, self._random.standard_normal((max(steps, _DRAWN_AHEAD), 3))]
+            )
             self._drawn = 0
         self._drawn += steps
         return self._ahead[self._drawn - steps : self._drawn]
 
     def felt(self, states: np.ndarray, start_s: float, thrust_share: float) -> np.ndarray:
-        """What cameras on the airframe feel of ``advance``'s states after a time: its vibration, which grows with
-        thrust. Returns (steps, 11): stamp (s), position, quaternion xyzw, velocity (world).
+        """What cameras on the airframe feel of ``advance``'s states after a time: its vibration,
+        which grows with thrust. Returns (steps, 11): stamp (s), position, quaternion xyzw, velocity
+        (world).
         """
         share = min(1.0, thrust_share / self.hover_thrust)
-        return _felt(states, start_s, self._vibration_radps, self._phases, share * self._vibration_rad)
+        return _felt(
+            states, start_s, self._vibration_radps, self._phases, share * self._vibration_rad
+        )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies stepped in real time; among them a vehicle: airframe, autopilot, RC receiver and MAVLink link."""
+"""Bodies stepped in real time; among them a vehicle: airframe, autopilot, RC receiver and MAVLink
+link."""
 
 import math
 from dataclasses import dataclass, field
@@ -23,7 +24,8 @@ _SUBSTEPS = int(round(PASS_S / STEP_S))
 
 @dataclass(frozen=True)
 class VehicleParameters:
-    """Holds the parameters of one simulated vehicle; start: x, y, z (m) and yaw (rad) in the world."""
+    """Holds the parameters of one simulated vehicle; start: x, y, z (m) and yaw (rad) in the
+    world."""
 
     name: str
     system_id: int
@@ -56,7 +58,8 @@ class SteppedBody:
         return self._now_s + PASS_S
 
     def advance_to(self, now_s: float, most_passes: int = 20) -> None:
-        """Catch up with the clock; after a long hiccup time is skipped rather than raced through."""
+        """Catch up with the clock; after a long hiccup time is skipped rather than raced
+        through."""
         if now_s - self._now_s > most_passes * PASS_S:
             self._now_s = now_s - most_passes * PASS_S
         while self._now_s + PASS_S <= now_s:
@@ -69,7 +72,8 @@ class SteppedBody:
         self._command = self._decide(states[-1])
 
     def _decide(self, state: np.ndarray):
-        """Roll, pitch (rad), yaw rate (rad/s) and thrust (share) after a state as Quadrotor.advance gives it."""
+        """Roll, pitch (rad), yaw rate (rad/s) and thrust (share) after a state as Quadrotor.advance
+        gives it."""
         raise NotImplementedError
 
 
@@ -86,11 +90,16 @@ class Piloted:
         self._v_before = [0.0, 0.0, 0.0]
 
     def sense(self, now_s: float, state: np.ndarray) -> Tuple[float, float, float]:
-        """What the autopilot's sensors feel of a state as Quadrotor.advance gives it; roll, pitch, yaw (rad, ENU)."""
+        """What the autopilot's sensors feel of a state as Quadrotor.advance gives it; roll, pitch,
+        yaw (rad, ENU)."""
         s = state.tolist()
         rpy_rad, v = rotations.rpy(s[6:10]), s[3:6]
         before = self._v_before
-        acc = ((v[0] - before[0]) / PASS_S, (v[1] - before[1]) / PASS_S, (v[2] - before[2]) / PASS_S)
+        acc = (
+            (v[0] - before[0]) / PASS_S,
+            (v[1] - before[1]) / PASS_S,
+            (v[2] - before[2]) / PASS_S,
+        )
         self._v_before = v
         self._autopilot.barometer.feel(s[2], math.dist(v, s[14:17]))
         self._autopilot.estimator.predict(now_s, PASS_S, acc, rpy_rad[2], s[12], s[2])

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`rosrun fcsv_sim world`: the town of a seed as a mesh or a picture; compiles the renderer's kernels on the way."""
+"""`rosrun fcsv_sim world`: the town of a seed as a mesh or a picture; compiles the renderer's
+kernels on the way."""
 
 import argparse
 import sys
@@ -37,7 +38,9 @@ def _run(args) -> int:
         raise SimulationError(f"--seed {args.seed}: must not be negative")
     started = time.monotonic()
     town = Town.generate(args.seed, args.world)
-    print(f"{args.world}, seed {args.seed}: {len(town.triangles)} triangles in {time.monotonic() - started:.1f} s")
+    print(
+        f"{args.world}, seed {args.seed}: {len(town.triangles)} triangles in {time.monotonic() - started:.1f} s"
+    )
     if args.ply:
         _write(args.ply, lambda path: write_ply(town, path))
     shot = _take(town, args)
@@ -53,9 +56,13 @@ def _run(args) -> int:
 def _take(town: Town, args):
     """A picture as the cameras take it, a vehicle in front: whatever they need is compiled then."""
     forward = Mount((0.0, 0.0, 0.0))
-    stand_in = VehicleGeometry("front", 1, 1, 0.16, forward, forward, Mount((-0.16, 0.0, 0.02), (0.0, 0.0, 180.0)))
+    stand_in = VehicleGeometry(
+        "front", 1, 1, 0.16, forward, forward, Mount((-0.16, 0.0, 0.02), (0.0, 0.0, 180.0))
+    )
     camera = SimulatedCamera(Renderer(town), forward_camera(), CameraParameters(), args.seed)
-    T_world_body = transforms.from_xyz_rpy(args.xyz, np.radians([0.0, args.pitch_deg, args.yaw_deg]))
+    T_world_body = transforms.from_xyz_rpy(
+        args.xyz, np.radians([0.0, args.pitch_deg, args.yaw_deg])
+    )
     ahead = T_world_body @ transforms.from_xyz_yaw([3.5, 0.0, -0.5], 0.0)
     camera.shoot(0.0, T_world_body, [Body(stand_in, ahead)])
     return camera.shoot(5.0, T_world_body, [Body(stand_in, ahead)] if args.vehicle else [])
@@ -86,10 +93,16 @@ def _write_picture(path: str, rgb: np.ndarray) -> None:
 def _parse(argv):
     parser = argparse.ArgumentParser(prog="world", description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--world", choices=[*WORLDS, *PLACES], default="street", help="kind of world")
+    parser.add_argument(
+        "--world", choices=[*WORLDS, *PLACES], default="street", help="kind of world"
+    )
     parser.add_argument("--ply", help="write the town as a binary PLY mesh")
-    parser.add_argument("--picture", help="write a picture (.png, .jpg) as the simulated camera takes it")
-    parser.add_argument("--xyz", type=float, nargs=3, default=[1.0, 0.0, 8.0], help="camera's place (m)")
+    parser.add_argument(
+        "--picture", help="write a picture (.png, .jpg) as the simulated camera takes it"
+    )
+    parser.add_argument(
+        "--xyz", type=float, nargs=3, default=[1.0, 0.0, 8.0], help="camera's place (m)"
+    )
     parser.add_argument("--yaw-deg", type=float, default=0.0)
     parser.add_argument("--pitch-deg", type=float, default=0.0, help="positive looks down")
     parser.add_argument("--vehicle", action="store_true", help="with a vehicle 3.5 m ahead")

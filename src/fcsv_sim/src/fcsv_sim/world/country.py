@@ -13,13 +13,21 @@ _VERGE_M = ROAD_HALF_M + PAVEMENT_M
 
 
 class CountryPlan(TownPlan):
-    """Lanes swing more than streets and the ground rolls; it still rises, so that far things show above near ones."""
+    """Lanes swing more than streets and the ground rolls; it still rises, so that far things show
+    above near ones."""
 
     @classmethod
-    def of(cls, random: np.random.Generator, avenues_t: Sequence[float], crossings_s: Sequence[float]) -> "CountryPlan":
+    def of(
+        cls, random: np.random.Generator, avenues_t: Sequence[float], crossings_s: Sequence[float]
+    ) -> "CountryPlan":
         """A plan with these lanes, farmland around them."""
         phases = random.uniform(0.0, 2 * np.pi, 2), random.uniform(0.0, 2 * np.pi, 6)
-        return cls(np.sort(np.array(avenues_t, float)), np.sort(np.array(crossings_s, float)), *phases, farmland=True)
+        return cls(
+            np.sort(np.array(avenues_t, float)),
+            np.sort(np.array(crossings_s, float)),
+            *phases,
+            farmland=True,
+        )
 
     def bend(self, s):
         """Sideways shift (m) of everything at s: none at the vehicles."""
@@ -33,10 +41,16 @@ class CountryPlan(TownPlan):
         x, y = np.asarray(x, float), np.asarray(y, float)
         p = self.ground_phase
         far = np.clip((x - 50.0) / 400.0, 0.0, None)
-        swell = np.sin(x / 71.0 + p[0]) * np.sin(y / 83.0 + p[1]) + 0.5 * np.sin(x / 37.0 - y / 45.0 + p[2])
+        swell = np.sin(x / 71.0 + p[0]) * np.sin(y / 83.0 + p[1]) + 0.5 * np.sin(
+            x / 37.0 - y / 45.0 + p[2]
+        )
         hill = np.clip((x - FAR_M - 15.0 * np.sin(y / 80.0 + p[3])) / 150.0, 0.0, 1.0)
         crest = 46.0 + 18.0 * np.sin(y / 105.0 + p[4]) + 6.0 * np.sin(y / 39.0 + p[5])
-        return 74.0 * far**1.12 + 3.6 * swell * np.clip(far * 5, 0.0, 1.0) + crest * hill**2 * (3.0 - 2.0 * hill)
+        return (
+            74.0 * far**1.12
+            + 3.6 * swell * np.clip(far * 5, 0.0, 1.0)
+            + crest * hill**2 * (3.0 - 2.0 * hill)
+        )
 
     def from_lane_m(self, s: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Distance (m) of places to the verge of the nearest lane; negative on it."""
@@ -80,7 +94,9 @@ def bales(mesh: MeshBuilder, plan: TownPlan, spots: np.ndarray, random) -> None:
     for s, t in spots:
         x, y, z = plan.world(float(s), float(t))
         place = Placement(x, y, z - 0.04, random.uniform(0.0, np.pi))
-        straw = mesh.instance(np.array([0.42, 0.34, 0.16]) * random.uniform(0.8, 1.15), random.uniform(0, 999))
+        straw = mesh.instance(
+            np.array([0.42, 0.34, 0.16]) * random.uniform(0.8, 1.15), random.uniform(0, 999)
+        )
         a, b = ring + [-0.62, 0, 0], ring + [0.62, 0, 0]
         around = np.stack([a, np.roll(a, -1, 0), np.roll(b, -1, 0), b], 1)
         mesh.faces(place.apply(around), WOOD, straw)

@@ -9,8 +9,14 @@ from fcsv_sim.world.town import Town
 
 
 def write_ply(town: Town, path) -> None:
-    """Binary PLY: vertices (m, world frame) and triangles. Written beside and moved: it is whole or not there."""
-    write_mesh(town.vertices, town.triangles, path, f"simulated town, seed {town.seed}, metres, world frame")
+    """Binary PLY: vertices (m, world frame) and triangles. Written beside and moved: it is whole or
+    not there."""
+    write_mesh(
+        town.vertices,
+        town.triangles,
+        path,
+        f"simulated town, seed {town.seed}, metres, world frame",
+    )
 
 
 def write_mesh(vertices: np.ndarray, triangles: np.ndarray, path, comment: str) -> None:

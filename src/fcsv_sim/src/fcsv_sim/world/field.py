@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Open farmland: crops, lines of trees along and across, lone trees, bales, fences, a farm, woods behind."""
+"""Open farmland: crops, lines of trees along and across, lone trees, bales, fences, a farm, woods
+behind."""
 
 import numpy as np
 
@@ -15,9 +16,12 @@ def build_field(mesh: MeshBuilder, random: np.random.Generator) -> CountryPlan:
     plan = CountryPlan.of(random, [], [])
     ground(mesh, plan)
     side = random.choice([-1.0, 1.0])
-    lines = [_across(random, random.uniform(165, 200)), _across(random, random.uniform(300, 345)),
-             _along(random, side * random.uniform(24, 34), (46, 175)),
-             _along(random, -side * random.uniform(70, 110), (95, 330))]  # fmt: skip
+    lines = [
+        _across(random, random.uniform(165, 200)),
+        _across(random, random.uniform(300, 345)),
+        _along(random, side * random.uniform(24, 34), (46, 175)),
+        _along(random, -side * random.uniform(70, 110), (95, 330)),
+    ]
     lone = np.column_stack([random.uniform(34, 420, 60), random.uniform(-1, 1, 60)])
     lone[:, 1] *= plan.half_width(lone[:, 0])
     copses = [_copse(random) for _ in range(5)]
@@ -26,7 +30,12 @@ def build_field(mesh: MeshBuilder, random: np.random.Generator) -> CountryPlan:
         _undergrowth(mesh, plan, line, random)
     foreground(mesh, plan, random)
     spots = np.column_stack([random.uniform(24, 210, 70), random.uniform(-1, 1, 70)])
-    bales(mesh, plan, spots * np.column_stack([np.ones(70), 0.5 * plan.half_width(spots[:, 0])]), random)
+    bales(
+        mesh,
+        plan,
+        spots * np.column_stack([np.ones(70), 0.5 * plan.half_width(spots[:, 0])]),
+        random,
+    )
     s = np.arange(28.0, 84.0, 3.5)
     pasture_fence(mesh, plan, s, -side * (6.0 + 0.12 * s))
     t = np.arange(-60.0, 60.0, 4.0)
@@ -50,7 +59,9 @@ def _across(random, s_m: float) -> np.ndarray:
 def _along(random, t_m: float, along_m) -> np.ndarray:
     """A windbreak that runs away from the viewer, (K,2)."""
     s = np.arange(*along_m, 6.5)
-    return np.column_stack([s + random.uniform(-1.5, 1.5, len(s)), t_m + 0.1 * s + random.uniform(-1, 1, len(s))])
+    return np.column_stack(
+        [s + random.uniform(-1.5, 1.5, len(s)), t_m + 0.1 * s + random.uniform(-1, 1, len(s))]
+    )
 
 
 def _copse(random) -> np.ndarray:
@@ -69,7 +80,10 @@ def _undergrowth(mesh: MeshBuilder, plan: CountryPlan, line: np.ndarray, random)
 def _farm(mesh: MeshBuilder, plan: CountryPlan, place: np.ndarray, random) -> None:
     """A farmhouse and two barns around a yard."""
     yaw = random.uniform(-0.4, 0.4)
-    for offset, turn, size in (((0, 0), 0.0, (13, 9, 2, 2.8)), ((16, 9), np.pi / 2, (21, 10, 1, 4.4)),
-                               ((2, 24), 0.0, (17, 9, 1, 3.8))):  # fmt: skip
+    for offset, turn, size in (
+        ((0, 0), 0.0, (13, 9, 2, 2.8)),
+        ((16, 9), np.pi / 2, (21, 10, 1, 4.4)),
+        ((2, 24), 0.0, (17, 9, 1, 3.8)),
+    ):
         x, y, z = plan.world(*(place + offset))
         house(mesh, Placement(x, y, z + 0.1, yaw + turn), Body(*size), random)

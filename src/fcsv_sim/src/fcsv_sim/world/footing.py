@@ -17,8 +17,8 @@ _SLOPE_REACH_M = 0.2
 
 @dataclass(frozen=True)
 class Footing:
-    """Columns of ``grid``, in m above the world's origin: ``ground_m``, ``top_m`` of what stands on it, ``overhead_m``:
-    the lowest that hangs above, inf where nothing does.
+    """Columns of ``grid``, in m above the world's origin: ``ground_m``, ``top_m`` of what stands on
+    it, ``overhead_m``: the lowest that hangs above, inf where nothing does.
     """
 
     grid: Grid
@@ -30,7 +30,9 @@ class Footing:
     def of(cls, plan: PlacePlan, cell_m: float = 0.05) -> "Footing":
         """Finds the footing of a place's area."""
         x0, x1, y0, y1 = plan.area_m
-        x, y = np.meshgrid(np.arange(x0 + cell_m / 2, x1, cell_m), np.arange(y0 + cell_m / 2, y1, cell_m))
+        x, y = np.meshgrid(
+            np.arange(x0 + cell_m / 2, x1, cell_m), np.arange(y0 + cell_m / 2, y1, cell_m)
+        )
         ground = plan.drawn_height(x, y)
         top, overhead = ground.copy(), np.full(ground.shape, np.inf)
         spans = []
@@ -42,15 +44,17 @@ class Footing:
         for hangs in (False, True):  # first what stands on the ground: the rest may lie on it
             for rows, columns, low, high in spans:
                 rests = low <= (top if hangs else ground)[rows, columns] + _RESTS_M
-                top[rows, columns] = np.where(rests, np.maximum(top[rows, columns], high), top[rows, columns])
+                top[rows, columns] = np.where(
+                    rests, np.maximum(top[rows, columns], high), top[rows, columns]
+                )
                 if hangs:
                     lowest = np.minimum(overhead[rows, columns], low)
                     overhead[rows, columns] = np.where(rests, overhead[rows, columns], lowest)
         return cls(Grid(x0, y0, cell_m, *ground.shape), ground, top, overhead)
 
     def impassable(self, robot: Robot) -> np.ndarray:
-        """(rows, columns) bool: no part of the robot's footprint may be there: an edge higher than its step, what hangs
-        lower than its height, a slope that it does not hold."""
+        """(rows, columns) bool: no part of the robot's footprint may be there: an edge higher than
+        its step, what hangs lower than its height, a slope that it does not hold."""
         lowest = cv2.erode(self.top_m, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
         n = max(1, int(round(_SLOPE_REACH_M / self.grid.cell_m)))
         wide = np.pad(self.ground_m, n, mode="edge")
@@ -58,7 +62,11 @@ class Footing:
         gx = (wide[n:-n, 2 * n :] - wide[n:-n, : -2 * n]) / run
         gy = (wide[2 * n :, n:-n] - wide[: -2 * n, n:-n]) / run
         steep = np.hypot(gx, gy) > robot.largest_slope
-        return (self.top_m - lowest > robot.largest_step_m) | (self.overhead_m - self.top_m < robot.height_m) | steep
+        return (
+            (self.top_m - lowest > robot.largest_step_m)
+            | (self.overhead_m - self.top_m < robot.height_m)
+            | steep
+        )
 
     def clearance(self, robot: Robot) -> "Clearance":
         """How far from every place the nearest is that stops the robot."""
@@ -70,7 +78,8 @@ class Footing:
 
 @dataclass(frozen=True)
 class Clearance:
-    """``far_m`` (rows, columns) of ``grid``: how far (m) a column's middle is from the nearest that stops ``robot``."""
+    """``far_m`` (rows, columns) of ``grid``: how far (m) a column's middle is from the nearest that
+    stops ``robot``."""
 
     grid: Grid
     far_m: np.ndarray
@@ -86,14 +95,16 @@ class Clearance:
         return self.at(x_m, y_m) < self.robot.radius_m
 
     def leads(self, start_m, goal_m, margin_m: float = 0.0) -> bool:
-        """Whether a way with so much margin leads from start to goal (x, y). Raises SimulationError where either is
-        no place for the robot."""
+        """Whether a way with so much margin leads from start to goal (x, y). Raises SimulationError
+        where either is no place for the robot."""
         stands = self.far_m >= self.robot.radius_m + margin_m
         _, parts = cv2.connectedComponents(stands.astype(np.uint8), connectivity=4)
         found = []
         for name, (x, y) in (("start", start_m), ("goal", goal_m)):
             if self.at(x, y) < self.robot.radius_m + margin_m:
-                raise SimulationError(f"the {name} ({x:.1f}, {y:.1f}) m is no place for the robot {self.robot.name}")
+                raise SimulationError(
+                    f"the {name} ({x:.1f}, {y:.1f}) m is no place for the robot {self.robot.name}"
+                )
             found.append(parts[self.grid.cell_of(x, y)])
         return found[0] == found[1]
 

@@ -4,7 +4,8 @@
 #: Per-triangle material ids.
 GROUND, FACADE, ROOF, FOLIAGE, BARK, PAINT, GLASS, WOOD, PLAIN_WALL, CONCRETE = range(10)
 
-#: Columns of an instance row (float32). Every row begins with a colour (0..2, linear) and a seed (3).
+#: Columns of an instance row (float32). Every row begins with a colour (0..2, linear) and a seed
+#: (3).
 COLUMNS = 16
 SEED = 3
 # facades

@@ -21,7 +21,8 @@ Cell = Tuple[int, int]
 
 
 def build_maze(mesh: MeshBuilder, random: np.random.Generator) -> PlacePlan:
-    """Walls of 0.6 to 1.5 m on level ground; of every seven mazes about one has a goal that is walled in."""
+    """Walls of 0.6 to 1.5 m on level ground; of every seven mazes about one has a goal that is
+    walled in."""
     pitch = random.uniform(*_PITCH_M)
     opened = _opened(random)
     goal = _goal(opened, random)
@@ -35,15 +36,21 @@ def build_maze(mesh: MeshBuilder, random: np.random.Generator) -> PlacePlan:
     end = tuple(float(v) for v in corner + (np.array(goal) + 0.5) * pitch)
     area = (_NEAREST_X_M - 4.0, _NEAREST_X_M + 2 * half + 3.0, -half - 3.0, half + 3.0)
     plan = PlacePlan(
-        np.empty(0), np.empty(0), random.uniform(0, 2 * np.pi, 2), random.uniform(0, 2 * np.pi, 6),
-        area_m=area, start_m=start, goal_m=end, solids=tuple(solids),
-    )  # fmt: skip
+        np.empty(0),
+        np.empty(0),
+        random.uniform(0, 2 * np.pi, 2),
+        random.uniform(0, 2 * np.pi, 6),
+        area_m=area,
+        start_m=start,
+        goal_m=end,
+        solids=tuple(solids),
+    )
     return draw_place(mesh, plan, random)
 
 
 def _opened(random: np.random.Generator) -> List[Tuple[Cell, Cell]]:
-    """Pairs of neighbouring cells without a wall between: a spanning tree by a random walk that turns back at dead
-    ends, and a few more."""
+    """Pairs of neighbouring cells without a wall between: a spanning tree by a random walk that
+    turns back at dead ends, and a few more."""
     inside = [(i, j) for i in range(_CELLS) for j in range(_CELLS)]
     stack, seen, opened = [(0, 0)], {(0, 0)}, []
     while stack:
@@ -61,8 +68,11 @@ def _opened(random: np.random.Generator) -> List[Tuple[Cell, Cell]]:
 
 def _around(cell: Cell) -> List[Cell]:
     i, j = cell
-    return [(a, b) for a, b in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1))
-            if 0 <= a < _CELLS and 0 <= b < _CELLS]  # fmt: skip
+    return [
+        (a, b)
+        for a, b in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1))
+        if 0 <= a < _CELLS and 0 <= b < _CELLS
+    ]
 
 
 def _goal(opened, random: np.random.Generator) -> Cell:
@@ -73,8 +83,8 @@ def _goal(opened, random: np.random.Generator) -> Cell:
 
 
 def _walls(opened, entrance: int):
-    """Ends (in cells) of pieces of wall: all sides of all cells but the opened ones and the entrance at the near
-    side."""
+    """Ends (in cells) of pieces of wall: all sides of all cells but the opened ones and the
+    entrance at the near side."""
     for i in range(_CELLS + 1):
         for j in range(_CELLS):
             if not (i == 0 and j == entrance) and ((i - 1, j), (i, j)) not in opened:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collects quads and triangles with material, instance and metric texture coordinates into one mesh."""
+"""Collects quads and triangles with material, instance and metric texture coordinates into one
+mesh."""
 
 from dataclasses import dataclass
 from typing import List, Optional
@@ -9,7 +10,9 @@ import numpy as np
 from fcsv_sim.world.materials import COLUMNS
 
 _CUBE = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
-_FACES = np.array([[0, 2, 6, 4], [3, 1, 5, 7], [1, 0, 4, 5], [2, 3, 7, 6], [4, 5, 7, 6], [1, 0, 2, 3]])
+_FACES = np.array(
+    [[0, 2, 6, 4], [3, 1, 5, 7], [1, 0, 4, 5], [2, 3, 7, 6], [4, 5, 7, 6], [1, 0, 2, 3]]
+)
 
 
 @dataclass(frozen=True)
@@ -54,8 +57,11 @@ class MeshBuilder:
         """Index of one new row: colour (3), seed, and the material's own columns from 4 on."""
         return int(self.instances(np.array([[*colour, seed, *rest]]))[0])
 
-    def faces(self, corners: np.ndarray, material: int, instance, uv: Optional[np.ndarray] = None) -> None:
-        """Quads (K, 4, 3) or triangles (K, 3, 3) with uv (K, 4 or 3, 2) in metres; else it is taken from the shape."""
+    def faces(
+        self, corners: np.ndarray, material: int, instance, uv: Optional[np.ndarray] = None
+    ) -> None:
+        """Quads (K, 4, 3) or triangles (K, 3, 3) with uv (K, 4 or 3, 2) in metres; else it is taken
+        from the shape."""
         corners = np.asarray(corners, float)
         if len(corners) == 0:
             return
@@ -66,20 +72,31 @@ class MeshBuilder:
         instances = np.repeat(np.broadcast_to(np.asarray(instance, np.int32), (count,)), len(fan))
         self._append(corners.reshape(-1, 3), triangles, uv.reshape(-1, 2), material, instances)
 
-    def copies(self, points: np.ndarray, faces: np.ndarray, material: int, instance: np.ndarray) -> None:
-        """K meshes of one topology: points (K, V, 3), triangles (F, 3) among them, an instance each; no uv."""
+    def copies(
+        self, points: np.ndarray, faces: np.ndarray, material: int, instance: np.ndarray
+    ) -> None:
+        """K meshes of one topology: points (K, V, 3), triangles (F, 3) among them, an instance
+        each; no uv."""
         count, size = points.shape[:2]
         first = size * np.arange(count)[:, None, None]
-        self._append(points.reshape(-1, 3), (first + faces).reshape(-1, 3), np.zeros((count * size, 2)), material,
-                     np.repeat(np.asarray(instance, np.int32), len(faces)))  # fmt: skip
+        self._append(
+            points.reshape(-1, 3),
+            (first + faces).reshape(-1, 3),
+            np.zeros((count * size, 2)),
+            material,
+            np.repeat(np.asarray(instance, np.int32), len(faces)),
+        )
 
     def box(self, place: Placement, low, high, material: int, instance, faces=range(6)) -> None:
         """Axis-aligned box in the placement's frame; faces: -x, +x, -y, +y, top, bottom."""
         low, high = np.asarray(low, float), np.asarray(high, float)
-        self.faces(place.apply((low + _CUBE * (high - low))[_FACES[list(faces)]]), material, instance)
+        self.faces(
+            place.apply((low + _CUBE * (high - low))[_FACES[list(faces)]]), material, instance
+        )
 
     def build(self):
-        """vertices (N,3) f32, triangles (M,3) i32, uv (N,2) f32, material (M) u8, instance (M) i32, table f32."""
+        """vertices (N,3) f32, triangles (M,3) i32, uv (N,2) f32, material (M) u8, instance (M) i32,
+        table f32."""
         return (
             np.concatenate(self._vertices),
             np.concatenate(self._triangles),

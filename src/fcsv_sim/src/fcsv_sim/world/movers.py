@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What moves in a town: a car that drives along the first crossing street, and a walker at its kerb."""
+"""What moves in a town: a car that drives along the first crossing street, and a walker at its
+kerb."""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +19,8 @@ _FROM_MIDDLE_M = {"car": -0.4, "walker": -2.6}  # of the crossing street, toward
 
 @dataclass(frozen=True)
 class Mover:
-    """Boxes (K, 11), as bodies have them, that go to and fro along y at one speed and turn around at the ends."""
+    """Boxes (K, 11), as bodies have them, that go to and fro along y at one speed and turn around
+    at the ends."""
 
     name: str
     boxes: np.ndarray
@@ -58,20 +60,32 @@ def mesh(boxes: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], float)
     local = boxes[:, None, 3:6] * signs
     c, s = boxes[:, None, 6], boxes[:, None, 7]
-    turned = np.stack([c * local[..., 0] - s * local[..., 1], s * local[..., 0] + c * local[..., 1], local[..., 2]], -1)
-    quads = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
+    turned = np.stack(
+        [
+            c * local[..., 0] - s * local[..., 1],
+            s * local[..., 0] + c * local[..., 1],
+            local[..., 2],
+        ],
+        -1,
+    )
+    quads = np.array(
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+    )
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     first = 8 * np.arange(len(boxes))[:, None, None]
     return (turned + boxes[:, None, :3]).reshape(-1, 3), (faces + first).reshape(-1, 3)
 
 
 def movers(plan: TownPlan) -> List[Mover]:
-    """Makes the movers of a town; they keep to the road, clear of the cars that are parked at its far side.
+    """Makes the movers of a town; they keep to the road, clear of the cars that are parked at its
+    far side.
 
     Raises SimulationError in a world without a crossing street.
     """
     if not len(plan.crossings_s):
-        raise SimulationError("a car and a walker need a street that crosses, as in the worlds street and plain")
+        raise SimulationError(
+            "a car and a walker need a street that crosses, as in the worlds street and plain"
+        )
     middle = float(plan.crossings_s[0])
     places = {name: middle + off for name, off in _FROM_MIDDLE_M.items()}
     z = {name: float(plan.height(x, 0.0)) for name, x in places.items()}
@@ -86,8 +100,10 @@ def _row(centre, half, colour) -> List[float]:
 
 
 def _car() -> np.ndarray:
-    """A delivery van, 4.2 m long: painted panels, glass, wheels; something to be matched on every side."""
-    rows, random = [], np.random.default_rng(4)  # panels that repeated themselves would match at other depths, too
+    """A delivery van, 4.2 m long: painted panels, glass, wheels; something to be matched on every
+    side."""
+    # panels that repeated themselves would match at other depths, too
+    rows, random = [], np.random.default_rng(4)
     colours = ((0.75, 0.75, 0.72), (0.45, 0.04, 0.03), (0.05, 0.10, 0.30), (0.30, 0.28, 0.05))
     for x in np.arange(-2.1 + _PANEL_M / 2, 2.1, _PANEL_M):
         for z in np.arange(0.30 + _PANEL_M / 2, 1.9 if x < 1.0 else 1.2, _PANEL_M):
@@ -105,7 +121,9 @@ def _walker() -> np.ndarray:
     dark, skin = (0.04, 0.05, 0.09), (0.40, 0.24, 0.17)
     bands = ((0.60, 0.45, 0.05), (0.05, 0.07, 0.20), (0.65, 0.62, 0.58))
     rows = [_row((0.1 * s, 0.11 * s, 0.42), (0.10, 0.08, 0.42), dark) for s in (-1, 1)]
-    rows += [_row((0.0, 0.0, 0.84 + 0.11 * (2 * k + 1)), (0.14, 0.26, 0.11), bands[k]) for k in range(3)]
+    rows += [
+        _row((0.0, 0.0, 0.84 + 0.11 * (2 * k + 1)), (0.14, 0.26, 0.11), bands[k]) for k in range(3)
+    ]
     rows.append(_row((-0.22, 0.0, 1.22), (0.10, 0.17, 0.24), (0.30, 0.02, 0.02)))
     rows.append(_row((0.0, 0.0, 1.63), (0.10, 0.10, 0.13), skin))
     rows.append(_row((0.02, 0.0, 1.77), (0.13, 0.12, 0.03), (0.02, 0.02, 0.02)))

@@ -17,7 +17,8 @@ HILLS_END_M = 640.0
 
 @dataclass(frozen=True)
 class Parcel:
-    """A plot: middle and size in plan coordinates (m); its street lies towards ``front`` (-1 or +1) in t."""
+    """A plot: middle and size in plan coordinates (m); its street lies towards ``front`` (-1 or +1)
+    in t."""
 
     s: float
     t: float
@@ -28,7 +29,8 @@ class Parcel:
 
 @dataclass(frozen=True)
 class Cover:
-    """What lies on the ground (linear rgb) and how much of it hides what is below (0..1): snow, sand."""
+    """What lies on the ground (linear rgb) and how much of it hides what is below (0..1): snow,
+    sand."""
 
     colour: Tuple[float, float, float] = (0.0, 0.0, 0.0)
     share: float = 0.0
@@ -72,14 +74,21 @@ class TownPlan:
         return float(np.arctan(self.bend(s + 0.5) - self.bend(s - 0.5)))
 
     def height(self, x, y):
-        """Ground (m): flat field, then rising like a theatre so that far things show above near ones."""
+        """Ground (m): flat field, then rising like a theatre so that far things show above near
+        ones."""
         x, y = np.asarray(x, float), np.asarray(y, float)
         p = self.ground_phase
         far = np.clip((x - 55.0) / 400.0, 0.0, None)
-        waves = np.sin(x / 47.0 + p[0]) * np.sin(y / 61.0 + p[1]) + 0.6 * np.sin(x / 23.0 + y / 29.0 + p[2])
+        waves = np.sin(x / 47.0 + p[0]) * np.sin(y / 61.0 + p[1]) + 0.6 * np.sin(
+            x / 23.0 + y / 29.0 + p[2]
+        )
         hill = np.clip((x - FAR_M - 12.0 * np.sin(y / 70.0 + p[3])) / 150.0, 0.0, 1.0)
         crest = 42.0 + 15.0 * np.sin(y / 95.0 + p[4]) + 7.0 * np.sin(y / 33.0 + p[5])
-        return 72.0 * far**1.12 + 1.3 * waves * np.clip(far * 6, 0.0, 1.0) + crest * hill**2 * (3.0 - 2.0 * hill)
+        return (
+            72.0 * far**1.12
+            + 1.3 * waves * np.clip(far * 6, 0.0, 1.0)
+            + crest * hill**2 * (3.0 - 2.0 * hill)
+        )
 
     def world(self, s: float, t: float):
         """x, y, z (m) on the ground of a place in the plan."""

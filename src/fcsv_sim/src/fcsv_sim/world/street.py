@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A town: streets with houses and blocks, gardens, cars, trees; also with plain facades on snow or sand."""
+"""A town: streets with houses and blocks, gardens, cars, trees; also with plain facades on snow or
+sand."""
 
 from dataclasses import replace
 
@@ -20,7 +21,8 @@ def build_street(mesh: MeshBuilder, random: np.random.Generator) -> TownPlan:
 
 
 def build_plain(mesh: MeshBuilder, random: np.random.Generator) -> TownPlan:
-    """Little texture: most walls blank and smooth, roofs and ground under snow or sand, few trees."""
+    """Little texture: most walls blank and smooth, roofs and ground under snow or sand, few
+    trees."""
     cover = _COVERS[int(random.integers(len(_COVERS)))]
     return _build(mesh, replace(TownPlan.draw(random), cover=cover), random, plain=True)
 
@@ -37,11 +39,15 @@ def _build(mesh: MeshBuilder, plan: TownPlan, random, plain: bool) -> TownPlan:
 
 
 def _parcels(mesh: MeshBuilder, plan: TownPlan, random, plain: bool) -> np.ndarray:
-    """A building or a green on every plot; returns where garden trees stand, (K, 2) in plan coordinates."""
+    """A building or a green on every plot; returns where garden trees stand, (K, 2) in plan
+    coordinates."""
     spots = [np.zeros((0, 2))]
     parcels = plan.parcels(random)
     wall_at = min(
-        parcels, key=lambda p: abs(p.s - 78.0) + abs(p.t - plan.avenues_t[6] + np.sign(plan.bend_phase[0] - 3) * 24.0)
+        parcels,
+        key=lambda p: (
+            abs(p.s - 78.0) + abs(p.t - plan.avenues_t[6] + np.sign(plan.bend_phase[0] - 3) * 24.0)
+        ),
     )
     for parcel in parcels:
         if parcel is wall_at:
@@ -72,11 +78,19 @@ def _built(mesh: MeshBuilder, plan: TownPlan, parcel: Parcel, random, plain: boo
     x, y, z = plan.world(parcel.s, t)
     place = Placement(x, y, z + 0.2, plan.heading(x) + np.radians(random.normal(0.0, 2.0)))
     if tall:
-        floors = int(random.integers(3, 6) + random.uniform(0.0, 4.5) * np.clip((parcel.s - 120) / 250, 0.0, 1.0))
+        floors = int(
+            random.integers(3, 6)
+            + random.uniform(0.0, 4.5) * np.clip((parcel.s - 120) / 250, 0.0, 1.0)
+        )
         block(
             mesh,
             place,
-            Body(parcel.length_m - random.uniform(1.5, 5.0), depth + 2, floors, random.uniform(2.8, 3.2)),
+            Body(
+                parcel.length_m - random.uniform(1.5, 5.0),
+                depth + 2,
+                floors,
+                random.uniform(2.8, 3.2),
+            ),
             random,
             plan.cover.colour if plain else None,
         )
@@ -100,14 +114,18 @@ def _boundary(mesh: MeshBuilder, plan: TownPlan, parcel: Parcel, random) -> None
         return
     half, front = parcel.length_m / 2 - 0.4, parcel.t + parcel.front * (parcel.depth_m / 2 - 0.4)
     rear = parcel.t - parcel.front * (parcel.depth_m / 2 - 0.3)
-    line = np.array([[parcel.s - half, rear], [parcel.s - half, front], [parcel.s + half * 0.5, front]])
+    line = np.array(
+        [[parcel.s - half, rear], [parcel.s - half, front], [parcel.s + half * 0.5, front]]
+    )
     s = np.concatenate([np.linspace(a, b, 7) for a, b in zip(line[:-1, 0], line[1:, 0])])
     t = np.concatenate([np.linspace(a, b, 7) for a, b in zip(line[:-1, 1], line[1:, 1])])
     if random.random() < 0.5:
         furniture.fence(mesh, on_ground(plan, s, t), random.uniform(0.9, 1.7), random)
         return
     fine = np.linspace(0, len(s) - 1, 30)
-    middle = on_ground(plan, np.interp(fine, np.arange(len(s)), s), np.interp(fine, np.arange(len(t)), t))
+    middle = on_ground(
+        plan, np.interp(fine, np.arange(len(s)), s), np.interp(fine, np.arange(len(t)), t)
+    )
     tall = random.uniform(0.7, 1.2)
     vegetation.bushes(
         mesh,
@@ -124,11 +142,21 @@ def _streets(mesh: MeshBuilder, plan: TownPlan, random) -> None:
         for s in np.arange(plan.crossings_s[0] + 8, FAR_M, 27.0) + random.uniform(-2, 2):
             if abs(t) < plan.half_width(s):
                 x, y, z = plan.world(s, t - kerb)
-                furniture.lamp_post(mesh, Placement(x, y, z, plan.heading(x)), random.uniform(5.5, 7.0))
+                furniture.lamp_post(
+                    mesh, Placement(x, y, z, plan.heading(x)), random.uniform(5.5, 7.0)
+                )
         for s in np.arange(plan.crossings_s[0] + 7, min(FAR_M, 330.0), 6.5):
-            if abs(t) < plan.half_width(s) and np.abs(plan.crossings_s - s).min() > 7 and random.random() < 0.4:
+            if (
+                abs(t) < plan.half_width(s)
+                and np.abs(plan.crossings_s - s).min() > 7
+                and random.random() < 0.4
+            ):
                 _park(
-                    mesh, plan, s + random.uniform(-0.6, 0.6), t + random.choice([-1, 1]) * (ROAD_HALF_M - 1.05), random
+                    mesh,
+                    plan,
+                    s + random.uniform(-0.6, 0.6),
+                    t + random.choice([-1, 1]) * (ROAD_HALF_M - 1.05),
+                    random,
                 )
     s = plan.crossings_s[0]
     for t in np.arange(-60.0, 61.0, 7.0):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A whole world out of one seed: ground, streets, buildings, gardens, hills; of one of several kinds."""
+"""A whole world out of one seed: ground, streets, buildings, gardens, hills; of one of several
+kinds."""
 
 from dataclasses import dataclass
 from typing import Callable, Dict
@@ -15,7 +16,8 @@ from fcsv_sim.world.rubble import build_rubble
 from fcsv_sim.world.street import build_plain, build_street
 from fcsv_sim.world.village import build_village
 
-#: Kinds of worlds. All leave the field up to x = 10 m free for vehicles and show something at every range.
+#: Kinds of worlds. All leave the field up to x = 10 m free for vehicles and show something at every
+#: range.
 WORLDS: Dict[str, Callable[[MeshBuilder, np.random.Generator], TownPlan]] = {
     "street": build_street,  # a town
     "village": build_village,  # scattered houses, gardens, lanes
@@ -24,13 +26,17 @@ WORLDS: Dict[str, Callable[[MeshBuilder, np.random.Generator], TownPlan]] = {
 }
 
 #: Kinds of worlds for a robot on the ground: their plan is a PlacePlan. Demos do not fly in them.
-PLACES: Dict[str, Callable[[MeshBuilder, np.random.Generator], TownPlan]] = {"maze": build_maze, "rubble": build_rubble}
+PLACES: Dict[str, Callable[[MeshBuilder, np.random.Generator], TownPlan]] = {
+    "maze": build_maze,
+    "rubble": build_rubble,
+}
 
 
 @dataclass(frozen=True)
 class Town:
-    """Mesh in the world frame (m): vertices (N,3) f32, triangles (M,3) i32, uv (N,2) f32 in metres per vertex,
-    material (M) u8 and instance (M) i32 per triangle, and the instances' parameters (I, COLUMNS) f32."""
+    """Mesh in the world frame (m): vertices (N,3) f32, triangles (M,3) i32, uv (N,2) f32 in metres
+    per vertex, material (M) u8 and instance (M) i32 per triangle, and the instances' parameters (I,
+    COLUMNS) f32."""
 
     seed: int
     plan: TownPlan
@@ -43,7 +49,8 @@ class Town:
 
     @classmethod
     def generate(cls, seed: int, world: str = "street") -> "Town":
-        """The same world for the same seed and kind, on every machine. Raises SimulationError on an unknown kind."""
+        """The same world for the same seed and kind, on every machine. Raises SimulationError on an
+        unknown kind."""
         worlds = {**WORLDS, **PLACES}
         if world not in worlds:
             raise SimulationError(f"world '{world}' is not one of {', '.join(worlds)}")

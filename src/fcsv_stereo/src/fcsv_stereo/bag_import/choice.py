@@ -74,8 +74,8 @@ class _Candidates:
         self._stamps_s = np.array([p.stamp_s for p in posed])
 
     def of(self, reference: PosedStamp, count: int) -> List[PosedStamp]:
-        """Chooses at most one for each step of the baseline and each axis, the nearest in time to the
-        reference.
+        """Chooses at most one for each step of the baseline and each axis, the nearest in time to
+        the reference.
         """
         baselines_m, lengths_m = self._baselines(reference)
         low_m, high_m = (share * self._range_m for share in SHARES)
@@ -92,12 +92,16 @@ class _Candidates:
         apart_s = np.round(np.abs(self._stamps_s[fit] - reference.stamp_s), 1)
         order = np.lexsort((-lengths_m[fit], apart_s))
         found = [self._first(reference, fit[order[places[order] == k]]) for k in np.unique(places)]
-        return [self._posed[i] for i in sorted((i for i in found if i >= 0), key=lambda i: lengths_m[i])]
+        return [
+            self._posed[i] for i in sorted((i for i in found if i >= 0), key=lambda i: lengths_m[i])
+        ]
 
     def _first(self, reference: PosedStamp, indices: np.ndarray) -> int:
         """The first that sees enough of the reference picture; -1: none of the first ones does."""
         tried = (i for i in indices[:_TRIED])
-        sees = (i for i in tried if overlap(reference, self._posed[i], self._range_m) >= _LEAST_OVERLAP)
+        sees = (
+            i for i in tried if overlap(reference, self._posed[i], self._range_m) >= _LEAST_OVERLAP
+        )
         return int(next(sees, -1))
 
     def _baselines(self, reference: PosedStamp) -> Tuple[np.ndarray, np.ndarray]:

@@ -75,15 +75,17 @@ def _request(args) -> ImportRequest:
     cameras = tuple(map(CameraRequest, args.camera, poses, mounts, infos, axes, offsets))
     return ImportRequest(
         cameras, args.range_m, args.most, args.reference, args.world, args.gap_s, args.by_receipt
-    )  # fmt: skip
+    )
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="import_bag", description="Pictures of posed cameras in any bag (ROS 1, ROS 2, MCAP) as a folder that map "
+        prog="import_bag",
+        description="Pictures of posed cameras in any bag (ROS 1, ROS 2, MCAP) as a folder that map "
         "reads. Options of a camera: once for all, or once for each --camera, in its order.",
-        epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     add = parser.add_argument
     add("bags", nargs="+", metavar="BAG", help="a bag, or several of one recording")
     add(
@@ -94,24 +96,35 @@ def _parser() -> argparse.ArgumentParser:
         help="new folder for images/, cameras.txt, images.txt",
     )
     add(
-        "--camera", action="append", required=True, metavar="TOPIC",
+        "--camera",
+        action="append",
+        required=True,
+        metavar="TOPIC",
         help="its pictures, sensor_msgs/Image or CompressedImage; the first camera has the reference picture",
-    )  # fmt: skip
+    )
     add(
-        "--pose", action="append", required=True, metavar="SOURCE",
+        "--pose",
+        action="append",
+        required=True,
+        metavar="SOURCE",
         help="nav_msgs/Odometry, PoseStamped, PoseWithCovarianceStamped or TransformStamped; a FRAME of tf; or a FILE "
         "of TUM's format",
-    )  # fmt: skip
+    )
     add(
-        "--range-m", type=float, required=True, metavar="M",
+        "--range-m",
+        type=float,
+        required=True,
+        metavar="M",
         help="distance of the scene: baselines of 1 to 10 %% of it are chosen",
-    )  # fmt: skip
+    )
     add(
-        "--mount", action="append", metavar="HOW",
+        "--mount",
+        action="append",
+        metavar="HOW",
         help="what the pose is of: optical (the camera, z forward), camera (the camera, x forward), "
         "x,y,z,roll,pitch,yaw of the camera (x forward) in it (m, degrees), or a FRAME of tf; by "
         "default the frame that the pose names, joined with that of the pictures by tf",
-    )  # fmt: skip
+    )
     add(
         "--axes",
         action="append",

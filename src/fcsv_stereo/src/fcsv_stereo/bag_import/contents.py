@@ -12,9 +12,11 @@ from fcsv_stereo.sessions import compressed
 IMAGES = ("sensor_msgs/Image", compressed.TYPE)
 INFO = "sensor_msgs/CameraInfo"
 POSES = (
-    "nav_msgs/Odometry", "geometry_msgs/PoseStamped", "geometry_msgs/PoseWithCovarianceStamped",
+    "nav_msgs/Odometry",
+    "geometry_msgs/PoseStamped",
+    "geometry_msgs/PoseWithCovarianceStamped",
     "geometry_msgs/TransformStamped",
-)  # fmt: skip
+)
 TF = ("tf2_msgs/TFMessage", "tf/tfMessage")
 _NAMED = 12  # topics that a message lists
 

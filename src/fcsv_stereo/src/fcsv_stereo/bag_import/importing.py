@@ -297,11 +297,16 @@ class _Posing:
 
 
 def _chosen(
-    bags: Sequence[Path], request: ImportRequest, sources: _Sources, recorded: BagContents,
-    posed: Sequence[PosedStamp], warnings: List[str], step: Step,
-) -> Tuple[List[PosedStamp], List[np.ndarray]]:  # fmt: skip
-    """The reference first, with 8-bit RGB; pictures that cannot be decoded are replaced by others.
-    """
+    bags: Sequence[Path],
+    request: ImportRequest,
+    sources: _Sources,
+    recorded: BagContents,
+    posed: Sequence[PosedStamp],
+    warnings: List[str],
+    step: Step,
+) -> Tuple[List[PosedStamp], List[np.ndarray]]:
+    """The reference first, with 8-bit RGB; pictures that cannot be decoded are replaced by
+    others."""
     step("choosing pictures", 0.4)
     left, decoded = list(posed), {}  # type: ignore[var-annotated]
     for _ in range(_ROUNDS):

@@ -147,8 +147,8 @@ def _mount(
 
 
 def _axes(where: str, request: CameraRequest, frame: str) -> np.ndarray:
-    """T_frame_optical of the frame that the pictures name. Raises InputError where it is not known.
-    """
+    """T_frame_optical of the frame that the pictures name. Raises InputError where it is not
+    known."""
     if request.axes is not None:
         return AXES[request.axes]
     if _OPTICAL in frame:

@@ -14,7 +14,13 @@ from fcsv_geometry.bags import reading
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import BagError, GeometryError
 from fcsv_geometry.intrinsics import camera_of_matrix
-from fcsv_geometry.messages import camera_from_info, info_field, pose_to_transform, seconds, transform_from_msg
+from fcsv_geometry.messages import (
+    camera_from_info,
+    info_field,
+    pose_to_transform,
+    seconds,
+    transform_from_msg,
+)
 from fcsv_stereo.bag_import.contents import TF, base_of
 from fcsv_stereo.bag_import.frame_tree import FrameCollector
 from fcsv_stereo.errors import InputError
@@ -47,8 +53,8 @@ class PictureTopic:
 
 @dataclass
 class BagContents:
-    """Holds by topic what was recorded; ``lags_s``: by topic the time from each stamp to its recording
-    (s).
+    """Holds by topic what was recorded; ``lags_s``: by topic the time from each stamp to its
+    recording (s).
     """
 
     pictures: Dict[str, PictureTopic]
@@ -124,7 +130,8 @@ class BagPass:
             self.contents.left_out.add(topic, stamp_s, str(error))
 
     def _take_info(self, path: Path, pictures: PictureTopic, stamp_s: float, message) -> None:
-        """Takes the intrinsics: of rectified pictures P holds, and R turns the camera; of others K and D."""
+        """Takes the intrinsics: of rectified pictures P holds, and R turns the camera; of others K
+        and D."""
         if not base_of(pictures.stamps.topic).rpartition("/")[2].startswith("image_rect"):
             camera = camera_from_info(message)
         else:

@@ -25,10 +25,14 @@ _LEVELS = ", ".join(f"{100 * level:.0f}" for level in LEVELS)
 
 #: What ``DepthMetrics.cells`` holds, in its order.
 TITLES = (
-    "mean relative error", "within 3 %, of the answered", "AUSE", f"errors in intervals of {_LEVELS} %",
-    "sharpness: median of sigma over depth", "worst band of distance, in its interval of 90 %",
+    "mean relative error",
+    "within 3 %, of the answered",
+    "AUSE",
+    f"errors in intervals of {_LEVELS} %",
+    "sharpness: median of sigma over depth",
+    "worst band of distance, in its interval of 90 %",
     "overconfident share",
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -42,9 +46,9 @@ class GroupCoverage:
 
 @dataclass(frozen=True)
 class DepthMetrics:
-    """Holds figures of the answered pixels. ``interval_coverage``: by nominal level, the share of errors in that
-    level's interval about the depth. ``sharpness``: median of sigma over depth. ``worst_group``:
-    None where every group is too small.
+    """Holds figures of the answered pixels. ``interval_coverage``: by nominal level, the share of
+    errors in that level's interval about the depth. ``sharpness``: median of sigma over depth.
+    ``worst_group``: None where every group is too small.
     """
 
     mean_relative_error: float
@@ -59,11 +63,14 @@ class DepthMetrics:
         """Formats the figures for tables, by ``TITLES``."""
         worst = self.worst_group
         return (
-            f"{self.mean_relative_error:.2%}", f"{self.within_3_percent:.1%}", f"{self.ause:.3f}",
+            f"{self.mean_relative_error:.2%}",
+            f"{self.within_3_percent:.1%}",
+            f"{self.ause:.3f}",
             ", ".join(f"{100 * share:.1f}" for _, share in self.interval_coverage) + "%",
-            f"{self.sharpness:.2%}", "–" if worst is None else f"{worst.coverage:.1%} ({worst.name})",
+            f"{self.sharpness:.2%}",
+            "–" if worst is None else f"{worst.coverage:.1%} ({worst.name})",
             f"{self.overconfident_share:.1%}",
-        )  # fmt: skip
+        )
 
     def to_dict(self) -> dict:
         """Gives the figures for report.json; levels in percent."""

@@ -16,7 +16,8 @@ LEAST_SHARE = 2e-4  # of a picture that something takes that is judged: 60 pixel
 
 @dataclass(frozen=True)
 class Band:
-    """Pixels whose truth lies in a range (m); shares are of its pixels, or of the answered ones where said."""
+    """Pixels whose truth lies in a range (m); shares are of its pixels, or of the answered ones
+    where said."""
 
     range_m: Tuple[float, float]
     pixels: int
@@ -28,8 +29,9 @@ class Band:
 
 @dataclass(frozen=True)
 class Moving:
-    """Something that moves, in the reference picture: its true distance (m, median), and of its pixels the share
-    that is answered and the share that is off by more than a tenth; ``median_relative_error``: of the answered ones.
+    """Something that moves, in the reference picture: its true distance (m, median), and of its
+    pixels the share that is answered and the share that is off by more than a tenth;
+    ``median_relative_error``: of the answered ones.
     """
 
     name: str
@@ -49,7 +51,8 @@ class Moving:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """``overall`` is the band up to ``most_m``; pose errors are of each picture relative to the reference.
+    """``overall`` is the band up to ``most_m``; pose errors are of each picture relative to the
+    reference.
 
     ``metrics``: those of the field, of the pixels up to ``most_m`` that have a depth and a sigma;
     None where there is none.
@@ -76,17 +79,22 @@ class Evaluation:
             "within_2_sigma": self.within_2_sigma,
             "metrics": None if self.metrics is None else self.metrics.to_dict(),
             "bands": [asdict(b) for b in self.bands],
-            "pose_errors": {n: {"rotation_deg": r, "position_m": p} for n, (r, p) in self.pose_errors.items()},
+            "pose_errors": {
+                n: {"rotation_deg": r, "position_m": p} for n, (r, p) in self.pose_errors.items()
+            },
             "moving": [asdict(m) for m in self.moving],
         }
 
 
 def evaluate(
-    result: MapResult, truth: Optional[Truth], true_depth: np.ndarray, most_m: float = 400.0,
+    result: MapResult,
+    truth: Optional[Truth],
+    true_depth: np.ndarray,
+    most_m: float = 400.0,
     on: Optional[Mapping[str, np.ndarray]] = None,
-) -> Evaluation:  # fmt: skip
-    """Compares a map with the truth of all pixels whose true depth is at most ``most_m``. ``on``: pixels (H,W bool) of
-    each thing that moves."""
+) -> Evaluation:
+    """Compares a map with the truth of all pixels whose true depth is at most ``most_m``. ``on``:
+    pixels (H,W bool) of each thing that moves."""
     overall = band(result.depth, true_depth, (0.0, most_m))
     bands = [band(result.depth, true_depth, r) for r in BANDS_M if r[0] < most_m]
     judged = np.isfinite(result.depth) & (true_depth <= most_m)
@@ -109,9 +117,16 @@ def by_distance(true_depth: np.ndarray, most_m: float) -> Dict[str, np.ndarray]:
     return {f"{a:.0f} to {b:.0f} m": (true_depth > a) & (true_depth <= b) for a, b in bands}
 
 
-def moving(depth: np.ndarray, true_depth: np.ndarray, on: Mapping[str, np.ndarray]) -> Tuple[Moving, ...]:
-    """What a depth image (H,W) says of things that move; ``on`` as in ``evaluate``. What is hardly seen is left out."""
-    return tuple(_moving(n, depth[m], true_depth[m]) for n, m in on.items() if m.sum() >= LEAST_SHARE * m.size)
+def moving(
+    depth: np.ndarray, true_depth: np.ndarray, on: Mapping[str, np.ndarray]
+) -> Tuple[Moving, ...]:
+    """What a depth image (H,W) says of things that move; ``on`` as in ``evaluate``. What is hardly
+    seen is left out."""
+    return tuple(
+        _moving(n, depth[m], true_depth[m])
+        for n, m in on.items()
+        if m.sum() >= LEAST_SHARE * m.size
+    )
 
 
 def _moving(name: str, found: np.ndarray, true: np.ndarray) -> Moving:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ground sample distance: what one pixel of the reference picture covers, across the line of sight."""
+"""Ground sample distance: what one pixel of the reference picture covers, across the line of
+sight."""
 
 from dataclasses import dataclass
 from typing import List, Optional, Tuple
@@ -13,8 +14,8 @@ _DISTANCES_M = (5.0, 10.0, 25.0, 50.0, 100.0, 200.0, 400.0)
 
 @dataclass(frozen=True)
 class GroundSample:
-    """``per_m``: metres of a pixel at 1 m of depth, of the coarser axis; it grows in proportion to the depth.
-    ``median_depth_m`` is that of the mapped pixels, None where there are none."""
+    """``per_m``: metres of a pixel at 1 m of depth, of the coarser axis; it grows in proportion to
+    the depth. ``median_depth_m`` is that of the mapped pixels, None where there are none."""
 
     per_m: float
     median_depth_m: Optional[float]
@@ -43,6 +44,7 @@ class GroundSample:
         """Gives the sample for report.json."""
         median_m = self.median_depth_m
         return {
-            "m_per_px_at_1_m": self.per_m, "median_depth_m": median_m,
+            "m_per_px_at_1_m": self.per_m,
+            "median_depth_m": median_m,
             "at_median_m": None if median_m is None else self.at_m(median_m),
-        }  # fmt: skip
+        }

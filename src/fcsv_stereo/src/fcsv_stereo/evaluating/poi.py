@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation by points of interest (thesis 6.7): what each configuration says of a box in the reference picture."""
+"""Evaluation by points of interest (thesis 6.7): what each configuration says of a box in the
+reference picture."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,8 @@ PERCENTILES = (5, 25, 50, 75, 95)
 
 @dataclass(frozen=True)
 class PointOfInterest:
-    """A box about pixel (u_px, v_px) of the reference picture; ``truth_m`` is its true depth where it is known."""
+    """A box about pixel (u_px, v_px) of the reference picture; ``truth_m`` is its true depth where
+    it is known."""
 
     name: str  # in the report
     u_px: float  # middle of the box in the reference picture
@@ -30,12 +32,15 @@ class PointOfInterest:
         if not self.name.strip():
             raise ValueError("name: is empty")
         if self.width_px < 1 or self.height_px < 1:
-            raise ValueError(f"width_px, height_px: a box of {self.width_px}x{self.height_px} holds no pixel")
+            raise ValueError(
+                f"width_px, height_px: a box of {self.width_px}x{self.height_px} holds no pixel"
+            )
         if self.truth_m is not None and not self.truth_m > 0:
             raise ValueError(f"truth_m: {self.truth_m} must be positive")
 
     def box(self, image: np.ndarray) -> np.ndarray:
-        """The part (height_px, width_px) of an array (H,W,...) that lies in the box. Raises InputError outside."""
+        """The part (height_px, width_px) of an array (H,W,...) that lies in the box. Raises
+        InputError outside."""
         u = int(np.ceil(self.u_px - self.width_px / 2.0))
         v = int(np.ceil(self.v_px - self.height_px / 2.0))
         height, width = image.shape[:2]
@@ -64,7 +69,8 @@ class PointsOfInterest:
 
 @dataclass(frozen=True)
 class Sample:
-    """One configuration in one box: its depths (N, m) before trimming, and the share of the box that has one."""
+    """One configuration in one box: its depths (N, m) before trimming, and the share of the box
+    that has one."""
 
     configuration: str
     depths_m: np.ndarray
@@ -78,7 +84,8 @@ class Sample:
 
 @dataclass(frozen=True)
 class PoiResult:
-    """A box, its true depth (m; median of the box where a whole truth is known) and every configuration in it."""
+    """A box, its true depth (m; median of the box where a whole truth is known) and every
+    configuration in it."""
 
     poi: PointOfInterest
     truth_m: Optional[float]
@@ -87,12 +94,18 @@ class PoiResult:
     def to_dict(self) -> dict:
         """Gives the sample for report.json."""
         return {
-            "name": self.poi.name, "u_px": self.poi.u_px, "v_px": self.poi.v_px, "width_px": self.poi.width_px,
-            "height_px": self.poi.height_px, "truth_m": self.truth_m, "percentiles": list(PERCENTILES),
+            "name": self.poi.name,
+            "u_px": self.poi.u_px,
+            "v_px": self.poi.v_px,
+            "width_px": self.poi.width_px,
+            "height_px": self.poi.height_px,
+            "truth_m": self.truth_m,
+            "percentiles": list(PERCENTILES),
             "configurations": [
-                {"name": s.configuration, "match_rate": s.match_rate, "depth_m": s.percentiles_m} for s in self.samples
+                {"name": s.configuration, "match_rate": s.match_rate, "depth_m": s.percentiles_m}
+                for s in self.samples
             ],
-        }  # fmt: skip
+        }
 
 
 def load_points(path: Path) -> List[PointOfInterest]:
@@ -103,11 +116,14 @@ def load_points(path: Path) -> List[PointOfInterest]:
 def sample(
     result: MapResult, points: Sequence[PointOfInterest], true_depth: Optional[np.ndarray] = None
 ) -> List[PoiResult]:
-    """Depth and match rate of every configuration in every box. Raises InputError for a box outside the picture."""
+    """Depth and match rate of every configuration in every box. Raises InputError for a box outside
+    the picture."""
     return [_sample_one(result, p, true_depth) for p in points]
 
 
-def _sample_one(result: MapResult, poi: PointOfInterest, true_depth: Optional[np.ndarray]) -> PoiResult:
+def _sample_one(
+    result: MapResult, poi: PointOfInterest, true_depth: Optional[np.ndarray]
+) -> PoiResult:
     samples = []
     for pair in result.pairs:
         depth = poi.box(pair.depth)

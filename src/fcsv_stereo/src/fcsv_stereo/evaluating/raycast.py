@@ -10,7 +10,8 @@ from fcsv_stereo.errors import InputError
 
 
 def open3d():
-    """The library: a heavy import, which the wheel and most maps do without. Raises InputError where it is missing."""
+    """The library: a heavy import, which the wheel and most maps do without. Raises InputError
+    where it is missing."""
     try:
         import open3d as library
     except ImportError as error:
@@ -26,7 +27,8 @@ def scene_of(mesh):
 
 
 def cast(scene, T_mesh_cam: np.ndarray, camera: PinholeCamera) -> Tuple[np.ndarray, np.ndarray]:
-    """Depth (H,W float32, m along the optical axis), NaN where nothing is hit; the triangles (H,W) that are hit."""
+    """Depth (H,W float32, m along the optical axis), NaN where nothing is hit; the triangles (H,W)
+    that are hit."""
     directions = camera.rays() @ T_mesh_cam[:3, :3].T  # length 1 along z: the hit distance is depth
     origins = np.broadcast_to(T_mesh_cam[:3, 3], directions.shape)
     rays = np.concatenate([origins, directions], axis=-1).astype(np.float32)

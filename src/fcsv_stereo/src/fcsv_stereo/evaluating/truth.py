@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Truth, where it is known: a triangle mesh, true camera poses (docs/design/decisions/0001), and what moved."""
+"""Truth, where it is known: a triangle mesh, true camera poses (docs/design/decisions/0001), and
+what moved."""
 
 import csv
 from dataclasses import dataclass, field
@@ -16,13 +17,14 @@ from fcsv_stereo.evaluating import raycast
 from fcsv_stereo.model import ImageEntry, Reference
 
 Poses = Dict[Tuple[str, int], np.ndarray]
-_HIDES = 0.97  # of the distance: what is so much nearer is before a place, and not a part of the same thing
+# of the distance: what is so much nearer is before a place, and not a part of the same thing
+_HIDES = 0.97
 
 
 @dataclass(frozen=True)
 class Truth:
-    """``cameras``: true T_world_cam by vehicle and stamp in milliseconds; ``movers`` likewise T_world_body by name of
-    what moved, each with its mesh in movers/NAME.ply beside.
+    """``cameras``: true T_world_cam by vehicle and stamp in milliseconds; ``movers`` likewise
+    T_world_body by name of what moved, each with its mesh in movers/NAME.ply beside.
     """
 
     mesh_path: Path
@@ -33,15 +35,19 @@ class Truth:
         """True pose of a picture. Raises InputError where it is not in cameras.csv."""
         found = _at(self.cameras, vehicle, stamp_s)
         if found is None:
-            raise InputError(f"{self.mesh_path.parent / 'cameras.csv'}: no pose of {vehicle} at {stamp_s:.3f} s")
+            raise InputError(
+                f"{self.mesh_path.parent / 'cameras.csv'}: no pose of {vehicle} at {stamp_s:.3f} s"
+            )
         return found
 
     def depth(self, reference: Reference) -> np.ndarray:
-        """True depth (H,W float32, m along the optical axis, NaN where the sky is) of the reference picture."""
+        """True depth (H,W float32, m along the optical axis, NaN where the sky is) of the reference
+        picture."""
         return TrueScene(self).depth(reference.vehicle, reference.stamp_s, reference.camera)
 
     def relative_errors(self, reference: Reference, image: ImageEntry) -> Tuple[float, float]:
-        """Rotation error (deg) and position error (m) of a picture's pose relative to the reference picture."""
+        """Rotation error (deg) and position error (m) of a picture's pose relative to the reference
+        picture."""
         true = transforms.invert(self.T_world_cam(reference.vehicle, reference.stamp_s))
         true = true @ self.T_world_cam(image.vehicle, image.stamp_s)
         found = transforms.invert(reference.T_home_cam) @ image.T_home_cam
@@ -60,8 +66,11 @@ class TrueScene:
         """True depth (H,W float32, m along the optical axis, NaN where the sky is) of a picture."""
         return self.look(vehicle, stamp_s, camera)[0]
 
-    def look(self, vehicle: str, stamp_s: float, camera: PinholeCamera) -> Tuple[np.ndarray, Dict[str, np.ndarray]]:
-        """That depth, and where in it (H,W bool) each thing is that moves; empty where it is not known to move.
+    def look(
+        self, vehicle: str, stamp_s: float, camera: PinholeCamera
+    ) -> Tuple[np.ndarray, Dict[str, np.ndarray]]:
+        """That depth, and where in it (H,W bool) each thing is that moves; empty where it is not
+        known to move.
 
         Raises InputError where it is not known where the picture was taken.
         """
@@ -73,21 +82,34 @@ class TrueScene:
             on = {n: m & ~on[name] if n != name else m for n, m in on.items()}
         return depth, on
 
-    def unhidden(self, vehicle: str, stamp_s: float, camera: PinholeCamera) -> Dict[str, np.ndarray]:
-        """Where in a picture (H,W bool) each thing that moves would be if nothing stood before it; else as ``look``."""
+    def unhidden(
+        self, vehicle: str, stamp_s: float, camera: PinholeCamera
+    ) -> Dict[str, np.ndarray]:
+        """Where in a picture (H,W bool) each thing that moves would be if nothing stood before it;
+        else as ``look``."""
         T_world_cam = self._truth.T_world_cam(vehicle, stamp_s)
-        return {name: np.isfinite(found) for name, found in self._movers_alone(T_world_cam, stamp_s, camera)}
+        return {
+            name: np.isfinite(found)
+            for name, found in self._movers_alone(T_world_cam, stamp_s, camera)
+        }
 
     def seen_by(
-        self, other: str, vehicle: str, stamp_s: float, camera: PinholeCamera, depth: np.ndarray, on: np.ndarray
+        self,
+        other: str,
+        vehicle: str,
+        stamp_s: float,
+        camera: PinholeCamera,
+        depth: np.ndarray,
+        on: np.ndarray,
     ) -> Optional[float]:
-        """Share of the places ``on`` (H,W bool) a vehicle's picture, with its true ``depth`` (H,W, m), that another one
-        with the same ``camera`` sees in that moment; None where it took no picture then."""
+        """Share of the places ``on`` (H,W bool) a vehicle's picture, with its true ``depth`` (H,W,
+        m), that another one with the same ``camera`` sees in that moment; None where it took no
+        picture then."""
         if _at(self._truth.cameras, other, stamp_s) is None:
             return None
-        T_other_cam = transforms.invert(self._truth.T_world_cam(other, stamp_s)) @ self._truth.T_world_cam(
-            vehicle, stamp_s
-        )
+        T_other_cam = transforms.invert(
+            self._truth.T_world_cam(other, stamp_s)
+        ) @ self._truth.T_world_cam(vehicle, stamp_s)
         places = transforms.apply(T_other_cam, camera.rays()[on] * depth[on][:, None])
         ahead = places[places[:, 2] > 0.0]
         x, y = np.round(camera.project(ahead)).astype(int).T
@@ -98,27 +120,37 @@ class TrueScene:
     def _movers_alone(
         self, T_world_cam: np.ndarray, stamp_s: float, camera: PinholeCamera
     ) -> Iterator[Tuple[str, np.ndarray]]:
-        """Names and depths (H,W, m; NaN: none) of what is known to move, each as if it were alone."""
+        """Names and depths (H,W, m; NaN: none) of what is known to move, each as if it were
+        alone."""
         for name in sorted({name for name, _ in self._truth.movers}):
             T_world_body = _at(self._truth.movers, name, stamp_s)
             if T_world_body is None:
                 continue
             if name not in self._moving:
                 self._moving[name] = _scene(self._truth.mesh_path.parent / "movers" / f"{name}.ply")
-            yield name, raycast.cast(self._moving[name], transforms.invert(T_world_body) @ T_world_cam, camera)[0]
+            yield (
+                name,
+                raycast.cast(
+                    self._moving[name], transforms.invert(T_world_body) @ T_world_cam, camera
+                )[0],
+            )
 
 
 def _at(poses: Poses, name: str, stamp_s: float):
     """Finds the pose of a stamp within a millisecond, or None."""
     key = round(stamp_s * 1000)
-    return next((poses[name, near] for near in (key, key - 1, key + 1) if (name, near) in poses), None)
+    return next(
+        (poses[name, near] for near in (key, key - 1, key + 1) if (name, near) in poses), None
+    )
 
 
 def _scene(path: Path):
     """A mesh in its own frame, ready for rays."""
     reading = raycast.open3d().t.io
     if not path.is_file():
-        raise InputError(f"{path}: does not exist; truth/ needs scene.ply, cameras.csv and meshes of what moves")
+        raise InputError(
+            f"{path}: does not exist; truth/ needs scene.ply, cameras.csv and meshes of what moves"
+        )
     mesh = reading.read_triangle_mesh(str(path))
     if len(mesh.triangle.indices) == 0:
         raise InputError(f"{path}: holds no triangles")
@@ -126,8 +158,8 @@ def _scene(path: Path):
 
 
 def load_truth(folder: Path) -> Truth:
-    """Loads the truth from ``folder``/scene.ply and cameras.csv, and, where something moved, movers.csv and
-    movers/NAME.ply.
+    """Loads the truth from ``folder``/scene.ply and cameras.csv, and, where something moved,
+    movers.csv and movers/NAME.ply.
 
     Raises InputError naming the line that is wrong.
     """
@@ -146,7 +178,9 @@ def _poses(path: Path, name: str) -> Poses:
                 try:
                     p = [float(row[k]) for k in ("x", "y", "z")]
                     q = [float(row[k]) for k in ("qx", "qy", "qz", "qw")]
-                    poses[row[name], round(float(row["stamp_s"]) * 1000)] = transforms.from_xyz_quaternion(p, q)
+                    poses[row[name], round(float(row["stamp_s"]) * 1000)] = (
+                        transforms.from_xyz_quaternion(p, q)
+                    )
                 except (KeyError, TypeError, ValueError, GeometryError) as error:
                     raise InputError(f"{path}, line {number}: not a pose ({error})") from error
     except OSError as error:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A map that grows in flight: pictures, recording windows and frames as they come in; what can be mapped so far."""
+"""A map that grows in flight: pictures, recording windows and frames as they come in; what can be
+mapped so far."""
 
 from collections import deque
 from dataclasses import dataclass, field, replace
@@ -24,7 +25,8 @@ from fcsv_stereo.pose_covariance import KnownCovariances, unknown_warning
 from fcsv_stereo.sweeps import MOVES_M, spread
 
 _ALL = 10**6  # pictures
-_SWEPT = {1: 5}  # pictures of all sweeps in a map, by how many of each stop; else what ``spread`` takes
+# pictures of all sweeps in a map, by how many of each stop; else what ``spread`` takes
+_SWEPT = {1: 5}
 _GONE_S = 2.0  # of the reference's pictures without one of another vehicle: it is not waited for
 _MOST_COVARIANCES = 900  # of a vehicle: half a minute at 30 Hz, longer than a picture is on its way
 
@@ -57,7 +59,8 @@ class RecordingWindow:
 
 @dataclass
 class LiveSession:
-    """What is known so far. ``most_pictures`` of a vehicle are kept outside of windows, and all inside."""
+    """What is known so far. ``most_pictures`` of a vehicle are kept outside of windows, and all
+    inside."""
 
     most_pictures: int = 60
     T_home_odom: Dict[str, np.ndarray] = field(default_factory=dict)
@@ -74,12 +77,17 @@ class LiveSession:
         newest = self._newest.setdefault(picture.vehicle, deque(maxlen=self.most_pictures))
         newest.append(picture)
         for window in self.windows.values():
-            if picture.vehicle in (window.reference, window.vehicle) and window.holds(picture.stamp_s):
+            if picture.vehicle in (window.reference, window.vehicle) and window.holds(
+                picture.stamp_s
+            ):
                 self._keep(window, picture)
 
     def add_covariance(self, vehicle: str, stamp_s: float, covariance: np.ndarray) -> None:
-        """How well a vehicle's camera is known in home, said before its pictures of that time come."""
-        self._covariances.setdefault(vehicle, KnownCovariances(_MOST_COVARIANCES)).add(stamp_s, covariance)
+        """How well a vehicle's camera is known in home, said before its pictures of that time
+        come."""
+        self._covariances.setdefault(vehicle, KnownCovariances(_MOST_COVARIANCES)).add(
+            stamp_s, covariance
+        )
 
     def add_window(self, window: RecordingWindow) -> None:
         """A recording ended; said again with the same index it is replaced."""
@@ -96,7 +104,8 @@ class LiveSession:
         return len(self._kept.get(index, {})) == 2
 
     def last_picture_s(self) -> float:
-        """Stamp of the newest picture of the windows that are complete; of which a map may take others."""
+        """Stamp of the newest picture of the windows that are complete; of which a map may take
+        others."""
         complete = [kept for index, kept in self._kept.items() if self.complete(index)]
         return max(pictures[-1].stamp_s for kept in complete for pictures in kept.values())
 
@@ -106,12 +115,15 @@ class LiveSession:
         for index, window in sorted(self.windows.items()):
             absent = [v for v in (window.reference, window.vehicle) if v not in self._kept[index]]
             if absent:
-                lines.append(f"configuration '{window.configuration.name}': no picture of {', '.join(absent)} yet")
+                lines.append(
+                    f"configuration '{window.configuration.name}': no picture of {', '.join(absent)} yet"
+                )
         return lines
 
     def inputs(self, most_per_vehicle: int = 3) -> MapInput:
-        """All windows that are complete, ``most_per_vehicle`` pictures of each about its middle; broken ones are named.
-        Of a sweep as many configurations as it has steps (``sweeps.spread``).
+        """All windows that are complete, ``most_per_vehicle`` pictures of each about its middle;
+        broken ones are named. Of a sweep as many configurations as it has steps
+        (``sweeps.spread``).
 
         Raises InputError where there is none, or where a vehicle's place in home is not known.
         """
@@ -120,23 +132,30 @@ class LiveSession:
             if not self.complete(index):
                 continue
             most = _ALL if self._moves(index, window.vehicle) else most_per_vehicle
-            sides = [self._middle(index, v, most, problems) for v in (window.reference, window.vehicle)]
+            sides = [
+                self._middle(index, v, most, problems) for v in (window.reference, window.vehicle)
+            ]
             if all(sides):
                 configurations.append(ConfigurationInput(window.configuration, *sides))
         if not configurations:
-            raise InputError("; ".join(["no configuration has pictures of both vehicles yet", *problems]))
+            raise InputError(
+                "; ".join(["no configuration has pictures of both vehicles yet", *problems])
+            )
         problems += unknown_warning(configurations, FLOWN)
-        configurations = spread(configurations, *([_SWEPT[most_per_vehicle]] if most_per_vehicle in _SWEPT else []))
+        configurations = spread(
+            configurations, *([_SWEPT[most_per_vehicle]] if most_per_vehicle in _SWEPT else [])
+        )
         return MapInput(InputKind.SESSION, configurations, None, problems, FLOWN)
 
     def newest(
         self, reference: str, others: Sequence[str], apart_s: float, after_s: float = float("-inf")
     ) -> Optional[MapInput]:
-        """Chooses, for monitoring (3.6): the newest pictures of vehicles that hold, one pair for each of ``others``.
+        """Chooses, for monitoring (3.6): the newest pictures of vehicles that hold, one pair for
+        each of ``others``.
 
-        One that sends no more pictures while the reference does, as after a drop-out, is left out after 2 s. None while
-        there is no picture of the reference after ``after_s`` of which every other vehicle has one within ``apart_s``.
-        Raises InputError.
+        One that sends no more pictures while the reference does, as after a drop-out, is left out
+        after 2 s. None while there is no picture of the reference after ``after_s`` of which every
+        other vehicle has one within ``apart_s``. Raises InputError.
         """
         others = [v for v in others if not self._gone(reference, v)]
         for anchor in reversed(self._newest.get(reference, ())) if others else ():
@@ -154,8 +173,9 @@ class LiveSession:
         return MapInput(InputKind.SESSION, pairs, prior=FLOWN)
 
     def apart_s(self, reference: str, others: Sequence[str], after_s: float) -> Tuple[float, float]:
-        """Says, of the reference's pictures after ``after_s``: how long they go on (s), and how far (s) the other
-        vehicles' nearest is from the one that is best off; infinite where one has none.
+        """Says, of the reference's pictures after ``after_s``: how long they go on (s), and how far
+        (s) the other vehicles' nearest is from the one that is best off; infinite where one has
+        none.
         """
         after = [p.stamp_s for p in self._newest.get(reference, ()) if p.stamp_s > after_s]
         if not after:
@@ -164,12 +184,18 @@ class LiveSession:
         stamps = [[p.stamp_s for p in self._newest.get(v, ())] or [float("inf")] for v in others]
         if not stamps:
             return after[-1] - after[0], float("inf")
-        return after[-1] - after[0], min(max(min(abs(s - t) for t in of) for of in stamps) for s in after)
+        return after[-1] - after[0], min(
+            max(min(abs(s - t) for t in of) for of in stamps) for s in after
+        )
 
     def _gone(self, reference: str, vehicle: str) -> bool:
         """Whether the reference sent pictures for a while, and the vehicle none."""
         newest = self._newest.get(vehicle)
-        since = [p.stamp_s for p in self._newest.get(reference, ()) if not newest or p.stamp_s > newest[-1].stamp_s]
+        since = [
+            p.stamp_s
+            for p in self._newest.get(reference, ())
+            if not newest or p.stamp_s > newest[-1].stamp_s
+        ]
         return bool(since) and since[-1] - since[0] >= _GONE_S
 
     def _keep(self, window: RecordingWindow, picture: LivePicture) -> None:
@@ -209,8 +235,9 @@ class LiveSession:
 class Corrections:
     """What refinement found of each vehicle's place, for later pictures of vehicles that hold.
 
-    What is wrong with a flown pose is where its odometry frame lies in home (calibration and drift), which changes
-    slowly; the odometry follows the airframe's vibration by itself: T_home_cam = C T_home_cam_prior.
+    What is wrong with a flown pose is where its odometry frame lies in home (calibration and
+    drift), which changes slowly; the odometry follows the airframe's vibration by itself:
+    T_home_cam = C T_home_cam_prior.
     """
 
     def __init__(self):
@@ -220,7 +247,9 @@ class Corrections:
         """Learns from a map whose poses were refined."""
         for image in result.images:
             if image.refined:
-                self._C[image.vehicle] = image.T_home_cam @ transforms.invert(image.prior_T_home_cam)
+                self._C[image.vehicle] = image.T_home_cam @ transforms.invert(
+                    image.prior_T_home_cam
+                )
 
     def know(self, given: MapInput) -> bool:
         """Whether every other vehicle's correction is known."""
@@ -229,7 +258,10 @@ class Corrections:
     def apply(self, given: MapInput) -> MapInput:
         """The same input with better poses."""
         better = [
-            replace(c, others=[replace(p, T_home_cam=self._C[p.vehicle] @ p.T_home_cam) for p in c.others])
+            replace(
+                c,
+                others=[replace(p, T_home_cam=self._C[p.vehicle] @ p.T_home_cam) for p in c.others],
+            )
             for c in given.configurations
         ]
         return replace(given, configurations=better)

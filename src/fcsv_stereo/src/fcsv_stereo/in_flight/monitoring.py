@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What whoever monitors a scene is shown: the reference picture and its depth, with their rate, skew and age."""
+"""What whoever monitors a scene is shown: the reference picture and its depth, with their rate,
+skew and age."""
 
 from collections import deque
 from typing import Deque, Sequence, Tuple
@@ -42,7 +43,12 @@ class ImageRate:
 
 def skew_s(given: MapInput) -> float:
     """Between the reference's picture and the one furthest from it in time (s)."""
-    return max(abs(o.stamp_s - r.stamp_s) for c in given.configurations for r in c.references for o in c.others)
+    return max(
+        abs(o.stamp_s - r.stamp_s)
+        for c in given.configurations
+        for r in c.references
+        for o in c.others
+    )
 
 
 def in_words(rate_hz: float, skew: float, age_s: float, names: Sequence[str]) -> str:
@@ -54,21 +60,36 @@ def in_words(rate_hz: float, skew: float, age_s: float, names: Sequence[str]) ->
     return f"{rate_hz:.1f} Hz, skew {1e3 * skew:.0f} ms, {age_s:.1f} s old: {'; '.join(names)}"
 
 
-def picture(rgb: np.ndarray, depth: np.ndarray, line: str, range_m: Tuple[float, float] = RANGE_M) -> np.ndarray:
-    """(H + 44, 2 W, 3) uint8: the picture, its depth in colours (black: none), a line above, the scale below.
+def picture(
+    rgb: np.ndarray, depth: np.ndarray, line: str, range_m: Tuple[float, float] = RANGE_M
+) -> np.ndarray:
+    """(H + 44, 2 W, 3) uint8: the picture, its depth in colours (black: none), a line above, the
+    scale below.
 
-    ``rgb`` (H, W, 3) uint8, ``depth`` (H, W) m, NaN where there is none; ``range_m`` from red to blue.
+    ``rgb`` (H, W, 3) uint8, ``depth`` (H, W) m, NaN where there is none; ``range_m`` from red to
+    blue.
     """
     width = 2 * depth.shape[1]
     above, below = (np.zeros((_BAR_PX, width, 3), np.uint8) for _ in range(2))
     while cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, _TEXT, 1)[0][0] > width - 12:
         line = line[:-1]  # what does not fit is left out
-    cv2.putText(above, line, (4, 15), cv2.FONT_HERSHEY_SIMPLEX, _TEXT, (255, 255, 255), 1, cv2.LINE_AA)
+    cv2.putText(
+        above, line, (4, 15), cv2.FONT_HERSHEY_SIMPLEX, _TEXT, (255, 255, 255), 1, cv2.LINE_AA
+    )
     scale = range_m[0] * (range_m[1] / range_m[0]) ** np.linspace(0.0, 1.0, width)
     below[:6] = colours(scale[None], range_m)
     for mark in (m for m in _MARKS_M if range_m[0] <= m <= range_m[1]):
         x = min(int(_share(np.array(float(mark)), range_m) * width), width - 40)
-        cv2.putText(below, f"{mark} m", (x, 19), cv2.FONT_HERSHEY_SIMPLEX, 0.36, (255, 255, 255), 1, cv2.LINE_AA)
+        cv2.putText(
+            below,
+            f"{mark} m",
+            (x, 19),
+            cv2.FONT_HERSHEY_SIMPLEX,
+            0.36,
+            (255, 255, 255),
+            1,
+            cv2.LINE_AA,
+        )
     return np.vstack([above, np.hstack([rgb, colours(depth, range_m)]), below])
 
 

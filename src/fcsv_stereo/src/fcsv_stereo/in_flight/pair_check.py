@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Do two vehicles' pictures of one scene agree with where both trackers say that the vehicles are?
 
-A tracker that drifts slowly takes its vehicle along, and nothing on board may tell. Points that two pictures both show
-tell where one camera is from the other, but for how far (Hartley and Zisserman 2004, 9.6): a vehicle that has drifted
-across the way to the other is found, one that has drifted along it is not.
+A tracker that drifts slowly takes its vehicle along, and nothing on board may tell. Points that two
+pictures both show tell where one camera is from the other, but for how far (Hartley and Zisserman
+2004, 9.6): a vehicle that has drifted across the way to the other is found, one that has drifted
+along it is not.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,8 @@ from fcsv_stereo.refinement.matching import match_anywhere
 FEATURES = 600  # of a picture
 _BAND_RAD = 0.05  # from an epipolar line, within which a match may pull at first
 _OUT = 3.0  # standard deviations; what is further off counts as if it were so far
-_CORRELATION = 2.5  # so many matches tell as much as one whose error is its own (refinement.consensus)
+# so many matches tell as much as one whose error is its own (refinement.consensus)
+_CORRELATION = 2.5
 _WELL = 0.75  # share of the matches; where so many agree no other place is looked for far away
 
 
@@ -37,10 +39,11 @@ _WAYS = _ways()
 
 @dataclass(frozen=True)
 class PairRules:
-    """``rotation_rad`` and ``position_m``: standard deviations of what trackers and calibration tell of two cameras'
-    rotation and place to each other, of each axis, where nobody drifts. Off is a pair of whose matches at least
-    ``matches``, and at least ``share`` of all, fit a place that is ``off_m`` and more away, if the trackers' place is
-    less likely by ``surprise`` (difference of chi squares)."""
+    """``rotation_rad`` and ``position_m``: standard deviations of what trackers and calibration
+    tell of two cameras' rotation and place to each other, of each axis, where nobody drifts. Off is
+    a pair of whose matches at least ``matches``, and at least ``share`` of all, fit a place that is
+    ``off_m`` and more away, if the trackers' place is less likely by ``surprise`` (difference of
+    chi squares)."""
 
     rotation_rad: float = float(np.radians(0.3))
     position_m: float = 0.25
@@ -55,8 +58,9 @@ class PairRules:
 
 @dataclass(frozen=True)
 class PairLook:
-    """What two pictures say: ``agree`` of their ``matches`` fit a place of the second camera that is ``off_m`` from
-    where the trackers say; that is ``surprise`` (difference of chi squares) likelier. ``off``: beyond doubt."""
+    """What two pictures say: ``agree`` of their ``matches`` fit a place of the second camera that
+    is ``off_m`` from where the trackers say; that is ``surprise`` (difference of chi squares)
+    likelier. ``off``: beyond doubt."""
 
     matches: int
     agree: int
@@ -78,8 +82,8 @@ _DEFAULT = PairRules()
 
 
 def look(a: Picture, b: Picture, known: KnownFeatures, rules: PairRules = _DEFAULT) -> PairLook:
-    """Two undistorted pictures with the poses that trackers tell; ``known``: of pictures that come again, as the
-    reference's does for each other vehicle."""
+    """Two undistorted pictures with the poses that trackers tell; ``known``: of pictures that come
+    again, as the reference's does for each other vehicle."""
     one, other = known.prepare(a, FEATURES), known.prepare(b, FEATURES)
     matches = match_anywhere(one, other)
     T_a_b = transforms.invert(a.T_home_cam) @ b.T_home_cam
@@ -88,22 +92,33 @@ def look(a: Picture, b: Picture, known: KnownFeatures, rules: PairRules = _DEFAU
 
 
 def compare(
-    T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray, focal_px: float, noise_px: float,
+    T_a_b: np.ndarray,
+    rays_a: np.ndarray,
+    rays_b: np.ndarray,
+    focal_px: float,
+    noise_px: float,
     rules: PairRules = _DEFAULT,
-) -> PairLook:  # fmt: skip
-    """Matched rays (N, 3) with z = 1, each in its own optical frame, against T_a_b by the trackers; ``noise_px``:
-    standard deviation of a ray's place."""
+) -> PairLook:
+    """Matched rays (N, 3) with z = 1, each in its own optical frame, against T_a_b by the trackers;
+    ``noise_px``: standard deviation of a ray's place."""
     if len(rays_a) < rules.matches:
         return PairLook(len(rays_a), 0, 0.0, 0.0, False)
     near = PairPrior(T_a_b, rules.rotation_rad, rules.position_m)
-    free = PairPrior(T_a_b, rules.rotation_rad, max(4.0 * rules.off_m, float(np.linalg.norm(T_a_b[:3, 3]))))
+    free = PairPrior(
+        T_a_b, rules.rotation_rad, max(4.0 * rules.off_m, float(np.linalg.norm(T_a_b[:3, 3])))
+    )
     measured = rays_a, rays_b, focal_px, noise_px
     told = _fit(near, T_a_b, *measured)
     if told.agree >= _WELL * len(rays_a) and told.strain < 0.5 * rules.surprise:
         return PairLook(len(rays_a), told.agree, told.off_m, 0.0, False)
-    best = min((_fit(free, start, *measured) for start in (T_a_b, told.T_a_b)), key=lambda f: f.chi2)
+    best = min(
+        (_fit(free, start, *measured) for start in (T_a_b, told.T_a_b)), key=lambda f: f.chi2
+    )
     if best.agree < _WELL * len(rays_a):
-        best = min([best, *(_fit(free, start, *measured) for start in _elsewhere(T_a_b))], key=lambda f: f.chi2)
+        best = min(
+            [best, *(_fit(free, start, *measured) for start in _elsewhere(T_a_b))],
+            key=lambda f: f.chi2,
+        )
     surprise = told.chi2 - best.chi2
     seen = best.agree >= max(rules.matches, rules.share * len(rays_a))
     off = seen and best.off_m >= rules.off_m and surprise >= rules.surprise
@@ -117,10 +132,19 @@ def _elsewhere(T_a_b: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _fit(
-    prior: PairPrior, start: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray, focal_px: float, noise_px: float
+    prior: PairPrior,
+    start: np.ndarray,
+    rays_a: np.ndarray,
+    rays_b: np.ndarray,
+    focal_px: float,
+    noise_px: float,
 ) -> _Fit:
-    shared = PairPrior(prior.T_a_b, *(s / np.sqrt(_CORRELATION) for s in (prior.rotation_rad, prior.position_m)))
-    T_a_b, error_px = fit_pair(shared, rays_a, rays_b, focal_px, _BAND_RAD * focal_px, noise_px, start)
+    shared = PairPrior(
+        prior.T_a_b, *(s / np.sqrt(_CORRELATION) for s in (prior.rotation_rad, prior.position_m))
+    )
+    T_a_b, error_px = fit_pair(
+        shared, rays_a, rays_b, focal_px, _BAND_RAD * focal_px, noise_px, start
+    )
     rho, parallax = inverse_depth(T_a_b, rays_a, rays_b)
     # a rotation that is known so well may put what is far away behind both cameras
     behind = rho * parallax * focal_px < -_OUT * (noise_px + prior.rotation_rad * focal_px)
@@ -132,8 +156,9 @@ def _fit(
 
 
 class PairsToLookAt:
-    """Newest pictures of each vehicle, the reference first: the reference's and another's, of about the same time, at
-    most once in ``every_s`` for each other vehicle. Vehicles hold: what a picture is older its pose is, too."""
+    """Newest pictures of each vehicle, the reference first: the reference's and another's, of about
+    the same time, at most once in ``every_s`` for each other vehicle. Vehicles hold: what a picture
+    is older its pose is, too."""
 
     def __init__(self, vehicles: Sequence[str], every_s: float = 1.0, apart_s: float = 0.5):
         self._reference, *self._others = vehicles
@@ -146,9 +171,14 @@ class PairsToLookAt:
         self._newest[picture.vehicle] = picture
 
     def take(self) -> Optional[Tuple[LivePicture, LivePicture]]:
-        """The pair that is to be looked at now, whose other vehicle waited longest; None: there is none."""
+        """The pair that is to be looked at now, whose other vehicle waited longest; None: there is
+        none."""
         a = self._newest.get(self._reference)
-        due = [] if a is None else [p for v, p in self._newest.items() if v in self._others and self._due(a, p)]
+        due = (
+            []
+            if a is None
+            else [p for v, p in self._newest.items() if v in self._others and self._due(a, p)]
+        )
         if not due:
             return None
         b = min(due, key=lambda p: self._looked_s.get(p.vehicle, float("-inf")))

@@ -1,12 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A first map that nobody looks at: compiled kernels are loaded before the vehicles wait for them."""
+"""A first map that nobody looks at: compiled kernels are loaded before the vehicles wait for
+them."""
 
 import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import StereoError
-from fcsv_stereo.model import Axis, Configuration, ConfigurationInput, InputKind, MapInput, Method, Picture
+from fcsv_stereo.model import (
+    Axis,
+    Configuration,
+    ConfigurationInput,
+    InputKind,
+    MapInput,
+    Method,
+    Picture,
+)
 
 _SIZE = (160, 120)
 _SHIFT_PX = 8

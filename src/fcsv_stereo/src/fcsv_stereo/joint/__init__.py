@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The method ``joint``: depth from all pairs of all baselines and axes at once, with its standard deviation.
+"""The method ``joint``: depth from all pairs of all baselines and axes at once, with its standard
+deviation.
 
 Its parts from the ground up; each imports only from those before it (``tests/house`` holds it):
 

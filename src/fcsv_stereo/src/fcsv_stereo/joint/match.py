@@ -24,7 +24,12 @@ from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
 from fcsv_stereo.joint.tuning import EVIDENCE, FAR_REMATCH, MATCH, RESIDUALS
 from fcsv_stereo.joint.views import Views, colours, seen_by_any
 from fcsv_stereo.joint.volume.far_rematch import sharpened
-from fcsv_stereo.joint.volume.winner import VolumeMatch, highest_level, match_volume, nearest_inverse_depth
+from fcsv_stereo.joint.volume.winner import (
+    VolumeMatch,
+    highest_level,
+    match_volume,
+    nearest_inverse_depth,
+)
 from fcsv_stereo.model import Picture, PoseUncertainty
 from fcsv_stereo.model.kinds import Kind, supported
 
@@ -38,26 +43,38 @@ class MatchOptions:
     iterations: int = 2  # of the sub-pixel step at full size
     most_relative_sigma: float = 0.4  # a depth less certain than this is none (the sky is one such)
     threads: int = 2
-    stretch: bool = False  # after the volume's size surfaces are interpolated, not chosen: quicker, edges less sharp
+    # after the volume's size surfaces are interpolated, not chosen: quicker, edges less sharp
+    stretch: bool = False
     adjust_poses: bool = False  # to the pictures, where covariances are given
-    poses_withhold: bool = True  # what poses' errors make of a depth speaks against it; else it is in its sigma alone
+    # what poses' errors make of a depth speaks against it; else it is in its sigma alone
+    poses_withhold: bool = True
     keep_features: bool = False  # what each depth's evidence is judged by (HxWxF): to learn from
 
     def __post_init__(self):
-        if self.volume_pixels < 1000 or self.most_levels < 8 or self.iterations < 1 or self.threads < 1:
-            raise InputError("joint matching needs 1000 pixels, 8 levels, 1 iteration and 1 thread at least")
+        if (
+            self.volume_pixels < 1000
+            or self.most_levels < 8
+            or self.iterations < 1
+            or self.threads < 1
+        ):
+            raise InputError(
+                "joint matching needs 1000 pixels, 8 levels, 1 iteration and 1 thread at least"
+            )
         if not 0.0 < self.most_relative_sigma <= 1.0:
-            raise InputError(f"largest relative sigma is {self.most_relative_sigma}; it must lie in 0 to 1")
+            raise InputError(
+                f"largest relative sigma is {self.most_relative_sigma}; it must lie in 0 to 1"
+            )
 
 
 @dataclass(frozen=True)
 class JointDepth:
     """Depth and what is known about it, in the reference picture.
 
-    ``depth`` and ``sigma`` are HxW float32 (m along the optical axis, NaN where none). ``support`` is HxW uint16: bit i
-    is set where pair i of ``used`` agrees. ``used`` are indices into the pictures given; ``left_out`` says by index why
-    a picture was not. ``fine`` holds the evidence that they were made from, ``pictures`` are those
-    used, with the poses that served. ``kind`` is HxW uint8 (``model.kinds``), ``features`` HxWxF where they were kept.
+    ``depth`` and ``sigma`` are HxW float32 (m along the optical axis, NaN where none). ``support``
+    is HxW uint16: bit i is set where pair i of ``used`` agrees. ``used`` are indices into the
+    pictures given; ``left_out`` says by index why a picture was not. ``fine`` holds the evidence
+    that they were made from, ``pictures`` are those used, with the poses that served. ``kind`` is
+    HxW uint8 (``model.kinds``), ``features`` HxWxF where they were kept.
     """
 
     depth: np.ndarray
@@ -80,13 +97,15 @@ class JointDepth:
         """HxW index (uint8) into ``used`` of the pair that tells most about each pixel's depth."""
         r = self.fine.residuals
         rows = zip(r.trust.swapaxes(0, 1), r.speed.swapaxes(0, 1))  # one by one: large pictures
-        return np.array([(trust * speed + 1e-6 * speed).argmax(axis=0) for trust, speed in rows], np.uint8)
+        return np.array(
+            [(trust * speed + 1e-6 * speed).argmax(axis=0) for trust, speed in rows], np.uint8
+        )
 
 
 @dataclass(frozen=True)
 class Suspicion:
-    """That the poses are off, all of them or none: with this ``probability``, by errors of ``covariances`` (6x6 each,
-    relative to the reference: rad in camera axes, m in home's)."""
+    """That the poses are off, all of them or none: with this ``probability``, by errors of
+    ``covariances`` (6x6 each, relative to the reference: rad in camera axes, m in home's)."""
 
     probability: float
     covariances: Sequence[np.ndarray]
@@ -95,7 +114,9 @@ class Suspicion:
     def of(cls, poses: Sequence[PoseUncertainty]) -> Optional["Suspicion"]:
         """That of their focal length; None where it is not in doubt."""
         probability = max(p.focal_probability for p in poses)
-        return cls(probability, [p.focal / probability for p in poses]) if probability > 0.0 else None
+        return (
+            cls(probability, [p.focal / probability for p in poses]) if probability > 0.0 else None
+        )
 
 
 def match_jointly(
@@ -104,11 +125,12 @@ def match_jointly(
     options: Optional[MatchOptions] = None,
     poses: Optional[Sequence[PoseUncertainty]] = None,
 ) -> JointDepth:
-    """Depth of ``reference`` from all ``others``; ``poses`` says how well each pose is known (None: exactly).
+    """Depth of ``reference`` from all ``others``; ``poses`` says how well each pose is known (None:
+    exactly).
 
-    What poses share is in sigma, and has no part in whether there is a depth, nor in what speaks for it. A focal length
-    that may be wrong has, and is in sigma. Poses with ``pixel`` errors are adjusted as little as these say.
-    Raises MatchingError where no other picture can be used.
+    What poses share is in sigma, and has no part in whether there is a depth, nor in what speaks
+    for it. A focal length that may be wrong has, and is in sigma. Poses with ``pixel`` errors are
+    adjusted as little as these say. Raises MatchingError where no other picture can be used.
     """
     options = options or MatchOptions()
     used, left_out = usable(reference, others)
@@ -116,7 +138,9 @@ def match_jointly(
         raise MatchingError("no picture can be matched: " + "; ".join(left_out.values()))
     known_poses = [poses[i] for i in used] if poses else None
     suspicion = Suspicion.of(poses) if poses else None
-    pictures = MatchPictures.of(reference, [others[i] for i in used], known_poses, options.adjust_poses)
+    pictures = MatchPictures.of(
+        reference, [others[i] for i in used], known_poses, options.adjust_poses
+    )
     first, *between = _scales(pictures.shape[0] * pictures.shape[1], options)
     with ThreadPoolExecutor(options.threads) as pool:
         pictures, rough = _match_roughly(pictures, first / 2.0, options, pool)
@@ -132,7 +156,9 @@ def match_jointly(
     sigma_w = np.hypot(own_w, geometry, out=geometry)
     own_w = sigma_w if options.poses_withhold else own_w
     with ThreadPoolExecutor(options.threads) as pool:
-        kind, columns = _judged(pictures, fine, own_w, known, options, pool, suspicion, pose_sigma_share)
+        kind, columns = _judged(
+            pictures, fine, own_w, known, options, pool, suspicion, pose_sigma_share
+        )
     depth, sigma, support = _certain_depth(fine, sigma_w, own_w, reference.blank, options)
     if shared is not None:
         sigma = np.hypot(sigma, depth * shared)
@@ -140,15 +166,21 @@ def match_jointly(
         sigma = np.hypot(sigma, depth * np.float32(suspicion.probability**0.5) * pose_sigma_share)
     if reference.blank is not None:
         kind[reference.blank] = Kind.NOTHING
-    return JointDepth(depth, sigma, support, used, left_out, fine, known, pictures.others, kind, columns)
+    return JointDepth(
+        depth, sigma, support, used, left_out, fine, known, pictures.others, kind, columns
+    )
 
 
 def _by_poses(
-    pictures: MatchPictures, fine: Fine, suspicion: Optional[Suspicion], poses: Optional[Sequence[PoseUncertainty]],
+    pictures: MatchPictures,
+    fine: Fine,
+    suspicion: Optional[Suspicion],
+    poses: Optional[Sequence[PoseUncertainty]],
     used: Sequence[int],
-) -> Tuple[np.ndarray, Optional[np.ndarray], Optional[np.ndarray]]:  # fmt: skip
-    """HxW float32 each, what errors of the poses make: of inverse depth (1/m) by their covariances; of the depth, as a
-    share of it, by those suspected and those that all share, None where there are none."""
+) -> Tuple[np.ndarray, Optional[np.ndarray], Optional[np.ndarray]]:
+    """HxW float32 each, what errors of the poses make: of inverse depth (1/m) by their covariances;
+    of the depth, as a share of it, by those suspected and those that all share, None where there
+    are none."""
     sets = [pictures.covariances]
     sets += [[suspicion.covariances[i] for i in used]] if suspicion else []
     sets += [[p.shared for p in poses]] if poses else []
@@ -160,11 +192,18 @@ def _by_poses(
 
 
 def _judged(
-    pictures: MatchPictures, fine: Fine, sigma_w: np.ndarray, known: np.ndarray, options: MatchOptions,
-    pool: ThreadPoolExecutor, suspicion: Optional[Suspicion] = None, pose_sigma_share: Optional[np.ndarray] = None,
-) -> Tuple[np.ndarray, Optional[np.ndarray]]:  # fmt: skip
-    """What kind each pixel is of (HxW uint8), and where they are kept the features (HxWxF) that tell it.
-    ``pose_sigma_share`` (HxW) is what the suspected poses make of the depth, as a share of it."""
+    pictures: MatchPictures,
+    fine: Fine,
+    sigma_w: np.ndarray,
+    known: np.ndarray,
+    options: MatchOptions,
+    pool: ThreadPoolExecutor,
+    suspicion: Optional[Suspicion] = None,
+    pose_sigma_share: Optional[np.ndarray] = None,
+) -> Tuple[np.ndarray, Optional[np.ndarray]]:
+    """What kind each pixel is of (HxW uint8), and where they are kept the features (HxWxF) that
+    tell it. ``pose_sigma_share`` (HxW) is what the suspected poses make of the depth, as a share of
+    it."""
     full = fine.w.shape
     small = pictures.views(min(1.0, max(EVIDENCE.scale, EVIDENCE.least_width_px / full[1])))
     w = cv2.resize(fine.w, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
@@ -182,25 +221,30 @@ def _judged(
     kept = np.stack(list(columns), axis=-1) if options.keep_features else None
     doubts = doubt(columns if kept is None else np.moveaxis(kept, -1, 0))
     if suspicion:
-        doubts += (1.0 - doubts) * np.float32(suspicion.probability) * chance_of_wrong(pose_sigma_share)
+        doubts += (
+            (1.0 - doubts) * np.float32(suspicion.probability) * chance_of_wrong(pose_sigma_share)
+        )
     kind = kinds(doubts, out, fine.residuals, contrast, is_sky, bright)
     kind[moved_clouds(kind, seeing, colour)] = Kind.SKY
     moves_px = fine.w * fine.residuals.speed.max(axis=0)
-    kind[in_the_skyline(kind == Kind.SKY, supported(kind), moves_px, pictures.reference.image)] = Kind.SKY
+    kind[in_the_skyline(kind == Kind.SKY, supported(kind), moves_px, pictures.reference.image)] = (
+        Kind.SKY
+    )
     return kind, kept
 
 
 @dataclass(frozen=True)
 class _Rough:
-    """The first match, at half the volume's size, in the pictures ``found``: it bounds the volume's depths."""
+    """The first match, at half the volume's size, in the pictures ``found``: it bounds the volume's
+    depths."""
 
     match: VolumeMatch
     found: Views
 
 
 def _scales(pixels: int, options: MatchOptions) -> List[float]:
-    """Gives the scales of the volume and of those between it and the full size, in even steps, each at most twice the
-    one before."""
+    """Gives the scales of the volume and of those between it and the full size, in even steps, each
+    at most twice the one before."""
     first = min(MATCH.largest_volume, float(np.sqrt(options.volume_pixels / pixels)))
     steps = max(1 if options.stretch else MATCH.least_choices, int(np.ceil(-np.log2(first))))
     return [first ** (1.0 - k / steps) for k in range(steps)]
@@ -220,12 +264,19 @@ def _match_roughly(
 
 
 def _match_in_volume(
-    pictures: MatchPictures, rough: _Rough, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
+    pictures: MatchPictures,
+    rough: _Rough,
+    scale: float,
+    options: MatchOptions,
+    pool: ThreadPoolExecutor,
 ) -> Tuple[MatchPictures, Map, np.ndarray]:
-    """The cost volume's map and its levels (1/m); exposures and poses adjusted by it; the sky at infinity."""
+    """The cost volume's map and its levels (1/m); exposures and poses adjusted by it; the sky at
+    infinity."""
     found = pictures.views(scale)
     nearest = nearest_inverse_depth(rough.match, rough.found.reference, found.shape[0])
-    match = match_volume(found, nearest, highest_level(rough.match, rough.found), options.most_levels, pool)
+    match = match_volume(
+        found, nearest, highest_level(rough.match, rough.found), options.most_levels, pool
+    )
     w, r = match.w, residuals(found, match.w, pool)
     known = trusted(match, found, r)
     pictures = replace(pictures, exposures=same_exposure(found, w, r, pool))
@@ -254,10 +305,15 @@ def _surfaces_between(
 
 
 def _at_full_size(
-    pictures: MatchPictures, coarser: Map, levels: np.ndarray, known: np.ndarray, options: MatchOptions,
+    pictures: MatchPictures,
+    coarser: Map,
+    levels: np.ndarray,
+    known: np.ndarray,
+    options: MatchOptions,
     pool: ThreadPoolExecutor,
-) -> Tuple[MatchPictures, Fine]:  # fmt: skip
-    """Surfaces chosen, what is far matched again, poses adjusted, and inverse depth between the levels."""
+) -> Tuple[MatchPictures, Fine]:
+    """Surfaces chosen, what is far matched again, poses adjusted, and inverse depth between the
+    levels."""
     found = pictures.views(1.0)
     w, rematched = _finer(pictures, found, coarser, options.stretch, pool), np.False_
     if not options.stretch:
@@ -271,24 +327,40 @@ def _at_full_size(
 
 
 def _with_adjusted_poses(
-    pictures: MatchPictures, details: Views, w: np.ndarray, known: np.ndarray, pool: ThreadPoolExecutor
+    pictures: MatchPictures,
+    details: Views,
+    w: np.ndarray,
+    known: np.ndarray,
+    pool: ThreadPoolExecutor,
 ) -> Tuple[MatchPictures, np.ndarray]:
-    """Poses that fit the pictures where ``w`` is ``known`` (HxW), and inverse depth (1/m) with them."""
+    """Poses that fit the pictures where ``w`` is ``known`` (HxW), and inverse depth (1/m) with
+    them."""
     others, covariances, w = adjust(
-        pictures.reference, pictures.others, pictures.prior, details, w, known, MATCH.pose_steps, pool,
+        pictures.reference,
+        pictures.others,
+        pictures.prior,
+        details,
+        w,
+        known,
+        MATCH.pose_steps,
+        pool,
         pictures.pixel_errors,
-    )  # fmt: skip
+    )
     return pictures.posed(others, covariances), w
 
 
-def _finer(pictures: MatchPictures, found: Views, coarser: Map, stretch: bool, pool: ThreadPoolExecutor) -> np.ndarray:
-    """Inverse depth (HxW, 1/m) in the finer pictures ``found``: surfaces chosen, or interpolated and settled."""
+def _finer(
+    pictures: MatchPictures, found: Views, coarser: Map, stretch: bool, pool: ThreadPoolExecutor
+) -> np.ndarray:
+    """Inverse depth (HxW, 1/m) in the finer pictures ``found``: surfaces chosen, or interpolated
+    and settled."""
     image = colours(pictures.reference, found.shape, np.int16)  # half the memory
     if not stretch:
         return choose_surfaces(found, coarser, image, pool)
     w = stretched(coarser.w, found.shape)
     full = found.shape == pictures.shape
-    settles = not full or w.size <= MATCH.settled_pixels  # at a large full size it costs more than it mends
+    # at a large full size it costs more than it mends
+    settles = not full or w.size <= MATCH.settled_pixels
     return settled(image, w, pool) if settles else w
 
 
@@ -304,10 +376,14 @@ def _enlarged(mask: np.ndarray, reference: Picture) -> np.ndarray:
 
 
 def _certain_depth(
-    fine: Fine, sigma_w: np.ndarray, own_w: np.ndarray, blank: Optional[np.ndarray], options: MatchOptions
+    fine: Fine,
+    sigma_w: np.ndarray,
+    own_w: np.ndarray,
+    blank: Optional[np.ndarray],
+    options: MatchOptions,
 ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Depth and sigma (HxW float32, m) and support, where depth is certain enough by the pixel's ``own_w`` (HxW, 1/m)
-    and the camera saw something; sigma of 1/w to first order."""
+    """Depth and sigma (HxW float32, m) and support, where depth is certain enough by the pixel's
+    ``own_w`` (HxW, 1/m) and the camera saw something; sigma of 1/w to first order."""
     w = np.maximum(fine.w, 1e-9)
     relative = sigma_w / w
     none = ~(own_w / w < options.most_relative_sigma)

@@ -46,13 +46,14 @@ _MONITORED_PIXELS = 640 * 480
 
 @dataclass(frozen=True)
 class JointOptions:
-    """Choices of the method. An input that says how good its poses are overrules the refinement's prior;
-    ``threshold`` is for equation 3.1's farthest depth in the report alone. ``complete`` keeps depths that no pair's
-    texture supports; ``kind`` tells them. ``bars``: straight thin things are matched as wholes besides
-    (docs/lab/tilting.md). ``prior`` is how good the poses of photographs are, where the user says so.
+    """Choices of the method. An input that says how good its poses are overrules the refinement's
+    prior; ``threshold`` is for equation 3.1's farthest depth in the report alone. ``complete``
+    keeps depths that no pair's texture supports; ``kind`` tells them. ``bars``: straight thin
+    things are matched as wholes besides (docs/lab/tilting.md). ``prior`` is how good the poses of
+    photographs are, where the user says so.
 
-    Poses are refined in whole pictures; depth is that of the reference picture at ``scale`` of its size, and of at most
-    ``most_pixels``.
+    Poses are refined in whole pictures; depth is that of the reference picture at ``scale`` of its
+    size, and of at most ``most_pixels``.
     """
 
     refine_poses: bool = True
@@ -67,17 +68,24 @@ class JointOptions:
 
     def __post_init__(self):
         if not 0.1 <= self.scale <= 1.0:
-            raise InputError(f"scale is {self.scale}; it must lie in 0.1 to 1 of the pictures' size")
+            raise InputError(
+                f"scale is {self.scale}; it must lie in 0.1 to 1 of the pictures' size"
+            )
         if self.most_pixels is not None and self.most_pixels < 1000:
             raise InputError(f"most_pixels is {self.most_pixels}; depth needs 1000 pixels at least")
 
     def scale_of(self, pixels: int) -> float:
-        """Says at which share of its size (0 to 1) a reference picture of so many ``pixels`` is matched.
+        """Says at which share of its size (0 to 1) a reference picture of so many ``pixels`` is
+        matched.
 
         >>> [JointOptions(most_pixels=307200).scale_of(n) for n in (307200, 4 * 307200)]
         [1.0, 0.5]
         """
-        return self.scale if self.most_pixels is None else min(self.scale, (self.most_pixels / pixels) ** 0.5)
+        return (
+            self.scale
+            if self.most_pixels is None
+            else min(self.scale, (self.most_pixels / pixels) ** 0.5)
+        )
 
 
 class Joint(Method):
@@ -90,11 +98,14 @@ class Joint(Method):
 
     def map(
         self, given: MapInput, options: Optional[JointOptions] = None, progress: Progress = silent
-    ) -> MapResult:  # fmt: skip
-        """Match jointly; leave out what moved, doubt what an axis denies, refuse a map without evidence."""
+    ) -> MapResult:
+        """Match jointly; leave out what moved, doubt what an axis denies, refuse a map without
+        evidence."""
         options, unit_m = options or JointOptions(), unit_of(given)
         given = in_unit(given, unit_m)
-        result = doubt_contradicted(given, leave_out_moved(given, _mapped(given, options, progress, unit_m)))
+        result = doubt_contradicted(
+            given, leave_out_moved(given, _mapped(given, options, progress, unit_m))
+        )
         if options.refine_poses:  # else who asks vouches for the poses
             require_evidence(result)
         result = result if options.complete else supported_only(result)
@@ -105,13 +116,15 @@ class Joint(Method):
     def quick(self) -> JointOptions:
         """Fewer features, a small volume, and surfaces that are interpolated."""
         matching = MatchOptions(volume_pixels=20000, iterations=1, stretch=True)
-        return JointOptions(refinement=RefineOptions(features=1500, correct_camera=False), matching=matching)
+        return JointOptions(
+            refinement=RefineOptions(features=1500, correct_camera=False), matching=matching
+        )
 
     @property
     def monitor(self) -> JointOptions:
-        """Gives options as ``quick``, with a volume in which a walker at 20 m is 6 pixels wide (4 are lost before a
-        car), and large pictures made smaller: what each image costs does not grow with the camera's size
-        (docs/lab/at_once.md)."""
+        """Gives options as ``quick``, with a volume in which a walker at 20 m is 6 pixels wide (4
+        are lost before a car), and large pictures made smaller: what each image costs does not grow
+        with the camera's size (docs/lab/at_once.md)."""
         matching = replace(self.quick.matching, volume_pixels=40000)
         return replace(self.quick, matching=matching, most_pixels=_MONITORED_PIXELS)
 
@@ -121,7 +134,8 @@ class Joint(Method):
         return JointOptions(complete=True)
 
     def remembering(self, options: JointOptions, known: KnownFeatures) -> JointOptions:
-        """Gives options with a memory for the features of pictures that come again with every configuration."""
+        """Gives options with a memory for the features of pictures that come again with every
+        configuration."""
         return replace(options, refinement=replace(options.refinement, known=known))
 
     def trusting_poses(self, options: JointOptions) -> JointOptions:
@@ -138,7 +152,8 @@ class Joint(Method):
 
 
 def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> MapResult:
-    """The map of all configurations in the first one's reference picture. Raises MatchingError where none matched."""
+    """The map of all configurations in the first one's reference picture. Raises MatchingError
+    where none matched."""
     unit_m = unit_of(given)
     return in_metres(_mapped(in_unit(given, unit_m), options, progress, unit_m), unit_m)
 
@@ -148,13 +163,18 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     reference, others = choose_pictures(given.configurations)
     hint = rig_hint(reference, others) if _nothing_said(given, options) else []
     if given.rig and _nothing_said(given, options) and not options.refinement.refine_focal:
-        options = replace(options, prior=RIG, refinement=replace(options.refinement, calibrated=True))
+        options = replace(
+            options, prior=RIG, refinement=replace(options.refinement, calibrated=True)
+        )
         hint = [rig_words(given.rig)]
     prior = _prior(given, options, unit_m).in_scene([_apart(reference, o) for o in others])
     refinement = replace(
-        options.refinement, prior=prior, unit_m=unit_m, most_turn_rad=most_turn_rad(given),
+        options.refinement,
+        prior=prior,
+        unit_m=unit_m,
+        most_turn_rad=most_turn_rad(given),
         other_lens=given.kind is InputKind.PHOTOGRAPHS,
-    )  # fmt: skip
+    )
     options = replace(options, refinement=refinement)
     warnings = list(given.warnings)
 
@@ -171,7 +191,8 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     warnings += [f"left out: {refined[i].picture.name}: {reason}" for i, reason in left_out.items()]
     pictures = [refined[i].picture for i in kept]
     matching = replace(options.matching, adjust_poses=options.refine_poses)
-    if given.kind is not InputKind.SESSION:  # one error of a pose is in all pixels: in sigma, not what a pixel is
+    # one error of a pose is in all pixels: in sigma, not what a pixel is
+    if given.kind is not InputKind.SESSION:
         matching = replace(matching, poses_withhold=False)
     scale = options.scale_of(reference.image.shape[0] * reference.image.shape[1])
     if scale < 1.0:
@@ -189,14 +210,28 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     cloud = cloud_of(reference, found.depth, found.sigma, found.strongest)
     if not len(cloud):
         why = why_no_depth(reference, pictures, unit_m)
-        raise MatchingError(f"no pixel of {reference.name} has a depth that can be relied on: {why}")
+        raise MatchingError(
+            f"no pixel of {reference.name} has a depth that can be relied on: {why}"
+        )
     configurations = [given.configurations[i].configuration for i in kept]
-    pairs = _pairs(configurations, given.kind is InputKind.SESSION, reference, pictures, found, options)
+    pairs = _pairs(
+        configurations, given.kind is InputKind.SESSION, reference, pictures, found, options
+    )
     timing_s["fuse"] = time.perf_counter() - started
     progress("fusing", 3, 3)
     view, images = Reference.of(reference), _images(reference, others, refined, left_out)
     return MapResult(
-        "joint", view, images, pairs, found.depth, found.sigma, cloud, timing_s, warnings, found.kind, unseen=unseen
+        "joint",
+        view,
+        images,
+        pairs,
+        found.depth,
+        found.sigma,
+        cloud,
+        timing_s,
+        warnings,
+        found.kind,
+        unseen=unseen,
     )
 
 
@@ -205,8 +240,8 @@ def _apart(reference: Picture, other: Picture) -> float:
 
 
 def _prior(given: MapInput, options: JointOptions, unit_m: float) -> PosePrior:
-    """How good the poses are by the user's word, or the input's (in units of ``unit_m``), else the refinement's; of
-    photographs relative to the scene. Raises InputError where both say it."""
+    """How good the poses are by the user's word, or the input's (in units of ``unit_m``), else the
+    refinement's; of photographs relative to the scene. Raises InputError where both say it."""
     if options.prior is None:
         prior = options.refinement.prior
         assumed = PosePrior() if given.kind is not InputKind.SESSION and prior == METRIC else prior
@@ -222,15 +257,21 @@ def _prior(given: MapInput, options: JointOptions, unit_m: float) -> PosePrior:
 def _nothing_said(given: MapInput, options: JointOptions) -> bool:
     """Whether nobody says how good the poses of photographs are."""
     known = any(p.covariance is not None for c in given.configurations for p in c.others)
-    return given.kind is not InputKind.SESSION and given.prior is None and not known and options.prior is None
+    return (
+        given.kind is not InputKind.SESSION
+        and given.prior is None
+        and not known
+        and options.prior is None
+    )
 
 
 def choose_pictures(configurations: List[ConfigurationInput]) -> Tuple[Picture, List[Picture]]:
-    """One reference picture for all, and one other of each configuration, each from the middle of its recording; the
-    others with a reference picture of their instant, where there is one (``instants.middle``).
+    """One reference picture for all, and one other of each configuration, each from the middle of
+    its recording; the others with a reference picture of their instant, where there is one
+    (``instants.middle``).
 
-    The scene stands still while vehicles move from one configuration to the next, and every picture has its own pose:
-    there is no need for a reference picture of each configuration.
+    The scene stands still while vehicles move from one configuration to the next, and every picture
+    has its own pose: there is no need for a reference picture of each configuration.
     """
     references = configurations[0].references
     reference = references[len(references) // 2]
@@ -240,8 +281,8 @@ def choose_pictures(configurations: List[ConfigurationInput]) -> Tuple[Picture, 
 def _refine(
     reference: Picture, others: List[Picture], options: JointOptions, warnings: List[str]
 ) -> Tuple[Picture, List[RefinedPicture], List[str]]:
-    """The reference keeps its pose; its focal length follows the others' where that is refined. Last what may be wrong
-    and would show nowhere."""
+    """The reference keeps its pose; its focal length follows the others' where that is refined.
+    Last what may be wrong and would show nowhere."""
     if options.refine_poses:
         refinement = refine(reference, others, options.refinement)
         warnings += refinement.warnings
@@ -251,12 +292,15 @@ def _refine(
     for o in others:
         scale = of_scale(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3], prior.scale_sigma)
         known, nan = PoseUncertainty(prior_covariance(reference, o, prior), scale), float("nan")
-        unrefined.append(RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, known))
+        unrefined.append(
+            RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, known)
+        )
     return reference, unrefined, []
 
 
 def _unfit_to_match(refined: List[RefinedPicture]) -> Dict[int, str]:
-    """Pictures that refinement refused lie pixels away from the others: they are left out where others serve.
+    """Pictures that refinement refused lie pixels away from the others: they are left out where
+    others serve.
 
     Why, by index."""
     if not any(r.refined for r in refined):
@@ -271,30 +315,47 @@ def _unfit_to_match(refined: List[RefinedPicture]) -> Dict[int, str]:
 
 
 def _pairs(
-    configurations: List[Configuration], level: bool, reference: Picture, others: List[Picture], found: JointDepth,
+    configurations: List[Configuration],
+    level: bool,
+    reference: Picture,
+    others: List[Picture],
+    found: JointDepth,
     options: JointOptions,
-):  # fmt: skip
+):
     pairs, nearest_m = [], NearestUseful(found.depth)
     for bit, i in enumerate(found.used):
         configuration = configurations[i]
         agrees = found.agrees(bit)
         near_m = nearest_m.of(agrees, found.fine.residuals.seen[bit] > 0)
-        far_m = farthest(max(configuration.baseline_m, 1e-6), reference.camera.fx, options.threshold)
+        far_m = farthest(
+            max(configuration.baseline_m, 1e-6), reference.camera.fx, options.threshold
+        )
         range_m = min(near_m, far_m), far_m
-        pairs.append(JointPair(configuration, reference, others[i], found.depth, agrees, range_m, level))
+        pairs.append(
+            JointPair(configuration, reference, others[i], found.depth, agrees, range_m, level)
+        )
     return pairs
 
 
 def _images(
-    reference: Picture, others: List[Picture], refined: List[RefinedPicture], left_out: Dict[int, str]
-) -> List[ImageEntry]:  # fmt: skip
+    reference: Picture,
+    others: List[Picture],
+    refined: List[RefinedPicture],
+    left_out: Dict[int, str],
+) -> List[ImageEntry]:
     def entry(p: Picture, prior, **found) -> ImageEntry:
         return ImageEntry(p.name, p.vehicle, p.stamp_s, p.T_home_cam, prior, **found)
 
     images = {reference.name: entry(reference, reference.T_home_cam)}
     for i, (o, r) in enumerate(zip(others, refined)):
         rms = r.epipolar_after_px if np.isfinite(r.epipolar_after_px) else None
-        found = entry(r.picture, o.T_home_cam, refined=r.refined, inliers=r.inliers, epipolar_rms_px=rms,
-                      left_out=left_out.get(i))  # fmt: skip
+        found = entry(
+            r.picture,
+            o.T_home_cam,
+            refined=r.refined,
+            inliers=r.inliers,
+            epipolar_rms_px=rms,
+            left_out=left_out.get(i),
+        )
         images.setdefault(o.name, found)
     return list(images.values())

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each pair contributed to a joint map: its share, its useful range, and its rectified view when asked for."""
+"""What each pair contributed to a joint map: its share, its useful range, and its rectified view
+when asked for."""
 
 import weakref
 from dataclasses import replace
@@ -18,21 +19,28 @@ _BAND = 64  # rows at a time: large pictures
 
 
 class JointPair:
-    """A ``Pair`` of a joint map; rectified pictures and disparity are made when they are looked at, and kept until
-    another pair's are: a large picture's are as large as the map.
+    """A ``Pair`` of a joint map; rectified pictures and disparity are made when they are looked at,
+    and kept until another pair's are: a large picture's are as large as the map.
 
-    ``depth`` is the joint depth (HxW float32, m, NaN) where this pair agrees with it. ``disparity`` is that depth seen
-    in the rectified view: px along the pair's axis.
+    ``depth`` is the joint depth (HxW float32, m, NaN) where this pair agrees with it. ``disparity``
+    is that depth seen in the rectified view: px along the pair's axis.
     """
 
     shares_depth = True
     _looked_at: ClassVar[Callable[[], Optional["JointPair"]]] = staticmethod(lambda: None)
 
     def __init__(
-        self, configuration: Configuration, reference: Picture, other: Picture, depth: np.ndarray, agrees: np.ndarray,
-        effective_range_m: Tuple[float, float], level: bool,
-    ):  # fmt: skip
-        """``depth`` (HxW float32, m, NaN) is the map's; ``agrees`` (HxW bool) where this pair agrees with it."""
+        self,
+        configuration: Configuration,
+        reference: Picture,
+        other: Picture,
+        depth: np.ndarray,
+        agrees: np.ndarray,
+        effective_range_m: Tuple[float, float],
+        level: bool,
+    ):
+        """``depth`` (HxW float32, m, NaN) is the map's; ``agrees`` (HxW bool) where this pair
+        agrees with it."""
         self.configuration = configuration
         self._map_depth, self._agrees = depth, agrees & np.isfinite(depth)
         self.effective_range_m = effective_range_m
@@ -54,20 +62,34 @@ class JointPair:
         """The same pair with depth only where ``stays`` (HxW bool)."""
         agrees = self._agrees & stays
         kept = JointPair(
-            self.configuration, *self._pictures, self._map_depth, agrees, self.effective_range_m, self._level
+            self.configuration,
+            *self._pictures,
+            self._map_depth,
+            agrees,
+            self.effective_range_m,
+            self._level,
         )
         kept.match_rate, kept.candidates = self.match_rate, self.candidates
         return kept
 
     def in_metres(
         self, unit_m: float, picture_in_metres: Callable[[Picture], Picture], depth: np.ndarray
-    ) -> "JointPair":  # fmt: skip
-        """The same pair, whose lengths are in units of ``unit_m``, with lengths in metres; ``depth`` is the map's."""
-        configuration = replace(self.configuration, baseline_m=self.configuration.baseline_m * unit_m)
+    ) -> "JointPair":
+        """The same pair, whose lengths are in units of ``unit_m``, with lengths in metres;
+        ``depth`` is the map's."""
+        configuration = replace(
+            self.configuration, baseline_m=self.configuration.baseline_m * unit_m
+        )
         near_m, far_m = self.effective_range_m
         reference, other = map(picture_in_metres, self._pictures)
         kept = JointPair(
-            configuration, reference, other, depth, self._agrees, (near_m * unit_m, far_m * unit_m), self._level
+            configuration,
+            reference,
+            other,
+            depth,
+            self._agrees,
+            (near_m * unit_m, far_m * unit_m),
+            self._level,
         )
         kept.match_rate, kept.candidates = self.match_rate, self.candidates
         return kept
@@ -114,7 +136,8 @@ class JointPair:
         return np.concatenate([self._disparity_band(depth, y) for y in range(0, len(depth), _BAND)])
 
     def _disparity_band(self, depth: np.ndarray, first_row: int) -> np.ndarray:
-        """Gives the disparity of the rectified view's rows from ``first_row`` on; ``depth`` as above, whole."""
+        """Gives the disparity of the rectified view's rows from ``first_row`` on; ``depth`` as
+        above, whole."""
         pair, reference = self._rectified, self._pictures[0]
         R_cam_rect = reference.T_home_cam[:3, :3].T @ pair.R_home_rect
         height, width = depth.shape
@@ -125,7 +148,9 @@ class JointPair:
         with np.errstate(divide="ignore", invalid="ignore"):
             x, y = seen[..., 0] / seen[..., 2], seen[..., 1] / seen[..., 2]
         camera = reference.camera
-        maps = [m.astype(np.float32) for m in (camera.fx * x + camera.cx, camera.fy * y + camera.cy)]
+        maps = [
+            m.astype(np.float32) for m in (camera.fx * x + camera.cx, camera.fy * y + camera.cy)
+        ]
         depth = cv2.remap(depth, *maps, cv2.INTER_NEAREST, borderValue=float("nan"))
         points = rays * (depth / seen[..., 2])[..., None] - pair.p_rect_other_m
         i = pair.axis_index
@@ -135,11 +160,13 @@ class JointPair:
 
 
 class NearestUseful:
-    """The depth (m) below which a pair's matches stop agreeing with the joint map, from the evidence.
+    """The depth (m) below which a pair's matches stop agreeing with the joint map, from the
+    evidence.
 
-    ``agrees`` and ``sees`` are HxW bool. In bands of depth (with their neighbours, lest one object decides) the share
-    of the map's pixels that the pair agrees with is held against its usual share; what it does not see is lost too.
-    What the thesis left open beside equation 3.1's farthest depth.
+    ``agrees`` and ``sees`` are HxW bool. In bands of depth (with their neighbours, lest one object
+    decides) the share of the map's pixels that the pair agrees with is held against its usual
+    share; what it does not see is lost too. What the thesis left open beside equation 3.1's
+    farthest depth.
     """
 
     def __init__(self, depth: np.ndarray):
@@ -151,7 +178,8 @@ class NearestUseful:
         low, high = np.log2(np.percentile(depths, [0.5, 99.5]))
         count = max(2, int(np.ceil((high - low) * PAIRS.bins_per_doubling)))
         self._edges = np.exp2(np.linspace(low, high, count + 1))
-        band = np.searchsorted(self._edges, depths, side="right").astype(np.int16)  # 0: nearer than all
+        # 0: nearer than all
+        band = np.searchsorted(self._edges, depths, side="right").astype(np.int16)
         band[depths == self._edges[-1]] = count  # the last one holds its end, as histograms do
         self._band = band
         self._of = self._counted(band)

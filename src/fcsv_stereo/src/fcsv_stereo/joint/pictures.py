@@ -17,12 +17,11 @@ Exposure = Tuple[float, float]
 class MatchPictures:
     """The reference and those that are matched with it.
 
-    ``exposures`` are by each picture, the reference's first, the gain and offset that make its grey like the
-    reference's, None before they are known. Grey pictures are made when they are needed: large ones are as large as
-    all else.
-    ``covariances`` (6x6; rad in camera axes, m in home's) are those of the others' poses, None where not given.
-    ``prior`` is what poses may be adjusted by; None where they are taken as they are. ``pixel_errors``: see
-    ``adjust``.
+    ``exposures`` are by each picture, the reference's first, the gain and offset that make its grey
+    like the reference's, None before they are known. Grey pictures are made when they are needed:
+    large ones are as large as all else. ``covariances`` (6x6; rad in camera axes, m in home's) are
+    those of the others' poses, None where not given. ``prior`` is what poses may be adjusted by;
+    None where they are taken as they are. ``pixel_errors``: see ``adjust``.
     """
 
     reference: Picture
@@ -34,7 +33,11 @@ class MatchPictures:
 
     @classmethod
     def of(
-        cls, reference: Picture, others: List[Picture], poses: Optional[Sequence[PoseUncertainty]], adjust_poses: bool
+        cls,
+        reference: Picture,
+        others: List[Picture],
+        poses: Optional[Sequence[PoseUncertainty]],
+        adjust_poses: bool,
     ) -> "MatchPictures":
         """``poses`` may be None: then none is adjusted."""
         noise = [p.noise for p in poses] if poses else [None] * len(others)
@@ -44,7 +47,9 @@ class MatchPictures:
 
     def views(self, scale: float) -> Views:
         """Makes the views at ``scale`` of the full size."""
-        return views(self.reference, self.others, scale, map(self.grey, range(1 + len(self.others))))
+        return views(
+            self.reference, self.others, scale, map(self.grey, range(1 + len(self.others)))
+        )
 
     def grey(self, i: int) -> np.ndarray:
         """HxW float32 at full size of picture i, 0: the reference; exposures made alike."""
@@ -62,19 +67,27 @@ class MatchPictures:
 
 
 def usable(reference: Picture, others: Sequence[Picture]) -> Tuple[List[int], Dict[int, str]]:
-    """Indices of the pictures that see something of the reference's from another place, and why others do not."""
+    """Indices of the pictures that see something of the reference's from another place, and why
+    others do not."""
     left_out: Dict[int, str] = {}
     for i, other in enumerate(others):
         baseline_m = float(np.linalg.norm(other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]))
         if min(*reference.image.shape[:2], *other.image.shape[:2]) < MATCH.least_side_px:
-            left_out[i] = f"{other.name} or {reference.name} is smaller than {MATCH.least_side_px} px: nothing to match"
+            left_out[i] = (
+                f"{other.name} or {reference.name} is smaller than {MATCH.least_side_px} px: nothing to match"
+            )
         elif baseline_m < MATCH.least_baseline_m:
-            left_out[i] = f"{other.name} and {reference.name} were taken from one place: no baseline"
+            left_out[i] = (
+                f"{other.name} and {reference.name} were taken from one place: no baseline"
+            )
     some = [i for i in range(len(others)) if i not in left_out]
     if some:
         pictures = [others[i] for i in some]
         found = views(reference, pictures, MATCH.overlap_scale, map(grey, (reference, *pictures)))
         for pair, i in enumerate(some):
-            if len(inverse_depths(found.only(pair), MATCH.overlap_step_px, MATCH.overlap_levels)) < MATCH.least_levels:
+            if (
+                len(inverse_depths(found.only(pair), MATCH.overlap_step_px, MATCH.overlap_levels))
+                < MATCH.least_levels
+            ):
                 left_out[i] = f"{others[i].name} does not overlap {reference.name}"
     return [i for i in range(len(others)) if i not in left_out], dict(sorted(left_out.items()))

@@ -1,22 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a pixel of the reference lies in another picture: the one place where compiled loops compute it.
+"""Where a pixel of the reference lies in another picture: the one place where compiled loops
+compute it.
 
-The functions are inlined before numba compiles the caller, so that they take over the caller's types and rules of
-arithmetic, and no array is counted on the way. ``projections`` (Nx12) are those of ``Views``.
+The functions are inlined before numba compiles the caller, so that they take over the caller's
+types and rules of arithmetic, and no array is counted on the way. ``projections`` (Nx12) are those
+of ``Views``.
 
-Two places compute whole rows instead, since what is common to a row stands outside of their vector code
-(``volume.pair_costs.warp_row`` and ``in_view``); ``views`` projects a few hundred grid points with numpy.
+Two places compute whole rows instead, since what is common to a row stands outside of their vector
+code (``volume.pair_costs.warp_row`` and ``in_view``); ``views`` projects a few hundred grid points
+with numpy.
 """
 
 import numpy as np
 from numba import njit
 
-_LEAST_Z = np.float32(1e-9)  # keeps the division finite; z is 1 for what is straight ahead at infinity
+# keeps the division finite; z is 1 for what is straight ahead at infinity
+_LEAST_Z = np.float32(1e-9)
 
 
 @njit(inline="always")
 def ray(projections, i, u, v):
-    """Homogeneous place (3 numbers) in picture i of the reference's pixel (u, v), were it at infinity."""
+    """Homogeneous place (3 numbers) in picture i of the reference's pixel (u, v), were it at
+    infinity."""
     return (
         projections[i, 0] * u + projections[i, 1] * v + projections[i, 2],
         projections[i, 3] * u + projections[i, 4] * v + projections[i, 5],
@@ -26,7 +31,8 @@ def ray(projections, i, u, v):
 
 @njit(inline="always")
 def place(a, b, c, projections, i, w):
-    """Places the point of a ``ray`` (a, b, c) at inverse depth w (1/m): x and y (px) in picture i, z and its inverse.
+    """Places the point of a ``ray`` (a, b, c) at inverse depth w (1/m): x and y (px) in picture i,
+    z and its inverse.
 
     Behind the camera z is not above 0, and x and y mean nothing.
     """

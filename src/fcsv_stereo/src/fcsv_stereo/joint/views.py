@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The geometry of the plane sweep: how pixels of the reference move in the other pictures with inverse depth."""
+"""The geometry of the plane sweep: how pixels of the reference move in the other pictures with
+inverse depth."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,10 +19,11 @@ from fcsv_stereo.model import Picture, as_grey, as_rgb
 class Views:
     """Grey pictures at one scale and how they see the reference's pixels.
 
-    ``reference`` is HxW float32; ``others`` NxHoxWo float32 (the largest size, ``sizes`` Nx2 holds each one's height
-    and width). ``projections`` is Nx12 float32: a 3x3 matrix A by rows and a vector b, so that the reference's pixel
-    (u, v) at inverse depth w (1/m) is at ``A @ [u, v, 1] + w b`` (homogeneous) in the other picture. ``falling`` (3,)
-    says how level planes lie: one at height h (m) under the reference has inverse depth ``falling @ [u, v, 1] / h``.
+    ``reference`` is HxW float32; ``others`` NxHoxWo float32 (the largest size, ``sizes`` Nx2 holds
+    each one's height and width). ``projections`` is Nx12 float32: a 3x3 matrix A by rows and a
+    vector b, so that the reference's pixel (u, v) at inverse depth w (1/m) is at ``A @ [u, v, 1] +
+    w b`` (homogeneous) in the other picture. ``falling`` (3,) says how level planes lie: one at
+    height h (m) under the reference has inverse depth ``falling @ [u, v, 1] / h``.
     """
 
     reference: np.ndarray
@@ -36,14 +38,17 @@ class Views:
 
     @property
     def falls(self) -> np.ndarray:
-        """(H,) by how much the rays of the rows' middles fall per metre of depth; not above 0 above the horizon."""
+        """(H,) by how much the rays of the rows' middles fall per metre of depth; not above 0 above
+        the horizon."""
         height, width = self.shape
-        return self.falling @ np.stack([np.full(height, (width - 1) / 2), np.arange(height), np.ones(height)])
+        return self.falling @ np.stack(
+            [np.full(height, (width - 1) / 2), np.arange(height), np.ones(height)]
+        )
 
     @cached_property
     def fastest_px_m(self) -> float:
-        """Says by how many pixels a pixel moves per 1/m of inverse depth in the pair in which it moves fastest (px
-        m)."""
+        """Says by how many pixels a pixel moves per 1/m of inverse depth in the pair in which it
+        moves fastest (px m)."""
         return float(np.hypot(self.projections[:, 9], self.projections[:, 10]).max())
 
     @cached_property
@@ -62,7 +67,9 @@ class Views:
     def only(self, pair: int) -> "Views":
         """The same of one pair."""
         one = slice(pair, pair + 1)
-        return replace(self, others=self.others[one], sizes=self.sizes[one], projections=self.projections[one])
+        return replace(
+            self, others=self.others[one], sizes=self.sizes[one], projections=self.projections[one]
+        )
 
     def rows(self, rows: slice) -> "Views":
         """The same pictures with a part of the reference's rows."""
@@ -87,9 +94,11 @@ def colours(picture: Picture, shape: Tuple[int, int], kind=np.float32) -> np.nda
     return cv2.resize(as_rgb(picture.image), shape[::-1], interpolation=cv2.INTER_AREA).astype(kind)
 
 
-def views(reference: Picture, others: Sequence[Picture], scale: float, greys: Iterable[np.ndarray]) -> Views:
-    """Makes the views at ``scale`` of the full size; ``greys`` are the full-size grey pictures, the reference's first,
-    taken one by one."""
+def views(
+    reference: Picture, others: Sequence[Picture], scale: float, greys: Iterable[np.ndarray]
+) -> Views:
+    """Makes the views at ``scale`` of the full size; ``greys`` are the full-size grey pictures, the
+    reference's first, taken one by one."""
     small = (_resize(g, scale) for g in greys)
     first = next(small)
     sizes = np.array([_size(o.image.shape[:2], scale) for o in others], np.int64).reshape(-1, 2)
@@ -101,14 +110,22 @@ def views(reference: Picture, others: Sequence[Picture], scale: float, greys: It
     return Views(first, stack, sizes, projections(reference, others, first.shape, sizes), falling)
 
 
-def projections(reference: Picture, others: Sequence[Picture], shape: Tuple[int, int], sizes: np.ndarray) -> np.ndarray:
-    """Nx12 float32 as ``Views`` has them, of pictures resized to ``shape`` (the reference) and ``sizes`` (Nx2)."""
+def projections(
+    reference: Picture, others: Sequence[Picture], shape: Tuple[int, int], sizes: np.ndarray
+) -> np.ndarray:
+    """Nx12 float32 as ``Views`` has them, of pictures resized to ``shape`` (the reference) and
+    ``sizes`` (Nx2)."""
     K = camera_matrix(reference.camera, shape)
-    each = [projection(reference, o, K, camera_matrix(o.camera, tuple(size))) for o, size in zip(others, sizes)]
+    each = [
+        projection(reference, o, K, camera_matrix(o.camera, tuple(size)))
+        for o, size in zip(others, sizes)
+    ]
     return np.array(each, np.float32).reshape(-1, 12)
 
 
-def projection(reference: Picture, other: Picture, K_reference: np.ndarray, K_other: np.ndarray) -> np.ndarray:
+def projection(
+    reference: Picture, other: Picture, K_reference: np.ndarray, K_other: np.ndarray
+) -> np.ndarray:
     """(12,) A and b of ``Views.projections``, from the relative pose."""
     T_other_ref = transforms.invert(other.T_home_cam) @ reference.T_home_cam
     A = K_other @ T_other_ref[:3, :3] @ np.linalg.inv(K_reference)
@@ -116,10 +133,11 @@ def projection(reference: Picture, other: Picture, K_reference: np.ndarray, K_ot
 
 
 def inverse_depths(found: Views, step_px: float, most: int, nearest: float = np.inf) -> np.ndarray:
-    """(D,) float32 inverse depths (1/m) from 0, such that the fastest pair in view moves by at most ``step_px``.
+    """(D,) float32 inverse depths (1/m) from 0, such that the fastest pair in view moves by at most
+    ``step_px``.
 
-    None is above ``nearest`` (1/m). Steps are widened where there would be more than ``most``. Inverse depths that no
-    pair sees are left out.
+    None is above ``nearest`` (1/m). Steps are widened where there would be more than ``most``.
+    Inverse depths that no pair sees are left out.
     """
     grid = _grid(found.shape)
     tops = [_top(p, grid, s) for p, s in zip(found.projections, found.sizes)]
@@ -127,7 +145,9 @@ def inverse_depths(found: Views, step_px: float, most: int, nearest: float = np.
     if top <= 0:
         return np.zeros(1, np.float32)
     samples = top * np.linspace(0.0, 1.0, VIEWS.samples) ** 2
-    rate = np.max([_rate(p, grid, s, samples) for p, s in zip(found.projections, found.sizes)], axis=0)
+    rate = np.max(
+        [_rate(p, grid, s, samples) for p, s in zip(found.projections, found.sizes)], axis=0
+    )
     moved = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(samples))])
     count = int(np.clip(np.ceil(moved[-1] / step_px), 2, most))
     return np.interp(np.linspace(0.0, moved[-1], count + 1), moved, samples).astype(np.float32)
@@ -183,7 +203,8 @@ def _top(p: np.ndarray, grid: np.ndarray, size: np.ndarray) -> float:
     length = np.linalg.norm(p[9:]) / max(np.linalg.norm(p[:9].reshape(3, 3), 2), 1e-12)
     if length <= 0:
         return 0.0
-    # p[9:] is K t: in units of pixels times metres; a point nearer than half the baseline is no stereo
+    # p[9:] is K t: in units of pixels times metres; a point nearer than half the baseline is no
+    # stereo
     top = 2.0 * size.max() / np.linalg.norm(p[9:])
     w = top * np.linspace(0.0, 1.0, VIEWS.top_samples)
     enough = _inside(_project(p, grid, w), size).mean(axis=-1) >= VIEWS.least_seen
@@ -191,7 +212,8 @@ def _top(p: np.ndarray, grid: np.ndarray, size: np.ndarray) -> float:
 
 
 def _rate(p: np.ndarray, grid: np.ndarray, size: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Pixels per unit of inverse depth that the pair's faster grid points move, 0 where it sees too little."""
+    """Pixels per unit of inverse depth that the pair's faster grid points move, 0 where it sees too
+    little."""
     uv = _project(p, grid, w)
     dw = 1e-4 * w[-1]
     speed = np.linalg.norm(_project(p, grid, w + dw) - uv, axis=-2) / dw
@@ -205,6 +227,8 @@ def _percentile(values: np.ndarray, chosen: np.ndarray, share: float) -> np.ndar
     rows = np.sort(np.where(chosen, values, np.inf), axis=1)
     at = share * np.maximum(chosen.sum(axis=1) - 1, 0)
     low = np.floor(at).astype(int)
-    low, high = (np.take_along_axis(rows, i[:, None], 1)[:, 0] for i in (low, np.ceil(at).astype(int)))
+    low, high = (
+        np.take_along_axis(rows, i[:, None], 1)[:, 0] for i in (low, np.ceil(at).astype(int))
+    )
     with np.errstate(invalid="ignore"):
         return np.where(chosen.any(axis=1), low + (at - np.floor(at)) * (high - low), 0.0)

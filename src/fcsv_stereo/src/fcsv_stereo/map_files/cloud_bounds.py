@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which points of a map are worth a cloud: near enough, sure enough. Depth and sigma of the pixels stay as they are."""
+"""Which points of a map are worth a cloud: near enough, sure enough. Depth and sigma of the pixels
+stay as they are."""
 
 import re
 from dataclasses import dataclass, replace
@@ -12,9 +13,9 @@ from fcsv_stereo.equations import ErrorThreshold, farthest, parse_threshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import CloudCut, MapResult
 
-#: What a cloud's points may be unsure of (share of the distance): two standard deviations are then 40 %, and what is
-#: less sure has no place that anybody could use. Below it the points hardly get better, and fewer
-#: (docs/user/maps.md#clouds).
+#: What a cloud's points may be unsure of (share of the distance): two standard deviations are then
+#: 40 %, and what is less sure has no place that anybody could use. Below it the points hardly get
+#: better, and fewer (docs/user/maps.md#clouds).
 DEFAULT_SIGMA = ErrorThreshold(0.2, True)
 _AUTO, _NONE = "auto", "none"
 _AT_A_TIME = 1 << 18  # points: clouds of large pictures
@@ -22,8 +23,8 @@ _AT_A_TIME = 1 << 18  # points: clouds of large pictures
 
 @dataclass(frozen=True)
 class CloudBounds:
-    """``range_m``: farthest depth (m along the optical axis), "auto": as far as the baselines hold, None: any.
-    ``sigma``: largest standard deviation, None: any."""
+    """``range_m``: farthest depth (m along the optical axis), "auto": as far as the baselines hold,
+    None: any. ``sigma``: largest standard deviation, None: any."""
 
     range_m: Union[float, str, None] = _AUTO
     sigma: Optional[ErrorThreshold] = DEFAULT_SIGMA
@@ -45,7 +46,9 @@ def _range(word: str) -> Union[float, str, None]:
         return None if word == _NONE else word
     metres = re.fullmatch(r"\s*([0-9]+\.?[0-9]*|\.[0-9]+)\s*m?\s*", word)
     if metres is None or not float(metres.group(1)) > 0.0:
-        raise InputError(f"--cloud-range-m '{word}' is not understood; write metres (300), 'auto' or 'none'")
+        raise InputError(
+            f"--cloud-range-m '{word}' is not understood; write metres (300), 'auto' or 'none'"
+        )
     return float(metres.group(1))
 
 
@@ -62,22 +65,26 @@ def _sigma(word: str) -> Optional[ErrorThreshold]:
 
 
 def held_range_m(result: MapResult) -> Optional[float]:
-    """Depth (m) at which one pixel of disparity on the widest pair is ``DEFAULT_SIGMA`` of the distance (3.1).
+    """Depth (m) at which one pixel of disparity on the widest pair is ``DEFAULT_SIGMA`` of the
+    distance (3.1).
 
-    Of a pair's baseline counts what lies across the reference's optical axis. None where there is no pair, or none
-    that has a baseline.
+    Of a pair's baseline counts what lies across the reference's optical axis. None where there is
+    no pair, or none that has a baseline.
     """
     T_cam_home, camera = transforms.invert(result.reference.T_home_cam), result.reference.camera
     reach = [0.0]
     for p in result.pairs:
-        across_m = float(np.linalg.norm(transforms.apply(T_cam_home, p.T_home_cam_other[:3, 3])[:2]))
+        across_m = float(
+            np.linalg.norm(transforms.apply(T_cam_home, p.T_home_cam_other[:3, 3])[:2])
+        )
         focal_px = (camera.fx, camera.fy)[p.configuration.axis.coordinate]
         reach.append(farthest(across_m, focal_px, DEFAULT_SIGMA))
     return max(reach) or None
 
 
 def bound_cloud(result: MapResult, bounds: CloudBounds) -> MapResult:
-    """The result whose cloud holds the points within ``bounds``, and ``cut``: how many were left out, and why.
+    """The result whose cloud holds the points within ``bounds``, and ``cut``: how many were left
+    out, and why.
 
     A cloud that loses all of its points is a warning.
     """
@@ -88,7 +95,9 @@ def bound_cloud(result: MapResult, bounds: CloudBounds) -> MapResult:
     if range_m is not None:
         far = depth_m > range_m
     if bounds.sigma is not None:
-        unsure = ~(cloud.sigma_m <= bounds.sigma.value * (depth_m if bounds.sigma.relative else 1.0))
+        unsure = ~(
+            cloud.sigma_m <= bounds.sigma.value * (depth_m if bounds.sigma.relative else 1.0)
+        )
     kept = ~(far | unsure)
     cut = CloudCut(range_m, bounds.sigma, int(far.sum()), int((unsure & ~far).sum()))
     warnings = list(result.warnings)
@@ -120,6 +129,10 @@ def in_words(cut: CloudCut) -> str:
     if cut.range_m is not None:
         said.append(f"beyond {cut.range_m:.0f} m ({cut.beyond_range:,})")
     if cut.sigma is not None:
-        worth = f"{100.0 * cut.sigma.value:g} % of the distance" if cut.sigma.relative else f"{cut.sigma.value:g} m"
+        worth = (
+            f"{100.0 * cut.sigma.value:g} % of the distance"
+            if cut.sigma.relative
+            else f"{cut.sigma.value:g} m"
+        )
         said.append(f"less sure than {worth} ({cut.beyond_sigma:,})")
     return " or ".join(said)

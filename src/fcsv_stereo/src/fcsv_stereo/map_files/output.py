@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""OUT/: map.ply, depth.npy, sigma.npy, kind.npy, reference.png, report.json, report.html; all of it, or none."""
+"""OUT/: map.ply, depth.npy, sigma.npy, kind.npy, reference.png, report.json, report.html; all of
+it, or none."""
 
 import json
 import re
@@ -22,12 +23,28 @@ from fcsv_stereo.posed.local_origin import moved
 from fcsv_stereo.products import names
 from fcsv_stereo.products.clouds import origin_line
 
-FILES = ("map.ply", "depth.npy", "sigma.npy", "kind.npy", "reference.png", "report.json", "report.html")
+FILES = (
+    "map.ply",
+    "depth.npy",
+    "sigma.npy",
+    "kind.npy",
+    "reference.png",
+    "report.json",
+    "report.html",
+)
 #: map.ply's vertices: the names and types that readers know
-_VERTEX = np.dtype([
-    ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("sigma", "<f4"),
-    ("baseline", "u1"),
-])  # fmt: skip
+_VERTEX = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("red", "u1"),
+        ("green", "u1"),
+        ("blue", "u1"),
+        ("sigma", "<f4"),
+        ("baseline", "u1"),
+    ]
+)
 _COLUMNS = (("x", "y", "z"), ("red", "green", "blue"))
 _PLY_NAMES = {"<f4": "float", "|u1": "uchar"}
 _MOST_HEADER_BYTES = 4096
@@ -43,9 +60,15 @@ def check_out(out: Path) -> None:
     """An earlier map may be replaced, anything else is left alone. Raises OutputError."""
     if out.exists() and not out.is_dir():
         raise OutputError(f"{out}: is a file; give a folder with -o")
-    foreign = [p.name for p in out.iterdir() if p.name not in (*FILES, *names.FILES)] if out.exists() else []
+    foreign = (
+        [p.name for p in out.iterdir() if p.name not in (*FILES, *names.FILES)]
+        if out.exists()
+        else []
+    )
     if foreign:
-        raise OutputError(f"{out}: holds '{foreign[0]}', which is not of a map; give another folder with -o")
+        raise OutputError(
+            f"{out}: holds '{foreign[0]}', which is not of a map; give another folder with -o"
+        )
 
 
 def write_arrays(result: MapResult, folder: Path) -> None:
@@ -54,14 +77,18 @@ def write_arrays(result: MapResult, folder: Path) -> None:
     np.save(folder / "depth.npy", result.depth.astype(np.float32))
     np.save(folder / "sigma.npy", result.sigma.astype(np.float32))
     np.save(folder / "kind.npy", result.kind.astype(np.uint8))
-    if not cv2.imwrite(str(folder / "reference.png"), cv2.cvtColor(result.reference.image, cv2.COLOR_RGB2BGR)):
+    if not cv2.imwrite(
+        str(folder / "reference.png"), cv2.cvtColor(result.reference.image, cv2.COLOR_RGB2BGR)
+    ):
         raise OutputError(f"{folder / 'reference.png'}: cannot be written; is the disk full?")
 
 
-def write_ply(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT, last: str = "baseline") -> None:
-    """Binary little-endian PLY: x y z (home, m), red green blue, sigma (m), baseline (index of the configuration,
-    255: of a depth camera). A comment says ``origin_m`` where x y z plus this are in home. ``last``: the name of the
-    last property, where it is another.
+def write_ply(
+    cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT, last: str = "baseline"
+) -> None:
+    """Binary little-endian PLY: x y z (home, m), red green blue, sigma (m), baseline (index of the
+    configuration, 255: of a depth camera). A comment says ``origin_m`` where x y z plus this are in
+    home. ``last``: the name of the last property, where it is another.
 
     Raises OutputError where the disk does not take it.
     """
@@ -120,26 +147,39 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         "fcsv_version": VERSION,
         "method": result.method,
         "reference": {
-            "image": result.reference.name, "width": camera.width, "height": camera.height, "fx": camera.fx,
-            "fy": camera.fy, "cx": camera.cx, "cy": camera.cy, "stamp_s": result.reference.stamp_s,
+            "image": result.reference.name,
+            "width": camera.width,
+            "height": camera.height,
+            "fx": camera.fx,
+            "fy": camera.fy,
+            "cx": camera.cx,
+            "cy": camera.cy,
+            "stamp_s": result.reference.stamp_s,
             "T_home_cam": moved(result.reference.T_home_cam, origin_m).tolist(),
         },
         "images": [
             {
-                "name": e.name, "T_home_cam": moved(e.T_home_cam, origin_m).tolist(),
+                "name": e.name,
+                "T_home_cam": moved(e.T_home_cam, origin_m).tolist(),
                 "prior_T_home_cam": moved(e.prior_T_home_cam, origin_m).tolist(),
-                "refined": e.refined, "inliers": e.inliers, "epipolar_rms_px": e.epipolar_rms_px,
+                "refined": e.refined,
+                "inliers": e.inliers,
+                "epipolar_rms_px": e.epipolar_rms_px,
             }
             for e in result.images
         ],
         "configurations": [
             {
-                "name": p.configuration.name, "axis": p.configuration.axis.value,
+                "name": p.configuration.name,
+                "axis": p.configuration.axis.value,
                 "baseline_m": p.configuration.baseline_m,
                 "tilt_deg": float(np.degrees(p.configuration.tilt_rad)),
                 "effective_range_m": [round(float(x), 3) for x in p.effective_range_m],
-                "match_rate": p.match_rate, "pair": [p.reference_name, p.other_name],
-                "skew_ms": round(1e3 * result.skews_s[p.other_name], 1) if p.other_name in result.skews_s else None,
+                "match_rate": p.match_rate,
+                "pair": [p.reference_name, p.other_name],
+                "skew_ms": round(1e3 * result.skews_s[p.other_name], 1)
+                if p.other_name in result.skews_s
+                else None,
             }
             for p in result.pairs
         ],
@@ -152,11 +192,13 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         "spare_pictures": dict(result.spare),
         "warnings": result.warnings,
         "unseen": result.unseen,
-    }  # fmt: skip
+    }
     if result.is_shifted:
         document["origin_m"] = result.origin_m.tolist()
     if result.clocks:
-        document["time_offsets"] = {vehicle: clock.to_dict() for vehicle, clock in result.clocks.items()}
+        document["time_offsets"] = {
+            vehicle: clock.to_dict() for vehicle, clock in result.clocks.items()
+        }
     if result.cut is not None:
         document["cloud"] = result.cut.to_dict()
     if result.holes is not None:

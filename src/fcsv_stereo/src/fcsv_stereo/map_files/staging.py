@@ -17,7 +17,8 @@ def check_new(out: Path) -> None:
 
 
 class StagedFolder:
-    """A folder beside OUT that takes its place when everything is in it, and leaves no trace otherwise.
+    """A folder beside OUT that takes its place when everything is in it, and leaves no trace
+    otherwise.
 
     ``check`` raises OutputError where OUT must stay as it is.
     """

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What methods take and give back: pictures, configurations, inputs, results. Nothing here maps anything."""
+"""What methods take and give back: pictures, configurations, inputs, results. Nothing here maps
+anything."""
 
 from fcsv_stereo.model.configuration import Configuration
 from fcsv_stereo.model.inputs import FLOWN, RIG, ConfigurationInput, MapInput, PosePrior
@@ -11,7 +12,30 @@ from fcsv_stereo.model.results import Cloud, CloudCut, ImageEntry, MapResult, Pr
 from fcsv_stereo.model.words import AXES, Axis, InputKind, Word
 
 __all__ = [
-    "AXES", "Axis", "Cloud", "CloudCut", "Configuration", "ConfigurationInput", "FLOWN", "ImageEntry", "LivePicture",
-    "MapInput", "MapResult", "Method", "Pair", "PairResult", "Picture", "PosePrior", "PoseUncertainty", "Progress",
-    "RIG", "Reference", "InputKind", "Word", "as_grey", "as_rgb", "concatenate", "silent",
-]  # fmt: skip
+    "AXES",
+    "Axis",
+    "Cloud",
+    "CloudCut",
+    "Configuration",
+    "ConfigurationInput",
+    "FLOWN",
+    "ImageEntry",
+    "LivePicture",
+    "MapInput",
+    "MapResult",
+    "Method",
+    "Pair",
+    "PairResult",
+    "Picture",
+    "PosePrior",
+    "PoseUncertainty",
+    "Progress",
+    "RIG",
+    "Reference",
+    "InputKind",
+    "Word",
+    "as_grey",
+    "as_rgb",
+    "concatenate",
+    "silent",
+]

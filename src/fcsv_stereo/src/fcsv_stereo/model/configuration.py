@@ -10,7 +10,8 @@ from fcsv_stereo.model.words import Axis
 
 @dataclass(frozen=True)
 class Configuration:
-    """One stereo configuration: ``axis`` of the baseline (or its word), its length (m) and the inward tilt (rad)."""
+    """One stereo configuration: ``axis`` of the baseline (or its word), its length (m) and the
+    inward tilt (rad)."""
 
     axis: Axis
     baseline_m: float
@@ -31,6 +32,12 @@ class Configuration:
         >>> Configuration.between(np.eye(4), T_home_other).axis.value
         'vertical'
         """
-        p_reference_other = T_home_reference[:3, :3].T @ (T_home_other[:3, 3] - T_home_reference[:3, 3])
-        axis = Axis.HORIZONTAL if abs(p_reference_other[0]) >= abs(p_reference_other[1]) else Axis.VERTICAL
+        p_reference_other = T_home_reference[:3, :3].T @ (
+            T_home_other[:3, 3] - T_home_reference[:3, 3]
+        )
+        axis = (
+            Axis.HORIZONTAL
+            if abs(p_reference_other[0]) >= abs(p_reference_other[1])
+            else Axis.VERTICAL
+        )
         return cls(axis, float(np.linalg.norm(p_reference_other)))

@@ -6,7 +6,8 @@ from typing import Dict
 
 import numpy as np
 
-#: A kind from 2 to here is the number of pairs that agree; 1 is one pair, or more whose match hardly stands out.
+#: A kind from 2 to here is the number of pairs that agree; 1 is one pair, or more whose match
+#: hardly stands out.
 MOST_PAIRS = 199
 
 
@@ -14,7 +15,8 @@ class Kind(IntEnum):
     """Kinds that are no number of pairs."""
 
     NOTHING = 0  # not looked at: the camera saw nothing there, or the method does not say why
-    HIDDEN = 201  # other pictures see the place, and none agrees: something is before it, or the match is wrong
+    # other pictures see the place, and none agrees: something is before it, or the match is wrong
+    HIDDEN = 201
     OUTSIDE = 202  # outside of every other picture
     BLANK = 203  # too little texture: every depth fits as well
     SKY = 204

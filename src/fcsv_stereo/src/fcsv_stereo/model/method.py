@@ -15,9 +15,9 @@ def silent(_step: str, _done: int, _total: int) -> None:
 class Method(ABC):
     """A way from an input to a map.
 
-    ``name`` is what ``--method`` takes. ``options`` is the frozen dataclass of the method's choices; its defaults are
-    the method's own. ``refines_poses`` says whether it improves poses or takes them as they are, ``matches_bars``
-    whether it can match straight thin things as wholes.
+    ``name`` is what ``--method`` takes. ``options`` is the frozen dataclass of the method's
+    choices; its defaults are the method's own. ``refines_poses`` says whether it improves poses or
+    takes them as they are, ``matches_bars`` whether it can match straight thin things as wholes.
     """
 
     name: ClassVar[str]
@@ -27,7 +27,8 @@ class Method(ABC):
 
     @abstractmethod
     def map(self, given: MapInput, options: Any = None, progress: Progress = silent) -> MapResult:
-        """The map of all configurations; ``options`` None takes the defaults. Raises StereoError where there is none.
+        """The map of all configurations; ``options`` None takes the defaults. Raises StereoError
+        where there is none.
 
         ``timing_s`` has "refine", "match" and "fuse".
         """
@@ -44,11 +45,13 @@ class Method(ABC):
 
     @property
     def complete(self) -> Any:
-        """Options that answer every pixel that can be answered at all; what all pixels' figures are measured with."""
+        """Options that answer every pixel that can be answered at all; what all pixels' figures are
+        measured with."""
         return self.options()
 
     def remembering(self, options: Any, _known: Any) -> Any:
-        """Options with a memory (KnownFeatures) for the features of pictures that come again; as they are here."""
+        """Options with a memory (KnownFeatures) for the features of pictures that come again; as
+        they are here."""
         return options
 
     def trusting_poses(self, options: Any) -> Any:
@@ -60,5 +63,6 @@ class Method(ABC):
         return options
 
     def with_depth_steps(self, _options: Any, _steps: int) -> Optional[Any]:
-        """Options with a number of steps of depth (or disparity); None where the method has no such thing."""
+        """Options with a number of steps of depth (or disparity); None where the method has no such
+        thing."""
         return None

@@ -42,9 +42,11 @@ class Pair(Protocol):
 
     @property
     def depth(self) -> np.ndarray:
-        """HxW float32 (m along the optical axis, NaN where none) in the map's reference picture, untrimmed.
+        """HxW float32 (m along the optical axis, NaN where none) in the map's reference picture,
+        untrimmed.
 
-        What this pair measured by itself; or, with ``shares_depth``, the map's depth where this pair agrees with it.
+        What this pair measured by itself; or, with ``shares_depth``, the map's depth where this
+        pair agrees with it.
         """
 
     @property
@@ -61,7 +63,8 @@ class Pair(Protocol):
 
     @property
     def disparity(self) -> np.ndarray:
-        """HxW float32 (px along the configuration's axis, NaN where none) in the reference's rectified view."""
+        """HxW float32 (px along the configuration's axis, NaN where none) in the reference's
+        rectified view."""
 
     @property
     def match_rate(self) -> float:

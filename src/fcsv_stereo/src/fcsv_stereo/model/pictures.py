@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A camera's picture in its three states: to be mapped, as it came over the link, and as what a map belongs to."""
+"""A camera's picture in its three states: to be mapped, as it came over the link, and as what a map
+belongs to."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -34,9 +35,9 @@ def is_level(T_home_cam: np.ndarray) -> bool:
 class Picture:
     """An undistorted picture (HxWx3 uint8 RGB), its pinhole camera and the prior of its pose.
 
-    ``blank`` (HxW bool) are pixels that the camera did not take, as taking out the distortion leaves them along the
-    borders; None where there are none. ``covariance`` (6, 6) is of the prior in home (pose_covariance); None where the
-    input's ``prior`` says how good it is.
+    ``blank`` (HxW bool) are pixels that the camera did not take, as taking out the distortion
+    leaves them along the borders; None where there are none. ``covariance`` (6, 6) is of the prior
+    in home (pose_covariance); None where the input's ``prior`` says how good it is.
     """
 
     name: str
@@ -51,10 +52,19 @@ class Picture:
     @classmethod
     def undistorted(
         cls, name, vehicle, stamp_s, image, camera: PinholeCamera, T_home_cam, covariance=None
-    ) -> "Picture":  # fmt: skip
+    ) -> "Picture":
         """Makes a picture from the picture as a ``camera`` with distortion took it."""
         undistorted = camera.undistort(image)
-        return cls(name, vehicle, stamp_s, undistorted, camera.undistorted(), T_home_cam, camera.blank(), covariance)
+        return cls(
+            name,
+            vehicle,
+            stamp_s,
+            undistorted,
+            camera.undistorted(),
+            T_home_cam,
+            camera.blank(),
+            covariance,
+        )
 
     def shrunk(self, scale: float) -> "Picture":
         """The picture at a share of its size."""
@@ -62,24 +72,30 @@ class Picture:
         image = cv2.resize(self.image, (width, height), interpolation=cv2.INTER_AREA)
         blank = self.blank
         if blank is not None:
-            blank = cv2.resize(blank.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0
+            blank = (
+                cv2.resize(blank.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+                > 0
+            )
         return replace(self, image=image, camera=self.camera.resized(width, height), blank=blank)
 
 
 @dataclass(frozen=True)
 class LivePicture:
-    """A picture as it came over the link: JPEG of the distorted picture, and T_odom_cam at its stamp."""
+    """A picture as it came over the link: JPEG of the distorted picture, and T_odom_cam at its
+    stamp."""
 
     vehicle: str
     stamp_s: float
     jpeg: bytes
     camera: PinholeCamera
     T_odom_cam: np.ndarray
-    covariance: Optional[np.ndarray] = None  # of the pose in home, as far as it is known (pose_covariance)
+    # of the pose in home, as far as it is known (pose_covariance)
+    covariance: Optional[np.ndarray] = None
 
     @cached_property
     def image(self) -> np.ndarray:
-        """Undistorted (H,W,3) uint8 RGB, made once: a map takes it again with every configuration that comes.
+        """Undistorted (H,W,3) uint8 RGB, made once: a map takes it again with every configuration
+        that comes.
 
         Raises InputError where it is no picture of its camera.
         """
@@ -98,7 +114,9 @@ class LivePicture:
         name = f"{self.vehicle}/{self.stamp_s:.3f}"
         T_home_cam = T_home_odom @ self.T_odom_cam
         camera, blank = self.camera.undistorted(), self.camera.blank()
-        return Picture(name, self.vehicle, self.stamp_s, self.image, camera, T_home_cam, blank, self.covariance)
+        return Picture(
+            name, self.vehicle, self.stamp_s, self.image, camera, T_home_cam, blank, self.covariance
+        )
 
 
 @dataclass(frozen=True)
@@ -121,12 +139,13 @@ class Reference:
     def is_level(self) -> bool:
         """Whether home's z may point up: photographs may have any world.
 
-        It does where it points up in the picture, or at the camera as in pictures that look down, to within 60 degrees.
-        Sideways, down and along the view it does not.
+        It does where it points up in the picture, or at the camera as in pictures that look down,
+        to within 60 degrees. Sideways, down and along the view it does not.
         """
         return is_level(self.T_home_cam)
 
     @property
     def looks_down(self) -> bool:
-        """Whether home's z points at the camera, to within 45 degrees, as in pictures of ground from above."""
+        """Whether home's z points at the camera, to within 45 degrees, as in pictures of ground
+        from above."""
         return bool(-self.T_home_cam[2, 2] > np.sqrt(0.5))

@@ -15,11 +15,12 @@ def _none() -> np.ndarray:
 class PoseUncertainty:
     """Covariances (6x6) of a pose's errors: rotation (rad, camera axes), position (m, home axes).
 
-    ``noise`` shrinks as more pixels are compared. ``shared`` stays however many are compared: it is of the scale that
-    all poses share, and of errors that all points of a picture share (``refinement.systematic``). ``focal`` stays as
-    well: it is what a wrong focal length makes of the pose, already weighted by ``focal_probability``, the probability
-    that the focal length is wrong (``refinement.focal``). ``pixel`` is of a picture whose prior is better than what
-    pictures tell: the errors that a pose from its pixels would have; None of all others.
+    ``noise`` shrinks as more pixels are compared. ``shared`` stays however many are compared: it is
+    of the scale that all poses share, and of errors that all points of a picture share
+    (``refinement.systematic``). ``focal`` stays as well: it is what a wrong focal length makes of
+    the pose, already weighted by ``focal_probability``, the probability that the focal length is
+    wrong (``refinement.focal``). ``pixel`` is of a picture whose prior is better than what pictures
+    tell: the errors that a pose from its pixels would have; None of all others.
     """
 
     noise: np.ndarray

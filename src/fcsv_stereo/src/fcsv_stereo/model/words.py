@@ -17,7 +17,9 @@ class Word(str, Enum):
 
     @classmethod
     def _missing_(cls, value):
-        raise InputError(f"{cls.__name__}: '{value}' is not one of {', '.join(m.value for m in cls)}")
+        raise InputError(
+            f"{cls.__name__}: '{value}' is not one of {', '.join(m.value for m in cls)}"
+        )
 
 
 class Axis(Word):
@@ -28,13 +30,14 @@ class Axis(Word):
 
     @property
     def coordinate(self) -> int:
-        """Says which coordinate it is of a picture or a point: 0 (x: columns differ) or 1 (y: rows differ)."""
+        """Says which coordinate it is of a picture or a point: 0 (x: columns differ) or 1 (y: rows
+        differ)."""
         return 0 if self is Axis.HORIZONTAL else 1
 
 
 class InputKind(Word):
-    """Names the kind of a map's input: a session (home is level, cameras are nearly parallel) or photographs (any
-    poses)."""
+    """Names the kind of a map's input: a session (home is level, cameras are nearly parallel) or
+    photographs (any poses)."""
 
     SESSION = "session"
     PHOTOGRAPHS = "photographs"

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One picture of a depth camera, with its pose; which of its pixels count, and which pictures of a flight."""
+"""One picture of a depth camera, with its pose; which of its pixels count, and which pictures of a
+flight."""
 
 from dataclasses import dataclass, replace
 from typing import Dict, Optional, Sequence, Tuple
@@ -12,8 +13,8 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.near.sensor import DepthSensor
 
-#: A pixel whose depth lies between those of its neighbours by more than so many standard deviations on either side is
-#: of neither surface: matching windows that lie across an edge give such depths.
+#: A pixel whose depth lies between those of its neighbours by more than so many standard deviations
+#: on either side is of neither surface: matching windows that lie across an edge give such depths.
 _BETWEEN = 4.0
 #: A vehicle that stands sees the same again and again, with matches that are wrong in the same way.
 _EVERY_S, _MOVED_M, _TURNED_RAD = 1.0, 0.15, float(np.radians(4.0))
@@ -21,9 +22,11 @@ _EVERY_S, _MOVED_M, _TURNED_RAD = 1.0, 0.15, float(np.radians(4.0))
 
 @dataclass(frozen=True)
 class DepthFrame:
-    """``depth_m`` (H,W) float32 along the optical axis, NaN where there is none, of a ``camera`` without distortion.
+    """``depth_m`` (H,W) float32 along the optical axis, NaN where there is none, of a ``camera``
+    without distortion.
 
-    ``covariance`` (6, 6) is of the pose in home (pose_covariance). Raises InputError where the sizes differ.
+    ``covariance`` (6, 6) is of the pose in home (pose_covariance). Raises InputError where the
+    sizes differ.
     """
 
     vehicle: str
@@ -41,11 +44,16 @@ class DepthFrame:
 
     @classmethod
     def of_millimetres(
-        cls, vehicle: str, stamp_s: float, depth_mm: np.ndarray, camera: PinholeCamera, T_home_cam: np.ndarray,
+        cls,
+        vehicle: str,
+        stamp_s: float,
+        depth_mm: np.ndarray,
+        camera: PinholeCamera,
+        T_home_cam: np.ndarray,
         covariance: np.ndarray,
-    ) -> "DepthFrame":  # fmt: skip
-        """Makes a frame from (H,W) uint16 in mm, 0 where there is none, as a ``camera`` with distortion took it (REP
-        118)."""
+    ) -> "DepthFrame":
+        """Makes a frame from (H,W) uint16 in mm, 0 where there is none, as a ``camera`` with
+        distortion took it (REP 118)."""
         depth_m = depth_mm.astype(np.float32) / 1000.0
         if depth_m.shape == (camera.height, camera.width):
             depth_m = camera.undistort(depth_m, cv2.INTER_NEAREST)
@@ -65,19 +73,28 @@ class DepthFrame:
         return depth
 
     def without(self, places_home_m: Sequence[np.ndarray], radius_m: float) -> "DepthFrame":
-        """The frame without what lies within a radius of places (3,) in home: other vehicles are not of the map."""
+        """The frame without what lies within a radius of places (3,) in home: other vehicles are
+        not of the map."""
         if not len(places_home_m):
             return self
         T_cam_home = transforms.invert(self.T_home_cam)
-        points, gone = self.camera.rays() * self.depth_m[..., None], np.zeros(self.depth_m.shape, bool)
+        points, gone = (
+            self.camera.rays() * self.depth_m[..., None],
+            np.zeros(self.depth_m.shape, bool),
+        )
         for place in places_home_m:
             p_cam = T_cam_home[:3, :3] @ place + T_cam_home[:3, 3]
             with np.errstate(invalid="ignore"):
                 gone |= ((points - p_cam) ** 2).sum(axis=-1) < radius_m**2
-        return replace(self, depth_m=np.where(gone, np.float32(np.nan), self.depth_m)) if gone.any() else self
+        return (
+            replace(self, depth_m=np.where(gone, np.float32(np.nan), self.depth_m))
+            if gone.any()
+            else self
+        )
 
     def pose_variance_m2(self, depth_m: np.ndarray) -> np.ndarray:
-        """(H,W): variance per axis (mean of three) of where the pose puts the points of ``depth_m`` (H,W) in home.
+        """(H,W): variance per axis (mean of three) of where the pose puts the points of ``depth_m``
+        (H,W) in home.
 
         An error (d, w) of the pose moves a point by d + w x arm.
         """
@@ -89,7 +106,8 @@ class DepthFrame:
 
 
 class Thinning:
-    """Which frames of each vehicle show something else than its last one, or come a second after it."""
+    """Which frames of each vehicle show something else than its last one, or come a second after
+    it."""
 
     def __init__(self):
         self._last: Dict[str, Tuple[float, np.ndarray]] = {}
@@ -102,8 +120,12 @@ class Thinning:
         return worth
 
     @staticmethod
-    def _differs(last: Optional[Tuple[float, np.ndarray]], stamp_s: float, T_home_cam: np.ndarray) -> bool:
+    def _differs(
+        last: Optional[Tuple[float, np.ndarray]], stamp_s: float, T_home_cam: np.ndarray
+    ) -> bool:
         if last is None or stamp_s - last[0] >= _EVERY_S:
             return True
         moved_m = np.linalg.norm(T_home_cam[:3, 3] - last[1][:3, 3])
-        return bool(moved_m >= _MOVED_M or transforms.rotation_angle(last[1], T_home_cam) >= _TURNED_RAD)
+        return bool(
+            moved_m >= _MOVED_M or transforms.rotation_angle(last[1], T_home_cam) >= _TURNED_RAD
+        )

@@ -13,8 +13,8 @@ View = Tuple[PinholeCamera, np.ndarray]
 
 
 def within_reach(points_home_m: np.ndarray, views: List[View], most_m: float) -> np.ndarray:
-    """(N,) bool: which of the points (N,3) had no more than ``most_m`` to a view (camera and T_home_cam): its place, or
-    along the optical axis where they are in its picture."""
+    """(N,) bool: which of the points (N,3) had no more than ``most_m`` to a view (camera and
+    T_home_cam): its place, or along the optical axis where they are in its picture."""
     places = np.array([T_home_cam[:3, 3] for _, T_home_cam in views])
     near = cKDTree(places).query(points_home_m)[0] <= most_m
     for camera, T_home_cam in views:

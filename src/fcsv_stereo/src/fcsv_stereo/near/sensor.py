@@ -12,10 +12,11 @@ from fcsv_geometry.config import require_positive
 class DepthSensor:
     """An Intel RealSense D435 or D435F. Raises ValueError where a number is none.
 
-    An error of ``subpixel_px`` in the match of one frame, another one in the next. An error of ``offset_px`` in all of
-    them (the module's calibration), which no number of frames averages out. Both go with the square of the depth:
-    sigma = z**2 px / (f b), as Intel's "Tuning depth cameras for best performance" has it, with 0.08 px of a well
-    textured target. Baseline 50 mm; 848 px are 90 degrees wide; from 0.3 m on, to about 10 m (thesis 6.2).
+    An error of ``subpixel_px`` in the match of one frame, another one in the next. An error of
+    ``offset_px`` in all of them (the module's calibration), which no number of frames averages out.
+    Both go with the square of the depth: sigma = z**2 px / (f b), as Intel's "Tuning depth cameras
+    for best performance" has it, with 0.08 px of a well textured target. Baseline 50 mm; 848 px are
+    90 degrees wide; from 0.3 m on, to about 10 m (thesis 6.2).
     """
 
     baseline_m: float = 0.05
@@ -44,12 +45,15 @@ class DepthSensor:
 
     @property
     def sure_m(self) -> float:
-        """Depth (m) up to which a measured one is not only what noise brought into range from beyond ``most_m``.
+        """Depth (m) up to which a measured one is not only what noise brought into range from
+        beyond ``most_m``.
 
         >>> round(DepthSensor().sure_m, 2)
         9.19
         """
-        return self.most_m - 2.0 * float(np.hypot(self.noise_m(self.most_m), self.offset_m(self.most_m)))
+        return self.most_m - 2.0 * float(
+            np.hypot(self.noise_m(self.most_m), self.offset_m(self.most_m))
+        )
 
     def in_range(self, depth_m: np.ndarray) -> np.ndarray:
         """Bool, of depths (m, NaN where there is none): which can be believed."""

@@ -6,18 +6,21 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def add_frame(xyz, flat, T_cam_home, intrinsics, depth, noise2, shared2, unit_m, sigmas, tsdf, weight, told):
+def add_frame(
+    xyz, flat, T_cam_home, intrinsics, depth, noise2, shared2, unit_m, sigmas, tsdf, weight, told
+):
     """Add one frame to N voxels, in place.
 
-    ``xyz`` (N,3) float32 m in home, ``flat`` (N,) where each voxel stands in the attributes; ``intrinsics`` fx, fy, cx,
-    cy; ``depth`` (H,W) m, NaN where there is none, its variance of this frame alone ``noise2`` and the one that it
-    shares with others ``shared2`` (m2). Distances are kept in units of ``unit_m`` and count to the larger of it and
-    ``sigmas`` standard deviations behind a surface. They fade out from half of it on, so that a thin thing's far side
-    is not pushed; faded from the surface on, noise would push it back, by 12 mm at 6 m.
+    ``xyz`` (N,3) float32 m in home, ``flat`` (N,) where each voxel stands in the attributes;
+    ``intrinsics`` fx, fy, cx, cy; ``depth`` (H,W) m, NaN where there is none, its variance of this
+    frame alone ``noise2`` and the one that it shares with others ``shared2`` (m2). Distances are
+    kept in units of ``unit_m`` and count to the larger of it and ``sigmas`` standard deviations
+    behind a surface. They fade out from half of it on, so that a thin thing's far side is not
+    pushed; faded from the surface on, noise would push it back, by 12 mm at 6 m.
 
-    ``tsdf`` (V,1): mean of the distances, weighted by 1/(noise2 + shared2); ``weight`` (V,1): the sum of weights;
-    ``told`` (V,3): variance of the mean by what is each frame's own (m2), which averages out; mean variance of what
-    frames share, which does not; number of frames.
+    ``tsdf`` (V,1): mean of the distances, weighted by 1/(noise2 + shared2); ``weight`` (V,1): the
+    sum of weights; ``told`` (V,3): variance of the mean by what is each frame's own (m2), which
+    averages out; mean variance of what frames share, which does not; number of frames.
     """
     fx, fy, cx, cy = intrinsics
     height, width = depth.shape

@@ -23,8 +23,8 @@ class NearPoints:
 
 @dataclass(frozen=True)
 class NearSurface:
-    """Triangles (M,3) int of vertices (N,3) float32 (home, m) with standard deviations per axis (N,) float32 (m);
-    ``voxel_m`` is how fine it is."""
+    """Triangles (M,3) int of vertices (N,3) float32 (home, m) with standard deviations per axis
+    (N,) float32 (m); ``voxel_m`` is how fine it is."""
 
     vertices_home_m: np.ndarray
     triangles: np.ndarray
@@ -34,11 +34,17 @@ class NearSurface:
     @classmethod
     def none(cls, voxel_m: float) -> "NearSurface":
         """Nothing was seen."""
-        return cls(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int64), np.zeros(0, np.float32), voxel_m)
+        return cls(
+            np.zeros((0, 3), np.float32),
+            np.zeros((0, 3), np.int64),
+            np.zeros(0, np.float32),
+            voxel_m,
+        )
 
     @classmethod
     def of(cls, vertices_home_m, triangles, sigma_m, kept, voxel_m: float) -> "NearSurface":
-        """Makes a surface of those vertices that are ``kept`` (N,) bool, and the triangles between them."""
+        """Makes a surface of those vertices that are ``kept`` (N,) bool, and the triangles between
+        them."""
         number = np.cumsum(kept) - 1
         whole = kept[triangles].all(axis=1)
         return cls(vertices_home_m[kept], number[triangles[whole]], sigma_m[kept], voxel_m)
@@ -47,8 +53,8 @@ class NearSurface:
         return len(self.vertices_home_m)
 
     def points(self) -> NearPoints:
-        """One point per voxel: the mean of its vertices, weighted by 1/sigma**2. What one voxel holds is of the same
-        frames, so that sigma is that of one."""
+        """One point per voxel: the mean of its vertices, weighted by 1/sigma**2. What one voxel
+        holds is of the same frames, so that sigma is that of one."""
         if not len(self):
             return NearPoints(self.vertices_home_m, self.sigma_m)
         cell = np.floor(self.vertices_home_m / self.voxel_m).astype(np.int64)
@@ -58,12 +64,16 @@ class NearSurface:
         _, voxel = np.unique(flat, return_inverse=True)
         weight = 1.0 / np.maximum(self.sigma_m.astype(float), 1e-6) ** 2
         total = np.bincount(voxel, weight)
-        mean = np.stack([np.bincount(voxel, weight * axis) for axis in self.vertices_home_m.T.astype(float)], axis=-1)
+        mean = np.stack(
+            [np.bincount(voxel, weight * axis) for axis in self.vertices_home_m.T.astype(float)],
+            axis=-1,
+        )
         sigma = np.sqrt(np.bincount(voxel) / total)
         return NearPoints((mean / total[:, None]).astype(np.float32), sigma.astype(np.float32))
 
     def seen(self, camera: PinholeCamera, T_home_cam: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """(H,W) float32 each: depth (m along the optical axis) and sigma (m) as a camera sees it, NaN where nothing."""
+        """(H,W) float32 each: depth (m along the optical axis) and sigma (m) as a camera sees it,
+        NaN where nothing."""
         shape = (camera.height, camera.width)
         depth, sigma = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
         if not len(self.triangles):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Depth frames summed in home: signed distances to the nearest surface, in blocks of voxels where something stands.
+"""Depth frames summed in home: signed distances to the nearest surface, in blocks of voxels where
+something stands.
 
 Open3D's voxel block grid holds the blocks and extracts the surface. The sum is our own: Open3D's
 counts every frame alike, ours by 1/sigma**2 of its depth and pose there.
@@ -28,8 +29,9 @@ _COLOUR = 255.0  # what open3d divides it by
 
 @dataclass(frozen=True)
 class NearRules:
-    """``voxel_m``: points lie so far apart. ``truncation_voxels``, ``truncation_sigmas``: how far before and behind a
-    depth it counts, the larger of both. ``least_looks``: frames that must have seen a surface."""
+    """``voxel_m``: points lie so far apart. ``truncation_voxels``, ``truncation_sigmas``: how far
+    before and behind a depth it counts, the larger of both. ``least_looks``: frames that must have
+    seen a surface."""
 
     voxel_m: float = 0.05
     truncation_voxels: float = 4.0
@@ -48,10 +50,17 @@ class NearVolume:
         self._core = library.core
         self._sensor, self._rules = sensor or DepthSensor(), rules or NearRules()
         f32 = self._core.float32
-        # extraction interpolates and hands out one attribute besides, by this name (see ``summing``)
+        # extraction interpolates and hands out one attribute besides, by this name (see
+        # ``summing``)
         names, channels = ("tsdf", "weight", "color"), ((1), (1), (3))
         self._grid = library.t.geometry.VoxelBlockGrid(
-            names, (f32, f32, f32), channels, self._rules.voxel_m, _BLOCK, _BLOCKS, self._core.Device("CPU:0")
+            names,
+            (f32, f32, f32),
+            channels,
+            self._rules.voxel_m,
+            _BLOCK,
+            _BLOCKS,
+            self._core.Device("CPU:0"),
         )
         self._views: List[View] = []
 
@@ -74,14 +83,24 @@ class NearVolume:
         shared2 = frame.pose_variance_m2(depth) + np.square(self._sensor.offset_m(depth))
         camera, rules = frame.camera, self._rules
         add_frame(
-            xyz.numpy(), flat.numpy(), T_cam_home, np.array([camera.fx, camera.fy, camera.cx, camera.cy]), depth,
-            noise2.astype(np.float32), shared2.astype(np.float32), self._unit_m, rules.truncation_sigmas,
-            *(self._grid.attribute(n).numpy().reshape(-1, c) for n, c in (("tsdf", 1), ("weight", 1), ("color", 3))),
-        )  # fmt: skip
+            xyz.numpy(),
+            flat.numpy(),
+            T_cam_home,
+            np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
+            depth,
+            noise2.astype(np.float32),
+            shared2.astype(np.float32),
+            self._unit_m,
+            rules.truncation_sigmas,
+            *(
+                self._grid.attribute(n).numpy().reshape(-1, c)
+                for n, c in (("tsdf", 1), ("weight", 1), ("color", 3))
+            ),
+        )
 
     def surface(self) -> NearSurface:
-        """All surfaces that enough frames saw, and of which one was near enough: at the end of its range a camera tells
-        only what noise brought nearer."""
+        """All surfaces that enough frames saw, and of which one was near enough: at the end of its
+        range a camera tells only what noise brought nearer."""
         if not self.frames:
             return NearSurface.none(self._rules.voxel_m)
         mesh = self._grid.extract_triangle_mesh(weight_threshold=_LEAST_WEIGHT)
@@ -92,7 +111,9 @@ class NearVolume:
         vertices = mesh.vertex.positions.numpy()
         kept[kept] = within_reach(vertices[kept], self._views, self._sensor.sure_m)
         sigma = np.sqrt(np.maximum(own2 + shared2, 0.0)).astype(np.float32)
-        return NearSurface.of(vertices, mesh.triangle.indices.numpy(), sigma, kept, self._rules.voxel_m)
+        return NearSurface.of(
+            vertices, mesh.triangle.indices.numpy(), sigma, kept, self._rules.voxel_m
+        )
 
     @property
     def _unit_m(self) -> float:
@@ -100,9 +121,11 @@ class NearVolume:
         return self._rules.truncation_voxels * self._rules.voxel_m
 
     def _open_blocks(self, depth: np.ndarray, frame: DepthFrame):
-        """Keys (tensor, M x 3) of the blocks around a frame's depths, as far as these count; now in the grid.
+        """Keys (tensor, M x 3) of the blocks around a frame's depths, as far as these count; now in
+        the grid.
 
-        Open3D's own search takes one truncation for all depths, and raises where few pixels have one.
+        Open3D's own search takes one truncation for all depths, and raises where few pixels have
+        one.
         """
         depth, rays = depth[::_STRIDE, ::_STRIDE], frame.camera.rays()[::_STRIDE, ::_STRIDE]
         known = np.isfinite(depth)
@@ -124,4 +147,7 @@ def _unique_rows(keys: np.ndarray) -> np.ndarray:
     size = keys.max(axis=0) - least + 1
     x, y, z = (keys - least).T
     flat = np.unique((x * size[1] + y) * size[2] + z)
-    return np.stack([flat // (size[1] * size[2]), flat // size[2] % size[1], flat % size[2]], axis=-1) + least
+    return (
+        np.stack([flat // (size[1] * size[2]), flat // size[2] % size[1], flat % size[2]], axis=-1)
+        + least
+    )

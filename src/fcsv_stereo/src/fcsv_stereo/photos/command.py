@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``rosrun fcsv_stereo import_photos PHOTOS -o OUT`` (without ROS: ``fcsv import-photos``)."""
+"""The command ``rosrun fcsv_stereo import_photos PHOTOS -o OUT`` (without ROS: ``fcsv
+import-photos``)."""
 
 import argparse
 import shlex
@@ -21,7 +22,8 @@ _EXAMPLES = """examples:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit status 0 with a folder that ``map`` reads; 2 with one line on stderr, 130 on Ctrl-C, and nothing is left."""
+    """Exit status 0 with a folder that ``map`` reads; 2 with one line on stderr, 130 on Ctrl-C, and
+    nothing is left."""
     return commands.run(_parser(), argv, _import, left="nothing was written")
 
 
@@ -34,7 +36,8 @@ def _import(args) -> None:
 
 
 def table(done: Imported) -> str:
-    """Text: how far each photograph's GPS lies from where the model has it, and what that says of the whole."""
+    """Text: how far each photograph's GPS lies from where the model has it, and what that says of
+    the whole."""
     s = done.similarity
     wide = max(map(len, ["photograph", *done.names]))
     lines = [f"{'photograph':<{wide}}{'east':>9}{'north':>9}{'up':>9}   GPS less model (m)"]
@@ -50,23 +53,44 @@ def table(done: Imported) -> str:
         f"{s.model_sigma_m:.2g} m"
     )
     if level_deg > POOR_LEVEL_DEG or north_deg > POOR_NORTH_DEG:
-        lines.append("WARNING: level and north are known poorly; gimbal angles or places further apart would tell them")
+        lines.append(
+            "WARNING: level and north are known poorly; gimbal angles or places further apart would tell them"
+        )
     o = done.origin
-    lines.append(f"home: {o.latitude_deg:.7f}, {o.longitude_deg:.7f}, {o.height_m:.2f} m; x east, y north, z up")
+    lines.append(
+        f"home: {o.latitude_deg:.7f}, {o.longitude_deg:.7f}, {o.height_m:.2f} m; x east, y north, z up"
+    )
     return "\n".join(lines)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="import_photos", description="GPS-tagged photographs as a folder that map reads, in metres.",
-        epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+        prog="import_photos",
+        description="GPS-tagged photographs as a folder that map reads, in metres.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     add = parser.add_argument
-    add("photographs", help="a folder of photographs with GPS in their tags, or of such folders (DCIM)")
-    add("-o", "--out", required=True, help="new folder for images/, cameras.txt, images.txt, priors.csv")
-    add("--model", metavar="FOLDER", help="their poses by COLMAP, text or binary; by default pycolmap finds them")
     add(
-        "--longest-px", type=int, default=ImportOptions.longest_px, metavar="PX",
+        "photographs",
+        help="a folder of photographs with GPS in their tags, or of such folders (DCIM)",
+    )
+    add(
+        "-o",
+        "--out",
+        required=True,
+        help="new folder for images/, cameras.txt, images.txt, priors.csv",
+    )
+    add(
+        "--model",
+        metavar="FOLDER",
+        help="their poses by COLMAP, text or binary; by default pycolmap finds them",
+    )
+    add(
+        "--longest-px",
+        type=int,
+        default=ImportOptions.longest_px,
+        metavar="PX",
         help="longer side of the copies (default %(default)s; 0: as it is; with --model always as it is)",
-    )  # fmt: skip
+    )
     return parser

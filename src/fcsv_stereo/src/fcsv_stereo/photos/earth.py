@@ -35,4 +35,6 @@ def east_north_up_m(places: Sequence[Gps], origin: Gps) -> np.ndarray:
     east = [-math.sin(lon), math.cos(lon), 0.0]
     north = [-math.sin(lat) * math.cos(lon), -math.sin(lat) * math.sin(lon), math.cos(lat)]
     up = [math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)]
-    return (np.array([from_centre_m(p) for p in places]) - from_centre_m(origin)) @ np.array([east, north, up]).T
+    return (np.array([from_centre_m(p) for p in places]) - from_centre_m(origin)) @ np.array(
+        [east, north, up]
+    ).T

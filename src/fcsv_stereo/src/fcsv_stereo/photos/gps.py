@@ -7,16 +7,21 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 from PIL import ExifTags
 
-#: What a receiver without corrections is good to, where the file does not say (m, one standard deviation).
+#: What a receiver without corrections is good to, where the file does not say (m, one standard
+#: deviation).
 GPS_SIGMA_M, GPS_HEIGHT_SIGMA_M = 2.0, 4.0
-_RTK_FLAGS = (16, 34, 50)  # DJI's: single point, float, fixed; 0: no RTK, and its deviations mean nothing
+# DJI's: single point, float, fixed; 0: no RTK, and its deviations mean nothing
+_RTK_FLAGS = (16, 34, 50)
 _LEAST_SIGMA_M = 0.005
 _M_PER_DEGREE = 111_320.0
 #: Steps in which places are written: decimals of degrees, minutes, seconds.
-_STEPS_DEG = sorted({unit * 10.0**-k for unit in (1.0, 1 / 60, 1 / 3600) for k in range(8)}, reverse=True)
+_STEPS_DEG = sorted(
+    {unit * 10.0**-k for unit in (1.0, 1 / 60, 1 / 3600) for k in range(8)}, reverse=True
+)
 _STEPS_M = [10.0**-k for k in range(-2, 4)]
 _EXACT_DEG, _EXACT_M = 1e-10, 1e-6  # so near a whole number of steps is no chance
-#: GPSAltitudeRef of EXIF 3.0: above and below the ellipsoid, above and below sea level (before 3.0 the first two: sea).
+#: GPSAltitudeRef of EXIF 3.0: above and below the ellipsoid, above and below sea level (before 3.0
+#: the first two: sea).
 _SIGNS = {0: 1.0, 1: -1.0, 2: 1.0, 3: -1.0}
 
 
@@ -37,7 +42,8 @@ class Gps:
 
 
 def read_gps(exif, dji: Dict[str, float]) -> Tuple[Optional[Gps], str]:
-    """Reads, from EXIF's GPS tags and DJI's numbers: the place, or why there is none. XMP counts where it is finer."""
+    """Reads, from EXIF's GPS tags and DJI's numbers: the place, or why there is none. XMP counts
+    where it is finer."""
     found, why = _exif_place(exif)
     xmp = _xmp_place(dji)
     if xmp is not None and (found is None or step_deg(*xmp) < step_deg(*found)):
@@ -52,7 +58,8 @@ def read_gps(exif, dji: Dict[str, float]) -> Tuple[Optional[Gps], str]:
 
 
 def with_steps(places: Sequence[Gps]) -> List[Gps]:
-    """The same places, of one camera, with the steps in which each is written, and in which all heights are.
+    """The same places, of one camera, with the steps in which each is written, and in which all
+    heights are.
 
     >>> with_steps([Gps(48.0, 11.0 + 1 / 3600, 5.5), Gps(48.0 + 1 / 3600, 11.0, 6.7)])[0].step_m
     30.922

@@ -23,29 +23,33 @@ from fcsv_stereo.photos.tags import Tags, read_tags
 from fcsv_stereo.posed import priors
 from fcsv_stereo.posed.colmap import PosedImage
 
-#: How good structure from motion is, apart from its scale (one standard deviation). Measured: docs/lab/photographs.md.
+#: How good structure from motion is, apart from its scale (one standard deviation). Measured:
+#: docs/lab/photographs.md.
 ROTATION_SIGMA_DEG, POSITION_SHARE = 0.1, 0.003
 
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """``model``: a folder with COLMAP's model of these photographs; without it pycolmap makes one. ``longest_px``: the
-    copies' longer side, 0 as it is (with ``model`` always: the model is of these pixels)."""
+    """``model``: a folder with COLMAP's model of these photographs; without it pycolmap makes one.
+    ``longest_px``: the copies' longer side, 0 as it is (with ``model`` always: the model is of
+    these pixels)."""
 
     model: Optional[Path] = None
     longest_px: int = 2000
 
     def __post_init__(self):
         if self.longest_px and self.longest_px < 200:
-            raise InputError(f"pictures of {self.longest_px} px show too little: give 200 or more, or 0")
+            raise InputError(
+                f"pictures of {self.longest_px} px show too little: give 200 or more, or 0"
+            )
 
 
 @dataclass(frozen=True)
 class Imported:
     """What was written, and how it lies to GPS.
 
-    ``names``: those with a pose, in the order of the similarity's arrays. ``remarks``: what of these was not used, and
-    why. ``left_out``: why other photographs have no pose.
+    ``names``: those with a pose, in the order of the similarity's arrays. ``remarks``: what of
+    these was not used, and why. ``left_out``: why other photographs have no pose.
     """
 
     names: List[str]
@@ -55,11 +59,14 @@ class Imported:
     left_out: Dict[str, str] = field(default_factory=dict)
 
 
-def import_photos(photographs: Path, out: Path, options: Optional[ImportOptions] = None) -> Imported:
-    """``out`` with images/, cameras.txt, images.txt, priors.csv; home is east, north, up of the first photograph whose
-    GPS agrees with the others'. Nothing is left where it fails.
+def import_photos(
+    photographs: Path, out: Path, options: Optional[ImportOptions] = None
+) -> Imported:
+    """``out`` with images/, cameras.txt, images.txt, priors.csv; home is east, north, up of the
+    first photograph whose GPS agrees with the others'. Nothing is left where it fails.
 
-    Raises InputError for what is wrong with the photographs, OutputError where ``out`` is not empty.
+    Raises InputError for what is wrong with the photographs, OutputError where ``out`` is not
+    empty.
     """
     options = options or ImportOptions()
     check_new(out)
@@ -76,12 +83,20 @@ def import_photos(photographs: Path, out: Path, options: Optional[ImportOptions]
         made = staged.folder
         (made / "images").mkdir()
         cameras, posed = (
-            _posed(tags, made / "images", options) if model is None else _copied(tags, made / "images", model)
+            _posed(tags, made / "images", options)
+            if model is None
+            else _copied(tags, made / "images", model)
         )
-        placed, turned = _placed(tags, cameras, posed) if model else (place(_upright(tags, posed, set(tags))), [])
+        placed, turned = (
+            _placed(tags, cameras, posed)
+            if model
+            else (place(_upright(tags, posed, set(tags))), [])
+        )
         for name in turned:
             _turn(tags[name], made / "images" / name)
-        at_home = [PosedImage(p.name, p.camera_id, placed.similarity.pose(p.T_home_cam)) for p in posed]
+        at_home = [
+            PosedImage(p.name, p.camera_id, placed.similarity.pose(p.T_home_cam)) for p in posed
+        ]
         write_model(made, cameras, at_home)
         priors.write_priors(made / priors.FILE, _sigmas(at_home), placed.similarity.scale_sigma)
         names = [p.name for p in at_home]
@@ -101,8 +116,11 @@ def _read(paths: Dict[str, Path]) -> Tuple[Dict[str, Tags], Dict[str, str]]:
     return tags, unreadable
 
 
-def _of_model(folder: Path, files: Dict[str, Tags], unreadable: Dict[str, str], model: Model) -> Dict[str, Tags]:
-    """Tags by the model's names. Raises InputError where it needs a photograph that cannot be read, or is not there."""
+def _of_model(
+    folder: Path, files: Dict[str, Tags], unreadable: Dict[str, str], model: Model
+) -> Dict[str, Tags]:
+    """Tags by the model's names. Raises InputError where it needs a photograph that cannot be read,
+    or is not there."""
     keys = by_model(folder, [*files, *unreadable], [p.name for p in model[1]])
     for key in keys.values():
         if key in unreadable:
@@ -135,15 +153,22 @@ def _posed(tags: Dict[str, Tags], images: Path, options: ImportOptions) -> Model
         (images / name).parent.mkdir(parents=True, exist_ok=True)
         pictures.copy_upright(t, (images / name).parent, options.longest_px)
         width, height = pictures.upright_size(t, options.longest_px)
-        groups.setdefault((width, height, pictures.focal_px(t, options.longest_px), t.camera), []).append(name)
+        groups.setdefault(
+            (width, height, pictures.focal_px(t, options.longest_px), t.camera), []
+        ).append(name)
     return pose(images, groups)
 
 
 def _placed(tags: Dict[str, Tags], cameras: Dict[int, PinholeCamera], posed: List[PosedImage]):
-    """(Placed, names of photographs whose pixels are to be turned): of pictures that are as wide turned as stored, the
-    model is of their stored pixels unless GPS and angles clearly agree better with those that are shown."""
+    """(Placed, names of photographs whose pixels are to be turned): of pictures that are as wide
+    turned as stored, the model is of their stored pixels unless GPS and angles clearly agree better
+    with those that are shown."""
     shown = {p.name for p in posed if _is_of_turned_pixels(p, tags[p.name], cameras[p.camera_id])}
-    unclear = [n for n in tags if tags[n].orientation != 1 and tags[n].size == pictures.upright_size(tags[n], 0)]
+    unclear = [
+        n
+        for n in tags
+        if tags[n].orientation != 1 and tags[n].size == pictures.upright_size(tags[n], 0)
+    ]
     if not unclear:
         return place(_upright(tags, posed, shown)), []
     try:
@@ -154,17 +179,31 @@ def _placed(tags: Dict[str, Tags], cameras: Dict[int, PinholeCamera], posed: Lis
         stored = place(_upright(tags, posed, shown))
     except InputError:
         return turned, unclear
-    return (turned, unclear) if turned.similarity.cost + SAME_COST < stored.similarity.cost else (stored, [])
+    return (
+        (turned, unclear)
+        if turned.similarity.cost + SAME_COST < stored.similarity.cost
+        else (stored, [])
+    )
 
 
 def _upright(tags: Dict[str, Tags], posed: List[PosedImage], shown: Set[str]) -> List[Photograph]:
-    """``shown``: those of whose shown pixels the model is; of the others it is of the stored ones."""
+    """``shown``: those of whose shown pixels the model is; of the others it is of the stored
+    ones."""
     found = []
     for p in posed:
         t, R = tags[p.name], p.T_home_cam[:3, :3]
         R_model_cam = R if p.name in shown else R @ pictures.R_stored_upright(t)
         found.append(
-            Photograph(p.name, t.camera, p.T_home_cam[:3, 3], R_model_cam, t.gps, t.R_enu_cam, t.no_gps, t.no_angles)
+            Photograph(
+                p.name,
+                t.camera,
+                p.T_home_cam[:3, 3],
+                R_model_cam,
+                t.gps,
+                t.R_enu_cam,
+                t.no_gps,
+                t.no_angles,
+            )
         )
     return found
 
@@ -191,7 +230,8 @@ def _is_of_turned_pixels(p: PosedImage, tags: Tags, camera: PinholeCamera) -> bo
 
 
 def _sigmas(posed: List[PosedImage]) -> Dict[str, Sequence[float]]:
-    """Gives standard deviations for priors.csv: of each position a share of the distance from the first photograph."""
+    """Gives standard deviations for priors.csv: of each position a share of the distance from the
+    first photograph."""
     places = np.array([p.T_home_cam[:3, 3] for p in posed])
     away_m = np.linalg.norm(places - places[0], axis=1)
     nearest_m = float(min(away_m[1:], default=1.0))
@@ -199,9 +239,15 @@ def _sigmas(posed: List[PosedImage]) -> Dict[str, Sequence[float]]:
     return {p.name: [*[s] * 3, *[ROTATION_SIGMA_DEG] * 3] for p, s in zip(posed, sigmas_m)}
 
 
-def _left_out(tags: Dict[str, Tags], files: Dict[str, Tags], names: List[str], images: Path) -> Dict[str, str]:
+def _left_out(
+    tags: Dict[str, Tags], files: Dict[str, Tags], names: List[str], images: Path
+) -> Dict[str, str]:
     """Photographs without a pose: ``map`` refuses a folder that holds them."""
     for name in set(tags) - set(names):
         (images / name).unlink()
     used = {tags[name].path for name in names}
-    return {name: "no pose: it shares too little with the others" for name, t in files.items() if t.path not in used}
+    return {
+        name: "no pose: it shares too little with the others"
+        for name, t in files.items()
+        if t.path not in used
+    }

@@ -20,7 +20,8 @@ Model = Tuple[Dict[int, PinholeCamera], List[colmap.PosedImage]]
 
 
 def read_model(folder: Path) -> Model:
-    """Cameras, and posed photographs by name, of ``cameras.txt``, ``images.txt`` or the same as ``.bin``.
+    """Cameras, and posed photographs by name, of ``cameras.txt``, ``images.txt`` or the same as
+    ``.bin``.
 
     Raises InputError that names the file.
     """
@@ -33,15 +34,21 @@ def read_model(folder: Path) -> Model:
     return cameras, sorted(posed, key=lambda p: p.name)
 
 
-def write_model(folder: Path, cameras: Dict[int, PinholeCamera], posed: List[colmap.PosedImage]) -> None:
+def write_model(
+    folder: Path, cameras: Dict[int, PinholeCamera], posed: List[colmap.PosedImage]
+) -> None:
     """cameras.txt and images.txt; COLMAP's pixel centres are at 0.5."""
     lines = ["# CAMERA_ID MODEL WIDTH HEIGHT fx fy cx cy k1 k2 p1 p2 (pixel centres at 0.5)"]
     for number in sorted({p.camera_id for p in posed}):
         c = cameras[number]
         values = (c.fx, c.fy, c.cx + 0.5, c.cy + 0.5, *tuple(c.distortion)[:4])
-        lines.append(f"{number} OPENCV {c.width} {c.height} " + " ".join(repr(float(v)) for v in values))
+        lines.append(
+            f"{number} OPENCV {c.width} {c.height} " + " ".join(repr(float(v)) for v in values)
+        )
     (folder / "cameras.txt").write_text("\n".join([*lines, ""]))
-    lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME (T_cam_home, m), then a line of 2D points: none"]
+    lines = [
+        "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME (T_cam_home, m), then a line of 2D points: none"
+    ]
     for number, p in enumerate(posed, 1):
         if p.name != p.name.strip() or len(p.name.splitlines()) != 1:
             raise InputError(f"{p.name!r}: images.txt holds no such name; rename the photograph")
@@ -57,7 +64,9 @@ class _Octets:
 
     def __init__(self, path: Path):
         if not path.is_file():
-            raise InputError(f"{path} is missing: COLMAP's binary model has cameras.bin and images.bin")
+            raise InputError(
+                f"{path} is missing: COLMAP's binary model has cameras.bin and images.bin"
+            )
         self._path, self._octets, self._at = path, path.read_bytes(), 0
 
     def take(self, form: str) -> tuple:

@@ -17,7 +17,8 @@ from fcsv_stereo.photos.tags import ORIENTATION, Tags
 #: Make, model, XMP, EXIF, GPS: TIFF's other tags tell how the old file stores its pixels.
 _KEPT_OF_TIFF = {0x010F, 0x0110, 0x02BC, 0x8769, 0x8825}
 _QUALITY = 95  # of JPEG: what is lost is below the noise of matching
-#: R_stored_upright by EXIF orientation: how the axes of the upright picture lie in the stored one (not of mirrored).
+#: R_stored_upright by EXIF orientation: how the axes of the upright picture lie in the stored one
+#: (not of mirrored).
 _UPRIGHT = {
     1: np.eye(3),
     3: np.diag([-1.0, -1.0, 1.0]),
@@ -29,7 +30,9 @@ _UPRIGHT = {
 def R_stored_upright(tags: Tags) -> np.ndarray:
     """Raises InputError where the picture is stored mirrored."""
     if tags.orientation not in _UPRIGHT:
-        raise InputError(f"{tags.path}: is stored mirrored (EXIF orientation {tags.orientation}); no camera does that")
+        raise InputError(
+            f"{tags.path}: is stored mirrored (EXIF orientation {tags.orientation}); no camera does that"
+        )
     return _UPRIGHT[tags.orientation]
 
 
@@ -41,7 +44,8 @@ def upright_size(tags: Tags, longest_px: int) -> Tuple[int, int]:
 
 
 def copy_upright(tags: Tags, folder: Path, longest_px: int) -> None:
-    """The file itself where nothing changes; else its pixels turned and made smaller, with its other EXIF tags.
+    """The file itself where nothing changes; else its pixels turned and made smaller, with its
+    other EXIF tags.
 
     Raises InputError where the picture cannot be read to its end.
     """
@@ -64,11 +68,15 @@ def copy_upright(tags: Tags, folder: Path, longest_px: int) -> None:
             for tag in set(exif) - _KEPT_OF_TIFF if _is_tiff(target) else ():
                 del exif[tag]
             exif[ORIENTATION] = 1
-            upright.save(target, exif=exif.tobytes(), **({"quality": _QUALITY} if _is_jpeg(target) else {}))
+            upright.save(
+                target, exif=exif.tobytes(), **({"quality": _QUALITY} if _is_jpeg(target) else {})
+            )
     except (OSError, SyntaxError, ValueError) as error:
         if isinstance(error, OSError) and error.errno:  # the disk, not the picture
             raise
-        raise InputError(f"{tags.path}: cannot be read to its end; copy it again ({error})") from error
+        raise InputError(
+            f"{tags.path}: cannot be read to its end; copy it again ({error})"
+        ) from error
 
 
 def focal_px(tags: Tags, longest_px: int):

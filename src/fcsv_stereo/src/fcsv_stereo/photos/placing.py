@@ -18,7 +18,8 @@ _AS_SAID = 2.0  # times as much as usual, up to which GPS and model agree as wel
 
 
 class Photograph(NamedTuple):
-    """``R_model_cam`` is of its upright picture; ``no_gps`` and ``no_angles`` say why there is none."""
+    """``R_model_cam`` is of its upright picture; ``no_gps`` and ``no_angles`` say why there is
+    none."""
 
     name: str
     camera: str
@@ -40,7 +41,8 @@ class Placed:
 
 
 def place(photographs: Sequence[Photograph]) -> Placed:
-    """East, north, up of the first photograph whose GPS agrees with the others'. Raises InputError."""
+    """East, north, up of the first photograph whose GPS agrees with the others'. Raises
+    InputError."""
     photographs = _with_steps(photographs)
     if not any(p.gps for p in photographs):
         raise InputError("none of the photographs with a pose has a GPS position")
@@ -51,7 +53,9 @@ def place(photographs: Sequence[Photograph]) -> Placed:
         found = _fit(photographs, origin)
     except ContradictionError as error:
         _require_not_exchanged(photographs)
-        raise InputError(f"{error}{_contradicting(photographs, error.similarity, origin)}") from error
+        raise InputError(
+            f"{error}{_contradicting(photographs, error.similarity, origin)}"
+        ) from error
     return Placed(found, origin, _remarks(photographs, found, origin))
 
 
@@ -77,9 +81,13 @@ def _fit(photographs: Sequence[Photograph], origin: Gps) -> Similarity:
     places, sigmas = np.full((len(photographs), 3), np.nan), np.ones((len(photographs), 3))
     known = [i for i, p in enumerate(photographs) if p.gps is not None]
     places[known] = east_north_up_m([photographs[i].gps for i in known], origin)
-    sigmas[known] = [[g.sigma_m, g.sigma_m, g.height_sigma_m] for g in (photographs[i].gps for i in known)]
+    sigmas[known] = [
+        [g.sigma_m, g.sigma_m, g.height_sigma_m] for g in (photographs[i].gps for i in known)
+    ]
     steps = np.zeros_like(places)
-    steps[known] = [[g.step_m, g.step_m, g.height_step_m] for g in (photographs[i].gps for i in known)]
+    steps[known] = [
+        [g.step_m, g.step_m, g.height_step_m] for g in (photographs[i].gps for i in known)
+    ]
     p_model = np.array([p.p_model for p in photographs])
     R_model_cam = np.array([p.R_model_cam for p in photographs])
     return fit(p_model, places, sigmas, R_model_cam, [p.R_enu_cam for p in photographs], steps)
@@ -139,7 +147,9 @@ def _remarks(photographs: Sequence[Photograph], found: Similarity, origin: Gps) 
 def _why(p: Photograph, i: int, found: Similarity, origin: Gps) -> str:
     """The reading of its tags with which it would agree, or how far it is off."""
     expected_m = found.scale * found.R_enu_model @ p.p_model + found.t_enu
-    bound_m = _EXPLAINED * (found.model_sigma_m + max(1.0, found.gps_factor) * p.gps.height_sigma_m + p.gps.step_m)
+    bound_m = _EXPLAINED * (
+        found.model_sigma_m + max(1.0, found.gps_factor) * p.gps.height_sigma_m + p.gps.step_m
+    )
     for other, why in _readings(p.gps):
         if np.linalg.norm(east_north_up_m([other], origin)[0] - expected_m) < bound_m:
             return why
@@ -147,16 +157,29 @@ def _why(p: Photograph, i: int, found: Similarity, origin: Gps) -> str:
     if found.wrong_heights[i]:
         return f"its height is {abs(up):.0f} m {'above' if up > 0 else 'below'} where the others have it"
     away = np.hypot(np.hypot(east, north), up)
-    return f"{away:.3g} m from where the others have it" if away < 1000 else f"{away / 1000:.0f} km from the others"
+    return (
+        f"{away:.3g} m from where the others have it"
+        if away < 1000
+        else f"{away / 1000:.0f} km from the others"
+    )
 
 
 def _readings(gps: Gps):
     """The place with tags that are wrong as tags are wrong."""
     latitude, longitude = gps.latitude_deg, gps.longitude_deg
-    east, north = ("W", "E") if longitude < 0 else ("E", "W"), ("S", "N") if latitude < 0 else ("N", "S")
+    east, north = (
+        ("W", "E") if longitude < 0 else ("E", "W"),
+        ("S", "N") if latitude < 0 else ("N", "S"),
+    )
     up = ("below", "above") if gps.height_m < 0 else ("above", "below")
-    yield replace(gps, longitude_deg=-longitude), f"GPSLongitudeRef {east[1]} instead of {east[0]} would agree"
-    yield replace(gps, latitude_deg=-latitude), f"GPSLatitudeRef {north[1]} instead of {north[0]} would agree"
+    yield (
+        replace(gps, longitude_deg=-longitude),
+        f"GPSLongitudeRef {east[1]} instead of {east[0]} would agree",
+    )
+    yield (
+        replace(gps, latitude_deg=-latitude),
+        f"GPSLatitudeRef {north[1]} instead of {north[0]} would agree",
+    )
     yield (
         replace(gps, height_m=-gps.height_m),
         f"GPSAltitudeRef '{up[1]}' instead of '{up[0]}' would make its height agree",

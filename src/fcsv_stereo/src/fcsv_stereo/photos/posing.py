@@ -13,9 +13,11 @@ from fcsv_stereo.errors import InputError
 from fcsv_stereo.posed.colmap import PosedImage
 
 INSTALL = "pip install pycolmap"
-_EXHAUSTIVE = 60  # photographs up to which every pair is compared; above, those that follow each other by name
+# photographs up to which every pair is compared; above, those that follow each other by name
+_EXHAUSTIVE = 60
 _MODEL = "RADIAL"
-_FACTOR = 1.2  # of the longer side: a focal length to begin with where the file says none (as COLMAP has it)
+# of the longer side: a focal length to begin with where the file says none (as COLMAP has it)
+_FACTOR = 1.2
 
 #: (width, height, focal length in px or None): photographs that are alike here are of one camera
 CameraKey = Tuple[int, int, Optional[float], str]
@@ -33,8 +35,11 @@ def require_pycolmap():
     return pycolmap
 
 
-def pose(images: Path, cameras: Dict[CameraKey, List[str]]) -> Tuple[Dict[int, PinholeCamera], List[PosedImage]]:
-    """Cameras and poses (of a scale and world of its own) of the largest model; names in ``cameras`` by camera.
+def pose(
+    images: Path, cameras: Dict[CameraKey, List[str]]
+) -> Tuple[Dict[int, PinholeCamera], List[PosedImage]]:
+    """Cameras and poses (of a scale and world of its own) of the largest model; names in
+    ``cameras`` by camera.
 
     Raises InputError where no model with three photographs came out.
     """
@@ -46,15 +51,25 @@ def pose(images: Path, cameras: Dict[CameraKey, List[str]]) -> Tuple[Dict[int, P
         database = Path(folder) / "database.db"
         for (width, height, focal_px, _), group in cameras.items():
             f = focal_px or _FACTOR * max(width, height)
-            reader = pycolmap.ImageReaderOptions(camera_model=_MODEL, camera_params=f"{f},{width / 2},{height / 2},0,0")
+            reader = pycolmap.ImageReaderOptions(
+                camera_model=_MODEL, camera_params=f"{f},{width / 2},{height / 2},0,0"
+            )
             pycolmap.extract_features(
-                database, images, group, camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader,
+                database,
+                images,
+                group,
+                camera_mode=pycolmap.CameraMode.SINGLE,
+                reader_options=reader,
                 device=pycolmap.Device.cpu,
-            )  # fmt: skip
-        match = pycolmap.match_exhaustive if len(names) <= _EXHAUSTIVE else pycolmap.match_sequential
+            )
+        match = (
+            pycolmap.match_exhaustive if len(names) <= _EXHAUSTIVE else pycolmap.match_sequential
+        )
         match(database, device=pycolmap.Device.cpu)
         for near in (False, True):
-            maps = pycolmap.incremental_mapping(database, images, Path(folder), _options(pycolmap, near))
+            maps = pycolmap.incremental_mapping(
+                database, images, Path(folder), _options(pycolmap, near)
+            )
             best = max(maps.values(), key=lambda m: m.num_reg_images(), default=None)
             if best is not None and best.num_reg_images() >= 3:
                 return _taken(best)
@@ -65,7 +80,8 @@ def pose(images: Path, cameras: Dict[CameraKey, List[str]]) -> Tuple[Dict[int, P
 
 
 def _options(pycolmap, near: bool):
-    """``near``: a short baseline before a far scene, for which COLMAP's own bounds (16, 1.5 degrees) are too wide."""
+    """``near``: a short baseline before a far scene, for which COLMAP's own bounds (16, 1.5
+    degrees) are too wide."""
     options = pycolmap.IncrementalPipelineOptions()
     if near:
         options.mapper.init_min_tri_angle, options.mapper.init_min_num_inliers = 1.0, 50
@@ -77,7 +93,9 @@ def _taken(model) -> Tuple[Dict[int, PinholeCamera], List[PosedImage]]:
     cameras = {}
     for number, c in model.cameras.items():
         f, cx, cy, k1, k2 = map(float, c.params)
-        cameras[number] = PinholeCamera(c.width, c.height, f, f, cx - 0.5, cy - 0.5, (k1, k2, 0.0, 0.0, 0.0))
+        cameras[number] = PinholeCamera(
+            c.width, c.height, f, f, cx - 0.5, cy - 0.5, (k1, k2, 0.0, 0.0, 0.0)
+        )
     posed = []
     for image in model.images.values():
         if image.has_pose:

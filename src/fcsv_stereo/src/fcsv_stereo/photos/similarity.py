@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scale, turn and place of a model whose scale is its own, from GPS and angles; those that contradict do not count."""
+"""Scale, turn and place of a model whose scale is its own, from GPS and angles; those that
+contradict do not count."""
 
 from dataclasses import dataclass, replace
 from typing import List, Optional, Sequence
@@ -15,22 +16,26 @@ from fcsv_stereo.photos.starts import about_the_line, starts
 FEWEST, MOST_SCALE_SIGMA = 3, 0.3
 #: Of a world that is refused: a map is read by what is level, less by where north is.
 MOST_LEVEL_SIGMA_RAD, MOST_NORTH_SIGMA_RAD = np.radians(10.0), np.radians(20.0)
-_SCORED, _REFINED, _TURNED = 60, 6, 2  # photographs that starts are scored with; starts that are improved
+# photographs that starts are scored with; starts that are improved
+_SCORED, _REFINED, _TURNED = 60, 6, 2
 SAME_COST = 9.0  # two answers that differ by less explain the photographs alike
 _RIGHT = 0.5  # of a statement's probability
-_DOUBTFUL = 0.3  # share of wrong statements, or sine of how far cameras look up, from which mirror images are tried
+# share of wrong statements, or sine of how far cameras look up, from which mirror images are tried
+_DOUBTFUL = 0.3
 _MIRRORS = {"longitude": np.array([-1.0, 1.0, 1.0]), "latitude": np.array([1.0, -1.0, 1.0])}
 
 
 @dataclass(frozen=True)
 class Similarity:
-    """p_enu = scale * R_enu_model @ p_model + t_enu; residuals (N, 3) m (GPS less model; NaN where there is no GPS).
+    """p_enu = scale * R_enu_model @ p_model + t_enu; residuals (N, 3) m (GPS less model; NaN where
+    there is no GPS).
 
-    By photograph, what contradicts the others and has no say: ``outliers`` (its place), ``wrong_heights`` (of these,
-    whose height alone is wrong), ``wrong_angles``. ``covariance`` (7, 7): logarithm of the scale, turn (rad) and shift
-    (m) in east, north, up, at the middle of the photographs. ``gps_factor``: how large GPS's errors are against what
-    is said of them; ``model_sigma_m``: the model's own error; ``extent_m``: about the
-    median distance of two photographs. ``cost``: how badly all agrees, to be compared with that of the same set.
+    By photograph, what contradicts the others and has no say: ``outliers`` (its place),
+    ``wrong_heights`` (of these, whose height alone is wrong), ``wrong_angles``. ``covariance`` (7,
+    7): logarithm of the scale, turn (rad) and shift (m) in east, north, up, at the middle of the
+    photographs. ``gps_factor``: how large GPS's errors are against what is said of them;
+    ``model_sigma_m``: the model's own error; ``extent_m``: about the median distance of two
+    photographs. ``cost``: how badly all agrees, to be compared with that of the same set.
     """
 
     scale: float
@@ -70,7 +75,8 @@ class Similarity:
 
 
 class ContradictionError(InputError):
-    """Places contradict the model; ``similarity`` is that of the largest part that agrees, with whose outliers."""
+    """Places contradict the model; ``similarity`` is that of the largest part that agrees, with
+    whose outliers."""
 
     def __init__(self, message: str, similarity: Similarity):
         super().__init__(message)
@@ -78,19 +84,28 @@ class ContradictionError(InputError):
 
 
 def fit(
-    p_model: np.ndarray, p_enu_m: np.ndarray, sigmas_m: np.ndarray, R_model_cam: np.ndarray,
-    R_enu_cam: Sequence[Optional[np.ndarray]], steps_m: Optional[np.ndarray] = None,
-) -> Similarity:  # fmt: skip
-    """Fits a similarity from places (N, 3) in both (NaN where there is no GPS), GPS's standard deviations (N, 3), and
-    the cameras' rotations (N, 3, 3). ``R_enu_cam`` are the gimbals', None where they are not known: then rows are taken
-    to be level. ``steps_m`` (N, 3): in which places are written.
+    p_model: np.ndarray,
+    p_enu_m: np.ndarray,
+    sigmas_m: np.ndarray,
+    R_model_cam: np.ndarray,
+    R_enu_cam: Sequence[Optional[np.ndarray]],
+    steps_m: Optional[np.ndarray] = None,
+) -> Similarity:
+    """Fits a similarity from places (N, 3) in both (NaN where there is no GPS), GPS's standard
+    deviations (N, 3), and the cameras' rotations (N, 3, 3). ``R_enu_cam`` are the gimbals', None
+    where they are not known: then rows are taken to be level. ``steps_m`` (N, 3): in which places
+    are written.
 
     Raises InputError where these contradict each other, or do not fix scale, level and north.
     """
-    gimbals = np.array([np.full((3, 3), np.nan) if R is None else R for R in R_enu_cam]).reshape(-1, 3, 3)
+    gimbals = np.array([np.full((3, 3), np.nan) if R is None else R for R in R_enu_cam]).reshape(
+        -1, 3, 3
+    )
     middle = p_model.mean(axis=0)  # about it scale and turn do not move the places as one
     steps_m = np.zeros_like(sigmas_m) if steps_m is None else steps_m
-    e = GpsEvidence(p_model - middle, np.array(p_enu_m, float), sigmas_m, steps_m, R_model_cam, gimbals)
+    e = GpsEvidence(
+        p_model - middle, np.array(p_enu_m, float), sigmas_m, steps_m, R_model_cam, gimbals
+    )
     _require_spread(e)
     fits = _fits(e)
     found = _similarity(e, fits[0], middle)
@@ -104,11 +119,15 @@ def fit(
 def _require_spread(e: GpsEvidence) -> None:
     placed = int(e.placed.sum())
     if placed < FEWEST:
-        raise InputError(f"{placed} photographs have both GPS and a pose; scale and turn need {FEWEST}")
+        raise InputError(
+            f"{placed} photographs have both GPS and a pose; scale and turn need {FEWEST}"
+        )
     places = e.p_enu_m[e.placed]
     spread_m = float(np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[0])
     if spread_m < 2.0 * float(np.median(np.hypot(e.sigmas_m, e.steps_m)[e.placed])):
-        raise InputError(f"the photographs were taken within {spread_m:.1f} m, which GPS cannot tell apart")
+        raise InputError(
+            f"the photographs were taken within {spread_m:.1f} m, which GPS cannot tell apart"
+        )
 
 
 def _fits(e: GpsEvidence) -> List[Fitted]:
@@ -117,7 +136,9 @@ def _fits(e: GpsEvidence) -> List[Fitted]:
     some = _some(e, rng)
 
     def scored(poses) -> list:
-        return sorted(((evidence.agreement(some, p, fine=False)[0], p) for p in poses), key=lambda t: t[0])
+        return sorted(
+            ((evidence.agreement(some, p, fine=False)[0], p) for p in poses), key=lambda t: t[0]
+        )
 
     tried = scored(starts(e, rng))
     if not tried:
@@ -148,20 +169,27 @@ def _apart(a: Pose, b: Pose, turn_rad: float = np.radians(8.0), log_scale: float
 
 
 def _require_not_mirrored(e: GpsEvidence, best: Fitted, found: Similarity) -> None:
-    """E for W, or N for S, in all photographs: their places are mirrored, and a flat model fits them upside down."""
+    """E for W, or N for S, in all photographs: their places are mirrored, and a flat model fits
+    them upside down."""
     w, up = best.weights, (best.pose.R @ e.R_model_cam[~e.angled])[:, 2, 2]
-    doubtful = any(len(of) and (of < _RIGHT).mean() > _DOUBTFUL for of in (w.place, w.angles, w.level))
+    doubtful = any(
+        len(of) and (of < _RIGHT).mean() > _DOUBTFUL for of in (w.place, w.angles, w.level)
+    )
     if not doubtful and not (len(up) and np.median(up) > _DOUBTFUL):
         return
     costs = {}
     for name, mirror in _MIRRORS.items():
-        mirrored = GpsEvidence(e.p_model, e.p_enu_m * mirror, e.sigmas_m, e.steps_m, e.R_model_cam, e.R_enu_cam)
+        mirrored = GpsEvidence(
+            e.p_model, e.p_enu_m * mirror, e.sigmas_m, e.steps_m, e.R_model_cam, e.R_enu_cam
+        )
         costs[name] = _fits(mirrored)[0].cost
     least = min(costs, key=costs.get)
     if costs[least] + SAME_COST < best.cost:
         alike = abs(costs["longitude"] - costs["latitude"]) < SAME_COST
         which = "longitude or of latitude" if alike else least
-        or_so = "" if e.angled.any() else ", or all pictures are upside down without EXIF's orientation"
+        or_so = (
+            "" if e.angled.any() else ", or all pictures are upside down without EXIF's orientation"
+        )
         raise ContradictionError(
             f"GPS's places are the mirror image of the poses: the reference of {which} (GPSLongitudeRef E or W, "
             f"GPSLatitudeRef N or S) is wrong in all photographs{or_so}; correct it (exiftool)",
@@ -172,8 +200,14 @@ def _require_not_mirrored(e: GpsEvidence, best: Fitted, found: Similarity) -> No
 def _require_most_places(e: GpsEvidence, found: Similarity) -> None:
     wrong, of = int(found.outliers.sum()), int(e.placed.sum())
     if of - wrong < FEWEST or 2 * wrong >= of:
-        height = f", {int(found.wrong_heights.sum())} of them in height alone" if found.wrong_heights.any() else ""
-        raise ContradictionError(f"GPS contradicts the poses: {wrong} of {of} places are elsewhere{height}", found)
+        height = (
+            f", {int(found.wrong_heights.sum())} of them in height alone"
+            if found.wrong_heights.any()
+            else ""
+        )
+        raise ContradictionError(
+            f"GPS contradicts the poses: {wrong} of {of} places are elsewhere{height}", found
+        )
 
 
 def _require_known(e: GpsEvidence, found: Similarity) -> None:
@@ -215,9 +249,19 @@ def _similarity(e: GpsEvidence, best: Fitted, middle: np.ndarray) -> Similarity:
     pose = best.pose
     residuals, outliers, heights, angles = _by_photograph(e, best)
     return Similarity(
-        pose.scale, pose.R, pose.t - pose.scale * pose.R @ middle, residuals, outliers, heights, angles,
-        covariance(e, best), best.noise.gps, best.noise.model_m, pose.scale * e.extent, best.cost,
-    )  # fmt: skip
+        pose.scale,
+        pose.R,
+        pose.t - pose.scale * pose.R @ middle,
+        residuals,
+        outliers,
+        heights,
+        angles,
+        covariance(e, best),
+        best.noise.gps,
+        best.noise.model_m,
+        pose.scale * e.extent,
+        best.cost,
+    )
 
 
 def _by_photograph(e: GpsEvidence, best: Fitted):

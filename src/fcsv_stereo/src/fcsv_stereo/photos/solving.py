@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A similarity improved until it agrees best with the evidence about it, and its covariance there."""
+"""A similarity improved until it agrees best with the evidence about it, and its covariance
+there."""
 
 from typing import NamedTuple, Tuple
 
@@ -29,8 +30,8 @@ class Fitted(NamedTuple):
 
 
 def solve(e: GpsEvidence, pose: Pose) -> Fitted:
-    """The optimum near ``pose``, by Gauss-Newton; weights and noise are those of the last step's residuals
-    (expectation-maximisation)."""
+    """The optimum near ``pose``, by Gauss-Newton; weights and noise are those of the last step's
+    residuals (expectation-maximisation)."""
     best = now = Fitted(*evidence.agreement(e, pose), pose)
     for _ in range(_ROUNDS):
         pose = _step(e, now)
@@ -43,12 +44,14 @@ def solve(e: GpsEvidence, pose: Pose) -> Fitted:
 
 
 def covariance(e: GpsEvidence, at: Fitted) -> np.ndarray:
-    """(7, 7) of the logarithm of the scale, the turn (rad) and the shift (m), in east, north, up."""
+    """(7, 7) of the logarithm of the scale, the turn (rad) and the shift (m), in east, north,
+    up."""
     J, _, w = _linear(e, at)
     H = J.T @ (w[:, None] * J)
     H[:7, :7] += np.diag(1.0 / np.square(_UNKNOWN))
     said = 2.0 * at.weights.place.sum() + at.weights.height.sum()
-    # the noise is estimated, too: three standard deviations are to hold as much of Student's distribution as of Gauss's
+    # the noise is estimated, too: three standard deviations are to hold as much of Student's
+    # distribution as of Gauss's
     student = stats.t.ppf(stats.norm.cdf(3.0), _BELIEF + max(said - 7.0, 0.0)) / 3.0
     return np.linalg.inv(H)[:7, :7] * student**2
 
@@ -64,7 +67,8 @@ def _step(e: GpsEvidence, at: Fitted) -> Pose:
 
 
 def _linear(e: GpsEvidence, at: Fitted) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(K, 11) by (logarithm of scale, turn, shift, shared turn of angles, shared tilt of rows), residuals, weights."""
+    """(K, 11) by (logarithm of scale, turn, shift, shared turn of angles, shared tilt of rows),
+    residuals, weights."""
     parts = [_linear_places(e, at), _linear_turns(e, at), _linear_tilts(e, at)]
     J_shared = np.zeros((4, 11))
     J_shared[:, 7:] = np.eye(4)

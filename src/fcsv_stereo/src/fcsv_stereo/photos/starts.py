@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Similarities to begin a fit with: from all places, from few, from angles; so many that a right one is among them."""
+"""Similarities to begin a fit with: from all places, from few, from angles; so many that a right
+one is among them."""
 
 from itertools import combinations
 from typing import Iterator, List, Optional, Tuple
@@ -10,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from fcsv_stereo.photos.evidence import GpsEvidence, Pose
 
 _TRIPLES, _SUBSETS, _ATTITUDES, _PAIRS = 200, 40, 40, 300
-_KEPT, _WRONG, _MODEL_SHARE = 40, 17.0, 0.01  # of those from places: the best, by squares up to a bound
+# of those from places: the best, by squares up to a bound
+_KEPT, _WRONG, _MODEL_SHARE = 40, 17.0, 0.01
 _LINE_TURNS = np.radians(np.arange(15, 360, 15))
 Start = Tuple[float, np.ndarray, np.ndarray]
 
@@ -22,7 +24,8 @@ def starts(e: GpsEvidence, rng: np.random.Generator) -> List[Pose]:
 
 
 def about_the_line(e: GpsEvidence, pose: Pose) -> Iterator[Pose]:
-    """The same, turned about the line along which the photographs lie: where they do, places do not tell that turn."""
+    """The same, turned about the line along which the photographs lie: where they do, places do not
+    tell that turn."""
     middle = np.median(e.p_model, axis=0)
     axis = pose.R @ np.linalg.svd(e.p_model - middle, full_matrices=False)[2][0]
     at_m = pose.scale * pose.R @ middle + pose.t
@@ -32,7 +35,8 @@ def about_the_line(e: GpsEvidence, pose: Pose) -> Iterator[Pose]:
 
 
 def closed(p_model: np.ndarray, p_enu_m: np.ndarray, sigmas_m: np.ndarray) -> Optional[Start]:
-    """Scale, rotation and shift of least squares, weighted by photograph (Umeyama 1991); None where places are one."""
+    """Scale, rotation and shift of least squares, weighted by photograph (Umeyama 1991); None where
+    places are one."""
     weights = 1.0 / np.square(sigmas_m).mean(axis=1, keepdims=True)
     weights = weights / weights.sum()
     middle_a, middle_b = (weights * p_model).sum(axis=0), (weights * p_enu_m).sum(axis=0)
@@ -48,8 +52,15 @@ def closed(p_model: np.ndarray, p_enu_m: np.ndarray, sigmas_m: np.ndarray) -> Op
 
 def _from_places(e: GpsEvidence, rng: np.random.Generator) -> List[Start]:
     at = np.flatnonzero(e.placed)
-    subsets = [at, *_subsets(at, 3, _TRIPLES, rng), *_subsets(at, max(4, len(at) // 2), _SUBSETS, rng)]
-    found = [closed(e.p_model[list(s)], e.p_enu_m[list(s)], e.sigmas_m[list(s)]) for s in map(list, subsets)]
+    subsets = [
+        at,
+        *_subsets(at, 3, _TRIPLES, rng),
+        *_subsets(at, max(4, len(at) // 2), _SUBSETS, rng),
+    ]
+    found = [
+        closed(e.p_model[list(s)], e.p_enu_m[list(s)], e.sigmas_m[list(s)])
+        for s in map(list, subsets)
+    ]
     return _best([f for f in found if f is not None], e)
 
 
@@ -57,7 +68,10 @@ def _best(found: List[Start], e: GpsEvidence) -> List[Start]:
     if len(found) <= _KEPT:
         return found
     scales, rotations, shifts = (np.array(of) for of in zip(*found))
-    at = e.p_model[e.placed] @ (scales[:, None, None] * rotations).transpose(0, 2, 1) + shifts[:, None]
+    at = (
+        e.p_model[e.placed] @ (scales[:, None, None] * rotations).transpose(0, 2, 1)
+        + shifts[:, None]
+    )
     variances = (
         np.square(np.hypot(e.sigmas_m, e.steps_m)[e.placed])
         + np.square(_MODEL_SHARE * e.extent * scales)[:, None, None]
@@ -81,10 +95,17 @@ def _from_angles(e: GpsEvidence, rng: np.random.Generator) -> List[Start]:
     if not len(at) or e.placed.sum() < 2:
         return []
     R_enu_model = e.R_enu_cam[at] @ e.R_model_cam[at].transpose(0, 2, 1)
-    some = R_enu_model if len(at) <= _ATTITUDES else R_enu_model[rng.choice(len(at), _ATTITUDES, replace=False)]
+    some = (
+        R_enu_model
+        if len(at) <= _ATTITUDES
+        else R_enu_model[rng.choice(len(at), _ATTITUDES, replace=False)]
+    )
     apart = np.arccos(np.clip((np.einsum("aij,bij->ab", some, R_enu_model) - 1.0) / 2.0, -1.0, 1.0))
     near = np.median(apart, axis=1) * 1.5 + 1e-3
-    means = [Rotation.from_matrix(R_enu_model[row < bound]).mean().as_matrix() for row, bound in zip(apart, near)]
+    means = [
+        Rotation.from_matrix(R_enu_model[row < bound]).mean().as_matrix()
+        for row, bound in zip(apart, near)
+    ]
     pairs = _pairs(np.flatnonzero(e.placed), rng)
     found = [_by_medians(e, R, pairs) for R in (*some, *means)]
     return [f for f in found if f is not None]

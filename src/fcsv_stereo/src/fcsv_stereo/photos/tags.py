@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a photograph's file says: orientation, focal length, GPS (EXIF), attitude and RTK (DJI's XMP). By Pillow."""
+"""What a photograph's file says: orientation, focal length, GPS (EXIF), attitude and RTK (DJI's
+XMP). By Pillow."""
 
 import math
 import re
@@ -19,19 +20,27 @@ from fcsv_stereo.photos.gps import Gps, number, read_gps
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 #: EXIF numbers; Pillow names them too, by names that changed between its versions.
 ORIENTATION, _MAKE, _MODEL, _EXIF, _GPS = 0x0112, 0x010F, 0x0110, 0x8769, 0x8825
-_FOCAL_MM, _FOCAL_35_MM, _PLANE_RESOLUTION, _PLANE_UNIT, _TAGGED_WIDTH = 0x920A, 0xA405, 0xA20E, 0xA210, 0xA002
+_FOCAL_MM, _FOCAL_35_MM, _PLANE_RESOLUTION, _PLANE_UNIT, _TAGGED_WIDTH = (
+    0x920A,
+    0xA405,
+    0xA20E,
+    0xA210,
+    0xA002,
+)
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}
 _DIAGONAL_35_MM = math.hypot(36.0, 24.0)
 _XMP_VALUE = re.compile(rb"drone-dji:(\w+)\s*(?:=\s*[\"']([^\"'<>]{1,64})[\"']|>([^<>]{1,64})<)")
-#: A camera that looks along the body: body x forward, y right, z down (as DJI's angles are) to optical axes.
+#: A camera that looks along the body: body x forward, y right, z down (as DJI's angles are) to
+#: optical axes.
 _R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 _R_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
 @dataclass(frozen=True)
 class Tags:
-    """``size`` is (width, height) as stored. ``focal_px`` may be None. ``R_enu_cam`` is the gimbal's. Where ``gps`` is
-    None, or there are angles that are none, ``no_gps`` and ``no_angles`` say why."""
+    """``size`` is (width, height) as stored. ``focal_px`` may be None. ``R_enu_cam`` is the
+    gimbal's. Where ``gps`` is None, or there are angles that are none, ``no_gps`` and ``no_angles``
+    say why."""
 
     path: Path
     size: Tuple[int, int]
@@ -60,9 +69,16 @@ def read_tags(path: Path) -> Tags:
     gps, no_gps = read_gps(exif.get_ifd(_GPS), dji)
     R_enu_cam, no_angles = _attitude(dji)
     return Tags(
-        path, size, orientation if orientation in range(1, 9) else 1, camera, _focal_px(inner, dji, size), gps,
-        R_enu_cam, no_gps, no_angles,
-    )  # fmt: skip
+        path,
+        size,
+        orientation if orientation in range(1, 9) else 1,
+        camera,
+        _focal_px(inner, dji, size),
+        gps,
+        R_enu_cam,
+        no_gps,
+        no_angles,
+    )
 
 
 def _stored_size(path: Path) -> Tuple[int, int]:
@@ -93,8 +109,8 @@ def _dji(xmp: bytes) -> Dict[str, float]:
 
 
 def _focal_px(exif, dji: Dict[str, float], size: Tuple[int, int]) -> Optional[float]:
-    """Gives the focal length by DJI's calibration, else by the focal length of a 35 mm camera with the same diagonal,
-    else by the sensor's resolution."""
+    """Gives the focal length by DJI's calibration, else by the focal length of a 35 mm camera with
+    the same diagonal, else by the sensor's resolution."""
     width, shrunk = number(exif.get(_TAGGED_WIDTH)), 1.0
     if width and width > 0.0:  # of a picture that was made smaller, or turned, later
         shrunk = min(size[0] / width, max(size) / width)
@@ -111,7 +127,8 @@ def _focal_px(exif, dji: Dict[str, float], size: Tuple[int, int]) -> Optional[fl
 
 
 def _attitude(dji: Dict[str, float]) -> Tuple[Optional[np.ndarray], str]:
-    """R_enu_cam of the upright picture by the gimbal's yaw (from north, clockwise), pitch (up) and roll; or why not."""
+    """R_enu_cam of the upright picture by the gimbal's yaw (from north, clockwise), pitch (up) and
+    roll; or why not."""
     angles = [dji.get(f"Gimbal{k}Degree") for k in ("Yaw", "Pitch", "Roll")]
     if None in angles:
         return None, ""

@@ -15,7 +15,13 @@ from fcsv_geometry.programs.writing import in_words
 from fcsv_stereo.equations import parse_threshold
 from fcsv_stereo.errors import OutputError, PlanError
 from fcsv_stereo.model import AXES
-from fcsv_stereo.planning.mission import MIN_SEPARATION_M, RECORD_S, map_arguments, mission_document, write_mission
+from fcsv_stereo.planning.mission import (
+    MIN_SEPARATION_M,
+    RECORD_S,
+    map_arguments,
+    mission_document,
+    write_mission,
+)
 from fcsv_stereo.planning.plan import Plan, PlanRequest, make_plan
 
 _SIZE, _FOV_DEG = (640, 480), 56.0  # of the thesis's camera (table 6.2), where none is named
@@ -28,11 +34,16 @@ _EXAMPLES = """examples:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit status 0 with a table, 2 with one line on stderr that says what is wrong; then nothing is written."""
+    """Exit status 0 with a table, 2 with one line on stderr that says what is wrong; then nothing
+    is written."""
     args = _parser().parse_args(argv)
     try:
         plan = make_plan(_request(args))
-        document = mission_document(plan, args.name, args.record_s, args.min_separation_m) if args.mission else None
+        document = (
+            mission_document(plan, args.name, args.record_s, args.min_separation_m)
+            if args.mission
+            else None
+        )
         print("\n".join(filter(None, (table(plan), _whose_camera(args)))))
         if args.figures:
             _write_figures(plan, Path(args.figures))
@@ -55,8 +66,10 @@ def table(plan: Plan) -> str:
     lines = [
         f"focal length {request.camera.fx:.1f} px, disparity error {request.disparity_error_px:g} px, accepted {share}"
     ]
-    lines.append(f"{'axis':<11}{'baseline':>10}{'tilt':>8}{'effective range':>20}{'farthest (3.1)':>16}"
-                 f"{'error there':>13}{'views meet':>12}{'not shared near / far':>23}")  # fmt: skip
+    lines.append(
+        f"{'axis':<11}{'baseline':>10}{'tilt':>8}{'effective range':>20}{'farthest (3.1)':>16}"
+        f"{'error there':>13}{'views meet':>12}{'not shared near / far':>23}"
+    )
     for b in plan.baselines:
         span = f"{_metres(b.range_m[0])} to {_metres(b.range_m[1])} m"
         unshared = f"{b.non_overlap[0]:.0%} / {b.non_overlap[1]:.0%}"
@@ -81,20 +94,32 @@ def _metres(z_m: float) -> str:
 def _request(args) -> PlanRequest:
     axes = AXES if args.axis == "both" else (args.axis,)
     return PlanRequest(
-        range_m=args.range_m, threshold=parse_threshold(args.error), camera=_camera(args), nearest_m=args.nearest_m,
-        count=args.number, baselines_m=args.baselines, trim_m=args.trim, whole=args.whole,
-        disparity_error_px=args.disparity_error_px, axes=axes, tilt_per_m_rad=float(np.radians(args.tilt_per_m_deg)),
-    )  # fmt: skip
+        range_m=args.range_m,
+        threshold=parse_threshold(args.error),
+        camera=_camera(args),
+        nearest_m=args.nearest_m,
+        count=args.number,
+        baselines_m=args.baselines,
+        trim_m=args.trim,
+        whole=args.whole,
+        disparity_error_px=args.disparity_error_px,
+        axes=axes,
+        tilt_per_m_rad=float(np.radians(args.tilt_per_m_deg)),
+    )
 
 
 def _camera(args) -> PinholeCamera:
-    """Makes the camera of the calibration file, without its distortion: pairs are matched undistorted; or of an angle
-    of view."""
+    """Makes the camera of the calibration file, without its distortion: pairs are matched
+    undistorted; or of an angle of view."""
     if args.camera:
         if any(given is not None for given in (args.focal_px, args.fov_deg, args.size)):
-            raise PlanError("--camera has size and focal length: leave --focal-px, --fov-deg and --size out")
+            raise PlanError(
+                "--camera has size and focal length: leave --focal-px, --fov-deg and --size out"
+            )
         return read_camera(Path(args.camera))[1].undistorted()
-    return _by_angle(args.size or _SIZE, _FOV_DEG if args.fov_deg is None else args.fov_deg, args.focal_px)
+    return _by_angle(
+        args.size or _SIZE, _FOV_DEG if args.fov_deg is None else args.fov_deg, args.focal_px
+    )
 
 
 def _by_angle(size: Sequence[int], fov_deg: float, focal_px: Optional[float]) -> PinholeCamera:
@@ -102,7 +127,11 @@ def _by_angle(size: Sequence[int], fov_deg: float, focal_px: Optional[float]) ->
     if width < 1 or height < 1 or not 1 <= fov_deg <= 170:
         raise PlanError(f"--size {width} {height} --fov-deg {fov_deg:g} is not a camera")
     camera = PinholeCamera.from_fov(width, height, np.radians(fov_deg))
-    return camera if focal_px is None else PinholeCamera(width, height, focal_px, focal_px, camera.cx, camera.cy)
+    return (
+        camera
+        if focal_px is None
+        else PinholeCamera(width, height, focal_px, focal_px, camera.cx, camera.cy)
+    )
 
 
 def _write_figures(plan: Plan, folder: Path) -> None:
@@ -110,7 +139,10 @@ def _write_figures(plan: Plan, folder: Path) -> None:
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, draw in (("error_curves.png", figures.error_curves), ("segments.png", figures.segments)):
+        for name, draw in (
+            ("error_curves.png", figures.error_curves),
+            ("segments.png", figures.segments),
+        ):
             draw(plan).savefig(folder / name, dpi=110, bbox_inches="tight")
             print(f"wrote {folder / name}")
     except OSError as error:
@@ -119,27 +151,87 @@ def _write_figures(plan: Plan, folder: Path) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="plan", description="The baselines to fly, their effective ranges, the predicted error.", epilog=_EXAMPLES,
+        prog="plan",
+        description="The baselines to fly, their effective ranges, the predicted error.",
+        epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     add = parser.add_argument
-    add("--range-m", type=float, required=True, help="largest distance (m) at which the error must hold")
-    add("--error", default="10%", help="accepted error of depth: metres (0.5), or a share of the distance (10%%)")
-    add("--nearest-m", type=float, default=0.0, help="smallest distance (m) of interest (default 0)")
+    add(
+        "--range-m",
+        type=float,
+        required=True,
+        help="largest distance (m) at which the error must hold",
+    )
+    add(
+        "--error",
+        default="10%",
+        help="accepted error of depth: metres (0.5), or a share of the distance (10%%)",
+    )
+    add(
+        "--nearest-m", type=float, default=0.0, help="smallest distance (m) of interest (default 0)"
+    )
     add("--number", "-n", type=int, help="how many baselines (default 4)")
-    add("--whole", action="store_true", help="round baselines up to whole metres, trim points down to two digits (6.6)")
-    add("--baselines", type=float, nargs="+", metavar="M", help="baselines (m) by hand, instead of --number")
-    add("--trim", type=float, nargs="+", metavar="M", help="far end (m) of each baseline's range by hand")
+    add(
+        "--whole",
+        action="store_true",
+        help="round baselines up to whole metres, trim points down to two digits (6.6)",
+    )
+    add(
+        "--baselines",
+        type=float,
+        nargs="+",
+        metavar="M",
+        help="baselines (m) by hand, instead of --number",
+    )
+    add(
+        "--trim",
+        type=float,
+        nargs="+",
+        metavar="M",
+        help="far end (m) of each baseline's range by hand",
+    )
     add("--axis", choices=[*AXES, "both"], default=AXES[0])
-    add("--tilt-per-m-deg", type=float, default=0.0, help="inward tilt (degrees) per metre of baseline (1 in 3.5)")
+    add(
+        "--tilt-per-m-deg",
+        type=float,
+        default=0.0,
+        help="inward tilt (degrees) per metre of baseline (1 in 3.5)",
+    )
     add("--disparity-error-px", type=float, default=1.0, help="error of matching (default 1 px)")
-    add("--camera", metavar="FILE", help="your own camera's calibration (calibrate_camera, camera_calibration)")
+    add(
+        "--camera",
+        metavar="FILE",
+        help="your own camera's calibration (calibrate_camera, camera_calibration)",
+    )
     add("--focal-px", type=float, help="focal length (px), instead of --fov-deg")
-    add("--fov-deg", type=float, help="horizontal angle of view (default 56: the D435's at 640x480)")
-    add("--size", type=int, nargs=2, metavar=("WIDTH", "HEIGHT"), help="picture (px; default 640 480)")
-    add("--figures", metavar="FOLDER", help="draw error_curves.png (figure 2.3) and segments.png (figure 3.7) there")
+    add(
+        "--fov-deg", type=float, help="horizontal angle of view (default 56: the D435's at 640x480)"
+    )
+    add(
+        "--size",
+        type=int,
+        nargs=2,
+        metavar=("WIDTH", "HEIGHT"),
+        help="picture (px; default 640 480)",
+    )
+    add(
+        "--figures",
+        metavar="FOLDER",
+        help="draw error_curves.png (figure 2.3) and segments.png (figure 3.7) there",
+    )
     add("--mission", metavar="FILE", help="write the mission that flies this plan")
     add("--name", default="planned", help="the mission's name")
-    add("--record-s", type=float, default=RECORD_S, help="mission: seconds of recording at each place")
-    add("--min-separation-m", type=float, default=MIN_SEPARATION_M, help="mission: least distance between vehicles")
+    add(
+        "--record-s",
+        type=float,
+        default=RECORD_S,
+        help="mission: seconds of recording at each place",
+    )
+    add(
+        "--min-separation-m",
+        type=float,
+        default=MIN_SEPARATION_M,
+        help="mission: least distance between vehicles",
+    )
     return parser

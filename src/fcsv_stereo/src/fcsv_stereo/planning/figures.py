@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plan in pictures: error over distance (figure 2.3) and the segments of the baselines (figure 3.7)."""
+"""A plan in pictures: error over distance (figure 2.3) and the segments of the baselines (figure
+3.7)."""
 
 import matplotlib
 
@@ -33,11 +34,24 @@ def segments(plan: Plan):
         color = plt.get_cmap("tab10")(i % 10)
         inside = np.linspace(b.range_m[0], b.range_m[1], 100)
         axes.plot(z, _error(plan, b, z), color=color, lw=0.7, alpha=0.6)
-        axes.plot(inside, _error(plan, b, inside), color=color, lw=3.0, label=f"$b_{i + 1}$ = {b.baseline_m:.4g} m")
+        axes.plot(
+            inside,
+            _error(plan, b, inside),
+            color=color,
+            lw=3.0,
+            label=f"$b_{i + 1}$ = {b.baseline_m:.4g} m",
+        )
         axes.axvspan(*b.range_m, color=color, alpha=0.10)
         axes.axvline(b.range_m[1], color=color, lw=0.8, ls=":")
         words = f"$s_{i + 1}$\n{b.range_m[0]:.0f} to {b.range_m[1]:.0f} m"
-        axes.text(np.mean(b.range_m), 0.6, words, transform=axes.get_xaxis_transform(), ha="center", fontsize=8)
+        axes.text(
+            np.mean(b.range_m),
+            0.6,
+            words,
+            transform=axes.get_xaxis_transform(),
+            ha="center",
+            fontsize=8,
+        )
     axes.plot(z, accepted, "k--", lw=1.0, label="accepted")
     _finish(axes, plan, accepted)
     axes.set_title("effective range of each baseline", fontsize=10)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plan as a mission file (config/missions/*.yaml), judged by the schema that the mission itself reads it with."""
+"""A plan as a mission file (config/missions/*.yaml), judged by the schema that the mission itself
+reads it with."""
 
 import os
 from pathlib import Path
@@ -15,7 +16,8 @@ from fcsv_geometry.programs.writing import in_words
 from fcsv_stereo.errors import OutputError, PlanError
 from fcsv_stereo.planning.plan import Plan, PlannedBaseline
 
-MIN_SEPARATION_M, RECORD_S = Mission.min_separation_m, StereoConfiguration.record_s  # the schema's defaults
+# the schema's defaults
+MIN_SEPARATION_M, RECORD_S = Mission.min_separation_m, StereoConfiguration.record_s
 #: What to do about a field of the mission that the schema refuses.
 _REMEDIES = {
     "record_s": "give another --record-s",
@@ -41,14 +43,20 @@ def mission_document(
     except ConfigError as error:
         wrong = error.field.rpartition(".")[2]
         remedy = f": {_REMEDIES[wrong]}" if wrong in _REMEDIES else ""
-        raise PlanError(f"the mission could not be flown: {error.field}: {error.problem}{remedy}") from error
+        raise PlanError(
+            f"the mission could not be flown: {error.field}: {error.problem}{remedy}"
+        ) from error
     return document
 
 
 def write_mission(document: dict, path: Path) -> None:
     """The file, whole or not at all. Raises OutputError."""
     head = "# Planned: rosrun fcsv_stereo plan. Trim points are for rosrun fcsv_stereo map.\n"
-    lines = [yaml.safe_dump({k: v}, sort_keys=False) for k, v in document.items() if k != "configurations"]
+    lines = [
+        yaml.safe_dump({k: v}, sort_keys=False)
+        for k, v in document.items()
+        if k != "configurations"
+    ]
     text = head + "".join(lines) + "".join(configuration_lines(document))
     partial = path.with_name(path.name + ".partial")
     try:
@@ -56,12 +64,16 @@ def write_mission(document: dict, path: Path) -> None:
         partial.write_text(text)
         os.replace(partial, path)
     except OSError as error:
-        raise OutputError(in_words(OSError(error.errno, error.strerror, str(path)))) from error  # not the partial one
+        # not the partial one
+        raise OutputError(in_words(OSError(error.errno, error.strerror, str(path)))) from error
 
 
 def configuration_lines(document: dict) -> List[str]:
     """The list as it stands in a file, one configuration a line."""
-    rows = [yaml.safe_dump(c, default_flow_style=True, sort_keys=False, width=200) for c in document["configurations"]]
+    rows = [
+        yaml.safe_dump(c, default_flow_style=True, sort_keys=False, width=200)
+        for c in document["configurations"]
+    ]
     return ["configurations:\n", *(f"  - {r}" for r in rows)]
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which part of the reference picture the other camera sees too (thesis 2.2, figure 2.5, and 3.5)."""
+"""Which part of the reference picture the other camera sees too (thesis 2.2, figure 2.5, and
+3.5)."""
 
 import numpy as np
 
@@ -7,7 +8,8 @@ import numpy as np
 def overlap_starts_m(baseline_m: float, fov_rad: float, tilt_rad: float = 0.0) -> float:
     """Depth (m) at which the fields of view meet; nearer things are in one picture only.
 
-    ``fov_rad`` is the whole angle of view along the baseline; ``tilt_rad`` turns the other camera inward.
+    ``fov_rad`` is the whole angle of view along the baseline; ``tilt_rad`` turns the other camera
+    inward.
 
     >>> round(overlap_starts_m(8.0, np.radians(56.0)), 2)
     7.52
@@ -19,11 +21,12 @@ def overlap_starts_m(baseline_m: float, fov_rad: float, tilt_rad: float = 0.0) -
 
 
 def non_overlap(z_m, baseline_m: float, fov_rad: float, tilt_rad: float = 0.0):
-    """Share (0 to 1) of the reference picture, along the baseline, that the other does not see at depth z (m).
+    """Share (0 to 1) of the reference picture, along the baseline, that the other does not see at
+    depth z (m).
 
-    In the plane of the optical axes the reference sees |x| <= z tan(fov/2); the other, at x = baseline and turned
-    inward, sees from baseline - z tan(fov/2 + tilt) to baseline + z tan(fov/2 - tilt). For a pitched camera above
-    or below the same holds with the vertical angle of view.
+    In the plane of the optical axes the reference sees |x| <= z tan(fov/2); the other, at x =
+    baseline and turned inward, sees from baseline - z tan(fov/2 + tilt) to baseline + z tan(fov/2 -
+    tilt). For a pitched camera above or below the same holds with the vertical angle of view.
 
     >>> round(float(non_overlap(20.0, 8.0, np.radians(56.0))), 3)
     0.376

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner: from a range and an accepted error to the baselines to fly (thesis 3.2, 3.5 and 6.6)."""
+"""The planner: from a range and an accepted error to the baselines to fly (thesis 3.2, 3.5 and
+6.6)."""
 
 from dataclasses import dataclass, field
 from typing import List, Optional, Sequence, Tuple
@@ -19,8 +20,9 @@ _DEFAULT_COUNT = 4  # n_B of the thesis's own lists (3.2, 6.7)
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """What is wanted. ``baselines_m`` by hand replaces ``count`` and the segments of 3.3; ``trim_m`` by hand replaces
-    the trim points (6.6). ``tilt_per_m_rad`` turns the other camera inward per metre of baseline (3.5)."""
+    """What is wanted. ``baselines_m`` by hand replaces ``count`` and the segments of 3.3;
+    ``trim_m`` by hand replaces the trim points (6.6). ``tilt_per_m_rad`` turns the other camera
+    inward per metre of baseline (3.5)."""
 
     range_m: float
     threshold: ErrorThreshold
@@ -35,15 +37,28 @@ class PlanRequest:
     tilt_per_m_rad: float = 0.0
 
     def __post_init__(self):
-        _require(np.isfinite(self.range_m) and self.range_m > 0, f"--range-m {self.range_m:g} must be positive")
-        _require(0 <= self.nearest_m < self.range_m,
-                 f"--nearest-m {self.nearest_m:g} must be 0 or more and under --range-m {self.range_m:g}")  # fmt: skip
         _require(
-            0 < self.disparity_error_px < 100, f"--disparity-error-px {self.disparity_error_px:g} is not in 0..100"
+            np.isfinite(self.range_m) and self.range_m > 0,
+            f"--range-m {self.range_m:g} must be positive",
         )
-        _require(self.count is None or 1 <= self.count <= 50, f"--number {self.count} is not in 1..50")
-        _require(self.count is None or self.baselines_m is None, "give --number or --baselines, not both")
-        _require(bool(self.axes) and set(self.axes) <= set(AXES), f"--axis: {self.axes} is not of {', '.join(AXES)}")
+        _require(
+            0 <= self.nearest_m < self.range_m,
+            f"--nearest-m {self.nearest_m:g} must be 0 or more and under --range-m {self.range_m:g}",
+        )
+        _require(
+            0 < self.disparity_error_px < 100,
+            f"--disparity-error-px {self.disparity_error_px:g} is not in 0..100",
+        )
+        _require(
+            self.count is None or 1 <= self.count <= 50, f"--number {self.count} is not in 1..50"
+        )
+        _require(
+            self.count is None or self.baselines_m is None, "give --number or --baselines, not both"
+        )
+        _require(
+            bool(self.axes) and set(self.axes) <= set(AXES),
+            f"--axis: {self.axes} is not of {', '.join(AXES)}",
+        )
         _require_ascending("--baselines", self.baselines_m)
         _require_ascending("--trim", self.trim_m)
         _require(0 <= self.tilt_per_m_rad < np.radians(20), "--tilt-per-m-deg is not in 0..20")
@@ -51,9 +66,10 @@ class PlanRequest:
 
 @dataclass(frozen=True)
 class PlannedBaseline:
-    """One configuration to fly; lengths in m. ``range_m`` is what its depth is trimmed to, ``farthest_m`` is equation
-    3.1's end, ``error_m`` 2.12's error at the far end of the range. ``non_overlap`` is the share of the reference
-    picture that the other does not see, at the near end (where that is 0: where the views meet) and at the far end."""
+    """One configuration to fly; lengths in m. ``range_m`` is what its depth is trimmed to,
+    ``farthest_m`` is equation 3.1's end, ``error_m`` 2.12's error at the far end of the range.
+    ``non_overlap`` is the share of the reference picture that the other does not see, at the near
+    end (where that is 0: where the views meet) and at the far end."""
 
     axis: str
     baseline_m: float
@@ -67,7 +83,8 @@ class PlannedBaseline:
 
 @dataclass(frozen=True)
 class Plan:
-    """The planned configurations, per axis with growing baselines, and notes for the person who flies them."""
+    """The planned configurations, per axis with growing baselines, and notes for the person who
+    flies them."""
 
     request: PlanRequest
     baselines: List[PlannedBaseline]
@@ -75,20 +92,26 @@ class Plan:
 
 
 def make_plan(request: PlanRequest) -> Plan:
-    """Baselines, their segments, and what the cameras share. Raises PlanError where the request contradicts itself."""
+    """Baselines, their segments, and what the cameras share. Raises PlanError where the request
+    contradicts itself."""
     notes: List[str] = []
     baselines_m = _baselines(request, notes)
     planned = []
     for axis in request.axes:
         focal_px, _ = along(request.camera, axis)
-        far_m = [farthest(b, focal_px, request.threshold, request.disparity_error_px) for b in baselines_m]
+        far_m = [
+            farthest(b, focal_px, request.threshold, request.disparity_error_px)
+            for b in baselines_m
+        ]
         ends_m = _trim_points(request, baselines_m, far_m, notes)
         start_m = request.nearest_m
         for i in _without_superfluous(request, baselines_m, ends_m, notes):
             planned.append(_planned(request, axis, baselines_m[i], (start_m, ends_m[i]), far_m[i]))
             start_m = ends_m[i]
     if request.tilt_per_m_rad and Axis.VERTICAL in request.axes:
-        notes.append("a vertical baseline's tilt is pitch, which a fixed camera on a hovering multirotor cannot have")
+        notes.append(
+            "a vertical baseline's tilt is pitch, which a fixed camera on a hovering multirotor cannot have"
+        )
     notes += _not_flown(planned)
     return Plan(request, planned, notes)
 
@@ -101,7 +124,8 @@ def along(camera: PinholeCamera, axis: str) -> Tuple[float, float]:
 
 
 def whole_trim_point(farthest_m: float) -> float:
-    """The largest number of two digits that is not beyond 3.1's end: what a person sets by hand (3.2, 6.6).
+    """The largest number of two digits that is not beyond 3.1's end: what a person sets by hand
+    (3.2, 6.6).
 
     >>> [whole_trim_point(z) for z in (120.4, 240.8, 361.2, 481.6)]
     [120.0, 240.0, 360.0, 480.0]
@@ -114,10 +138,13 @@ def _baselines(request: PlanRequest, notes: List[str]) -> List[float]:
     """Gives the baselines by hand, or one per segment of 3.3 by 3.2."""
     if request.baselines_m is not None:
         return [float(b) for b in request.baselines_m]
-    focal_px = min(along(request.camera, axis)[0] for axis in request.axes)  # the coarser axis must reach it too
+    # the coarser axis must reach it too
+    focal_px = min(along(request.camera, axis)[0] for axis in request.axes)
     count = request.count or _DEFAULT_COUNT
     ends_m = segment_ends(request.nearest_m, request.range_m, count)
-    found = [baseline_for(z, focal_px, request.threshold, request.disparity_error_px) for z in ends_m]
+    found = [
+        baseline_for(z, focal_px, request.threshold, request.disparity_error_px) for z in ends_m
+    ]
     if not request.whole:
         return found
     whole = sorted({float(np.ceil(b - 1e-9)) for b in found})
@@ -126,14 +153,19 @@ def _baselines(request: PlanRequest, notes: List[str]) -> List[float]:
     return whole
 
 
-def _trim_points(request: PlanRequest, baselines_m: List[float], far_m: List[float], notes: List[str]) -> List[float]:
-    """Far end (m) of each baseline's range; the last one not beyond the wanted range. One that is not beyond the end
-    before it has nothing left to see."""
+def _trim_points(
+    request: PlanRequest, baselines_m: List[float], far_m: List[float], notes: List[str]
+) -> List[float]:
+    """Far end (m) of each baseline's range; the last one not beyond the wanted range. One that is
+    not beyond the end before it has nothing left to see."""
     if request.trim_m is not None:
         return _trimmed_by_hand(request, baselines_m, far_m, notes)
     whole = request.whole or request.baselines_m is not None
     reached = [z >= request.range_m * (1 - 1e-9) for z in far_m]
-    ends_m = [request.range_m if r else whole_trim_point(z) if whole else z for z, r in zip(far_m, reached)]
+    ends_m = [
+        request.range_m if r else whole_trim_point(z) if whole else z
+        for z, r in zip(far_m, reached)
+    ]
     if not reached[-1]:
         notes.append(
             f"the longest baseline, {baselines_m[-1]:g} m, holds the error to {far_m[-1]:.1f} m only; "
@@ -143,8 +175,8 @@ def _trim_points(request: PlanRequest, baselines_m: List[float], far_m: List[flo
 
 
 def _without_superfluous(request, baselines_m, ends_m, notes) -> List[int]:
-    """Indices of the baselines that see something beyond the one before. One by hand that does not is an error; the
-    planner's own, rounded to whole metres, is left out."""
+    """Indices of the baselines that see something beyond the one before. One by hand that does not
+    is an error; the planner's own, rounded to whole metres, is left out."""
     kept, superfluous, reached_m = [], [], request.nearest_m
     for i, end_m in enumerate(ends_m):
         (kept if end_m > reached_m else superfluous).append(i)
@@ -163,20 +195,28 @@ def _without_superfluous(request, baselines_m, ends_m, notes) -> List[int]:
 def _trimmed_by_hand(request, baselines_m, far_m, notes) -> List[float]:
     ends_m = [float(z) for z in request.trim_m]
     if len(ends_m) != len(baselines_m):
-        raise PlanError(f"--trim has {len(ends_m)} points for {len(baselines_m)} baselines; give one for each")
+        raise PlanError(
+            f"--trim has {len(ends_m)} points for {len(baselines_m)} baselines; give one for each"
+        )
     if ends_m[0] <= request.nearest_m:
         raise PlanError(f"--trim {ends_m[0]:g} is not beyond --nearest-m {request.nearest_m:g}")
     for b, end_m, f in zip(baselines_m, ends_m, far_m):
         if end_m > f * 1.005:
-            notes.append(f"{b:g} m is trimmed at {end_m:g} m, beyond the {f:.1f} m that hold the error")
+            notes.append(
+                f"{b:g} m is trimmed at {end_m:g} m, beyond the {f:.1f} m that hold the error"
+            )
     return ends_m
 
 
-def _planned(request: PlanRequest, axis: str, b: float, range_m: Tuple[float, float], far_m: float) -> PlannedBaseline:
+def _planned(
+    request: PlanRequest, axis: str, b: float, range_m: Tuple[float, float], far_m: float
+) -> PlannedBaseline:
     focal_px, fov_rad = along(request.camera, axis)
     tilt_rad = request.tilt_per_m_rad * b
     if fov_rad / 2 + tilt_rad >= np.radians(85):
-        raise PlanError(f"{axis} {b:g} m would be tilted by {np.degrees(tilt_rad):.0f} degrees; lower --tilt-per-m-deg")
+        raise PlanError(
+            f"{axis} {b:g} m would be tilted by {np.degrees(tilt_rad):.0f} degrees; lower --tilt-per-m-deg"
+        )
     starts_m = overlap_starts_m(b, fov_rad, tilt_rad)
     near_m = range_m[0] if range_m[0] > 0 else starts_m
     shares = tuple(float(non_overlap(z, b, fov_rad, tilt_rad)) for z in (near_m, range_m[1]))
@@ -185,7 +225,8 @@ def _planned(request: PlanRequest, axis: str, b: float, range_m: Tuple[float, fl
 
 
 def _not_flown(planned: Sequence[PlannedBaseline]) -> List[str]:
-    """Why some baselines cannot be flown with the usual fence and separation, a line for each axis."""
+    """Why some baselines cannot be flown with the usual fence and separation, a line for each
+    axis."""
     fence, least_m, notes = Fence(), Mission.min_separation_m, []
     for axis, most_m in ((Axis.HORIZONTAL, fence.radius_m), (Axis.VERTICAL, fence.ceiling_m)):
         lengths_m = [b.baseline_m for b in planned if b.axis == axis]

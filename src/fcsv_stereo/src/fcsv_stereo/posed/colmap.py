@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Posed photographs: a folder ``images/`` with COLMAP's text model; poses are priors, ``home`` is the model's world.
+"""Posed photographs: a folder ``images/`` with COLMAP's text model; poses are priors, ``home`` is
+the model's world.
 
 ``priors.csv`` may say how good they are (``priors``).
 """
@@ -15,14 +16,29 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.intrinsics import require_plausible
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapInput, Picture, PosePrior
+from fcsv_stereo.model import (
+    Configuration,
+    ConfigurationInput,
+    InputKind,
+    MapInput,
+    Picture,
+    PosePrior,
+)
 from fcsv_stereo.posed.colmap_images import PosedImage, data_lines, read_images, same_name
 from fcsv_stereo.posed.posed_pictures import find_files, load_pictures
 from fcsv_stereo.posed.priors import FILE as PRIORS
 from fcsv_stereo.posed.priors import read_priors
 from fcsv_stereo.posed.rig import stated_rig
 
-__all__ = ["MODELS", "PosedImage", "camera_of", "is_model", "read_cameras", "read_images", "read_photographs"]
+__all__ = [
+    "MODELS",
+    "PosedImage",
+    "camera_of",
+    "is_model",
+    "read_cameras",
+    "read_images",
+    "read_photographs",
+]
 
 #: Parameters of each camera model in order, as names of fx, fy, cx, cy, k1, k2, p1, p2.
 MODELS = {
@@ -32,7 +48,8 @@ MODELS = {
     "RADIAL": ("f", "cx", "cy", "k1", "k2"),
     "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
 }
-#: A binary model that differs from the text by more is another one: rad, and a share of the cameras' distances.
+#: A binary model that differs from the text by more is another one: rad, and a share of the
+#: cameras' distances.
 _OLD_RAD, _OLD_SHARE = 1e-3, 1e-2
 _ROUNDING = 1e-9  # of the largest number in two poses: what may be left of one place
 
@@ -43,7 +60,8 @@ def is_model(folder: Path) -> bool:
 
 
 def read_photographs(folder: Path, reference: Optional[str] = None) -> MapInput:
-    """Every other picture paired with the reference (default: the first in images.txt). Raises InputError.
+    """Every other picture paired with the reference (default: the first in images.txt). Raises
+    InputError.
 
     Pictures that cannot be read whole are left out, and the input's warnings name them.
     """
@@ -71,7 +89,8 @@ def read_photographs(folder: Path, reference: Optional[str] = None) -> MapInput:
 
 
 def _named(posed: Sequence[PosedImage], name: str, folder: Path) -> PosedImage:
-    """The picture of this name, or the only one in any folder whose file is named so. Raises InputError."""
+    """The picture of this name, or the only one in any folder whose file is named so. Raises
+    InputError."""
     alike = [p for p in posed if same_name(p.name) == same_name(name)]
     alike = alike or [p for p in posed if same_name(p.name).rpartition("/")[2] == same_name(name)]
     if len(alike) != 1:
@@ -81,7 +100,8 @@ def _named(posed: Sequence[PosedImage], name: str, folder: Path) -> PosedImage:
 
 
 def _require_one_model(folder: Path, posed: Sequence[PosedImage]) -> None:
-    """Raises InputError where a binary model beside the text says other poses: one of them is old."""
+    """Raises InputError where a binary model beside the text says other poses: one of them is
+    old."""
     if not ((folder / "images.bin").is_file() and (folder / "cameras.bin").is_file()):
         return
     from fcsv_stereo.photos.models import read_model  # which reads text by this module
@@ -97,7 +117,9 @@ def _require_one_model(folder: Path, posed: Sequence[PosedImage]) -> None:
         moved = np.inf if other is None else np.linalg.norm(other[:3, 3] - T[:3, 3])
         if other is None or moved > most or transforms.rotation_angle(other, T) > _OLD_RAD:
             words = f"lacks {name} of" if other is None else f"has another pose of {name} than"
-            raise InputError(f"{folder / 'images.bin'}: {words} images.txt; one of the two is old: take it away")
+            raise InputError(
+                f"{folder / 'images.bin'}: {words} images.txt; one of the two is old: take it away"
+            )
 
 
 def read_cameras(path: Path) -> Dict[int, PinholeCamera]:
@@ -107,12 +129,18 @@ def read_cameras(path: Path) -> Dict[int, PinholeCamera]:
         try:
             model, width, height = words[1], int(words[2]), int(words[3])
             if model not in MODELS:
-                raise InputError(f"{path}, line {number}: camera model {model} is not one of {', '.join(MODELS)}")
+                raise InputError(
+                    f"{path}, line {number}: camera model {model} is not one of {', '.join(MODELS)}"
+                )
             if len(words) - 4 != len(MODELS[model]):
-                raise InputError(f"{path}, line {number}: {model} has {len(MODELS[model])} parameters")
+                raise InputError(
+                    f"{path}, line {number}: {model} has {len(MODELS[model])} parameters"
+                )
             values = dict(zip(MODELS[model], map(float, words[4:])))
             if int(words[0]) in cameras:
-                raise InputError(f"{path}, line {number}: camera {words[0]} stands there already; take one out")
+                raise InputError(
+                    f"{path}, line {number}: camera {words[0]} stands there already; take one out"
+                )
             cameras[int(words[0])] = camera_of(width, height, values)
         except (ValueError, IndexError, TypeError) as error:
             raise InputError(f"{path}, line {number}: not a camera ({error})") from error
@@ -124,10 +152,13 @@ def read_cameras(path: Path) -> Dict[int, PinholeCamera]:
 
 
 def camera_of(width: int, height: int, values: Dict[str, float]) -> PinholeCamera:
-    """Makes a camera from a camera model's parameters by name, whose pixel centres are at 0.5. Raises GeometryError."""
+    """Makes a camera from a camera model's parameters by name, whose pixel centres are at 0.5.
+    Raises GeometryError."""
     fx, fy = values.get("fx", values.get("f")), values.get("fy", values.get("f"))
     distortion = tuple(values.get(k, 0.0) for k in ("k1", "k2", "p1", "p2")) + (0.0,)
-    return require_plausible(PinholeCamera(width, height, fx, fy, values["cx"] - 0.5, values["cy"] - 0.5, distortion))
+    return require_plausible(
+        PinholeCamera(width, height, fx, fy, values["cx"] - 0.5, values["cy"] - 0.5, distortion)
+    )
 
 
 def _lines(path: Path):
@@ -143,10 +174,17 @@ def _lines(path: Path):
 
 def _configuration(reference: Picture, other: Picture) -> Configuration:
     """Raises InputError where the two cannot be a pair."""
-    if (reference.camera.width, reference.camera.height) != (other.camera.width, other.camera.height):
-        raise InputError(f"{other.name} and {reference.name} have two sizes; one reference needs pictures of one size")
+    if (reference.camera.width, reference.camera.height) != (
+        other.camera.width,
+        other.camera.height,
+    ):
+        raise InputError(
+            f"{other.name} and {reference.name} have two sizes; one reference needs pictures of one size"
+        )
     configuration = Configuration.between(reference.T_home_cam, other.T_home_cam)
     places = np.stack([p.T_home_cam[:3, 3] for p in (reference, other)])
     if configuration.baseline_m <= _ROUNDING * float(np.abs(places).max()):
-        raise InputError(f"{other.name} and {reference.name} were taken from one place: no baseline")
+        raise InputError(
+            f"{other.name} and {reference.name} were taken from one place: no baseline"
+        )
     return replace(configuration, name=f"{reference.name} with {other.name}")

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files in ``images/`` of posed photographs: found by the names in images.txt, read whole, turned where they must.
+"""The files in ``images/`` of posed photographs: found by the names in images.txt, read whole,
+turned where they must.
 
-Which pixels the poses are of, stored ones or those turned by EXIF's orientation: docs/design/conventions.md.
+Which pixels the poses are of, stored ones or those turned by EXIF's orientation:
+docs/design/conventions.md.
 """
 
 from pathlib import Path
@@ -22,10 +24,11 @@ _SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
 
 def find_files(folder: Path, names: Sequence[str]) -> Dict[str, Path]:
-    """The file in ``folder`` of each name, which may be written otherwise there (``same_name``, capital letters).
+    """The file in ``folder`` of each name, which may be written otherwise there (``same_name``,
+    capital letters).
 
-    Raises InputError where one is missing, two names are of one file, or a photograph has no name: it would silently be
-    missing from the map.
+    Raises InputError where one is missing, two names are of one file, or a photograph has no name:
+    it would silently be missing from the map.
     """
     there = {str(p.relative_to(folder)): p for p in _files(folder)}
     found: Dict[str, Path] = {}
@@ -35,7 +38,9 @@ def find_files(folder: Path, names: Sequence[str]) -> Dict[str, Path]:
     by_file: Dict[Path, str] = {}
     for name, path in found.items():
         if path in by_file:
-            raise InputError(f"{path}: images.txt names it twice, '{by_file[path]}' and '{name}'; take one out")
+            raise InputError(
+                f"{path}: images.txt names it twice, '{by_file[path]}' and '{name}'; take one out"
+            )
         by_file[path] = name
     for path in there.values():
         if path.suffix.lower() in _SUFFIXES and path not in by_file:
@@ -44,9 +49,14 @@ def find_files(folder: Path, names: Sequence[str]) -> Dict[str, Path]:
 
 
 def _files(folder: Path) -> List[Path]:
-    """All, in folders, too; not what macOS and network disks leave beside pictures (._x.jpg, @eaDir)."""
+    """All, in folders, too; not what macOS and network disks leave beside pictures (._x.jpg,
+    @eaDir)."""
     paths = sorted(p for p in folder.rglob("*") if p.is_file())
-    return [p for p in paths if not any(w[0] in ".@" or w == "__MACOSX" for w in p.relative_to(folder).parts)]
+    return [
+        p
+        for p in paths
+        if not any(w[0] in ".@" or w == "__MACOSX" for w in p.relative_to(folder).parts)
+    ]
 
 
 def _alike(folder: Path, name: str, there: Mapping[str, Path]) -> Path:
@@ -60,24 +70,31 @@ def _alike(folder: Path, name: str, there: Mapping[str, Path]) -> Path:
 
 
 def load_pictures(
-    files: Mapping[str, Path], posed: Sequence[PosedImage], cameras: Mapping[int, PinholeCamera], reference: str,
+    files: Mapping[str, Path],
+    posed: Sequence[PosedImage],
+    cameras: Mapping[int, PinholeCamera],
+    reference: str,
     warnings: List[str],
-) -> Dict[str, Picture]:  # fmt: skip
+) -> Dict[str, Picture]:
     """Loads pictures by name, undistorted; those of 16 bits share one scale per camera.
 
-    A file that cannot be read whole is left out, and ``warnings`` name it. Raises InputError where it is the
-    reference's, or no other one is left.
+    A file that cannot be read whole is left out, and ``warnings`` name it. Raises InputError where
+    it is the reference's, or no other one is left.
     """
     stored, broken = _read(files, posed)
     if reference in broken:
-        raise InputError(f"{broken[reference]}; it is the reference picture: --reference NAME chooses another")
+        raise InputError(
+            f"{broken[reference]}; it is the reference picture: --reference NAME chooses another"
+        )
     if len(stored) < 2 and broken:
         raise InputError("; ".join(broken.values()))
     warnings += [f"left out: {words}" for words in broken.values()]
     kept = [p for p in posed if p.name in stored]
     images = _as_posed(files, stored, kept, cameras, warnings)
     exposures = {
-        c: Exposure.common(images[p.name] for p in kept if p.camera_id == c and images[p.name].dtype == np.uint16)
+        c: Exposure.common(
+            images[p.name] for p in kept if p.camera_id == c and images[p.name].dtype == np.uint16
+        )
         for c in {p.camera_id for p in kept}
     }
     pictures = {}
@@ -90,7 +107,7 @@ def load_pictures(
 
 def _read(
     files: Mapping[str, Path], posed: Sequence[PosedImage]
-) -> Tuple[Dict[str, StoredPicture], Dict[str, str]]:  # fmt: skip
+) -> Tuple[Dict[str, StoredPicture], Dict[str, str]]:
     """What could be read, and what is wrong with the others."""
     stored, broken = {}, {}
     for p in posed:
@@ -102,10 +119,14 @@ def _read(
 
 
 def _as_posed(
-    files: Mapping[str, Path], stored: Dict[str, StoredPicture], posed: Sequence[PosedImage],
-    cameras: Mapping[int, PinholeCamera], warnings: List[str],
-) -> Dict[str, np.ndarray]:  # fmt: skip
-    """The pixels that the poses are of. Raises InputError where a picture has not its camera's size."""
+    files: Mapping[str, Path],
+    stored: Dict[str, StoredPicture],
+    posed: Sequence[PosedImage],
+    cameras: Mapping[int, PinholeCamera],
+    warnings: List[str],
+) -> Dict[str, np.ndarray]:
+    """The pixels that the poses are of. Raises InputError where a picture has not its camera's
+    size."""
     sizes = {p.name: (cameras[p.camera_id].width, cameras[p.camera_id].height) for p in posed}
     told = {n: is_turned(s.size, s.orientation, sizes[n]) for n, s in stored.items()}
     by_size = {told[n] for n, s in stored.items() if s.orientation != 1} - {None}
@@ -116,15 +137,21 @@ def _as_posed(
     images = {}
     for p in posed:
         picture = stored.pop(p.name)
-        images[p.name] = picture.turned() if told[p.name] or (told[p.name] is None and turns) else picture.pixels
+        images[p.name] = (
+            picture.turned() if told[p.name] or (told[p.name] is None and turns) else picture.pixels
+        )
         found = images[p.name].shape[1], images[p.name].shape[0]
         if found != sizes[p.name]:
             (w, h), (width, height) = found, sizes[p.name]
-            raise InputError(f"{files[p.name]}: is {w}x{h}, cameras.txt says {width}x{height} for camera {p.camera_id}")
+            raise InputError(
+                f"{files[p.name]}: is {w}x{h}, cameras.txt says {width}x{height} for camera {p.camera_id}"
+            )
     return images
 
 
-def _unclear(files: Mapping[str, Path], stored: Mapping[str, StoredPicture], names: Collection[str]) -> str:
+def _unclear(
+    files: Mapping[str, Path], stored: Mapping[str, StoredPicture], names: Collection[str]
+) -> str:
     first = next(iter(names))
     return (
         f"EXIF's orientation turns {len(names)} of {len(stored)} pictures ({files[first].name}: "

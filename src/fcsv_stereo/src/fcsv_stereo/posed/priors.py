@@ -4,9 +4,10 @@
     name,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg,scale_sigma
     0001.jpg,0.02,0.02,0.03,0.1,0.1,0.2,0.015
 
-A name with a comma stands in double quotes (RFC 4180). Standard deviations: of the camera's position along the
-model's axes, and of a small turn about each of them. Errors of two pictures count as independent. The last column may
-be missing: of the scale of the whole model, a share and the same in every line, because its error is one for all.
+A name with a comma stands in double quotes (RFC 4180). Standard deviations: of the camera's
+position along the model's axes, and of a small turn about each of them. Errors of two pictures
+count as independent. The last column may be missing: of the scale of the whole model, a share and
+the same in every line, because its error is one for all.
 """
 
 import csv
@@ -24,8 +25,8 @@ COLUMNS, SCALE = ("name", "x_m", "y_m", "z_m", "roll_deg", "pitch_deg", "yaw_deg
 
 
 def read_priors(path: Path, names: Collection[str]) -> Tuple[Dict[str, np.ndarray], float]:
-    """(6, 6) covariances in home (``pose_covariance``) by picture, and the scale's standard deviation (a share, 0
-    without its column). Every one of ``names`` must have a line.
+    """(6, 6) covariances in home (``pose_covariance``) by picture, and the scale's standard
+    deviation (a share, 0 without its column). Every one of ``names`` must have a line.
 
     Raises InputError naming the line that is wrong.
     """
@@ -35,7 +36,9 @@ def read_priors(path: Path, names: Collection[str]) -> Tuple[Dict[str, np.ndarra
     reader = csv.reader(text_of(path).splitlines(), skipinitialspace=False)
     columns = tuple(next(reader, ()))
     if columns not in (COLUMNS, (*COLUMNS, SCALE)):
-        raise InputError(f"{path}, line 1: the columns must be {','.join(COLUMNS)} and may end with {SCALE}")
+        raise InputError(
+            f"{path}, line 1: the columns must be {','.join(COLUMNS)} and may end with {SCALE}"
+        )
     for words in reader:
         if not any(words):
             continue
@@ -50,7 +53,9 @@ def read_priors(path: Path, names: Collection[str]) -> Tuple[Dict[str, np.ndarra
             scale_sigma = _scale(row, where, scale_sigma)
     lacking = sorted(set(names) - set(found))
     if lacking:
-        raise InputError(f"{path}: says nothing of {lacking[0]}; give every picture of images.txt a line")
+        raise InputError(
+            f"{path}: says nothing of {lacking[0]}; give every picture of images.txt a line"
+        )
     return found, scale_sigma or 0.0
 
 
@@ -65,7 +70,8 @@ def _row(words: Sequence[str], columns: Sequence[str]) -> Dict[str, str]:
 
 
 def write_priors(path: Path, sigmas: Dict[str, Sequence[float]], scale_sigma: float) -> None:
-    """``sigmas``: by picture x_m, y_m, z_m, roll_deg, pitch_deg, yaw_deg. Names may hold commas and quotes."""
+    """``sigmas``: by picture x_m, y_m, z_m, roll_deg, pitch_deg, yaw_deg. Names may hold commas and
+    quotes."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*COLUMNS, SCALE])

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a calibrated stereo rig took photographs, or they look like it: its poses are known better than theirs."""
+"""Whether a calibrated stereo rig took photographs, or they look like it: its poses are known
+better than theirs."""
 
 import re
 from pathlib import Path
@@ -20,10 +21,11 @@ _MIDDLEBURY = "calib.txt", ("cam0", "cam1", "baseline")
 
 
 def stated_rig(folder: Path, posed: Sequence[PosedImage], pictures: Sequence[Picture]) -> str:
-    """What in a ``folder`` of posed photographs says that one calibrated rig took all of them at once; empty: nothing.
+    """What in a ``folder`` of posed photographs says that one calibrated rig took all of them at
+    once; empty: nothing.
 
-    A model whose frames.txt has all pictures in one frame of a rig, or Middlebury's calib.txt beside the poses of a
-    rectified pair.
+    A model whose frames.txt has all pictures in one frame of a rig, or Middlebury's calib.txt
+    beside the poses of a rectified pair.
     """
     frames = {p.frame for p in posed}
     if len(frames) == 1 and "" not in frames:
@@ -46,7 +48,8 @@ def rig_words(why: str) -> str:
 
 
 def rig_hint(reference: Picture, others: List[Picture]) -> List[str]:
-    """A sentence where the poses are those of a rectified pair; nobody said that it is one, so it is mapped as any."""
+    """A sentence where the poses are those of a rectified pair; nobody said that it is one, so it
+    is mapped as any."""
     return [_WORDS] if len(others) == 1 and _rectified(reference, others[0]) else []
 
 
@@ -56,5 +59,9 @@ def _rectified(a: Picture, b: Picture) -> bool:
     p_a_b = a.T_home_cam[:3, :3].T @ (b.T_home_cam[:3, 3] - a.T_home_cam[:3, 3])
     off_axis = np.sort(np.abs(p_a_b))[:2]
     focals = np.array([a.camera.fx - b.camera.fx, a.camera.fy - b.camera.fy]) / a.camera.fx
-    off = [*np.abs(R_a_b - np.eye(3)).ravel(), *np.abs(focals), *off_axis / max(np.linalg.norm(p_a_b), 1e-300)]
+    off = [
+        *np.abs(R_a_b - np.eye(3)).ravel(),
+        *np.abs(focals),
+        *off_axis / max(np.linalg.norm(p_a_b), 1e-300),
+    ]
     return bool(max(off) < _ROUNDING and abs(p_a_b[2]) <= off_axis.max())

@@ -7,7 +7,8 @@ from fcsv_stereo.errors import InputError
 
 
 def text_of(path: Path) -> str:
-    """All of it, with or without a byte order mark. Raises InputError that names the file where it is no UTF-8."""
+    """All of it, with or without a byte order mark. Raises InputError that names the file where it
+    is no UTF-8."""
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:

@@ -11,8 +11,18 @@ from fcsv_stereo.model.inputs import NO_SHIFT
 
 _LAZ_STEP_M = 0.001  # LAZ stores whole numbers of this
 _BASELINE = ("baseline", "index of configuration")
-#: By hand: open3d's tensor writer gives rgb type F and orders sigma and baseline as it likes; readers know this layout.
-_PCD_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("sigma", "<f4"), ("baseline", "<u4")])
+#: By hand: open3d's tensor writer gives rgb type F and orders sigma and baseline as it likes;
+#: readers know this layout.
+_PCD_POINT = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("rgb", "<u4"),
+        ("sigma", "<f4"),
+        ("baseline", "<u4"),
+    ]
+)
 
 
 def origin_line(origin_m: np.ndarray) -> str:
@@ -25,7 +35,8 @@ def origin_line(origin_m: np.ndarray) -> str:
 
 
 def write_pcd(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None:
-    """Binary PCD 0.7: x y z (home, m), rgb packed as PCL does, sigma (m), baseline (index of the configuration).
+    """Binary PCD 0.7: x y z (home, m), rgb packed as PCL does, sigma (m), baseline (index of the
+    configuration).
 
     A comment says ``origin_m`` where x y z plus this are in home.
     """
@@ -47,9 +58,9 @@ def write_pcd(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None
 
 def write_laz(
     cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT, last: Tuple[str, str] = _BASELINE
-) -> None:  # fmt: skip
-    """LAZ 1.4 (point format 7): x y z (home, m, to 1 mm), 16-bit colours, extra dimensions sigma (m) and baseline, or
-    ``last``'s name and meaning."""
+) -> None:
+    """LAZ 1.4 (point format 7): x y z (home, m, to 1 mm), 16-bit colours, extra dimensions sigma
+    (m) and baseline, or ``last``'s name and meaning."""
     import laspy  # with lazrs; only where the product is asked for
 
     header = laspy.LasHeader(point_format=7, version="1.4")

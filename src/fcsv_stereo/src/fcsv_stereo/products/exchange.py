@@ -18,9 +18,11 @@ _MOST_POINTS = 200000  # as text; map.ply has them all
 
 
 def write_colmap(result: MapResult, given: MapInput, cloud: Cloud, folder: Path) -> None:
-    """cameras.txt, images.txt, points3D.txt, images/; the world is home, the reference picture comes first.
+    """cameras.txt, images.txt, points3D.txt, images/; the world is home, the reference picture
+    comes first.
 
-    COLMAP has pixel centres at 0.5: its cx and cy are ours plus 0.5. Points carry no tracks and so no error (-1).
+    COLMAP has pixel centres at 0.5: its cx and cy are ours plus 0.5. Points carry no tracks and so
+    no error (-1).
     """
     pictures = {
         name: replace(p, T_home_cam=moved(p.T_home_cam, result.origin_m))
@@ -36,13 +38,17 @@ def write_colmap(result: MapResult, given: MapInput, cloud: Cloud, folder: Path)
     for picture in pictures.values():
         if picture.camera not in cameras:
             cameras.append(picture.camera)
-    (folder / "cameras.txt").write_text("\n".join([_CAMERAS, *map(_camera, range(1, len(cameras) + 1), cameras), ""]))
+    (folder / "cameras.txt").write_text(
+        "\n".join([_CAMERAS, *map(_camera, range(1, len(cameras) + 1), cameras), ""])
+    )
     (folder / "images.txt").write_text(_images(pictures, files, cameras))
     (folder / "points3D.txt").write_text(_points(cloud, result.origin_m))
 
 
 _CAMERAS = "# CAMERA_ID MODEL WIDTH HEIGHT fx fy cx cy (pixel centres at 0.5)"
-_IMAGES = "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME (T_cam_home, m), then a line of 2D points: none"
+_IMAGES = (
+    "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME (T_cam_home, m), then a line of 2D points: none"
+)
 _POINTS = "# POINT3D_ID X Y Z (home, m) R G B ERROR (-1: none) TRACK (none)"
 
 
@@ -50,7 +56,9 @@ def _camera(number: int, c: PinholeCamera) -> str:
     return f"{number} PINHOLE {c.width} {c.height} {c.fx!r} {c.fy!r} {c.cx + 0.5!r} {c.cy + 0.5!r}"
 
 
-def _images(pictures: Dict[str, Picture], files: Dict[str, str], cameras: List[PinholeCamera]) -> str:
+def _images(
+    pictures: Dict[str, Picture], files: Dict[str, str], cameras: List[PinholeCamera]
+) -> str:
     lines = [_IMAGES]
     for number, (name, picture) in enumerate(pictures.items(), 1):
         T_cam_home = transforms.invert(picture.T_home_cam)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The map from above: an orthophoto (PNG with world file) and a height map (GeoTIFF), both of the highest points.
+"""The map from above: an orthophoto (PNG with world file) and a height map (GeoTIFF), both of the
+highest points.
 
-Map coordinates are those of home: x (forward) to the right, y (left) upwards, metres. So every GIS reads them without
-a rotation; the vehicles look to the right.
+Map coordinates are those of home: x (forward) to the right, y (left) upwards, metres. So every GIS
+reads them without a rotation; the vehicles look to the right.
 """
 
 from dataclasses import dataclass
@@ -26,7 +27,8 @@ _CITATION = "home of the stereo session: x forward, y left, z up, metres|"
 
 @dataclass(frozen=True)
 class Raster:
-    """``height`` (H,W) float32 m above home, NaN where nothing was seen; ``rgb`` (H,W,3) uint8 likewise 0.
+    """``height`` (H,W) float32 m above home, NaN where nothing was seen; ``rgb`` (H,W,3) uint8
+    likewise 0.
 
     Row 0 lies at the largest y. ``x0_m``, ``y0_m``: the outer corner of the first cell.
     """
@@ -39,10 +41,13 @@ class Raster:
 
 
 def write_from_above(
-    cloud: Cloud, folder: Path, reference: Optional[Reference] = None, origin_m: np.ndarray = NO_SHIFT
+    cloud: Cloud,
+    folder: Path,
+    reference: Optional[Reference] = None,
+    origin_m: np.ndarray = NO_SHIFT,
 ) -> Raster:
-    """orthophoto.png, orthophoto.pgw, height.tif; ``reference`` as in rasterize. The raster is in the cloud's
-    coordinates, the files in those plus ``origin_m``."""
+    """orthophoto.png, orthophoto.pgw, height.tif; ``reference`` as in rasterize. The raster is in
+    the cloud's coordinates, the files in those plus ``origin_m``."""
     raster = rasterize(cloud, reference=reference)
     alpha = np.where(np.isfinite(raster.height), 255, 0).astype(np.uint8)
     bgra = np.dstack([raster.rgb[..., ::-1], alpha])
@@ -56,20 +61,25 @@ def write_from_above(
 
 
 def rasterize(cloud: Cloud, cell_m: float = 0.0, reference: Optional[Reference] = None) -> Raster:
-    """The highest point of every cell. With a ``reference`` picture every cell that its pixels' surfaces touch
-    (``spanned``). Between close points that no pixel of it shows the nearest fills.
+    """The highest point of every cell. With a ``reference`` picture every cell that its pixels'
+    surfaces touch (``spanned``). Between close points that no pixel of it shows the nearest fills.
 
-    ``cell_m`` 0 takes 1, 2 or 5 times a power of ten: as fine as most points are dense, 1500 cells a side at most.
+    ``cell_m`` 0 takes 1, 2 or 5 times a power of ten: as fine as most points are dense, 1500 cells
+    a side at most.
     """
     p = cloud.points_home_m.astype(float)
     low, high = np.percentile(p[:, :2], _KEPT_PERCENT, axis=0)
     cell_m = cell_m or _cell_size_m(p[:, :2], float((high - low).max()))
-    (x_first, y_first), (x_last, y_last) = np.floor(low / cell_m).astype(int), np.floor(high / cell_m).astype(int)
+    (x_first, y_first), (x_last, y_last) = (
+        np.floor(low / cell_m).astype(int),
+        np.floor(high / cell_m).astype(int),
+    )
     shape = y_last - y_first + 1, x_last - x_first + 1
     x, y = np.floor(p[:, :2] / cell_m).astype(int).T
     row, column = y_last - y, x - x_first
     inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
-    order = np.flatnonzero(inside)[np.argsort(p[inside, 2], kind="stable")]  # the highest is written last
+    # the highest is written last
+    order = np.flatnonzero(inside)[np.argsort(p[inside, 2], kind="stable")]
     height = np.full(shape, np.nan, np.float32)
     rgb = np.zeros((*shape, 3), np.uint8)
     height[row[order], column[order]] = p[order, 2]
@@ -95,12 +105,17 @@ def _cell_size_m(xy_m: np.ndarray, extent_m: float) -> float:
 
 
 def _closed(height: np.ndarray, rgb: np.ndarray, known: np.ndarray):
-    """Cells between ``known`` ones take the nearest one's value where these lie close; a lone one stays one cell."""
+    """Cells between ``known`` ones take the nearest one's value where these lie close; a lone one
+    stays one cell."""
     if not known.any():
         return height, rgb
     cells = np.argwhere(known)
     neighbours = min(5, len(cells))
-    apart = cKDTree(cells).query(cells, k=[neighbours])[0][:, 0] if neighbours > 1 else np.ones(len(cells))
+    apart = (
+        cKDTree(cells).query(cells, k=[neighbours])[0][:, 0]
+        if neighbours > 1
+        else np.ones(len(cells))
+    )
     reach = np.zeros(height.shape, np.float32)
     reach[known] = np.where(apart <= _CLOSE_CELLS, 0.75 * apart, 0.0)
     distance, label = cv2.distanceTransformWithLabels(
@@ -122,17 +137,37 @@ def _write_height(raster: Raster, path: Path, origin_m: np.ndarray) -> None:
 
 
 def write_geotiff(path: Path, values: np.ndarray, cell_m: float, x0_m: float, y0_m: float) -> None:
-    """GeoTIFF 1.1 with a user-defined (local) coordinate system, cells as areas, NaN where nothing was seen.
+    """GeoTIFF 1.1 with a user-defined (local) coordinate system, cells as areas, NaN where nothing
+    was seen.
 
-    Row 0 of ``values`` (H,W) lies at the largest y; ``x0_m``, ``y0_m``: the outer corner of its first cell.
+    Row 0 of ``values`` (H,W) lies at the largest y; ``x0_m``, ``y0_m``: the outer corner of its
+    first cell.
     """
     import tifffile  # only where the product is asked for
 
     user_defined, pixel_is_area = 32767, 1
     keys = [
-        1, 1, 1, 4, 1024, 0, 1, user_defined, 1025, 0, 1, pixel_is_area, 1026, 34737, len(_CITATION), 0,
-        3076, 0, 1, 9001,
-    ]  # fmt: skip
+        1,
+        1,
+        1,
+        4,
+        1024,
+        0,
+        1,
+        user_defined,
+        1025,
+        0,
+        1,
+        pixel_is_area,
+        1026,
+        34737,
+        len(_CITATION),
+        0,
+        3076,
+        0,
+        1,
+        9001,
+    ]
     tags = [
         (33550, "d", 3, (cell_m, cell_m, 0.0), False),
         (33922, "d", 6, (0.0, 0.0, 0.0, x0_m, y0_m, 0.0), False),
@@ -140,4 +175,6 @@ def write_geotiff(path: Path, values: np.ndarray, cell_m: float, x0_m: float, y0
         (34737, "s", 0, _CITATION, False),
         (42113, "s", 0, "nan", False),
     ]
-    tifffile.imwrite(path, values, compression="zlib", extratags=tags, metadata=None, software=False)
+    tifffile.imwrite(
+        path, values, compression="zlib", extratags=tags, metadata=None, software=False
+    )

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The product ``ground``: where a robot can stand. fcsv_guidance makes it, which stands above this package and is
-called by name."""
+"""The product ``ground``: where a robot can stand. fcsv_guidance makes it, which stands above this
+package and is called by name."""
 
 import base64
 import importlib
@@ -29,12 +29,15 @@ class GroundShown:
 
 
 def check_robot(products: Sequence[str], robot: Optional[Path]) -> None:
-    """Checks, before anything is mapped: ``ground`` needs a robot's file, and only ground has use for one.
+    """Checks, before anything is mapped: ``ground`` needs a robot's file, and only ground has use
+    for one.
 
     Raises InputError, and ConfigError naming file and field.
     """
     if "ground" in products and robot is None:
-        raise InputError("the product ground needs a robot; add --robot FILE (config/robots/NAME.yaml)")
+        raise InputError(
+            "the product ground needs a robot; add --robot FILE (config/robots/NAME.yaml)"
+        )
     if robot is not None and "ground" not in products:
         raise InputError("--robot is of the product ground; add --products ground")
     if robot is not None:
@@ -42,7 +45,8 @@ def check_robot(products: Sequence[str], robot: Optional[Path]) -> None:
 
 
 def write_ground(result: MapResult, robot: Path, folder: Path) -> GroundShown:
-    """All files of ``ground`` into ``folder``. Raises FcsvError where the map has no ground; OSError."""
+    """All files of ``ground`` into ``folder``. Raises FcsvError where the map has no ground;
+    OSError."""
     summary, picture = _maker().write(result, robot, folder)
     _, jpeg = cv2.imencode(".jpg", cv2.imread(str(picture)))
     return GroundShown(summary, base64.b64encode(jpeg.tobytes()).decode())
@@ -52,4 +56,6 @@ def _maker():
     try:
         return importlib.import_module(_MAKER)
     except ModuleNotFoundError as error:
-        raise InputError(f"the product ground needs the package fcsv_guidance ({error}); build it, too") from error
+        raise InputError(
+            f"the product ground needs the package fcsv_guidance ({error}); build it, too"
+        ) from error

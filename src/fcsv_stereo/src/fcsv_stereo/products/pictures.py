@@ -13,12 +13,15 @@ _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 
 
 def refined_pictures(result: MapResult, given: MapInput) -> Dict[str, Picture]:
-    """Gives pictures by name, the reference first. Raises OutputError where the input lacks a picture of the map."""
+    """Gives pictures by name, the reference first. Raises OutputError where the input lacks a
+    picture of the map."""
     known = {p.name: p for c in given.configurations for p in (*c.references, *c.others)}
     entries = sorted(result.images, key=lambda e: e.name != result.reference.name)
     missing = [e.name for e in entries if e.name not in known]
     if missing:
-        raise OutputError(f"picture '{missing[0]}' of the map is not among the pictures of its input")
+        raise OutputError(
+            f"picture '{missing[0]}' of the map is not among the pictures of its input"
+        )
     prior_camera = known[result.reference.name].camera if result.reference.name in known else None
     pictures = {}
     for e in entries:
@@ -36,7 +39,11 @@ def file_names(names: List[str]) -> Dict[str, str]:
     """
     taken: Dict[str, str] = {}
     for name in names:
-        stem = str(PurePosixPath(name).with_suffix("")) if PurePosixPath(name).suffix.lower() in _SUFFIXES else name
+        stem = (
+            str(PurePosixPath(name).with_suffix(""))
+            if PurePosixPath(name).suffix.lower() in _SUFFIXES
+            else name
+        )
         stem = re.sub(r"[^\w.+-]+", "_", stem)
         file, number = f"{stem}.png", 2
         while file in taken.values():

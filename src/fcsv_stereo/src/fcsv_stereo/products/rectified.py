@@ -17,11 +17,13 @@ _FILES = {Axis.HORIZONTAL: ("left.png", "right.png"), Axis.VERTICAL: ("top.png",
 
 
 def write_pairs(result: MapResult, given: MapInput, folder: Path) -> None:
-    """A folder for each pair: left.png and right.png, or top.png and bottom.png, and calibration.yaml.
+    """A folder for each pair: left.png and right.png, or top.png and bottom.png, and
+    calibration.yaml.
 
-    Rectified anew from the refined poses with Bouguet's method, whatever the map's method did, and so ordered that
-    disparities are positive. calibration.yaml is for OpenCV's FileStorage: Q as of reprojectImageTo3D (disparity along
-    x, or along y for a vertical pair), K of both, T_home_rect from the first's rectified frame to home (m).
+    Rectified anew from the refined poses with Bouguet's method, whatever the map's method did, and
+    so ordered that disparities are positive. calibration.yaml is for OpenCV's FileStorage: Q as of
+    reprojectImageTo3D (disparity along x, or along y for a vertical pair), K of both, T_home_rect
+    from the first's rectified frame to home (m).
     """
     pictures = refined_pictures(result, given)
     folder.mkdir()
@@ -46,12 +48,15 @@ def write_pairs(result: MapResult, given: MapInput, folder: Path) -> None:
 
 
 def reprojection_matrix(pair: RectifiedPair) -> np.ndarray:
-    """Q (4x4): [X Y Z W] = Q [u v d 1] in the first picture's rectified frame, with d = u - u' (or v - v')."""
+    """Q (4x4): [X Y Z W] = Q [u v d 1] in the first picture's rectified frame, with d = u - u' (or
+    v - v')."""
     f, cx, cy = pair.K_reference[0, 0], pair.K_reference[0, 2], pair.K_reference[1, 2]
     i = pair.axis_index
     offset = pair.K_reference[i, 2] - pair.K_other[i, 2]
     b = pair.baseline_m
-    return np.array([[1, 0, 0, -cx], [0, 1, 0, -cy], [0, 0, 0, f], [0, 0, 1 / b, -offset / b]], float)
+    return np.array(
+        [[1, 0, 0, -cx], [0, 1, 0, -cy], [0, 0, 0, f], [0, 0, 1 / b, -offset / b]], float
+    )
 
 
 def _write_calibration(pair: RectifiedPair, names, p_home_m: np.ndarray, path: Path) -> None:
@@ -62,9 +67,17 @@ def _write_calibration(pair: RectifiedPair, names, p_home_m: np.ndarray, path: P
     storage.write("axis", pair.axis.value)
     storage.write("first_picture", names[0])
     storage.write("second_picture", names[1])
-    for key, value in (("image_width", width), ("image_height", height), ("baseline_m", pair.baseline_m)):
+    for key, value in (
+        ("image_width", width),
+        ("image_height", height),
+        ("baseline_m", pair.baseline_m),
+    ):
         storage.write(key, value)
-    matrices = {"Q": reprojection_matrix(pair), "K_first": pair.K_reference, "K_second": pair.K_other}
+    matrices = {
+        "Q": reprojection_matrix(pair),
+        "K_first": pair.K_reference,
+        "K_second": pair.K_other,
+    }
     matrices["T_home_rect"] = transforms.transform(pair.R_home_rect, p_home_m)
     for key, value in matrices.items():
         storage.write(key, np.ascontiguousarray(value, float))

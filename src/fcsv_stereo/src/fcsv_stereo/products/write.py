@@ -20,19 +20,31 @@ def _orthophoto(result: MapResult, cloud: Cloud, folder: Path) -> None:
 
 _Writer = Callable[[MapResult, MapInput, Cloud, Path], None]
 _WRITERS: Dict[str, _Writer] = {
-    "pcd": lambda result, given, cloud, folder: clouds.write_pcd(cloud, folder / "map.pcd", result.origin_m),
-    "laz": lambda result, given, cloud, folder: clouds.write_laz(cloud, folder / "map.laz", result.origin_m),
+    "pcd": lambda result, given, cloud, folder: clouds.write_pcd(
+        cloud, folder / "map.pcd", result.origin_m
+    ),
+    "laz": lambda result, given, cloud, folder: clouds.write_laz(
+        cloud, folder / "map.laz", result.origin_m
+    ),
     "orthophoto": lambda result, given, cloud, folder: _orthophoto(result, cloud, folder),
-    "colmap": lambda result, given, cloud, folder: exchange.write_colmap(result, given, cloud, folder / "colmap"),
-    "pairs": lambda result, given, cloud, folder: rectified.write_pairs(result, given, folder / "pairs"),
+    "colmap": lambda result, given, cloud, folder: exchange.write_colmap(
+        result, given, cloud, folder / "colmap"
+    ),
+    "pairs": lambda result, given, cloud, folder: rectified.write_pairs(
+        result, given, folder / "pairs"
+    ),
 }
 
 
 def write_products(
-    names: Sequence[str], result: MapResult, given: MapInput, folder: Path, robot: Optional[Path] = None
+    names: Sequence[str],
+    result: MapResult,
+    given: MapInput,
+    folder: Path,
+    robot: Optional[Path] = None,
 ) -> None:
-    """Each of ``names`` into ``folder``; what a reader must know is added to the map's warnings. ``robot``: the file of
-    the one whose ``ground`` is wanted.
+    """Each of ``names`` into ``folder``; what a reader must know is added to the map's warnings.
+    ``robot``: the file of the one whose ``ground`` is wanted.
 
     Raises FcsvError where the map cannot give one, or the disk does not take it.
     """
@@ -41,7 +53,11 @@ def write_products(
     cloud = merge_duplicates(result.cloud, result.reference)
     if not len(cloud):
         cut = result.cut and result.cut.beyond_range + result.cut.beyond_sigma
-        why = "all lie beyond the cloud's bounds: --cloud-range-m, --cloud-sigma" if cut else "only sky?"
+        why = (
+            "all lie beyond the cloud's bounds: --cloud-range-m, --cloud-sigma"
+            if cut
+            else "only sky?"
+        )
         raise OutputError(f"the map holds no points ({why}): nothing to make {', '.join(names)} of")
     if "orthophoto" in names and result.reference.looks_down:
         result.unseen.append(
@@ -60,4 +76,6 @@ def write_products(
             else:
                 _WRITERS[name](result, given, cloud, folder)
         except OSError as error:
-            raise OutputError(f"{name}: cannot be written into {folder} ({error.strerror or error})") from error
+            raise OutputError(
+                f"{name}: cannot be written into {folder} ({error.strerror or error})"
+            ) from error

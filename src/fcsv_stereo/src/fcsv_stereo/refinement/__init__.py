@@ -6,4 +6,12 @@ from fcsv_stereo.refinement.features import KnownFeatures
 from fcsv_stereo.refinement.refine import refine
 from fcsv_stereo.refinement.types import METRIC, RefinedPicture, Refinement, RefineOptions
 
-__all__ = ["KnownFeatures", "METRIC", "PosePrior", "RefineOptions", "RefinedPicture", "Refinement", "refine"]
+__all__ = [
+    "KnownFeatures",
+    "METRIC",
+    "PosePrior",
+    "RefineOptions",
+    "RefinedPicture",
+    "Refinement",
+    "refine",
+]

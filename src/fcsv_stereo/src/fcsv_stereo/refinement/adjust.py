@@ -13,16 +13,20 @@ from fcsv_stereo.refinement.geometry import PairPrior
 from fcsv_stereo.refinement.structure import Observations, Structure
 from fcsv_stereo.refinement.time_offset import Motion
 
-_PRIOR_KERNEL = 4.0  # standard deviations from which a prior pulls no harder: one of them may be wrong
-_MOST_DAMPING = 1e12  # the normal matrix has entries of 1e7; with less the step would not become short
+# standard deviations from which a prior pulls no harder: one of them may be wrong
+_PRIOR_KERNEL = 4.0
+# the normal matrix has entries of 1e7; with less the step would not become short
+_MOST_DAMPING = 1e12
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Pictures by number, 0 the reference: priors of T_ref_cam, focal lengths and measuring noise (px).
+    """Pictures by number, 0 the reference: priors of T_ref_cam, focal lengths and measuring noise
+    (px).
 
-    ``focal_sigma`` is the prior's share for a common scale of the focal lengths, 0 where it is held. ``shared`` are
-    (6, 6) cross covariances of two pictures' priors, rotation first, in their camera axes.
+    ``focal_sigma`` is the prior's share for a common scale of the focal lengths, 0 where it is
+    held. ``shared`` are (6, 6) cross covariances of two pictures' priors, rotation first, in their
+    camera axes.
     """
 
     observations: Observations
@@ -37,7 +41,8 @@ class Problem:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """Poses T_ref_cam; ``covariance`` of them in order (rotation, position, in camera axes); residuals (M, 2) px."""
+    """Poses T_ref_cam; ``covariance`` of them in order (rotation, position, in camera axes);
+    residuals (M, 2) px."""
 
     poses: Dict[int, np.ndarray]
     order: List[int]
@@ -47,10 +52,12 @@ class Adjusted:
     time_offsets_s: List[float]  # in the order of the problem's moving vehicles
     residual_px: np.ndarray
     focal_sigma: float = 0.0  # standard deviation of ``focal_scale``, 0 where it was held
-    systematic: Optional[np.ndarray] = None  # as ``covariance``, beside it: of errors that all points share
+    # as ``covariance``, beside it: of errors that all points share
+    systematic: Optional[np.ndarray] = None
     focal: Optional[np.ndarray] = None  # the same of a focal length that may be wrong
     focal_probability: float = 0.0  # that it is wrong
-    by_focal: Optional[np.ndarray] = None  # (6n,) how the poses follow ``focal_scale``, None where it was held
+    # (6n,) how the poses follow ``focal_scale``, None where it was held
+    by_focal: Optional[np.ndarray] = None
 
 
 def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> Adjusted:
@@ -94,8 +101,12 @@ def _prior_factor(problem: Problem, k: int):
     if prior.covariance is not None:
         sigmas = gtsam.noiseModel.Gaussian.Covariance(prior.covariance)
     else:
-        sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([prior.rotation_rad, prior.position_m], 3))
-    sigmas = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(_PRIOR_KERNEL), sigmas)
+        sigmas = gtsam.noiseModel.Diagonal.Sigmas(
+            np.repeat([prior.rotation_rad, prior.position_m], 3)
+        )
+    sigmas = gtsam.noiseModel.Robust.Create(
+        gtsam.noiseModel.mEstimator.Huber.Create(_PRIOR_KERNEL), sigmas
+    )
     for i, motion in enumerate(problem.moving):
         if k in motion.pictures:
             return _moving_prior(k, i, prior, motion.pictures[k], sigmas)
@@ -103,7 +114,8 @@ def _prior_factor(problem: Problem, k: int):
 
 
 def _moving_prior(k: int, i: int, prior: PairPrior, velocity_mps: np.ndarray, sigmas):
-    """The prior, moved along the track by the vehicle's time offset: position + velocity x offset."""
+    """The prior, moved along the track by the vehicle's time offset: position + velocity x
+    offset."""
     R_prior, p_prior = prior.T_a_b[:3, :3], prior.T_a_b[:3, 3]
 
     def evaluate(_, values, jacobians):
@@ -116,21 +128,27 @@ def _moving_prior(k: int, i: int, prior: PairPrior, velocity_mps: np.ndarray, si
             J[:3, :3] = rotations.inverse_right_jacobian(rotation)
             J[3:, 3:] = R
             jacobians[0] = J
-            jacobians[1] = np.asfortranarray(np.concatenate([np.zeros(3), -R_prior.T @ velocity_mps])[:, None])
+            jacobians[1] = np.asfortranarray(
+                np.concatenate([np.zeros(3), -R_prior.T @ velocity_mps])[:, None]
+            )
         return np.concatenate([rotation, R_prior.T @ away])
 
     return gtsam.CustomFactor(sigmas, gtsam.KeyVector([X(k), T(i)]), evaluate)
 
 
-def _structure_factor(structure: Structure, order: List[int], with_focal: bool) -> gtsam.CustomFactor:
+def _structure_factor(
+    structure: Structure, order: List[int], with_focal: bool
+) -> gtsam.CustomFactor:
     """Everything that the pictures say about the poses, as one factor.
 
-    Its residual e has derivative A with A'A the reduced normal matrix and A'e the gradient; a last row makes |e|^2 the
-    robust cost, which is what the optimiser compares.
+    Its residual e has derivative A with A'A the reduced normal matrix and A'e the gradient; a last
+    row makes |e|^2 the robust cost, which is what the optimiser compares.
     """
     keys = [X(k) for k in order] + ([F(0)] if with_focal else [])
     size = 6 * len(order) + int(with_focal)
-    last = {}  # the optimiser asks for the error first and, where it likes it, for the derivative at the same place
+    # the optimiser asks for the error first and, where it likes it, for the derivative at the same
+    # place
+    last = {}
 
     def reduced(poses, scale):
         place = (scale, *(poses[k].tobytes() for k in order))
@@ -141,7 +159,8 @@ def _structure_factor(structure: Structure, order: List[int], with_focal: bool) 
 
     def evaluate(_, values, jacobians):
         H, g, cost = reduced(_poses(values, order), _scale(values, with_focal))
-        value, vector = np.linalg.eigh(H)  # rounding may leave what is not known a little below zero
+        # rounding may leave what is not known a little below zero
+        value, vector = np.linalg.eigh(H)
         value = np.sqrt(np.maximum(value, 1e-12 * value[-1] + 1e-9))
         root, error = value[:, None] * vector.T, vector.T @ g / value
         if jacobians is not None:
@@ -152,7 +171,9 @@ def _structure_factor(structure: Structure, order: List[int], with_focal: bool) 
                 jacobians[-1] = np.asfortranarray(A[:, -1:])
         return np.append(error, np.sqrt(max(cost - error @ error, 0.0)))
 
-    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(size + 1), gtsam.KeyVector(keys), evaluate)
+    return gtsam.CustomFactor(
+        gtsam.noiseModel.Unit.Create(size + 1), gtsam.KeyVector(keys), evaluate
+    )
 
 
 def _poses(values, order) -> Dict[int, np.ndarray]:
@@ -164,8 +185,8 @@ def _scale(values, with_focal) -> float:
 
 
 def _covariance(graph, result, keys: List[int]) -> np.ndarray:
-    """Gives the covariance of all variables, these first and in this order, by inverting GTSAM's normal matrix: its
-    Marginals call these scales singular."""
+    """Gives the covariance of all variables, these first and in this order, by inverting GTSAM's
+    normal matrix: its Marginals call these scales singular."""
     linear = graph.linearize(result)
     ordering = gtsam.Ordering()
     for key in keys + [k for k in result.keys() if k not in keys]:
@@ -176,11 +197,12 @@ def _covariance(graph, result, keys: List[int]) -> np.ndarray:
 
 
 def _with_shared(covariance: np.ndarray, problem: Problem, order: List[int]) -> np.ndarray:
-    """The covariance of the same poses where the priors' errors are not independent, as the adjustment takes them.
+    """The covariance of the same poses where the priors' errors are not independent, as the
+    adjustment takes them.
 
-    The poses follow the priors' errors e by P L e (P: covariance, L: priors' information), so P, which takes L^-1 for
-    the covariance S of e, grows by P L (S - L^-1) L P. Without it one vehicle's scale, which is in all its pictures,
-    would seem to average out.
+    The poses follow the priors' errors e by P L e (P: covariance, L: priors' information), so P,
+    which takes L^-1 for the covariance S of e, grows by P L (S - L^-1) L P. Without it one
+    vehicle's scale, which is in all its pictures, would seem to average out.
     """
     if not problem.shared:
         return covariance
@@ -191,7 +213,8 @@ def _with_shared(covariance: np.ndarray, problem: Problem, order: List[int]) -> 
             own[place[k], place[k]] = problem.priors[k].covariance
     for (a, b), cross in problem.shared.items():
         shared[place[a], place[b]], shared[place[b], place[a]] = cross, cross.T
-    value, vector = np.linalg.eigh(own + shared)  # what is taken to be carried along can be too much
+    # what is taken to be carried along can be too much
+    value, vector = np.linalg.eigh(own + shared)
     together = (vector * np.maximum(value, 0.0)) @ vector.T
     gain = covariance @ np.linalg.pinv(own)
     return covariance + gain @ (together - own) @ gain.T

@@ -37,9 +37,9 @@ class Clock:
 
 @dataclass(frozen=True)
 class Adjustment:
-    """Holds an adjustment of ``pictures``, the reference first; ``direct`` are their links with it by number. ``turns``
-    by which they were straightened, None: they are as they came. ``focal_scale`` by which their cameras were multiplied
-    already."""
+    """Holds an adjustment of ``pictures``, the reference first; ``direct`` are their links with it
+    by number. ``turns`` by which they were straightened, None: they are as they came.
+    ``focal_scale`` by which their cameras were multiplied already."""
 
     pictures: List[Picture]
     views: List[FeatureView]
@@ -64,8 +64,11 @@ def adjusted(pictures: List[Picture], options: RefineOptions, clock: Clock) -> A
     return _adjusted_views(views, options, clock)
 
 
-def with_cameras(found: Adjustment, factors: Dict[int, float], options: RefineOptions, clock: Clock) -> Adjustment:
-    """Linked, tracked and adjusted again, with focal lengths of some pictures multiplied, by number."""
+def with_cameras(
+    found: Adjustment, factors: Dict[int, float], options: RefineOptions, clock: Clock
+) -> Adjustment:
+    """Linked, tracked and adjusted again, with focal lengths of some pictures multiplied, by
+    number."""
     views = [_with_focal(v, factors[k]) if k in factors else v for k, v in enumerate(found.views)]
     return replace(_adjusted_views(views, options, clock), turns=found.turns)
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults of cameras that an adjustment shows, taken out of the pictures or said: focal lengths first, then shutters.
+"""Faults of cameras that an adjustment shows, taken out of the pictures or said: focal lengths
+first, then shutters.
 
-A wrong focal length bends whatever else is fitted: poses seem wrong, rows seem to be read late. So it is looked for
-before a pose is blamed, first in single pictures, then in all.
+A wrong focal length bends whatever else is fitted: poses seem wrong, rows seem to be read late. So
+it is looked for before a pose is blamed, first in single pictures, then in all.
 """
 
 from dataclasses import dataclass, field, replace
@@ -15,19 +16,25 @@ from fcsv_stereo.refinement.adjustment import Adjustment, Clock, adjusted, with_
 from fcsv_stereo.refinement.focal import FocalFit, fitted, focal_fit
 from fcsv_stereo.refinement.judge import contradicted, unclear
 from fcsv_stereo.refinement.own_focal import odd_focals
-from fcsv_stereo.refinement.rolling_shutter import ReadoutTurns, could_turn, readout_turns, straightened
+from fcsv_stereo.refinement.rolling_shutter import (
+    ReadoutTurns,
+    could_turn,
+    readout_turns,
+    straightened,
+)
 from fcsv_stereo.refinement.types import ANY_FOCAL, RefineOptions
 
 _ROUNDS = 3
 _SETTLED = 0.02  # share: a smaller change is linear enough to need no new links
 _STRAIGHTENINGS = 2
-_LESS_NOISE = 0.95  # times the noise of the pictures as they came: straightened ones fit each other better
+# times the noise of the pictures as they came: straightened ones fit each other better
+_LESS_NOISE = 0.95
 
 
 @dataclass(frozen=True)
 class Mended:
-    """An adjustment with cameras as good as the pictures tell, what is said about them, and the focal length that is
-    in doubt (None: none is)."""
+    """An adjustment with cameras as good as the pictures tell, what is said about them, and the
+    focal length that is in doubt (None: none is)."""
 
     found: Adjustment
     words: List[str] = field(default_factory=list)
@@ -35,8 +42,8 @@ class Mended:
 
 
 def mended(found: Adjustment, options: RefineOptions, clock: Clock) -> Mended:
-    """Single focal lengths, the common one, and a rolling shutter, in this order; without ``correct_camera`` focal
-    lengths are only said."""
+    """Single focal lengths, the common one, and a rolling shutter, in this order; without
+    ``correct_camera`` focal lengths are only said."""
     found, words = _own_focals(found, options, clock)
     found, focal, taken = _common_focal(found, options, clock)
     if options.correct_camera:
@@ -48,13 +55,18 @@ def mended(found: Adjustment, options: RefineOptions, clock: Clock) -> Mended:
         words.append(f"{taken}: it was taken; calibrate the camera, or --keep-camera")
     elif focal is not None and focal.words:
         looks_alike = "a wrong principal point looks alike where cameras turn"
-        words.append(f"{focal.words} ({looks_alike}): calibrate the camera, or map with --refine-focal")
+        words.append(
+            f"{focal.words} ({looks_alike}): calibrate the camera, or map with --refine-focal"
+        )
     return Mended(found, words, focal)
 
 
-def _own_focals(found: Adjustment, options: RefineOptions, clock: Clock) -> Tuple[Adjustment, List[str]]:
-    """Mends pictures with the focal length of a picture that is not the others', where some picture did not come out
-    clear. Raises InputError where focal lengths contradict each other and no majority tells which are wrong."""
+def _own_focals(
+    found: Adjustment, options: RefineOptions, clock: Clock
+) -> Tuple[Adjustment, List[str]]:
+    """Mends pictures with the focal length of a picture that is not the others', where some picture
+    did not come out clear. Raises InputError where focal lengths contradict each other and no
+    majority tells which are wrong."""
     if not unclear(found.views, found.consensus, found.direct, options):
         return found, []
     odd = odd_focals(found.views, options)
@@ -91,9 +103,10 @@ def _length(factor: float) -> str:
 
 def _common_focal(
     found: Adjustment, options: RefineOptions, clock: Clock
-) -> Tuple[Adjustment, Optional[FocalFit], str]:  # fmt: skip
-    """Mends all pictures with the focal length that the pictures tell, and words about it; as it was, with the doubt,
-    where they do not contradict the given one or do not tell it well enough."""
+) -> Tuple[Adjustment, Optional[FocalFit], str]:
+    """Mends all pictures with the focal length that the pictures tell, and words about it; as it
+    was, with the doubt, where they do not contradict the given one or do not tell it well
+    enough."""
     doubted = contradicted(found.views, found.consensus, options)
     focal = focal_fit(found.consensus, found.cameras, doubted, options.other_lens)
     if focal is None or not focal.evident or not options.correct_camera:
@@ -112,20 +125,29 @@ def _common_focal(
     return found, focal, ""
 
 
-def _with_focal(found: Adjustment, scale: float, options: RefineOptions, clock: Clock) -> Optional[Adjustment]:
-    """Links by cameras with focal lengths ``scale`` times the given ones, and the rest of it free."""
+def _with_focal(
+    found: Adjustment, scale: float, options: RefineOptions, clock: Clock
+) -> Optional[Adjustment]:
+    """Links by cameras with focal lengths ``scale`` times the given ones, and the rest of it
+    free."""
     factors = dict.fromkeys(range(len(found.pictures)), scale)
     again = with_cameras(found, factors, _with_free_focal(options), clock)
     return None if again.consensus.adjusted is None else replace(again, focal_scale=scale)
 
 
 def _with_free_focal(options: RefineOptions) -> RefineOptions:
-    return options if options.refine_focal else replace(options, refine_focal=True, focal_sigma=ANY_FOCAL)
+    return (
+        options
+        if options.refine_focal
+        else replace(options, refine_focal=True, focal_sigma=ANY_FOCAL)
+    )
 
 
-def _straightened(found: Adjustment, options: RefineOptions, clock: Clock) -> Tuple[Adjustment, List[str]]:
-    """Mends pictures with pictures whose rows were read at once, and words about it, where the given ones show that
-    they were not."""
+def _straightened(
+    found: Adjustment, options: RefineOptions, clock: Clock
+) -> Tuple[Adjustment, List[str]]:
+    """Mends pictures with pictures whose rows were read at once, and words about it, where the
+    given ones show that they were not."""
     given, first = found.pictures, found
     if not could_turn(given, options.most_turn_rad):
         return found, []
@@ -134,7 +156,10 @@ def _straightened(found: Adjustment, options: RefineOptions, clock: Clock) -> Tu
         turns = turns_of(found)
         if turns is None or not (found.turns or turns.sure):
             break
-        pictures = [straightened(p, turns.turns_rad[k]) if k in turns.turns_rad else p for k, p in enumerate(given)]
+        pictures = [
+            straightened(p, turns.turns_rad[k]) if k in turns.turns_rad else p
+            for k, p in enumerate(given)
+        ]
         again = adjusted(pictures, _with_free_focal(options) if freed else options, clock)
         found = replace(again, turns=turns, focal_scale=found.focal_scale)
     if found.turns is None or not _better(first, found):
@@ -148,11 +173,14 @@ def _straightened(found: Adjustment, options: RefineOptions, clock: Clock) -> Tu
 
 
 def _better(before: Adjustment, after: Adjustment) -> bool:
-    """Whether straightened pictures fit each other better than those that were given, and are all still used."""
+    """Whether straightened pictures fit each other better than those that were given, and are all
+    still used."""
     if after.consensus.adjusted is None:
         return False
     old, new = before.consensus, after.consensus
-    return set(old.adjusted.order) <= set(new.adjusted.order) and _noise_px(new) < _LESS_NOISE * _noise_px(old)
+    return set(old.adjusted.order) <= set(new.adjusted.order) and _noise_px(
+        new
+    ) < _LESS_NOISE * _noise_px(old)
 
 
 def _noise_px(consensus) -> float:
@@ -162,4 +190,6 @@ def _noise_px(consensus) -> float:
 
 def turns_of(found: Adjustment) -> Optional[ReadoutTurns]:
     """How the cameras turned while their rows were read, by what is left of the residuals."""
-    return readout_turns(found.consensus, found.cameras, found.turns.turns_rad if found.turns else {})
+    return readout_turns(
+        found.consensus, found.cameras, found.turns.turns_rad if found.turns else {}
+    )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The adjustment repeated until every picture in it agrees with the others; those that do not are left out."""
+"""The adjustment repeated until every picture in it agrees with the others; those that do not are
+left out."""
 
 from dataclasses import dataclass, field, replace
 from typing import Dict, List, Optional, Tuple
@@ -21,15 +22,18 @@ _FIRST_NOISE = 0.4  # of a feature's: what tracking is taken to leave until the 
 _LEAST_NOISE_PX = 0.05
 _LEAST_SHARE = 0.5  # of a picture's observations must fit the others'
 _FEWEST = 8  # points that a pose is from
-_LEAST_MEASURED = 0.6  # of the inliers that a link must have: what is tracked is surer than what only looks alike
-# Neighbouring patches share pixels and the same change of view, so their errors are not independent. This factor
-# makes the reported covariance agree with the errors on scenes with known truth (tools/bench_refinement.py).
+# of the inliers that a link must have: what is tracked is surer than what only looks alike
+_LEAST_MEASURED = 0.6
+# Neighbouring patches share pixels and the same change of view, so their errors are not
+# independent. This factor makes the reported covariance agree with the errors on scenes with known
+# truth (tools/bench_refinement.py).
 _CORRELATION = 2.5
 
 
 @dataclass(frozen=True)
 class Consensus:
-    """``adjusted`` from ``observations`` (those that fit), None where nothing was left; why pictures were left out.
+    """``adjusted`` from ``observations`` (those that fit), None where nothing was left; why
+    pictures were left out.
 
     ``problem`` is what was adjusted last.
     """
@@ -64,12 +68,21 @@ def adjust_robustly(
             refused.update(few)
             priors = {k: p for k, p in priors.items() if k not in few}
             continue
-        problem = _problem(views, of, priors, {k: _FIRST_NOISE * views[k].noise_px for k in priors}, moving, options)
+        problem = _problem(
+            views,
+            of,
+            priors,
+            {k: _FIRST_NOISE * views[k].noise_px for k in priors},
+            moving,
+            options,
+        )
         first = adjust(problem, poses, rho)
         noise_px, fits = _noise_and_fit(of, first)
         worst = _worst(of, fits, priors)
         if worst is not None:
-            refused[worst] = "what it shows contradicts the other pictures (another place, or something moved)"
+            refused[worst] = (
+                "what it shows contradicts the other pictures (another place, or something moved)"
+            )
             priors = {k: p for k, p in priors.items() if k != worst}
             continue
         of = of.select(fits)
@@ -85,8 +98,8 @@ def adjust_robustly(
 
 
 def _priors(views, links, starts, options) -> Dict[int, PairPrior]:
-    """Gives the prior of each reached picture relative to the reference, in force: looser where a link showed it to be
-    wrong."""
+    """Gives the prior of each reached picture relative to the reference, in force: looser where a
+    link showed it to be wrong."""
     priors = {}
     for k in sorted(starts):
         if k:
@@ -106,44 +119,66 @@ def _priors(views, links, starts, options) -> Dict[int, PairPrior]:
 def _problem(views, observations, priors, noise_px, moving, options) -> Problem:
     pictures = [0, *priors]
     focals_px = {k: views[k].camera.fx for k in pictures}
-    noise = {**dict.fromkeys(pictures, min(noise_px.values())), **noise_px}  # one that only anchors has none
+    # one that only anchors has none
+    noise = {**dict.fromkeys(pictures, min(noise_px.values())), **noise_px}
     focal_sigma = options.focal_sigma if options.refine_focal else 0.0
     still = [m for m in (m.among(list(priors)) for m in moving) if m.pictures]
     shared = _shared(views, priors)
-    return Problem(observations, priors, focals_px, noise, focal_sigma, still, options.time_offset_sigma_s, shared)
+    return Problem(
+        observations,
+        priors,
+        focals_px,
+        noise,
+        focal_sigma,
+        still,
+        options.time_offset_sigma_s,
+        shared,
+    )
 
 
-def _shared(views: List[FeatureView], priors: Dict[int, PairPrior]) -> Dict[Tuple[int, int], np.ndarray]:
-    """What the priors of two pictures have in common: the reference's error, and that of a vehicle's odometry."""
+def _shared(
+    views: List[FeatureView], priors: Dict[int, PairPrior]
+) -> Dict[Tuple[int, int], np.ndarray]:
+    """What the priors of two pictures have in common: the reference's error, and that of a
+    vehicle's odometry."""
     known = [k for k, p in sorted(priors.items()) if p.covariance is not None]
     turn = {k: to_camera(views[k].picture, position_too=True) for k in known}
     return {
         (a, b): turn[a] @ relative_common(*(views[i].picture for i in (0, a, b))) @ turn[b].T
-        for a in known for b in known if a < b
-    }  # fmt: skip
+        for a in known
+        for b in known
+        if a < b
+    }
 
 
 def _among(observations: Observations, pictures: List[int]) -> Observations:
-    known = np.isin(observations.picture, pictures) & np.isin(observations.anchor[observations.point], pictures)
+    known = np.isin(observations.picture, pictures) & np.isin(
+        observations.anchor[observations.point], pictures
+    )
     return observations.select(known)
 
 
 def _few(observations: Observations, priors, least: int) -> Dict[int, str]:
-    """Pictures with fewer observations than need be; those seen only as anchors count what hangs on them."""
+    """Pictures with fewer observations than need be; those seen only as anchors count what hangs on
+    them."""
     out = {}
     anchors = observations.anchor[observations.point]
     for k in priors:
         count = int(((observations.picture == k) | (anchors == k)).sum())
         if count < least:
-            out[k] = f"only {count} points with parallax could be measured in it (blur, exposure, sky, nothing near)"
+            out[k] = (
+                f"only {count} points with parallax could be measured in it (blur, exposure, sky, nothing near)"
+            )
     return out
 
 
-def _noise_and_fit(observations: Observations, adjusted: Adjusted) -> Tuple[Dict[int, float], np.ndarray]:
+def _noise_and_fit(
+    observations: Observations, adjusted: Adjusted
+) -> Tuple[Dict[int, float], np.ndarray]:
     """Measuring noise by picture (px, per axis) and which observations fit.
 
-    From points that three pictures see; of others the residual along the epipolar line is nil by construction, and its
-    length the error across.
+    From points that three pictures see; of others the residual along the epipolar line is nil by
+    construction, and its length the error across.
     """
     several = np.bincount(observations.point)[observations.point] > 1
     noise_px, fits = {}, np.zeros(len(observations.point), bool)
@@ -152,7 +187,11 @@ def _noise_and_fit(observations: Observations, adjusted: Adjusted) -> Tuple[Dict
         if not of.any():
             continue
         both = of & several
-        errors_px = np.abs(adjusted.residual_px[both]) if both.sum() > 20 else np.hypot(*adjusted.residual_px[of].T)
+        errors_px = (
+            np.abs(adjusted.residual_px[both])
+            if both.sum() > 20
+            else np.hypot(*adjusted.residual_px[of].T)
+        )
         spread_px = 1.4826 * float(np.median(errors_px))
         spread_px = max(spread_px, _LEAST_NOISE_PX)
         fits[of] = np.hypot(*adjusted.residual_px[of].T) < max(4.0 * spread_px, 0.5)
@@ -161,6 +200,10 @@ def _noise_and_fit(observations: Observations, adjusted: Adjusted) -> Tuple[Dict
 
 
 def _worst(observations: Observations, fits: np.ndarray, priors) -> Optional[int]:
-    shares = {k: float(fits[observations.picture == k].mean()) for k in priors if (observations.picture == k).any()}
+    shares = {
+        k: float(fits[observations.picture == k].mean())
+        for k in priors
+        if (observations.picture == k).any()
+    }
     k = min(shares, key=shares.get) if shares else None
     return k if k is not None and shares[k] < _LEAST_SHARE else None

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The same picture twice, under two names and poses: one of them at most is where it is said to be."""
+"""The same picture twice, under two names and poses: one of them at most is where it is said to
+be."""
 
 from dataclasses import replace
 from typing import Dict, List, Tuple
@@ -19,10 +20,13 @@ _LARGE_PX = 640
 
 
 def without_copies(
-    views: List[FeatureView], direct: Dict[int, PairLink], between: List[PairLink], options: RefineOptions
+    views: List[FeatureView],
+    direct: Dict[int, PairLink],
+    between: List[PairLink],
+    options: RefineOptions,
 ) -> Tuple[Dict[int, PairLink], List[PairLink]]:
-    """Links without those of pictures that are copies; of a picture and its copies the one that is nearest to its
-    prior pose stays, and the reference does always."""
+    """Links without those of pictures that are copies; of a picture and its copies the one that is
+    nearest to its prior pose stays, and the reference does always."""
     out = dict(direct)
     for of in _copies(views):
         kept = 0 if 0 in of else min(of, key=lambda k: _away(views, direct[k], options))
@@ -74,7 +78,8 @@ def _alike(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _away(views: List[FeatureView], link: PairLink, options: RefineOptions) -> float:
-    """How far the features put a picture from its prior, in standard deviations; infinite where they do not tell."""
+    """How far the features put a picture from its prior, in standard deviations; infinite where
+    they do not tell."""
     if link.reason:
         return float("inf")
     prior = prior_to_reference(views, link.b, options.prior)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Features of one picture: SIFT on a reduced picture to find correspondences, corners to measure them."""
+"""Features of one picture: SIFT on a reduced picture to find correspondences, corners to measure
+them."""
 
 import threading
 import weakref
@@ -21,9 +22,10 @@ _MIN_SIDE_PX = 24
 class FeatureView:
     """A picture prepared for matching.
 
-    ``gray`` is HxW uint8, reduced where a picture has more pixels than lenses resolve, ``camera`` the camera of that;
-    all pixels of a view are those of ``gray``. ``uv`` (N, 2) px, ``rays`` (N, 3) with z = 1 and ``descriptors``
-    (N, 128) float32 of unit length (RootSIFT) belong to its features.
+    ``gray`` is HxW uint8, reduced where a picture has more pixels than lenses resolve, ``camera``
+    the camera of that; all pixels of a view are those of ``gray``. ``uv`` (N, 2) px, ``rays`` (N,
+    3) with z = 1 and ``descriptors`` (N, 128) float32 of unit length (RootSIFT) belong to its
+    features.
     """
 
     picture: Picture
@@ -37,11 +39,14 @@ class FeatureView:
 
 def rays_of(camera: PinholeCamera, uv: np.ndarray) -> np.ndarray:
     """Directions (N, 3) with z = 1 of pixels (N, 2) of an undistorted picture."""
-    return np.column_stack([(uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy, np.ones(len(uv))])
+    return np.column_stack(
+        [(uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy, np.ones(len(uv))]
+    )
 
 
 class KnownFeatures:
-    """Views of pictures that are refined again, as when a map grows: by the identity of their pixels, while these live.
+    """Views of pictures that are refined again, as when a map grows: by the identity of their
+    pixels, while these live.
 
     Safe to use from several threads; whoever keeps one must not change a picture's pixels in place.
     """
@@ -85,12 +90,24 @@ def prepare(picture: Picture, features: int) -> FeatureView:
     ratio = np.array([gray.shape[1] / small.shape[1], gray.shape[0] / small.shape[0]])
     uv = (np.array([k.pt for k in keypoints]) + 0.5) * ratio - 0.5
     root = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-6))
-    return FeatureView(picture, camera, gray, uv, rays_of(camera, uv), root.astype(np.float32), 0.5 * float(ratio[0]))
+    return FeatureView(
+        picture,
+        camera,
+        gray,
+        uv,
+        rays_of(camera, uv),
+        root.astype(np.float32),
+        0.5 * float(ratio[0]),
+    )
 
 
 def _reduced(gray: np.ndarray, pixels: float) -> np.ndarray:
     scale = float(np.sqrt(pixels / gray.size))
-    return cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1.0 else gray
+    return (
+        cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        if scale < 1.0
+        else gray
+    )
 
 
 def _resized(camera: PinholeCamera, shape) -> PinholeCamera:
@@ -102,17 +119,22 @@ def _resized(camera: PinholeCamera, shape) -> PinholeCamera:
 
 
 def _empty(picture: Picture, camera: PinholeCamera, gray: np.ndarray) -> FeatureView:
-    return FeatureView(picture, camera, gray, np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 128), np.float32))
+    return FeatureView(
+        picture, camera, gray, np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 128), np.float32)
+    )
 
 
 def spread(keypoints, shape, count: int) -> np.ndarray:
-    """Indices of the strongest keypoints of each cell of a grid, so that far and near parts both have some."""
+    """Indices of the strongest keypoints of each cell of a grid, so that far and near parts both
+    have some."""
     if not keypoints:
         return np.empty(0, int)
     uv = np.array([k.pt for k in keypoints])
     strength = np.array([k.response for k in keypoints])
     columns, rows = 16, 12
-    cell = (uv[:, 0] * columns // shape[1]).astype(int) + columns * (uv[:, 1] * rows // shape[0]).astype(int)
+    cell = (uv[:, 0] * columns // shape[1]).astype(int) + columns * (
+        uv[:, 1] * rows // shape[0]
+    ).astype(int)
     order = np.lexsort((-strength, cell))
     first = np.r_[0, np.flatnonzero(np.diff(cell[order])) + 1]
     rank = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two-view geometry on rays: epipolar error with its derivative, a robust pose of a pair, inverse depth.
+"""Two-view geometry on rays: epipolar error with its derivative, a robust pose of a pair, inverse
+depth.
 
 The pair's pose is T_a_b; rays are (N, 3) with z = 1, in a's or b's optical frame.
 """
@@ -15,9 +16,11 @@ from fcsv_geometry import transforms
 
 @dataclass(frozen=True)
 class PairPrior:
-    """T_a_b with standard deviations per axis: of its rotation (rad, b's axes) and position (m, a's axes).
+    """T_a_b with standard deviations per axis: of its rotation (rad, b's axes) and position (m, a's
+    axes).
 
-    Where the pictures' ``covariance`` is known, (6, 6) of rotation and position in b's axes, they are its largest.
+    Where the pictures' ``covariance`` is known, (6, 6) of rotation and position in b's axes, they
+    are its largest.
     """
 
     T_a_b: np.ndarray
@@ -36,8 +39,11 @@ class PairPrior:
         return np.diag(1.0 / self.information) if self.covariance is None else self.covariance
 
 
-def epipolar_error(T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Distance (N,) of b's ray from a's epipolar line, at z = 1 in b (rad to first order), and its derivative (N, 6).
+def epipolar_error(
+    T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Distance (N,) of b's ray from a's epipolar line, at z = 1 in b (rad to first order), and its
+    derivative (N, 6).
 
     Derivative to [rotation in b's axes, position in a's axes].
     """
@@ -51,18 +57,26 @@ def epipolar_error(T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray) ->
     J = np.hstack([np.cross(rays_b, line), np.cross(b_in_a, rays_a)]) * scale[:, None]
     # the line's length changes too: without this the baseline would shrink to nothing
     x, y, z = a_in_b.T
-    stretch = np.column_stack([n * m, -n * l, 0 * n, np.column_stack([z * m, -z * l, y * l - x * m]) @ R.T])
+    stretch = np.column_stack(
+        [n * m, -n * l, 0 * n, np.column_stack([z * m, -z * l, y * l - x * m]) @ R.T]
+    )
     return error, J - (error * scale**2)[:, None] * stretch
 
 
 def fit_pair(
-    prior: PairPrior, rays_a: np.ndarray, rays_b: np.ndarray, focal_px: float, band_px: float, noise_px: float,
+    prior: PairPrior,
+    rays_a: np.ndarray,
+    rays_b: np.ndarray,
+    focal_px: float,
+    band_px: float,
+    noise_px: float,
     start: Optional[np.ndarray] = None,
-) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> Tuple[np.ndarray, np.ndarray]:
     """T_a_b that most rays agree with, and the epipolar errors (N,) px under it.
 
-    Gauss-Newton on Geman-McClure weights whose width shrinks from the band to the noise (graduated non-convexity,
-    Yang et al. 2020), with the prior; from ``start``, where that is not the prior's own pose.
+    Gauss-Newton on Geman-McClure weights whose width shrinks from the band to the noise (graduated
+    non-convexity, Yang et al. 2020), with the prior; from ``start``, where that is not the prior's
+    own pose.
     """
     T_a_b = (prior.T_a_b if start is None else start).copy()
     width_px = band_px
@@ -91,10 +105,14 @@ def prior_offset(prior: PairPrior, T_a_b: np.ndarray) -> np.ndarray:
     return np.r_[rotation, T_a_b[:3, 3] - prior.T_a_b[:3, 3]]
 
 
-def inverse_depth(T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Inverse depth (N,) 1/m along a's rays from b's, and how far b's ray moves with it (N,) m: the parallax.
+def inverse_depth(
+    T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Inverse depth (N,) 1/m along a's rays from b's, and how far b's ray moves with it (N,) m: the
+    parallax.
 
-    Least squares of b's error in the frame parallel to a, signed: rays that diverge give a negative one.
+    Least squares of b's error in the frame parallel to a, signed: rays that diverge give a negative
+    one.
     """
     t = T_a_b[:3, 3]
     b_in_a = rays_b @ T_a_b[:3, :3].T

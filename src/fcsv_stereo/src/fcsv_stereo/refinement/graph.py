@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which views are linked: every one with the reference, and those that it does not see with their neighbours."""
+"""Which views are linked: every one with the reference, and those that it does not see with their
+neighbours."""
 
 from concurrent.futures import Executor
 from typing import Dict, List, Tuple
@@ -15,13 +16,16 @@ from fcsv_stereo.refinement.links import PairLink, link
 from fcsv_stereo.refinement.types import RefineOptions
 
 _NEIGHBOURS = 3
-_WELL_SEEN = 200  # features shared with the reference; pictures with fewer are linked with their neighbours too
+# features shared with the reference; pictures with fewer are linked with their neighbours too
+_WELL_SEEN = 200
 _WIDEST_RAD = float(np.radians(60.0))  # views turned further against each other are not tried
 
 
-def prior_of(a: FeatureView, b: FeatureView, distances_m: Tuple[float, float], prior: PosePrior) -> PairPrior:
-    """Gives the prior of b relative to a, both with errors of their own; ``distances_m`` from the reference, 0 for
-    itself.
+def prior_of(
+    a: FeatureView, b: FeatureView, distances_m: Tuple[float, float], prior: PosePrior
+) -> PairPrior:
+    """Gives the prior of b relative to a, both with errors of their own; ``distances_m`` from the
+    reference, 0 for itself.
 
     From the pictures' covariances; ``prior`` serves where they have none.
     """
@@ -30,10 +34,15 @@ def prior_of(a: FeatureView, b: FeatureView, distances_m: Tuple[float, float], p
     if known is not None:
         turn = to_camera(b.picture, position_too=True)
         covariance = turn @ known @ turn.T
-        sigmas = [float(np.sqrt(np.linalg.eigvalsh(covariance[i, i])[-1])) for i in (slice(3), slice(3, 6))]
+        sigmas = [
+            float(np.sqrt(np.linalg.eigvalsh(covariance[i, i])[-1]))
+            for i in (slice(3), slice(3, 6))
+        ]
         return PairPrior(T_a_b, *sigmas, covariance)
     sides = [d for d in distances_m if d > 0.0]
-    position_m = float(np.hypot.reduce([prior.position_sigma_m(d) for d in sides] or [prior.position_sigma_m(0.0)]))
+    position_m = float(
+        np.hypot.reduce([prior.position_sigma_m(d) for d in sides] or [prior.position_sigma_m(0.0)])
+    )
     return PairPrior(T_a_b, prior.rotation_rad * float(np.sqrt(max(len(sides), 1))), position_m)
 
 
@@ -45,7 +54,8 @@ def prior_to_reference(views: List[FeatureView], k: int, prior: PosePrior) -> Pa
 def link_all(
     views: List[FeatureView], options: RefineOptions, pool: Executor
 ) -> Tuple[Dict[int, PairLink], List[PairLink]]:
-    """Links of each picture with the reference (number 0), trusted or not; and trusted ones between others."""
+    """Links of each picture with the reference (number 0), trusted or not; and trusted ones between
+    others."""
     numbers = range(1, len(views))
     direct = dict(zip(numbers, _links(views, [(0, k) for k in numbers], options, pool)))
     here = [k for k in numbers if direct[k].same_place or _at_reference(views, k, options.prior)]
@@ -70,7 +80,9 @@ def start_poses(count: int, links: List[PairLink]) -> Dict[int, np.ndarray]:
 
 def distance_m(views: List[FeatureView], k: int) -> float:
     """Measures the distance from the reference, by the priors."""
-    return float(np.linalg.norm(views[k].picture.T_home_cam[:3, 3] - views[0].picture.T_home_cam[:3, 3]))
+    return float(
+        np.linalg.norm(views[k].picture.T_home_cam[:3, 3] - views[0].picture.T_home_cam[:3, 3])
+    )
 
 
 def _links(views, pairs, options: RefineOptions, pool: Executor) -> List[PairLink]:

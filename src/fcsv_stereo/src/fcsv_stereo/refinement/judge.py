@@ -20,11 +20,13 @@ from fcsv_stereo.refinement.links import PairLink
 from fcsv_stereo.refinement.types import RefinedPicture, RefineOptions
 
 _LEAST_GAIN = 0.7  # the rotation's standard deviation must shrink below this share of the prior's
-_FARTHEST_SHARE = 0.25  # of the baseline: a camera that far from its prior was not where its configuration says
+# of the baseline: a camera that far from its prior was not where its configuration says
+_FARTHEST_SHARE = 0.25
 _ALL = 3  # pictures whose poses are contradicted at once: fewer may be so by chance
 _WRONG_FOCAL = 0.5  # probability
 _NOISY = 1.5  # times the median noise of the pictures
-_SURPRISE = 4.0  # standard deviations of an axis: a correction in three axes is longer once in a thousand times
+# standard deviations of an axis: a correction in three axes is longer once in a thousand times
+_SURPRISE = 4.0
 
 
 def judge(
@@ -61,29 +63,44 @@ def judge(
 
 
 def _with_common_focal(picture: Picture, adjusted: Optional[Adjusted]) -> Picture:
-    """Gives the picture with the focal length that was adjusted for all, also of a picture that had no part in it."""
+    """Gives the picture with the focal length that was adjusted for all, also of a picture that had
+    no part in it."""
     scale = 1.0 if adjusted is None else adjusted.focal_scale
     return picture if scale == 1.0 else replace(picture, camera=scaled(picture.camera, scale))
 
 
 def _focal_is_wrong(adjusted: Optional[Adjusted], k: int) -> bool:
-    """Whether the pictures speak against the focal length: depths are wrong by it, whatever pose is taken."""
-    return adjusted is not None and k in adjusted.order and adjusted.focal_probability > _WRONG_FOCAL
+    """Whether the pictures speak against the focal length: depths are wrong by it, whatever pose is
+    taken."""
+    return (
+        adjusted is not None and k in adjusted.order and adjusted.focal_probability > _WRONG_FOCAL
+    )
 
 
-def _with_focal(known: PoseUncertainty, reference: FeatureView, adjusted: Adjusted, k: int) -> PoseUncertainty:
+def _with_focal(
+    known: PoseUncertainty, reference: FeatureView, adjusted: Adjusted, k: int
+) -> PoseUncertainty:
     focal = _own(reference, adjusted, k, adjusted.focal)
     return replace(known, focal=focal, focal_probability=adjusted.focal_probability)
 
 
 def scaled(camera: PinholeCamera, focal_scale: float) -> PinholeCamera:
     """The camera with its focal lengths multiplied."""
-    return replace(camera, fx=camera.fx * focal_scale, fy=camera.fy * focal_scale) if focal_scale != 1.0 else camera
+    return (
+        replace(camera, fx=camera.fx * focal_scale, fy=camera.fy * focal_scale)
+        if focal_scale != 1.0
+        else camera
+    )
 
 
-def _no_gain(views: List[FeatureView], k: int, known: PoseUncertainty, options: RefineOptions) -> bool:
-    """Whether the prior's rotation is as good as what the pictures tell, by their noise or by all their errors."""
-    noise_rad, all_rad = (float(np.sqrt(np.diag(c)[:3]).max()) for c in (known.noise, known.noise + known.shared))
+def _no_gain(
+    views: List[FeatureView], k: int, known: PoseUncertainty, options: RefineOptions
+) -> bool:
+    """Whether the prior's rotation is as good as what the pictures tell, by their noise or by all
+    their errors."""
+    noise_rad, all_rad = (
+        float(np.sqrt(np.diag(c)[:3]).max()) for c in (known.noise, known.noise + known.shared)
+    )
     prior_rad = prior_to_reference(views, k, options.prior).rotation_rad
     return noise_rad > _LEAST_GAIN * prior_rad or all_rad > prior_rad
 
@@ -97,19 +114,33 @@ def _doubt(views: List[FeatureView], k: int, T_home_cam, options: RefineOptions)
     return ""
 
 
-def surprise(views: List[FeatureView], k: int, refined: RefinedPicture, options: RefineOptions) -> str:
-    """Says, in words, where a refined pose says that the prior was wrong; empty where it was not."""
+def surprise(
+    views: List[FeatureView], k: int, refined: RefinedPicture, options: RefineOptions
+) -> str:
+    """Says, in words, where a refined pose says that the prior was wrong; empty where it was
+    not."""
     words = []
-    if refined.correction_rad > _SURPRISE * prior_to_reference(views, k, options.prior).rotation_rad:
+    if (
+        refined.correction_rad
+        > _SURPRISE * prior_to_reference(views, k, options.prior).rotation_rad
+    ):
         words.append(f"rotation by {np.degrees(refined.correction_rad):.1f} degrees")
     if refined.correction_m > _position_surprise_m(views, k, options):
         words.append(f"position by {refined.correction_m * options.unit_m:.3g} m")
-    return f"its prior was wrong in {' and '.join(words)}; the pictures' own pose was taken" if words else ""
+    return (
+        f"its prior was wrong in {' and '.join(words)}; the pictures' own pose was taken"
+        if words
+        else ""
+    )
 
 
-def all_wrong(views: List[FeatureView], refined: List[RefinedPicture], options: RefineOptions) -> str:
+def all_wrong(
+    views: List[FeatureView], refined: List[RefinedPicture], options: RefineOptions
+) -> str:
     """Says, in words, where the pictures contradict all poses at once; empty where they do not."""
-    if len(refined) < _ALL or not all(r.refined and surprise(views, k, r, options) for k, r in enumerate(refined, 1)):
+    if len(refined) < _ALL or not all(
+        r.refined and surprise(views, k, r, options) for k, r in enumerate(refined, 1)
+    ):
         return ""
     turned_deg = np.degrees(max(r.correction_rad for r in refined))
     moved_m = max(r.correction_m for r in refined) * options.unit_m
@@ -130,7 +161,10 @@ def contradicted(views: List[FeatureView], consensus: Consensus, options: Refine
 
 
 def unclear(
-    views: List[FeatureView], consensus: Consensus, direct: Dict[int, PairLink], options: RefineOptions
+    views: List[FeatureView],
+    consensus: Consensus,
+    direct: Dict[int, PairLink],
+    options: RefineOptions,
 ) -> bool:
     """Whether some picture was left out, ends far from its prior, or fits worse than the others."""
     adjusted = consensus.adjusted
@@ -149,15 +183,20 @@ def _away(views: List[FeatureView], k: int, T_ref_cam: np.ndarray, options: Refi
     prior = prior_to_reference(views, k, options.prior)
     off = transforms.invert(prior.T_a_b) @ T_ref_cam
     turned_rad = float(Rotation.from_matrix(off[:3, :3]).magnitude())
-    return max(turned_rad / prior.rotation_rad, float(np.linalg.norm(off[:3, 3])) / prior.position_m)
+    return max(
+        turned_rad / prior.rotation_rad, float(np.linalg.norm(off[:3, 3])) / prior.position_m
+    )
 
 
 def _position_surprise_m(views: List[FeatureView], k: int, options: RefineOptions) -> float:
     return _SURPRISE * prior_to_reference(views, k, options.prior).position_m
 
 
-def _uncertainty(reference: FeatureView, adjusted: Adjusted, k: int, options: RefineOptions) -> PoseUncertainty:
-    """Gives the uncertainty of picture k's pose as it was adjusted, without that of its focal length."""
+def _uncertainty(
+    reference: FeatureView, adjusted: Adjusted, k: int, options: RefineOptions
+) -> PoseUncertainty:
+    """Gives the uncertainty of picture k's pose as it was adjusted, without that of its focal
+    length."""
     arm_m = reference.picture.T_home_cam[:3, :3] @ adjusted.poses[k][:3, 3]
     shared = of_scale(arm_m, options.prior.scale_sigma)
     if adjusted.systematic is not None:
@@ -178,7 +217,8 @@ def _prior(views: List[FeatureView], k: int, options: RefineOptions) -> np.ndarr
 
 
 def _epipolar(views: List[FeatureView], k: int, consensus: Consensus) -> Tuple[float, float, int]:
-    """rms (px) before and after over the inliers of all pairs that end in picture k, and their number."""
+    """rms (px) before and after over the inliers of all pairs that end in picture k, and their
+    number."""
     o, scale = consensus.observations, consensus.adjusted.focal_scale
     anchors = o.anchor[o.point]
     undo = np.array([1.0 / scale, 1.0 / scale, 1.0])
@@ -191,6 +231,10 @@ def _epipolar(views: List[FeatureView], k: int, consensus: Consensus) -> Tuple[f
             poses = consensus.adjusted.poses
             refined = transforms.invert(poses[a]) @ poses[b]
             before.append(epipolar_error(prior, rays_a, rays_b)[0] * views[b].picture.camera.fx)
-            after.append(epipolar_error(refined, rays_a * undo, rays_b * undo)[0] * views[b].picture.camera.fx * scale)
+            after.append(
+                epipolar_error(refined, rays_a * undo, rays_b * undo)[0]
+                * views[b].picture.camera.fx
+                * scale
+            )
     rms = [float(np.sqrt(np.mean(np.concatenate(e) ** 2))) for e in (before, after)]
     return rms[0], rms[1], sum(map(len, after))

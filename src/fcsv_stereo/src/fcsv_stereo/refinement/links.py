@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A link: what two views say about their relative pose, or why they say nothing that can be trusted."""
+"""A link: what two views say about their relative pose, or why they say nothing that can be
+trusted."""
 
 from dataclasses import dataclass, field, replace
 from typing import Tuple
@@ -9,24 +10,34 @@ from scipy.spatial.transform import Rotation
 
 from fcsv_stereo.refinement.features import FeatureView
 from fcsv_stereo.refinement.geometry import PairPrior, fit_pair, inverse_depth
-from fcsv_stereo.refinement.matching import Matches, band_px, match_anywhere, match_in_band, rotation_anywhere
+from fcsv_stereo.refinement.matching import (
+    Matches,
+    band_px,
+    match_anywhere,
+    match_in_band,
+    rotation_anywhere,
+)
 
 _LEAST_SHARE = 0.35  # of the matches must agree: wrong ones agree with any pose by chance
 _LEAST_OVER_CHANCE = 2.5  # times as many as would by chance
 _LEAST_CELLS = 6  # of a grid of 8 by 6 must hold inliers: one object is not the scene
-_LEAST_PARALLAX_PX = 1.0  # nine tenths of the features with less: the same place again, whatever the prior says
+# nine tenths of the features with less: the same place again, whatever the prior says
+_LEAST_PARALLAX_PX = 1.0
 SURPRISE = 3.5  # a correction of so many standard deviations puts the prior in doubt
 _MORE_WITHOUT_PRIOR = 2  # times as many inliers are asked of a pose that its prior speaks against
 _WIDE_RAD = float(np.radians(1.0))  # standard deviation of a rotation found without the prior
-_FARTHEST_WRONG_RAD = float(np.radians(25.0))  # more than this and the prior's position cannot be right either
+# more than this and the prior's position cannot be right either
+_FARTHEST_WRONG_RAD = float(np.radians(25.0))
 
 
 @dataclass(frozen=True)
 class PairLink:
-    """Views ``a`` and ``b`` by number, the pose that their features agree on, and the features that do.
+    """Views ``a`` and ``b`` by number, the pose that their features agree on, and the features that
+    do.
 
-    ``prior`` is the one in force: looser than the session's where the pictures show that it is wrong.
-    ``seed_uv`` (N, 2) px in a with inverse depths ``seed_rho`` (N,) 1/m. ``reason`` is empty where it can be trusted.
+    ``prior`` is the one in force: looser than the session's where the pictures show that it is
+    wrong. ``seed_uv`` (N, 2) px in a with inverse depths ``seed_rho`` (N,) 1/m. ``reason`` is empty
+    where it can be trusted.
     """
 
     a: int
@@ -51,12 +62,16 @@ class _Fit:
     @property
     def turned(self) -> float:
         """Largest correction of the rotation about an axis, in standard deviations of the prior."""
-        return float(np.abs(_rotation(self.prior.T_a_b, self.T_a_b)).max() / self.prior.rotation_rad)
+        return float(
+            np.abs(_rotation(self.prior.T_a_b, self.T_a_b)).max() / self.prior.rotation_rad
+        )
 
     @property
     def displaced(self) -> float:
         """Largest correction of the position along an axis, in standard deviations of the prior."""
-        return float(np.abs(self.T_a_b[:3, 3] - self.prior.T_a_b[:3, 3]).max() / self.prior.position_m)
+        return float(
+            np.abs(self.T_a_b[:3, 3] - self.prior.T_a_b[:3, 3]).max() / self.prior.position_m
+        )
 
     @property
     def surprise(self) -> float:
@@ -65,9 +80,15 @@ class _Fit:
 
 
 def link(
-    numbers: Tuple[int, int], a: FeatureView, b: FeatureView, prior: PairPrior, least: int, unit_m: float = 1.0
+    numbers: Tuple[int, int],
+    a: FeatureView,
+    b: FeatureView,
+    prior: PairPrior,
+    least: int,
+    unit_m: float = 1.0,
 ) -> PairLink:
-    """The pose within the prior's band; where that fails, one found without the prior, if it is beyond doubt.
+    """The pose within the prior's band; where that fails, one found without the prior, if it is
+    beyond doubt.
 
     Positions are in units of ``unit_m``."""
     baseline_m = float(np.linalg.norm(prior.T_a_b[:3, 3]))
@@ -79,7 +100,9 @@ def link(
         return PairLink(*numbers, prior, prior.T_a_b, reason)
     for view in (a, b):
         if len(view.uv) < least:
-            return PairLink(*numbers, prior, prior.T_a_b, f"{view.picture.name} has too little texture")
+            return PairLink(
+                *numbers, prior, prior.T_a_b, f"{view.picture.name} has too little texture"
+            )
     fit = _fit(a, b, prior, least)
     if fit.reason:
         wide = _search(a, b, prior, least)
@@ -95,26 +118,47 @@ def link(
     if np.percentile(np.abs(rho) * parallax * b.camera.fx, 90) < _LEAST_PARALLAX_PX:
         reason = f"it shows no parallax against {a.picture.name}: the same picture or place again, or only sky"
         return PairLink(*numbers, prior, prior.T_a_b, reason, same_place=True)
-    return PairLink(*numbers, fit.prior, fit.T_a_b, "", fit.prior is not prior, seed_uv=a.uv[i], seed_rho=rho)
+    return PairLink(
+        *numbers, fit.prior, fit.T_a_b, "", fit.prior is not prior, seed_uv=a.uv[i], seed_rho=rho
+    )
 
 
 def _fit(a: FeatureView, b: FeatureView, prior: PairPrior, least: int) -> _Fit:
     near_m = 1.5 * float(np.linalg.norm(prior.T_a_b[:3, 3]))
     half_width_px = band_px(prior, b.camera.fx, near_m)
-    return _fit_matches(a, b, match_in_band(a, b, prior, half_width_px), prior, half_width_px, least)
+    return _fit_matches(
+        a, b, match_in_band(a, b, prior, half_width_px), prior, half_width_px, least
+    )
 
 
 def _fit_matches(
-    a: FeatureView, b: FeatureView, matches: Matches, prior: PairPrior, half_width_px: float, least: int
+    a: FeatureView,
+    b: FeatureView,
+    matches: Matches,
+    prior: PairPrior,
+    half_width_px: float,
+    least: int,
 ) -> _Fit:
     if len(matches) < least:
-        return _Fit(prior, prior.T_a_b, matches, np.zeros(len(matches), bool), f"only {len(matches)} features match")
+        return _Fit(
+            prior,
+            prior.T_a_b,
+            matches,
+            np.zeros(len(matches), bool),
+            f"only {len(matches)} features match",
+        )
     rays_a, rays_b = a.rays[matches.a], b.rays[matches.b]
     T_a_b, error_px = fit_pair(prior, rays_a, rays_b, b.camera.fx, half_width_px, b.noise_px)
     rho, parallax = inverse_depth(T_a_b, rays_a, rays_b)
     in_front = rho * parallax * b.camera.fx > -3.0 * b.noise_px
     inlier = (np.abs(error_px) < 3.0 * b.noise_px) & in_front
-    return _Fit(prior, T_a_b, matches, inlier, _doubt(a, matches, inlier, 3.0 * b.noise_px / half_width_px, least))
+    return _Fit(
+        prior,
+        T_a_b,
+        matches,
+        inlier,
+        _doubt(a, matches, inlier, 3.0 * b.noise_px / half_width_px, least),
+    )
 
 
 def _doubt(a: FeatureView, matches: Matches, inlier: np.ndarray, chance: float, least: int) -> str:
@@ -124,7 +168,9 @@ def _doubt(a: FeatureView, matches: Matches, inlier: np.ndarray, chance: float, 
     if inlier.mean() < max(_LEAST_SHARE, min(_LEAST_OVER_CHANCE * chance, 0.8)):
         return f"matched features do not agree: {inlier.mean():.0%} fit one pose"
     uv = a.uv[matches.a[inlier]]
-    cells = set(zip((uv[:, 0] * 8 // a.camera.width).tolist(), (uv[:, 1] * 6 // a.camera.height).tolist()))
+    cells = set(
+        zip((uv[:, 0] * 8 // a.camera.width).tolist(), (uv[:, 1] * 6 // a.camera.height).tolist())
+    )
     if len(cells) < _LEAST_CELLS:
         return "the features that agree lie in one small part of the picture"
     return ""
@@ -144,7 +190,8 @@ def _search(a: FeatureView, b: FeatureView, prior: PairPrior, least: int):
 
 
 def _reconsidered(a: FeatureView, b: FeatureView, fit: _Fit, prior: PairPrior, least: int) -> _Fit:
-    """A surprising pose, unless what disagrees with it agrees with the prior: then the greater part has moved."""
+    """A surprising pose, unless what disagrees with it agrees with the prior: then the greater part
+    has moved."""
     rest = Matches(fit.matches.a[~fit.inlier], fit.matches.b[~fit.inlier])
     half_width_px = band_px(prior, b.camera.fx, 1.5 * float(np.linalg.norm(prior.T_a_b[:3, 3])))
     second = _fit_matches(a, b, rest, prior, half_width_px, least)
@@ -153,7 +200,9 @@ def _reconsidered(a: FeatureView, b: FeatureView, fit: _Fit, prior: PairPrior, l
     if fit.turned <= SURPRISE:
         return fit
     size_rad = float(np.linalg.norm(_rotation(prior.T_a_b, fit.T_a_b)))
-    wide = PairPrior(fit.T_a_b, max(_WIDE_RAD, prior.rotation_rad, size_rad / 3.0), prior.position_m)
+    wide = PairPrior(
+        fit.T_a_b, max(_WIDE_RAD, prior.rotation_rad, size_rad / 3.0), prior.position_m
+    )
     loose = _fit(a, b, wide, _MORE_WITHOUT_PRIOR * least)
     return loose if not loose.reason else replace(fit, reason=loose.reason)
 

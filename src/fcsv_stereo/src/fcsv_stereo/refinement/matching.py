@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Correspondences between two views: in the band that the prior leaves, or anywhere for a prior that is wrong."""
+"""Correspondences between two views: in the band that the prior leaves, or anywhere for a prior
+that is wrong."""
 
 from dataclasses import dataclass
 from typing import Optional
@@ -26,12 +27,15 @@ class Matches:
 
 
 def band_px(prior: PairPrior, focal_px: float, near_m: float) -> float:
-    """Half-width of the band about an epipolar line: three standard deviations of the prior, and the feature's own."""
+    """Half-width of the band about an epipolar line: three standard deviations of the prior, and
+    the feature's own."""
     sigma_rad = np.hypot(prior.rotation_rad * 1.2, prior.position_m / near_m)
     return float(3.0 * sigma_rad * focal_px + 2.0)
 
 
-def match_in_band(a: FeatureView, b: FeatureView, prior: PairPrior, half_width_px: float) -> Matches:
+def match_in_band(
+    a: FeatureView, b: FeatureView, prior: PairPrior, half_width_px: float
+) -> Matches:
     """Mutual best descriptors among those within the band, in front of both cameras."""
     if len(a.uv) < 2 or len(b.uv) < 2:
         return Matches(np.empty(0, int), np.empty(0, int))
@@ -47,7 +51,9 @@ def match_anywhere(a: FeatureView, b: FeatureView) -> Matches:
     return _mutual(a.descriptors @ b.descriptors.T)
 
 
-def rotation_anywhere(a: FeatureView, b: FeatureView, matches: Matches, focal_px: float) -> Optional[np.ndarray]:
+def rotation_anywhere(
+    a: FeatureView, b: FeatureView, matches: Matches, focal_px: float
+) -> Optional[np.ndarray]:
     """R_a_b from the essential matrix of matches (MAGSAC++), None where there is none."""
     if len(matches) < 15:
         return None
@@ -68,21 +74,27 @@ def _allowed(a: FeatureView, b: FeatureView, prior: PairPrior, half_width_px: fl
     lines /= np.maximum(np.hypot(lines[:, 0], lines[:, 1]), 1e-9)[:, None]
     half_width = np.float32(half_width_px / b.camera.fx)
     allowed = np.abs(lines @ b.rays.T.astype(np.float32)) < half_width
-    # along the line: between infinity and the nearest depth, and the band's width more at either end
+    # along the line: between infinity and the nearest depth, and the band's width more at either
+    # end
     far = a.rays @ R
     near = (a.rays - t / (_NEAREST_SHARE * np.linalg.norm(t))) @ R
     far_ok, near_ok = far[:, 2] > 0.05, near[:, 2] > 0.05
     direction = np.column_stack([-lines[:, 1], lines[:, 0]])
     s_far = (far[:, :2] / np.where(far_ok, far[:, 2], 1.0)[:, None] * direction).sum(1)
     s_near = (near[:, :2] / np.where(near_ok, near[:, 2], 1.0)[:, None] * direction).sum(1)
-    lower = np.where(far_ok & near_ok, np.minimum(s_far, s_near) - half_width, -np.inf).astype(np.float32)
-    upper = np.where(far_ok & near_ok, np.maximum(s_far, s_near) + half_width, np.inf).astype(np.float32)
+    lower = np.where(far_ok & near_ok, np.minimum(s_far, s_near) - half_width, -np.inf).astype(
+        np.float32
+    )
+    upper = np.where(far_ok & near_ok, np.maximum(s_far, s_near) + half_width, np.inf).astype(
+        np.float32
+    )
     s = direction.astype(np.float32) @ b.rays[:, :2].T.astype(np.float32)
     return allowed & (s > lower[:, None]) & (s < upper[:, None])
 
 
 def _mutual(likeness: np.ndarray) -> Matches:
-    """Best of row and of column, distinctly better than the row's second best; descriptors have unit length."""
+    """Best of row and of column, distinctly better than the row's second best; descriptors have
+    unit length."""
     rows = np.arange(len(likeness))
     best = likeness.argmax(1)
     top = likeness[rows, best]

@@ -21,17 +21,22 @@ from fcsv_stereo.refinement.types import RefinedPicture, Refinement, RefineOptio
 _DEFAULT = RefineOptions()
 
 
-def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions = _DEFAULT) -> Refinement:
+def refine(
+    reference: Picture, others: Sequence[Picture], options: RefineOptions = _DEFAULT
+) -> Refinement:
     """Poses of ``others`` relative to ``reference`` (whose pose stays), from all pictures together.
 
-    Features are matched in the bands that the priors leave, corners tracked from the depths of these, and all poses
-    adjusted at once with their priors, from which alone scale comes. A picture about which too little is known keeps
-    its prior and says why. Where ``correct_camera``, a rolling shutter and wrong focal lengths that the pictures show
-    beyond doubt are taken out of them, and a warning says so: pictures come back straightened. Raises InputError for
-    pictures that cannot be compared at all, or whose focal lengths contradict each other.
+    Features are matched in the bands that the priors leave, corners tracked from the depths of
+    these, and all poses adjusted at once with their priors, from which alone scale comes. A picture
+    about which too little is known keeps its prior and says why. Where ``correct_camera``, a
+    rolling shutter and wrong focal lengths that the pictures show beyond doubt are taken out of
+    them, and a warning says so: pictures come back straightened. Raises InputError for pictures
+    that cannot be compared at all, or whose focal lengths contradict each other.
     """
     _check(reference, others)
-    away_m = [float(np.linalg.norm(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3])) for o in others]
+    away_m = [
+        float(np.linalg.norm(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3])) for o in others
+    ]
     options = replace(options, prior=options.prior.in_scene(away_m or [1.0]))
     clock = Clock()
     found = adjusted([reference, *others], options, clock)
@@ -41,7 +46,11 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
 
 def _refinement(best: Mended, options: RefineOptions, clock: Clock) -> Refinement:
     found, focal = best.found, best.focal
-    consensus, views, direct = _with_systematic(_with_focal(best), options), found.views, found.direct
+    consensus, views, direct = (
+        _with_systematic(_with_focal(best), options),
+        found.views,
+        found.direct,
+    )
     judged = [judge(views, k, direct[k], consensus, options) for k in range(1, len(views))]
     refined = [_explained(r, views, k) for k, r in enumerate(judged, 1)]
     clock.lap("adjust")
@@ -49,10 +58,14 @@ def _refinement(best: Mended, options: RefineOptions, clock: Clock) -> Refinemen
     rest, offsets_s = 1.0, {}
     if consensus.adjusted is not None:
         rest = consensus.adjusted.focal_scale
-        offsets_s = {m.vehicle: s for m, s in zip(consensus.moving, consensus.adjusted.time_offsets_s)}
+        offsets_s = {
+            m.vehicle: s for m, s in zip(consensus.moving, consensus.adjusted.time_offsets_s)
+        }
     reference = replace(found.pictures[0], camera=scaled(found.pictures[0].camera, rest))
     unseen = [focal.unseen] if focal is not None and focal.unseen else []
-    return Refinement(reference, refined, warnings, clock.laps_s, found.focal_scale * rest, offsets_s, unseen)
+    return Refinement(
+        reference, refined, warnings, clock.laps_s, found.focal_scale * rest, offsets_s, unseen
+    )
 
 
 def _with_focal(best: Mended) -> Adjustment:
@@ -60,13 +73,15 @@ def _with_focal(best: Mended) -> Adjustment:
     found, focal = best.found, best.focal
     if focal is None:
         return found
-    adjusted = replace(found.consensus.adjusted, focal=focal.if_left, focal_probability=focal.probability)
+    adjusted = replace(
+        found.consensus.adjusted, focal=focal.if_left, focal_probability=focal.probability
+    )
     return replace(found, consensus=replace(found.consensus, adjusted=adjusted))
 
 
 def _with_systematic(found: Adjustment, options: RefineOptions) -> Consensus:
-    """Adds with what errors that all points of a picture share may have made of the poses; rows of a calibrated rig are
-    not in doubt."""
+    """Adds with what errors that all points of a picture share may have made of the poses; rows of
+    a calibrated rig are not in doubt."""
     consensus, turns = found.consensus, turns_of(found)
     if consensus.adjusted is None or turns is None:
         return consensus
@@ -82,9 +97,13 @@ def _check(reference: Picture, others: Sequence[Picture]) -> None:
     """Raises InputError for what is no picture with a pose."""
     for p in (reference, *others):
         if p.image.dtype != np.uint8 or p.image.ndim not in (2, 3):
-            raise InputError(f"{p.name}: pictures to refine are 8-bit, grey or RGB; this is {p.image.dtype}")
+            raise InputError(
+                f"{p.name}: pictures to refine are 8-bit, grey or RGB; this is {p.image.dtype}"
+            )
         if p.image.shape[:2] != (p.camera.height, p.camera.width):
-            raise InputError(f"{p.name}: is {p.image.shape[1]}x{p.image.shape[0]}, its camera is not")
+            raise InputError(
+                f"{p.name}: is {p.image.shape[1]}x{p.image.shape[0]}, its camera is not"
+            )
         R = p.T_home_cam[:3, :3]
         if not np.isfinite(p.T_home_cam).all() or np.abs(R @ R.T - np.eye(3)).max() > 1e-3:
             raise InputError(f"{p.name}: its prior pose is no rigid transform")
@@ -96,7 +115,9 @@ def _explained(refined: RefinedPicture, views: List[FeatureView], k: int) -> Ref
     return replace(refined, reason=f"{refined.reason}; {seen}") if seen else refined
 
 
-def _warnings(refined: List[RefinedPicture], views: List[FeatureView], options: RefineOptions) -> List[str]:
+def _warnings(
+    refined: List[RefinedPicture], views: List[FeatureView], options: RefineOptions
+) -> List[str]:
     """Says, in plain words: pictures that keep their prior, and priors that were wrong."""
     together = all_wrong(views, refined, options)
     out = [together] if together else []

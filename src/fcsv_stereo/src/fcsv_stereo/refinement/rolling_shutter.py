@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures whose rows were read one after the other while the camera turned: how it turned, and the picture without it.
+"""Pictures whose rows were read one after the other while the camera turned: how it turned, and the
+picture without it.
 
-A row that was read at the time s of the readout (-1/2: the first row, 1/2: the last) was seen with the pose
-R Exp(s turn), where R is that of the middle row (the row-wise model of Hedborg et al., "Rolling shutter bundle
-adjustment", 2012, with a constant turn and no movement: centimetres do not show at the distances that are mapped).
-Rows are those of the undistorted picture.
+A row that was read at the time s of the readout (-1/2: the first row, 1/2: the last) was seen with
+the pose R Exp(s turn), where R is that of the middle row (the row-wise model of Hedborg et al.,
+"Rolling shutter bundle adjustment", 2012, with a constant turn and no movement: centimetres do not
+show at the distances that are mapped). Rows are those of the undistorted picture.
 """
 
 from dataclasses import dataclass, replace
@@ -20,9 +21,12 @@ from fcsv_stereo.refinement.consensus import Consensus
 from fcsv_stereo.refinement.structure import Structure
 from fcsv_stereo.refinement.types import ANY_FOCAL
 
-_TURN_SIGMA_RAD = np.radians(0.1)  # a vehicle that holds turns by 5 deg/s, and a picture is read in 20 ms
-_ODDS = 0.1  # that rows are read late, before the residuals tell: cameras for this work have global shutters
-_MARGIN = 20.0  # twice the logarithm of the ratio of evidences: twice what Kass and Raftery (1995) call very strong
+# a vehicle that holds turns by 5 deg/s, and a picture is read in 20 ms
+_TURN_SIGMA_RAD = np.radians(0.1)
+# that rows are read late, before the residuals tell: cameras for this work have global shutters
+_ODDS = 0.1
+# twice the logarithm of the ratio of evidences: twice what Kass and Raftery (1995) call very strong
+_MARGIN = 20.0
 _LEAST_PX = 0.5
 _STILL_RAD = np.radians(0.02)  # stated rotations that differ by less are one
 _BAND = 128  # rows at a time: large pictures
@@ -30,12 +34,14 @@ _BAND = 128  # rows at a time: large pictures
 
 @dataclass(frozen=True)
 class ReadoutTurns:
-    """``turns_rad``: by picture the rotation vector (3,) of its camera in its own axes between first and last row.
+    """``turns_rad``: by picture the rotation vector (3,) of its camera in its own axes between
+    first and last row.
 
-    ``probability`` is that there are any, ``most_px`` what the largest of them moves, first row against last.
-    ``covariance`` (6n, 6n) is what is to be added to that of the adjusted poses, because the turns are not known
-    exactly; ``step`` (6n,) by how much the poses move where the turns are taken out. ``margin`` is twice the logarithm
-    of how much likelier the residuals are with turns than without.
+    ``probability`` is that there are any, ``most_px`` what the largest of them moves, first row
+    against last. ``covariance`` (6n, 6n) is what is to be added to that of the adjusted poses,
+    because the turns are not known exactly; ``step`` (6n,) by how much the poses move where the
+    turns are taken out. ``margin`` is twice the logarithm of how much likelier the residuals are
+    with turns than without.
     """
 
     turns_rad: Dict[int, np.ndarray]
@@ -52,17 +58,20 @@ class ReadoutTurns:
 
     @property
     def if_left(self) -> np.ndarray:
-        """(6n, 6n), to be added to the covariance of poses from pictures that are left as they are."""
+        """(6n, 6n), to be added to the covariance of poses from pictures that are left as they
+        are."""
         return self.probability * (self.covariance + np.outer(self.step, self.step))
 
 
 def readout_turns(
     consensus: Consensus, cameras: Dict[int, PinholeCamera], before: Dict[int, np.ndarray]
 ) -> Optional[ReadoutTurns]:
-    """One linear step from what was adjusted: ReadoutTurns in all, where pictures were straightened by ``before``.
+    """One linear step from what was adjusted: ReadoutTurns in all, where pictures were straightened
+    by ``before``.
 
-    Turns are told from smooth fields of any other kind (``systematic``) by how likely both make the residuals; no
-    focal length counts as one. ``cameras`` are those of the features, by picture. None where nothing was adjusted.
+    Turns are told from smooth fields of any other kind (``systematic``) by how likely both make the
+    residuals; no focal length counts as one. ``cameras`` are those of the features, by picture.
+    None where nothing was adjusted.
     """
     problem, adjusted = consensus.problem, consensus.adjusted
     if problem is None or adjusted is None:
@@ -81,7 +90,10 @@ def readout_turns(
     others = np.delete(np.arange(len(H)), np.r_[turns])
     without = np.linalg.inv(H[np.ix_(others, others)])
     step = -covariance @ g
-    found = {k: before.get(k, np.zeros(3)) + step[held + 3 * i : held + 3 * i + 3] for i, k in enumerate(pictures)}
+    found = {
+        k: before.get(k, np.zeros(3)) + step[held + 3 * i : held + 3 * i + 3]
+        for i, k in enumerate(pictures)
+    }
     most_px = max(float(np.linalg.norm(t)) * cameras[k].fx for k, t in found.items())
     moved = step[:n] + (without @ g[others])[:n]
     grown = (covariance - _placed(without, others, len(H)))[:n, :n]
@@ -89,10 +101,11 @@ def readout_turns(
 
 
 def could_turn(pictures: Sequence[Picture], most_turn_rad: Optional[float]) -> bool:
-    """Whether the cameras can have turned while their rows were read, by what is known without the pixels.
+    """Whether the cameras can have turned while their rows were read, by what is known without the
+    pixels.
 
-    By ``most_turn_rad`` (between first and last row), where a recording of poses tells it. Else by the stated poses:
-    pictures with one rotation are of a rig, a tripod or rectified.
+    By ``most_turn_rad`` (between first and last row), where a recording of poses tells it. Else by
+    the stated poses: pictures with one rotation are of a rig, a tripod or rectified.
     """
     if most_turn_rad is not None:
         return most_turn_rad * pictures[0].camera.fx > _LEAST_PX
@@ -101,8 +114,11 @@ def could_turn(pictures: Sequence[Picture], most_turn_rad: Optional[float]) -> b
     return max(turned, default=0.0) > _STILL_RAD
 
 
-def _normal(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Tuple[np.ndarray, np.ndarray, int]:
-    """Normal equations of poses (n of them), the focal length, each picture's turn and its fields, points eliminated.
+def _normal(
+    consensus: Consensus, cameras: Dict[int, PinholeCamera]
+) -> Tuple[np.ndarray, np.ndarray, int]:
+    """Normal equations of poses (n of them), the focal length, each picture's turn and its fields,
+    points eliminated.
 
     Poses and focal length have their priors, turns and fields none.
     """
@@ -136,14 +152,19 @@ def _normal(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Tuple[np
 
 
 def _compared(H: np.ndarray, g: np.ndarray, held: int, turns: slice) -> Tuple[float, float, float]:
-    """Probability of turns, against smooth fields alone, the size of the fields beside turns (px), and the margin.
+    """Probability of turns, against smooth fields alone, the size of the fields beside turns (px),
+    and the margin.
 
-    Both kinds explain the gradient of turns and fields, poses and focal length (the first ``held``) being free to
-    follow. In the directions that residuals show, scaled to unit information, the gradient has the covariance
-    NOISE_SHARE I + T + s^2 F: T of the turns, F of fields of the size 1, s their size.
+    Both kinds explain the gradient of turns and fields, poses and focal length (the first ``held``)
+    being free to follow. In the directions that residuals show, scaled to unit information, the
+    gradient has the covariance NOISE_SHARE I + T + s^2 F: T of the turns, F of fields of the size
+    1, s their size.
     """
     follow = np.linalg.solve(H[:held, :held], np.column_stack([H[:held, held:], g[:held]]))
-    left, gradient = H[held:, held:] - H[held:, :held] @ follow[:, :-1], g[held:] - H[held:, :held] @ follow[:, -1]
+    left, gradient = (
+        H[held:, held:] - H[held:, :held] @ follow[:, :-1],
+        g[held:] - H[held:, :held] @ follow[:, -1],
+    )
     count = turns.stop - turns.start
     scale = np.full(len(left), fields.TERMS**-0.5)
     scale[:count] = _TURN_SIGMA_RAD
@@ -151,7 +172,11 @@ def _compared(H: np.ndarray, g: np.ndarray, held: int, turns: slice) -> Tuple[fl
     shown = value > 1e-6 * value[-1]
     root = np.sqrt(value[shown])[:, None] * vector[:, shown].T
     y = vector[:, shown].T @ (gradient * scale) / np.sqrt(value[shown])
-    noise, of_turns, of_fields = fields.NOISE_SHARE * np.eye(len(y)), root[:, :count], root[:, count:]
+    noise, of_turns, of_fields = (
+        fields.NOISE_SHARE * np.eye(len(y)),
+        root[:, :count],
+        root[:, count:],
+    )
     likely = [_likely(y, noise + t, of_fields) for t in (0.0, of_turns @ of_turns.T)]
     most = max(float(each.max()) for each in likely)
     without, with_turns = (np.exp(each - most) for each in likely)
@@ -181,19 +206,28 @@ def _placed(part: np.ndarray, at: np.ndarray, size: int) -> np.ndarray:
 
 
 def _time(camera: PinholeCamera, rays: np.ndarray) -> np.ndarray:
-    """Gives the time of the readout (N,), -1/2 to 1/2, at which rays (N, 3) with z = 1 were read."""
+    """Gives the time of the readout (N,), -1/2 to 1/2, at which rays (N, 3) with z = 1 were
+    read."""
     return (rays[:, 1] * camera.fy + camera.cy + 0.5) / camera.height - 0.5
 
 
 def straightened(picture: Picture, turn_rad: np.ndarray) -> Picture:
-    """Gives the picture as if all rows had been read with the middle one. What it did not see at the edges is repeated
-    from there."""
+    """Gives the picture as if all rows had been read with the middle one. What it did not see at
+    the edges is repeated from there."""
     bands = [slice(y, y + _BAND) for y in range(0, picture.camera.height, _BAND)]
-    places = [np.concatenate(of) for of in zip(*(_places(picture.camera, turn_rad, band) for band in bands))]
-    return replace(picture, image=cv2.remap(picture.image, *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+    places = [
+        np.concatenate(of)
+        for of in zip(*(_places(picture.camera, turn_rad, band) for band in bands))
+    ]
+    return replace(
+        picture,
+        image=cv2.remap(picture.image, *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE),
+    )
 
 
-def _places(camera: PinholeCamera, turn_rad: np.ndarray, rows: slice) -> Tuple[np.ndarray, np.ndarray]:
+def _places(
+    camera: PinholeCamera, turn_rad: np.ndarray, rows: slice
+) -> Tuple[np.ndarray, np.ndarray]:
     """Column and row (float32) at which some ``rows`` of the straightened picture were read."""
     ray, row = camera.rays(rows=rows), np.arange(camera.height, dtype=float)[rows, None]
     for _ in range(2):  # the row in which a point was read depends on the turn by then

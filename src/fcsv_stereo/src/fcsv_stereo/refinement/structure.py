@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Points as inverse depths along rays of the pictures where they were chosen, and their elimination.
+"""Points as inverse depths along rays of the pictures where they were chosen, and their
+elimination.
 
-An inverse depth takes points at infinity, which fix rotations, as easily as near ones (Civera et al. 2008). Poses are
-T_ref_cam; a step of a pose is [rotation, position] in the camera's own axes, as GTSAM has it.
+An inverse depth takes points at infinity, which fix rotations, as easily as near ones (Civera et
+al. 2008). Poses are T_ref_cam; a step of a pose is [rotation, position] in the camera's own axes,
+as GTSAM has it.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +21,8 @@ _KERNEL = 2.0  # width of the Cauchy kernel in standard deviations
 class Observations:
     """Point ``point[i]`` was measured in picture ``picture[i]`` along ``rays[i]`` (z = 1).
 
-    Each point is anchored: ``anchor`` (N,) is the picture and ``anchor_rays`` (N, 3) the ray that defines it.
+    Each point is anchored: ``anchor`` (N,) is the picture and ``anchor_rays`` (N, 3) the ray that
+    defines it.
     """
 
     anchor: np.ndarray
@@ -30,7 +33,9 @@ class Observations:
 
     def select(self, keep: np.ndarray) -> "Observations":
         """Only some of the observations; points stay numbered as they are."""
-        return replace(self, point=self.point[keep], picture=self.picture[keep], rays=self.rays[keep])
+        return replace(
+            self, point=self.point[keep], picture=self.picture[keep], rays=self.rays[keep]
+        )
 
     def groups(self) -> List[Tuple[int, int, np.ndarray]]:
         """(anchor picture, measuring picture, indices of its observations)."""
@@ -41,7 +46,8 @@ class Observations:
 
 @dataclass
 class Linearised:
-    """Residuals (M, 2) px and their derivatives; ``by_group`` holds those to the two poses (m, 2, 6) and to focal."""
+    """Residuals (M, 2) px and their derivatives; ``by_group`` holds those to the two poses (m, 2,
+    6) and to focal."""
 
     residual: np.ndarray
     to_rho: np.ndarray
@@ -51,7 +57,9 @@ class Linearised:
 class Structure:
     """All points of an adjustment, whose inverse depths follow the poses."""
 
-    def __init__(self, observations: Observations, rho: np.ndarray, focals_px: Dict[int, float], noise_px):
+    def __init__(
+        self, observations: Observations, rho: np.ndarray, focals_px: Dict[int, float], noise_px
+    ):
         """``rho`` (N,) 1/m to start from; focals and noise by picture."""
         self.observations = observations
         self.groups = observations.groups()
@@ -59,7 +67,9 @@ class Structure:
         self._focal = np.array([focals_px[k] for k in observations.picture.tolist()])
         self._sigma = np.array([noise_px[k] for k in observations.picture.tolist()])
 
-    def linearise(self, poses: Dict[int, np.ndarray], scale: float = 1.0, poses_too: bool = True) -> Linearised:
+    def linearise(
+        self, poses: Dict[int, np.ndarray], scale: float = 1.0, poses_too: bool = True
+    ) -> Linearised:
         """Linearises at the present inverse depths; ``scale`` multiplies every focal length."""
         o = self.observations
         out = Linearised(np.empty((len(o.point), 2)), np.empty((len(o.point), 2)), [])
@@ -95,8 +105,11 @@ class Structure:
             g = self._sum(_dot(at.to_rho, at.residual) * weight, count)
             self.rho = self.rho - g / np.maximum(H, 1e-12)
 
-    def reduced(self, poses: Dict[int, np.ndarray], scale: float, order: List[int], with_focal: bool):
-        """Normal equations of the poses in ``order`` (and the focal scale last), points eliminated by Schur.
+    def reduced(
+        self, poses: Dict[int, np.ndarray], scale: float, order: List[int], with_focal: bool
+    ):
+        """Normal equations of the poses in ``order`` (and the focal scale last), points eliminated
+        by Schur.
 
         Returns H (6n, 6n) or one more, gradient, twice the robust cost, at the points' optimum.
         """
@@ -113,14 +126,20 @@ class Structure:
         ]
         return (*self.eliminated(at, weight, parts, size), cost)
 
-    def eliminated(self, at: Linearised, weight: np.ndarray, parts, size: int) -> Tuple[np.ndarray, np.ndarray]:
-        """H (size, size) and gradient with the points eliminated by Schur; ``parts``: for each group its derivatives
-        (m, 2, k) and the slice of the variables that they are to."""
+    def eliminated(
+        self, at: Linearised, weight: np.ndarray, parts, size: int
+    ) -> Tuple[np.ndarray, np.ndarray]:
+        """H (size, size) and gradient with the points eliminated by Schur; ``parts``: for each
+        group its derivatives (m, 2, k) and the slice of the variables that they are to."""
         n = len(self.rho)
         H, g, coupling = np.zeros((size, size)), np.zeros(size), np.zeros((n, size))
         for (_, _, of), used in zip(self.groups, parts):
             J = np.concatenate([J for _, J in used], axis=2) if used else np.empty((len(of), 2, 0))
-            columns = np.concatenate([np.arange(s.start, s.stop) for s, _ in used]) if used else np.empty(0, int)
+            columns = (
+                np.concatenate([np.arange(s.start, s.stop) for s, _ in used])
+                if used
+                else np.empty(0, int)
+            )
             weighted = J * weight[of][:, None, None]
             flat = J.reshape(2 * len(of), -1)
             H[np.ix_(columns, columns)] += weighted.reshape(flat.shape).T @ flat
@@ -137,8 +156,8 @@ class Structure:
 
 
 def _derivatives(R, ray, rho, p, xy, gain, f, scale):
-    """Gives the derivatives of the residual to the anchor's pose, the measuring picture's pose (m, 2, 6) and the focal
-    scale (m, 2, 1)."""
+    """Gives the derivatives of the residual to the anchor's pose, the measuring picture's pose (m,
+    2, 6) and the focal scale (m, 2, 1)."""
 
     def projected(of_p):
         """(m, 2, k) from the derivatives of the point p in the camera (m, 3, k)."""
@@ -147,7 +166,10 @@ def _derivatives(R, ray, rho, p, xy, gain, f, scale):
     turned_ray = np.tensordot(rotations.skews(ray), -R, axes=(1, 0)).transpose(0, 2, 1)
     of_k = np.concatenate([rotations.skews(p), -rho[:, None, None] * np.eye(3)], axis=2)
     of_a = np.concatenate([turned_ray, rho[:, None, None] * R.T], axis=2)
-    of_focal = projected((-(ray * [1.0, 1.0, 0.0] / scale) @ R)[:, :, None]) + (xy * f[:, None])[:, :, None]
+    of_focal = (
+        projected((-(ray * [1.0, 1.0, 0.0] / scale) @ R)[:, :, None])
+        + (xy * f[:, None])[:, :, None]
+    )
     return projected(of_a), projected(of_k), of_focal
 
 

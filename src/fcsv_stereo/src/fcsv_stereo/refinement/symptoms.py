@@ -5,12 +5,14 @@ import cv2
 import numpy as np
 
 _WHITE, _MOST_WHITE = 250, 0.3  # grey value; share of the picture beyond that of the reference
-_DARK, _LEAST_BRIGHT = 48, 2.0  # grey value of the brightest part; times as bright the reference must be there
+# grey value of the brightest part; times as bright the reference must be there
+_DARK, _LEAST_BRIGHT = 48, 2.0
 _LEAST_DETAIL = 0.1  # of the reference's
 
 
 def symptom(gray: np.ndarray, reference: np.ndarray) -> str:
-    """Says, in words, against the reference picture (both HxW uint8); empty where the picture looks as good.
+    """Says, in words, against the reference picture (both HxW uint8); empty where the picture looks
+    as good.
 
     >>> ramp = np.tile(np.arange(200, dtype=np.uint8), (100, 1))
     >>> symptom(np.full_like(ramp, 255), ramp), symptom(ramp // 16, ramp), symptom(ramp, ramp)

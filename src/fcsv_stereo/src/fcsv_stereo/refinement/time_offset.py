@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A time offset between vehicles: stamps that are wrong move a moving camera's prior along its track."""
+"""A time offset between vehicles: stamps that are wrong move a moving camera's prior along its
+track."""
 
 from dataclasses import dataclass, replace
 from typing import Dict, List, Sequence, Tuple
@@ -16,7 +17,8 @@ _LONGEST_GAP_S = 2.0  # between pictures from which a velocity is taken
 
 @dataclass(frozen=True)
 class Motion:
-    """A vehicle whose offset is asked for: velocities (m/s) in the reference's optical axes, by picture number."""
+    """A vehicle whose offset is asked for: velocities (m/s) in the reference's optical axes, by
+    picture number."""
 
     vehicle: str
     pictures: Dict[int, np.ndarray]
@@ -25,7 +27,9 @@ class Motion:
         return replace(self, pictures={k: v for k, v in self.pictures.items() if k in numbers})
 
 
-def motions(reference: Picture, others: Sequence[Picture], options: RefineOptions) -> Tuple[List[Motion], List[str]]:
+def motions(
+    reference: Picture, others: Sequence[Picture], options: RefineOptions
+) -> Tuple[List[Motion], List[str]]:
     """Vehicles that move enough for their offset to be seen, and in words those that do not."""
     if not options.refine_time_offset:
         return [], []
@@ -38,16 +42,22 @@ def motions(reference: Picture, others: Sequence[Picture], options: RefineOption
             why = f"needs {_LEAST_PICTURES} pictures {_LONGEST_GAP_S:g} s apart or less and has {len(velocities)}"
             refused.append(f"{vehicle}: its time offset was not refined: it {why}")
         elif speed_mps * options.time_offset_sigma_s < _least_position_m(reference, mine, options):
-            refused.append(f"{vehicle}: its time offset was not refined: it hardly moves in its pictures")
+            refused.append(
+                f"{vehicle}: its time offset was not refined: it hardly moves in its pictures"
+            )
         else:
             out.append(Motion(vehicle, velocities))
     return out, refused
 
 
-def _least_position_m(reference: Picture, mine: List[Tuple[int, Picture]], options: RefineOptions) -> float:
+def _least_position_m(
+    reference: Picture, mine: List[Tuple[int, Picture]], options: RefineOptions
+) -> float:
     """What the position of the best known picture is known by."""
     known = [c for c in (relative(reference, p) for _, p in mine) if c is not None]
-    return min((float(np.sqrt(np.diag(c)[:3].max())) for c in known), default=options.prior.position_m)
+    return min(
+        (float(np.sqrt(np.diag(c)[:3].max())) for c in known), default=options.prior.position_m
+    )
 
 
 def _velocities(mine: List[Tuple[int, Picture]], reference: Picture) -> Dict[int, np.ndarray]:

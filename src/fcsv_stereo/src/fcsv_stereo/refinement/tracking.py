@@ -11,16 +11,20 @@ from fcsv_stereo.refinement.features import FeatureView, corners, rays_of
 from fcsv_stereo.refinement.geometry import epipolar_error, project
 
 _LEAST_NCC = 0.85
-_HYPOTHESES = 2  # depths of so many neighbours are tried: at an edge one may be in front and one behind
+# depths of so many neighbours are tried: at an edge one may be in front and one behind
+_HYPOTHESES = 2
 _ROUNDS, _MOST_STEP_PX = 5, 0.7  # of what makes patches alike whatever their exposure
 _MOST_GAIN = 3.0  # between two pictures' exposures: what is darker has too few grey levels left
-_MEAN_PX, _FEWEST_MEANS = 4, 20  # radius of the means, and how many, that two exposures are compared by
-_FARTHEST_PX = 1.5  # from where brightness alone puts a corner: beyond, the patches do not lead back to one place
+# radius of the means, and how many, that two exposures are compared by
+_MEAN_PX, _FEWEST_MEANS = 4, 20
+# from where brightness alone puts a corner: beyond, the patches do not lead back to one place
+_FARTHEST_PX = 1.5
 
 
 @dataclass(frozen=True)
 class Points:
-    """Corners of a view: uv (N, 2) px, rays (N, 3), and candidate inverse depths (N, hypotheses) 1/m."""
+    """Corners of a view: uv (N, 2) px, rays (N, 3), and candidate inverse depths (N, hypotheses)
+    1/m."""
 
     uv: np.ndarray
     rays: np.ndarray
@@ -44,16 +48,23 @@ def seeded_points(view: FeatureView, uv: np.ndarray, rho: np.ndarray, count: int
 
 
 def track(
-    a: FeatureView, b: FeatureView, T_a_b: np.ndarray, points: Points, gate_px: float, window_px: int = 9
+    a: FeatureView,
+    b: FeatureView,
+    T_a_b: np.ndarray,
+    points: Points,
+    gate_px: float,
+    window_px: int = 9,
 ) -> Tracks:
-    """Points of a found in b by Lucas-Kanade in b turned parallel to a, starting from their candidate depths, then
-    whatever the exposures are. Kept where the patches correlate and the epipolar error is within the gate (px).
+    """Points of a found in b by Lucas-Kanade in b turned parallel to a, starting from their
+    candidate depths, then whatever the exposures are. Kept where the patches correlate and the
+    epipolar error is within the gate (px).
     """
     parallel, inside = _turned(a, b, T_a_b)
     R, t = T_a_b[:3, :3], T_a_b[:3, 3]
     T_a_parallel = np.eye(4)
     T_a_parallel[:3, 3] = t
-    levels = int(np.clip(np.ceil(np.log2(2.0 * b.noise_px)), 1, 5))  # the start is as good as the features' places
+    # the start is as good as the features' places
+    levels = int(np.clip(np.ceil(np.log2(2.0 * b.noise_px)), 1, 5))
     best_uv, best = np.full(points.uv.shape, np.nan), np.full(len(points.uv), _LEAST_NCC)
     starts = [_pixels(a, project(T_a_parallel, points.rays, rho)) for rho in points.rho.T]
     parallel = as_bright(parallel, inside, starts[0], a.gray, points.uv)
@@ -63,7 +74,9 @@ def track(
         better = score > best
         best_uv[better], best[better] = uv[better], score[better]
     index = np.flatnonzero(np.isfinite(best_uv[:, 0]))
-    best_uv[index] = in_any_exposure(a.gray, parallel, points.uv[index], best_uv[index], window_px // 2)
+    best_uv[index] = in_any_exposure(
+        a.gray, parallel, points.uv[index], best_uv[index], window_px // 2
+    )
     index = np.flatnonzero(np.isfinite(best_uv[:, 0]))
     index = index[inside[tuple(np.round(best_uv[index]).astype(int).T[::-1])]]
     rays = rays_of(a.camera, best_uv[index]) @ R
@@ -73,13 +86,16 @@ def track(
     return Tracks(index[good], rays[good])
 
 
-def in_any_exposure(image_a: np.ndarray, image_b: np.ndarray, uv_a: np.ndarray, uv_b: np.ndarray, radius_px: int = 4):
-    """Places (N, 2) in b, from ``uv_b`` on, whose patches are most like those at ``uv_a`` but for a gain and an offset;
-    NaN where that is too far away. Gauss-Newton, each patch with a gain and an offset of its own (Baker et al. 2003,
-    Lucas-Kanade 20 years on, part 3).
+def in_any_exposure(
+    image_a: np.ndarray, image_b: np.ndarray, uv_a: np.ndarray, uv_b: np.ndarray, radius_px: int = 4
+):
+    """Places (N, 2) in b, from ``uv_b`` on, whose patches are most like those at ``uv_a`` but for a
+    gain and an offset; NaN where that is too far away. Gauss-Newton, each patch with a gain and an
+    offset of its own (Baker et al. 2003, Lucas-Kanade 20 years on, part 3).
 
-    Lucas-Kanade compares brightness itself. Where the vehicle's second picture is darker, an edge of a certain
-    brightness lies elsewhere: by up to half a pixel, and by as much at a whole skyline.
+    Lucas-Kanade compares brightness itself. Where the vehicle's second picture is darker, an edge
+    of a certain brightness lies elsewhere: by up to half a pixel, and by as much at a whole
+    skyline.
     """
     if not len(uv_b):
         return uv_b
@@ -109,10 +125,15 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.einsum("ij,ij->i", a, b)[:, None]
 
 
-def correlation(image_a: np.ndarray, image_b: np.ndarray, uv_a: np.ndarray, uv_b: np.ndarray, radius_px: int = 5):
-    """Normalised cross-correlation (N,) of square patches about pixels (N, 2); -1 where either leaves its picture."""
+def correlation(
+    image_a: np.ndarray, image_b: np.ndarray, uv_a: np.ndarray, uv_b: np.ndarray, radius_px: int = 5
+):
+    """Normalised cross-correlation (N,) of square patches about pixels (N, 2); -1 where either
+    leaves its picture."""
     inside = _within(image_a, uv_a, radius_px) & _within(image_b, uv_b, radius_px)
-    patch_a, patch_b = (_patches(i, uv[inside], radius_px) for i, uv in ((image_a, uv_a), (image_b, uv_b)))
+    patch_a, patch_b = (
+        _patches(i, uv[inside], radius_px) for i, uv in ((image_a, uv_a), (image_b, uv_b))
+    )
     norms = np.linalg.norm(patch_a, axis=1) * np.linalg.norm(patch_b, axis=1)
     score = np.full(len(uv_a), -1.0)
     score[inside] = (patch_a * patch_b).sum(1) / np.maximum(norms, 1e-3)
@@ -131,8 +152,9 @@ def _turned(a: FeatureView, b: FeatureView, T_a_b: np.ndarray):
 def as_bright(
     image: np.ndarray, inside: np.ndarray, uv: np.ndarray, as_this: np.ndarray, uv_this: np.ndarray
 ) -> np.ndarray:
-    """``image`` with about the exposure of ``as_this``, by the means about places (N, 2) that are about the same in
-    both and where the image has a source (``inside``): Lucas-Kanade leads nowhere where one is much darker."""
+    """``image`` with about the exposure of ``as_this``, by the means about places (N, 2) that are
+    about the same in both and where the image has a source (``inside``): Lucas-Kanade leads nowhere
+    where one is much darker."""
     seen = _within(as_this, uv_this, _MEAN_PX) & _within(image, uv, _MEAN_PX)
     seen[seen] = inside[tuple(np.round(uv[seen]).astype(int).T[::-1])]
     if seen.sum() < _FEWEST_MEANS:
@@ -146,13 +168,17 @@ def as_bright(
         offset = float(here[same].mean() - gain * there[same].mean())
     if not 1.0 / _MOST_GAIN < gain < _MOST_GAIN:
         return image
-    return np.clip(np.round(image * np.float32(gain) + np.float32(offset)), 0.0, 255.0).astype(np.uint8)
+    return np.clip(np.round(image * np.float32(gain) + np.float32(offset)), 0.0, 255.0).astype(
+        np.uint8
+    )
 
 
 def _means(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """(N,) about pixels (N, 2)."""
     at = np.round(uv).astype(int)
-    return cv2.blur(image.astype(np.float32), (2 * _MEAN_PX + 1,) * 2)[at[:, 1], at[:, 0]].astype(float)
+    return cv2.blur(image.astype(np.float32), (2 * _MEAN_PX + 1,) * 2)[at[:, 1], at[:, 0]].astype(
+        float
+    )
 
 
 def _lucas_kanade(image_a, image_b, uv, start, window_px, levels):
@@ -162,10 +188,16 @@ def _lucas_kanade(image_a, image_b, uv, start, window_px, levels):
         return found
     first = start[known].astype(np.float32).reshape(-1, 1, 2)
     moved, status, _ = cv2.calcOpticalFlowPyrLK(
-        image_a, image_b, uv[known].astype(np.float32).reshape(-1, 1, 2), first.copy(),
-        winSize=(window_px, window_px), maxLevel=levels, flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=1e-3,
+        image_a,
+        image_b,
+        uv[known].astype(np.float32).reshape(-1, 1, 2),
+        first.copy(),
+        winSize=(window_px, window_px),
+        maxLevel=levels,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        minEigThreshold=1e-3,
         criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.005),
-    )  # fmt: skip
+    )
     moved = moved.reshape(-1, 2).astype(float)
     moved[status.ravel() == 0] = np.nan
     found[known] = moved
@@ -189,7 +221,9 @@ def _patches(image, uv, radius_px):
     if not len(uv):
         return np.empty((0, len(du)), np.float32)
     maps = [(uv[:, i, None] + d).astype(np.float32) for i, d in enumerate((du, dv))]
-    rows = [cv2.remap(image, m[i], n[i], cv2.INTER_LINEAR) for m, n in [maps] for i in _chunks(len(uv))]
+    rows = [
+        cv2.remap(image, m[i], n[i], cv2.INTER_LINEAR) for m, n in [maps] for i in _chunks(len(uv))
+    ]
     patches = np.vstack(rows).astype(np.float32)
     return patches - patches.mean(1, keepdims=True)
 

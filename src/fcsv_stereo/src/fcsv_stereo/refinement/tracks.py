@@ -12,7 +12,8 @@ from fcsv_stereo.refinement.links import PairLink
 from fcsv_stereo.refinement.structure import Observations
 from fcsv_stereo.refinement.tracking import seeded_points, track
 
-_LEAST_PARALLAX_PX = 1.5  # less in every picture is sky, or so far that it may as well be: clouds move
+# less in every picture is sky, or so far that it may as well be: clouds move
+_LEAST_PARALLAX_PX = 1.5
 
 
 def observe(

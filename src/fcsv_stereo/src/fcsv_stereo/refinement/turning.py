@@ -13,8 +13,8 @@ _LONGEST_GAP_S = 0.2  # between two pictures, for their turn to be that of a rea
 
 
 def most_turn_rad(given: MapInput) -> Optional[float]:
-    """Gives the largest turn of any camera of a session between first and last row; None where poses in short
-    succession are not known."""
+    """Gives the largest turn of any camera of a session between first and last row; None where
+    poses in short succession are not known."""
     if given.kind is not InputKind.SESSION:
         return None
     rates = [_rate_rad_s(side) for c in given.configurations for side in (c.references, c.others)]
@@ -22,7 +22,8 @@ def most_turn_rad(given: MapInput) -> Optional[float]:
 
 
 def _rate_rad_s(pictures: List[Picture]) -> Optional[float]:
-    """The fastest turn (rad/s) of one camera's pictures, None where some picture has no neighbour in time."""
+    """The fastest turn (rad/s) of one camera's pictures, None where some picture has no neighbour
+    in time."""
     pictures = sorted(pictures, key=lambda p: p.stamp_s)
     gaps_s = np.diff([p.stamp_s for p in pictures])
     if len(gaps_s) == 0 or not ((gaps_s > 0.0) & (gaps_s <= _LONGEST_GAP_S)).all():

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prior positions that contradict each other: a minority loses its say in the scale; a draw widens its sigma."""
+"""Prior positions that contradict each other: a minority loses its say in the scale; a draw widens
+its sigma."""
 
 from dataclasses import replace
 from typing import Dict, Tuple
@@ -15,8 +16,8 @@ _IMPROBABLE = 0.999  # of the priors' scales: that they differ by less, where al
 
 
 def settled(problem: Problem, adjusted: Adjusted) -> Tuple[Problem, Adjusted]:
-    """The adjustment again without the positions of priors that a majority contradicts; where no majority agrees, as
-    it was, with the contradiction in the covariance."""
+    """The adjustment again without the positions of priors that a majority contradicts; where no
+    majority agrees, as it was, with the contradiction in the covariance."""
     loose, last = problem, adjusted
     wrong: Dict[int, float] = {}
     while True:
@@ -27,7 +28,10 @@ def settled(problem: Problem, adjusted: Adjusted) -> Tuple[Problem, Adjusted]:
         wrong[worst] = away[worst]
         if 2 * len(wrong) >= len(problem.priors):  # no majority
             return problem, _doubted(problem.priors, adjusted)
-        priors = {k: _loosened(p, adjusted.poses[k]) if k in wrong else p for k, p in problem.priors.items()}
+        priors = {
+            k: _loosened(p, adjusted.poses[k]) if k in wrong else p
+            for k, p in problem.priors.items()
+        }
         loose = replace(problem, priors=priors)
         last = adjust(loose, last.poses, last.rho)
     kept = {k: p for k, p in problem.priors.items() if k not in wrong}
@@ -52,7 +56,8 @@ def _loosened(prior: PairPrior, T_ref_cam: np.ndarray) -> PairPrior:
 
 
 def _doubted(priors: Dict[int, PairPrior], adjusted: Adjusted) -> Adjusted:
-    """Adds with what the priors' lengths say against one common scale, where that is more than their errors explain."""
+    """Adds with what the priors' lengths say against one common scale, where that is more than
+    their errors explain."""
     scales, weights = [], []
     for k, prior in priors.items():
         p_m = adjusted.poses[k][:3, 3]
@@ -68,5 +73,7 @@ def _doubted(priors: Dict[int, PairPrior], adjusted: Adjusted) -> Adjusted:
     if misfit <= chi2.ppf(_IMPROBABLE, freedom):
         return adjusted
     share = np.sqrt((misfit / freedom - 1.0) / w.sum())  # Birge's ratio
-    moved = np.concatenate([[0, 0, 0, *adjusted.poses[k][:3, :3].T @ adjusted.poses[k][:3, 3]] for k in adjusted.order])
+    moved = np.concatenate(
+        [[0, 0, 0, *adjusted.poses[k][:3, :3].T @ adjusted.poses[k][:3, 3]] for k in adjusted.order]
+    )
     return replace(adjusted, covariance=adjusted.covariance + share**2 * np.outer(moved, moved))

@@ -24,12 +24,15 @@ def timing(result: MapResult):
         left += seconds
     axes.set_yticks([])
     axes.set_xlabel("s")
-    axes.legend(ncol=len(STEPS), fontsize=9, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
+    axes.legend(
+        ncol=len(STEPS), fontsize=9, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False
+    )
     return figure
 
 
 def ranges(result: MapResult, evidence: Sequence[PairEvidence]):
-    """Per baseline: the effective range of the planner (pale) and the depths that the map took from it (full)."""
+    """Per baseline: the effective range of the planner (pale) and the depths that the map took from
+    it (full)."""
     figure, axes = plt.subplots(figsize=(12, 0.9 + 0.45 * len(result.pairs)))
     top = max([e.carried_m[1] for e in evidence if e.carried_m] + [10.0])
     for i, (p, e) in enumerate(zip(result.pairs, evidence)):
@@ -37,12 +40,20 @@ def ranges(result: MapResult, evidence: Sequence[PairEvidence]):
         far = min(far, 1.1 * top)
         axes.barh(i, far - near, left=near, color=f"C{i % 10}", alpha=0.25, height=0.8)
         if e.carried_m:
-            axes.barh(i, e.carried_m[1] - e.carried_m[0], left=e.carried_m[0], color=f"C{i % 10}", height=0.4)
+            axes.barh(
+                i,
+                e.carried_m[1] - e.carried_m[0],
+                left=e.carried_m[0],
+                color=f"C{i % 10}",
+                height=0.4,
+            )
     axes.set_yticks(range(len(result.pairs)))
     axes.set_yticklabels([p.configuration.name for p in result.pairs], fontsize=9)
     axes.invert_yaxis()
     axes.set_xlim(0, 1.1 * top)
-    axes.set_xlabel("depth (m); pale: effective range, full: 5th to 95th percentile of what it gave")
+    axes.set_xlabel(
+        "depth (m); pale: effective range, full: 5th to 95th percentile of what it gave"
+    )
     axes.grid(alpha=0.3, axis="x")
     return figure
 
@@ -53,7 +64,11 @@ def corrections(result: MapResult):
     found = np.array([correction(i) for i in images])
     figure, both = plt.subplots(1, 2, figsize=(12, 1.0 + 0.35 * len(images)), sharey=True)
     for axes, column, label in zip(both, (0, 1), ("turned by (deg)", "moved by (m)")):
-        axes.barh(range(len(images)), found[:, column], color=["#3a6ea5" if i.refined else "#bbbbbb" for i in images])
+        axes.barh(
+            range(len(images)),
+            found[:, column],
+            color=["#3a6ea5" if i.refined else "#bbbbbb" for i in images],
+        )
         axes.set_xlabel(label)
         axes.grid(alpha=0.3, axis="x")
     both[0].set_yticks(range(len(images)))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the report states beyond the map, measured from the result: overlap, epipolar offset, seams, corrections."""
+"""What the report states beyond the map, measured from the result: overlap, epipolar offset, seams,
+corrections."""
 
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Sequence, Tuple
@@ -22,11 +23,11 @@ _SEAM_SHARE = 0.15  # half-width of the range about a trim point in which two pa
 
 @dataclass(frozen=True)
 class PairEvidence:
-    """Holds the evidence of one pair: ``overlap`` is the share of the reference's view that the other sees; the
-    epipolar offset (px, rms and median) is that of corners across the epipolar line, None where too few were found;
-    ``carried_m`` holds 5th and 95th percentile of the depths that the map took from it, None where it took none.
-    ``found`` is the share of the corners looked for that are where their depth says, None where there was hardly a
-    corner."""
+    """Holds the evidence of one pair: ``overlap`` is the share of the reference's view that the
+    other sees; the epipolar offset (px, rms and median) is that of corners across the epipolar
+    line, None where too few were found; ``carried_m`` holds 5th and 95th percentile of the depths
+    that the map took from it, None where it took none. ``found`` is the share of the corners looked
+    for that are where their depth says, None where there was hardly a corner."""
 
     overlap: float
     epipolar_rms_px: Optional[float]
@@ -40,7 +41,8 @@ class PairEvidence:
 
 @dataclass(frozen=True)
 class Seam:
-    """Two pairs about the range at which one takes over from the other: median of longer over shorter, less one.
+    """Two pairs about the range at which one takes over from the other: median of longer over
+    shorter, less one.
 
     ``pixels`` that both saw; corners, where the method gives one depth for all pairs.
     """
@@ -72,22 +74,28 @@ def pair_evidence(result: MapResult, index: int) -> PairEvidence:
         carried = tuple(float(v) for v in np.percentile(z, [5, 95]))
     rms = float(np.sqrt(np.mean(offsets**2))) if enough else None
     middle = float(np.median(np.abs(offsets))) if enough else None
-    return PairEvidence(overlap(result, p), rms, middle, len(offsets), int(mine.sum()), carried, found, there)
+    return PairEvidence(
+        overlap(result, p), rms, middle, len(offsets), int(mine.sum()), carried, found, there
+    )
 
 
 def overlap(result: MapResult, p: Pair) -> float:
-    """Share of the reference picture's pixels that the other camera sees, at the mapped depth or far away."""
+    """Share of the reference picture's pixels that the other camera sees, at the mapped depth or
+    far away."""
     reference = result.reference
     step_px = max(_STEP_PX, int(np.ceil(np.sqrt(result.depth.size / _MOST_COUNTED))))
     depth = result.depth[::step_px, ::step_px]
     z = np.where(np.isfinite(depth), depth, _FAR_M)
     points_cam = (reference.camera.rays(step_px) * z[..., None]).reshape(-1, 3)
-    return shown_share(reference.camera, p.T_home_cam_other, transforms.apply(reference.T_home_cam, points_cam))
+    return shown_share(
+        reference.camera, p.T_home_cam_other, transforms.apply(reference.T_home_cam, points_cam)
+    )
 
 
 def followed(p: Pair, start: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Disparities (N,) px of corners that start at (N,2) px, and how far (N,2) px from where these say they are in the
-    other picture: what is left across the epipolar line is its error. Those that optical flow finds, forth and back.
+    """Disparities (N,) px of corners that start at (N,2) px, and how far (N,2) px from where these
+    say they are in the other picture: what is left across the epipolar line is its error. Those
+    that optical flow finds, forth and back.
     """
     along = _along(p)
     if not len(start):
@@ -105,7 +113,8 @@ def followed(p: Pair, start: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def corners(p: Pair) -> np.ndarray:
-    """(N,2) px float32, in the rectified reference picture, where there is a disparity to look for them by."""
+    """(N,2) px float32, in the rectified reference picture, where there is a disparity to look for
+    them by."""
     a, b = _greys(p)
     known = np.isfinite(p.disparity)
     if a.shape != b.shape or known.shape != a.shape or not known.any():
@@ -115,7 +124,9 @@ def corners(p: Pair) -> np.ndarray:
 
 
 def _greys(p: Pair) -> Tuple[np.ndarray, np.ndarray]:
-    return tuple(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in (p.reference_rectified, p.other_rectified))
+    return tuple(
+        cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in (p.reference_rectified, p.other_rectified)
+    )
 
 
 def _along(p: Pair) -> int:
@@ -123,8 +134,8 @@ def _along(p: Pair) -> int:
 
 
 def seams(result: MapResult, evidence: Sequence[PairEvidence] = ()) -> List[Seam]:
-    """Where one baseline of an axis takes over from the next shorter one; ``evidence`` of the pairs, where it is
-    there."""
+    """Where one baseline of an axis takes over from the next shorter one; ``evidence`` of the
+    pairs, where it is there."""
     found, known = [], {id(p): e.followed for p, e in zip(result.pairs, evidence)}
     for axis in Axis:
         pairs = [p for p in result.pairs if p.configuration.axis == axis]
@@ -137,23 +148,34 @@ def seams(result: MapResult, evidence: Sequence[PairEvidence] = ()) -> List[Seam
                 found += _seam_of_shared_depth(result, a, b, at_m, known)
                 continue
             with np.errstate(invalid="ignore"):
-                near = (np.abs(a.depth / at_m - 1) < _SEAM_SHARE) & (np.abs(b.depth / at_m - 1) < _SEAM_SHARE)
+                near = (np.abs(a.depth / at_m - 1) < _SEAM_SHARE) & (
+                    np.abs(b.depth / at_m - 1) < _SEAM_SHARE
+                )
             if near.sum() >= 50:
                 step = float(np.median(b.depth[near] / a.depth[near]) - 1.0)
-                found.append(Seam(a.configuration.name, b.configuration.name, at_m, int(near.sum()), step))
+                found.append(
+                    Seam(a.configuration.name, b.configuration.name, at_m, int(near.sum()), step)
+                )
     return found
 
 
 def _seam_of_shared_depth(
-    result: MapResult, a: Pair, b: Pair, at_m: float, known: Dict[int, Optional[Tuple[np.ndarray, np.ndarray]]]
+    result: MapResult,
+    a: Pair,
+    b: Pair,
+    at_m: float,
+    known: Dict[int, Optional[Tuple[np.ndarray, np.ndarray]]],
 ) -> List[Seam]:
-    """Both pairs gave one depth: what each alone would have made of corners about ``at_m``, as they are displaced.
-    ``known``: corners followed already, by the identity of the pair."""
+    """Both pairs gave one depth: what each alone would have made of corners about ``at_m``, as they
+    are displaced. ``known``: corners followed already, by the identity of the pair."""
     ratios = []
     for p in (a, b):
         disparity, left = known.get(id(p)) or followed(p, corners(p))
         focal_px = (result.reference.camera.fx, result.reference.camera.fy)[_along(p)]
-        near = np.abs(np.abs(disparity) * at_m / (focal_px * p.configuration.baseline_m) - 1.0) < _SEAM_SHARE
+        near = (
+            np.abs(np.abs(disparity) * at_m / (focal_px * p.configuration.baseline_m) - 1.0)
+            < _SEAM_SHARE
+        )
         ratios.append(disparity[near] / (disparity[near] - left[near, _along(p)]))
     count = min(map(len, ratios))
     if count < _LEAST_CORNERS:
@@ -167,7 +189,9 @@ def correction(e: ImageEntry) -> Tuple[float, float]:
     return e.turned_deg, e.moved_m
 
 
-def sigma_bands(result: MapResult, edges_m=(0.0, 25.0, 50.0, 100.0, 200.0, 400.0, np.inf)) -> List[Dict[str, float]]:
+def sigma_bands(
+    result: MapResult, edges_m=(0.0, 25.0, 50.0, 100.0, 200.0, 400.0, np.inf)
+) -> List[Dict[str, float]]:
     """Gives, by mapped depth: pixels, median sigma (m), median of sigma over depth."""
     rows = []
     known = np.isfinite(result.depth) & np.isfinite(result.sigma)
@@ -176,6 +200,13 @@ def sigma_bands(result: MapResult, edges_m=(0.0, 25.0, 50.0, 100.0, 200.0, 400.0
         if inside.any():
             sigma = result.sigma[inside]
             share = float(np.median(sigma / result.depth[inside]))
-            rows.append({"from_m": a, "to_m": b, "pixels": int(inside.sum()), "sigma_m": float(np.median(sigma)),
-                         "share": share})  # fmt: skip
+            rows.append(
+                {
+                    "from_m": a,
+                    "to_m": b,
+                    "pixels": int(inside.sum()),
+                    "sigma_m": float(np.median(sigma)),
+                    "share": share,
+                }
+            )
     return rows

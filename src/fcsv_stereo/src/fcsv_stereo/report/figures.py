@@ -23,20 +23,32 @@ DEPTH_MAP = "turbo_r"
 _NONE = "#20242b"
 _MOST_POINTS = 150000  # of a cloud that are drawn
 _DRAWN_PX = 1000  # longer side of what is drawn; figures are narrower
-#: Of a logarithmic axis: below the first its numbers are evenly spaced; above the others fewer of them are written.
+#: Of a logarithmic axis: below the first its numbers are evenly spaced; above the others fewer of
+#: them are written.
 _FEW_DECADES, _MANY_DECADES, _MOST_DECADES = 0.6, 2.2, 3.5
 _MOST_RINGS = 8  # about the origin of a map from above
 _AHEAD = float(np.cos(np.radians(30.0)))
 _KIND_COLOURS = {
-    "agreed": "#009e73", "one pair": "#a8ddb5", "hidden": "#d55e00", "outside": "#e69f00", "blank": "#cc79a7",
-    "sky": "#56b4e9", "moved": "#f0e442", "near": "#0072b2", "nothing": _NONE,
-}  # fmt: skip
+    "agreed": "#009e73",
+    "one pair": "#a8ddb5",
+    "hidden": "#d55e00",
+    "outside": "#e69f00",
+    "blank": "#cc79a7",
+    "sky": "#56b4e9",
+    "moved": "#f0e442",
+    "near": "#0072b2",
+    "nothing": _NONE,
+}
 
 
 def drawn_picture(image: np.ndarray) -> np.ndarray:
     """A picture made smaller to what a figure shows of it: matplotlib takes long for large ones."""
     scale = _DRAWN_PX / max(image.shape[:2])
-    return cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1.0 else image
+    return (
+        cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        if scale < 1.0
+        else image
+    )
 
 
 def drawn_values(image: np.ndarray) -> np.ndarray:
@@ -57,7 +69,9 @@ def picture(image: np.ndarray, title: str):
 def pair(p: Pair):
     """Both rectified pictures with a few corresponding lines, and the disparity beside them."""
     figure, axes = plt.subplots(1, 3, figsize=(15, 4.0))
-    for ax, image, name in zip(axes, (p.reference_rectified, p.other_rectified), (p.reference_name, p.other_name)):
+    for ax, image, name in zip(
+        axes, (p.reference_rectified, p.other_rectified), (p.reference_name, p.other_name)
+    ):
         image = drawn_picture(image)
         ax.imshow(image)
         ax.set_title(name, fontsize=9)
@@ -75,7 +89,8 @@ def pair(p: Pair):
 
 
 def depth_colours(image: np.ndarray) -> Tuple[Callable[[np.ndarray], np.ndarray], float, float]:
-    """Colours (RGBA, 0 to 1) of depth (HxW m) on a logarithmic scale, and the ends of the scale, m."""
+    """Colours (RGBA, 0 to 1) of depth (HxW m) on a logarithmic scale, and the ends of the scale,
+    m."""
     norm = _log_norm(image)
     colormap = _with_none(DEPTH_MAP)
     return (lambda values: colormap(norm(np.ma.masked_invalid(values)))), norm.vmin, norm.vmax
@@ -100,7 +115,8 @@ def depth(image: np.ndarray, title: str, label: str = "m"):
 
 
 def kinds(kind: np.ndarray):
-    """Why each pixel has its depth, or none, in colours that colour-blind people tell apart (Okabe and Ito 2008)."""
+    """Why each pixel has its depth, or none, in colours that colour-blind people tell apart (Okabe
+    and Ito 2008)."""
     found = {name: mask for name, mask in masks(drawn_values(kind)).items() if mask.any()}
     kind = drawn_values(kind)
     image = np.zeros((*kind.shape, 3))
@@ -130,21 +146,31 @@ def depth_error(found: np.ndarray, truth: np.ndarray):
 def from_above(result: MapResult, by_baseline: bool):
     """The cloud seen from above with a distance grid; x forward is up.
 
-    Where home does not lie level, from above the reference camera: forward is its optical axis. See T_view_home.
+    Where home does not lie level, from above the reference camera: forward is its optical axis. See
+    T_view_home.
     """
     cloud = result.cloud
     keep = np.random.default_rng(0).choice(len(cloud), min(_MOST_POINTS, len(cloud)), replace=False)
-    points, index = transforms.apply(T_view_home(result), cloud.points_home_m[keep]), cloud.baseline_index[keep]
-    reach = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 99.5)) if len(points) else 10.0
+    points, index = (
+        transforms.apply(T_view_home(result), cloud.points_home_m[keep]),
+        cloud.baseline_index[keep],
+    )
+    reach = (
+        float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 99.5)) if len(points) else 10.0
+    )
     figure, axes = plt.subplots(figsize=(7.2, 7.2))
     if by_baseline:
         colors = plt.get_cmap("tab10")(index % 10)
         for i, p in enumerate(result.pairs):
-            axes.scatter([], [], color=plt.get_cmap("tab10")(i % 10), label=p.configuration.name, s=20)
+            axes.scatter(
+                [], [], color=plt.get_cmap("tab10")(i % 10), label=p.configuration.name, s=20
+            )
         if result.near is not None:
             colors[index == NEAR_BASELINE] = matplotlib.colors.to_rgba(_KIND_COLOURS["near"])
             axes.scatter([], [], color=_KIND_COLOURS["near"], label="depth camera", s=20)
-        axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=3, frameon=False)
+        axes.legend(
+            fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=3, frameon=False
+        )
     else:
         colors = cloud.colors[keep] / 255.0
     axes.scatter(-points[:, 1], points[:, 0], c=colors, s=0.6, linewidths=0)
@@ -158,12 +184,15 @@ def from_above(result: MapResult, by_baseline: bool):
     origin = "home" if np.array_equal(T_view_home(result), np.eye(4)) else "the reference camera"
     axes.set_xlabel(f"to the right of {origin} (m)")
     axes.set_ylabel(f"ahead of {origin} (m)")
-    axes.set_title("map from above, " + ("by configuration" if by_baseline else "in colour"), fontsize=10)
+    axes.set_title(
+        "map from above, " + ("by configuration" if by_baseline else "in colour"), fontsize=10
+    )
     return figure
 
 
 def errors_by_range(result: MapResult, truth: np.ndarray, evaluation: Evaluation):
-    """Median and 90th percentile of the error over distance, with the prediction of equation 2.12."""
+    """Median and 90th percentile of the error over distance, with the prediction of equation
+    2.12."""
     known = np.isfinite(result.depth) & np.isfinite(truth) & (truth <= evaluation.most_m)
     edges = np.linspace(0, evaluation.most_m, 21)
     middle, half, ninety, predicted = [], [], [], []
@@ -205,13 +234,15 @@ def histogram(result: MapResult):
 
 
 def log_histogram(axes, values: np.ndarray, low: float, high: float, bins: int) -> None:
-    """Bars of even width on a logarithmic axis: counted by logarithms, which is quick for millions of values."""
+    """Bars of even width on a logarithmic axis: counted by logarithms, which is quick for millions
+    of values."""
     counts, edges = np.histogram(np.log(np.maximum(values, low)), bins, (np.log(low), np.log(high)))
     axes.hist(np.exp(edges[:-1]), np.exp(edges), weights=counts, color="#3a6ea5")
 
 
 def round_numbers(axis) -> None:
-    """Plain numbers on a logarithmic axis (of an Axes or a colour bar) of matplotlib, as many as have room."""
+    """Plain numbers on a logarithmic axis (of an Axes or a colour bar) of matplotlib, as many as
+    have room."""
     low, high = sorted(axis.get_view_interval())
     decades = np.log10(high / low)
     if decades < _FEW_DECADES:  # 1, 2, 3, 5 may have no number in it
@@ -219,7 +250,9 @@ def round_numbers(axis) -> None:
         axis.set_major_formatter(FuncFormatter(lambda value, _position: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
         return
-    digits = (1, 2, 3, 5) if decades < _MANY_DECADES else (1, 3) if decades < _MOST_DECADES else (1,)
+    digits = (
+        (1, 2, 3, 5) if decades < _MANY_DECADES else (1, 3) if decades < _MOST_DECADES else (1,)
+    )
     formatter = FuncFormatter(lambda value, _position: _round_number(value, digits))
     axis.set_major_formatter(formatter)
     axis.set_minor_formatter(formatter)
@@ -232,7 +265,8 @@ def _round_number(value: float, digits) -> str:
 
 
 def _with_none(name: str, color: str = _NONE) -> ListedColormap:
-    """A colormap that shows NaN in a colour; matplotlib's own way to say so differs between its versions."""
+    """A colormap that shows NaN in a colour; matplotlib's own way to say so differs between its
+    versions."""
     colors = plt.get_cmap(name)(np.linspace(0.0, 1.0, 256))
     try:
         return ListedColormap(colors, bad=color)  # from 3.11 on, where set_bad goes away
@@ -251,7 +285,8 @@ def _lines(axes, shape, axis: Axis) -> None:
 
 
 def _rings(axes, reach: float, to_deg: float) -> None:
-    """Circles of distance about the origin, about eight at most, to an angle on both sides of ahead."""
+    """Circles of distance about the origin, about eight at most, to an angle on both sides of
+    ahead."""
     power = 10.0 ** np.floor(np.log10(max(reach, 1e-9) / _MOST_RINGS))
     step = next(s * power for s in (1, 2, 5, 10) if _MOST_RINGS * s * power >= reach)
     angles = np.radians(np.linspace(-to_deg, to_deg, 121))
@@ -261,11 +296,11 @@ def _rings(axes, reach: float, to_deg: float) -> None:
 
 
 def T_view_home(result: MapResult) -> np.ndarray:
-    """Gives the transform from home to the frame that is drawn from above: home itself where it is level and the map
-    lies ahead of it.
+    """Gives the transform from home to the frame that is drawn from above: home itself where it is
+    level and the map lies ahead of it.
 
-    Photographs may stand elsewhere and look anywhere: then x is ahead of the reference camera, where that stands, or
-    the upper edge of a picture that looks down.
+    Photographs may stand elsewhere and look anywhere: then x is ahead of the reference camera,
+    where that stands, or the upper edge of a picture that looks down.
     """
     reference = result.reference
     if reference.is_level:
@@ -276,7 +311,9 @@ def T_view_home(result: MapResult) -> np.ndarray:
         at_home = np.hypot(*T[:2, 3]) < near_m and not result.is_shifted
         if at_home and not reference.looks_down and ahead[0] > _AHEAD * np.hypot(*ahead):
             return np.eye(4)
-        return transforms.invert(transforms.from_xyz_yaw([*T[:2, 3], 0.0], float(np.arctan2(ahead[1], ahead[0]))))
+        return transforms.invert(
+            transforms.from_xyz_yaw([*T[:2, 3], 0.0], float(np.arctan2(ahead[1], ahead[0])))
+        )
     T_view_cam = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
     return T_view_cam @ transforms.invert(result.reference.T_home_cam)
 

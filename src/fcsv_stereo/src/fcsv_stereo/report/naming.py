@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names by which a person tells pictures apart: vehicle, configuration and number, not a stamp of ten digits."""
+"""Names by which a person tells pictures apart: vehicle, configuration and number, not a stamp of
+ten digits."""
 
 from dataclasses import replace
 from datetime import datetime, timezone
@@ -11,8 +12,8 @@ _LEAST_DATE_S = 1e9  # stamps below it are no Unix time: of a simulation, or num
 
 
 def picture_names(result: MapResult) -> Dict[str, str]:
-    """Gives, by the names of a session's pictures (VEHICLE/STAMP), what the report calls them; other pictures keep
-    theirs."""
+    """Gives, by the names of a session's pictures (VEHICLE/STAMP), what the report calls them;
+    other pictures keep theirs."""
     groups: Dict[str, List[ImageEntry]] = {}
     for image in sorted(result.images, key=lambda i: i.stamp_s):
         if image.name == f"{image.vehicle}/{image.stamp_s:.3f}":
@@ -50,7 +51,10 @@ def named(result: MapResult) -> MapResult:
     return replace(
         result,
         reference=replace(result.reference, name=of(result.reference.name)),
-        images=[replace(i, name=of(i.name), left_out=i.left_out and said(i.left_out)) for i in result.images],
+        images=[
+            replace(i, name=of(i.name), left_out=i.left_out and said(i.left_out))
+            for i in result.images
+        ],
         pairs=[_NamedPair(p, names) for p in result.pairs],
         warnings=[said(w) for w in result.warnings],
         unseen=[said(u) for u in result.unseen],
@@ -60,7 +64,8 @@ def named(result: MapResult) -> MapResult:
 
 
 class _NamedPair:
-    """A pair whose pictures have other names; all else is the pair's own, made when it is looked at."""
+    """A pair whose pictures have other names; all else is the pair's own, made when it is looked
+    at."""
 
     def __init__(self, pair: Pair, names: Dict[str, str]):
         self._pair = pair

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report's section on the near field: what depth cameras brought, and whether it meets the map."""
+"""The report's section on the near field: what depth cameras brought, and whether it meets the
+map."""
 
 from typing import List
 
@@ -15,13 +16,19 @@ def near_field(data: ReportData) -> List[Part]:
     if n is None:
         return []
     rows = [
-        ("frames summed", ", ".join(f"{v}: {count}" for v, count in sorted(n.frames.items())) or "none"),
+        (
+            "frames summed",
+            ", ".join(f"{v}: {count}" for v, count in sorted(n.frames.items())) or "none",
+        ),
         ("points of it in the cloud", f"{n.points:,}"),
         ("pixels of the reference picture", f"{n.pixels:,}, of which {n.new:,} had no depth"),
         ("pixels that both know", f"{n.shared:,}"),
     ]
     if n.step is None:
-        return [Table((), rows), note("The near field and the map do not meet in the reference picture.")]
+        return [
+            Table((), rows),
+            note("The near field and the map do not meet in the reference picture."),
+        ]
     rows += [
         ("where", f"{n.from_m:.1f} to {n.to_m:.1f} m"),
         ("seam: step of the map, median", f"{n.step:+.1%}"),

@@ -14,8 +14,8 @@ from fcsv_stereo.report.naming import are_photographs, time_of
 
 @dataclass(frozen=True)
 class Origin:
-    """Input, mission and seed of the simulation (empty, None: none is known), the command that was given (empty: it
-    was no command), and when (Unix time, s; None: not known)."""
+    """Input, mission and seed of the simulation (empty, None: none is known), the command that was
+    given (empty: it was no command), and when (Unix time, s; None: not known)."""
 
     source: str = ""
     mission: str = ""
@@ -25,13 +25,16 @@ class Origin:
 
     @classmethod
     def of(cls, path: Path, command: str, made_s: float) -> "Origin":
-        """Makes the origin of an input; mission and seed from its session.yaml, as far as that says them."""
+        """Makes the origin of an input; mission and seed from its session.yaml, as far as that says
+        them."""
         try:
             document = read_yaml(path / "session.yaml") if (path / "session.yaml").is_file() else {}
         except ConfigError:
             document = {}  # whoever reads the session says what is wrong with it
         document = document if isinstance(document, dict) else {}
-        mission, simulation = (document.get(k) if isinstance(document.get(k), dict) else {} for k in _KEYS)
+        mission, simulation = (
+            document.get(k) if isinstance(document.get(k), dict) else {} for k in _KEYS
+        )
         return cls(str(path), str(mission.get("name", "")), simulation.get("seed"), command, made_s)
 
     def rows(self, result: MapResult) -> List[Tuple[str, str]]:
@@ -54,7 +57,9 @@ class Origin:
         if not are_photographs(result):
             return "coordinates of home: where the reference's camera was when home was set"
         shift = ", ".join(f"{v:.0f}" for v in result.origin_m)
-        return "coordinates of the photographs' model" + (f", near {shift}" if result.is_shifted else "")
+        return "coordinates of the photographs' model" + (
+            f", near {shift}" if result.is_shifted else ""
+        )
 
 
 _KEYS = ("mission", "simulation")

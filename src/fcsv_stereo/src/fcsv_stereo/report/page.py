@@ -19,7 +19,8 @@ from fcsv_stereo.report.parts import Part, image
 from fcsv_stereo.report.sections import ReportData
 
 NOT_KNOWN = Origin()
-#: Title and maker of every section, in order; one that gives nothing is left out. A new page is a line here.
+#: Title and maker of every section, in order; one that gives nothing is left out. A new page is a
+#: line here.
 SECTIONS: List[Tuple[str, Callable[[ReportData], List[Part]]]] = [
     ("Summary", sections.summary),
     ("Picture and depth", sections.picture_and_depth),
@@ -61,8 +62,8 @@ def write_report(
     points: Sequence[PoiResult] = (),
     origin: Origin = NOT_KNOWN,
 ) -> Path:
-    """``out_dir``/report.html of a map; with truth where it is known, and points of interest where they were given.
-    ``origin`` stands at its top."""
+    """``out_dir``/report.html of a map; with truth where it is known, and points of interest where
+    they were given. ``origin`` stands at its top."""
     if evaluation is not None:
         names = picture_names(result)
         errors = {names.get(n, n): e for n, e in evaluation.pose_errors.items()}
@@ -72,12 +73,16 @@ def write_report(
     for i, pair in enumerate(result.pairs):  # a pair's rectified pictures are made once, and let go
         found.append(evidence.pair_evidence(result, i))
         shown.append(image(figures.pair(pair)))
-    data = ReportData(result, found, evidence.seams(result, found), evaluation, true_depth, points, shown)
+    data = ReportData(
+        result, found, evidence.seams(result, found), evaluation, true_depth, points, shown
+    )
     drawn = [Section(title, make(data)) for title, make in SECTIONS]
     count = f"{len(result.pairs)} configuration{'' if len(result.pairs) == 1 else 's'}"
     title = f"Map of {count}, method {result.method}"
     path = Path(out_dir) / "report.html"
-    path.write_text(render(title, origin.rows(result), [s for s in drawn if s.parts]), encoding="utf-8")
+    path.write_text(
+        render(title, origin.rows(result), [s for s in drawn if s.parts]), encoding="utf-8"
+    )
     return path
 
 
@@ -85,10 +90,15 @@ def render(title: str, origin: Sequence[Tuple[str, str]], sections: Sequence[Sec
     """The page's HTML; ``origin`` are the rows of the table at its top."""
     has_views = any(p.kind in ("cloud_view", "pixel_view") for s in sections for p in s.parts)
     template = _environment().get_template("report.html")
-    return template.render(title=title, origin=origin, sections=sections, version=VERSION, has_views=has_views)
+    return template.render(
+        title=title, origin=origin, sections=sections, version=VERSION, has_views=has_views
+    )
 
 
 def _environment() -> jinja2.Environment:
-    """Templates beside this file (so that they are found in a devel space, too); what they are given is escaped."""
+    """Templates beside this file (so that they are found in a devel space, too); what they are
+    given is escaped."""
     loader = jinja2.FileSystemLoader(str(Path(__file__).resolve().parent / "templates"))
-    return jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
+    return jinja2.Environment(
+        loader=loader, autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined
+    )

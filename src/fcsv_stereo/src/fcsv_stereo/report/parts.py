@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a section of the report is made of: tables, figures inside the page, paragraphs. Plain text, no HTML.
+"""What a section of the report is made of: tables, figures inside the page, paragraphs. Plain text,
+no HTML.
 
-``kind`` names the macro in templates/parts.html that draws a part; it escapes what comes from outside.
+``kind`` names the macro in templates/parts.html that draws a part; it escapes what comes from
+outside.
 """
 
 import base64
@@ -51,7 +53,8 @@ class Table:
 
 @dataclass(frozen=True)
 class Figures:
-    """JPEGs in base64; beside each other where the window is wide enough, or one of the page's width."""
+    """JPEGs in base64; beside each other where the window is wide enough, or one of the page's
+    width."""
 
     jpegs: Tuple[str, ...]
     beside: bool
@@ -60,7 +63,8 @@ class Figures:
 
 @dataclass(frozen=True)
 class CloudView:
-    """A cloud to be turned by hand: script and figure of plotly, each gzip in base64; ``shown`` of ``points``."""
+    """A cloud to be turned by hand: script and figure of plotly, each gzip in base64; ``shown`` of
+    ``points``."""
 
     script: str
     figure: str
@@ -71,8 +75,8 @@ class CloudView:
 
 @dataclass(frozen=True)
 class PixelView:
-    """Picture and depth over each other: JPEGs in base64, colours and numbers of the legend, and what tells each pixel
-    (``pixel_view``), each gzip in base64."""
+    """Picture and depth over each other: JPEGs in base64, colours and numbers of the legend, and
+    what tells each pixel (``pixel_view``), each gzip in base64."""
 
     picture: str
     depth: str

@@ -15,7 +15,8 @@ def ground_sample(data: ReportData) -> List[Part]:
     found = GroundSample.of(data.result)
     rows = [
         (
-            f"{depth_m:.0f} m" + (" (median of the map)" if depth_m == found.median_depth_m else ""),
+            f"{depth_m:.0f} m"
+            + (" (median of the map)" if depth_m == found.median_depth_m else ""),
             f"{100 * size_m:.1f} cm",
         )
         for depth_m, size_m in found.table()
@@ -38,7 +39,9 @@ def pictures(data: ReportData) -> List[Part]:
 
 
 def _row(p: PictureUse) -> List[str]:
-    matched = ", ".join(p.configurations) if p.role == "other" else "all" if p.configurations else ""
+    matched = (
+        ", ".join(p.configurations) if p.role == "other" else "all" if p.configurations else ""
+    )
     shift = (f"{p.turned_deg:.3f}°", f"{p.moved_m:.3f} m") if p.refined else ("–", "–")
     return [
         p.name,

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Picture and depth in one place, with a slider between both; depth, sigma and kind of each pixel for the page."""
+"""Picture and depth in one place, with a slider between both; depth, sigma and kind of each pixel
+for the page."""
 
 import base64
 import io
@@ -20,9 +21,11 @@ _STOPS = 9  # colours of the legend
 
 
 def pixel_view(result: MapResult) -> PixelView:
-    """What the page needs to show picture and depth, and to answer for each pixel (``templates/measure.js``).
+    """What the page needs to show picture and depth, and to answer for each pixel
+    (``templates/measure.js``).
 
-    Every ``step``-th column and row is kept; ``width`` and ``height`` are those of the whole picture, px.
+    Every ``step``-th column and row is kept; ``width`` and ``height`` are those of the whole
+    picture, px.
     """
     camera, reference = result.reference.camera, result.reference
     step = max(1, int(np.ceil(np.sqrt(result.depth.size / MOST_PIXELS))))
@@ -30,26 +33,44 @@ def pixel_view(result: MapResult) -> PixelView:
     depth_codes, depth_low = log_codes(kept["depth"], DEPTH_STEP)
     sigma_codes, sigma_low = log_codes(kept["sigma"], SIGMA_STEP)
     about = {
-        "width": camera.width, "height": camera.height, "step": step, "columns": kept["depth"].shape[1],
-        "depth_low_m": depth_low, "depth_step": DEPTH_STEP, "sigma_low_m": sigma_low, "sigma_step": SIGMA_STEP,
-        "fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy, "words": WORDS,
-        "kinds": NAMES, "most_pairs": MOST_PAIRS,
-        "T_home_cam": reference.T_home_cam[:3].tolist(), "origin_m": result.origin_m.tolist(),
+        "width": camera.width,
+        "height": camera.height,
+        "step": step,
+        "columns": kept["depth"].shape[1],
+        "depth_low_m": depth_low,
+        "depth_step": DEPTH_STEP,
+        "sigma_low_m": sigma_low,
+        "sigma_step": SIGMA_STEP,
+        "fx": camera.fx,
+        "fy": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+        "words": WORDS,
+        "kinds": NAMES,
+        "most_pairs": MOST_PAIRS,
+        "T_home_cam": reference.T_home_cam[:3].tolist(),
+        "origin_m": result.origin_m.tolist(),
         "is_level": reference.is_level,
-    }  # fmt: skip
+    }
     colour, low, high = depth_colours(result.depth)
     stops = ", ".join(to_hex(c) for c in colour(np.geomspace(low, high, _STOPS)))
     ticks = tuple(f"{v:.3g} m" for v in np.geomspace(low, high, 5))
     drawn = (colour(drawn_values(result.depth))[..., :3] * 255).astype(np.uint8)
     return PixelView(
-        picture=_jpeg(drawn_picture(reference.image)), depth=_jpeg(drawn), colours=stops, ticks=ticks,
-        about=packed(json.dumps(about).encode()), depth_codes=packed(depth_codes.tobytes()),
-        sigma_codes=packed(sigma_codes.tobytes()), kind_codes=packed(np.ascontiguousarray(kept["kind"]).tobytes()),
-    )  # fmt: skip
+        picture=_jpeg(drawn_picture(reference.image)),
+        depth=_jpeg(drawn),
+        colours=stops,
+        ticks=ticks,
+        about=packed(json.dumps(about).encode()),
+        depth_codes=packed(depth_codes.tobytes()),
+        sigma_codes=packed(sigma_codes.tobytes()),
+        kind_codes=packed(np.ascontiguousarray(kept["kind"]).tobytes()),
+    )
 
 
 def log_codes(values: np.ndarray, step: float):
-    """Codes (uint16, little-endian) of positive values, and the least value: low · exp((code - 1) · step); 0 is none.
+    """Codes (uint16, little-endian) of positive values, and the least value: low · exp((code - 1) ·
+    step); 0 is none.
 
     >>> codes, low = log_codes(np.array([2.0, np.nan, 2.0 * np.e]), 0.01)
     >>> codes.tolist(), low

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with a map, said so that one who flies drones understands it and knows what to do."""
+"""What is wrong with a map, said so that one who flies drones understands it and knows what to
+do."""
 
 from typing import List, Optional, Sequence
 
@@ -13,11 +14,15 @@ from fcsv_stereo.report.naming import are_photographs
 LEAST_COVERAGE, LEAST_MATCHED, LEAST_OVERLAP, LEAST_FOUND = 0.25, 0.3, 0.5, 0.1
 MOST_EPIPOLAR_PX, MOST_CORRECTION_DEG, MOST_SEAM, MOST_APART_S = 1.0, 1.0, 0.05, 0.2
 WIDE_SIGMA, MOST_WIDE = 0.1, 0.25
-MOST_WRONG, LEAST_WITHIN_2, MOST_WITHIN_1 = 0.1, 0.8, 0.9  # against truth; 68 % and 95 % would be right
+# against truth; 68 % and 95 % would be right
+MOST_WRONG, LEAST_WITHIN_2, MOST_WITHIN_1 = 0.1, 0.8, 0.9
 
 
 def warnings(
-    result: MapResult, pairs: Sequence[PairEvidence], seams: Sequence[Seam], evaluation: Optional[Evaluation]
+    result: MapResult,
+    pairs: Sequence[PairEvidence],
+    seams: Sequence[Seam],
+    evaluation: Optional[Evaluation],
 ) -> List[str]:
     """Sentences, the method's own first; what is alike is said once."""
     found = list(result.warnings)
@@ -28,7 +33,11 @@ def warnings(
         )
     found += _of_pairs(result, pairs)
     found += _of_poses(result)
-    steps = [f"{s.step:+.0%} at {s.at_m:.0f} m ({s.shorter} to {s.longer})" for s in seams if abs(s.step) > MOST_SEAM]
+    steps = [
+        f"{s.step:+.0%} at {s.at_m:.0f} m ({s.shorter} to {s.longer})"
+        for s in seams
+        if abs(s.step) > MOST_SEAM
+    ]
     if steps:
         found.append(
             f"Depths jump where one baseline takes over from another: {', '.join(steps)}. The poses of these baselines "
@@ -48,22 +57,37 @@ def _of_pairs(result: MapResult, evidence: Sequence[PairEvidence]) -> List[str]:
         lost += [f"{name} ({e.found:.0%})"] if e.found is not None and e.found < LEAST_FOUND else []
         rms = e.epipolar_rms_px
         off += [f"{name} ({rms:.1f} px)"] if rms is not None and rms > MOST_EPIPOLAR_PX else []
-        apart += [f"{name} ({apart_s:.1f} s)"] if apart_s > MOST_APART_S and p.other_name not in result.watched else []
+        apart += (
+            [f"{name} ({apart_s:.1f} s)"]
+            if apart_s > MOST_APART_S and p.other_name not in result.watched
+            else []
+        )
     said = (
         (narrow, f"The other camera sees too little of the reference picture; {_nearer(result)}"),
         (poor, "Few pixels matched, so these baselines add little"),
-        (lost, "Hardly a corner is where its depth says, so these depths are chance: the other picture shows another "
-               "place, or its pose is far off"),
-        (off, "Corresponding points lie off their epipolar line (1 px would be good): poses are not good enough, and "
-              "far depths of these baselines are not to be trusted"),
+        (
+            lost,
+            "Hardly a corner is where its depth says, so these depths are chance: the other picture shows another "
+            "place, or its pose is far off",
+        ),
+        (
+            off,
+            "Corresponding points lie off their epipolar line (1 px would be good): poses are not good enough, and "
+            "far depths of these baselines are not to be trusted",
+        ),
         (apart, "Pictures were not taken at one time; what moved in between is wrong in the map"),
-    )  # fmt: skip
+    )
     return [f"{text}: {', '.join(names)}." for names, text in said if names]
 
 
 def _nearer(result: MapResult) -> str:
-    """What to do for more overlap: photographs are taken already, each by a camera of its own (``colmap``)."""
-    return "map with photographs that show more of the same" if are_photographs(result) else "tilt it inwards"
+    """What to do for more overlap: photographs are taken already, each by a camera of its own
+    (``colmap``)."""
+    return (
+        "map with photographs that show more of the same"
+        if are_photographs(result)
+        else "tilt it inwards"
+    )
 
 
 def _of_poses(result: MapResult) -> List[str]:
@@ -71,8 +95,12 @@ def _of_poses(result: MapResult) -> List[str]:
     any_refined = any(i.refined for i in result.images)
     for i in result.images:
         degrees, metres = correction(i)
-        turned += [f"{i.name} ({degrees:.1f}°, {metres:.2f} m)"] if degrees > MOST_CORRECTION_DEG else []
-        kept += [i.name] if any_refined and not i.refined and i.name != result.reference.name else []
+        turned += (
+            [f"{i.name} ({degrees:.1f}°, {metres:.2f} m)"] if degrees > MOST_CORRECTION_DEG else []
+        )
+        kept += (
+            [i.name] if any_refined and not i.refined and i.name != result.reference.name else []
+        )
     found = []
     if turned:
         check = (
@@ -82,7 +110,9 @@ def _of_poses(result: MapResult) -> List[str]:
         )
         found.append(f"Refinement moved pictures a lot: {', '.join(turned)}. Check {check}.")
     if kept:
-        found.append(f"The poses of these pictures could not be refined and are as recorded: {', '.join(kept)}.")
+        found.append(
+            f"The poses of these pictures could not be refined and are as recorded: {', '.join(kept)}."
+        )
     return found
 
 
@@ -94,7 +124,11 @@ def _longer(result: MapResult) -> str:
 def _of_sigma(result: MapResult, evaluation: Optional[Evaluation]) -> List[str]:
     found = []
     known = np.isfinite(result.depth) & np.isfinite(result.sigma)
-    wide = float((result.sigma[known] > WIDE_SIGMA * result.depth[known]).mean()) if known.any() else 0.0
+    wide = (
+        float((result.sigma[known] > WIDE_SIGMA * result.depth[known]).mean())
+        if known.any()
+        else 0.0
+    )
     if wide > MOST_WIDE:
         found.append(
             f"{wide:.0%} of the depths have a standard deviation above {WIDE_SIGMA:.0%} of the distance; "

@@ -39,7 +39,8 @@ _GROUND = (
 
 @dataclass(frozen=True)
 class ReportData:
-    """What sections draw from; truth is None where it is not known. ``shown`` are the pairs' figures."""
+    """What sections draw from; truth is None where it is not known. ``shown`` are the pairs'
+    figures."""
 
     result: MapResult
     evidence: List[PairEvidence]
@@ -59,7 +60,9 @@ def summary(data: ReportData) -> List[Part]:
     parts += [Paragraph(u) for u in unseen if parts]
     parts = parts or [Paragraph(" ".join(["Nothing stands out as wrong.", *unseen]), Tone.GOOD)]
     known = result.depth[np.isfinite(result.depth)]
-    span = f"{np.percentile(known, 1):.1f} to {np.percentile(known, 99):.0f} m" if known.size else "–"
+    span = (
+        f"{np.percentile(known, 1):.1f} to {np.percentile(known, 99):.0f} m" if known.size else "–"
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
         relative = result.sigma / result.depth
     relative = relative[np.isfinite(relative)]
@@ -70,17 +73,27 @@ def summary(data: ReportData) -> List[Part]:
         *shift,
         ("configurations", str(len(result.pairs))),
         ("points", f"{result.points:,}"),
-        *([("left out of the cloud", in_words(result.cut))] if result.cut and in_words(result.cut) else []),
+        *(
+            [("left out of the cloud", in_words(result.cut))]
+            if result.cut and in_words(result.cut)
+            else []
+        ),
         ("coverage of the picture", f"{result.coverage:.1%}"),
         ("depth, 1st to 99th percentile", span),
-        ("sigma over distance, median", percent(float(np.median(relative)) if relative.size else None, 2)),
+        (
+            "sigma over distance, median",
+            percent(float(np.median(relative)) if relative.size else None, 2),
+        ),
         *((f"time offset of {v}'s camera", c.words) for v, c in result.clocks.items()),
         ("processing", number(result.timing_s.get("total"), "{:.1f} s")),
     ]
     if e is not None:
         o = e.overall
         rows += [
-            (f"within 10 % of truth, of all pixels to {e.most_m:.0f} m", f"{o.within_10_percent:.1%}"),
+            (
+                f"within 10 % of truth, of all pixels to {e.most_m:.0f} m",
+                f"{o.within_10_percent:.1%}",
+            ),
             ("wrong by more, of the answered", f"{o.wrong_of_answered:.1%}"),
             ("median error", percent(o.median_relative_error, 2)),
         ]
@@ -101,7 +114,8 @@ def picture_and_depth(data: ReportData) -> List[Part]:
 
 
 def _unseen(result: MapResult) -> List[str]:
-    """What may be wrong and would show nowhere: in poses and cameras that were taken as they came, or by refinement."""
+    """What may be wrong and would show nowhere: in poses and cameras that were taken as they came,
+    or by refinement."""
     if any(i.refined for i in result.images):
         return result.unseen
     return [
@@ -120,7 +134,8 @@ def timing(data: ReportData) -> List[Part]:
     """Seconds by step."""
     if not any(data.result.timing_s.values()):
         return [note("not measured")]
-    order = [*charts.STEPS, *(k for k in data.result.timing_s if k not in charts.STEPS)]  # as they came, then the sum
+    # as they came, then the sum
+    order = [*charts.STEPS, *(k for k in data.result.timing_s if k not in charts.STEPS)]
     rows = [(k, f"{data.result.timing_s[k]:.2f} s") for k in order if k in data.result.timing_s]
     return [image(charts.timing(data.result)), Table(("step", "time"), rows)]
 
@@ -132,14 +147,36 @@ def configurations(data: ReportData) -> List[Part]:
         tracked = np.linalg.norm(p.T_home_cam_other[:3, 3] - p.T_home_cam_reference[:3, 3])
         carried = "–" if e.carried_m is None else f"{e.carried_m[0]:.0f} to {e.carried_m[1]:.0f} m"
         near, far = p.effective_range_m
-        rows.append((
-            p.configuration.name, p.configuration.axis, f"{p.configuration.baseline_m:.2f} m",
-            f"{tracked:.2f} m", f"{np.degrees(p.configuration.tilt_rad):.1f}°", f"{e.overlap:.0%}",
-            number(e.epipolar_rms_px, "{:.2f} px"), f"{p.match_rate:.1%}", f"{near:.0f} to {far:.0f} m", carried,
-            f"{e.points:,}", _skew(data.result.skews_s.get(p.other_name)),
-        ))  # fmt: skip
-    head = ("configuration", "axis", "baseline", "tracked", "tilt", "overlap", "epipolar rms", "matched",
-            "effective range", "depths it gave", "points", "skew")  # fmt: skip
+        rows.append(
+            (
+                p.configuration.name,
+                p.configuration.axis,
+                f"{p.configuration.baseline_m:.2f} m",
+                f"{tracked:.2f} m",
+                f"{np.degrees(p.configuration.tilt_rad):.1f}°",
+                f"{e.overlap:.0%}",
+                number(e.epipolar_rms_px, "{:.2f} px"),
+                f"{p.match_rate:.1%}",
+                f"{near:.0f} to {far:.0f} m",
+                carried,
+                f"{e.points:,}",
+                _skew(data.result.skews_s.get(p.other_name)),
+            )
+        )
+    head = (
+        "configuration",
+        "axis",
+        "baseline",
+        "tracked",
+        "tilt",
+        "overlap",
+        "epipolar rms",
+        "matched",
+        "effective range",
+        "depths it gave",
+        "points",
+        "skew",
+    )
     said = (
         "Overlap: share of the reference's view that the other camera sees. Epipolar rms: how far corresponding "
         "corners lie off the line on which they are looked for, in the rectified pictures; below 1 px is good. Depths "
@@ -159,14 +196,25 @@ def poses(data: ReportData) -> List[Part]:
     rows = []
     for i in data.result.images:
         degrees, metres = correction(i)
-        state = "reference" if i.name == data.result.reference.name else "yes" if i.refined else "no"
-        rows.append((
-            i.name, state, f"{degrees:.3f}°", f"{metres:.3f} m",
-            "–" if i.inliers is None else f"{i.inliers:,}", number(i.epipolar_rms_px, "{:.2f} px"),
-        ))  # fmt: skip
+        state = (
+            "reference" if i.name == data.result.reference.name else "yes" if i.refined else "no"
+        )
+        rows.append(
+            (
+                i.name,
+                state,
+                f"{degrees:.3f}°",
+                f"{metres:.3f} m",
+                "–" if i.inliers is None else f"{i.inliers:,}",
+                number(i.epipolar_rms_px, "{:.2f} px"),
+            )
+        )
     head = ("picture", "refined", "turned by", "moved by", "inliers", "epipolar rms after")
     if not any(i.refined for i in data.result.images):
-        return [Table(head, rows), note(f"Method {data.result.method} uses the recorded poses as they are.")]
+        return [
+            Table(head, rows),
+            note(f"Method {data.result.method} uses the recorded poses as they are."),
+        ]
     return [Table(head, rows), image(charts.corrections(data.result))]
 
 
@@ -214,10 +262,16 @@ def in_three_dimensions(data: ReportData) -> List[Part]:
 def confidence(data: ReportData) -> List[Part]:
     """Sigma as a picture, as histograms, by range."""
     rows = [
-        (f"{b['from_m']:.0f} to {b['to_m']:.0f} m" if np.isfinite(b["to_m"]) else f"beyond {b['from_m']:.0f} m",
-         f"{b['pixels']:,}", f"{b['sigma_m']:.2f} m", f"{b['share']:.2%}")
+        (
+            f"{b['from_m']:.0f} to {b['to_m']:.0f} m"
+            if np.isfinite(b["to_m"])
+            else f"beyond {b['from_m']:.0f} m",
+            f"{b['pixels']:,}",
+            f"{b['sigma_m']:.2f} m",
+            f"{b['share']:.2%}",
+        )
         for b in sigma_bands(data.result)
-    ]  # fmt: skip
+    ]
     return [
         side(figures.depth(data.result.sigma, "standard deviation of depth")),
         image(charts.sigma(data.result)),
@@ -229,9 +283,16 @@ def seams(data: ReportData) -> List[Part]:
     """Whether neighbouring baselines agree where one takes over."""
     if not data.seams:
         return [note("No two baselines of one axis overlap in range.")]
-    rows = [(f"{s.shorter} → {s.longer}", f"{s.at_m:.0f} m", f"{s.pixels:,}", f"{s.step:+.1%}") for s in data.seams]
+    rows = [
+        (f"{s.shorter} → {s.longer}", f"{s.at_m:.0f} m", f"{s.pixels:,}", f"{s.step:+.1%}")
+        for s in data.seams
+    ]
     shared = all(p.shares_depth for p in data.result.pairs)
-    of = "corners near it, as each pair alone would place them" if shared else "pixels near it that both saw"
+    of = (
+        "corners near it, as each pair alone would place them"
+        if shared
+        else "pixels near it that both saw"
+    )
     said = f"Step: median of the longer baseline's depth over the shorter's, less one, of the {of}."
     return [Table(("from → to", "at", "corners" if shared else "pixels", "step"), rows), note(said)]
 
@@ -243,15 +304,24 @@ def truth(data: ReportData) -> List[Part]:
         return []
     rows = [
         (
-            f"{b.range_m[0]:.0f} to {b.range_m[1]:.0f} m", f"{b.pixels:,}", f"{b.coverage:.1%}",
-            f"{b.within_10_percent:.1%}", f"{b.wrong_of_answered:.1%}", percent(b.median_relative_error, 2),
+            f"{b.range_m[0]:.0f} to {b.range_m[1]:.0f} m",
+            f"{b.pixels:,}",
+            f"{b.coverage:.1%}",
+            f"{b.within_10_percent:.1%}",
+            f"{b.wrong_of_answered:.1%}",
+            percent(b.median_relative_error, 2),
         )
         for b in e.bands
-    ]  # fmt: skip
+    ]
     turned = [(n, f"{r:.3f}°", f"{p:.3f} m") for n, (r, p) in e.pose_errors.items()]
     return [
-        Table(("range", "pixels", "covered", "within 10 %", "wrong of answered", "median error"), rows),
-        side(figures.depth(data.true_depth, "true depth"), figures.depth_error(data.result.depth, data.true_depth)),
+        Table(
+            ("range", "pixels", "covered", "within 10 %", "wrong of answered", "median error"), rows
+        ),
+        side(
+            figures.depth(data.true_depth, "true depth"),
+            figures.depth_error(data.result.depth, data.true_depth),
+        ),
         side(figures.errors_by_range(data.result, data.true_depth, e)),
         Paragraph(
             f"Errors within one predicted standard deviation: {e.within_1_sigma:.0%} (68 % is right), within two: "

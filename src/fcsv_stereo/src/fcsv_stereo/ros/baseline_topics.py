@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""/map/baselines/*: the points of each axis, and of each baseline, made only for who listens, whenever he begins to."""
+"""/map/baselines/*: the points of each axis, and of each baseline, made only for who listens,
+whenever he begins to."""
 
 import threading
 from typing import Callable, Dict, List, Optional, Sequence, Tuple
@@ -18,8 +19,9 @@ PREFIX = "/map/baselines/"
 
 
 class BaselineTopics(rospy.SubscribeListener):
-    """``/map/baselines/horizontal`` and ``/map/baselines/vertical`` from the start; with the map's growth also a topic
-    for each baseline. Who begins to listen gets the newest map at once. Points are in ``frame``."""
+    """``/map/baselines/horizontal`` and ``/map/baselines/vertical`` from the start; with the map's
+    growth also a topic for each baseline. Who begins to listen gets the newest map at once. Points
+    are in ``frame``."""
 
     def __init__(self, frame: str = frames.HOME):
         super().__init__()
@@ -33,19 +35,22 @@ class BaselineTopics(rospy.SubscribeListener):
         self._advertise(axis.value for axis in Axis)
 
     def show(self, cloud: Cloud, baselines: Sequence[Tuple[str, float]], stamp_s: float) -> None:
-        """Shows the cloud in place of the map before. ``baselines``: (axis, length in m) of each pair that points may
-        come of."""
+        """Shows the cloud in place of the map before. ``baselines``: (axis, length in m) of each
+        pair that points may come of."""
         with self._lock:
             self._cloud, self._baselines, self._stamp_s = cloud, list(baselines), stamp_s
             gone = set(self._groups)
             self._groups = groups(self._baselines)
-            names = [*self._groups, *(gone - set(self._groups))]  # a list begun anew takes its baselines along
+            # a list begun anew takes its baselines along
+            names = [*self._groups, *(gone - set(self._groups))]
         self._advertise(names)
         for name in names:
             if self._publishers[name].get_num_connections():
                 self._publishers[name].publish(self._message(name))
 
-    def peer_subscribe(self, topic_name: str, _topic_publish: Callable, peer_publish: Callable) -> None:
+    def peer_subscribe(
+        self, topic_name: str, _topic_publish: Callable, peer_publish: Callable
+    ) -> None:
         """rospy's: somebody begins to listen."""
         with self._lock:
             known = self._cloud is not None

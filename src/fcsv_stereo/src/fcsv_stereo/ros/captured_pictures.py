@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a map or a check in flight is made of, as it comes over the link: pictures with poses, calibration and home."""
+"""What a map or a check in flight is made of, as it comes over the link: pictures with poses,
+calibration and home."""
 
 from typing import Callable, Dict, Sequence
 
@@ -16,8 +17,8 @@ from fcsv_stereo.model import LivePicture
 
 
 class CapturedPictures:
-    """Subscribes; ``on_picture`` is told each picture, ``on_frames`` T_home_odom by vehicle once it is known. What is
-    wrong is dropped and said by ``health``. Callbacks come from ROS's threads."""
+    """Subscribes; ``on_picture`` is told each picture, ``on_frames`` T_home_odom by vehicle once it
+    is known. What is wrong is dropped and said by ``health``. Callbacks come from ROS's threads."""
 
     def __init__(
         self,
@@ -28,11 +29,15 @@ class CapturedPictures:
     ):
         self._health, self._on_picture, self._on_frames = health, on_picture, on_frames
         self._in_home = HomeFrames()
-        rospy.Subscriber("/calibration", Calibration, self._take, home_messages.take_calibration, queue_size=1)
+        rospy.Subscriber(
+            "/calibration", Calibration, self._take, home_messages.take_calibration, queue_size=1
+        )
         rospy.Subscriber("/home", Home, self._take, home_messages.take_home, queue_size=1)
         for name in vehicles:
             topic = f"/{name}/capture/picture"
-            rospy.Subscriber(topic, CapturedPicture, self._captured, name, queue_size=20, buff_size=8 << 20)
+            rospy.Subscriber(
+                topic, CapturedPicture, self._captured, name, queue_size=20, buff_size=8 << 20
+            )
 
     def _take(self, message, take) -> None:
         try:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The map in flight: every configuration adds to it as it comes in over the link; or monitoring while vehicles hold."""
+"""The map in flight: every configuration adds to it as it comes in over the link; or monitoring
+while vehicles hold."""
 
 import threading
 import time
@@ -38,12 +39,14 @@ _FIRST_LOOK_PICTURES = 1  # of each vehicle and configuration: who flies waits f
 class LiveParameters:
     """Parameters of the node; ``vehicles`` with the reference first.
 
-    ``monitor``: instead of one map of a mission, depth of what the vehicles see now, at most ``monitor_rate_hz``
-    times a second, from pictures at most ``apart_s`` apart (vehicles hold, the scene may move); ``joint`` makes larger
-    pictures as small as 640 x 480, with the camera_info of that size. ``refine_every``: of so many of these, poses are
-    refined in one and corrected as found in between; more than 1 only where their errors stay the same for seconds, as
-    on a rig. ``bars``: straight thin things are matched as wholes, too, in finished maps and in monitoring
-    (docs/user/ground_trackers.md). ``shown_from_m``, ``shown_to_m``: ends of the colours of /map/monitor.
+    ``monitor``: instead of one map of a mission, depth of what the vehicles see now, at most
+    ``monitor_rate_hz`` times a second, from pictures at most ``apart_s`` apart (vehicles hold, the
+    scene may move); ``joint`` makes larger pictures as small as 640 x 480, with the camera_info of
+    that size. ``refine_every``: of so many of these, poses are refined in one and corrected as
+    found in between; more than 1 only where their errors stay the same for seconds, as on a rig.
+    ``bars``: straight thin things are matched as wholes, too, in finished maps and in monitoring
+    (docs/user/ground_trackers.md). ``shown_from_m``, ``shown_to_m``: ends of the colours of
+    /map/monitor.
     """
 
     vehicles: List[str]
@@ -58,17 +61,23 @@ class LiveParameters:
 
     def __post_init__(self):
         if len(self.vehicles) < 2:
-            raise ValueError(f"vehicles: {self.vehicles} are not two or more; name them, the reference first")
+            raise ValueError(
+                f"vehicles: {self.vehicles} are not two or more; name them, the reference first"
+            )
         if self.method not in METHODS:
             raise ValueError(f"method: '{self.method}' is not one of {', '.join(METHODS)}")
         if self.bars and not METHODS[self.method].matches_bars:
-            raise ValueError(f"bars: the method '{self.method}' does not match bars; use joint, or leave them out")
+            raise ValueError(
+                f"bars: the method '{self.method}' does not match bars; use joint, or leave them out"
+            )
         if not 0.1 <= self.monitor_rate_hz <= 30.0:
             raise ValueError(f"monitor_rate_hz: {self.monitor_rate_hz} is not in 0.1..30")
         if self.refine_every < 1:
             raise ValueError(f"refine_every: {self.refine_every} must be 1 or more")
         if not 0.0 < self.shown_from_m < self.shown_to_m:
-            raise ValueError(f"shown_from_m: {self.shown_from_m} must lie in 0..shown_to_m ({self.shown_to_m})")
+            raise ValueError(
+                f"shown_from_m: {self.shown_from_m} must lie in 0..shown_to_m ({self.shown_to_m})"
+            )
         if not 0.0 < self.apart_s <= 5.0:
             raise ValueError(f"apart_s: {self.apart_s} is not in (0, 5]")
 
@@ -85,7 +94,9 @@ class LiveNode:
         self._mapped: set = set()  # indices of windows
         self._rate = monitoring.ImageRate()
         self._last_s = 0.0  # stamp of the newest picture that is in what is mapped
-        self._state = MapState(state=MapStage.WAITING.value, detail="waiting for the first configuration")
+        self._state = MapState(
+            state=MapStage.WAITING.value, detail="waiting for the first configuration"
+        )
         self._health = Health("map", {"pictures": 0.0})
         latched = {"queue_size": 1, "latch": True}
         self._topics = MapTopics()
@@ -95,9 +106,15 @@ class LiveNode:
         CapturedPictures(self._parameters.vehicles, self._health, self._on_picture, self._on_frames)
         rospy.Subscriber("/mission/capture", Capture, self._on_capture, queue_size=50)
         for name in self._parameters.vehicles:
-            rospy.Subscriber(f"/{name}/camera_pose", PoseWithCovarianceStamped, self._on_pose, name, queue_size=20)
+            rospy.Subscriber(
+                f"/{name}/camera_pose",
+                PoseWithCovarianceStamped,
+                self._on_pose,
+                name,
+                queue_size=20,
+            )
 
-    # ---- what comes in -------------------------------------------------------------------------------------
+    # ---- what comes in ---------------------------------------------------------------------------
 
     def _on_frames(self, T_home_odom: Dict[str, np.ndarray]) -> None:
         with self._changed:
@@ -127,7 +144,7 @@ class LiveNode:
         with self._changed:
             self._session.add_covariance(name, stamp_s, covariance)
 
-    # ---- the worker ----------------------------------------------------------------------------------------
+    # ---- the worker ------------------------------------------------------------------------------
 
     def spin(self) -> None:
         """Maps what is new until ROS shuts the node down."""
@@ -141,7 +158,8 @@ class LiveNode:
             warm_up(method, each)
         next_s, unfinished = 0.0, False
         while not rospy.is_shutdown():
-            time.sleep(max(0.0, next_s - time.monotonic()))  # before looking: what is taken then is the newest
+            # before looking: what is taken then is the newest
+            time.sleep(max(0.0, next_s - time.monotonic()))
             given = self._next_input()
             if p.monitor and given is not None:
                 next_s = time.monotonic() + 1.0 / p.monitor_rate_hz
@@ -187,7 +205,9 @@ class LiveNode:
             self._say_apart(reference, others)
             return None
         self._watched_s = given.configurations[0].references[0].stamp_s
-        self._last_s = max(p.stamp_s for c in given.configurations for p in (*c.references, *c.others))
+        self._last_s = max(
+            p.stamp_s for c in given.configurations for p in (*c.references, *c.others)
+        )
         return given
 
     def _say_apart(self, reference: str, others: List[str]) -> None:
@@ -196,7 +216,10 @@ class LiveNode:
         if long_s >= _NOT_OF_ONE_INSTANT_S and apart_s > self._parameters.apart_s:
             said = f"{1e3 * apart_s:.0f} ms apart" if apart_s < 1e6 else "of one vehicle only"
             limit = f"apart_s:={self._parameters.apart_s:g}"
-            self._say(MapStage.FAILED, f"newest pictures are {said} ({limit}): trigger the cameras together")
+            self._say(
+                MapStage.FAILED,
+                f"newest pictures are {said} ({limit}): trigger the cameras together",
+            )
 
     def _first_look(self) -> Optional[MapInput]:
         complete = {i for i in self._session.windows if self._session.complete(i)}
@@ -209,14 +232,16 @@ class LiveNode:
     def _with_known_poses(self, method: Method, options, given: MapInput):
         """Poses are refined now and then, and corrected as found in between."""
         self._watched += 1
-        refine = (self._watched - 1) % self._parameters.refine_every == 0 or not self._corrections.know(given)
+        refine = (
+            self._watched - 1
+        ) % self._parameters.refine_every == 0 or not self._corrections.know(given)
         if refine or not method.refines_poses:
             return options, given
         return method.trusting_poses(options), self._corrections.apply(given)
 
     def _map(
         self, method: Method, options, given: MapInput, state_after: MapStage = MapStage.READY
-    ) -> Optional[MapResult]:  # fmt: skip
+    ) -> Optional[MapResult]:
         names = ", ".join(c.configuration.name for c in given.configurations)
         if not self._parameters.monitor:
             self._say(MapStage.MAPPING, names)
@@ -226,14 +251,22 @@ class LiveNode:
         except FcsvError as error:
             self._say(MapStage.FAILED, str(error), given.warnings)
             return None
-        except Exception as error:  # a defect must not take the map away from a flight: the next configuration may do
+        # a defect must not take the map away from a flight: the next configuration may do
+        except Exception as error:
             self._say(MapStage.FAILED, node.defect(error), given.warnings)
             return None
         self._topics.publish(result)
         state = self._state
-        state.configurations, state.points, state.coverage = len(result.pairs), result.points, result.coverage
+        state.configurations, state.points, state.coverage = (
+            len(result.pairs),
+            result.points,
+            result.coverage,
+        )
         state.reference = rospy.Time.from_sec(result.reference.stamp_s)
-        state.processing_s, state.latency_s = time.monotonic() - started, rospy.get_time() - self._last_s
+        state.processing_s, state.latency_s = (
+            time.monotonic() - started,
+            rospy.get_time() - self._last_s,
+        )
         if self._parameters.monitor:
             self._show(result, monitoring.skew_s(given), names)
         self._say(state_after, names, result.warnings)
@@ -250,7 +283,12 @@ class LiveNode:
         stamp_s = result.reference.stamp_s
         self._monitor.publish(conversions.array_to_image(shown, "rgb8", stamp_s, REFERENCE_FRAME))
 
-    def _say(self, state: Optional[MapStage] = None, detail: str = "", problems: Optional[List[str]] = None) -> None:
+    def _say(
+        self,
+        state: Optional[MapStage] = None,
+        detail: str = "",
+        problems: Optional[List[str]] = None,
+    ) -> None:
         """Publish the state, changed or not; a failure is also an error of this node's health."""
         s = self._state
         if state and (state, detail) != (s.state, s.detail):

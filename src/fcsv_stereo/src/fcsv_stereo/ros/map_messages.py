@@ -10,7 +10,8 @@ from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions
 from fcsv_stereo.model import Cloud
 
-#: Optical frame of the reference picture that depth belongs to, published as a static transform from home.
+#: Optical frame of the reference picture that depth belongs to, published as a static transform
+#: from home.
 REFERENCE_FRAME = "map/reference_optical"
 #: Frame of a map that is far from home's origin: its points plus the shift are in home.
 LOCAL_FRAME = "map/local"
@@ -19,11 +20,15 @@ _OF_BASELINES = np.dtype([*_POINT.descr, ("baseline_m", "<f4")])
 
 
 def cloud_message(
-    cloud: Cloud, stamp_s: float, chosen: Optional[np.ndarray] = None, lengths_m: Optional[np.ndarray] = None,
+    cloud: Cloud,
+    stamp_s: float,
+    chosen: Optional[np.ndarray] = None,
+    lengths_m: Optional[np.ndarray] = None,
     frame: str = frames.HOME,
-) -> PointCloud2:  # fmt: skip
-    """Points of home (or of another ``frame``) with packed colour and sigma (m); ``chosen``: indices of them, or all.
-    With ``lengths_m`` (of each pair) every chosen point has the length of its baseline, too."""
+) -> PointCloud2:
+    """Points of home (or of another ``frame``) with packed colour and sigma (m); ``chosen``:
+    indices of them, or all. With ``lengths_m`` (of each pair) every chosen point has the length of
+    its baseline, too."""
     chosen = np.arange(len(cloud)) if chosen is None else chosen
     kind = _POINT if lengths_m is None else _OF_BASELINES
     points = np.empty(len(chosen), kind)
@@ -37,7 +42,11 @@ def cloud_message(
     message = PointCloud2(header=conversions.header(stamp_s, frame), height=1, width=len(points))
     kinds = {"<f4": PointField.FLOAT32, "<u4": PointField.FLOAT32}  # rgb travels in a float's bits
     message.fields = [PointField(n, kind.fields[n][1], kinds[kind[n].str], 1) for n in kind.names]
-    message.point_step, message.row_step, message.is_dense = kind.itemsize, kind.itemsize * len(points), True
+    message.point_step, message.row_step, message.is_dense = (
+        kind.itemsize,
+        kind.itemsize * len(points),
+        True,
+    )
     message.data = points.tobytes()
     return message
 

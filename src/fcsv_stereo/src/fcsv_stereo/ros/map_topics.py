@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A map on its topics, as it grows: points, depth with sigma, kind and camera, reference picture and its place."""
+"""A map on its topics, as it grows: points, depth with sigma, kind and camera, reference picture
+and its place."""
 
 import rospy
 import tf2_ros
@@ -29,13 +30,21 @@ class MapTopics:
     def publish(self, result: MapResult) -> None:
         """A new map in place of the last one."""
         reference, stamp_s = result.reference, result.reference.stamp_s
-        T = conversions.transform_stamped(reference.T_home_cam, stamp_s, frames.HOME, REFERENCE_FRAME)
+        T = conversions.transform_stamped(
+            reference.T_home_cam, stamp_s, frames.HOME, REFERENCE_FRAME
+        )
         self._static.sendTransform([T])
         self._points.publish(cloud_message(result.cloud, stamp_s))
         baselines = [(p.configuration.axis.value, p.configuration.baseline_m) for p in result.pairs]
         self._by_baseline.show(result.cloud, baselines, stamp_s)
         self._depth.publish(depth_message(result.depth, stamp_s))
         self._sigma.publish(depth_message(result.sigma, stamp_s))
-        self._kind.publish(conversions.array_to_image(result.kind.astype("uint8"), "mono8", stamp_s, REFERENCE_FRAME))
+        self._kind.publish(
+            conversions.array_to_image(
+                result.kind.astype("uint8"), "mono8", stamp_s, REFERENCE_FRAME
+            )
+        )
         self._info.publish(conversions.info_from_camera(reference.camera, stamp_s, REFERENCE_FRAME))
-        self._reference.publish(conversions.array_to_image(reference.image, "rgb8", stamp_s, REFERENCE_FRAME))
+        self._reference.publish(
+            conversions.array_to_image(reference.image, "rgb8", stamp_s, REFERENCE_FRAME)
+        )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether two vehicles' pictures show them where their trackers say: for the mission, as they record."""
+"""Whether two vehicles' pictures show them where their trackers say: for the mission, as they
+record."""
 
 import threading
 import time
@@ -21,8 +22,8 @@ from fcsv_stereo.ros.captured_pictures import CapturedPictures
 
 @dataclass(frozen=True)
 class PairCheckParameters:
-    """Parameters of the node; ``vehicles`` with the reference first. At most ``rate_hz`` looks a second at a pair, and
-    fewer where looking would take more than ``most_share`` of the time."""
+    """Parameters of the node; ``vehicles`` with the reference first. At most ``rate_hz`` looks a
+    second at a pair, and fewer where looking would take more than ``most_share`` of the time."""
 
     vehicles: List[str]
     rate_hz: float = 2.0
@@ -30,7 +31,9 @@ class PairCheckParameters:
 
     def __post_init__(self):
         if len(self.vehicles) < 2:
-            raise ValueError(f"vehicles: {self.vehicles} are not two or more; name them, the reference first")
+            raise ValueError(
+                f"vehicles: {self.vehicles} are not two or more; name them, the reference first"
+            )
         if not 0.1 <= self.rate_hz <= 10.0:
             raise ValueError(f"rate_hz: {self.rate_hz} is not in 0.1..10")
         if not 0.01 <= self.most_share <= 1.0:
@@ -78,7 +81,9 @@ class PairCheckNode:
             T_home_odom = self._T_home_odom
         unknown = [p.vehicle for p in pair if p.vehicle not in T_home_odom]
         if unknown:
-            self._health.drop("picture", f"where {unknown[0]} is in home is not known: calibrate, then set home")
+            self._health.drop(
+                "picture", f"where {unknown[0]} is in home is not known: calibrate, then set home"
+            )
             return None
         try:
             a, b = (p.picture(T_home_odom[p.vehicle]) for p in pair)

@@ -21,10 +21,11 @@ from fcsv_stereo.ros.map_messages import LOCAL_FRAME, cloud_message
 
 
 def publish_map(out: Path) -> list:
-    """Publishers of everything in OUT, which also serve who comes later; keep them. Raises FcsvError and OSError, and
-    ValueError or KeyError where the report is not of a map.
+    """Publishers of everything in OUT, which also serve who comes later; keep them. Raises
+    FcsvError and OSError, and ValueError or KeyError where the report is not of a map.
 
-    A map far from home's origin is in LOCAL_FRAME, whose static transform from home has the shift in float64.
+    A map far from home's origin is in LOCAL_FRAME, whose static transform from home has the shift
+    in float64.
     """
     cloud, origin_m = read_ply(out / "map.ply"), read_ply_origin(out / "map.ply")
     frame = LOCAL_FRAME if origin_m.any() else frames.HOME
@@ -35,7 +36,9 @@ def publish_map(out: Path) -> list:
     if frame == LOCAL_FRAME:
         broadcaster = tf2_ros.StaticTransformBroadcaster()
         T_home_local = transforms.transform(np.eye(3), origin_m)
-        broadcaster.sendTransform(conversions.transform_stamped(T_home_local, 0.0, frames.HOME, frame))
+        broadcaster.sendTransform(
+            conversions.transform_stamped(T_home_local, 0.0, frames.HOME, frame)
+        )
         publishers.append(broadcaster)
         rospy.loginfo("the map is far from home's origin: choose %s as rviz's fixed frame", frame)
     by_baseline = BaselineTopics(frame)

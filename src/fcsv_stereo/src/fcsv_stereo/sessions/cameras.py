@@ -109,15 +109,19 @@ def _odd(camera: PinholeCamera, other) -> str:
         said = f"intrinsics differ from message to message ({_words(camera)})"
         return f"{said}: do two nodes publish them?"
     same = _words(camera) == _words(other)
-    of = f"distortion {list(camera.distortion)} where it is {list(other.distortion)}" if same else (
-        f"{_words(camera)} where the others have {_words(other)}"
-    )  # fmt: skip
+    of = (
+        f"distortion {list(camera.distortion)} where it is {list(other.distortion)}"
+        if same
+        else (f"{_words(camera)} where the others have {_words(other)}")
+    )
     return f"intrinsics of this message alone are {of}"
 
 
 def _changes(kept: List[Infos]) -> List[str]:
     """Says, in words, where a camera changed for good."""
-    return [_changed(a[-1][1], *b[0]) for a, b in zip(kept, kept[1:]) if not _alike(a[-1][1], b[0][1])]
+    return [
+        _changed(a[-1][1], *b[0]) for a, b in zip(kept, kept[1:]) if not _alike(a[-1][1], b[0][1])
+    ]
 
 
 def _changed(before: PinholeCamera, stamp_s: float, after: PinholeCamera) -> str:

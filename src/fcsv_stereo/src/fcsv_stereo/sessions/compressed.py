@@ -13,16 +13,18 @@ _STARTS_ENDS = ((b"\xff\xd8", b"\xff\xd9"), (b"\x89PNG", b"IEND"))
 _TAIL = 64  # octets that some encoders append
 #: OpenCV names a mosaic by its second row
 _MOSAICS = {
-    "bayer_rggb": cv2.COLOR_BayerBG2RGB, "bayer_bggr": cv2.COLOR_BayerRG2RGB,
-    "bayer_gbrg": cv2.COLOR_BayerGR2RGB, "bayer_grbg": cv2.COLOR_BayerGB2RGB,
-}  # fmt: skip
+    "bayer_rggb": cv2.COLOR_BayerBG2RGB,
+    "bayer_bggr": cv2.COLOR_BayerRG2RGB,
+    "bayer_gbrg": cv2.COLOR_BayerGR2RGB,
+    "bayer_grbg": cv2.COLOR_BayerGB2RGB,
+}
 
 
 def decoded(where: str, message) -> np.ndarray:
     """HxWx3 RGB, uint8 or uint16 as compressed. Raises InputError that begins with ``where``.
 
-    ``format`` is "jpeg", "png", or image_transport's "ENCODING; jpeg compressed ORDER": ORDER "rgb8"
-    says that the encoder was given red first.
+    ``format`` is "jpeg", "png", or image_transport's "ENCODING; jpeg compressed ORDER": ORDER
+    "rgb8" says that the encoder was given red first.
     """
     data = bytes(message.data)
     if not any(data.startswith(start) for start, _ in _STARTS_ENDS):

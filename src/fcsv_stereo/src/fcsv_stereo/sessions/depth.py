@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames of the vehicles' depth cameras from the bags of a session, with their poses in home (fcsv_stereo.near)."""
+"""Frames of the vehicles' depth cameras from the bags of a session, with their poses in home
+(fcsv_stereo.near)."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,16 +22,21 @@ from fcsv_stereo.sessions.left_out import LeftOut
 from fcsv_stereo.sessions.pictures import samples_of
 
 #: As realsense2_camera 2.3 names depth in the colour camera's pixels; below a vehicle's namespace.
-DEPTH, DEPTH_INFO = "camera/aligned_depth_to_color/image_raw", "camera/aligned_depth_to_color/camera_info"
+DEPTH, DEPTH_INFO = (
+    "camera/aligned_depth_to_color/image_raw",
+    "camera/aligned_depth_to_color/camera_info",
+)
 _TYPE = "sensor_msgs/Image"
 _ENCODINGS = ("16UC1", "mono16")
-#: Around another vehicle's place nothing is mapped: its own size (half of it 0.25 m), and how well its place is known.
+#: Around another vehicle's place nothing is mapped: its own size (half of it 0.25 m), and how well
+#: its place is known.
 _VEHICLE_M = 0.6
 
 
 @dataclass(frozen=True)
 class RecordedDepth:
-    """Where a session holds depth. ``cameras`` are those of its camera_info, by vehicle; the others as in the bags."""
+    """Where a session holds depth. ``cameras`` are those of its camera_info, by vehicle; the others
+    as in the bags."""
 
     bags: List[Path]
     cameras: Mapping[str, CameraTimeline]
@@ -48,9 +54,11 @@ class RecordedDepth:
         return sorted(v for v in self.cameras if all(v in k for k in known))
 
     def frames(self) -> Iterator[DepthFrame]:
-        """Frames that show something new (near.Thinning), bag by bag; those without a pose are counted in ``warnings``.
+        """Frames that show something new (near.Thinning), bag by bag; those without a pose are
+        counted in ``warnings``.
 
-        Single frames that are none are left out. Raises InputError where all are none, naming topic, bag and why.
+        Single frames that are none are left out. Raises InputError where all are none, naming
+        topic, bag and why.
         """
         lost: Dict[str, int] = {}
         thinning, left_out, given = Thinning(), LeftOut(), 0
@@ -65,17 +73,21 @@ class RecordedDepth:
             raise InputError("; ".join(left_out.warnings()))
         self.warnings.extend(left_out.warnings())
         for vehicle, count in lost.items():
-            self.warnings.append(f"{count} depth frames of {vehicle} have no odometry at their stamp: left out")
+            self.warnings.append(
+                f"{count} depth frames of {vehicle} have no odometry at their stamp: left out"
+            )
 
     def _of_bag(
         self, bag: Path, thinning: Thinning, lost: Dict[str, int], left_out: LeftOut
-    ) -> Iterator[DepthFrame]:  # fmt: skip
+    ) -> Iterator[DepthFrame]:
         topics = {f"/{v}/{DEPTH}": v for v in self.vehicles}
 
         def broken(topic: str, recorded_s: float, why: str) -> None:
             left_out.add(topic, recorded_s, f"its bytes are no {_TYPE} ({why})")
 
-        for topic, message in reading.messages(bag, lambda n, kind: _holds_depth(bag, topics, n, kind), broken):
+        for topic, message in reading.messages(
+            bag, lambda n, kind: _holds_depth(bag, topics, n, kind), broken
+        ):
             vehicle, stamp_s = topics[topic], seconds(message.header.stamp)
             try:
                 T_home_cam = self._camera_in_home(vehicle, stamp_s)
@@ -88,17 +100,25 @@ class RecordedDepth:
                 except InputError as error:
                     left_out.add(topic, stamp_s, str(error))
 
-    def _frame(self, where: str, vehicle: str, stamp_s: float, T_home_cam: np.ndarray, message) -> DepthFrame:
+    def _frame(
+        self, where: str, vehicle: str, stamp_s: float, T_home_cam: np.ndarray, message
+    ) -> DepthFrame:
         if message.encoding not in _ENCODINGS:
-            raise InputError(f"{where}: encoding '{message.encoding}' is not depth in mm: {', '.join(_ENCODINGS)}")
+            raise InputError(
+                f"{where}: encoding '{message.encoding}' is not depth in mm: {', '.join(_ENCODINGS)}"
+            )
         millimetres = samples_of(where, message, 1, np.dtype(np.uint16))
         covariance = self._covariance(vehicle, stamp_s, T_home_cam)
         camera = self.cameras[vehicle].at(stamp_s)
-        frame = DepthFrame.of_millimetres(vehicle, stamp_s, millimetres, camera, T_home_cam, covariance)
+        frame = DepthFrame.of_millimetres(
+            vehicle, stamp_s, millimetres, camera, T_home_cam, covariance
+        )
         return frame.without(self._others(vehicle, stamp_s), _VEHICLE_M)
 
     def _camera_in_home(self, vehicle: str, stamp_s: float) -> np.ndarray:
-        return camera_in_home(self.T_home_odom[vehicle], self.tracks[vehicle].at(stamp_s), self.T_body_cam[vehicle])
+        return camera_in_home(
+            self.T_home_odom[vehicle], self.tracks[vehicle].at(stamp_s), self.T_body_cam[vehicle]
+        )
 
     def _covariance(self, vehicle: str, stamp_s: float, T_home_cam: np.ndarray) -> np.ndarray:
         """Gives the covariance as it was recorded, or as it is assumed of a flight."""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bags of a session: all parts of every machine, repaired where they were not closed; what is missing is said.
+"""The bags of a session: all parts of every machine, repaired where they were not closed; what is
+missing is said.
 
 Bags of ROS 2 are opened as they are.
 """
@@ -23,7 +24,8 @@ def is_session(path: Path) -> bool:
 
 
 def bags_of(path: Path, warnings: List[str]) -> List[Path]:
-    """Bags to open, in order. A part that is missing or cannot be repaired is left out with a warning.
+    """Bags to open, in order. A part that is missing or cannot be repaired is left out with a
+    warning.
 
     Raises InputError where none is left, or where session.yaml is none.
     """
@@ -36,9 +38,14 @@ def bags_of(path: Path, warnings: List[str]) -> List[Path]:
 
 
 def _bags_in(folder: Path) -> List[Path]:
-    found = {recording_of(p) for pattern in ("*.bag", f"*.bag{ACTIVE}") for p in folder.glob(pattern)}
+    found = {
+        recording_of(p) for pattern in ("*.bag", f"*.bag{ACTIVE}") for p in folder.glob(pattern)
+    }
     found |= {p.parent for p in folder.glob(f"*/{METADATA}")}
-    return sorted(found | {p for suffix in ROS2_FILES for p in folder.glob(f"*{suffix}")}, key=_machine_and_part)
+    return sorted(
+        found | {p for suffix in ROS2_FILES for p in folder.glob(f"*{suffix}")},
+        key=_machine_and_part,
+    )
 
 
 def _machine_and_part(bag: Path) -> Tuple[str, int, str]:
@@ -51,8 +58,8 @@ def _machine_and_part(bag: Path) -> Tuple[str, int, str]:
 
 
 def _without_copies(bags: List[Path], said: List[str]) -> List[Path]:
-    """Keeps, of bags that are the same to the last byte, the one with the shortest name (uav1.bag, not "uav1
-    (1).bag")."""
+    """Keeps, of bags that are the same to the last byte, the one with the shortest name (uav1.bag,
+    not "uav1 (1).bag")."""
     kept: List[Path] = []
     for bag in sorted(set(bags), key=lambda b: (len(b.name), b.name)):
         of = next((k for k in kept if _same_bag(k, bag)), None)
@@ -66,12 +73,15 @@ def _without_copies(bags: List[Path], said: List[str]) -> List[Path]:
 def _same_bag(a: Path, b: Path) -> bool:
     if a.is_dir() and b.is_dir():  # of ROS 2: its files have the folder's name, or any
         of_a, of_b = (sorted(p for p in f.iterdir() if p.suffix in ROS2_FILES) for f in (a, b))
-        return len(of_a) == len(of_b) > 0 and all(filecmp.cmp(x, y, shallow=False) for x, y in zip(of_a, of_b))
+        return len(of_a) == len(of_b) > 0 and all(
+            filecmp.cmp(x, y, shallow=False) for x, y in zip(of_a, of_b)
+        )
     return a.is_file() and b.is_file() and filecmp.cmp(a, b, shallow=False)
 
 
 def _listed(path: Path) -> List[Path]:
-    """Those of session.yaml and further parts that lie beside them, or all where there is no session.yaml."""
+    """Those of session.yaml and further parts that lie beside them, or all where there is no
+    session.yaml."""
     if not path.is_dir() or is_ros2(path):
         return [path]
     description = path / "session.yaml"
@@ -83,7 +93,10 @@ def _listed(path: Path) -> List[Path]:
         for machine, first in document["bags"].items():
             parts = [first, *(document.get("parts") or {}).get(machine, ())]
             if first.endswith(".bag"):
-                parts = sorted({*parts, *(p.name for p in parts_in(path, first))}, key=lambda n: part_number(n, first))
+                parts = sorted(
+                    {*parts, *(p.name for p in parts_in(path, first))},
+                    key=lambda n: part_number(n, first),
+                )
             names += parts
     except ConfigError as error:
         raise InputError(str(error)) from error

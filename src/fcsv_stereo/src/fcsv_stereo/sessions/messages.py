@@ -14,9 +14,12 @@ from fcsv_stereo.pose_covariance import checked
 
 
 def camera_covariance(message, vehicle: str) -> Tuple[float, np.ndarray]:
-    """Stamp (s) and covariance (6, 6) of a camera_pose, as trackers publish it. Raises InputError where it is none."""
+    """Stamp (s) and covariance (6, 6) of a camera_pose, as trackers publish it. Raises InputError
+    where it is none."""
     if message.header.frame_id != frames.HOME:
-        raise InputError(f"covariance of the pose of {vehicle} is of frame '{message.header.frame_id}', not home")
+        raise InputError(
+            f"covariance of the pose of {vehicle} is of frame '{message.header.frame_id}', not home"
+        )
     return seconds(message.header.stamp), checked(message.pose.covariance, vehicle)
 
 
@@ -26,4 +29,6 @@ def window_of(capture) -> RecordingWindow:
     axis = Axis.VERTICAL if c.axis == c.VERTICAL else Axis.HORIZONTAL
     configuration = Configuration(axis, c.baseline_m, c.tilt_rad, c.name)
     start_s, stop_s = seconds(capture.start), seconds(capture.stop)
-    return RecordingWindow(capture.index, configuration, capture.reference, capture.vehicle, start_s, stop_s)
+    return RecordingWindow(
+        capture.index, configuration, capture.reference, capture.vehicle, start_s, stop_s
+    )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a vehicle from the bags of a session, in whatever encoding they were recorded, as 8-bit RGB."""
+"""Pictures of a vehicle from the bags of a session, in whatever encoding they were recorded, as
+8-bit RGB."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,12 +20,19 @@ from fcsv_stereo.sessions.cameras import CameraTimeline
 from fcsv_stereo.sessions.left_out import LeftOut
 from fcsv_stereo.sessions.stamped import Stamped
 
-#: by what encodings begin with: samples per pixel, and OpenCV's way to RGB (OpenCV names a mosaic by its second row)
+#: by what encodings begin with: samples per pixel, and OpenCV's way to RGB (OpenCV names a mosaic
+#: by its second row)
 _KINDS = {
-    "rgb": (3, None), "bgr": (3, cv2.COLOR_BGR2RGB), "mono": (1, cv2.COLOR_GRAY2RGB), "rgba": (4, cv2.COLOR_RGBA2RGB),
-    "bgra": (4, cv2.COLOR_BGRA2RGB), "bayer_rggb": (1, cv2.COLOR_BayerBG2RGB), "bayer_bggr": (1, cv2.COLOR_BayerRG2RGB),
-    "bayer_gbrg": (1, cv2.COLOR_BayerGR2RGB), "bayer_grbg": (1, cv2.COLOR_BayerGB2RGB),
-}  # fmt: skip
+    "rgb": (3, None),
+    "bgr": (3, cv2.COLOR_BGR2RGB),
+    "mono": (1, cv2.COLOR_GRAY2RGB),
+    "rgba": (4, cv2.COLOR_RGBA2RGB),
+    "bgra": (4, cv2.COLOR_BGRA2RGB),
+    "bayer_rggb": (1, cv2.COLOR_BayerBG2RGB),
+    "bayer_bggr": (1, cv2.COLOR_BayerRG2RGB),
+    "bayer_gbrg": (1, cv2.COLOR_BayerGR2RGB),
+    "bayer_grbg": (1, cv2.COLOR_BayerGB2RGB),
+}
 _TYPE = "sensor_msgs/Image"
 _ALONE_S = 10.0  # odometry is recorded all the time: a picture so far from it has a wrong stamp
 _DTYPES = {8: np.dtype(np.uint8), 16: np.dtype(np.uint16)}
@@ -34,8 +42,8 @@ ENCODINGS = {bits: tuple(f"{kind}{bits}" for kind in _KINDS) for bits in _DTYPES
 
 @dataclass
 class PicturesSeen:
-    """What the bags hold of a vehicle's pictures: their topic (empty: none), all their stamps (s), how many of them are
-    inside a window, and of those how many have no pose."""
+    """What the bags hold of a vehicle's pictures: their topic (empty: none), all their stamps (s),
+    how many of them are inside a window, and of those how many have no pose."""
 
     topic: str = ""
     stamps_s: List[float] = field(default_factory=list)
@@ -45,8 +53,8 @@ class PicturesSeen:
 
 @dataclass(frozen=True)
 class PictureSource:
-    """Where a vehicle's pictures are: bags, topic, cameras by time, which stamps are wanted, and the time (s) of its
-    odometry."""
+    """Where a vehicle's pictures are: bags, topic, cameras by time, which stamps are wanted, and
+    the time (s) of its odometry."""
 
     bags: List[Path]
     topic: str
@@ -58,15 +66,18 @@ class PictureSource:
 def read_pictures(
     source: PictureSource, left_out: LeftOut, warnings: List[str], seen: PicturesSeen
 ) -> Iterator[Tuple[float, np.ndarray, PinholeCamera]]:
-    """Stamp (s), HxWx3 uint8 RGB and camera of each picture whose stamp is wanted; those of 16 bits scaled in common.
+    """Stamp (s), HxWx3 uint8 RGB and camera of each picture whose stamp is wanted; those of 16 bits
+    scaled in common.
 
-    Where the topic has none of use, those of its compressed twin. A picture that is none, or whose stamp cannot be
-    right, is left out; a bag that cannot be read on gives those before, and a warning.
+    Where the topic has none of use, those of its compressed twin. A picture that is none, or whose
+    stamp cannot be right, is left out; a bag that cannot be read on gives those before, and a
+    warning.
     """
     found: List[Tuple[float, Any]] = []
     for name, kind, rgb in (
-        (source.topic, _TYPE, rgb_of), (source.topic + compressed.SUFFIX, compressed.TYPE, compressed_rgb_of),
-    ):  # fmt: skip
+        (source.topic, _TYPE, rgb_of),
+        (source.topic + compressed.SUFFIX, compressed.TYPE, compressed_rgb_of),
+    ):
         reader = _Reader(source, Stamped(name), kind, rgb, left_out, warnings)
         for bag in source.bags:
             reader.read(bag)
@@ -84,7 +95,8 @@ def read_pictures(
 
 @dataclass
 class _Reader:
-    """Reads the messages of one topic of pictures, bag after bag; ``stamps_s`` are also of those that are none."""
+    """Reads the messages of one topic of pictures, bag after bag; ``stamps_s`` are also of those
+    that are none."""
 
     source: PictureSource
     pictures: Stamped
@@ -98,7 +110,9 @@ class _Reader:
         """Those of a bag; of those outside the windows the stamp alone."""
         topic = self.pictures.topic
         try:
-            for _, message in reading.messages(path, lambda n, kind: self._wants(path, n, kind), self._broken):
+            for _, message in reading.messages(
+                path, lambda n, kind: self._wants(path, n, kind), self._broken
+            ):
                 stamp_s = seconds(message.header.stamp)
                 self.stamps_s.append(stamp_s)
                 try:
@@ -135,9 +149,11 @@ class _Reader:
 
 
 def _same(a, b) -> bool:
-    """Says whether they are the same: of what two bags hold at one stamp; pictures outside the windows were not looked
-    at."""
-    return (a is None and b is None) or (a is not None and b is not None and np.array_equal(a[0], b[0]))
+    """Says whether they are the same: of what two bags hold at one stamp; pictures outside the
+    windows were not looked at."""
+    return (a is None and b is None) or (
+        a is not None and b is not None and np.array_equal(a[0], b[0])
+    )
 
 
 def compressed_rgb_of(where: str, message, camera: PinholeCamera) -> np.ndarray:
@@ -149,11 +165,14 @@ def compressed_rgb_of(where: str, message, camera: PinholeCamera) -> np.ndarray:
 
 def _require_size(where: str, width: int, height: int, camera: PinholeCamera) -> None:
     if (width, height) != (camera.width, camera.height):
-        raise InputError(f"{where}: picture is {width}x{height}, camera_info says {camera.width}x{camera.height}")
+        raise InputError(
+            f"{where}: picture is {width}x{height}, camera_info says {camera.width}x{camera.height}"
+        )
 
 
 def rgb_of(where: str, message, camera: PinholeCamera) -> np.ndarray:
-    """HxWx3 RGB of a sensor_msgs/Image, uint8 or uint16 as recorded. Raises InputError that begins with ``where``."""
+    """HxWx3 RGB of a sensor_msgs/Image, uint8 or uint16 as recorded. Raises InputError that begins
+    with ``where``."""
     bits = next((b for b, known in ENCODINGS.items() if message.encoding in known), None)
     if bits is None:
         known = ", ".join((*ENCODINGS[8], *ENCODINGS[16]))
@@ -165,13 +184,20 @@ def rgb_of(where: str, message, camera: PinholeCamera) -> np.ndarray:
 
 
 def samples_of(where: str, message, samples: int, dtype: np.dtype) -> np.ndarray:
-    """HxW or HxWxN as they stand in the message, in this machine's order of bytes. Raises InputError."""
+    """HxW or HxWxN as they stand in the message, in this machine's order of bytes. Raises
+    InputError."""
     line, step, data = message.width * samples * dtype.itemsize, message.step, message.data
     if len(data) != step * message.height:
-        raise InputError(f"{where}: image has {len(data)} bytes where height x step is {step * message.height}")
+        raise InputError(
+            f"{where}: image has {len(data)} bytes where height x step is {step * message.height}"
+        )
     if step < line:
-        raise InputError(f"{where}: image has lines of {step} bytes where {message.encoding} needs {line}")
+        raise InputError(
+            f"{where}: image has lines of {step} bytes where {message.encoding} needs {line}"
+        )
     lines = np.frombuffer(data, np.uint8).reshape(message.height, step)[:, :line]
-    array = np.ascontiguousarray(lines).view(dtype.newbyteorder(">" if message.is_bigendian else "<"))
+    array = np.ascontiguousarray(lines).view(
+        dtype.newbyteorder(">" if message.is_bigendian else "<")
+    )
     shape = (message.height, message.width) + ((samples,) if samples > 1 else ())
     return array.astype(dtype).reshape(shape)

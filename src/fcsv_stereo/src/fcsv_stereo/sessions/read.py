@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A session folder, or one bag that holds everything, as input of a map (docs/design/architecture.md, "Session")."""
+"""A session folder, or one bag that holds everything, as input of a map
+(docs/design/architecture.md, "Session")."""
 
 from pathlib import Path
 from typing import Dict, List, Optional
@@ -23,14 +24,17 @@ from fcsv_stereo.sweeps import on_time, spread
 
 
 def read_session(path: Path) -> MapInput:
-    """Pictures of every recording window with their poses in home. Raises InputError naming file, topic and remedy."""
+    """Pictures of every recording window with their poses in home. Raises InputError naming file,
+    topic and remedy."""
     warnings: List[str] = []
     recorded = read_recorded(bags_of(path, warnings), warnings)
     _require_own(path, recorded)
     _require(path, recorded, warnings)
     T_home_odom = _odoms_in_home(path, recorded)
     configurations, clocks = _pictures(path, recorded, T_home_odom, warnings)
-    warnings += unknown_warning(configurations, FLOWN, (k.refused for k in recorded.covariances.values()))
+    warnings += unknown_warning(
+        configurations, FLOWN, (k.refused for k in recorded.covariances.values())
+    )
     warnings += recorded.left_out.warnings()
     truth = path / "truth" if path.is_dir() and (path / "truth").is_dir() else None
     near = _near(recorded, T_home_odom)
@@ -42,13 +46,19 @@ def _near(recorded: Recorded, T_home_odom) -> Optional[RecordedDepth]:
     if not recorded.depth_cameras:
         return None
     return RecordedDepth(
-        recorded.bags, recorded.depth_cameras, recorded.tracks, T_home_odom, recorded.T_body_cam, recorded.covariances,
+        recorded.bags,
+        recorded.depth_cameras,
+        recorded.tracks,
+        T_home_odom,
+        recorded.T_body_cam,
+        recorded.covariances,
         FLOWN,
-    )  # fmt: skip
+    )
 
 
 def _require_own(path: Path, recorded: Recorded) -> None:
-    """Raises InputError that names the import where nothing in the bags is of a session, but pictures are there."""
+    """Raises InputError that names the import where nothing in the bags is of a session, but
+    pictures are there."""
     flown = any(t.endswith(f"/{ODOMETRY}") for t in recorded.topics)
     if flown or recorded.topics & set(TYPES):
         return
@@ -60,13 +70,17 @@ def _require_own(path: Path, recorded: Recorded) -> None:
 
 
 def _require(path: Path, recorded: Recorded, warnings: List[str]) -> None:
-    """Name what is missing, and where it should have come from; a recording without its vehicles is left out."""
+    """Name what is missing, and where it should have come from; a recording without its vehicles is
+    left out."""
     because = "".join(f"; {w}" for w in (*warnings, *recorded.left_out.warnings()))
     flown = {*recorded.tracks, *recorded.T_body_cam}
     captures = recorded.broadcasts.captures(flown)
     needed = {
         CAPTURE: (captures, "no configuration was recorded"),
-        CALIBRATION: (recorded.broadcasts.newest(CALIBRATION), "the vehicles were never calibrated"),
+        CALIBRATION: (
+            recorded.broadcasts.newest(CALIBRATION),
+            "the vehicles were never calibrated",
+        ),
         HOME: (recorded.broadcasts.newest(HOME), "home was never set"),
     }
     for topic, (value, meaning) in needed.items():
@@ -75,7 +89,9 @@ def _require(path: Path, recorded: Recorded, warnings: List[str]) -> None:
                 f"{path}: topic {topic}: the newest message is none; an earlier one is of other frames{because}"
             )
         if not value:
-            meaning = f"{meaning}, or control.bag is not in the session and no vehicle heard it by radio"
+            meaning = (
+                f"{meaning}, or control.bag is not in the session and no vehicle heard it by radio"
+            )
             raise InputError(f"{path}: topic {topic} is missing: {meaning}{because}")
     warnings += filter(None, [recorded.broadcasts.from_vehicles(flown)])
     vehicles = {v for c in captures for v in (c.reference, c.vehicle)}
@@ -83,7 +99,11 @@ def _require(path: Path, recorded: Recorded, warnings: List[str]) -> None:
     kept = [c for c in captures if not {c.reference, c.vehicle} & set(lacking)]
     if not kept:
         text = next(iter(lacking.values()))
-        others = [w for w in (*warnings, *recorded.left_out.warnings()) if w.split(":")[0] != text.split(":")[0]]
+        others = [
+            w
+            for w in (*warnings, *recorded.left_out.warnings())
+            if w.split(":")[0] != text.split(":")[0]
+        ]
         raise InputError("; ".join([f"{path}: {text}", *others]))
     warnings += [f"{text}: configurations with {v} are left out" for v, text in lacking.items()]
     recorded.captures = kept
@@ -100,13 +120,18 @@ def _odoms_in_home(path: Path, recorded: Recorded) -> Dict[str, np.ndarray]:
 
 
 def _pictures(path, recorded: Recorded, T_home_odom, warnings: List[str]):
-    """Configurations, and of those who sweep the time offset between camera and tracker, which then is in the poses."""
+    """Configurations, and of those who sweep the time offset between camera and tracker, which then
+    is in the poses."""
     T_body_cam = recorded.T_body_cam
-    taking = (v for v in recorded.tracks if v in recorded.cameras and v in T_home_odom and v in T_body_cam)
+    taking = (
+        v for v in recorded.tracks if v in recorded.cameras and v in T_home_odom and v in T_body_cam
+    )
     stock = {v: _Stock(v, recorded, T_home_odom, warnings) for v in taking}
 
     def posed(vehicle: str, stamp_s: float) -> np.ndarray:
-        return camera_in_home(T_home_odom[vehicle], recorded.tracks[vehicle].at(stamp_s), T_body_cam[vehicle])
+        return camera_in_home(
+            T_home_odom[vehicle], recorded.tracks[vehicle].at(stamp_s), T_body_cam[vehicle]
+        )
 
     configurations = _windows(path, recorded, T_home_odom, stock, warnings)
     R_body_cam = {v: T[:3, :3] for v, T in T_body_cam.items()}
@@ -115,7 +140,9 @@ def _pictures(path, recorded: Recorded, T_home_odom, warnings: List[str]):
     return configurations, clocks
 
 
-def _windows(path, recorded: Recorded, T_home_odom, stock, warnings: List[str]) -> List[ConfigurationInput]:
+def _windows(
+    path, recorded: Recorded, T_home_odom, stock, warnings: List[str]
+) -> List[ConfigurationInput]:
     configurations, left = [], []
     for window in map(window_of, recorded.captures):
         inside = {}
@@ -126,7 +153,9 @@ def _windows(path, recorded: Recorded, T_home_odom, stock, warnings: List[str]) 
         if not all(inside.values()):
             empty = ", ".join(v for v, pictures in inside.items() if not pictures)
             name = window.configuration.name
-            left.append(f"configuration '{name}' is left out: no usable picture of {empty} in its window")
+            left.append(
+                f"configuration '{name}' is left out: no usable picture of {empty} in its window"
+            )
             continue
         pictures = inside[window.reference], inside[window.vehicle]
         configurations.append(ConfigurationInput(window.configuration, *pictures))
@@ -134,13 +163,16 @@ def _windows(path, recorded: Recorded, T_home_odom, stock, warnings: List[str]) 
         left += filter(None, [stock[v].reason for v in sorted(stock)])
     if not configurations:
         because = "; ".join([*left, *warnings, *recorded.left_out.warnings()])
-        raise InputError(f"{path}: no configuration has pictures of both vehicles in its window: {because}")
+        raise InputError(
+            f"{path}: no configuration has pictures of both vehicles in its window: {because}"
+        )
     warnings += left
     return configurations
 
 
 class _Stock:
-    """Undistorted pictures of one vehicle inside any window, with their poses; without a pose they are left out.
+    """Undistorted pictures of one vehicle inside any window, with their poses; without a pose they
+    are left out.
 
     ``reason``: why there is none; empty where there is one.
     """
@@ -149,7 +181,9 @@ class _Stock:
         windows = [window_of(c) for c in recorded.captures]
         topic, track = f"/{vehicle}/camera/color/image_raw", recorded.tracks[vehicle]
         wanted = lambda t: any(w.holds(t) for w in windows)  # noqa: E731
-        source = PictureSource(recorded.bags, topic, recorded.cameras[vehicle], wanted, track.span_s)
+        source = PictureSource(
+            recorded.bags, topic, recorded.cameras[vehicle], wanted, track.span_s
+        )
         self.pictures: List[Picture] = []
         seen = PicturesSeen()
         for stamp_s, image, camera in read_pictures(source, recorded.left_out, warnings, seen):
@@ -158,15 +192,25 @@ class _Stock:
             except PoseUnavailable:
                 seen.unposed += 1
                 continue
-            T_home_cam = camera_in_home(T_home_odom[vehicle], T_odom_body, recorded.T_body_cam[vehicle])
+            T_home_cam = camera_in_home(
+                T_home_odom[vehicle], T_odom_body, recorded.T_body_cam[vehicle]
+            )
             name = f"{vehicle}/{stamp_s:.3f}"
             covariance = recorded.covariances[vehicle].at(stamp_s)
             if covariance is not None:
                 covariance = turned(covariance, T_home_cam[:3, :3])
-            picture = Picture.undistorted(name, vehicle, stamp_s, image, camera, T_home_cam, covariance)
+            picture = Picture.undistorted(
+                name, vehicle, stamp_s, image, camera, T_home_cam, covariance
+            )
             self.pictures.append(picture)
         if seen.unposed:
-            warnings.append(f"{seen.unposed} pictures of {vehicle} have no odometry at their stamp and are left out")
-        self.reason = "" if self.pictures else why_no_pictures(
-            vehicle, topic, seen, windows, track.span_s, recorded.topics, recorded.left_out
-        )  # fmt: skip
+            warnings.append(
+                f"{seen.unposed} pictures of {vehicle} have no odometry at their stamp and are left out"
+            )
+        self.reason = (
+            ""
+            if self.pictures
+            else why_no_pictures(
+                vehicle, topic, seen, windows, track.span_s, recorded.topics, recorded.left_out
+            )
+        )

@@ -12,10 +12,16 @@ _APART_S = 1.0
 
 
 def why_no_pictures(
-    vehicle: str, topic: str, seen: PicturesSeen, windows: Sequence[RecordingWindow],
-    span_s: Tuple[float, float], topics: Collection[str], left_out: LeftOut,
-) -> str:  # fmt: skip
-    """``topic``: where pictures are wanted; ``topics``: all of the bags; ``span_s``: of odometry."""
+    vehicle: str,
+    topic: str,
+    seen: PicturesSeen,
+    windows: Sequence[RecordingWindow],
+    span_s: Tuple[float, float],
+    topics: Collection[str],
+    left_out: LeftOut,
+) -> str:
+    """``topic``: where pictures are wanted; ``topics``: all of the bags; ``span_s``: of
+    odometry."""
     if not seen.topic:
         return _none(vehicle, topic, topics)
     where, why = f"topic {seen.topic}", stuck(seen.stamps_s)

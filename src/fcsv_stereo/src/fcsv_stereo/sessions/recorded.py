@@ -29,15 +29,18 @@ TF_STATIC = "/tf_static"
 #: topics that are read and their types: of the control PC, then of a vehicle
 _TYPES = {**TYPES, TF_STATIC: "tf2_msgs/TFMessage"}
 _VEHICLE_TYPES = {
-    INFO: "sensor_msgs/CameraInfo", ODOMETRY: "nav_msgs/Odometry",
-    _CAMERA_POSE: "geometry_msgs/PoseWithCovarianceStamped", DEPTH_INFO: "sensor_msgs/CameraInfo",
-}  # fmt: skip
+    INFO: "sensor_msgs/CameraInfo",
+    ODOMETRY: "nav_msgs/Odometry",
+    _CAMERA_POSE: "geometry_msgs/PoseWithCovarianceStamped",
+    DEPTH_INFO: "sensor_msgs/CameraInfo",
+}
 _SAME_MOUNT = 1e-6
 
 
 @dataclass
 class Recorded:
-    """Holds, by vehicle its cameras, trajectory, T_body_cam and covariances; what the control PC broadcast."""
+    """Holds, by vehicle its cameras, trajectory, T_body_cam and covariances; what the control PC
+    broadcast."""
 
     bags: List[Path]
     broadcasts: BroadcastRecords = field(default_factory=BroadcastRecords)
@@ -64,7 +67,8 @@ def read_recorded(bags: List[Path], warnings: List[str]) -> Recorded:
 
 @dataclass
 class _Pass:
-    """``samples`` are by vehicle and name below it, ``cameras`` of camera_info that was read before.
+    """``samples`` are by vehicle and name below it, ``cameras`` of camera_info that was read
+    before.
 
     ``no_covariance`` are topic, stamp and why.
     """
@@ -197,9 +201,10 @@ def lacks(vehicle: str, recorded: Recorded) -> str:
     """What of a vehicle no picture can do without and the bags do not hold; empty: nothing."""
     extrinsics = f"{TF_STATIC} ({frames.base_link(vehicle)} to {frames.camera_optical(vehicle)})"
     needed: Tuple[Tuple[str, str, Mapping], ...] = (
-        (f"/{vehicle}/{ODOMETRY}", "", recorded.tracks), (f"/{vehicle}/{INFO}", "", recorded.cameras),
+        (f"/{vehicle}/{ODOMETRY}", "", recorded.tracks),
+        (f"/{vehicle}/{INFO}", "", recorded.cameras),
         (TF_STATIC, extrinsics, recorded.T_body_cam),
-    )  # fmt: skip
+    )
     for topic, words, found in needed:
         if vehicle not in found:
             why = recorded.left_out.only_reason(topic)

@@ -40,10 +40,14 @@ class Stamped:
         return kept
 
     def in_order(
-        self, same: Callable[[Any, Any], bool], left_out: LeftOut, warnings: List[str],
+        self,
+        same: Callable[[Any, Any], bool],
+        left_out: LeftOut,
+        warnings: List[str],
         alone_s: Optional[float] = _ALONE_S,
-    ) -> List[Tuple[float, Any]]:  # fmt: skip
-        """(stamp, value) in order of time, without single wrong stamps; a jump back is a warning."""
+    ) -> List[Tuple[float, Any]]:
+        """(stamp, value) in order of time, without single wrong stamps; a jump back is a
+        warning."""
         recorded = self.recorded(same, warnings)
         stamps = [s for s, _ in recorded]
         why = stuck(stamps)
@@ -56,8 +60,9 @@ class Stamped:
             left_out.add(self.topic, stamps[i], f"its stamp {found.left_out[i]}")
         warnings += [
             f"topic {self.topic}: the clock jumps back by {before - after:.3f} s after {before:.3f}; "
-            "the time that it counts twice is left out" for before, after in found.jumps
-        ]  # fmt: skip
+            "the time that it counts twice is left out"
+            for before, after in found.jumps
+        ]
         return [recorded[i] for i in found.kept]
 
     def _bag_after_bag(self) -> List[Tuple[Any, float, Any]]:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One frame for all views: similarities adjusted to edges and priors (GTSAM); wrong edges are thrown out by graduated
-non-convexity (Yang, Antonante, Tzoumas, Carlone 2020).
+"""One frame for all views: similarities adjusted to edges and priors (GTSAM); wrong edges are
+thrown out by graduated non-convexity (Yang, Antonante, Tzoumas, Carlone 2020).
 """
 
 from dataclasses import dataclass, replace
@@ -20,9 +20,9 @@ _LEAST_WEIGHT = 0.5  # graduated non-convexity ends with weights of 0 or 1
 
 @dataclass(frozen=True)
 class Placed:
-    """A view in the site. ``S_site_cam`` of its reference camera; ``covariance`` (7,7) of its tangent in the site,
-    ``relative`` (7,7) with the view ``datum`` held: of those that edges join with it, the one with most edges.
-    ``alone``: no edge holds it, its priors do."""
+    """A view in the site. ``S_site_cam`` of its reference camera; ``covariance`` (7,7) of its
+    tangent in the site, ``relative`` (7,7) with the view ``datum`` held: of those that edges join
+    with it, the one with most edges. ``alone``: no edge holds it, its priors do."""
 
     name: str
     S_site_cam: gtsam.Similarity3
@@ -55,7 +55,8 @@ class Placed:
 
 @dataclass(frozen=True)
 class Loop:
-    """Views in a circle of edges, and what is left after going round: m, degrees, share of the scale."""
+    """Views in a circle of edges, and what is left after going round: m, degrees, share of the
+    scale."""
 
     views: List[str]
     closing_m: float
@@ -65,8 +66,8 @@ class Loop:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """Views that have a place, by name; all edges, with reasons; ``lost``: why a view has no place; loops; ``remarks``,
-    each a sentence with its remedy."""
+    """Views that have a place, by name; all edges, with reasons; ``lost``: why a view has no place;
+    loops; ``remarks``, each a sentence with its remedy."""
 
     placed: Dict[str, Placed]
     edges: List[Edge]
@@ -76,7 +77,8 @@ class Adjusted:
 
 
 def adjust(views: Sequence[View], edges: Sequence[Edge]) -> Adjusted:
-    """All views' similarities. Where no view's place is known the first view's home is the site's frame."""
+    """All views' similarities. Where no view's place is known the first view's home is the site's
+    frame."""
     priors, remarks = _anchored(views)
     order = [v.name for v in views]
     edges, lost = list(edges), {}
@@ -91,7 +93,9 @@ def adjust(views: Sequence[View], edges: Sequence[Edge]) -> Adjusted:
         edges = found.edges
     placed = found.placed if found is not None else {}
     for name in (n for n in order if n not in placed):
-        lost[name] = f"has no place: no station.yaml, and no edge to a view that has one{_why(name, edges)}"
+        lost[name] = (
+            f"has no place: no station.yaml, and no edge to a view that has one{_why(name, edges)}"
+        )
     return Adjusted(placed, edges, lost, closing(edges, order), remarks)
 
 
@@ -109,7 +113,9 @@ def _anchored(views: Sequence[View]) -> Tuple[Dict[str, Prior], List[str]]:
     if any(p.placed for p in priors.values()) or not views:
         return priors, []
     first = views[0]
-    prior = Prior(first.T_home_cam, tuning.ANCHOR_RAD, tuning.ANCHOR_RAD, tuning.ANCHOR_M, first.prior.scale)
+    prior = Prior(
+        first.T_home_cam, tuning.ANCHOR_RAD, tuning.ANCHOR_RAD, tuning.ANCHOR_M, first.prior.scale
+    )
     said = f"no station.yaml says where a view is: the home of {first.name} is the site's frame"
     return {**priors, first.name: prior}, [said]
 
@@ -120,7 +126,9 @@ class _Solution:
     edges: List[Edge]
 
 
-def _solved(order: Sequence[str], priors: Dict[str, Prior], edges: List[Edge]) -> Optional[_Solution]:
+def _solved(
+    order: Sequence[str], priors: Dict[str, Prior], edges: List[Edge]
+) -> Optional[_Solution]:
     """Starts along the surest edges, wrong edges out, the last fit of those that are left."""
     starts = _starts(order, priors, [e for e in edges if e.kept])
     if not starts:
@@ -137,7 +145,11 @@ def _solved(order: Sequence[str], priors: Dict[str, Prior], edges: List[Edge]) -
     for e in kept:
         degree[e.a] += 1
         degree[e.b] += 1
-    datums = {n: max(sorted(group), key=lambda m: degree[m]) for group in components(kept, list(starts)) for n in group}
+    datums = {
+        n: max(sorted(group), key=lambda m: degree[m])
+        for group in components(kept, list(starts))
+        for n in group
+    }
     placed = {}
     for name, key in keys.items():
         S = values.atSimilarity3(key)
@@ -147,8 +159,11 @@ def _solved(order: Sequence[str], priors: Dict[str, Prior], edges: List[Edge]) -
     return _Solution(placed, edges)
 
 
-def _starts(order: Sequence[str], priors: Dict[str, Prior], edges: Sequence[Edge]) -> Dict[str, gtsam.Similarity3]:
-    """Where views begin: at their priors, or along the edges with most matches from views that have a place."""
+def _starts(
+    order: Sequence[str], priors: Dict[str, Prior], edges: Sequence[Edge]
+) -> Dict[str, gtsam.Similarity3]:
+    """Where views begin: at their priors, or along the edges with most matches from views that have
+    a place."""
     found = {n: similarity.of_pose(priors[n].T_site_cam) for n in order if priors[n].placed}
     while True:
         ways = [e for e in edges if (e.a in found) != (e.b in found)]
@@ -167,7 +182,11 @@ def _graph(starts: Dict[str, gtsam.Similarity3], priors: Dict[str, Prior], edges
     keys = {n: i for i, n in enumerate(starts)}
     for name, S in starts.items():
         mean, covariance = _prior_at(priors[name], S)
-        graph.add(gtsam.PriorFactorSimilarity3(keys[name], mean, gtsam.noiseModel.Gaussian.Covariance(covariance)))
+        graph.add(
+            gtsam.PriorFactorSimilarity3(
+                keys[name], mean, gtsam.noiseModel.Gaussian.Covariance(covariance)
+            )
+        )
         initial.insert(keys[name], S)
     for e in edges:
         noise = gtsam.noiseModel.Gaussian.Covariance(e.covariance)
@@ -183,7 +202,10 @@ def _prior_at(prior: Prior, start: gtsam.Similarity3) -> Tuple[gtsam.Similarity3
         T[:3, :3] = R_start
     elif not np.isfinite(prior.yaw_rad):  # the prior's tilt with the start's yaw
         turn = R_start @ T[:3, :3].T
-        T[:3, :3] = transforms.from_xyz_yaw(np.zeros(3), np.arctan2(turn[1, 0], turn[0, 0]))[:3, :3] @ T[:3, :3]
+        T[:3, :3] = (
+            transforms.from_xyz_yaw(np.zeros(3), np.arctan2(turn[1, 0], turn[0, 0]))[:3, :3]
+            @ T[:3, :3]
+        )
     if not np.isfinite(prior.place_m):
         T[:3, 3] = similarity.place(start)
     tilt, yaw = (min(rad, tuning.FREE_RAD) for rad in (prior.tilt_rad, prior.yaw_rad))
@@ -194,7 +216,9 @@ def _prior_at(prior: Prior, start: gtsam.Similarity3) -> Tuple[gtsam.Similarity3
     return similarity.of_pose(T), covariance
 
 
-def _wrong_edges(starts, priors: Dict[str, Prior], edges: Sequence[Edge]) -> Dict[Tuple[str, str], str]:
+def _wrong_edges(
+    starts, priors: Dict[str, Prior], edges: Sequence[Edge]
+) -> Dict[Tuple[str, str], str]:
     """Says, by (a, b): why graduated non-convexity throws an edge out."""
     if not edges:
         return {}
@@ -239,8 +263,8 @@ def _relative(marginals, values, datum: int, key: int) -> np.ndarray:
 
 
 def _off_scale(found: _Solution, edges: Sequence[Edge]) -> List[Tuple[str, float, bool]]:
-    """Views whose scale is off the others' (median of those that edges join with it), by how much; and whether there is
-    but one other."""
+    """Views whose scale is off the others' (median of those that edges join with it), by how much;
+    and whether there is but one other."""
     out = []
     groups = components([e for e in found.edges if e.kept], list(found.placed))
     for group in groups:
@@ -256,7 +280,8 @@ def _off_scale(found: _Solution, edges: Sequence[Edge]) -> List[Tuple[str, float
 
 
 def _scale_words(name: str, share: float, two: bool) -> str:
-    """A view's metre is (1 + share) metres of the site: what it calls a metre is too long, its map too small."""
+    """A view's metre is (1 + share) metres of the site: what it calls a metre is too long, its map
+    too small."""
     way = "small" if share > 0 else "large"
     which = "this or the other view" if two else "this view"
     return (
@@ -277,7 +302,8 @@ def components(edges: Sequence[Edge], names: Sequence[str]) -> List[Set[str]]:
 
 
 def closing(edges: Sequence[Edge], order: Sequence[str]) -> List[Loop]:
-    """What is left after going round: a loop for each kept edge that is not in the tree of those with most matches."""
+    """What is left after going round: a loop for each kept edge that is not in the tree of those
+    with most matches."""
     kept = sorted((e for e in edges if e.kept), key=lambda e: -e.matches)
     tree: Dict[str, Dict[str, gtsam.Similarity3]] = {n: {} for n in order}
     loops = []
@@ -291,9 +317,13 @@ def closing(edges: Sequence[Edge], order: Sequence[str]) -> List[Loop]:
             S = S.compose(tree[one][other])
         off = gtsam.Similarity3.Logmap(S)
         loops.append(
-            Loop(way, float(np.linalg.norm(similarity.place(S))), float(np.degrees(np.linalg.norm(off[:3]))),
-                 float(abs(np.expm1(off[6]))))
-        )  # fmt: skip
+            Loop(
+                way,
+                float(np.linalg.norm(similarity.place(S))),
+                float(np.degrees(np.linalg.norm(off[:3]))),
+                float(abs(np.expm1(off[6]))),
+            )
+        )
     return loops
 
 

@@ -19,7 +19,8 @@ _EXAMPLES = """examples:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit status 0; 1 where an input is not in the site; 2 with one line on stderr on bad input; 130 on Ctrl-C."""
+    """Exit status 0; 1 where an input is not in the site; 2 with one line on stderr on bad input;
+    130 on Ctrl-C."""
     left = "maps that were finished are kept in OUT/views: the same command goes on"
     return commands.run(_parser(), argv, _survey, (FcsvError, ValueError), left)
 
@@ -36,11 +37,15 @@ def summary(site: Site) -> List[str]:
     """What the terminal shows: a line for each view, loops, remarks, what is missing."""
     adjusted, lines = site.adjusted, []
     for name, p in adjusted.placed.items():
-        held = "overlaps no other: stays at its station" if p.alone else f"joined with {len(overlaps(adjusted, name))}"
+        held = (
+            "overlaps no other: stays at its station"
+            if p.alone
+            else f"joined with {len(overlaps(adjusted, name))}"
+        )
         lines.append(
             f"{name}: scale {p.scale:.4f} +- {p.sigma_scale:.4f}, place +- {p.sigma_m:.2f} m, {held}; "
             f"{len(site.joined[name].cloud):,} points"
-        )  # fmt: skip
+        )
     kept = sum(e.kept for e in adjusted.edges)
     lines.append(f"{kept} of {len(adjusted.edges)} pairs of views are joined")
     if adjusted.loops:
@@ -56,13 +61,23 @@ def summary(site: Site) -> List[str]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="survey", description="One site of several views: their maps joined by similarities, and one cloud.",
-        epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+        prog="survey",
+        description="One site of several views: their maps joined by similarities, and one cloud.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     add = parser.add_argument
     add(
-        "inputs", nargs="+", metavar="INPUT",
+        "inputs",
+        nargs="+",
+        metavar="INPUT",
         help="sessions, folders of posed photographs, or folders that 'map' wrote; each may hold station.yaml",
-    )  # fmt: skip
-    add("-o", "--out", required=True, metavar="OUT", help="folder for the site; a stopped survey goes on there")
+    )
+    add(
+        "-o",
+        "--out",
+        required=True,
+        metavar="OUT",
+        help="folder for the site; a stopped survey goes on there",
+    )
     return parser

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a survey found: ``site.json`` for programs, ``adjustment.json`` for those who want to know why."""
+"""What a survey found: ``site.json`` for programs, ``adjustment.json`` for those who want to know
+why."""
 
 from dataclasses import dataclass
 from typing import Dict, List, Sequence
@@ -14,7 +15,8 @@ from fcsv_stereo.survey.merge import Joined
 from fcsv_stereo.survey.views import View
 
 CLOUDS = ("site.ply", "site.laz")
-_FAR_M, _STEP_M = 10_000.0, 1000.0  # farther from the origin float32 has steps of more than a millimetre
+# farther from the origin float32 has steps of more than a millimetre
+_FAR_M, _STEP_M = 10_000.0, 1000.0
 
 
 @dataclass(frozen=True)
@@ -28,8 +30,8 @@ class Missing:
 
 @dataclass(frozen=True)
 class Site:
-    """All of it: views that were mapped, how they were adjusted, the cloud (m, less ``origin_m``), what became of each
-    placed view's points, and what is missing."""
+    """All of it: views that were mapped, how they were adjusted, the cloud (m, less ``origin_m``),
+    what became of each placed view's points, and what is missing."""
 
     views: List[View]
     adjusted: Adjusted
@@ -57,22 +59,44 @@ def site_document(site: Site) -> dict:
     adjusted, views = site.adjusted, []
     for view in (v for v in site.views if v.name in adjusted.placed):
         p = adjusted.placed[view.name]
-        views.append({
-            "name": view.name, "input": view.source, "T_site_home": T_site_home(view, p).tolist(), "scale": p.scale,
-            "sigma_scale": p.sigma_scale, "sigma_m": p.sigma_m, "sigma_yaw_deg": float(np.degrees(p.sigma_yaw_rad)),
-            "overlaps": overlaps(adjusted, view.name),
-        })  # fmt: skip
+        views.append(
+            {
+                "name": view.name,
+                "input": view.source,
+                "T_site_home": T_site_home(view, p).tolist(),
+                "scale": p.scale,
+                "sigma_scale": p.sigma_scale,
+                "sigma_m": p.sigma_m,
+                "sigma_yaw_deg": float(np.degrees(p.sigma_yaw_rad)),
+                "overlaps": overlaps(adjusted, view.name),
+            }
+        )
     edges = [
-        {"a": e.a, "b": e.b, "kept": e.kept, "reason": e.reason, "residual_m": e.residual_m} for e in adjusted.edges
+        {"a": e.a, "b": e.b, "kept": e.kept, "reason": e.reason, "residual_m": e.residual_m}
+        for e in adjusted.edges
     ]
     points = site.cloud.points_home_m
-    low, high = ((f(axis=0).astype(float) + site.origin_m).tolist() for f in (points.min, points.max))
-    tile = {"name": "site", "files": list(CLOUDS), "points": len(points), "min_m": low, "max_m": high}
+    low, high = (
+        (f(axis=0).astype(float) + site.origin_m).tolist() for f in (points.min, points.max)
+    )
+    tile = {
+        "name": "site",
+        "files": list(CLOUDS),
+        "points": len(points),
+        "min_m": low,
+        "max_m": high,
+    }
     missing = [{"name": m.name, "input": m.source, "reason": m.reason} for m in site.missing]
     return {
-        "crs": None, "origin": site.origin_m.tolist(), "views": views, "edges": edges, "gps": None,
-        "control_points": None, "tiles": [tile], "missing": missing,
-    }  # fmt: skip
+        "crs": None,
+        "origin": site.origin_m.tolist(),
+        "views": views,
+        "edges": edges,
+        "gps": None,
+        "control_points": None,
+        "tiles": [tile],
+        "missing": missing,
+    }
 
 
 def overlaps(adjusted: Adjusted, name: str) -> List[str]:
@@ -87,16 +111,25 @@ def adjustment_document(site: Site) -> dict:
         "remarks": adjusted.remarks,
         "views": {
             n: {
-                "S_site_cam": similarity.matrix(p.S_site_cam).tolist(), "alone": p.alone, "datum": p.datum,
-                "covariance": p.covariance.tolist(), "covariance_to_datum": p.relative.tolist(),
-                "points": len(site.joined[n].cloud), "seen_by_two": site.joined[n].agreed,
-                "told_by_surer_views": site.joined[n].duplicates, "seen_through": site.joined[n].seen_through,
+                "S_site_cam": similarity.matrix(p.S_site_cam).tolist(),
+                "alone": p.alone,
+                "datum": p.datum,
+                "covariance": p.covariance.tolist(),
+                "covariance_to_datum": p.relative.tolist(),
+                "points": len(site.joined[n].cloud),
+                "seen_by_two": site.joined[n].agreed,
+                "told_by_surer_views": site.joined[n].duplicates,
+                "seen_through": site.joined[n].seen_through,
             }
             for n, p in adjusted.placed.items()
         },
         "edges": [
             {
-                "a": e.a, "b": e.b, "matches": e.matches, "reason": e.reason, "residual_m": e.residual_m,
+                "a": e.a,
+                "b": e.b,
+                "matches": e.matches,
+                "reason": e.reason,
+                "residual_m": e.residual_m,
                 "S_a_b": None if e.S_a_b is None else similarity.matrix(e.S_a_b).tolist(),
                 "covariance": None if e.covariance is None else e.covariance.tolist(),
             }
@@ -104,9 +137,11 @@ def adjustment_document(site: Site) -> dict:
         ],
         "loops": [
             {
-                "views": loop.views, "closing_m": loop.closing_m, "closing_deg": loop.closing_deg,
+                "views": loop.views,
+                "closing_m": loop.closing_m,
+                "closing_deg": loop.closing_deg,
                 "closing_scale": loop.closing_scale,
             }
             for loop in adjusted.loops
         ],
-    }  # fmt: skip
+    }

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An edge: the similarity between two views' cameras, from features whose depth both views measured.
+"""An edge: the similarity between two views' cameras, from features whose depth both views
+measured.
 
-RANSAC (Fischler and Bolles 1981) of three matches at a time finds it; what counts as agreement follows the covariances
-of both points. Then a weighted least-squares fit, with its covariance. GICP registers rigid bodies: it would leave out
-the scale, which is what views differ by.
+RANSAC (Fischler and Bolles 1981) of three matches at a time finds it; what counts as agreement
+follows the covariances of both points. Then a weighted least-squares fit, with its covariance. GICP
+registers rigid bodies: it would leave out the scale, which is what views differ by.
 """
 
 from dataclasses import dataclass, field
@@ -23,10 +24,11 @@ _STEP = 1e-6  # of numerical derivatives along the tangent
 
 @dataclass(frozen=True)
 class Edge:
-    """Views ``a`` and ``b`` by name. ``S_a_b`` takes points of b's camera to a's, in the metres of each map.
+    """Views ``a`` and ``b`` by name. ``S_a_b`` takes points of b's camera to a's, in the metres of
+    each map.
 
-    ``covariance`` (7,7) of its tangent; ``residual_m`` rms over the matches. ``reason`` says why there is no edge, or
-    why it does not count; empty where it does.
+    ``covariance`` (7,7) of its tangent; ``residual_m`` rms over the matches. ``reason`` says why
+    there is no edge, or why it does not count; empty where it does.
     """
 
     a: str
@@ -55,7 +57,12 @@ def edge_of(a: str, b: str, in_a: Features, in_b: Features, seed: int = 0) -> Ed
     """The edge that matched features (N each) give."""
     count = len(in_a)
     if count < tuning.LEAST_MATCHES:
-        return Edge(a, b, matches=count, reason=f"{count} features are alike; {tuning.LEAST_MATCHES} are needed")
+        return Edge(
+            a,
+            b,
+            matches=count,
+            reason=f"{count} features are alike; {tuning.LEAST_MATCHES} are needed",
+        )
     found = _consensus(in_a, in_b, np.random.default_rng([seed, count]))
     inliers = 0 if found is None else int(found[1].sum())
     least = max(tuning.LEAST_MATCHES, int(np.ceil(tuning.LEAST_SHARE * count)))
@@ -70,18 +77,26 @@ def edge_of(a: str, b: str, in_a: Features, in_b: Features, seed: int = 0) -> Ed
 
 def _too_loose(edge: Edge) -> str:
     """Why an edge says too little; empty where it does not."""
-    scale, rad = edge.covariance[6, 6] ** 0.5, np.linalg.eigvalsh(edge.covariance[:3, :3])[-1] ** 0.5
+    scale, rad = (
+        edge.covariance[6, 6] ** 0.5,
+        np.linalg.eigvalsh(edge.covariance[:3, :3])[-1] ** 0.5,
+    )
     ratio = edge.S_a_b.scale()
     if not 1.0 / tuning.MOST_RATIO < ratio < tuning.MOST_RATIO:
         return f"lengths would differ {ratio:.2f} times between the two views: not one unit of length, or a wrong match"
     if scale > tuning.MOST_EDGE_SCALE or rad > tuning.MOST_EDGE_RAD:
-        known = f"its scale is known to {scale:.1%} and its turn to {np.degrees(rad):.1f} degrees only"
+        known = (
+            f"its scale is known to {scale:.1%} and its turn to {np.degrees(rad):.1f} degrees only"
+        )
         return f"{known}: too little overlap"
     return ""
 
 
-def _consensus(in_a: Features, in_b: Features, random) -> Optional[Tuple[gtsam.Similarity3, np.ndarray]]:
-    """The similarity that most matches agree with, and which (N,) bool; None where three never do."""
+def _consensus(
+    in_a: Features, in_b: Features, random
+) -> Optional[Tuple[gtsam.Similarity3, np.ndarray]]:
+    """The similarity that most matches agree with, and which (N,) bool; None where three never
+    do."""
     count = len(in_a)
     triples = np.stack([random.choice(count, 3, replace=False) for _ in range(tuning.DRAWS)])
     starts = similarity.fit(in_a.points[triples], in_b.points[triples])
@@ -89,7 +104,9 @@ def _consensus(in_a: Features, in_b: Features, random) -> Optional[Tuple[gtsam.S
     starts = starts[(scales > 1.0 / tuning.MOST_RATIO) & (scales < tuning.MOST_RATIO)]
     some = random.permutation(count)[: tuning.SCORED]
     some_a, some_b = in_a[some], in_b[some]
-    scored = sorted(starts, key=lambda M: -_agreeing(M, some_a, some_b, tuning.TOLERANCES_PX[0]).sum())
+    scored = sorted(
+        starts, key=lambda M: -_agreeing(M, some_a, some_b, tuning.TOLERANCES_PX[0]).sum()
+    )
     best: Optional[Tuple[gtsam.Similarity3, np.ndarray]] = None
     for M in scored[: tuning.REFINED_DRAWS]:
         S = similarity.of_matrix(M)
@@ -123,11 +140,18 @@ def _agreeing(M_a_b: np.ndarray, in_a: Features, in_b: Features, tolerance_px: f
 def _fitted(
     S: gtsam.Similarity3, in_a: Features, in_b: Features, iterations: int = _ITERATIONS
 ) -> Tuple[gtsam.Similarity3, np.ndarray]:
-    """Gauss-Newton over the tangent with the points' covariances; the similarity and its normal matrix (7,7)."""
+    """Gauss-Newton over the tangent with the points' covariances; the similarity and its normal
+    matrix (7,7)."""
     for _ in range(iterations):
         away, covariances = _residuals(similarity.matrix(S), in_a, in_b)
         moved = similarity.apply(S, in_b.points)
-        J = np.stack([(similarity.apply(S.retract(d), in_b.points) - moved) / _STEP for d in _STEP * np.eye(7)], -1)
+        J = np.stack(
+            [
+                (similarity.apply(S.retract(d), in_b.points) - moved) / _STEP
+                for d in _STEP * np.eye(7)
+            ],
+            -1,
+        )
         weighed = np.linalg.solve(covariances, J)
         H = np.einsum("nik,nil->kl", J, weighed)
         step = np.linalg.lstsq(H, np.einsum("nik,ni->k", weighed, away), rcond=1e-12)[0]
@@ -137,21 +161,35 @@ def _fitted(
     return S, H
 
 
-def _settled(S: gtsam.Similarity3, in_a: Features, in_b: Features) -> Tuple[gtsam.Similarity3, np.ndarray, float]:
+def _settled(
+    S: gtsam.Similarity3, in_a: Features, in_b: Features
+) -> Tuple[gtsam.Similarity3, np.ndarray, float]:
     """The last fit with its covariance and rms residual (m).
 
-    Depths of one picture share a part of their errors, so that N matches are worth N / (1 + c N) independent ones.
+    Depths of one picture share a part of their errors, so that N matches are worth N / (1 + c N)
+    independent ones.
     """
     S, H = _fitted(S, in_a, in_b)
     away, covariances = _residuals(similarity.matrix(S), in_a, in_b)
     count = len(away)
     chi2 = np.einsum("ni,ni->n", away, np.linalg.solve(covariances, away[..., None])[..., 0]).sum()
-    worse = max(1.0, chi2 / max(3 * count - similarity.TANGENT, 1)) * (1.0 + tuning.COMMON_SHARE * count)
+    worse = max(1.0, chi2 / max(3 * count - similarity.TANGENT, 1)) * (
+        1.0 + tuning.COMMON_SHARE * count
+    )
     return S, worse * np.linalg.pinv(H), float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
 
 
 def with_reasons(edges: List[Edge], reasons: dict) -> List[Edge]:
     """Edges with a reason where ``reasons`` has one by (a, b)."""
     return [
-        Edge(e.a, e.b, e.S_a_b, e.covariance, e.residual_m, e.matches, reasons.get((e.a, e.b), e.reason)) for e in edges
+        Edge(
+            e.a,
+            e.b,
+            e.S_a_b,
+            e.covariance,
+            e.residual_m,
+            e.matches,
+            reasons.get((e.a, e.b), e.reason),
+        )
+        for e in edges
     ]

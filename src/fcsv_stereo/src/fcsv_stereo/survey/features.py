@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Features of a view that have a depth: where they are in its camera's frame, how well that is known, what they look
-like."""
+"""Features of a view that have a depth: where they are in its camera's frame, how well that is
+known, what they look like."""
 
 from dataclasses import dataclass
 
@@ -17,8 +17,8 @@ _SIDE_PX = 5  # of the pixels about a feature whose depths must be of one surfac
 
 @dataclass(frozen=True)
 class Features:
-    """``uv`` (N,2) px; ``points`` (N,3) m in the camera's frame; ``covariances`` (N,3,3) m²; ``descriptors`` (N,128)
-    float32 of unit length (RootSIFT)."""
+    """``uv`` (N,2) px; ``points`` (N,3) m in the camera's frame; ``covariances`` (N,3,3) m²;
+    ``descriptors`` (N,128) float32 of unit length (RootSIFT)."""
 
     camera: PinholeCamera
     uv: np.ndarray
@@ -43,16 +43,27 @@ def features_of(view: View) -> Features:
         return _none(view.camera)
     keypoints, descriptors = sift.compute(grey, keypoints)
     uv = np.array([k.pt for k in keypoints])
-    root = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-6)).astype(np.float32)
+    root = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-6)).astype(
+        np.float32
+    )
     u, v = np.rint(uv).astype(int).T
-    return located(view.camera, uv, view.depth[v, u].astype(float), view.own_sigma[v, u].astype(float), root)
+    return located(
+        view.camera, uv, view.depth[v, u].astype(float), view.own_sigma[v, u].astype(float), root
+    )
 
 
-def located(camera: PinholeCamera, uv: np.ndarray, depth: np.ndarray, sigma: np.ndarray, descriptors) -> Features:
-    """Features at pixels ``uv`` (N,2) with ``depth`` and ``sigma`` (N,) m along the optical axis."""
-    ray = np.column_stack([(uv - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.ones(len(uv))])
+def located(
+    camera: PinholeCamera, uv: np.ndarray, depth: np.ndarray, sigma: np.ndarray, descriptors
+) -> Features:
+    """Features at pixels ``uv`` (N,2) with ``depth`` and ``sigma`` (N,) m along the optical
+    axis."""
+    ray = np.column_stack(
+        [(uv - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.ones(len(uv))]
+    )
     across = np.zeros((len(uv), 3, 3))
-    across[:, 0, 0], across[:, 1, 1] = (np.square(tuning.FEATURE_PX * depth / f) for f in (camera.fx, camera.fy))
+    across[:, 0, 0], across[:, 1, 1] = (
+        np.square(tuning.FEATURE_PX * depth / f) for f in (camera.fx, camera.fy)
+    )
     covariances = across + np.square(sigma)[:, None, None] * ray[:, :, None] * ray[:, None, :]
     return Features(camera, uv, ray * depth[:, None], covariances, descriptors)
 
@@ -69,5 +80,9 @@ def _on_surfaces(view: View) -> np.ndarray:
 
 def _none(camera: PinholeCamera) -> Features:
     return Features(
-        camera, np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 128), np.float32)
-    )  # fmt: skip
+        camera,
+        np.zeros((0, 2)),
+        np.zeros((0, 3)),
+        np.zeros((0, 3, 3)),
+        np.zeros((0, 128), np.float32),
+    )

@@ -29,8 +29,8 @@ class SourceKind(Word):
 
 @dataclass(frozen=True)
 class Source:
-    """An input: its folder (or bag), the name of its view, what it is, and where its reference camera stood, where it
-    says so."""
+    """An input: its folder (or bag), the name of its view, what it is, and where its reference
+    camera stood, where it says so."""
 
     path: Path
     name: str
@@ -39,12 +39,14 @@ class Source:
 
     @property
     def level(self) -> bool:
-        """Whether gravity made home's z point up, as in flights. A map's folder does not say what it was made of."""
+        """Whether gravity made home's z point up, as in flights. A map's folder does not say what
+        it was made of."""
         return self.kind is SourceKind.SESSION
 
 
 def sources_of(paths: Sequence[Path]) -> List[Source]:
-    """All inputs, in order. Raises InputError on one that is none, ConfigError on a wrong station.yaml."""
+    """All inputs, in order. Raises InputError on one that is none, ConfigError on a wrong
+    station.yaml."""
     kinds = [kind_of(p) for p in paths]
     names = names_of(paths)
     return [Source(p, n, k, station.load_station(p)) for p, n, k in zip(paths, names, kinds)]
@@ -78,7 +80,11 @@ def names_of(paths: Sequence[Path]) -> List[str]:
     depth = dict.fromkeys(parts, 1)
     while True:
         names = {words: "-".join(words[-n:]) for words, n in depth.items()}
-        alike = [words for words in depth if list(names.values()).count(names[words]) > 1 and depth[words] < len(words)]
+        alike = [
+            words
+            for words in depth
+            if list(names.values()).count(names[words]) > 1 and depth[words] < len(words)
+        ]
         if not alike:
             break
         for words in alike:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The maps of a survey, kept in OUT/views/NAME with the key of what went into them, so that a stopped run goes on."""
+"""The maps of a survey, kept in OUT/views/NAME with the key of what went into them, so that a
+stopped run goes on."""
 
 import json
 import re
@@ -32,11 +33,14 @@ class MapOptions:
         return _THREADS.sub("", f"{VERSION} {self.method} {self.made()!r}")
 
 
-def map_of(source: Source, content: str, out: Path, options: MapOptions, progress: Progress) -> Path:
-    """The folder of the source's map: its own where it is one, else OUT/views/NAME, made unless it is there already.
+def map_of(
+    source: Source, content: str, out: Path, options: MapOptions, progress: Progress
+) -> Path:
+    """The folder of the source's map: its own where it is one, else OUT/views/NAME, made unless it
+    is there already.
 
-    ``content`` is the source's key. Raises FcsvError or OSError where no map can be made; an earlier one of that name
-    is left then.
+    ``content`` is the source's key. Raises FcsvError or OSError where no map can be made; an
+    earlier one of that name is left then.
     """
     if source.kind is SourceKind.MAP:
         return source.path

@@ -13,7 +13,8 @@ from fcsv_stereo.survey.views import View
 
 
 def may_overlap(a: View, b: View) -> bool:
-    """Whether one of the two sees enough of what the other has depths of, as far as their priors tell."""
+    """Whether one of the two sees enough of what the other has depths of, as far as their priors
+    tell."""
     if not (a.prior.placed and b.prior.placed):
         return True
     return max(_share_seen(a, b), _share_seen(b, a)) >= tuning.LEAST_OVERLAP
@@ -27,16 +28,22 @@ def _share_seen(a: View, b: View) -> float:
     some = slice(None, None, max(1, len(v) // tuning.OVERLAP_SAMPLES))
     v, u = v[some], u[some]
     c, depth = a.camera, a.depth[v, u].astype(float)
-    points = np.column_stack([(u - c.cx) / c.fx, (v - c.cy) / c.fy, np.ones(len(u))]) * depth[:, None]
+    points = (
+        np.column_stack([(u - c.cx) / c.fx, (v - c.cy) / c.fy, np.ones(len(u))]) * depth[:, None]
+    )
     uv, radius = predicted(points, a.prior, b.prior, b)
     with np.errstate(invalid="ignore"):
-        inside = (uv > -radius[:, None]) & (uv < np.array([b.camera.width, b.camera.height]) + radius[:, None])
+        inside = (uv > -radius[:, None]) & (
+            uv < np.array([b.camera.width, b.camera.height]) + radius[:, None]
+        )
     return float(inside.all(axis=1).mean())
 
 
-def predicted(points_a: np.ndarray, prior_a: Prior, prior_b: Prior, b: View) -> Tuple[np.ndarray, np.ndarray]:
-    """Where points (N,3) of a's camera lie in b's picture by the priors: (N,2) px, NaN behind it, and the radius (N,)
-    px within which they do."""
+def predicted(
+    points_a: np.ndarray, prior_a: Prior, prior_b: Prior, b: View
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Where points (N,3) of a's camera lie in b's picture by the priors: (N,2) px, NaN behind it,
+    and the radius (N,) px within which they do."""
     in_b = transforms.apply(transforms.invert(prior_b.T_site_cam) @ prior_a.T_site_cam, points_a)
     z = np.where(in_b[:, 2] > 0.1, in_b[:, 2], np.nan)
     c = b.camera
@@ -47,10 +54,14 @@ def predicted(points_a: np.ndarray, prior_a: Prior, prior_b: Prior, b: View) -> 
     return uv, tuning.GATE_SIGMAS * c.fx * np.hypot(off_m / z, prior_b.yaw_rad) + tuning.GATE_PX
 
 
-def match(a: Features, b: Features, gate: Optional[Tuple[np.ndarray, np.ndarray]] = None) -> np.ndarray:
-    """(M,2) indices of features that are each other's best and distinctly better than the second best.
+def match(
+    a: Features, b: Features, gate: Optional[Tuple[np.ndarray, np.ndarray]] = None
+) -> np.ndarray:
+    """(M,2) indices of features that are each other's best and distinctly better than the second
+    best.
 
-    ``gate``: where a's features lie in b's picture (N,2) px, and within which radius (N,) px; None: anywhere.
+    ``gate``: where a's features lie in b's picture (N,2) px, and within which radius (N,) px; None:
+    anywhere.
     """
     if len(a) < 2 or len(b) < 2:
         return np.zeros((0, 2), int)
@@ -58,7 +69,9 @@ def match(a: Features, b: Features, gate: Optional[Tuple[np.ndarray, np.ndarray]
     ratio = tuning.RATIO_FREE
     if gate is not None:
         uv, radius = gate
-        from_u, from_v = (np.subtract.outer(uv[:, i], b.uv[:, i]).astype(np.float32) for i in (0, 1))
+        from_u, from_v = (
+            np.subtract.outer(uv[:, i], b.uv[:, i]).astype(np.float32) for i in (0, 1)
+        )
         with np.errstate(invalid="ignore"):
             likeness[~(from_u**2 + from_v**2 < np.square(radius)[:, None])] = -1.0
         ratio = tuning.RATIO_GATED

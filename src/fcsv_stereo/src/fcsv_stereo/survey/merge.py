@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One cloud from many depths: points join along their rays, by inverse variance.
 
-A cell is a pixel of the surest view that sees the surface, and as deep as sigma says, as in ``products.points``: a
-view's error grows with the square of the distance, so that no voxel of one size fits. Each view is joined by itself,
-with the views that overlap it: a task of its own.
+A cell is a pixel of the surest view that sees the surface, and as deep as sigma says, as in
+``products.points``: a view's error grows with the square of the distance, so that no voxel of one
+size fits. Each view is joined by itself, with the views that overlap it: a task of its own.
 """
 
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ _WINDOW = np.ones((3, 3), np.uint8)
 
 @dataclass(frozen=True)
 class SiteView:
-    """A view in the site's metres: camera's ``place`` (3,) less the site's origin, ``R_site_cam``; ``depth`` and
-    ``sigma`` (H,W) m, NaN where no depth counts; ``nearest`` (H,W) the least depth of 3x3 pixels, NaN where one of them
-    has none; ``sky`` (H,W) bool, with all neighbours."""
+    """A view in the site's metres: camera's ``place`` (3,) less the site's origin, ``R_site_cam``;
+    ``depth`` and ``sigma`` (H,W) m, NaN where no depth counts; ``nearest`` (H,W) the least depth of
+    3x3 pixels, NaN where one of them has none; ``sky`` (H,W) bool, with all neighbours."""
 
     view: View
     place: np.ndarray
@@ -39,7 +39,10 @@ class SiteView:
     def points(self) -> Tuple[np.ndarray, Tuple[np.ndarray, np.ndarray]]:
         """(N,3) m of all pixels with a depth, and their rows and columns."""
         rows, columns = np.nonzero(np.isfinite(self.depth))
-        return self.place + self.rays(rows, columns) * self.depth[rows, columns][:, None], (rows, columns)
+        return self.place + self.rays(rows, columns) * self.depth[rows, columns][:, None], (
+            rows,
+            columns,
+        )
 
     def rays(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """(N,3) per metre of depth, in the site's axes."""
@@ -48,8 +51,8 @@ class SiteView:
         return ray @ self.R_site_cam.T
 
     def look(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Says, of points (N,3): whether they are in the picture, their pixels' rows and columns, and their depths
-        (m)."""
+        """Says, of points (N,3): whether they are in the picture, their pixels' rows and columns,
+        and their depths (m)."""
         in_cam = (points - self.place) @ self.R_site_cam
         c, z = self.view.camera, in_cam[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -60,12 +63,14 @@ class SiteView:
 
 
 def site_view(view: View, placed: Placed, origin_m: np.ndarray) -> SiteView:
-    """A view where the adjustment put it. ``sigma`` is that of the depth and of the view's scale, turn and place
-    against the datum."""
+    """A view where the adjustment put it. ``sigma`` is that of the depth and of the view's scale,
+    turn and place against the datum."""
     scale = placed.scale
     depth = np.where(view.known, view.depth * scale, np.nan)
     C = placed.relative
-    pose = scale**2 * np.trace(C[3:6, 3:6]) / 3.0 + np.square(depth) * (C[6, 6] + np.trace(C[:3, :3]) / 3.0)
+    pose = scale**2 * np.trace(C[3:6, 3:6]) / 3.0 + np.square(depth) * (
+        C[6, 6] + np.trace(C[:3, :3]) / 3.0
+    )
     sigma = np.sqrt(np.square(view.own_sigma * scale) + pose)
     known = np.isfinite(depth).astype(np.uint8)
     least = cv2.erode(np.where(known, depth, 0.0).astype(np.float32), _WINDOW)
@@ -73,14 +78,16 @@ def site_view(view: View, placed: Placed, origin_m: np.ndarray) -> SiteView:
     sky = cv2.erode((view.kind == Kind.SKY).astype(np.uint8), _WINDOW) > 0
     place = similarity.place(placed.S_site_cam) - origin_m
     R = similarity.rotation(placed.S_site_cam)
-    return SiteView(view, place, R, depth.astype(np.float32), sigma.astype(np.float32), nearest, sky)
+    return SiteView(
+        view, place, R, depth.astype(np.float32), sigma.astype(np.float32), nearest, sky
+    )
 
 
 @dataclass(frozen=True)
 class Joined:
-    """Holds the result of a view's N pixels with a depth: the cloud of those that it keeps (``baseline_index`` counts
-    views), how many a surer view tells (``duplicates``), how many others see through (``seen_through``), and how many
-    two views see."""
+    """Holds the result of a view's N pixels with a depth: the cloud of those that it keeps
+    (``baseline_index`` counts views), how many a surer view tells (``duplicates``), how many others
+    see through (``seen_through``), and how many two views see."""
 
     cloud: Cloud
     duplicates: int
@@ -94,7 +101,11 @@ def join_view(own: SiteView, others: Sequence[SiteView]) -> Joined:
     sigma = own.sigma[rows, columns].astype(float)
     ray = own.rays(rows, columns)
     count = len(points)
-    agreeing, through, surely_through = np.ones(count, int), np.zeros(count, int), np.zeros(count, bool)
+    agreeing, through, surely_through = (
+        np.ones(count, int),
+        np.zeros(count, int),
+        np.zeros(count, bool),
+    )
     told, weight, shift = np.zeros(count, bool), 1.0 / sigma**2, np.zeros(count)
     surest = sigma.copy()
     for other in others:
@@ -105,7 +116,8 @@ def join_view(own: SiteView, others: Sequence[SiteView]) -> Joined:
         agrees = np.abs(theirs - z) <= tuning.AGREE_SIGMAS * between
         beyond = inside & (other.nearest[v, u] - z > tuning.THROUGH_SIGMAS * between)
         sky = inside & other.sky[v, u]
-        at_point = their_sigma * np.square(z / np.where(theirs > 0, theirs, np.nan))  # of its inverse depth, here
+        # of its inverse depth, here
+        at_point = their_sigma * np.square(z / np.where(theirs > 0, theirs, np.nan))
         agreeing += agrees
         through += beyond | sky
         surely_through |= sky | (beyond & (at_point < sigma))
@@ -122,9 +134,11 @@ def join_view(own: SiteView, others: Sequence[SiteView]) -> Joined:
     joined = np.where(agreeing > 1, joined, sigma)
     points = points + ray * (shift / weight)[:, None]
     cloud = Cloud(
-        points[kept].astype(np.float32), own.view.image[rows[kept], columns[kept]], joined[kept].astype(np.float32),
+        points[kept].astype(np.float32),
+        own.view.image[rows[kept], columns[kept]],
+        joined[kept].astype(np.float32),
         np.minimum(agreeing[kept], MOST_VIEWS).astype(np.uint8),
-    )  # fmt: skip
+    )
     return Joined(cloud, int((told & ~gone).sum()), int(gone.sum()), int((agreeing > 1).sum()))
 
 
@@ -133,8 +147,11 @@ def _cosine(ray: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.einsum("ni,ni->n", ray, other) / np.maximum(lengths, 1e-12)
 
 
-def join(views: Sequence[View], placed: Dict[str, Placed], origin_m: np.ndarray) -> Tuple[Cloud, List[Joined]]:
-    """The cloud (m, less ``origin_m``) of all views that have a place, and what became of each view's points."""
+def join(
+    views: Sequence[View], placed: Dict[str, Placed], origin_m: np.ndarray
+) -> Tuple[Cloud, List[Joined]]:
+    """The cloud (m, less ``origin_m``) of all views that have a place, and what became of each
+    view's points."""
     in_site = [site_view(v, placed[v.name], origin_m) for v in views if v.name in placed]
     parts = [join_view(own, [o for o in in_site if o is not own]) for own in in_site]
     return concatenate([p.cloud for p in parts]), parts

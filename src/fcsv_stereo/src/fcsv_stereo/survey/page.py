@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""site.html: the plan with views and edges, what each view sees, tables of views, edges and loops."""
+"""site.html: the plan with views and edges, what each view sees, tables of views, edges and
+loops."""
 
 from pathlib import Path
 from typing import List
@@ -21,31 +22,51 @@ _CUT_PERCENT = (1.0, 99.0)
 def write_page(site: Site, path: Path) -> None:
     """The page, with its pictures inside."""
     sections = [
-        Section("Summary", _summary(site)), Section("Plan", [image(_plan(site)), _plan_words()]),
-        Section("Coverage", [image(_coverage(site)), note("Height, how many views agree on a point, how sure it is.")]),
-        Section("Views", _views(site)), Section("Edges", _edges(site)), Section("Loops", _loops(site)),
-    ]  # fmt: skip
+        Section("Summary", _summary(site)),
+        Section("Plan", [image(_plan(site)), _plan_words()]),
+        Section(
+            "Coverage",
+            [
+                image(_coverage(site)),
+                note("Height, how many views agree on a point, how sure it is."),
+            ],
+        ),
+        Section("Views", _views(site)),
+        Section("Edges", _edges(site)),
+        Section("Loops", _loops(site)),
+    ]
     placed = len(site.adjusted.placed)
     title = f"Site of {placed} view{'' if placed == 1 else 's'}"
     path.write_text(render(title, [], [s for s in sections if s.parts]), encoding="utf-8")
 
 
 def _summary(site: Site) -> List[Part]:
-    parts: List[Part] = [Paragraph(f"{m.name} is missing: {m.reason}", Tone.WARNING) for m in site.missing]
+    parts: List[Part] = [
+        Paragraph(f"{m.name} is missing: {m.reason}", Tone.WARNING) for m in site.missing
+    ]
     parts += [Paragraph(r, Tone.WARNING) for r in site.adjusted.remarks]
     alone = [n for n, p in site.adjusted.placed.items() if p.alone]
     if alone and len(site.adjusted.placed) > 1:
-        parts.append(Paragraph(f"Overlap no other view and stay at their stations: {', '.join(alone)}.", Tone.WARNING))
+        parts.append(
+            Paragraph(
+                f"Overlap no other view and stay at their stations: {', '.join(alone)}.",
+                Tone.WARNING,
+            )
+        )
     parts = parts or [Paragraph("All views are joined; nothing stands out as wrong.", Tone.GOOD)]
     cloud, kept = site.cloud, sum(e.kept for e in site.adjusted.edges)
     several = float((cloud.baseline_index > 1).mean()) if len(cloud) else float("nan")
     rows = [
-        ("points", f"{len(cloud):,}"), ("seen by two views or more", number(several, "{:.0%}")),
-        ("median sigma", number(float(np.median(cloud.sigma_m)) if len(cloud) else None, "{:.2f} m")),
+        ("points", f"{len(cloud):,}"),
+        ("seen by two views or more", number(several, "{:.0%}")),
+        (
+            "median sigma",
+            number(float(np.median(cloud.sigma_m)) if len(cloud) else None, "{:.2f} m"),
+        ),
         ("seen through and left out", f"{sum(j.seen_through for j in site.joined.values()):,}"),
         ("pairs of views joined", f"{kept} of {len(site.adjusted.edges)}"),
         ("origin of the cloud", ", ".join(f"{v:.0f}" for v in site.origin_m) + " m"),
-    ]  # fmt: skip
+    ]
     return [*parts, Table((), rows)]
 
 
@@ -58,10 +79,15 @@ def _plan_words() -> Part:
 
 def _limits(site: Site):
     """Corners (x, y m) that hold all views and the surer half of the points."""
-    places = np.array([similarity.place(p.S_site_cam)[:2] for p in site.adjusted.placed.values()]).reshape(-1, 2)
+    places = np.array(
+        [similarity.place(p.S_site_cam)[:2] for p in site.adjusted.placed.values()]
+    ).reshape(-1, 2)
     low, high = places.min(axis=0), places.max(axis=0)
     if len(site.cloud):
-        sure = site.cloud.points_home_m[site.cloud.sigma_m <= np.median(site.cloud.sigma_m), :2] + site.origin_m[:2]
+        sure = (
+            site.cloud.points_home_m[site.cloud.sigma_m <= np.median(site.cloud.sigma_m), :2]
+            + site.origin_m[:2]
+        )
         low = np.minimum(low, np.percentile(sure, _CUT_PERCENT[0], axis=0))
         high = np.maximum(high, np.percentile(sure, _CUT_PERCENT[1], axis=0))
     margin = 0.05 * max(float((high - low).max()), 1.0)
@@ -69,10 +95,13 @@ def _limits(site: Site):
 
 
 def _from_above(site: Site, low: np.ndarray, high: np.ndarray, columns: int) -> np.ndarray:
-    """(rows, columns) index of the highest point in each cell, -1 where there is none; row 0 at the least y."""
+    """(rows, columns) index of the highest point in each cell, -1 where there is none; row 0 at the
+    least y."""
     cell_m = float(high[0] - low[0]) / columns
     rows = max(1, int(np.ceil((high[1] - low[1]) / cell_m)))
-    column, row = np.floor((site.cloud.points_home_m[:, :2] + site.origin_m[:2] - low) / cell_m).astype(int).T
+    column, row = (
+        np.floor((site.cloud.points_home_m[:, :2] + site.origin_m[:2] - low) / cell_m).astype(int).T
+    )
     inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
     order = np.flatnonzero(inside)[np.argsort(site.cloud.points_home_m[inside, 2], kind="stable")]
     index = np.full((rows, columns), -1)
@@ -98,17 +127,27 @@ def _plan(site: Site):
     for view in (v for v in site.views if v.name in at):
         p = site.adjusted.placed[view.name]
         edge_u = np.array([0.0, view.camera.width - 1.0])
-        sides = np.column_stack([(edge_u - view.camera.cx) / view.camera.fx, np.zeros(2), np.ones(2)])
+        sides = np.column_stack(
+            [(edge_u - view.camera.cx) / view.camera.fx, np.zeros(2), np.ones(2)]
+        )
         ends = (sides @ similarity.rotation(p.S_site_cam).T)[:, :2]
-        ends = at[view.name] + length * ends / np.maximum(np.linalg.norm(ends, axis=1, keepdims=True), 1e-9)
+        ends = at[view.name] + length * ends / np.maximum(
+            np.linalg.norm(ends, axis=1, keepdims=True), 1e-9
+        )
         colour = "tab:red" if p.alone else "tab:blue"
         axes.fill(*np.vstack([at[view.name], ends]).T, color=colour, alpha=0.25)
         axes.plot(*at[view.name], "o", color=colour, ms=4)
         back = np.sign(at[view.name] - ends.mean(axis=0))
         axes.annotate(
-            view.name, at[view.name], fontsize=9, weight="bold", xytext=5 * back, textcoords="offset points",
-            ha="left" if back[0] > 0 else "right", va="bottom" if back[1] > 0 else "top",
-        )  # fmt: skip
+            view.name,
+            at[view.name],
+            fontsize=9,
+            weight="bold",
+            xytext=5 * back,
+            textcoords="offset points",
+            ha="left" if back[0] > 0 else "right",
+            va="bottom" if back[1] > 0 else "top",
+        )
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x (m)", ylabel="y (m)", aspect="equal")
     return figure
 
@@ -120,16 +159,22 @@ def _coverage(site: Site):
     cloud, known = site.cloud, index >= 0
     values = (
         ("height (m)", cloud.points_home_m[:, 2] + site.origin_m[2], "terrain"),
-        ("views", cloud.baseline_index.astype(float), "viridis"), ("sigma (m)", cloud.sigma_m, "magma"),
-    )  # fmt: skip
+        ("views", cloud.baseline_index.astype(float), "viridis"),
+        ("sigma (m)", cloud.sigma_m, "magma"),
+    )
     for axes, (label, value, colours) in zip(three, values):
         if known.any():
             shown = np.where(known, value[index], np.nan)
             least, most = np.nanpercentile(shown, [1, 98])
             drawn = axes.imshow(
-                shown, origin="lower", extent=(low[0], high[0], low[1], high[1]), cmap=colours, vmin=least,
-                vmax=max(most, least + 1e-3), interpolation="nearest",
-            )  # fmt: skip
+                shown,
+                origin="lower",
+                extent=(low[0], high[0], low[1], high[1]),
+                cmap=colours,
+                vmin=least,
+                vmax=max(most, least + 1e-3),
+                interpolation="nearest",
+            )
             figure.colorbar(drawn, ax=axes, label=label, shrink=0.7)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", aspect="equal")
     return figure
@@ -139,18 +184,40 @@ def _views(site: Site) -> List[Part]:
     rows = []
     for name, p in site.adjusted.placed.items():
         joined = site.joined[name]
-        rows.append((
-            name, f"{p.scale:.4f} ± {p.sigma_scale:.4f}", f"{p.sigma_m:.2f} m", f"{np.degrees(p.sigma_yaw_rad):.2f}°",
-            ", ".join(overlaps(site.adjusted, name)) or "none", f"{len(joined.cloud):,}", f"{joined.agreed:,}",
-            f"{joined.seen_through:,}",
-        ))  # fmt: skip
-    head = ("view", "scale", "place ±", "yaw ±", "joined with", "own points", "seen by two", "seen through")
+        rows.append(
+            (
+                name,
+                f"{p.scale:.4f} ± {p.sigma_scale:.4f}",
+                f"{p.sigma_m:.2f} m",
+                f"{np.degrees(p.sigma_yaw_rad):.2f}°",
+                ", ".join(overlaps(site.adjusted, name)) or "none",
+                f"{len(joined.cloud):,}",
+                f"{joined.agreed:,}",
+                f"{joined.seen_through:,}",
+            )
+        )
+    head = (
+        "view",
+        "scale",
+        "place ±",
+        "yaw ±",
+        "joined with",
+        "own points",
+        "seen by two",
+        "seen through",
+    )
     return [Table(head, rows)]
 
 
 def _edges(site: Site) -> List[Part]:
     rows = [
-        (f"{e.a} – {e.b}", "yes" if e.kept else "no", f"{e.matches}", number(e.residual_m, "{:.2f} m"), e.reason)
+        (
+            f"{e.a} – {e.b}",
+            "yes" if e.kept else "no",
+            f"{e.matches}",
+            number(e.residual_m, "{:.2f} m"),
+            e.reason,
+        )
         for e in site.adjusted.edges
     ]
     return [Table(("views", "counts", "matches", "residual", "reason"), rows)] if rows else []
@@ -158,7 +225,12 @@ def _edges(site: Site) -> List[Part]:
 
 def _loops(site: Site) -> List[Part]:
     rows = [
-        (", ".join(p.views), f"{p.closing_m:.2f} m", f"{p.closing_deg:.2f}°", f"{p.closing_scale:.2%}")
+        (
+            ", ".join(p.views),
+            f"{p.closing_m:.2f} m",
+            f"{p.closing_deg:.2f}°",
+            f"{p.closing_scale:.2%}",
+        )
         for p in site.adjusted.loops
     ]
     return [Table(("round", "closes to", "turn", "scale"), rows)] if rows else []

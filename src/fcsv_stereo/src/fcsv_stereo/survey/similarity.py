@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Similarities as gtsam's Similarity3, whose tangent is (rotation, translation, logarithm of the scale).
+"""Similarities as gtsam's Similarity3, whose tangent is (rotation, translation, logarithm of the
+scale).
 
 ``S_a_b`` takes points of frame b to frame a: p_a = s (R p_b + t).
 """
@@ -12,7 +13,8 @@ ROTATION, TRANSLATION, LOG_SCALE = slice(0, 3), slice(3, 6), 6
 
 
 def of_pose(T_a_b: np.ndarray, scale: float = 1.0) -> gtsam.Similarity3:
-    """S_a_b with b's axes and origin at ``T_a_b`` (4x4, m) and b's lengths ``scale`` times longer in a."""
+    """S_a_b with b's axes and origin at ``T_a_b`` (4x4, m) and b's lengths ``scale`` times longer
+    in a."""
     return gtsam.Similarity3(gtsam.Rot3(T_a_b[:3, :3]), T_a_b[:3, 3] / scale, scale)
 
 
@@ -54,7 +56,8 @@ def between(S_x_a: gtsam.Similarity3, S_x_b: gtsam.Similarity3) -> gtsam.Similar
 
 
 def fit(p_a: np.ndarray, p_b: np.ndarray) -> np.ndarray:
-    """(K, 4, 4) least-squares similarities M with p_a = M p_b of K sets (K, N, 3) of points (Umeyama 1991)."""
+    """(K, 4, 4) least-squares similarities M with p_a = M p_b of K sets (K, N, 3) of points
+    (Umeyama 1991)."""
     mean_a, mean_b = p_a.mean(1, keepdims=True), p_b.mean(1, keepdims=True)
     a, b = p_a - mean_a, p_b - mean_b
     U, D, Vt = np.linalg.svd(np.einsum("kni,knj->kij", a, b))
@@ -71,4 +74,7 @@ def fit(p_a: np.ndarray, p_b: np.ndarray) -> np.ndarray:
 def of_matrix(M_a_b: np.ndarray) -> gtsam.Similarity3:
     """S_a_b of a 4x4 whose upper part is a scaled rotation."""
     scale = float(np.cbrt(np.linalg.det(M_a_b[:3, :3])))
-    return of_pose(np.vstack([np.column_stack([M_a_b[:3, :3] / scale, M_a_b[:3, 3]]), [0.0, 0.0, 0.0, 1.0]]), scale)
+    return of_pose(
+        np.vstack([np.column_stack([M_a_b[:3, :3] / scale, M_a_b[:3, 3]]), [0.0, 0.0, 0.0, 1.0]]),
+        scale,
+    )

@@ -13,13 +13,15 @@ from fcsv_stereo.model.pictures import is_level
 from fcsv_stereo.survey import tuning
 
 FILE = "station.yaml"
-_LEAST_AHEAD = 0.2  # horizontal part of the optical axis below which the picture's top tells the heading
+# horizontal part of the optical axis below which the picture's top tells the heading
+_LEAST_AHEAD = 0.2
 
 
 @dataclass(frozen=True)
 class Station:
-    """Where the reference camera was, in a frame that several stations share (x forward, y left, z up; m), which way it
-    looked (degrees to the left of x), and standard deviations: per axis, and of the map's scale as a share."""
+    """Where the reference camera was, in a frame that several stations share (x forward, y left, z
+    up; m), which way it looked (degrees to the left of x), and standard deviations: per axis, and
+    of the map's scale as a share."""
 
     place_m: Tuple[float, float, float]
     heading_deg: float
@@ -30,19 +32,23 @@ class Station:
     def __post_init__(self):
         config.require_positive(self, ("place_m", "heading_deg"))
         if not self.scale_sigma < 0.5:
-            raise ValueError(f"scale_sigma: is a share of the scale, below 0.5, got {self.scale_sigma}")
+            raise ValueError(
+                f"scale_sigma: is a share of the scale, below 0.5, got {self.scale_sigma}"
+            )
 
 
 def load_station(folder: Path) -> Optional[Station]:
-    """The station of an input's folder, None where it brings none. Raises ConfigError naming file and field."""
+    """The station of an input's folder, None where it brings none. Raises ConfigError naming file
+    and field."""
     path = Path(folder) / FILE
     return config.load(path, Station) if path.is_file() else None
 
 
 @dataclass(frozen=True)
 class Prior:
-    """``T_site_cam`` (4x4) of the reference camera with standard deviations: roll and pitch (rad), yaw (rad), place per
-    axis (m), scale (share). Infinite: not known, and then the pose says nothing of it."""
+    """``T_site_cam`` (4x4) of the reference camera with standard deviations: roll and pitch (rad),
+    yaw (rad), place per axis (m), scale (share). Infinite: not known, and then the pose says
+    nothing of it."""
 
     T_site_cam: np.ndarray
     tilt_rad: float
@@ -57,7 +63,8 @@ class Prior:
 
 
 def prior_of(station: Optional[Station], T_home_cam: np.ndarray, level: bool, name: str) -> Prior:
-    """The prior of a view with its camera at ``T_home_cam``; ``level``: gravity made home's z point up.
+    """The prior of a view with its camera at ``T_home_cam``; ``level``: gravity made home's z point
+    up.
 
     Raises SurveyError where there is a station, which needs that, and home's z cannot point up.
     """
@@ -78,7 +85,8 @@ def prior_of(station: Optional[Station], T_home_cam: np.ndarray, level: bool, na
 
 
 def heading_rad(T_home_cam: np.ndarray) -> float:
-    """Which way the optical axis looks, to the left of x; of a camera that looks down, the picture's top.
+    """Which way the optical axis looks, to the left of x; of a camera that looks down, the
+    picture's top.
 
     >>> T = transforms.from_xyz_yaw([0, 0, 0], 0.5) @ transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
     >>> round(heading_rad(T), 6)

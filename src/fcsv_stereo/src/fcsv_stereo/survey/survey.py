@@ -16,7 +16,14 @@ from fcsv_stereo.model import Progress
 from fcsv_stereo.products.clouds import write_laz
 from fcsv_stereo.survey import inputs, merge
 from fcsv_stereo.survey.adjust import adjust
-from fcsv_stereo.survey.document import CLOUDS, Missing, Site, adjustment_document, origin_of, site_document
+from fcsv_stereo.survey.document import (
+    CLOUDS,
+    Missing,
+    Site,
+    adjustment_document,
+    origin_of,
+    site_document,
+)
 from fcsv_stereo.survey.edges import Edge, find_edge
 from fcsv_stereo.survey.features import features_of
 from fcsv_stereo.survey.inputs import Source
@@ -35,25 +42,36 @@ def check_out(out: Path) -> None:
     """An earlier survey may be continued, anything else is left alone. Raises OutputError."""
     if out.exists() and not out.is_dir():
         raise OutputError(f"{out}: is a file; give a folder with -o")
-    foreign = [p.name for p in out.iterdir() if p.name not in (*FILES, VIEWS)] if out.exists() else []
+    foreign = (
+        [p.name for p in out.iterdir() if p.name not in (*FILES, VIEWS)] if out.exists() else []
+    )
     foreign = [name for name in foreign if not name.startswith(".site.")]  # what a stopped run left
     if foreign:
-        raise OutputError(f"{out}: holds '{foreign[0]}', which is not of a survey; give another folder with -o")
+        raise OutputError(
+            f"{out}: holds '{foreign[0]}', which is not of a survey; give another folder with -o"
+        )
 
 
 def run(
-    paths: Sequence[Path], out: Path, options: Optional[MapOptions] = None, begin: Begin = lambda step, share: None
+    paths: Sequence[Path],
+    out: Path,
+    options: Optional[MapOptions] = None,
+    begin: Begin = lambda step, share: None,
 ) -> Site:
-    """The site of all inputs, written to ``out``; what could not be mapped or placed is in its ``missing``.
+    """The site of all inputs, written to ``out``; what could not be mapped or placed is in its
+    ``missing``.
 
-    Raises FcsvError where an input is none, where a station.yaml is wrong, or where nothing could be mapped.
+    Raises FcsvError where an input is none, where a station.yaml is wrong, or where nothing could
+    be mapped.
     """
     check_out(out)
     require_folder(out.absolute(), _LEAST_MIB)
     sources = inputs.sources_of(paths)
     views, missing = _mapped(sources, out, options or MapOptions(), begin)
     if not views:
-        raise SurveyError("no view could be mapped: " + "; ".join(f"{m.name}: {m.reason}" for m in missing))
+        raise SurveyError(
+            "no view could be mapped: " + "; ".join(f"{m.name}: {m.reason}" for m in missing)
+        )
     begin("comparing views", 0.7)
     edges = edges_between(views)
     site = site_of(views, edges, missing, begin)
@@ -62,10 +80,19 @@ def run(
     return site
 
 
-def site_of(views: List[View], edges: List[Edge], missing: Sequence[Missing], begin: Begin = lambda *_: None) -> Site:
+def site_of(
+    views: List[View], edges: List[Edge], missing: Sequence[Missing], begin: Begin = lambda *_: None
+) -> Site:
     """Views adjusted and joined."""
     adjusted = adjust(views, edges)
-    missing = [*missing, *(Missing(v.name, v.source, adjusted.lost[v.name]) for v in views if v.name in adjusted.lost)]
+    missing = [
+        *missing,
+        *(
+            Missing(v.name, v.source, adjusted.lost[v.name])
+            for v in views
+            if v.name in adjusted.lost
+        ),
+    ]
     if len(views) > 1 and not any(e.kept for e in adjusted.edges):
         said = "no two views were joined: each that has a place stays at its station, and errors of scale stay"
         adjusted = replace(adjusted, remarks=[*adjusted.remarks, said])
@@ -73,7 +100,9 @@ def site_of(views: List[View], edges: List[Edge], missing: Sequence[Missing], be
     origin_m = origin_of(list(adjusted.placed.values()))
     placed = [v for v in views if v.name in adjusted.placed]
     cloud, parts = merge.join(placed, adjusted.placed, origin_m)
-    return Site(views, adjusted, cloud, {v.name: p for v, p in zip(placed, parts)}, origin_m, missing)
+    return Site(
+        views, adjusted, cloud, {v.name: p for v, p in zip(placed, parts)}, origin_m, missing
+    )
 
 
 def edges_between(views: Sequence[View]) -> List[Edge]:
@@ -81,11 +110,15 @@ def edges_between(views: Sequence[View]) -> List[Edge]:
     features = [features_of(v) for v in views]
     pairs = itertools.combinations(range(len(views)), 2)
     return [
-        find_edge(views[i], views[j], features[i], features[j]) for i, j in pairs if may_overlap(views[i], views[j])
+        find_edge(views[i], views[j], features[i], features[j])
+        for i, j in pairs
+        if may_overlap(views[i], views[j])
     ]
 
 
-def _mapped(sources: List[Source], out: Path, options: MapOptions, begin: Begin) -> Tuple[List[View], List[Missing]]:
+def _mapped(
+    sources: List[Source], out: Path, options: MapOptions, begin: Begin
+) -> Tuple[List[View], List[Missing]]:
     """A view of each source, in order, and those of which there is none."""
     views, missing = [], []
     keys = {s.name: inputs.content_key(s.path) for s in sources}
@@ -121,7 +154,8 @@ def _told(name: str, i: int, count: int, begin: Begin) -> Progress:
 
 
 def write(site: Site, out: Path) -> None:
-    """Cloud, page and documents into ``out``; an earlier survey's stay until these are whole. Raises OutputError."""
+    """Cloud, page and documents into ``out``; an earlier survey's stay until these are whole.
+    Raises OutputError."""
     out.mkdir(parents=True, exist_ok=True)
     try:
         with tempfile.TemporaryDirectory(prefix=".site.", dir=out) as made:
@@ -130,8 +164,12 @@ def write(site: Site, out: Path) -> None:
             write_ply(site.cloud, folder / CLOUDS[0], site.origin_m, last[0])
             write_laz(site.cloud, folder / CLOUDS[1], site.origin_m, last)
             write_page(site, folder / "site.html")
-            (folder / "adjustment.json").write_text(json.dumps(adjustment_document(site), indent=1, allow_nan=False))
-            (folder / "site.json").write_text(json.dumps(site_document(site), indent=1, allow_nan=False))
+            (folder / "adjustment.json").write_text(
+                json.dumps(adjustment_document(site), indent=1, allow_nan=False)
+            )
+            (folder / "site.json").write_text(
+                json.dumps(site_document(site), indent=1, allow_nan=False)
+            )
             for name in FILES:  # site.json last: it tells of all others
                 (folder / name).replace(out / name)
     except OSError as error:

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tuned numbers of the survey, each with unit and source ("assumed" where nothing measured it)."""
 
-#: rad: roll and pitch of a level home, which gravity gives. Assumed: twice what trackers reach in flight.
+#: rad: roll and pitch of a level home, which gravity gives. Assumed: twice what trackers reach in
+#: flight.
 LEVEL_RAD = 0.01
-#: Share: scale of a map whose input says nothing of it. Flown maps have 1.0 to 1.7 % rms (docs/lab/sigma.md).
+#: Share: scale of a map whose input says nothing of it. Flown maps have 1.0 to 1.7 % rms
+#: (docs/lab/sigma.md).
 SCALE = 0.02
 #: m, rad: what holds the first view where no view has a place: small against every edge.
 ANCHOR_M, ANCHOR_RAD = 1e-3, 1e-5
@@ -14,42 +16,55 @@ FREE_M, FREE_RAD = 1e3, 3.0
 MOST_FEATURES = 4000
 #: Of a feature's depth: its sigma over its depth is at most this. What is less sure tells no scale.
 MOST_FEATURE_SIGMA = 0.06
-#: Depths in a feature's 5x5 pixels differ by at most so much, as a share: else it lies on an edge. Assumed.
+#: Depths in a feature's 5x5 pixels differ by at most so much, as a share: else it lies on an edge.
+#: Assumed.
 MOST_FEATURE_STEP = 0.04
-#: px: standard deviation of a feature's place in a picture seen from elsewhere. Residuals of drawn sites are 0.7 to 1.
+#: px: standard deviation of a feature's place in a picture seen from elsewhere. Residuals of drawn
+#: sites are 0.7 to 1.
 FEATURE_PX = 1.0
 #: Lowe's ratio of the best to the second best distance: with a prior's gate, and without one.
 RATIO_GATED, RATIO_FREE = 0.85, 0.8
 #: Standard deviations of the priors, and px besides, within which a match is looked for.
 GATE_SIGMAS, GATE_PX = 3.5, 15.0
 
-#: Pixels of a view, about so many, that tell by the priors whether two views overlap, and the least share of them.
+#: Pixels of a view, about so many, that tell by the priors whether two views overlap, and the least
+#: share of them.
 OVERLAP_SAMPLES, LEAST_OVERLAP = 1500, 0.05
-#: Three matches at a time are drawn so often; they are scored with so many matches; so many starts are refined.
+#: Three matches at a time are drawn so often; they are scored with so many matches; so many starts
+#: are refined.
 DRAWS, SCORED, REFINED_DRAWS = 600, 100, 8
-#: px: what a place may be off beside the points' own covariances, from a start of three matches to the end.
+#: px: what a place may be off beside the points' own covariances, from a start of three matches to
+#: the end.
 TOLERANCES_PX = (24.0, 12.0, 5.0, 2.0, 0.0, 0.0)
 #: Squared Mahalanobis distance of a match that counts: 99.5 % of three degrees of freedom.
 MOST_CHI2 = 12.8
-#: Fewest matches of an edge, and their least share. 12 wrong matches do not fit one similarity by chance.
+#: Fewest matches of an edge, and their least share. 12 wrong matches do not fit one similarity by
+#: chance.
 LEAST_MATCHES, LEAST_SHARE = 12, 0.12
 #: What an edge must be known to: share of scale, rad.
 MOST_EDGE_SCALE, MOST_EDGE_RAD = 0.03, 0.02
-#: Most scale of one view against another, as a factor. Assumed; a model in feet or of no unit is beyond it.
+#: Most scale of one view against another, as a factor. Assumed; a model in feet or of no unit is
+#: beyond it.
 MOST_RATIO = 1.4
-#: Share of a depth's variance that all of a picture's depths have in common beside their scale (docs/lab/survey.md).
+#: Share of a depth's variance that all of a picture's depths have in common beside their scale
+#: (docs/lab/survey.md).
 COMMON_SHARE = 0.02
 
-#: Probability at which graduated non-convexity keeps a right edge (chi-square of seven degrees of freedom).
+#: Probability at which graduated non-convexity keeps a right edge (chi-square of seven degrees of
+#: freedom).
 KEPT_P = 0.9999
-#: Share: a view whose scale is so far from the others' is said, and its prior of scale has no say. Flown: 1.0 to 1.7 %.
+#: Share: a view whose scale is so far from the others' is said, and its prior of scale has no say.
+#: Flown: 1.0 to 1.7 %.
 MOST_SCALE_OFF = 0.04
 
-#: Depths of two views within so many standard deviations are of one surface; beyond the second one sees through.
+#: Depths of two views within so many standard deviations are of one surface; beyond the second one
+#: sees through.
 AGREE_SIGMAS, THROUGH_SIGMAS = 2.0, 3.5
 #: Share of the depth: sigma of a point of the cloud is at most this, as in ``map``'s.
 MOST_CLOUD_SIGMA = 0.2
-#: Cosine of the angle between two rays from which on their depths are averaged; at a larger angle they only agree.
+#: Cosine of the angle between two rays from which on their depths are averaged; at a larger angle
+#: they only agree.
 LEAST_COSINE = 0.7
-#: Sigma of a joined point is at least this share of its surest view's: what views have in common does not average out.
+#: Sigma of a joined point is at least this share of its surest view's: what views have in common
+#: does not average out.
 LEAST_JOINED = 0.5

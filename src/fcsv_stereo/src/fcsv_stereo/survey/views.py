@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A view: the map of one reference picture, with what is known of its place before views are compared."""
+"""A view: the map of one reference picture, with what is known of its place before views are
+compared."""
 
 import json
 from dataclasses import dataclass
@@ -21,8 +22,8 @@ from fcsv_stereo.survey.station import Prior
 
 @dataclass(frozen=True)
 class View:
-    """``image`` (H,W,3) uint8 RGB; ``depth`` and ``sigma`` (H,W) m along the optical axis, NaN where none; ``kind``
-    (H,W) uint8 of ``model.kinds``; ``T_home_cam`` 4x4 of the map.
+    """``image`` (H,W,3) uint8 RGB; ``depth`` and ``sigma`` (H,W) m along the optical axis, NaN
+    where none; ``kind`` (H,W) uint8 of ``model.kinds``; ``T_home_cam`` 4x4 of the map.
 
     Raises SurveyError, which names the view, where these do not belong together.
     """
@@ -41,22 +42,32 @@ class View:
         size = (self.camera.height, self.camera.width)
         for what in ("depth", "sigma", "kind"):
             if getattr(self, what).shape != size:
-                raise SurveyError(f"{self.name}: {what} has shape {getattr(self, what).shape}, not {size}")
+                raise SurveyError(
+                    f"{self.name}: {what} has shape {getattr(self, what).shape}, not {size}"
+                )
         if self.image.shape != (*size, 3):
-            raise SurveyError(f"{self.name}: reference picture has shape {self.image.shape}, not {(*size, 3)}")
+            raise SurveyError(
+                f"{self.name}: reference picture has shape {self.image.shape}, not {(*size, 3)}"
+            )
 
     @cached_property
     def known(self) -> np.ndarray:
-        """(H,W) bool: pixels whose depth some pair supports, and that is sure enough for a cloud."""
+        """(H,W) bool: pixels whose depth some pair supports, and that is sure enough for a
+        cloud."""
         with np.errstate(invalid="ignore"):
-            sure = (self.depth > 0) & (self.sigma > 0) & (self.sigma <= tuning.MOST_CLOUD_SIGMA * self.depth)
+            sure = (
+                (self.depth > 0)
+                & (self.sigma > 0)
+                & (self.sigma <= tuning.MOST_CLOUD_SIGMA * self.depth)
+            )
         return sure & supported(self.kind)
 
     @cached_property
     def own_sigma(self) -> np.ndarray:
         """(H,W) m: ``sigma`` without the map's scale, which the adjustment measures.
 
-        A map's sigma holds its scale only where its input stated it; then no pixel is surer than that.
+        A map's sigma holds its scale only where its input stated it; then no pixel is surer than
+        that.
         """
         if not self.known.any():
             return self.sigma
@@ -67,16 +78,19 @@ class View:
 
 
 def read_view(folder: Path, name: str, source: str, prior) -> View:
-    """The view of a folder that ``map`` wrote; ``prior``: (T_home_cam, name) -> Prior. Raises SurveyError naming folder
-    and file."""
+    """The view of a folder that ``map`` wrote; ``prior``: (T_home_cam, name) -> Prior. Raises
+    SurveyError naming folder and file."""
     folder = Path(folder)
     try:
         reference = json.loads((folder / "report.json").read_text())["reference"]
         camera = PinholeCamera(
-            int(reference["width"]), int(reference["height"]),
+            int(reference["width"]),
+            int(reference["height"]),
             *(float(reference[k]) for k in ("fx", "fy", "cx", "cy")),
-        )  # fmt: skip
-        T_home_cam = transforms.require_rigid(np.array(reference["T_home_cam"], float), "T_home_cam")
+        )
+        T_home_cam = transforms.require_rigid(
+            np.array(reference["T_home_cam"], float), "T_home_cam"
+        )
         arrays = {n: np.load(folder / f"{n}.npy") for n in ("depth", "sigma", "kind")}
         image = cv2.cvtColor(read_picture(folder / "reference.png").pixels, cv2.COLOR_BGR2RGB)
     except FileNotFoundError as error:
@@ -85,4 +99,12 @@ def read_view(folder: Path, name: str, source: str, prior) -> View:
         ) from error
     except (FcsvError, KeyError, TypeError, ValueError, OSError, cv2.error) as error:
         raise SurveyError(f"{folder}: is not a map of this program ({error})") from error
-    return View(name, source, image, camera=camera, T_home_cam=T_home_cam, prior=prior(T_home_cam, name), **arrays)
+    return View(
+        name,
+        source,
+        image,
+        camera=camera,
+        T_home_cam=T_home_cam,
+        prior=prior(T_home_cam, name),
+        **arrays,
+    )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings in which a camera moves all the time: which of its pictures a map takes, and what time they are of."""
+"""Recordings in which a camera moves all the time: which of its pictures a map takes, and what time
+they are of."""
 
 from fcsv_stereo.sweeps.choice import MOVES_M, moves, spread
 from fcsv_stereo.sweeps.clock import ClockOffset, clock_offset

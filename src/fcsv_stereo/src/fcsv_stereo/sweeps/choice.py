@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a sweep for a map: geometric steps of the baseline, enough overlap with the reference, little blur.
+"""Pictures of a sweep for a map: geometric steps of the baseline, enough overlap with the
+reference, little blur.
 
-The error of a depth falls with the baseline and the nearest depth that a baseline serves grows with it, both in
-proportion: baselines in equal ratios serve equal ratios of distance.
+The error of a depth falls with the baseline and the nearest depth that a baseline serves grows with
+it, both in proportion: baselines in equal ratios serve equal ratios of distance.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +15,8 @@ from fcsv_geometry import transforms
 from fcsv_stereo.depth import shown_share
 from fcsv_stereo.model import Configuration, ConfigurationInput, Picture
 
-_STEPS = (0.42, 0.6, 0.85, 1.2, 2.0, 4.0)  # of the baseline, the first that leaves few enough pictures: 0.42 is sqrt(2)
+# of the baseline, the first that leaves few enough pictures: 0.42 is sqrt(2)
+_STEPS = (0.42, 0.6, 0.85, 1.2, 2.0, 4.0)
 _MOST = 8  # pictures of all sweeps together; ``joint`` takes 16, and its time grows with them
 _SLACK = 0.25  # of a step: within it the sharpest picture is taken
 MOVES_M = 1.0  # a vehicle that holds strays by 0.15 m
@@ -28,8 +30,8 @@ _GRID = 9
 
 @dataclass(frozen=True)
 class Candidate:
-    """A picture of a moving camera: baseline (3,) m in home, share of the reference picture that it sees at 20 m, and
-    how far (px) the picture moves while it is exposed."""
+    """A picture of a moving camera: baseline (3,) m in home, share of the reference picture that it
+    sees at 20 m, and how far (px) the picture moves while it is exposed."""
 
     picture: Picture
     baseline_m: np.ndarray
@@ -48,8 +50,11 @@ def moves(configuration: ConfigurationInput) -> bool:
     return len(places) > 1 and float(np.linalg.norm(places - places[0], axis=1).max()) > MOVES_M
 
 
-def spread(configurations: Sequence[ConfigurationInput], most: int = _MOST) -> List[ConfigurationInput]:
-    """Each sweep as one configuration per chosen picture, with its own baseline; those to stand at as they are."""
+def spread(
+    configurations: Sequence[ConfigurationInput], most: int = _MOST
+) -> List[ConfigurationInput]:
+    """Each sweep as one configuration per chosen picture, with its own baseline; those to stand at
+    as they are."""
     if not any(moves(c) for c in configurations):
         return list(configurations)
     found = {i: candidates(c) for i, c in enumerate(configurations) if moves(c)}
@@ -76,9 +81,11 @@ def candidates(configuration: ConfigurationInput) -> List[Candidate]:
 
 
 def choose(found: Sequence[Candidate], step: float) -> List[Candidate]:
-    """Chooses pairs from the shortest to the longest baseline, each so much of its baseline away from the one before.
+    """Chooses pairs from the shortest to the longest baseline, each so much of its baseline away
+    from the one before.
 
-    Of those about a step away the sharpest. What is blurred or hardly overlaps serves only where nothing else is left.
+    Of those about a step away the sharpest. What is blurred or hardly overlaps serves only where
+    nothing else is left.
 
     >>> from types import SimpleNamespace
     >>> at = lambda x: Candidate(SimpleNamespace(stamp_s=x), np.array([x, 0.0, 0.0]), 1.0, 0.1)
@@ -91,11 +98,15 @@ def choose(found: Sequence[Candidate], step: float) -> List[Candidate]:
     while left:
         last, wanted_m = chosen[-1], step * max(chosen[-1].length_m, MOVES_M)
         away = [(k, float(np.linalg.norm(k.baseline_m - last.baseline_m))) for k in left]
-        ahead = [(k, m) for k, m in away if k.length_m >= last.length_m and m > (1.0 - _SLACK) * wanted_m]
+        ahead = [
+            (k, m) for k, m in away if k.length_m >= last.length_m and m > (1.0 - _SLACK) * wanted_m
+        ]
         near = [(k, m) for k, m in ahead if m < (1.0 + _SLACK) * wanted_m] or ahead[:1]
         if not near:
             break
-        chosen.append(min(near, key=lambda entry: (round(entry[0].blur_px, 1), abs(entry[1] - wanted_m)))[0])
+        chosen.append(
+            min(near, key=lambda entry: (round(entry[0].blur_px, 1), abs(entry[1] - wanted_m)))[0]
+        )
         left = [k for k in left if k.length_m > chosen[-1].length_m]
     return _with_longest(chosen, sorted(fit or found, key=lambda k: k.length_m)[-1], step)
 
@@ -106,7 +117,9 @@ def overlap(reference: Picture, other: Picture) -> float:
     edges = (np.linspace(0.0, n - 1.0, _GRID) for n in (camera.width, camera.height))
     xy = camera.normalize(np.stack(np.meshgrid(*edges), -1).reshape(-1, 2))
     points_cam = np.hstack([xy, np.ones((len(xy), 1))]) * _NEAR_M
-    return shown_share(other.camera, other.T_home_cam, transforms.apply(reference.T_home_cam, points_cam))
+    return shown_share(
+        other.camera, other.T_home_cam, transforms.apply(reference.T_home_cam, points_cam)
+    )
 
 
 def _blur_px(before: Picture, after: Picture) -> float:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The time offset between a camera and its tracker, from the turns that both saw.
 
-A stamp that is wrong by dt moves the prior of a moving camera by v dt: 7 mm at 1.5 m/s and 5 ms, which an unknown
-centimetre of the calibration hides. But the camera also turns, by its vehicle's leaning and its vibration, and turns
-between one picture and the next are seen to a hundredth of a degree: the offset is that at which the tracker's turns
-agree with them (the principle of camera-IMU calibration). Neither calibration nor drift takes part.
+A stamp that is wrong by dt moves the prior of a moving camera by v dt: 7 mm at 1.5 m/s and 5 ms,
+which an unknown centimetre of the calibration hides. But the camera also turns, by its vehicle's
+leaning and its vibration, and turns between one picture and the next are seen to a hundredth of a
+degree: the offset is that at which the tracker's turns agree with them (the principle of camera-IMU
+calibration). Neither calibration nor drift takes part.
 """
 
 from dataclasses import dataclass
@@ -25,7 +26,8 @@ _LEAST_TURNS = 8
 _CORNERS, _LEAST_CORNERS = 250, 30
 _CORNER_PX = 0.3
 _BACK_PX = 0.5  # a corner that is tracked there and back ends where it began
-_INVERSE_DEPTH, _OF_SCENE, _OF_CORNER = 0.03, 0.05, 0.1  # 1/m: expected; standard deviations of all in common, of one
+# 1/m: expected; standard deviations of all in common, of one
+_INVERSE_DEPTH, _OF_SCENE, _OF_CORNER = 0.03, 0.05, 0.1
 _TRACKER_RAD = np.radians(0.03)  # of a turn by the tracker
 _MOST_SPACING_S = 0.02  # of the tracker's poses: rarer ones do not show what vibrates
 _ROBUST = 2.5  # standard deviations
@@ -36,8 +38,8 @@ _ROUNDS = 4
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """``offset_s`` is to be added to the stamps of the camera's pictures; ``known``: the pictures tell it beyond doubt.
-    ``turns``: so many turns between pictures were compared."""
+    """``offset_s`` is to be added to the stamps of the camera's pictures; ``known``: the pictures
+    tell it beyond doubt. ``turns``: so many turns between pictures were compared."""
 
     offset_s: float
     sigma_s: float
@@ -46,8 +48,17 @@ class ClockOffset:
 
     def to_dict(self) -> dict:
         """Gives the offset for report.json; ``offset_ms`` is null where it is not known."""
-        offset_ms, sigma_ms = (round(1e3 * s, 2) for s in (self.offset_s, self.sigma_s)) if self.known else (None, None)
-        return {"offset_ms": offset_ms, "sigma_ms": sigma_ms, "turns": self.turns, "known": self.known}
+        offset_ms, sigma_ms = (
+            (round(1e3 * s, 2) for s in (self.offset_s, self.sigma_s))
+            if self.known
+            else (None, None)
+        )
+        return {
+            "offset_ms": offset_ms,
+            "sigma_ms": sigma_ms,
+            "turns": self.turns,
+            "known": self.known,
+        }
 
     @property
     def words(self) -> str:
@@ -63,8 +74,8 @@ class ClockOffset:
 
 @dataclass(frozen=True)
 class Turn:
-    """Holds a turn from picture ``first`` to ``second`` (stamps, s), as seen: R_second_first, and its information (3,
-    3) about the second camera's axes."""
+    """Holds a turn from picture ``first`` to ``second`` (stamps, s), as seen: R_second_first, and
+    its information (3, 3) about the second camera's axes."""
 
     first_s: float
     second_s: float
@@ -72,23 +83,32 @@ class Turn:
     information: np.ndarray
 
 
-def clock_offset(pictures: Sequence[Picture], track: Trajectory, R_body_cam: np.ndarray) -> Optional[ClockOffset]:
-    """Finds the offset of one vehicle: ``pictures`` in order of time, ``track`` of T_odom_body. None where too few
-    turns are seen."""
+def clock_offset(
+    pictures: Sequence[Picture], track: Trajectory, R_body_cam: np.ndarray
+) -> Optional[ClockOffset]:
+    """Finds the offset of one vehicle: ``pictures`` in order of time, ``track`` of T_odom_body.
+    None where too few turns are seen."""
     turns = seen_turns(pictures)
     return fitted(turns, track, R_body_cam) if len(turns) >= _LEAST_TURNS else None
 
 
 def seen_turns(pictures: Sequence[Picture]) -> List[Turn]:
     """Between neighbours in time, at most 60, spread over the recording."""
-    pairs = [(a, b) for a, b in zip(pictures, pictures[1:]) if 0.0 < b.stamp_s - a.stamp_s <= _LONGEST_GAP_S]
+    pairs = [
+        (a, b)
+        for a, b in zip(pictures, pictures[1:])
+        if 0.0 < b.stamp_s - a.stamp_s <= _LONGEST_GAP_S
+    ]
     step = max(1, -(-len(pairs) // _MOST_TURNS))
     turns = (_turn(a, b) for a, b in pairs[::step])
     return [t for t in turns if t is not None]
 
 
-def fitted(turns: Sequence[Turn], track: Trajectory, R_body_cam: np.ndarray) -> Optional[ClockOffset]:
-    """The offset at which the track's turns agree best. None where the track does not reach far enough."""
+def fitted(
+    turns: Sequence[Turn], track: Trajectory, R_body_cam: np.ndarray
+) -> Optional[ClockOffset]:
+    """The offset at which the track's turns agree best. None where the track does not reach far
+    enough."""
     known = _Track.of(turns, track, R_body_cam)
     if known is None:
         return None
@@ -105,7 +125,9 @@ def fitted(turns: Sequence[Turn], track: Trajectory, R_body_cam: np.ndarray) -> 
     best_s = float(around_s[fine.argmin()])
     elsewhere = costs[np.abs(grid_s - best_s) > _APART_S]
     inside = abs(best_s) < _MOST_S - _APART_S
-    known_ = inside and sigma_s < _APART_S / 2 and float(elsewhere.min() - fine.min()) / spread > _SURE
+    known_ = (
+        inside and sigma_s < _APART_S / 2 and float(elsewhere.min() - fine.min()) / spread > _SURE
+    )
     return ClockOffset(best_s, sigma_s, len(kept), known_)
 
 
@@ -118,7 +140,9 @@ class _Track:
     last_s: float
 
     @classmethod
-    def of(cls, turns: Sequence[Turn], track: Trajectory, R_body_cam: np.ndarray) -> Optional["_Track"]:
+    def of(
+        cls, turns: Sequence[Turn], track: Trajectory, R_body_cam: np.ndarray
+    ) -> Optional["_Track"]:
         first_s, last_s = turns[0].first_s - _MOST_S, turns[-1].second_s + _MOST_S
         stamps_s, poses = track.within(first_s - _MOST_S, last_s + _MOST_S)
         if len(stamps_s) < 2 or float(np.median(np.diff(stamps_s))) > _MOST_SPACING_S:
@@ -141,11 +165,12 @@ class _Track:
         return float(np.where(far, 2.0 * _ROBUST * np.sqrt(squares) - _ROBUST**2, squares).sum())
 
 
-# ---- what two pictures show ------------------------------------------------------------------------------------
+# ---- what two pictures show ----------------------------------------------------------------------
 
 
 def _turn(a: Picture, b: Picture) -> Optional[Turn]:
-    """The prior's movement is taken, and what turn is needed besides; along the parallax a corner says little."""
+    """The prior's movement is taken, and what turn is needed besides; along the parallax a corner
+    says little."""
     R0 = b.T_home_cam[:3, :3].T @ a.T_home_cam[:3, :3]
     t0 = b.T_home_cam[:3, :3].T @ (a.T_home_cam[:3, 3] - b.T_home_cam[:3, 3])
     rays, seen = _tracked(a, b, R0)
@@ -160,21 +185,40 @@ def _turn(a: Picture, b: Picture) -> Optional[Turn]:
 
 
 def _tracked(a: Picture, b: Picture, R0: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Rays (N, 3) with z = 1 of corners in ``a``, and where (N, 2) on the plane z = 1 they are in ``b``."""
+    """Rays (N, 3) with z = 1 of corners in ``a``, and where (N, 2) on the plane z = 1 they are in
+    ``b``."""
     first, second = as_grey(a.image), as_grey(b.image)
     corners = cv2.goodFeaturesToTrack(first, _CORNERS, 0.01, 8)
     if corners is None:
         return np.empty((0, 3)), np.empty((0, 2))
     rays = _rays(a, corners[:, 0])
     guess = rays @ R0.T
-    start = (guess[:, :2] / guess[:, 2:] * [b.camera.fx, b.camera.fy] + [b.camera.cx, b.camera.cy]).astype(np.float32)
+    start = (
+        guess[:, :2] / guess[:, 2:] * [b.camera.fx, b.camera.fy] + [b.camera.cx, b.camera.cy]
+    ).astype(np.float32)
     there, ok, _ = cv2.calcOpticalFlowPyrLK(
-        first, second, corners, start[:, None].copy(), winSize=(15, 15), maxLevel=2, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+        first,
+        second,
+        corners,
+        start[:, None].copy(),
+        winSize=(15, 15),
+        maxLevel=2,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     back, ok_back, _ = cv2.calcOpticalFlowPyrLK(
-        second, first, there, corners.copy(), winSize=(15, 15), maxLevel=2, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+        second,
+        first,
+        there,
+        corners.copy(),
+        winSize=(15, 15),
+        maxLevel=2,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
-    good = (ok[:, 0] > 0) & (ok_back[:, 0] > 0) & (np.linalg.norm((back - corners)[:, 0], axis=1) < _BACK_PX)
+    good = (
+        (ok[:, 0] > 0)
+        & (ok_back[:, 0] > 0)
+        & (np.linalg.norm((back - corners)[:, 0], axis=1) < _BACK_PX)
+    )
     return rays[good], _rays(b, there[good, 0])[:, :2]
 
 
@@ -184,11 +228,11 @@ def _rays(p: Picture, uv: np.ndarray) -> np.ndarray:
 
 
 def _rotation(turned: np.ndarray, seen: np.ndarray, t0: np.ndarray, sigma: float):
-    """Small rotation (3,) and its covariance (3, 3) that brings rays (N, 3), already turned by the prior, where they
-    were seen (N, 2); None where that is not determined.
+    """Small rotation (3,) and its covariance (3, 3) that brings rays (N, 3), already turned by the
+    prior, where they were seen (N, 2); None where that is not determined.
 
-    Inverse depths are eliminated with their prior, in common and of each corner: residuals may be large along the
-    parallax, and a turn that looks like it is hardly told.
+    Inverse depths are eliminated with their prior, in common and of each corner: residuals may be
+    large along the parallax, and a turn that looks like it is hardly told.
     """
     w, rho = np.zeros(3), _INVERSE_DEPTH
     for _ in range(_ROUNDS):
@@ -196,8 +240,13 @@ def _rotation(turned: np.ndarray, seen: np.ndarray, t0: np.ndarray, sigma: float
         x, y, z = x / z, y / z, np.ones_like(z)
         parallax = np.column_stack([t0[0] - x * t0[2], t0[1] - y * t0[2]])
         e = seen - np.column_stack([x, y]) - rho * parallax
-        J = np.stack([np.column_stack([-x * y, 1 + x * x, -y, parallax[:, 0]]),
-                      np.column_stack([-(1 + y * y), x * y, x, parallax[:, 1]])], axis=1)  # fmt: skip
+        J = np.stack(
+            [
+                np.column_stack([-x * y, 1 + x * x, -y, parallax[:, 0]]),
+                np.column_stack([-(1 + y * y), x * y, x, parallax[:, 1]]),
+            ],
+            axis=1,
+        )
         along = _OF_CORNER**2 * np.einsum("ni,nj->nij", parallax, parallax)
         W = np.linalg.inv(along + sigma**2 * np.eye(2))
         distance = np.sqrt(np.einsum("ni,nij,nj->n", e, W, e))
@@ -210,5 +259,8 @@ def _rotation(turned: np.ndarray, seen: np.ndarray, t0: np.ndarray, sigma: float
             step = np.linalg.solve(H, g)
         except np.linalg.LinAlgError:
             return None
-        w, rho = (Rotation.from_rotvec(step[:3]) * Rotation.from_rotvec(w)).as_rotvec(), rho + step[3]
+        w, rho = (
+            (Rotation.from_rotvec(step[:3]) * Rotation.from_rotvec(w)).as_rotvec(),
+            rho + step[3],
+        )
     return w, np.linalg.inv(H)[:3, :3]

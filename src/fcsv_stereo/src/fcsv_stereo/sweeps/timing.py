@@ -19,25 +19,38 @@ Posed = Callable[[str, float], np.ndarray]
 
 
 def on_time(
-    configurations: Sequence[ConfigurationInput], tracks: Mapping[str, Trajectory],
-    R_body_cam: Mapping[str, np.ndarray], posed: Posed,
-) -> Tuple[List[ConfigurationInput], Dict[str, ClockOffset], List[str]]:  # fmt: skip
-    """The configurations with the time offset of each vehicle that takes part in a sweep taken out, the offsets, words.
+    configurations: Sequence[ConfigurationInput],
+    tracks: Mapping[str, Trajectory],
+    R_body_cam: Mapping[str, np.ndarray],
+    posed: Posed,
+) -> Tuple[List[ConfigurationInput], Dict[str, ClockOffset], List[str]]:
+    """The configurations with the time offset of each vehicle that takes part in a sweep taken out,
+    the offsets, words.
 
-    ``tracks`` are of T_odom_body; ``posed`` gives T_home_cam of a vehicle's camera at a stamp of its tracker, or raises
-    PoseUnavailable.
+    ``tracks`` are of T_odom_body; ``posed`` gives T_home_cam of a vehicle's camera at a stamp of
+    its tracker, or raises PoseUnavailable.
     """
     clocks = _clocks(configurations, tracks, R_body_cam)
     known = {v: clock.offset_s for v, clock in clocks.items() if clock.known}
 
     def again(p: Picture) -> Picture:
         try:
-            return replace(p, T_home_cam=posed(p.vehicle, p.stamp_s + known[p.vehicle])) if p.vehicle in known else p
+            return (
+                replace(p, T_home_cam=posed(p.vehicle, p.stamp_s + known[p.vehicle]))
+                if p.vehicle in known
+                else p
+            )
         except PoseUnavailable:  # its tracker does not reach so far
             return p
 
-    better = [replace(c, references=list(map(again, c.references)), others=list(map(again, c.others)))
-              for c in configurations] if known else list(configurations)  # fmt: skip
+    better = (
+        [
+            replace(c, references=list(map(again, c.references)), others=list(map(again, c.others)))
+            for c in configurations
+        ]
+        if known
+        else list(configurations)
+    )
     return better, clocks, _words(clocks)
 
 
@@ -47,12 +60,21 @@ def _clocks(configurations, tracks, R_body_cam) -> Dict[str, ClockOffset]:
     for c in filter(moves, configurations):
         for p in (*c.references, *c.others):
             pictures[p.vehicle][p.stamp_s] = p
-    found = {v: clock_offset([of[s] for s in sorted(of)], tracks[v], R_body_cam[v]) for v, of in pictures.items()}
+    found = {
+        v: clock_offset([of[s] for s in sorted(of)], tracks[v], R_body_cam[v])
+        for v, of in pictures.items()
+    }
     return {v: clock for v, clock in found.items() if clock is not None}
 
 
 def _words(clocks: Dict[str, ClockOffset]) -> List[str]:
     """Whose stamps are wrong by more than can be chance."""
-    wrong = {v: c for v, c in clocks.items() if c.known and abs(c.offset_s) > max(_OFF_TIME_S, 3.0 * c.sigma_s)}
-    return [f"{v}: its camera's stamps and its tracker's differ by {c.words}: taken out of its poses"
-            for v, c in wrong.items()]  # fmt: skip
+    wrong = {
+        v: c
+        for v, c in clocks.items()
+        if c.known and abs(c.offset_s) > max(_OFF_TIME_S, 3.0 * c.sigma_s)
+    }
+    return [
+        f"{v}: its camera's stamps and its tracker's differ by {c.words}: taken out of its poses"
+        for v, c in wrong.items()
+    ]

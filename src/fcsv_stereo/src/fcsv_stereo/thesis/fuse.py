@@ -13,9 +13,11 @@ from fcsv_stereo.model import Axis
 
 @dataclass(frozen=True)
 class Layer:
-    """Depth of one configuration in the map's reference picture (H,W float32, m, NaN where none), untrimmed.
+    """Depth of one configuration in the map's reference picture (H,W float32, m, NaN where none),
+    untrimmed.
 
-    ``baseline_m`` is the nominal one, which ranges go by; ``measured_m`` that of the pair, which its error goes by.
+    ``baseline_m`` is the nominal one, which ranges go by; ``measured_m`` that of the pair, which
+    its error goes by.
     """
 
     axis: Axis
@@ -28,7 +30,8 @@ class Layer:
 def segments(
     baselines_m: Sequence[float], focal_px: float, threshold: ErrorThreshold, floor_m: float = 0.0
 ) -> List[Tuple[float, float]]:
-    """Effective range (m) of each baseline, in their order: from the next shorter one's farthest to its own (3.1).
+    """Effective range (m) of each baseline, in their order: from the next shorter one's farthest to
+    its own (3.1).
 
     >>> [(round(a), round(b)) for a, b in segments([2, 4], 602.0, ErrorThreshold(0.1, True))]
     [(0, 120), (120, 241)]
@@ -45,8 +48,9 @@ def segments(
 def segments_by_hand(
     baselines_m: Sequence[float], ends_m: Sequence[float], axis: str, floor_m: float = 0.0
 ) -> List[Tuple[float, float]]:
-    """The same with the far ends (m) that a person gave, one per baseline in growing order (6.6); an end that repeats
-    the one before leaves that baseline out. Raises InputError where they do not fit.
+    """The same with the far ends (m) that a person gave, one per baseline in growing order (6.6);
+    an end that repeats the one before leaves that baseline out. Raises InputError where they do not
+    fit.
 
     >>> segments_by_hand([4, 2], [30, 60], "horizontal")
     [(30.0, 60.0), (0.0, 30.0)]
@@ -58,8 +62,14 @@ def segments_by_hand(
             f"{len(ends_m)} {axis} trim points for {len(ascending)} baselines ({names} m); give one for each"
         )
     edges = [floor_m, *map(float, ends_m)]
-    if not all(np.isfinite(edges)) or any(b < a for a, b in zip(edges, edges[1:])) or edges[-1] <= floor_m:
-        raise InputError(f"{axis} trim points {' '.join(f'{e:g}' for e in ends_m)} m must be positive and not fall")
+    if (
+        not all(np.isfinite(edges))
+        or any(b < a for a, b in zip(edges, edges[1:]))
+        or edges[-1] <= floor_m
+    ):
+        raise InputError(
+            f"{axis} trim points {' '.join(f'{e:g}' for e in ends_m)} m must be positive and not fall"
+        )
     ranges = dict(zip(ascending, zip(edges, edges[1:])))
     return [ranges[b] for b in baselines_m]
 
@@ -78,9 +88,13 @@ def fuse_axes(horizontal: np.ndarray, vertical: np.ndarray) -> np.ndarray:
 
 
 def effective_ranges(
-    layers: Sequence[Layer], threshold: ErrorThreshold, trim_m: Mapping[str, Sequence[float]], across_axes: bool
+    layers: Sequence[Layer],
+    threshold: ErrorThreshold,
+    trim_m: Mapping[str, Sequence[float]],
+    across_axes: bool,
 ) -> List[Tuple[float, float]]:
-    """Range (m) of each layer: by 3.1, or by hand where ``trim_m`` has its axis; ``across_axes`` takes all as one."""
+    """Range (m) of each layer: by 3.1, or by hand where ``trim_m`` has its axis; ``across_axes``
+    takes all as one."""
     ranges: List[Optional[Tuple[float, float]]] = [None] * len(layers)
     for name, index in _groups(layers, across_axes).items():
         baselines = [layers[i].baseline_m for i in index]
@@ -92,21 +106,27 @@ def effective_ranges(
             ranges[i] = range_m
     unused = set(trim_m) - set(_groups(layers, across_axes))
     if unused:
-        raise InputError(f"{unused.pop()} trim points are given, but no such configuration was flown")
+        raise InputError(
+            f"{unused.pop()} trim points are given, but no such configuration was flown"
+        )
     return ranges
 
 
 def fuse_layers(
     layers: Sequence[Layer], ranges_m: Sequence[Tuple[float, float]], across_axes: bool
 ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Depth, its sigma by 2.12 for one pixel, and the layer that gave each pixel (-1 none); all (H,W).
+    """Depth, its sigma by 2.12 for one pixel, and the layer that gave each pixel (-1 none); all
+    (H,W).
 
-    Per axis the baselines are trimmed and laid over each other (3.2), then both axes fused (3.4). ``across_axes``
-    first fuses the axes of equal baselines (3.4), then lays all baselines over each other (3.6).
+    Per axis the baselines are trimmed and laid over each other (3.2), then both axes fused (3.4).
+    ``across_axes`` first fuses the axes of equal baselines (3.4), then lays all baselines over each
+    other (3.6).
     """
     single = [_single(i, layer, r) for i, (layer, r) in enumerate(zip(layers, ranges_m))]
     if not across_axes:
-        per_axis = [_overlay([single[i] for i in index]) for index in _groups(layers, False).values()]
+        per_axis = [
+            _overlay([single[i] for i in index]) for index in _groups(layers, False).values()
+        ]
         return per_axis[0] if len(per_axis) == 1 else _average(*per_axis)
     by_range: Dict[Tuple[float, float], list] = {}
     for one, range_m in zip(single, ranges_m):
@@ -134,7 +154,8 @@ def _single(index: int, layer: Layer, range_m: Tuple[float, float]):
 
 
 def _overlay(steps):
-    """Later ones over earlier ones: where two trimmed depths claim a pixel, the longer baseline wins."""
+    """Later ones over earlier ones: where two trimmed depths claim a pixel, the longer baseline
+    wins."""
     depth, sigma, source = (a.copy() for a in steps[0])
     for d, s, i in steps[1:]:
         known = np.isfinite(d)

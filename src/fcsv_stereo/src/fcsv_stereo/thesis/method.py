@@ -35,10 +35,12 @@ _LEAST_SHARE = 0.002  # of the picture: SGBM and Quasi-Dense match as much in pi
 
 @dataclass(frozen=True)
 class ThesisOptions:
-    """Choices of the method; ``rectifier`` (or its word) None takes home for sessions and bouguet for photographs.
+    """Choices of the method; ``rectifier`` (or its word) None takes home for sessions and bouguet
+    for photographs.
 
-    ``trim_m`` holds trim points (m) by hand, per axis (6.6). ``across_axes`` divides the range among all baselines,
-    whatever their axis, as for several configurations at once (3.6, figure 3.15); otherwise each axis covers it.
+    ``trim_m`` holds trim points (m) by hand, per axis (6.6). ``across_axes`` divides the range
+    among all baselines, whatever their axis, as for several configurations at once (3.6, figure
+    3.15); otherwise each axis covers it.
     """
 
     matcher: str = "quasi-dense"
@@ -69,7 +71,7 @@ class Thesis(Method):
 
     def map(
         self, given: MapInput, options: Optional[ThesisOptions] = None, progress: Progress = silent
-    ) -> MapResult:  # fmt: skip
+    ) -> MapResult:
         """See map_thesis."""
         return map_thesis(given, options or ThesisOptions(), progress)
 
@@ -79,7 +81,8 @@ class Thesis(Method):
         return ThesisOptions(matcher="bm")
 
     def with_depth_steps(self, options: ThesisOptions, steps: int) -> ThesisOptions:
-        """Disparities; Quasi-Dense, the default, grows from seeds and searches no window: SGBM does."""
+        """Disparities; Quasi-Dense, the default, grows from seeds and searches no window: SGBM
+        does."""
         least_px = options.window.least_px
         return replace(options, window=DisparityWindow(least_px, least_px + steps), matcher="sgbm")
 
@@ -98,7 +101,8 @@ class _Matched:
 
 
 def map_thesis(given: MapInput, options: ThesisOptions, progress: Progress) -> MapResult:
-    """The map of all configurations in the first reference picture. Raises MatchingError where nothing matched."""
+    """The map of all configurations in the first reference picture. Raises MatchingError where
+    nothing matched."""
     timing_s: Dict[str, float] = {"refine": 0.0}
     started = time.perf_counter()
     warnings = list(given.warnings)
@@ -107,7 +111,10 @@ def map_thesis(given: MapInput, options: ThesisOptions, progress: Progress) -> M
 
     started = time.perf_counter()
     reference = matched[0].reference
-    depths = [resample(m.points_home.reshape(-1, 3), reference.T_home_cam, reference.camera) for m in matched]
+    depths = [
+        resample(m.points_home.reshape(-1, 3), reference.T_home_cam, reference.camera)
+        for m in matched
+    ]
     layers = [_layer(m, d) for m, d in zip(matched, depths)]
     ranges_m = effective_ranges(layers, options.threshold, options.trim_m, options.across_axes)
     if given.kind is not InputKind.SESSION:  # independent pairs: each keeps what is near
@@ -124,13 +131,20 @@ def map_thesis(given: MapInput, options: ThesisOptions, progress: Progress) -> M
         )
     pairs = [_pair_result(m, d, r) for m, d, r in zip(matched, depths, ranges_m)]
     view = Reference.of(reference)
-    return MapResult("thesis", view, _images(matched), pairs, depth, sigma, cloud, timing_s, warnings)
+    return MapResult(
+        "thesis", view, _images(matched), pairs, depth, sigma, cloud, timing_s, warnings
+    )
 
 
-def _match_all(given: MapInput, options: ThesisOptions, progress: Progress, warnings: List[str]) -> List[_Matched]:
-    """Every configuration matched; what cannot be rectified is left out and named in ``warnings``."""
+def _match_all(
+    given: MapInput, options: ThesisOptions, progress: Progress, warnings: List[str]
+) -> List[_Matched]:
+    """Every configuration matched; what cannot be rectified is left out and named in
+    ``warnings``."""
     session = given.kind is InputKind.SESSION
-    rectifier = RECTIFIERS[options.rectifier or (Rectification.HOME if session else Rectification.BOUGUET)]
+    rectifier = RECTIFIERS[
+        options.rectifier or (Rectification.HOME if session else Rectification.BOUGUET)
+    ]
     offset_px = 0.0 if session else None
     selected = [select(c, options.selection) for c in given.configurations]
     total, done = sum(len(others) for _, others in selected), 0
@@ -165,7 +179,9 @@ def _match_all(given: MapInput, options: ThesisOptions, progress: Progress, warn
 def _require_one_size(reference: Picture, other: Picture) -> None:
     if reference.image.shape != other.image.shape:
         sizes = [f"{p.name} is {p.camera.width}x{p.camera.height}" for p in (reference, other)]
-        raise MatchingError(f"{', '.join(sizes)}: these matchers need pictures of one size (--method joint does not)")
+        raise MatchingError(
+            f"{', '.join(sizes)}: these matchers need pictures of one size (--method joint does not)"
+        )
 
 
 def _best(configuration: ConfigurationInput, reference: Picture, tried) -> _Matched:
@@ -181,17 +197,36 @@ def _best(configuration: ConfigurationInput, reference: Picture, tried) -> _Matc
 def _layer(m: _Matched, depth: np.ndarray) -> Layer:
     what = m.given.configuration
     i = m.pair.axis_index
-    return Layer(what.axis, round(what.baseline_m, 3), abs(m.pair.baseline_m), m.pair.K_reference[i, i], depth)
+    return Layer(
+        what.axis,
+        round(what.baseline_m, 3),
+        abs(m.pair.baseline_m),
+        m.pair.K_reference[i, i],
+        depth,
+    )
 
 
 def _pair_result(m: _Matched, depth: np.ndarray, range_m: Tuple[float, float]) -> PairResult:
     return PairResult(
-        m.given.configuration, m.reference.name, m.other.name, m.pair.reference, m.pair.other, m.disparity, depth,
-        match_rate(m.disparity), range_m, m.candidates, m.reference.T_home_cam, m.other.T_home_cam,
+        m.given.configuration,
+        m.reference.name,
+        m.other.name,
+        m.pair.reference,
+        m.pair.other,
+        m.disparity,
+        depth,
+        match_rate(m.disparity),
+        range_m,
+        m.candidates,
+        m.reference.T_home_cam,
+        m.other.T_home_cam,
         m.other.camera,
-    )  # fmt: skip
+    )
 
 
 def _images(matched: List[_Matched]) -> List[ImageEntry]:
     pictures = {p.name: p for m in matched for p in (m.reference, m.other)}
-    return [ImageEntry(p.name, p.vehicle, p.stamp_s, p.T_home_cam, p.T_home_cam) for p in pictures.values()]
+    return [
+        ImageEntry(p.name, p.vehicle, p.stamp_s, p.T_home_cam, p.T_home_cam)
+        for p in pictures.values()
+    ]

@@ -13,7 +13,8 @@ _SUBPIXEL = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
 
 @dataclass(frozen=True)
 class Chessboard:
-    """Inner corners across and down (a board of 10 x 7 squares has 9 x 6), and the edge of a square."""
+    """Inner corners across and down (a board of 10 x 7 squares has 9 x 6), and the edge of a
+    square."""
 
     columns: int = 9
     rows: int = 6
@@ -21,7 +22,9 @@ class Chessboard:
 
     def __post_init__(self):
         if min(self.columns, self.rows) < 3:
-            raise ValueError(f"board: {self.columns}x{self.rows} inner corners; a chessboard needs 3x3 or more")
+            raise ValueError(
+                f"board: {self.columns}x{self.rows} inner corners; a chessboard needs 3x3 or more"
+            )
         if not self.square_m > 0:
             raise ValueError(f"square_m: {self.square_m} must be positive")
 
@@ -33,7 +36,9 @@ class Chessboard:
         [0.5, 0.5, 0.0]
         """
         rows, columns = np.mgrid[: self.rows, : self.columns]
-        return np.stack([columns, rows, np.zeros_like(rows)], -1).reshape(-1, 3) * float(self.square_m)
+        return np.stack([columns, rows, np.zeros_like(rows)], -1).reshape(-1, 3) * float(
+            self.square_m
+        )
 
 
 @dataclass(frozen=True)
@@ -45,13 +50,18 @@ class BoardView:
 
 
 def find_board(gray: np.ndarray, board: Chessboard) -> Optional[np.ndarray]:
-    """Corners (N,2) px, refined to subpixels, or None where the whole board is not seen; gray is HxW uint8."""
+    """Corners (N,2) px, refined to subpixels, or None where the whole board is not seen; gray is
+    HxW uint8."""
     size = (board.columns, board.rows)
     found, corners = cv2.findChessboardCorners(gray, size, flags=_FLAGS)
     if not found:
         return None
     half = _half_window(corners.reshape(board.rows, board.columns, 2))
-    return cv2.cornerSubPix(gray, corners, (half, half), (-1, -1), _SUBPIXEL).reshape(-1, 2).astype(float)
+    return (
+        cv2.cornerSubPix(gray, corners, (half, half), (-1, -1), _SUBPIXEL)
+        .reshape(-1, 2)
+        .astype(float)
+    )
 
 
 def _half_window(grid: np.ndarray) -> int:

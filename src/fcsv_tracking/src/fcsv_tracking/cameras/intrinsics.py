@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Intrinsics of one camera from views of a chessboard (Zhang 2000, by OpenCV), bad views left out.
 
-A small reprojection error alone says little: boards that all face the camera fit any focal length, and
-boards in the middle leave the corners of the picture to the polynomial. Both are refused.
+A small reprojection error alone says little: boards that all face the camera fit any focal length,
+and boards in the middle leave the corners of the picture to the polynomial. Both are refused.
 """
 
 from dataclasses import dataclass, field
@@ -24,8 +24,10 @@ class IntrinsicsRules:
 
     least_views: int = 8
     least_coverage: float = 0.5  # share of the grid's cells that hold a corner of some view
-    least_border_coverage: float = 0.35  # likewise, of the cells at the border, where distortion is largest
-    least_tilt_deg: float = 12.0  # between the two boards that differ most: parallel ones fit any focal length well
+    # likewise, of the cells at the border, where distortion is largest
+    least_border_coverage: float = 0.35
+    # between the two boards that differ most: parallel ones fit any focal length well
+    least_tilt_deg: float = 12.0
     most_focal_std: float = 0.01  # of the focal length
     most_rms_px: float = 1.0
     bad_view_factor: float = 3.0  # a view is bad beyond this many times the median view's error ...
@@ -41,7 +43,8 @@ class IntrinsicsRules:
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """The camera, rms over all corners (px), and error per view (px) of the views that it stands on.
+    """The camera, rms over all corners (px), and error per view (px) of the views that it stands
+    on.
 
     ``left_out`` maps a view's name to why; ``stds`` are those of fx, fy, cx, cy (px).
     """
@@ -58,7 +61,10 @@ class Intrinsics:
 
 
 def calibrate_intrinsics(
-    views: Sequence[BoardView], board: Chessboard, size: Tuple[int, int], rules: IntrinsicsRules = IntrinsicsRules()
+    views: Sequence[BoardView],
+    board: Chessboard,
+    size: Tuple[int, int],
+    rules: IntrinsicsRules = IntrinsicsRules(),
 ) -> Intrinsics:
     """The camera of pictures of ``size`` (width, height), 5 distortion coefficients ("plumb_bob").
 
@@ -72,7 +78,9 @@ def calibrate_intrinsics(
         bad = _bad_views(found, rules)
         if not bad:
             break
-        left_out.update({v.name: f"error {found.errors_px[i]:.2f} px" for i, v in enumerate(kept) if i in bad})
+        left_out.update(
+            {v.name: f"error {found.errors_px[i]:.2f} px" for i, v in enumerate(kept) if i in bad}
+        )
         kept = [v for i, v in enumerate(kept) if i not in bad]
     _require_sharp(found, rules)
     return _with(found, left_out, float(occupied(kept, size).mean()))
@@ -92,10 +100,16 @@ def _calibrate(views: Sequence[BoardView], board: Chessboard, size: Tuple[int, i
     points = [board.points.astype(np.float32)] * len(views)
     pixels = [v.corners_px.astype(np.float32).reshape(-1, 1, 2) for v in views]
     try:
-        rms, K, D, rvecs, tvecs, stds, _, errors = cv2.calibrateCameraExtended(points, pixels, size, None, None)
-        camera = PinholeCamera(*size, K[0, 0], K[1, 1], K[0, 2], K[1, 2], tuple(D.ravel()[:5].tolist()))
+        rms, K, D, rvecs, tvecs, stds, _, errors = cv2.calibrateCameraExtended(
+            points, pixels, size, None, None
+        )
+        camera = PinholeCamera(
+            *size, K[0, 0], K[1, 1], K[0, 2], K[1, 2], tuple(D.ravel()[:5].tolist())
+        )
     except cv2.error as error:
-        raise CameraCalibrationRefused(f"no camera explains the views ({error.err}): check --board") from error
+        raise CameraCalibrationRefused(
+            f"no camera explains the views ({error.err}): check --board"
+        ) from error
     poses, residuals = [], []
     for view, rvec, tvec in zip(views, rvecs, tvecs):
         T = np.eye(4)
@@ -104,12 +118,19 @@ def _calibrate(views: Sequence[BoardView], board: Chessboard, size: Tuple[int, i
         projected = cv2.projectPoints(board.points, rvec, tvec, K, D)[0].reshape(-1, 2)
         residuals.append(view.corners_px - projected)
     return Intrinsics(
-        camera, float(rms), tuple(stds.ravel()[:4].tolist()), list(views), errors.ravel().tolist(), poses, residuals
+        camera,
+        float(rms),
+        tuple(stds.ravel()[:4].tolist()),
+        list(views),
+        errors.ravel().tolist(),
+        poses,
+        residuals,
     )
 
 
 def _bad_views(found: Intrinsics, rules: IntrinsicsRules) -> List[int]:
-    """Indices of the views that fit far worse than the others: the worst half at most, the rest may be its fault."""
+    """Indices of the views that fit far worse than the others: the worst half at most, the rest may
+    be its fault."""
     errors = np.array(found.errors_px)
     limit = max(rules.bad_view_factor * float(np.median(errors)), rules.bad_view_least_px)
     bad = np.flatnonzero(errors > limit)
@@ -118,26 +139,43 @@ def _bad_views(found: Intrinsics, rules: IntrinsicsRules) -> List[int]:
 
 def _with(found: Intrinsics, left_out: Dict[str, str], coverage: float) -> Intrinsics:
     return Intrinsics(
-        found.camera, found.rms_px, found.stds, found.views, found.errors_px, found.T_cam_board, found.residuals_px,
-        left_out, coverage,
-    )  # fmt: skip
+        found.camera,
+        found.rms_px,
+        found.stds,
+        found.views,
+        found.errors_px,
+        found.T_cam_board,
+        found.residuals_px,
+        left_out,
+        coverage,
+    )
 
 
-def _require_enough(views: Sequence[BoardView], left_out: Dict[str, str], rules: IntrinsicsRules) -> None:
+def _require_enough(
+    views: Sequence[BoardView], left_out: Dict[str, str], rules: IntrinsicsRules
+) -> None:
     if len(views) < rules.least_views:
-        without = f" ({len(left_out)} fitted badly and were left out: {', '.join(left_out)})" if left_out else ""
+        without = (
+            f" ({len(left_out)} fitted badly and were left out: {', '.join(left_out)})"
+            if left_out
+            else ""
+        )
         raise CameraCalibrationRefused(
             f"{len(views)} usable views of the board{without}, {rules.least_views} are needed: take more pictures with "
             f"the whole board in them, tilted differently in each"
         )
 
 
-def _require_coverage(views: Sequence[BoardView], size: Tuple[int, int], rules: IntrinsicsRules) -> None:
+def _require_coverage(
+    views: Sequence[BoardView], size: Tuple[int, int], rules: IntrinsicsRules
+) -> None:
     cells = occupied(views, size)
     border = np.ones_like(cells)
     border[1:-1, 1:-1] = False
-    shares = {"the picture": (cells.mean(), rules.least_coverage),
-              "its border": (cells[border].mean(), rules.least_border_coverage)}  # fmt: skip
+    shares = {
+        "the picture": (cells.mean(), rules.least_coverage),
+        "its border": (cells[border].mean(), rules.least_border_coverage),
+    }
     for what, (share, least) in shares.items():
         if share < least:
             raise CameraCalibrationRefused(

@@ -21,7 +21,8 @@ _MOST_VIEWS = 80
 _START = re.compile("[A-Za-z]*")
 _SIDES = (("left", "right"), ("l", "r"))
 
-NamedPicture = Tuple[str, Union[np.ndarray, PictureFileError, None]]  # grey HxW uint8, or why there is none
+# grey HxW uint8, or why there is none
+NamedPicture = Tuple[str, Union[np.ndarray, PictureFileError, None]]
 
 
 @dataclass
@@ -34,14 +35,18 @@ class BoardViews:
 
 
 def folder_pictures(folder: Path, prefix: str = "") -> List[Tuple[str, Path]]:
-    """Name (without ``prefix``, so that left07 and right07 are one) and path of the pictures of a folder, sorted."""
+    """Name (without ``prefix``, so that left07 and right07 are one) and path of the pictures of a
+    folder, sorted."""
     if not folder.is_dir():
         raise CameraCalibrationRefused(f"{folder}: no such folder")
-    seen = (p for p in folder.iterdir() if not p.name.startswith("."))  # macOS leaves ._x.jpg beside x.jpg
+    # macOS leaves ._x.jpg beside x.jpg
+    seen = (p for p in folder.iterdir() if not p.name.startswith("."))
     paths = sorted(p for p in seen if p.suffix.lower() in _SUFFIXES and p.name.startswith(prefix))
     if not paths:
         start = f" that begin with '{prefix}'" if prefix else ""
-        raise CameraCalibrationRefused(f"{folder}: no pictures{start} ({', '.join(sorted(_SUFFIXES))})")
+        raise CameraCalibrationRefused(
+            f"{folder}: no pictures{start} ({', '.join(sorted(_SUFFIXES))})"
+        )
     return [(p.stem[len(prefix) :] or p.stem, p) for p in paths]
 
 
@@ -60,7 +65,8 @@ def require_one_camera(folder: Path, stems: Iterable[str]) -> None:
 
 
 def read_gray(path: Path) -> Union[np.ndarray, PictureFileError]:
-    """The pixels as stored, as a camera's driver gives them: EXIF's orientation does not turn them."""
+    """The pixels as stored, as a camera's driver gives them: EXIF's orientation does not turn
+    them."""
     try:
         return read_picture(path, grey=True).pixels
     except PictureFileError as error:
@@ -68,11 +74,16 @@ def read_gray(path: Path) -> Union[np.ndarray, PictureFileError]:
 
 
 def collect_views(
-    pictures: Iterable[NamedPicture], board: Chessboard, thin: bool = False, progress: Callable[[str], None] = str
+    pictures: Iterable[NamedPicture],
+    board: Chessboard,
+    thin: bool = False,
+    progress: Callable[[str], None] = str,
 ) -> BoardViews:
-    """Views of one camera; ``thin`` passes over pictures of a video in which the board has hardly moved.
+    """Views of one camera; ``thin`` passes over pictures of a video in which the board has hardly
+    moved.
 
-    Pictures of another size than most, unreadable ones and such without the whole board are named with the reason.
+    Pictures of another size than most, unreadable ones and such without the whole board are named
+    with the reason.
     """
     found, sizes = BoardViews(), {}
     for name, gray in pictures:
@@ -84,17 +95,22 @@ def collect_views(
         corners = find_board(gray, board)
         if corners is None:
             found.left_out[name] = "no whole board found"
-        elif not (thin and found.views and _moved_px(found.views[-1].corners_px, corners) < _LEAST_MOVE_PX):
+        elif not (
+            thin and found.views and _moved_px(found.views[-1].corners_px, corners) < _LEAST_MOVE_PX
+        ):
             found.views.append(BoardView(name, corners))
     if not found.views:
         unreadable = [why for name, why in found.left_out.items() if name not in sizes]
         raise CameraCalibrationRefused(
             f"none of {len(found.left_out)} pictures shows a board of {board.columns}x{board.rows} inner corners: "
-            f"check --board, and that no edge is cut off" + "".join(f"; {why}" for why in unreadable[:3])
+            f"check --board, and that no edge is cut off"
+            + "".join(f"; {why}" for why in unreadable[:3])
         )
     _require_one_size(found, sizes)
     if thin and len(found.views) > _MOST_VIEWS:
-        found.views = [found.views[i] for i in np.linspace(0, len(found.views) - 1, _MOST_VIEWS).astype(int)]
+        found.views = [
+            found.views[i] for i in np.linspace(0, len(found.views) - 1, _MOST_VIEWS).astype(int)
+        ]
     return found
 
 
@@ -102,7 +118,9 @@ def _require_one_size(found: BoardViews, sizes: Dict[str, Tuple[int, int]]) -> N
     found.size = Counter(sizes[v.name] for v in found.views).most_common(1)[0][0]
     for view in [v for v in found.views if sizes[v.name] != found.size]:
         width, height = sizes[view.name]
-        found.left_out[view.name] = f"is {width}x{height}, the others {found.size[0]}x{found.size[1]}"
+        found.left_out[view.name] = (
+            f"is {width}x{height}, the others {found.size[0]}x{found.size[1]}"
+        )
         found.views.remove(view)
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two cameras on one mount: the pose of one against the other from pairs of pictures of a chessboard."""
+"""Two cameras on one mount: the pose of one against the other from pairs of pictures of a
+chessboard."""
 
 from dataclasses import dataclass, field
 from typing import Dict, List, Sequence, Tuple
@@ -18,7 +19,8 @@ _MOST_RMS_PX = 1.5
 
 @dataclass(frozen=True)
 class StereoCalibration:
-    """T_right_left takes points of the left optical frame to the right one; ``errors_px`` per pair (left, right)."""
+    """T_right_left takes points of the left optical frame to the right one; ``errors_px`` per pair
+    (left, right)."""
 
     T_right_left: np.ndarray
     rms_px: float
@@ -32,13 +34,16 @@ class StereoCalibration:
 
 
 def calibrate_stereo(
-    left_views: Sequence[BoardView], right_views: Sequence[BoardView], board: Chessboard,
-    left: PinholeCamera, right: PinholeCamera,
-) -> StereoCalibration:  # fmt: skip
+    left_views: Sequence[BoardView],
+    right_views: Sequence[BoardView],
+    board: Chessboard,
+    left: PinholeCamera,
+    right: PinholeCamera,
+) -> StereoCalibration:
     """The pair, intrinsics given and kept; views of one name belong together.
 
-    A pair that the two orders of the corners tell apart badly, or that fits far worse than the others, is left
-    out by name. Raises CameraCalibrationRefused with the reason and what to do.
+    A pair that the two orders of the corners tell apart badly, or that fits far worse than the
+    others, is left out by name. Raises CameraCalibrationRefused with the reason and what to do.
     """
     rights = {v.name: v for v in right_views}
     pairs = [(v, _same_order(v, rights[v.name])) for v in left_views if v.name in rights]
@@ -61,25 +66,42 @@ def calibrate_stereo(
             f"the pairs are {rms_px:.2f} px off (bound {_MOST_RMS_PX} px): are the pictures of a pair of one moment?"
         )
     names = [left_view.name for left_view, _ in pairs]
-    return StereoCalibration(T_right_left, rms_px, names, [tuple(e) for e in errors.tolist()], left_out)
+    return StereoCalibration(
+        T_right_left, rms_px, names, [tuple(e) for e in errors.tolist()], left_out
+    )
 
 
 def _calibrate(pairs, board: Chessboard, left: PinholeCamera, right: PinholeCamera):
     points = [board.points.astype(np.float32)] * len(pairs)
-    pixels = [[p[side].corners_px.astype(np.float32).reshape(-1, 1, 2) for p in pairs] for side in (0, 1)]
+    pixels = [
+        [p[side].corners_px.astype(np.float32).reshape(-1, 1, 2) for p in pairs] for side in (0, 1)
+    ]
     D = [np.array(c.distortion) for c in (left, right)]
     found = cv2.stereoCalibrateExtended(
-        points, *pixels, left.K, D[0], right.K, D[1], (left.width, left.height), np.eye(3), np.zeros(3),
+        points,
+        *pixels,
+        left.K,
+        D[0],
+        right.K,
+        D[1],
+        (left.width, left.height),
+        np.eye(3),
+        np.zeros(3),
         flags=cv2.CALIB_FIX_INTRINSIC,
-    )  # fmt: skip
+    )
     rms_px, R, t, errors = found[0], found[5], found[6], found[-1]
     return float(rms_px), transforms.transform(R, t.ravel()), np.asarray(errors).reshape(-1, 2)
 
 
 def _same_order(left: BoardView, right: BoardView) -> BoardView:
-    """The right view with its corners in the left one's order: a board turned by 180 degrees looks the same.
+    """The right view with its corners in the left one's order: a board turned by 180 degrees looks
+    the same.
 
     Holds for cameras that are rolled by less than 90 degrees against each other.
     """
     directions = [v.corners_px[-1] - v.corners_px[0] for v in (left, right)]
-    return right if directions[0] @ directions[1] > 0 else BoardView(right.name, right.corners_px[::-1])
+    return (
+        right
+        if directions[0] @ directions[1] > 0
+        else BoardView(right.name, right.corners_px[::-1])
+    )

@@ -25,7 +25,8 @@ _SET_BACK_S = 0.3
 
 @dataclass(frozen=True)
 class CalibrateColumn:
-    """Calibrate these vehicles, front first (none: all), for ``duration_s`` (0: as long as it takes)."""
+    """Calibrate these vehicles, front first (none: all), for ``duration_s`` (0: as long as it
+    takes)."""
 
     column: Sequence[str]
     duration_s: float = 0.0
@@ -39,7 +40,8 @@ class HomeWanted:
 
 
 class CalibrationPort:
-    """``vehicles`` in the order of the column. It listens always, and collects while a calibration runs.
+    """``vehicles`` in the order of the column. It listens always, and collects while a calibration
+    runs.
 
     Gives CalibrationFound or HomeFound, each with its EpochsFound and a Reply, and Dropped.
     """
@@ -56,16 +58,19 @@ class CalibrationPort:
         self._calibrated: Set[str] = set()
         self._dropped: List[tm.Dropped] = []
         self._take: Dict[type, Callable[[float, Any], None]] = {
-            tm.VehicleOdometry: self._odometry, tm.SeenTags: self._tags, tm.OdometryEpoch: self._epoch,
-            tm.MissionPhase: self._mission, VehicleClock: self._clock,
-        }  # fmt: skip
+            tm.VehicleOdometry: self._odometry,
+            tm.SeenTags: self._tags,
+            tm.OdometryEpoch: self._epoch,
+            tm.MissionPhase: self._mission,
+            VehicleClock: self._clock,
+        }
 
     @property
     def collects(self) -> bool:
         """Whether a calibration runs."""
         return self._session is not None
 
-    # ---- what is heard -------------------------------------------------------------------------------------
+    # ---- what is heard ---------------------------------------------------------------------------
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known here."""
@@ -103,15 +108,19 @@ class CalibrationPort:
     def _drop(self, what: str, why: str) -> None:
         self._dropped.append(tm.Dropped(what, why))
 
-    # ---- what is asked for ---------------------------------------------------------------------------------
+    # ---- what is asked for -----------------------------------------------------------------------
 
     def serve(self, now_s: float, request: object) -> List[object]:
-        """HomeWanted is answered at once; CalibrateColumn too where it is refused, else by a later ``step``. Raises
-        TypeError for anything else."""
+        """HomeWanted is answered at once; CalibrateColumn too where it is refused, else by a later
+        ``step``. Raises TypeError for anything else."""
         if not isinstance(request, (CalibrateColumn, HomeWanted)):
             raise TypeError(f"the calibration does not serve {type(request).__name__}")
         try:
-            return self._set_home(now_s, request) if isinstance(request, HomeWanted) else self._begin(now_s, request)
+            return (
+                self._set_home(now_s, request)
+                if isinstance(request, HomeWanted)
+                else self._begin(now_s, request)
+            )
         except FcsvError as error:
             return [tm.Reply(False, str(error))]
 
@@ -120,7 +129,9 @@ class CalibrationPort:
         if self._session is not None:
             raise TrackingError("a calibration is already running")
         column = list(request.column) or list(self._vehicles)
-        session = CalibrationSession(now_s, column, request.duration_s, self._vehicles, self._rules, self._drop)
+        session = CalibrationSession(
+            now_s, column, request.duration_s, self._vehicles, self._rules, self._drop
+        )
         self._session, self._epochs_begun = session, self._epochs_of(column)
         return []
 
@@ -141,7 +152,9 @@ class CalibrationPort:
         found, epochs = session.found(self._tracks, self._clocks), self._epochs_begun
         anew = [n for n in epochs if self._epochs[n] != epochs[n]]
         if anew:
-            raise CalibrationRefused(f"the odometry of {', '.join(anew)} began anew meanwhile: calibrate once more")
+            raise CalibrationRefused(
+                f"the odometry of {', '.join(anew)} began anew meanwhile: calibrate once more"
+            )
         self._require_nobody_flies_by_it("a calibration")
         self._calibrated = set(session.column)
         text = "; ".join(_in_words(link) for link in found.links)
@@ -152,7 +165,9 @@ class CalibrationPort:
         reference = request.reference or next(iter(self._vehicles))
         self._require_nobody_flies_by_it("a new home")
         if reference not in self._vehicles:
-            raise TrackingError(f"'{reference}' is not a vehicle here; known: {', '.join(self._vehicles)}")
+            raise TrackingError(
+                f"'{reference}' is not a vehicle here; known: {', '.join(self._vehicles)}"
+            )
         if reference not in self._calibrated:
             raise TrackingError(f"{reference} is not calibrated yet: calibrate the column first")
         stamp_s, T_odom_body = self._tracks[reference].latest()
@@ -161,15 +176,24 @@ class CalibrationPort:
             raise PoseUnavailable(
                 f"the odometry of {reference} is {age_s:.1f} s old: check its link, then set home again"
             )
-        home = tm.HomeFound(stamp_s, reference, home_of(T_odom_body @ self._vehicles[reference].T_body_cam))
+        home = tm.HomeFound(
+            stamp_s, reference, home_of(T_odom_body @ self._vehicles[reference].T_body_cam)
+        )
         text = f"home is where the camera of {reference} is now"
         _log.info("%s", text)
-        return [home, tm.EpochsFound(tm.HOME, stamp_s, self._epochs_of([reference])), tm.Reply(True, text)]
+        return [
+            home,
+            tm.EpochsFound(tm.HOME, stamp_s, self._epochs_of([reference])),
+            tm.Reply(True, text),
+        ]
 
     def _require_nobody_flies_by_it(self, what: str) -> None:
-        """Raises TrackingError from GUIDED on: another calibration or home would move every place that is flown to."""
+        """Raises TrackingError from GUIDED on: another calibration or home would move every place
+        that is flown to."""
         if self._phase in BY_HOME:
-            raise TrackingError(f"{what} is refused while the mission flies the vehicles ({self._phase}): land first")
+            raise TrackingError(
+                f"{what} is refused while the mission flies the vehicles ({self._phase}): land first"
+            )
 
     def _epochs_of(self, names: Sequence[str]) -> Dict[str, int]:
         return {n: self._epochs[n] for n in names if n in self._epochs}

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One calibration of the column: collects the tags that vehicles see until there are enough, then finds the links."""
+"""One calibration of the column: collects the tags that vehicles see until there are enough, then
+finds the links."""
 
 import logging
 from dataclasses import dataclass
@@ -29,15 +30,23 @@ class _Seen:
 
 
 class CalibrationSession:
-    """Calibrates the vehicles of a ``column``, front first, begun at ``now_s``; ``duration_s`` 0: as long as it takes.
-    ``drop(what, why)`` is told what is of no use. Raises TrackingError where the column is none."""
+    """Calibrates the vehicles of a ``column``, front first, begun at ``now_s``; ``duration_s`` 0:
+    as long as it takes. ``drop(what, why)`` is told what is of no use. Raises TrackingError where
+    the column is none."""
 
     def __init__(
-        self, now_s: float, column: Sequence[str], duration_s: float, vehicles: Mapping[str, VehicleGeometry],
-        rules: CalibrationRules, drop: Callable[[str, str], None],
-    ):  # fmt: skip
+        self,
+        now_s: float,
+        column: Sequence[str],
+        duration_s: float,
+        vehicles: Mapping[str, VehicleGeometry],
+        rules: CalibrationRules,
+        drop: Callable[[str, str], None],
+    ):
         if len(column) < 2 or not set(column) <= set(vehicles):
-            raise TrackingError(f"a column needs two known vehicles or more, front first; got {list(column)}")
+            raise TrackingError(
+                f"a column needs two known vehicles or more, front first; got {list(column)}"
+            )
         self.column = list(column)
         self._vehicles, self._rules, self._drop = vehicles, rules, drop
         self._until_s = now_s + (duration_s or rules.duration_s)
@@ -58,10 +67,14 @@ class CalibrationSession:
         plenty = all(len(came) >= _PLENTY * self._rules.least_detections for came in links)
         return silent or plenty or now_s >= self._longest_s
 
-    def found(self, tracks: Mapping[str, Trajectory], clocks: Mapping[str, ClockOffset]) -> CalibrationFound:
-        """The links, for the moment (s) that all hold for: what the vehicles fly after it adds to their errors.
+    def found(
+        self, tracks: Mapping[str, Trajectory], clocks: Mapping[str, ClockOffset]
+    ) -> CalibrationFound:
+        """The links, for the moment (s) that all hold for: what the vehicles fly after it adds to
+        their errors.
 
-        ``tracks`` and ``clocks`` by vehicle. Raises CalibrationRefused with the reason and what to do.
+        ``tracks`` and ``clocks`` by vehicle. Raises CalibrationRefused with the reason and what to
+        do.
         """
         links, ends_s = [], []
         for front, back in zip(self.column, self.column[1:]):
@@ -75,8 +88,11 @@ class CalibrationSession:
         tag_id = self._vehicles[front].tag_id
         return [s.came_s for s in self._seen[back] if any(t.id == tag_id for t in s.tags.tags)]
 
-    def _loops(self, tracks: Mapping[str, Trajectory], clocks: Mapping[str, ClockOffset]) -> List[Link]:
-        """What vehicles see of tags further ahead, where that is good enough; the column does not depend on it."""
+    def _loops(
+        self, tracks: Mapping[str, Trajectory], clocks: Mapping[str, ClockOffset]
+    ) -> List[Link]:
+        """What vehicles see of tags further ahead, where that is good enough; the column does not
+        depend on it."""
         found = []
         for i, back in enumerate(self.column):
             for front in self.column[: max(i - 1, 0)]:
@@ -88,7 +104,11 @@ class CalibrationSession:
         return found
 
     def _detections(
-        self, front: str, back: str, tracks: Mapping[str, Trajectory], clocks: Mapping[str, ClockOffset]
+        self,
+        front: str,
+        back: str,
+        tracks: Mapping[str, Trajectory],
+        clocks: Mapping[str, ClockOffset],
     ) -> List[Detection]:
         self._require_one_time(clocks, front, back)
         tag_id, found, without_pose = self._vehicles[front].tag_id, [], 0
@@ -112,19 +132,26 @@ class CalibrationSession:
         return found
 
     def _require_one_time(self, clocks: Mapping[str, ClockOffset], front: str, back: str) -> None:
-        apart, most_s = difference(clocks.get(front), clocks.get(back)), self._rules.most_clock_offset_s
+        apart, most_s = (
+            difference(clocks.get(front), clocks.get(back)),
+            self._rules.most_clock_offset_s,
+        )
         if apart is not None and abs(apart[0]) - apart[1] > most_s:
             raise CalibrationRefused(
                 f"the clocks of {front} and {back} differ by {apart[0]:.3f} s (bound {most_s} s): start chrony on "
                 f"both, with the control PC as server"
             )
 
-    def _detection(self, front: str, track: Trajectory, picture: SeenTags, tag: SeenTag) -> Detection:
+    def _detection(
+        self, front: str, track: Trajectory, picture: SeenTags, tag: SeenTag
+    ) -> Detection:
         """Raises PoseUnavailable, or TrackingError where the picture is none that can be used."""
         vehicle, corners = self._vehicles[front], tag.corners_normalized
         if picture.T_odom_cam is None:
             raise TrackingError("the camera's pose is none")
-        if not (np.isfinite(corners).all() and np.isfinite(picture.focal_px) and picture.focal_px > 0):
+        if not (
+            np.isfinite(corners).all() and np.isfinite(picture.focal_px) and picture.focal_px > 0
+        ):
             raise TrackingError("corners or focal length are not finite")
         if not np.isclose(tag.size_m, vehicle.tag_size_m, rtol=1e-3):
             raise CalibrationRefused(
@@ -132,4 +159,6 @@ class CalibrationSession:
                 f"{vehicle.tag_size_m:g} m: give both machines the same files"
             )
         T_odom_tag = track.at(picture.stamp_s) @ vehicle.T_body_tag
-        return Detection(picture.stamp_s, corners, tag.size_m, picture.focal_px, picture.T_odom_cam, T_odom_tag)
+        return Detection(
+            picture.stamp_s, corners, tag.size_m, picture.focal_px, picture.T_odom_cam, T_odom_tag
+        )

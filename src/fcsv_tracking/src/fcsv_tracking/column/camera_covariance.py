@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well a camera's place in home is known (calibration chain, drift, tracker), and when to calibrate again."""
+"""How well a camera's place in home is known (calibration chain, drift, tracker), and when to
+calibrate again."""
 
 from dataclasses import dataclass, fields
 from typing import Optional
@@ -14,7 +15,8 @@ _XYZ_YAW = [0, 1, 2, 5]
 
 @dataclass(frozen=True)
 class AgeRules:
-    """Beyond which the operator is told to calibrate again: one degree of yaw is ten pixels of disparity."""
+    """Beyond which the operator is told to calibrate again: one degree of yaw is ten pixels of
+    disparity."""
 
     most_position_std_m: float = 0.25
     most_yaw_std_deg: float = 1.0
@@ -27,11 +29,17 @@ class AgeRules:
 
 
 def camera_covariance(
-    T_home_odom: Place, T_odom_body: np.ndarray, T_body_cam: np.ndarray, drift: Drift, tracker: np.ndarray
+    T_home_odom: Place,
+    T_odom_body: np.ndarray,
+    T_body_cam: np.ndarray,
+    drift: Drift,
+    tracker: np.ndarray,
 ) -> np.ndarray:
-    """(6, 6) of the camera's position (m) and small rotation (rad), both about home's axes (REP 103 order).
+    """(6, 6) of the camera's position (m) and small rotation (rad), both about home's axes (REP 103
+    order).
 
-    ``tracker`` (6, 6) is the odometry's own, of its pose in the odometry frame, as nav_msgs/Odometry has it.
+    ``tracker`` (6, 6) is the odometry's own, of its pose in the odometry frame, as
+    nav_msgs/Odometry has it.
     """
     R_home_odom = T_home_odom.T_a_b[:3, :3]
     p_odom_cam = (T_odom_body @ T_body_cam)[:3, 3]
@@ -40,7 +48,11 @@ def camera_covariance(
     # a rotation of the body about home's axes moves the camera by its arm: d = w x arm
     J = np.eye(6)
     J[:3, 3:] = -np.array(
-        [[0, -arm_home[2], arm_home[1]], [arm_home[2], 0, -arm_home[0]], [-arm_home[1], arm_home[0], 0]]
+        [
+            [0, -arm_home[2], arm_home[1]],
+            [arm_home[2], 0, -arm_home[0]],
+            [-arm_home[1], arm_home[0], 0],
+        ]
     )
     body = turn @ np.asarray(tracker, float) @ turn.T
     since = np.eye(4)
@@ -51,7 +63,9 @@ def camera_covariance(
     return covariance
 
 
-def stale_reason(vehicle: str, covariance: np.ndarray, drift: Drift, age_s: Optional[float], rules: AgeRules) -> str:
+def stale_reason(
+    vehicle: str, covariance: np.ndarray, drift: Drift, age_s: Optional[float], rules: AgeRules
+) -> str:
     """Why the vehicle should be calibrated again, in one line; empty where there is no need."""
     std_m = float(np.sqrt(np.trace(covariance[:3, :3])))
     yaw_deg = float(np.degrees(np.sqrt(covariance[5, 5])))

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How wrong a vehicle's odometry may have become since it was calibrated, from the way that it flew since.
+"""How wrong a vehicle's odometry may have become since it was calibrated, from the way that it flew
+since.
 
-The error of position and yaw is propagated along the flown path: a random walk of the position over the distance,
-one of the heading (whose error displaces everything flown after it), a scale error, and a slow walk over time that
-also a hovering vehicle has.
+The error of position and yaw is propagated along the flown path: a random walk of the position over
+the distance, one of the heading (whose error displaces everything flown after it), a scale error,
+and a slow walk over time that also a hovering vehicle has.
 """
 
 from collections import deque
@@ -19,7 +20,8 @@ _KEPT_S = 10.0  # a calibration is heard of this long after its moment at most
 
 
 class Drift:
-    """Covariance of one vehicle's odometry against what it was when ``begin`` was called; the caller brings the time.
+    """Covariance of one vehicle's odometry against what it was when ``begin`` was called; the
+    caller brings the time.
 
     ``path_m`` is the distance flown since.
     """
@@ -45,7 +47,8 @@ class Drift:
             self.feed(then_s, p_m)
 
     def _since(self, stamp_s: float) -> List[Tuple[float, np.ndarray]]:
-        """What was fed from a moment on, with the position before it; nothing of a clock that was set meanwhile."""
+        """What was fed from a moment on, with the position before it; nothing of a clock that was
+        set meanwhile."""
         before = [k for k in self._recent if k[0] <= stamp_s]
         return before[-1:] + [k for k in self._recent if stamp_s < k[0] <= stamp_s + _KEPT_S]
 

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a camera should see of a tag, given the link between two odometry frames, and how wrong it may be.
+"""What a camera should see of a tag, given the link between two odometry frames, and how wrong it
+may be.
 
-Unknowns x = (c, yaw): c is where the child's mean camera position m lies in the parent's odometry frame,
-so T_Op_Oc = Trans(c) Rz(yaw) Trans(-m). About m the unknowns are nearly uncorrelated; about odometry's
-origin, tens of metres away, yaw and position would be one.
+Unknowns x = (c, yaw): c is where the child's mean camera position m lies in the parent's odometry
+frame, so T_Op_Oc = Trans(c) Rz(yaw) Trans(-m). About m the unknowns are nearly uncorrelated; about
+odometry's origin, tens of metres away, yaw and position would be one.
 
-Predicted corner = inv(T_Oc_C(t)) @ inv(T_Op_Oc) @ T_Op_A(t) @ corner: equation 6.1 read the other way
-round. Residuals are in pixels.
+Predicted corner = inv(T_Oc_C(t)) @ inv(T_Op_Oc) @ T_Op_A(t) @ corner: equation 6.1 read the other
+way round. Residuals are in pixels.
 """
 
 import copy
@@ -27,8 +28,9 @@ _SHARPEST_PX = 0.03  # no detector is better, however few corners agree by chanc
 
 @dataclass(frozen=True)
 class LinkNoise:
-    """Standard deviations. Attitude and clocks move the whole tag in the picture (0.5 to 1 px at 3.5 m), while its
-    size and shape are as sharp as the corners: both are weighed for what they are.
+    """Standard deviations. Attitude and clocks move the whole tag in the picture (0.5 to 1 px at
+    3.5 m), while its size and shape are as sharp as the corners: both are weighed for what they
+    are.
 
     What the trackers do is in their profile; the rest is what a calibration adds.
     """
@@ -37,7 +39,8 @@ class LinkNoise:
     interpolation_deg: float = 0.07416  # of the child's attitude, to the picture's stamp
     interpolation_m: float = 0.003708  # of both positions, and of the clocks
     mount_level_deg: float = 0.03  # how level the tracker was taken to sit on the body
-    clock_s: float = 0.02  # between the two machines: common to all detections, as far as the parent moves
+    # between the two machines: common to all detections, as far as the parent moves
+    clock_s: float = 0.02
     tracker: TrackerProfile = T265_PROFILE
 
     def __post_init__(self):
@@ -89,9 +92,11 @@ class LinkModel:
         return part
 
     def with_measured_corners(self, x: np.ndarray) -> "LinkModel":
-        """The same, with the corners' noise as the tags' shapes show it at x, where that is less than was assumed.
+        """The same, with the corners' noise as the tags' shapes show it at x, where that is less
+        than was assumed.
 
-        What the tag's place in each picture explains is taken off first: attitude, clocks, the walk of odometry.
+        What the tag's place in each picture explains is taken off first: attitude, clocks, the walk
+        of odometry.
         """
         r = self.residuals(x)[..., None]
         by_place = self._projection_jacobian(self._in_camera(x)[1]).reshape(len(self), 8, 3)
@@ -118,17 +123,21 @@ class LinkModel:
         return np.concatenate([J_c, J_yaw], axis=-1).reshape(len(self), 8, 4)
 
     def covariance(self, x: np.ndarray) -> np.ndarray:
-        """(8N, 8N) px^2 of the residuals: corners, common shifts, and the walk of both odometries back from the end.
+        """(8N, 8N) px^2 of the residuals: corners, common shifts, and the walk of both odometries
+        back from the end.
 
-        The walk is nought at the last detection, so the link is estimated for the end of the calibration,
-        when it begins to be used.
+        The walk is nought at the last detection, so the link is estimated for the end of the
+        calibration, when it begins to be used.
         """
         n = len(self)
         p_C = self._in_camera(x)[1]
-        d_point = self._projection_jacobian(p_C).reshape(n, 8, 3)  # with respect to the child's position, negative
+        # with respect to the child's position, negative
+        d_point = self._projection_jacobian(p_C).reshape(n, 8, 3)
         C = np.zeros((n, 8, n, 8))
         for path_m, B in zip(self._paths_m, (d_point @ rotations.turn_about_z(-x[3]), -d_point)):
-            walk_m2 = self.noise.tracker.walk_m_per_sqrt_m**2 * np.minimum(path_m[:, None], path_m[None, :])
+            walk_m2 = self.noise.tracker.walk_m_per_sqrt_m**2 * np.minimum(
+                path_m[:, None], path_m[None, :]
+            )
             C += np.einsum("ij,iak,jbk->iajb", walk_m2, B, B, optimize=True)
         late = self._by_clock(x, d_point)
         C += np.einsum("ia,jb->iajb", late, late)
@@ -146,8 +155,11 @@ class LinkModel:
         return own + walk_m2[:, None, None] * d_point @ d_point.transpose(0, 2, 1)
 
     def _by_clock(self, x: np.ndarray, d_point: np.ndarray) -> np.ndarray:
-        """(N, 8) px that one standard deviation of the clocks' difference moves the tag in the picture."""
-        return self.noise.clock_s * np.einsum("nak,nk->na", d_point @ rotations.turn_about_z(-x[3]), self.v_Op_A)
+        """(N, 8) px that one standard deviation of the clocks' difference moves the tag in the
+        picture."""
+        return self.noise.clock_s * np.einsum(
+            "nak,nk->na", d_point @ rotations.turn_about_z(-x[3]), self.v_Op_A
+        )
 
     def drift_covariance(self, x: np.ndarray) -> np.ndarray:
         """(4, 4) of x that no number of detections averages away: level errors, heading drift."""
@@ -168,14 +180,20 @@ class LinkModel:
         """(N, 8, 8) px^2 of corners, and of what moves all four together."""
         range_m = p_C[..., 2].mean(axis=1)
         noise = self.noise
-        shift_px = self.focal_px * np.hypot(np.radians(noise.attitude_noise_deg), noise.position_noise_m / range_m)
+        shift_px = self.focal_px * np.hypot(
+            np.radians(noise.attitude_noise_deg), noise.position_noise_m / range_m
+        )
         common = np.tile(np.eye(2), (4, 4))
         return noise.corner_noise_px**2 * np.eye(8) + (shift_px**2)[:, None, None] * common
 
     def _in_camera(self, x: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """Corners (N, 4, 3) relative to the child's mean camera position, in its odometry's axes; and in the camera."""
-        q = (self.p_Op - x[:3]) @ rotations.turn_about_z(x[3])  # row vectors: Rz(-yaw) from the left
-        return q, np.einsum("nij,nkj->nki", self.R_C_Oc, q + (self.mean_Oc_C - self.p_Oc_C)[:, None])
+        """Corners (N, 4, 3) relative to the child's mean camera position, in its odometry's axes;
+        and in the camera."""
+        # row vectors: Rz(-yaw) from the left
+        q = (self.p_Op - x[:3]) @ rotations.turn_about_z(x[3])
+        return q, np.einsum(
+            "nij,nkj->nki", self.R_C_Oc, q + (self.mean_Oc_C - self.p_Oc_C)[:, None]
+        )
 
     def _projection_jacobian(self, p_C: np.ndarray) -> np.ndarray:
         """(N, 4, 2, 3) px per metre in the child's odometry axes."""

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The link between two level odometry frames from many detections of one tag (thesis 6.1, jointly, robustly).
+"""The link between two level odometry frames from many detections of one tag (thesis 6.1, jointly,
+robustly).
 
-One small tag seen square-on gives yaw to several degrees, with two solutions mirrored about the line of
-sight. All detections together give a tenth of that, more so when the vehicle in front sways sideways.
+One small tag seen square-on gives yaw to several degrees, with two solutions mirrored about the
+line of sight. All detections together give a tenth of that, more so when the vehicle in front sways
+sideways.
 """
 
 from dataclasses import dataclass
@@ -18,17 +20,19 @@ from fcsv_tracking.column.link_model import LinkModel, LinkNoise
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.tags import planar_poses
 
-_CHI2_8_MEDIAN, _CHI2_8_LIMIT = 7.34, 26.1  # 8 degrees of freedom; the limit is exceeded by one in a thousand
+# 8 degrees of freedom; the limit is exceeded by one in a thousand
+_CHI2_8_MEDIAN, _CHI2_8_LIMIT = 7.34, 26.1
 _RIVAL_CHI2 = 9.0  # a second minimum within three sigma of the best is a rival
 _RIVAL_TURN_RAD = np.radians(0.3)
 
 
 @dataclass(frozen=True)
 class LinkSolution:
-    """T_Op_Oc, covariance (4, 4) of x, y, z, yaw; ``used`` (N,) tells which detections it stands on.
+    """T_Op_Oc, covariance (4, 4) of x, y, z, yaw; ``used`` (N,) tells which detections it stands
+    on.
 
-    Spreads are of the single detections about the result: of the tag's position, and of the yaw of the
-    better fitting of the two planar solutions.
+    Spreads are of the single detections about the result: of the tag's position, and of the yaw of
+    the better fitting of the two planar solutions.
     """
 
     T_Op_Oc: np.ndarray
@@ -60,16 +64,22 @@ def solve_link(detections: Sequence[Detection], noise: LinkNoise) -> LinkSolutio
     return LinkSolution(T_Op_Oc, covariance, used, rms_px, *spread)
 
 
-def _starts(model: LinkModel, detections: Sequence[Detection], poses: List[List[np.ndarray]]) -> List[np.ndarray]:
+def _starts(
+    model: LinkModel, detections: Sequence[Detection], poses: List[List[np.ndarray]]
+) -> List[np.ndarray]:
     """Up to three starting points: minima of the clipped error over a turn of yaw.
 
-    The distance to a tag is sure even where its normal is not, so for any yaw the position follows from
-    the tag's centres; the median of single-detection yaws would mix the mirrored solutions.
+    The distance to a tag is sure even where its normal is not, so for any yaw the position follows
+    from the tag's centres; the median of single-detection yaws would mix the mirrored solutions.
     """
-    p_Oc_A = np.stack([transforms.apply(d.T_odom_cam, T[0][:3, 3]) for d, T in zip(detections, poses)])
+    p_Oc_A = np.stack(
+        [transforms.apply(d.T_odom_cam, T[0][:3, 3]) for d, T in zip(detections, poses)]
+    )
     starts, costs = [], []
     for yaw in np.radians(np.arange(0.0, 360.0, 4.0)):
-        rotated = transforms.apply(transforms.from_xyz_yaw(np.zeros(3), yaw), p_Oc_A - model.mean_Oc_C)
+        rotated = transforms.apply(
+            transforms.from_xyz_yaw(np.zeros(3), yaw), p_Oc_A - model.mean_Oc_C
+        )
         x = np.array([*np.median(model.p_Op_A - rotated, axis=0), yaw])
         error = np.nan_to_num((model.residuals(x) ** 2).mean(axis=1), nan=1e9)
         starts.append(x)
@@ -80,7 +90,8 @@ def _starts(model: LinkModel, detections: Sequence[Detection], poses: List[List[
 
 
 def _robust(model: LinkModel, starts: List[np.ndarray]) -> Tuple[np.ndarray, Optional[float]]:
-    """The best of the minima under a robust loss, and the yaw of a rival where one fits nearly as well."""
+    """The best of the minima under a robust loss, and the yaw of a rival where one fits nearly as
+    well."""
     results = []
     for x in starts:
         for _ in range(2):  # the weights depend on the distance, which the first round finds
@@ -99,13 +110,18 @@ def _fit_blocks(model: LinkModel, x0: np.ndarray) -> OptimizeResult:
     """Each detection whitened by its own covariance, soft L1 against outliers."""
     L = np.linalg.cholesky(model.blocks(x0))
     return least_squares(
-        lambda x: np.linalg.solve(L, model.residuals(x)[..., None]).ravel(), x0,
-        jac=lambda x: np.linalg.solve(L, model.jacobian(x)).reshape(-1, 4), loss="soft_l1", f_scale=2.0, max_nfev=60,
-    )  # fmt: skip
+        lambda x: np.linalg.solve(L, model.residuals(x)[..., None]).ravel(),
+        x0,
+        jac=lambda x: np.linalg.solve(L, model.jacobian(x)).reshape(-1, 4),
+        loss="soft_l1",
+        f_scale=2.0,
+        max_nfev=60,
+    )
 
 
 def _inliers(model: LinkModel, x: np.ndarray) -> np.ndarray:
-    """(N,) which detections lie within their own covariance, scaled up where all are worse than assumed."""
+    """(N,) which detections lie within their own covariance, scaled up where all are worse than
+    assumed."""
     L = np.linalg.cholesky(model.blocks(x))
     chi2 = (np.linalg.solve(L, model.residuals(x)[..., None]) ** 2).sum(axis=(1, 2))
     scale = np.clip(np.median(chi2) / _CHI2_8_MEDIAN, 1.0, 25.0)
@@ -113,21 +129,30 @@ def _inliers(model: LinkModel, x: np.ndarray) -> np.ndarray:
 
 
 def _weighted(model: LinkModel, x0: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Generalised least squares with the walk of both odometries; covariance never better than the residuals say."""
+    """Generalised least squares with the walk of both odometries; covariance never better than the
+    residuals say."""
     L = np.linalg.cholesky(model.covariance(x0))
     result = least_squares(
-        lambda x: np.linalg.solve(L, model.residuals(x).ravel()), x0,
-        jac=lambda x: np.linalg.solve(L, model.jacobian(x).reshape(-1, 4)), max_nfev=30,
-    )  # fmt: skip
+        lambda x: np.linalg.solve(L, model.residuals(x).ravel()),
+        x0,
+        jac=lambda x: np.linalg.solve(L, model.jacobian(x).reshape(-1, 4)),
+        max_nfev=30,
+    )
     chi2_per_dof = 2.0 * result.cost / (8 * len(model) - 4)
     return result.x, np.linalg.inv(result.jac.T @ result.jac) * max(1.0, chi2_per_dof)
 
 
-def _spread(kept: Sequence[Tuple[Detection, List[np.ndarray]]], T_Op_Oc: np.ndarray) -> Tuple[float, float]:
+def _spread(
+    kept: Sequence[Tuple[Detection, List[np.ndarray]]], T_Op_Oc: np.ndarray
+) -> Tuple[float, float]:
     """rms of the single detections about the result: tag position (m), yaw (rad)."""
     misses_m, turns_rad = [], []
     for d, poses in kept:
         seen = transforms.apply(T_Op_Oc @ d.T_odom_cam, poses[0][:3, 3])
         misses_m.append(np.linalg.norm(seen - d.T_odom_tag[:3, 3]))
-        turns_rad.append(min(abs(transforms.yaw(single_link(d, T) @ transforms.invert(T_Op_Oc))) for T in poses))
-    return float(np.sqrt(np.mean(np.square(misses_m)))), float(np.sqrt(np.mean(np.square(turns_rad))))
+        turns_rad.append(
+            min(abs(transforms.yaw(single_link(d, T) @ transforms.invert(T_Op_Oc))) for T in poses)
+        )
+    return float(np.sqrt(np.mean(np.square(misses_m)))), float(
+        np.sqrt(np.mean(np.square(turns_rad)))
+    )

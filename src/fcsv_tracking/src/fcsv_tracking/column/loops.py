@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Links that close a loop (a tag seen by two vehicles): all are adjusted together to one consistent chain.
+"""Links that close a loop (a tag seen by two vehicles): all are adjusted together to one consistent
+chain.
 
-A pose graph with four degrees of freedom per vehicle; with a handful of vehicles it is small enough to be solved
-densely.
+A pose graph with four degrees of freedom per vehicle; with a handful of vehicles it is small enough
+to be solved densely.
 """
 
 from dataclasses import replace
@@ -23,7 +24,8 @@ _CONTRADICTION = 1e-4  # probability below which a loop that does not close is n
 
 
 def merge_loops(chain: Sequence[Link], extra: Sequence[Link]) -> List[Link]:
-    """The links of ``chain`` (a tree), moved and sharpened by what ``extra`` says about the same vehicles.
+    """The links of ``chain`` (a tree), moved and sharpened by what ``extra`` says about the same
+    vehicles.
 
     Raises CalibrationRefused naming the link that contradicts the others.
     """
@@ -34,7 +36,9 @@ def merge_loops(chain: Sequence[Link], extra: Sequence[Link]) -> List[Link]:
     places = {n: p.T_a_b for n, p in places_in_home(chain, names[0], np.eye(4)).items()}
     missing = set(names) - set(places)
     if missing:
-        raise CalibrationRefused(f"{', '.join(sorted(missing))} is not connected to {names[0]} by the column's links")
+        raise CalibrationRefused(
+            f"{', '.join(sorted(missing))} is not connected to {names[0]} by the column's links"
+        )
     covariance, residual2 = _adjust(links, names, places)
     degrees_of_freedom = 4 * (len(links) - len(names) + 1)
     if chi2.sf(sum(residual2), degrees_of_freedom) < _CONTRADICTION:
@@ -46,8 +50,11 @@ def merge_loops(chain: Sequence[Link], extra: Sequence[Link]) -> List[Link]:
     return [_marginal(link, names, places, covariance) for link in chain]
 
 
-def _adjust(links, names: List[str], places: Dict[str, np.ndarray]) -> Tuple[np.ndarray, List[float]]:
-    """Least squares from ``places`` (changed in place); joint covariance (4n, 4n), and each link's squared residual."""
+def _adjust(
+    links, names: List[str], places: Dict[str, np.ndarray]
+) -> Tuple[np.ndarray, List[float]]:
+    """Least squares from ``places`` (changed in place); joint covariance (4n, 4n), and each link's
+    squared residual."""
     n = len(names)
     whitening = [np.linalg.inv(np.linalg.cholesky(link.covariance)) for link in links]
 
@@ -57,7 +64,9 @@ def _adjust(links, names: List[str], places: Dict[str, np.ndarray]) -> Tuple[np.
 
     def residuals(x: np.ndarray) -> np.ndarray:
         place(x)
-        return np.concatenate([W @ _residual(link, names, places)[0] for W, link in zip(whitening, links)])
+        return np.concatenate(
+            [W @ _residual(link, names, places)[0] for W, link in zip(whitening, links)]
+        )
 
     def jacobian(x: np.ndarray) -> np.ndarray:
         place(x)
@@ -67,8 +76,19 @@ def _adjust(links, names: List[str], places: Dict[str, np.ndarray]) -> Tuple[np.
             whole[4 * k : 4 * k + 4, at] = W @ J
         return whole[:, 4:]
 
-    start = np.concatenate([[*places[name][:3, 3], transforms.yaw(places[name])] for name in names[1:]])
-    fit = least_squares(residuals, start, jac=jacobian, method="lm", x_scale="jac", xtol=_DONE, ftol=_DONE, gtol=_DONE)
+    start = np.concatenate(
+        [[*places[name][:3, 3], transforms.yaw(places[name])] for name in names[1:]]
+    )
+    fit = least_squares(
+        residuals,
+        start,
+        jac=jacobian,
+        method="lm",
+        x_scale="jac",
+        xtol=_DONE,
+        ftol=_DONE,
+        gtol=_DONE,
+    )
     place(fit.x)
     covariance = np.zeros((4 * n, 4 * n))
     covariance[4:, 4:] = np.linalg.inv(fit.jac.T @ fit.jac)
@@ -76,7 +96,8 @@ def _adjust(links, names: List[str], places: Dict[str, np.ndarray]) -> Tuple[np.
 
 
 def _residual(link: Link, names: List[str], places: Dict[str, np.ndarray]):
-    """r (4,): estimated minus measured T_parent_child; its Jacobian (4, 8) and the columns that it belongs to."""
+    """r (4,): estimated minus measured T_parent_child; its Jacobian (4, 8) and the columns that it
+    belongs to."""
     T_parent_child = transforms.invert(places[link.parent]) @ places[link.child]
     turn = wrap(transforms.yaw(T_parent_child) - transforms.yaw(link.T_parent_child))
     r = np.array([*(T_parent_child[:3, 3] - link.T_parent_child[:3, 3]), turn])
@@ -89,8 +110,13 @@ def _residual(link: Link, names: List[str], places: Dict[str, np.ndarray]):
     return r, J, at
 
 
-def _marginal(link: Link, names: List[str], places: Dict[str, np.ndarray], covariance: np.ndarray) -> Link:
+def _marginal(
+    link: Link, names: List[str], places: Dict[str, np.ndarray], covariance: np.ndarray
+) -> Link:
     """The link as the adjusted places have it."""
     _, J, at = _residual(link, names, places)
-    place = Place(transforms.invert(places[link.parent]) @ places[link.child], J @ covariance[np.ix_(at, at)] @ J.T)
+    place = Place(
+        transforms.invert(places[link.parent]) @ places[link.child],
+        J @ covariance[np.ix_(at, at)] @ J.T,
+    )
     return replace(link, T_parent_child=place.T_a_b, covariance=place.covariance)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands of fcsv_tracking for a desk: calibration of cameras and mounts, trajectories, evaluation."""
+"""Commands of fcsv_tracking for a desk: calibration of cameras and mounts, trajectories,
+evaluation."""
 
 from functools import partial
 

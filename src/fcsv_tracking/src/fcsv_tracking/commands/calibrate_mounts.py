@@ -45,11 +45,15 @@ def _calibrate(args) -> None:
     rules = MountRules(least_views=args.least_views, tracker=load_profile(args.tracker_profile))
     solution = calibrate_mount(args.part, views, rules)
     before, after = getattr(vehicle, args.part), mount_of(vehicle, solution)
-    print(f"{args.part} of {args.vehicle}, {solution.used} views ({solution.rejected} left out), "
-          f"rms {solution.reprojection_rms_px:.2f} px")  # fmt: skip
+    print(
+        f"{args.part} of {args.vehicle}, {solution.used} views ({solution.rejected} left out), "
+        f"rms {solution.reprojection_rms_px:.2f} px"
+    )
     print(f"  was  xyz_m {list(before.xyz_m)}, rpy_deg {list(before.rpy_deg)}")
     print(f"  is   xyz_m {list(after.xyz_m)}, rpy_deg {list(after.rpy_deg)}")
-    print(f"  left over (1 sigma): {solution.position_std_m * 1e3:.1f} mm, {solution.rotation_std_deg:.2f} deg")
+    print(
+        f"  left over (1 sigma): {solution.position_std_m * 1e3:.1f} mm, {solution.rotation_std_deg:.2f} deg"
+    )
     if args.dry_run:
         return
     write_mount(source, target, solution)
@@ -62,7 +66,9 @@ def _views(paths: List[Path], args, vehicle) -> List[TagView]:
 
     eye = args.vehicle if args.part == "camera" else args.watcher
     if not eye:
-        raise ExtrinsicsRefused("--part tag needs --watcher: the vehicle whose camera stands still and sees the tag")
+        raise ExtrinsicsRefused(
+            "--part tag needs --watcher: the vehicle whose camera stands still and sees the tag"
+        )
     tag_id, size_m = _tag(args, vehicle)
     track = bags.odometry(paths, f"/{args.vehicle}/odometry/body")
     camera = bags.camera(paths, f"/{eye}/camera/color/camera_info")
@@ -85,7 +91,9 @@ def _views(paths: List[Path], args, vehicle) -> List[TagView]:
             f"tag {tag_id} is in none of {seen} pictures of {eye} ({without_pose} more have no odometry of "
             f"{args.vehicle} at their stamp): check the id, the family (tag36h11), and that the clocks agree"
         )
-    return [views[i] for i in np.linspace(0, len(views) - 1, min(len(views), _MOST_VIEWS)).astype(int)]
+    return [
+        views[i] for i in np.linspace(0, len(views) - 1, min(len(views), _MOST_VIEWS)).astype(int)
+    ]
 
 
 def _tag(args, vehicle):
@@ -93,9 +101,13 @@ def _tag(args, vehicle):
     if args.part == "tag":
         return vehicle.tag_id, vehicle.tag_size_m
     if args.tag_id is None or args.tag_size_m is None:
-        raise ExtrinsicsRefused("--part camera needs --tag-id and --tag-size-m of the tag that hangs still")
+        raise ExtrinsicsRefused(
+            "--part camera needs --tag-id and --tag-size-m of the tag that hangs still"
+        )
     if not args.tag_size_m > 0:
-        raise ExtrinsicsRefused(f"--tag-size-m {args.tag_size_m}: must be positive (edge of the black square)")
+        raise ExtrinsicsRefused(
+            f"--tag-size-m {args.tag_size_m}: must be positive (edge of the black square)"
+        )
     return args.tag_id, args.tag_size_m
 
 
@@ -106,18 +118,34 @@ def _moved(T_before: np.ndarray, T_after: np.ndarray) -> bool:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="calibrate_mounts", description="Where a vehicle's camera or tag sits, from the vehicle moved by hand.",
-        epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
-    parser.add_argument("bags", nargs="+", help="image_raw and camera_info of the camera, odometry/body of the vehicle")
-    parser.add_argument("--vehicle", required=True, help="the one that is moved; its file is updated")
+        prog="calibrate_mounts",
+        description="Where a vehicle's camera or tag sits, from the vehicle moved by hand.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "bags",
+        nargs="+",
+        help="image_raw and camera_info of the camera, odometry/body of the vehicle",
+    )
+    parser.add_argument(
+        "--vehicle", required=True, help="the one that is moved; its file is updated"
+    )
     parser.add_argument("--part", choices=PARTS, required=True)
-    parser.add_argument("--vehicles-dir", default="config/vehicles", help="folder of NAME.yaml (default %(default)s)")
+    parser.add_argument(
+        "--vehicles-dir",
+        default="config/vehicles",
+        help="folder of NAME.yaml (default %(default)s)",
+    )
     parser.add_argument("--tag-id", type=int, help="part camera: id of the tag that hangs still")
     parser.add_argument("--tag-size-m", type=float, help="part camera: edge of its black square")
     parser.add_argument("--watcher", help="part tag: the vehicle whose camera stands still")
     parser.add_argument("-o", "--out", help="write here instead of into the vehicle's own file")
     parser.add_argument("--dry-run", action="store_true", help="print only")
-    parser.add_argument("--tracker-profile", default="", help="config/trackers/NAME.yaml (default: the T265)")
-    parser.add_argument("--least-views", type=int, default=MountRules().least_views, help="(default %(default)s)")
+    parser.add_argument(
+        "--tracker-profile", default="", help="config/trackers/NAME.yaml (default: the T265)"
+    )
+    parser.add_argument(
+        "--least-views", type=int, default=MountRules().least_views, help="(default %(default)s)"
+    )
     return parser

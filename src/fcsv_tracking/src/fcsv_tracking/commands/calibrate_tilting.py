@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``rosrun fcsv_tracking calibrate_tilting``: axes and mounts of a tilting stereo camera from a board of tags."""
+"""``rosrun fcsv_tracking calibrate_tilting``: axes and mounts of a tilting stereo camera from a
+board of tags."""
 
 import argparse
 import time
@@ -36,9 +37,13 @@ def _calibrate(args) -> None:
     views = read_views(Path(args.pictures), rig, board)
     found = calibrate(rig, views, TiltRules(least_views=args.least_views))
     written = write_rig(
-        out, found.rig, f"calibrate_tilting {args.pictures}, {time.strftime('%Y-%m-%d')}: {len(views)} views"
+        out,
+        found.rig,
+        f"calibrate_tilting {args.pictures}, {time.strftime('%Y-%m-%d')}: {len(views)} views",
     )
-    print(f"{len(views)} views, {found.used} corners used, {found.rejected} left out, rms {found.rms_px:.3f} px")
+    print(
+        f"{len(views)} views, {found.used} corners used, {found.rejected} left out, rms {found.rms_px:.3f} px"
+    )
     for side in SIDES:
         axis = getattr(written, side).axis
         print(f"  {side} axis at {_words(axis.xyz_m)} m, direction {_words(axis.direction)}")
@@ -46,7 +51,9 @@ def _calibrate(args) -> None:
     print(
         f"  right camera at {_words(mount.xyz_m)} m, {_words(mount.rpy_deg)} deg; baseline {written.baseline_m:.4f} m"
     )
-    print(f"  known to {written.known.rotation_deg:.3f} deg and {written.known.position_m * 1e3:.2f} mm per axis")
+    print(
+        f"  known to {written.known.rotation_deg:.3f} deg and {written.known.position_m * 1e3:.2f} mm per axis"
+    )
     print(f"wrote {out}")
 
 
@@ -58,28 +65,52 @@ def _size(text: str):
     try:
         columns, rows = (int(part) for part in text.lower().split("x"))
     except ValueError as error:
-        raise CalibrationRefused(f"--board '{text}': give tags as COLUMNSxROWS, such as 4x3") from error
+        raise CalibrationRefused(
+            f"--board '{text}': give tags as COLUMNSxROWS, such as 4x3"
+        ) from error
     return columns, rows
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="calibrate_tilting", description="Axes and mounts of a tilting stereo camera from a board of tags.",
-        epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+        prog="calibrate_tilting",
+        description="Axes and mounts of a tilting stereo camera from a board of tags.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     board, rules = TagBoard(), TiltRules()
-    parser.add_argument("rig", help="the rig's file as measured by hand: centimetres and degrees are good enough")
+    parser.add_argument(
+        "rig", help="the rig's file as measured by hand: centimetres and degrees are good enough"
+    )
     parser.add_argument("pictures", help=f"a folder of pictures of the board, and {VIEWS}")
     parser.add_argument("-o", "--out", required=True, help="the rig's file with what was found")
     parser.add_argument(
-        "--board", default=f"{board.columns}x{board.rows}", help="tags COLUMNSxROWS (default %(default)s)"
+        "--board",
+        default=f"{board.columns}x{board.rows}",
+        help="tags COLUMNSxROWS (default %(default)s)",
     )
     parser.add_argument(
-        "--size-m", type=float, default=board.size_m, help="edge of a black square (default %(default)s)"
+        "--size-m",
+        type=float,
+        default=board.size_m,
+        help="edge of a black square (default %(default)s)",
     )
-    parser.add_argument("--gap-m", type=float, default=board.gap_m, help="between black squares (default %(default)s)")
     parser.add_argument(
-        "--first-id", type=int, default=board.first_id, help="of the top left tag (default %(default)s)"
+        "--gap-m",
+        type=float,
+        default=board.gap_m,
+        help="between black squares (default %(default)s)",
     )
-    parser.add_argument("--least-views", type=int, default=rules.least_views, help="of a camera (default %(default)s)")
+    parser.add_argument(
+        "--first-id",
+        type=int,
+        default=board.first_id,
+        help="of the top left tag (default %(default)s)",
+    )
+    parser.add_argument(
+        "--least-views",
+        type=int,
+        default=rules.least_views,
+        help="of a camera (default %(default)s)",
+    )
     return parser

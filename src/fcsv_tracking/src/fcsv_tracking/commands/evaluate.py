@@ -38,15 +38,17 @@ def table(found: Evaluation) -> str:
     def row(name: str, s: Statistics, unit: str) -> str:
         return f"{name:<28}{s.rmse:10.4f}{s.mean:10.4f}{s.median:10.4f}{s.max:10.4f}  {unit}"
 
-    return "\n".join([
-        f"{found.poses} poses over {found.path_m:.1f} m, aligned: {found.alignment}",
-        f"{'':<28}{'rmse':>10}{'mean':>10}{'median':>10}{'max':>10}",
-        row("ATE position", found.ate_m, "m"),
-        row("ATE rotation", found.ate_deg, "deg"),
-        row(f"RPE position over {found.delta_m:g} m", found.rpe_m, "m"),
-        row(f"RPE rotation over {found.delta_m:g} m", found.rpe_deg, "deg"),
-        f"drift {found.drift_m_per_m:.2%} of the distance, {found.drift_deg_per_m:.3f} deg/m",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            f"{found.poses} poses over {found.path_m:.1f} m, aligned: {found.alignment}",
+            f"{'':<28}{'rmse':>10}{'mean':>10}{'median':>10}{'max':>10}",
+            row("ATE position", found.ate_m, "m"),
+            row("ATE rotation", found.ate_deg, "deg"),
+            row(f"RPE position over {found.delta_m:g} m", found.rpe_m, "m"),
+            row(f"RPE rotation over {found.delta_m:g} m", found.rpe_deg, "deg"),
+            f"drift {found.drift_m_per_m:.2%} of the distance, {found.drift_deg_per_m:.3f} deg/m",
+        ]
+    )
 
 
 def _read(path: Path, vehicle: Optional[str]) -> Track:
@@ -55,14 +57,22 @@ def _read(path: Path, vehicle: Optional[str]) -> Track:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="evaluate", description="Drift, ATE and RPE of a trajectory.", epilog=_EXAMPLES,
+        prog="evaluate",
+        description="Drift, ATE and RPE of a trajectory.",
+        epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     parser.add_argument("estimate", help="TUM file (see export_trajectories), or truth/cameras.csv")
     parser.add_argument("reference", help="likewise: truth, or a second tracker")
     parser.add_argument("--vehicle", help="whose rows of cameras.csv count")
-    parser.add_argument("--align", choices=ALIGNMENTS, default="yaw", help="before ATE (default %(default)s)")
-    parser.add_argument("--delta-m", type=float, default=1.0, help="path between RPE's pairs (default %(default)s)")
-    parser.add_argument("--gap-s", type=float, default=0.25, help="longest gap bridged in the reference")
+    parser.add_argument(
+        "--align", choices=ALIGNMENTS, default="yaw", help="before ATE (default %(default)s)"
+    )
+    parser.add_argument(
+        "--delta-m", type=float, default=1.0, help="path between RPE's pairs (default %(default)s)"
+    )
+    parser.add_argument(
+        "--gap-s", type=float, default=0.25, help="longest gap bridged in the reference"
+    )
     parser.add_argument("-o", "--out", help="write the figures as JSON")
     return parser

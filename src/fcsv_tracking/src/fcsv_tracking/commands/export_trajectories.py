@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``rosrun fcsv_tracking export_trajectories``: every trajectory of a session or of bags as TUM files, for evo."""
+"""``rosrun fcsv_tracking export_trajectories``: every trajectory of a session or of bags as TUM
+files, for evo."""
 
 import argparse
 from pathlib import Path
@@ -15,8 +16,12 @@ from fcsv_tracking import commands
 from fcsv_tracking.errors import EvaluationError
 from fcsv_tracking.evaluation.tracks import Track, read_truth, write_tum
 
-_TOPICS = {"odometry/body": "odometry", "odometry/state": "state", "camera_pose": "camera",
-           "mavros/local_position/pose": "autopilot"}  # fmt: skip
+_TOPICS = {
+    "odometry/body": "odometry",
+    "odometry/state": "state",
+    "camera_pose": "camera",
+    "mavros/local_position/pose": "autopilot",
+}
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -37,7 +42,9 @@ def _export(args) -> None:
             except EvaluationError as error:
                 print(f"no truth of {vehicle}: {error}")
     if not tracks:
-        raise EvaluationError(f"{source}: no trajectory in it; topics looked for: /VEHICLE/" + ", ".join(_TOPICS))
+        raise EvaluationError(
+            f"{source}: no trajectory in it; topics looked for: /VEHICLE/" + ", ".join(_TOPICS)
+        )
     out.mkdir(parents=True, exist_ok=True)
     for name, track in sorted(tracks.items()):
         write_tum(out / f"{name}.tum", track)
@@ -48,8 +55,17 @@ def _export(args) -> None:
 def _tracks(paths: List[Path]) -> Dict[str, Track]:
     from fcsv_tracking.ros import bags  # ROS is needed for bags alone
 
-    kinds = ("nav_msgs/Odometry", "geometry_msgs/PoseStamped", "geometry_msgs/PoseWithCovarianceStamped")
-    topics = [t for k in kinds for t in bags.topics_of(paths, k) if t.strip("/").partition("/")[2] in _TOPICS]
+    kinds = (
+        "nav_msgs/Odometry",
+        "geometry_msgs/PoseStamped",
+        "geometry_msgs/PoseWithCovarianceStamped",
+    )
+    topics = [
+        t
+        for k in kinds
+        for t in bags.topics_of(paths, k)
+        if t.strip("/").partition("/")[2] in _TOPICS
+    ]
     found: Dict[str, Dict[float, np.ndarray]] = {}
     if not topics:
         return {}
@@ -61,7 +77,9 @@ def _tracks(paths: List[Path]) -> Dict[str, Track]:
         except GeometryError as error:
             raise EvaluationError(f"topic {topic}: {error}") from error
         stamp_s = seconds(message.header.stamp)
-        found.setdefault(f"{vehicle}_{_TOPICS[rest]}", {})[stamp_s] = transforms.require_rigid(T, topic)
+        found.setdefault(f"{vehicle}_{_TOPICS[rest]}", {})[stamp_s] = transforms.require_rigid(
+            T, topic
+        )
     return {name: _sorted(poses) for name, poses in found.items() if len(poses) > 1}
 
 
@@ -72,9 +90,10 @@ def _sorted(poses: Dict[float, np.ndarray]) -> Track:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="export_trajectories", description="Trajectories as TUM files: T_odom_body, T_home_cam, and the truth.",
+        prog="export_trajectories",
+        description="Trajectories as TUM files: T_odom_body, T_home_cam, and the truth.",
         epilog="example: export_trajectories out/demo/session -o out/tum && evo_traj tum out/tum/*.tum",
-    )  # fmt: skip
+    )
     parser.add_argument("input", help="a session folder or a bag")
     parser.add_argument("-o", "--out", required=True, help="folder for VEHICLE_WHAT.tum")
     return parser

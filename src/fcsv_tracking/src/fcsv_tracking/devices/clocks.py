@@ -11,7 +11,8 @@ _CLOCK_SET_S = 0.5  # an exchange that contradicts all before it by more: one of
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """How far the other clock is ahead (s); the true offset is within ``uncertainty_s`` of it for sure."""
+    """How far the other clock is ahead (s); the true offset is within ``uncertainty_s`` of it for
+    sure."""
 
     stamp_s: float
     offset_s: float
@@ -31,7 +32,8 @@ class VehicleClock:
 
 
 class ClockExchange:
-    """Keeps the newest exchanges with one machine; the one with the shortest round trip is the best of them."""
+    """Keeps the newest exchanges with one machine; the one with the shortest round trip is the best
+    of them."""
 
     def __init__(self, keep: int = 20, most_round_trip_s: float = 2.0):
         self._exchanges: Deque[ClockOffset] = deque(maxlen=keep)
@@ -39,7 +41,8 @@ class ClockExchange:
         self.rejected = 0
 
     def feed(self, sent_s: float, received_s: float, answered_s: float, returned_s: float) -> bool:
-        """One exchange: sent and returned by our clock, received and answered by the other's; False where it is none.
+        """One exchange: sent and returned by our clock, received and answered by the other's; False
+        where it is none.
 
         >>> exchange = ClockExchange()
         >>> exchange.feed(10.0, 10.52, 10.53, 10.05)  # 20 ms there, 20 ms back
@@ -55,7 +58,9 @@ class ClockExchange:
             return False
         offset_s = 0.5 * ((received_s - sent_s) + (answered_s - returned_s))
         newest = ClockOffset(returned_s, offset_s, 0.5 * round_trip_s)
-        if self._exchanges and all(abs(e.offset_s - offset_s) > _CLOCK_SET_S for e in self._exchanges):
+        if self._exchanges and all(
+            abs(e.offset_s - offset_s) > _CLOCK_SET_S for e in self._exchanges
+        ):
             self._exchanges.clear()
         self._exchanges.append(newest)
         return True

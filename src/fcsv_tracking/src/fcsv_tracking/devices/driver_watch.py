@@ -27,10 +27,10 @@ class Level(Enum):
 class DeviceRules:
     """What is expected of a device.
 
-    ``topic``: what it sends; ``least_hz``: below is a warning; ``silent_s``: longer begins the remedies;
-    ``starts_s``: how long a driver may take to come up after a start or a remedy. ``reset``: a std_srvs/Empty service
-    of the driver; ``nodes``: of the driver, which roslaunch starts again (empty: nothing is restarted); ``usb``:
-    vendor:product.
+    ``topic``: what it sends; ``least_hz``: below is a warning; ``silent_s``: longer begins the
+    remedies; ``starts_s``: how long a driver may take to come up after a start or a remedy.
+    ``reset``: a std_srvs/Empty service of the driver; ``nodes``: of the driver, which roslaunch
+    starts again (empty: nothing is restarted); ``usb``: vendor:product.
     """
 
     topic: str
@@ -103,11 +103,28 @@ class DriverWatch:
         if self._last_s is None and not self._silent:
             return Level.WARN, f"{self.name} has not begun to send {self.rules.topic}"
         if self._silent:
-            since = f"for {now_s - self._last_s:.0f} s" if self._last_s is not None else "since the start"
-            done = f"{self._done} (try {self._tried})" if self._tried else "nobody here can restart its driver"
+            since = (
+                f"for {now_s - self._last_s:.0f} s"
+                if self._last_s is not None
+                else "since the start"
+            )
+            done = (
+                f"{self._done} (try {self._tried})"
+                if self._tried
+                else "nobody here can restart its driver"
+            )
             return Level.ERROR, f"{self.name} is silent {since}; {done}"
         rate = self.rate_hz(now_s)
         if rate < self.rules.least_hz and now_s - self._heard[0] > 0.8 * _RATE_OVER_S:
-            return Level.WARN, f"{self.name} sends at {rate:.0f} Hz, {self.rules.least_hz:.0f} are expected"
-        again = f"; it was silent {self.silences} times, last remedy: {self._done}" if self.silences else ""
-        return (Level.WARN if self.silences else Level.OK), f"{self.name} sends at {rate:.0f} Hz{again}"
+            return (
+                Level.WARN,
+                f"{self.name} sends at {rate:.0f} Hz, {self.rules.least_hz:.0f} are expected",
+            )
+        again = (
+            f"; it was silent {self.silences} times, last remedy: {self._done}"
+            if self.silences
+            else ""
+        )
+        return (
+            Level.WARN if self.silences else Level.OK
+        ), f"{self.name} sends at {rate:.0f} Hz{again}"

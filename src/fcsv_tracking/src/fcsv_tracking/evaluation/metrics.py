@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far an estimated trajectory is from a reference: ATE and RPE (Sturm et al., IROS 2012), drift per metre."""
+"""How far an estimated trajectory is from a reference: ATE and RPE (Sturm et al., IROS 2012), drift
+per metre."""
 
 from dataclasses import asdict, dataclass
 from typing import Dict, Tuple
@@ -27,7 +28,8 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """ATE after alignment, RPE over ``delta_m`` of the reference's path, and what drifts per metre flown."""
+    """ATE after alignment, RPE over ``delta_m`` of the reference's path, and what drifts per metre
+    flown."""
 
     poses: int
     path_m: float
@@ -45,27 +47,43 @@ class Evaluation:
 
 
 def evaluate(
-    estimate: Track, reference: Track, alignment: str = "yaw", delta_m: float = 1.0, gap_s: float = 0.25
+    estimate: Track,
+    reference: Track,
+    alignment: str = "yaw",
+    delta_m: float = 1.0,
+    gap_s: float = 0.25,
 ) -> Evaluation:
-    """The estimate against the reference, which is interpolated to the estimate's stamps over gaps of ``gap_s``.
+    """The estimate against the reference, which is interpolated to the estimate's stamps over gaps
+    of ``gap_s``.
 
     Raises EvaluationError where they share too little.
     """
     estimated, true = matched(estimate, reference, gap_s)
     aligned = align(estimated, true, alignment) @ estimated
-    path_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(true[:, :3, 3], axis=0), axis=1))])
+    path_m = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(true[:, :3, 3], axis=0), axis=1))]
+    )
     pairs = pairs_by_path(path_m, delta_m)
     moves_m, turns_deg = relative_errors(estimated, true, pairs)
     lengths_m = path_m[pairs[:, 1]] - path_m[pairs[:, 0]]
     off_m, off_deg = absolute_errors(aligned, true)
     return Evaluation(
-        len(true), float(path_m[-1]), alignment, delta_m, statistics(off_m), statistics(off_deg), statistics(moves_m),
-        statistics(turns_deg), float(np.mean(moves_m / lengths_m)), float(np.mean(turns_deg / lengths_m)),
-    )  # fmt: skip
+        len(true),
+        float(path_m[-1]),
+        alignment,
+        delta_m,
+        statistics(off_m),
+        statistics(off_deg),
+        statistics(moves_m),
+        statistics(turns_deg),
+        float(np.mean(moves_m / lengths_m)),
+        float(np.mean(turns_deg / lengths_m)),
+    )
 
 
 def matched(estimate: Track, reference: Track, gap_s: float) -> Tuple[np.ndarray, np.ndarray]:
-    """Poses (M,4,4) of the estimate inside the reference, and the reference's at the same stamps."""
+    """Poses (M,4,4) of the estimate inside the reference, and the reference's at the same
+    stamps."""
     inside, true = at_stamps(reference, estimate.stamps_s, gap_s)
     if inside.sum() < _LEAST_POSES:
         spans = [f"{t.stamps_s[0]:.3f} to {t.stamps_s[-1]:.3f} s" for t in (estimate, reference)]
@@ -77,9 +95,11 @@ def matched(estimate: Track, reference: Track, gap_s: float) -> Tuple[np.ndarray
 
 
 def align(estimated: np.ndarray, true: np.ndarray, alignment: str) -> np.ndarray:
-    """T_true_estimated: the identity, first pose onto first pose, or least squares over positions (Umeyama 1991).
+    """T_true_estimated: the identity, first pose onto first pose, or least squares over positions
+    (Umeyama 1991).
 
-    "yaw" turns about the vertical alone, as two gravity-aligned odometries differ; "se3" in all ways, without scale.
+    "yaw" turns about the vertical alone, as two gravity-aligned odometries differ; "se3" in all
+    ways, without scale.
     """
     if alignment == "none":
         return np.eye(4)
@@ -94,7 +114,9 @@ def align(estimated: np.ndarray, true: np.ndarray, alignment: str) -> np.ndarray
     elif alignment == "se3":
         U, singular, Vt = np.linalg.svd(S)
         if singular[1] < 1e-9 * max(singular[0], 1e-12):
-            raise EvaluationError("positions lie on a line: 'se3' cannot align them; use --align yaw or first")
+            raise EvaluationError(
+                "positions lie on a line: 'se3' cannot align them; use --align yaw or first"
+            )
         R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
     else:
         raise EvaluationError(f"alignment '{alignment}' is not one of {', '.join(ALIGNMENTS)}")
@@ -102,7 +124,8 @@ def align(estimated: np.ndarray, true: np.ndarray, alignment: str) -> np.ndarray
 
 
 def pairs_by_path(path_m: np.ndarray, delta_m: float) -> np.ndarray:
-    """Indices (K,2): from every pose to the first that is ``delta_m`` further along. Raises EvaluationError."""
+    """Indices (K,2): from every pose to the first that is ``delta_m`` further along. Raises
+    EvaluationError."""
     if not delta_m > 0:
         raise EvaluationError(f"delta {delta_m} m must be positive")
     ends = np.searchsorted(path_m, path_m + delta_m - 1e-9)
@@ -117,14 +140,20 @@ def pairs_by_path(path_m: np.ndarray, delta_m: float) -> np.ndarray:
 def absolute_errors(aligned: np.ndarray, true: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """(N,) m and deg between poses (N,4,4)."""
     turned = Rotation.from_matrix(true[:, :3, :3]).inv() * Rotation.from_matrix(aligned[:, :3, :3])
-    return np.linalg.norm(aligned[:, :3, 3] - true[:, :3, 3], axis=1), np.degrees(turned.magnitude())
+    return np.linalg.norm(aligned[:, :3, 3] - true[:, :3, 3], axis=1), np.degrees(
+        turned.magnitude()
+    )
 
 
-def relative_errors(estimated: np.ndarray, true: np.ndarray, pairs: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+def relative_errors(
+    estimated: np.ndarray, true: np.ndarray, pairs: np.ndarray
+) -> Tuple[np.ndarray, np.ndarray]:
     """(K,) m and deg: inv(true step) @ estimated step of each pair of indices (K,2)."""
     steps = [np.linalg.inv(T[pairs[:, 0]]) @ T[pairs[:, 1]] for T in (true, estimated)]
     E = np.linalg.inv(steps[0]) @ steps[1]
-    return np.linalg.norm(E[:, :3, 3], axis=1), np.degrees(Rotation.from_matrix(E[:, :3, :3]).magnitude())
+    return np.linalg.norm(E[:, :3, 3], axis=1), np.degrees(
+        Rotation.from_matrix(E[:, :3, :3]).magnitude()
+    )
 
 
 def statistics(errors: np.ndarray) -> Statistics:

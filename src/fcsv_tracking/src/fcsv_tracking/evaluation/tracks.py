@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stamped poses and their files: TUM's format (as evo reads it), and the simulation's truth/cameras.csv."""
+"""Stamped poses and their files: TUM's format (as evo reads it), and the simulation's
+truth/cameras.csv."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,10 +42,14 @@ def track_from(stamps_s, p_a_b_m, q_a_b_xyzw, name: str) -> Track:
     norms = np.linalg.norm(q, axis=1)
     if (np.abs(norms - 1.0) > 0.01).any():
         worst = int(np.argmax(np.abs(norms - 1.0)))
-        raise EvaluationError(f"{name}: the quaternion of pose {worst + 1} has length {norms[worst]:.3g}, not 1")
+        raise EvaluationError(
+            f"{name}: the quaternion of pose {worst + 1} has length {norms[worst]:.3g}, not 1"
+        )
     back = np.flatnonzero(np.diff(stamps_s) <= 0)
     if len(back):
-        raise EvaluationError(f"{name}: the stamp of pose {int(back[0]) + 2} does not come after the one before")
+        raise EvaluationError(
+            f"{name}: the stamp of pose {int(back[0]) + 2} does not come after the one before"
+        )
     T = np.tile(np.eye(4), (len(p), 1, 1))
     T[:, :3, :3], T[:, :3, 3] = Rotation.from_quat(q).as_matrix(), p
     return Track(stamps_s, T)
@@ -56,7 +61,9 @@ def read_tum(path: Path) -> Track:
     try:
         lines = Path(path).read_text().splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise EvaluationError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or 'not text'})") from error
+        raise EvaluationError(
+            f"{path}: cannot be read ({getattr(error, 'strerror', None) or 'not text'})"
+        ) from error
     for number, line in enumerate(lines, 1):
         line = line.split("#")[0].strip()
         if not line:
@@ -76,7 +83,8 @@ def write_tum(path: Path, track: Track) -> None:
     """Nanoseconds and nanometres are kept."""
     q = Rotation.from_matrix(track.T_a_b[:, :3, :3]).as_quat()
     lines = [
-        f"{s:.9f} " + " ".join(f"{v:.9f}" for v in (*T[:3, 3], *r)) for s, T, r in zip(track.stamps_s, track.T_a_b, q)
+        f"{s:.9f} " + " ".join(f"{v:.9f}" for v in (*T[:3, 3], *r))
+        for s, T, r in zip(track.stamps_s, track.T_a_b, q)
     ]
     Path(path).write_text("# stamp_s x y z qx qy qz qw\n" + "\n".join(lines) + "\n")
 
@@ -86,22 +94,31 @@ def read_truth(path: Path, vehicle: Optional[str]) -> Track:
     try:
         rows = [line.split(",") for line in Path(path).read_text().splitlines() if line]
     except (OSError, UnicodeDecodeError) as error:
-        raise EvaluationError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or 'not text'})") from error
+        raise EvaluationError(
+            f"{path}: cannot be read ({getattr(error, 'strerror', None) or 'not text'})"
+        ) from error
     if not rows or rows[0][:2] != ["stamp_s", "vehicle"]:
         raise EvaluationError(f"{path}: does not begin with 'stamp_s,vehicle,...'")
     names = sorted({row[1] for row in rows[1:] if len(row) == 9})
     if vehicle not in names:
-        raise EvaluationError(f"{path}: holds {', '.join(names) or 'no vehicle'}; name one with --vehicle")
+        raise EvaluationError(
+            f"{path}: holds {', '.join(names) or 'no vehicle'}; name one with --vehicle"
+        )
     try:
-        values = np.array([[float(row[0]), *map(float, row[2:])] for row in rows[1:] if row[1] == vehicle])
+        values = np.array(
+            [[float(row[0]), *map(float, row[2:])] for row in rows[1:] if row[1] == vehicle]
+        )
     except (ValueError, IndexError) as error:
-        raise EvaluationError(f"{path}: a line of {vehicle} is not nine values ({error})") from error
+        raise EvaluationError(
+            f"{path}: a line of {vehicle} is not nine values ({error})"
+        ) from error
     values = values[np.unique(values[:, 0], return_index=True)[1]]
     return track_from(values[:, 0], values[:, 1:4], values[:, 4:], str(path))
 
 
 def at_stamps(track: Track, stamps_s: np.ndarray, gap_s: float) -> Tuple[np.ndarray, np.ndarray]:
-    """Which of the stamps (N,) lie inside the track without a gap, and T_a_b (M,4,4) interpolated at those."""
+    """Which of the stamps (N,) lie inside the track without a gap, and T_a_b (M,4,4) interpolated
+    at those."""
     line = Trajectory(gap_s=gap_s)
     for stamp_s, T in zip(track.stamps_s, track.T_a_b):
         line.add(float(stamp_s), T)

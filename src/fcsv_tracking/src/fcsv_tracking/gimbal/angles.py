@@ -14,7 +14,8 @@ _RATE_OVER_S = 0.01
 
 
 class AngleTrack:
-    """Readings in order of time (s), interpolated, never extrapolated; ``gap_s`` is the longest silence bridged."""
+    """Readings in order of time (s), interpolated, never extrapolated; ``gap_s`` is the longest
+    silence bridged."""
 
     def __init__(self, gap_s: float = 0.1, keep_s: float = 3.0, back_s: float = 1.0):
         self._gap_s, self._keep_s, self._back_s = gap_s, keep_s, back_s
@@ -24,14 +25,19 @@ class AngleTrack:
         return Trajectory(gap_s=self._gap_s, keep_s=self._keep_s)
 
     def add(self, stamp_s: float, angles: Angles) -> None:
-        """Append a reading. Raises SampleRejected where it is none or not newer; far back is a clock that was set."""
+        """Append a reading. Raises SampleRejected where it is none or not newer; far back is a
+        clock that was set."""
         if not np.isfinite([stamp_s, *angles]).all():
-            raise SampleRejected("not angles", f"gimbal: reading {tuple(angles)} at {stamp_s} is not finite")
+            raise SampleRejected(
+                "not angles", f"gimbal: reading {tuple(angles)} at {stamp_s} is not finite"
+            )
         if len(self._track) and stamp_s < self._track.span_s[1] - self._back_s:
             self._track = self._empty()
         # a straight line in angles: they travel as a translation
         if not self._track.add(stamp_s, transforms.transform(np.eye(3), [*angles, 0.0])):
-            raise SampleRejected("angles: stamp goes back", f"gimbal: reading at {stamp_s:.3f} s is not newer")
+            raise SampleRejected(
+                "angles: stamp goes back", f"gimbal: reading at {stamp_s:.3f} s is not newer"
+            )
 
     @property
     def newest_s(self) -> float:
@@ -43,10 +49,14 @@ class AngleTrack:
         return _angles(self._track.latest()[1])
 
     def at(self, stamp_s: float) -> Tuple[Angles, np.ndarray]:
-        """Angles at a stamp, and their rates (2,) rad/s about it. Raises PoseUnavailable as Trajectory.at()."""
+        """Angles at a stamp, and their rates (2,) rad/s about it. Raises PoseUnavailable as
+        Trajectory.at()."""
         first_s, last_s = self._track.span_s
         now = self._track.at(stamp_s)
-        before_s, after_s = max(first_s, stamp_s - _RATE_OVER_S), min(last_s, stamp_s + _RATE_OVER_S)
+        before_s, after_s = (
+            max(first_s, stamp_s - _RATE_OVER_S),
+            min(last_s, stamp_s + _RATE_OVER_S),
+        )
         if after_s - before_s < 1e-6:
             return _angles(now), np.zeros(2)
         moved = self._track.at(after_s)[:2, 3] - self._track.at(before_s)[:2, 3]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground robot: its gimbals, the vehicle that each follows, and the tags on those (config/gimbal/*.yaml)."""
+"""The ground robot: its gimbals, the vehicle that each follows, and the tags on those
+(config/gimbal/*.yaml)."""
 
 from dataclasses import dataclass, field
 from typing import Dict, List, Tuple
@@ -23,7 +24,9 @@ class BodyTag:
         if not 0 <= self.id <= MOST_TAG_ID:
             raise ValueError(f"id: {self.id} is not in family tag36h11 (0..{MOST_TAG_ID})")
         if not 0.01 <= self.size_m <= 1.0:
-            raise ValueError(f"size_m: {self.size_m} is not in 0.01..1: the black square's edge in metres")
+            raise ValueError(
+                f"size_m: {self.size_m} is not in 0.01..1: the black square's edge in metres"
+            )
 
     @property
     def T_body_tag(self) -> np.ndarray:
@@ -32,7 +35,8 @@ class BodyTag:
 
 @dataclass(frozen=True)
 class GimbalServo:
-    """Ids on the bus, the readings at pan and tilt zero (ticks of 360/4096 degrees), and which way they count."""
+    """Ids on the bus, the readings at pan and tilt zero (ticks of 360/4096 degrees), and which way
+    they count."""
 
     pan_id: int = 1  # on the bus
     tilt_id: int = 2  # on the bus
@@ -83,7 +87,11 @@ class GroundRobot:
             raise ValueError("gimbals: is empty; name at least one")
         _require_different("gimbals", "vehicle", [g.vehicle for g in self.gimbals])
         _require_different("gimbals", "tag id", [t.id for g in self.gimbals for t in g.tags])
-        _require_different("gimbals", "servo id", [i for g in self.gimbals for i in (g.servo.pan_id, g.servo.tilt_id)])
+        _require_different(
+            "gimbals",
+            "servo id",
+            [i for g in self.gimbals for i in (g.servo.pan_id, g.servo.tilt_id)],
+        )
 
     @property
     def by_vehicle(self) -> Dict[str, Gimbal]:

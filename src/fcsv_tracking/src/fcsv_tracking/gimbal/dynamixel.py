@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MX-12W on a serial bus, a gimbal's two or any others, through Robotis' dynamixel-sdk (protocol 1.0)."""
+"""MX-12W on a serial bus, a gimbal's two or any others, through Robotis' dynamixel-sdk (protocol
+1.0)."""
 
 import termios
 import threading
@@ -23,8 +24,9 @@ _LINE = (serial.SerialException, OSError, termios.error)  # what a line that is 
 
 
 class _Port(sdk.PortHandler):
-    """The driver's own limit, 34 ms, is too short where other processes use the processor. It also looks for bytes
-    without a pause, which takes a processor from everybody else, and from what brings the bytes."""
+    """The driver's own limit, 34 ms, is too short where other processes use the processor. It also
+    looks for bytes without a pause, which takes a processor from everybody else, and from what
+    brings the bytes."""
 
     def __init__(self, port: str, answer_s: float):
         super().__init__(port)
@@ -40,8 +42,9 @@ class _Port(sdk.PortHandler):
 
 
 class DynamixelBus:
-    """One serial port with any number of servos; usable by several threads. Lost or damaged answers are asked for again
-    (``failures`` counts them); an error byte is an error at once. ``answer_s``: how long an answer may take."""
+    """One serial port with any number of servos; usable by several threads. Lost or damaged answers
+    are asked for again (``failures`` counts them); an error byte is an error at once. ``answer_s``:
+    how long an answer may take."""
 
     def __init__(self, port: str, baud: int = 1000000, answer_s: float = 0.05):
         self.failures: Counter = Counter()
@@ -55,14 +58,17 @@ class DynamixelBus:
                 f"{port}: cannot be opened ({error}); is the USB2Dynamixel plugged in and yours?"
             ) from error
         if not opened:
-            raise ServoError(f"{port}: baud rate {baud} is none that the driver knows; MX servos come with 1000000")
+            raise ServoError(
+                f"{port}: baud rate {baud} is none that the driver knows; MX servos come with 1000000"
+            )
 
     def read(self, number: int, register: Register) -> List[int]:
         """Bytes of a register. Raises ServoError."""
         return self._ask(number, lambda: self._read(number, register))
 
     def _read(self, number: int, register: Register) -> Tuple[List[int], int, int]:
-        """The driver's own reading takes an answer of another length: bytes would be missing, or be the checksum's."""
+        """The driver's own reading takes an answer of another length: bytes would be missing, or be
+        the checksum's."""
         request = [0, 0, number, 4, sdk.INST_READ, register.address, register.length, 0]
         answer, result, error = self._packets.txRxPacket(self._port, request)
         if result != sdk.COMM_SUCCESS or error:
@@ -76,17 +82,25 @@ class DynamixelBus:
         raw = _bytes(value, register)
 
         def send() -> Tuple[List[int], int, int]:
-            return ([], *self._packets.writeTxRx(self._port, number, register.address, register.length, raw))
+            return (
+                [],
+                *self._packets.writeTxRx(
+                    self._port, number, register.address, register.length, raw
+                ),
+            )
 
         self._ask(number, send)
 
     def write_all(self, register: Register, values: Dict[int, int]) -> None:
-        """One packet for several servos, which start together and do not answer. Raises ServoError."""
+        """One packet for several servos, which start together and do not answer. Raises
+        ServoError."""
         raw = [b for number, value in values.items() for b in (number, *_bytes(value, register))]
         with self._lock:
             try:
                 self._port.is_using = False
-                result = self._packets.syncWriteTxOnly(self._port, register.address, register.length, raw, len(raw))
+                result = self._packets.syncWriteTxOnly(
+                    self._port, register.address, register.length, raw, len(raw)
+                )
             except _LINE as error:
                 raise ServoError(f"{self._name}: {error}; was it unplugged?") from error
         if result != sdk.COMM_SUCCESS:
@@ -105,9 +119,13 @@ class DynamixelBus:
                 break
             self.failures[number] += 1
         if result in (sdk.COMM_RX_TIMEOUT, sdk.COMM_TX_FAIL):
-            raise ServoError(f"{self._name}: servo {number} does not answer; check its id, power, cable and baud rate")
+            raise ServoError(
+                f"{self._name}: servo {number} does not answer; check its id, power, cable and baud rate"
+            )
         if result != sdk.COMM_SUCCESS:
-            raise ServoError(f"{self._name}: answers of servo {number} are damaged; two with one id, or a bad cable?")
+            raise ServoError(
+                f"{self._name}: answers of servo {number} are damaged; two with one id, or a bad cable?"
+            )
         if error:
             raise ServoError(f"{self._name}: servo {number}: {'; '.join(mx12w.errors(error))}")
         return list(data)
@@ -115,14 +133,16 @@ class DynamixelBus:
     def _exchange(self, send):
         try:
             self._port.is_using = False  # an exception in the last exchange leaves it set
-            self._port.ser.reset_input_buffer()  # an answer that came too late belongs to another question
+            # an answer that came too late belongs to another question
+            self._port.ser.reset_input_buffer()
             return send()
         except (*_LINE, TypeError) as error:  # TypeError: pyserial's, of a port that was closed
             raise ServoError(f"{self._name}: {error}; was it unplugged?") from error
 
 
 class DynamixelAxis(NamedTuple):
-    """A servo that turns one axis: id on the bus, reading at angle zero (ticks), which way it counts (1 or -1)."""
+    """A servo that turns one axis: id on the bus, reading at angle zero (ticks), which way it
+    counts (1 or -1)."""
 
     name: str
     number: int
@@ -131,17 +151,25 @@ class DynamixelAxis(NamedTuple):
 
 
 class DynamixelAxes:
-    """Servos that turn together. Raises ServoError at once where one is missing, of another model, or in wheel or
-    multi-turn mode."""
+    """Servos that turn together. Raises ServoError at once where one is missing, of another model,
+    or in wheel or multi-turn mode."""
 
-    def __init__(self, bus: DynamixelBus, axes: Sequence[DynamixelAxis], clock: Callable[[], float],
-                 speed_degps: float = 400.0, acceleration_degps2: float = 2000.0):  # fmt: skip
+    def __init__(
+        self,
+        bus: DynamixelBus,
+        axes: Sequence[DynamixelAxis],
+        clock: Callable[[], float],
+        speed_degps: float = 400.0,
+        acceleration_degps2: float = 2000.0,
+    ):
         self._bus, self._clock, self._axes = bus, clock, tuple(axes)
         self._limits = [self._check(a.number) for a in self._axes]
         self._present = [mx12w.present(bus.read(a.number, mx12w.PRESENT)) for a in self._axes]
         for a in self._axes:
             bus.write(a.number, mx12w.MOVING_SPEED, mx12w.speed_units(speed_degps))
-            bus.write(a.number, mx12w.GOAL_ACCELERATION, mx12w.acceleration_units(acceleration_degps2))
+            bus.write(
+                a.number, mx12w.GOAL_ACCELERATION, mx12w.acceleration_units(acceleration_degps2)
+            )
             bus.write(a.number, mx12w.TORQUE_ENABLE, 1)
 
     def _check(self, number: int) -> Tuple[int, int]:
@@ -149,9 +177,12 @@ class DynamixelAxes:
         low_byte, high_byte = self._bus.read(number, mx12w.MODEL)
         model = low_byte | high_byte << 8
         if model != mx12w.MODEL_NUMBER:
-            raise ServoError(f"servo {number} is of model {model}, not an MX-12W ({mx12w.MODEL_NUMBER})")
+            raise ServoError(
+                f"servo {number} is of model {model}, not an MX-12W ({mx12w.MODEL_NUMBER})"
+            )
         low, high = (
-            raw[0] | raw[1] << 8 for raw in (self._bus.read(number, r) for r in (mx12w.CW_LIMIT, mx12w.CCW_LIMIT))
+            raw[0] | raw[1] << 8
+            for raw in (self._bus.read(number, r) for r in (mx12w.CW_LIMIT, mx12w.CCW_LIMIT))
         )
         if not low < high <= 4095:
             raise ServoError(
@@ -175,19 +206,24 @@ class DynamixelAxes:
         self._bus.write_all(mx12w.GOAL_POSITION, goals)
 
     def read_axes(self) -> Tuple[float, List[float]]:
-        """Stamp (s) and angles (rad). They are asked one after the other, a millisecond apart; the stamp is the
-        middle. Raises ServoError."""
+        """Stamp (s) and angles (rad). They are asked one after the other, a millisecond apart; the
+        stamp is the middle. Raises ServoError."""
         begun_s = self._clock()
         self._present = [mx12w.present(self._bus.read(a.number, mx12w.PRESENT)) for a in self._axes]
         stamp_s = 0.5 * (begun_s + self._clock())
-        angles = [a.sign * (now.position - a.zero) * mx12w.TICK_RAD for a, now in zip(self._axes, self._present)]
+        angles = [
+            a.sign * (now.position - a.zero) * mx12w.TICK_RAD
+            for a, now in zip(self._axes, self._present)
+        ]
         return stamp_s, [float(a) for a in angles]
 
     def health(self) -> Dict[str, str]:
         """Gives figures for diagnostics: temperature, voltage, load and lost answers by name."""
         out = {}
         for axis, now in zip(self._axes, self._present):
-            out[f"{axis.name} servo"] = f"{now.temperature_c} C, {now.voltage_v:.1f} V, load {100 * now.load:.0f} %"
+            out[f"{axis.name} servo"] = (
+                f"{now.temperature_c} C, {now.voltage_v:.1f} V, load {100 * now.load:.0f} %"
+            )
             out[f"{axis.name} lost answers"] = str(self._bus.failures[axis.number])
         return out
 
@@ -199,8 +235,14 @@ class DynamixelAxes:
 class DynamixelGimbal(DynamixelAxes, GimbalServos):
     """Pan and tilt of a gimbal."""
 
-    def __init__(self, bus: DynamixelBus, servo: GimbalServo, clock: Callable[[], float],
-                 speed_degps: float = 400.0, acceleration_degps2: float = 2000.0):  # fmt: skip
+    def __init__(
+        self,
+        bus: DynamixelBus,
+        servo: GimbalServo,
+        clock: Callable[[], float],
+        speed_degps: float = 400.0,
+        acceleration_degps2: float = 2000.0,
+    ):
         axes = (
             DynamixelAxis("pan", servo.pan_id, servo.pan_zero, servo.pan_sign),
             DynamixelAxis("tilt", servo.tilt_id, servo.tilt_zero, servo.tilt_sign),

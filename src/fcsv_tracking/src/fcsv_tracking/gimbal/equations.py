@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Equation 4.1 of the thesis in T_a_b notation: the relative pose of two vehicles that two gimbal cameras see.
+"""Equation 4.1 of the thesis in T_a_b notation: the relative pose of two vehicles that two gimbal
+cameras see.
 
-G ground robot, C1, C2 the gimbal cameras, D1, D2 the vehicles. As printed, with R_Cn = R_G_Cn, T_Cn = p_G_Cn and R_Dn,
-T_An the vehicle as its camera sees it (R_Cn_Dn, p_Cn_Dn):
+G ground robot, C1, C2 the gimbal cameras, D1, D2 the vehicles. As printed, with R_Cn = R_G_Cn, T_Cn
+= p_G_Cn and R_Dn, T_An the vehicle as its camera sees it (R_Cn_Dn, p_Cn_Dn):
 
     T_1->2 = R_D1 (T_C1->C2 + R_C2 T_A2 - R_C1 T_A1)          R_1->2 = R_D1' R_C1' R_C2 R_D2
 
-What was corrected. The rotation is right. The bracket is the way from vehicle 1 to vehicle 2 in G; to have it in
-vehicle 1's axes it must be turned by R_D1_G = R_D1' R_C1', not by R_D1: the printed one is neither transposed nor does
-it leave G by way of the camera. With whole transforms both are one product; tests/fcsv_tracking/test_gimbal_geometry.py
-proves it.
+What was corrected. The rotation is right. The bracket is the way from vehicle 1 to vehicle 2 in G;
+to have it in vehicle 1's axes it must be turned by R_D1_G = R_D1' R_C1', not by R_D1: the printed
+one is neither transposed nor does it leave G by way of the camera. With whole transforms both are
+one product; tests/fcsv_tracking/test_gimbal_geometry.py proves it.
 """
 
 import numpy as np
@@ -17,7 +18,9 @@ import numpy as np
 from fcsv_geometry import transforms
 
 
-def relative_pose(T_G_C1: np.ndarray, T_C1_D1: np.ndarray, T_G_C2: np.ndarray, T_C2_D2: np.ndarray) -> np.ndarray:
+def relative_pose(
+    T_G_C1: np.ndarray, T_C1_D1: np.ndarray, T_G_C2: np.ndarray, T_C2_D2: np.ndarray
+) -> np.ndarray:
     """T_D1_D2 (4,4) from each gimbal camera's place and what it sees (4.1, corrected)."""
     return transforms.invert(T_G_C1 @ T_C1_D1) @ (T_G_C2 @ T_C2_D2)
 

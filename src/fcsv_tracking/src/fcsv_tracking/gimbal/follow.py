@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When and where a gimbal turns: the dead zone of thesis 4.2 (figure 4.4), and the search for a target that was lost.
+"""When and where a gimbal turns: the dead zone of thesis 4.2 (figure 4.4), and the search for a
+target that was lost.
 
-The gimbal stands still while the target is inside the zone. When it leaves, the gimbal turns once, by the angle that
-its last distance and bearing ask for, to have it in the middle again. Delays: what a picture shows is old, and a servo
-needs time to begin and to get there. With ``predict`` the target is judged where it is by now and met where it will be
-when the gimbal has arrived, so that a delay does not narrow the zone; without it the rule is the thesis's own.
+The gimbal stands still while the target is inside the zone. When it leaves, the gimbal turns once,
+by the angle that its last distance and bearing ask for, to have it in the middle again. Delays:
+what a picture shows is old, and a servo needs time to begin and to get there. With ``predict`` the
+target is judged where it is by now and met where it will be when the gimbal has arrived, so that a
+delay does not narrow the zone; without it the rule is the thesis's own.
 """
 
 from dataclasses import dataclass
@@ -19,10 +21,12 @@ from fcsv_tracking.gimbal.geometry import Angles, GimbalGeometry
 
 @dataclass(frozen=True)
 class FollowRules:
-    """``zone`` is the share of the half picture, less the target's own radius, that the dead zone takes (wide, high).
+    """``zone`` is the share of the half picture, less the target's own radius, that the dead zone
+    takes (wide, high).
 
-    ``lead`` brings a moving target not to the middle but so far (share of the zone) to the side that it comes from:
-    it stays inside for longer. ``target_radius_m``: of what is to stay in the picture, about the middle of the tags.
+    ``lead`` brings a moving target not to the middle but so far (share of the zone) to the side
+    that it comes from: it stays inside for longer. ``target_radius_m``: of what is to stay in the
+    picture, about the middle of the tags.
     """
 
     zone: Tuple[float, float] = (0.7, 0.6)
@@ -33,13 +37,21 @@ class FollowRules:
     speed_degps: float = 400.0  # of the servos, for the time that a turn takes
     acceleration_degps2: float = 2000.0
     lost_s: float = 0.5
-    search_dwell_s: float = 0.15  # at every place of a search, once it is there: exposure, delay, detection
-    search_patience_s: float = 4.0  # longer, until a picture of the place was looked at: a busy machine is behind
+    # at every place of a search, once it is there: exposure, delay, detection
+    search_dwell_s: float = 0.15
+    # longer, until a picture of the place was looked at: a busy machine is behind
+    search_patience_s: float = 4.0
     search_step: float = 0.75  # of the field of view between two places
 
     def __post_init__(self):
-        for name in ("speed_degps", "acceleration_degps2", "lost_s", "search_dwell_s",
-                     "search_patience_s", "target_radius_m"):  # fmt: skip
+        for name in (
+            "speed_degps",
+            "acceleration_degps2",
+            "lost_s",
+            "search_dwell_s",
+            "search_patience_s",
+            "target_radius_m",
+        ):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name}: {getattr(self, name)} must be positive")
         if not all(0.0 < share < 1.0 for share in self.zone):
@@ -65,21 +77,28 @@ class Target:
 
 
 class Follower:
-    """command() says where to turn, or None to stand still; ``goal`` is where the gimbal stands or is turning to."""
+    """command() says where to turn, or None to stand still; ``goal`` is where the gimbal stands or
+    is turning to."""
 
-    def __init__(self, geometry: GimbalGeometry, camera: PinholeCamera, rules: FollowRules, start: Angles):
+    def __init__(
+        self, geometry: GimbalGeometry, camera: PinholeCamera, rules: FollowRules, start: Angles
+    ):
         self._geometry, self._rules = geometry, rules
-        self._half_rad = np.array([np.arctan2(camera.width / 2, camera.fx), np.arctan2(camera.height / 2, camera.fy)])
+        self._half_rad = np.array(
+            [np.arctan2(camera.width / 2, camera.fx), np.arctan2(camera.height / 2, camera.fy)]
+        )
         self.goal = geometry.clipped(start)
         self.searching = False
         self._places: Optional[Iterator[Angles]] = None
         self._there_s = self._next_s = -np.inf
 
-    def command(self, now_s: float, target: Optional[Target], looked_s: float = np.inf) -> Optional[Angles]:
+    def command(
+        self, now_s: float, target: Optional[Target], looked_s: float = np.inf
+    ) -> Optional[Angles]:
         """``target``: the last sight there was, None before the first or after the clock was set.
 
-        ``looked_s``: stamp of the newest picture that was searched. A target is lost, and a place of the search is
-        left, only once a picture that was taken since then was searched.
+        ``looked_s``: stamp of the newest picture that was searched. A target is lost, and a place
+        of the search is left, only once a picture that was taken since then was searched.
         """
         self.searching = target is None or self._lost(now_s, target, looked_s)
         if self.searching:
@@ -116,15 +135,22 @@ class Follower:
         after = aim(target.at(arrival_s + 0.1))
         rate = np.array([after.pan_rad - goal.pan_rad, after.tilt_rad - goal.tilt_rad]) / 0.1
         zone = self.zone_rad(self._bearing(goal, target.at(arrival_s))[1])
-        zone[0] /= max(np.cos(goal.tilt_rad), 0.1)  # degrees of pan are smaller in the picture the higher it looks
+        # degrees of pan are smaller in the picture the higher it looks
+        zone[0] /= max(np.cos(goal.tilt_rad), 0.1)
         # no further ahead than it comes within a second: one that hovers stays in the middle
         time_s = min(1.0, *(self._rules.lead * zone / np.maximum(np.abs(rate), 1e-6)))
-        return Angles(float(goal.pan_rad + rate[0] * time_s), float(goal.tilt_rad + rate[1] * time_s))
+        return Angles(
+            float(goal.pan_rad + rate[0] * time_s), float(goal.tilt_rad + rate[1] * time_s)
+        )
 
     def _turning_s(self, goal: Angles) -> float:
-        """How long the servos take from the last goal to this one: ramps, and full speed between."""
+        """How long the servos take from the last goal to this one: ramps, and full speed
+        between."""
         way = float(np.max(np.abs(np.subtract(goal, self.goal))))
-        speed, ramp = np.radians(self._rules.speed_degps), np.radians(self._rules.acceleration_degps2)
+        speed, ramp = (
+            np.radians(self._rules.speed_degps),
+            np.radians(self._rules.acceleration_degps2),
+        )
         return 2.0 * np.sqrt(way / ramp) if way < speed**2 / ramp else way / speed + speed / ramp
 
     def _turn(self, goal: Angles) -> Angles:
@@ -140,7 +166,9 @@ class Follower:
         if self._places is None:
             lost_at = self.goal
             if target is not None:  # on along its last velocity, for a bounded time
-                lost_at = self._geometry.aim(target.at(min(now_s, target.stamp_s + self._rules.lost_s)))
+                lost_at = self._geometry.aim(
+                    target.at(min(now_s, target.stamp_s + self._rules.lost_s))
+                )
             self._places, self._there_s, self._next_s = self._around(lost_at), -np.inf, now_s
         behind = looked_s < self._there_s and now_s < self._there_s + self._rules.search_patience_s
         if now_s < self._next_s or behind:
@@ -151,9 +179,13 @@ class Follower:
         return self._turn(goal)
 
     def _around(self, centre: Angles) -> Iterator[Angles]:
-        """Places in rings about ``centre`` until every reachable direction was looked at; then anew."""
+        """Places in rings about ``centre`` until every reachable direction was looked at; then
+        anew."""
         step = 2.0 * self._half_rad * self._rules.search_step
-        low, high = (np.radians([self._geometry.pan_limits_deg[k], self._geometry.tilt_limits_deg[k]]) for k in (0, 1))
+        low, high = (
+            np.radians([self._geometry.pan_limits_deg[k], self._geometry.tilt_limits_deg[k]])
+            for k in (0, 1)
+        )
         rings = int(np.ceil(np.max((high - low) / step))) + 1
         while True:
             for ring in range(rings):

@@ -39,7 +39,9 @@ class GimbalGeometry:
         for name, most_deg in (("pan_limits_deg", 180.0), ("tilt_limits_deg", 85.0)):
             low, high = getattr(self, name)
             if not -most_deg <= low < high <= most_deg:
-                raise ValueError(f"{name}: {low}, {high} must rise and be within {most_deg:.0f} degrees of nought")
+                raise ValueError(
+                    f"{name}: {low}, {high} must rise and be within {most_deg:.0f} degrees of nought"
+                )
 
     def T_ground_cam(self, angles: Angles) -> np.ndarray:
         """T_G_C = T_G_B Rz(pan) Trans(tilt axis) Ry(-tilt) T_tilt_camera.
@@ -48,9 +50,14 @@ class GimbalGeometry:
         >>> np.round(gimbal.T_ground_cam(Angles(np.pi / 2, np.pi / 4))[:3, 2], 3).tolist()  # left and up
         [0.0, 0.707, 0.707]
         """
-        T_tilt_cam = self.camera.T_body_part @ transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
-        return self._T_ground_pan(angles) @ transforms.from_xyz_rpy(
-            self.tilt_axis_xyz_m, [0.0, -angles.tilt_rad, 0.0]) @ T_tilt_cam  # fmt: skip
+        T_tilt_cam = self.camera.T_body_part @ transforms.transform(
+            transforms.R_FLU_OPTICAL, np.zeros(3)
+        )
+        return (
+            self._T_ground_pan(angles)
+            @ transforms.from_xyz_rpy(self.tilt_axis_xyz_m, [0.0, -angles.tilt_rad, 0.0])
+            @ T_tilt_cam
+        )
 
     def _T_ground_pan(self, angles: Angles) -> np.ndarray:
         return self.base.T_body_part @ transforms.from_xyz_yaw(np.zeros(3), angles.pan_rad)
@@ -74,12 +81,20 @@ class GimbalGeometry:
         >>> bool(np.abs(transforms.apply(transforms.invert(T), np.array([2.0, 2.5, 1.5]))[:2]).max() < 1e-9)
         True
         """
-        p_B = transforms.apply(transforms.invert(self.base.T_body_part), np.asarray(p_ground_m, float))
-        angles = Angles(float(np.arctan2(p_B[1], p_B[0])), float(np.arctan2(p_B[2], np.hypot(p_B[0], p_B[1]))))
+        p_B = transforms.apply(
+            transforms.invert(self.base.T_body_part), np.asarray(p_ground_m, float)
+        )
+        angles = Angles(
+            float(np.arctan2(p_B[1], p_B[0])), float(np.arctan2(p_B[2], np.hypot(p_B[0], p_B[1])))
+        )
         for _ in range(_STEPS):
-            x, y, z = transforms.apply(transforms.invert(self.T_ground_cam(angles)), np.asarray(p_ground_m, float))
+            x, y, z = transforms.apply(
+                transforms.invert(self.T_ground_cam(angles)), np.asarray(p_ground_m, float)
+            )
             ahead = max(float(np.hypot(x, z)), _NEAREST_M)
-            pan = angles.pan_rad - np.arctan2(x, max(z, _NEAREST_M)) / max(np.cos(angles.tilt_rad), 0.1)
+            pan = angles.pan_rad - np.arctan2(x, max(z, _NEAREST_M)) / max(
+                np.cos(angles.tilt_rad), 0.1
+            )
             angles = self.clipped(Angles(float(pan), angles.tilt_rad - float(np.arctan2(y, ahead))))
         return angles
 

@@ -35,13 +35,16 @@ def window_about(
     half = max(half, _LEAST_PX)
     u0, v0 = max(0, int(u - half)), max(0, int(v - half))
     u1, v1 = min(camera.width, int(u + half) + 1), min(camera.height, int(v + half) + 1)
-    return ImageWindow(u0, v0, u1, v1) if u1 - u0 > _LEAST_PX / 2 and v1 - v0 > _LEAST_PX / 2 else None
+    return (
+        ImageWindow(u0, v0, u1, v1) if u1 - u0 > _LEAST_PX / 2 and v1 - v0 > _LEAST_PX / 2 else None
+    )
 
 
 def look(
     detector: TagDetector, gray: np.ndarray, camera: PinholeCamera, window: Optional[ImageWindow]
 ) -> Tuple[List[TagObservation], bool]:
-    """Observations, and whether the whole picture was looked at: without a window, or where it held no tag.
+    """Observations, and whether the whole picture was looked at: without a window, or where it held
+    no tag.
 
     The corners are of the whole picture in either case. Raises TagError as TagDetector.detect().
     """

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Robotis MX-12W's control table and units (its e-manual). It speaks protocol 1.0 and nothing else."""
+"""The Robotis MX-12W's control table and units (its e-manual). It speaks protocol 1.0 and nothing
+else."""
 
 from typing import List, NamedTuple
 
@@ -64,7 +65,10 @@ def present(raw: List[int]) -> Present:
     """
     load = (raw[4] | raw[5] << 8) & 0x7FF
     return Present(
-        raw[0] | raw[1] << 8, (load & 0x3FF) / 1000.0 * (-1.0 if load & 0x400 else 1.0), raw[6] / 10.0, raw[7]
+        raw[0] | raw[1] << 8,
+        (load & 0x3FF) / 1000.0 * (-1.0 if load & 0x400 else 1.0),
+        raw[6] / 10.0,
+        raw[7],
     )
 
 

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pose of a body from the tags on its sides: all corners of all tags in one adjustment, and what it leaves open.
+"""The pose of a body from the tags on its sides: all corners of all tags in one adjustment, and
+what it leaves open.
 
-A tag's corners say how well it is seen, so one adjustment over all corners is the fusion with covariances that poses of
-single tags would need: a tag seen obliquely gives the rotation, a near one the distance. Tags do not sit quite where
-they should: half a millimetre between two of them, 9 cm apart, would be two centimetres of distance at 3.5 m. Each
-tag's corners are therefore weighed with what its own place leaves open. Each tag has two planar poses that nearly
-mirror each other (IPPE): every one of them is a start, and where two ends fit alike it is said.
+A tag's corners say how well it is seen, so one adjustment over all corners is the fusion with
+covariances that poses of single tags would need: a tag seen obliquely gives the rotation, a near
+one the distance. Tags do not sit quite where they should: half a millimetre between two of them, 9
+cm apart, would be two centimetres of distance at 3.5 m. Each tag's corners are therefore weighed
+with what its own place leaves open. Each tag has two planar poses that nearly mirror each other
+(IPPE): every one of them is a start, and where two ends fit alike it is said.
 """
 
 from dataclasses import dataclass, fields
@@ -28,17 +30,22 @@ _ROUNDS, _DONE = 5, 1e-7
 
 @dataclass(frozen=True)
 class PoseRules:
-    """``corner_px`` is the standard deviation of the corners of a tag seen face on in a sharp picture; it grows as one
-    over the cosine of the angle. ``tag_m`` and ``tag_deg``: how a tag sits on its body other than told."""
+    """``corner_px`` is the standard deviation of the corners of a tag seen face on in a sharp
+    picture; it grows as one over the cosine of the angle. ``tag_m`` and ``tag_deg``: how a tag sits
+    on its body other than told."""
 
     corner_px: float = 0.042
-    blur_share: float = 0.012  # of the way that it moved in the picture while the shutter was open, likewise
+    # of the way that it moved in the picture while the shutter was open, likewise
+    blur_share: float = 0.012
     tag_m: float = 0.0005
     tag_deg: float = 0.3
-    ambiguous: float = 25.0  # a second pose that fits worse by less than this (squared sigmas) may be the true one
+    # a second pose that fits worse by less than this (squared sigmas) may be the true one
+    ambiguous: float = 25.0
     prior_deg: float = 20.0  # the true one is so near to the last known attitude, the other is not
-    flattest: float = 0.28  # cosine to a tag's face; seen more flatly its corners are off by a pixel
-    misfit: float = 8.0  # standard deviations above what noise does: tags that contradict each other
+    # cosine to a tag's face; seen more flatly its corners are off by a pixel
+    flattest: float = 0.28
+    # standard deviations above what noise does: tags that contradict each other
+    misfit: float = 8.0
 
     def __post_init__(self):
         for f in fields(self):
@@ -48,7 +55,8 @@ class PoseRules:
 
 @dataclass(frozen=True)
 class BodySight:
-    """T_cam_body; covariance (6,6) of position (m) and small rotation (rad) about the camera's axes."""
+    """T_cam_body; covariance (6,6) of position (m) and small rotation (rad) about the camera's
+    axes."""
 
     T_cam_body: np.ndarray
     covariance: np.ndarray
@@ -65,13 +73,17 @@ class _Fit:
 
 
 class _Model:
-    """Corners of every tag seen, and what is known of them; units are those of the normalised picture."""
+    """Corners of every tag seen, and what is known of them; units are those of the normalised
+    picture."""
 
-    def __init__(self, own: Sequence[TagObservation], tags: Mapping[int, BodyTag], sigmas, rules: PoseRules):
+    def __init__(
+        self, own: Sequence[TagObservation], tags: Mapping[int, BodyTag], sigmas, rules: PoseRules
+    ):
         self.image = np.stack([o.corners_normalized for o in own])  # (K, 4, 2)
         T_body_tag = np.stack([tags[o.id].T_body_tag for o in own])
         corners = np.stack([corner_points(o.size_m) for o in own])
-        self.arms = np.einsum("kij,knj->kni", T_body_tag[:, :3, :3], corners)  # about each tag's centre, body axes
+        # about each tag's centre, body axes
+        self.arms = np.einsum("kij,knj->kni", T_body_tag[:, :3, :3], corners)
         self.points = self.arms + T_body_tag[:, None, :3, 3]
         self._variances = np.square(sigmas)  # (K,)
         self._place = np.array([rules.tag_m**2] * 3 + [np.radians(rules.tag_deg) ** 2] * 3)
@@ -90,16 +102,20 @@ class _Model:
             J, cost = (W @ self._jacobian(T)).reshape(-1, 6), float(((W @ r[..., None]) ** 2).sum())
             rms = float(np.sqrt((r**2).sum() / (4 * len(r))))
             return _Fit(T, cost, np.linalg.inv(J.T @ J), rms) if np.isfinite(cost) else None
-        except (np.linalg.LinAlgError, ValueError):  # the latter is scipy's for residuals that are not finite
+        # the latter is scipy's for residuals that are not finite
+        except (np.linalg.LinAlgError, ValueError):
             return None
 
     def _round(self, T: np.ndarray) -> np.ndarray:
         """The best pose with the weights of T."""
         W = self._whitening(T)
         found = least_squares(
-            lambda d: (W @ self._residuals(_moved(T, d))[..., None]).ravel(), np.zeros(6),
-            jac=lambda d: (W @ self._jacobian(_moved(T, d))).reshape(-1, 6), method="lm", max_nfev=20,
-        )  # fmt: skip
+            lambda d: (W @ self._residuals(_moved(T, d))[..., None]).ravel(),
+            np.zeros(6),
+            jac=lambda d: (W @ self._jacobian(_moved(T, d))).reshape(-1, 6),
+            method="lm",
+            max_nfev=20,
+        )
         return _moved(T, found.x)
 
     def _residuals(self, T: np.ndarray) -> np.ndarray:
@@ -112,8 +128,11 @@ class _Model:
         return projection_jacobian(T, self.points.reshape(-1, 3)).reshape(-1, 8, 6)
 
     def _whitening(self, T: np.ndarray) -> np.ndarray:
-        """(K, 8, 8) W with W'W the inverse covariance of each tag's corners: their own, its place's as seen at T."""
-        B = projection_jacobian(T, self.points.reshape(-1, 3), self.arms.reshape(-1, 3)).reshape(-1, 8, 6)
+        """(K, 8, 8) W with W'W the inverse covariance of each tag's corners: their own, its place's
+        as seen at T."""
+        B = projection_jacobian(T, self.points.reshape(-1, 3), self.arms.reshape(-1, 3)).reshape(
+            -1, 8, 6
+        )
         S = self._variances[:, None, None] * np.eye(8) + (B * self._place) @ B.transpose(0, 2, 1)
         return np.linalg.inv(np.linalg.cholesky(S))
 
@@ -131,7 +150,8 @@ def see_body(
     R_cam_body_prior: Optional[np.ndarray] = None,
     blur_px: float = 0.0,
 ) -> BodySight:
-    """The body's pose from its tags in one picture. Raises SampleRejected where there is none to be trusted."""
+    """The body's pose from its tags in one picture. Raises SampleRejected where there is none to be
+    trusted."""
     own = [o for o in observations if o.id in tags]
     if not own:
         raise SampleRejected("no tag", "no tag of the body in the picture")
@@ -154,7 +174,8 @@ def see_body(
 
 
 def _facing(o: TagObservation) -> float:
-    """How a tag is seen: one face on, nought edge on; the cosine of the angle between, but for the perspective.
+    """How a tag is seen: one face on, nought edge on; the cosine of the angle between, but for the
+    perspective.
 
     Ratio of the singular values of the map from the tag's plane to the picture.
     """
@@ -168,10 +189,14 @@ def _fits(model: _Model, own: Sequence[TagObservation], tags: Mapping[int, BodyT
     found: List[Optional[_Fit]] = []
     for o in own:
         T_tag_body = transforms.invert(tags[o.id].T_body_tag)
-        found += [model.fit(T @ T_tag_body) for T in (o.T_cam_tag, o.T_cam_tag_other) if T is not None]
+        found += [
+            model.fit(T @ T_tag_body) for T in (o.T_cam_tag, o.T_cam_tag_other) if T is not None
+        ]
     distinct: List[_Fit] = []
     for fit in sorted((f for f in found if f is not None), key=lambda f: f.cost):
-        if fit.T[2, 3] > 0 and all(transforms.rotation_angle(fit.T, other.T) > _SAME_RAD for other in distinct):
+        if fit.T[2, 3] > 0 and all(
+            transforms.rotation_angle(fit.T, other.T) > _SAME_RAD for other in distinct
+        ):
             distinct.append(fit)
     if not distinct:
         raise SampleRejected("no pose", "the tags' corners fit no pose in front of the camera")
@@ -185,7 +210,9 @@ def _chosen(fits: List[_Fit], rules: PoseRules, prior: Optional[np.ndarray]) -> 
         return fits[0]
     near = [f for f in alike if prior is not None and _angle_deg(f.T, prior) < rules.prior_deg]
     if len(near) != 1:
-        raise SampleRejected(AMBIGUOUS, "two mirrored poses fit alike, and the last attitude does not decide")
+        raise SampleRejected(
+            AMBIGUOUS, "two mirrored poses fit alike, and the last attitude does not decide"
+        )
     return near[0]
 
 
@@ -193,18 +220,25 @@ def _angle_deg(T: np.ndarray, R: np.ndarray) -> float:
     return float(np.degrees(transforms.rotation_angle(T[:3, :3], R)))
 
 
-def projection_jacobian(T: np.ndarray, points: np.ndarray, arms: Optional[np.ndarray] = None) -> np.ndarray:
+def projection_jacobian(
+    T: np.ndarray, points: np.ndarray, arms: Optional[np.ndarray] = None
+) -> np.ndarray:
     """(2N, 6) of normalised corners with respect to (d, w).
 
-    Without ``arms``: position + d and rotation exp(w) R of the body, camera's axes. With arms (N,3): the points are
-    moved by d and turned by w about the place that the arms lead from, body's axes.
+    Without ``arms``: position + d and rotation exp(w) R of the body, camera's axes. With arms
+    (N,3): the points are moved by d and turned by w about the place that the arms lead from, body's
+    axes.
     """
     R = T[:3, :3]
     x, y, z = transforms.apply(T, points).T
     zero = np.zeros_like(x)
-    by_point = np.stack([np.stack([1 / z, zero, -x / z / z], -1), np.stack([zero, 1 / z, -y / z / z], -1)], 1)
+    by_point = np.stack(
+        [np.stack([1 / z, zero, -x / z / z], -1), np.stack([zero, 1 / z, -y / z / z], -1)], 1
+    )
     a, b, c = (points @ R.T if arms is None else arms).T
-    turned = np.stack([np.stack([zero, c, -b], -1), np.stack([-c, zero, a], -1), np.stack([b, -a, zero], -1)], 1)
+    turned = np.stack(
+        [np.stack([zero, c, -b], -1), np.stack([-c, zero, a], -1), np.stack([b, -a, zero], -1)], 1
+    )
     if arms is not None:
         by_point = by_point @ R
     return np.concatenate([by_point, by_point @ turned], axis=2).reshape(-1, 6)

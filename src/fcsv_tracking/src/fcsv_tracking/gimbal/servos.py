@@ -10,7 +10,8 @@ from fcsv_tracking.gimbal.geometry import Angles
 
 
 class ServoError(TrackingError):
-    """A servo does not answer, or says what is wrong with it; the message names the servo and the remedy."""
+    """A servo does not answer, or says what is wrong with it; the message names the servo and the
+    remedy."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,8 @@ class GimbalServos(abc.ABC):
 
     @abc.abstractmethod
     def health(self) -> Dict[str, str]:
-        """Gives figures, for diagnostics: values that a person reads (temperature, voltage, load), by name."""
+        """Gives figures, for diagnostics: values that a person reads (temperature, voltage, load),
+        by name."""
 
     @abc.abstractmethod
     def close(self) -> None:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One picture's tags and all that is needed to see the body in them: looked at without the tracker, and its lock."""
+"""One picture's tags and all that is needed to see the body in them: looked at without the tracker,
+and its lock."""
 
 from dataclasses import dataclass
 from typing import Mapping, Optional, Sequence
@@ -34,20 +35,27 @@ class TagPicture:
 
 @dataclass(frozen=True)
 class Seen:
-    """T_G_D and the sight it comes from; where none can be trusted, why, and T_G_D if it is good enough to follow."""
+    """T_G_D and the sight it comes from; where none can be trusted, why, and T_G_D if it is good
+    enough to follow."""
 
     T_G_D: Optional[np.ndarray]
     sight: Optional[BodySight] = None
     rejected: Optional[SampleRejected] = None
 
 
-def see(picture: TagPicture, tags: Mapping[int, BodyTag], focal_px: float, rules: PoseRules) -> Seen:
+def see(
+    picture: TagPicture, tags: Mapping[int, BodyTag], focal_px: float, rules: PoseRules
+) -> Seen:
     """The body in one picture; takes milliseconds, and changes nothing."""
     try:
-        sight = see_body(picture.own, tags, focal_px, rules, picture.R_cam_body_before, picture.blur_px)
+        sight = see_body(
+            picture.own, tags, focal_px, rules, picture.R_cam_body_before, picture.blur_px
+        )
     except SampleRejected as error:
         attitude_alone = error.reason == AMBIGUOUS  # the place is good enough to follow
-        return Seen(picture.T_G_C @ _rough(picture.own, tags) if attitude_alone else None, rejected=error)
+        return Seen(
+            picture.T_G_C @ _rough(picture.own, tags) if attitude_alone else None, rejected=error
+        )
     return Seen(picture.T_G_C @ sight.T_cam_body, sight)
 
 

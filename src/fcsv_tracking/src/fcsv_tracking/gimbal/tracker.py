@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One gimbal and its vehicle: angles and tags in; the vehicle's pose in the ground robot's frame and commands out.
+"""One gimbal and its vehicle: angles and tags in; the vehicle's pose in the ground robot's frame
+and commands out.
 
-T_G_D = T_G_C(angles at the picture's stamp) T_C_D(tags). Frames: G ground robot, C gimbal camera, D body.
+T_G_D = T_G_C(angles at the picture's stamp) T_C_D(tags). Frames: G ground robot, C gimbal camera, D
+body.
 """
 
 from collections import deque
@@ -27,22 +29,26 @@ from fcsv_tracking.mocap.equations import moved_covariance
 from fcsv_tracking.tags import TagObservation
 
 _BLIND_DEGPS = 30.0  # smears a tag over several of its modules
-_EXPECTED_S, _MOST_STRAYED_M = 3.0, 0.2  # so long after its last sight a vehicle is looked for first where it should be
+# so long after its last sight a vehicle is looked for first where it should be
+_EXPECTED_S, _MOST_STRAYED_M = 3.0, 0.2
 _SPEED_MPS, _ACCELERATION_MPS2 = 0.5, 3.0  # by which it may move otherwise than it did
 _POSITION_M = 0.005  # of a sight, for weighing sights against each other
 
 
 @dataclass(frozen=True)
 class GimbalRules:
-    """Standard deviations: ``angle_deg`` of a reading (0.088 degrees of resolution are 0.025), ``mount_*`` of how the
-    gimbal was measured in, ``stamp_s`` of a picture's stamp against the readings'."""
+    """Standard deviations: ``angle_deg`` of a reading (0.088 degrees of resolution are 0.025),
+    ``mount_*`` of how the gimbal was measured in, ``stamp_s`` of a picture's stamp against the
+    readings'."""
 
     angle_deg: float = 0.03
     mount_deg: float = 0.03
     mount_m: float = 0.001
     stamp_s: float = 0.0012
-    exposure_s: float = 0.002  # of the gimbal's camera, set by hand: what moves is smeared for so long
-    still_degps: float = 4.0  # a gimbal that turns faster blurs and misplaces: no pose from such pictures
+    # of the gimbal's camera, set by hand: what moves is smeared for so long
+    exposure_s: float = 0.002
+    # a gimbal that turns faster blurs and misplaces: no pose from such pictures
+    still_degps: float = 4.0
     most_speed_mps: float = 6.0  # no vehicle here is faster
     velocity_over_s: float = 0.3
     newest_s: float = 0.05  # a picture further ahead of the clock is of another clock
@@ -56,7 +62,8 @@ class GimbalRules:
 
 @dataclass(frozen=True)
 class GroundPose:
-    """T_G_D at a picture's stamp; covariance (6,6): position (m), rotation (rad), about the ground robot's axes."""
+    """T_G_D at a picture's stamp; covariance (6,6): position (m), rotation (rad), about the ground
+    robot's axes."""
 
     stamp_s: float
     T_G_D: np.ndarray
@@ -65,10 +72,17 @@ class GroundPose:
 
 
 class GimbalTracker:
-    """feed_angles() and feed_tags() as they come; command() says where to turn. What is rejected is counted."""
+    """feed_angles() and feed_tags() as they come; command() says where to turn. What is rejected is
+    counted."""
 
-    def __init__(self, geometry: GimbalGeometry, tags: Sequence[BodyTag], camera: PinholeCamera, rules: GimbalRules,
-                 start: Optional[Angles] = None):  # fmt: skip
+    def __init__(
+        self,
+        geometry: GimbalGeometry,
+        tags: Sequence[BodyTag],
+        camera: PinholeCamera,
+        rules: GimbalRules,
+        start: Optional[Angles] = None,
+    ):
         self._geometry, self._rules, self._camera = geometry, rules, camera
         self._tags: Mapping[int, BodyTag] = {t.id: t for t in tags}
         #: What is kept in the picture: the middle of the tags, in the body.
@@ -100,16 +114,23 @@ class GimbalTracker:
         """T_G_C of the newest reading. Raises PoseUnavailable before the first."""
         return self._geometry.T_ground_cam(self._angles.latest())
 
-    def feed_tags(self, now_s: float, stamp_s: float, observations: Sequence[TagObservation]) -> GroundPose:
-        """What the detector found in the picture of ``stamp_s``. Raises SampleRejected where it gives no pose.
+    def feed_tags(
+        self, now_s: float, stamp_s: float, observations: Sequence[TagObservation]
+    ) -> GroundPose:
+        """What the detector found in the picture of ``stamp_s``. Raises SampleRejected where it
+        gives no pose.
 
-        begin(), see() and finish() in one: who shares the tracker holds its lock for the first and the last alone.
+        begin(), see() and finish() in one: who shares the tracker holds its lock for the first and
+        the last alone.
         """
         picture = self.begin(now_s, stamp_s, observations)
         return self.finish(picture, self.see(picture))
 
-    def begin(self, now_s: float, stamp_s: float, observations: Sequence[TagObservation]) -> TagPicture:
-        """What see() needs of the picture of ``stamp_s``. Raises SampleRejected where it is none to look at."""
+    def begin(
+        self, now_s: float, stamp_s: float, observations: Sequence[TagObservation]
+    ) -> TagPicture:
+        """What see() needs of the picture of ``stamp_s``. Raises SampleRejected where it is none to
+        look at."""
         try:
             self._check_stamp(now_s, stamp_s)
             return self._picture(stamp_s, observations)
@@ -135,46 +156,70 @@ class GimbalTracker:
     def _check_stamp(self, now_s: float, stamp_s: float) -> None:
         if not np.isfinite(stamp_s) or stamp_s > now_s + self._rules.newest_s:
             raise SampleRejected(
-                "stamp ahead of the clock", f"picture is {stamp_s - now_s:.2f} s ahead: set the clocks"
+                "stamp ahead of the clock",
+                f"picture is {stamp_s - now_s:.2f} s ahead: set the clocks",
             )
         if stamp_s < now_s - self._rules.oldest_s:
             raise SampleRejected("too old", f"picture is {now_s - stamp_s:.1f} s old")
         if stamp_s < self._stamp_s - self._rules.oldest_s:
             self._start_over()  # the clock was set back
         if stamp_s <= self._stamp_s:
-            raise SampleRejected("stamp goes back", f"picture is {self._stamp_s - stamp_s:.3f} s before the last")
+            raise SampleRejected(
+                "stamp goes back", f"picture is {self._stamp_s - stamp_s:.3f} s before the last"
+            )
         self._stamp_s = stamp_s
 
     def _picture(self, stamp_s: float, observations: Sequence[TagObservation]) -> TagPicture:
         own = [o for o in observations if o.id in self._tags]
         for o in own:
             if abs(o.size_m - self._tags[o.id].size_m) > 1e-6:
-                raise SampleRejected("tag size", f"tag {o.id} was measured as {o.size_m} m, the file says otherwise")
+                raise SampleRejected(
+                    "tag size", f"tag {o.id} was measured as {o.size_m} m, the file says otherwise"
+                )
         angles, rates = self._angles.at(stamp_s)
         T_G_C, turning = self._geometry.T_ground_cam(angles), float(np.max(np.abs(rates)))
-        prior = None if self._lost(stamp_s) or self.latest is None else T_G_C[:3, :3].T @ self.latest.T_G_D[:3, :3]
-        return TagPicture(stamp_s, own, angles, rates, T_G_C, prior, self._blur_px(own, T_G_C, turning))
+        prior = (
+            None
+            if self._lost(stamp_s) or self.latest is None
+            else T_G_C[:3, :3].T @ self.latest.T_G_D[:3, :3]
+        )
+        return TagPicture(
+            stamp_s, own, angles, rates, T_G_C, prior, self._blur_px(own, T_G_C, turning)
+        )
 
     def _pose(self, picture: TagPicture, seen: Seen) -> GroundPose:
         if picture.stamp_s != self._stamp_s:
-            raise SampleRejected("overtaken", "looked at, when a newer one was taken or the clock set back")
+            raise SampleRejected(
+                "overtaken", "looked at, when a newer one was taken or the clock set back"
+            )
         if seen.T_G_D is not None:
-            self._remember(picture.stamp_s, transforms.apply(seen.T_G_D, self._centre_D), picture.turning_radps)
+            self._remember(
+                picture.stamp_s, transforms.apply(seen.T_G_D, self._centre_D), picture.turning_radps
+            )
         if seen.rejected is not None:
             raise seen.rejected
         if np.degrees(picture.turning_radps) > self._rules.still_degps:
             raise SampleRejected("gimbal turning", "the gimbal turned while the picture was taken")
-        covariance = self._covariance(picture.angles, picture.rates_radps, picture.T_G_C, seen.T_G_D, seen.sight)
+        covariance = self._covariance(
+            picture.angles, picture.rates_radps, picture.T_G_C, seen.T_G_D, seen.sight
+        )
         self.latest = GroundPose(picture.stamp_s, seen.T_G_D, covariance, seen.sight)
         return self.latest
 
-    def _blur_px(self, own: Sequence[TagObservation], T_G_C: np.ndarray, turning_radps: float) -> float:
-        """How far the body moved in the picture while the shutter was open, by its last velocity."""
+    def _blur_px(
+        self, own: Sequence[TagObservation], T_G_C: np.ndarray, turning_radps: float
+    ) -> float:
+        """How far the body moved in the picture while the shutter was open, by its last
+        velocity."""
         target = self.target()
         if not own or target is None:
             return 0.0
         across = T_G_C[:3, :2].T @ target.v_ground_mps / max(float(own[0].T_cam_tag[2, 3]), 0.1)
-        return self._rules.exposure_s * self._camera.fx * (float(np.linalg.norm(across)) + turning_radps)
+        return (
+            self._rules.exposure_s
+            * self._camera.fx
+            * (float(np.linalg.norm(across)) + turning_radps)
+        )
 
     def _covariance(self, angles: Angles, rates, T_G_C, T_G_D, sight: BodySight) -> np.ndarray:
         """What tags, readings, mounting and stamps leave open, about G's axes."""
@@ -190,7 +235,8 @@ class GimbalTracker:
             total[:3, :3] += r.stamp_s**2 * np.outer(target.v_ground_mps, target.v_ground_mps)
         return total
 
-    # -- following --------------------------------------------------------------------------------------------------
+    # -- following
+    # --------------------------------------------------------------------------------------------------
 
     def _lost(self, stamp_s: float) -> bool:
         return not self._seen or stamp_s - self._seen[-1][0] > self._rules.follow.lost_s
@@ -203,15 +249,19 @@ class GimbalTracker:
             most_m = 0.15 + self._rules.most_speed_mps * (stamp_s - last_s)
             if np.linalg.norm(p_G - last_p) > most_m:
                 raise SampleRejected(
-                    "jump", f"{np.linalg.norm(p_G - last_p):.2f} m from the last place: not the vehicle"
+                    "jump",
+                    f"{np.linalg.norm(p_G - last_p):.2f} m from the last place: not the vehicle",
                 )
         distance_m = float(np.linalg.norm(p_G - self._geometry.base.xyz_m))
-        self._seen.append((stamp_s, p_G, _POSITION_M + turning_radps * 2 * self._rules.stamp_s * distance_m))
+        self._seen.append(
+            (stamp_s, p_G, _POSITION_M + turning_radps * 2 * self._rules.stamp_s * distance_m)
+        )
         while self._seen[0][0] < stamp_s - self._rules.velocity_over_s:
             self._seen.popleft()
 
     def target(self) -> Optional[Target]:
-        """Place and velocity of the tags' middle by a straight line through the last sights; None before the first."""
+        """Place and velocity of the tags' middle by a straight line through the last sights; None
+        before the first."""
         if not self._seen:
             return None
         t, p, sigma = (np.array(column) for column in zip(*self._seen))
@@ -223,7 +273,8 @@ class GimbalTracker:
         return Target(end_s, line[0], line[1])
 
     def turning(self, stamp_s: float) -> bool:
-        """Whether the gimbal turned so fast then that looking at the picture is of no use (counted)."""
+        """Whether the gimbal turned so fast then that looking at the picture is of no use
+        (counted)."""
         try:
             rates = self._angles.at(stamp_s)[1]
         except PoseUnavailable:
@@ -236,7 +287,8 @@ class GimbalTracker:
     def window(self, stamp_s: float) -> Optional[ImageWindow]:
         """Where in the picture of ``stamp_s`` the vehicle should be; None where that is not known.
 
-        Also for a while after it was lost: where the whole picture takes longer than that, it would stay lost else.
+        Also for a while after it was lost: where the whole picture takes longer than that, it would
+        stay lost else.
         """
         target = self.target()
         if target is None or abs(stamp_s - target.stamp_s) > _EXPECTED_S:
@@ -246,7 +298,9 @@ class GimbalTracker:
         except PoseUnavailable:
             return None
         age_s = abs(stamp_s - target.stamp_s)
-        strayed_m = min(0.05 + _SPEED_MPS * age_s + 0.5 * _ACCELERATION_MPS2 * age_s**2, _MOST_STRAYED_M)
+        strayed_m = min(
+            0.05 + _SPEED_MPS * age_s + 0.5 * _ACCELERATION_MPS2 * age_s**2, _MOST_STRAYED_M
+        )
         radius_m = self._rules.follow.target_radius_m + strayed_m
         p_ground_m = target.at(min(stamp_s, target.stamp_s + self._rules.follow.lost_s))
         return window_about(transforms.invert(T_G_C), p_ground_m, radius_m, self._camera)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Smooth corrections: the filter corrects its pose at once, the published pose follows at a bounded speed."""
+"""Smooth corrections: the filter corrects its pose at once, the published pose follows at a bounded
+speed."""
 
 import numpy as np
 
@@ -7,7 +8,8 @@ from fcsv_geometry import rotations, transforms
 
 
 class Blend:
-    """Holds the difference of the published pose from the filter's; small corrections pass in one step."""
+    """Holds the difference of the published pose from the filter's; small corrections pass in one
+    step."""
 
     def __init__(self, speed_mps: float, rate_radps: float):
         self._speed_mps, self._rate_radps = speed_mps, rate_radps
@@ -25,7 +27,9 @@ class Blend:
 
     def pose(self, T_M_D: np.ndarray) -> np.ndarray:
         """The pose to give out for the filter's."""
-        return transforms.transform(rotations.exp(self._r_M) @ T_M_D[:3, :3], T_M_D[:3, 3] + self._p_M)
+        return transforms.transform(
+            rotations.exp(self._r_M) @ T_M_D[:3, :3], T_M_D[:3, 3] + self._p_M
+        )
 
     def covariance(self) -> np.ndarray:
         """(6,6) of what is still to come: the pose given out is known to be off by it."""

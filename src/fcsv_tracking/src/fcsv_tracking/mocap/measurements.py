@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What mocap, odometry and attitude should read in a state: residuals, and the Jacobian H of what is expected.
+"""What mocap, odometry and attitude should read in a state: residuals, and the Jacobian H of what
+is expected.
 
-H is that at the expected reading, never at the one that came: turned by a frame's noise it would weigh every frame by
-its own error, and where noise is much larger about one axis than another that bends the mean (0.1 degrees of level).
+H is that at the expected reading, never at the one that came: turned by a frame's noise it would
+weigh every frame by its own error, and where noise is much larger about one axis than another that
+bends the mean (0.1 degrees of level).
 
-``late_s`` is the state's delay minus the one that was assumed when the sample was put at its time, so that a better
-idea of the delay moves samples that are already there.
+``late_s`` is the state's delay minus the one that was assumed when the sample was put at its time,
+so that a better idea of the delay moves samples that are already there.
 """
 
 from typing import Tuple

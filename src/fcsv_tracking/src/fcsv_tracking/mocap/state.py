@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the filter of one vehicle estimates, and how that moves on with the vehicle's IMU.
 
-Frames: M mocap, O the vehicle's odometry (its IMU's idea of level), D body. The error state is ordered as the
-slices below; rotations err on the right, R = R_estimated exp(error). ``T_M_O`` is the offset that the thesis saves
-(equation 5.2); it drifts as the odometry does, by ``drift_O`` metres per metre moved (a vector in O).
+Frames: M mocap, O the vehicle's odometry (its IMU's idea of level), D body. The error state is
+ordered as the slices below; rotations err on the right, R = R_estimated exp(error). ``T_M_O`` is
+the offset that the thesis saves (equation 5.2); it drifts as the odometry does, by ``drift_O``
+metres per metre moved (a vector in O).
 """
 
 from dataclasses import dataclass, replace
@@ -14,8 +15,15 @@ from fcsv_geometry import rotations, transforms
 
 G_MPS2 = 9.81
 P, V, TH, PO, PHI, B, BA, DELAY = (
-    slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12), slice(12, 15), slice(15, 18), slice(18, 21), 21,
-)  # fmt: skip
+    slice(0, 3),
+    slice(3, 6),
+    slice(6, 9),
+    slice(9, 12),
+    slice(12, 15),
+    slice(15, 18),
+    slice(18, 21),
+    21,
+)
 SIZE = 22
 _G_O = np.array([0.0, 0.0, -G_MPS2])
 _SPEED_FLOOR_MPS = 1e-6
@@ -45,22 +53,37 @@ class State:
     def boxplus(self, error: np.ndarray) -> "State":
         """The state moved by an error vector (22,)."""
         return State(
-            self.p_M_D + error[P], self.v_M + error[V], self.R_M_D @ rotations.exp(error[TH]), self.p_M_O + error[PO],
-            self.R_M_O @ rotations.exp(error[PHI]), self.drift_O + error[B], self.accel_bias_mps2 + error[BA],
+            self.p_M_D + error[P],
+            self.v_M + error[V],
+            self.R_M_D @ rotations.exp(error[TH]),
+            self.p_M_O + error[PO],
+            self.R_M_O @ rotations.exp(error[PHI]),
+            self.drift_O + error[B],
+            self.accel_bias_mps2 + error[BA],
             self.delay_s + float(error[DELAY]),
-        )  # fmt: skip
+        )
 
     def boxminus(self, other: "State") -> np.ndarray:
         """Error vector (22,) that takes ``other`` to this state."""
-        return np.concatenate([
-            self.p_M_D - other.p_M_D, self.v_M - other.v_M, rotations.log(other.R_M_D.T @ self.R_M_D),
-            self.p_M_O - other.p_M_O, rotations.log(other.R_M_O.T @ self.R_M_O), self.drift_O - other.drift_O,
-            self.accel_bias_mps2 - other.accel_bias_mps2, [self.delay_s - other.delay_s],
-        ])  # fmt: skip
+        return np.concatenate(
+            [
+                self.p_M_D - other.p_M_D,
+                self.v_M - other.v_M,
+                rotations.log(other.R_M_D.T @ self.R_M_D),
+                self.p_M_O - other.p_M_O,
+                rotations.log(other.R_M_O.T @ self.R_M_O),
+                self.drift_O - other.drift_O,
+                self.accel_bias_mps2 - other.accel_bias_mps2,
+                [self.delay_s - other.delay_s],
+            ]
+        )
 
 
-def advance(state: State, rate_radps: np.ndarray, accel_mps2: np.ndarray, dt_s: float, drift_length_m: float) -> State:
-    """The state ``dt_s`` later, turning at a rate under an acceleration (body; specific force; level is O's)."""
+def advance(
+    state: State, rate_radps: np.ndarray, accel_mps2: np.ndarray, dt_s: float, drift_length_m: float
+) -> State:
+    """The state ``dt_s`` later, turning at a rate under an acceleration (body; specific force;
+    level is O's)."""
     a_M = state.R_M_D @ (accel_mps2 - state.accel_bias_mps2) + state.R_M_O @ _G_O
     moved_m = _speed(state) * dt_s
     return replace(

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One vehicle: samples in as they arrive, its pose in the mocap's frame out; no pose rather than a wrong one.
+"""One vehicle: samples in as they arrive, its pose in the mocap's frame out; no pose rather than a
+wrong one.
 
-Samples are put in order of the moments that they tell of and taken once every stream has come that far: the mocap
-is 10 ms late, a Tello's packets 70 ms and more, and the filter learns how much more.
+Samples are put in order of the moments that they tell of and taken once every stream has come that
+far: the mocap is 10 ms late, a Tello's packets 70 ms and more, and the filter learns how much more.
 """
 
 import heapq
@@ -23,7 +24,8 @@ from fcsv_tracking.mocap.rules import TrackerRules
 from fcsv_tracking.mocap.samples import MocapInput, VehicleInput, VehicleSample
 
 _LONGEST_STEP_S = 0.05
-_LATEST_S = 0.02  # how long after the filter's moment a sample may come: motion is straight for so long
+# how long after the filter's moment a sample may come: motion is straight for so long
+_LATEST_S = 0.02
 _UNPROVEN_S = 0.1  # how long odometry alone is followed before movement has proven its heading
 _CONTRADICTION = "odometry and IMU contradict each other, or mocap: who is right is not known"
 _SILENT = "neither odometry nor mocap"
@@ -32,7 +34,8 @@ _UNPROVEN = "its heading is not proven yet: move it 0.3 m sideways in the mocap'
 
 @dataclass(frozen=True)
 class TrackedPose:
-    """T_M_D at a stamp, and T_M_O that goes with it; covariance (6,6): position (m), rotation (rad), in M's axes."""
+    """T_M_D at a stamp, and T_M_O that goes with it; covariance (6,6): position (m), rotation
+    (rad), in M's axes."""
 
     stamp_s: float
     T_M_D: np.ndarray
@@ -48,7 +51,8 @@ class TrackedPose:
 
 
 class MocapTracker:
-    """feed_mocap() and feed_vehicle() with the time of arrival; pose() afterwards. Rejected samples raise."""
+    """feed_mocap() and feed_vehicle() with the time of arrival; pose() afterwards. Rejected samples
+    raise."""
 
     def __init__(self, rules: Optional[TrackerRules] = None):
         self._rules = rules = rules or TrackerRules()
@@ -62,17 +66,21 @@ class MocapTracker:
         self._odometry = Trajectory(gap_s=0.2, keep_s=2.0)
         self._anchor = Anchor()
         self._disputes = Disputes(rules, self.counts)
-        self._proven_R_M_O: Optional[np.ndarray] = None  # of an odometry that went silent after its heading was proven
+        # of an odometry that went silent after its heading was proven
+        self._proven_R_M_O: Optional[np.ndarray] = None
         self._forget("not seen yet: fly it into the mocap's view")
 
-    # -- samples ----------------------------------------------------------------------------------------------------
+    # -- samples
+    # ----------------------------------------------------------------------------------------------------
 
     def feed_mocap(self, now_s: float, stamp_s: float, p_M_D_m, q_M_D_xyzw) -> None:
         """A pose of the body from the tracker on the ground. Raises SampleRejected."""
         T_M_D = self._mocap_input.check(now_s, stamp_s, p_M_D_m, q_M_D_xyzw)
         self._push(now_s, "mocap", stamp_s - self._rules.mocap_latency_s, T_M_D)
 
-    def feed_vehicle(self, now_s: float, stamp_s: float, p_O_D_m, q_O_D_xyzw, v_D_mps, gyro_radps, accel_mps2) -> None:
+    def feed_vehicle(
+        self, now_s: float, stamp_s: float, p_O_D_m, q_O_D_xyzw, v_D_mps, gyro_radps, accel_mps2
+    ) -> None:
         """A packet of the vehicle's odometry and IMU. Raises SampleRejected."""
         sample, continues = self._vehicle_input.check(
             now_s, stamp_s, p_O_D_m, q_O_D_xyzw, v_D_mps, gyro_radps, accel_mps2
@@ -93,13 +101,16 @@ class MocapTracker:
         self._newest[stream] = max(self._newest[stream], moment_s)
         self._number += 1
         heapq.heappush(self._queue, (moment_s, self._number, what))
-        mocap_s = max(self._newest["mocap"], now_s - self._rules.mocap_latency_s - self._rules.mocap_wait_s)
+        mocap_s = max(
+            self._newest["mocap"], now_s - self._rules.mocap_latency_s - self._rules.mocap_wait_s
+        )
         ready_s = min(mocap_s, max(self._newest["vehicle"], now_s - self._rules.hold_s))
         before_s = self._time_s
         while self._queue and self._queue[0][0] <= ready_s:
             moment_s, _, what = heapq.heappop(self._queue)
             self._take(moment_s, what)
-        if self._filter is not None:  # one pose goes out for all of them: one step, also where packets were lost
+        # one pose goes out for all of them: one step, also where packets were lost
+        if self._filter is not None:
             self._blend.advance(min(max(self._time_s - before_s, 0.0), _LONGEST_STEP_S))
 
     def _start_over(self) -> None:
@@ -124,7 +135,8 @@ class MocapTracker:
         else:
             self._take_mocap(moment_s, late_s, what)
 
-    # -- the filter's steps -----------------------------------------------------------------------------------------
+    # -- the filter's steps
+    # -----------------------------------------------------------------------------------------
 
     def _advance(self, moment_s: float) -> None:
         if self._filter is None:
@@ -144,20 +156,29 @@ class MocapTracker:
             self._forget(_SILENT)
 
     def _imu_at(self, moment_s: float):
-        """Rate, force and the seconds between the last sample and the next, which is mostly there already; or None.
+        """Rate, force and the seconds between the last sample and the next, which is mostly there
+        already; or None.
 
-        A sample that came too late for the filter lies before the moment asked for, and is not the next one.
+        A sample that came too late for the filter lies before the moment asked for, and is not the
+        next one.
         """
-        while self._coming and (self._coming[0][0] <= self._vehicle_s or self._coming[0][0] < moment_s):
+        while self._coming and (
+            self._coming[0][0] <= self._vehicle_s or self._coming[0][0] < moment_s
+        ):
             self._coming.popleft()
         last, following = self._imu, self._coming[0] if self._coming else None
-        if last is None or following is None or not 0.0 < following[0] - self._vehicle_s < self._rules.hold_s:
+        if (
+            last is None
+            or following is None
+            or not 0.0 < following[0] - self._vehicle_s < self._rules.hold_s
+        ):
             return None  # silent: rate and force of the last packet hold for 50 ms at most
         if not following[2]:
             return last.gyro_radps, last.accel_mps2, PERIOD_S
         gap_s, after = following[0] - self._vehicle_s, following[1]
         share = min(1.0, max(0.0, (moment_s - self._vehicle_s) / gap_s))
-        # the turn between two attitudes, not the gyro's momentary reading: at 20 Hz that is vibration
+        # the turn between two attitudes, not the gyro's momentary reading: at 20 Hz that is
+        # vibration
         rate = rotations.log(last.T_O_D[:3, :3].T @ after.T_O_D[:3, :3]) / gap_s
         return rate, (1 - share) * last.accel_mps2 + share * after.accel_mps2, gap_s
 
@@ -201,7 +222,9 @@ class MocapTracker:
                 self._begin(moment_s, T_M_D)
             return
         correction = self._filter.mocap(self._moved_on(T_M_D, late_s))
-        verdict = self._disputes.mocap(moment_s, correction, self._coasting, self._heading_confirmed)
+        verdict = self._disputes.mocap(
+            moment_s, correction, self._coasting, self._heading_confirmed
+        )
         if verdict is MocapVerdict.CONTRADICTS:
             self._forget("mocap and odometry contradict each other: who is right is not known")
         if verdict is not MocapVerdict.TAKE:
@@ -223,7 +246,11 @@ class MocapTracker:
 
     def _begin(self, moment_s: float, T_M_D: np.ndarray) -> None:
         self._filter = MocapFilter(
-            self._rules.noise, T_M_D, self._odometry.at(moment_s), self._imu.v_O_mps, self._rules.odometry_latency_s
+            self._rules.noise,
+            T_M_D,
+            self._odometry.at(moment_s),
+            self._imu.v_O_mps,
+            self._rules.odometry_latency_s,
         )
         self._time_s = self._mocap_s = moment_s
         self._began_p_M = T_M_D[:3, 3].copy()
@@ -234,8 +261,9 @@ class MocapTracker:
     def _forget(self, why: str) -> None:
         """No pose from here on, until mocap and odometry agree for half a second again.
 
-        A heading that movement had proven stays proven over a silence of both, as when this program itself hung: nobody
-        may move the vehicle then, and without a pose nobody flies it 0.3 m aside.
+        A heading that movement had proven stays proven over a silence of both, as when this program
+        itself hung: nobody may move the vehicle then, and without a pose nobody flies it 0.3 m
+        aside.
         """
         if why != _SILENT:
             self._proven_R_M_O = None
@@ -251,11 +279,13 @@ class MocapTracker:
         self._disputes.clear()
         self.absent_because = why
 
-    # -- what comes out ---------------------------------------------------------------------------------------------
+    # -- what comes out
+    # ---------------------------------------------------------------------------------------------
 
     @property
     def old_pose(self) -> bool:
-        """Whether the mocap streams a pose of some time ago, as it does while the body is hidden."""
+        """Whether the mocap streams a pose of some time ago, as it does while the body is
+        hidden."""
         return self._mocap_input.old_pose
 
     @property
@@ -273,7 +303,8 @@ class MocapTracker:
         return found
 
     def guess(self, now_s: float) -> Optional[TrackedPose]:
-        """The same, and before movement has proven the heading a pose that may stand turned over in its right place."""
+        """The same, and before movement has proven the heading a pose that may stand turned over in
+        its right place."""
         if self._filter is None:
             return None
         if now_s - self._time_s > self._rules.coast_s + self._rules.hold_s:
@@ -287,8 +318,13 @@ class MocapTracker:
         T_M_D = self._blend.pose(state.T_M_D)
         covariance = self._filter.pose_covariance() + self._blend.covariance()
         if not self._heading_confirmed:
-            up = state.R_M_D[:, 2]  # a body with the wrong marker in front fits equally well, and leans the other way
-            covariance[3:, 3:] += (0.5 * np.pi) ** 2 * np.outer(up, up) + np.radians(6.0) ** 2 * np.eye(3)
+            # a body with the wrong marker in front fits equally well, and leans the other way
+            up = state.R_M_D[:, 2]
+            covariance[3:, 3:] += (0.5 * np.pi) ** 2 * np.outer(up, up) + np.radians(
+                6.0
+            ) ** 2 * np.eye(3)
         T_D_O = transforms.invert(state.T_M_D) @ state.T_M_O
         in_view = self._time_s - self._mocap_s < self._rules.hold_s
-        return TrackedPose(self._time_s, T_M_D, T_M_D @ T_D_O, covariance, in_view, self._heading_confirmed)
+        return TrackedPose(
+            self._time_s, T_M_D, T_M_D @ T_D_O, covariance, in_view, self._heading_confirmed
+        )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Views of a tag while the vehicle is moved by hand, and a first solution (robot-world hand-eye, Shah 2013).
+"""Views of a tag while the vehicle is moved by hand, and a first solution (robot-world hand-eye,
+Shah 2013).
 
 Two setups, one problem with unknown X (on the vehicle) and Z (in its odometry), T_odom_body = A:
 
@@ -24,7 +25,8 @@ _AXES = ("x (roll)", "y (pitch)", "z (yaw)")
 
 @dataclass(frozen=True)
 class TagView:
-    """One picture with the tag: corners (4,2) undistorted x/z, y/z, and the body by its odometry then."""
+    """One picture with the tag: corners (4,2) undistorted x/z, y/z, and the body by its odometry
+    then."""
 
     stamp_s: float
     corners_normalized: np.ndarray
@@ -33,7 +35,9 @@ class TagView:
     T_odom_body: np.ndarray
 
 
-def predicted_T_cam_tag(part: str, T_odom_body: np.ndarray, X: np.ndarray, Z: np.ndarray) -> np.ndarray:
+def predicted_T_cam_tag(
+    part: str, T_odom_body: np.ndarray, X: np.ndarray, Z: np.ndarray
+) -> np.ndarray:
     """T_cam_tag (..., 4, 4) of bodies (..., 4, 4); see the module."""
     if part == "camera":
         return np.linalg.inv(T_odom_body @ X) @ Z
@@ -59,7 +63,8 @@ def require_motion(views: Sequence[TagView], least_turn_deg: float) -> None:
 
 
 def first_solution(part: str, views: Sequence[TagView]) -> Tuple[np.ndarray, np.ndarray]:
-    """X and Z by cv2.calibrateRobotWorldHandEye; of a tag's two mirrored poses the one that fits the others counts."""
+    """X and Z by cv2.calibrateRobotWorldHandEye; of a tag's two mirrored poses the one that fits
+    the others counts."""
     candidates = [planar_poses(v.corners_normalized, v.size_m) for v in views]
     sure = [i for i, c in enumerate(candidates) if len(c) < 2 or c[1][1] > 2.0 * c[0][1]]
     chosen = [c[0][0] for c in candidates]
@@ -67,7 +72,10 @@ def first_solution(part: str, views: Sequence[TagView]) -> Tuple[np.ndarray, np.
     X, Z = _solve(part, [views[i] for i in use], [chosen[i] for i in use])
     for _ in range(5):
         before = chosen
-        chosen = [_nearest(c, predicted_T_cam_tag(part, v.T_odom_body, X, Z)) for v, c in zip(views, candidates)]
+        chosen = [
+            _nearest(c, predicted_T_cam_tag(part, v.T_odom_body, X, Z))
+            for v, c in zip(views, candidates)
+        ]
         X, Z = _solve(part, views, chosen)
         if all(a is b for a, b in zip(before, chosen)):
             break
@@ -78,14 +86,18 @@ def _nearest(candidates, T_cam_tag: np.ndarray) -> np.ndarray:
     return min((T for T, _ in candidates), key=lambda T: transforms.rotation_angle(T, T_cam_tag))
 
 
-def _solve(part: str, views: Sequence[TagView], T_cam_tag: List[np.ndarray]) -> Tuple[np.ndarray, np.ndarray]:
+def _solve(
+    part: str, views: Sequence[TagView], T_cam_tag: List[np.ndarray]
+) -> Tuple[np.ndarray, np.ndarray]:
     """OpenCV's "world" is what stands still, its "camera" what moves with the vehicle."""
     seen = T_cam_tag if part == "camera" else [transforms.invert(T) for T in T_cam_tag]
     T_body_odom = [transforms.invert(v.T_odom_body) for v in views]
     R_world, t_world, R_part, t_part = cv2.calibrateRobotWorldHandEye(
-        [T[:3, :3] for T in seen], [T[:3, 3] for T in seen],
-        [T[:3, :3] for T in T_body_odom], [T[:3, 3] for T in T_body_odom],
-    )  # fmt: skip
+        [T[:3, :3] for T in seen],
+        [T[:3, 3] for T in seen],
+        [T[:3, :3] for T in T_body_odom],
+        [T[:3, 3] for T in T_body_odom],
+    )
     X = transforms.invert(transforms.transform(R_part, t_part.ravel()))
     Z = transforms.invert(transforms.transform(R_world, t_world.ravel()))
     return X, Z

@@ -24,9 +24,11 @@ def mount_of(vehicle: VehicleGeometry, solution: MountSolution) -> Mount:
 
 
 def write_mount(source: Path, target: Path, solution: MountSolution) -> VehicleGeometry:
-    """``source`` with the part's mount replaced, to ``target`` (may be the same); the vehicle as it reads back.
+    """``source`` with the part's mount replaced, to ``target`` (may be the same); the vehicle as it
+    reads back.
 
-    Raises ConfigError on a source that is no vehicle, ExtrinsicsRefused where the text cannot be edited safely.
+    Raises ConfigError on a source that is no vehicle, ExtrinsicsRefused where the text cannot be
+    edited safely.
     """
     vehicle = config.load(source, VehicleGeometry)
     mount = mount_of(vehicle, solution)

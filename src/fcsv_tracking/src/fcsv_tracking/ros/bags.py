@@ -17,14 +17,16 @@ from fcsv_tracking.errors import TrackingError
 
 
 def messages(paths: Sequence[Path], topics: Iterable[str]) -> Iterator[Tuple[str, object]]:
-    """(topic, message) of all bags, one after the other. Raises TrackingError naming bag and what to do."""
+    """(topic, message) of all bags, one after the other. Raises TrackingError naming bag and what
+    to do."""
     wanted = set(topics)
     for path in paths:
         yield from _read(path, lambda topic, _kind: topic in wanted)
 
 
 def topics_of(paths: Sequence[Path], kind: str) -> List[str]:
-    """Topics of a type ("sensor_msgs/Image") in any of the bags. Raises TrackingError like messages."""
+    """Topics of a type ("sensor_msgs/Image") in any of the bags. Raises TrackingError like
+    messages."""
     found: Set[str] = set()
 
     def note(topic: str, its_kind: str) -> bool:
@@ -41,11 +43,14 @@ def _read(path: Path, wanted: Callable[[str, str], bool]) -> Iterator[Tuple[str,
     try:
         yield from reading.messages(path, wanted)
     except BagError as error:
-        raise TrackingError(f"{error}; one that is cut or was not closed: rosrun fcsv_control repair_bag") from error
+        raise TrackingError(
+            f"{error}; one that is cut or was not closed: rosrun fcsv_control repair_bag"
+        ) from error
 
 
 def gray_pictures(paths: Sequence[Path], topic: str) -> Iterator[Tuple[float, np.ndarray]]:
-    """Stamp (s) and grey picture (HxW uint8) of an Image topic. Raises TrackingError where there is none."""
+    """Stamp (s) and grey picture (HxW uint8) of an Image topic. Raises TrackingError where there is
+    none."""
     count = 0
     for _, message in messages(paths, [topic]):
         count += 1
@@ -59,7 +64,8 @@ def gray_pictures(paths: Sequence[Path], topic: str) -> Iterator[Tuple[float, np
 
 
 def camera(paths: Sequence[Path], topic: str) -> PinholeCamera:
-    """The camera of a CameraInfo topic. Raises TrackingError where it is missing, uncalibrated, or changes."""
+    """The camera of a CameraInfo topic. Raises TrackingError where it is missing, uncalibrated, or
+    changes."""
     found: Dict[PinholeCamera, None] = {}
     for _, message in messages(paths, [topic]):
         try:
@@ -69,16 +75,21 @@ def camera(paths: Sequence[Path], topic: str) -> PinholeCamera:
         if len(found) > 1:
             raise TrackingError(f"topic {topic}: two different cameras in one recording")
     if not found:
-        raise TrackingError(f"{paths[0]}: topic {topic} is missing: record camera_info with the pictures")
+        raise TrackingError(
+            f"{paths[0]}: topic {topic} is missing: record camera_info with the pictures"
+        )
     return next(iter(found))
 
 
 def odometry(paths: Sequence[Path], topic: str, gap_s: float = 0.1) -> Trajectory:
-    """The track of an Odometry topic; what is no pose is an error, a wrong stamp costs its own message alone."""
+    """The track of an Odometry topic; what is no pose is an error, a wrong stamp costs its own
+    message alone."""
     poses = []
     for _, message in messages(paths, [topic]):
         try:
-            poses.append((seconds(message.header.stamp), conversions.pose_to_transform(message.pose.pose)))
+            poses.append(
+                (seconds(message.header.stamp), conversions.pose_to_transform(message.pose.pose))
+            )
         except GeometryError as error:
             raise TrackingError(f"topic {topic}: {error}") from error
     if not poses:

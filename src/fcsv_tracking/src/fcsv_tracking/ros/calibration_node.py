@@ -58,8 +58,15 @@ class CalibrationNode:
         take = lambda m: self._receive(phase_of(m))  # noqa: E731
         rospy.Subscriber("/mission/state", MissionState, take, queue_size=1)
         for name in names:
-            hear(name, (tm.VehicleOdometry, tm.OdometryEpoch, tm.SeenTags), self._receive, self._health)
-            rospy.Subscriber(f"/{name}/clock/offset", ClockOffset, self._on_clock, name, queue_size=1)
+            hear(
+                name,
+                (tm.VehicleOdometry, tm.OdometryEpoch, tm.SeenTags),
+                self._receive,
+                self._health,
+            )
+            rospy.Subscriber(
+                f"/{name}/clock/offset", ClockOffset, self._on_clock, name, queue_size=1
+            )
         self._timer = node.every(_STEP_S, lambda _event: self._step())
 
     def _receive(self, message: object) -> None:
@@ -92,7 +99,9 @@ class CalibrationNode:
 
     def _on_set_home(self, request) -> SetHomeResponse:
         with self._changed:
-            told, reply = self._told(self._port.serve(time.monotonic(), HomeWanted(request.reference)))
+            told, reply = self._told(
+                self._port.serve(time.monotonic(), HomeWanted(request.reference))
+            )
         return SetHomeResponse(reply.done, reply.text, told or Home())
 
     def _told(self, outputs: Sequence[object]) -> Tuple[Any, Optional[tm.Reply]]:
@@ -101,7 +110,9 @@ class CalibrationNode:
         for output in outputs:
             if isinstance(output, tm.CalibrationFound):
                 header = conversions.header(output.stamp_s, frames.odom(output.links[0].parent))
-                message = Calibration(header, [link_messages.to_message(link) for link in output.links])
+                message = Calibration(
+                    header, [link_messages.to_message(link) for link in output.links]
+                )
                 self._calibration.publish(message)
             elif isinstance(output, tm.HomeFound):
                 message = home_message(output)

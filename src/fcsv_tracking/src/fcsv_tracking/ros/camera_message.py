@@ -8,7 +8,9 @@ from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions
 
 
-def camera_message(stamp_s: float, T_home_cam: np.ndarray, covariance: np.ndarray) -> PoseWithCovarianceStamped:
+def camera_message(
+    stamp_s: float, T_home_cam: np.ndarray, covariance: np.ndarray
+) -> PoseWithCovarianceStamped:
     """Covariance (6,6) of position (m) and rotation (rad) about home's axes."""
     out = PoseWithCovarianceStamped(header=conversions.header(stamp_s, frames.HOME))
     out.pose.pose = conversions.transform_to_pose(T_home_cam)

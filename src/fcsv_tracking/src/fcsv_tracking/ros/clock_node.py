@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clocks: vehicles answer, the control PC asks once a second, publishes each offset, and says when one is too large."""
+"""Clocks: vehicles answer, the control PC asks once a second, publishes each offset, and says when
+one is too large."""
 
 from dataclasses import dataclass, field
 from typing import Dict, List
@@ -18,7 +19,8 @@ _SILENT_S = 10.0
 
 @dataclass(frozen=True)
 class ClockParameters:
-    """Parameters of the node: ``role`` is "control" (asks ``vehicles``) or "vehicle" (answers as ``name``)."""
+    """Parameters of the node: ``role`` is "control" (asks ``vehicles``) or "vehicle" (answers as
+    ``name``)."""
 
     role: str
     name: str = "control"
@@ -40,8 +42,12 @@ class ClockVehicle:
     def __init__(self, parameters: ClockParameters):
         self._name = parameters.name
         self._health = Health(self._name)
-        self._pong = rospy.Publisher(f"/{self._name}/clock/pong", ClockEcho, queue_size=5, tcp_nodelay=True)
-        rospy.Subscriber(f"/{self._name}/clock/ping", ClockEcho, self._on_ping, queue_size=1, tcp_nodelay=True)
+        self._pong = rospy.Publisher(
+            f"/{self._name}/clock/pong", ClockEcho, queue_size=5, tcp_nodelay=True
+        )
+        rospy.Subscriber(
+            f"/{self._name}/clock/ping", ClockEcho, self._on_ping, queue_size=1, tcp_nodelay=True
+        )
 
     def _on_ping(self, message: ClockEcho) -> None:
         received = rospy.Time.now()
@@ -57,9 +63,13 @@ class ClockControl:
 
     def __init__(self, parameters: ClockParameters):
         if not parameters.vehicles:
-            raise ConfigError(f"{rospy.get_name()}: 'vehicles' is empty; name the vehicles whose clocks to watch")
+            raise ConfigError(
+                f"{rospy.get_name()}: 'vehicles' is empty; name the vehicles whose clocks to watch"
+            )
         self._parameters = parameters
-        self._exchanges: Dict[str, ClockExchange] = {n: ClockExchange() for n in parameters.vehicles}
+        self._exchanges: Dict[str, ClockExchange] = {
+            n: ClockExchange() for n in parameters.vehicles
+        }
         self._health = Health("control")
         self._offsets = {
             n: rospy.Publisher(f"/{n}/clock/offset", ClockOffsetMessage, queue_size=1, latch=True)
@@ -70,7 +80,14 @@ class ClockControl:
             for n in parameters.vehicles
         }
         for name in parameters.vehicles:
-            rospy.Subscriber(f"/{name}/clock/pong", ClockEcho, self._on_pong, name, queue_size=5, tcp_nodelay=True)
+            rospy.Subscriber(
+                f"/{name}/clock/pong",
+                ClockEcho,
+                self._on_pong,
+                name,
+                queue_size=5,
+                tcp_nodelay=True,
+            )
         self._timer = node.every(parameters.period_s, self._ask)
 
     def _ask(self, _event) -> None:
@@ -78,7 +95,9 @@ class ClockControl:
             publisher.publish(ClockEcho(vehicle=name, sent=rospy.Time.now()))
             offset = self._exchanges[name].offset()
             silent = offset is None or rospy.get_time() - offset.stamp_s > _SILENT_S
-            self._health.problem(f"{name} silent", f"{name} does not answer about its clock" if silent else "")
+            self._health.problem(
+                f"{name} silent", f"{name} does not answer about its clock" if silent else ""
+            )
 
     def _on_pong(self, message: ClockEcho, name: str) -> None:
         returned_s = rospy.get_time()
@@ -88,13 +107,17 @@ class ClockControl:
             return
         offset = self._exchanges[name].offset()
         self._offsets[name].publish(to_message(name, offset))
-        self._health.value(f"{name} ahead [ms]", f"{offset.offset_s * 1e3:.1f} ± {offset.uncertainty_s * 1e3:.1f}")
+        self._health.value(
+            f"{name} ahead [ms]", f"{offset.offset_s * 1e3:.1f} ± {offset.uncertainty_s * 1e3:.1f}"
+        )
         too_far = offset.beyond(self._parameters.most_offset_s)
         self._health.problem(f"{name} offset", in_words(name, offset) if too_far else "")
 
 
 def to_message(vehicle: str, offset: ClockOffset) -> ClockOffsetMessage:
-    message = ClockOffsetMessage(vehicle=vehicle, offset_s=offset.offset_s, uncertainty_s=offset.uncertainty_s)
+    message = ClockOffsetMessage(
+        vehicle=vehicle, offset_s=offset.offset_s, uncertainty_s=offset.uncertainty_s
+    )
     message.header.stamp = rospy.Time.from_sec(offset.stamp_s)
     return message
 

@@ -17,7 +17,11 @@ from fcsv_geometry.ros.processes import ask_to_end, processes_of
 from fcsv_tracking.devices.driver_watch import DeviceRules, DriverWatch, Level, Remedy
 from fcsv_tracking.devices.usb_bus import findings, read_devices
 
-_LEVELS = {Level.OK: DiagnosticStatus.OK, Level.WARN: DiagnosticStatus.WARN, Level.ERROR: DiagnosticStatus.ERROR}
+_LEVELS = {
+    Level.OK: DiagnosticStatus.OK,
+    Level.WARN: DiagnosticStatus.WARN,
+    Level.ERROR: DiagnosticStatus.ERROR,
+}
 _STEP_S = 0.1
 _TELL_S = 1.0
 _CALL_S = 3.0  # a driver that hangs may not answer
@@ -25,7 +29,8 @@ _CALL_S = 3.0  # a driver that hangs may not answer
 
 @dataclass(frozen=True)
 class DriverWatchParameters:
-    """Parameters of the node. ``devices``: by the launch files of the devices; ``usb``: where Linux lists USB."""
+    """Parameters of the node. ``devices``: by the launch files of the devices; ``usb``: where Linux
+    lists USB."""
 
     vehicle: str
     devices: Dict[str, DeviceRules] = field(default_factory=dict)
@@ -33,14 +38,20 @@ class DriverWatchParameters:
 
 
 class DriverWatchNode:
-    """A remedy runs in a thread of its own: a driver that hangs answers late, and the other is watched on."""
+    """A remedy runs in a thread of its own: a driver that hangs answers late, and the other is
+    watched on."""
 
     def __init__(self):
         self._parameters = node.parameters(DriverWatchParameters)
         if not self._parameters.devices:
-            raise ConfigError(f"{rospy.get_name()}: 'devices' is empty; a device's launch file fills it")
+            raise ConfigError(
+                f"{rospy.get_name()}: 'devices' is empty; a device's launch file fills it"
+            )
         now_s = time.monotonic()
-        self._watches = {name: DriverWatch(name, rules, now_s) for name, rules in self._parameters.devices.items()}
+        self._watches = {
+            name: DriverWatch(name, rules, now_s)
+            for name, rules in self._parameters.devices.items()
+        }
         self._lock = threading.Lock()
         self._said: Dict[str, str] = {}
         self._told_s = 0.0
@@ -69,18 +80,28 @@ class DriverWatchNode:
             time.sleep(_STEP_S)
 
     def _tell(self, now_s: float) -> None:
-        usb = findings(read_devices(self._parameters.usb), {n: w.rules.usb for n, w in self._watches.items()})
+        usb = findings(
+            read_devices(self._parameters.usb), {n: w.rules.usb for n, w in self._watches.items()}
+        )
         message = DiagnosticArray()
         message.header.stamp = rospy.Time.now()
         for name, watch in self._watches.items():
             with self._lock:
                 level, text = watch.status(now_s)
             if name in usb:
-                level, text = (Level.WARN if level is Level.OK else level), f"{text}; it {usb[name]}"
+                level, text = (
+                    (Level.WARN if level is Level.OK else level),
+                    f"{text}; it {usb[name]}",
+                )
                 self._say(f"usb {name}", f"{name} {usb[name]}")
-            message.status.append(DiagnosticStatus(
-                level=_LEVELS[level], name=f"driver {name}", message=text, hardware_id=self._parameters.vehicle
-            ))  # fmt: skip
+            message.status.append(
+                DiagnosticStatus(
+                    level=_LEVELS[level],
+                    name=f"driver {name}",
+                    message=text,
+                    hardware_id=self._parameters.vehicle,
+                )
+            )
         self._diagnostics.publish(message)
 
     def _say(self, key: str, text: str) -> None:

@@ -29,7 +29,8 @@ from fcsv_tracking.ros.static_frames import fixed_parts
 
 @dataclass(frozen=True)
 class FramesParameters:
-    """Parameters of the node. ``rate_hz`` is for people and rviz: what needs every pose hears the odometry itself."""
+    """Parameters of the node. ``rate_hz`` is for people and rviz: what needs every pose hears the
+    odometry itself."""
 
     vehicles: List[str]
     vehicles_dir: str
@@ -59,15 +60,20 @@ class FramesNode:
         self._health = Health("frames", {f"odometry of {n}": 1.0 for n in self._names})
         self._tf = tf2_ros.TransformBroadcaster()
         self._static = tf2_ros.StaticTransformBroadcaster()
-        self._static.sendTransform([t for v in self._vehicles.values() for t in fixed_parts(v, tracker)])
+        self._static.sendTransform(
+            [t for v in self._vehicles.values() for t in fixed_parts(v, tracker)]
+        )
         self._cameras = {
-            n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in self._names
+            n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5)
+            for n in self._names
         }
         self._timer = node.every(0.1, self._publish_home)
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("/home", Home, self._on_home, queue_size=1)
         for name in self._names:
-            rospy.Subscriber(f"/{name}/odometry/state", Odometry, self._on_odometry, name, queue_size=5)
+            rospy.Subscriber(
+                f"/{name}/odometry/state", Odometry, self._on_odometry, name, queue_size=5
+            )
 
     def _on_calibration(self, message: Calibration) -> None:
         with self._lock:
@@ -92,7 +98,10 @@ class FramesNode:
             T_home_odom = self._in_home.T_home_odom
         stamp_s = rospy.get_time()
         self._tf.sendTransform(
-            [conversions.transform_stamped(T, stamp_s, frames.HOME, frames.odom(n)) for n, T in T_home_odom.items()]
+            [
+                conversions.transform_stamped(T, stamp_s, frames.HOME, frames.odom(n))
+                for n, T in T_home_odom.items()
+            ]
         )
 
     def _on_odometry(self, message: Odometry, name: str) -> None:
@@ -116,7 +125,9 @@ class FramesNode:
         if place is not None:
             self._publish_camera(name, stamp_s, place, T_odom_body, message.pose.covariance)
 
-    def _publish_camera(self, name: str, stamp_s: float, place: Place, T_odom_body, tracker) -> None:
+    def _publish_camera(
+        self, name: str, stamp_s: float, place: Place, T_odom_body, tracker
+    ) -> None:
         tracker = np.array(tracker, float).reshape(6, 6)
         if not np.isfinite(tracker).all() or (np.diag(tracker) < 0).any():
             self._health.drop("odometry", f"{name}: its covariance is none")
@@ -129,7 +140,9 @@ class FramesNode:
         age_s = None if self._calibrated_s is None else stamp_s - self._calibrated_s
         self._health.problem(name, stale_reason(name, covariance, drift, age_s, self._age_rules))
         self._health.value(f"{name} known to [m]", f"{np.sqrt(np.trace(covariance[:3, :3])):.3f}")
-        self._health.value(f"{name} yaw known to [deg]", f"{np.degrees(np.sqrt(covariance[5, 5])):.2f}")
+        self._health.value(
+            f"{name} yaw known to [deg]", f"{np.degrees(np.sqrt(covariance[5, 5])):.2f}"
+        )
         self._health.value(f"{name} flown since calibration [m]", f"{drift.path_m:.0f}")
 
 

@@ -45,12 +45,18 @@ class GimbalChannel:
         self._camera: Optional[PinholeCamera] = None
         self._picture: Optional[Image] = None
         self._picture_came, self._angles_came = threading.Condition(), threading.Condition()
-        health.problem(f"{self.name} camera_info", f"{self.name}: its gimbal's camera sends no camera_info")
+        health.problem(
+            f"{self.name} camera_info", f"{self.name}: its gimbal's camera sends no camera_info"
+        )
         at = f"/{self.name}/gimbal"
         self._command = rospy.Publisher(f"{at}/command", JointState, queue_size=5, tcp_nodelay=True)
-        rospy.Subscriber(f"{at}/joint_states", JointState, self._on_joints, queue_size=20, tcp_nodelay=True)
+        rospy.Subscriber(
+            f"{at}/joint_states", JointState, self._on_joints, queue_size=20, tcp_nodelay=True
+        )
         rospy.Subscriber(f"{at}/camera/camera_info", CameraInfo, self._on_info, queue_size=1)
-        rospy.Subscriber(f"{at}/camera/image_raw", Image, self._on_picture, queue_size=1, buff_size=8 << 20)
+        rospy.Subscriber(
+            f"{at}/camera/image_raw", Image, self._on_picture, queue_size=1, buff_size=8 << 20
+        )
         self._thread = threading.Thread(target=self._look, daemon=True)
         self._thread.start()
         self._timer = node.every(1.0 / _COMMAND_HZ, self._follow)
@@ -106,7 +112,8 @@ class GimbalChannel:
                 rospy.logdebug("%s: %s", self.name, error)  # counted by the tracker
             except FcsvError as error:
                 self._health.drop(f"{self.name} picture", str(error))
-            except Exception as error:  # a defect costs one picture: a thread that died never finds the vehicle again
+            # a defect costs one picture: a thread that died never finds the vehicle again
+            except Exception as error:
                 self._health.drop(f"{self.name} picture", node.defect(error))
 
     def _process(self, message: Image) -> None:
@@ -118,8 +125,12 @@ class GimbalChannel:
                 return
             window = tracker.window(stamp_s)
         begun_s = time.perf_counter()
-        observations, _ = look(self._detector, conversions.image_to_array(message, "mono8"), camera, window)
-        self._health.value(f"{self.name} looking [ms]", f"{(time.perf_counter() - begun_s) * 1e3:.0f}")
+        observations, _ = look(
+            self._detector, conversions.image_to_array(message, "mono8"), camera, window
+        )
+        self._health.value(
+            f"{self.name} looking [ms]", f"{(time.perf_counter() - begun_s) * 1e3:.0f}"
+        )
         with self.lock:
             picture = tracker.begin(rospy.get_time(), stamp_s, observations)
         seen = tracker.see(picture)  # the longest part: readings and commands go on meanwhile
@@ -141,7 +152,9 @@ class GimbalChannel:
         with self.lock:
             goal = self.tracker.command(now_s)
         if goal is not None:
-            self._command.publish(joint_messages.to_message(now_s, frames.gimbal_base(self.name), goal))
+            self._command.publish(
+                joint_messages.to_message(now_s, frames.gimbal_base(self.name), goal)
+            )
 
     def report(self) -> None:
         """Counts and states for diagnostics."""
@@ -155,4 +168,6 @@ class GimbalChannel:
                 self._health.value(f"{self.name} tags rejected: {reason}", count)
             searching = tracker.follower.searching
         self._health.value(f"{self.name} searching", searching)
-        self._health.problem(self.name, f"{self.name}: not seen, its gimbal searches" if searching else "")
+        self._health.problem(
+            self.name, f"{self.name}: not seen, its gimbal searches" if searching else ""
+        )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The servos of a ground robot's gimbals as topics: joint_states out, command in. One serial bus for all."""
+"""The servos of a ground robot's gimbals as topics: joint_states out, command in. One serial bus
+for all."""
 
 import time
 from dataclasses import dataclass
@@ -23,7 +24,8 @@ _AGAIN_S = 1.0  # between attempts while a servo does not answer
 
 @dataclass(frozen=True)
 class GimbalServosParameters:
-    """Parameters of the node; the speeds are the servos' profile, and those of the tracker's follow rules."""
+    """Parameters of the node; the speeds are the servos' profile, and those of the tracker's follow
+    rules."""
 
     robot_file: str
     port: str = "/dev/ttyUSB0"
@@ -41,14 +43,19 @@ class GimbalServosParameters:
 
 
 class ServoLoop:
-    """Reads a gimbal, real or simulated, and tells it where to turn. Errors stand in diagnostics till it answers."""
+    """Reads a gimbal, real or simulated, and tells it where to turn. Errors stand in diagnostics
+    till it answers."""
 
     def __init__(self, name: str, servos: GimbalServos, health: Health):
         self._name, self._servos, self._health = name, servos, health
         self._goal: Optional[Angles] = None
         self._silent_until_s = 0.0
-        self._joints = rospy.Publisher(f"/{name}/gimbal/joint_states", JointState, queue_size=20, tcp_nodelay=True)
-        rospy.Subscriber(f"/{name}/gimbal/command", JointState, self._on_command, queue_size=1, tcp_nodelay=True)
+        self._joints = rospy.Publisher(
+            f"/{name}/gimbal/joint_states", JointState, queue_size=20, tcp_nodelay=True
+        )
+        rospy.Subscriber(
+            f"/{name}/gimbal/command", JointState, self._on_command, queue_size=1, tcp_nodelay=True
+        )
 
     def _on_command(self, message: JointState) -> None:
         try:
@@ -88,7 +95,9 @@ class GimbalServosNode:
         self._health = Health(p.port, {f"{n} joints": 0.5 * p.rate_hz for n in gimbals})
         self._bus = DynamixelBus(p.port, p.baud)
         self._servos: Dict[str, DynamixelGimbal] = {
-            n: DynamixelGimbal(self._bus, g.servo, rospy.get_time, p.speed_degps, p.acceleration_degps2)
+            n: DynamixelGimbal(
+                self._bus, g.servo, rospy.get_time, p.speed_degps, p.acceleration_degps2
+            )
             for n, g in gimbals.items()
         }
         self._loops = [ServoLoop(n, servos, self._health) for n, servos in self._servos.items()]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tracker of thesis chapter 4 on the ground robot: pictures and joints of its gimbals in, commands to them,
-odometry in one level frame and T_home_cam of every vehicle out, on the same topics and frames as with others."""
+"""The tracker of thesis chapter 4 on the ground robot: pictures and joints of its gimbals in,
+commands to them, odometry in one level frame and T_home_cam of every vehicle out, on the same
+topics and frames as with others."""
 
 import threading
 from dataclasses import dataclass, field
@@ -41,8 +42,8 @@ class GimbalTrackerParameters:
 
 
 class GimbalTrackerNode:
-    """/NAME/gimbal/{camera,joint_states} -> /NAME/gimbal/command, /NAME/odometry/..., /NAME/camera_pose, tf, /home;
-    services /calibrate and /set_home.
+    """/NAME/gimbal/{camera,joint_states} -> /NAME/gimbal/command, /NAME/odometry/...,
+    /NAME/camera_pose, tf, /home; services /calibrate and /set_home.
 
     A vehicle's odometry frame is the ground robot's, which stands level: there is no other.
     """
@@ -54,21 +55,29 @@ class GimbalTrackerNode:
         gimbals = load_ground_robot(p.robot_file).by_vehicle
         missing = [n for n in p.vehicles if n not in gimbals]
         if missing:
-            raise ConfigError(f"{p.robot_file}: no gimbal follows {missing[0]}; it has {', '.join(gimbals)}")
+            raise ConfigError(
+                f"{p.robot_file}: no gimbal follows {missing[0]}; it has {', '.join(gimbals)}"
+            )
         self._system = GimbalSystem({}, {n: v.T_body_cam for n, v in vehicles.items()})
-        flows = {f"{n} {what}": least for n in p.vehicles for what, least in
-                 (("joints", 20.0), ("pictures", 5.0), ("pose", 1.0))}  # fmt: skip
+        flows = {
+            f"{n} {what}": least
+            for n in p.vehicles
+            for what, least in (("joints", 20.0), ("pictures", 5.0), ("pose", 1.0))
+        }
         self._health = Health("gimbals", flows)
         self._tf = tf2_ros.TransformBroadcaster()
         self._ground = GroundOdometryPublisher(p.vehicles, frames.GROUND)
         self._ground.level(np.eye(3), 0.0)
         fixed = [t for v in vehicles.values() for t in fixed_parts(v)]
         self._cameras = {
-            n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in p.vehicles
+            n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5)
+            for n in p.vehicles
         }
         self._home = HomeService(p.vehicles, frames.GROUND, fixed, self._set_home)
         self._channels = [
-            GimbalChannel(gimbals[n], p.rules, p.decimate, self._health, self._on_tracker, self._on_pose)
+            GimbalChannel(
+                gimbals[n], p.rules, p.decimate, self._health, self._on_tracker, self._on_pose
+            )
             for n in p.vehicles
         ]
         self._view_timer = node.every(0.1, self._publish_gimbals)
@@ -84,7 +93,9 @@ class GimbalTrackerNode:
         self._tf.sendTransform(self._ground.pose(name, pose.stamp_s, pose.T_G_D, pose.covariance))
         self._health.tick(f"{name} pose")
         if camera is not None:
-            self._cameras[name].publish(camera_message(camera.stamp_s, camera.T_home_cam, camera.covariance))
+            self._cameras[name].publish(
+                camera_message(camera.stamp_s, camera.T_home_cam, camera.covariance)
+            )
 
     def _set_home(self, reference: str, now_s: float) -> Tuple[np.ndarray, np.ndarray]:
         self._ground.require_nobody_flies_by_it("a new home")
@@ -108,7 +119,9 @@ class GimbalTrackerNode:
             except PoseUnavailable:
                 continue  # no reading yet
             optical = frames.gimbal_optical(name)
-            self._tf.sendTransform(conversions.transform_stamped(T_G_C, stamp_s, frames.GROUND, optical))
+            self._tf.sendTransform(
+                conversions.transform_stamped(T_G_C, stamp_s, frames.GROUND, optical)
+            )
 
 
 def main() -> int:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A tracker on the ground, as mission, agent, guardian and recorder know trackers on board.
 
-Of each vehicle: odometry/body, odometry/state, odometry/epoch and mavros/vision_pose/pose in ``NAME/odom``, which is
-one level frame for all; /calibration says so, /calibration_epochs for which beginning of it.
+Of each vehicle: odometry/body, odometry/state, odometry/epoch and mavros/vision_pose/pose in
+``NAME/odom``, which is one level frame for all; /calibration says so, /calibration_epochs for which
+beginning of it.
 """
 
 import threading
@@ -28,20 +29,31 @@ _ONE_FRAME = np.eye(4) * 1e-8  # m2, rad2: the same frame
 
 
 class GroundOdometryPublisher:
-    """``level`` and ``pose`` as the tracker has them, from any thread. ``tracker_frame``: its own frame on tf2."""
+    """``level`` and ``pose`` as the tracker has them, from any thread. ``tracker_frame``: its own
+    frame on tf2."""
 
-    def __init__(self, names: Sequence[str], tracker_frame: str, rules: Optional[LevelRules] = None):
+    def __init__(
+        self, names: Sequence[str], tracker_frame: str, rules: Optional[LevelRules] = None
+    ):
         self._names, self._tracker_frame, self._lock = list(names), tracker_frame, threading.Lock()
         self._frame, self._phase, self.epoch = LevelFrame(rules), "", 0
         self._tracks: Dict[str, GroundTrack] = {n: GroundTrack() for n in names}
-        publisher = lambda n, topic, kind, **k: rospy.Publisher(f"/{n}/{topic}", kind, queue_size=10, **k)  # noqa: E731
+        publisher = lambda n, topic, kind, **k: rospy.Publisher(  # noqa: E731
+            f"/{n}/{topic}", kind, queue_size=10, **k
+        )
         odometry = ("odometry/body", "odometry/state")
-        self._odometry = {n: [publisher(n, t, Odometry, tcp_nodelay=True) for t in odometry] for n in names}
-        self._feed = {n: publisher(n, "mavros/vision_pose/pose", PoseStamped, tcp_nodelay=True) for n in names}
+        self._odometry = {
+            n: [publisher(n, t, Odometry, tcp_nodelay=True) for t in odometry] for n in names
+        }
+        self._feed = {
+            n: publisher(n, "mavros/vision_pose/pose", PoseStamped, tcp_nodelay=True) for n in names
+        }
         self._epochs = {n: publisher(n, "odometry/epoch", Epoch, latch=True) for n in names}
         self._calibration = rospy.Publisher("/calibration", Calibration, queue_size=1, latch=True)
-        self._holds_for = {w: rospy.Publisher(f"/{w}_epochs", Epochs, queue_size=1, latch=True)
-                           for w in ("calibration", "home")}  # fmt: skip
+        self._holds_for = {
+            w: rospy.Publisher(f"/{w}_epochs", Epochs, queue_size=1, latch=True)
+            for w in ("calibration", "home")
+        }
         rospy.Service("/calibrate", Calibrate, self._on_calibrate)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
 
@@ -57,11 +69,17 @@ class GroundOdometryPublisher:
                 return
             for track in self._tracks.values():
                 track.begin_again()
-            self.epoch = max(int(rospy.get_param(_EPOCH_PARAM, 0)) + 1, int(rospy.get_time()) % 2**31)
+            self.epoch = max(
+                int(rospy.get_param(_EPOCH_PARAM, 0)) + 1, int(rospy.get_time()) % 2**31
+            )
             rospy.set_param(_EPOCH_PARAM, self.epoch)
-        rospy.logwarn("%s: epoch %d of its level frame: %s", self._tracker_frame, self.epoch, self._frame.why)
+        rospy.logwarn(
+            "%s: epoch %d of its level frame: %s", self._tracker_frame, self.epoch, self._frame.why
+        )
         for publisher in self._epochs.values():
-            publisher.publish(Epoch(conversions.header(rospy.get_time(), ""), self.epoch, self._frame.why))
+            publisher.publish(
+                Epoch(conversions.header(rospy.get_time(), ""), self.epoch, self._frame.why)
+            )
 
     def pose(
         self, name: str, stamp_s: float, T_tracker_body: np.ndarray, covariance: np.ndarray
@@ -88,14 +106,19 @@ class GroundOdometryPublisher:
         ]
 
     def require_nobody_flies_by_it(self, what: str) -> None:
-        """Raises TrackingError where another home or calibration would move every place that is flown to."""
+        """Raises TrackingError where another home or calibration would move every place that is
+        flown to."""
         if self._phase in BY_HOME:
-            raise TrackingError(f"{what} is refused while the mission flies the vehicles ({self._phase}): land first")
+            raise TrackingError(
+                f"{what} is refused while the mission flies the vehicles ({self._phase}): land first"
+            )
 
     def require_level(self) -> np.ndarray:
         """T_tracker_level. Raises TrackingError."""
         if self.T_tracker_level is None:
-            raise TrackingError("the tracker on the ground does not know what is level yet: fly one into its view")
+            raise TrackingError(
+                "the tracker on the ground does not know what is level yet: fly one into its view"
+            )
         return self.T_tracker_level
 
     def home_set(self) -> None:
@@ -113,17 +136,26 @@ class GroundOdometryPublisher:
             self.require_level()
             unknown = [n for n in column if n not in self._names]
             if unknown or len(column) < 2:
-                raise TrackingError(f"a column needs two known vehicles or more, front first; got {column}")
+                raise TrackingError(
+                    f"a column needs two known vehicles or more, front first; got {column}"
+                )
         except TrackingError as error:
             return CalibrateResponse(False, str(error), Calibration())
         message = Calibration(header=conversions.header(rospy.get_time(), frames.odom(column[0])))
         here = conversions.transform_to_pose(np.eye(4))
         message.links = [
-            CalibrationLink(parent=a, child=b, child_odom_in_parent_odom=here, covariance=_ONE_FRAME.ravel().tolist())
+            CalibrationLink(
+                parent=a,
+                child=b,
+                child_odom_in_parent_odom=here,
+                covariance=_ONE_FRAME.ravel().tolist(),
+            )
             for a, b in zip(column, column[1:])
         ]
         self._calibration.publish(message)
         epochs = dict.fromkeys(column, self.epoch)
         held = EpochsFound(CALIBRATION, message.header.stamp.to_sec(), epochs)
         self._holds_for["calibration"].publish(epochs_message(held))
-        return CalibrateResponse(True, "the tracker on the ground gives all vehicles in one frame", message)
+        return CalibrateResponse(
+            True, "the tracker on the ground gives all vehicles in one frame", message
+        )

@@ -27,7 +27,8 @@ from fcsv_tracking.ros.tracking_markers import gimbal_views, mocap_view, trackin
 from fcsv_tracking.ros.vehicle_markers import HALF_VIEW, assumed_place, vehicle_markers
 
 _PERIOD_S = 0.5
-#: A child of home, so that home is a frame before anything is known in it: rviz opens with it as its fixed frame.
+#: A child of home, so that home is a frame before anything is known in it: rviz opens with it as
+#: its fixed frame.
 _EYE = "view"
 
 
@@ -37,10 +38,13 @@ class FleetParameters:
 
     vehicles: List[str]
     vehicles_dir: str
-    mocap_fov_deg: Optional[Tuple[float, float]] = None  # across and up; none: there is no mocap to be drawn
+    # across and up; none: there is no mocap to be drawn
+    mocap_fov_deg: Optional[Tuple[float, float]] = None
     mocap_frame: str = "mocap"
-    fixed_parts: bool = False  # tell where cameras and tags sit, too: a bag that is played told it before rviz listened
-    home_height_m: float = 8.0  # before home is set, vehicles are drawn so far below it, and up from there
+    # tell where cameras and tags sit, too: a bag that is played told it before rviz listened
+    fixed_parts: bool = False
+    # before home is set, vehicles are drawn so far below it, and up from there
+    home_height_m: float = 8.0
 
     def __post_init__(self):
         if not 0.0 <= self.home_height_m <= 500.0:
@@ -50,10 +54,11 @@ class FleetParameters:
 
 
 class MarkersNode:
-    """Publishes twice a second; rviz keeps what is locked to its frame there. Vehicles are on /tracking/vehicles. On
-    /tracking/markers are ellipsoids and the calibration's residuals in home, and once home is set what gimbals see,
-    from their camera_info on, and the mocap. On /tracking/mission are home, fence and planned places of /mission/file,
-    and what the cameras both see."""
+    """Publishes twice a second; rviz keeps what is locked to its frame there. Vehicles are on
+    /tracking/vehicles. On /tracking/markers are ellipsoids and the calibration's residuals in home,
+    and once home is set what gimbals see, from their camera_info on, and the mocap. On
+    /tracking/mission are home, fence and planned places of /mission/file, and what the cameras both
+    see."""
 
     def __init__(self):
         self._parameters = node.parameters(FleetParameters)
@@ -72,7 +77,9 @@ class MarkersNode:
         if p.fixed_parts:
             fixed += [part for vehicle in self._fleet.values() for part in fixed_parts(vehicle)]
         self._static.sendTransform(fixed)
-        self._vehicles = rospy.Publisher("/tracking/vehicles", MarkerArray, queue_size=1, latch=True)
+        self._vehicles = rospy.Publisher(
+            "/tracking/vehicles", MarkerArray, queue_size=1, latch=True
+        )
         self._tracking = rospy.Publisher("/tracking/markers", MarkerArray, queue_size=1, latch=True)
         self._planned = rospy.Publisher("/tracking/mission", MarkerArray, queue_size=1, latch=True)
         rospy.Subscriber("/mission/file", String, self._on_mission, queue_size=1)
@@ -81,8 +88,16 @@ class MarkersNode:
         for name in self._fleet:
             topic = f"/{name}/camera_pose"
             rospy.Subscriber(topic, PoseWithCovarianceStamped, self._on_camera, name, queue_size=1)
-            rospy.Subscriber(f"/{name}/odometry/state", Odometry, self._on_odometry, name, queue_size=1)
-            rospy.Subscriber(f"/{name}/gimbal/camera/camera_info", CameraInfo, self._on_gimbal, name, queue_size=1)
+            rospy.Subscriber(
+                f"/{name}/odometry/state", Odometry, self._on_odometry, name, queue_size=1
+            )
+            rospy.Subscriber(
+                f"/{name}/gimbal/camera/camera_info",
+                CameraInfo,
+                self._on_gimbal,
+                name,
+                queue_size=1,
+            )
         self._timer = node.every(_PERIOD_S, self._publish)
 
     def _on_calibration(self, message: Calibration) -> None:
@@ -97,7 +112,9 @@ class MarkersNode:
             self._health.problem("mission", f"its fence and places are not drawn: {error}")
 
     def _on_mission_state(self, message: MissionState) -> None:
-        self._running = message.configuration if message.phase == MissionState.CONFIGURATIONS else None
+        self._running = (
+            message.configuration if message.phase == MissionState.CONFIGURATIONS else None
+        )
 
     def _on_camera(self, message: PoseWithCovarianceStamped, name: str) -> None:
         try:

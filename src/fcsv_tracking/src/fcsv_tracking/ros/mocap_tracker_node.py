@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The control PC's tracker of thesis chapter 5: mocap_optitrack's poses and the vehicles' odometry and IMU in, their
-odometry in one level frame and T_home_cam of every vehicle out, on the same topics and frames as with others."""
+"""The control PC's tracker of thesis chapter 5: mocap_optitrack's poses and the vehicles' odometry
+and IMU in, their odometry in one level frame and T_home_cam of every vehicle out, on the same
+topics and frames as with others."""
 
 import threading
 from dataclasses import dataclass, field
@@ -46,8 +47,8 @@ class MocapTrackerParameters:
 
 
 class MocapTrackerNode:
-    """/mocap/NAME/pose, /NAME/tello/odom, /NAME/tello/imu -> /NAME/odometry/..., /NAME/camera_pose, tf, /home; services
-    /calibrate and /set_home."""
+    """/mocap/NAME/pose, /NAME/tello/odom, /NAME/tello/imu -> /NAME/odometry/..., /NAME/camera_pose,
+    tf, /home; services /calibrate and /set_home."""
 
     def __init__(self):
         self._parameters = parameters = node.parameters(MocapTrackerParameters)
@@ -56,12 +57,15 @@ class MocapTrackerNode:
         self._lock = threading.Lock()
         self._system = MocapSystem({n: v.T_body_cam for n, v in vehicles.items()}, parameters.rules)
         self._stamps_s: Dict[str, float] = dict.fromkeys(self._names, 0.0)
-        self._health = Health("mocap", {f"{n} {s}": 1.0 for n in self._names for s in ("mocap", "odometry", "pose")})
+        self._health = Health(
+            "mocap", {f"{n} {s}": 1.0 for n in self._names for s in ("mocap", "odometry", "pose")}
+        )
         self._tf = tf2_ros.TransformBroadcaster()
         self._ground = GroundOdometryPublisher(self._names, parameters.mocap_frame)
         fixed = [t for v in vehicles.values() for t in fixed_parts(v)]
         self._cameras = {
-            n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in self._names
+            n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5)
+            for n in self._names
         }
         self._home = HomeService(self._names, parameters.mocap_frame, fixed, self._set_home)
         self._timer = node.every(1.0 / parameters.rate_hz, self._publish)
@@ -69,10 +73,23 @@ class MocapTrackerNode:
         self._pairs = [self._listen(n) for n in self._names]
 
     def _listen(self, name: str) -> message_filters.TimeSynchronizer:
-        rospy.Subscriber(f"/mocap/{name}/pose", PoseStamped, self._on_mocap, name, queue_size=200, tcp_nodelay=True)
-        parts = [message_filters.Subscriber(f"/{name}/tello/odom", Odometry, queue_size=50, tcp_nodelay=True),
-                 message_filters.Subscriber(f"/{name}/tello/imu", Imu, queue_size=50, tcp_nodelay=True)]  # fmt: skip
-        pair = message_filters.ApproximateTimeSynchronizer(parts, queue_size=50, slop=_SAME_PACKET_S)
+        rospy.Subscriber(
+            f"/mocap/{name}/pose",
+            PoseStamped,
+            self._on_mocap,
+            name,
+            queue_size=200,
+            tcp_nodelay=True,
+        )
+        parts = [
+            message_filters.Subscriber(
+                f"/{name}/tello/odom", Odometry, queue_size=50, tcp_nodelay=True
+            ),
+            message_filters.Subscriber(f"/{name}/tello/imu", Imu, queue_size=50, tcp_nodelay=True),
+        ]
+        pair = message_filters.ApproximateTimeSynchronizer(
+            parts, queue_size=50, slop=_SAME_PACKET_S
+        )
         pair.registerCallback(self._on_packet, name)
         return pair
 
@@ -84,7 +101,11 @@ class MocapTrackerNode:
         try:
             with self._lock:
                 self._system.feed_mocap(
-                    name, rospy.get_time(), message.header.stamp.to_sec(), (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+                    name,
+                    rospy.get_time(),
+                    message.header.stamp.to_sec(),
+                    (p.x, p.y, p.z),
+                    (q.x, q.y, q.z, q.w),
                 )
         except SampleRejected as error:
             rospy.logdebug("%s: %s", name, error)  # counted; Motive streams old poses for minutes
@@ -97,15 +118,25 @@ class MocapTrackerNode:
         if found != expected:
             self._health.drop(f"{name} odometry: wrong frames", f"{found}, expected {expected}")
             return
-        p, q, v = odometry.pose.pose.position, odometry.pose.pose.orientation, odometry.twist.twist.linear
+        p, q, v = (
+            odometry.pose.pose.position,
+            odometry.pose.pose.orientation,
+            odometry.twist.twist.linear,
+        )
         w, a = imu.angular_velocity, imu.linear_acceleration
         q_xyzw = np.array([q.x, q.y, q.z, q.w])
         try:
             with self._lock:
                 self._system.feed_vehicle(
-                    name, rospy.get_time(), odometry.header.stamp.to_sec(), (p.x, p.y, p.z), q_xyzw,
-                    (v.x, v.y, v.z), (w.x, w.y, w.z), (a.x, a.y, a.z),
-                )  # fmt: skip
+                    name,
+                    rospy.get_time(),
+                    odometry.header.stamp.to_sec(),
+                    (p.x, p.y, p.z),
+                    q_xyzw,
+                    (v.x, v.y, v.z),
+                    (w.x, w.y, w.z),
+                    (a.x, a.y, a.z),
+                )
         except SampleRejected as error:
             rospy.logwarn_throttle(5.0, f"{name}: {error}")
             return
@@ -117,20 +148,27 @@ class MocapTrackerNode:
             self._find_level()
         for name in self._names:
             with self._lock:
-                pose, camera = self._system.trackers[name].pose(now_s), self._system.camera(name, now_s)
+                pose, camera = (
+                    self._system.trackers[name].pose(now_s),
+                    self._system.camera(name, now_s),
+                )
             if pose is not None and pose.stamp_s > self._stamps_s[name]:
                 self._stamps_s[name] = pose.stamp_s
                 self._publish_pose(name, pose, camera)
 
     def _publish_pose(self, name: str, pose: TrackedPose, camera: Optional[CameraPose]) -> None:
         own, mocap = frames.tello_odom(name), self._parameters.mocap_frame
-        self._tf.sendTransform([
-            conversions.transform_stamped(pose.T_M_O, pose.stamp_s, mocap, own),
-            *self._ground.pose(name, pose.stamp_s, pose.T_M_D, pose.covariance),
-        ])  # fmt: skip
+        self._tf.sendTransform(
+            [
+                conversions.transform_stamped(pose.T_M_O, pose.stamp_s, mocap, own),
+                *self._ground.pose(name, pose.stamp_s, pose.T_M_D, pose.covariance),
+            ]
+        )
         self._health.tick(f"{name} pose")
         if camera is not None:
-            self._cameras[name].publish(camera_message(camera.stamp_s, camera.T_home_cam, camera.covariance))
+            self._cameras[name].publish(
+                camera_message(camera.stamp_s, camera.T_home_cam, camera.covariance)
+            )
 
     def _set_home(self, reference: str, now_s: float) -> Tuple[np.ndarray, np.ndarray]:
         self._ground.require_nobody_flies_by_it("a new home")
@@ -159,9 +197,13 @@ class MocapTrackerNode:
                     self._health.value(f"{name} {reason}", count)
                 self._health.value(f"{name} mocap streams an old pose", tracker.old_pose)
                 missing = tracker.pose(rospy.get_time()) is None
-                self._health.problem(name, f"{name}: no pose, {tracker.absent_because}" if missing else "")
+                self._health.problem(
+                    name, f"{name}: no pose, {tracker.absent_because}" if missing else ""
+                )
                 if tracker.filter is not None:
-                    self._health.value(f"{name} odometry delay [s]", f"{tracker.filter.state.delay_s:.3f}")
+                    self._health.value(
+                        f"{name} odometry delay [s]", f"{tracker.filter.state.delay_s:.3f}"
+                    )
         self._health.value("level sigma [deg]", self._find_level())
 
 

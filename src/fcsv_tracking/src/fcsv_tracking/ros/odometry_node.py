@@ -51,33 +51,58 @@ class OdometryNode:
         self._epoch_param = rospy.get_namespace() + "odometry_epoch"
         self._lock = threading.RLock()
         self._port = OdometryPort(
-            p.vehicle, geometry.T_body_t265, load_profile(p.tracker_profile), p.state_rate_hz, p.gate,
-            self._stored_rebase(), self._next_epoch(),
-        )  # fmt: skip
+            p.vehicle,
+            geometry.T_body_t265,
+            load_profile(p.tracker_profile),
+            p.state_rate_hz,
+            p.gate,
+            self._stored_rebase(),
+            self._next_epoch(),
+        )
         self._updater = Updater()
         self._updater.setHardwareID(p.vehicle)
         self._updater.add("odometry", self._diagnose)
-        self._body_publisher = rospy.Publisher("odometry/body", Odometry, queue_size=50, tcp_nodelay=True)
-        self._state_publisher = rospy.Publisher("odometry/state", Odometry, queue_size=10, tcp_nodelay=True)
+        self._body_publisher = rospy.Publisher(
+            "odometry/body", Odometry, queue_size=50, tcp_nodelay=True
+        )
+        self._state_publisher = rospy.Publisher(
+            "odometry/state", Odometry, queue_size=10, tcp_nodelay=True
+        )
         self._vision_publisher = rospy.Publisher(
             "mavros/vision_pose/pose", PoseStamped, queue_size=10, tcp_nodelay=True
         )
-        self._epoch_publisher = rospy.Publisher("odometry/epoch", Epoch, queue_size=2, latch=True, tcp_nodelay=True)
+        self._epoch_publisher = rospy.Publisher(
+            "odometry/epoch", Epoch, queue_size=2, latch=True, tcp_nodelay=True
+        )
         self._send: Dict[type, Callable[[Any], None]] = {
-            BodySample: self._publish, Rebase: self._store_rebase, tm.Dropped: self._rejected,
+            BodySample: self._publish,
+            Rebase: self._store_rebase,
+            tm.Dropped: self._rejected,
             tm.OdometryEpoch: self._tell_epoch,
-        }  # fmt: skip
+        }
         self._step()
         self._timer = node.every(1.0, lambda _: self._updater.force_update())
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
-        rospy.Subscriber("t265/odom/sample", Odometry, self._on_sample, queue_size=50, tcp_nodelay=True)
+        rospy.Subscriber(
+            "t265/odom/sample", Odometry, self._on_sample, queue_size=50, tcp_nodelay=True
+        )
 
     def _on_sample(self, m: Odometry) -> None:
-        p, q, v, w = m.pose.pose.position, m.pose.pose.orientation, m.twist.twist.linear, m.twist.twist.angular
+        p, q, v, w = (
+            m.pose.pose.position,
+            m.pose.pose.orientation,
+            m.twist.twist.linear,
+            m.twist.twist.angular,
+        )
         sample = TrackerSample(
-            (m.header.frame_id, m.child_frame_id), m.header.stamp.to_sec(), (p.x, p.y, p.z), (q.x, q.y, q.z, q.w),
-            (v.x, v.y, v.z), (w.x, w.y, w.z), m.pose.covariance,
-        )  # fmt: skip
+            (m.header.frame_id, m.child_frame_id),
+            m.header.stamp.to_sec(),
+            (p.x, p.y, p.z),
+            (q.x, q.y, q.z, q.w),
+            (v.x, v.y, v.z),
+            (w.x, w.y, w.z),
+            m.pose.covariance,
+        )
         self._receive(sample)
 
     def _on_calibration(self, message: Calibration) -> None:
@@ -117,12 +142,17 @@ class OdometryNode:
         return Rebase(float(stored["yaw_rad"]), tuple(stored["p_m"])) if stored else Rebase()
 
     def _next_epoch(self) -> EpochBegan:
-        """A start of this node begins an epoch, because nobody watched before; no number comes again after a reboot."""
+        """A start of this node begins an epoch, because nobody watched before; no number comes
+        again after a reboot."""
         before = int(rospy.get_param(self._epoch_param, 0))
-        return EpochBegan(max(before + 1, int(rospy.get_time()) % 2**31), "the odometry was started")
+        return EpochBegan(
+            max(before + 1, int(rospy.get_time()) % 2**31), "the odometry was started"
+        )
 
     def _tell_epoch(self, epoch: tm.OdometryEpoch) -> None:
-        self._epoch_publisher.publish(Epoch(conversions.header(rospy.get_time(), ""), epoch.number, epoch.reason))
+        self._epoch_publisher.publish(
+            Epoch(conversions.header(rospy.get_time(), ""), epoch.number, epoch.reason)
+        )
         rospy.set_param(self._epoch_param, epoch.number)
         rospy.logwarn("%s: epoch %d of its odometry: %s", self._odom, epoch.number, epoch.reason)
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures that leave the vehicle over the radio: small previews always, good ones with their pose while recording."""
+"""Pictures that leave the vehicle over the radio: small previews always, good ones with their pose
+while recording."""
 
 from dataclasses import dataclass
 
@@ -20,14 +21,16 @@ from fcsv_tracking.ros import clock_node
 
 @dataclass(frozen=True)
 class SendingParameters:
-    """Rates (Hz; 0: never) and JPEG qualities. ``capture_always``: not only while the recorder takes pictures."""
+    """Rates (Hz; 0: never) and JPEG qualities. ``capture_always``: not only while the recorder
+    takes pictures."""
 
     preview_rate_hz: float = 1.0
     preview_quality: int = 70
     capture_rate_hz: float = 2.0
     capture_quality: int = 95
     capture_always: bool = False
-    most_clock_offset_s: float = 0.05  # a picture by a clock that is further off is not sent for a map
+    # a picture by a clock that is further off is not sent for a map
+    most_clock_offset_s: float = 0.05
 
     def __post_init__(self):
         for name in ("preview_rate_hz", "capture_rate_hz"):
@@ -50,9 +53,14 @@ class PictureSender:
         self._vehicle, self._parameters, self._health = vehicle, parameters, health
         self._clock_off = False
         self._recording = parameters.capture_always
-        self._preview = rospy.Publisher("camera/color/image_raw/compressed", CompressedImage, queue_size=1)
+        self._preview = rospy.Publisher(
+            "camera/color/image_raw/compressed", CompressedImage, queue_size=1
+        )
         self._capture = rospy.Publisher("capture/picture", CapturedPicture, queue_size=3)
-        rates_hz = {self._preview: parameters.preview_rate_hz, self._capture: parameters.capture_rate_hz}
+        rates_hz = {
+            self._preview: parameters.preview_rate_hz,
+            self._capture: parameters.capture_rate_hz,
+        }
         self._gates = {publisher: PhaseGate(hz) for publisher, hz in rates_hz.items() if hz}
         rospy.Subscriber("clock/offset", ClockOffset, self._on_clock, queue_size=1)
         rospy.Subscriber("recorder/pictures", Bool, self._on_recording, queue_size=1)
@@ -72,17 +80,22 @@ class PictureSender:
             self._preview.publish(CompressedImage(header=message.header, format="jpeg", data=jpeg))
 
     def wants_capture(self, message: Image) -> bool:
-        """Whether this picture is to be sent with its pose. By a clock that is off it would be placed wrongly."""
+        """Whether this picture is to be sent with its pose. By a clock that is off it would be
+        placed wrongly."""
         if not (self._recording and self._due(self._capture, message)):
             return False
         if self._clock_off:
             self._health.drop("picture for the map", "this machine's clock is off")
         return not self._clock_off
 
-    def capture(self, message: Image, bgr: np.ndarray, info: CameraInfo, T_odom_cam: np.ndarray) -> None:
+    def capture(
+        self, message: Image, bgr: np.ndarray, info: CameraInfo, T_odom_cam: np.ndarray
+    ) -> None:
         """Sends a picture for a map made in flight."""
         out = CapturedPicture(vehicle=self._vehicle, camera=info, format="jpeg")
-        out.header = conversions.header(message.header.stamp.to_sec(), frames.camera_optical(self._vehicle))
+        out.header = conversions.header(
+            message.header.stamp.to_sec(), frames.camera_optical(self._vehicle)
+        )
         out.header.stamp = message.header.stamp
         out.camera_in_odom = conversions.transform_to_pose(T_odom_cam)
         out.data = _jpeg(bgr, self._parameters.capture_quality)
@@ -90,7 +103,11 @@ class PictureSender:
 
     def _due(self, publisher: rospy.Publisher, message: Image) -> bool:
         gate = self._gates.get(publisher)
-        return gate is not None and publisher.get_num_connections() > 0 and gate.passes(message.header.stamp.to_sec())
+        return (
+            gate is not None
+            and publisher.get_num_connections() > 0
+            and gate.passes(message.header.stamp.to_sec())
+        )
 
 
 def _jpeg(bgr: np.ndarray, quality: int) -> bytes:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Previews that crossed the radio as JPEG, as pictures for rviz and whoever else looks on the control PC."""
+"""Previews that crossed the radio as JPEG, as pictures for rviz and whoever else looks on the
+control PC."""
 
 from dataclasses import dataclass
 from typing import List
@@ -28,15 +29,24 @@ class PreviewsNode:
         for name in node.parameters(PreviewsParameters).vehicles:
             topic = f"/{name}/camera/color/image_raw"
             out = rospy.Publisher(topic, Image, queue_size=1)
-            rospy.Subscriber(f"{topic}/compressed", CompressedImage, self._on_picture, (name, out), queue_size=1)
+            rospy.Subscriber(
+                f"{topic}/compressed", CompressedImage, self._on_picture, (name, out), queue_size=1
+            )
 
     def _on_picture(self, message: CompressedImage, to) -> None:
         name, out = to
         if out.get_num_connections() == 0:
             return
-        bgr = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR) if message.data else None
+        bgr = (
+            cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
+            if message.data
+            else None
+        )
         if bgr is None:
-            self._health.drop("preview", f"{name}'s is no picture ({len(message.data)} octets of '{message.format}')")
+            self._health.drop(
+                "preview",
+                f"{name}'s is no picture ({len(message.data)} octets of '{message.format}')",
+            )
             return
         picture = conversions.array_to_image(bgr, "bgr8", 0.0, "")
         picture.header = message.header

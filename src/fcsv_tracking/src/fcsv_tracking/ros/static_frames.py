@@ -13,7 +13,9 @@ from fcsv_geometry.vehicles.tracker import T265_PROFILE, TrackerProfile
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 
 
-def fixed_parts(vehicle: VehicleGeometry, tracker: TrackerProfile = T265_PROFILE) -> List[TransformStamped]:
+def fixed_parts(
+    vehicle: VehicleGeometry, tracker: TrackerProfile = T265_PROFILE
+) -> List[TransformStamped]:
     """Static transforms of one vehicle; the driver's optical frame is ours by definition."""
     n = vehicle.name
     optical = frames.camera_optical(n)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tag detection on board: every picture's tags with the pose of the camera at that moment, and a small preview."""
+"""Tag detection on board: every picture's tags with the pose of the camera at that moment, and a
+small preview."""
 
 import threading
 import time
@@ -30,8 +31,9 @@ _FOLLOW_S = 2.0  # how long after a tag was seen every picture is looked at
 
 @dataclass(frozen=True)
 class TagsParameters:
-    """Parameters of the node. ``search_rate_hz`` counts while no picture shows a tag: looking at a picture costs
-    as much as all else on board together. ``decimate`` shrinks pictures before quads are sought in them."""
+    """Parameters of the node. ``search_rate_hz`` counts while no picture shows a tag: looking at a
+    picture costs as much as all else on board together. ``decimate`` shrinks pictures before quads
+    are sought in them."""
 
     vehicle: str
     vehicles: List[str]
@@ -51,8 +53,8 @@ class TagsParameters:
 
 
 class TagsNode:
-    """The newest picture wins; pictures beyond the rate are left alone. What is sent over the radio goes through here,
-    too: one process on board that takes pictures in."""
+    """The newest picture wins; pictures beyond the rate are left alone. What is sent over the radio
+    goes through here, too: one process on board that takes pictures in."""
 
     def __init__(self):
         parameters = node.parameters(TagsParameters)
@@ -74,19 +76,31 @@ class TagsNode:
         self._info: Optional[CameraInfo] = None
         self._picture: Optional[Image] = None
         self._picture_came = threading.Condition()
-        self._health.problem("camera_info", f"{self._name}: no camera_info yet; pictures cannot be used")
+        self._health.problem(
+            "camera_info", f"{self._name}: no camera_info yet; pictures cannot be used"
+        )
         self._detections = rospy.Publisher("tags/detections", TagDetections, queue_size=5)
-        self._scene_motion = rospy.Publisher("tags/scene_motion", SceneMotion, queue_size=2, tcp_nodelay=True)
-        rospy.Subscriber("odometry/body", Odometry, self._on_odometry, queue_size=50, tcp_nodelay=True)
-        rospy.Subscriber("odometry/epoch", Epoch, lambda m: setattr(self, "_epoch", m.epoch), queue_size=1)
+        self._scene_motion = rospy.Publisher(
+            "tags/scene_motion", SceneMotion, queue_size=2, tcp_nodelay=True
+        )
+        rospy.Subscriber(
+            "odometry/body", Odometry, self._on_odometry, queue_size=50, tcp_nodelay=True
+        )
+        rospy.Subscriber(
+            "odometry/epoch", Epoch, lambda m: setattr(self, "_epoch", m.epoch), queue_size=1
+        )
         rospy.Subscriber("camera/color/camera_info", CameraInfo, self._on_info, queue_size=1)
-        rospy.Subscriber("camera/color/image_raw", Image, self._on_picture, queue_size=1, buff_size=4 << 20)
+        rospy.Subscriber(
+            "camera/color/image_raw", Image, self._on_picture, queue_size=1, buff_size=4 << 20
+        )
 
     def _on_odometry(self, message: Odometry) -> None:
         expected = (frames.odom(self._name), frames.base_link(self._name))
         try:
             if (message.header.frame_id, message.child_frame_id) != expected:
-                raise TrackingError(f"has frames {message.header.frame_id}, {message.child_frame_id}, not {expected}")
+                raise TrackingError(
+                    f"has frames {message.header.frame_id}, {message.child_frame_id}, not {expected}"
+                )
             T_odom_body = conversions.pose_to_transform(message.pose.pose)
         except FcsvError as error:
             self._health.drop("odometry", str(error))
@@ -109,7 +123,9 @@ class TagsNode:
 
     def _on_picture(self, message: Image) -> None:
         if any(message.header.frame_id.startswith(f"{other}/") for other in self._others):
-            self._health.drop("picture", f"is of frame {message.header.frame_id}, another vehicle's")
+            self._health.drop(
+                "picture", f"is of frame {message.header.frame_id}, another vehicle's"
+            )
             return
         with self._picture_came:
             self._picture = message
@@ -169,7 +185,8 @@ class TagsNode:
         self._health.tick("pictures")
 
     def _compare(self, grey, T_odom_cam, stamp_s: float) -> None:
-        """The picture against the tracker's motion: what the flight link believes the tracker by."""
+        """The picture against the tracker's motion: what the flight link believes the tracker
+        by."""
         if self._scene_epoch != self._epoch:
             self._scene_epoch = self._epoch
             self._scene.begin_again()

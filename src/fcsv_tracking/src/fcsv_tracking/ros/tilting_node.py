@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A tilting stereo camera by itself: its servos, the poses of its cameras, its pictures for the live map."""
+"""A tilting stereo camera by itself: its servos, the poses of its cameras, its pictures for the
+live map."""
 
 import threading
 import time
@@ -34,7 +35,8 @@ _REFERENCE = "map/reference_optical"
 
 @dataclass(frozen=True)
 class TiltingParameters:
-    """Parameters of the node. ``follow_map``: look at what the live map's depth has in its middle."""
+    """Parameters of the node. ``follow_map``: look at what the live map's depth has in its
+    middle."""
 
     rig_file: str
     port: str = "/dev/ttyUSB0"
@@ -52,9 +54,9 @@ class TiltingParameters:
 
 
 class TiltingNode:
-    """NAME is the rig's. /NAME/distance, /NAME/command, /map/depth and /NAME_left, NAME_right/camera/image_raw ->
-    servos, /NAME/joint_states, tf, and of each camera camera_pose and capture/picture; /home and /calibration, latched:
-    home is the rig's frame."""
+    """NAME is the rig's. /NAME/distance, /NAME/command, /map/depth and /NAME_left,
+    NAME_right/camera/image_raw -> servos, /NAME/joint_states, tf, and of each camera camera_pose
+    and capture/picture; /home and /calibration, latched: home is the rig's frame."""
 
     def __init__(self):
         self._parameters = p = node.parameters(TiltingParameters)
@@ -66,14 +68,21 @@ class TiltingNode:
         self._health = Health(p.port, flows)
         self._bus = DynamixelBus(p.port, p.baud)
         self._servos = TiltServos(self._bus, rig, rospy.get_time, p.aim.speed_degps)
-        self._tf, self._static = tf2_ros.TransformBroadcaster(), tf2_ros.StaticTransformBroadcaster()
-        self._joints = rospy.Publisher(f"/{rig.name}/joint_states", JointState, queue_size=20, tcp_nodelay=True)
+        self._tf, self._static = (
+            tf2_ros.TransformBroadcaster(),
+            tf2_ros.StaticTransformBroadcaster(),
+        )
+        self._joints = rospy.Publisher(
+            f"/{rig.name}/joint_states", JointState, queue_size=20, tcp_nodelay=True
+        )
         names = {side: rig.camera_name(side) for side in SIDES}
         self._pictures = {
-            s: rospy.Publisher(f"/{n}/capture/picture", CapturedPicture, queue_size=2) for s, n in names.items()
+            s: rospy.Publisher(f"/{n}/capture/picture", CapturedPicture, queue_size=2)
+            for s, n in names.items()
         }
         self._camera_poses = {
-            s: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for s, n in names.items()
+            s: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5)
+            for s, n in names.items()
         }
         latched = {"queue_size": 1, "latch": True}
         self._home = rospy.Publisher("/home", Home, **latched)
@@ -84,23 +93,43 @@ class TiltingNode:
         if p.follow_map:
             rospy.Subscriber("/map/depth", Image, self._on_depth, queue_size=1, buff_size=8 << 20)
         for side, n in names.items():
-            rospy.Subscriber(f"/{n}/camera/image_raw", Image, self._on_picture, side, queue_size=1, buff_size=8 << 20)
+            rospy.Subscriber(
+                f"/{n}/camera/image_raw",
+                Image,
+                self._on_picture,
+                side,
+                queue_size=1,
+                buff_size=8 << 20,
+            )
 
     def _say_home(self) -> None:
         """Both cameras' odometry is the rig's frame, and so is home."""
         now_s, identity = rospy.get_time(), conversions.transform_to_pose(np.eye(4))
         left, right = (self._rig.camera_name(side) for side in SIDES)
         link = CalibrationLink(parent=left, child=right, child_odom_in_parent_odom=identity)
-        self._calibration.publish(Calibration(header=conversions.header(now_s, frames.odom(left)), links=[link]))
-        self._home.publish(Home(header=conversions.header(now_s, frames.odom(left)), reference=left,
-                                home_in_odom=identity))  # fmt: skip
-        still = [conversions.transform_stamped(np.eye(4), now_s, frames.HOME, f) for f in
-                 (self._rig.frame, frames.odom(left), frames.odom(right))]  # fmt: skip
+        self._calibration.publish(
+            Calibration(header=conversions.header(now_s, frames.odom(left)), links=[link])
+        )
+        self._home.publish(
+            Home(
+                header=conversions.header(now_s, frames.odom(left)),
+                reference=left,
+                home_in_odom=identity,
+            )
+        )
+        still = [
+            conversions.transform_stamped(np.eye(4), now_s, frames.HOME, f)
+            for f in (self._rig.frame, frames.odom(left), frames.odom(right))
+        ]
         self._static.sendTransform(still)
 
     def _on_command(self, message: JointState) -> None:
-        self._take("command", lambda: self._aim.turn_to(
-            TiltAngles(*joint_messages.values_of(message, self._rig.frame, SIDES))))  # fmt: skip
+        self._take(
+            "command",
+            lambda: self._aim.turn_to(
+                TiltAngles(*joint_messages.values_of(message, self._rig.frame, SIDES))
+            ),
+        )
 
     def _on_distance(self, message: Range) -> None:
         self._take("distance", lambda: self._aim.look(message.range))
@@ -108,7 +137,9 @@ class TiltingNode:
     def _on_depth(self, message: Image) -> None:
         def look() -> None:
             if message.header.frame_id != _REFERENCE:
-                raise SampleRejected("wrong frame", f"depth is of frame '{message.header.frame_id}'")
+                raise SampleRejected(
+                    "wrong frame", f"depth is of frame '{message.header.frame_id}'"
+                )
             T_rig_left = self._poses.at("left", message.header.stamp.to_sec()).T_rig_cam
             distance_m = looked_at_m(self._rig, T_rig_left, conversions.image_to_array(message))
             self._health.value("looks at [m]", f"{distance_m:.2f}")
@@ -166,16 +197,28 @@ class TiltingNode:
             except SampleRejected as error:
                 self._health.drop(error.reason, str(error))
                 return
-            ready = {s: m for s, m in self._waiting.items() if m.header.stamp.to_sec() <= self._poses.newest_s}
+            ready = {
+                s: m
+                for s, m in self._waiting.items()
+                if m.header.stamp.to_sec() <= self._poses.newest_s
+            }
             for side in ready:
                 del self._waiting[side]
             T = {side: self._poses.latest(side) for side in SIDES}
-        self._joints.publish(joint_messages.to_message(reading.stamp_s, self._rig.frame, reading.angles, SIDES))
-        self._tf.sendTransform([
-            conversions.transform_stamped(T[s], reading.stamp_s, self._rig.frame,
-                                          frames.camera_optical(self._rig.camera_name(s)))
-            for s in SIDES
-        ])  # fmt: skip
+        self._joints.publish(
+            joint_messages.to_message(reading.stamp_s, self._rig.frame, reading.angles, SIDES)
+        )
+        self._tf.sendTransform(
+            [
+                conversions.transform_stamped(
+                    T[s],
+                    reading.stamp_s,
+                    self._rig.frame,
+                    frames.camera_optical(self._rig.camera_name(s)),
+                )
+                for s in SIDES
+            ]
+        )
         for side, message in ready.items():
             self._send(side, message)
 
@@ -193,13 +236,17 @@ class TiltingNode:
             self._health.drop(f"{side} picture", str(error))
             return
         if bgr.shape[:2] != (camera.height, camera.width):
-            size = f"{bgr.shape[1]}x{bgr.shape[0]}, the rig's file says {camera.width}x{camera.height}"
+            size = (
+                f"{bgr.shape[1]}x{bgr.shape[0]}, the rig's file says {camera.width}x{camera.height}"
+            )
             self._health.drop(f"{side} picture: wrong size", size)
             return
         name = self._rig.camera_name(side)
         optical = frames.camera_optical(name)
         self._camera_poses[side].publish(camera_message(stamp_s, posed.T_rig_cam, posed.covariance))
-        jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, self._parameters.jpeg_quality])[1].tobytes()
+        jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, self._parameters.jpeg_quality])[
+            1
+        ].tobytes()
         out = CapturedPicture(vehicle=name, format="jpeg", data=jpeg)
         out.header = conversions.header(stamp_s, optical)
         out.camera = conversions.info_from_camera(camera, stamp_s, optical)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Vehicles for rviz: body, field of view, tag and name, in their own frames or, before home is set, as they stand."""
+"""Vehicles for rviz: body, field of view, tag and name, in their own frames or, before home is set,
+as they stand."""
 
 from typing import List, Optional
 
@@ -21,8 +22,11 @@ NAME_M = 0.8  # height of letters: they are read at 1366 px from where rviz/map.
 _SPACING_M = 3.5  # of the column in which vehicles are drawn before home is set
 
 
-def vehicle_markers(vehicle: VehicleGeometry, number: int, T_home_body: Optional[np.ndarray] = None) -> List[Marker]:
-    """Fixed in the vehicle's own frames; with ``T_home_body`` in home, pale, and called not known."""
+def vehicle_markers(
+    vehicle: VehicleGeometry, number: int, T_home_body: Optional[np.ndarray] = None
+) -> List[Marker]:
+    """Fixed in the vehicle's own frames; with ``T_home_body`` in home, pale, and called not
+    known."""
     n, known = vehicle.name, T_home_body is None
     color = ColorRGBA(*_COLORS[number % len(_COLORS)], 1.0 if known else 0.4)
     body = _marker(n, 0, Marker.CUBE, frames.base_link(n), color, T_home_body, np.eye(4))
@@ -33,15 +37,20 @@ def vehicle_markers(vehicle: VehicleGeometry, number: int, T_home_body: Optional
     sight = view(n, 2, frames.camera_optical(n), HALF_VIEW, _FRUSTUM_M, color)
     if not known:
         _place(sight, T_home_body @ vehicle.T_body_cam)
-    label = _marker(n, 3, Marker.TEXT_VIEW_FACING, frames.base_link(n), color, T_home_body, np.eye(4))
+    label = _marker(
+        n, 3, Marker.TEXT_VIEW_FACING, frames.base_link(n), color, T_home_body, np.eye(4)
+    )
     label.pose.position.z, label.scale.z = label.pose.position.z + 0.8, NAME_M
     label.text, label.color.a = n if known else f"{n}: home is not set", 1.0
     return [body, tag, sight, label]
 
 
-def assumed_place(number: int, home_height_m: float, T_odom_body: Optional[np.ndarray]) -> np.ndarray:
-    """T_home_body to draw a vehicle at of which only its own odometry is known, if that: in a column behind home's
-    place, from the ground up; where its odometry began is where the column has its place."""
+def assumed_place(
+    number: int, home_height_m: float, T_odom_body: Optional[np.ndarray]
+) -> np.ndarray:
+    """T_home_body to draw a vehicle at of which only its own odometry is known, if that: in a
+    column behind home's place, from the ground up; where its odometry began is where the column has
+    its place."""
     T_home_odom = transforms.from_xyz_yaw([-_SPACING_M * number, 0.0, -home_height_m], 0.0)
     return T_home_odom if T_odom_body is None else T_home_odom @ T_odom_body
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a motion of the camera may have moved the points of a scene (Hartley and Zisserman 2004, 9.2)."""
+"""Where a motion of the camera may have moved the points of a scene (Hartley and Zisserman 2004,
+9.2)."""
 
 import numpy as np
 
@@ -7,7 +8,8 @@ NEAREST_M = 2.0  # of the scene: nearer points would move further
 
 
 class Lines:
-    """Where a motion may have moved each of N points, from where it is without one to where the nearest scene is.
+    """Where a motion may have moved each of N points, from where it is without one to where the
+    nearest scene is.
 
     Points (N, 2) are x/z, y/z in the optical frame of the camera then.
     """
@@ -20,9 +22,12 @@ class Lines:
         self._length2 = np.maximum(np.einsum("ij,ij->i", self._line, self._line), 1e-18)
 
     def off(self, xy_now: np.ndarray) -> np.ndarray:
-        """(N, 2) from the nearest such place to where each point is now; about rad near the middle."""
+        """(N, 2) from the nearest such place to where each point is now; about rad near the
+        middle."""
         from_a = xy_now - self._a
-        share = np.minimum(np.maximum(np.einsum("ij,ij->i", self._line, from_a) / self._length2, 0.0), 1.0)
+        share = np.minimum(
+            np.maximum(np.einsum("ij,ij->i", self._line, from_a) / self._length2, 0.0), 1.0
+        )
         return from_a - share[:, None] * self._line
 
 

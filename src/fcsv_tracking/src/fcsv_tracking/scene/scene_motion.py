@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Do a camera's pictures agree with how a tracker says that it moved: a witness that the tracker's drift cannot move.
+"""Do a camera's pictures agree with how a tracker says that it moved: a witness that the tracker's
+drift cannot move.
 
-Points of the scene are followed from one picture to a later one. The two poses say along which line each point may have
-moved, whatever its depth: the epipolar line, from infinitely far away to 2 m (epipolar.py). A tracker that drifts while
-the vehicle holds its place by it moves the camera, and so all points off their lines, near ones first (one_way.py).
+Points of the scene are followed from one picture to a later one. The two poses say along which line
+each point may have moved, whatever its depth: the epipolar line, from infinitely far away to 2 m
+(epipolar.py). A tracker that drifts while the vehicle holds its place by it moves the camera, and
+so all points off their lines, near ones first (one_way.py).
 """
 
 import math
@@ -22,13 +24,15 @@ from fcsv_tracking.scene.one_way import one_way_ratio
 SHARE_THAT_MAY_MOVE = 0.7  # of the points by themselves: people, leaves, another vehicle
 _WIDTH_PX = 320  # of the pictures in which points are followed
 _MOST_POINTS, _LEAST_POINTS = 60, 15
-_MOST_TURN_RAD, _MOST_WAY_M, _LONGEST_S = np.radians(10.0), 1.5, 3.0  # after which other points are taken
+# after which other points are taken
+_MOST_TURN_RAD, _MOST_WAY_M, _LONGEST_S = np.radians(10.0), 1.5, 3.0
 _KEPT = 0.5  # share of the points; with fewer, others are taken
 _THERE_AND_BACK_PX = 0.5
 
 
 def off_lines(xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray) -> np.ndarray:
-    """(N,) how far points are from the lines along which a motion moves them; about rad near the middle.
+    """(N,) how far points are from the lines along which a motion moves them; about rad near the
+    middle.
 
     Points (N, 2) are x/z, y/z in the optical frame of the camera then and now.
 
@@ -41,10 +45,14 @@ def off_lines(xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray) -
 
 
 def look(
-    span_s: float, xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray, R_odom_now: np.ndarray
+    span_s: float,
+    xy_then: np.ndarray,
+    xy_now: np.ndarray,
+    T_now_then: np.ndarray,
+    R_odom_now: np.ndarray,
 ) -> SceneLook:
-    """What followed points (N, 2; N of one or more), as for off_lines(), say of a motion; ``R_odom_now`` (3, 3) turns
-    from the camera now into the level odometry frame."""
+    """What followed points (N, 2; N of one or more), as for off_lines(), say of a motion;
+    ``R_odom_now`` (3, 3) turns from the camera now into the level odometry frame."""
     turn_rad = _turn_rad(T_now_then)
     off_rad = np.sort(off_lines(xy_then, xy_now, T_now_then))
     most_rad = float(off_rad[int((1.0 - SHARE_THAT_MAY_MOVE) * len(off_rad))])
@@ -53,7 +61,8 @@ def look(
 
 
 def outlived(span_s: float, T_now_then: np.ndarray) -> bool:
-    """Whether so much time, way or turn lies between two pictures that other points are to be taken."""
+    """Whether so much time, way or turn lies between two pictures that other points are to be
+    taken."""
     way_m = math.hypot(*T_now_then[:3, 3].tolist())
     return span_s > _LONGEST_S or way_m > _MOST_WAY_M or _turn_rad(T_now_then) > _MOST_TURN_RAD
 
@@ -64,14 +73,16 @@ def _turn_rad(T_now_then: np.ndarray) -> float:
 
 
 class SceneWatch:
-    """Told pictures and poses of one camera, it follows points by the pyramid of Lucas and Kanade (OpenCV)."""
+    """Told pictures and poses of one camera, it follows points by the pyramid of Lucas and Kanade
+    (OpenCV)."""
 
     def __init__(self) -> None:
         self.begin_again()
 
     def begin_again(self) -> None:
         """The tracker's frame was begun anew: poses of before are of another."""
-        self._then: Optional[Tuple[float, np.ndarray, np.ndarray]] = None  # stamp, T_odom_cam, points then (N, 2)
+        # stamp, T_odom_cam, points then (N, 2)
+        self._then: Optional[Tuple[float, np.ndarray, np.ndarray]] = None
         self._last: Optional[np.ndarray] = None  # the last picture, grey and small
         self._points = np.empty((0, 2), np.float32)  # where they are in it
         self._alive = np.empty(0, int)  # which of the points then they are
@@ -79,15 +90,23 @@ class SceneWatch:
     def see(
         self, stamp_s: float, grey: np.ndarray, camera: PinholeCamera, T_odom_cam: np.ndarray
     ) -> Optional[SceneLook]:
-        """A picture (H, W; uint8), and the pose of its camera's optical frame. None where points were only taken now,
-        or too few are left. Raises TrackingError where the camera is of another size."""
+        """A picture (H, W; uint8), and the pose of its camera's optical frame. None where points
+        were only taken now, or too few are left. Raises TrackingError where the camera is of
+        another size."""
         if grey.shape != (camera.height, camera.width):
             have = f"{grey.shape[1]}x{grey.shape[0]}"
-            raise TrackingError(f"picture is {have}, its camera_info {camera.width}x{camera.height}")
+            raise TrackingError(
+                f"picture is {have}, its camera_info {camera.width}x{camera.height}"
+            )
         shrunk = min(1.0, _WIDTH_PX / grey.shape[1])
         size = (int(round(grey.shape[1] * shrunk)), int(round(grey.shape[0] * shrunk)))
         small, camera = cv2.resize(grey, size, interpolation=cv2.INTER_AREA), camera.resized(*size)
-        if self._then is None or self._last is None or self._last.shape != small.shape or stamp_s <= self._then[0]:
+        if (
+            self._then is None
+            or self._last is None
+            or self._last.shape != small.shape
+            or stamp_s <= self._then[0]
+        ):
             return self._take(stamp_s, small, T_odom_cam)
         then_s, T_odom_then, points_then = self._then
         self._follow(small)
@@ -106,7 +125,8 @@ class SceneWatch:
         self._then = (stamp_s, T_odom_cam, self._points.copy())
 
     def _follow(self, small: np.ndarray) -> None:
-        """Points in the newer picture; those that do not come back to where they were are dropped."""
+        """Points in the newer picture; those that do not come back to where they were are
+        dropped."""
         before, self._last = self._last, small
         if not len(self._points):
             return

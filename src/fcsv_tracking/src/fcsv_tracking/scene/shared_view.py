@@ -13,11 +13,12 @@ _ON_THE_PLANE_M = 1e-9
 def shared_view(
     T_home_a: np.ndarray, T_home_b: np.ndarray, tangents: Tuple[float, float], reach_m: float
 ) -> List[np.ndarray]:
-    """Faces of the room that both cameras see, each (K, 3) corners in home (m), in order; empty: they share none.
+    """Faces of the room that both cameras see, each (K, 3) corners in home (m), in order; empty:
+    they share none.
 
-    ``T_home_a``, ``T_home_b``: 4x4, optical frames; ``tangents`` of half the field of view, across and down;
-    ``reach_m``: depth at which both views are cut. The surface of what two convex bodies share is what lies of each
-    one's surface within the other.
+    ``T_home_a``, ``T_home_b``: 4x4, optical frames; ``tangents`` of half the field of view, across
+    and down; ``reach_m``: depth at which both views are cut. The surface of what two convex bodies
+    share is what lies of each one's surface within the other.
 
     >>> side_by_side = np.eye(4), transforms.transform(np.eye(3), np.array([2.0, 0.0, 0.0]))
     >>> faces = shared_view(*side_by_side, (0.5, 0.5), 10.0)
@@ -36,14 +37,18 @@ def shared_view(
     return faces
 
 
-def _pyramid(T_home_cam: np.ndarray, tangents: Tuple[float, float], reach_m: float) -> List[np.ndarray]:
+def _pyramid(
+    T_home_cam: np.ndarray, tangents: Tuple[float, float], reach_m: float
+) -> List[np.ndarray]:
     """Its five faces."""
     ends = transforms.apply(T_home_cam, corners(tangents) * reach_m)
     apex = T_home_cam[:3, 3]
     return [*(np.stack([apex, ends[k], ends[(k + 1) % 4]]) for k in range(4)), ends]
 
 
-def _planes(T_home_cam: np.ndarray, tangents: Tuple[float, float], reach_m: float) -> List[Tuple[np.ndarray, float]]:
+def _planes(
+    T_home_cam: np.ndarray, tangents: Tuple[float, float], reach_m: float
+) -> List[Tuple[np.ndarray, float]]:
     """(normal n, offset d) of its faces; inside is n·p + d >= 0."""
     edges = corners(tangents)
     normals = [np.cross(edges[k], edges[(k + 1) % 4]) for k in range(4)]
@@ -54,7 +59,8 @@ def _planes(T_home_cam: np.ndarray, tangents: Tuple[float, float], reach_m: floa
 
 
 def corners(tangents: Tuple[float, float]) -> np.ndarray:
-    """(4, 3) at depth 1, clockwise as the camera sees them; ``tangents`` of half the field of view, across and down."""
+    """(4, 3) at depth 1, clockwise as the camera sees them; ``tangents`` of half the field of view,
+    across and down."""
     w, h = tangents
     return np.array([[-w, -h, 1.0], [w, -h, 1.0], [w, h, 1.0], [-w, h, 1.0]])
 

@@ -22,7 +22,8 @@ _COLUMNS = ["picture", "station", "side", "angle_deg"]
 
 @dataclass(frozen=True)
 class TagBoard:
-    """A flat grid of tags (tag36h11) with rising ids, row by row from the top left; edges and gaps in m.
+    """A flat grid of tags (tag36h11) with rising ids, row by row from the top left; edges and gaps
+    in m.
 
     Its frame: origin in the middle of the first tag, x right, y down, z into the board.
     """
@@ -34,10 +35,19 @@ class TagBoard:
     first_id: int = 0
 
     def __post_init__(self):
-        if self.columns < 1 or self.rows < 1 or self.first_id < 0 or self.first_id + self.columns * self.rows > 587:
-            raise ValueError(f"board: {self.columns}x{self.rows} tags from id {self.first_id}: none, or beyond id 586")
+        if (
+            self.columns < 1
+            or self.rows < 1
+            or self.first_id < 0
+            or self.first_id + self.columns * self.rows > 587
+        ):
+            raise ValueError(
+                f"board: {self.columns}x{self.rows} tags from id {self.first_id}: none, or beyond id 586"
+            )
         if not self.size_m > 0 or not self.gap_m > 0:
-            raise ValueError(f"board: tags of {self.size_m} m with gaps of {self.gap_m} m; both must be positive")
+            raise ValueError(
+                f"board: tags of {self.size_m} m with gaps of {self.gap_m} m; both must be positive"
+            )
 
     def corners(self, tag_id: int) -> np.ndarray:
         """(4,3) m in the board's frame, in the detector's order.
@@ -57,7 +67,8 @@ class TagBoard:
 
 @dataclass(frozen=True)
 class BoardView:
-    """Corners (N,2, undistorted x/z, y/z) of the board's points (N,3, m) in one picture of a side at an angle as read.
+    """Corners (N,2, undistorted x/z, y/z) of the board's points (N,3, m) in one picture of a side
+    at an angle as read.
 
     Rig and board stand still within a ``station``.
     """
@@ -72,9 +83,14 @@ class BoardView:
 
 
 def view_of(
-    station: str, side: str, angle_rad: float, tags: Sequence[TagObservation], board: TagBoard, camera: PinholeCamera,
+    station: str,
+    side: str,
+    angle_rad: float,
+    tags: Sequence[TagObservation],
+    board: TagBoard,
+    camera: PinholeCamera,
     name: str = "",
-) -> Optional[BoardView]:  # fmt: skip
+) -> Optional[BoardView]:
     """None where no tag of the board is seen."""
     if not tags:
         return None
@@ -84,11 +100,14 @@ def view_of(
 
 
 def read_views(folder: Path, rig: TiltingRig, board: TagBoard) -> List[BoardView]:
-    """Pictures of ``folder`` with the board, as its views.csv lists them. Raises CalibrationRefused naming the line."""
+    """Pictures of ``folder`` with the board, as its views.csv lists them. Raises CalibrationRefused
+    naming the line."""
     detector, found = board.detector(), []
     path = folder / VIEWS
     if not path.is_file():
-        raise CalibrationRefused(f"{path}: does not exist; it lists {','.join(_COLUMNS)} of every picture")
+        raise CalibrationRefused(
+            f"{path}: does not exist; it lists {','.join(_COLUMNS)} of every picture"
+        )
     with open(path, newline="", encoding="utf-8-sig") as file:
         reader = csv.DictReader(file)
         if list(reader.fieldnames or ()) != _COLUMNS:
@@ -104,7 +123,15 @@ def read_views(folder: Path, rig: TiltingRig, board: TagBoard) -> List[BoardView
                 raise CalibrationRefused(f"{where}: {error}") from error
             camera = getattr(rig, side).camera
             tags = detector.detect(gray, camera)
-            view = view_of(str(row["station"]), side, float(np.radians(angle_deg)), tags, board, camera, row["picture"])
+            view = view_of(
+                str(row["station"]),
+                side,
+                float(np.radians(angle_deg)),
+                tags,
+                board,
+                camera,
+                row["picture"],
+            )
             found += [view] if view else []
     return found
 

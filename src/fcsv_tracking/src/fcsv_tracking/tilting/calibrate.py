@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Axes and mounts of a tilting rig from views of a board of tags: one adjustment of all of them.
 
-Unknown: both axes (direction and place, four numbers each), the right camera at angle zero (six; its turn about the
-axis is the servo's zero), the board at every station, and every angle, which is only read to a tick. The left camera
-at angle zero is where the file has it: that fixes the rig's frame.
+Unknown: both axes (direction and place, four numbers each), the right camera at angle zero (six;
+its turn about the axis is the servo's zero), the board at every station, and every angle, which is
+only read to a tick. The left camera at angle zero is where the file has it: that fixes the rig's
+frame.
 """
 
 from dataclasses import dataclass, replace
@@ -24,7 +25,8 @@ from fcsv_tracking.tilting.rig import SIDES, Known, TiltAngles, TiltAxis, Tiltin
 _SHARED = 14  # left axis (4), right axis (4), right camera (rotation, position)
 _STEP = 1e-6
 _OUTLIER_SIGMAS = 5.0
-_LEAST_SHARE = 1e-9  # of the largest eigenvalue of the scaled normal matrix: what is smaller is not observed
+# of the largest eigenvalue of the scaled normal matrix: what is smaller is not observed
+_LEAST_SHARE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,8 @@ class TiltRules:
     corner_noise_px: float = 0.15
     least_views: int = 6  # of each side
     least_spread_deg: float = 10.0  # of each side's angles
-    most_rotation_deg: float = 0.1  # of the right camera against the left one, per axis, anywhere inside the limits
+    # of the right camera against the left one, per axis, anywhere inside the limits
+    most_rotation_deg: float = 0.1
     most_position_m: float = 0.001
 
     def __post_init__(self):
@@ -43,8 +46,9 @@ class TiltRules:
 
 @dataclass(frozen=True)
 class TiltSolution:
-    """The rig with what was found and how well it is known; ``covariance`` (14, 14) is of what the module names, in its
-    order: axes (m, rad), the right camera's small rotation and displacement in the rig's axes."""
+    """The rig with what was found and how well it is known; ``covariance`` (14, 14) is of what the
+    module names, in its order: axes (m, rad), the right camera's small rotation and displacement in
+    the rig's axes."""
 
     rig: TiltingRig
     covariance: np.ndarray
@@ -53,8 +57,11 @@ class TiltSolution:
     rejected: int
 
 
-def calibrate(rig: TiltingRig, views: Sequence[BoardView], rules: TiltRules = TiltRules()) -> TiltSolution:
-    """Start from the rig's file, fit robustly, leave out corners that do not fit, fit again, say how good it is.
+def calibrate(
+    rig: TiltingRig, views: Sequence[BoardView], rules: TiltRules = TiltRules()
+) -> TiltSolution:
+    """Start from the rig's file, fit robustly, leave out corners that do not fit, fit again, say
+    how good it is.
 
     Raises CalibrationRefused with the reason and what to do.
     """
@@ -79,7 +86,9 @@ def calibrate(rig: TiltingRig, views: Sequence[BoardView], rules: TiltRules = Ti
 
 def _require_views(rig: TiltingRig, views: Sequence[BoardView], rules: TiltRules) -> None:
     """What no adjustment could find is refused in words."""
-    seen: Dict[str, List[BoardView]] = {side: [v for v in views if v.side == side] for side in SIDES}
+    seen: Dict[str, List[BoardView]] = {
+        side: [v for v in views if v.side == side] for side in SIDES
+    }
     for side, own in seen.items():
         if len(own) < rules.least_views:
             raise CalibrationRefused(
@@ -101,9 +110,11 @@ def _require_views(rig: TiltingRig, views: Sequence[BoardView], rules: TiltRules
 
 
 class _Model:
-    """Residuals of corners (px over their noise) and of angles (over a reading's), and their derivatives.
+    """Residuals of corners (px over their noise) and of angles (over a reading's), and their
+    derivatives.
 
-    Parameters: 14 that are shared, six of the board at each station (rotation, place), one of each view's angle.
+    Parameters: 14 that are shared, six of the board at each station (rotation, place), one of each
+    view's angle.
     """
 
     def __init__(self, rig: TiltingRig, views: Sequence[BoardView], rules: TiltRules):
@@ -129,7 +140,9 @@ class _Model:
         best = max((v for v in self._views if v.station == station), key=lambda v: len(v.points_m))
         found, rvec, tvec = cv2.solvePnP(best.points_m, best.corners_normalized, np.eye(3), None)
         if not found or tvec[2, 0] <= 0:
-            raise CalibrationRefused(f"{best.name or station}: the tags' corners are no view of the board")
+            raise CalibrationRefused(
+                f"{best.name or station}: the tags' corners are no view of the board"
+            )
         T_cam_board = transforms.transform(cv2.Rodrigues(rvec)[0], tvec.ravel())
         return getattr(self.rig, best.side).T_rig_cam(best.angle_rad) @ T_cam_board
 
@@ -146,7 +159,10 @@ class _Model:
         T[:3, :3] = Rotation.from_rotvec(x[8:11]).as_matrix() @ T[:3, :3]
         T[:3, 3] += x[11:14]
         mount = Mount(tuple(map(float, T[:3, 3])), tuple(map(float, np.degrees(transforms.rpy(T)))))
-        left, right = replace(self.rig.left, axis=axes[0]), replace(self.rig.right, axis=axes[1], mount=mount)
+        left, right = (
+            replace(self.rig.left, axis=axes[0]),
+            replace(self.rig.right, axis=axes[1], mount=mount),
+        )
         return replace(self.rig, left=left, right=right)
 
     def _corners(self, x: np.ndarray) -> np.ndarray:
@@ -178,8 +194,8 @@ class _Model:
         return np.concatenate([self.corner_residuals(x) / self._rules.corner_noise_px, angles])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Gives the derivatives of the residuals. A board moves its station's corners alone and an angle its view's:
-        all at once each."""
+        """Gives the derivatives of the residuals. A board moves its station's corners alone and an
+        angle its view's: all at once each."""
         n, base = len(self._stations), self.corner_residuals(x) / self._rules.corner_noise_px
         J = np.zeros((len(base) + len(self._views), len(x)))
         view = np.repeat(self._view[self._kept], 2)
@@ -202,13 +218,20 @@ class _Model:
     def fit(self, x: np.ndarray, robust: bool) -> np.ndarray:
         loss = {"loss": "soft_l1", "f_scale": 2.0} if robust else {}
         # steps by lsmr: a decomposition of the whole matrix takes several times as long
-        options = {"x_scale": "jac", "tr_solver": "lsmr", "max_nfev": 60, "ftol": 1e-6, "xtol": 1e-7}
+        options = {
+            "x_scale": "jac",
+            "tr_solver": "lsmr",
+            "max_nfev": 60,
+            "ftol": 1e-6,
+            "xtol": 1e-7,
+        }
         return least_squares(self._residuals, x, self.jacobian, **options, **loss).x
 
     def leave_out(self, x: np.ndarray) -> int:
         """Corners far off; how many."""
         off_px = np.linalg.norm(self._corners(x), axis=1)
-        noise_px = max(self._rules.corner_noise_px, float(np.median(off_px)) / 1.18)  # the median of Rayleigh's law
+        # the median of Rayleigh's law
+        noise_px = max(self._rules.corner_noise_px, float(np.median(off_px)) / 1.18)
         self._kept = off_px < _OUTLIER_SIGMAS * noise_px
         return int((~self._kept).sum())
 
@@ -218,7 +241,9 @@ def _covariance(model: _Model, x: np.ndarray) -> np.ndarray:
     J = model.jacobian(x)
     scale = np.linalg.norm(J, axis=0)
     if scale.min() <= 0.0:
-        raise CalibrationRefused("some of the rig is in no view: take pictures with both cameras at many angles")
+        raise CalibrationRefused(
+            "some of the rig is in no view: take pictures with both cameras at many angles"
+        )
     H = (J / scale).T @ (J / scale)
     values = np.linalg.eigvalsh(H)
     if values[0] < _LEAST_SHARE * values[-1]:
@@ -231,10 +256,17 @@ def _covariance(model: _Model, x: np.ndarray) -> np.ndarray:
     return (np.linalg.inv(H) / np.outer(scale, scale) * max(1.0, per_dof))[:_SHARED, :_SHARED]
 
 
-def _spread(rig: TiltingRig, model: _Model, x: np.ndarray, covariance: np.ndarray) -> Tuple[float, float]:
-    """Largest standard deviation per axis of the right camera against the left one at exact angles: deg, m."""
+def _spread(
+    rig: TiltingRig, model: _Model, x: np.ndarray, covariance: np.ndarray
+) -> Tuple[float, float]:
+    """Largest standard deviation per axis of the right camera against the left one at exact angles:
+    deg, m."""
     low, high = np.radians(rig.limits_deg)
-    pairs = [(low, low), (high, high)] if rig.coupled else [(low, low), (low, high), (high, low), (high, high)]
+    pairs = (
+        [(low, low), (high, high)]
+        if rig.coupled
+        else [(low, low), (low, high), (high, low), (high, high)]
+    )
     rotation, position = 0.0, 0.0
     for angles in pairs:
         at = TiltAngles(*map(float, angles))
@@ -247,7 +279,10 @@ def _spread(rig: TiltingRig, model: _Model, x: np.ndarray, covariance: np.ndarra
             J[:3, k] = Rotation.from_matrix(M[:3, :3] @ T[:3, :3].T).as_rotvec() / _STEP
             J[3:, k] = (M[:3, 3] - T[:3, 3]) / _STEP
         sigma = np.sqrt(np.diag(J @ covariance @ J.T))
-        rotation, position = max(rotation, float(sigma[:3].max())), max(position, float(sigma[3:].max()))
+        rotation, position = (
+            max(rotation, float(sigma[:3].max())),
+            max(position, float(sigma[3:].max())),
+        )
     return float(np.degrees(rotation)), position
 
 

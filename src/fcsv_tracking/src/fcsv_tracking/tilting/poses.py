@@ -46,7 +46,8 @@ class RigPoses:
         return self._rig.T_rig_cam(side, TiltAngles(*self._track.latest()))
 
     def at(self, side: str, stamp_s: float) -> PosedCamera:
-        """A camera at a stamp. Raises SampleRejected where it turned then, PoseUnavailable where no readings are."""
+        """A camera at a stamp. Raises SampleRejected where it turned then, PoseUnavailable where no
+        readings are."""
         angles, rates = self._track.at(stamp_s)
         fastest_degps = float(np.degrees(np.abs(rates).max()))
         if fastest_degps > _STILL_DEGPS:
@@ -56,16 +57,22 @@ class RigPoses:
 
 
 def looked_at_m(rig: TiltingRig, T_rig_left: np.ndarray, depth: np.ndarray) -> float:
-    """Distance (m) from the rig's middle of what is in the middle of the left picture, by its depth (H,W, m, NaN).
+    """Distance (m) from the rig's middle of what is in the middle of the left picture, by its depth
+    (H,W, m, NaN).
 
-    The picture may be a resized one. Raises SampleRejected where too little of the middle has a depth.
+    The picture may be a resized one. Raises SampleRejected where too little of the middle has a
+    depth.
     """
     height, width = depth.shape
-    rows, columns = (slice(int(n * (1 - _MIDDLE) / 2), int(n * (1 + _MIDDLE) / 2)) for n in (height, width))
+    rows, columns = (
+        slice(int(n * (1 - _MIDDLE) / 2), int(n * (1 + _MIDDLE) / 2)) for n in (height, width)
+    )
     middle = depth[rows, columns]
     known = np.isfinite(middle) & (middle > 0)
     if known.sum() < _LEAST_PIXELS:
-        raise SampleRejected("no depth", f"{int(known.sum())} pixels of the picture's middle have a depth")
+        raise SampleRejected(
+            "no depth", f"{int(known.sum())} pixels of the picture's middle have a depth"
+        )
     rays = rig.left.camera.undistorted().resized(width, height).rays()[rows, columns][known]
     points = transforms.apply(T_rig_left, rays * middle[known][:, None])
     return float(np.percentile(points[:, 0], _NEAR_PERCENTILE))

@@ -37,7 +37,9 @@ class TiltAxis:
     def __post_init__(self):
         length = float(np.linalg.norm(self.direction))
         if not 0.5 < length < 2.0:
-            raise ValueError(f"direction: {list(self.direction)} has length {length:.3g}; give a unit vector")
+            raise ValueError(
+                f"direction: {list(self.direction)} has length {length:.3g}; give a unit vector"
+            )
 
     @property
     def unit(self) -> np.ndarray:
@@ -87,13 +89,17 @@ class TiltingCamera:
 
     def T_rig_cam(self, angle_rad: float) -> np.ndarray:
         """The camera's optical frame in R (4x4)."""
-        T_rig_cam0 = self.mount.T_body_part @ transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
+        T_rig_cam0 = self.mount.T_body_part @ transforms.transform(
+            transforms.R_FLU_OPTICAL, np.zeros(3)
+        )
         return self.axis.turned(angle_rad) @ T_rig_cam0
 
     def motion(self, angle_rad: float) -> np.ndarray:
         """(6,): how the camera moves (m) and turns (rad), about R's axes, per rad of the angle."""
         p = self.T_rig_cam(angle_rad)[:3, 3]
-        return np.concatenate([np.cross(self.axis.unit, p - np.asarray(self.axis.xyz_m, float)), self.axis.unit])
+        return np.concatenate(
+            [np.cross(self.axis.unit, p - np.asarray(self.axis.xyz_m, float)), self.axis.unit]
+        )
 
 
 @dataclass(frozen=True)
@@ -101,7 +107,8 @@ class Known:
     """Standard deviations per axis of what calibration leaves: the right camera against the left one, at exact angles,
     and of an angle as it is read (encoder and play), its resolution aside."""
 
-    rotation_deg: float = 0.05  # standard deviation of the right camera's attitude against the left one's
+    # standard deviation of the right camera's attitude against the left one's
+    rotation_deg: float = 0.05
     position_m: float = 0.0003  # of its position
     reading_deg: float = 0.03  # of an angle as it is read: encoder and play
 
@@ -124,11 +131,15 @@ class TiltingRig:
             raise ValueError(f"name: '{self.name}' is not a ROS name; use letters, digits and _")
         low, high = self.limits_deg
         if not -10.0 <= low < high <= 60.0:
-            raise ValueError(f"limits_deg: {low}, {high} must rise and lie within -10 to 60 degrees inward")
+            raise ValueError(
+                f"limits_deg: {low}, {high} must rise and lie within -10 to 60 degrees inward"
+            )
         if self.left.servo is None:
             raise ValueError("left.servo: is missing; a rig with one servo has it on the left")
         if self.right.servo is not None and self.right.servo.id == self.left.servo.id:
-            raise ValueError(f"right.servo.id: {self.right.servo.id} is also the left one's; leave out a geared side's")
+            raise ValueError(
+                f"right.servo.id: {self.right.servo.id} is also the left one's; leave out a geared side's"
+            )
         across_m = self.left.mount.xyz_m[1] - self.right.mount.xyz_m[1]
         if not _LEAST_M <= across_m <= _MOST_M:
             raise ValueError(
@@ -178,9 +189,13 @@ class TiltingRig:
         Errors of both sides are independent; the calibration's stands in the right one's alone.
         """
         motion = getattr(self, side).motion(angles[SIDES.index(side)])
-        C = np.outer(motion, motion) * self.angle_std_rad**2 + np.diag([_FLOOR_M**2] * 3 + [_FLOOR_RAD**2] * 3)
+        C = np.outer(motion, motion) * self.angle_std_rad**2 + np.diag(
+            [_FLOOR_M**2] * 3 + [_FLOOR_RAD**2] * 3
+        )
         if side == "right":
-            C += np.diag([self.known.position_m**2] * 3 + [np.radians(self.known.rotation_deg) ** 2] * 3)
+            C += np.diag(
+                [self.known.position_m**2] * 3 + [np.radians(self.known.rotation_deg) ** 2] * 3
+            )
         return C
 
     def relative_covariance(self, angles: TiltAngles) -> np.ndarray:
@@ -191,7 +206,9 @@ class TiltingRig:
         if self.coupled:  # one reading moves both; what is left of it is the difference
             both = self.right.motion(angles.right_rad) - F @ self.left.motion(angles.left_rad)
             floor = np.diag([_FLOOR_M**2] * 3 + [_FLOOR_RAD**2] * 3)
-            known = np.diag([self.known.position_m**2] * 3 + [np.radians(self.known.rotation_deg) ** 2] * 3)
+            known = np.diag(
+                [self.known.position_m**2] * 3 + [np.radians(self.known.rotation_deg) ** 2] * 3
+            )
             return np.outer(both, both) * self.angle_std_rad**2 + known + floor + F @ floor @ F.T
         return self.covariance("right", angles) + F @ self.covariance("left", angles) @ F.T
 

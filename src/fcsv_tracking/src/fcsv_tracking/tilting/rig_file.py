@@ -16,7 +16,9 @@ def write_rig(path: Path, rig: TiltingRig, note: str) -> TiltingRig:
         if document[side]["servo"] is None:
             del document[side]["servo"]
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(f"# {note}\n" + yaml.safe_dump(document, sort_keys=False, default_flow_style=None))
+    path.write_text(
+        f"# {note}\n" + yaml.safe_dump(document, sort_keys=False, default_flow_style=None)
+    )
     return load_rig(path)
 
 

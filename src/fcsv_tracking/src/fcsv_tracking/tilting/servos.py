@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rig's servos: one or two MX-12W on the bus of the gimbals' driver; behind it a simulated bus in tests."""
+"""The rig's servos: one or two MX-12W on the bus of the gimbals' driver; behind it a simulated bus
+in tests."""
 
 from typing import Callable, Dict, NamedTuple
 
@@ -15,10 +16,17 @@ class TiltReading(NamedTuple):
 
 
 class TiltServos:
-    """Turns and reads a rig's sides; a geared side has the other one's angle. Every call may raise ServoError."""
+    """Turns and reads a rig's sides; a geared side has the other one's angle. Every call may raise
+    ServoError."""
 
-    def __init__(self, bus: DynamixelBus, rig: TiltingRig, clock: Callable[[], float],
-                 speed_degps: float = 60.0, acceleration_degps2: float = 500.0):  # fmt: skip
+    def __init__(
+        self,
+        bus: DynamixelBus,
+        rig: TiltingRig,
+        clock: Callable[[], float],
+        speed_degps: float = 60.0,
+        acceleration_degps2: float = 500.0,
+    ):
         sides = [(side, getattr(rig, side).servo) for side in SIDES]
         axes = [DynamixelAxis(side, s.id, s.zero, s.sign) for side, s in sides if s is not None]
         self._rig = rig

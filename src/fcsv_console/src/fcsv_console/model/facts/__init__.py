@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the console is told: the contents of messages, one frozen dataclass each. Units are in the names."""
+"""What the console is told: the contents of messages, one frozen dataclass each. Units are in the
+names."""
 
 from typing import Union
 
@@ -46,9 +47,26 @@ from fcsv_console.model.facts.of_vehicle import (
     VehicleText,
 )
 
-OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, CameraKnown, PictureHeard, Guardian, Agent,
-                  Recorder, Clock, EpochHeard, Radio, VehicleText, Answered, Tags, Captured, Diagnosed,
-                  NotInBags]  # fmt: skip
+OfVehicle = Union[
+    AutopilotState,
+    Battery,
+    OdometryHeard,
+    CameraInHome,
+    CameraKnown,
+    PictureHeard,
+    Guardian,
+    Agent,
+    Recorder,
+    Clock,
+    EpochHeard,
+    Radio,
+    VehicleText,
+    Answered,
+    Tags,
+    Captured,
+    Diagnosed,
+    NotInBags,
+]
 Fact = Union[
     OfVehicle,
     Calibrated,

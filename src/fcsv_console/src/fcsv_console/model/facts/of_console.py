@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the console finds out itself: rehearsal, work after the flight, the master, messages it cannot use."""
+"""What the console finds out itself: rehearsal, work after the flight, the master, messages it
+cannot use."""
 
 import math
 from dataclasses import dataclass
@@ -17,11 +18,12 @@ class Unusable:
 
 @dataclass(frozen=True)
 class EpipolarTold:
-    """Holds the error of a pair's newest pictures: median distance from the epipolar lines of their places, NaN: too
-    few matches.
+    """Holds the error of a pair's newest pictures: median distance from the epipolar lines of their
+    places, NaN: too few matches.
 
-    ``refined_px``: what is left of it once the pair is fitted as the map fits it, ``surprise``: how far that pose is
-    from the trackers' (standard deviations of the map's prior); NaN: not fitted. ``focal_px``: of the picture.
+    ``refined_px``: what is left of it once the pair is fitted as the map fits it, ``surprise``: how
+    far that pose is from the trackers' (standard deviations of the map's prior); NaN: not fitted.
+    ``focal_px``: of the picture.
     """
 
     pair: Tuple[str, str]
@@ -34,8 +36,8 @@ class EpipolarTold:
 
 @dataclass(frozen=True)
 class RehearsalTold:
-    """Holds the rehearsal of a mission file's ``text``; ``state``: "runs", "passed", "broken", "impossible", "stopped";
-    ``share`` (0..1) of one that runs, NaN: not known."""
+    """Holds the rehearsal of a mission file's ``text``; ``state``: "runs", "passed", "broken",
+    "impossible", "stopped"; ``share`` (0..1) of one that runs, NaN: not known."""
 
     text: str
     state: str
@@ -45,8 +47,8 @@ class RehearsalTold:
 
 @dataclass(frozen=True)
 class JobTold:
-    """Holds the state of "gather", "map" or "report". ``state``: "runs", "done", "failed", "stopped"; ``share``: 0..1;
-    NaN: unknown."""
+    """Holds the state of "gather", "map" or "report". ``state``: "runs", "done", "failed",
+    "stopped"; ``share``: 0..1; NaN: unknown."""
 
     job: str
     state: str
@@ -58,7 +60,8 @@ class JobTold:
 class PlacesFound:
     """Whether there is a session, and a map's report, where they are looked for.
 
-    ``recording``: a bag of the session is still written; ``mapping``: some command makes a map there now.
+    ``recording``: a bag of the session is still written; ``mapping``: some command makes a map
+    there now.
     """
 
     session: bool

@@ -18,7 +18,8 @@ class Calibrated:
 
 @dataclass(frozen=True)
 class CalibratedLink:
-    """``child`` against ``parent``, the vehicle in front: from so many views of its tag; standard deviation of yaw."""
+    """``child`` against ``parent``, the vehicle in front: from so many views of its tag; standard
+    deviation of yaw."""
 
     child: str
     parent: str
@@ -30,7 +31,8 @@ class CalibratedLink:
 
 @dataclass(frozen=True)
 class CalibrationFound:
-    """Holds the calibration as fcsv_msgs/Calibration; without links where a tracker on the ground sees everybody."""
+    """Holds the calibration as fcsv_msgs/Calibration; without links where a tracker on the ground
+    sees everybody."""
 
     links: Tuple[CalibratedLink, ...]
 
@@ -80,7 +82,8 @@ class MissionAlive:
 
 @dataclass(frozen=True)
 class StopTold:
-    """Holds the report as fcsv_msgs/StopReport; ``asked``: "stop", "land" or empty; ``words``: what became of it."""
+    """Holds the report as fcsv_msgs/StopReport; ``asked``: "stop", "land" or empty; ``words``: what
+    became of it."""
 
     asked: str = ""
     words: str = ""
@@ -98,7 +101,8 @@ class MapTold:
 
 @dataclass(frozen=True)
 class MapPicture:
-    """``kind`` "reference": RGB, 8 bits, three octets a pixel; "depth": metres, float32, NaN where there is none."""
+    """``kind`` "reference": RGB, 8 bits, three octets a pixel; "depth": metres, float32, NaN where
+    there is none."""
 
     kind: str
     width: int
@@ -108,9 +112,11 @@ class MapPicture:
 
 @dataclass(frozen=True)
 class SeenFrom:
-    """What a camera on the ground sees: a pyramid from its eye to four corners, each (x, y, z) in home (m).
+    """What a camera on the ground sees: a pyramid from its eye to four corners, each (x, y, z) in
+    home (m).
 
-    ``gimbal_of``: the vehicle that it follows, "" of a mocap; ``age_s``: of where it looked, when told.
+    ``gimbal_of``: the vehicle that it follows, "" of a mocap; ``age_s``: of where it looked, when
+    told.
     """
 
     gimbal_of: str

@@ -59,8 +59,8 @@ class PictureHeard:
 
 @dataclass(frozen=True)
 class CameraKnown:
-    """Holds the camera as sensor_msgs/CameraInfo: size of the pictures, focal length (px) along the rows and across
-    them."""
+    """Holds the camera as sensor_msgs/CameraInfo: size of the pictures, focal length (px) along the
+    rows and across them."""
 
     vehicle: str
     width: int
@@ -94,7 +94,8 @@ class Agent:
 
 @dataclass(frozen=True)
 class Recorder:
-    """``vehicle`` is "control" for the control PC's own; ``minutes_left`` infinite: no rate is known yet."""
+    """``vehicle`` is "control" for the control PC's own; ``minutes_left`` infinite: no rate is
+    known yet."""
 
     vehicle: str
     pictures_on: bool
@@ -123,7 +124,8 @@ class EpochHeard:
 
 @dataclass(frozen=True)
 class Radio:
-    """The link to a vehicle as the relay measures it; ``loss`` 0..1 of what comes in, NaN: not measured yet."""
+    """The link to a vehicle as the relay measures it; ``loss`` 0..1 of what comes in, NaN: not
+    measured yet."""
 
     vehicle: str
     round_trip_s: float
@@ -133,7 +135,8 @@ class Radio:
 
 @dataclass(frozen=True)
 class VehicleText:
-    """A text for people; ``severity`` is MAVLink's (0 emergency .. 7 debug), ``who`` "autopilot" or "guardian"."""
+    """A text for people; ``severity`` is MAVLink's (0 emergency .. 7 debug), ``who`` "autopilot" or
+    "guardian"."""
 
     vehicle: str
     who: str
@@ -153,7 +156,8 @@ class Answered:
 
 @dataclass(frozen=True)
 class Tags:
-    """The tags in one picture: identities, and for each four corners (u, v) in px of the picture of ``stamp_s``."""
+    """The tags in one picture: identities, and for each four corners (u, v) in px of the picture of
+    ``stamp_s``."""
 
     vehicle: str
     ids: Tuple[int, ...]
@@ -171,8 +175,9 @@ class Captured:
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """What is wrong in its diagnostics, the worst first: (name, level, text), a last one without a name counts the
-    others; empty: it is well. Levels are those of diagnostic_msgs/DiagnosticStatus."""
+    """What is wrong in its diagnostics, the worst first: (name, level, text), a last one without a
+    name counts the others; empty: it is well. Levels are those of
+    diagnostic_msgs/DiagnosticStatus."""
 
     vehicle: str
     wrong: Tuple[Tuple[str, int, str], ...] = ()
@@ -180,7 +185,8 @@ class Diagnosed:
 
 @dataclass(frozen=True)
 class NotInBags:
-    """Topics of a vehicle that nobody plays while others of it are played: they were not recorded."""
+    """Topics of a vehicle that nobody plays while others of it are played: they were not
+    recorded."""
 
     vehicle: str
     topics: Tuple[str, ...]

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The autopilot's estimate held against the external navigation that it is fed.
 
-A jump of the feed that the autopilot first rejects it adopts later, over seconds and in steps that look like flight. So
-successive estimates do not show it; estimate and feed together do: the feed with its jumps taken out goes on as the
-vehicle flew, and what the estimate moves against that is the frame's, not the vehicle's.
+A jump of the feed that the autopilot first rejects it adopts later, over seconds and in steps that
+look like flight. So successive estimates do not show it; estimate and feed together do: the feed
+with its jumps taken out goes on as the vehicle flew, and what the estimate moves against that is
+the frame's, not the vehicle's.
 """
 
 import math
@@ -13,7 +14,8 @@ import numpy as np
 
 from fcsv_geometry.rotations import Vector
 
-JUMP_M = 0.2  # of the feed against its own speed, between two poses; noise and gusts make a quarter of that
+# of the feed against its own speed, between two poses; noise and gusts make a quarter of that
+JUMP_M = 0.2
 _ACC_MPS2 = 8.0  # no vehicle here changes its speed faster
 _GAP_S = 0.5  # a feed that was silent for longer begins anew
 _AHEAD_S = 0.2  # as far as the newest pose may be carried on by its speed
@@ -22,8 +24,8 @@ MOVED_M = 0.3  # of the estimate against the feed without its jumps; lag and noi
 
 
 def apart_m(p_fed: Optional[Sequence[float]], p_estimate: Optional[Sequence[float]]) -> float:
-    """Distance of a pose of the feed and the autopilot's estimate (m), positions (3,) in the odometry frame; NaN where
-    one of them is not known, so that no bound is passed by it.
+    """Distance of a pose of the feed and the autopilot's estimate (m), positions (3,) in the
+    odometry frame; NaN where one of them is not known, so that no bound is passed by it.
 
     >>> apart_m((0.0, 0.0, 0.0), (3.0, 0.0, 4.0)), apart_m(None, (0.0, 0.0, 0.0)) > 0.5
     (5.0, False)
@@ -32,7 +34,8 @@ def apart_m(p_fed: Optional[Sequence[float]], p_estimate: Optional[Sequence[floa
 
 
 class EstimateWatch:
-    """Told the feed's poses and the estimates, it says when the estimate moved (m, odometry frame)."""
+    """Told the feed's poses and the estimates, it says when the estimate moved (m, odometry
+    frame)."""
 
     def __init__(self):
         self.begin()
@@ -43,7 +46,8 @@ class EstimateWatch:
         self._stamp_s = self._heard_s = 0.0
         self._v = _ZERO
         self._jumped = _ZERO  # what the feed jumped in all
-        self._moved = _ZERO  # what the estimate moved against the feed without jumps, as far as it was told
+        # what the estimate moved against the feed without jumps, as far as it was told
+        self._moved = _ZERO
         self._estimate: Optional[Vector] = None
 
     def feed(self, now_s: float, stamp_s: float, p: np.ndarray, begun_anew: bool) -> None:
@@ -52,7 +56,8 @@ class EstimateWatch:
         before, self._p = self._p, tuple(p.tolist())
         self._stamp_s, self._heard_s = stamp_s, now_s
         if before is None or not 0.0 < dt_s <= _GAP_S:
-            if self._estimate is not None:  # the estimate is the better witness of what was flown meanwhile
+            # the estimate is the better witness of what was flown meanwhile
+            if self._estimate is not None:
                 self._jumped = _minus(_plus(self._p, self._moved), self._estimate)
             self._v = _ZERO
             return
@@ -62,10 +67,15 @@ class EstimateWatch:
             self._jumped = _plus(self._jumped, off)
         else:
             share = 0.5 / dt_s
-            self._v = (0.5 * v[0] + share * step[0], 0.5 * v[1] + share * step[1], 0.5 * v[2] + share * step[2])
+            self._v = (
+                0.5 * v[0] + share * step[0],
+                0.5 * v[1] + share * step[1],
+                0.5 * v[2] + share * step[2],
+            )
 
     def estimate(self, now_s: float, p: np.ndarray, armed: bool) -> Optional[np.ndarray]:
-        """The autopilot's estimate; by what it moved (3,) since that was told last, None where it did not."""
+        """The autopilot's estimate; by what it moved (3,) since that was told last, None where it
+        did not."""
         self._estimate = tuple(p.tolist())
         here = self._here(now_s)
         if here is None:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What went to the autopilot as external navigation: how often, when last, and with which stamps."""
+"""What went to the autopilot as external navigation: how often, when last, and with which
+stamps."""
 
 import math
 from collections import deque

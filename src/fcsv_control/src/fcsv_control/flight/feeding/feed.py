@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which poses of external navigation go on to the autopilot: new ones only, at a steady rate.
 
-Judged by when they arrive, on this computer's monotonic clock, and by differences of the sender's stamps: the sender's
-wall clock may be set forwards or back at any time, and that must not stop the feed of a flying vehicle.
+Judged by when they arrive, on this computer's monotonic clock, and by differences of the sender's
+stamps: the sender's wall clock may be set forwards or back at any time, and that must not stop the
+feed of a flying vehicle.
 """
 
 from dataclasses import dataclass
@@ -35,11 +36,14 @@ class FeedVerdict(Enum):
 
 
 class VisionFeed:
-    """Never lets a pose pass twice. ``stamp_s`` is the last passed one's, on the receiver's clock: it only rises."""
+    """Never lets a pose pass twice. ``stamp_s`` is the last passed one's, on the receiver's clock:
+    it only rises."""
 
-    _STEP_S = 0.1  # between the advance of the stamps and that of the receiver's clock: the sender's clock was set
+    # between the advance of the stamps and that of the receiver's clock: the sender's clock was set
+    _STEP_S = 0.1
     _CADENCE_S = 0.2  # poses that come faster than this were not held up on the way
-    _HELD_UP_S = 0.1  # poses that are late by the same time for so long are not held up, but of another clock
+    # poses that are late by the same time for so long are not held up, but of another clock
+    _HELD_UP_S = 0.1
     _CREEP = 1e-3  # share by which two clocks of one computer run apart, at most
     _LEAST_S = 1e-4  # between two stamps
     _EARLY = 0.3  # share of a period by which a pose may come early and pass: jitter of the sender
@@ -53,7 +57,8 @@ class VisionFeed:
         self.stamp_s = float("-inf")
 
     def judge(self, now_s: float, stamp_s: float) -> Tuple[FeedVerdict, str]:
-        """What to do with a pose that arrived at ``now_s`` (monotonic), and why it is dropped where it is."""
+        """What to do with a pose that arrived at ``now_s`` (monotonic), and why it is dropped where
+        it is."""
         before, self._before = self._before, (now_s, stamp_s)
         if before is not None and stamp_s == before[1]:
             return FeedVerdict.DROP, "pose is not newer than the last"
@@ -63,7 +68,8 @@ class VisionFeed:
             return FeedVerdict.DROP, f"pose is {age_s:.2f} s older than fresh ones are"
         self._late = (float("-inf"), float("-inf"))
         here_s = stamp_s + self._offset_s
-        if here_s <= self.stamp_s:  # taken in another order, or the clock was set by less than is noticed
+        # taken in another order, or the clock was set by less than is noticed
+        if here_s <= self.stamp_s:
             return FeedVerdict.DROP, "pose is not newer than the last"
         if not self._gate.passes(here_s):
             return FeedVerdict.THIN_OUT, ""
@@ -71,7 +77,8 @@ class VisionFeed:
         return FeedVerdict.SEND, ""
 
     def _steadily_late(self, now_s: float, age_s: float) -> bool:
-        """A clock that was set while poses were held up: what was held up comes fresher and fresher, this does not."""
+        """A clock that was set while poses were held up: what was held up comes fresher and
+        fresher, this does not."""
         if abs(age_s - self._late[1]) > 0.5 * self._STEP_S:
             self._late = (now_s, age_s)
         if now_s - self._late[0] < self._HELD_UP_S:
@@ -80,7 +87,8 @@ class VisionFeed:
         return True
 
     def _follow(self, now_s: float, stamp_s: float, before: Optional[Tuple[float, float]]) -> None:
-        """Keep the difference of the clocks: that of the freshest pose, and a new one where the sender's was set."""
+        """Keep the difference of the clocks: that of the freshest pose, and a new one where the
+        sender's was set."""
         offset_s = now_s - stamp_s
         if before is None:
             self._offset_s = offset_s

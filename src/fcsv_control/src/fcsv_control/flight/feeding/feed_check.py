@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the external navigation can be believed, held against the autopilot's own velocity and estimate.
+"""Whether the external navigation can be believed, held against the autopilot's own velocity and
+estimate.
 
-A T265 that looks down is known to freeze (one pose with fresh stamps) and to run off. Both pass every gate on stamps
-and steps. The velocity of the autopilot's filter comes from its IMU; a wrong feed pulls it only within about half a
-second (measured: a step of 0.5 m is followed within 1 s). A pose that this velocity cannot explain is withheld at
-once, so that the filter does not learn from it; when such poses go on, the feed is in doubt.
+A T265 that looks down is known to freeze (one pose with fresh stamps) and to run off. Both pass
+every gate on stamps and steps. The velocity of the autopilot's filter comes from its IMU; a wrong
+feed pulls it only within about half a second (measured: a step of 0.5 m is followed within 1 s). A
+pose that this velocity cannot explain is withheld at once, so that the filter does not learn from
+it; when such poses go on, the feed is in doubt.
 """
 
 import math
@@ -21,7 +23,8 @@ from fcsv_geometry.config import require_positive
 
 _CLOCK_STEP_S = 0.15  # between the sender's clock and ours
 _GAP_S = 0.5  # silence after which nothing of before counts
-_SETTLE_S = 1.5  # so long the autopilot's filter needs after one, or after a reset that was announced:
+# so long the autopilot's filter needs after one, or after a reset that was announced:
+_SETTLE_S = 1.5
 _IGNORES_S = 1.08  # with VISO_TYPE 2 ArduCopter ignores poses for so long, and adopts the next one
 _HEARS_S = 1.5  # until a link that was just started has heard from the autopilot
 
@@ -30,7 +33,8 @@ Vector = Tuple[float, float, float]
 
 @dataclass(frozen=True)
 class FeedCheckRules:
-    """Bounds. In hover a T265's noise moves its pose by some millimetres and hundredths of a degree in 0.3 s."""
+    """Bounds. In hover a T265's noise moves its pose by some millimetres and hundredths of a degree
+    in 0.3 s."""
 
     frozen_s: float = 0.3
     frozen_m: float = 0.001  # span of the position
@@ -41,7 +45,8 @@ class FeedCheckRules:
     speed_mps: float = 0.12  # of the filter's velocity
     lag_s: float = 0.04  # between both: counts while the velocity changes
     most_gaps: int = 3  # silences of more than half a second in one flight
-    returns_m: float = 0.3  # between estimate and feed after such a silence: more is not to be followed, but adopted
+    # between estimate and feed after such a silence: more is not to be followed, but adopted
+    returns_m: float = 0.3
     withheld_s: float = 0.25  # so long nothing believable came: doubt
     apart_m: float = 0.5  # between estimate and feed, beyond what is flown in apart_lag_s
     apart_lag_s: float = 0.2
@@ -54,12 +59,13 @@ class FeedCheckRules:
 
 
 class FeedCheck:
-    """``doubt`` says why the feed of a flying vehicle is not to be believed; it stays until the vehicle is on the
-    ground, because a tracker that comes to itself again has lost its place."""
+    """``doubt`` says why the feed of a flying vehicle is not to be believed; it stays until the
+    vehicle is on the ground, because a tracker that comes to itself again has lost its place."""
 
     def __init__(self, rules: Optional[FeedCheckRules] = None):
         self._rules = rules or FeedCheckRules()
-        self._way: Deque[Tuple[float, Vector, Vector]] = deque()  # time, way by velocity (m, odom), velocity
+        # time, way by velocity (m, odom), velocity
+        self._way: Deque[Tuple[float, Vector, Vector]] = deque()
         self._estimate: Optional[Vector] = None
         self._skew_s = 0.0
         self._settled_s = self._adopted_s = self._new_frame_s = -math.inf
@@ -71,17 +77,19 @@ class FeedCheck:
         self._clear()
 
     def begin_again(self) -> None:
-        """The odometry frame was begun anew, and the autopilot is told so: nothing of before counts. Estimate and feed
-        are compared again once the autopilot has adopted the new frame. The first pose in it may come a little later
-        than the announcement."""
+        """The odometry frame was begun anew, and the autopilot is told so: nothing of before
+        counts. Estimate and feed are compared again once the autopilot has adopted the new frame.
+        The first pose in it may come a little later than the announcement."""
         self._clear()
         self._announced = True
 
     def _clear(self) -> None:
         self._clock_s: Optional[float] = None
         self._gaps = 0
-        self._samples: Deque[Tuple[float, Tuple[float, ...]]] = deque()  # stamp; position, forward and left axes (9,)
-        self._believed: Deque[Tuple[float, Vector, Vector, Vector]] = deque()  # stamp, position, way, velocity
+        # stamp; position, forward and left axes (9,)
+        self._samples: Deque[Tuple[float, Tuple[float, ...]]] = deque()
+        # stamp, position, way, velocity
+        self._believed: Deque[Tuple[float, Vector, Vector, Vector]] = deque()
         self._withheld_since_s: Optional[float] = None
         self._apart_since_s: Optional[float] = None
         self._off_m = 0.0
@@ -98,8 +106,9 @@ class FeedCheck:
         self._height.on_ground()
 
     def waits(self, now_s: float, in_the_air: Optional[bool]) -> bool:
-        """Whether a pose is held back because a link that was just started does not know yet whether it flies, and
-        where the autopilot believes to be: what is elsewhere must be told as a reset. Not for long."""
+        """Whether a pose is held back because a link that was just started does not know yet
+        whether it flies, and where the autopilot believes to be: what is elsewhere must be told as
+        a reset. Not for long."""
         self._first_s = now_s if self._first_s is None else self._first_s
         knows = in_the_air is False or (in_the_air is True and self._estimate is not None)
         return not knows and now_s - self._first_s < _HEARS_S
@@ -124,11 +133,20 @@ class FeedCheck:
             self.doubt = self.doubt or self._height.doubt(off_m)
 
     def scene(
-        self, now_s: float, span_s: float, off_rad: float, turn_rad: float, points: int, one_way: float = 0.0
+        self,
+        now_s: float,
+        span_s: float,
+        off_rad: float,
+        turn_rad: float,
+        points: int,
+        one_way: float = 0.0,
     ) -> None:
-        """What the vehicle's own pictures say of the tracker's motion (SceneMotion.msg), while it flies."""
+        """What the vehicle's own pictures say of the tracker's motion (SceneMotion.msg), while it
+        flies."""
         if self._tracker_m is not None:
-            self.scene_says = self._scene.look(now_s, span_s, off_rad, turn_rad, points) or self.scene_says
+            self.scene_says = (
+                self._scene.look(now_s, span_s, off_rad, turn_rad, points) or self.scene_says
+            )
             said = self._scene.one_way(now_s, span_s, one_way, self._height.above_m)
             self.scene_says = self.scene_says or said
             if self._rules.scene.lands:
@@ -137,10 +155,15 @@ class FeedCheck:
                 self.doubt = self.doubt or said
 
     def passes(
-        self, now_s: float, stamp_s: float, T_odom_body: np.ndarray, armed: bool, in_the_air: Optional[bool]
+        self,
+        now_s: float,
+        stamp_s: float,
+        T_odom_body: np.ndarray,
+        armed: bool,
+        in_the_air: Optional[bool],
     ) -> bool:
-        """Whether a pose may go to the autopilot. On the ground there is nothing to feel; ``in_the_air`` None: the
-        autopilot has not said."""
+        """Whether a pose may go to the autopilot. On the ground there is nothing to feel;
+        ``in_the_air`` None: the autopilot has not said."""
         if armed and in_the_air:
             return self.judge(now_s, stamp_s, T_odom_body)
         self.came_back = False
@@ -148,12 +171,12 @@ class FeedCheck:
         return True
 
     def judge(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
-        """Whether a pose of a flying vehicle may go to the autopilot. ``came_back``: it is the first after a silence
-        and elsewhere, so that the autopilot must be told of a reset. It would take the step for flight, and meet the
-        ground too fast.
+        """Whether a pose of a flying vehicle may go to the autopilot. ``came_back``: it is the
+        first after a silence and elsewhere, so that the autopilot must be told of a reset. It would
+        take the step for flight, and meet the ground too fast.
 
-        Times go by the poses' own stamps: when they arrive tells how busy the computer is. A clock that was set, and
-        a gap, begin anew.
+        Times go by the poses' own stamps: when they arrive tells how busy the computer is. A clock
+        that was set, and a gap, begin anew.
         """
         gap = self._continue(now_s, stamp_s)
         if self._announced:
@@ -168,18 +191,22 @@ class FeedCheck:
         self._samples.append((stamp_s, pose))
         while self._samples[0][0] < stamp_s - self._rules.frozen_s - 0.05:
             self._samples.popleft()
-        believed = not repeats and (self._explained(stamp_s, p_m) or self._is_new_frame(now_s, stamp_s, p_m))
+        believed = not repeats and (
+            self._explained(stamp_s, p_m) or self._is_new_frame(now_s, stamp_s, p_m)
+        )
         if believed:
             self._withheld_since_s = None
         elif self._withheld_since_s is None:
             self._withheld_since_s = stamp_s
-        doubt = self.doubt or self._comes_and_goes() or self._frozen(stamp_s) or self._ran_off(stamp_s)
+        doubt = (
+            self.doubt or self._comes_and_goes() or self._frozen(stamp_s) or self._ran_off(stamp_s)
+        )
         self.doubt = doubt or self._apart(now_s, p_m)
         return believed and not self.doubt
 
     def _continue(self, now_s: float, stamp_s: float) -> bool:
-        """Goes on after a step of the sender's clock, or a gap, everything but a doubt begins anew. After a gap (True)
-        the autopilot's filter finds its way back first."""
+        """Goes on after a step of the sender's clock, or a gap, everything but a doubt begins anew.
+        After a gap (True) the autopilot's filter finds its way back first."""
         gap = self._clock_s is None and not self._height.ground_seen  # of whoever fed before
         if gap:
             self._settled_s = now_s + _SETTLE_S
@@ -196,10 +223,11 @@ class FeedCheck:
         self._clock_s, self._skew_s = stamp_s, now_s - stamp_s
         return gap
 
-    # ---- against the velocity --------------------------------------------------------------------------------
+    # ---- against the velocity --------------------------------------------------------------------
 
     def _explained(self, stamp_s: float, p_m: Vector) -> bool:
-        """Whether the velocity has brought the vehicle here, from what was believed last and some time ago."""
+        """Whether the velocity has brought the vehicle here, from what was believed last and some
+        time ago."""
         if not self._way or stamp_s + self._skew_s < self._settled_s:
             return True
         r, (way, v) = self._rules, self._way_at(stamp_s + self._skew_s)
@@ -217,7 +245,8 @@ class FeedCheck:
         return True
 
     def _is_new_frame(self, now_s: float, stamp_s: float, p_m: Vector) -> bool:
-        """Whether a pose that is elsewhere is the first one in a frame that was announced a moment ago; once."""
+        """Whether a pose that is elsewhere is the first one in a frame that was announced a moment
+        ago; once."""
         if now_s >= self._new_frame_s:
             return False
         self._new_frame_s = -math.inf
@@ -238,16 +267,19 @@ class FeedCheck:
             late_s, way, v = early_s, way_before, v_before
         return way, v
 
-    # ---- doubt -----------------------------------------------------------------------------------------------
+    # ---- doubt -----------------------------------------------------------------------------------
 
     def _comes_and_goes(self) -> str:
-        """Says what comes and goes: after a gap poses are believed for a while; a tracker that begins anew again and
-        again tells nothing."""
+        """Says what comes and goes: after a gap poses are believed for a while; a tracker that
+        begins anew again and again tells nothing."""
         return "the tracker comes and goes" if self._gaps >= self._rules.most_gaps else ""
 
     def _frozen(self, stamp_s: float) -> str:
         r, newest = self._rules, self._samples[-1][1]
-        if len(self._samples) < r.least_samples or stamp_s - self._samples[0][0] < r.frozen_s - 0.05:
+        if (
+            len(self._samples) < r.least_samples
+            or stamp_s - self._samples[0][0] < r.frozen_s - 0.05
+        ):
             return ""
         angle_rad = math.radians(r.frozen_deg)
         for _, pose in self._samples:  # the oldest first: mostly it has moved already

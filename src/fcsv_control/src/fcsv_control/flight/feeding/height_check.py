@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tracker's height against the barometer's: what drifts slowly no velocity can tell, but a height can.
+"""The tracker's height against the barometer's: what drifts slowly no velocity can tell, but a
+height can.
 
-A barometer knows changes of height alone, to about half a metre in a minute: rotors near the ground, wind and weather
-move it. So it is compared with what it was some seconds ago.
+A barometer knows changes of height alone, to about half a metre in a minute: rotors near the
+ground, wind and weather move it. So it is compared with what it was some seconds ago.
 """
 
 from collections import deque
@@ -16,8 +17,8 @@ _SILENT_S = 2.0  # after which nothing of before counts
 
 
 def height_m(pressure_hpa: float) -> float:
-    """Gives the height in the standard atmosphere; a difference of two is right to 2 % for 5 degrees that it is warmer
-    or colder.
+    """Gives the height in the standard atmosphere; a difference of two is right to 2 % for 5
+    degrees that it is warmer or colder.
 
     >>> round(height_m(1013.25), 6), round(height_m(1001.3), 1)
     (0.0, 100.0)
@@ -40,7 +41,8 @@ class HeightCheckRules:
 
 
 class HeightCheck:
-    """Told the barometer's heights and the tracker's, it says by how much one left the other lately."""
+    """Told the barometer's heights and the tracker's, it says by how much one left the other
+    lately."""
 
     def __init__(self, rules: Optional[HeightCheckRules] = None):
         self._rules = rules or HeightCheckRules()
@@ -51,7 +53,8 @@ class HeightCheck:
 
     def begin_again(self) -> None:
         """The tracker's frame was begun anew."""
-        self._apart: Deque[Tuple[float, float]] = deque()  # time, tracker's height less the barometer's
+        # time, tracker's height less the barometer's
+        self._apart: Deque[Tuple[float, float]] = deque()
 
     def on_ground(self) -> None:
         """Nothing of before counts."""
@@ -59,12 +62,13 @@ class HeightCheck:
         self._lowest_m, self.ground_seen, self.above_m = None, True, 0.0
 
     def barometer(self, now_s: float, baro_m: float, tracker_m: float) -> float:
-        """A sample, and the tracker's height then; by how much (m) they moved against each other, 0.0 while too little
-        is known."""
+        """A sample, and the tracker's height then; by how much (m) they moved against each other,
+        0.0 while too little is known."""
         r, apart = self._rules, self._apart
         if apart and now_s - apart[-1][0] > _SILENT_S:
             apart.clear()
-        if self._lowest_m is None:  # who was started in flight never saw the ground: where the tracker began
+        # who was started in flight never saw the ground: where the tracker began
+        if self._lowest_m is None:
             self._lowest_m = baro_m if self.ground_seen else baro_m - max(0.0, tracker_m)
         self._lowest_m = min(self._lowest_m, baro_m)
         self.above_m = baro_m - self._lowest_m

@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What to do when the pose feed dies: ArduCopter flies on blind for eight seconds, the companion must not.
+"""What to do when the pose feed dies: ArduCopter flies on blind for eight seconds, the companion
+must not.
 
-LAND, because BRAKE needs the position that is lost and LOITER without a transmitter sinks fast. It is commanded in
-modes that the companion flies only: GUIDED, and those that it commanded itself. In a mode that flies on position and
-that the pilot chose it speaks, because the pilot always wins.
+LAND, because BRAKE needs the position that is lost and LOITER without a transmitter sinks fast. It
+is commanded in modes that the companion flies only: GUIDED, and those that it commanded itself. In
+a mode that flies on position and that the pilot chose it speaks, because the pilot always wins.
 """
 
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Optional
 
-POSITION_MODES = frozenset({"AUTO", "BRAKE", "CIRCLE", "GUIDED", "LOITER", "POSHOLD", "RTL", "SMART_RTL"})
+POSITION_MODES = frozenset(
+    {"AUTO", "BRAKE", "CIRCLE", "GUIDED", "LOITER", "POSHOLD", "RTL", "SMART_RTL"}
+)
 _REPEAT_S = 1.0
 
 
@@ -50,7 +53,8 @@ class FeedWatchdog:
         self._last_s, self._asked_s, self._obeyed = now_s, None, False
 
     def slept(self, now_s: float, seconds: float) -> None:
-        """The check itself came late. Poses that came meanwhile are still to be read: no silence of the feed."""
+        """The check itself came late. Poses that came meanwhile are still to be read: no silence of
+        the feed."""
         self._last_s = min(now_s, self._last_s + seconds)
 
     def age_s(self, now_s: float) -> float:
@@ -60,8 +64,8 @@ class FeedWatchdog:
     def check(self, now_s: float, armed: bool, mode: str, ours: bool = False) -> Alarm:
         """What to do now. ``ours``: the mode is one that the companion commanded.
 
-        LAND comes again every second until the vehicle is seen in LAND, not thereafter: a pilot who then
-        takes over in another mode has the last word.
+        LAND comes again every second until the vehicle is seen in LAND, not thereafter: a pilot who
+        then takes over in another mode has the last word.
         """
         if not armed:
             return Alarm.NONE
@@ -70,8 +74,16 @@ class FeedWatchdog:
         if mode not in POSITION_MODES or self.age_s(now_s) <= self._parameters.warn_s:
             return Alarm.NONE
         companions = mode == "GUIDED" or ours
-        dead = companions and self._parameters.land_s > 0 and self.age_s(now_s) > self._parameters.land_s
-        if not dead or self._obeyed or (self._asked_s is not None and now_s - self._asked_s < _REPEAT_S):
+        dead = (
+            companions
+            and self._parameters.land_s > 0
+            and self.age_s(now_s) > self._parameters.land_s
+        )
+        if (
+            not dead
+            or self._obeyed
+            or (self._asked_s is not None and now_s - self._asked_s < _REPEAT_S)
+        ):
             return Alarm.WARN
         self._asked_s = now_s
         return Alarm.LAND

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whose heartbeats are the vehicle's. A script on the companion computer often speaks with the autopilot's own system
-and component id; a vehicle is who it was met as, by type and autopilot."""
+"""Whose heartbeats are the vehicle's. A script on the companion computer often speaks with the
+autopilot's own system and component id; a vehicle is who it was met as, by type and autopilot."""
 
 import logging
 from dataclasses import dataclass
@@ -34,13 +34,19 @@ class Identities:
         self._imitated: Dict[int, Tuple[Kind, float]] = {}  # by whom last, and when
 
     def is_own(self, now_s: float, heartbeat) -> bool:
-        """Whether a HEARTBEAT of the autopilot's component is that of the vehicle which was met first with its system
-        id. After 3 s of that one's silence another may take its place, an ArduCopter that of another firmware at
-        once."""
+        """Whether a HEARTBEAT of the autopilot's component is that of the vehicle which was met
+        first with its system id. After 3 s of that one's silence another may take its place, an
+        ArduCopter that of another firmware at once."""
         system, kind = heartbeat.get_srcSystem(), (heartbeat.type, heartbeat.autopilot)
         met = self._met.get(system)
-        is_copter = firmware.is_vehicles(heartbeat) and firmware.name_of(heartbeat) == firmware.COPTER
-        stays = met is not None and now_s - met.heard_s < CONNECTED_S and (met.is_copter or not is_copter)
+        is_copter = (
+            firmware.is_vehicles(heartbeat) and firmware.name_of(heartbeat) == firmware.COPTER
+        )
+        stays = (
+            met is not None
+            and now_s - met.heard_s < CONNECTED_S
+            and (met.is_copter or not is_copter)
+        )
         if not firmware.is_vehicles(heartbeat) or (stays and kind != met.kind):
             self._imitated[system] = (kind, now_s)
             self._name(system, kind)
@@ -65,7 +71,9 @@ def _in_words(system: int, kind: Kind) -> str:
     >>> _in_words(1, (18, 8))
     "heartbeat of ONBOARD_CONTROLLER, INVALID has the autopilot's ids (1, 1): give that program another component id"
     """
-    names = ", ".join(_name_of(enum, number) for enum, number in zip(("MAV_TYPE", "MAV_AUTOPILOT"), kind))
+    names = ", ".join(
+        _name_of(enum, number) for enum, number in zip(("MAV_TYPE", "MAV_AUTOPILOT"), kind)
+    )
     return f"heartbeat of {names} has the autopilot's ids ({system}, 1): give that program another component id"
 
 

@@ -1,23 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The procedure of connecting, and when to go through it again: after silence, after a reboot, when streams stop.
+"""The procedure of connecting, and when to go through it again: after silence, after a reboot, when
+streams stop.
 
-All is asked for repeatedly until its effect is seen: an acknowledgement does not promise data, an origin has none, and
-a reboot forgets intervals and origin. An origin is asked for again for ever, because one that was set before the filter
-began is confirmed and then lost: it counts only while it goes on being reported.
+All is asked for repeatedly until its effect is seen: an acknowledgement does not promise data, an
+origin has none, and a reboot forgets intervals and origin. An origin is asked for again for ever,
+because one that was set before the filter began is confirmed and then lost: it counts only while it
+goes on being reported.
 """
 
 from typing import Dict, List, Optional
 
 ORIGIN_LASTS_S = 5.0  # asked for every second: four answers may get lost
 CONNECTED_S = 3.0  # as MAVROS: connected while a heartbeat is younger than this
-HEARTBEAT, STREAMS, ASK_ORIGIN, SET_ORIGIN, PARAMETER = "heartbeat", "streams", "ask origin", "set origin", "parameter"
+HEARTBEAT, STREAMS, ASK_ORIGIN, SET_ORIGIN, PARAMETER = (
+    "heartbeat",
+    "streams",
+    "ask origin",
+    "set origin",
+    "parameter",
+)
 VERSION, TIMESYNC = "version", "timesync"
 _PERIOD_S = {
-    HEARTBEAT: 1.0, STREAMS: 0.1, ASK_ORIGIN: 1.0, SET_ORIGIN: 1.0, PARAMETER: 0.1, VERSION: 2.0, TIMESYNC: 1.0,
-}  # fmt: skip
+    HEARTBEAT: 1.0,
+    STREAMS: 0.1,
+    ASK_ORIGIN: 1.0,
+    SET_ORIGIN: 1.0,
+    PARAMETER: 0.1,
+    VERSION: 2.0,
+    TIMESYNC: 1.0,
+}
 _SILENT_S = 2.0
-_GAP_S = 2.5  # between heartbeats, of which two come a second: the autopilot may have been restarted meanwhile
-_ONCE_STARTED = frozenset({ASK_ORIGIN, SET_ORIGIN, PARAMETER})  # what an autopilot that boots answers is not kept
+# between heartbeats, of which two come a second: the autopilot may have been restarted meanwhile
+_GAP_S = 2.5
+# what an autopilot that boots answers is not kept
+_ONCE_STARTED = frozenset({ASK_ORIGIN, SET_ORIGIN, PARAMETER})
 _BOOT_BACK_MS = 1000
 
 
@@ -43,13 +59,14 @@ class ConnectionKeeper:
         return now_s - self._origin_s < ORIGIN_LASTS_S
 
     def origin(self, now_s: float, lasts: bool) -> None:
-        """The autopilot reported an origin; ``lasts``: its filter has begun, so that it is not lost again."""
+        """The autopilot reported an origin; ``lasts``: its filter has begun, so that it is not lost
+        again."""
         if lasts and not self._forgotten:
             self._origin_s = now_s
 
     def heartbeat(self, now_s: float, booting: bool) -> bool:
-        """A heartbeat came, of an autopilot that is still ``booting`` or not; whether nothing of before counts: it is
-        the first one, the first after a gap, or the first that says so."""
+        """A heartbeat came, of an autopilot that is still ``booting`` or not; whether nothing of
+        before counts: it is the first one, the first after a gap, or the first that says so."""
         silent = self._heartbeat_s is None or now_s - self._heartbeat_s > _GAP_S
         began = silent or (booting and not self._booting)
         same_firmware = self.version_known and self.connected(now_s) and not booting
@@ -60,15 +77,16 @@ class ConnectionKeeper:
         return began
 
     def fell_silent(self, now_s: float) -> bool:
-        """Whether nothing of before counts from now on, because no heartbeat has come for too long; once. Asked for
-        again it is with the next heartbeat."""
+        """Whether nothing of before counts from now on, because no heartbeat has come for too long;
+        once. Asked for again it is with the next heartbeat."""
         if self._forgotten or self._heartbeat_s is None or now_s - self._heartbeat_s <= _GAP_S:
             return False
         self._forgotten, self._origin_s = True, float("-inf")
         return True
 
     def stream(self, now_s: float, name: str, boot_ms: Optional[int] = None) -> bool:
-        """A message of a stream came; whether its time since boot went back, that is, it was rebooted."""
+        """A message of a stream came; whether its time since boot went back, that is, it was
+        rebooted."""
         if name in self._streams:
             self._streams[name] = now_s
         if boot_ms is None:
@@ -83,7 +101,10 @@ class ConnectionKeeper:
         """Streams of which nothing came for two seconds, and that were not asked for meanwhile."""
         if now_s - min(self._streams.values(), default=now_s) <= _SILENT_S:
             return []  # as it is 50 times a second
-        since = {name: max(last_s, self._asked_s.get(name, last_s)) for name, last_s in self._streams.items()}
+        since = {
+            name: max(last_s, self._asked_s.get(name, last_s))
+            for name, last_s in self._streams.items()
+        }
         return [name for name, since_s in since.items() if now_s - since_s > _SILENT_S]
 
     def streams_to_ask(self, now_s: float) -> List[str]:
@@ -106,7 +127,11 @@ class ConnectionKeeper:
 
     def due(self, now_s: float) -> List[str]:
         """What to send now."""
-        due = [name for name, next_s in self._next_s.items() if now_s >= next_s and self._wanted(now_s, name)]
+        due = [
+            name
+            for name, next_s in self._next_s.items()
+            if now_s >= next_s and self._wanted(now_s, name)
+        ]
         for name in due:
             self._next_s[name] = now_s + _PERIOD_S[name]
         return due

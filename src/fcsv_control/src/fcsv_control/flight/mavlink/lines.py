@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UDP, TCP and serial lines to a flight controller. Errors of a line that broke come out as OSError."""
+"""UDP, TCP and serial lines to a flight controller. Errors of a line that broke come out as
+OSError."""
 
 import os
 
@@ -40,8 +41,9 @@ def address_of(text: str) -> Address:
 class UdpLine:
     """``listens``: at this address, for whoever comes; else it speaks to it.
 
-    What is said goes to the address from which the vehicle's autopilot (its system id) was heard, and nowhere else: a
-    second autopilot on the port would fuse the first one's poses. One with the same id at a second address is refused.
+    What is said goes to the address from which the vehicle's autopilot (its system id) was heard,
+    and nowhere else: a second autopilot on the port would fuse the first one's poses. One with the
+    same id at a second address is refused.
     """
 
     def __init__(self, address: str, listens: bool, signing: Optional[Signing] = None):
@@ -57,7 +59,8 @@ class UdpLine:
         self._socket.setblocking(False)
         self._parsers: OrderedDict[Address, Parser] = OrderedDict()
         self._signing = signing
-        self._homes: Dict[int, Tuple[Address, float]] = {}  # of system ids: address, and when it was heard last
+        # of system ids: address, and when it was heard last
+        self._homes: Dict[int, Tuple[Address, float]] = {}
         self._refused: Dict[Tuple[int, Address], float] = {}
         self._came: Deque[object] = deque()
         self.mav = Sender(self, signing)
@@ -81,7 +84,8 @@ class UdpLine:
     def _read(self) -> None:
         try:
             data, peer = self._socket.recvfrom(_DATAGRAM)
-        except (BlockingIOError, ConnectionRefusedError):  # refused: what was sent before found nobody
+        # refused: what was sent before found nobody
+        except (BlockingIOError, ConnectionRefusedError):
             return
         if peer not in self._parsers:
             self._parsers[peer] = Parser(self._signing)
@@ -93,7 +97,10 @@ class UdpLine:
 
     def _is_at_home(self, message, peer: Address) -> bool:
         """Whether a message comes from where its system id lives; a new id moves in."""
-        if message.get_type() == "BAD_DATA" or message.get_srcComponent() != _M.MAV_COMP_ID_AUTOPILOT1:
+        if (
+            message.get_type() == "BAD_DATA"
+            or message.get_srcComponent() != _M.MAV_COMP_ID_AUTOPILOT1
+        ):
             return False
         if message.get_type() == "HEARTBEAT" and not firmware.is_vehicles(message):
             return True  # of a program with an autopilot's ids: it is named, and does not move in
@@ -102,15 +109,20 @@ class UdpLine:
         if home is not None and home[0] != peer and now_s - home[1] < _HOME_LASTS_S:
             if now_s - self._refused.get((system, peer), float("-inf")) > _SILENT_S:
                 self._refused = {(system, peer): now_s}
-                _LOG.error("a second autopilot with system id %d speaks from %s:%d; ours is at %s:%d: it is not heard",
-                           system, *peer, *home[0])  # fmt: skip
+                _LOG.error(
+                    "a second autopilot with system id %d speaks from %s:%d; ours is at %s:%d: it is not heard",
+                    system,
+                    *peer,
+                    *home[0],
+                )
             return False
         self._homes[system] = (peer, now_s)
         return True
 
 
 class TcpLine:
-    """Connects to HOST:PORT. ``receive`` raises OSError once the peer is gone or silent for five seconds."""
+    """Connects to HOST:PORT. ``receive`` raises OSError once the peer is gone or silent for five
+    seconds."""
 
     def __init__(self, address: str, signing: Optional[Signing] = None):
         self._socket = socket.create_connection(address_of(address), _CONNECT_S)
@@ -157,7 +169,8 @@ class SerialLine:
         try:
             if not self._came and select.select([self._port], [], [], timeout_s)[0]:
                 self._came.extend(self._parser.messages(self._port.read(_DATAGRAM)))
-        except (ValueError, TypeError) as error:  # what pyserial and select raise when a device is pulled
+        # what pyserial and select raise when a device is pulled
+        except (ValueError, TypeError) as error:
             raise ConnectionError(str(error)) from error
         return self._came.popleft() if self._came else None
 

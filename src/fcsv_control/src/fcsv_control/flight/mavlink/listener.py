@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes from the autopilot, message by message: its state, estimates, words, parameters and answers."""
+"""What comes from the autopilot, message by message: its state, estimates, words, parameters and
+answers."""
 
 import logging
 import math
@@ -30,11 +31,18 @@ from fcsv_control.flight.state import FlightState
 
 _M = mavutil.mavlink
 _LOG = logging.getLogger(__name__)
-#: What is asked for, and how often (Hz; 0: as often as poses are wanted). Those that stop are asked for again.
+#: What is asked for, and how often (Hz; 0: as often as poses are wanted). Those that stop are asked
+#: for again.
 STREAMS_HZ = {
-    "ATTITUDE": 0.0, "LOCAL_POSITION_NED": 0.0, "SYS_STATUS": 1.0, "EXTENDED_SYS_STATE": 2.0, "EKF_STATUS_REPORT": 5.0,
-    "RC_CHANNELS": 5.0, "HEARTBEAT": 2.0, "SCALED_PRESSURE": 5.0,
-}  # fmt: skip
+    "ATTITUDE": 0.0,
+    "LOCAL_POSITION_NED": 0.0,
+    "SYS_STATUS": 1.0,
+    "EXTENDED_SYS_STATE": 2.0,
+    "EKF_STATUS_REPORT": 5.0,
+    "RC_CHANNELS": 5.0,
+    "HEARTBEAT": 2.0,
+    "SCALED_PRESSURE": 5.0,
+}
 
 
 class Listener:
@@ -52,7 +60,8 @@ class Listener:
         self.timesync = TimeSync()
         self.timesync_answers: List[Tuple[int, int]] = []
         self.altitudes_mm: Dict[str, int] = {}  # of "home" and "origin", above sea level
-        self.origin_at_zero = False  # its altitude is 0: the height estimate runs away until it is armed
+        # its altitude is 0: the height estimate runs away until it is armed
+        self.origin_at_zero = False
         self._requests = requests
         self._events: List[Event] = []
         self._wrong: List[Tuple[Rule, float, int]] = []
@@ -65,7 +74,11 @@ class Listener:
         """Which firmware speaks in place of an ArduCopter, in a sentence; empty where none does."""
         system = self.target or min(self.foreign, default=0)
         name = self.foreign.get(system)
-        return f"{name} with system id {system} speaks; only {firmware.COPTER} is flown" if name else ""
+        return (
+            f"{name} with system id {system} speaks; only {firmware.COPTER} is flown"
+            if name
+            else ""
+        )
 
     def events(self) -> List[Event]:
         """What was heard since the last call."""
@@ -73,7 +86,8 @@ class Listener:
         return events
 
     def wrong_parameters(self) -> List[Tuple[Rule, float, int]]:
-        """Rule, value and MAV_PARAM_TYPE of parameters that must be otherwise and were heard since the last call."""
+        """Rule, value and MAV_PARAM_TYPE of parameters that must be otherwise and were heard since
+        the last call."""
         wrong, self._wrong = self._wrong, []
         return wrong
 
@@ -99,28 +113,32 @@ class Listener:
             handler(now_s, m)
 
     def overdue(self, now_s: float) -> None:
-        """Time passed: texts whose end got lost are passed on, and what was known of an autopilot that has fallen
-        silent counts no more."""
+        """Time passed: texts whose end got lost are passed on, and what was known of an autopilot
+        that has fallen silent counts no more."""
         for text in self._texts.overdue(now_s):
             self._said(now_s, *text)
         if self.keeper.fell_silent(now_s):
             self._forget()
 
     def _forget(self) -> None:
-        """What the autopilot said before it was silent, or restarted, counts no more: parameters, whether it may be
-        armed, and whether its filter runs. (The origin is the keeper's.) Mode and motors stay as they showed last."""
+        """What the autopilot said before it was silent, or restarted, counts no more: parameters,
+        whether it may be armed, and whether its filter runs. (The origin is the keeper's.) Mode and
+        motors stay as they showed last."""
         self.parameters.begin()
         self.timesync.begin()
         self.state = replace(self.state, ekf_flags=0, prearm_ok=None)
 
     def _is_flown(self, heartbeat) -> bool:
-        """Whether it is an ArduCopter: others mean something else by the same modes and commands."""
+        """Whether it is an ArduCopter: others mean something else by the same modes and
+        commands."""
         system, name = heartbeat.get_srcSystem(), firmware.name_of(heartbeat)
         if name == firmware.COPTER:
             self.foreign.pop(system, None)
             return True
         if system not in self.foreign:
-            _LOG.error("%s with system id %d speaks; only %s is flown", name, system, firmware.COPTER)
+            _LOG.error(
+                "%s with system id %d speaks; only %s is flown", name, system, firmware.COPTER
+            )
         self.foreign[system] = name
         return False
 
@@ -129,10 +147,13 @@ class Listener:
             self.target = system
         elif system != self.target and system not in self.strangers:
             self.strangers = (*self.strangers, system)
-            _LOG.error("a second autopilot, system id %d, is on the line; ours is %d", system, self.target)
+            _LOG.error(
+                "a second autopilot, system id %d, is on the line; ours is %d", system, self.target
+            )
 
     def _on_heartbeat(self, now_s: float, m) -> None:
-        self.state = self.state.with_heartbeat(m)  # before "connected" is true: nobody sees it without a mode
+        # before "connected" is true: nobody sees it without a mode
+        self.state = self.state.with_heartbeat(m)
         if self.keeper.heartbeat(now_s, self.state.booting):
             _LOG.info("flight controller %d is there", self.target)
             self._forget()
@@ -183,7 +204,9 @@ class Listener:
         self.origin_at_zero = m.altitude == 0
         lasts = self.state.filter_runs and not self.origin_at_zero
         if lasts and not self.keeper.origin_set(now_s):
-            _LOG.info("the autopilot's origin is %.7f, %.7f deg", m.latitude / 1e7, m.longitude / 1e7)
+            _LOG.info(
+                "the autopilot's origin is %.7f, %.7f deg", m.latitude / 1e7, m.longitude / 1e7
+            )
         self.keeper.origin(now_s, lasts)
 
     def _on_autopilot_version(self, _now_s: float, m) -> None:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MAVLink messages out of the bytes of a line, whatever bytes these are, and into it; signed where there is a key."""
+"""MAVLink messages out of the bytes of a line, whatever bytes these are, and into it; signed where
+there is a key."""
 
 import os
 
@@ -12,11 +13,13 @@ from pymavlink import mavutil
 from fcsv_control.flight.mavlink.signing import Signing
 
 _M = mavutil.mavlink
-_READ = 4096  # bytes that were read and are let go of: pymavlink does so only where a message ends with what came
+# bytes that were read and are let go of: pymavlink does so only where a message ends with what came
+_READ = 4096
 
 
 class Parser(_M.MAVLink):
-    """pymavlink's, which keeps no more than what may still become a message. With ``signing`` nothing else is heard."""
+    """pymavlink's, which keeps no more than what may still become a message. With ``signing``
+    nothing else is heard."""
 
     def __init__(self, signing: Optional[Signing] = None):
         super().__init__(None)

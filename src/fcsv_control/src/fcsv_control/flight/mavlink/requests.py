@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was asked of the autopilot and is not answered yet. Nothing here waits: time is given by the caller.
+"""What was asked of the autopilot and is not answered yet. Nothing here waits: time is given by the
+caller.
 
-Every open request speaks with a component id of its own. ArduPilot addresses its COMMAND_ACK to the component that
-asked, so that a late answer to one mode command is never taken for the answer to the next one.
+Every open request speaks with a component id of its own. ArduPilot addresses its COMMAND_ACK to the
+component that asked, so that a late answer to one mode command is never taken for the answer to the
+next one.
 """
 
 from collections import deque
@@ -31,17 +33,29 @@ class Outcome(Enum):
 
 
 class Request:
-    """One COMMAND_LONG on its way, over when it is refused, unanswered, overtaken, or when its effect shows.
+    """One COMMAND_LONG on its way, over when it is refused, unanswered, overtaken, or when its
+    effect shows.
 
-    ``shown`` says whether the autopilot's state has what was asked for; without it the acknowledgement is enough.
-    ``until_shown`` repeats the command until then, whatever is acknowledged.
+    ``shown`` says whether the autopilot's state has what was asked for; without it the
+    acknowledgement is enough. ``until_shown`` repeats the command until then, whatever is
+    acknowledged.
     """
 
     def __init__(
-        self, pending: PendingCommand, values: Sequence[float], what: str, component: int,
-        shown: Optional[Callable[[FlightState], bool]] = None, until_shown: bool = False,
-    ):  # fmt: skip
-        self.pending, self.values, self.what, self.component = pending, tuple(values), what, component
+        self,
+        pending: PendingCommand,
+        values: Sequence[float],
+        what: str,
+        component: int,
+        shown: Optional[Callable[[FlightState], bool]] = None,
+        until_shown: bool = False,
+    ):
+        self.pending, self.values, self.what, self.component = (
+            pending,
+            tuple(values),
+            what,
+            component,
+        )
         self.outcome: Optional[Outcome] = None
         self.reason = ""
         self._shown, self._until_shown = shown, until_shown
@@ -62,7 +76,8 @@ class Request:
         return self._until_shown
 
     def require_done(self) -> None:
-        """Raises CommandRefused with the autopilot's reason, LinkError where it gave no answer. Only when over."""
+        """Raises CommandRefused with the autopilot's reason, LinkError where it gave no answer.
+        Only when over."""
         if self.outcome is Outcome.NO_ANSWER:
             raise LinkError(f"{self.what}: the flight controller does not answer")
         if self.outcome is not Outcome.DONE:
@@ -74,7 +89,8 @@ class Request:
             self.outcome, self.reason = outcome, reason
 
     def step(self, now_s: float, state: FlightState, reasons: Reasons) -> Optional[int]:
-        """The confirmation number with which to send it now, or None. Ends the request where it is over."""
+        """The confirmation number with which to send it now, or None. Ends the request where it is
+        over."""
         if self.over:
             return None
         accepted = self.pending.result == commands.ACCEPTED
@@ -102,7 +118,10 @@ class Request:
     def _refused(self, now_s: float, reasons: Reasons) -> None:
         told = reasons.since(self.pending.asked_s)
         if told or now_s - self._answered_s > _REASON_WAIT_S:
-            self.end(Outcome.REFUSED, f"{self.what} refused: {told or commands.result_name(self.pending.result)}")
+            self.end(
+                Outcome.REFUSED,
+                f"{self.what} refused: {told or commands.result_name(self.pending.result)}",
+            )
 
     def _not_shown(self, state: FlightState) -> str:
         armed = "armed" if state.armed else "not armed"
@@ -119,20 +138,35 @@ class Requests:
         self._reasons = Reasons()
 
     def ask(
-        self, now_s: float, number: int, values: Sequence[float], what: str = "",
+        self,
+        now_s: float,
+        number: int,
+        values: Sequence[float],
+        what: str = "",
         shown: Optional[Callable[[FlightState], bool]] = None,
-    ) -> Request:  # fmt: skip
+    ) -> Request:
         """A command that is repeated until it is acknowledged; sent by the next ``step``."""
         pending = PendingCommand(number, now_s, self._timeout_s, self._tries)
-        return self._begin(Request(pending, values, what or f"command {number}", self._component(number), shown))
+        return self._begin(
+            Request(pending, values, what or f"command {number}", self._component(number), shown)
+        )
 
     def insist(
-        self, now_s: float, number: int, values: Sequence[float], what: str, shown: Callable[[FlightState], bool],
-        every_s: float, patience_s: float,
-    ) -> Request:  # fmt: skip
-        """A command to stop: sent every ``every_s`` until the state shows it, whatever is acknowledged."""
+        self,
+        now_s: float,
+        number: int,
+        values: Sequence[float],
+        what: str,
+        shown: Callable[[FlightState], bool],
+        every_s: float,
+        patience_s: float,
+    ) -> Request:
+        """A command to stop: sent every ``every_s`` until the state shows it, whatever is
+        acknowledged."""
         pending = PendingCommand(number, now_s, every_s, int(patience_s / every_s))
-        return self._begin(Request(pending, values, what, self._component(number), shown, until_shown=True))
+        return self._begin(
+            Request(pending, values, what, self._component(number), shown, until_shown=True)
+        )
 
     def step(self, now_s: float, state: FlightState) -> List[Tuple[Request, int]]:
         """What to send now, with its confirmation number; requests that are over are forgotten."""
@@ -146,7 +180,8 @@ class Requests:
         return sending
 
     def withdraw(self, number: int, reason: str) -> None:
-        """Requests of this MAV_CMD end unsent, but for those that insist (they stop the vehicle)."""
+        """Requests of this MAV_CMD end unsent, but for those that insist (they stop the
+        vehicle)."""
         for component, request in list(self._open.items()):
             if request.number == number and not request.insists:
                 request.end(Outcome.OVERTAKEN, f"{request.what} was withdrawn: {reason}")
@@ -163,13 +198,15 @@ class Requests:
         self._reasons.add(now_s, severity, text)
 
     def _component(self, number: int) -> int:
-        """The one that was used longest ago: an overtaken request's answer may still come to its own."""
+        """The one that was used longest ago: an overtaken request's answer may still come to its
+        own."""
         for component, request in list(self._open.items()):
             if request.number == number:
                 request.end(Outcome.OVERTAKEN, f"{request.what} was overtaken by a newer command")
                 del self._open[component]
         component = next((c for c in self._components if c not in self._open), self._components[0])
-        if component in self._open:  # four commands of different kinds at once: the oldest gives way
+        # four commands of different kinds at once: the oldest gives way
+        if component in self._open:
             self._open.pop(component).end(Outcome.OVERTAKEN, "overtaken by four newer commands")
         self._components.remove(component)
         self._components.append(component)

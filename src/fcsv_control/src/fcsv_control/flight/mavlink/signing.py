@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """MAVLink 2 signing: the key's file, and which signed messages are heard.
 
-pymavlink notes the time of a message before it looks at its signature, so that one forged message of a far future shuts
-the right ones out. Here the signature comes first.
+pymavlink notes the time of a message before it looks at its signature, so that one forged message
+of a far future shuts the right ones out. Here the signature comes first.
 """
 
 import os
@@ -23,13 +23,14 @@ _OTHERS = 0o077
 _DIGITS = 64
 _EPOCH_S = 1420070400.0  # 2015-01-01, from which MAVLink counts
 _TICKS_HZ = 100_000.0
-_NEW_STREAM = 6_000_000  # ticks by which the first message of a stream may be behind the newest that was heard
+# ticks by which the first message of a stream may be behind the newest that was heard
+_NEW_STREAM = 6_000_000
 _SIGNATURE = 6  # bytes, behind link id and time
 
 
 def read_key(path: str) -> bytes:
-    """The 32 bytes of a key file: 64 hexadecimal digits. Raises LinkError, also where others than its owner may read
-    or change the file."""
+    """The 32 bytes of a key file: 64 hexadecimal digits. Raises LinkError, also where others than
+    its owner may read or change the file."""
     file = Path(path).expanduser()
     try:
         mode = file.stat().st_mode & 0o777
@@ -45,7 +46,9 @@ def read_key(path: str) -> bytes:
         return key
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
-        raise LinkError(f"{file}: is no signing key of {_DIGITS} hexadecimal digits ({why})") from error
+        raise LinkError(
+            f"{file}: is no signing key of {_DIGITS} hexadecimal digits ({why})"
+        ) from error
 
 
 def ticks(unix_s: float) -> int:
@@ -54,8 +57,8 @@ def ticks(unix_s: float) -> int:
 
 
 class Signing(mavutil.mavlink.MAVLinkSigning):
-    """Signs messages of one line: its sender and its parsers share it, because what is sent must be newer than what was
-    heard."""
+    """Signs messages of one line: its sender and its parsers share it, because what is sent must be
+    newer than what was heard."""
 
     def __init__(self, key: bytes, clock: Callable[[], float] = time.time):
         super().__init__()
@@ -63,7 +66,8 @@ class Signing(mavutil.mavlink.MAVLinkSigning):
         self._clock, self._newest = clock, 0
 
     def advance(self) -> None:
-        """Moves on to the time of the clock: a counter alone falls behind it by hours, and is old after a restart."""
+        """Moves on to the time of the clock: a counter alone falls behind it by hours, and is old
+        after a restart."""
         self.timestamp = max(self.timestamp, ticks(self._clock()))
 
     def accepts(self, frame: bytes, system: int, component: int) -> bool:

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the autopilot says: STATUSTEXT in pieces of 50 characters put together, and the reasons among them."""
+"""What the autopilot says: STATUSTEXT in pieces of 50 characters put together, and the reasons
+among them."""
 
 from dataclasses import dataclass, field
 from typing import Dict, List, Optional, Tuple
 
-_SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
+# MAV_SEVERITY
+_SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 PIECE = 50  # characters in a STATUSTEXT; a shorter piece is the last of its text
 ALERT, CRITICAL = 1, 2  # MAV_SEVERITY
 WARNING = 4  # this and more serious ones may be the reason of a refusal
@@ -36,12 +38,15 @@ class _Open:
 
 
 class TextJoiner:
-    """Joins the pieces of a text; one without an id is whole at once. A lost piece leaves a mark."""
+    """Joins the pieces of a text; one without an id is whole at once. A lost piece leaves a
+    mark."""
 
     def __init__(self):
         self._open: Dict[int, _Open] = {}
 
-    def add(self, now_s: float, severity: int, text: str, text_id: int = 0, piece: int = 0) -> Optional[Text]:
+    def add(
+        self, now_s: float, severity: int, text: str, text_id: int = 0, piece: int = 0
+    ) -> Optional[Text]:
         """Severity and text once it is whole, else None."""
         if text_id == 0:
             return severity, text

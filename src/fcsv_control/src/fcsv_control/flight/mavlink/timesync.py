@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """TIMESYNC: how the autopilot's clock stands to ours, and how long the line takes.
 
-The stamps of the poses stay on our own clock: ArduPilot takes any monotonic clock and removes its offset by when poses
-arrive (measured, and read in its sources), so that an offset that is corrected here would only step in its view.
+The stamps of the poses stay on our own clock: ArduPilot takes any monotonic clock and removes its
+offset by when poses arrive (measured, and read in its sources), so that an offset that is corrected
+here would only step in its view.
 """
 
 from collections import deque
@@ -12,7 +13,8 @@ _KEPT = 30  # answers: the quickest of them tells the offset best
 
 
 class TimeSync:
-    """``offset_s``: the autopilot's clock minus ours; ``round_trip_s``: of the quickest answer; None before."""
+    """``offset_s``: the autopilot's clock minus ours; ``round_trip_s``: of the quickest answer;
+    None before."""
 
     def __init__(self):
         self._asked_ns: Deque[int] = deque(maxlen=_KEPT)
@@ -24,7 +26,8 @@ class TimeSync:
         return 0, self._asked_ns[-1]
 
     def take(self, now_s: float, tc1: int, ts1: int) -> Optional[Tuple[int, int]]:
-        """A TIMESYNC came: tc1 and ts1 of the answer where it is a question; answers to others are passed over."""
+        """A TIMESYNC came: tc1 and ts1 of the answer where it is a question; answers to others are
+        passed over."""
         if tc1 == 0:
             return int(now_s * 1e9), ts1
         if ts1 in self._asked_ns:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A line that may be sent on from any thread, and that is opened again after a device was pulled or a peer was gone."""
+"""A line that may be sent on from any thread, and that is opened again after a device was pulled or
+a peer was gone."""
 
 import logging
 import threading
@@ -12,17 +13,19 @@ from fcsv_control.flight.mavlink.signing import Signing
 
 _LOG = logging.getLogger(__name__)
 _REOPEN_S = 1.0
-_NOBODY_THERE = (ConnectionError, TimeoutError)  # of TCP: the peer is away, the address is not wrong
+# of TCP: the peer is away, the address is not wrong
+_NOBODY_THERE = (ConnectionError, TimeoutError)
 _FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or /dev/DEVICE:BAUD"
 
 Line = Union[UdpLine, TcpLine, SerialLine]
 
 
 class Transport:
-    """``url``: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or /dev/DEVICE:BAUD. With a ``key`` of 32 bytes all
-    that is said is signed with it, and nothing else is heard.
+    """``url``: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or /dev/DEVICE:BAUD. With a ``key``
+    of 32 bytes all that is said is signed with it, and nothing else is heard.
 
-    Raises LinkError where it cannot be opened at first, except where a TCP peer is only not there yet.
+    Raises LinkError where it cannot be opened at first, except where a TCP peer is only not there
+    yet.
     """
 
     def __init__(self, url: str, key: Optional[bytes] = None):
@@ -37,7 +40,9 @@ class Transport:
         except _NOBODY_THERE as error:
             _LOG.warning("nobody is at '%s' yet (%s); trying again", url, error)
         except (OSError, ValueError) as error:
-            raise LinkError(f"flight controller at '{url}' cannot be opened ({error}); give {_FORMS}") from error
+            raise LinkError(
+                f"flight controller at '{url}' cannot be opened ({error}); give {_FORMS}"
+            ) from error
 
     @property
     def broken(self) -> bool:
@@ -45,7 +50,8 @@ class Transport:
         return self._line is None
 
     def receive(self, timeout_s: float):
-        """The next message, or None after about ``timeout_s``. From one thread only; it never raises."""
+        """The next message, or None after about ``timeout_s``. From one thread only; it never
+        raises."""
         line = self._line
         if line is None:
             return self._reopen(timeout_s)
@@ -56,13 +62,17 @@ class Transport:
             return None
 
     def send(self, message) -> None:
-        """A message with the source that its header names; what cannot be sent is lost, as on any link."""
+        """A message with the source that its header names; what cannot be sent is lost, as on any
+        link."""
         with self._sending:
             line = self._line
             if line is None:
                 return
             try:
-                line.mav.srcSystem, line.mav.srcComponent = message.get_srcSystem(), message.get_srcComponent()
+                line.mav.srcSystem, line.mav.srcComponent = (
+                    message.get_srcSystem(),
+                    message.get_srcComponent(),
+                )
                 line.mav.send(message)
                 return
             except OSError as error:
@@ -88,8 +98,8 @@ class Transport:
         _LOG.warning("flight controller at '%s' is gone (%s); opening it again", self._url, error)
 
     def _reopen(self, timeout_s: float) -> None:
-        """Once a second; between that it waits as ``receive`` does: who reads also lets the link's time go on. Outside
-        of the lock: whoever sends meanwhile must not wait."""
+        """Once a second; between that it waits as ``receive`` does: who reads also lets the link's
+        time go on. Outside of the lock: whoever sends meanwhile must not wait."""
         if self._closed or time.monotonic() < self._reopen_s:
             time.sleep(min(timeout_s, _REOPEN_S))
             return

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LinkParameters:
-    """``target_system`` 0: the first autopilot heard. Origin: any place will do without GPS, but not altitude 0, with
-    which ArduCopter resets its height datum every second until it is armed."""
+    """``target_system`` 0: the first autopilot heard. Origin: any place will do without GPS, but
+    not altitude 0, with which ArduCopter resets its height datum every second until it is armed."""
 
     target_system: int = 0
     position_rate_hz: float = 30.0
@@ -28,4 +28,6 @@ class LinkParameters:
         if not (abs(self.origin_lat_deg) <= 89.0 and abs(self.origin_lon_deg) <= 180.0):
             raise ValueError("origin_lat_deg: must be in -89..89, origin_lon_deg in -180..180")
         if not 1.0 <= abs(self.origin_alt_m) <= 8000.0:
-            raise ValueError(f"origin_alt_m: {self.origin_alt_m} is not 1..8000 or below -1: at 0 the height runs away")
+            raise ValueError(
+                f"origin_alt_m: {self.origin_alt_m} is not 1..8000 or below -1: at 0 the height runs away"
+            )

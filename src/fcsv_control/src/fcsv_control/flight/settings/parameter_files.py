@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter files of ground stations: Mission Planner's NAME,VALUE, MAVProxy's NAME VALUE, QGroundControl's table."""
+"""Parameter files of ground stations: Mission Planner's NAME,VALUE, MAVProxy's NAME VALUE,
+QGroundControl's table."""
 
 import math
 import re
@@ -19,13 +20,15 @@ def read(path) -> Dict[str, float]:
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise ProfileError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
+        raise ProfileError(
+            f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})"
+        ) from error
     return values_of(text, str(path))
 
 
 def values_of(text: str, source: str) -> Dict[str, float]:
-    """Reads the values, as ``read``. Of a table of several components the autopilot's (1) count; of several vehicles
-    none does.
+    """Reads the values, as ``read``. Of a table of several components the autopilot's (1) count; of
+    several vehicles none does.
 
     >>> values_of("# note\\nWPNAV_SPEED,200\\nFS_THR_ENABLE 3\\n1\\t1\\tVISO_TYPE\\t2\\t2", "file")
     {'WPNAV_SPEED': 200.0, 'FS_THR_ENABLE': 3.0, 'VISO_TYPE': 2.0}
@@ -47,7 +50,9 @@ def values_of(text: str, source: str) -> Dict[str, float]:
             vehicles.add(vehicle)
         name, value = _pair(fields, line, where)
         if values.get(name, value) != value:
-            raise ProfileError(f"{where}: {name} stands there twice, as {values[name]:g} and {value:g}")
+            raise ProfileError(
+                f"{where}: {name} stands there twice, as {values[name]:g} and {value:g}"
+            )
         values[name] = value
     if len(vehicles) > 1:
         ids = ", ".join(sorted(vehicles))
@@ -74,8 +79,13 @@ def mission_planner(parameters: Typed) -> str:
 
 def qgroundcontrol(parameters: Typed, system: int) -> str:
     """The text of a .params file."""
-    head = f"# Onboard parameters for Vehicle {system}\n#\n# Vehicle-Id Component-Id Name Value Type\n"
-    rows = (f"{system}\t1\t{n}\t{_number(*parameters[n])}\t{parameters[n][1]}\n" for n in sorted(parameters))
+    head = (
+        f"# Onboard parameters for Vehicle {system}\n#\n# Vehicle-Id Component-Id Name Value Type\n"
+    )
+    rows = (
+        f"{system}\t1\t{n}\t{_number(*parameters[n])}\t{parameters[n][1]}\n"
+        for n in sorted(parameters)
+    )
     return head + "".join(rows)
 
 

@@ -23,7 +23,8 @@ class ParameterCheck:
         self._asked: Dict[str, int] = {rule.name: 0 for rule in ordered}
 
     def next(self) -> Optional[str]:
-        """The name to ask for now, one at a time; None when done. An unknown name gets no answer: asked some times."""
+        """The name to ask for now, one at a time; None when done. An unknown name gets no answer:
+        asked some times."""
         waiting = [n for n in self._asked if n not in self._values and self._asked[n] < _TRIES]
         if not waiting:
             return None
@@ -40,7 +41,8 @@ class ParameterCheck:
         return rule if rule.must and rule.complaint(value) else None
 
     def value(self, name: str) -> float:
-        """What the autopilot answered; NaN where it has not, or where the profile has no such name."""
+        """What the autopilot answered; NaN where it has not, or where the profile has no such
+        name."""
         return self._values.get(name, math.nan)
 
     @property
@@ -62,7 +64,8 @@ class ParameterCheck:
         return [n for n, tries in self._asked.items() if n not in self._values and tries >= _TRIES]
 
     def problems(self) -> List[str]:
-        """One line for each parameter that must be otherwise, or that must be and that the autopilot does not have."""
+        """One line for each parameter that must be otherwise, or that must be and that the
+        autopilot does not have."""
         silent = [n for n in self.unknown() if self.profile.rule(n).must]
         return self.wrong() + [f"{n} was not answered: does this firmware have it?" for n in silent]
 
@@ -71,5 +74,11 @@ class ParameterCheck:
         return self._complaints(must=False)
 
     def _complaints(self, must: bool) -> List[str]:
-        known = [(rule, self._values[rule.name]) for rule in self.profile if rule.name in self._values]
-        return [rule.complaint(value) for rule, value in known if rule.must == must and rule.complaint(value)]
+        known = [
+            (rule, self._values[rule.name]) for rule in self.profile if rule.name in self._values
+        ]
+        return [
+            rule.complaint(value)
+            for rule, value in known
+            if rule.must == must and rule.complaint(value)
+        ]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an autopilot's parameters should be: a file that a ground station loads, with a rule and its reason per line."""
+"""What an autopilot's parameters should be: a file that a ground station loads, with a rule and its
+reason per line."""
 
 import math
 import re
@@ -56,7 +57,9 @@ class Choice:
             return Choice(without_bit=int(text[len("without bit ") :]))
         if ".." in text:
             low, high = text.split("..")
-            return Choice(low=float(low) if low else -math.inf, high=float(high) if high else math.inf)
+            return Choice(
+                low=float(low) if low else -math.inf, high=float(high) if high else math.inf
+            )
         return Choice(tuple(float(v) for v in text.split(" or ")))
 
 
@@ -72,7 +75,11 @@ class Rule:
 
     def complaint(self, value: float) -> str:
         """What is wrong with a value, in one line; empty where it fits."""
-        return "" if self.choice.fits(value) else f"{self.name} is {value:g}, not {self.choice}: {self.why}"
+        return (
+            ""
+            if self.choice.fits(value)
+            else f"{self.name} is {value:g}, not {self.choice}: {self.why}"
+        )
 
 
 @dataclass(frozen=True)
@@ -95,8 +102,8 @@ class Profile:
         return {r.name: r.value for r in self.rules if r.value is not None}
 
     def at_port(self, port: int) -> "Profile":
-        """Gives the profile with the stream rates of another serial port of the autopilot than USB, which the file has:
-        SR0_ is SRn_."""
+        """Gives the profile with the stream rates of another serial port of the autopilot than USB,
+        which the file has: SR0_ is SRn_."""
         here = tuple(replace(r, name=_STREAMS.sub(f"SR{port}_", r.name)) for r in self.rules)
         return replace(self, rules=here)
 
@@ -105,8 +112,9 @@ NOTHING = Profile()
 
 
 def port_of(url: str) -> int:
-    """The autopilot's port at the other end of a line, as its parameters count them: USB 0, TELEM1 1, TELEM2 2. A
-    serial line that is not USB is taken for TELEM2, where companions are; a network line's end is not known: 0.
+    """The autopilot's port at the other end of a line, as its parameters count them: USB 0, TELEM1
+    1, TELEM2 2. A serial line that is not USB is taken for TELEM2, where companions are; a network
+    line's end is not known: 0.
 
     >>> [port_of(url) for url in ("/dev/ttyACM0:115200", "/dev/serial/by-id/usb-Holybro:1", "/dev/ttyTHS1:921600")]
     [0, 0, 2]
@@ -123,7 +131,9 @@ def load_profile(path) -> Profile:
     try:
         return parse_profile(Path(path).read_text(encoding="utf-8"), str(path))
     except (OSError, UnicodeDecodeError) as error:
-        raise ProfileError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
+        raise ProfileError(
+            f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})"
+        ) from error
 
 
 def parse_profile(text: str, source: str) -> Profile:
@@ -143,10 +153,16 @@ def parse_profile(text: str, source: str) -> Profile:
                 raise ProfileError(f"{where}: {name} has no rule before it, as '#: must: why'")
             choice = waiting.choice or Choice((value,))
             if not choice.fits(value):
-                raise ProfileError(f"{where}: {name} {value:g} is not {choice}, as its own rule has it")
+                raise ProfileError(
+                    f"{where}: {name} {value:g} is not {choice}, as its own rule has it"
+                )
             rules, waiting = [*rules, Rule(name, waiting.must, value, choice, waiting.why)], None
     if waiting is not None or not rules:
-        raise ProfileError(f"{source}: ends with a rule without a parameter" if waiting else f"{source}: has no rules")
+        raise ProfileError(
+            f"{source}: ends with a rule without a parameter"
+            if waiting
+            else f"{source}: has no rules"
+        )
     names = [r.name for r in rules]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
@@ -162,5 +178,7 @@ def _rule(line: str, where: str) -> Rule:
     except ValueError:
         match = None
     if match is None or (match["name"] and choice is None):
-        raise ProfileError(f"{where}: '{line}' is no rule, as '#: must 2 or 3: why' or '#: by hand NAME 1..: why'")
+        raise ProfileError(
+            f"{where}: '{line}' is no rule, as '#: must 2 or 3: why' or '#: by hand NAME 1..: why'"
+        )
     return Rule(match["name"] or "", match[1] == "must", None, choice, match["why"])

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The list of configurations, one after the other or at once: go there, settle, record, go on; at the end back to the
-column."""
+"""The list of configurations, one after the other or at once: go there, settle, record, go on; at
+the end back to the column."""
 
 from typing import Collection, Dict, List, Optional, Sequence, Union
 
@@ -28,12 +28,15 @@ _LONGEST = 4  # times the wanted recording: what one attempt records at most
 
 
 class FlightList:
-    """Flies a mission's configurations in GUIDED. ``step`` raises MissionError where it cannot go on.
+    """Flies a mission's configurations in GUIDED. ``step`` raises MissionError where it cannot go
+    on.
 
     ``parked`` is each vehicle's T_home_cam in the column, level.
     """
 
-    def __init__(self, mission: Mission, outbox: Outbox, parked: Dict[str, np.ndarray], task_list: TaskList):
+    def __init__(
+        self, mission: Mission, outbox: Outbox, parked: Dict[str, np.ndarray], task_list: TaskList
+    ):
         self._mission = mission
         self._vehicles = list(parked)
         self._outbox = outbox
@@ -52,16 +55,34 @@ class FlightList:
         self.notes: List[str] = []  # configurations that were left out, and why
 
     @classmethod
-    def begin(cls, mission: Mission, vehicles: Sequence[str], outbox: Outbox, snapshot: Snapshot, indices=None):
-        """Begins from where the vehicles stand now; ``indices`` of the configurations, None: all."""
+    def begin(
+        cls,
+        mission: Mission,
+        vehicles: Sequence[str],
+        outbox: Outbox,
+        snapshot: Snapshot,
+        indices=None,
+    ):
+        """Begins from where the vehicles stand now; ``indices`` of the configurations, None:
+        all."""
         parked = {n: level_camera(snapshot.vehicles[n].T_home_cam) for n in vehicles}
-        return cls(mission, outbox, parked, TaskList(mission, vehicles, tasks(mission, vehicles, indices)))
+        return cls(
+            mission, outbox, parked, TaskList(mission, vehicles, tasks(mission, vehicles, indices))
+        )
 
     @classmethod
-    def remembered(cls, mission: Mission, vehicles: Sequence[str], outbox: Outbox, memory: RememberedList):
-        """Where a mission that was restarted stood; the first ``step`` waits until everybody holds."""
+    def remembered(
+        cls, mission: Mission, vehicles: Sequence[str], outbox: Outbox, memory: RememberedList
+    ):
+        """Where a mission that was restarted stood; the first ``step`` waits until everybody
+        holds."""
         parked = {n: np.array(memory.parked[n]).reshape(4, 4) for n in vehicles}
-        again = cls(mission, outbox, parked, TaskList(mission, vehicles, memory.left, memory.flown, memory.away))
+        again = cls(
+            mission,
+            outbox,
+            parked,
+            TaskList(mission, vehicles, memory.left, memory.flown, memory.away),
+        )
         again.notes, again.going_back = list(memory.notes), memory.going_back
         again._holding = Holding(outbox, mission.min_separation_m, restarted=True)
         again._round = LookingRound(mission, outbox, memory.turned)
@@ -72,9 +93,14 @@ class FlightList:
         """What a restart needs to go on."""
         parked = {n: T.ravel().tolist() for n, T in self._parked.items()}
         return RememberedList(
-            list(self._list.left), list(self._list.flown), parked, list(self.notes), self.going_back,
-            list(self._list.away), list(self._round.turned),
-        )  # fmt: skip
+            list(self._list.left),
+            list(self._list.flown),
+            parked,
+            list(self.notes),
+            self.going_back,
+            list(self._list.away),
+            list(self._round.turned),
+        )
 
     @property
     def finished(self) -> bool:
@@ -98,24 +124,28 @@ class FlightList:
     def share(self) -> float:
         """0..1 of the configurations that are behind."""
         behind = len(set(self._list.flown))
-        return behind / max(behind + len({t.index for t in self._list.left if t.index is not None}), 1)
+        return behind / max(
+            behind + len({t.index for t in self._list.left if t.index is not None}), 1
+        )
 
     @property
     def so_far(self) -> List[CaptureWindow]:
         """Gives the windows of sweeps under way: what is recorded already."""
         return self._standing.so_far if isinstance(self._standing, Sweeping) else []
 
-    # ---- what interrupts it --------------------------------------------------------------------------------
+    # ---- what interrupts it ----------------------------------------------------------------------
 
     def pause(self, snapshot: Snapshot, taken: Collection[str] = ()) -> None:
-        """Something is wrong: whoever is in GUIDED and not taken by a pilot holds where it is, but never beneath a
-        vehicle that comes down; a running recording does not count."""
+        """Something is wrong: whoever is in GUIDED and not taken by a pilot holds where it is, but
+        never beneath a vehicle that comes down; a running recording does not count."""
         if self._holding is None:
             self._begin(snapshot)
         self._holding.step(snapshot, self._guided(snapshot, taken))
 
     def _guided(self, snapshot: Snapshot, taken: Collection[str]) -> List[str]:
-        return [n for n in self._vehicles if snapshot.vehicles[n].mode == "GUIDED" and n not in taken]
+        return [
+            n for n in self._vehicles if snapshot.vehicles[n].mode == "GUIDED" and n not in taken
+        ]
 
     def resumed(self) -> None:
         """The operator lets it go on: the running task has all its time again."""
@@ -129,12 +159,17 @@ class FlightList:
 
     def change(self, snapshot: Snapshot, operation: str) -> str:
         """The operator's "skip", "repeat", "next" or "previous"; "" when done, else why not."""
-        if operation == "skip" and self._convoy is None and self._round.leave_out():  # of a turn in the column
+        # of a turn in the column
+        if operation == "skip" and self._convoy is None and self._round.leave_out():
             self._begin(snapshot)
             return ""
         titles = " and ".join(self._mission.configurations[i].title for i in self._list.coming)
-        change = {"skip": self._list.skip, "repeat": self._list.again, "next": self._list.put_off,
-                  "previous": self._list.before}[operation]  # fmt: skip
+        change = {
+            "skip": self._list.skip,
+            "repeat": self._list.again,
+            "next": self._list.put_off,
+            "previous": self._list.before,
+        }[operation]
         refusal = change()
         if not refusal:
             self._begin(snapshot)
@@ -149,14 +184,17 @@ class FlightList:
         return self._list.working
 
     def leave(self, snapshot: Snapshot, name: str) -> None:
-        """A vehicle is down and takes no part any more; the others begin their running task again."""
+        """A vehicle is down and takes no part any more; the others begin their running task
+        again."""
         self._begin(snapshot)
         lost = self._list.leave(name)
         self._vehicles = [n for n in self._vehicles if n != name]
         self._attempts, self._task_since_s = {}, None
-        self.notes += [f"{self._mission.configurations[i].title} left out, {name} is down" for i in lost]
+        self.notes += [
+            f"{self._mission.configurations[i].title} left out, {name} is down" for i in lost
+        ]
 
-    # ---- its steps -----------------------------------------------------------------------------------------
+    # ---- its steps -------------------------------------------------------------------------------
 
     def step(self, snapshot: Snapshot, taken: Collection[str] = ()) -> List[CaptureWindow]:
         """Advance the running tasks; recordings that count come back once."""
@@ -188,7 +226,8 @@ class FlightList:
             self._convoy, self._task_since_s = None, None
 
     def _watch_time(self, snapshot: Snapshot, moment: Sequence[Task]) -> None:
-        """Raises MissionError where a task does not end: short pauses again and again pass every other limit."""
+        """Raises MissionError where a task does not end: short pauses again and again pass every
+        other limit."""
         self._task_since_s = snapshot.now_s if self._task_since_s is None else self._task_since_s
         most_s = self._mission.limits.task_s
         if moment[0].index is not None:
@@ -225,14 +264,16 @@ class FlightList:
 
     def _way_home(self) -> Journey:
         m = self._mission
-        return Journey(self._outbox, m.reference, T_HOME_CAM_AT_HOME, Keep.of(m), m.settle.timeout_s)
+        return Journey(
+            self._outbox, m.reference, T_HOME_CAM_AT_HOME, Keep.of(m), m.settle.timeout_s
+        )
 
     def _others(self, names: Collection[str]) -> List[str]:
         return [n for n in self._vehicles if n not in names]
 
     def _bring_reference_home(self, snapshot: Snapshot, moment: Sequence[Task]) -> bool:
-        """It goes there once and stays; nobody else moves before, unless one is where it must go: blown there, or put
-        there by a pilot. Then the others go to their places first."""
+        """It goes there once and stays; nobody else moves before, unless one is where it must go:
+        blown there, or put there by a pilot. Then the others go to their places first."""
         if self._reference_is_home or (self._makes_room and not self._travel(snapshot, moment)):
             return self._reference_is_home
         self._makes_room, name = False, self._mission.reference
@@ -252,13 +293,20 @@ class FlightList:
         there = self._convoy.step(snapshot, self._others(places))
         said = f" ({self._convoy.said})" if self._convoy.said else ""
         self.detail = "{} on their way to {}{}".format(*self._goals.in_words(moment), said)
-        self.detail = self.detail if len(moment) > 1 else self.detail.replace(" on their way", " on its way", 1)
+        self.detail = (
+            self.detail
+            if len(moment) > 1
+            else self.detail.replace(" on their way", " on its way", 1)
+        )
         return there
 
     def _look_round(self, snapshot: Snapshot, moment: Optional[Sequence[Task]] = None) -> bool:
-        """Whether nobody has to turn (any more): in the column, which nobody has left yet, or at these places."""
+        """Whether nobody has to turn (any more): in the column, which nobody has left yet, or at
+        these places."""
         if moment is None:
-            spread = self.going_back or self._list.flown or self._list.away or self._convoy is not None
+            spread = (
+                self.going_back or self._list.flown or self._list.away or self._convoy is not None
+            )
             done = bool(spread) or self._round.in_column(snapshot, self._parked, self._vehicles)
         else:
             where = self._goals.in_words(moment)[1]
@@ -279,10 +327,12 @@ class FlightList:
         return Standing(self._mission, movers, places, self._outbox, last)
 
     def _stand(self, snapshot: Snapshot, moment: Sequence[Task]) -> List[CaptureWindow]:
-        """Settle and record, or sweep; what was disturbed is taken again, what never becomes calm is left out."""
+        """Settle and record, or sweep; what was disturbed is taken again, what never becomes calm
+        is left out."""
         progress, windows = self._standing.step(snapshot)
         self.detail = self._standing.detail
-        if progress is Progress.AGAIN and isinstance(self._standing, Sweeping):  # from its beginning
+        # from its beginning
+        if progress is Progress.AGAIN and isinstance(self._standing, Sweeping):
             self._convoy, self._standing = None, None
         elif progress is Progress.AGAIN:
             self._standing = self._stand_at(moment)

@@ -7,7 +7,8 @@ from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.watches.hands import MissionModeOwner
 
-_MODE_SHOWS_S = 2.0  # a heartbeat a second tells the mode: so long after the acknowledgement it must show
+# a heartbeat a second tells the mode: so long after the acknowledgement it must show
+_MODE_SHOWS_S = 2.0
 
 
 class Handover:

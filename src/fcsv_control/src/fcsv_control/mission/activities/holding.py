@@ -13,8 +13,9 @@ _LONGEST_S = 8.0  # nobody is waited for longer than this: one that is silent, o
 
 
 class Holding:
-    """One pause. Each vehicle is told once, and again where it refused or did not hear. ``restarted``: it is not known
-    what they were told before, so it is not over until all have acknowledged it."""
+    """One pause. Each vehicle is told once, and again where it refused or did not hear.
+    ``restarted``: it is not known what they were told before, so it is not over until all have
+    acknowledged it."""
 
     def __init__(self, outbox: Outbox, separation_m: float, restarted: bool = False):
         self._outbox, self._restarted = outbox, restarted
@@ -35,13 +36,15 @@ class Holding:
         return all(o.done for o in [*self._orders.values(), *self._dodging.values()])
 
     def step(self, snapshot: Snapshot, names: Sequence[str]) -> None:
-        """Hold these vehicles, which are in GUIDED; one that another comes down upon is sent aside."""
+        """Hold these vehicles, which are in GUIDED; one that another comes down upon is sent
+        aside."""
         self._over_since_s = None
         self._tell(snapshot, names)
 
     def over(self, snapshot: Snapshot, names: Sequence[str]) -> bool:
-        """Nothing asks for it any more: whether these may move again, as all have stood for a second. A way that began
-        in the middle of a stop, or as one swings back to where it was told to hold, is not the one that was planned."""
+        """Nothing asks for it any more: whether these may move again, as all have stood for a
+        second. A way that began in the middle of a stop, or as one swings back to where it was told
+        to hold, is not the one that was planned."""
         self._over_since_s = snapshot.now_s if self._over_since_s is None else self._over_since_s
         self._tell(snapshot, names)
         stood = self.stood(snapshot, names)
@@ -54,7 +57,9 @@ class Holding:
             self._calm_since_s = None
         elif self._calm_since_s is None:
             self._calm_since_s = snapshot.now_s
-        return self._calm_since_s is not None and snapshot.now_s - self._calm_since_s >= _CALM_S - 1e-6
+        return (
+            self._calm_since_s is not None and snapshot.now_s - self._calm_since_s >= _CALM_S - 1e-6
+        )
 
     def _tell(self, snapshot: Snapshot, names: Sequence[str]) -> None:
         for name in names:

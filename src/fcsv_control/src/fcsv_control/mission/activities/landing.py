@@ -19,11 +19,13 @@ _FRESH_S = 3.5  # what an older state says may have changed
 
 
 class Landing:
-    """A vehicle that stands above another moves aside first, and so does one that another comes down upon; the others
-    land at once. Who is flown by hand is not commanded: its pilot is told to land it. Ways aside keep within the
-    mission's fence, where that can be."""
+    """A vehicle that stands above another moves aside first, and so does one that another comes
+    down upon; the others land at once. Who is flown by hand is not commanded: its pilot is told to
+    land it. Ways aside keep within the mission's fence, where that can be."""
 
-    def __init__(self, mission: Mission, vehicles: Sequence[str], outbox: Outbox, hands: MissionModeOwner):
+    def __init__(
+        self, mission: Mission, vehicles: Sequence[str], outbox: Outbox, hands: MissionModeOwner
+    ):
         self._vehicles = list(vehicles)
         self._outbox = outbox
         self._hands, self._mission = hands, mission
@@ -41,7 +43,9 @@ class Landing:
             self._hear(snapshot, name)
         flying = [n for n in self._vehicles if snapshot.vehicles[n].armed]
         unheard = [n for n in self._vehicles if n not in self._down and n not in flying]
-        self.problems += [f"{n}: not heard; see whether it flies, and land it by hand" for n in unheard]
+        self.problems += [
+            f"{n}: not heard; see whether it flies, and land it by hand" for n in unheard
+        ]
         for name, view in snapshot.vehicles.items() if flying else ():
             if view.lost and not view.armed:
                 text = f"{name}: lies within {view.astray_m:.0f} m of where it was known last"
@@ -64,7 +68,9 @@ class Landing:
     def _switch_off(self, snapshot: Snapshot, name: str) -> None:
         order = self._recorders_off[name]
         if order is None or order.failed:
-            self._recorders_off[name] = self._outbox.order(snapshot.now_s, name, "RECORD", flag=False)
+            self._recorders_off[name] = self._outbox.order(
+                snapshot.now_s, name, "RECORD", flag=False
+            )
 
     def _see_to(self, snapshot: Snapshot, name: str) -> None:
         mode = snapshot.vehicles[name].mode
@@ -77,7 +83,11 @@ class Landing:
 
     def _tell_the_pilot(self, snapshot: Snapshot, name: str, mode: str) -> None:
         under = clearing.below(snapshot, name, self._clear_m)
-        where = f"is above {under}: fly it aside, then land it" if under else "is flown by hand: land it"
+        where = (
+            f"is above {under}: fly it aside, then land it"
+            if under
+            else "is flown by hand: land it"
+        )
         self.problems.append(f"{name} {where} ({mode or 'mode unknown'})")
 
     def _bring_down(self, snapshot: Snapshot, name: str) -> None:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Looking round: vehicles that stand turn once about themselves, one after the other, while everybody else holds.
+"""Looking round: vehicles that stand turn once about themselves, one after the other, while
+everybody else holds.
 
-What they see meanwhile is recorded as on the whole flight; no configuration is recorded. A turn is never worth a
-landing: one that is not flown is left out, and the flight goes on.
+What they see meanwhile is recorded as on the whole flight; no configuration is recorded. A turn is
+never worth a landing: one that is not flown is left out, and the flight goes on.
 """
 
 import math
@@ -21,7 +22,8 @@ from fcsv_geometry.missions.look_round import LookRound
 from fcsv_geometry.missions.mission import Mission, SettleBounds
 
 _ORDER_EVERY_S = 0.2  # set-points: one that is lost on the radio is followed by the next
-_LAG_RAD = math.radians(40.0)  # so far behind its set-point it may be: an autopilot follows within a second
+# so far behind its set-point it may be: an autopilot follows within a second
+_LAG_RAD = math.radians(40.0)
 _OFF_M = 0.5  # so far off its place it may be: it waits there until it is back
 _LONGEST_STEP_S = 0.5  # after a pause of the mission's own process the set-point does not jump
 _WHOLE_RAD = 2.0 * math.pi
@@ -42,18 +44,33 @@ def is_new(turned: Sequence[Turned], vehicle: str, p_home_m: np.ndarray) -> bool
     >>> is_new([Turned("uav2", [0.0, -4.0, 0.0])], "uav2", np.array([0.0, -4.0, 0.3]))
     False
     """
-    return all(t.vehicle != vehicle or math.dist(t.p_home_m, p_home_m.tolist()) > _SAME_PLACE_M for t in turned)
+    return all(
+        t.vehicle != vehicle or math.dist(t.p_home_m, p_home_m.tolist()) > _SAME_PLACE_M
+        for t in turned
+    )
 
 
 class Turn:
-    """One vehicle's, about its own axis; ``step`` says whether it is over. ``T_home_cam``: its camera's place and the
-    heading at which it ends. It begins at the heading that the vehicle has then."""
+    """One vehicle's, about its own axis; ``step`` says whether it is over. ``T_home_cam``: its
+    camera's place and the heading at which it ends. It begins at the heading that the vehicle has
+    then."""
 
-    def __init__(self, outbox: Outbox, name: str, T_home_cam: np.ndarray, how: LookRound, bounds: SettleBounds):
+    def __init__(
+        self,
+        outbox: Outbox,
+        name: str,
+        T_home_cam: np.ndarray,
+        how: LookRound,
+        bounds: SettleBounds,
+    ):
         self.name, self.p_home_m = name, T_home_cam[:3, 3]
         self._outbox, self._T_home_cam, self._bounds = outbox, T_home_cam, bounds
-        self._most_radps, self._ramp_radps2 = math.radians(how.rate_dps), math.radians(how.ramp_dps2)
-        self._angle_rad: Optional[float] = None  # of the set-point, from the last heading on; 2 pi at the end
+        self._most_radps, self._ramp_radps2 = (
+            math.radians(how.rate_dps),
+            math.radians(how.ramp_dps2),
+        )
+        # of the set-point, from the last heading on; 2 pi at the end
+        self._angle_rad: Optional[float] = None
         self._rate_radps = 0.0
         self._now_s = self._moved_s = 0.0
         self._ordered_s = -math.inf
@@ -62,7 +79,8 @@ class Turn:
         self.why = ""  # it was given up
 
     def step(self, snapshot: Snapshot) -> bool:
-        """Move the set-point on; who does not follow is waited for, and at last sent back to its heading."""
+        """Move the set-point on; who does not follow is waited for, and at last sent back to its
+        heading."""
         if self._angle_rad is None:
             self._begin(snapshot)
         now_s = snapshot.now_s
@@ -81,13 +99,17 @@ class Turn:
         return False
 
     def _begin(self, snapshot: Snapshot) -> None:
-        off_rad = heading_rad(snapshot.vehicles[self.name].T_home_cam) - heading_rad(self._T_home_cam)
+        off_rad = heading_rad(snapshot.vehicles[self.name].T_home_cam) - heading_rad(
+            self._T_home_cam
+        )
         self._angle_rad = rotations.wrap(off_rad)
         self._now_s = self._moved_s = snapshot.now_s
 
     def _advance(self, dt_s: float, wait: bool) -> None:
         left_rad = max(_WHOLE_RAD - self._angle_rad, 0.0)
-        wanted = 0.0 if wait else min(self._most_radps, math.sqrt(2.0 * self._ramp_radps2 * left_rad))
+        wanted = (
+            0.0 if wait else min(self._most_radps, math.sqrt(2.0 * self._ramp_radps2 * left_rad))
+        )
         step = self._ramp_radps2 * dt_s
         self._rate_radps = min(max(wanted, self._rate_radps - step), self._rate_radps + step)
         self._angle_rad = min(self._angle_rad + self._rate_radps * dt_s, _WHOLE_RAD)
@@ -98,12 +120,18 @@ class Turn:
         """Whether it is far off the set-point's heading, or off its place."""
         heading = heading_rad(snapshot.vehicles[self.name].T_home_cam)
         wanted = heading_rad(self._T_home_cam) + self._angle_rad
-        return abs(rotations.wrap(wanted - heading)) > _LAG_RAD or self._off_m(snapshot, self._angle_rad) > _OFF_M
+        return (
+            abs(rotations.wrap(wanted - heading)) > _LAG_RAD
+            or self._off_m(snapshot, self._angle_rad) > _OFF_M
+        )
 
     def _stands(self, snapshot: Snapshot) -> bool:
-        """Back at its heading, and calm; that it stands well enough for pictures is looked at thereafter."""
+        """Back at its heading, and calm; that it stands well enough for pictures is looked at
+        thereafter."""
         view, b = snapshot.vehicles[self.name], self._bounds
-        turned_back = heading_error_rad(view.T_home_cam, self._T_home_cam) < math.radians(b.heading_deg)
+        turned_back = heading_error_rad(view.T_home_cam, self._T_home_cam) < math.radians(
+            b.heading_deg
+        )
         calm = view.speed_mps < b.speed_mps and self._off_m(snapshot, _WHOLE_RAD) < _OFF_M
         return turned_back and calm and self._told_the_end and self._order.done
 
@@ -112,14 +140,17 @@ class Turn:
         return self._end_ordered and not self._order.failed
 
     def _off_m(self, snapshot: Snapshot, angle_rad: float) -> float:
-        """Measures how far off it is from where its camera is to be: it goes round the body's axis."""
+        """Measures how far off it is from where its camera is to be: it goes round the body's
+        axis."""
         T_body_cam = snapshot.T_body_cam[self.name]
         T_home_cam = snapshot.T_home_odom[self.name] @ self._body(snapshot, angle_rad) @ T_body_cam
         return float(np.linalg.norm(snapshot.p_home_cam(self.name) - T_home_cam[:3, 3]))
 
     def _body(self, snapshot: Snapshot, angle_rad: float) -> np.ndarray:
         """T_odom_body at an angle of the turn: always at the same place."""
-        T = body_set_point(self._T_home_cam, snapshot.T_home_odom[self.name], snapshot.T_body_cam[self.name])
+        T = body_set_point(
+            self._T_home_cam, snapshot.T_home_odom[self.name], snapshot.T_body_cam[self.name]
+        )
         return T @ transforms.from_xyz_yaw(np.zeros(3), angle_rad)
 
     def _set(self, snapshot: Snapshot, angle_rad: float) -> None:
@@ -138,9 +169,11 @@ class LookingRound:
         self.detail = ""
         self._notes: List[str] = []
 
-    def in_column(self, snapshot: Snapshot, parked: Mapping[str, np.ndarray], names: Sequence[str]) -> bool:
-        """Whether nobody of ``names`` has to turn (any more) where it stands: the reference at home, the others with
-        their headings of ``parked`` (T_home_cam)."""
+    def in_column(
+        self, snapshot: Snapshot, parked: Mapping[str, np.ndarray], names: Sequence[str]
+    ) -> bool:
+        """Whether nobody of ``names`` has to turn (any more) where it stands: the reference at
+        home, the others with their headings of ``parked`` (T_home_cam)."""
         if self._how is None or not self._how.column:
             return True
         places = {self._reference: T_HOME_CAM_AT_HOME}
@@ -161,7 +194,11 @@ class LookingRound:
 
     def most_s(self, turns: int) -> float:
         """How long (s) so many turns take at most."""
-        return 0.0 if self._how is None else turns * (2.0 * self._how.turn_s + 2.0 * self._bounds.timeout_s)
+        return (
+            0.0
+            if self._how is None
+            else turns * (2.0 * self._how.turn_s + 2.0 * self._bounds.timeout_s)
+        )
 
     def _step(self, snapshot: Snapshot, places: Mapping[str, np.ndarray], where: str) -> bool:
         left = self._left(places)
@@ -196,12 +233,14 @@ class LookingRound:
         return self._turn is not None
 
     def begin_again(self) -> None:
-        """The running turn was interrupted: it is flown again, from whatever heading the vehicle has then."""
+        """The running turn was interrupted: it is flown again, from whatever heading the vehicle
+        has then."""
         self._turn = None
 
 
 def turns_s(mission: Mission, indices: Sequence[int], in_column: int) -> float:
-    """Time (s) that turns take: those at the places of ``indices``, and those of so many vehicles in the column."""
+    """Time (s) that turns take: those at the places of ``indices``, and those of so many vehicles
+    in the column."""
     how = mission.look_round
     if how is None:
         return 0.0

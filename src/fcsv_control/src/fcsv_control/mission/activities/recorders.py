@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Switches the recorders of several vehicles on and off; who refuses is asked again, but not for ever."""
+"""Switches the recorders of several vehicles on and off; who refuses is asked again, but not for
+ever."""
 
 from typing import Dict, List, Optional, Sequence
 
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.snapshot import Snapshot
 
-FIRST_PICTURE_S = 0.2  # from the recorders' acknowledgement to the first picture that surely is written whole
+# from the recorders' acknowledgement to the first picture that surely is written whole
+FIRST_PICTURE_S = 0.2
 LAST_PICTURE_S = 0.5  # a picture reaches the recorder this much later than its stamp, at most
 
 

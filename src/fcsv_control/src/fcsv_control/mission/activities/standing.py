@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Standing at the places of configurations that are flown at once: become calm, record on every vehicle of them, watch
-that all hold still."""
+"""Standing at the places of configurations that are flown at once: become calm, record on every
+vehicle of them, watch that all hold still."""
 
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -20,7 +20,8 @@ _LONGEST = 4.0  # times the wanted recording, where pictures come in slowly
 
 @dataclass(frozen=True)
 class CaptureWindow:
-    """A recording window that counts: pictures stamped within it (s) belong to configuration ``index``."""
+    """A recording window that counts: pictures stamped within it (s) belong to configuration
+    ``index``."""
 
     index: int
     vehicle: str
@@ -39,11 +40,17 @@ class Progress(Enum):
 
 
 class Standing:
-    """One attempt; ``step`` answers how far it is. ``movers``: index of its configuration by vehicle."""
+    """One attempt; ``step`` answers how far it is. ``movers``: index of its configuration by
+    vehicle."""
 
     def __init__(
-        self, mission: Mission, movers: Mapping[str, int], places: Dict[str, np.ndarray], outbox: Outbox, last: bool
-    ):  # fmt: skip
+        self,
+        mission: Mission,
+        movers: Mapping[str, int],
+        places: Dict[str, np.ndarray],
+        outbox: Outbox,
+        last: bool,
+    ):
         self._bounds = mission.settle
         self._movers = dict(movers)
         listed = [mission.configurations[i] for i in self._movers.values()]
@@ -73,7 +80,8 @@ class Standing:
         self._recorders.stop(snapshot)
 
     def step(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
-        """Settle, switch the recorders on, watch, switch them off; the windows, one per configuration, once."""
+        """Settle, switch the recorders on, watch, switch them off; the windows, one per
+        configuration, once."""
         self._started_s = snapshot.now_s if self._started_s is None else self._started_s
         if not self._recorders.on:
             return self._settle(snapshot), []
@@ -82,12 +90,18 @@ class Standing:
         return self._watch(snapshot)
 
     def _settle(self, snapshot: Snapshot) -> Progress:
-        self.detail = f"{' and '.join(self._movers)} settle{'s' * (len(self._movers) == 1)} at {self._title}"
+        self.detail = (
+            f"{' and '.join(self._movers)} settle{'s' * (len(self._movers) == 1)} at {self._title}"
+        )
         if not self._calm.look(snapshot):
             self.detail += f": {self._calm.said}"
             self._calm_since_s = None
             late = snapshot.now_s - self._started_s > self._bounds.timeout_s
-            return self._give_up(f"not calm there: {self._calm.in_the_way}") if late else Progress.UNDER_WAY
+            return (
+                self._give_up(f"not calm there: {self._calm.in_the_way}")
+                if late
+                else Progress.UNDER_WAY
+            )
         self._calm_since_s = snapshot.now_s if self._calm_since_s is None else self._calm_since_s
         if snapshot.now_s - self._calm_since_s >= self._bounds.time_s:
             self._recorders.start(snapshot)
@@ -126,7 +140,8 @@ class Standing:
         return Progress.DONE, [CaptureWindow(i, n, *window) for n, i in self._movers.items()]
 
     def _ended_s(self, snapshot: Snapshot) -> Optional[float]:
-        """When the recording ended: at the wanted time, later where a vehicle did not have its pictures then."""
+        """When the recording ended: at the wanted time, later where a vehicle did not have its
+        pictures then."""
         due_s, now_s = self._start_s + self._record_s, snapshot.now_s
         if now_s < due_s:
             return None

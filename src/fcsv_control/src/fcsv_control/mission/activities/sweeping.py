@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sweeps that are flown at once: the movers follow set-points that glide along their ways in step, while every vehicle
-records."""
+"""Sweeps that are flown at once: the movers follow set-points that glide along their ways in step,
+while every vehicle records."""
 
 from typing import List, Mapping, Optional, Sequence, Tuple
 
@@ -20,7 +20,8 @@ from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.sweep import Sweep
 
 _ORDER_EVERY_S = 0.2  # set-points: one that is lost on the radio is followed by the next
-_LAG_S, _LAG_M = 2.0, 0.5  # so far behind its set-point a vehicle may be: an autopilot follows at 1/s
+# so far behind its set-point a vehicle may be: an autopilot follows at 1/s
+_LAG_S, _LAG_M = 2.0, 0.5
 _THERE_M = 0.5
 _LONGEST_STEP_S = 0.5  # after a pause of the mission's own process the set-point does not jump
 _END = 1e-3  # of the way
@@ -28,8 +29,8 @@ _TOLD_EVERY_S = 2.0  # what is recorded so far: for the map that grows meanwhile
 
 
 class Sweeping:
-    """One attempt; ``step`` answers how far it is. ``movers``: index of its configuration by vehicle. ``last``: there
-    is no further attempt, and what was recorded counts."""
+    """One attempt; ``step`` answers how far it is. ``movers``: index of its configuration by
+    vehicle. ``last``: there is no further attempt, and what was recorded counts."""
 
     def __init__(self, mission: Mission, movers: Mapping[str, int], outbox: Outbox, last: bool):
         self._mission, self._movers, self._outbox, self._last = mission, dict(movers), outbox, last
@@ -48,7 +49,8 @@ class Sweeping:
         self._worst_m = 0.0
         self.detail = ""
         self.why = ""  # it was given up
-        self.so_far: List[CaptureWindow] = []  # the windows as long as they are already; replaced every two seconds
+        # the windows as long as they are already; replaced every two seconds
+        self.so_far: List[CaptureWindow] = []
 
     @property
     def stage(self) -> str:
@@ -60,8 +62,8 @@ class Sweeping:
         self._recorders.stop(snapshot)
 
     def step(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
-        """Recorders on, along the way, recorders off; the windows, one per configuration, once. Raises MissionError
-        where a vehicle does not follow."""
+        """Recorders on, along the way, recorders off; the windows, one per configuration, once.
+        Raises MissionError where a vehicle does not follow."""
         if self._start_s is None:
             return self._await_recorders(snapshot), []
         if snapshot.clock_set != self._clock_set:  # no time of day tells its window
@@ -78,7 +80,11 @@ class Sweeping:
         if not recorders.on:
             recorders.start(snapshot)
         elif recorders.started(snapshot):
-            self._start_s, self._now_s, self._moved_s = snapshot.now_s + FIRST_PICTURE_S, snapshot.now_s, snapshot.now_s
+            self._start_s, self._now_s, self._moved_s = (
+                snapshot.now_s + FIRST_PICTURE_S,
+                snapshot.now_s,
+                snapshot.now_s,
+            )
             self._clock_set = snapshot.clock_set
         elif recorders.refused:
             self.detail = f"recorders do not start for {self._title}: {recorders.refused}"
@@ -87,12 +93,16 @@ class Sweeping:
                 return Progress.GIVEN_UP
         return Progress.UNDER_WAY
 
-    # ---- along the way -------------------------------------------------------------------------------------
+    # ---- along the way ---------------------------------------------------------------------------
 
     def _glide(self, snapshot: Snapshot) -> None:
         now_s = snapshot.now_s
         dt_s, self._now_s = min(now_s - self._now_s, _LONGEST_STEP_S), now_s
-        behind = [n for n in self._movers if self._lag_m(snapshot, n) > _LAG_M + _LAG_S * self._of[n].sweep.speed_mps]
+        behind = [
+            n
+            for n in self._movers
+            if self._lag_m(snapshot, n) > _LAG_M + _LAG_S * self._of[n].sweep.speed_mps
+        ]
         before = self._share
         self._share, self._rate = self._rates.advanced(self._share, self._rate, dt_s, bool(behind))
         self._moved_s = now_s if self._share > before else self._moved_s
@@ -109,7 +119,9 @@ class Sweeping:
             self._stop_s = now_s
         elif now_s - self._moved_s > self._mission.settle.timeout_s:
             name = max(away, key=lambda n: away[n])
-            raise MissionError(f"{name} does not follow {self._of[name].title}: {away[name]:.1f} m behind")
+            raise MissionError(
+                f"{name} does not follow {self._of[name].title}: {away[name]:.1f} m behind"
+            )
 
     def _tell_so_far(self, stop_s: float) -> None:
         told_s = self.so_far[0].stop_s if self.so_far else self._start_s
@@ -117,7 +129,10 @@ class Sweeping:
             self.so_far = self._windows(stop_s)
 
     def _windows(self, stop_s: float) -> List[CaptureWindow]:
-        return [CaptureWindow(i, n, self._start_s, stop_s, self._worst_m) for n, i in self._movers.items()]
+        return [
+            CaptureWindow(i, n, self._start_s, stop_s, self._worst_m)
+            for n, i in self._movers.items()
+        ]
 
     def _lag_m(self, snapshot: Snapshot, name: str) -> float:
         place_m = self._of[name].sweep.place_m(self._share)
@@ -129,7 +144,9 @@ class Sweeping:
         off = [float(np.linalg.norm(home_m))]
         for name, configuration in self._of.items():
             start_m, end_m = (configuration.sweep.place_m(share) for share in (0.0, 1.0))
-            off.append(float(distance_to_segments(snapshot.p_home_cam(name), start_m, end_m[None])[0]))
+            off.append(
+                float(distance_to_segments(snapshot.p_home_cam(name), start_m, end_m[None])[0])
+            )
         return max(off)
 
     def _end(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
@@ -144,7 +161,8 @@ class Sweeping:
 
 
 class _Rates:
-    """Shares of the way per second, the same for all movers: none is faster than its sweep or than it can brake."""
+    """Shares of the way per second, the same for all movers: none is faster than its sweep or than
+    it can brake."""
 
     def __init__(self, sweeps: Sequence[Sweep], flight: FlightBounds):
         self.most = min(s.bounds(flight).along(*_level_up(s))[0] / s.length_m for s in sweeps)

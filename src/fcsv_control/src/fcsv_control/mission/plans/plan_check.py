@@ -28,7 +28,8 @@ _EVERY_STEPS = 2  # of a way, each 0.1 s, is compared with the fence
 
 @dataclass(frozen=True)
 class Situation:
-    """Describes from where the list is flown: by the mission's hints before take-off, as it is once home is set.
+    """Describes from where the list is flown: by the mission's hints before take-off, as it is once
+    home is set.
 
     ``places`` are the cameras' positions (3,) in home.
     """
@@ -39,11 +40,16 @@ class Situation:
     before_s: float = _BEFORE_S
 
 
-def on_the_ground(mission: Mission, vehicles: Sequence[str], battery_share: Mapping[str, float]) -> Situation:
-    """Makes the situation before take-off: the reference will be at home, the others before and behind it in the
-    column."""
+def on_the_ground(
+    mission: Mission, vehicles: Sequence[str], battery_share: Mapping[str, float]
+) -> Situation:
+    """Makes the situation before take-off: the reference will be at home, the others before and
+    behind it in the column."""
     at = list(vehicles).index(mission.reference)
-    places = {n: np.array([-(k - at) * mission.column_spacing_m, 0.0, 0.0]) for k, n in enumerate(vehicles)}
+    places = {
+        n: np.array([-(k - at) * mission.column_spacing_m, 0.0, 0.0])
+        for k, n in enumerate(vehicles)
+    }
     return Situation(mission.home_height_m, places, battery_share)
 
 
@@ -55,7 +61,8 @@ def check_plan(
 ) -> List[str]:
     """Why the list cannot be flown, a line per leg with the leg's name; empty where it can.
 
-    ``radius_m`` of each vehicle (default: 0.25 m), ``indices`` of the configurations to fly (default: all).
+    ``radius_m`` of each vehicle (default: 0.25 m), ``indices`` of the configurations to fly
+    (default: all).
     """
     vehicles = list(situation.places)
     found = list(_too_little_room(mission, dict.fromkeys(vehicles, RADIUS_M), radius_m or {}))
@@ -64,8 +71,12 @@ def check_plan(
     left = TaskList(mission, vehicles, tasks(mission, vehicles, indices))
     while left.left:
         moment = left.moment
-        goals = {t.vehicle: situation.places[t.vehicle] if t.index is None else camera_place(
-            mission.configurations[t.index])[:3, 3] for t in moment}  # fmt: skip
+        goals = {
+            t.vehicle: situation.places[t.vehicle]
+            if t.index is None
+            else camera_place(mission.configurations[t.index])[:3, 3]
+            for t in moment
+        }
         wrong, legs_s = _legs(mission, goals, places, situation.home_height_m)
         left.done()
         if wrong:  # the legs after it are judged as if it were left out
@@ -75,20 +86,29 @@ def check_plan(
         wrong, sweeps_s = _sweeps(mission, moment, places, situation.home_height_m)
         if wrong:
             found.append(f"{_named(mission, moment)}: {wrong}")
-        places.update({t.vehicle: last_place(mission.configurations[t.index])[:3, 3]
-                       for t in moment if t.index is not None})  # fmt: skip
+        places.update(
+            {
+                t.vehicle: last_place(mission.configurations[t.index])[:3, 3]
+                for t in moment
+                if t.index is not None
+            }
+        )
         flight_s += legs_s + sweeps_s + _standing_s(mission, moment[0])
     return found + list(_batteries(mission, situation, flight_s))
 
 
-def require_flyable(mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]] = None) -> None:
+def require_flyable(
+    mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]] = None
+) -> None:
     """Raises MissionError naming every leg that cannot be flown, and why."""
     found = check_plan(mission, on_the_ground(mission, vehicles, {}), radius_m)
     if found:
         raise MissionError(f"mission '{mission.name}' cannot be flown: {'; '.join(found)}")
 
 
-def _too_little_room(mission: Mission, usual: Dict[str, float], radius_m: Mapping[str, float]) -> Iterator[str]:
+def _too_little_room(
+    mission: Mission, usual: Dict[str, float], radius_m: Mapping[str, float]
+) -> Iterator[str]:
     largest_m = max({**usual, **radius_m}.values())
     least_m = 2.0 * largest_m + _APART_M
     if mission.min_separation_m < least_m - 1e-9:
@@ -99,7 +119,10 @@ def _too_little_room(mission: Mission, usual: Dict[str, float], radius_m: Mappin
 
 
 def _legs(
-    mission: Mission, goals: Dict[str, np.ndarray], places: Dict[str, np.ndarray], home_height_m: float
+    mission: Mission,
+    goals: Dict[str, np.ndarray],
+    places: Dict[str, np.ndarray],
+    home_height_m: float,
 ) -> Tuple[str, float]:
     """(what is wrong with the ways of those that move at once, time in s)."""
     standing = [p for n, p in places.items() if n not in goals]
@@ -110,7 +133,11 @@ def _legs(
     try:
         if len(goals) == 1:
             ((name, goal),) = goals.items()
-            ways = {name: timed_way(starts[name], route(starts[name], goal, standing, keep), mission.flight)}
+            ways = {
+                name: timed_way(
+                    starts[name], route(starts[name], goal, standing, keep), mission.flight
+                )
+            }
             ends_s = ways[name].ends_s
         else:
             planned = traffic.plan(starts, goals, standing, keep, mission.flight).at_once()
@@ -128,17 +155,30 @@ def _outside(mission: Mission, ways: Iterable[TimedWay], home_height_m: float) -
     return next(filter(None, (mission.fence.outside(place, home_height_m) for place in places)), "")
 
 
-def _sweeps(mission: Mission, moment: Sequence[Task], places: Mapping[str, np.ndarray], home_height_m: float):
+def _sweeps(
+    mission: Mission, moment: Sequence[Task], places: Mapping[str, np.ndarray], home_height_m: float
+):
     """(what is wrong with the sweeps that begin at once, time in s)."""
-    sweeps = {t.vehicle: c.sweep for t in moment if t.index is not None
-              for c in [mission.configurations[t.index]] if c.sweep is not None}  # fmt: skip
+    sweeps = {
+        t.vehicle: c.sweep
+        for t in moment
+        if t.index is not None
+        for c in [mission.configurations[t.index]]
+        if c.sweep is not None
+    }
     if not sweeps:
         return "", 0.0
     keep = Keep.of(mission)
-    ways = {n: timed_way(s.place_m(0.0), [s.place_m(1.0)], s.bounds(mission.flight)) for n, s in sweeps.items()}
+    ways = {
+        n: timed_way(s.place_m(0.0), [s.place_m(1.0)], s.bounds(mission.flight))
+        for n, s in sweeps.items()
+    }
     for name, sweep in sweeps.items():
         for other, place in places.items():
-            if other not in sweeps and keep.shares(place, sweep.place_m(0.0), sweep.place_m(1.0)[None])[0] < _NEAREST:
+            if (
+                other not in sweeps
+                and keep.shares(place, sweep.place_m(0.0), sweep.place_m(1.0)[None])[0] < _NEAREST
+            ):
                 return f"comes too near to {other}: {_needed(keep, ways[name], place)}", 0.0
     for a, b in combinations(ways, 2):
         ends = keep.share(sweeps[a].place_m(1.0) - sweeps[b].place_m(1.0))
@@ -165,7 +205,9 @@ def _standing_s(mission: Mission, task: Task) -> float:
 
 def _batteries(mission: Mission, situation: Situation, flight_s: float) -> Iterator[str]:
     needed_s = _RESERVE * (situation.before_s + flight_s + _AFTER_S)
-    for name, share in {n: 1.0 for n in situation.places if n not in situation.battery_share}.items():
+    for name, share in {
+        n: 1.0 for n in situation.places if n not in situation.battery_share
+    }.items():
         yield from _battery(mission, f"{name} with a full battery", share, needed_s)
     for name, share in situation.battery_share.items():
         yield from _battery(mission, f"{name} with {share:.0%} of its battery", share, needed_s)
@@ -183,4 +225,6 @@ def _battery(mission: Mission, who: str, share: float, needed_s: float) -> Itera
 def _named(mission: Mission, moment: Sequence[Task]) -> str:
     if moment[0].index is None:
         return f"way of {' and '.join(t.vehicle for t in moment)} back to the column"
-    return " and ".join(f"configurations[{t.index}] ({mission.configurations[t.index].title})" for t in moment)
+    return " and ".join(
+        f"configurations[{t.index}] ({mission.configurations[t.index].title})" for t in moment
+    )

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a mission's plan is checked: before take-off, and once more from where the vehicles hang when home is set."""
+"""When a mission's plan is checked: before take-off, and once more from where the vehicles hang
+when home is set."""
 
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -9,9 +10,12 @@ from fcsv_geometry.missions.mission import Mission
 
 
 class PlanGate:
-    """``radius_m`` by vehicle. Raises MissionError where a leg cannot be flown whatever the batteries hold."""
+    """``radius_m`` by vehicle. Raises MissionError where a leg cannot be flown whatever the
+    batteries hold."""
 
-    def __init__(self, mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]]):
+    def __init__(
+        self, mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]]
+    ):
         plan_check.require_flyable(mission, vehicles, radius_m)
         self._mission, self._vehicles, self._radius_m = mission, list(vehicles), radius_m
         self._checked: Optional[Tuple[Dict[str, float], List[str]]] = None  # with these batteries
@@ -25,7 +29,8 @@ class PlanGate:
         return self._checked[1]
 
     def from_here(self, snapshot: Snapshot, indices: Optional[Sequence[int]]) -> str:
-        """Why the list cannot be flown from where the vehicles hang now, "" where it can or places are not known."""
+        """Why the list cannot be flown from where the vehicles hang now, "" where it can or places
+        are not known."""
         views = snapshot.vehicles
         if any(v.T_home_cam is None for v in views.values()):
             return ""  # GUIDED waits for it
@@ -37,4 +42,8 @@ class PlanGate:
 
 def _shares(snapshot: Snapshot) -> Dict[str, float]:
     """Gives the charges of the batteries that are known, in whole percent."""
-    return {n: round(v.battery_share, 2) for n, v in snapshot.vehicles.items() if v.battery_share == v.battery_share}
+    return {
+        n: round(v.battery_share, 2)
+        for n, v in snapshot.vehicles.items()
+        if v.battery_share == v.battery_share
+    }

@@ -9,8 +9,8 @@ from fcsv_geometry.missions.mission import Mission
 
 @dataclass(frozen=True)
 class Task:
-    """A vehicle's place: that of a configuration, or (None) where it was parked when the list began. ``joins``: it
-    moves at the same time as the task before."""
+    """A vehicle's place: that of a configuration, or (None) where it was parked when the list
+    began. ``joins``: it moves at the same time as the task before."""
 
     vehicle: str
     index: Optional[int] = None
@@ -18,10 +18,14 @@ class Task:
 
 
 def tasks(
-    mission: Mission, vehicles: Sequence[str], indices: Optional[Sequence[int]] = None, away: Collection[str] = ()
+    mission: Mission,
+    vehicles: Sequence[str],
+    indices: Optional[Sequence[int]] = None,
+    away: Collection[str] = (),
 ) -> List[Task]:
-    """What is flown in order. A vehicle that has done its part goes back to its place in the column before others
-    move and before all land, so that no vehicle comes down on another. ``away`` are out of the column already."""
+    """What is flown in order. A vehicle that has done its part goes back to its place in the column
+    before others move and before all land, so that no vehicle comes down on another. ``away`` are
+    out of the column already."""
     found: List[Task] = []
     for moment in mission.moments(indices):
         movers = [mission.mover(i, vehicles) for i in moment]
@@ -36,13 +40,17 @@ def _at_once(moves: Sequence[Task]) -> List[Task]:
 
 
 class TaskList:
-    """The tasks that are left, the running ones first. Changes answer "" or why they cannot be made. ``away``: who is
-    out of the column."""
+    """The tasks that are left, the running ones first. Changes answer "" or why they cannot be
+    made. ``away``: who is out of the column."""
 
     def __init__(
-        self, mission: Mission, vehicles: Sequence[str], left: Sequence[Task], flown: Sequence[int] = (),
+        self,
+        mission: Mission,
+        vehicles: Sequence[str],
+        left: Sequence[Task],
+        flown: Sequence[int] = (),
         away: Collection[str] = (),
-    ):  # fmt: skip
+    ):
         self._mission, self._vehicles = mission, list(vehicles)
         self.left = list(left)
         self.flown = list(flown)  # configurations that are behind, recorded or left out
@@ -69,12 +77,14 @@ class TaskList:
 
     @property
     def running(self) -> Optional[int]:
-        """Index of the (first) configuration that is flown, or that comes next; None on the last way back."""
+        """Index of the (first) configuration that is flown, or that comes next; None on the last
+        way back."""
         return next((t.index for t in self.left if t.index is not None), None)
 
     @property
     def coming(self) -> List[int]:
-        """Indices of the configurations that are flown, or that come next; none on the last way back."""
+        """Indices of the configurations that are flown, or that come next; none on the last way
+        back."""
         indices = self._indices()
         return self._mission.moments(indices)[0] if indices else []
 
@@ -106,7 +116,9 @@ class TaskList:
         self.flown += lost
         self.away = [n for n in self.away if n != vehicle]
         if any(t.index is not None for t in self.left):
-            self.left = tasks(self._mission, self._vehicles, [i for i in self._indices() if i not in lost], away)
+            self.left = tasks(
+                self._mission, self._vehicles, [i for i in self._indices() if i not in lost], away
+            )
         else:
             self.left = _at_once([t for t in self.left if t.vehicle != vehicle])
         return lost
@@ -130,7 +142,9 @@ class TaskList:
 
     def before(self) -> str:
         """Fly the configurations before again, then the running ones."""
-        possible = [i for i in self.flown if self._mission.mover(i, self._vehicles) not in self._gone]
+        possible = [
+            i for i in self.flown if self._mission.mover(i, self._vehicles) not in self._gone
+        ]
         if not possible:
             return "no configuration was flown before"
         again = [i for i in self._mission.moment_of(possible[-1]) if i in possible]

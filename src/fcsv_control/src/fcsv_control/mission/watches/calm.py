@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether vehicles stand calmly at their places: which settle bound is not met, by whom, and by how much."""
+"""Whether vehicles stand calmly at their places: which settle bound is not met, by whom, and by how
+much."""
 
 import math
 from dataclasses import dataclass
@@ -63,7 +64,8 @@ class CalmCheck:
 
     @property
     def in_the_way(self) -> str:
-        """What was not met most often, and by how much when it last was not; "" where all was met."""
+        """What was not met most often, and by how much when it last was not; "" where all was
+        met."""
         if not self._counts:
             return ""
         key = max(self._counts, key=self._counts.get)

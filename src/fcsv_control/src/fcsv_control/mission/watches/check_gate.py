@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nobody is handed over to the mission before the flight check is green, or each amber line was accepted by name."""
+"""Nobody is handed over to the mission before the flight check is green, or each amber line was
+accepted by name."""
 
 from typing import List, Sequence
 
@@ -27,8 +28,8 @@ class OpenGate:
         return ""
 
     def before_resuming(self, now_s: float) -> str:
-        """Says what keeps it waiting, likewise of a list that was begun: what has become amber since keeps nobody
-        waiting in the air."""
+        """Says what keeps it waiting, likewise of a list that was begun: what has become amber
+        since keeps nobody waiting in the air."""
         return ""
 
 
@@ -48,7 +49,11 @@ class CheckGate(OpenGate):
         """Says what is missing, without texts that change while the line stays as it is."""
         if now_s > self._until_s:
             return ["the flight check is not heard: is fleet_check running?"]
-        return [f"flight check: {_words(li)}" for li in self._lines if li.state in (State.RED, State.UNKNOWN)]
+        return [
+            f"flight check: {_words(li)}"
+            for li in self._lines
+            if li.state in (State.RED, State.UNKNOWN)
+        ]
 
     def before_list(self, now_s: float) -> str:
         """Red, not known, or amber and not accepted."""

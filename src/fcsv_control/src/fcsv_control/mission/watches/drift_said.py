@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was said of a tracker that drifts: it stands until its vehicle is calibrated, or home is set, anew."""
+"""What was said of a tracker that drifts: it stands until its vehicle is calibrated, or home is
+set, anew."""
 
 from typing import Dict, Tuple
 
@@ -7,8 +8,8 @@ import numpy as np
 
 
 class LatchedDriftWarning:
-    """Keeps, by vehicle: what was said, and T_home_odom then. The witness may be gone by then: a tag drifts out of
-    view."""
+    """Keeps, by vehicle: what was said, and T_home_odom then. The witness may be gone by then: a
+    tag drifts out of view."""
 
     def __init__(self) -> None:
         self._said: Dict[str, Tuple[str, np.ndarray]] = {}

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Vehicles that drop out of a list in flight: who is down takes no part any more, and the others can go on."""
+"""Vehicles that drop out of a list in flight: who is down takes no part any more, and the others
+can go on."""
 
 import dataclasses
 from typing import List, Sequence, Set
@@ -10,15 +11,17 @@ _FRESH_S = 3.5  # what an older state says may have changed
 
 
 class Dropouts:
-    """``out``: who dropped out. The reference cannot, and neither can the last one that has something left to fly, nor
-    one that has lost its position: nobody knows where it lies, and guardians keep their vehicles away from it."""
+    """``out``: who dropped out. The reference cannot, and neither can the last one that has
+    something left to fly, nor one that has lost its position: nobody knows where it lies, and
+    guardians keep their vehicles away from it."""
 
     def __init__(self, reference: str, vehicles: Sequence[str]):
         self._movers = [n for n in vehicles if n != reference]
         self.out: Set[str] = set()
 
     def see(self, snapshot: Snapshot, working: Sequence[str]) -> List[str]:
-        """Those that are down since the last step. ``working``: those with configurations left to fly."""
+        """Those that are down since the last step. ``working``: those with configurations left to
+        fly."""
         down = [n for n in self._movers if n not in self.out and _is_down(snapshot.vehicles[n])]
         lost = any(snapshot.vehicles[n].lost for n in down)
         if not down or lost or not set(working) - set(down):

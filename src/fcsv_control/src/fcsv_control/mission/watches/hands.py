@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whose hands a vehicle is in, as the mission can tell: by its mode, and by the modes that the mission asked for.
+"""Whose hands a vehicle is in, as the mission can tell: by its mode, and by the modes that the
+mission asked for.
 
-A mode that the mission did not ask for is somebody else's decision: the pilot's, the guardian's or the autopilot's.
-The mission then sends no mode and no way-point until the vehicle is given back and the operator confirms it.
+A mode that the mission did not ask for is somebody else's decision: the pilot's, the guardian's or
+the autopilot's. The mission then sends no mode and no way-point until the vehicle is given back and
+the operator confirms it.
 """
 
 from typing import Dict, List, Sequence, Set
@@ -14,7 +16,8 @@ GIVEN_BACK = ("GUIDED", "LOITER")
 
 
 class MissionModeOwner:
-    """``taken`` tells by vehicle the mode that somebody else chose after the mission had flown it."""
+    """``taken`` tells by vehicle the mode that somebody else chose after the mission had flown
+    it."""
 
     def __init__(self):
         self.taken: Dict[str, str] = {}
@@ -33,7 +36,8 @@ class MissionModeOwner:
             self.asked(name, mode, now)
 
     def give_back(self) -> None:
-        """The operator has confirmed: the mission may ask for modes again. Who is in GUIDED is ours from now on."""
+        """The operator has confirmed: the mission may ask for modes again. Who is in GUIDED is ours
+        from now on."""
         for name, mode in self.taken.items():
             if mode == "GUIDED":
                 self._ours[name] = mode
@@ -41,22 +45,33 @@ class MissionModeOwner:
 
     @property
     def all_given_back(self) -> bool:
-        """Whether every vehicle that was taken shows a mode in which pilots give back, and has a position."""
-        return all(mode in GIVEN_BACK and name not in self._lost for name, mode in self.taken.items())
+        """Whether every vehicle that was taken shows a mode in which pilots give back, and has a
+        position."""
+        return all(
+            mode in GIVEN_BACK and name not in self._lost for name, mode in self.taken.items()
+        )
 
     def problems(self) -> List[str]:
         """A line for each vehicle that somebody else has, and what to do."""
-        return [f"{n}: {mode} was not asked for by the mission; {self._then(n)}" for n, mode in self.taken.items()]
+        return [
+            f"{n}: {mode} was not asked for by the mission; {self._then(n)}"
+            for n, mode in self.taken.items()
+        ]
 
     def _then(self, name: str) -> str:
-        """What its pilot is to do. Without a position LOITER and GUIDED would fly after a wrong one."""
+        """What its pilot is to do. Without a position LOITER and GUIDED would fly after a wrong
+        one."""
         if name in self._lost:
             return "it lost its position: land it in ALT_HOLD, or abort"
-        return "confirm 'resume'" if self.taken[name] in GIVEN_BACK else "give it back in LOITER or GUIDED, or abort"
+        return (
+            "confirm 'resume'"
+            if self.taken[name] in GIVEN_BACK
+            else "give it back in LOITER or GUIDED, or abort"
+        )
 
     def take_over(self, vehicles: Sequence[str], taken: Dict[str, str]) -> None:
-        """Takes vehicles over after a restart: GUIDED was asked for, and ``taken`` was in a pilot's hands. Any other
-        mode is a pilot's."""
+        """Takes vehicles over after a restart: GUIDED was asked for, and ``taken`` was in a pilot's
+        hands. Any other mode is a pilot's."""
         self._ours = dict.fromkeys(vehicles, "GUIDED")
         self.taken = dict(taken)
 
@@ -65,8 +80,8 @@ class MissionModeOwner:
         return set(self._ours)
 
     def may_be_asked(self, name: str, mode: str) -> bool:
-        """Whether a vehicle that shows ``mode`` may be asked for another one. If not, somebody else has it: a pilot may
-        have taken it before the mission had asked for anything."""
+        """Whether a vehicle that shows ``mode`` may be asked for another one. If not, somebody else
+        has it: a pilot may have taken it before the mission had asked for anything."""
         if mode not in GIVEN_BACK and name not in self._ours and name not in self._asked:
             self.taken[name] = mode
         return name not in self.taken

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the pictures of two vehicles that record show them where both trackers say (in_flight/pair_check.py).
+"""Whether the pictures of two vehicles that record show them where both trackers say
+(in_flight/pair_check.py).
 
-A tracker that drifts slowly takes its vehicle along: nothing on board may tell. What is recorded then is no recording
-of its configuration, and the next way leads somewhere else.
+A tracker that drifts slowly takes its vehicle along: nothing on board may tell. What is recorded
+then is no recording of its configuration, and the next way leads somewhere else.
 """
 
 from dataclasses import dataclass, replace
@@ -34,7 +35,8 @@ class _Off:
 
 
 class PairsSeen:
-    """``looked`` is told every look, ``judge`` gives views on, with what is wrong in ``sighted_off``."""
+    """``looked`` is told every look, ``judge`` gives views on, with what is wrong in
+    ``sighted_off``."""
 
     def __init__(self, rules: Optional[PairsSeenRules] = None):
         self._rules = rules or PairsSeenRules()
@@ -50,8 +52,9 @@ class PairsSeen:
 
     def judge(
         self, views: Mapping[str, VehicleView], T_home_odom: Mapping[str, np.ndarray]
-    ) -> Dict[str, VehicleView]:  # fmt: skip
-        """One whose odometry began anew, or that is lost, is known not to be where its tracker says."""
+    ) -> Dict[str, VehicleView]:
+        """One whose odometry began anew, or that is lost, is known not to be where its tracker
+        says."""
         out = dict(views)
         for name in [n for n in views if n in T_home_odom]:
             said, off = self._said.of(name, T_home_odom[name]), self._off.get(name)

@@ -20,7 +20,11 @@ class Pause(Enum):
 
 #: Said only after half of the limit: until then they are the ordinary way.
 _ORDINARY = (Pause.HANDOVER, Pause.OPERATOR)
-BACK, LAND, BY_HAND = "back to the column, then landing", "landing", "the mission ends, pilots land by hand"
+BACK, LAND, BY_HAND = (
+    "back to the column, then landing",
+    "landing",
+    "the mission ends, pilots land by hand",
+)
 
 
 def what_follows(phase: str, going_back: bool, by_hand: bool) -> Dict[Pause, str]:
@@ -57,8 +61,16 @@ class PauseTimers:
 
     def told(self, now_s: float, then: Dict[Pause, str]) -> List[str]:
         """What happens next, a line per kind of pause; texts that do not change while it lasts."""
-        told = [k for k in self._since_s if k not in _ORDINARY or self._lasts_s(now_s, k) > 0.5 * self._most_s[k]]
-        return [f"{k.value}: after {self._most_s[k]:g} s {then[k]}" for k in Pause if k in told and k in then]
+        told = [
+            k
+            for k in self._since_s
+            if k not in _ORDINARY or self._lasts_s(now_s, k) > 0.5 * self._most_s[k]
+        ]
+        return [
+            f"{k.value}: after {self._most_s[k]:g} s {then[k]}"
+            for k in Pause
+            if k in told and k in then
+        ]
 
     def ended(self, kind: Pause) -> str:
         """Says, in words, what ended the mission's patience."""

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether each vehicle of the column sees the one in front where both trackers say that it is.
 
-A tracker that drifts slowly takes its vehicle along: nothing on board may tell. As long as the next one's tag is in
-view, as it is from the calibration until a vehicle leaves the column, its camera tells, whichever tracker it is.
+A tracker that drifts slowly takes its vehicle along: nothing on board may tell. As long as the next
+one's tag is in view, as it is from the calibration until a vehicle leaves the column, its camera
+tells, whichever tracker it is.
 """
 
 from dataclasses import dataclass, replace
@@ -17,8 +18,8 @@ from fcsv_geometry.config import require_positive
 
 @dataclass(frozen=True)
 class TagInFrontRules:
-    """Bounds. A calibration and what trackers drift after it are 0.1 m (docs/lab/tracking.md), a tag's place 2 % of its
-    distance; a picture is up to half a second older than the pose."""
+    """Bounds. A calibration and what trackers drift after it are 0.1 m (docs/lab/tracking.md), a
+    tag's place 2 % of its distance; a picture is up to half a second older than the pose."""
 
     off_m: float = 0.5
     lasts_s: float = 0.6
@@ -58,7 +59,11 @@ class TagInFront:
         if front.frame_problem or rear.frame_problem:
             return None
         seen, there = rear.p_home_front_tag, front.p_home_tag
-        if seen is None or there is None or not max(front.speed_mps, rear.speed_mps) < self._rules.still_mps:
+        if (
+            seen is None
+            or there is None
+            or not max(front.speed_mps, rear.speed_mps) < self._rules.still_mps
+        ):
             return None
         return float(np.linalg.norm(seen - there))
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What must be well for the mission to go on. Texts hold no numbers that change: they are shown until they change."""
+"""What must be well for the mission to go on. Texts hold no numbers that change: they are shown
+until they change."""
 
 from itertools import combinations
 from typing import Iterator, List, Optional, Tuple
@@ -19,26 +20,34 @@ POSE_STALE_S = 2.0
 STATE_STALE_S = 3.5  # it comes with the heartbeat, once a second, and one may be lost on the radio
 _RECORDER_STALE_S = 5.0
 _TOO_NEAR = 0.6  # of the minimum separation: nearer than any noise of the poses explains
-_GUARDED = SeparationRules().horizontal_m / AIR_M  # of the air that the mission keeps, guardians keep so much
+# of the air that the mission keeps, guardians keep so much
+_GUARDED = SeparationRules().horizontal_m / AIR_M
 _IN_THE_AIR = ("COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", *FLOWN)
 _RECORDED = ("WAIT_VEHICLES", *FLOWN)
-_BEFORE_SIGHT = ("WAIT_VEHICLES", "TAKE_OFF", "COLUMN")  # people fly: a tracker on the ground sees nobody there yet
+# people fly: a tracker on the ground sees nobody there yet
+_BEFORE_SIGHT = ("WAIT_VEHICLES", "TAKE_OFF", "COLUMN")
 _CALIBRATED = ("MOVE_HOME", "SET_HOME", *FLOWN)
 _BATTERY_KNOWN = ("WAIT_VEHICLES", *FLOWN)
 
 
-#: What is said of a vehicle that flies without a position: in LOITER and GUIDED it would follow a wrong one.
+#: What is said of a vehicle that flies without a position: in LOITER and GUIDED it would follow a
+#: wrong one.
 LOST_POSITION = "lost its position: land it by hand in ALT_HOLD, keep away from it"
 
 
 def lost(snapshot: Optional[Snapshot]) -> str:
-    """Why nobody is calibrated or handed over now: who lost its position, and what to do; "" where nobody did."""
+    """Why nobody is calibrated or handed over now: who lost its position, and what to do; "" where
+    nobody did."""
     views = {} if snapshot is None else snapshot.vehicles
     names = [n for n, v in views.items() if v.lost]
     if not names:
         return ""
     flies = any(views[n].armed for n in names)
-    then = "land it by hand in ALT_HOLD, or abort" if flies else "abort; it is known again after its next take-off"
+    then = (
+        "land it by hand in ALT_HOLD, or abort"
+        if flies
+        else "abort; it is known again after its next take-off"
+    )
     return f"{' and '.join(names)} lost its position: {then}"
 
 
@@ -53,17 +62,22 @@ def found(mission: Mission, phase: str, snapshot: Snapshot) -> List[Tuple[Pause,
     for name, view in snapshot.vehicles.items():
         told += [(kind, f"{name}: {text}") for kind, text in _of_vehicle(mission, phase, view)]
     if phase in _RECORDED and snapshot.recorder is not None:
-        told += [(Pause.RECORDER, f"control PC: {text}") for text in _of_recorder(snapshot.recorder)]
+        told += [
+            (Pause.RECORDER, f"control PC: {text}") for text in _of_recorder(snapshot.recorder)
+        ]
     if phase in FLOWN:
         told += [(Pause.LOST, text) for text in _too_near(mission, snapshot)]
     return told
 
 
 def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
-    """Raises MissionError where all must land: an empty battery, or a vehicle that is down already."""
+    """Raises MissionError where all must land: an empty battery, or a vehicle that is down
+    already."""
     for name, view in snapshot.vehicles.items():
         if phase in _IN_THE_AIR and view.battery_share < mission.empty_battery_share:
-            raise MissionError(f"{name}: battery below {mission.empty_battery_share:.0%}: landing everybody")
+            raise MissionError(
+                f"{name}: battery below {mission.empty_battery_share:.0%}: landing everybody"
+            )
         down = view.state_age_s <= STATE_STALE_S and not view.armed
         if phase == "CONFIGURATIONS" and down:
             raise MissionError(f"{name}: motors are off: landing everybody")
@@ -84,7 +98,12 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
     if not view.connected:
         yield Pause.LOST, "no flight controller"
     if view.lost and (view.armed or phase in _IN_THE_AIR):
-        yield Pause.LOST, LOST_POSITION if view.armed else "lost its position, and lies where nobody knows: abort"
+        yield (
+            Pause.LOST,
+            LOST_POSITION
+            if view.armed
+            else "lost its position, and lies where nobody knows: abort",
+        )
     if phase in FLOWN and view.guarded:
         yield Pause.LOST, f"its guardian: {view.guarded}"
     if phase in _RECORDED:

@@ -17,33 +17,49 @@ def clearance_m(separation_m: float) -> float:
 
 
 def below(snapshot: Snapshot, name: str, clear_m: float) -> Optional[str]:
-    """A vehicle that ``name`` would come down upon: lower, and nearer than ``clear_m`` horizontally to where it stands
-    or its way to a stand; flying or not. One that is lost, or silent, may lie anywhere within its reach.
+    """A vehicle that ``name`` would come down upon: lower, and nearer than ``clear_m`` horizontally
+    to where it stands or its way to a stand; flying or not. One that is lost, or silent, may lie
+    anywhere within its reach.
 
     None where places are not known yet: before home is set they stand in a column.
     """
     known = _known(snapshot, name)
-    return next((n for n in known if _stands_above(snapshot, name, n, clear_m) or _may_lie(snapshot, name, n)), None)
+    return next(
+        (
+            n
+            for n in known
+            if _stands_above(snapshot, name, n, clear_m) or _may_lie(snapshot, name, n)
+        ),
+        None,
+    )
 
 
 def _may_lie(snapshot: Snapshot, upper: str, lost: str) -> bool:
-    """Whether one that came down without a position, or unheard, may lie beneath another. At which height it was last
-    known does not count."""
+    """Whether one that came down without a position, or unheard, may lie beneath another. At which
+    height it was last known does not count."""
     view, offset_m = snapshot.vehicles[lost], snapshot.p_home_cam(upper) - snapshot.p_home_cam(lost)
     return not (view.lost and view.armed) and bool(np.linalg.norm(offset_m[:2]) < view.astray_m)
 
 
 def coming_down_on(snapshot: Snapshot, name: str, clear_m: float) -> Optional[str]:
     """A vehicle in LAND above ``name`` that would come down upon it."""
-    landing = [n for n in _known(snapshot, name) if snapshot.vehicles[n].armed and snapshot.vehicles[n].mode == "LAND"]
+    landing = [
+        n
+        for n in _known(snapshot, name)
+        if snapshot.vehicles[n].armed and snapshot.vehicles[n].mode == "LAND"
+    ]
     return next((n for n in landing if _stands_above(snapshot, n, name, clear_m)), None)
 
 
 def aside(
-    snapshot: Snapshot, name: str, away_from: str, clear_m: float, within: Callable[[np.ndarray], bool] = lambda p: True
+    snapshot: Snapshot,
+    name: str,
+    away_from: str,
+    clear_m: float,
+    within: Callable[[np.ndarray], bool] = lambda p: True,
 ) -> np.ndarray:
-    """T_home_cam at the same height, clear of everybody: away from a vehicle, else right, left, back, front; ``within``
-    the fence, where that can be."""
+    """T_home_cam at the same height, clear of everybody: away from a vehicle, else right, left,
+    back, front; ``within`` the fence, where that can be."""
     here, others = snapshot.p_home_cam(name), _known(snapshot, name)
     clear_m = _clear_of(snapshot, away_from, clear_m)
     clears_m = [max(clear_m, snapshot.vehicles[n].astray_m) for n in others]

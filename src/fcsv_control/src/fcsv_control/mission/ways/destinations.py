@@ -30,5 +30,9 @@ class Destinations:
     def in_words(self, moment: Sequence[Task]) -> Tuple[str, str]:
         """(who, where to)."""
         names = [self.place(t)[1] for t in moment]
-        where = "their places in the column" if len(moment) > 1 and moment[0].index is None else " and ".join(names)
+        where = (
+            "their places in the column"
+            if len(moment) > 1 and moment[0].index is None
+            else " and ".join(names)
+        )
         return " and ".join(t.vehicle for t in moment), where

@@ -16,7 +16,8 @@ _ARRIVED_M = 0.5
 
 
 def go_to(outbox: Outbox, snapshot: Snapshot, name: str, T_home_cam: np.ndarray) -> Order:
-    """Order a vehicle's camera to T_home_cam; the set-point is in the vehicle's own odometry frame."""
+    """Order a vehicle's camera to T_home_cam; the set-point is in the vehicle's own odometry
+    frame."""
     T_odom_body = body_set_point(T_home_cam, snapshot.T_home_odom[name], snapshot.T_body_cam[name])
     return go_to_body(outbox, snapshot, name, T_odom_body)
 
@@ -27,16 +28,21 @@ def go_to_body(outbox: Outbox, snapshot: Snapshot, name: str, T_odom_body: np.nd
 
 
 class Journey:
-    """Planned at the first step, from where everybody is then, or ``way`` as it was planned; the other vehicles must
-    stay where they are, or on ways that were checked against this one.
+    """Planned at the first step, from where everybody is then, or ``way`` as it was planned; the
+    other vehicles must stay where they are, or on ways that were checked against this one.
 
     ``timeout_s`` is for each way-point.
     """
 
     def __init__(
-        self, outbox: Outbox, name: str, T_home_cam: np.ndarray, keep: Keep, timeout_s: float,
+        self,
+        outbox: Outbox,
+        name: str,
+        T_home_cam: np.ndarray,
+        keep: Keep,
+        timeout_s: float,
         way: Optional[Sequence[np.ndarray]] = None,
-    ):  # fmt: skip
+    ):
         self.name = name
         self._outbox = outbox
         self._T_home_cam = T_home_cam
@@ -58,10 +64,13 @@ class Journey:
         return self._order is None
 
     def step(self, snapshot: Snapshot, others: Sequence[str] = ()) -> bool:
-        """Whether the vehicle is there (within 0.5 m, the order acknowledged). Raises MissionError."""
+        """Whether the vehicle is there (within 0.5 m, the order acknowledged). Raises
+        MissionError."""
         if self._way is None:
             others_m = [snapshot.p_home_cam(n) for n in others]
-            self._way = route(snapshot.p_home_cam(self.name), self._T_home_cam[:3, 3], others_m, self._keep)
+            self._way = route(
+                snapshot.p_home_cam(self.name), self._T_home_cam[:3, 3], others_m, self._keep
+            )
         if not self._way:
             return True
         self._started_s = snapshot.now_s if self._started_s is None else self._started_s

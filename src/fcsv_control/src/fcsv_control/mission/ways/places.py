@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the vehicles go: level cameras, their headings, body set-points in each vehicle's odometry."""
+"""Where the vehicles go: level cameras, their headings, body set-points in each vehicle's
+odometry."""
 
 import numpy as np
 
@@ -23,12 +24,14 @@ def heading_error_rad(T_home_cam: np.ndarray, T_home_target: np.ndarray) -> floa
     return abs(rotations.wrap(heading_rad(T_home_cam) - heading_rad(T_home_target)))
 
 
-def body_set_point(T_home_cam: np.ndarray, T_home_odom: np.ndarray, T_body_cam: np.ndarray) -> np.ndarray:
+def body_set_point(
+    T_home_cam: np.ndarray, T_home_odom: np.ndarray, T_body_cam: np.ndarray
+) -> np.ndarray:
     """T_odom_body, level, that brings a camera to its place.
 
-    T_odom_body = inv(T_home_odom) T_home_cam inv(T_body_cam) with roll and pitch removed: a hovering body is level.
-    The camera then stands where it should only if it is mounted level too; what a mount's roll and pitch would turn
-    is left, what its lever arm would shift is put right.
+    T_odom_body = inv(T_home_odom) T_home_cam inv(T_body_cam) with roll and pitch removed: a
+    hovering body is level. The camera then stands where it should only if it is mounted level too;
+    what a mount's roll and pitch would turn is left, what its lever arm would shift is put right.
     """
     T_odom_cam = transforms.invert(T_home_odom) @ T_home_cam
     T_odom_body = transforms.level(T_odom_cam @ transforms.invert(T_body_cam))

@@ -14,8 +14,10 @@ from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.separation import SeparationRules
 
 _SLACK = 0.2  # a goal may keep this share less of a vehicle that does not stand quite at its place
-_SHELL = 1.35  # corners of the way stand at this multiple of the separation; their chords stay outside of it
-_DIP_M = 0.2  # a way does not go lower than the lower of its ends by more than this: the ground is not known
+# corners of the way stand at this multiple of the separation; their chords stay outside of it
+_SHELL = 1.35
+# a way does not go lower than the lower of its ends by more than this: the ground is not known
+_DIP_M = 0.2
 _SHELL_AIR = 1.15  # likewise above and below, of its air
 _EPSILON = 1e-6
 
@@ -34,7 +36,8 @@ def distance_to_segments(point: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.
 
 @dataclass(frozen=True)
 class Keep:
-    """What ways keep from other vehicles: a sphere, and the air below and above them (None: no downwash)."""
+    """What ways keep from other vehicles: a sphere, and the air below and above them (None: no
+    downwash)."""
 
     separation_m: float
     air: Optional[SeparationRules] = None
@@ -45,8 +48,8 @@ class Keep:
         return cls(mission.min_separation_m, mission.air)
 
     def share(self, offset_m: np.ndarray, doubt_m: float = 0.0) -> float:
-        """Says, of what is to be kept, how much is: 1 and more is enough. ``doubt_m``: separation.doubt_m of its
-        air."""
+        """Says, of what is to be kept, how much is: 1 and more is enough. ``doubt_m``:
+        separation.doubt_m of its air."""
         return float(min(separation.share(offset_m, *kept) for kept in self._kept(doubt_m)))
 
     def shares_of(self, offsets_m: np.ndarray) -> np.ndarray:
@@ -62,7 +65,8 @@ class Keep:
         return np.min(least, axis=0)
 
     def _kept(self, doubt_m: float = 0.0) -> List[Tuple[SeparationRules, float]]:
-        """The sphere, and the air: each with what is to be added for doubt. The sphere's size has room for it."""
+        """The sphere, and the air: each with what is to be added for doubt. The sphere's size has
+        room for it."""
         return [(self._sphere, 0.0)] + ([] if self.air is None else [(self.air, doubt_m)])
 
     @cached_property
@@ -73,7 +77,11 @@ class Keep:
     def shell_m(self) -> np.ndarray:
         """(3,) semi-axes of the shell on which ways go around."""
         level_m = _SHELL * self.separation_m
-        tall_m = 0.0 if self.air is None else _SHELL_AIR * self.air.horizontal_m * self.air.vertical_factor
+        tall_m = (
+            0.0
+            if self.air is None
+            else _SHELL_AIR * self.air.horizontal_m * self.air.vertical_factor
+        )
         return np.array([level_m, level_m, max(level_m, tall_m)])
 
     def needed(self, offset_m: np.ndarray) -> str:
@@ -85,12 +93,14 @@ class Keep:
 
 
 def route(start_m, goal_m, others_m: Sequence[np.ndarray], keep: Keep) -> List[np.ndarray]:
-    """Way-points from start (excluded) to goal (included); every leg keeps what is to be kept from the others.
+    """Way-points from start (excluded) to goal (included); every leg keeps what is to be kept from
+    the others.
 
-    The shortest way over corners around the other vehicles (a visibility graph), straight where it can be. A start
-    that is already too near is left on a leg that only leads away; a goal up to a fifth too near is still flown to (the
-    other vehicle does not stand quite at its place). Positions (3,) in one frame with z up. Raises MissionError where
-    the goal is too near or no way exists.
+    The shortest way over corners around the other vehicles (a visibility graph), straight where it
+    can be. A start that is already too near is left on a leg that only leads away; a goal up to a
+    fifth too near is still flown to (the other vehicle does not stand quite at its place).
+    Positions (3,) in one frame with z up. Raises MissionError where the goal is too near or no way
+    exists.
     """
     start, goal = np.asarray(start_m, float), np.asarray(goal_m, float)
     others = [np.asarray(o, float) for o in others_m]
@@ -112,29 +122,41 @@ def _clearance(goal: np.ndarray, other: np.ndarray, keep: Keep) -> float:
     share = keep.share(goal - other)
     if share < 1.0 - _SLACK:
         away_m = float(np.linalg.norm(goal - other))
-        raise MissionError(f"{_in_words(goal)} is {away_m:.1f} m from another vehicle, {keep.needed(goal - other)}")
+        raise MissionError(
+            f"{_in_words(goal)} is {away_m:.1f} m from another vehicle, {keep.needed(goal - other)}"
+        )
     return min(1.0, share)
 
 
 def _corners(others: Sequence[np.ndarray], keep: Keep, lowest_m: float) -> List[np.ndarray]:
     """26 points around every other vehicle."""
-    steps = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
+    steps = np.array(
+        [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z],
+        float,
+    )
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     points = [other + step * keep.shell_m for other in others for step in steps]
     return [p for p in points if p[2] >= lowest_m]
 
 
 def _lengths(
-    a: np.ndarray, nodes: np.ndarray, others: Sequence[np.ndarray], clear: Sequence[float], keep: Keep
+    a: np.ndarray,
+    nodes: np.ndarray,
+    others: Sequence[np.ndarray],
+    clear: Sequence[float],
+    keep: Keep,
 ) -> np.ndarray:
     """Measures the lengths of the legs from a to every node (N,), infinite where one is not free.
 
-    A leg may start too near (the vehicle stands there) as long as it leads away from its first metre on.
+    A leg may start too near (the vehicle stands there) as long as it leads away from its first
+    metre on.
     """
     # every corner costs a stop: rather one metre more than one corner more
     lengths = np.linalg.norm(nodes - a, axis=1) + 1.0
     for other, least in zip(others, clear):
-        lengths[keep.shares(other, a, nodes) < min(least, keep.share(a - other)) - _EPSILON] = np.inf
+        lengths[keep.shares(other, a, nodes) < min(least, keep.share(a - other)) - _EPSILON] = (
+            np.inf
+        )
     return lengths
 
 

@@ -9,15 +9,17 @@ import numpy as np
 from fcsv_geometry.missions.flight_limits import FlightBounds
 
 STEP_S = 0.1
-#: A vehicle is so much before and behind its time at most, else it is not on its timed way: orders that come late over
-#: the radio, wind, the last half metre, on which an autopilot slows down more than the ramp.
+#: A vehicle is so much before and behind its time at most, else it is not on its timed way: orders
+#: that come late over the radio, wind, the last half metre, on which an autopilot slows down more
+#: than the ramp.
 EARLY_S, LATE_S = 1.0, 2.5
 
 
 @dataclass(frozen=True)
 class TimedWay:
-    """Leads from standing to standing at every way-point. ``begins_s``: when each leg begins; ``places`` (N, 3), m, one
-    every ``STEP_S`` from time 0 on; after the last it stands at the goal."""
+    """Leads from standing to standing at every way-point. ``begins_s``: when each leg begins;
+    ``places`` (N, 3), m, one every ``STEP_S`` from time 0 on; after the last it stands at the
+    goal."""
 
     begins_s: Tuple[float, ...]
     ends_s: float
@@ -34,7 +36,9 @@ class TimedWay:
         return float(np.linalg.norm(where - place, axis=1).min())
 
 
-def timed_way(start: np.ndarray, way: Sequence[np.ndarray], bounds: FlightBounds, delay_s: float = 0.0) -> TimedWay:
+def timed_way(
+    start: np.ndarray, way: Sequence[np.ndarray], bounds: FlightBounds, delay_s: float = 0.0
+) -> TimedWay:
     """The way over its points (3,), begun ``delay_s`` late.
 
     >>> way = timed_way(np.zeros(3), [np.array([8.0, 0.0, 0.0])], FlightBounds(acceleration_mps2=1.0), delay_s=1.0)
@@ -51,7 +55,8 @@ def timed_way(start: np.ndarray, way: Sequence[np.ndarray], bounds: FlightBounds
 
 
 def _shares(leg: np.ndarray, bounds: FlightBounds) -> Tuple[np.ndarray, float]:
-    """Gives, of a leg (3,): how much is behind after each step, and its time (s), a whole number of steps."""
+    """Gives, of a leg (3,): how much is behind after each step, and its time (s), a whole number of
+    steps."""
     level_m, length_m = float(np.hypot(leg[0], leg[1])), float(np.linalg.norm(leg))
     steps = max(1, int(np.ceil(bounds.leg_s(level_m, float(leg[2])) / STEP_S)))
     if length_m < 1e-6:
@@ -62,7 +67,10 @@ def _shares(leg: np.ndarray, bounds: FlightBounds) -> Tuple[np.ndarray, float]:
     ramp_s = min(speed_mps / acceleration_mps2, ends_s / 2.0)
     top_mps = acceleration_mps2 * ramp_s
     left_s = np.maximum(ends_s - t_s, 0.0)
-    rising, falling = 0.5 * acceleration_mps2 * t_s**2, length_m - 0.5 * acceleration_mps2 * left_s**2
+    rising, falling = (
+        0.5 * acceleration_mps2 * t_s**2,
+        length_m - 0.5 * acceleration_mps2 * left_s**2,
+    )
     level = top_mps * (t_s - ramp_s / 2.0)
     flown = np.where(t_s < ramp_s, rising, np.where(left_s < ramp_s, falling, level))
     return np.clip(flown / length_m, 0.0, 1.0), steps * STEP_S

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ways of several vehicles at once: checked against each other in time, delayed where they would meet."""
+"""Ways of several vehicles at once: checked against each other in time, delayed where they would
+meet."""
 
 import math
 from dataclasses import dataclass
@@ -34,7 +35,8 @@ class Departure:
 
 @dataclass(frozen=True)
 class Traffic:
-    """``departures`` by vehicle: all at once, or None where they can only go one after the other in ``order``."""
+    """``departures`` by vehicle: all at once, or None where they can only go one after the other in
+    ``order``."""
 
     order: Tuple[str, ...]
     departures: Optional[Dict[str, Departure]]
@@ -42,8 +44,8 @@ class Traffic:
 
 
 def clear(a: TimedWay, b: TimedWay, keep: Keep) -> bool:
-    """Whether two vehicles, each within the band of its time, keep what is to be kept from each other: as much as
-    their starts and goals do, where these keep less."""
+    """Whether two vehicles, each within the band of its time, keep what is to be kept from each
+    other: as much as their starts and goals do, where these keep less."""
     last = max(len(a.places), len(b.places)) + _BAND_STEPS
     times_s = np.arange(last) * STEP_S
     of_a, of_b = a.at(times_s), b.at(times_s)
@@ -56,14 +58,16 @@ def clear(a: TimedWay, b: TimedWay, keep: Keep) -> bool:
 
 
 class Planning:
-    """A plan that is made in slices: whoever flies must not wait for it. ``step`` until there is one; nobody moves
-    meanwhile. One slice is one way, or one delay of one vehicle held against those before it: some milliseconds."""
+    """A plan that is made in slices: whoever flies must not wait for it. ``step`` until there is
+    one; nobody moves meanwhile. One slice is one way, or one delay of one vehicle held against
+    those before it: some milliseconds."""
 
     def __init__(self, slices: Slices):
         self._slices = slices
 
     def step(self, slices: int) -> Optional[Traffic]:
-        """Go on by so many slices; the plan once it is made. Raises MissionError where there is none."""
+        """Go on by so many slices; the plan once it is made. Raises MissionError where there is
+        none."""
         for _ in range(slices):
             try:
                 next(self._slices)
@@ -79,16 +83,20 @@ class Planning:
                 return made
 
 
-def plan(starts: Places, goals: Places, standing: Sequence[np.ndarray], keep: Keep, bounds: FlightBounds) -> Planning:
-    """Ways of all vehicles from starts to goals (3,) past those that stand; together where that is free, else delayed
-    in the shortest way found, else one after the other. A MissionError where not even that can be flown."""
+def plan(
+    starts: Places, goals: Places, standing: Sequence[np.ndarray], keep: Keep, bounds: FlightBounds
+) -> Planning:
+    """Ways of all vehicles from starts to goals (3,) past those that stand; together where that is
+    free, else delayed in the shortest way found, else one after the other. A MissionError where not
+    even that can be flown."""
     return Planning(_together(starts, goals, standing, keep, bounds))
 
 
 def one_after_the_other(
     starts: Places, goals: Places, standing: Sequence[np.ndarray], keep: Keep, bounds: FlightBounds
 ) -> Planning:
-    """Plans ways in the first order in which each has a way past all others; else a MissionError."""
+    """Plans ways in the first order in which each has a way past all others; else a
+    MissionError."""
     return Planning(_single_file(starts, goals, standing, keep, bounds))
 
 
@@ -96,7 +104,9 @@ def _together(starts: Places, goals: Places, standing, keep: Keep, bounds: Fligh
     for a, b in combinations(goals, 2):
         if keep.share(goals[a] - goals[b]) < 1.0 - _EPSILON:
             away_m = float(np.linalg.norm(goals[a] - goals[b]))
-            raise MissionError(f"{a} and {b} would be {away_m:.1f} m apart, {keep.needed(goals[a] - goals[b])}")
+            raise MissionError(
+                f"{a} and {b} would be {away_m:.1f} m apart, {keep.needed(goals[a] - goals[b])}"
+            )
     best: Optional[Traffic] = None
     for order in islice(permutations(goals), _ORDERS):
         for around in (False, True):
@@ -110,7 +120,9 @@ def _together(starts: Places, goals: Places, standing, keep: Keep, bounds: Fligh
     return best or (yield from _single_file(starts, goals, standing, keep, bounds))
 
 
-def _single_file(starts: Places, goals: Places, standing, keep: Keep, bounds: FlightBounds) -> Slices:
+def _single_file(
+    starts: Places, goals: Places, standing, keep: Keep, bounds: FlightBounds
+) -> Slices:
     why = ""
     for order in islice(permutations(goals), _ORDERS):
         try:
@@ -126,10 +138,13 @@ def _single_file(starts: Places, goals: Places, standing, keep: Keep, bounds: Fl
 def _ways(
     order, starts: Places, goals: Places, standing, keep: Keep, around: bool
 ) -> Generator[None, None, Dict[str, List[np.ndarray]]]:
-    """``around``: those before at their goals, those after at their starts, as when they go one after the other."""
+    """``around``: those before at their goals, those after at their starts, as when they go one
+    after the other."""
     ways = {}
     for k, name in enumerate(order):
-        others = [*(goals[n] for n in order[:k]), *(starts[n] for n in order[k + 1 :])] if around else []
+        others = (
+            [*(goals[n] for n in order[:k]), *(starts[n] for n in order[k + 1 :])] if around else []
+        )
         ways[name] = route(starts[name], goals[name], [*standing, *others], keep)
         yield
     return ways
@@ -138,7 +153,8 @@ def _ways(
 def _delayed(
     order, starts: Places, ways, keep: Keep, bounds: FlightBounds, best: Optional[Traffic]
 ) -> Generator[None, None, Optional[Traffic]]:
-    """Each as early as those before it in the order allow; None where that is never, or not before the best ends."""
+    """Each as early as those before it in the order allow; None where that is never, or not before
+    the best ends."""
     departures: Dict[str, Departure] = {}
     before_s = math.inf if best is None else best.ends_s - _EPSILON
     for name in order:

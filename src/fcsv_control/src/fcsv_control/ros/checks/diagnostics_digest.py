@@ -20,12 +20,14 @@ class DiagnosticsDigest:
 
     def __init__(self, own: str = ""):
         self._digest, self._lock = Digest(own), threading.Lock()
-        self._publisher = rospy.Publisher("diagnostics/worst", DiagnosticArray, queue_size=2, latch=True)
+        self._publisher = rospy.Publisher(
+            "diagnostics/worst", DiagnosticArray, queue_size=2, latch=True
+        )
         rospy.Subscriber("/diagnostics", rospy.AnyMsg, self._on_diagnostics, queue_size=50)
 
     def _on_diagnostics(self, message: rospy.AnyMsg) -> None:
-        """Takes the message as AnyMsg: a second subscriber of this topic in one process must have the first one's
-        type."""
+        """Takes the message as AnyMsg: a second subscriber of this topic in one process must have
+        the first one's type."""
         heard = DiagnosticArray().deserialize(message._buff)
         with self._lock:
             self._digest.tell(time.monotonic(), statuses_of(heard))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What must be true before take-off, of the whole fleet: `/flight_check` on the control PC, and what is accepted."""
+"""What must be true before take-off, of the whole fleet: `/flight_check` on the control PC, and
+what is accepted."""
 
 import threading
 import time
@@ -29,7 +30,7 @@ from fcsv_msgs.msg import (
     RecorderStatus,
     StopReport,
     TagDetections,
-)  # fmt: skip
+)
 from fcsv_msgs.srv import AcceptLine, AcceptLineResponse
 from fcsv_tracking.ros.clock_node import from_message
 
@@ -39,8 +40,9 @@ _NEXT_S = 1.0
 
 @dataclass(frozen=True)
 class FleetCheckParameters:
-    """Parameters of the node; ``vehicles``: the whole column, front first; ``link``, ``ground``: as control.launch;
-    ``mission``: its file, with whose ``flight`` the autopilots are compared; empty: they are not."""
+    """Parameters of the node; ``vehicles``: the whole column, front first; ``link``, ``ground``: as
+    control.launch; ``mission``: its file, with whose ``flight`` the autopilots are compared; empty:
+    they are not."""
 
     vehicles: List[str]
     vehicles_dir: str
@@ -51,7 +53,8 @@ class FleetCheckParameters:
 
 
 class FleetCheckNode:
-    """Everything here can be away for a while: the vehicles' own checks go on, and nobody is handed over meanwhile."""
+    """Everything here can be away for a while: the vehicles' own checks go on, and nobody is handed
+    over meanwhile."""
 
     def __init__(self):
         p = node.parameters(FleetCheckParameters)
@@ -77,17 +80,31 @@ class FleetCheckNode:
 
         for name, v in self._table.vehicles.items():
             hear(f"/{name}/flight_check", FlightCheck, lambda t, m, v=v: self._on_report(t, v, m))
-            hear(f"/{name}/flight_link/parameters", ParameterReport, lambda _t, m, v=v: setattr(v, "parameters", m))
+            hear(
+                f"/{name}/flight_link/parameters",
+                ParameterReport,
+                lambda _t, m, v=v: setattr(v, "parameters", m),
+            )
             hear(f"/{name}/odometry/state", rospy.AnyMsg, lambda t, _m, v=v: v.poses.tick(t))
-            hear(f"/{name}/clock/offset", ClockOffset, lambda t, m, v=v: v.clock.tell(t - _age_s(m), from_message(m)))
+            hear(
+                f"/{name}/clock/offset",
+                ClockOffset,
+                lambda t, m, v=v: v.clock.tell(t - _age_s(m), from_message(m)),
+            )
             hear(f"/{name}/odometry/epoch", Epoch, lambda _t, m, v=v: setattr(v, "epoch", m.epoch))
-            hear(f"/{name}/tags/detections", TagDetections, lambda t, m, n=name: self._on_tags(t, n, m))
+            hear(
+                f"/{name}/tags/detections",
+                TagDetections,
+                lambda t, m, n=name: self._on_tags(t, n, m),
+            )
         hear("/calibration_epochs", Epochs, self._on_calibrated)
         hear("/mission/alive", Heartbeat, lambda t, _m: control.mission.tell(t, self._phase))
         hear("/mission/state", MissionState, lambda _t, m: setattr(self, "_phase", m.phase_name))
         hear("/stop_all/report", StopReport, lambda t, _m: control.stop_all.tell(t, True))
         hear("/control/recorder/status", RecorderStatus, self._on_recorder)
-        self._keys = RelayKeys("control", "/relay", lambda told: self._hear(control.keys.tell, told))
+        self._keys = RelayKeys(
+            "control", "/relay", lambda told: self._hear(control.keys.tell, told)
+        )
 
     def _hear(self, call, *what) -> None:
         with self._lock:
@@ -95,7 +112,9 @@ class FleetCheckNode:
 
     def _on_report(self, now_s: float, vehicle, message: FlightCheck) -> None:
         if message.vehicle != vehicle.name:
-            self._health.drop("flight check", f"on {vehicle.name}'s topic comes one of '{message.vehicle}'")
+            self._health.drop(
+                "flight check", f"on {vehicle.name}'s topic comes one of '{message.vehicle}'"
+            )
             return
         vehicle.patience_s = messages.patience_s(message)
         vehicle.report.tell(now_s, messages.lines_of(message))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosrun fcsv_control flight_check: what must be true before take-off, as a table (docs/user/flight_check.md)."""
+"""rosrun fcsv_control flight_check: what must be true before take-off, as a table
+(docs/user/flight_check.md)."""
 
 import argparse
 import sys
@@ -25,7 +26,9 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     """Exit status: 0 green, or amber and accepted; 1 amber; 2 red, unknown, or nothing is heard."""
     parser = argparse.ArgumentParser(prog="flight_check", description=__doc__)
     parser.add_argument("--watch", action="store_true", help="again every second, until Ctrl-C")
-    parser.add_argument("--accept", nargs=2, metavar=("VEHICLE", "LINE"), help="accept an amber line")
+    parser.add_argument(
+        "--accept", nargs=2, metavar=("VEHICLE", "LINE"), help="accept an amber line"
+    )
     arguments = parser.parse_args(argv if argv is not None else rospy.myargv()[1:])
     try:
         kinds = rosgraph.Master("/flight_check").getTopicTypes()
@@ -35,7 +38,10 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     topics = [name for name, kind in kinds if kind == FlightCheck._type]
     topics = [FLEET] if FLEET in topics else topics
     if not topics:
-        print("flight_check: neither vehicle_check nor fleet_check runs on this machine's master", file=sys.stderr)
+        print(
+            "flight_check: neither vehicle_check nor fleet_check runs on this machine's master",
+            file=sys.stderr,
+        )
         return _NOTHING
     node.begin("flight_check_command", anonymous=True)
     if arguments.accept and not _accept(*arguments.accept):
@@ -48,7 +54,10 @@ def _accept(vehicle: str, line: str) -> bool:
         rospy.wait_for_service(ACCEPT, _WAIT_S)
         answer = rospy.ServiceProxy(ACCEPT, AcceptLine)(vehicle, line)
     except (rospy.ServiceException, rospy.ROSException) as error:
-        print(f"flight_check: lines are accepted on the control PC, where fleet_check runs: {error}", file=sys.stderr)
+        print(
+            f"flight_check: lines are accepted on the control PC, where fleet_check runs: {error}",
+            file=sys.stderr,
+        )
         return False
     if not answer.success:
         print(f"flight_check: not accepted: {answer.message}", file=sys.stderr)
@@ -62,7 +71,9 @@ class Reports:
         self.topics = list(topics)
         self._newest: Dict[str, FlightCheck] = {}
         self._at_s: Dict[str, float] = {}
-        self._subscribers = [rospy.Subscriber(t, FlightCheck, self._keep, t, queue_size=5) for t in topics]
+        self._subscribers = [
+            rospy.Subscriber(t, FlightCheck, self._keep, t, queue_size=5) for t in topics
+        ]
 
     def _keep(self, message: FlightCheck, topic: str) -> None:
         self._newest[topic], self._at_s[topic] = message, time.monotonic()
@@ -71,7 +82,9 @@ class Reports:
     def silent(self) -> List[str]:
         """Topics on which no report came, or not again in time."""
         now_s = time.monotonic()
-        return [t for t in self.topics if now_s - self._at_s.get(t, float("-inf")) > self._patience_s(t)]
+        return [
+            t for t in self.topics if now_s - self._at_s.get(t, float("-inf")) > self._patience_s(t)
+        ]
 
     def _patience_s(self, topic: str) -> float:
         return _WAIT_S if topic not in self._newest else messages.patience_s(self._newest[topic])
@@ -79,7 +92,9 @@ class Reports:
     def lines(self) -> List[Line]:
         """Gives the lines of all that are heard."""
         silent = self.silent
-        return [li for t in self.topics if t not in silent for li in messages.lines_of(self._newest[t])]
+        return [
+            li for t in self.topics if t not in silent for li in messages.lines_of(self._newest[t])
+        ]
 
 
 def _show(topics: Sequence[str], watch: bool) -> int:

@@ -16,18 +16,23 @@ _REMEDIES: Dict[str, str] = {check.name: check.remedy for check in VEHICLE_CHECK
 
 
 def small(vehicle: str, lines: Sequence[Line], next_s: float) -> FlightCheck:
-    """A vehicle's report as it crosses the radio: of green lines the name, of the others no remedy."""
+    """A vehicle's report as it crosses the radio: of green lines the name, of the others no
+    remedy."""
     green = " ".join(line.name for line in lines if line.state is State.GREEN)
     others = [
         FlightCheckLine(name=li.name, state=li.state, what=li.what[:MOST_TEXT], since_s=li.since_s)
-        for li in lines if li.state is not State.GREEN
-    ]  # fmt: skip
+        for li in lines
+        if li.state is not State.GREEN
+    ]
     return FlightCheck(conversions.header(rospy.get_time(), ""), vehicle, green, others, next_s)
 
 
 def whole(lines: Sequence[Line], next_s: float) -> FlightCheck:
     """The fleet's table."""
-    told = [FlightCheckLine(li.vehicle, li.name, li.state, li.what, li.remedy, li.since_s, li.accepted) for li in lines]
+    told = [
+        FlightCheckLine(li.vehicle, li.name, li.state, li.what, li.remedy, li.since_s, li.accepted)
+        for li in lines
+    ]
     return FlightCheck(conversions.header(rospy.get_time(), ""), "control", "", told, next_s)
 
 
@@ -37,11 +42,16 @@ def lines_of(message: FlightCheck) -> List[Line]:
     known = {s.value for s in State}
     return green + [
         Line(
-            m.vehicle or message.vehicle, m.name, State(m.state) if m.state in known else State.UNKNOWN, m.what,
-            m.remedy or (_REMEDIES.get(m.name, "") if m.state != State.GREEN else ""), m.since_s, m.accepted,
+            m.vehicle or message.vehicle,
+            m.name,
+            State(m.state) if m.state in known else State.UNKNOWN,
+            m.what,
+            m.remedy or (_REMEDIES.get(m.name, "") if m.state != State.GREEN else ""),
+            m.since_s,
+            m.accepted,
         )
         for m in message.lines
-    ]  # fmt: skip
+    ]
 
 
 def size_bytes(message: FlightCheck) -> int:
@@ -52,5 +62,6 @@ def size_bytes(message: FlightCheck) -> int:
 
 
 def patience_s(message: FlightCheck) -> float:
-    """Says how long to wait: after so long without another report this one counts for nothing: two may get lost."""
+    """Says how long to wait: after so long without another report this one counts for nothing: two
+    may get lost."""
     return 3.0 * message.next_s + 1.0

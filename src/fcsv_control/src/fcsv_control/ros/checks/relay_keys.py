@@ -21,7 +21,9 @@ class RelayKeys:
         rospy.Subscriber("/diagnostics", rospy.AnyMsg, self._on_diagnostics, queue_size=20)
 
     def _on_links(self, message: DiagnosticArray) -> None:
-        told = any(v.key == "encrypted" and v.value == "True" for s in message.status for v in s.values)
+        told = any(
+            v.key == "encrypted" and v.value == "True" for s in message.status for v in s.values
+        )
         self._tell(Keys(told or self._has_keys, self._warning, self._exposed))
 
     def _on_diagnostics(self, message: rospy.AnyMsg) -> None:

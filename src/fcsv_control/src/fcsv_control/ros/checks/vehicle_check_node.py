@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What must be true before take-off, of this vehicle, by what is heard on board: `flight_check`, once a second; and the
-worst lines of its diagnostics: `diagnostics/worst`."""
+"""What must be true before take-off, of this vehicle, by what is heard on board: `flight_check`,
+once a second; and the worst lines of its diagnostics: `diagnostics/worst`."""
 
 import math
 import shutil
@@ -26,7 +26,14 @@ from fcsv_control.ros.checks.diagnostics_digest import ON_THE_WAY_BYTES, Diagnos
 from fcsv_control.ros.checks.relay_keys import RelayKeys
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import FlightCheck, GuardianState, Heartbeat, LinkHealth, ParameterReport, RecorderStatus
+from fcsv_msgs.msg import (
+    FlightCheck,
+    GuardianState,
+    Heartbeat,
+    LinkHealth,
+    ParameterReport,
+    RecorderStatus,
+)
 from mavros_msgs.msg import State as FlightState
 from mavros_msgs.msg import StatusText
 
@@ -35,7 +42,8 @@ _STEP_S = 0.5
 
 @dataclass(frozen=True)
 class VehicleCheckParameters:
-    """Parameters of the node. ``flight_link``: what the vehicle is flown by, mavlink, mavros or tello."""
+    """Parameters of the node. ``flight_link``: what the vehicle is flown by, mavlink, mavros or
+    tello."""
 
     vehicle: str
     flight_link: str = MAVLINK
@@ -78,7 +86,11 @@ class VehicleCheckNode:
         hear("flight_link/health", LinkHealth, lambda m: self._tell(f.link.tell, m))
         hear("flight_link/parameters", ParameterReport, lambda m: self._tell(f.parameters.tell, m))
         hear("mavros/state", FlightState, lambda m: self._tell(f.armed.tell, m.armed))
-        hear("mavros/battery", BatteryState, lambda m: self._tell(f.battery_share.tell, conversions.battery_share(m)))
+        hear(
+            "mavros/battery",
+            BatteryState,
+            lambda m: self._tell(f.battery_share.tell, conversions.battery_share(m)),
+        )
         hear("mavros/statustext/recv", StatusText, lambda m: self._tell(f.texts.add, m.text))
         hear("guardian/state", GuardianState, lambda m: self._tell(f.guardian.tell, m))
         hear("agent/alive", Heartbeat, lambda m: self._tell(f.agent.tell, m))
@@ -144,7 +156,9 @@ def in_words(line: Line) -> str:
     >>> in_words(Line("uav1", "battery", State.AMBER, "31%", "change it"))
     'battery amber: 31% (change it)'
     """
-    return f"{line.name} {line.state.word}: {line.what}" + (f" ({line.remedy})" if line.remedy else "")
+    return f"{line.name} {line.state.word}: {line.what}" + (
+        f" ({line.remedy})" if line.remedy else ""
+    )
 
 
 def main() -> int:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The services by which a flight link is commanded, as MAVROS names them, whatever kind of vehicle is behind it."""
+"""The services by which a flight link is commanded, as MAVROS names them, whatever kind of vehicle
+is behind it."""
 
 from dataclasses import dataclass
 from typing import Callable
@@ -11,12 +12,20 @@ from fcsv_control.flight.mavlink.commands import ACCEPTED, FAILED
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Refusal
 from mavros_msgs.msg import StatusText
-from mavros_msgs.srv import CommandBool, CommandBoolResponse, CommandTOL, CommandTOLResponse, SetMode, SetModeResponse
+from mavros_msgs.srv import (
+    CommandBool,
+    CommandBoolResponse,
+    CommandTOL,
+    CommandTOLResponse,
+    SetMode,
+    SetModeResponse,
+)
 
 
 @dataclass(frozen=True)
 class Commands:
-    """What the vehicle does when asked; each raises CommandRefused or ControlError with the reason."""
+    """What the vehicle does when asked; each raises CommandRefused or ControlError with the
+    reason."""
 
     set_mode: Callable[[str], None]
     arm: Callable[[bool], None]
@@ -35,7 +44,9 @@ class CommandServices:
         rospy.Service("mavros/cmd/land", CommandTOL, self._land)
 
     def _set_mode(self, request) -> SetModeResponse:
-        return SetModeResponse(self._attempt(lambda: self._commands.set_mode(request.custom_mode)) == ACCEPTED)
+        return SetModeResponse(
+            self._attempt(lambda: self._commands.set_mode(request.custom_mode)) == ACCEPTED
+        )
 
     def _arm(self, request) -> CommandBoolResponse:
         result = self._attempt(lambda: self._commands.arm(request.value))
@@ -50,8 +61,8 @@ class CommandServices:
         return CommandTOLResponse(result == ACCEPTED, result)
 
     def _attempt(self, action: Callable[[], None]) -> int:
-        """MAV_RESULT: 0 accepted, 4 failed. Before the service answers, the reason goes to the agent (refusal) and to
-        people (status text)."""
+        """MAV_RESULT: 0 accepted, 4 failed. Before the service answers, the reason goes to the
+        agent (refusal) and to people (status text)."""
         try:
             action()
             return ACCEPTED

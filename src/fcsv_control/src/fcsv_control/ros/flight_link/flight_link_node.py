@@ -40,10 +40,11 @@ from mavros_msgs.msg import RCIn, State, StatusText
 
 @dataclass(frozen=True)
 class FlightLinkNodeParameters:
-    """Parameters of the node. With ``vehicles_dir`` the system id in the vehicle's file is the one listened to.
-    ``autopilot_profile``: config/autopilot/NAME.param, what the autopilot's parameters must be. ``signing_key``: file
-    of the key with which MAVLink is signed. ``autopilot_port``: its serial port at the other end, whose stream rates
-    (SRn_) the profile means; -1: by ``fcu_url`` (USB 0, another device 2)."""
+    """Parameters of the node. With ``vehicles_dir`` the system id in the vehicle's file is the one
+    listened to. ``autopilot_profile``: config/autopilot/NAME.param, what the autopilot's parameters
+    must be. ``signing_key``: file of the key with which MAVLink is signed. ``autopilot_port``: its
+    serial port at the other end, whose stream rates (SRn_) the profile means; -1: by ``fcu_url``
+    (USB 0, another device 2)."""
 
     vehicle: str
     fcu_url: str
@@ -58,7 +59,8 @@ class FlightLinkNodeParameters:
 
 
 class FlightLinkNode:
-    """Poses in, estimates out, services with real acknowledgements, and a watchdog on the pose feed."""
+    """Poses in, estimates out, services with real acknowledgements, and a watchdog on the pose
+    feed."""
 
     def __init__(self):
         p = node.parameters(FlightLinkNodeParameters)
@@ -66,7 +68,9 @@ class FlightLinkNode:
         self._health = Health(self._name, {"pose feed": 10.0, "autopilot": 5.0})
         self._messages = LinkMessages(self._name, self._health)
         self._state = rospy.Publisher("mavros/state", State, queue_size=5, latch=True)
-        self._pose = rospy.Publisher("mavros/local_position/pose", PoseStamped, queue_size=5, tcp_nodelay=True)
+        self._pose = rospy.Publisher(
+            "mavros/local_position/pose", PoseStamped, queue_size=5, tcp_nodelay=True
+        )
         self._battery = rospy.Publisher("mavros/battery", BatteryState, queue_size=2)
         self._texts = rospy.Publisher("mavros/statustext/recv", StatusText, queue_size=20)
         self._rc = rospy.Publisher("mavros/rc/in", RCIn, queue_size=5)
@@ -79,10 +83,15 @@ class FlightLinkNode:
             TransmitterTold: lambda m: self._rc.publish(header(), m.rssi, m.channels),
         }
         port = p.autopilot_port if p.autopilot_port >= 0 else port_of(p.fcu_url)
-        profile, rules = load_profile(p.autopilot_profile).at_port(port), FeedRules(p.feed, p.watchdog, p.feed_check)
+        profile, rules = (
+            load_profile(p.autopilot_profile).at_port(port),
+            FeedRules(p.feed, p.watchdog, p.feed_check),
+        )
         link = self._link = FlightLink(
             Transport(p.fcu_url, read_key(p.signing_key) if p.signing_key else None),
-            FlightLinkPort(self._name, self._link_parameters(p), profile, rules, os.getpid(), time.monotonic()),
+            FlightLinkPort(
+                self._name, self._link_parameters(p), profile, rules, os.getpid(), time.monotonic()
+            ),
             self._tell,
         )
         rospy.on_shutdown(link.close)
@@ -94,13 +103,19 @@ class FlightLinkNode:
         self._services = CommandServices(commands, self._say)
         self._messages.hear(link)
         rospy.Subscriber(
-            "mavros/setpoint_position/local", PoseStamped, self._on_set_point, queue_size=1, tcp_nodelay=True
+            "mavros/setpoint_position/local",
+            PoseStamped,
+            self._on_set_point,
+            queue_size=1,
+            tcp_nodelay=True,
         )
 
     def _link_parameters(self, p: FlightLinkNodeParameters) -> LinkParameters:
         if p.link.target_system or not p.vehicles_dir:
             return p.link
-        return replace(p.link, target_system=node.vehicles(p.vehicles_dir, [self._name])[self._name].system_id)
+        return replace(
+            p.link, target_system=node.vehicles(p.vehicles_dir, [self._name])[self._name].system_id
+        )
 
     def _on_set_point(self, message: PoseStamped) -> None:
         T_odom_body = pose_in(self._odom, message, "set-point", self._health)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The flight link's part beside MAVROS: the feed of poses, streams and origin, its health, and why a request fails."""
+"""The flight link's part beside MAVROS: the feed of poses, streams and origin, its health, and why
+a request fails."""
 
 import math
 import os
@@ -35,8 +36,9 @@ _ASK_S, _SLOW_S = 0.5, 1.0
 
 @dataclass(frozen=True)
 class MavrosCompanionParameters:
-    """Parameters of the node, as the flight link's. ``component``: with which MAVROS speaks (its component_id).
-    ``fcu_url`` is MAVROS's, and tells the autopilot's port where ``autopilot_port`` does not."""
+    """Parameters of the node, as the flight link's. ``component``: with which MAVROS speaks (its
+    component_id). ``fcu_url`` is MAVROS's, and tells the autopilot's port where ``autopilot_port``
+    does not."""
 
     vehicle: str
     autopilot_profile: str
@@ -52,7 +54,8 @@ class MavrosCompanionParameters:
 
 
 class MavrosCompanionNode:
-    """Modes, arming, take-off and targets are MAVROS's own; all else that a flight link does is here."""
+    """Modes, arming, take-off and targets are MAVROS's own; all else that a flight link does is
+    here."""
 
     def __init__(self):
         p = node.parameters(MavrosCompanionParameters)
@@ -70,15 +73,25 @@ class MavrosCompanionNode:
         }  # the rest MAVROS tells itself
         link = p.link
         if p.vehicles_dir and not link.target_system:
-            link = replace(link, target_system=node.vehicles(p.vehicles_dir, [self._name])[self._name].system_id)
+            link = replace(
+                link,
+                target_system=node.vehicles(p.vehicles_dir, [self._name])[self._name].system_id,
+            )
         self._line = MavrosLine()
         port = p.autopilot_port if p.autopilot_port >= 0 else port_of(p.fcu_url)
-        profile, rules = load_profile(p.autopilot_profile).at_port(port), FeedRules(p.feed, p.watchdog, p.feed_check)
-        beside = FlightLinkPort(self._name, link, profile, rules, os.getpid(), time.monotonic(), p.component)
+        profile, rules = (
+            load_profile(p.autopilot_profile).at_port(port),
+            FeedRules(p.feed, p.watchdog, p.feed_check),
+        )
+        beside = FlightLinkPort(
+            self._name, link, profile, rules, os.getpid(), time.monotonic(), p.component
+        )
         self._link = FlightLink(self._line, beside, self._tell)
         rospy.on_shutdown(self._link.close)
         asked = lambda m: self._link.receive(messages.ModeAsked(m.mode))  # noqa: E731
-        rospy.Subscriber("flight_link/mode_asked", ModeAsked, asked, queue_size=10, tcp_nodelay=True)
+        rospy.Subscriber(
+            "flight_link/mode_asked", ModeAsked, asked, queue_size=10, tcp_nodelay=True
+        )
         self._messages.hear(self._link)
         self._process = MavrosProcess(rospy.resolve_name("mavros"))
         self._hang = MavrosWatch(p.mavros_watch, time.monotonic())
@@ -89,7 +102,11 @@ class MavrosCompanionNode:
             self._send[type(output)](output)
 
     def _slowly(self, _event) -> None:
-        gone = "" if self._line.there else f"{self._name}: no MAVROS listens on {rospy.resolve_name('mavlink/to')}"
+        gone = (
+            ""
+            if self._line.there
+            else f"{self._name}: no MAVROS listens on {rospy.resolve_name('mavlink/to')}"
+        )
         self._health.problem("mavros", gone)
 
     def _watch_mavros(self, _event) -> None:

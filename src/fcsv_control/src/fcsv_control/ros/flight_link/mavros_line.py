@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The line to an autopilot through MAVROS: what it hears is mavlink/from, what it is to send mavlink/to."""
+"""The line to an autopilot through MAVROS: what it hears is mavlink/from, what it is to send
+mavlink/to."""
 
 import os
 
@@ -20,14 +21,17 @@ _MOST = 500  # messages that wait: some seconds of all streams
 
 
 class MavrosLine:
-    """``receive``, ``send`` and ``close`` as a Transport has them. ``heard_s``: when MAVROS was heard last."""
+    """``receive``, ``send`` and ``close`` as a Transport has them. ``heard_s``: when MAVROS was
+    heard last."""
 
     def __init__(self):
         self.heard_s = float("-inf")
         self._came: queue.Queue[Mavlink] = queue.Queue(_MOST)
         self._parser, self._packer = mavutil.mavlink.MAVLink(None), mavutil.mavlink.MAVLink(None)
         self._to = rospy.Publisher("mavlink/to", Mavlink, queue_size=100, tcp_nodelay=True)
-        self._from = rospy.Subscriber("mavlink/from", Mavlink, self._hear, queue_size=_MOST, tcp_nodelay=True)
+        self._from = rospy.Subscriber(
+            "mavlink/from", Mavlink, self._hear, queue_size=_MOST, tcp_nodelay=True
+        )
 
     @property
     def there(self) -> bool:
@@ -44,9 +48,17 @@ class MavrosLine:
             return None
         try:
             frame = frame_bytes.to_frame(
-                m.len, m.incompat_flags, m.compat_flags, m.seq, m.sysid, m.compid, m.msgid, m.checksum, m.payload64,
+                m.len,
+                m.incompat_flags,
+                m.compat_flags,
+                m.seq,
+                m.sysid,
+                m.compid,
+                m.msgid,
+                m.checksum,
+                m.payload64,
                 m.signature,
-            )  # fmt: skip
+            )
             return self._parser.decode(bytearray(frame))
         except (ValueError, mavutil.mavlink.MAVError) as error:
             _LOG.debug("message %d of MAVROS is passed over: %s", m.msgid, error)

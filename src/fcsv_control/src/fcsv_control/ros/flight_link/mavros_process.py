@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MAVROS's process on this machine: asked for its id as `rosnode ping` asks, and ended where it hangs."""
+"""MAVROS's process on this machine: asked for its id as `rosnode ping` asks, and ended where it
+hangs."""
 
 import socket
 import time
@@ -15,15 +16,16 @@ _CALLER = "/flight_link"
 
 
 class MavrosProcess:
-    """Knows the process of the node ``name`` (resolved); ``look_up`` gives its address, or raises OSError where it is
-    not known."""
+    """Knows the process of the node ``name`` (resolved); ``look_up`` gives its address, or raises
+    OSError where it is not known."""
 
     def __init__(self, name: str, look_up: Optional[Callable[[], str]] = None):
         self._name = name
         self._look_up = look_up or (lambda: address_of(_CALLER, name, _ANSWER_S))
 
     def pid(self) -> Optional[int]:
-        """Finds the process of the node, where master and node answer within 0.5 s each and it is on this machine."""
+        """Finds the process of the node, where master and node answer within 0.5 s each and it is
+        on this machine."""
         try:
             uri = self._look_up()
         except OSError:
@@ -55,9 +57,11 @@ class MavrosProcess:
 
 
 def mind(
-    watch: MavrosWatch, process: MavrosProcess, heard_s: Callable[[], float],
+    watch: MavrosWatch,
+    process: MavrosProcess,
+    heard_s: Callable[[], float],
     clock: Callable[[], float] = time.monotonic,
-) -> str:  # fmt: skip
+) -> str:
     """One turn, to be taken every half second: ask, decide, end. What there is to say, else empty.
 
     ``heard_s``: when something of the autopilot came through MAVROS last.
@@ -74,7 +78,9 @@ def mind(
     if pid is None:
         return ""
     why = process.end(pid)
-    return "MAVROS hung and " + (f"cannot be ended ({why}): take over" if why else "was ended, it starts again")
+    return "MAVROS hung and " + (
+        f"cannot be ended ({why}): take over" if why else "was ended, it starts again"
+    )
 
 
 def is_here(uri: str) -> bool:

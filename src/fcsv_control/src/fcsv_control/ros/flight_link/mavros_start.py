@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Becomes MAVROS's own node, with this vehicle's address and ids; says what is missing where it is not installed."""
+"""Becomes MAVROS's own node, with this vehicle's address and ids; says what is missing where it is
+not installed."""
 
 import argparse
 import os
@@ -21,19 +22,28 @@ def mavros_node() -> str:
     try:
         found = find_node("mavros", "mavros_node")
     except ResourceNotFound as error:
-        raise LinkError("flight_link:=mavros needs MAVROS, which is not installed here; on Noetic: "
-                        "apt install ros-noetic-mavros; else leave out flight_link:=mavros") from error  # fmt: skip
+        raise LinkError(
+            "flight_link:=mavros needs MAVROS, which is not installed here; on Noetic: "
+            "apt install ros-noetic-mavros; else leave out flight_link:=mavros"
+        ) from error
     if not found:
-        raise LinkError("the package mavros is here, but not its program mavros_node: build or install MAVROS")
+        raise LinkError(
+            "the package mavros is here, but not its program mavros_node: build or install MAVROS"
+        )
     return found[0]
 
 
 def arguments(fcu_url: str, system_id: int) -> List[str]:
     """MAVROS's private parameters: it speaks with its vehicle's system id, as a companion does."""
     return [
-        f"_fcu_url:={mavros_url(fcu_url)}", "_gcs_url:=", f"_system_id:={system_id}", f"_component_id:={COMPONENT}",
-        f"_target_system_id:={system_id}", "_target_component_id:=1", "_fcu_protocol:=v2.0",
-    ]  # fmt: skip
+        f"_fcu_url:={mavros_url(fcu_url)}",
+        "_gcs_url:=",
+        f"_system_id:={system_id}",
+        f"_component_id:={COMPONENT}",
+        f"_target_system_id:={system_id}",
+        "_target_component_id:=1",
+        "_fcu_protocol:=v2.0",
+    ]
 
 
 def main() -> int:

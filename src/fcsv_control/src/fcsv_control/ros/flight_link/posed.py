@@ -12,7 +12,8 @@ from fcsv_geometry.ros.health import Health
 
 
 def pose_in(frame: str, message: PoseStamped, what: str, health: Health) -> Optional[np.ndarray]:
-    """T_frame_body (4, 4), or None where it is dropped, which ``health`` tells: in another frame, or no pose."""
+    """T_frame_body (4, 4), or None where it is dropped, which ``health`` tells: in another frame,
+    or no pose."""
     if message.header.frame_id != frame:
         health.drop(f"{what} in a wrong frame", f"'{message.header.frame_id}' is not '{frame}'")
         return None

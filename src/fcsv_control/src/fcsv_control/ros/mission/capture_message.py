@@ -10,8 +10,8 @@ from fcsv_msgs.msg import Capture, Configuration
 
 
 def capture_message(mission: Mission, window: CaptureWindow, wall_offset_s: float = 0.0) -> Capture:
-    """What /mission/capture says of a recording window: in the time of day, by which pictures are stamped, minus the
-    clock of the window ``wall_offset_s``."""
+    """What /mission/capture says of a recording window: in the time of day, by which pictures are
+    stamped, minus the clock of the window ``wall_offset_s``."""
     c = mission.configurations[window.index]
     axis = Configuration.HORIZONTAL if c.axis == "horizontal" else Configuration.VERTICAL
     return Capture(

@@ -22,12 +22,14 @@ def write(path: Path, memory: Memory) -> None:
             os.fsync(file.fileno())
         os.replace(partial, path)
     except OSError as error:
-        raise SessionError(f"{path}: cannot be written ({error.strerror}); a restart would not go on") from error
+        raise SessionError(
+            f"{path}: cannot be written ({error.strerror}); a restart would not go on"
+        ) from error
 
 
 def read(path: Path, mission: Mission, vehicles: Sequence[str], wall_s: float) -> Optional[Memory]:
-    """The memory of this mission's last run, None where there is none. Raises SessionError as memory.from_text, and
-    where the file cannot be read."""
+    """The memory of this mission's last run, None where there is none. Raises SessionError as
+    memory.from_text, and where the file cannot be read."""
     try:
         text = path.read_text()
     except FileNotFoundError:
@@ -38,7 +40,8 @@ def read(path: Path, mission: Mission, vehicles: Sequence[str], wall_s: float) -
 
 
 def set_aside(path: Path) -> Path:
-    """Move a file that was refused out of the way; its new name. Raises SessionError where that fails."""
+    """Move a file that was refused out of the way; its new name. Raises SessionError where that
+    fails."""
     aside, number = path.with_name(path.name + ".refused"), 1
     while aside.exists():
         number += 1
@@ -46,5 +49,7 @@ def set_aside(path: Path) -> Path:
     try:
         path.rename(aside)
     except OSError as error:
-        raise SessionError(f"{path}: cannot be set aside ({error.strerror}); move it away by hand") from error
+        raise SessionError(
+            f"{path}: cannot be set aside ({error.strerror}); move it away by hand"
+        ) from error
     return aside

@@ -16,15 +16,20 @@ _FEEDBACK_S = 0.5
 
 
 class MissionDesk:
-    """``serve`` answers a request. It is never called while a goal is spoken to: the action server has its own lock."""
+    """``serve`` answers a request. It is never called while a goal is spoken to: the action server
+    has its own lock."""
 
     def __init__(self, configurations: int, serve: Callable[[object], Reply]):
         self._configurations, self._serve = configurations, serve
         self._goal = None
         self._cancelled = False
         self._told_s = float("-inf")
-        rospy.Service("/mission/proceed", Proceed, lambda r: ProceedResponse(*self._ask(Confirm(r.step))))
-        rospy.Service("/mission/control", Control, lambda r: ControlResponse(*self._ask(Operate(r.operation))))
+        rospy.Service(
+            "/mission/proceed", Proceed, lambda r: ProceedResponse(*self._ask(Confirm(r.step)))
+        )
+        rospy.Service(
+            "/mission/control", Control, lambda r: ControlResponse(*self._ask(Operate(r.operation)))
+        )
         rospy.Service("/mission/abort", Trigger, lambda _r: TriggerResponse(*self._ask(Abort())))
         self._server = actionlib.ActionServer(
             "/mission/execute", ExecuteAction, self._on_goal, self._on_cancel, auto_start=False

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mission's memory on disk, with the calibration and home that it flies by, and their return after a restart."""
+"""The mission's memory on disk, with the calibration and home that it flies by, and their return
+after a restart."""
 
 import base64
 import dataclasses
@@ -24,7 +25,8 @@ KINDS = {"calibration": Calibration, "home": Home}
 
 
 class MissionMemory:
-    """``folder`` empty: nothing is kept. Writes in a thread of its own: a slow disk does not delay the mission."""
+    """``folder`` empty: nothing is kept. Writes in a thread of its own: a slow disk does not delay
+    the mission."""
 
     def __init__(self, folder: str, mission: Mission, vehicles: Sequence[str], health: Health):
         self._path = Path(folder).expanduser() / memories.FILE if folder else None
@@ -80,7 +82,8 @@ class MissionMemory:
 
 
 class Restored:
-    """Calibration and home of before the restart, latched again unless their node still lives and tells them itself."""
+    """Calibration and home of before the restart, latched again unless their node still lives and
+    tells them itself."""
 
     def __init__(self, memory: Memory):
         found = {kind: message_of(memory, kind) for kind in KINDS}
@@ -90,12 +93,15 @@ class Restored:
     def publish(self) -> None:
         """Tell them, each once, where nobody else did."""
         for kind, message in self.messages.items():
-            self._publishers[kind] = rospy.Publisher(f"/{kind}", KINDS[kind], queue_size=1, latch=True)
+            self._publishers[kind] = rospy.Publisher(
+                f"/{kind}", KINDS[kind], queue_size=1, latch=True
+            )
             self._publishers[kind].publish(message)
         self.messages = {}
 
     def told_by(self, kind: str, node: str) -> bool:
-        """Somebody published this kind: whether it was another node. Then ours is not latched (any longer)."""
+        """Somebody published this kind: whether it was another node. Then ours is not latched (any
+        longer)."""
         if node == rospy.get_name():
             return False
         self.messages.pop(kind, None)
@@ -106,7 +112,8 @@ class Restored:
 
 
 def message_of(memory: Memory, kind: str):
-    """The calibration or home in a memory, None where there is none. Raises SessionError where it is damaged."""
+    """The calibration or home in a memory, None where there is none. Raises SessionError where it
+    is damaged."""
     packed = getattr(memory, kind)
     if packed is None:
         return None
@@ -123,4 +130,8 @@ def _packed(message) -> Dict[str, str]:
     """A message to the last bit, as JSON can hold it."""
     buffer = io.BytesIO()
     message.serialize(buffer)
-    return {"type": message._type, "md5": message._md5sum, "data": base64.b64encode(buffer.getvalue()).decode()}
+    return {
+        "type": message._type,
+        "md5": message._md5sum,
+        "data": base64.b64encode(buffer.getvalue()).decode(),
+    }

@@ -38,7 +38,13 @@ from fcsv_geometry.missions.mission import load_mission
 from fcsv_geometry.missions.phases import PHASES
 from fcsv_geometry.ros import conversions, fences, node
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.ros.telemetry_messages import calibration_of, hear, hear_epochs, hear_relay, home_of
+from fcsv_geometry.ros.telemetry_messages import (
+    calibration_of,
+    hear,
+    hear_epochs,
+    hear_relay,
+    home_of,
+)
 from fcsv_geometry.vehicles.telemetry import RecorderState, Reply
 from fcsv_msgs.msg import (
     Calibration,
@@ -51,14 +57,15 @@ from fcsv_msgs.msg import (
     MissionState,
     PairLook,
     RecorderStatus,
-)  # fmt: skip
+)
 from fcsv_msgs.srv import Calibrate, SetHome
 
 
 @dataclass(frozen=True)
 class MissionParameters:
-    """Parameters of the node; the fleet is a column, front first. ``memory_dir``: where a restart finds how far it was;
-    empty: a restart begins anew. ``recorder``: name of the control PC's recorder, which must be well; empty: none.
+    """Parameters of the node; the fleet is a column, front first. ``memory_dir``: where a restart
+    finds how far it was; empty: a restart begins anew. ``recorder``: name of the control PC's
+    recorder, which must be well; empty: none.
     """
 
     mission: str
@@ -71,7 +78,9 @@ class MissionParameters:
 
     def __post_init__(self):
         if self.flight_check not in check_gate.CHOICES:
-            raise ValueError(f"flight_check: '{self.flight_check}' is not one of {', '.join(check_gate.CHOICES)}")
+            raise ValueError(
+                f"flight_check: '{self.flight_check}' is not one of {', '.join(check_gate.CHOICES)}"
+            )
         if not 1.0 <= self.rate_hz <= 100.0:
             raise ValueError(f"rate_hz: {self.rate_hz} is not in 1..100")
 
@@ -84,7 +93,11 @@ class MissionNode:
         column = [node.vehicles(p.vehicles_dir, p.vehicles)[n] for n in p.vehicles]
         self._mission = load_mission(p.mission)
         rospy.loginfo("%s", self._mission)
-        gate = check_gate.CheckGate() if p.flight_check == check_gate.REQUIRED else check_gate.OpenGate()
+        gate = (
+            check_gate.CheckGate()
+            if p.flight_check == check_gate.REQUIRED
+            else check_gate.OpenGate()
+        )
         sender = f"mission-{os.getpid()}-{int(time.time())}"
         self._lock, self._started_s = threading.RLock(), time.monotonic()
         self._health = Health("mission")
@@ -92,7 +105,9 @@ class MissionNode:
         self._stop_over = rospy.Publisher("/stop_all/over", String, queue_size=2)
         self._memory = MissionMemory(p.memory_dir, self._mission, p.vehicles, self._health)
         memory = self._memory.load()
-        self._port = MissionPort(self._mission, column, sender, self._started_s, gate, memory, p.recorder)
+        self._port = MissionPort(
+            self._mission, column, sender, self._started_s, gate, memory, p.recorder
+        )
         self._restored: Optional[Restored] = None if memory is None else Restored(memory)
         for kind, message in {} if self._restored is None else self._restored.messages.items():
             self._compose(kind, message)
@@ -102,14 +117,21 @@ class MissionNode:
         self._file.publish(String(Path(p.mission).read_text()))
         self._fence = rospy.Publisher("/mission/fence", Fence, queue_size=1, latch=True)
         self._fence.publish(fences.to_message(self._mission.fence, rospy.get_time()))
-        self._commands = {n: rospy.Publisher(f"/{n}/command", Command, queue_size=20) for n in p.vehicles}
+        self._commands = {
+            n: rospy.Publisher(f"/{n}/command", Command, queue_size=20) for n in p.vehicles
+        }
         self._calibrate = rospy.ServiceProxy("/calibrate", Calibrate)
         self._set_home = rospy.ServiceProxy("/set_home", SetHome)
         self._publish: Dict[type, Callable[[Any], None]] = {
-            Instruction: self._command, Memory: self._memory.keep, Captured: self._capture, FramesJudged: self._judged,
-            MissionAlive: self._live, MissionStatus: self._tell, ServiceWanted: self._call,
+            Instruction: self._command,
+            Memory: self._memory.keep,
+            Captured: self._capture,
+            FramesJudged: self._judged,
+            MissionAlive: self._live,
+            MissionStatus: self._tell,
+            ServiceWanted: self._call,
             StopOver: lambda m: self._stop_over.publish(String(m.reason)),
-        }  # fmt: skip
+        }
         self._desk = MissionDesk(len(self._mission.configurations), self._serve)
         self._subscribe()
 
@@ -119,16 +141,22 @@ class MissionNode:
         for name in p.vehicles:
             hear(name, list(TOPICS), self._receive, self._health, TOPICS)
         if p.recorder:
-            rospy.Subscriber(f"/{p.recorder}/recorder/status", RecorderStatus, self._on_recorder, queue_size=5)
+            rospy.Subscriber(
+                f"/{p.recorder}/recorder/status", RecorderStatus, self._on_recorder, queue_size=5
+            )
         hear_epochs(self._receive)
-        rospy.Subscriber("/calibration", Calibration, lambda m: self._on_frames("calibration", m), queue_size=1)
+        rospy.Subscriber(
+            "/calibration", Calibration, lambda m: self._on_frames("calibration", m), queue_size=1
+        )
         rospy.Subscriber("/home", Home, lambda m: self._on_frames("home", m), queue_size=1)
         rospy.Subscriber("/flight_check", FlightCheck, self._on_flight_check, queue_size=2)
         rospy.Subscriber("/pair_check", PairLook, self._on_pair, queue_size=10)
         for asked in (STOP, LAND):
-            rospy.Subscriber(f"/{asked}_all", String, self._on_stop, asked, queue_size=5, tcp_nodelay=True)
+            rospy.Subscriber(
+                f"/{asked}_all", String, self._on_stop, asked, queue_size=5, tcp_nodelay=True
+            )
 
-    # ---- what is heard -------------------------------------------------------------------------------------
+    # ---- what is heard ---------------------------------------------------------------------------
 
     def _receive(self, message: object) -> None:
         with self._lock:
@@ -139,7 +167,9 @@ class MissionNode:
 
     def _on_frames(self, kind: str, message) -> None:
         with self._lock:
-            if self._restored is None or self._restored.told_by(kind, message._connection_header["callerid"]):
+            if self._restored is None or self._restored.told_by(
+                kind, message._connection_header["callerid"]
+            ):
                 self._compose(kind, message)
 
     def _compose(self, kind: str, message) -> None:
@@ -166,7 +196,7 @@ class MissionNode:
             self._send(outputs)
         return answer
 
-    # ---- what is told --------------------------------------------------------------------------------------
+    # ---- what is told ----------------------------------------------------------------------------
 
     def spin(self) -> None:
         """Step the port and send what it gives, until ROS ends."""
@@ -201,17 +231,27 @@ class MissionNode:
     def _tell(self, m: MissionStatus) -> None:
         self._health.value("phase", m.phase)
         self._health.problem("mission", "; ".join(m.problems))
-        self._state.publish(MissionState(
-            header=conversions.header(rospy.get_time(), ""), phase=PHASES.index(m.phase), phase_name=m.phase,
-            detail=m.detail, waits_for=m.waits_for, stage=m.stage, configuration=m.configuration,
-            configurations=len(self._mission.configurations), problems=m.problems,
-        ))  # fmt: skip
+        self._state.publish(
+            MissionState(
+                header=conversions.header(rospy.get_time(), ""),
+                phase=PHASES.index(m.phase),
+                phase_name=m.phase,
+                detail=m.detail,
+                waits_for=m.waits_for,
+                stage=m.stage,
+                configuration=m.configuration,
+                configurations=len(self._mission.configurations),
+                problems=m.problems,
+            )
+        )
 
     def _capture(self, c: Captured) -> None:
         self._captures.publish(capture_message(self._mission, c.window, c.wall_offset_s))
 
     def _call(self, wanted: ServiceWanted) -> None:
-        threading.Thread(target=self._call_now, args=(wanted.name,), name=wanted.name, daemon=True).start()
+        threading.Thread(
+            target=self._call_now, args=(wanted.name,), name=wanted.name, daemon=True
+        ).start()
 
     def _call_now(self, name: str) -> None:
         service, arguments = {

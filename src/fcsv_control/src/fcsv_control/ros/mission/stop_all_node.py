@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """/stop_all and /land_all on the control PC, in a process of their own that needs no mission.
 
-Services of these names (std_srvs/Trigger), and topics (std_msgs/String: the reason) on which anybody may call. The
-mission hears the topics, too, and does nothing more by itself until the operator confirms ``resume``.
+Services of these names (std_srvs/Trigger), and topics (std_msgs/String: the reason) on which
+anybody may call. The mission hears the topics, too, and does nothing more by itself until the
+operator confirms ``resume``.
 """
 
 import os
@@ -48,19 +49,27 @@ class StopAllNode:
         self._port = StopAllPort(names, f"stop_all-{os.getpid()}-{os.urandom(3).hex()}")
         self._lock, self._health = threading.RLock(), Health("stop_all")
         self._commands: Dict[str, rospy.Publisher] = {
-            n: rospy.Publisher(f"/{n}/command", Command, queue_size=20, tcp_nodelay=True) for n in names
+            n: rospy.Publisher(f"/{n}/command", Command, queue_size=20, tcp_nodelay=True)
+            for n in names
         }
         self._report = rospy.Publisher("/stop_all/report", StopReport, queue_size=5, latch=True)
         self._told = {
-            asked: rospy.Publisher(f"/{asked}_all", String, queue_size=5, tcp_nodelay=True) for asked in (STOP, LAND)
+            asked: rospy.Publisher(f"/{asked}_all", String, queue_size=5, tcp_nodelay=True)
+            for asked in (STOP, LAND)
         }
         self._timer = node.every(1.0 / _STEP_HZ, lambda _event: self._step())
         for name in names:
             hear(name, (VehicleState, CommandAnswered), self._receive, self._health, TOPICS)
-        rospy.Subscriber("/mission/state", MissionState, lambda m: self._receive(phase_of(m)), queue_size=1)
-        rospy.Subscriber("/stop_all/over", String, lambda m: self._receive(StopOver(m.data)), queue_size=1)
+        rospy.Subscriber(
+            "/mission/state", MissionState, lambda m: self._receive(phase_of(m)), queue_size=1
+        )
+        rospy.Subscriber(
+            "/stop_all/over", String, lambda m: self._receive(StopOver(m.data)), queue_size=1
+        )
         for asked in (STOP, LAND):
-            rospy.Subscriber(f"/{asked}_all", String, self._on_topic, asked, queue_size=5, tcp_nodelay=True)
+            rospy.Subscriber(
+                f"/{asked}_all", String, self._on_topic, asked, queue_size=5, tcp_nodelay=True
+            )
         rospy.Service("/stop_all", Trigger, lambda request: self._on_service(request, STOP))
         rospy.Service("/land_all", Trigger, lambda request: self._on_service(request, LAND))
 
@@ -96,7 +105,9 @@ class StopAllNode:
     def _tell(self, report: Report) -> None:
         self._health.value("asked", report.asked or "nothing")
         self._health.problem("stop all", report.in_words() if report.asked else "")
-        self._report.publish(StopReport(header=conversions.header(rospy.get_time(), ""), **vars(report)))
+        self._report.publish(
+            StopReport(header=conversions.header(rospy.get_time(), ""), **vars(report))
+        )
 
 
 def main() -> int:

@@ -56,10 +56,18 @@ def command_of(i: Instruction) -> Command:
     """An instruction as it is sent."""
     now_s = rospy.get_time()
     command = Command(
-        header=conversions.header(now_s, ""), vehicle=i.vehicle, sender=i.sender, number=i.number, kind=i.kind.value,
-        mode=i.mode, flag=i.flag, altitude_m=i.altitude_m, ordered_s=i.ordered_s, sent_s=i.sent_s,
+        header=conversions.header(now_s, ""),
+        vehicle=i.vehicle,
+        sender=i.sender,
+        number=i.number,
+        kind=i.kind.value,
+        mode=i.mode,
+        flag=i.flag,
+        altitude_m=i.altitude_m,
+        ordered_s=i.ordered_s,
+        sent_s=i.sent_s,
         lifetime_s=i.lifetime_s,
-    )  # fmt: skip
+    )
     if i.target is not None:
         command.target = conversions.pose_stamped(i.target, now_s, i.frame)
     return command

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Serialized messages into the parts of a recording by a thread of its own; a bag gets its name when it is whole."""
+"""Serialized messages into the parts of a recording by a thread of its own; a bag gets its name
+when it is whole."""
 
 import contextlib
 import fcntl
@@ -18,12 +19,14 @@ from fcsv_geometry.bags.parts import part_name
 from fcsv_geometry.bags.repair import ACTIVE
 
 _CHUNK_BYTES = 1 << 20
-_FLUSH_S = 0.25  # what a process that is killed costs at most, and the disk's own delay where the power is cut
+# what a process that is killed costs at most, and the disk's own delay where the power is cut
+_FLUSH_S = 0.25
 _Item = Tuple[str, rospy.AnyMsg, rospy.Time]
 
 
 class BagWriter:
-    """``put`` never blocks: what a slow disk cannot take is dropped and counted. Raises OSError at the start.
+    """``put`` never blocks: what a slow disk cannot take is dropped and counted. Raises OSError at
+    the start.
 
     Latched messages stand in every part, so that each can be read without the ones before.
     """
@@ -73,7 +76,7 @@ class BagWriter:
         self._thread.join(timeout_s)
         return not self._thread.is_alive() and self.path.exists()
 
-    # ---- the writer's thread ------------------------------------------------------------------------------
+    # ---- the writer's thread ---------------------------------------------------------------------
 
     def _open(self) -> None:
         self._active = self.path.with_name(self.path.name + ACTIVE)
@@ -114,12 +117,17 @@ class BagWriter:
             work(*arguments)
         except (OSError, ValueError, rosbag.ROSBagException) as error:
             why = getattr(error, "strerror", error)
-            self.fail(f"{self._active}: {why}; make room and start again (it is repaired when opened)")
+            self.fail(
+                f"{self._active}: {why}; make room and start again (it is repaired when opened)"
+            )
             self._bag = None
 
     def _take(self, item: _Item) -> None:
         topic, message, _ = item
-        if self._file.tell() + len(message._buff) > self._part_bytes and self._file.tell() > _CHUNK_BYTES:
+        if (
+            self._file.tell() + len(message._buff) > self._part_bytes
+            and self._file.tell() > _CHUNK_BYTES
+        ):
             self._finish()
             self.part += 1
             self._open()
@@ -134,8 +142,11 @@ class BagWriter:
         h = message._connection_header
         header = {k: h[k] for k in ("type", "md5sum", "message_definition")}
         header.update(topic=topic, latching=h.get("latching", "0"))
-        kind = type("Raw", (), {"_md5sum": h["md5sum"]})  # rosbag asks a class for its md5sum, and nothing else
-        self._bag.write(topic, (h["type"], message._buff, h["md5sum"], kind), received, True, header)
+        # rosbag asks a class for its md5sum, and nothing else
+        kind = type("Raw", (), {"_md5sum": h["md5sum"]})
+        self._bag.write(
+            topic, (h["type"], message._buff, h["md5sum"], kind), received, True, header
+        )
         self.bytes += len(message._buff)
         self.pictures += topic.endswith("/image_raw")
 
@@ -158,7 +169,8 @@ class BagWriter:
         self._sync_folder()
 
     def _sync_folder(self) -> None:
-        """A name that the folder on the disk does not hold is gone after a power cut, and the file with it."""
+        """A name that the folder on the disk does not hold is gone after a power cut, and the file
+        with it."""
         with contextlib.suppress(OSError):  # a file system whose folders cannot be synced
             folder = os.open(self._folder, os.O_RDONLY)
             try:
@@ -167,7 +179,8 @@ class BagWriter:
                 os.close(folder)
 
     def _sync(self) -> None:
-        """A thread of its own: while a slow disk takes what is flushed, messages are still written."""
+        """A thread of its own: while a slow disk takes what is flushed, messages are still
+        written."""
         while not self._ended:
             self._unsynced.wait()
             self._unsynced.clear()

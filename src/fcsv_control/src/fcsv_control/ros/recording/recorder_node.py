@@ -27,7 +27,8 @@ from fcsv_msgs.msg import RecorderStatus
 
 
 class RecorderNode:
-    """Messages stay serialized from the socket to the disk; pictures only while ``recorder/pictures`` is true."""
+    """Messages stay serialized from the socket to the disk; pictures only while
+    ``recorder/pictures`` is true."""
 
     def __init__(self):
         p = self._parameters = node.parameters(RecorderParameters)
@@ -43,14 +44,20 @@ class RecorderNode:
         status = "recorder/status" if p.role == "vehicle" else f"/{p.name}/recorder/status"
         self._status = rospy.Publisher(status, RecorderStatus, queue_size=2)
         self._timer = node.every(1.0, self._publish_status)
-        rospy.Subscriber("recorder/pictures", rospy.AnyMsg, self._taken(Bool, self._on_pictures), queue_size=1)
+        rospy.Subscriber(
+            "recorder/pictures", rospy.AnyMsg, self._taken(Bool, self._on_pictures), queue_size=1
+        )
         for vehicle in p.vehicles if p.role == "control" else ():
             on_other = self._taken(RecorderStatus, partial(self._on_other, vehicle))
             rospy.Subscriber(f"/{vehicle}/recorder/status", rospy.AnyMsg, on_other, queue_size=5)
         for topic in topics.always:
-            rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, topic, queue_size=100, buff_size=1 << 20)
+            rospy.Subscriber(
+                topic, rospy.AnyMsg, self._on_message, topic, queue_size=100, buff_size=1 << 20
+            )
         for topic in topics.pictures:
-            rospy.Subscriber(topic, rospy.AnyMsg, self._on_picture, topic, queue_size=5, buff_size=8 << 20)
+            rospy.Subscriber(
+                topic, rospy.AnyMsg, self._on_picture, topic, queue_size=5, buff_size=8 << 20
+            )
 
     def _described(self, mission: Mission) -> Session:
         """session.yaml of this flight: a new one, or the one of the recorder that died."""
@@ -65,11 +72,13 @@ class RecorderNode:
         rospy.loginfo("%s written", save_session(self._folder, session))
         return session
 
-    def _taken(self, kind: Type[Message], tell: Callable[[Message], None]) -> Callable[[rospy.AnyMsg], None]:
+    def _taken(
+        self, kind: Type[Message], tell: Callable[[Message], None]
+    ) -> Callable[[rospy.AnyMsg], None]:
         """What this node hears for itself comes serialized, too.
 
-        In one process rospy gives all who hear a topic the class of the first of them: what is heard as messages cannot
-        be recorded.
+        In one process rospy gives all who hear a topic the class of the first of them: what is
+        heard as messages cannot be recorded.
         """
 
         def take(message: rospy.AnyMsg) -> None:
@@ -116,12 +125,16 @@ class RecorderNode:
         w, least = self._writer, self._parameters.least_free_mib
         self._disk.see(time.monotonic(), w.bytes, shutil.disk_usage(self._folder).free)
         if self._disk.full:
-            w.fail(f"less than {least} MiB are free on the disk of {self._folder}; make room and start again")
+            w.fail(
+                f"less than {least} MiB are free on the disk of {self._folder}; make room and start again"
+            )
         if self._session is not None:
             self._list(self._parameters.name, w.path.name)
         self._health.problem("disk", w.problem)
         lasts_s = in_steps(self._silence.lasts_s(time.monotonic()))
-        self._health.problem("pictures", f"{self._parameters.name}: no picture for {lasts_s} s" if lasts_s else "")
+        self._health.problem(
+            "pictures", f"{self._parameters.name}: no picture for {lasts_s} s" if lasts_s else ""
+        )
         self._health.value("minutes left", f"{self._disk.minutes_left:.0f}")
         self._health.value("pictures", w.pictures)
         self._health.value("MB", w.bytes // 10**6)
@@ -142,7 +155,9 @@ class RecorderNode:
         closed = self._writer.close()
         log = rospy.loginfo if closed else rospy.logerr
         log(
-            "%s %s", self._writer.path, "closed" if closed else f"not closed: {self._writer.problem or 'disk too slow'}"
+            "%s %s",
+            self._writer.path,
+            "closed" if closed else f"not closed: {self._writer.problem or 'disk too slow'}",
         )
 
 
@@ -158,7 +173,9 @@ def _made(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SessionError(f"{folder}: cannot be made ({error.strerror}); choose another folder") from error
+        raise SessionError(
+            f"{folder}: cannot be made ({error.strerror}); choose another folder"
+        ) from error
     return folder
 
 
@@ -166,7 +183,9 @@ def _opened(folder: Path, p: RecorderParameters) -> BagWriter:
     try:
         writer = BagWriter(folder, p.name, p.most_waiting_mib << 20, p.part_mib << 20)
     except OSError as error:
-        raise SessionError(f"{folder}: cannot be recorded into ({error.strerror}); choose another folder") from error
+        raise SessionError(
+            f"{folder}: cannot be recorded into ({error.strerror}); choose another folder"
+        ) from error
     if writer.continues:
         rospy.logwarn("the recorder before was cut off: recording goes on in %s", writer.path)
     return writer

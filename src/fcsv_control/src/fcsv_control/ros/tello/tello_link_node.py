@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A Tello's flight link as a node, with the topics and services of an ArduCopter's: start it as ``flight_link``."""
+"""A Tello's flight link as a node, with the topics and services of an ArduCopter's: start it as
+``flight_link``."""
 
 import math
 import threading
@@ -18,7 +19,15 @@ from fcsv_control.ros.tello.tello_messages import TelloMessages
 from fcsv_control.ros.tello.tello_video import TelloVideo, VideoParameters
 from fcsv_control.tello.core import TelloCore
 from fcsv_control.tello.library import Hears, RadioParameters, TelloRadio, where
-from fcsv_control.tello.messages import EstimateMoved, GiveSticks, LandNow, Output, StayUp, TakeOffNow, TelloText
+from fcsv_control.tello.messages import (
+    EstimateMoved,
+    GiveSticks,
+    LandNow,
+    Output,
+    StayUp,
+    TakeOffNow,
+    TelloText,
+)
 from fcsv_control.tello.observer import ObserverRules
 from fcsv_control.tello.pid import PidConfig, Sticks
 from fcsv_control.tello.rules import TelloRules
@@ -35,7 +44,8 @@ _UNREAD_S = 2.0  # flight data that cannot be read for so long: said
 class TelloLinkParameters:
     """Parameters of the node. ``gains``: config/tello/NAME.yaml.
 
-    ``joy_axes`` of ``pilot/joy``: turn, up, left, forward, of which the positive end is left, up, left, forward.
+    ``joy_axes`` of ``pilot/joy``: turn, up, left, forward, of which the positive end is left, up,
+    left, forward.
     """
 
     vehicle: str
@@ -52,7 +62,8 @@ class TelloLinkParameters:
 
 
 class TelloLinkNode:
-    """The tracker's poses and set-points in, sticks out; whatever arrives goes to the core under one lock."""
+    """The tracker's poses and set-points in, sticks out; whatever arrives goes to the core under
+    one lock."""
 
     def __init__(self):
         p = self._parameters = node.parameters(TelloLinkParameters)
@@ -72,7 +83,11 @@ class TelloLinkNode:
             TelloText: lambda o: self._out.text(o.severity, o.text),
             EstimateMoved: lambda o: self._out.moved(o.step_m),
         }
-        self._video = TelloVideo(p.vehicle, p.video, self._health, self._key_picture) if p.video.calibration else None
+        self._video = (
+            TelloVideo(p.vehicle, p.video, self._health, self._key_picture)
+            if p.video.calibration
+            else None
+        )
         on_video = self._video.datagram if self._video else lambda _now_s, _data: None
         hears = Hears(self._on_flight, self._on_imu, self._on_packet, on_video)
         self._radio = TelloRadio(p.vehicle, p.radio, hears)
@@ -80,13 +95,19 @@ class TelloLinkNode:
         rospy.loginfo("%s: looks for a Tello at %s %s", p.vehicle, *where(p.radio))
         self._services = CommandServices(self._commands(), self._out.text)
         self._timers = node.every(_STEP_S, self._step), node.every(1.0, self._slowly)
-        rospy.Subscriber("mavros/vision_pose/pose", PoseStamped, self._on_pose, queue_size=5, tcp_nodelay=True)
+        rospy.Subscriber(
+            "mavros/vision_pose/pose", PoseStamped, self._on_pose, queue_size=5, tcp_nodelay=True
+        )
         rospy.Subscriber("pilot/joy", Joy, self._on_joy, queue_size=1, tcp_nodelay=True)
         rospy.Subscriber(
-            "mavros/setpoint_position/local", PoseStamped, self._on_set_point, queue_size=1, tcp_nodelay=True
+            "mavros/setpoint_position/local",
+            PoseStamped,
+            self._on_set_point,
+            queue_size=1,
+            tcp_nodelay=True,
         )
 
-    # ---- from the Tello, in tellopy's threads --------------------------------------------------------------------
+    # ---- from the Tello, in tellopy's threads ----------------------------------------------------
 
     def _on_packet(self, now_s: float) -> None:
         with self._lock:
@@ -120,7 +141,7 @@ class TelloLinkNode:
         if self._radio is not None:  # pictures of one that flew before may come as it is made
             self._radio.key_picture()
 
-    # ---- from ROS ------------------------------------------------------------------------------------------------
+    # ---- from ROS --------------------------------------------------------------------------------
 
     def _on_pose(self, message: PoseStamped) -> None:
         T_odom_body = pose_in(self._odom, message, "pose feed", self._health)
@@ -140,7 +161,9 @@ class TelloLinkNode:
     def _on_joy(self, message: Joy) -> None:
         axes = self._parameters.joy_axes
         if len(message.axes) <= max(axes) or not np.isfinite(message.axes).all():
-            self._health.drop("pilot's sticks", f"{len(message.axes)} axes, where {max(axes) + 1} are expected")
+            self._health.drop(
+                "pilot's sticks", f"{len(message.axes)} axes, where {max(axes) + 1} are expected"
+            )
             return
         turn, up, left, forward = (float(np.clip(message.axes[k], -1.0, 1.0)) for k in axes)
         sticks = Sticks(forward, left, up, turn)
@@ -149,7 +172,7 @@ class TelloLinkNode:
             self._core.pilot(self._pilot_s, sticks)
         self._out.rc(sticks)
 
-    # ---- time ----------------------------------------------------------------------------------------------------
+    # ---- time ------------------------------------------------------------------------------------
 
     def _step(self, _event) -> None:
         with self._lock:
@@ -176,15 +199,24 @@ class TelloLinkNode:
             state, unread_s = self._core.state(now_s), self._unread_since_s
             refused = self._core.tracking.observer.refused
         unread = unread_s is not None and now_s - unread_s > _UNREAD_S
-        self._health.problem("link", "" if state.connected else f"{name}: no packet of its Tello; look at its Wi-Fi")
-        self._health.problem("firmware", f"{name}: flight data of another firmware cannot be read" if unread else "")
-        for key, value in (("mode", state.mode), ("in the air", state.in_the_air), ("Wi-Fi (%)", radio.wifi_percent),
-                           ("tellopy is connected", radio.connected), ("poses refused", refused)):  # fmt: skip
+        self._health.problem(
+            "link", "" if state.connected else f"{name}: no packet of its Tello; look at its Wi-Fi"
+        )
+        self._health.problem(
+            "firmware", f"{name}: flight data of another firmware cannot be read" if unread else ""
+        )
+        for key, value in (
+            ("mode", state.mode),
+            ("in the air", state.in_the_air),
+            ("Wi-Fi (%)", radio.wifi_percent),
+            ("tellopy is connected", radio.connected),
+            ("poses refused", refused),
+        ):
             self._health.value(key, value)
         if self._video:
             self._video.report(now_s)
 
-    # ---- what the services ask for -------------------------------------------------------------------------------
+    # ---- what the services ask for ---------------------------------------------------------------
 
     def _commands(self) -> Commands:
         core, at_once = self._core, self._at_once

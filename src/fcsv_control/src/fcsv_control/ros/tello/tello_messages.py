@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a Tello's link publishes, under the names and with the meaning that an ArduCopter's link has."""
+"""What a Tello's link publishes, under the names and with the meaning that an ArduCopter's link
+has."""
 
 import math
 import os
@@ -37,7 +38,9 @@ class TelloMessages:
         self._health_gate, self._battery_gate = RateGate(_HEALTH_HZ), RateGate(_BATTERY_HZ)
         self._published, self._published_s, self._doubt = None, float("-inf"), ""
         self._state = rospy.Publisher("mavros/state", State, queue_size=5, latch=True)
-        self._pose = rospy.Publisher("mavros/local_position/pose", PoseStamped, queue_size=5, tcp_nodelay=True)
+        self._pose = rospy.Publisher(
+            "mavros/local_position/pose", PoseStamped, queue_size=5, tcp_nodelay=True
+        )
         self._battery = rospy.Publisher("mavros/battery", BatteryState, queue_size=2)
         self._texts = rospy.Publisher("mavros/statustext/recv", StatusText, queue_size=20)
         self._rc = rospy.Publisher("mavros/rc/in", RCIn, queue_size=5)
@@ -48,7 +51,14 @@ class TelloMessages:
 
     def state(self, now_s: float, s: TelloState, pilot: bool) -> None:
         """Where it changed, and once a second; and the battery."""
-        now = (s.connected, s.armed, s.mode == GUIDED, pilot, s.mode, _ACTIVE if s.armed else _STANDBY)
+        now = (
+            s.connected,
+            s.armed,
+            s.mode == GUIDED,
+            pilot,
+            s.mode,
+            _ACTIVE if s.armed else _STANDBY,
+        )
         if now != self._published or now_s - self._published_s >= _STATE_S:
             self._published, self._published_s = now, now_s
             self._state.publish(State(conversions.header(rospy.get_time(), ""), *now))
@@ -61,18 +71,30 @@ class TelloMessages:
             self._battery.publish(message)
 
     def health(self, now_s: float, s: TelloState, tracking: Tracking, pilot_up: float) -> None:
-        """Five times a second, and at once where there is another doubt. ``pilot_up``: NaN where nobody is heard."""
+        """Five times a second, and at once where there is another doubt. ``pilot_up``: NaN where
+        nobody is heard."""
         doubt = tracking.doubt(now_s)
         if doubt == self._doubt and not self._health_gate.passes(now_s):
             return
         self._doubt = doubt
         self._health.publish(
-            header=conversions.header(rospy.get_time(), ""), connected=s.connected, ekf_flags=0, ekf_variance=math.nan,
-            throttle=pilot_up, throttle_age_s=0.0, system_status=_ACTIVE if s.armed else _STANDBY, origin_set=True,
-            parameters_ok=True, parameter="", feed_rate_hz=tracking.rate_hz(now_s), feed_age_s=tracking.age_s(now_s),
-            estimate_apart_m=math.nan, doubt=doubt, pid=os.getpid(),
+            header=conversions.header(rospy.get_time(), ""),
+            connected=s.connected,
+            ekf_flags=0,
+            ekf_variance=math.nan,
+            throttle=pilot_up,
+            throttle_age_s=0.0,
+            system_status=_ACTIVE if s.armed else _STANDBY,
+            origin_set=True,
+            parameters_ok=True,
+            parameter="",
+            feed_rate_hz=tracking.rate_hz(now_s),
+            feed_age_s=tracking.age_s(now_s),
+            estimate_apart_m=math.nan,
+            doubt=doubt,
+            pid=os.getpid(),
             in_the_air=-1 if s.in_the_air is None else int(s.in_the_air),
-        )  # fmt: skip
+        )
 
     def pose(self, T_odom_body: np.ndarray) -> None:
         """The estimate for now."""
@@ -85,7 +107,9 @@ class TelloMessages:
         header = conversions.header(stamp_s, frames.tello_odom(self._name))
         odometry = Odometry(header=header, child_frame_id=frames.base_link(self._name))
         odometry.pose.pose = Pose(Point(*T[:3, 3]), q)
-        odometry.pose.covariance = np.diag([_DRIFTS_M2] * 3 + [_TILT_RAD2] * 2 + [_DRIFTS_M2]).ravel().tolist()
+        odometry.pose.covariance = (
+            np.diag([_DRIFTS_M2] * 3 + [_TILT_RAD2] * 2 + [_DRIFTS_M2]).ravel().tolist()
+        )
         odometry.twist.twist = Twist(Vector3(*motion.v_body_mps), gyro)
         imu = Imu(header=conversions.header(stamp_s, frames.base_link(self._name)), orientation=q)
         imu.angular_velocity, imu.linear_acceleration = gyro, Vector3(*motion.accel_mps2)
@@ -95,7 +119,9 @@ class TelloMessages:
 
     def moved(self, step_m: np.ndarray) -> None:
         """The estimate's frame changed: targets have to move along."""
-        message = Vector3Stamped(header=conversions.header(rospy.get_time(), self._odom), vector=Vector3(*step_m))
+        message = Vector3Stamped(
+            header=conversions.header(rospy.get_time(), self._odom), vector=Vector3(*step_m)
+        )
         rospy.loginfo("%s: the tracker's frame counts from now on", self._name)
         self._moved.publish(message)
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A Tello's pictures on the topics that a camera on board has, stamped with when they were taken."""
+"""A Tello's pictures on the topics that a camera on board has, stamped with when they were
+taken."""
 
 import time
 from dataclasses import dataclass
@@ -22,8 +23,8 @@ from fcsv_geometry.streams.silence import Silence, in_steps
 class VideoParameters:
     """``calibration``: file of ``calibrate_camera``; pictures are published where it is given.
 
-    ``delay_s``: from the exposure to the first packet. A Tello tells no time, and this is a guess: measure yours.
-    ``silent_s``: without a picture for longer is said in diagnostics.
+    ``delay_s``: from the exposure to the first packet. A Tello tells no time, and this is a guess:
+    measure yours. ``silent_s``: without a picture for longer is said in diagnostics.
     """
 
     calibration: str = ""
@@ -38,10 +39,13 @@ class VideoParameters:
 
 
 class TelloVideo:
-    """``datagram`` in tellopy's thread, which decodes; ``report`` once a second. ``ask`` is called where a key picture
-    is needed at once. Raises ConfigError where the calibration cannot be read."""
+    """``datagram`` in tellopy's thread, which decodes; ``report`` once a second. ``ask`` is called
+    where a key picture is needed at once. Raises ConfigError where the calibration cannot be
+    read."""
 
-    def __init__(self, name: str, parameters: VideoParameters, health: Health, ask: Callable[[], None]):
+    def __init__(
+        self, name: str, parameters: VideoParameters, health: Health, ask: Callable[[], None]
+    ):
         self._name, self._delay_s, self._health = name, parameters.delay_s, health
         self._frame, self._video = frames.camera_optical(name), Video()
         self._keys, self._silence, self._ask = KeyPictures(), Silence(parameters.silent_s), ask
@@ -67,7 +71,9 @@ class TelloVideo:
         age_s = time.monotonic() - picture.arrived_s + self._delay_s
         stamp_s = rospy.get_time() - age_s
         self._infos.publish(conversions.info_from_camera(self._camera, stamp_s, self._frame))
-        self._pictures.publish(conversions.array_to_image(picture.rgb, "rgb8", stamp_s, self._frame))
+        self._pictures.publish(
+            conversions.array_to_image(picture.rgb, "rgb8", stamp_s, self._frame)
+        )
         self._health.tick("pictures")
 
     def report(self, now_s: float) -> None:

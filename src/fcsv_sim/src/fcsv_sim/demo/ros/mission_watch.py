@@ -27,7 +27,8 @@ def attach(control: Machine) -> None:
 
 
 class MissionWatch:
-    """Follows one mission on the control PC's master; ``say`` is called with each new line, by one thread at once."""
+    """Follows one mission on the control PC's master; ``say`` is called with each new line, by one
+    thread at once."""
 
     def __init__(self, control: Machine, vehicles: Iterable[str], say: Callable[[str], None]):
         attach(control)
@@ -51,9 +52,15 @@ class MissionWatch:
         rospy.Subscriber("/map/state", MapState, self._on_map)
         for vehicle in vehicles:
             rospy.Subscriber(f"/{vehicle}/mavros/state", State, self._on_state, vehicle)
-            rospy.Subscriber(f"/{vehicle}/mavros/statustext/recv", StatusText, self._on_text, vehicle)
-            rospy.Subscriber(f"/{vehicle}/mavros/local_position/pose", PoseStamped, self._on_pose, vehicle)
-            rospy.Subscriber(f"/{vehicle}/recorder/status", RecorderStatus, self._on_recorder, vehicle)
+            rospy.Subscriber(
+                f"/{vehicle}/mavros/statustext/recv", StatusText, self._on_text, vehicle
+            )
+            rospy.Subscriber(
+                f"/{vehicle}/mavros/local_position/pose", PoseStamped, self._on_pose, vehicle
+            )
+            rospy.Subscriber(
+                f"/{vehicle}/recorder/status", RecorderStatus, self._on_recorder, vehicle
+            )
 
     @property
     def starting(self) -> bool:
@@ -105,7 +112,9 @@ class MissionWatch:
         if message.phase == MissionState.CONFIGURATIONS:
             self.maps.begin(time.monotonic())
         step = (
-            f" {message.configuration + 1}/{message.configurations}" if message.phase_name == "CONFIGURATIONS" else ""
+            f" {message.configuration + 1}/{message.configurations}"
+            if message.phase_name == "CONFIGURATIONS"
+            else ""
         )
         problems = f"  !! {'; '.join(message.problems)}" if message.problems else ""
         line = f"{message.phase_name}{step}: {message.detail}{problems}"
@@ -117,7 +126,9 @@ class MissionWatch:
 
     def _on_capture(self, message: Capture) -> None:
         self.captures += 1
-        self._say(f"captured {message.configuration.name}: set-point held within {message.position_error_m:.2f} m")
+        self._say(
+            f"captured {message.configuration.name}: set-point held within {message.position_error_m:.2f} m"
+        )
 
     def _on_map(self, message: MapState) -> None:
         line = self.maps.told(message, time.monotonic())

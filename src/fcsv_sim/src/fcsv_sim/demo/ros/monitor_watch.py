@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the demo keeps of live monitoring: each depth image as it was published, with what was said of it."""
+"""What the demo keeps of live monitoring: each depth image as it was published, with what was said
+of it."""
 
 import threading
 from pathlib import Path
@@ -17,7 +18,8 @@ _PARTS = (Image, CameraInfo, MapState)
 
 
 class MonitorWatch:
-    """Writes FOLDER/STAMP.npz (``monitored.Frame``) and FOLDER/STAMP.jpg; on a master that this process is on."""
+    """Writes FOLDER/STAMP.npz (``monitored.Frame``) and FOLDER/STAMP.jpg; on a master that this
+    process is on."""
 
     def __init__(self, folder: Path, reference: str, say: Callable[[str], None]):
         folder.mkdir(parents=True, exist_ok=True)
@@ -51,11 +53,20 @@ class MonitorWatch:
             self._kept.add(key)
             del self._parts[key]
         depth, camera, state = (parts[kind] for kind in _PARTS)
-        save(self._folder, Frame(
-            self._reference, depth.header.stamp.to_sec(), conversions.image_to_array(depth),
-            conversions.camera_from_info(camera), state.detail, state.skew_s, state.rate_hz, state.processing_s,
-            state.latency_s,
-        ))  # fmt: skip
+        save(
+            self._folder,
+            Frame(
+                self._reference,
+                depth.header.stamp.to_sec(),
+                conversions.image_to_array(depth),
+                conversions.camera_from_info(camera),
+                state.detail,
+                state.skew_s,
+                state.rate_hz,
+                state.processing_s,
+                state.latency_s,
+            ),
+        )
 
     def _on_picture(self, message: Image) -> None:
         rgb = conversions.image_to_array(message)

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Straight thin things (conductors, rails, limbs) matched as wholes, by their edges from end to end.
+"""Straight thin things (conductors, rails, limbs) matched as wholes, by their edges from end to
+end.
 
-A window of pixels about a thing of some pixels shows mostly what is behind it. Reached: docs/lab/tilting.md.
+A window of pixels about a thing of some pixels shows mostly what is behind it. Reached:
+docs/lab/tilting.md.
 """
 
 from fcsv_stereo.joint.bars.edges import Edges, find_edges

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Long straight edges in a picture, whatever is brighter: a thing before sky and wood changes from dark to bright."""
+"""Long straight edges in a picture, whatever is brighter: a thing before sky and wood changes from
+dark to bright."""
 
 from dataclasses import dataclass, fields, replace
 
@@ -14,8 +15,8 @@ _SAMPLES = 24  # along an edge
 
 @dataclass(frozen=True)
 class Edges:
-    """``ends`` (N,2,2; x, y in px); all run one way, ``along`` turned by 90 degrees. ``colours`` (N,2,3) beside them,
-    on the side of less of ``along`` first."""
+    """``ends`` (N,2,2; x, y in px); all run one way, ``along`` turned by 90 degrees. ``colours``
+    (N,2,3) beside them, on the side of less of ``along`` first."""
 
     ends: np.ndarray
     colours: np.ndarray
@@ -38,9 +39,12 @@ class Edges:
 
     @property
     def lines(self) -> np.ndarray:
-        """(N,3): the product with a pixel (x, y, 1) is by how many px it lies beside the edge, towards ``along``."""
+        """(N,3): the product with a pixel (x, y, 1) is by how many px it lies beside the edge,
+        towards ``along``."""
         normal = _normals(self.ways)
-        return np.concatenate([normal, -(normal * self.ends[:, 0]).sum(axis=1, keepdims=True)], axis=1)
+        return np.concatenate(
+            [normal, -(normal * self.ends[:, 0]).sum(axis=1, keepdims=True)], axis=1
+        )
 
     def parallel(self, most_deg: float) -> np.ndarray:
         """(N,N) bool: which are turned by less than that against each other."""
@@ -49,18 +53,24 @@ class Edges:
 
 
 def find_edges(image: np.ndarray, along: np.ndarray, rules: Bars) -> Edges:
-    """The long straight edges of a picture (HxWx3 or HxW uint8) that cross ``along`` ((2,), the way of matches)."""
+    """The long straight edges of a picture (HxWx3 or HxW uint8) that cross ``along`` ((2,), the way
+    of matches)."""
     along = np.asarray(along, float) / np.linalg.norm(along)
     across = np.array([-along[1], along[0]])
     pieces = _pieces(as_grey(image), rules)
     way = pieces[:, 1] - pieces[:, 0]
     size = np.linalg.norm(way, axis=1)
     crosses = np.abs(way @ across) > np.sin(np.radians(rules.least_crossing_deg)) * size
-    pieces, way = pieces[crosses & (size > rules.least_piece_px)], way[crosses & (size > rules.least_piece_px)]
+    pieces, way = (
+        pieces[crosses & (size > rules.least_piece_px)],
+        way[crosses & (size > rules.least_piece_px)],
+    )
     pieces = np.where((way @ across > 0.0)[:, None, None], pieces, pieces[:, ::-1])
     ends = _joined(pieces, rules)
     length = _lengths(ends)
-    ends = ends[np.argsort(-length)][: min(rules.most_edges, int((length > rules.least_length_px).sum()))]
+    ends = ends[np.argsort(-length)][
+        : min(rules.most_edges, int((length > rules.least_length_px).sum()))
+    ]
     return Edges(ends, _beside(image, ends, rules.side_px))
 
 
@@ -87,7 +97,8 @@ def _pieces(grey: np.ndarray, rules: Bars) -> np.ndarray:
 
 
 def _joined(pieces: np.ndarray, rules: Bars) -> np.ndarray:
-    """Pieces of one straight edge as one (N,2,2), the longest first; each grows at both ends as long as one fits."""
+    """Pieces of one straight edge as one (N,2,2), the longest first; each grows at both ends as
+    long as one fits."""
     pieces = pieces[np.argsort(-_lengths(pieces))]
     size, ways = _lengths(pieces), _ways(pieces)
     free, joined = np.ones(len(pieces), bool), []
@@ -101,7 +112,11 @@ def _joined(pieces: np.ndarray, rules: Bars) -> np.ndarray:
             way = way / length
             run, off = (pieces - edge[0]) @ way, np.abs((pieces - edge[0]) @ [-way[1], way[0]])
             gap = np.maximum(run[:, 0] - length, -run[:, 1])
-            fits = free & (off.max(axis=1) < rules.beside_px) & (ways @ way > np.cos(np.radians(rules.turned_deg)))
+            fits = (
+                free
+                & (off.max(axis=1) < rules.beside_px)
+                & (ways @ way > np.cos(np.radians(rules.turned_deg)))
+            )
             fits &= gap < np.minimum(rules.gap_px, length)
             if not fits.any():
                 break
@@ -114,7 +129,8 @@ def _joined(pieces: np.ndarray, rules: Bars) -> np.ndarray:
 
 
 def _fitted(pieces: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """(2,2) the line of pieces (N,2,2), by their ends with their lengths as weights, from the first end to the last."""
+    """(2,2) the line of pieces (N,2,2), by their ends with their lengths as weights, from the first
+    end to the last."""
     points, weights = pieces.reshape(-1, 2), np.repeat(size, 2)
     middle = np.average(points, axis=0, weights=weights)
     way = np.linalg.svd((points - middle) * np.sqrt(weights)[:, None], full_matrices=False)[2][0]
@@ -134,7 +150,12 @@ def _beside(image: np.ndarray, ends: np.ndarray, px: float) -> np.ndarray:
     both = []
     for side in (-px, px):
         x, y = np.moveaxis((at + side * normal).astype(np.float32), -1, 0)
-        seen = cv2.remap(rgb, np.ascontiguousarray(x), np.ascontiguousarray(y), cv2.INTER_LINEAR,
-                         borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
+        seen = cv2.remap(
+            rgb,
+            np.ascontiguousarray(x),
+            np.ascontiguousarray(y),
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
         both.append(np.median(seen.astype(float), axis=1))
     return np.stack(both, axis=1)

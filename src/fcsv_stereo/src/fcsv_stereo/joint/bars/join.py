@@ -16,20 +16,29 @@ from fcsv_stereo.joint.views import camera_matrix, grey, projection
 from fcsv_stereo.model import MapResult, Picture, concatenate
 
 
-def with_bars(result: MapResult, pairs: Sequence[Tuple[Picture, Picture]], rules: Bars = BARS) -> MapResult:
+def with_bars(
+    result: MapResult, pairs: Sequence[Tuple[Picture, Picture]], rules: Bars = BARS
+) -> MapResult:
     """The map with the bars at which it has no depth.
 
-    ``pairs``: of each of the map's pairs the reference picture and the other one, posed as the map used them. Where the
-    map has another depth at much of a bar it is a stripe on what stands there, and left out.
+    ``pairs``: of each of the map's pairs the reference picture and the other one, posed as the map
+    used them. Where the map has another depth at much of a bar it is a stripe on what stands there,
+    and left out.
     """
     shape = result.depth.shape
-    inverse, sigma, of = np.zeros(shape, np.float32), np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
+    inverse, sigma, of = (
+        np.zeros(shape, np.float32),
+        np.zeros(shape, np.float32),
+        np.zeros(shape, np.uint8),
+    )
     for number, (reference, other) in enumerate(pairs):
         for bar in bars_of_pair(reference, other, rules):
             rows, columns, w = bar.pixels(shape)
             known = np.isfinite(result.depth[rows, columns])
             apart = np.abs(1.0 / np.where(known, result.depth[rows, columns], 1.0) - w)
-            spread = np.hypot(bar.sigma, result.sigma[rows, columns] / np.square(result.depth[rows, columns]))
+            spread = np.hypot(
+                bar.sigma, result.sigma[rows, columns] / np.square(result.depth[rows, columns])
+            )
             denied = known & ~(apart <= rules.agree * spread)
             if not len(w) or denied.mean() > rules.most_denied:
                 continue
@@ -56,19 +65,27 @@ def bars_of_pair(reference: Picture, other: Picture, rules: Bars) -> List[Bar]:
 
 
 def _differs(bar: Bar, reference: Picture, other: Picture, moves: np.ndarray) -> float:
-    """Median difference (grey levels) of what both pictures show between a bar's edges at its depth, each less its
-    median: between two conductors each shows another part of what is behind."""
+    """Median difference (grey levels) of what both pictures show between a bar's edges at its
+    depth, each less its median: between two conductors each shows another part of what is
+    behind."""
     rows, columns, w = bar.pixels(reference.image.shape[:2])
     if not len(w):
         return np.inf
-    at = np.stack([columns, rows, np.ones(len(w))], axis=1) @ moves[:9].reshape(3, 3).T + w[:, None] * moves[9:]
+    at = (
+        np.stack([columns, rows, np.ones(len(w))], axis=1) @ moves[:9].reshape(3, 3).T
+        + w[:, None] * moves[9:]
+    )
     x, y = (at[:, :2] / at[:, 2:]).astype(np.float32).T
-    there = cv2.remap(grey(other), x.copy(), y.copy(), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0]
+    there = cv2.remap(
+        grey(other), x.copy(), y.copy(), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )[:, 0]
     apart = grey(reference)[rows, columns] - there
     return float(np.median(np.abs(apart - np.median(apart))))
 
 
-def _joined(result: MapResult, stands: np.ndarray, inverse: np.ndarray, sigma: np.ndarray, of: np.ndarray) -> MapResult:
+def _joined(
+    result: MapResult, stands: np.ndarray, inverse: np.ndarray, sigma: np.ndarray, of: np.ndarray
+) -> MapResult:
     """The bars' depth where they stand (HxW bool), in the pictures and in the cloud."""
     w = np.where(stands, inverse, np.float32(np.nan))
     depth, depth_sigma = (1.0 / w).astype(np.float32), (sigma / np.square(w)).astype(np.float32)
@@ -77,6 +94,9 @@ def _joined(result: MapResult, stands: np.ndarray, inverse: np.ndarray, sigma: n
     kept = cloud[~(inside & stands[rows, columns])]
     cloud = concatenate([kept, cloud_of(view, depth, depth_sigma, of)])
     return replace(
-        result, depth=np.where(stands, depth, result.depth), sigma=np.where(stands, depth_sigma, result.sigma),
-        kind=np.where(stands, np.uint8(1), result.kind), cloud=cloud,
-    )  # fmt: skip
+        result,
+        depth=np.where(stands, depth, result.depth),
+        sigma=np.where(stands, depth_sigma, result.sigma),
+        kind=np.where(stands, np.uint8(1), result.kind),
+        cloud=cloud,
+    )

@@ -12,9 +12,9 @@ from fcsv_stereo.joint.tuning import Bars
 
 @dataclass(frozen=True)
 class Bar:
-    """``lines`` (2,3) of both edges, ``ends`` (2,2) of the part that is a bar (px, on its middle), ``inverse`` (2,)
-    depths of its axis there and their ``sigma`` (1/m). It is taken to be round: ``half_angle`` (rad) is its radius by
-    its distance."""
+    """``lines`` (2,3) of both edges, ``ends`` (2,2) of the part that is a bar (px, on its middle),
+    ``inverse`` (2,) depths of its axis there and their ``sigma`` (1/m). It is taken to be round:
+    ``half_angle`` (rad) is its radius by its distance."""
 
     lines: np.ndarray
     ends: np.ndarray
@@ -27,7 +27,9 @@ class Bar:
         length, half = self.length_px, self.width_px + 1.0
         way = (self.ends[1] - self.ends[0]) / length
         low = np.maximum(np.floor(self.ends.min(axis=0) - half), 0).astype(int)
-        high = np.minimum(np.ceil(self.ends.max(axis=0) + half), [shape[1] - 1, shape[0] - 1]).astype(int)
+        high = np.minimum(
+            np.ceil(self.ends.max(axis=0) + half), [shape[1] - 1, shape[0] - 1]
+        ).astype(int)
         columns, rows = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
         at = np.stack([columns, rows], axis=-1)
         t = (at - self.ends[0]) @ way / length
@@ -51,10 +53,11 @@ class Bar:
 
 
 def bars_of(found: MatchedEdges, focal_px: float, rules: Bars) -> List[Bar]:
-    """Edges at one depth beside each other, the long and narrow first: between two conductors is a wide gap, no bar.
+    """Edges at one depth beside each other, the long and narrow first: between two conductors is a
+    wide gap, no bar.
 
-    Of two edges whose colour within is the same, one depth is enough. An edge of its shade within a bar makes two; they
-    grow together where the colour goes on.
+    Of two edges whose colour within is the same, one depth is enough. An edge of its shade within a
+    bar makes two; they grow together where the colour goes on.
     """
     n, candidates = len(found.edges), []
     for i in range(n):
@@ -72,9 +75,11 @@ def bars_of(found: MatchedEdges, focal_px: float, rules: Bars) -> List[Bar]:
 
 
 def _bar(found: MatchedEdges, i: int, k: int, rules: Bars) -> Tuple[float, Optional[Bar]]:
-    """How good a bar two edges make (px of length), the one with less of the way that matches move along first.
+    """How good a bar two edges make (px of length), the one with less of the way that matches move
+    along first.
 
-    It goes as far as the longer one of known depth, as wide as both are apart. (0, None) where they make none.
+    It goes as far as the longer one of known depth, as wide as both are apart. (0, None) where they
+    make none.
     """
     nothing, edges = (0.0, None), found.edges
     if not found.known[[i, k]].any() or _turned(edges.lines[[i, k]], rules):
@@ -85,7 +90,8 @@ def _bar(found: MatchedEdges, i: int, k: int, rules: Bars) -> Tuple[float, Optio
     seen = found.shared[long] * edges.lengths[long]
     run = (edges.ends[short] - e[0]) @ way
     both = min(seen[1], run[1]) - max(seen[0], run[0])
-    apart = np.array([edges.lines[short] @ [*(e[0] + t * way), 1.0] for t in run])  # of the long one beside the short
+    # of the long one beside the short
+    apart = np.array([edges.lines[short] @ [*(e[0] + t * way), 1.0] for t in run])
     width = float(abs(apart.mean()))
     beyond = apart if long == k else -apart  # the second edge lies further on
     fits = (
@@ -96,7 +102,10 @@ def _bar(found: MatchedEdges, i: int, k: int, rules: Bars) -> Tuple[float, Optio
         return nothing
     merit = both - rules.narrow * width
     middle = e[0] + 0.5 * (max(seen[0], run[0]) + min(seen[1], run[1])) * way
-    agree = found.known[short] and abs(_at(found, long, middle) - _at(found, short, middle)) * found.speed[long]
+    agree = (
+        found.known[short]
+        and abs(_at(found, long, middle) - _at(found, short, middle)) * found.speed[long]
+    )
     if not found.known[short] or agree > rules.edges_differ_px:
         if np.abs(edges.colours[i, 1] - edges.colours[k, 0]).mean() > rules.inner_differ:
             return nothing
@@ -122,7 +131,8 @@ def _at(found: MatchedEdges, m: int, pixel: np.ndarray) -> float:
 
 
 def _grown(found: MatchedEdges, i: int, k: int, bar: Bar, free: np.ndarray, rules: Bars) -> Bar:
-    """Gives the bar with the edges beside it that no bar has, where its colour goes on up to them."""
+    """Gives the bar with the edges beside it that no bar has, where its colour goes on up to
+    them."""
     inside = 0.5 * (found.edges.colours[i, 1] + found.edges.colours[k, 0])
     while True:
         more = []
@@ -130,7 +140,11 @@ def _grown(found: MatchedEdges, i: int, k: int, bar: Bar, free: np.ndarray, rule
             for a, b, own in ((m, k, 1), (i, m, 0)):
                 _, wider = _bar(found, a, b, rules)
                 alike = np.abs(found.edges.colours[m, own] - inside).mean() < rules.inner_differ
-                if wider is not None and alike and bar.width_px < wider.width_px < 3.0 * bar.width_px + 1.0:
+                if (
+                    wider is not None
+                    and alike
+                    and bar.width_px < wider.width_px < 3.0 * bar.width_px + 1.0
+                ):
                     more.append((wider.width_px, a, b, m, wider))
         if not more:
             return bar

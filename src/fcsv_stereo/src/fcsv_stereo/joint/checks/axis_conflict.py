@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the pairs of one axis deny what those of the other say: sigma must know.
 
-What moves along one axis in step with its baselines looks like another depth there; to the other axis it does not
-(docs/design/decisions/0008).
+What moves along one axis in step with its baselines looks like another depth there; to the other
+axis it does not (docs/design/decisions/0008).
 """
 
 from typing import Dict, List
@@ -19,11 +19,13 @@ _MARGIN = np.ones((AXIS_CONFLICT.margin_px,) * 2, np.uint8)
 
 
 def doubt_contradicted(given: MapInput, result: MapResult) -> MapResult:
-    """The result with sigma at least a fifth of the depth where one axis agrees with it and the other does not.
+    """The result with sigma at least a fifth of the depth where one axis agrees with it and the
+    other does not.
 
-    Denied: two pairs of an axis (or its only one) see a place that nothing of the map hides, and none agrees; and what
-    is connected to it that only one of them sees (the picture ends there for the others), if that one does not agree.
-    Pictures that were taken when a reference picture was do not need it: ``moved`` compares these.
+    Denied: two pairs of an axis (or its only one) see a place that nothing of the map hides, and
+    none agrees; and what is connected to it that only one of them sees (the picture ends there for
+    the others), if that one does not agree. Pictures that were taken when a reference picture was
+    do not need it: ``moved`` compares these.
     """
     if len({p.configuration.axis for p in result.pairs}) < 2 or _of_one_moment(given):
         return result
@@ -31,15 +33,27 @@ def doubt_contradicted(given: MapInput, result: MapResult) -> MapResult:
     denied = _denied(result, step)
     if not denied.any():
         return result
-    denied = cv2.resize(denied.astype(np.uint8), result.depth.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-    least = np.where(denied, np.float32(AXIS_CONFLICT.least_relative_sigma) * result.depth, np.float32(0.0))
+    denied = (
+        cv2.resize(
+            denied.astype(np.uint8), result.depth.shape[::-1], interpolation=cv2.INTER_NEAREST
+        )
+        > 0
+    )
+    least = np.where(
+        denied, np.float32(AXIS_CONFLICT.least_relative_sigma) * result.depth, np.float32(0.0)
+    )
     sigma = np.maximum(result.sigma, least).astype(np.float32)
     return result.with_sigma(sigma)
 
 
 def _of_one_moment(given: MapInput) -> bool:
-    """Whether all pictures have a reference picture of their moment: photographs do not say when they were taken."""
-    apart_s = (min(abs(r.stamp_s - o.stamp_s) for r in c.references) for c in given.configurations for o in c.others)
+    """Whether all pictures have a reference picture of their moment: photographs do not say when
+    they were taken."""
+    apart_s = (
+        min(abs(r.stamp_s - o.stamp_s) for r in c.references)
+        for c in given.configurations
+        for o in c.others
+    )
     return given.kind == "session" and all(s <= AXIS_CONFLICT.apart_s for s in apart_s)
 
 
@@ -56,12 +70,17 @@ def _denied(result: MapResult, step: int) -> np.ndarray:
             other = pair.camera_other
             uv, z = seen_from(result.depth, reference.camera, T, other, step)
             views.append(visible(uv, z, (other.height, other.width), step))
-        seen[axis], surely[axis] = (np.sum(views, axis=0) >= least for least in (1, min(2, len(pairs))))
+        seen[axis], surely[axis] = (
+            np.sum(views, axis=0) >= least for least in (1, min(2, len(pairs)))
+        )
         agreed[axis] = np.any([np.isfinite(p.depth[::step, ::step]) for p in pairs], axis=0)
     known = np.isfinite(result.depth[::step, ::step])
     denied, sure = (_dense(known & _by_one_axis(by, agreed)) for by in (seen, surely))
     _, labels = cv2.connectedComponents(denied.astype(np.uint8), connectivity=8)
-    large = np.bincount(labels[sure & denied], minlength=labels.max() + 1) >= AXIS_CONFLICT.least_share * labels.size
+    large = (
+        np.bincount(labels[sure & denied], minlength=labels.max() + 1)
+        >= AXIS_CONFLICT.least_share * labels.size
+    )
     large[0] = False
     return cv2.dilate(large[labels].astype(np.uint8), _MARGIN) > 0
 

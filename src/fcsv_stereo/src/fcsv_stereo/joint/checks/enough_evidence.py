@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a map rests on anything: pictures of another place give depths too, which look like a map."""
+"""Whether a map rests on anything: pictures of another place give depths too, which look like a
+map."""
 
 from typing import Sequence
 
@@ -11,8 +12,8 @@ from fcsv_stereo.model import MapResult, Picture
 
 
 def require_evidence(result: MapResult) -> MapResult:
-    """The result back. Raises MatchingError where no picture could be compared with the reference: refined, or found to
-    agree with a pose that is known better already."""
+    """The result back. Raises MatchingError where no picture could be compared with the reference:
+    refined, or found to agree with a pose that is known better already."""
     if any(i.refined or i.inliers for i in result.images):
         return result
     others = ", ".join(i.name for i in result.images if i.name != result.reference.name)
@@ -24,8 +25,8 @@ def require_evidence(result: MapResult) -> MapResult:
 
 
 def why_no_depth(reference: Picture, others: Sequence[Picture], unit_m: float = 1.0) -> str:
-    """What keeps every pixel from a depth: pictures along the line of sight show too little parallax, else it is
-    texture. Positions are in units of ``unit_m``."""
+    """What keeps every pixel from a depth: pictures along the line of sight show too little
+    parallax, else it is texture. Positions are in units of ``unit_m``."""
     view = reference.T_home_cam[:3, 2]
     ways = []
     for other in others:
@@ -34,7 +35,9 @@ def why_no_depth(reference: Picture, others: Sequence[Picture], unit_m: float = 
         across_m = float(np.linalg.norm(way_m - view * (way_m @ view)))
         if across_m >= ENOUGH_EVIDENCE.least_across * length_m:
             return "too little texture"
-        ways.append(f"{other.name} {length_m * unit_m:.3g} m, of these {across_m * unit_m:.3g} m across it")
+        ways.append(
+            f"{other.name} {length_m * unit_m:.3g} m, of these {across_m * unit_m:.3g} m across it"
+        )
     if not ways:
         return "no other picture"
     return f"the pictures lie along the line of sight ({'; '.join(ways)}): move the camera sideways or up"

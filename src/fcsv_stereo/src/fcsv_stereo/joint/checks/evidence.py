@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What speaks for each pixel's depth: how far its match stands out against other depths, there and about it.
+"""What speaks for each pixel's depth: how far its match stands out against other depths, there and
+about it.
 
-A match that is as good at every other depth says nothing: a sky of one grey agrees with everything (ambiguity; Hu and
-Mordohai 2012 compare such measures). What speaks for a depth is put together by a logistic regression, whose weights
-``tools/train_evidence.py`` finds on seeded scenes.
+A match that is as good at every other depth says nothing: a sky of one grey agrees with everything
+(ambiguity; Hu and Mordohai 2012 compare such measures). What speaks for a depth is put together by
+a logistic regression, whose weights ``tools/train_evidence.py`` finds on seeded scenes.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -21,21 +22,31 @@ from fcsv_stereo.joint.views import Views
 _BAND = 64  # rows at a time: large pictures
 #: What is looked at, in the order of the weights.
 FEATURES = (
-    "log relative sigma", "log of the best pair's standing out", "best pair's trust", "share of pairs that agree",
-    "volume's match was trusted", "standing out about it", "standing out further about it", "trust about it",
-    "volume's match about it", "volume's match further about it", "log step about it", "log step further about it",
-    "log contrast", "share of pairs that see it",
-)  # fmt: skip
+    "log relative sigma",
+    "log of the best pair's standing out",
+    "best pair's trust",
+    "share of pairs that agree",
+    "volume's match was trusted",
+    "standing out about it",
+    "standing out further about it",
+    "trust about it",
+    "volume's match about it",
+    "volume's match further about it",
+    "log step about it",
+    "log step further about it",
+    "log contrast",
+    "share of pairs that see it",
+)
 
 
 def standing_out(
     small: Views, w: np.ndarray, here: Residuals, shape: Tuple[int, int], pool: ThreadPoolExecutor
 ) -> np.ndarray:
-    """NxHxW float32 of ``shape``: by how much each pair matches worse at the best of other depths than at ``w`` (1/m),
-    as a ratio; 0 where the pair does not agree or nothing can be said.
+    """NxHxW float32 of ``shape``: by how much each pair matches worse at the best of other depths
+    than at ``w`` (1/m), as a ratio; 0 where the pair does not agree or nothing can be said.
 
-    ``small`` are pictures at a reduced size: other depths are pixels away. ``w`` is at its size, and
-    ``here`` are the residuals at it.
+    ``small`` are pictures at a reduced size: other depths are pixels away. ``w`` is at its size,
+    and ``here`` are the residuals at it.
     """
     speed = np.maximum(here.speed, 1e-6)
     at_w = np.stack([mean_unlike(d) for d in here.difference])
@@ -45,7 +56,9 @@ def standing_out(
         for moved_px in (*EVIDENCE.probes_px, *(-p for p in EVIDENCE.probes_px)):
             there = (w + np.float32(moved_px) / speed[i]).astype(np.float32)
             at_other, seen = unlike(small, i, np.maximum(there, 0.0))
-            others[i] = np.minimum(others[i], np.where((there < 0.0) | (seen < 0.5), np.inf, at_other))
+            others[i] = np.minimum(
+                others[i], np.where((there < 0.0) | (seen < 0.5), np.inf, at_other)
+            )
 
     list(pool.map(probe, range(len(small))))
     noise = np.float32(EVIDENCE.noise_grey)
@@ -55,15 +68,19 @@ def standing_out(
 
 def features(
     fine: Fine, sigma_w: np.ndarray, known: np.ndarray, out: np.ndarray, contrast: np.ndarray
-) -> Iterator[np.ndarray]:  # fmt: skip
-    """HxW float32 each, one by one (large pictures), in the order of ``FEATURES``. ``sigma_w`` and ``contrast`` HxW
-    (1/m, grey levels), ``known`` HxW bool, ``out`` NxHxW from ``standing_out``."""
+) -> Iterator[np.ndarray]:
+    """HxW float32 each, one by one (large pictures), in the order of ``FEATURES``. ``sigma_w`` and
+    ``contrast`` HxW (1/m, grey levels), ``known`` HxW bool, ``out`` NxHxW from ``standing_out``."""
     r, w = fine.residuals, np.maximum(fine.w, np.float32(1e-9))
     agrees = r.trust >= RESIDUALS.least_trust
     best = np.zeros(w.shape, np.float32)
     for pair, stands_out in zip(agrees, out):
         np.maximum(best, np.where(pair, stands_out, np.float32(0.0)), out=best)
-    stands, trust, trusted = (best > EVIDENCE.stands_out).astype(np.float32), r.trust.max(axis=0), np.float32(known)
+    stands, trust, trusted = (
+        (best > EVIDENCE.stands_out).astype(np.float32),
+        r.trust.max(axis=0),
+        np.float32(known),
+    )
     seen = r.seen.sum(axis=0)
 
     def about(image: np.ndarray, size_px: int) -> np.ndarray:
@@ -82,7 +99,9 @@ def features(
     yield np.log(best, out=best)
     del best
     yield trust
-    yield np.divide(agrees.sum(axis=0, dtype=np.uint8), np.maximum(seen, np.float32(1.0)), dtype=np.float64)
+    yield np.divide(
+        agrees.sum(axis=0, dtype=np.uint8), np.maximum(seen, np.float32(1.0)), dtype=np.float64
+    )
     del agrees
     yield trusted
     yield about(stands, EVIDENCE.near_px)
@@ -96,15 +115,22 @@ def features(
     yield seen / np.float32(len(r.seen))
 
 
-def terms(column: np.ndarray, first: np.ndarray, k: int) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What the three weights of feature ``k`` belong to: it (scaled), its square, and its product with the ``first``
-    (scaled)."""
+def terms(
+    column: np.ndarray, first: np.ndarray, k: int
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the three weights of feature ``k`` belong to: it (scaled), its square, and its product
+    with the ``first`` (scaled)."""
     scaled = (column - np.float32(EVIDENCE.means[k])) / np.float32(EVIDENCE.scales[k])
-    return scaled, np.square(np.clip(scaled, -EVIDENCE.most_scales, EVIDENCE.most_scales)), scaled * first
+    return (
+        scaled,
+        np.square(np.clip(scaled, -EVIDENCE.most_scales, EVIDENCE.most_scales)),
+        scaled * first,
+    )
 
 
 def doubt(columns: Iterable[np.ndarray]) -> np.ndarray:
-    """HxW float32: the probability that a depth is wrong by more than a tenth, by its ``features``."""
+    """HxW float32: the probability that a depth is wrong by more than a tenth, by its
+    ``features``."""
     logit, first = None, None
     for k, column in enumerate(columns):
         if logit is None:
@@ -112,7 +138,9 @@ def doubt(columns: Iterable[np.ndarray]) -> np.ndarray:
             logit = np.full(column.shape, np.float32(EVIDENCE.constant))
         for y in range(0, len(logit), _BAND):
             band = slice(y, y + _BAND)
-            for term, weight in zip(terms(column[band], first[band], k), EVIDENCE.weights[3 * k : 3 * k + 3]):
+            for term, weight in zip(
+                terms(column[band], first[band], k), EVIDENCE.weights[3 * k : 3 * k + 3]
+            ):
                 logit[band] += np.float32(weight) * term
         del column  # before the next is made
     np.clip(logit, -30.0, 30.0, out=logit)
@@ -122,10 +150,12 @@ def doubt(columns: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def chance_of_wrong(pose_sigma_share: np.ndarray) -> np.ndarray:
-    """HxW float32: the probability of an error above a tenth, where errors have the standard deviation
-    ``pose_sigma_share`` (a share of the depth).
+    """HxW float32: the probability of an error above a tenth, where errors have the standard
+    deviation ``pose_sigma_share`` (a share of the depth).
 
     >>> chance_of_wrong(np.array([0.0, 0.05, 0.1])).astype(float).round(3).tolist()
     [0.0, 0.046, 0.317]
     """
-    return erfc(EVIDENCE.wrong / (np.sqrt(2.0) * np.maximum(pose_sigma_share, 1e-6))).astype(np.float32)
+    return erfc(EVIDENCE.wrong / (np.sqrt(2.0) * np.maximum(pose_sigma_share, 1e-6))).astype(
+        np.float32
+    )

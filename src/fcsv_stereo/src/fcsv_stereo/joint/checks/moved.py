@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What moved while the vehicles flew from one configuration to the next, seen in the reference camera's own pictures.
+"""What moved while the vehicles flew from one configuration to the next, seen in the reference
+camera's own pictures.
 
-A thing that moves along the baselines as they grow looks like one at another depth, and all pairs agree on it. But each
-configuration has a reference picture of its own, of the moment of its other picture and from nearly the same place:
-there it shows itself. Where the first and a later one differ, that configuration's pair does not count
-(docs/design/decisions/0008).
+A thing that moves along the baselines as they grow looks like one at another depth, and all pairs
+agree on it. But each configuration has a reference picture of its own, of the moment of its other
+picture and from nearly the same place: there it shows itself. Where the first and a later one
+differ, that configuration's pair does not count (docs/design/decisions/0008).
 """
 
 from dataclasses import dataclass, replace
@@ -25,7 +26,8 @@ _WINDOW = (MOVED.window_px,) * 2
 
 @dataclass(frozen=True)
 class _Still:
-    """The reference picture (HxWxC float32) with its depth and sigma (HxW, m) and corners (N, 2) px to align by."""
+    """The reference picture (HxWxC float32) with its depth and sigma (HxW, m) and corners (N, 2) px
+    to align by."""
 
     image: np.ndarray
     depth: np.ndarray
@@ -36,8 +38,8 @@ class _Still:
 
 @dataclass(frozen=True)
 class Moment:
-    """A later picture of the reference camera: ``changed`` HxW bool where it shows something else, ``comparable`` HxW
-    bool where it shows the place at all."""
+    """A later picture of the reference camera: ``changed`` HxW bool where it shows something else,
+    ``comparable`` HxW bool where it shows the place at all."""
 
     stamp_s: float
     changed: np.ndarray
@@ -47,7 +49,8 @@ class Moment:
 def leave_out_moved(given: MapInput, result: MapResult) -> MapResult:
     """The result without the depths that rest on pairs before which something moved; it says so.
 
-    Without reference pictures of later configurations (photographs) there is nothing to go by: the result as it is.
+    Without reference pictures of later configurations (photographs) there is nothing to go by: the
+    result as it is.
     """
     still: Optional[_Still] = None
     moments: Dict[str, Optional[Moment]] = {}  # pairs of one instant share their reference picture
@@ -60,7 +63,9 @@ def leave_out_moved(given: MapInput, result: MapResult) -> MapResult:
         still = still or _still(result.reference, result.depth, result.sigma)
         if later.name not in moments:
             scale = result.reference.camera.width / later.camera.width
-            moments[later.name] = changes(result.reference, later.shrunk(scale) if scale < 1.0 else later, still)
+            moments[later.name] = changes(
+                result.reference, later.shrunk(scale) if scale < 1.0 else later, still
+            )
         moment = moments[later.name]
         if moment is None:
             continue
@@ -69,12 +74,16 @@ def leave_out_moved(given: MapInput, result: MapResult) -> MapResult:
             changed[k] = moment.changed
     result = replace(result, watched=watched)
     seen = [m for m in moments.values() if m is not None]
-    return _without(result, changed, _never_again(result.reference.stamp_s, seen)) if changed else result
+    return (
+        _without(result, changed, _never_again(result.reference.stamp_s, seen))
+        if changed
+        else result
+    )
 
 
 def _never_again(stamp_s: float, moments: List[Moment]) -> np.ndarray:
-    """HxW bool: what no other moment shows as the reference picture does, though some could: it moves, and pairs of
-    the reference picture's own instant agree on where it was only then.
+    """HxW bool: what no other moment shows as the reference picture does, though some could: it
+    moves, and pairs of the reference picture's own instant agree on where it was only then.
 
     A moment so near in time that a walker has hardly moved tells nothing.
     """
@@ -86,7 +95,8 @@ def _never_again(stamp_s: float, moments: List[Moment]) -> np.ndarray:
 
 
 def changes(reference: Reference, later: Picture, still: _Still) -> Optional[Moment]:
-    """Where ``later`` (from nearly the same place) shows something else; None where it cannot be compared."""
+    """Where ``later`` (from nearly the same place) shows something else; None where it cannot be
+    compared."""
     T_later_ref = _aligned(reference, later, still)
     if T_later_ref is None:
         return None
@@ -96,9 +106,14 @@ def changes(reference: Reference, later: Picture, still: _Still) -> Optional[Mom
     comparable = visible(uv, z, later.image.shape[:2]) & full
     difference = np.abs(here - _same_exposure(here, there, comparable)).mean(axis=2)
     grey = here.mean(axis=2)
-    slope = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
+    slope = np.hypot(
+        cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125),
+        cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125),
+    )
     noise = float(np.median(difference[comparable])) if comparable.any() else 0.0
-    explained = MOVED.noise * noise + cv2.blur(slope * _off_px(reference, T_later_ref, still), _WINDOW)
+    explained = MOVED.noise * noise + cv2.blur(
+        slope * _off_px(reference, T_later_ref, still), _WINDOW
+    )
     unlike = (cv2.blur(difference, _WINDOW) > MOVED.changed * explained) & comparable
     return Moment(later.stamp_s, _spots(unlike), comparable)
 
@@ -114,7 +129,8 @@ def _full(image: np.ndarray) -> np.ndarray:
 
 
 def _off_px(reference: Reference, T_later_ref: np.ndarray, still: _Still) -> np.ndarray:
-    """HxW: how far a place may lie from where it is looked for, as places differ and depth is uncertain."""
+    """HxW: how far a place may lie from where it is looked for, as places differ and depth is
+    uncertain."""
     off_1_m = np.nan_to_num(still.sigma / np.square(still.depth), nan=MOVED.unknown_1_m)
     return MOVED.off_px + reference.camera.fx * float(np.linalg.norm(T_later_ref[:3, 3])) * off_1_m
 
@@ -123,7 +139,9 @@ def _still(reference: Reference, depth: np.ndarray, sigma: np.ndarray) -> _Still
     image = reference.image
     image = image if image.ndim == 3 else image[..., None]
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.shape[2] == 3 else image[..., 0]
-    return _Still(image.astype(np.float32), depth, sigma, corners(grey, MOVED.corners), _full(image))
+    return _Still(
+        image.astype(np.float32), depth, sigma, corners(grey, MOVED.corners), _full(image)
+    )
 
 
 def _reference_of(configurations: List[ConfigurationInput], other_name: str) -> Optional[Picture]:
@@ -136,7 +154,8 @@ def _reference_of(configurations: List[ConfigurationInput], other_name: str) -> 
 
 
 def _aligned(reference: Reference, later: Picture, still: _Still) -> Optional[np.ndarray]:
-    """T_later_ref from corners tracked between the two, beginning with the priors; None where they do not agree."""
+    """T_later_ref from corners tracked between the two, beginning with the priors; None where they
+    do not agree."""
     T = transforms.invert(later.T_home_cam) @ reference.T_home_cam
     uv = still.corners
     at = np.round(uv).astype(int)
@@ -145,37 +164,66 @@ def _aligned(reference: Reference, later: Picture, still: _Still) -> Optional[np
     if len(uv) < MOVED.least_corners:
         return None
     camera = reference.camera
-    rays = np.column_stack([(uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy, np.ones(len(uv))])
+    rays = np.column_stack(
+        [(uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy, np.ones(len(uv))]
+    )
     points = rays * z[:, None]
     rotation, position = cv2.Rodrigues(T[:3, :3])[0], T[:3, 3].copy()
-    start = cv2.projectPoints(points, rotation, position, later.camera.K, None)[0].astype(np.float32)
+    start = cv2.projectPoints(points, rotation, position, later.camera.K, None)[0].astype(
+        np.float32
+    )
     a, b = as_grey(reference.image), as_grey(later.image)
     found, status, _ = cv2.calcOpticalFlowPyrLK(
-        a, b, uv.astype(np.float32).reshape(-1, 1, 2), start, winSize=(MOVED.track_px,) * 2,
-        maxLevel=MOVED.track_levels, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-    )  # fmt: skip
+        a,
+        b,
+        uv.astype(np.float32).reshape(-1, 1, 2),
+        start,
+        winSize=(MOVED.track_px,) * 2,
+        maxLevel=MOVED.track_levels,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
     good = status.ravel() > 0
     if good.sum() < MOVED.least_corners:
         return None
     ok, rotation, position, inliers = cv2.solvePnPRansac(
-        points[good], found[good].astype(float), later.camera.K, None, rotation, position, useExtrinsicGuess=True,
-        iterationsCount=MOVED.ransac_rounds, reprojectionError=MOVED.most_off_px,
-    )  # fmt: skip
-    if not ok or inliers is None or len(inliers) < max(MOVED.least_corners, MOVED.least_inliers * good.sum()):
+        points[good],
+        found[good].astype(float),
+        later.camera.K,
+        None,
+        rotation,
+        position,
+        useExtrinsicGuess=True,
+        iterationsCount=MOVED.ransac_rounds,
+        reprojectionError=MOVED.most_off_px,
+    )
+    if (
+        not ok
+        or inliers is None
+        or len(inliers) < max(MOVED.least_corners, MOVED.least_inliers * good.sum())
+    ):
         return None
     chosen = inliers.ravel()
     rotation, position = cv2.solvePnPRefineLM(
-        points[good][chosen], found[good][chosen].astype(float), later.camera.K, None, rotation, position
+        points[good][chosen],
+        found[good][chosen].astype(float),
+        later.camera.K,
+        None,
+        rotation,
+        position,
     )
     return transforms.transform(cv2.Rodrigues(rotation)[0], position.ravel())
 
 
 def _same_exposure(here: np.ndarray, there: np.ndarray, comparable: np.ndarray) -> np.ndarray:
-    """``there`` with the brightness and contrast of ``here``, by channel, from what most pixels show."""
+    """``there`` with the brightness and contrast of ``here``, by channel, from what most pixels
+    show."""
     there = there.reshape(here.shape)
     out = np.empty_like(there)
     for i in range(here.shape[2]):
-        a, b = (x[..., i][comparable][:: max(1, int(comparable.sum()) // MOVED.samples)] for x in (here, there))
+        a, b = (
+            x[..., i][comparable][:: max(1, int(comparable.sum()) // MOVED.samples)]
+            for x in (here, there)
+        )
         gain, offset = 1.0, 0.0
         for _ in range(MOVED.exposure_rounds if len(a) > MOVED.least_samples else 0):
             off = np.abs(gain * b + offset - a)
@@ -187,7 +235,9 @@ def _same_exposure(here: np.ndarray, there: np.ndarray, comparable: np.ndarray) 
 
 def _spots(unlike: np.ndarray) -> np.ndarray:
     """Connected places of some size, with a margin."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(unlike.astype(np.uint8), connectivity=8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(
+        unlike.astype(np.uint8), connectivity=8
+    )
     large = stats[:, cv2.CC_STAT_AREA] >= max(MOVED.least_share * unlike.size, MOVED.least_spot_px)
     large[0] = False
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MOVED.margin_px + 1,) * 2)
@@ -195,14 +245,16 @@ def _spots(unlike: np.ndarray) -> np.ndarray:
 
 
 def _without(result: MapResult, changed: Dict[int, np.ndarray], moves: np.ndarray) -> MapResult:
-    """Depths stay where the longest pair that agrees saw no change: a short one agrees with a wrong depth, too. Nothing
-    stays of what ``moves`` (HxW bool).
+    """Depths stay where the longest pair that agrees saw no change: a short one agrees with a wrong
+    depth, too. Nothing stays of what ``moves`` (HxW bool).
 
     What stays is as uncertain as that pair alone would leave it.
     """
     unchanged, affected = (np.zeros(result.depth.shape, np.float32) for _ in range(2))
     for k, pair in enumerate(result.pairs):
-        reach = np.where(np.isfinite(pair.depth), np.float32(pair.configuration.baseline_m), np.float32(0.0))
+        reach = np.where(
+            np.isfinite(pair.depth), np.float32(pair.configuration.baseline_m), np.float32(0.0)
+        )
         seen = changed.get(k, np.zeros(reach.shape, bool))
         np.maximum(affected, np.where(seen, reach, 0.0), out=affected)
         np.maximum(unchanged, np.where(seen, 0.0, reach), out=unchanged)
@@ -219,4 +271,6 @@ def _without(result: MapResult, changed: Dict[int, np.ndarray], moves: np.ndarra
             f"camera's picture differs in {names})"
         )
     kind = np.where(gone, np.uint8(Kind.MOVED), result.kind)
-    return replace(result.with_sigma(sigma.astype(np.float32)).keep(~gone), warnings=warnings, kind=kind)
+    return replace(
+        result.with_sigma(sigma.astype(np.float32)).keep(~gone), warnings=warnings, kind=kind
+    )

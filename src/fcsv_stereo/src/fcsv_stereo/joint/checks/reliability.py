@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a match can be relied on: good, unambiguous, unique and part of a surface.
 
-Uniqueness: two places of the reference picture cannot both be what one place of another picture shows. Free space:
-where a picture shows something far, nothing near can be in front of it (Kutulakos and Seitz 2000).
+Uniqueness: two places of the reference picture cannot both be what one place of another picture
+shows. Free space: where a picture shows something far, nothing near can be in front of it
+(Kutulakos and Seitz 2000).
 """
 
 from typing import Tuple
@@ -32,10 +33,13 @@ def trusted(match: VolumeMatch, found: Views, r: Residuals) -> np.ndarray:
     return level >= 0
 
 
-def relied_on(found: Views, w: np.ndarray, r: Residuals) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Three masks by the pictures' agreement at ``w``: where (HxW bool) it may be taken over by what is about it, as
-    any thin thing that stands; where it is certain enough to hide what is behind it (one wrong near surface hides
-    all correct ones behind it); and what is ``confirmed``."""
+def relied_on(
+    found: Views, w: np.ndarray, r: Residuals
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Three masks by the pictures' agreement at ``w``: where (HxW bool) it may be taken over by
+    what is about it, as any thin thing that stands; where it is certain enough to hide what is
+    behind it (one wrong near surface hides all correct ones behind it); and what is
+    ``confirmed``."""
     unique, best = consistent(found, w, r), r.trust.max(axis=0)
     certain = unique & (best > _CERTAIN)
     return unique & (best > RELIABILITY.known) | thin_uprights(w), certain, confirmed(certain, r)
@@ -47,16 +51,20 @@ def is_certain(found: Views, w: np.ndarray, r: Residuals) -> np.ndarray:
 
 
 def confirmed(certain: np.ndarray, r: Residuals) -> np.ndarray:
-    """NxHxW bool: where pair i itself agrees with what is ``certain`` (HxW bool), at the pixel and all about it."""
+    """NxHxW bool: where pair i itself agrees with what is ``certain`` (HxW bool), at the pixel and
+    all about it."""
     about = np.ones((RELIABILITY.about_px,) * 2, np.uint8)
-    return np.stack([cv2.erode((certain & (t > _CERTAIN)).astype(np.uint8), about) > 0 for t in r.trust])
+    return np.stack(
+        [cv2.erode((certain & (t > _CERTAIN)).astype(np.uint8), about) > 0 for t in r.trust]
+    )
 
 
 def consistent(found: Views, w: np.ndarray, r: Residuals) -> np.ndarray:
-    """HxW bool: whether in some pair that sees it no place of another depth matches the same pixel better, and in none
-    something far behind it is seen there.
+    """HxW bool: whether in some pair that sees it no place of another depth matches the same pixel
+    better, and in none something far behind it is seen there.
 
-    A surface that was stretched into what it hides is told from what hides it: both land on the same pixels.
+    A surface that was stretched into what it hides is told from what hides it: both land on the
+    same pixels.
     """
     unique, seen_through = np.zeros(found.shape, np.bool_), np.zeros(found.shape, np.bool_)
     for i in range(len(found)):

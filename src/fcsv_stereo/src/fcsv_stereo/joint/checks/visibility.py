@@ -11,21 +11,33 @@ from fcsv_stereo.joint.tuning import VISIBILITY
 
 
 def seen_from(
-    depth: np.ndarray, camera: PinholeCamera, T_other_cam: np.ndarray, other: PinholeCamera, step: int = 1
+    depth: np.ndarray,
+    camera: PinholeCamera,
+    T_other_cam: np.ndarray,
+    other: PinholeCamera,
+    step: int = 1,
 ) -> Tuple[Tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """Where each ``step``-th pixel of a depth image (HxW, m) lies in ``other`` (u, v: px), and its depth there."""
+    """Where each ``step``-th pixel of a depth image (HxW, m) lies in ``other`` (u, v: px), and its
+    depth there."""
     v, u = np.indices(depth.shape, dtype=np.float32)[:, ::step, ::step]
     z = depth[::step, ::step]
     z = np.where(np.isfinite(z), z, np.float32(VISIBILITY.far_m)).astype(np.float32)
-    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1)
-    p = (rays * z[..., None]) @ T_other_cam[:3, :3].T.astype(np.float32) + T_other_cam[:3, 3].astype(np.float32)
+    rays = np.stack(
+        [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1
+    )
+    p = (rays * z[..., None]) @ T_other_cam[:3, :3].T.astype(np.float32) + T_other_cam[
+        :3, 3
+    ].astype(np.float32)
     ahead = np.maximum(p[..., 2], 1e-6)
     at = other.fx * p[..., 0] / ahead + other.cx, other.fy * p[..., 1] / ahead + other.cy
     return (at[0].astype(np.float32), at[1].astype(np.float32)), p[..., 2].astype(np.float32)
 
 
-def visible(uv: Tuple[np.ndarray, np.ndarray], z: np.ndarray, shape: Tuple[int, int], step: int = 1) -> np.ndarray:
-    """HxW bool, from ``seen_from``: inside the other picture of that shape, and nothing nearer lies before it there."""
+def visible(
+    uv: Tuple[np.ndarray, np.ndarray], z: np.ndarray, shape: Tuple[int, int], step: int = 1
+) -> np.ndarray:
+    """HxW bool, from ``seen_from``: inside the other picture of that shape, and nothing nearer lies
+    before it there."""
     height, width = (-(-s // step) for s in shape)
     border = max(VISIBILITY.border_px // step, 1)
     u, v = (np.round(x / step) for x in uv)

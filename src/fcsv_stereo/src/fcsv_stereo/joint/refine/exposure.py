@@ -14,7 +14,8 @@ from fcsv_stereo.joint.views import Views
 def same_exposure(
     found: Views, w: np.ndarray, r: Residuals, pool: ThreadPoolExecutor
 ) -> List[Optional[Tuple[float, float]]]:
-    """Gain and offset of each picture (the reference's first) that bring its grey to the reference's; None: it stays.
+    """Gain and offset of each picture (the reference's first) that bring its grey to the
+    reference's; None: it stays.
 
     By the pixels of ``found`` at which a pair agrees (``r``) at inverse depth ``w`` (HxW, 1/m).
     """
@@ -24,6 +25,10 @@ def same_exposure(
         if good.sum() < EXPOSURE.least_pixels:
             continue
         here, there = found.reference[good], (found.reference - difference)[good]
-        gain = float(np.clip(here.std() / max(there.std(), 1e-3), 1.0 / EXPOSURE.most_gain, EXPOSURE.most_gain))
+        gain = float(
+            np.clip(
+                here.std() / max(there.std(), 1e-3), 1.0 / EXPOSURE.most_gain, EXPOSURE.most_gain
+            )
+        )
         out[i + 1] = gain, float(np.median(here - gain * there))
     return out

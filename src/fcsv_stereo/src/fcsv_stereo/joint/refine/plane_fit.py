@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sub-pixel inverse depth: planes fitted to small surroundings, straight to the pictures' differences."""
+"""Sub-pixel inverse depth: planes fitted to small surroundings, straight to the pictures'
+differences."""
 
 import numpy as np
 from numba import njit
@@ -14,10 +15,11 @@ _TINY = np.float32(1e-30)  # keeps divisions finite
 def fit_band(w, tau, information, push, residual, prior, y0, y1, out, variance):
     """One Gauss-Newton step of a plane of inverse depth about every pixel of rows y0 to y1.
 
-    ``information`` and ``push`` (HxW) are the sums over the pairs of weight slope^2 and weight slope difference: pixel
-    q asks for ``w_q + push/information``. Only pixels whose ``w`` is within ``tau`` of the centre's take part: others
-    are of another surface. ``residual`` is the weighted squared difference. Into ``out`` the plane's value at the
-    centre and into ``variance`` its variance (1/m^2) for the residuals found.
+    ``information`` and ``push`` (HxW) are the sums over the pairs of weight slope^2 and weight
+    slope difference: pixel q asks for ``w_q + push/information``. Only pixels whose ``w`` is within
+    ``tau`` of the centre's take part: others are of another surface. ``residual`` is the weighted
+    squared difference. Into ``out`` the plane's value at the centre and into ``variance`` its
+    variance (1/m^2) for the residuals found.
     """
     height, width = w.shape
     for y in range(y0, y1):
@@ -46,11 +48,13 @@ def fit_band(w, tau, information, push, residual, prior, y0, y1, out, variance):
                     energy += residual[r, c]
                     weight += information[r, c]
                     count += np.float32(1.0)
-            # by their sum: information is up to 1e13 in large pictures, and its third power more than float32 holds
+            # by their sum: information is up to 1e13 in large pictures, and its third power more
+            # than float32 holds
             each = np.float32(1.0) / max(m00, _TINY)
             m10, m01, m20, m11, m02 = m10 * each, m01 * each, m20 * each, m11 * each, m02 * each
             b0, b1, b2 = b0 * each, b1 * each, b2 * each
-            # a little stiffness of the slope: windows of one row or a few pixels have none of their own
+            # a little stiffness of the slope: windows of one row or a few pixels have none of their
+            # own
             m20 += _STIFFNESS
             m02 += _STIFFNESS
             c00 = m20 * m02 - m11 * m11

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Poses adjusted to the pictures themselves: what features alone leave uncertain, all pixels together determine.
+"""Poses adjusted to the pictures themselves: what features alone leave uncertain, all pixels
+together determine.
 
-A turn that grows with the baseline looks like a shift of all inverse depths; only its small vertical part at the
-picture's corners tells them apart. Features are too few for it, the whole picture is not (direct alignment, as in
-Engel, Koltun and Cremers 2018, with the inverse depth of small cells eliminated by Schur's complement).
+A turn that grows with the baseline looks like a shift of all inverse depths; only its small
+vertical part at the picture's corners tells them apart. Features are too few for it, the whole
+picture is not (direct alignment, as in Engel, Koltun and Cremers 2018, with the inverse depth of
+small cells eliminated by Schur's complement).
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -23,19 +25,22 @@ from fcsv_stereo.model import Picture
 
 _CELL = POSE_ALIGNMENT.cell_px
 _WINDOW = (POSE_ALIGNMENT.contrast_px,) * 2
-#: Features determine a turn that grows with the baseline badly, and alike in every picture, which covariances picture
-#: by picture cannot say; nor are they other evidence than the pixels. So their turns weigh little here.
+#: Features determine a turn that grows with the baseline badly, and alike in every picture, which
+#: covariances picture by picture cannot say; nor are they other evidence than the pixels. So their
+#: turns weigh little here.
 _LOOSENED = np.repeat([POSE_ALIGNMENT.loosened_turns, 1.0], 3)
 _BEHIND = np.float32(-1e6)  # px: far outside of every picture
-_MARGIN = max(POSE_ALIGNMENT.contrast_px // 2, 1)  # px about a cell that its windows and slopes reach
+# px about a cell that its windows and slopes reach
+_MARGIN = max(POSE_ALIGNMENT.contrast_px // 2, 1)
 _BAND = 256  # rows that are changed at a time
 
 
 @dataclass(frozen=True)
 class _Sample:
-    """The reference's pixels that cells and the windows about them need, beside each other: ``rows`` and ``columns`` of
-    the picture, and where the cells' first pixels are in the sample (``corners``, Nx2) and in the picture (``cells``).
-    Where cells lie side by side it is the whole picture."""
+    """The reference's pixels that cells and the windows about them need, beside each other:
+    ``rows`` and ``columns`` of the picture, and where the cells' first pixels are in the sample
+    (``corners``, Nx2) and in the picture (``cells``). Where cells lie side by side it is the whole
+    picture."""
 
     rows: np.ndarray
     columns: np.ndarray
@@ -45,12 +50,16 @@ class _Sample:
 
     @classmethod
     def of(cls, cells: np.ndarray, shape: Tuple[int, int]) -> "_Sample":
-        """``cells`` (Nx2) are row and column of the cells' first pixels in a picture of ``shape``."""
+        """``cells`` (Nx2) are row and column of the cells' first pixels in a picture of
+        ``shape``."""
         firsts = [np.unique(cells[:, axis]) for axis in range(2)]
         if all(len(f) == n // _CELL for f, n in zip(firsts, shape)):
             return cls(*map(np.arange, shape), cells, cells, True)
         wide = _CELL + 2 * _MARGIN
-        rows, columns = (_mirrored(f[:, None] + np.arange(wide) - _MARGIN, n).ravel() for f, n in zip(firsts, shape))
+        rows, columns = (
+            _mirrored(f[:, None] + np.arange(wide) - _MARGIN, n).ravel()
+            for f, n in zip(firsts, shape)
+        )
         at = [np.searchsorted(f, cells[:, axis]) * wide + _MARGIN for axis, f in enumerate(firsts)]
         return cls(rows, columns, np.stack(at, axis=-1), cells, False)
 
@@ -60,21 +69,30 @@ class _Sample:
 
 
 def _mirrored(at: np.ndarray, count: int) -> np.ndarray:
-    """Indices with those outside of 0 to ``count`` - 1 mirrored at the ends, as OpenCV's filters have a border."""
+    """Indices with those outside of 0 to ``count`` - 1 mirrored at the ends, as OpenCV's filters
+    have a border."""
     return (count - 1) - np.abs((count - 1) - np.abs(at))
 
 
 def adjust(
-    reference: Picture, others: Sequence[Picture], covariances: Sequence[np.ndarray], found: Views, w: np.ndarray,
-    known: np.ndarray, iterations: int, pool: ThreadPoolExecutor,
+    reference: Picture,
+    others: Sequence[Picture],
+    covariances: Sequence[np.ndarray],
+    found: Views,
+    w: np.ndarray,
+    known: np.ndarray,
+    iterations: int,
+    pool: ThreadPoolExecutor,
     pixel_errors: Optional[Sequence[Optional[np.ndarray]]] = None,
-) -> Tuple[List[Picture], List[np.ndarray], np.ndarray]:  # fmt: skip
-    """The others with adjusted poses, their 6x6 covariances (rad in camera axes, m in home's), and ``w`` with them.
+) -> Tuple[List[Picture], List[np.ndarray], np.ndarray]:
+    """The others with adjusted poses, their 6x6 covariances (rad in camera axes, m in home's), and
+    ``w`` with them.
 
-    ``found`` holds the pictures without their local mean (``residuals.detail``); ``w`` is HxW (1/m) and ``known``
-    (HxW bool) where it may be relied on. The covariances given are the prior; too little texture leaves it as it is.
-    A picture that has ``pixel_errors`` (6x6) has a prior that is no other pictures' word: it is taken as it is, and
-    what the pixels say of the pose errs by ``pixel_errors`` besides their noise.
+    ``found`` holds the pictures without their local mean (``residuals.detail``); ``w`` is HxW (1/m)
+    and ``known`` (HxW bool) where it may be relied on. The covariances given are the prior; too
+    little texture leaves it as it is. A picture that has ``pixel_errors`` (6x6) has a prior that is
+    no other pictures' word: it is taken as it is, and what the pixels say of the pose errs by
+    ``pixel_errors`` besides their noise.
     """
     pixel_errors = pixel_errors or [None] * len(others)
     prior, scale, scale_variance = _prior(reference, others, covariances, pixel_errors)
@@ -105,14 +123,20 @@ def adjust(
 
 
 def _corners(shape: Tuple[int, int]) -> np.ndarray:
-    """(N,2) row and column of the cells' first pixels, evenly spread where there would be too many."""
+    """(N,2) row and column of the cells' first pixels, evenly spread where there would be too
+    many."""
     rows, columns = (_CELL * np.arange(n // _CELL) for n in shape)
     every = int(np.ceil(np.sqrt(len(rows) * len(columns) / POSE_ALIGNMENT.most_cells)))
-    return np.stack(np.meshgrid(rows[::every], columns[::every], indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.stack(np.meshgrid(rows[::every], columns[::every], indexing="ij"), axis=-1).reshape(
+        -1, 2
+    )
 
 
-def _smooth_change(before: np.ndarray, after: np.ndarray, corners: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """``before`` with what the poses changed in it: smooth over the picture, unlike what cells make of noise.
+def _smooth_change(
+    before: np.ndarray, after: np.ndarray, corners: np.ndarray, weight: np.ndarray
+) -> np.ndarray:
+    """``before`` with what the poses changed in it: smooth over the picture, unlike what cells make
+    of noise.
 
     ``weight`` (N,) is that of the cells.
     """
@@ -123,9 +147,15 @@ def _smooth_change(before: np.ndarray, after: np.ndarray, corners: np.ndarray, w
 
     at = tuple(corners.T + _CELL // 2)
     change, weight = (after - before)[at], np.sqrt(weight)
-    at_most = POSE_ALIGNMENT.outlier * np.median(np.abs(change[weight > 0])) if (weight > 0).any() else 0.0
+    at_most = (
+        POSE_ALIGNMENT.outlier * np.median(np.abs(change[weight > 0]))
+        if (weight > 0).any()
+        else 0.0
+    )
     weight[np.abs(change) > at_most] = 0.0
-    factors = np.linalg.lstsq(basis(*at, before[at]) * weight[:, None], change * weight, rcond=None)[0]
+    factors = np.linalg.lstsq(
+        basis(*at, before[at]) * weight[:, None], change * weight, rcond=None
+    )[0]
     factors, out = factors.astype(np.float32), np.empty(before.shape, np.float32)
     for y in range(0, len(before), _BAND):
         band = before[y : y + _BAND]
@@ -141,9 +171,11 @@ def moved(picture: Picture, change: np.ndarray) -> Picture:
     return replace(picture, T_home_cam=transforms.transform(rotation, T[:3, 3] + change[3:]))
 
 
-def _weakened(H: np.ndarray, g: np.ndarray, variance: float, pixel_errors: Sequence[Optional[np.ndarray]]):
-    """The pixels' information (6N, 6N) and gradient (6N,), less what errors of covariance ``pixel_errors`` leave:
-    (H^-1 + S)^-1, without inverting an H that does not tell the scale."""
+def _weakened(
+    H: np.ndarray, g: np.ndarray, variance: float, pixel_errors: Sequence[Optional[np.ndarray]]
+):
+    """The pixels' information (6N, 6N) and gradient (6N,), less what errors of covariance
+    ``pixel_errors`` leave: (H^-1 + S)^-1, without inverting an H that does not tell the scale."""
     information, push = H / variance, g / variance
     if all(s is None for s in pixel_errors):
         return information, push
@@ -156,10 +188,13 @@ def _weakened(H: np.ndarray, g: np.ndarray, variance: float, pixel_errors: Seque
 
 
 def _prior(
-    reference: Picture, others: Sequence[Picture], covariances: Sequence[np.ndarray],
+    reference: Picture,
+    others: Sequence[Picture],
+    covariances: Sequence[np.ndarray],
     pixel_errors: Sequence[Optional[np.ndarray]],
-):  # fmt: skip
-    """Information matrix of all poses, the direction (6N) in which the scale grows, and the scale's variance.
+):
+    """Information matrix of all poses, the direction (6N) in which the scale grows, and the scale's
+    variance.
 
     Pictures do not tell the scale: it is held, lest the noise in their slopes shifts it.
     """
@@ -167,7 +202,9 @@ def _prior(
     prior, scale = np.zeros((6 * n, 6 * n)), np.zeros((n, 6))
     for i, (o, c) in enumerate(zip(others, covariances)):
         loosened = _LOOSENED if pixel_errors[i] is None else np.ones(6)
-        prior[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = np.linalg.inv(c * np.outer(loosened, loosened))
+        prior[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = np.linalg.inv(
+            c * np.outer(loosened, loosened)
+        )
         scale[i, 3:] = o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]
     along = scale[:, 3:] / np.square(np.linalg.norm(scale[:, 3:], axis=1, keepdims=True))
     variances = [a @ c[3:, 3:] @ a for a, c in zip(along, covariances)]
@@ -187,15 +224,25 @@ def _slopes(image: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _pair(
-    reference: Picture, other: Picture, i: int, found: Views, here: np.ndarray, contrast: np.ndarray, w: np.ndarray,
-    known: np.ndarray, sample: _Sample,
-) -> Tuple[np.ndarray, ...]:  # fmt: skip
-    """Sums over one pair: of its pose H (6x6) and g (6,); of each cell (N, 8) own, push and mixed with the pose; and
-    (2,) of weights and of weighted squares. ``here`` is the reference, it and all after it of the ``sample``."""
+    reference: Picture,
+    other: Picture,
+    i: int,
+    found: Views,
+    here: np.ndarray,
+    contrast: np.ndarray,
+    w: np.ndarray,
+    known: np.ndarray,
+    sample: _Sample,
+) -> Tuple[np.ndarray, ...]:
+    """Sums over one pair: of its pose H (6x6) and g (6,); of each cell (N, 8) own, push and mixed
+    with the pose; and (2,) of weights and of weighted squares. ``here`` is the reference, it and
+    all after it of the ``sample``."""
     height, width = found.sizes[i]
     K = camera_matrix(other.camera, (height, width))
     T = transforms.invert(other.T_home_cam) @ reference.T_home_cam
-    p = projection(reference, other, camera_matrix(reference.camera, found.shape), K).astype(np.float32)[None]
+    p = projection(reference, other, camera_matrix(reference.camera, found.shape), K).astype(
+        np.float32
+    )[None]
     x, y = np.empty_like(w), np.empty_like(w)
     _places(p, w, sample.rows, sample.columns, x, y)
     image = _other(found, i)
@@ -210,15 +257,29 @@ def _pair(
     weight *= np.minimum(1.0, POSE_ALIGNMENT.huber_grey / np.maximum(np.abs(difference), 1e-6))
     H, g, cells, sums = np.zeros((6, 6)), np.zeros(6), np.zeros((len(sample.cells), 8)), np.zeros(2)
     _sum(
-        sample.corners, sample.cells, weight.astype(np.float32), difference, *slopes, x, y, p, w, K, T[:3, 3],
-        other.T_home_cam[:3, :3], H, g, cells, sums,
-    )  # fmt: skip
+        sample.corners,
+        sample.cells,
+        weight.astype(np.float32),
+        difference,
+        *slopes,
+        x,
+        y,
+        p,
+        w,
+        K,
+        T[:3, 3],
+        other.T_home_cam[:3, :3],
+        H,
+        g,
+        cells,
+        sums,
+    )
     return H, g, cells, sums
 
 
 def _reduced(pairs, w: np.ndarray):
-    """Normal equations of the poses with the cells' inverse depths (``w``, N) eliminated; the variance; what gives the
-    inverse depths back; and the cells' weights (N,)."""
+    """Normal equations of the poses with the cells' inverse depths (``w``, N) eliminated; the
+    variance; what gives the inverse depths back; and the cells' weights (N,)."""
     n = len(pairs)
     H, g = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
     for i, (own_H, own_g, _, _) in enumerate(pairs):
@@ -230,7 +291,9 @@ def _reduced(pairs, w: np.ndarray):
     mixed = np.concatenate([cells[:, 2:] for _, _, cells, _ in pairs], axis=1)
     energy = squares / max(weights, 1.0) + POSE_ALIGNMENT.energy_least
     own = weight + POSE_ALIGNMENT.weight_least * float(np.mean(weight))
-    own = own + energy / np.square(POSE_ALIGNMENT.loose * np.maximum(w, POSE_ALIGNMENT.farthest_1_m))
+    own = own + energy / np.square(
+        POSE_ALIGNMENT.loose * np.maximum(w, POSE_ALIGNMENT.farthest_1_m)
+    )
     H -= mixed.T @ (mixed / own[:, None])
     g -= mixed.T @ (push / own)
 
@@ -242,8 +305,8 @@ def _reduced(pairs, w: np.ndarray):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _places(p, w, rows, columns, x, y):
-    """Where the reference's pixels in ``rows`` and ``columns`` are in the other picture; far outside what is behind
-    it."""
+    """Where the reference's pixels in ``rows`` and ``columns`` are in the other picture; far
+    outside what is behind it."""
     for r in range(w.shape[0]):
         for k in range(w.shape[1]):
             a, b, c = ray(p, 0, columns[k], rows[r])
@@ -261,9 +324,27 @@ def _add(corners, change, w):
 
 
 @njit(cache=True, nogil=True)
-def _sum(corners, first, weight, difference, slope_x, slope_y, x, y, p, w, K, t, R_home_cam, H, g, cells, sums):  # noqa: PLR0913
-    """Into ``H``, ``g``, ``cells`` and ``sums`` as ``_pair`` gives them; ``p`` (1x12) is the pair's projection. Cells
-    begin at ``corners`` of the arrays, and at ``first`` of the reference."""
+def _sum(  # noqa: PLR0913
+    corners,
+    first,
+    weight,
+    difference,
+    slope_x,
+    slope_y,
+    x,
+    y,
+    p,
+    w,
+    K,
+    t,
+    R_home_cam,
+    H,
+    g,
+    cells,
+    sums,
+):
+    """Into ``H``, ``g``, ``cells`` and ``sums`` as ``_pair`` gives them; ``p`` (1x12) is the pair's
+    projection. Cells begin at ``corners`` of the arrays, and at ``first`` of the reference."""
     j = np.zeros(6)
     for k in range(len(corners)):
         down, along = first[k, 0] - corners[k, 0], first[k, 1] - corners[k, 1]
@@ -279,7 +360,9 @@ def _sum(corners, first, weight, difference, slope_x, slope_y, x, y, p, w, K, t,
                 az = -(ax * qx + ay * qy) / z
                 j[0], j[1], j[2] = ay * z - az * qy, az * qx - ax * z, ax * qy - ay * qx
                 for i in range(3):
-                    j[3 + i] = -w[v, u] * (ax * R_home_cam[i, 0] + ay * R_home_cam[i, 1] + az * R_home_cam[i, 2])
+                    j[3 + i] = -w[v, u] * (
+                        ax * R_home_cam[i, 0] + ay * R_home_cam[i, 1] + az * R_home_cam[i, 2]
+                    )
                 by_w, off = ax * t[0] + ay * t[1] + az * t[2], float(difference[v, u])
                 cells[k, 0] += s * by_w * by_w
                 cells[k, 1] += s * by_w * off

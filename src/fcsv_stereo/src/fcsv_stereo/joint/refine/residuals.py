@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How each pair's picture differs from the reference at a map of inverse depth, and how that changes with it."""
+"""How each pair's picture differs from the reference at a map of inverse depth, and how that
+changes with it."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
@@ -19,10 +20,10 @@ _BAND = RESIDUALS.band_rows
 
 @dataclass(frozen=True)
 class Residuals:
-    """Per pair (N,H,W) float32: ``difference`` of the reference and the other without its local mean (grey levels; None
-    where it was let go), its ``slope`` by inverse depth (grey levels times metres; None: let go), ``speed`` (px of
-    movement times metres), ``seen`` (1 or 0) and ``trust`` (0 to 1, low where the pair does not look like the
-    reference: occluded or mismatched).
+    """Per pair (N,H,W) float32: ``difference`` of the reference and the other without its local
+    mean (grey levels; None where it was let go), its ``slope`` by inverse depth (grey levels times
+    metres; None: let go), ``speed`` (px of movement times metres), ``seen`` (1 or 0) and ``trust``
+    (0 to 1, low where the pair does not look like the reference: occluded or mismatched).
     """
 
     difference: Optional[np.ndarray]
@@ -54,8 +55,9 @@ def without_mean(image: np.ndarray) -> np.ndarray:
 def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residuals:
     """Compares the pictures at inverse depth ``w`` (HxW float32, 1/m).
 
-    The local mean is taken of the differences, each pixel at its own depth, and not of the pictures: before what is far
-    behind it a thin thing has other surroundings in every picture, and their means would count as its own brightness.
+    The local mean is taken of the differences, each pixel at its own depth, and not of the
+    pictures: before what is far behind it a thin thing has other surroundings in every picture, and
+    their means would count as its own brightness.
     """
     shape = (len(found), *found.shape)
     out = Residuals(*(np.empty(shape, np.float32) for _ in range(5)))
@@ -70,7 +72,9 @@ def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residual
     return out
 
 
-def _trust(unlike_here: np.ndarray, contrast: np.ndarray, seen: np.ndarray, out: np.ndarray) -> None:
+def _trust(
+    unlike_here: np.ndarray, contrast: np.ndarray, seen: np.ndarray, out: np.ndarray
+) -> None:
     """Works out trust in ``unlike_here``, which is written over: large pictures."""
     unlike_here /= contrast
     unlike_here /= np.float32(RESIDUALS.unlike)
@@ -85,8 +89,8 @@ def _contrast(image: np.ndarray) -> np.ndarray:
 
 
 def unlike(found: Views, i: int, w: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """HxW float32 each, of pair ``i`` at inverse depth ``w`` (HxW, 1/m): mean absolute difference in the window (grey
-    levels) as ``residuals`` has it, and seen (1 or 0)."""
+    """HxW float32 each, of pair ``i`` at inverse depth ``w`` (HxW, 1/m): mean absolute difference
+    in the window (grey levels) as ``residuals`` has it, and seen (1 or 0)."""
     difference, slope, speed, seen = np.empty((4, *found.shape), np.float32)
     _compare(found, i, w, difference, slope, speed, seen)
     return mean_unlike(difference - _local_mean(difference, seen)), seen
@@ -98,9 +102,15 @@ def mean_unlike(difference: np.ndarray) -> np.ndarray:
 
 
 def differences(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
-    """(N,H,W) float32, grey levels: of the reference and each other picture at inverse depth ``w`` (HxW, 1/m)."""
+    """(N,H,W) float32, grey levels: of the reference and each other picture at inverse depth ``w``
+    (HxW, 1/m)."""
     out = np.empty((len(found), *found.shape), np.float32)
-    list(pool.map(lambda i: _compare(found, i, w, out[i], *np.empty((3, *found.shape), np.float32)), range(len(found))))
+    list(
+        pool.map(
+            lambda i: _compare(found, i, w, out[i], *np.empty((3, *found.shape), np.float32)),
+            range(len(found)),
+        )
+    )
     return out
 
 
@@ -108,12 +118,22 @@ def _compare(found: Views, i: int, w: np.ndarray, *arrays: np.ndarray) -> None:
     """Into ``arrays`` (HxW each): difference, slope, speed and seen of pair ``i``."""
     for y in range(0, found.shape[0], _BAND):
         end = min(y + _BAND, found.shape[0])
-        _residual_band(found.reference, found.others[i], found.sizes[i], found.projections, i, w, y, end, *arrays)
+        _residual_band(
+            found.reference,
+            found.others[i],
+            found.sizes[i],
+            found.projections,
+            i,
+            w,
+            y,
+            end,
+            *arrays,
+        )
 
 
 def _local_mean(difference: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """HxW float32, grey levels: by how much exposures differ there. What differs much more than most tells less of it:
-    it is another surface."""
+    """HxW float32, grey levels: by how much exposures differ there. What differs much more than
+    most tells less of it: it is another surface."""
     weight = difference / np.float32(RESIDUALS.exposure_grey)
     np.square(weight, out=weight)  # in place: large pictures
     weight += np.float32(1.0)
@@ -135,8 +155,9 @@ def support_bits(r: Residuals, least_trust: float) -> np.ndarray:
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _cubic(t):
-    """Weights of the four samples about a place ``t`` (0 to 1) between the middle two, and their slopes by it: a cubic
-    through the middle two with central differences there (Keys 1981, a = -1/2)."""
+    """Weights of the four samples about a place ``t`` (0 to 1) between the middle two, and their
+    slopes by it: a cubic through the middle two with central differences there (Keys 1981, a =
+    -1/2)."""
     half, one, rest = np.float32(0.5), np.float32(1.0), np.float32(1.0) - t
     first, last = -half * t * rest * rest, -half * t * t * rest
     second = one + t * t * (np.float32(1.5) * t - np.float32(2.5))
@@ -151,7 +172,8 @@ def _cubic(t):
 def _sample_cubic(image, height, width, x, y):
     """A picture's value between its pixels, and its slopes along x and y.
 
-    Not bilinear: that blurs most half-way between pixels, and the best agreement moves away from there.
+    Not bilinear: that blurs most half-way between pixels, and the best agreement moves away from
+    there.
     """
     x = min(max(x, np.float32(0.0)), np.float32(width - 1))
     y = min(max(y, np.float32(0.0)), np.float32(height - 1))

@@ -17,15 +17,16 @@ from fcsv_stereo.joint.views import Views
 
 @dataclass(frozen=True)
 class Fine:
-    """``w`` (1/m), its ``variance`` by the matching alone (None: let go), and ``residuals`` at it."""
+    """``w`` (1/m), its ``variance`` by the matching alone (None: let go), and ``residuals`` at
+    it."""
 
     w: np.ndarray
     variance: Optional[np.ndarray]
     residuals: Residuals
 
     def without_slopes(self) -> "Fine":
-        """Gives the result without the variance and the residuals' slopes, which nothing asks for once sigma is
-        known."""
+        """Gives the result without the variance and the residuals' slopes, which nothing asks for
+        once sigma is known."""
         return Fine(self.w, None, replace(self.residuals, slope=None))
 
     def rows(self, rows: slice) -> "Fine":
@@ -34,7 +35,9 @@ class Fine:
         return Fine(self.w[rows], variance, self.residuals.rows(rows))
 
 
-def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool: ThreadPoolExecutor) -> Fine:
+def refine(
+    found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool: ThreadPoolExecutor
+) -> Fine:
     """Gauss-Newton over all pairs; ``step`` (HxW, 1/m) is what the coarse map was uncertain by.
 
     With no ``iterations`` it is ``w`` itself, its variance 0 and not to be used.
@@ -44,7 +47,9 @@ def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool:
     for _ in range(iterations):
         information, push, energy = _sums(residuals(found, w, pool), pool)
         prior = _prior(information)
-        tau = (np.float32(SUBPIXEL.same_steps) * step + np.float32(SUBPIXEL.same) * w).astype(np.float32)
+        tau = (np.float32(SUBPIXEL.same_steps) * step + np.float32(SUBPIXEL.same) * w).astype(
+            np.float32
+        )
         out = np.empty_like(w)
 
         def run(y0, y1, arrays=(w, tau, information, push, energy, prior), out=out):
@@ -60,7 +65,9 @@ def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool:
 def _prior(information: np.ndarray) -> np.ndarray:
     """HxW float32: information by which a pixel stays where it is."""
     about = cv2.blur(information, (SUBPIXEL.prior_px,) * 2)
-    return (np.float32(SUBPIXEL.prior_share) * about + np.float32(SUBPIXEL.prior_least)).astype(np.float32)
+    return (np.float32(SUBPIXEL.prior_share) * about + np.float32(SUBPIXEL.prior_least)).astype(
+        np.float32
+    )
 
 
 def _sums(r: Residuals, pool: ThreadPoolExecutor) -> np.ndarray:

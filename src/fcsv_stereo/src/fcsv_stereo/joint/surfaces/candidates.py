@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The surfaces that a pixel may belong to: planes of inverse depth about places of a coarser map near it.
+"""The surfaces that a pixel may belong to: planes of inverse depth about places of a coarser map
+near it.
 
-The volume's windows carry a surface over its edges, and where nothing is seen or nothing has texture they know nothing
-at all. So each pixel is offered its own place's plane and those around it; where its own place is not known, also those
-of the nearest known places along sixteen directions.
+The volume's windows carry a surface over its edges, and where nothing is seen or nothing has
+texture they know nothing at all. So each pixel is offered its own place's plane and those around
+it; where its own place is not known, also those of the nearest known places along sixteen
+directions.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -19,14 +21,21 @@ from fcsv_stereo.joint.tuning import CANDIDATES
 
 MOST = CANDIDATES.most
 _DIRECTIONS = np.array(
-    [(y, x) for y in range(-2, 3) for x in range(-2, 3) if max(abs(y), abs(x)) == 1 or abs(x * y) == 2], np.int64
+    [
+        (y, x)
+        for y in range(-2, 3)
+        for x in range(-2, 3)
+        if max(abs(y), abs(x)) == 1 or abs(x * y) == 2
+    ],
+    np.int64,
 )
 _INWARD = CANDIDATES.inward_px
 _ALIKE = CANDIDATES.alike
 _STRETCH, _FAR_STRETCH = CANDIDATES.stretch, CANDIDATES.far_stretch
 _LEAST_PLANE_PX = CANDIDATES.least_plane_px
 _FARTHEST = np.float32(CANDIDATES.farthest_1_m)
-#: A plane's surroundings (px about it), what share of inverse depth is still the same surface, and its stiffness.
+#: A plane's surroundings (px about it), what share of inverse depth is still the same surface, and
+#: its stiffness.
 _NEAR_FIT = CANDIDATES.near_radius_px, CANDIDATES.near_same, CANDIDATES.near_stiffness
 _FAR_FIT = CANDIDATES.far_radius_px, CANDIDATES.far_same, CANDIDATES.far_stiffness
 #: What a plane at a pixel is written down as, in this order.
@@ -37,10 +46,10 @@ _VALUE, _SLOPE_X, _SLOPE_Y, _SOURCE = range(4)
 class Candidates:
     """Holds the candidates of pixel (y, x): those from ``start[y, x]`` on, ``count[y, x]`` of them.
 
-    ``w`` (1/m) is the inverse depth at the pixel, ``slope`` (two of N, 1/m per px, along u and v; None: let go) its
-    plane's;
-    ``source`` the coarser pixel (row times width plus column) that the plane is from, -1 where it is the own place and
-    not known (None: let go). ``step`` (1/m) is the inverse depth that moves a pixel by little in the fastest pair.
+    ``w`` (1/m) is the inverse depth at the pixel, ``slope`` (two of N, 1/m per px, along u and v;
+    None: let go) its plane's; ``source`` the coarser pixel (row times width plus column) that the
+    plane is from, -1 where it is the own place and not known (None: let go). ``step`` (1/m) is the
+    inverse depth that moves a pixel by little in the fastest pair.
     """
 
     start: np.ndarray
@@ -52,13 +61,17 @@ class Candidates:
 
 
 def candidates(
-    w: np.ndarray, known: np.ndarray, shape: Tuple[int, int], px_per_w: float, pool: ThreadPoolExecutor
+    w: np.ndarray,
+    known: np.ndarray,
+    shape: Tuple[int, int],
+    px_per_w: float,
+    pool: ThreadPoolExecutor,
 ) -> Candidates:
-    """Finds candidates for a picture of ``shape`` from a coarser map ``w`` (hxw, 1/m) that is ``known`` (hxw bool) at
-    places.
+    """Finds candidates for a picture of ``shape`` from a coarser map ``w`` (hxw, 1/m) that is
+    ``known`` (hxw bool) at places.
 
-    Where it is known and far from every step of depth its own plane is the only one.
-    ``px_per_w`` is how fast a pixel of the finer picture moves at most with inverse depth (px times metres).
+    Where it is known and far from every step of depth its own plane is the only one. ``px_per_w``
+    is how fast a pixel of the finer picture moves at most with inverse depth (px times metres).
     """
     step = np.float32(CANDIDATES.alike_px / px_per_w)
     planes = _planes(w, known, np.ones_like(known), *_NEAR_FIT, pool)
@@ -66,7 +79,11 @@ def candidates(
     distant = np.zeros((unknown, 4, CANDIDATES.most_distant), np.float32)
     if unknown:
         wide = _planes(w, known, _met(known), *_FAR_FIT, pool)
-        for_rows(pool, w.shape[0], lambda y0, y1: _distant(*wide, known, row_of, _DIRECTIONS, step, y0, y1, distant))
+        for_rows(
+            pool,
+            w.shape[0],
+            lambda y0, y1: _distant(*wide, known, row_of, _DIRECTIONS, step, y0, y1, distant),
+        )
     count = np.zeros(shape, np.uint8)
     rings, undecided = _ring_offsets(), _undecided(w, known)
 
@@ -84,7 +101,8 @@ def candidates(
 
 
 def _numbered(mask: np.ndarray) -> Tuple[np.ndarray, int]:
-    """HxW int32: the place of each pixel of a ``mask`` (HxW bool) among those, -1 of others; and how many they are."""
+    """HxW int32: the place of each pixel of a ``mask`` (HxW bool) among those, -1 of others; and
+    how many they are."""
     order = np.full(mask.shape, -1, np.int32)
     count = int(mask.sum())
     order[mask] = np.arange(count, dtype=np.int32)
@@ -119,21 +137,29 @@ def _met(known: np.ndarray) -> np.ndarray:
 def _moved(mask: np.ndarray, by: np.ndarray) -> np.ndarray:
     """A mask (HxW) moved by (rows, columns)."""
     shift = np.array([[1, 0, by[1]], [0, 1, by[0]]], np.float32)
-    return cv2.warpAffine(mask.astype(np.uint8), shift, mask.shape[::-1], flags=cv2.INTER_NEAREST) > 0
+    return (
+        cv2.warpAffine(mask.astype(np.uint8), shift, mask.shape[::-1], flags=cv2.INTER_NEAREST) > 0
+    )
 
 
 def _planes(w, known, wanted, radius: int, same: float, stiffness: float, pool: ThreadPoolExecutor):
-    """Value and slopes (along u, v) of the plane about each ``wanted`` pixel: three arrays of w's shape."""
+    """Value and slopes (along u, v) of the plane about each ``wanted`` pixel: three arrays of w's
+    shape."""
     out = np.empty((3, *w.shape), np.float32)
     stiff = np.float32(stiffness * (2 * radius + 1) ** 2)
     w = np.ascontiguousarray(w, np.float32)
-    for_rows(pool, w.shape[0], lambda y0, y1: _fit(w, known, wanted, radius, np.float32(same), stiff, y0, y1, out))
+    for_rows(
+        pool,
+        w.shape[0],
+        lambda y0, y1: _fit(w, known, wanted, radius, np.float32(same), stiff, y0, y1, out),
+    )
     return tuple(out)
 
 
 @njit(cache=True, nogil=True)
 def _fit(w, known, wanted, radius, same, stiff, y0, y1, out):
-    """Least squares over what is known and of the same surface; ``stiff``: few pixels have no slope of their own."""
+    """Least squares over what is known and of the same surface; ``stiff``: few pixels have no slope
+    of their own."""
     height, width = w.shape
     for y in range(y0, y1):
         for x in range(width):
@@ -170,8 +196,8 @@ def _is_new(value, values, n, step):
 
 @njit(cache=True, nogil=True)
 def _distant(w, slope_x, slope_y, known, row_of, directions, step, y0, y1, out):
-    """Into ``out`` (pixels that are not known, in rows by ``row_of``; 4, N): value, slopes and source of the planes
-    that meet such a pixel."""
+    """Into ``out`` (pixels that are not known, in rows by ``row_of``; 4, N): value, slopes and
+    source of the planes that meet such a pixel."""
     height, width = w.shape
     for y in range(y0, y1):
         for x in range(width):
@@ -188,7 +214,9 @@ def _distant(w, slope_x, slope_y, known, row_of, directions, step, y0, y1, out):
                         at = w[r, c]
                         value = at + slope_x[r, c] * (x - c) + slope_y[r, c] * (y - r)
                         limit = np.float32(_FAR_STRETCH)
-                        if at / limit < value < at * limit and _is_new(value, out[i, _VALUE], n, step):
+                        if at / limit < value < at * limit and _is_new(
+                            value, out[i, _VALUE], n, step
+                        ):
                             out[i, _VALUE, n], out[i, _SOURCE, n] = value, r * width + c
                             out[i, _SLOPE_X, n], out[i, _SLOPE_Y, n] = slope_x[r, c], slope_y[r, c]
                             n += 1
@@ -196,8 +224,11 @@ def _distant(w, slope_x, slope_y, known, row_of, directions, step, y0, y1, out):
 
 
 @njit(cache=True, nogil=True)
-def _collect(w, slope_x, slope_y, known, undecided, rings, row_of, distant, step, y0, y1, count, found):  # noqa: PLR0913
-    """All candidates of rows y0 to y1 into ``found`` (w, slopes, source; 4xN), their number into ``count``."""
+def _collect(  # noqa: PLR0913
+    w, slope_x, slope_y, known, undecided, rings, row_of, distant, step, y0, y1, count, found
+):
+    """All candidates of rows y0 to y1 into ``found`` (w, slopes, source; 4xN), their number into
+    ``count``."""
     h, width_coarse = w.shape
     height, width = count.shape
     sy, sx = np.float32(h / height), np.float32(width_coarse / width)
@@ -212,7 +243,14 @@ def _collect(w, slope_x, slope_y, known, undecided, rings, row_of, distant, step
             values, n = found[_VALUE, total : total + MOST], 0
             for k in range(rings.shape[0] if undecided[r0, c0] else 1):
                 r, c = r0 + rings[k, 0], c0 + rings[k, 1]
-                if n == MOST or r < 0 or c < 0 or r >= h or c >= width_coarse or (k > 0 and not known[r, c]):
+                if (
+                    n == MOST
+                    or r < 0
+                    or c < 0
+                    or r >= h
+                    or c >= width_coarse
+                    or (k > 0 and not known[r, c])
+                ):
                     continue
                 at = w[r, c]
                 value = at + slope_x[r, c] * (fx - c) + slope_y[r, c] * (fy - r)
@@ -220,7 +258,10 @@ def _collect(w, slope_x, slope_y, known, undecided, rings, row_of, distant, step
                 if _is_new(value, values, n, step):
                     source = r * width_coarse + c if known[r, c] else -1
                     found[_VALUE, total + n], found[_SOURCE, total + n] = value, source
-                    found[_SLOPE_X, total + n], found[_SLOPE_Y, total + n] = slope_x[r, c] * sx, slope_y[r, c] * sy
+                    found[_SLOPE_X, total + n], found[_SLOPE_Y, total + n] = (
+                        slope_x[r, c] * sx,
+                        slope_y[r, c] * sy,
+                    )
                     n += 1
             i = row_of[r0, c0]
             for k in range(distant.shape[2] if i >= 0 else 0):
@@ -230,8 +271,14 @@ def _collect(w, slope_x, slope_y, known, undecided, rings, row_of, distant, step
                 slope_u, slope_v = distant[i, _SLOPE_X, k], distant[i, _SLOPE_Y, k]
                 value += slope_u * (fx - c0) + slope_v * (fy - r0)
                 if value > 0 and _is_new(value, values, n, step):
-                    found[_VALUE, total + n], found[_SOURCE, total + n] = value, distant[i, _SOURCE, k]
-                    found[_SLOPE_X, total + n], found[_SLOPE_Y, total + n] = slope_u * sx, slope_v * sy
+                    found[_VALUE, total + n], found[_SOURCE, total + n] = (
+                        value,
+                        distant[i, _SOURCE, k],
+                    )
+                    found[_SLOPE_X, total + n], found[_SLOPE_Y, total + n] = (
+                        slope_u * sx,
+                        slope_v * sy,
+                    )
                     n += 1
             count[y, x] = n
             total += n

@@ -22,43 +22,53 @@ _OTHER = COLOUR.other
 
 def alike_bits(
     image: np.ndarray, given: Candidates, pool: ThreadPoolExecutor
-) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Which bits of a pixel's census code compare it with pixels of its colour (HxW uint32 mask), and what each of
-    those counts (HxW float32), in ``image`` (HxWx3): others may be of another surface. 0 where there is no
-    choice."""
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Which bits of a pixel's census code compare it with pixels of its colour (HxW uint32 mask),
+    and what each of those counts (HxW float32), in ``image`` (HxWx3): others may be of another
+    surface. 0 where there is no choice."""
     mask, scale = np.zeros(image.shape[:2], np.uint32), np.zeros(image.shape[:2], np.float32)
-    for_rows(pool, len(image), lambda y0, y1: _alike(image, OFFSETS, given.count, y0, y1, mask, scale))
+    for_rows(
+        pool, len(image), lambda y0, y1: _alike(image, OFFSETS, given.count, y0, y1, mask, scale)
+    )
     return mask, scale
 
 
 def add_likeness(
-    image: np.ndarray, shape: Tuple[int, int], given: Candidates, pool: ThreadPoolExecutor, cost: np.ndarray
+    image: np.ndarray,
+    shape: Tuple[int, int],
+    given: Candidates,
+    pool: ThreadPoolExecutor,
+    cost: np.ndarray,
 ) -> None:
-    """Adds to the candidates' ``cost`` (N,) how unlike a pixel is to the place in the coarser map (``shape``) that the
-    candidate's plane is from; in place."""
+    """Adds to the candidates' ``cost`` (N,) how unlike a pixel is to the place in the coarser map
+    (``shape``) that the candidate's plane is from; in place."""
     small = cv2.resize(image.astype(np.float32), shape[::-1], interpolation=cv2.INTER_AREA)
     near = cv2.medianBlur(small, 3).reshape(-1, 3)
     planes = given.start, given.count, given.source
     for_rows(pool, len(image), lambda y0, y1: _add_likeness(image, near, *planes, y0, y1, cost))
 
 
-def settle(image: np.ndarray, given: Candidates, best: np.ndarray, pool: ThreadPoolExecutor) -> None:
+def settle(
+    image: np.ndarray, given: Candidates, best: np.ndarray, pool: ThreadPoolExecutor
+) -> None:
     """Gives a pixel the candidate nearest to what those about it of its colour have; in place."""
     _nearest(given.start, given.count, given.w, _of_its_colour(image, best, pool), best)
 
 
 def settled(image: np.ndarray, w: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
-    """Inverse depth (HxW, 1/m), where another surface's, as those about a pixel of its colour in ``image`` have it."""
+    """Inverse depth (HxW, 1/m), where another surface's, as those about a pixel of its colour in
+    ``image`` have it."""
     target = _of_its_colour(image, w, pool)
     return np.where((w > _OTHER * target) | (target > _OTHER * w), target, w)
 
 
 def _of_its_colour(image: np.ndarray, w: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
-    """HxW float32, 1/m: the median of ``w`` about each pixel weighted by likeness of colour (Ma et al. 2013), where
-    more than one surface is about it.
+    """HxW float32, 1/m: the median of ``w`` about each pixel weighted by likeness of colour (Ma et
+    al. 2013), where more than one surface is about it.
 
-    Windows take up more than one surface where these meet; the pixels' colours tell them apart. (OpenCV has this
-    filter, of the whole picture on one core; where two threads call it, it writes beyond its memory.)
+    Windows take up more than one surface where these meet; the pixels' colours tell them apart.
+    (OpenCV has this filter, of the whole picture on one core; where two threads call it, it writes
+    beyond its memory.)
     """
     log_w = np.maximum(w, COLOUR.farthest_1_m)
     np.log(log_w, out=log_w)  # in place: large pictures

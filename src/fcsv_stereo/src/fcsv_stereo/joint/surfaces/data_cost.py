@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the pictures say of each surface that a pixel may belong to.
 
-By small windows, pair by pair where the pair can see it: nothing known is in front of it there. A place that is hidden
-counts the same for all surfaces. In front of what a pair itself is known to show there is nothing, however alike it
-looks.
+By small windows, pair by pair where the pair can see it: nothing known is in front of it there. A
+place that is hidden counts the same for all surfaces. In front of what a pair itself is known to
+show there is nothing, however alike it looks.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -27,13 +27,18 @@ _SEEN_THROUGH, _FRONT, _FRONT_1_M = DATA_COST.seen_through, DATA_COST.front, DAT
 
 
 def evidence(
-    found: Views, in_front: np.ndarray, shown: np.ndarray, given: Candidates, image: np.ndarray,
+    found: Views,
+    in_front: np.ndarray,
+    shown: np.ndarray,
+    given: Candidates,
+    image: np.ndarray,
     pool: ThreadPoolExecutor,
-) -> np.ndarray:  # fmt: skip
-    """(N,) cost of each candidate by the pictures; the pairs' costs sorted, the better ones weigh more.
+) -> np.ndarray:
+    """(N,) cost of each candidate by the pictures; the pairs' costs sorted, the better ones weigh
+    more.
 
-    ``image`` is the reference in colour (HxWx3); ``in_front`` and ``shown`` are ``fronts`` of what is certain and of
-    what each pair has confirmed.
+    ``image`` is the reference in colour (HxWx3); ``in_front`` and ``shown`` are ``fronts`` of what
+    is certain and of what each pair has confirmed.
     """
     codes = np.zeros(found.others.shape, np.uint32)
     for c, other, (h, w) in zip(codes, found.others, found.sizes):
@@ -50,8 +55,8 @@ def evidence(
 
 
 def fronts(found: Views, w: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(N,Ho,Wo) the nearest inverse depth (1/m) that each pixel of the other pictures shows, of what is ``known`` to
-    its pair (NxHxW bool); 0 where none."""
+    """(N,Ho,Wo) the nearest inverse depth (1/m) that each pixel of the other pictures shows, of
+    what is ``known`` to its pair (NxHxW bool); 0 where none."""
     out = np.zeros(found.others.shape, np.float32)
     for i, front in enumerate(out):
         _draw(w, known[i], found.projections, i, found.sizes[i], front)
@@ -72,16 +77,35 @@ def _draw(w, known, projections, i, size, front):
                     front[r, k] = max(front[r, k], w[v, u])
 
 
-# Only numbers go into what is called for every candidate: arrays are counted references, and counting them took six
-# sevenths of the time.
+# Only numbers go into what is called for every candidate: arrays are counted references, and
+# counting them took six sevenths of the time.
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _judge(  # noqa: PLR0913
-    reference, code, mask, scale, others, codes, sizes, p, in_front, shown, start, count, values, weights, y0, y1, cost
+    reference,
+    code,
+    mask,
+    scale,
+    others,
+    codes,
+    sizes,
+    p,
+    in_front,
+    shown,
+    start,
+    count,
+    values,
+    weights,
+    y0,
+    y1,
+    cost,
 ):
     one, half = np.uintp(1), np.float32(0.5)
-    down, along = np.float32(in_front.shape[1] / others.shape[1]), np.float32(in_front.shape[2] / others.shape[2])
+    down, along = (
+        np.float32(in_front.shape[1] / others.shape[1]),
+        np.float32(in_front.shape[2] / others.shape[2]),
+    )
     pairs = len(others)
     ranked, rays = np.empty(pairs, np.float32), np.empty((pairs, 3), np.float32)
     for y in range(y0, y1):
@@ -100,15 +124,26 @@ def _judge(  # noqa: PLR0913
                         r, c = np.uintp((b + half) * down), np.uintp((a + half) * along)
                         value = _standing(w, in_front[i, r, c], shown[i, r, c])
                     if value == 0.0:
-                        bits = _unlike(code[y, x], codes[i, np.uintp(b + half), np.uintp(a + half)], mask[y, x])
+                        bits = _unlike(
+                            code[y, x], codes[i, np.uintp(b + half), np.uintp(a + half)], mask[y, x]
+                        )
                         r, c = np.uintp(b), np.uintp(a)
-                        below, right = min(r + one, np.uintp(sizes[i, 0] - 1)), min(c + one, np.uintp(sizes[i, 1] - 1))
+                        below, right = (
+                            min(r + one, np.uintp(sizes[i, 0] - 1)),
+                            min(c + one, np.uintp(sizes[i, 1] - 1)),
+                        )
                         there = _between(
-                            others[i, r, c], others[i, r, right], others[i, below, c], others[i, below, right],
-                            a - np.float32(c), b - np.float32(r),
-                        )  # fmt: skip
+                            others[i, r, c],
+                            others[i, r, right],
+                            others[i, below, c],
+                            others[i, below, right],
+                            a - np.float32(c),
+                            b - np.float32(r),
+                        )
                         step = min(abs(reference[y, x] - there), np.float32(_MOST_GREY))
-                        value = np.float32(_BITS) * scale[y, x] * bits + np.float32(_BRIGHTNESS) * step
+                        value = (
+                            np.float32(_BITS) * scale[y, x] * bits + np.float32(_BRIGHTNESS) * step
+                        )
                         value = min(value, np.float32(_CUT))
                     j = i
                     while j > 0 and ranked[j - 1] > value:
@@ -125,12 +160,19 @@ def _judge(  # noqa: PLR0913
 def _inside(x, y, z, width, height):
     """Whether a place is in front of a picture and inside of it."""
     zero, one = np.float32(0.0), np.float32(1.0)
-    return z > zero and x >= zero and y >= zero and x <= np.float32(width) - one and y <= np.float32(height) - one
+    return (
+        z > zero
+        and x >= zero
+        and y >= zero
+        and x <= np.float32(width) - one
+        and y <= np.float32(height) - one
+    )
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _standing(w, in_front, shown):
-    """What a pair counts by what is known to be in front of inverse depth w or seen behind it; 0: let it judge."""
+    """What a pair counts by what is known to be in front of inverse depth w or seen behind it; 0:
+    let it judge."""
     if in_front > w * np.float32(_FRONT) + np.float32(_FRONT_1_M):
         return np.float32(_UNSEEN)
     if np.float32(0.0) < shown * np.float32(_SEEN_THROUGH) < w:

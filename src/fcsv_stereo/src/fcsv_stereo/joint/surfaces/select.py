@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chooses surfaces at a finer size: which of the surfaces about a pixel it belongs to, decided for all pixels together.
+"""Chooses surfaces at a finer size: which of the surfaces about a pixel it belongs to, decided for
+all pixels together.
 
-Each candidate (``candidates``) is judged by the pictures (``evidence``); where these say nothing, its surroundings and
-its colour decide. The candidates' costs are aggregated along eight paths as in semi-global matching (Hirschmüller
-2008), from plane to plane: a slanted surface goes on without a price.
+Each candidate (``candidates``) is judged by the pictures (``evidence``); where these say nothing,
+its surroundings and its colour decide. The candidates' costs are aggregated along eight paths as in
+semi-global matching (Hirschmüller 2008), from plane to plane: a slanted surface goes on without a
+price.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -29,8 +31,9 @@ _P1, _P2, _EDGE, _MEET = SELECT.p1, SELECT.p2, SELECT.edge_grey, SELECT.meet
 class Map:
     """Inverse depth ``w`` (HxW, 1/m) in the pictures ``found``.
 
-    HxW bool: where it is ``known``, so that planes about it may go on, and ``certain`` enough to hide what is behind.
-    NxHxW bool: where pair i has ``confirmed`` it, so that nothing can be in front.
+    HxW bool: where it is ``known``, so that planes about it may go on, and ``certain`` enough to
+    hide what is behind. NxHxW bool: where pair i has ``confirmed`` it, so that nothing can be in
+    front.
     """
 
     found: Views
@@ -40,12 +43,16 @@ class Map:
     confirmed: np.ndarray
 
 
-def choose_surfaces(found: Views, coarser: Map, image: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
-    """Inverse depth (HxW, 1/m) of the plane that each pixel of the finer ``found`` chose; ``image`` is its reference in
-    colour (HxWx3)."""
+def choose_surfaces(
+    found: Views, coarser: Map, image: np.ndarray, pool: ThreadPoolExecutor
+) -> np.ndarray:
+    """Inverse depth (HxW, 1/m) of the plane that each pixel of the finer ``found`` chose; ``image``
+    is its reference in colour (HxWx3)."""
     given = candidates(coarser.w, coarser.known, found.shape, found.fastest_px_m, pool)
     certain = np.broadcast_to(coarser.certain, coarser.confirmed.shape)
-    in_front, shown = (fronts(coarser.found, coarser.w, which) for which in (certain, coarser.confirmed))
+    in_front, shown = (
+        fronts(coarser.found, coarser.w, which) for which in (certain, coarser.confirmed)
+    )
     cost = evidence(found, in_front, shown, given, image, pool)
     add_likeness(image, coarser.w.shape, given, pool, cost)
     add_leaving(coarser.w, given, cost)
@@ -61,18 +68,28 @@ def choose_surfaces(found: Views, coarser: Map, image: np.ndarray, pool: ThreadP
 
 
 def stretched(w: np.ndarray, shape: Tuple[int, int]) -> np.ndarray:
-    """A coarser map (1/m) at a finer ``shape`` without asking the pictures: interpolated, but not across steps."""
+    """A coarser map (1/m) at a finer ``shape`` without asking the pictures: interpolated, but not
+    across steps."""
     size = shape[::-1]
     near, far = (cv2.resize(f(w, np.ones((3, 3), np.uint8)), size) for f in (cv2.dilate, cv2.erode))
     own = cv2.resize(w, size, interpolation=cv2.INTER_NEAREST)
-    return np.where(near - far > SELECT.stretch_step * near, own, cv2.resize(w, size, interpolation=cv2.INTER_LINEAR))
+    return np.where(
+        near - far > SELECT.stretch_step * near,
+        own,
+        cv2.resize(w, size, interpolation=cv2.INTER_LINEAR),
+    )
 
 
-def _aggregate(grey: np.ndarray, given: Candidates, cost: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
+def _aggregate(
+    grey: np.ndarray, given: Candidates, cost: np.ndarray, pool: ThreadPoolExecutor
+) -> np.ndarray:
     """(N,) sums of the costs along eight paths."""
     down, up = np.zeros_like(cost), np.zeros_like(cost)
     planes = grey, given.start, given.count, given.w, *given.slope, cost, given.step
-    jobs = [pool.submit(_vertical, *planes, total, upward) for total, upward in ((down, False), (up, True))]
+    jobs = [
+        pool.submit(_vertical, *planes, total, upward)
+        for total, upward in ((down, False), (up, True))
+    ]
     for job in jobs:
         job.result()
     for_rows(pool, grey.shape[0], lambda y0, y1: _horizontal(*planes, y0, y1, down))
@@ -80,8 +97,9 @@ def _aggregate(grey: np.ndarray, given: Candidates, cost: np.ndarray, pool: Thre
     return down
 
 
-# Where there is no choice a path has no memory: the one candidate's cost is the least, and only what lies above it goes
-# on. So nothing is computed there, which is nearly everywhere in large pictures.
+# Where there is no choice a path has no memory: the one candidate's cost is the least, and only
+# what lies above it goes on. So nothing is computed there, which is nearly everywhere in large
+# pictures.
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -96,11 +114,27 @@ def _begin(first, n, cost, paths, now, total):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _step(  # noqa: PLR0913
-    first, n, first_before, n_before, dx, dy, values, slope_x, slope_y, cost, step, paths, before, least, price, now,
+    first,
+    n,
+    first_before,
+    n_before,
+    dx,
+    dy,
+    values,
+    slope_x,
+    slope_y,
+    cost,
+    step,
+    paths,
+    before,
+    least,
+    price,
+    now,
     total,
-):  # fmt: skip
-    """One pixel of one path: row ``now`` of ``paths`` from row ``before``; the new least. (Rows are not handed over as
-    slices: those are counted references, and two threads that count wait for each other.)"""
+):
+    """One pixel of one path: row ``now`` of ``paths`` from row ``before``; the new least. (Rows are
+    not handed over as slices: those are counted references, and two threads that count wait for
+    each other.)"""
     smallest, half = np.float32(1e9), np.float32(0.5)
     for k in range(n):
         i = first + k
@@ -111,7 +145,11 @@ def _step(  # noqa: PLR0913
             j = first_before + m
             ahead = values[j] + slope_x[j] * dx + slope_y[j] * dy - values[i]
             back = values[i] - slope_x[i] * dx - slope_y[i] * dy - values[j]
-            gap = half * (abs(ahead) + abs(back)) / (np.float32(_MEET) * max(values[i], values[j]) + step)
+            gap = (
+                half
+                * (abs(ahead) + abs(back))
+                / (np.float32(_MEET) * max(values[i], values[j]) + step)
+            )
             best = min(best, paths[before, m] + np.float32(_P1) * gap)
         value = cost[i] + best - least
         paths[now, k] = value
@@ -148,10 +186,24 @@ def _vertical(grey, start, count, values, slope_x, slope_y, cost, step, total, u
                     continue
                 before = (b + path) * width + x_before
                 least[now] = _step(
-                    start[y, x], count[y, x], start[y_before, x_before], count[y_before, x_before],
-                    np.float32(1 - path), dy, values, slope_x, slope_y, cost, step, paths, before, least[before],
-                    _price(grey[y, x] - grey[y_before, x_before]), now, total,
-                )  # fmt: skip
+                    start[y, x],
+                    count[y, x],
+                    start[y_before, x_before],
+                    count[y_before, x_before],
+                    np.float32(1 - path),
+                    dy,
+                    values,
+                    slope_x,
+                    slope_y,
+                    cost,
+                    step,
+                    paths,
+                    before,
+                    least[before],
+                    _price(grey[y, x] - grey[y_before, x_before]),
+                    now,
+                    total,
+                )
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -173,10 +225,24 @@ def _horizontal(grey, start, count, values, slope_x, slope_y, cost, step, y0, y1
                     least = _begin(start[y, x], count[y, x], cost, paths, 0, total)
                     continue
                 least = _step(
-                    start[y, x], count[y, x], start[y, x_before], count[y, x_before], dx, np.float32(0.0), values,
-                    slope_x, slope_y, cost, step, paths, (t + 1) % 2, least, _price(grey[y, x] - grey[y, x_before]),
-                    t % 2, total,
-                )  # fmt: skip
+                    start[y, x],
+                    count[y, x],
+                    start[y, x_before],
+                    count[y, x_before],
+                    dx,
+                    np.float32(0.0),
+                    values,
+                    slope_x,
+                    slope_y,
+                    cost,
+                    step,
+                    paths,
+                    (t + 1) % 2,
+                    least,
+                    _price(grey[y, x] - grey[y, x_before]),
+                    t % 2,
+                    total,
+                )
 
 
 @njit(cache=True, nogil=True)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Thin things that stand: posts, masts, trunks.
 
-Most of what is about each of their pixels is background, often of the same grey, and would outvote them wherever
-surroundings decide. What flies must not lose them: a narrow stripe that is nearer than what is about it and goes on
-upwards is held as it was matched.
+Most of what is about each of their pixels is background, often of the same grey, and would outvote
+them wherever surroundings decide. What flies must not lose them: a narrow stripe that is nearer
+than what is about it and goes on upwards is held as it was matched.
 """
 
 import cv2
@@ -21,15 +21,19 @@ def thin_uprights(w: np.ndarray) -> np.ndarray:
     widest, tall = THIN_UPRIGHTS.widest_px, THIN_UPRIGHTS.tall_px
     about = cv2.morphologyEx(w, cv2.MORPH_OPEN, np.ones((widest, widest), np.uint8))
     narrow = w > THIN_UPRIGHTS.nearer * np.maximum(about, THIN_UPRIGHTS.farthest_1_m)
-    return cv2.morphologyEx(narrow.astype(np.uint8), cv2.MORPH_OPEN, np.ones((tall, 1), np.uint8)) > 0
+    return (
+        cv2.morphologyEx(narrow.astype(np.uint8), cv2.MORPH_OPEN, np.ones((tall, 1), np.uint8)) > 0
+    )
 
 
 def add_leaving(coarser: np.ndarray, given: Candidates, cost: np.ndarray) -> None:
-    """Adds to the ``cost`` (N,) of candidates what it costs to leave a thin upright of the ``coarser`` map (hxw, 1/m);
-    in place."""
+    """Adds to the ``cost`` (N,) of candidates what it costs to leave a thin upright of the
+    ``coarser`` map (hxw, 1/m); in place."""
     thin = thin_uprights(coarser).astype(np.uint8)
     size = given.start.shape[::-1]
-    _add_leaving(cv2.resize(thin, size, interpolation=cv2.INTER_NEAREST) > 0, given.start, given.count, cost)
+    _add_leaving(
+        cv2.resize(thin, size, interpolation=cv2.INTER_NEAREST) > 0, given.start, given.count, cost
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -37,5 +41,6 @@ def _add_leaving(thin, start, count, cost):
     for y in range(thin.shape[0]):
         for x in range(thin.shape[1]):
             if thin[y, x]:
-                for k in range(start[y, x] + 1, start[y, x] + count[y, x]):  # the first is the own place's
+                # the first is the own place's
+                for k in range(start[y, x] + 1, start[y, x] + count[y, x]):
                     cost[k] += _LEAVE

@@ -11,14 +11,20 @@ class Views(Tuned):
     """``views``: which inverse depths are tried."""
 
     least_fall: float = tuned(
-        0.01, "of a ray, per metre of depth", "one that falls less does not meet the ground: less of it reaches "
+        0.01,
+        "of a ray, per metre of depth",
+        "one that falls less does not meet the ground: less of it reaches "
         "nearer to the horizon, where a level plane's depth changes most from row to row",
-    )  # fmt: skip
+    )
     least_seen: float = tuned(
-        0.3, "share of the reference picture", "a pair that sees less at an inverse depth does not count there: more "
+        0.3,
+        "share of the reference picture",
+        "a pair that sees less at an inverse depth does not count there: more "
         "of it loses near depths, less of it tries ones that few pixels are seen at",
-    )  # fmt: skip
-    fast_share: float = tuned(0.9, "share of grid points", "how many may move by more than a level: time against depth")
+    )
+    fast_share: float = tuned(
+        0.9, "share of grid points", "how many may move by more than a level: time against depth"
+    )
     grid: tuple = tuned((17, 13), "points across and down", "precision of the levels against time")
     samples: int = tuned(192, "inverse depths", "precision of the levels against time")
     top_samples: int = tuned(128, "inverse depths", "precision of the nearest depth against time")
@@ -28,44 +34,69 @@ class Views(Tuned):
 class Match(Tuned):
     """``match`` and ``pictures``: sizes, steps, and which pictures are matched at all."""
 
-    least_side_px: int = tuned(16, "px of the full picture", "smaller ones are left out: windows of 9 px have no room")
+    least_side_px: int = tuned(
+        16, "px of the full picture", "smaller ones are left out: windows of 9 px have no room"
+    )
     least_baseline_m: float = tuned(1e-6, "m", "nearer ones are copies of the reference")
-    overlap_scale: float = tuned(0.25, "share of the full size", "precision of the overlap against time")
+    overlap_scale: float = tuned(
+        0.25, "share of the full size", "precision of the overlap against time"
+    )
     overlap_step_px: float = tuned(1.0, "px at that size", "precision of the overlap against time")
     overlap_levels: int = tuned(64, "levels", "precision of the overlap against time")
-    least_levels: int = tuned(3, "levels of the overlap", "a picture with fewer has nothing to match")
+    least_levels: int = tuned(
+        3, "levels of the overlap", "a picture with fewer has nothing to match"
+    )
     largest_volume: float = tuned(
-        0.6, "share of the full size", "fine things against time and memory", FOURTEEN,
+        0.6,
+        "share of the full size",
+        "fine things against time and memory",
+        FOURTEEN,
         "0.7: within 10 % the same, 2 sigma half a point higher; 0.5: 0.2 to 0.3 points less",
-    )  # fmt: skip
-    rough_step_px: float = tuned(1.5, "px of this scale, fastest pair", "time of the rough match against its precision")
+    )
+    rough_step_px: float = tuned(
+        1.5, "px of this scale, fastest pair", "time of the rough match against its precision"
+    )
     least_choices: int = tuned(
-        2, "sizes after the volume's", "edges against time", SIX,
+        2,
+        "sizes after the volume's",
+        "edges against time",
+        SIX,
         "1: 0.6 points fewer within 10 %; 3, or twice at full size: 0.1 more at most",
-    )  # fmt: skip
+    )
     precise_scale: float = tuned(
-        0.5, "share of the full size", "from it on surfaces are chosen among without a sub-pixel step before: time"
+        0.5,
+        "share of the full size",
+        "from it on surfaces are chosen among without a sub-pixel step before: time",
     )
     pose_steps: int = tuned(4, "Gauss-Newton steps", "time against digits of the poses")
-    settled_pixels: int = tuned(100000, "px of the full picture", "a larger one that is only stretched does not settle")
+    settled_pixels: int = tuned(
+        100000, "px of the full picture", "a larger one that is only stretched does not settle"
+    )
 
 
 @dataclass(frozen=True)
 class Pairs(Tuned):
     """``pairs`` and ``method``: what the report says of a pair; a map does not depend on it."""
 
-    bins_per_doubling: int = tuned(4, "bands per doubling of depth", "precision of the nearest depth against noise")
-    least_share: float = tuned(0.6, "share of a pair's usual agreement", "below it the pair stops being useful")
+    bins_per_doubling: int = tuned(
+        4, "bands per doubling of depth", "precision of the nearest depth against noise"
+    )
+    least_share: float = tuned(
+        0.6, "share of a pair's usual agreement", "below it the pair stops being useful"
+    )
     least_pixels: int = tuned(200, "px of the full picture", "a band with fewer tells nothing")
-    usual_percentile: float = tuned(75.0, "percentile of the bands' agreement", "what is usual of a pair")
+    usual_percentile: float = tuned(
+        75.0, "percentile of the bands' agreement", "what is usual of a pair"
+    )
     most_pose_px: float = tuned(
-        1.5, "px of the full picture at the bench's focal length", "a picture whose pose is known worse is left out "
-        "where others serve",
-    )  # fmt: skip
+        1.5,
+        "px of the full picture at the bench's focal length",
+        "a picture whose pose is known worse is left out where others serve",
+    )
 
     def most_pose_off_px(self, focal_px: float) -> float:
-        """``most_pose_px`` in a picture of that focal length: the first match is made at a size that is bounded, so
-        that the same angle is as harmful in a larger picture."""
+        """``most_pose_px`` in a picture of that focal length: the first match is made at a size
+        that is bounded, so that the same angle is as harmful in a larger picture."""
         return beyond_reference(focal_px) * self.most_pose_px
 
 

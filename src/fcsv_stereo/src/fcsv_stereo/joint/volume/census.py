@@ -27,17 +27,20 @@ def census(image: np.ndarray) -> np.ndarray:
 
 
 def unseen_bits(image: np.ndarray) -> np.ndarray:
-    """HxW float32: what a pair counts with that does not see the point, more than a match there and less than none.
+    """HxW float32: what a pair counts with that does not see the point, more than a match there and
+    less than none.
 
-    Where steps of grey are no larger than noise, even what is right differs in many bits; a smaller price would draw
-    such pixels to depths that few pairs see.
+    Where steps of grey are no larger than noise, even what is right differs in many bits; a smaller
+    price would draw such pixels to depths that few pairs see.
     """
     height, width = image.shape
     padded = np.pad(image, RADIUS, mode="edge")
     match = np.zeros_like(image)
     for dy, dx in OFFSETS + RADIUS:
         step = padded[dy : dy + height, dx : dx + width] - image
-        match += 0.5 * np.exp(np.abs(step - np.float32(CENSUS.noise_grey)) / np.float32(-CENSUS.flip_grey))
+        match += 0.5 * np.exp(
+            np.abs(step - np.float32(CENSUS.noise_grey)) / np.float32(-CENSUS.flip_grey)
+        )
     beyond = np.float32(CENSUS.beyond_match) * (np.float32(CUT) - match)
     return np.maximum(np.float32(CENSUS.unseen_bits), match + beyond)
 
@@ -45,7 +48,11 @@ def unseen_bits(image: np.ndarray) -> np.ndarray:
 @njit(cache=True, nogil=True)
 def _census(padded, offsets, codes):
     width = codes.shape[1]
-    lower, upper, least = np.empty(width, np.uint16), np.empty(width, np.uint16), np.empty(width, np.int16)
+    lower, upper, least = (
+        np.empty(width, np.uint16),
+        np.empty(width, np.uint16),
+        np.empty(width, np.int16),
+    )
     for y in range(codes.shape[0]):
         census_row(padded, y + RADIUS, 0, offsets, least, lower, upper)
         for x in range(width):
@@ -60,10 +67,11 @@ def whole_code(lower, upper):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def census_row(padded, row, first, offsets, least, lower, upper):
-    """Writes the codes of the row's pixels from ``first`` on, as many as there is room for: the codes' ``lower`` and
-    ``upper`` 16 bits.
+    """Writes the codes of the row's pixels from ``first`` on, as many as there is room for: the
+    codes' ``lower`` and ``upper`` 16 bits.
 
-    ``padded`` is int16, in STEPS of a grey level: an instruction compares sixteen. ``least`` (W) is written on the way.
+    ``padded`` is int16, in STEPS of a grey level: an instruction compares sixteen. ``least`` (W) is
+    written on the way.
     """
     flat, stride = padded.reshape(-1), padded.shape[1]
     middle, width = row * stride + first + RADIUS, np.uintp(lower.shape[0])
@@ -78,8 +86,12 @@ def census_row(padded, row, first, offsets, least, lower, upper):
         if k % 16 == 0:
             codes[:] = np.uint16(0)
         for x in range(width):
-            two = or_if_above(or_if_above(codes[x], flat[a + x], least[x], bit), flat[b + x], least[x], bit_b)
-            codes[x] = or_if_above(or_if_above(two, flat[c + x], least[x], bit_c), flat[d + x], least[x], bit_d)
+            two = or_if_above(
+                or_if_above(codes[x], flat[a + x], least[x], bit), flat[b + x], least[x], bit_b
+            )
+            codes[x] = or_if_above(
+                or_if_above(two, flat[c + x], least[x], bit_c), flat[d + x], least[x], bit_d
+            )
 
 
 @njit(cache=True, nogil=True)

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cost volume: how little the reference and the other pictures agree, per pixel and inverse depth.
+"""The cost volume: how little the reference and the other pictures agree, per pixel and inverse
+depth.
 
-Every other picture is warped onto the reference for every plane of inverse depth (plane sweep; Collins 1996), so that
-its census code (Zabih and Woodfill 1994) is taken at sub-pixel places and for any relative pose. All pairs speak in
-one volume (Okutomi and Kanade 1993); each pair's cost is cut off, so that one that is occluded cannot outvote others.
+Every other picture is warped onto the reference for every plane of inverse depth (plane sweep;
+Collins 1996), so that its census code (Zabih and Woodfill 1994) is taken at sub-pixel places and
+for any relative pose. All pairs speak in one volume (Okutomi and Kanade 1993); each pair's cost is
+cut off, so that one that is occluded cannot outvote others.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -27,14 +29,15 @@ _BLOCK = VOLUME.block_levels
 def cost_volume(
     found: Views, w: np.ndarray, nearest: np.ndarray, highest: float, pool: ThreadPoolExecutor
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """HxWxD uint8, tenths of bits: the cost of every inverse depth ``w`` (1/m) at every pixel; and (H,) int64, how many
-    levels a row has: none above its ``nearest`` (H, 1/m), there is more to see far away than near.
+    """HxWxD uint8, tenths of bits: the cost of every inverse depth ``w`` (1/m) at every pixel; and
+    (H,) int64, how many levels a row has: none above its ``nearest`` (H, 1/m), there is more to see
+    far away than near.
 
-    The pairs' costs are sorted and the better ones weigh more (4, 3, 2, 1 of four): where some are occluded, the rest
-    decides.
-    A window may lie in a level plane as well as in an upright one (Gallup et al. 2007: sweeps in several directions):
-    the ground shears by the baseline over the height from row to row. ``highest`` (1/m) is the inverse height under the
-    camera above which no level planes are tried. Above the horizon, where nothing tells of a depth, there is none.
+    The pairs' costs are sorted and the better ones weigh more (4, 3, 2, 1 of four): where some are
+    occluded, the rest decides. A window may lie in a level plane as well as in an upright one
+    (Gallup et al. 2007: sweeps in several directions): the ground shears by the baseline over the
+    height from row to row. ``highest`` (1/m) is the inverse height under the camera above which no
+    level planes are tried. Above the horizon, where nothing tells of a depth, there is none.
     """
     height, width = found.shape
     volume, counts = np.empty((height, width, len(w)), np.uint8), np.empty(height, np.int64)
@@ -47,31 +50,50 @@ def cost_volume(
     def run(y0, y1):
         count = int(np.searchsorted(w, nearest[y0:y1].max(), side="right"))
         _sweep_band(
-            codes, found.others, found.sizes, found.projections, w[:count], OFFSETS, weights,
-            unseen, y0, y1, volume,
-        )  # fmt: skip
+            codes,
+            found.others,
+            found.sizes,
+            found.projections,
+            w[:count],
+            OFFSETS,
+            weights,
+            unseen,
+            y0,
+            y1,
+            volume,
+        )
         counts[y0:y1] = count
         for y in np.flatnonzero(found.falls[y0:y1] <= 0.0) + y0:
             volume[y, :, VOLUME.infinite_levels : count] += np.uint8(VOLUME.no_sky)
         _sweep_level(
-            codes, found.others, found.sizes, found.projections, found.falling.astype(np.float32), w[:count],
-            *heights, OFFSETS, weights, unseen, y0, y1, volume,
-        )  # fmt: skip
+            codes,
+            found.others,
+            found.sizes,
+            found.projections,
+            found.falling.astype(np.float32),
+            w[:count],
+            *heights,
+            OFFSETS,
+            weights,
+            unseen,
+            y0,
+            y1,
+            volume,
+        )
 
     for_rows(pool, height, run, VOLUME.band_rows)
     return volume, counts
 
 
 def pair_weights(pairs: int) -> np.ndarray:
-    """(N,) float32 weights of the pairs' costs from the best to the worst at a pixel; their sum is 1."""
+    """(N,) float32 weights of the pairs' costs from the best to the worst at a pixel; their sum is
+    1."""
     weights = np.arange(pairs, 0, -1, dtype=np.float64)
     return (weights / weights.sum()).astype(np.float32)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _sweep_band(
-    reference, others, sizes, projections, w, offsets, weights, unseen, y0, y1, volume
-):  # fmt: skip
+def _sweep_band(reference, others, sizes, projections, w, offsets, weights, unseen, y0, y1, volume):
     width, rows = reference.shape[1], y1 - y0
     room, total = scratch(rows, width), np.empty(width, np.float32)
     ranked = np.empty((rows, others.shape[0], width), np.uint8)
@@ -79,13 +101,13 @@ def _sweep_band(
     for k0 in range(0, w.shape[0], _BLOCK):
         k1 = min(k0 + _BLOCK, w.shape[0])
         for k in range(k0, k1):
-            rank(
-                reference, others, sizes, projections, w[k], offsets, unseen, y0, room, ranked
-            )  # fmt: skip
+            rank(reference, others, sizes, projections, w[k], offsets, unseen, y0, room, ranked)
             for r in range(rows):
                 weigh(ranked[r], weights, total)
                 for x in range(width):
-                    block[r, x, k - k0] = np.uint8(min(total[x], np.float32(CUT)) * np.float32(_SCALE))
+                    block[r, x, k - k0] = np.uint8(
+                        min(total[x], np.float32(CUT)) * np.float32(_SCALE)
+                    )
         for r in range(rows):
             for x in range(width):
                 for k in range(k1 - k0):
@@ -94,16 +116,34 @@ def _sweep_band(
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _sweep_level(  # noqa: PLR0913
-    reference, others, sizes, projections, falling, w, farthest, highest, offsets, weights, unseen, y0, y1,
+    reference,
+    others,
+    sizes,
+    projections,
+    falling,
+    w,
+    farthest,
+    highest,
+    offsets,
+    weights,
+    unseen,
+    y0,
+    y1,
     volume,
-):  # fmt: skip
-    """Lowers the costs of ``_sweep_band`` to those in level planes, whose inverse heights lie in a range.
+):
+    """Lowers the costs of ``_sweep_band`` to those in level planes, whose inverse heights lie in a
+    range.
 
-    A level plane's inverse depth is its inverse height times the fall of the pixel's ray: still a homography. Each is
-    taken where the band's lowest row has the inverse depth ``w[k]``; in the rows above, some meet in one of w.
+    A level plane's inverse depth is its inverse height times the fall of the pixel's ray: still a
+    homography. Each is taken where the band's lowest row has the inverse depth ``w[k]``; in the
+    rows above, some meet in one of w.
     """
     width, rows = reference.shape[1], y1 - y0
-    lowest = falling[0] * np.float32(0.5) * np.float32(width - 1) + falling[1] * np.float32(y1 - 1) + falling[2]
+    lowest = (
+        falling[0] * np.float32(0.5) * np.float32(width - 1)
+        + falling[1] * np.float32(y1 - 1)
+        + falling[2]
+    )
     if lowest < np.float32(_LEAST_FALL):
         return
     room, total = scratch(rows, width), np.empty(width, np.float32)
@@ -115,10 +155,10 @@ def _sweep_level(  # noqa: PLR0913
             continue
         for i in range(others.shape[0]):
             for a in range(9):
-                planes[i, a] = projections[i, a] + projections[i, 9 + a // 3] * falling[a % 3] * inverse_height
-        rank(
-            reference, others, sizes, planes, np.float32(0.0), offsets, unseen, y0, room, ranked
-        )  # fmt: skip
+                planes[i, a] = (
+                    projections[i, a] + projections[i, 9 + a // 3] * falling[a % 3] * inverse_height
+                )
+        rank(reference, others, sizes, planes, np.float32(0.0), offsets, unseen, y0, room, ranked)
         for r in range(rows):
             weigh(ranked[r], weights, total)
             _lower(total, inverse_height * falling, y0 + r, w, k, volume[y0 + r])
@@ -126,7 +166,8 @@ def _sweep_level(  # noqa: PLR0913
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _lower(total, plane, y, w, k, costs):
-    """Costs (WxD) of a row to those on a plane (inverse depth along x, y, 1) at the inverse depths nearest to it."""
+    """Costs (WxD) of a row to those on a plane (inverse depth along x, y, 1) at the inverse depths
+    nearest to it."""
     last = w.shape[0] - 1
     for x in range(total.shape[0]):
         at = plane[0] * np.float32(x) + plane[1] * np.float32(y) + plane[2]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is far, once more at full size: there a level of the smaller volume is much of the depth, and few are needed."""
+"""What is far, once more at full size: there a level of the smaller volume is much of the depth,
+and few are needed."""
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import List, Tuple
@@ -16,24 +17,34 @@ from fcsv_stereo.joint.volume.winner import match_volume, well_matched
 _OVERLAP = FAR_REMATCH.overlap_rows
 
 
-def sharpened(found: Views, w: np.ndarray, most_cells: int, pool: ThreadPoolExecutor) -> Tuple[np.ndarray, np.ndarray]:
-    """Inverse depth ``w`` (HxW, 1/m; of the pictures ``found``) with what is far matched again, and where (HxW bool).
+def sharpened(
+    found: Views, w: np.ndarray, most_cells: int, pool: ThreadPoolExecutor
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Inverse depth ``w`` (HxW, 1/m; of the pictures ``found``) with what is far matched again, and
+    where (HxW bool).
 
-    A match has to agree with the surface that was chosen: this gives edges and depths, it finds nothing new. Rows in
-    which no other picture shows what is far are left as they are. Volumes have ``most_cells`` each, about: large
-    pictures are matched in strips.
+    A match has to agree with the surface that was chosen: this gives edges and depths, it finds
+    nothing new. Rows in which no other picture shows what is far are left as they are. Volumes have
+    ``most_cells`` each, about: large pictures are matched in strips.
     """
     far_px, step_px = FAR_REMATCH.far_px, FAR_REMATCH.step_px
     limit = far_px / max(found.fastest_px_m, 1e-9)
     far = (w > 0) & (w < limit)
     shown = np.empty(len(w))
-    for_rows(pool, len(w), lambda y0, y1: _shown(w, far, found.projections, found.sizes, y0, y1, shown))
+    for_rows(
+        pool, len(w), lambda y0, y1: _shown(w, far, found.projections, found.sizes, y0, y1, shown)
+    )
     nearest = np.where(shown > FAR_REMATCH.least_share, np.float32(limit), np.float32(0.0))
     out, good = w.copy(), np.zeros(w.shape, np.bool_)
     for rows in _strips(np.flatnonzero(nearest), most_cells // (w.shape[1] * FAR_REMATCH.levels)):
         around = slice(max(rows.start - _OVERLAP, 0), rows.stop + _OVERLAP)
         match = match_volume(
-            found.rows(around), nearest[around], FAR_REMATCH.highest_1_m, FAR_REMATCH.levels, pool, step_px
+            found.rows(around),
+            nearest[around],
+            FAR_REMATCH.highest_1_m,
+            FAR_REMATCH.levels,
+            pool,
+            step_px,
         )
         inner = slice(rows.start - around.start, rows.stop - around.start)
         again, matched = match.w[inner], well_matched(match)[inner]
@@ -62,8 +73,8 @@ def _shown(w, far, projections, sizes, y0, y1, share):
 
 
 def _strips(rows: np.ndarray, tall: int) -> List[slice]:
-    """Cuts strips of ``tall`` rows at most from the first to the last of ``rows``; never of fewer than they overlap
-    by."""
+    """Cuts strips of ``tall`` rows at most from the first to the last of ``rows``; never of fewer
+    than they overlap by."""
     if not len(rows):
         return []
     tall, end = max(tall - 2 * _OVERLAP, _OVERLAP), int(rows[-1]) + 1

@@ -8,7 +8,8 @@ from numba.extending import intrinsic
 
 @intrinsic
 def or_if_above(_context, code, value, least, bit):
-    """``code | bit`` where an int16 value is above the least, in 16 bits (numba's own operators widen to 64)."""
+    """``code | bit`` where an int16 value is above the least, in 16 bits (numba's own operators
+    widen to 64)."""
 
     def generate(_context, builder, _signature, args):
         code, value, least, bit = args
@@ -41,7 +42,8 @@ def quarters_that_differ(_context, a, b):
 
 @intrinsic
 def whole_16(_context, value):
-    """A float32 cut to int16, by way of 32 bits (numba's own goes by 64, which are not made into vector code)."""
+    """A float32 cut to int16, by way of 32 bits (numba's own goes by 64, which are not made into
+    vector code)."""
 
     def generate(_context, builder, _signature, args):
         return builder.trunc(builder.fptosi(args[0], ir.IntType(32)), ir.IntType(16))

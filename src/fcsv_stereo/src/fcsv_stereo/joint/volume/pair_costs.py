@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pairs' costs on one plane of the sweep, sorted, in quarters of a bit.
 
-Kernels are handed a row of arrays to write on (``scratch``): allocated once for a band, not for every plane.
+Kernels are handed a row of arrays to write on (``scratch``): allocated once for a band, not for
+every plane.
 """
 
 import numpy as np
@@ -18,9 +19,11 @@ _MOST_DRIFT = np.float32(2.0 * VOLUME.most_drift_px)  # from one end of a block 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def rank(reference, others, sizes, projections, w, offsets, unseen, y0, room, ranked):
-    """Costs (uint8) of a band of rows from ``y0`` on at inverse depth ``w`` into ``ranked`` (rows, N, W).
+    """Costs (uint8) of a band of rows from ``y0`` on at inverse depth ``w`` into ``ranked`` (rows,
+    N, W).
 
-    ``reference`` (H,W) are its census codes; ``unseen`` (H,W) is what counts for a pair that sees nothing.
+    ``reference`` (H,W) are its census codes; ``unseen`` (H,W) is what counts for a pair that sees
+    nothing.
     """
     warped, seen, at, least, lower, upper, costs = room
     rows, pairs, width = ranked.shape
@@ -32,9 +35,16 @@ def rank(reference, others, sizes, projections, w, offsets, unseen, y0, room, ra
         if low < high:
             for r in range(rows + 2 * RADIUS):
                 warp_row(
-                    others[i], sizes[i], projections[i], w, np.float32(y0 - RADIUS + r), low - RADIUS, at,
-                    warped[r, low : high + 2 * RADIUS], seen[r, low : high + 2 * RADIUS],
-                )  # fmt: skip
+                    others[i],
+                    sizes[i],
+                    projections[i],
+                    w,
+                    np.float32(y0 - RADIUS + r),
+                    low - RADIUS,
+                    at,
+                    warped[r, low : high + 2 * RADIUS],
+                    seen[r, low : high + 2 * RADIUS],
+                )
         for r in range(rows):
             nothing = unseen[y0 + r]
             costs[:] = nothing
@@ -42,7 +52,9 @@ def rank(reference, others, sizes, projections, w, offsets, unseen, y0, room, ra
                 codes = lower[low:high], upper[low:high]
                 census_row(warped, r + RADIUS, low, offsets, least, *codes)
                 inside = seen[r + RADIUS, low + RADIUS : high + RADIUS]
-                _differ(*codes, reference[y0 + r, low:high], inside, nothing[low:high], costs[low:high])
+                _differ(
+                    *codes, reference[y0 + r, low:high], inside, nothing[low:high], costs[low:high]
+                )
             _insert(ranked[r], i, costs)
 
 
@@ -60,8 +72,16 @@ def scratch(rows, width):
     shape = (rows + 2 * RADIUS, width + 2 * RADIUS)
     places, part = np.empty(_BLOCK, np.int32), np.empty((2, _BLOCK), np.float32)
     at = places, part[0], part[1], np.arange(_BLOCK).astype(np.float32)
-    lower, upper, least = np.empty(width, np.uint16), np.empty(width, np.uint16), np.empty(width, np.int16)
-    warped, seen, costs = np.empty(shape, np.int16), np.empty(shape, np.float32), np.empty(width, np.uint8)
+    lower, upper, least = (
+        np.empty(width, np.uint16),
+        np.empty(width, np.uint16),
+        np.empty(width, np.int16),
+    )
+    warped, seen, costs = (
+        np.empty(shape, np.int16),
+        np.empty(shape, np.float32),
+        np.empty(width, np.uint8),
+    )
     return warped, seen, at, least, lower, upper, costs
 
 
@@ -77,21 +97,31 @@ def weigh(ranked, weights, total):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def warp_row(image, size, p, w, v, u0, at, out, seen):
-    """A row of the reference's pixels (u0 on, at height v) sampled from another picture at inverse depth w, in STEPS.
+    """A row of the reference's pixels (u0 on, at height v) sampled from another picture at inverse
+    depth w, in STEPS.
 
-    By blocks of columns that move as one but for a drift: neighbours there are neighbours here, and vector code loads
-    them so. Where the picture ends or the drift is too large, place by place: first where each is, then what is there;
-    only apart does the first become vector code. What a row has in common is summed once, in another order than in
-    ``projecting``: with its functions the last bits would differ. (All in one function: a call counts references to its
-    arrays, and two threads that count wait for each other.)
+    By blocks of columns that move as one but for a drift: neighbours there are neighbours here, and
+    vector code loads them so. Where the picture ends or the drift is too large, place by place:
+    first where each is, then what is there; only apart does the first become vector code. What a
+    row has in common is summed once, in another order than in ``projecting``: with its functions
+    the last bits would differ. (All in one function: a call counts references to its arrays, and
+    two threads that count wait for each other.)
     """
     index, parts_x, parts_y, ramp = at
     height, width = np.float32(size[0] - 1), np.float32(size[1] - 1)
-    last_x, last_y, stride = np.int32(max(size[1] - 2, 0)), np.int32(max(size[0] - 2, 0)), np.int32(image.shape[1])
+    last_x, last_y, stride = (
+        np.int32(max(size[1] - 2, 0)),
+        np.int32(max(size[0] - 2, 0)),
+        np.int32(image.shape[1]),
+    )
     zero, half, one, steps = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(STEPS)
     x0, y0 = p[1] * v + p[2] + w * p[9], p[4] * v + p[5] + w * p[10]
     z0 = p[7] * v + p[8] + w * p[11]
-    flat, right, down = image.reshape(-1), np.uintp(size[1] > 1), np.uintp(stride if size[0] > 1 else 0)
+    flat, right, down = (
+        image.reshape(-1),
+        np.uintp(size[1] > 1),
+        np.uintp(stride if size[0] > 1 else 0),
+    )
     for first in range(0, out.shape[0], _BLOCK):
         count = min(_BLOCK, out.shape[0] - first)
         to, span, u = np.uintp(first), np.float32(max(count - 1, 1)), np.float32(u0 + first)
@@ -101,7 +131,9 @@ def warp_row(image, size, p, w, v, u0, at, out, seen):
         xb, yb = (p[0] * (u + span) + x0) * inverse_b, (p[3] * (u + span) + y0) * inverse_b
         drift_x, drift_y = (xb - xa) / span - one, (yb - ya) / span
         x_low, y_low = half * (xa + xb - span), half * (ya + yb)
-        inside = (x_low >= one) & (y_low >= one) & (x_low < width - span - one) & (y_low < height - one)
+        inside = (
+            (x_low >= one) & (y_low >= one) & (x_low < width - span - one) & (y_low < height - one)
+        )
         if inside & (min(za, zb) > zero) & (max(abs(drift_x), abs(drift_y)) * span < _MOST_DRIFT):
             c, r = np.int32(x_low), np.int32(y_low)
             fx, fy = xa - np.float32(c), ya - np.float32(r)
@@ -120,7 +152,11 @@ def warp_row(image, size, p, w, v, u0, at, out, seen):
             inverse = one / max(z, np.float32(1e-9))
             x = (p[0] * (u + ramp[i]) + x0) * inverse
             y = (p[3] * (u + ramp[i]) + y0) * inverse
-            seen[to + i] = one if (z > zero) & (x >= zero) & (x <= width) & (y >= zero) & (y <= height) else zero
+            seen[to + i] = (
+                one
+                if (z > zero) & (x >= zero) & (x <= width) & (y >= zero) & (y <= height)
+                else zero
+            )
             x, y = min(max(x, zero), width), min(max(y, zero), height)
             xi, yi = min(np.int32(x), last_x), min(np.int32(y), last_y)
             index[i] = yi * stride + xi
@@ -146,8 +182,9 @@ def _insert(ranked, count, costs):
 
 @njit(cache=True, nogil=True)
 def in_view(p, size, w, v, width):
-    """Columns of the reference's row ``v`` from the first to behind the last that another picture sees at inverse
-    depth ``w``, and up to two beside them: each of its bounds is a line in the column."""
+    """Columns of the reference's row ``v`` from the first to behind the last that another picture
+    sees at inverse depth ``w``, and up to two beside them: each of its bounds is a line in the
+    column."""
     z0, slope = p[7] * v + p[8] + w * p[11], p[6]
     low, high = np.float32(-1.0), np.float32(width)
     for k in range(5):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Semi-global aggregation (Hirschmüller 2008) of the cost volume along eight paths.
 
-From row to row not only an upright surface goes on as it is, but also a level one, by its own slope (after Scharstein,
-Taniai and Sinha 2017): untextured ground is not cut into upright steps.
+From row to row not only an upright surface goes on as it is, but also a level one, by its own slope
+(after Scharstein, Taniai and Sinha 2017): untextured ground is not cut into upright steps.
 
 Path costs are small whole numbers: sixteen bits each, so that one instruction takes many levels.
 """
@@ -21,23 +21,32 @@ _LEVEL = np.int16(SGM.level_price)
 _PER_GREY, _LEAST_P2 = np.float32(SGM.edge_per_grey), np.float32(SGM.least_p2)
 _PARTS = SGM.parts_bits
 _HALF = np.int16(1 << (_PARTS - 1))
-_DEEPEST = np.int16(1 - (1 << (15 - _PARTS)))  # step whose product with a part has room in sixteen bits
+# step whose product with a part has room in sixteen bits
+_DEEPEST = np.int16(1 - (1 << (15 - _PARTS)))
 
 
 def aggregate(
-    volume: np.ndarray, counts: np.ndarray, grey: np.ndarray, prices: Tuple[float, float], drift: np.ndarray,
+    volume: np.ndarray,
+    counts: np.ndarray,
+    grey: np.ndarray,
+    prices: Tuple[float, float],
+    drift: np.ndarray,
     pool: ThreadPoolExecutor,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Sums of the path costs (HxWxD uint16) of a volume (HxWxD uint8) over a float32 picture.
 
-    Row y has ``counts[y]`` levels; what is beyond is not looked at. ``prices``: of a step of one level, and of any
-    larger one (at most ``SGM.most_price``), lowered where the picture has an edge. ``drift`` (2xHxD) is by how many
-    levels a level surface differs in the row above, and in the row below.
+    Row y has ``counts[y]`` levels; what is beyond is not looked at. ``prices``: of a step of one
+    level, and of any larger one (at most ``SGM.most_price``), lowered where the picture has an
+    edge. ``drift`` (2xHxD) is by how many levels a level surface differs in the row above, and in
+    the row below.
     """
     if prices[1] > SGM.most_price:
-        raise ValueError(f"a jump's price is {prices[1]}; path costs have room for {SGM.most_price}")
+        raise ValueError(
+            f"a jump's price is {prices[1]}; path costs have room for {SGM.most_price}"
+        )
     height, _, _ = volume.shape
-    # not zeros: two threads that first touch pages of those wait for each other longer than all else takes
+    # not zeros: two threads that first touch pages of those wait for each other longer than all
+    # else takes
     down, up = np.empty(volume.shape, np.uint16), np.empty(volume.shape, np.uint16)
     p1, p2 = np.int16(prices[0]), np.float32(prices[1])
     jobs = [
@@ -57,13 +66,14 @@ def _split(drift: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     return (parts >> _PARTS).astype(np.int16), (parts & ((1 << _PARTS) - 1)).astype(np.int16)
 
 
-# Whole arrays and indices go into what is called for every pixel, not slices: those are counted references, and two
-# threads that count wait for each other.
+# Whole arrays and indices go into what is called for every pixel, not slices: those are counted
+# references, and two threads that count wait for each other.
 
 
 @njit(cache=True, nogil=True)
 def _upright(costs, k, top, p1, count, ways):
-    """The least way to each level of one pixel of a path from what is before it, row ``k`` of ``costs``."""
+    """The least way to each level of one pixel of a path from what is before it, row ``k`` of
+    ``costs``."""
     for d in range(count):
         beside = np.int16(min(costs[k, d], costs[k, d + 2]) + p1)
         ways[d] = min(min(costs[k, d + 1], top), beside)
@@ -71,8 +81,8 @@ def _upright(costs, k, top, p1, count, ways):
 
 @njit(cache=True, nogil=True)
 def _stretches(whole, count, count_before, out):
-    """Into ``out``: first level, end and shift of each stretch of levels that drift by the same whole number to levels
-    that there are. Returns how many."""
+    """Into ``out``: first level, end and shift of each stretch of levels that drift by the same
+    whole number to levels that there are. Returns how many."""
     n, first = 0, 0
     while first < count:
         end = first + 1
@@ -131,8 +141,8 @@ def _price(p1, p2, step):
 
 @njit(cache=True, nogil=True)
 def _vertical(volume, counts, grey, p1, p2, whole, part, total, upward):
-    """The three paths that come from the row above (or below). Each row's costs take the place of those before it, in
-    an order that needs no other copy: caches are small."""
+    """The three paths that come from the row above (or below). Each row's costs take the place of
+    those before it, in an order that needs no other copy: caches are small."""
     height, width, depth = volume.shape
     costs, least = np.full((3 * width, depth + 2), _FAR, np.int16), np.zeros(3 * width, np.int16)
     ways, stretches = np.zeros(depth, np.int16), np.empty((depth, 3), np.int64)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inverse depth at a reduced size from the whole cost volume, and which pixels it can be trusted at."""
+"""Inverse depth at a reduced size from the whole cost volume, and which pixels it can be trusted
+at."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -19,7 +20,8 @@ _BESIDE = WINNER.beside_levels
 
 @dataclass(frozen=True)
 class VolumeMatch:
-    """``w`` HxW float32 (1/m); ``cost`` HxW uint8 there; ``margin`` HxW float32: next best over best, less one."""
+    """``w`` HxW float32 (1/m); ``cost`` HxW uint8 there; ``margin`` HxW float32: next best over
+    best, less one."""
 
     w: np.ndarray
     cost: np.ndarray
@@ -28,14 +30,21 @@ class VolumeMatch:
 
 
 def match_volume(
-    found: Views, nearest: np.ndarray, highest: float, most_levels: int, pool: ThreadPoolExecutor, step_px: float = 1.0
+    found: Views,
+    nearest: np.ndarray,
+    highest: float,
+    most_levels: int,
+    pool: ThreadPoolExecutor,
+    step_px: float = 1.0,
 ) -> VolumeMatch:
-    """Matches by semi-global matching in the volume of all pairs; none above a row's ``nearest`` inverse depth (H,
-    1/m), no level windows above an inverse height of ``highest`` (1/m) under the camera. A level moves the fastest pair
-    by ``step_px``."""
+    """Matches by semi-global matching in the volume of all pairs; none above a row's ``nearest``
+    inverse depth (H, 1/m), no level windows above an inverse height of ``highest`` (1/m) under the
+    camera. A level moves the fastest pair by ``step_px``."""
     levels = inverse_depths(found, step_px, most_levels, float(nearest.max()))
     volume, counts = cost_volume(found, levels, nearest, highest, pool)
-    total = aggregate(volume, counts, found.reference, (SGM.p1, SGM.p2), level_drift(found, levels), pool)
+    total = aggregate(
+        volume, counts, found.reference, (SGM.p1, SGM.p2), level_drift(found, levels), pool
+    )
     w = np.empty(found.shape, np.float32)
     cost = np.empty(found.shape, np.uint8)
     margin = np.empty(found.shape, np.float32)
@@ -44,8 +53,9 @@ def match_volume(
 
 
 def highest_level(found: VolumeMatch, small: Views) -> float:
-    """Inverse height under the camera (1/m) above which no level surfaces are to be looked for: half as high again as
-    what lies lowest in a smaller picture's rows, inf where no row is below the horizon."""
+    """Inverse height under the camera (1/m) above which no level surfaces are to be looked for:
+    half as high again as what lies lowest in a smaller picture's rows, inf where no row is below
+    the horizon."""
     falls = small.falls
     below = falls > WINNER.clear_fall
     if not below.any():
@@ -55,10 +65,11 @@ def highest_level(found: VolumeMatch, small: Views) -> float:
 
 
 def level_drift(found: Views, levels: np.ndarray) -> np.ndarray:
-    """(2,H,D) float32: how many levels a level surface of each row and level differs in the row above, and below.
+    """(2,H,D) float32: how many levels a level surface of each row and level differs in the row
+    above, and below.
 
-    A level plane at height h under the camera has inverse depth ``s / h``, where ``s`` is by how much the pixel's ray
-    falls per metre of depth. Rows at and above the horizon have none.
+    A level plane at height h under the camera has inverse depth ``s / h``, where ``s`` is by how
+    much the pixel's ray falls per metre of depth. Rows at and above the horizon have none.
     """
     falls = found.falls
     out = np.zeros((2, len(falls), len(levels)), np.float32)
@@ -72,12 +83,14 @@ def level_drift(found: Views, levels: np.ndarray) -> np.ndarray:
 
 
 def nearest_inverse_depth(found: VolumeMatch, grey: np.ndarray, height: int) -> np.ndarray:
-    """(height,) upper bounds of the inverse depth in the rows of the picture, from what has texture and was matched
-    well in a smaller one."""
+    """(height,) upper bounds of the inverse depth in the rows of the picture, from what has texture
+    and was matched well in a smaller one."""
     window = (WINNER.steady_px,) * 2
     steady = np.abs(found.w - cv2.medianBlur(found.w, WINNER.steady_px)) <= WINNER.steady * found.w
     variance = cv2.blur(np.square(grey), window) - np.square(cv2.blur(grey, window))
-    brighter = np.unpackbits(census(grey).view(np.uint8).reshape(*grey.shape, 4), axis=2).sum(axis=2)
+    brighter = np.unpackbits(census(grey).view(np.uint8).reshape(*grey.shape, 4), axis=2).sum(
+        axis=2
+    )
     tells = (variance > WINNER.texture) & (brighter >= WINNER.least_bits)
     good = steady & (found.cost <= WINNER.confident_cost) & tells
     if good.sum() < WINNER.least_good:
@@ -85,7 +98,9 @@ def nearest_inverse_depth(found: VolumeMatch, grey: np.ndarray, height: int) -> 
     least = found.levels[min(WINNER.least_levels, len(found.levels) - 1)]
     nearest = np.percentile(found.w[good], WINNER.nearest_percentile)
     whole = float(np.clip(WINNER.nearest_picture * nearest, least, found.levels[-1]))
-    rows = np.clip(WINNER.nearest_row * np.where(good, found.w, 0.0).max(axis=1), least, whole).astype(np.float32)
+    rows = np.clip(
+        WINNER.nearest_row * np.where(good, found.w, 0.0).max(axis=1), least, whole
+    ).astype(np.float32)
     reach = int(WINNER.reach * len(rows))  # things stand higher than where they are matched well
     rows = cv2.dilate(rows[:, None], np.ones((2 * reach + 1, 1), np.uint8))[:, 0]
     return np.interp(np.linspace(0.0, len(rows) - 1.0, height), np.arange(len(rows)), rows)
