@@ -33,6 +33,7 @@ from fcsv_sim.demo.systems import SYSTEMS, TILTING, MapRun, System
 from fcsv_sim.demo.truth_export import export_movers, export_truth
 from fcsv_sim.demo.window import COMMAND, OperatorWindow
 from fcsv_sim.machines import slow_motion
+from fcsv_sim.machines.crowd import CrowdWatch
 from fcsv_sim.machines.machines import MachineError
 from fcsv_sim.world.movers import movers
 from fcsv_sim.world.town import WORLDS, Town
@@ -68,6 +69,7 @@ def main(argv: Optional[List[str]] = None) -> int:
             return _tilt(args, say)
         system = _system(args.system)
         plan = _plan(system, args)
+        CrowdWatch().look_before()
         return run(system, plan, say, fly_only=args.fly_only, method=args.method)
     except interrupt.Interrupted:
         print(

@@ -10,6 +10,7 @@ from fcsv_sim.demo.interrupt import Interrupted, uninterrupted
 from fcsv_sim.demo.narration import Narrator
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.demo.tellos import SimulatedTellos
+from fcsv_sim.machines.crowd import CrowdWatch, MachineTooBusy
 from fcsv_sim.machines.machines import MachineError
 from fcsv_sim.tello.places import places
 
@@ -84,9 +85,14 @@ def _fly(
 
 
 def _follow(fleet: Machines, watch, say: Narrator) -> None:
-    deadline = time.monotonic() + _MISSION_TIMEOUT_S
+    deadline, crowd = time.monotonic() + _MISSION_TIMEOUT_S, CrowdWatch()
     while not watch.over:
         time.sleep(0.2)
+        try:
+            crowd.look()
+        except MachineTooBusy:
+            _land_fleet(watch, say)
+            raise
         fleet.require_alive()
         if watch.phase is None:
             fleet.require_begun(CONTROL, "mission")
