@@ -18,6 +18,7 @@ from fcsv_sim.demo import flights, interrupt
 from fcsv_sim.demo.interrupt import Interrupted
 from fcsv_sim.demo.systems import GIMBAL_SITE
 from fcsv_sim.demo.tellos import SimulatedTellos
+from fcsv_sim.machines.crowd import MachineTooBusy
 from fcsv_sim.machines.machines import MachineError
 
 
@@ -146,6 +147,23 @@ def test_a_mission_node_that_ends_at_its_start_ends_the_demo_at_once_with_what_i
     watch.landed, watch.abort = False, lambda: setattr(watch, "landed", True)
     with pytest.raises(MachineError, match="did not end within 900 s"):
         flights._follow(machines, watch, print)
+
+
+def test_a_machine_that_gets_too_busy_in_flight_lands_everybody_and_says_why(monkeypatch):
+    clock, said = Clock(), []
+    monkeypatch.setattr(flights, "time", clock)
+
+    def crowded(_watch):
+        if clock.now_s > 1005.0:
+            raise MachineTooBusy("the machine is too busy to fly: other programs take 90 %")
+
+    monkeypatch.setattr(flights.CrowdWatch, "look", crowded)
+    machines = SimpleNamespace(require_alive=lambda: None, meanwhile=lambda _phase: None)
+    watch = SimpleNamespace(over=False, landed=False, phase=5, states={}, starting=False)
+    watch.abort = lambda: setattr(watch, "landed", True)
+    with pytest.raises(MachineTooBusy, match="too busy to fly"):
+        flights._follow(machines, watch, said.append)
+    assert watch.landed and said == ["landed"] and clock.now_s < 1006.0
 
 
 # ---- Tellos before a tracker ---------------------------------------------------------------------
