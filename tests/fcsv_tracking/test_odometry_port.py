@@ -21,12 +21,12 @@ class Tracker:
 
     def __init__(self, **before):
         self.port = OdometryPort("uav1", np.eye(4), T265_PROFILE, 30.0, **before)
-        self.now_s, self.x_m = 50.0, 0.0
+        self.now_s, self.x_m, self.set_s = 50.0, 0.0, 0.0  # set_s: by what its clock was set
         self.first = self.port.step(self.now_s)
 
     def sample(self, frames=FRAMES):
         p_m, still = (self.x_m, 0.0, 0.0), (0.0, 0.0, 0.0)
-        stamp_s = WALL_S + self.now_s
+        stamp_s = WALL_S + self.now_s + self.set_s
         self.port.receive(
             self.now_s,
             TrackerSample(frames, stamp_s, p_m, (0.0, 0.0, 0.0, 1.0), still, still, (0.1,)),
@@ -54,6 +54,17 @@ def test_all_samples_are_given_and_thirty_a_second_go_on(tracker):
     samples = of(tracker.run(2.0), BodySample)
     assert len(samples) == 400 and sum(s.goes_on for s in samples) == pytest.approx(60, abs=1)
     assert samples[-1].covariance == (0.1,) and samples[-1].pose.stamp_s == WALL_S + tracker.now_s
+
+
+@pytest.mark.parametrize("set_s", [-60.0, -2.0, -0.9, -0.4, -0.1, 0.4, 60.0])
+def test_a_clock_that_is_set_holds_no_pose_back(tracker, set_s):
+    """Samples that are older than the last by up to 0.1 s may have changed places, and are no
+    step."""
+    tracker.run(1.0)
+    tracker.set_s = set_s
+    held_s = 0.1 if set_s == -0.1 else 0.0
+    went_on = sum(s.goes_on for s in of(tracker.run(0.5), BodySample))
+    assert went_on == pytest.approx(30 * (0.5 - held_s), abs=1.5)
 
 
 def test_its_epoch_is_told_once_at_the_start_and_before_the_first_pose_after_a_gap(tracker):

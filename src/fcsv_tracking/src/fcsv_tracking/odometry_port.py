@@ -106,7 +106,7 @@ class OdometryPort:
         except OdometryRejected as error:
             self._out.append(tm.Dropped("odometry", str(error)))
             return
-        self._out.append(BodySample(pose, m.covariance, self._state_gate.passes(pose.stamp_s)))
+        self._out.append(BodySample(pose, m.covariance, self._state_gate.passes(now_s)))
         status = self._core.status
         if status.jumps != self._jumps:
             self._jumps = status.jumps
