@@ -323,7 +323,7 @@ def test_a_plan_stands_in_place_of_the_list_and_all_else_stays():
     )
     assert c.file.mission is not None
     done = c.plan(planning.Wanted(300.0, "10%", 3, "horizontal", False))
-    assert done.problem == "" and "3 configurations, to 300 m" in done.notes[-1]
+    assert done.problem == "" and any("3 configurations, to 300 m" in note for note in done.notes)
     assert c.file.text.startswith("name: mine # keep\nconfigurations:\n  - {axis: horizontal,")
     assert (
         c.file.text.endswith("# fence of the field\nfence: {radius_m: 40.0}\n")

@@ -136,8 +136,8 @@ def test_a_gap_of_the_tracker_holds_everybody_within_half_a_second(flying):
     for name, vehicle in flight.fleet.items():
         assert vehicle.state.mode == "GUIDED" and not asked_since(flight, name, back_s)
         assert np.linalg.norm(vehicle.p_world_m - places[name]) < 0.5  # wind of 2 m/s at most
-    assert "its odometry began anew" in lost.agent.rights.frame.outdated
-    assert not flight.fleet["uav1"].agent.rights.frame.outdated
+    assert "its odometry began anew" in lost.agent.port._core.rights.frame.outdated
+    assert not flight.fleet["uav1"].agent.port._core.rights.frame.outdated
 
 
 @pytest.mark.parametrize("step_s", [-60.0, -0.4, 2.0])

@@ -18,6 +18,7 @@ from fcsv_stereo.joint.method import _unfit_to_match
 from fcsv_stereo.joint.tuning import PAIRS
 from fcsv_stereo.map_files import output
 from fcsv_stereo.map_files.picture_list import picture_list, spare
+from fcsv_stereo.model import PoseUncertainty
 from fcsv_stereo.refinement import RefinedPicture
 from fcsv_stereo.report import write_report
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
@@ -120,7 +121,9 @@ def test_the_command_counts_what_a_recording_holds_beyond(scene, tmp_path, monke
 def refined_or_not(name, refined, off_px):
     covariance = np.eye(6) * (off_px / CAMERA.fx) ** 2
     p = picture(name, "uav2", 10.0, camera_pose([0, -0.5, 0]))
-    return RefinedPicture(p, p.T_home_cam, refined, "few matches", 0, 1.0, 1.0, covariance)
+    return RefinedPicture(
+        p, p.T_home_cam, refined, "few matches", 0, 1.0, 1.0, PoseUncertainty(covariance)
+    )
 
 
 def test_who_is_too_far_off_is_left_out_with_its_reason():

@@ -22,6 +22,7 @@ from fcsv_stereo.evaluating.depth_metrics import TITLES
 from fcsv_stereo.evaluating.evaluation import evaluate
 from fcsv_stereo.map_files import output
 from fcsv_stereo.map_files.table import demo_table
+from fcsv_stereo.products.ground import GroundShown
 from fcsv_stereo.report import (
     cloud_view,
     evidence,
@@ -257,8 +258,10 @@ def test_the_page_has_every_section_and_says_what_is_new(result, tmp_path, monke
         [*page.SECTIONS, ("Another page", lambda data: [Paragraph("something new")])],
     )
     evaluation = evaluate(result, None, truth)
+    result = replace(result, ground=GroundShown("half of it is free", "/9j/"))
     path = write_report(result, tmp_path, evaluation, truth)
     text = path.read_text()
+    assert "half of it is free" in text
     for words in (*TITLES, *evaluation.metrics.cells()):
         assert f"<td>{words}</td>" in text
     for title, _ in (s for s in page.SECTIONS if s[0] not in ("Points of interest", "Near field")):

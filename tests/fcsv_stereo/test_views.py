@@ -12,6 +12,7 @@ from fcsv_geometry import transforms
 from fcsv_stereo.joint.pictures import MatchPictures, usable
 from fcsv_stereo.joint.projecting import motion, place, ray
 from fcsv_stereo.joint.views import grey, views
+from fcsv_stereo.model import PoseUncertainty
 
 PLACES = ((0, -0.5, 0), (0, -1.0, 0), (0, 0, 1.0))
 
@@ -88,10 +89,10 @@ def test_what_cannot_serve_is_named_in_order(pictures):
     ] * 3
 
 
-def test_poses_are_adjusted_only_where_every_covariance_is_given(pictures):
+def test_poses_are_adjusted_only_where_their_uncertainty_is_given(pictures):
     reference, others = pictures
-    some, every = [np.eye(6), None, np.eye(6)], [np.eye(6)] * 3
-    assert MatchPictures.of(reference, others, every, True).prior is not None
-    for covariances, adjust in ((some, True), (every, False), (None, True)):
-        assert MatchPictures.of(reference, others, covariances, adjust).prior is None
+    poses = [PoseUncertainty(np.eye(6))] * 3
+    assert MatchPictures.of(reference, others, poses, True).prior is not None
+    for known, adjust in ((poses, False), (None, True)):
+        assert MatchPictures.of(reference, others, known, adjust).prior is None
     assert MatchPictures.of(reference, others, None, True).covariances == [None] * 3

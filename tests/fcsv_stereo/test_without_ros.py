@@ -102,7 +102,7 @@ def run(command, timeout_s=250, **more):
 
 def test_the_command_names_what_it_knows(capsys):
     assert fcsv_command.main(["fly"]) == 2
-    assert "no command 'fly'; there are map, plan" in capsys.readouterr().err
+    assert "no command 'fly'; there are map, survey, plan" in capsys.readouterr().err
     assert fcsv_command.main(["--help"]) == fcsv_command.main([]) == 0
     said = capsys.readouterr().out
     assert all(f"\n  {name} " in said for name in fcsv_command.COMMANDS)

@@ -19,7 +19,7 @@ from fcsv_control.tello.messages import (
     TelloText,
 )
 from fcsv_control.tello.observer import Observer, ObserverRules
-from fcsv_control.tello.pid import PidConfig, PositionPid, TelloSticks
+from fcsv_control.tello.pid import PidConfig, PositionPid, Sticks
 from fcsv_control.tello.rules import TelloRules
 from fcsv_geometry import config, transforms
 from fcsv_geometry.rotations import wrap
@@ -91,7 +91,7 @@ def drone(
     )
 
 
-def give(tello: TelloDrone, now_s: float, s: TelloSticks) -> None:
+def give(tello: TelloDrone, now_s: float, s: Sticks) -> None:
     """As its link's sticks arrive."""
     tello.flight.heard(now_s)
     tello.flight.sticks(
@@ -191,7 +191,7 @@ class Flown:
     time_s: np.ndarray
     off_m: np.ndarray
     off_deg: np.ndarray
-    sticks: List[TelloSticks]
+    sticks: List[Sticks]
 
 
 def fly(
@@ -206,7 +206,7 @@ def fly(
     """Off the ground and towards one target. Without ``predict`` the pose is taken as if it were of
     now."""
     observer, pid = Observer(ObserverRules(), gains.sticks), PositionPid(gains)
-    seen, now_s, sticks, rows = SeenPoses(kind, seed), 0.0, TelloSticks(), []
+    seen, now_s, sticks, rows = SeenPoses(kind, seed), 0.0, Sticks(), []
     tello.flight.take_off()
     while now_s < seconds:
         now_s += STEP_OF_LINK_S

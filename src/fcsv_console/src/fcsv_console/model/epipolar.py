@@ -83,7 +83,7 @@ def measured(pair: Tuple[str, str], a: Seen, b: Seen) -> EpipolarTold:
         float(b.camera.fx * np.median(np.abs(error))),
         _fitted(T_a_b, rays_a[kept], rays_b[kept], b),
     )
-    return EpipolarTold(pair, error_px, int(kept.sum()), *fitted, focal_px=b.camera.fx)
+    return EpipolarTold(pair, error_px, int(kept.sum()), *fitted, picture_focal_px=b.camera.fx)
 
 
 def _fitted(

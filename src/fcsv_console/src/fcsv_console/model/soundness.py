@@ -15,7 +15,7 @@ _MAY_BE_NAN = {
     "error_px",
     "refined_px",
     "surprise",
-    "focal_px",
+    "picture_focal_px",
 }  # not known
 _MAY_BE_INFINITE = {"minutes_left"}
 _FARTHEST_M = 1e5

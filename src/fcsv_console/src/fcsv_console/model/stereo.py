@@ -170,7 +170,7 @@ def _disagree(told: Optional[EpipolarTold], optics: Optics) -> List[str]:
     the fit leaves."""
     if told is None or math.isnan(told.error_px):
         return []
-    focal_px = optics.focal_px if math.isnan(told.focal_px) else told.focal_px
+    focal_px = optics.focal_px if math.isnan(told.picture_focal_px) else told.picture_focal_px
     most_rad = MOST_TRACKED_RAD if math.isnan(told.refined_px) else MOST_CORRECTED_RAD
     found = []
     if told.error_px > focal_px * most_rad:

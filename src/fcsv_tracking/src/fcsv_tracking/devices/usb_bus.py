@@ -49,8 +49,7 @@ def findings(devices: Sequence[UsbDevice], wanted: Dict[str, Sequence[str]]) -> 
     USB.
 
     >>> findings([UsbDevice("2-1.1", "a:1", 5000.0), UsbDevice("2-1.2", "b:2", 480.0)], {"cam": ["a:1"], "t": ["b:2"]})
-    {'cam': 'shares hub 2-1 with t', 't': 'shares hub 2-1 with cam; runs at 480 Mbit/s, not as USB
-    3'}
+    {'cam': 'shares hub 2-1 with t', 't': 'shares hub 2-1 with cam; runs at 480 Mbit/s, not as USB 3'}
     """
     here = {
         name: [d for d in devices if d.kind in kinds] for name, kinds in wanted.items() if kinds

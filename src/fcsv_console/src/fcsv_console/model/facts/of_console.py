@@ -23,7 +23,7 @@ class EpipolarTold:
 
     ``refined_px``: what is left of it once the pair is fitted as the map fits it, ``surprise``: how
     far that pose is from the trackers' (standard deviations of the map's prior); NaN: not fitted.
-    ``focal_px``: of the picture.
+    ``picture_focal_px``: of the picture.
     """
 
     pair: Tuple[str, str]
@@ -31,7 +31,7 @@ class EpipolarTold:
     matches: int
     refined_px: float = math.nan
     surprise: float = math.nan
-    focal_px: float = math.nan
+    picture_focal_px: float = math.nan
 
 
 @dataclass(frozen=True)
