@@ -190,7 +190,7 @@ def test_a_live_picture_of_half_the_size_has_half_the_bound():
 def test_a_turn_that_the_map_corrects_is_no_error_and_one_that_it_doubts_is(turn_deg, doubted):
     """A baseline of 2 m is long enough for a prior of 0.15 m; sigma of a turn is 0.3 degrees."""
     told = measured(PAIR, LEFT, seen((0.0, -2.0, 0.0), told_rpy_deg=(0.0, turn_deg, 0.0)))
-    assert told.refined_px < 0.8 and told.focal_px == CAMERA.fx
+    assert told.refined_px < 0.8 and told.picture_focal_px == CAMERA.fx
     assert (told.surprise > stereo.MOST_SURPRISE) is doubted
     if turn_deg == 0.3:
         assert told.error_px > told.refined_px + 0.3
