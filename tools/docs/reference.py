@@ -258,7 +258,8 @@ def packages_page() -> str:
         "Every folder of Python modules, by the first sentence of its `__init__.py`.",
         "",
     ]
-    for top in sorted(ROOT.glob("src/fcsv_*/src/fcsv_*")):
+    # an install leaves *.egg-info beside the packages
+    for top in sorted(p.parent for p in ROOT.glob("src/fcsv_*/src/fcsv_*/__init__.py")):
         lines += [f"## {top.name}", "", _folder_is(top), ""]
         rooms = sorted(f.parent for f in top.rglob("*/__init__.py"))
         rows = [f"| `{r.relative_to(top)}/` | {_cell(_folder_is(r))} |" for r in rooms]
