@@ -2,15 +2,15 @@
 """What a ground model is made of: depth with sigma and kind, seen by one camera at a known
 place."""
 
-import json
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_guidance.errors import GroundError
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.map_files.reading import read_map_folder
 
 _FARTHEST_M = 1e4  # points are float32: 1 mm there
 
@@ -56,26 +56,9 @@ class DepthView:
 
 def read_map(folder) -> DepthView:
     """The depth view of a folder that ``map`` wrote. Raises GroundError naming folder and file."""
-    folder = Path(folder)
     try:
-        document = json.loads((folder / "report.json").read_text())
-        arrays = {name: np.load(folder / f"{name}.npy") for name in ("depth", "sigma", "kind")}
-        reference = document["reference"]
-        K = np.array(
-            [
-                [reference["fx"], 0, reference["cx"]],
-                [0, reference["fy"], reference["cy"]],
-                [0, 0, 1],
-            ],
-            float,
-        )
-        T_home_cam = np.array(reference["T_home_cam"], float)
-        stamp_s = float(reference.get("stamp_s", np.nan))  # maps before version 0.3 do not say it
-    except FileNotFoundError as error:
-        lacking = Path(error.filename).name
-        raise GroundError(
-            f"{folder}: has no {lacking}; give a folder that 'map' wrote with -o"
-        ) from error
-    except (KeyError, TypeError, ValueError, OSError) as error:
-        raise GroundError(f"{folder}: is not a map of this program ({error})") from error
-    return DepthView(str(folder), K=K, T_home_cam=T_home_cam, stamp_s=stamp_s, **arrays)
+        read = read_map_folder(folder)
+    except InputError as error:
+        raise GroundError(str(error)) from error
+    arrays = (read.depth, read.sigma, read.kind)
+    return DepthView(str(folder), *arrays, read.K, read.T_home_cam, read.stamp_s)

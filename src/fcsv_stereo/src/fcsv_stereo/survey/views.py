@@ -2,7 +2,6 @@
 """A view: the map of one reference picture, with what is known of its place before views are
 compared."""
 
-import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +13,8 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.picture_files import read_picture
-from fcsv_stereo.errors import SurveyError
+from fcsv_stereo.errors import InputError, SurveyError
+from fcsv_stereo.map_files.reading import read_map_folder
 from fcsv_stereo.model.kinds import supported
 from fcsv_stereo.survey import tuning
 from fcsv_stereo.survey.station import Prior
@@ -80,31 +80,26 @@ class View:
 def read_view(folder: Path, name: str, source: str, prior) -> View:
     """The view of a folder that ``map`` wrote; ``prior``: (T_home_cam, name) -> Prior. Raises
     SurveyError naming folder and file."""
-    folder = Path(folder)
     try:
-        reference = json.loads((folder / "report.json").read_text())["reference"]
-        camera = PinholeCamera(
-            int(reference["width"]),
-            int(reference["height"]),
-            *(float(reference[k]) for k in ("fx", "fy", "cx", "cy")),
-        )
-        T_home_cam = transforms.require_rigid(
-            np.array(reference["T_home_cam"], float), "T_home_cam"
-        )
-        arrays = {n: np.load(folder / f"{n}.npy") for n in ("depth", "sigma", "kind")}
+        read = read_map_folder(folder)
+    except InputError as error:
+        raise SurveyError(str(error)) from error
+    try:
+        T_home_cam = transforms.require_rigid(read.T_home_cam, "T_home_cam")
+        size = (int(read.reference[n]) for n in ("width", "height"))
+        K = read.K
+        camera = PinholeCamera(*size, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
         image = cv2.cvtColor(read_picture(folder / "reference.png").pixels, cv2.COLOR_BGR2RGB)
-    except FileNotFoundError as error:
-        raise SurveyError(
-            f"{folder}: has no {Path(error.filename).name}; give a folder that 'map' wrote with -o"
-        ) from error
     except (FcsvError, KeyError, TypeError, ValueError, OSError, cv2.error) as error:
         raise SurveyError(f"{folder}: is not a map of this program ({error})") from error
     return View(
         name,
         source,
         image,
-        camera=camera,
-        T_home_cam=T_home_cam,
-        prior=prior(T_home_cam, name),
-        **arrays,
+        read.depth,
+        read.sigma,
+        read.kind,
+        camera,
+        T_home_cam,
+        prior(T_home_cam, name),
     )
