@@ -3,7 +3,7 @@
 
 import os
 import time
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import astuple, dataclass, field
 from typing import Any, Callable, Dict
 
 import rospy
@@ -26,11 +26,11 @@ from fcsv_control.flight.messages import (
     TextHeard,
     TransmitterTold,
 )
-from fcsv_control.flight.port import FeedRules, FlightLinkPort
+from fcsv_control.flight.port import FlightLinkPort
 from fcsv_control.flight.settings.link_parameters import LinkParameters
-from fcsv_control.flight.settings.profile import load_profile, port_of
 from fcsv_control.ros.flight_link.command_services import Commands, CommandServices
 from fcsv_control.ros.flight_link.link_messages import LinkMessages, header
+from fcsv_control.ros.flight_link.link_setup import link_setup
 from fcsv_control.ros.flight_link.posed import pose_in
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions, node
@@ -82,16 +82,9 @@ class FlightLinkNode:
             TextHeard: lambda m: self._say(m.severity, m.text),
             TransmitterTold: lambda m: self._rc.publish(header(), m.rssi, m.channels),
         }
-        port = p.autopilot_port if p.autopilot_port >= 0 else port_of(p.fcu_url)
-        profile, rules = (
-            load_profile(p.autopilot_profile).at_port(port),
-            FeedRules(p.feed, p.watchdog, p.feed_check),
-        )
         link = self._link = FlightLink(
             Transport(p.fcu_url, read_key(p.signing_key) if p.signing_key else None),
-            FlightLinkPort(
-                self._name, self._link_parameters(p), profile, rules, os.getpid(), time.monotonic()
-            ),
+            FlightLinkPort(self._name, *link_setup(p), os.getpid(), time.monotonic()),
             self._tell,
         )
         rospy.on_shutdown(link.close)
@@ -108,13 +101,6 @@ class FlightLinkNode:
             self._on_set_point,
             queue_size=1,
             tcp_nodelay=True,
-        )
-
-    def _link_parameters(self, p: FlightLinkNodeParameters) -> LinkParameters:
-        if p.link.target_system or not p.vehicles_dir:
-            return p.link
-        return replace(
-            p.link, target_system=node.vehicles(p.vehicles_dir, [self._name])[self._name].system_id
         )
 
     def _on_set_point(self, message: PoseStamped) -> None:

@@ -5,7 +5,7 @@ a request fails."""
 import math
 import os
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Callable, Dict
 
 import rospy
@@ -19,10 +19,10 @@ from fcsv_control.flight.link import FlightLink
 from fcsv_control.flight.mavros import COMPONENT
 from fcsv_control.flight.mavros_watch import MavrosWatch, MavrosWatchRules
 from fcsv_control.flight.messages import HomeHeard, LinkSaid, PoseEstimated, Refused
-from fcsv_control.flight.port import FeedRules, FlightLinkPort
+from fcsv_control.flight.port import FlightLinkPort
 from fcsv_control.flight.settings.link_parameters import LinkParameters
-from fcsv_control.flight.settings.profile import load_profile, port_of
 from fcsv_control.ros.flight_link.link_messages import LinkMessages, header
+from fcsv_control.ros.flight_link.link_setup import link_setup
 from fcsv_control.ros.flight_link.mavros_line import MavrosLine
 from fcsv_control.ros.flight_link.mavros_process import MavrosProcess, mind
 from fcsv_geometry import frames
@@ -71,20 +71,9 @@ class MavrosCompanionNode:
             PoseEstimated: lambda _m: self._health.tick("autopilot"),
             Refused: self._refuse,
         }  # the rest MAVROS tells itself
-        link = p.link
-        if p.vehicles_dir and not link.target_system:
-            link = replace(
-                link,
-                target_system=node.vehicles(p.vehicles_dir, [self._name])[self._name].system_id,
-            )
         self._line = MavrosLine()
-        port = p.autopilot_port if p.autopilot_port >= 0 else port_of(p.fcu_url)
-        profile, rules = (
-            load_profile(p.autopilot_profile).at_port(port),
-            FeedRules(p.feed, p.watchdog, p.feed_check),
-        )
         beside = FlightLinkPort(
-            self._name, link, profile, rules, os.getpid(), time.monotonic(), p.component
+            self._name, *link_setup(p), os.getpid(), time.monotonic(), p.component
         )
         self._link = FlightLink(self._line, beside, self._tell)
         rospy.on_shutdown(self._link.close)
