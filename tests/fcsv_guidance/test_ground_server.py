@@ -9,12 +9,11 @@ import pytest
 
 from fcsv_guidance import grid_regions, ground_server
 from fcsv_guidance.errors import GroundError, RouteError
-from fcsv_guidance.following import RobotPlace
+from fcsv_guidance.following import Goal, RobotPlace
 from fcsv_guidance.grid_regions import Region, changed_region, clearance_map, with_region
 from fcsv_guidance.ground import Grid
 from fcsv_guidance.ground_server import (
     GoalDropped,
-    GoalSet,
     GridChanged,
     GridSaid,
     GroundRules,
@@ -72,7 +71,7 @@ def test_the_grid_of_a_map_says_free_obstacle_and_unknown(server):
 
 
 def test_a_goal_becomes_a_route_once_the_robots_place_is_known(server):
-    server.receive(1.0, GoalSet(18.0, 0.0))
+    server.receive(1.0, Goal(18.0, 0.0))
     (said,) = server.step(1.0)
     assert (
         isinstance(said, NoRouteSaid)
@@ -89,7 +88,7 @@ def test_a_goal_becomes_a_route_once_the_robots_place_is_known(server):
 
 def test_who_leaves_the_route_gets_another_and_who_arrived_none(server):
     server.receive(1.0, at(10.0, 0.0))
-    server.receive(1.0, GoalSet(18.0, 0.0))
+    server.receive(1.0, Goal(18.0, 0.0))
     server.step(1.0)
     server.receive(1.2, at(10.0, -3.0))
     assert not server.step(1.2)  # not more often than replan_s
@@ -101,7 +100,7 @@ def test_who_leaves_the_route_gets_another_and_who_arrived_none(server):
 
 def test_a_live_map_changes_cells_and_the_route(server, scene):
     server.receive(1.0, at(10.0, 3.0))
-    server.receive(1.0, GoalSet(18.0, 3.0))
+    server.receive(1.0, Goal(18.0, 3.0))
     (first,) = server.step(1.0)
     straight = np.hypot(*np.diff(first.points_home_m, axis=0).T).sum()
     thing = (13.0, 14.0, 2.0, 5.0, 0.0, 0.8)
@@ -154,7 +153,7 @@ def test_where_there_is_no_route_its_cells_are_named(rescue, scene):
     server = GroundServer(rescue, RULES)
     server.receive(0.0, MapSeen(scene(blank=[(13, 15, -9, 9)]).view()))
     server.receive(0.0, at(10.0, 0.0))
-    server.receive(0.0, GoalSet(18.0, 0.0))
+    server.receive(0.0, Goal(18.0, 0.0))
     said = server.step(0.0)[-1]
     assert isinstance(said, NoRouteSaid) and len(said.to_see_m) and "; look at (1" in said.reason
     assert said.to_see_m[:, 0].min() > 12 and said.to_see_m[:, 0].max() < 16
@@ -181,13 +180,13 @@ def test_a_service_gets_a_route_a_goal_nearby_or_a_sentence(server):
 
 def test_a_goal_that_is_dropped_ends_its_route_and_wrong_ones_are_refused(server, rescue):
     server.receive(1.0, at(10.0, 0.0))
-    server.receive(1.0, GoalSet(18.0, 0.0))
+    server.receive(1.0, Goal(18.0, 0.0))
     server.step(1.0)
     server.receive(2.0, GoalDropped("stopped by the operator"))
     (said,) = server.step(2.0)
     assert said.reason == "stopped by the operator" and not server.step(9.0)
     with pytest.raises(RouteError, match="not finite"):
-        server.receive(3.0, GoalSet(np.nan, 0.0))
+        server.receive(3.0, Goal(np.nan, 0.0))
     with pytest.raises(TypeError, match="does not know str"):
         server.receive(3.0, "go")
     with pytest.raises(RouteError, match="no map has come"):

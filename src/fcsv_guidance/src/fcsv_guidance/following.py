@@ -28,12 +28,47 @@ class RobotPlace:
     yaw_rad: float
     sigma_m: float
 
+    @property
+    def is_sound(self) -> bool:
+        """Whether all of it is finite; what is not counts as lost."""
+        values = (self.stamp_s, self.x_m, self.y_m, self.yaw_rad, self.sigma_m)
+        return bool(np.isfinite(values).all()) and self.sigma_m >= 0
+
 
 @dataclass(frozen=True)
 class RouteToFollow:
     """``points_home_m`` (N,2), from where the robot is to the goal."""
 
     points_home_m: np.ndarray
+
+    def polyline(self) -> "Polyline":
+        """Gives the way. Raises RouteError where it is none."""
+        points = np.asarray(self.points_home_m, float)
+        if (
+            points.ndim != 2
+            or points.shape[1] != 2
+            or len(points) < 2
+            or not np.isfinite(points).all()
+        ):
+            raise RouteError(
+                "a route needs two points and more, each with a finite x and y; plan it again"
+            )
+        return Polyline.of(points)
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Where the robot shall go, x and y in home (m)."""
+
+    x_m: float
+    y_m: float
+
+    def require_finite(self) -> None:
+        """Raises RouteError where it is not."""
+        if not np.isfinite([self.x_m, self.y_m]).all():
+            raise RouteError(
+                f"the goal ({self.x_m}, {self.y_m}) is not finite; give x and y in home (m)"
+            )
 
 
 @dataclass(frozen=True)
@@ -98,20 +133,9 @@ class RouteFollower:
         """A message came. Raises TypeError where its type is not known, RouteError where a route is
         none; a place that is not finite counts as lost."""
         if isinstance(message, RobotPlace):
-            values = (message.stamp_s, message.x_m, message.y_m, message.yaw_rad, message.sigma_m)
-            self._place = message if np.isfinite(values).all() and message.sigma_m >= 0 else None
+            self._place = message if message.is_sound else None
         elif isinstance(message, RouteToFollow):
-            points = np.asarray(message.points_home_m, float)
-            if (
-                points.ndim != 2
-                or points.shape[1] != 2
-                or len(points) < 2
-                or not np.isfinite(points).all()
-            ):
-                raise RouteError(
-                    "a route needs two points and more, each with a finite x and y; plan it again"
-                )
-            self._route, self._reached_m, self._standing = Polyline.of(points), 0.0, ""
+            self._route, self._reached_m, self._standing = message.polyline(), 0.0, ""
         elif isinstance(message, ClearanceMap):
             self._map = message
         elif isinstance(message, StopRobot):

@@ -9,7 +9,6 @@ from typing import List, Optional, Sequence, Union
 
 import numpy as np
 
-from fcsv_guidance.errors import RouteError
 from fcsv_guidance.following import Polyline, RobotPlace, RouteToFollow, StopRobot
 
 
@@ -66,25 +65,10 @@ class GoalGiver:
         """A message came. Raises TypeError where its type is not known, RouteError where a route is
         none."""
         if isinstance(message, RobotPlace):
-            finite = np.isfinite([message.stamp_s, message.x_m, message.y_m, message.sigma_m]).all()
-            self._place = message if finite else None
+            self._place = message if message.is_sound else None
         elif isinstance(message, RouteToFollow):
-            points = np.asarray(message.points_home_m, float)
-            if (
-                points.ndim != 2
-                or points.shape[1] != 2
-                or len(points) < 2
-                or not np.isfinite(points).all()
-            ):
-                raise RouteError(
-                    "a route needs two points and more, each with a finite x and y; plan it again"
-                )
-            self._route, self._given, self._given_at_m, self._ended = (
-                Polyline.of(points),
-                None,
-                0.0,
-                None,
-            )
+            self._route, self._given = message.polyline(), None
+            self._given_at_m, self._ended = 0.0, None
         elif isinstance(message, GoalEnded):
             self._ended = message
         elif isinstance(message, StopRobot):

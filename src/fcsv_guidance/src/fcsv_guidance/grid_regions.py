@@ -5,7 +5,6 @@ from them."""
 from dataclasses import dataclass
 from typing import Optional
 
-import cv2
 import numpy as np
 
 from fcsv_guidance.errors import GroundError
@@ -64,6 +63,5 @@ def with_region(percents: np.ndarray, region: Region) -> np.ndarray:
 def clearance_map(stamp_s: float, grid: Grid, stands: np.ndarray) -> ClearanceMap:
     """How far each cell is from where the robot must not stand, by percents ``stands`` (rows,
     columns) of where it can; beyond the grid it must not."""
-    free = np.pad(((stands >= 0) & (stands <= FREE_PERCENT)).astype(np.uint8), 1)
-    far = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-    return ClearanceMap(stamp_s, grid, np.maximum(far - 0.5, 0.0) * grid.cell_m)
+    clear_m = grid.clear_m((stands >= 0) & (stands <= FREE_PERCENT))
+    return ClearanceMap(stamp_s, grid, np.maximum(clear_m, 0.0))

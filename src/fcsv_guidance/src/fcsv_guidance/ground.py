@@ -85,6 +85,20 @@ class Grid:
         inside = (row >= 0) & (column >= 0) & (row < self.rows) & (column < self.columns)
         return np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int), inside
 
+    @property
+    def extent_m(self) -> Tuple[float, float, float, float]:
+        """Outer edges (m): smallest and largest x, smallest and largest y, as matplotlib takes
+        them."""
+        x1_m = self.x0_m + self.columns * self.cell_m
+        return self.x0_m, x1_m, self.y0_m, self.y0_m + self.rows * self.cell_m
+
+    def clear_m(self, free: np.ndarray) -> np.ndarray:
+        """(rows, columns) m: how far each cell's middle is from the nearest cell that is not
+        ``free`` (rows, columns) bool; negative in these. Nothing is free beyond the grid."""
+        padded = np.pad(np.asarray(free).astype(np.uint8), 1)
+        far = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+        return (far - 0.5) * self.cell_m
+
     def middle_of(self, row, column) -> np.ndarray:
         """(...,2): x, y (m) of the middles of cells."""
         x, y = (

@@ -13,16 +13,15 @@ import numpy as np
 
 from fcsv_guidance import tuning
 from fcsv_guidance.errors import RouteError
-from fcsv_guidance.following import RobotPlace
+from fcsv_guidance.following import Goal, RobotPlace
 from fcsv_guidance.grid_regions import Region, changed_region, percents_of
 from fcsv_guidance.ground import LAYERS, Grid, Ground, ground_from, renewed, stand_probability
 from fcsv_guidance.map_files import occupancy
 from fcsv_guidance.robot import Robot
-from fcsv_guidance.route import NoRoute, Route, plan_route
+from fcsv_guidance.route import NO_ROUTE_KNOWN, NoRoute, Route, plan_route
 from fcsv_guidance.views import DepthView
 
 _MOST_NAMED = 5  # cells in a sentence
-_NO_ROUTE = "no safe route is known"
 
 
 @dataclass(frozen=True)
@@ -31,14 +30,6 @@ class MapSeen:
 
     view: DepthView
     live: bool = False
-
-
-@dataclass(frozen=True)
-class GoalSet:
-    """Where the robot shall go: x, y in home (m)."""
-
-    x_m: float
-    y_m: float
 
 
 @dataclass(frozen=True)
@@ -110,7 +101,7 @@ class GroundServer:
         self._ground: Optional[Ground] = None
         self._said: Optional[GridSaid] = None
         self._place: Optional[RobotPlace] = None
-        self._goal: Optional[GoalSet] = None
+        self._goal: Optional[Goal] = None
         self._route: Optional[Route] = None
         # of the ground; ground and time of the last plan
         self._version, self._planned = 0, (-1, -np.inf)
@@ -134,11 +125,8 @@ class GroundServer:
             self._on_map(message)
         elif isinstance(message, RobotPlace):
             self._place = message
-        elif isinstance(message, GoalSet):
-            if not np.isfinite([message.x_m, message.y_m]).all():
-                raise RouteError(
-                    f"the goal ({message.x_m}, {message.y_m}) is not finite; give x and y in home (m)"
-                )
+        elif isinstance(message, Goal):
+            message.require_finite()
             self._goal, self._route, self._planned = message, None, (-1, -np.inf)
         elif isinstance(message, GoalDropped):
             if self._goal is not None:
@@ -163,7 +151,7 @@ class GroundServer:
         Raises RouteError where start or goal is none, before the first map too.
         """
         if self._ground is None:
-            raise RouteError(f"{_NO_ROUTE}: no map has come")
+            raise RouteError(f"{NO_ROUTE_KNOWN}: no map has come")
         sigma_m = 0.0 if self._place is None else self._place.sigma_m
         if tolerance_m > 0:
             goal_m = self._stands_near(goal_m, tolerance_m, sigma_m)
@@ -233,15 +221,14 @@ class GroundServer:
     def _planned_route(self) -> Union[RouteSaid, NoRouteSaid]:
         place = self._place
         self._route, self._waits_for_place = None, place is None
-        if place is None:
-            return NoRouteSaid(f"{_NO_ROUTE}: the robot's place is not known", np.empty((0, 2)))
         try:
+            if place is None:
+                raise RouteError("the robot's place is not known")
+            if self._ground is None:
+                raise RouteError("no map has come")
             found = self.plan((place.x_m, place.y_m), (self._goal.x_m, self._goal.y_m))
         except RouteError as error:
-            said = str(error)
-            return NoRouteSaid(
-                said if said.startswith(_NO_ROUTE) else f"{_NO_ROUTE}: {said}", np.empty((0, 2))
-            )
+            return NoRouteSaid(f"{NO_ROUTE_KNOWN}: {error}", np.empty((0, 2)))
         if isinstance(found, NoRoute):
             return self.in_words(found)
         self._route = found

@@ -18,6 +18,7 @@ from fcsv_guidance.following import (
     GOAL_REACHED,
     DriveCommand,
     FollowerRules,
+    Goal,
     RobotPlace,
     RouteFollower,
     RouteToFollow,
@@ -26,20 +27,11 @@ from fcsv_guidance.following import (
 from fcsv_guidance.known import GroundSeen, KnownGround
 from fcsv_guidance.place import PlaceState
 from fcsv_guidance.robot import Robot
-from fcsv_guidance.route import NoRoute, Route, route_over
+from fcsv_guidance.route import NO_ROUTE_KNOWN, NoRoute, Route, route_over
 
 IDLE, WAITING, DRIVING, NO_ROUTE, ARRIVED = "idle", "waiting", "driving", "no safe route", "arrived"
 STATES = (IDLE, WAITING, DRIVING, NO_ROUTE, ARRIVED)
 _UNSURE_P = 0.5 * (tuning.FREE_P + tuning.OBSTACLE_P)  # of what is free but too near to what is not
-_NO_ROUTE = "no safe route is known"
-
-
-@dataclass(frozen=True)
-class Goal:
-    """Where the robot shall go, x and y in home (m); it ends a stop."""
-
-    x_m: float
-    y_m: float
 
 
 @dataclass(frozen=True)
@@ -118,10 +110,7 @@ class RobotGuide:
         elif isinstance(message, RobotHeard):
             self._heard_s = max(self._heard_s, message.stamp_s)
         elif isinstance(message, Goal):
-            if not np.isfinite([message.x_m, message.y_m]).all():
-                raise RouteError(
-                    f"the goal ({message.x_m}, {message.y_m}) is not finite; give x and y in home (m)"
-                )
+            message.require_finite()
             self._goal, self._route, self._none = message, None, None
             self._planned_s = -np.inf
         elif isinstance(message, StopRobot):
@@ -260,4 +249,4 @@ def plan_over(
     try:
         return route_over(known.grid, p, start_m, goal_m, dearer=1.0 + rules.comfort_cost * lacking)
     except RouteError as error:
-        return NoRoute(f"{_NO_ROUTE}: {error}", np.empty((0, 2), int))
+        return NoRoute(f"{NO_ROUTE_KNOWN}: {error}", np.empty((0, 2), int))

@@ -147,10 +147,8 @@ class KnownGround:
         stands = standing.weighed(each, whole, around)
         for p, _ in watching:  # what is in the way now, no number of older maps can say otherwise
             stands = np.where(doubtful & (p < tuning.FREE_P), np.minimum(stands, p), stands)
-        free = (stands >= tuning.FREE_P).astype(np.uint8)
-        far = cv2.distanceTransform(np.pad(free, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-        before = self.stands
-        self.stands, self.clear_m = stands, np.maximum(far - 0.5, 0.0) * self.grid.cell_m
+        before, self.stands = self.stands, stands
+        self.clear_m = np.maximum(self.grid.clear_m(stands >= tuning.FREE_P), 0.0)
         if before is not None and ((before >= tuning.FREE_P) == (stands >= tuning.FREE_P)).all():
             return False
         self.version += 1

@@ -24,12 +24,6 @@ def draw(
     from matplotlib.patches import Patch
 
     grid = ground.grid
-    extent = (
-        grid.x0_m,
-        grid.x0_m + grid.columns * grid.cell_m,
-        grid.y0_m,
-        grid.y0_m + grid.rows * grid.cell_m,
-    )
     with np.errstate(invalid="ignore"):
         classes = np.select(
             [~np.isfinite(stands), stands <= tuning.OBSTACLE_P, stands < tuning.FREE_P],
@@ -43,7 +37,7 @@ def draw(
     left.imshow(
         classes,
         origin="lower",
-        extent=extent,
+        extent=grid.extent_m,
         cmap=colours,
         vmin=-0.5,
         vmax=3.5,
@@ -56,7 +50,11 @@ def draw(
         handles=[Patch(color=c, label=n) for n, c in _COLOURS.items()], loc="upper left", fontsize=8
     )
     shown = right.imshow(
-        ground.height_m, origin="lower", extent=extent, cmap="viridis", interpolation="nearest"
+        ground.height_m,
+        origin="lower",
+        extent=grid.extent_m,
+        cmap="viridis",
+        interpolation="nearest",
     )
     right.set_title("height of the ground (m above home); white: unknown")
     figure.colorbar(shown, ax=right, shrink=0.8)

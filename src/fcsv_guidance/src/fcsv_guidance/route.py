@@ -14,6 +14,8 @@ from fcsv_guidance.errors import RouteError
 from fcsv_guidance.ground import Grid, Ground, stand_probability
 from fcsv_guidance.robot import Robot
 
+#: How a sentence begins that says why the robot stands.
+NO_ROUTE_KNOWN = "no safe route is known"
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
@@ -180,9 +182,9 @@ def _no_route(p: np.ndarray, ends) -> NoRoute:
     way = cheapest(_cost(p, 10.0), *ends)
     if way is None:
         return NoRoute(
-            "no safe route is known: obstacles close every way to the goal", np.empty((0, 2), int)
+            f"{NO_ROUTE_KNOWN}: obstacles close every way to the goal", np.empty((0, 2), int)
         )
     unseen = way[~np.isfinite(p[tuple(way.T)])]
     return NoRoute(
-        f"no safe route is known: {len(unseen)} cells on the way to the goal were not seen", unseen
+        f"{NO_ROUTE_KNOWN}: {len(unseen)} cells on the way to the goal were not seen", unseen
     )

@@ -20,10 +20,9 @@ from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import RobotPlace
+from fcsv_guidance.following import Goal, RobotPlace
 from fcsv_guidance.ground_server import (
     GoalDropped,
-    GoalSet,
     GridChanged,
     GridSaid,
     GroundRules,
@@ -184,7 +183,7 @@ class GroundNode:
         except FcsvError as error:
             self._say(str(error), wrong=True)
             return
-        self._receive(GoalSet(x_m, y_m))
+        self._receive(Goal(x_m, y_m))
 
     def _on_stop(self, _message: String) -> None:
         self._receive(GoalDropped("stopped by the operator"))

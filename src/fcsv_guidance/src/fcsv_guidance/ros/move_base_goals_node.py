@@ -11,17 +11,15 @@ import rospy
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
-from nav_msgs.msg import Path
 from std_msgs.msg import String
 
 from fcsv_geometry import frames, transforms
-from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import RouteToFollow, StopRobot
+from fcsv_guidance.following import StopRobot
 from fcsv_guidance.goal_giver import CancelGoal, GiveGoal, GivingRules, GoalEnded, GoalGiver
-from fcsv_guidance.ros import ground_messages as messages
-from fcsv_guidance.ros.place_source import PlaceParameters, PlaceSource
+from fcsv_guidance.ros.place_source import PlaceParameters
+from fcsv_guidance.ros.route_source import RouteSource
 
 _PERIOD_S = 0.1
 _GONE = (GoalStatus.PREEMPTED, GoalStatus.RECALLED)  # by a goal of ours, or by a cancel
@@ -48,24 +46,7 @@ class MoveBaseGoalsNode:
         self._status = rospy.Publisher("goals/status", String, queue_size=1, latch=True)
         rospy.on_shutdown(self._client.cancel_all_goals)
         self._timer = node.every(_PERIOD_S, lambda _event: self._step())
-        rospy.Subscriber("path", Path, self._on_path, queue_size=1)
-        rospy.Subscriber(
-            "/stop_all",
-            String,
-            lambda m: self._receive(StopRobot()),
-            queue_size=5,
-            tcp_nodelay=True,
-        )
-        self._place = PlaceSource(p.place, self._receive, self._health)
-
-    def _on_path(self, message: Path) -> None:
-        try:
-            points = messages.route_of(message)
-            self._receive(
-                RouteToFollow(points) if len(points) else StopRobot("no safe route is known")
-            )
-        except FcsvError as error:
-            self._receive(StopRobot(str(error)))
+        self._source = RouteSource(p.place, self._receive, self._health)
 
     def _receive(self, message: object) -> None:
         with self._lock:

@@ -9,24 +9,19 @@ import numpy as np
 import rospy
 from geometry_msgs.msg import Twist
 from map_msgs.msg import OccupancyGridUpdate
-from nav_msgs.msg import OccupancyGrid, Path
+from nav_msgs.msg import OccupancyGrid
 from std_msgs.msg import String
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import (
-    DriveCommand,
-    FollowerRules,
-    RouteFollower,
-    RouteToFollow,
-    StopRobot,
-)
+from fcsv_guidance.following import DriveCommand, FollowerRules, RouteFollower
 from fcsv_guidance.grid_regions import clearance_map, with_region
 from fcsv_guidance.ground import Grid
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.ros import ground_messages as messages
-from fcsv_guidance.ros.place_source import PlaceParameters, PlaceSource
+from fcsv_guidance.ros.place_source import PlaceParameters
+from fcsv_guidance.ros.route_source import RouteSource
 
 _PERIOD_S = 0.05
 
@@ -58,15 +53,7 @@ class RouteFollowerNode:
         rospy.Subscriber(
             "stand_updates", OccupancyGridUpdate, self._on_update, queue_size=10, buff_size=1 << 24
         )
-        rospy.Subscriber("path", Path, self._on_path, queue_size=1)
-        rospy.Subscriber(
-            "/stop_all",
-            String,
-            lambda m: self._receive(StopRobot()),
-            queue_size=5,
-            tcp_nodelay=True,
-        )
-        self._place = PlaceSource(p.place, self._receive, self._health)
+        self._source = RouteSource(p.place, self._receive, self._health)
 
     def _on_grid(self, message: OccupancyGrid) -> None:
         try:
@@ -90,15 +77,6 @@ class RouteFollowerNode:
         with self._lock:
             self._grid, self._stands = grid, stands
             self._receive(clearance_map(stamp_s, grid, stands))
-
-    def _on_path(self, message: Path) -> None:
-        try:
-            points = messages.route_of(message)
-            self._receive(
-                RouteToFollow(points) if len(points) else StopRobot("no safe route is known")
-            )
-        except FcsvError as error:
-            self._receive(StopRobot(str(error)))
 
     def _receive(self, message: object) -> None:
         with self._lock:

@@ -32,17 +32,11 @@ def draw_drive(place: MappedPlace, track: Track, result: DriveResult, path: Path
     figure = Figure(figsize=(9, 9), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
-    extent = (
-        grid.x0_m,
-        grid.x0_m + grid.columns * grid.cell_m,
-        grid.y0_m,
-        grid.y0_m + grid.rows * grid.cell_m,
-    )
     colours = ListedColormap(list(_COLOURS.values()))
     axes.imshow(
         classes,
         origin="lower",
-        extent=extent,
+        extent=grid.extent_m,
         cmap=colours,
         vmin=-0.5,
         vmax=3.5,

@@ -70,10 +70,7 @@ class Footing:
 
     def clearance(self, robot: Robot) -> "Clearance":
         """How far from every place the nearest is that stops the robot."""
-        free = (~self.impassable(robot)).astype(np.uint8)
-        padded = np.pad(free, 1)  # what lies outside of the place is not known to be free
-        far = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-        return Clearance(self.grid, (far - 0.5) * self.grid.cell_m, robot)
+        return Clearance(self.grid, self.grid.clear_m(~self.impassable(robot)), robot)
 
 
 @dataclass(frozen=True)
