@@ -4,11 +4,15 @@
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence
+from typing import Dict, List, Optional, Sequence, Tuple
 
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model.words import Word
+from fcsv_stereo.photos.gps import Gps
+from fcsv_stereo.photos.tags import read_tags
 from fcsv_stereo.posed import colmap
+from fcsv_stereo.posed.posed_pictures import find_files
 from fcsv_stereo.sessions import is_session
 from fcsv_stereo.survey import station
 from fcsv_stereo.survey.station import Station
@@ -107,6 +111,19 @@ def content_key(path: Path) -> str:
             for block in iter(lambda: content.read(_AT_A_TIME), b""):
                 digest.update(block)
     return digest.hexdigest()
+
+
+def photograph_of(source: Source, picture: str) -> Tuple[Optional[PinholeCamera], Optional[Gps]]:
+    """The camera that took a photograph of an input, distortion included, and where by its own
+    GPS; None where the input is of another kind, or does not say it."""
+    if source.kind is not SourceKind.PHOTOGRAPHS:
+        return None, None
+    cameras = colmap.read_cameras(source.path / "cameras.txt")
+    posed = {p.name: p for p in colmap.read_images(source.path / "images.txt", cameras)}
+    if picture not in posed:
+        return None, None
+    file = find_files(source.path / "images", list(posed))[picture]
+    return cameras[posed[picture].camera_id], read_tags(file).gps
 
 
 def copies(keys: Dict[str, str]) -> Dict[str, str]:

@@ -31,6 +31,7 @@ def write_page(site: Site, path: Path) -> None:
                 note("Height, how many views agree on a point, how sure it is."),
             ],
         ),
+        Section("World", _world(site)),
         Section("Views", _views(site)),
         Section("Edges", _edges(site)),
         Section("Loops", _loops(site)),
@@ -178,6 +179,46 @@ def _coverage(site: Site):
             figure.colorbar(drawn, ax=axes, label=label, shrink=0.7)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", aspect="equal")
     return figure
+
+
+def _world(site: Site) -> List[Part]:
+    if site.world is None:
+        return []
+    fit = site.world.fit
+    rows = [
+        ("reference system", site.world.crs),
+        ("heights", site.world.heights),
+        ("place ±", f"{fit.sigma_m:.2f} m"),
+        ("heading ±", f"{np.degrees(fit.sigma_heading_rad):.3f}°"),
+        ("scale ±", f"{fit.sigma_scale:.2%}"),
+    ]
+    parts: List[Part] = [Table((), rows)]
+    points = [
+        (
+            p.name,
+            "check" if p.check else "control" if p.used else "not used",
+            *(f"{v:+.3f}" for v in p.off_m),
+            f"{np.max(p.sigma_m):.3f}",
+            ", ".join(p.views),
+        )
+        for p in fit.points
+    ]
+    if points:
+        head = ("point", "kind", "east (m)", "north (m)", "up (m)", "± (m)", "seen by")
+        parts.append(Table(head, points))
+    fixes = [
+        (
+            r.statement.view,
+            "yes" if r.used else "no",
+            *(f"{v:+.2f}" for v in r.off_m),
+            f"{r.sigma_m[0]:.2f}",
+        )
+        for r in fit.gps
+    ]
+    if fixes:
+        head = ("GPS of", "counts", "east (m)", "north (m)", "up (m)", "± (m)")
+        parts.append(Table(head, fixes))
+    return parts
 
 
 def _views(site: Site) -> List[Part]:

@@ -12,10 +12,9 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs.writing import in_words, require_folder
 from fcsv_stereo.errors import OutputError, SurveyError
 from fcsv_stereo.map_files.output import write_ply
-from fcsv_stereo.model import Progress
+from fcsv_stereo.model import Progress, concatenate
 from fcsv_stereo.products.clouds import write_laz
 from fcsv_stereo.survey import inputs, merge
-from fcsv_stereo.survey.adjust import adjust
 from fcsv_stereo.survey.document import (
     CLOUDS,
     Missing,
@@ -26,6 +25,7 @@ from fcsv_stereo.survey.document import (
 )
 from fcsv_stereo.survey.edges import Edge, find_edge
 from fcsv_stereo.survey.features import features_of
+from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place, projected
 from fcsv_stereo.survey.inputs import Source
 from fcsv_stereo.survey.maps import VIEWS, MapOptions, map_of
 from fcsv_stereo.survey.matching import may_overlap
@@ -57,6 +57,7 @@ def run(
     out: Path,
     options: Optional[MapOptions] = None,
     begin: Begin = lambda step, share: None,
+    world: Optional[WorldOptions] = None,
 ) -> Site:
     """The site of all inputs, written to ``out``; what could not be mapped or placed is in its
     ``missing``.
@@ -65,6 +66,7 @@ def run(
     be mapped.
     """
     check_out(out)
+    given = (world or WorldOptions()).read()
     require_folder(out.absolute(), _LEAST_MIB)
     sources = inputs.sources_of(paths)
     views, missing = _mapped(sources, out, options or MapOptions(), begin)
@@ -74,17 +76,26 @@ def run(
         )
     begin("comparing views", 0.7)
     edges = edges_between(views)
-    site = site_of(views, edges, missing, begin)
+    site = site_of(views, edges, missing, begin, given)
     begin("writing the site", 0.95)
     write(site, out)
     return site
 
 
 def site_of(
-    views: List[View], edges: List[Edge], missing: Sequence[Missing], begin: Begin = lambda *_: None
+    views: List[View],
+    edges: List[Edge],
+    missing: Sequence[Missing],
+    begin: Begin = lambda *_: None,
+    given: Optional[WorldInput] = None,
 ) -> Site:
-    """Views adjusted and joined."""
-    adjusted = adjust(views, edges)
+    """Views adjusted and joined, on the earth where control points or GPS say where."""
+    given = given or WorldOptions().read()
+    adjusted, frame, world = place(views, edges, given)
+    missing = list(missing)
+    if given.control is not None and world is None:
+        why = next(r for r in adjusted.remarks if r.startswith("the site is not in the world's"))
+        missing.append(Missing("world", str(given.control.path), why))
     missing = [
         *missing,
         *(
@@ -100,9 +111,11 @@ def site_of(
     origin_m = origin_of(list(adjusted.placed.values()))
     placed = [v for v in views if v.name in adjusted.placed]
     cloud, parts = merge.join(placed, adjusted.placed, origin_m)
-    return Site(
-        views, adjusted, cloud, {v.name: p for v, p in zip(placed, parts)}, origin_m, missing
-    )
+    if frame is not None:
+        adjusted, parts, origin_m = projected(adjusted, parts, frame, origin_m)
+        cloud = concatenate([p.cloud for p in parts])
+    joined = {v.name: p for v, p in zip(placed, parts)}
+    return Site(views, adjusted, cloud, joined, origin_m, missing, world)
 
 
 def edges_between(views: Sequence[View]) -> List[Edge]:
@@ -133,12 +146,19 @@ def _mapped(
         try:
             told = _told(source.name, i, len(sources), begin)
             folder = map_of(source, keys[source.name], out, options, told)
-            views.append(read_view(folder, source.name, str(source.path), _prior(source)))
+            views.append(_view(source, folder))
         except (FcsvError, ValueError) as error:
             missing.append(Missing(source.name, str(source.path), str(error)))
         except OSError as error:
             missing.append(Missing(source.name, str(source.path), in_words(error, out / VIEWS)))
     return views, missing
+
+
+def _view(source: Source, folder: Path) -> View:
+    """The view of a map, with what its photograph says besides."""
+    view = read_view(folder, source.name, str(source.path), _prior(source))
+    taken_with, gps = inputs.photograph_of(source, view.picture)
+    return replace(view, taken_with=taken_with, gps=gps)
 
 
 def _prior(source: Source):
@@ -162,7 +182,8 @@ def write(site: Site, out: Path) -> None:
             folder = Path(made)
             last = ("views", "views that agree on it")
             write_ply(site.cloud, folder / CLOUDS[0], site.origin_m, last[0])
-            write_laz(site.cloud, folder / CLOUDS[1], site.origin_m, last)
+            crs = site.world.crs if site.world else ""
+            write_laz(site.cloud, folder / CLOUDS[1], site.origin_m, last, crs)
             write_page(site, folder / "site.html")
             (folder / "adjustment.json").write_text(
                 json.dumps(adjustment_document(site), indent=1, allow_nan=False)
