@@ -127,8 +127,7 @@ def test_stations_keep_their_frame_that_the_control_points_turn():
         T[:3, 3] += random.normal(0.0, 0.5, 3)
         v = view(n, POSES[n])
         views.append(replace(v, prior=replace(v.prior, T_site_cam=T)))
-    two = {n: p for n, p in points(2).items()}
-    adjusted, fit = adjust_world(views, [], seen_by(two, true))
+        adjusted, fit = adjust_world(views, [], seen_by(points(2), true))
     assert len(adjusted.placed) == 6  # without any edge
     assert np.sqrt(np.mean(off_m(adjusted) ** 2)) < 1.0 and fit is not None
 

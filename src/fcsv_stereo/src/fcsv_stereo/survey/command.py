@@ -76,8 +76,9 @@ def _world_lines(site: Site) -> List[str]:
     if site.world is None:
         return []
     fit = site.world.fit
+    heading_deg = np.degrees(fit.sigma_heading_rad)
     lines = [
-        f"in {site.world.crs}: place +- {fit.sigma_m:.2f} m, heading +- {np.degrees(fit.sigma_heading_rad):.2f} degrees, "
+        f"in {site.world.crs}: place +- {fit.sigma_m:.2f} m, heading +- {heading_deg:.2f} degrees, "
         f"scale +- {fit.sigma_scale:.4f}; heights {site.world.heights}"
     ]
     for p in fit.points:

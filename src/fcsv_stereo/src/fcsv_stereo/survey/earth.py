@@ -36,7 +36,7 @@ def crs_of(words: str) -> CRS:
         crs = CRS.from_user_input(words.strip())
     except ProjError as error:
         raise SurveyError(
-            f"'{words.strip()}' is no reference system that PROJ knows; give EPSG:NUMBER, a PROJ string or 'WGS84 UTM 33N'"
+            f"'{words.strip()}' is no reference system of PROJ; give EPSG:NUMBER, a PROJ string or 'WGS84 UTM 33N'"
         ) from error
     if len(crs.axis_info) != 2:
         raise SurveyError(
@@ -82,11 +82,18 @@ def name_of(crs: CRS) -> str:
 def to_geographic(crs: CRS, xyz: np.ndarray) -> np.ndarray:
     """(N,3) longitude and latitude (degrees, WGS 84) and height (m, as given) of coordinates (N,3)
     in a system, x before y. Raises SurveyError where one is no place."""
-    x, y = Transformer.from_crs(crs, WGS84, always_xy=True).transform(xyz[:, 0], xyz[:, 1])
-    found = np.column_stack([x, y, xyz[:, 2]])
+    to_wgs84 = Transformer.from_crs(crs, WGS84, always_xy=True)
+    found = np.column_stack([_through(to_wgs84, xyz[:, :2]), xyz[:, 2]])
     if not np.isfinite(found).all() or np.abs(found[:, 1]).max(initial=0.0) > 90.0:
         raise SurveyError(f"coordinates lie outside of {name_of(crs)}")
     return found
+
+
+def _through(transformer: Transformer, p: np.ndarray, direction: str = "FORWARD") -> np.ndarray:
+    """(N,2 or 3) of the same; pyproj takes arrays of one for numbers, so that one more goes
+    along."""
+    columns = np.concatenate([p, p[:1]]).T
+    return np.column_stack(transformer.transform(*columns, direction=direction))[:-1]
 
 
 @dataclass(frozen=True)
@@ -104,7 +111,7 @@ class EarthFrame:
     @classmethod
     def about(cls, geographic: np.ndarray, crs: Optional[CRS]) -> "EarthFrame":
         """The frame in the middle of places (N,3); ``crs`` None: their UTM zone."""
-        longitude, latitude, height = np.median(geographic, axis=0)
+        longitude, latitude, height = map(float, np.median(geographic, axis=0))
         return cls(longitude, latitude, height, crs or utm_at(longitude, latitude))
 
     @cached_property
@@ -126,12 +133,12 @@ class EarthFrame:
         >>> frame.from_geographic(np.array([[11.001, 48.0, 505.0]])).round(2).tolist()
         [[74.63, 0.0, 5.0]]
         """
-        return np.column_stack(self._local.transform(*np.asarray(geographic, float).T))
+        return _through(self._local, np.asarray(geographic, float))
 
     def to_projected(self, p: np.ndarray) -> np.ndarray:
         """(N,3) x, y (m, in ``crs``) and height (m) of points (N,3) in the frame."""
-        longitude, latitude, height = self._local.transform(*p.T, direction="INVERSE")
-        return np.column_stack([*self._projected.transform(longitude, latitude), height])
+        geographic = _through(self._local, p, "INVERSE")
+        return np.column_stack([_through(self._projected, geographic[:, :2]), geographic[:, 2]])
 
     def turn_at(self, p: np.ndarray) -> np.ndarray:
         """3x3: how directions and lengths at a point (3,) of the frame become those of ``crs``:

@@ -147,7 +147,8 @@ def _blocks(views: Sequence[View], edges: Sequence[Edge]) -> Tuple[List[_Block],
         reasons = {(e.a, e.b): e.reason for e in found.edges if not e.kept}
         edges = with_reasons(edges, reasons)
         remarks += [r for r in found.remarks if r not in remarks]
-        priors.update({n: found.priors[n] for n in found.placed})
+        own = {v.name: v.prior for v in left}  # without what held the first view
+        priors.update({n: replace(own[n], scale=found.priors[n].scale) for n in found.placed})
         stations = any(v.prior.placed for v in left)
         groups = [set(found.placed)]
         if not stations:
@@ -179,7 +180,7 @@ def _aligned(
 def _too_few(told: Sequence[Statement]) -> str:
     points, fixes = len({s.point for s in told if s.point}), sum(not s.point for s in told)
     return (
-        f"{points} control points and {fixes} GPS places are with it; three apart from each other and not in a line are "
+        f"{points} control points and {fixes} GPS places are with it; three that are apart and not in a line are "
         "needed, two where gravity is known"
     )
 
