@@ -15,6 +15,7 @@ from fcsv_stereo.survey import tuning
 from fcsv_stereo.survey.document import Site, overlaps
 from fcsv_stereo.survey.georeference import HEIGHTS, WorldOptions
 from fcsv_stereo.survey.survey import FILES, run
+from fcsv_stereo.survey.work import WorkOptions
 
 _EXAMPLES = """examples:
   survey flights/north flights/east flights/south -o out/site
@@ -25,14 +26,14 @@ _EXAMPLES = """examples:
 def main(argv: Optional[List[str]] = None) -> int:
     """Exit status 0; 1 where an input is not in the site; 2 with one line on stderr on bad input;
     130 on Ctrl-C."""
-    left = "maps that were finished are kept in OUT/views: the same command goes on"
+    left = "what was finished is kept in OUT: the same command goes on"
     return commands.run(_parser(), argv, _survey, (FcsvError, ValueError), left)
 
 
 def _survey(args: argparse.Namespace) -> int:
     with Steps(LiveLine(sys.stderr), "reading inputs").shown() as steps:
         paths = [Path(p) for p in args.inputs]
-        site = run(paths, Path(args.out), begin=steps.begin, world=_world(args))
+        site = run(paths, Path(args.out), begin=steps.begin, world=_world(args), work=_work(args))
     print("\n".join(summary(site)))
     print(f"wrote {args.out}: {', '.join(FILES)}")
     return 1 if site.missing else 0
@@ -44,6 +45,11 @@ def _world(args: argparse.Namespace) -> WorldOptions:
     return WorldOptions(
         control, args.check_points, args.crs, args.control_sigma_m, args.heights, not args.no_gps
     )
+
+
+def _work(args: argparse.Namespace) -> WorkOptions:
+    """Raises SurveyError."""
+    return WorkOptions(args.workers, args.memory_per_worker, args.scheduler)
 
 
 def summary(site: Site) -> List[str]:
@@ -140,4 +146,23 @@ def _parser() -> argparse.ArgumentParser:
         help="what given heights count from: ellipsoid or geoid; it is passed on, nothing is converted",
     )
     world.add_argument("--no-gps", action="store_true", help="GPS of photographs does not count")
+    work = parser.add_argument_group("who computes")
+    work.add_argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="processes of this machine (one a core; 0: this one alone)",
+    )
+    work.add_argument(
+        "--memory-per-worker",
+        default="",
+        metavar="SIZE",
+        help="bound of each, as 4GB (an equal share of the machine's)",
+    )
+    work.add_argument(
+        "--scheduler",
+        default="",
+        metavar="ADDRESS",
+        help="a Dask cluster instead, as tcp://host:8786, whose workers see inputs and OUT by the same paths",
+    )
     return parser

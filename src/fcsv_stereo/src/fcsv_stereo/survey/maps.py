@@ -6,11 +6,11 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Optional, Tuple
 
 from fcsv_geometry.version import VERSION
 from fcsv_stereo import pipeline
-from fcsv_stereo.model import Progress
+from fcsv_stereo.model import Progress, silent
 from fcsv_stereo.survey.inputs import Source, SourceKind, content_key
 
 VIEWS = "views"
@@ -33,20 +33,29 @@ class MapOptions:
         return _THREADS.sub("", f"{VERSION} {self.method} {self.made()!r}")
 
 
-def map_of(
-    source: Source, content: str, out: Path, options: MapOptions, progress: Progress
-) -> Path:
-    """The folder of the source's map: its own where it is one, else OUT/views/NAME, made unless it
-    is there already.
-
-    ``content`` is the source's key. Raises FcsvError or OSError where no map can be made; an
-    earlier one of that name is left then.
-    """
+def kept_map(source: Source, content: str, out: Path, options: MapOptions) -> Optional[Path]:
+    """The folder of the source's map where it is there: its own where it is one, else
+    OUT/views/NAME. ``content`` is the source's key."""
     if source.kind is SourceKind.MAP:
         return source.path
-    folder, note = out / VIEWS / source.name, out / VIEWS / f"{source.name}.json"
+    folder, note = _places(source, out)
     if (folder / "report.json").is_file() and _noted(note) == _key(content, options):
         return folder
+    return None
+
+
+def _places(source: Source, out: Path) -> Tuple[Path, Path]:
+    return out / VIEWS / source.name, out / VIEWS / f"{source.name}.json"
+
+
+def make_map(
+    source: Source, content: str, out: Path, options: MapOptions, progress: Progress = silent
+) -> Path:
+    """A task: makes the source's map in OUT/views/NAME.
+
+    Raises FcsvError or OSError where no map can be made; an earlier one of that name is left then.
+    """
+    folder, note = _places(source, out)
     note.unlink(missing_ok=True)  # a map without a note is made again
     pipeline.run(pipeline.MapRequest(source.path, folder, options.method, options.made()), progress)
     content = content_key(source.path)  # bags may have been repaired meanwhile

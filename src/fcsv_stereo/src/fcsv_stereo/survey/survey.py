@@ -4,7 +4,8 @@
 import itertools
 import json
 import tempfile
-from dataclasses import replace
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
@@ -12,7 +13,7 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs.writing import in_words, require_folder
 from fcsv_stereo.errors import OutputError, SurveyError
 from fcsv_stereo.map_files.output import write_ply
-from fcsv_stereo.model import Progress, concatenate
+from fcsv_stereo.model import concatenate
 from fcsv_stereo.products.clouds import write_laz
 from fcsv_stereo.survey import inputs, merge
 from fcsv_stereo.survey.document import (
@@ -23,15 +24,16 @@ from fcsv_stereo.survey.document import (
     origin_of,
     site_document,
 )
-from fcsv_stereo.survey.edges import Edge, find_edge
-from fcsv_stereo.survey.features import features_of
+from fcsv_stereo.survey.edges import Edge
 from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place, projected
 from fcsv_stereo.survey.inputs import Source
-from fcsv_stereo.survey.maps import VIEWS, MapOptions, map_of
+from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
+from fcsv_stereo.survey.maps import VIEWS, MapOptions, kept_map, make_map
 from fcsv_stereo.survey.matching import may_overlap
 from fcsv_stereo.survey.page import write_page
 from fcsv_stereo.survey.station import prior_of
 from fcsv_stereo.survey.views import View, read_view
+from fcsv_stereo.survey.work import Crew, Task, WorkOptions
 
 FILES = (*CLOUDS, "site.html", "adjustment.json", "site.json")
 _LEAST_MIB = 50
@@ -43,7 +45,9 @@ def check_out(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise OutputError(f"{out}: is a file; give a folder with -o")
     foreign = (
-        [p.name for p in out.iterdir() if p.name not in (*FILES, VIEWS)] if out.exists() else []
+        [p.name for p in out.iterdir() if p.name not in (*FILES, VIEWS, EDGES)]
+        if out.exists()
+        else []
     )
     foreign = [name for name in foreign if not name.startswith(".site.")]  # what a stopped run left
     if foreign:
@@ -58,6 +62,7 @@ def run(
     options: Optional[MapOptions] = None,
     begin: Begin = lambda step, share: None,
     world: Optional[WorldOptions] = None,
+    work: Optional[WorkOptions] = None,
 ) -> Site:
     """The site of all inputs, written to ``out``; what could not be mapped or placed is in its
     ``missing``.
@@ -69,14 +74,14 @@ def run(
     given = (world or WorldOptions()).read()
     require_folder(out.absolute(), _LEAST_MIB)
     sources = inputs.sources_of(paths)
-    views, missing = _mapped(sources, out, options or MapOptions(), begin)
-    if not views:
-        raise SurveyError(
-            "no view could be mapped: " + "; ".join(f"{m.name}: {m.reason}" for m in missing)
-        )
-    begin("comparing views", 0.7)
-    edges = edges_between(views)
-    site = site_of(views, edges, missing, begin, given)
+    with Crew(work or WorkOptions()) as crew:
+        mapped = _mapped(sources, out, options or MapOptions(), crew, begin)
+        if not mapped.views:
+            reasons = "; ".join(f"{m.name}: {m.reason}" for m in mapped.missing)
+            raise SurveyError(f"no view could be mapped: {reasons}")
+        begin("comparing views", 0.7)
+        edges, uncompared = edges_between(mapped.views, mapped.files, out, crew, begin)
+    site = site_of(mapped.views, edges, [*mapped.missing, *uncompared], begin, given)
     begin("writing the site", 0.95)
     write(site, out)
     return site
@@ -118,40 +123,87 @@ def site_of(
     return Site(views, adjusted, cloud, joined, origin_m, missing, world)
 
 
-def edges_between(views: Sequence[View]) -> List[Edge]:
-    """An edge, or why there is none, for all pairs that may overlap."""
-    features = [features_of(v) for v in views]
-    pairs = itertools.combinations(range(len(views)), 2)
-    return [
-        find_edge(views[i], views[j], features[i], features[j])
-        for i, j in pairs
-        if may_overlap(views[i], views[j])
+def edges_between(
+    views: Sequence[View], files: Sequence[ViewFile], out: Path, crew: Crew, begin: Begin
+) -> Tuple[List[Edge], List[Missing]]:
+    """An edge, or why there is none, for all pairs that may overlap: kept ones, and those that the
+    crew finds; and pairs that could not be compared."""
+    pairs = [
+        (a, b)
+        for (v, a), (w, b) in itertools.combinations(zip(views, files), 2)
+        if may_overlap(v, w)
     ]
+    new = [(a, b) for a, b in pairs if kept_edge(a, b, out) is None]
+    tasks = [Task(f"{a.name} with {b.name}", make_edge, (a, b, out.absolute())) for a, b in new]
+    errors: Dict[int, str] = {}
+    for done, outcome in enumerate(crew.run(tasks), 1):
+        if outcome.error:
+            errors[outcome.number] = outcome.error
+        begin(f"comparing views, {done} of {len(tasks)}", 0.7 + 0.1 * done / len(tasks))
+    missing = [Missing(tasks[i].name, "", errors[i]) for i in sorted(errors)]
+    found = [kept_edge(a, b, out) for a, b in pairs]
+    if len([e for e in found if e is None]) > len(missing):
+        raise SurveyError(
+            f"{out / EDGES}: edges that were written are gone; the same command goes on"
+        )
+    return [e for e in found if e is not None], missing
+
+
+@dataclass(frozen=True)
+class _Mapped:
+    """Views in the order of their inputs, their files, and what is missing."""
+
+    views: List[View]
+    files: List[ViewFile]
+    missing: List[Missing]
 
 
 def _mapped(
-    sources: List[Source], out: Path, options: MapOptions, begin: Begin
-) -> Tuple[List[View], List[Missing]]:
-    """A view of each source, in order, and those of which there is none."""
-    views, missing = [], []
+    sources: List[Source], out: Path, options: MapOptions, crew: Crew, begin: Begin
+) -> _Mapped:
+    """A view of each source, by maps that are there or that the crew makes."""
     keys = {s.name: inputs.content_key(s.path) for s in sources}
     same = inputs.copies(keys)
     paths: Dict[str, Path] = {s.name: s.path for s in sources}
-    for i, source in enumerate(sources):
-        if source.name in same:
-            of = same[source.name]
-            why = f"is the same as {of} ({paths[of]}): a copy tells nothing new; take one of the two away"
-            missing.append(Missing(source.name, str(source.path), why))
-            continue
+    errors: Dict[str, str] = {
+        n: f"is the same as {of} ({paths[of]}): a copy tells nothing new; take one of the two away"
+        for n, of in same.items()
+    }
+    own = [s for s in sources if s.name not in same]
+    folders = {s.name: kept_map(s, keys[s.name], out, options) for s in own}
+    new = [s for s in own if folders[s.name] is None]
+    tasks = [
+        Task(s.name, make_map, (_anywhere(s), keys[s.name], out.absolute(), options), long=True)
+        for s in new
+    ]
+    began = time.monotonic()
+    begin(f"map 1 of {len(new)}" if new else "reading maps", 0.0)
+    for done, outcome in enumerate(crew.run(tasks), 1):
+        name = new[outcome.number].name
+        if outcome.error:
+            errors[name] = outcome.error
+        else:
+            folders[name] = out / VIEWS / name
+        left_s = (time.monotonic() - began) / done * (len(new) - done)
+        words = f"{done} of {len(new)} maps, {name} is ready, about {left_s:.0f} s for the others"
+        begin(words, 0.7 * done / len(new))
+    views, files = [], []
+    for source in (s for s in own if s.name not in errors):
         try:
-            told = _told(source.name, i, len(sources), begin)
-            folder = map_of(source, keys[source.name], out, options, told)
+            folder = Path(str(folders[source.name]))
             views.append(_view(source, folder))
+            files.append(view_file(views[-1], folder, f"{keys[source.name]} {options.words()}"))
         except (FcsvError, ValueError) as error:
-            missing.append(Missing(source.name, str(source.path), str(error)))
+            errors[source.name] = str(error)
         except OSError as error:
-            missing.append(Missing(source.name, str(source.path), in_words(error, out / VIEWS)))
-    return views, missing
+            errors[source.name] = in_words(error, out / VIEWS)
+    missing = [Missing(s.name, str(s.path), errors[s.name]) for s in sources if s.name in errors]
+    return _Mapped(views, files, missing)
+
+
+def _anywhere(source: Source) -> Source:
+    """The source by a path that does not depend on the working directory."""
+    return replace(source, path=source.path.absolute())
 
 
 def _view(source: Source, folder: Path) -> View:
@@ -163,14 +215,6 @@ def _view(source: Source, folder: Path) -> View:
 
 def _prior(source: Source):
     return lambda T_home_cam, name: prior_of(source.station, T_home_cam, source.level, name)
-
-
-def _told(name: str, i: int, count: int, begin: Begin) -> Progress:
-    """Maps are the first 70 % of a survey."""
-    begin(f"map {i + 1} of {count}: {name}", 0.7 * i / count)
-    return lambda step, done, total: begin(
-        f"map {i + 1} of {count}: {name}, {step}", 0.7 * (i + done / max(total, 1)) / count
-    )
 
 
 def write(site: Site, out: Path) -> None:
