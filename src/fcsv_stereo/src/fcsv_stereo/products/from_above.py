@@ -91,7 +91,7 @@ def rasterize(cloud: Cloud, cell_m: float = 0.0, reference: Optional[Reference] 
         spanned.span(cloud, surfaces, reference, origin, cell_m, height, rgb)
     loose = np.zeros(shape, bool)
     loose[row[inside], column[inside]] = True
-    return Raster(*_closed(height, rgb, loose), cell_m, *origin)
+    return Raster(*closed(height, rgb, loose), cell_m, *origin)
 
 
 def _cell_size_m(xy_m: np.ndarray, extent_m: float) -> float:
@@ -104,7 +104,7 @@ def _cell_size_m(xy_m: np.ndarray, extent_m: float) -> float:
     return float(next(s * power for s in (1.0, 2.0, 5.0, 10.0) if s * power >= least * (1 - 1e-6)))
 
 
-def _closed(height: np.ndarray, rgb: np.ndarray, known: np.ndarray):
+def closed(height: np.ndarray, rgb: np.ndarray, known: np.ndarray):
     """Cells between ``known`` ones take the nearest one's value where these lie close; a lone one
     stays one cell."""
     if not known.any():

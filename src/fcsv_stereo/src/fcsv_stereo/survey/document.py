@@ -15,7 +15,8 @@ from fcsv_stereo.survey.georeference import World
 from fcsv_stereo.survey.merge import Joined
 from fcsv_stereo.survey.views import View
 
-CLOUDS = ("site.ply", "site.laz")
+CLOUDS = ("site.ply", "site.laz", "site.copc.laz")
+RASTERS = ("dsm.tif", "orthophoto.tif")
 # farther from the origin float32 has steps of more than a millimetre
 _FAR_M, _STEP_M = 10_000.0, 1000.0
 
@@ -80,11 +81,12 @@ def site_document(site: Site) -> dict:
     ]
     points = site.cloud.points_home_m
     low, high = (
-        (f(axis=0).astype(float) + site.origin_m).tolist() for f in (points.min, points.max)
+        (f(axis=0).astype(float) + site.origin_m).tolist() if len(points) else None
+        for f in (points.min, points.max)
     )
     tile = {
         "name": "site",
-        "files": list(CLOUDS),
+        "files": [*CLOUDS, *RASTERS] if len(points) else list(CLOUDS[:1]),
         "points": len(points),
         "min_m": low,
         "max_m": high,

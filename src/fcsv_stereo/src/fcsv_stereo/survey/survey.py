@@ -18,6 +18,7 @@ from fcsv_stereo.products.clouds import write_laz
 from fcsv_stereo.survey import inputs, merge
 from fcsv_stereo.survey.document import (
     CLOUDS,
+    RASTERS,
     Missing,
     Site,
     adjustment_document,
@@ -30,12 +31,14 @@ from fcsv_stereo.survey.inputs import Source
 from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
 from fcsv_stereo.survey.maps import VIEWS, MapOptions, kept_map, make_map
 from fcsv_stereo.survey.matching import may_overlap
+from fcsv_stereo.survey.octree import write_copc
 from fcsv_stereo.survey.page import write_page
+from fcsv_stereo.survey.rasters import surface_of, write_surface
 from fcsv_stereo.survey.station import prior_of
 from fcsv_stereo.survey.views import View, read_view
 from fcsv_stereo.survey.work import Crew, Task, WorkOptions
 
-FILES = (*CLOUDS, "site.html", "adjustment.json", "site.json")
+FILES = (*CLOUDS, *RASTERS, "site.html", "adjustment.json", "site.json")
 _LEAST_MIB = 50
 Begin = Callable[[str, float], None]
 
@@ -227,7 +230,11 @@ def write(site: Site, out: Path) -> None:
             last = ("views", "views that agree on it")
             write_ply(site.cloud, folder / CLOUDS[0], site.origin_m, last[0])
             crs = site.world.crs if site.world else ""
-            write_laz(site.cloud, folder / CLOUDS[1], site.origin_m, last, crs)
+            if len(site.cloud):
+                write_laz(site.cloud, folder / CLOUDS[1], site.origin_m, last, crs)
+                write_copc(site.cloud, folder / CLOUDS[2], site.origin_m, crs)
+                surface = surface_of(site.cloud, site.origin_m)
+                write_surface(surface, *(folder / n for n in RASTERS), crs)
             write_page(site, folder / "site.html")
             (folder / "adjustment.json").write_text(
                 json.dumps(adjustment_document(site), indent=1, allow_nan=False)
@@ -236,6 +243,10 @@ def write(site: Site, out: Path) -> None:
                 json.dumps(site_document(site), indent=1, allow_nan=False)
             )
             for name in FILES:  # site.json last: it tells of all others
-                (folder / name).replace(out / name)
+                made_of = folder / name
+                if made_of.exists():
+                    made_of.replace(out / name)
+                else:  # a cloud without points
+                    (out / name).unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(in_words(error, out)) from error
