@@ -27,6 +27,7 @@ from fcsv_stereo.survey.survey import run
 from fcsv_stereo.survey.views import View
 
 _HEAD = ("figure", "as flown", "joined")
+_ONE_SURFACE = 1.03  # ratio of the depths of four pixels
 #: Where the drawn world's origin is on the earth; farthest control point from a view; errors of
 #: coordinates and of marks.
 _MIDDLE = np.array([[13.4, 52.5, 0.0]])
@@ -106,6 +107,21 @@ def _yaw_deg(R: np.ndarray, T_world_cam: np.ndarray) -> float:
     return float(np.degrees(np.arctan2(D[1, 0] - D[0, 1], D[0, 0] + D[1, 1])))
 
 
+def surface_at(depth: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """(N,) m, the true depth at ``uv`` (N,2) px between four pixels of one surface; NaN elsewhere,
+    at edges of surfaces, too. The nearest of neighbouring pixels instead would forgive a pixel's
+    step of depth, which on slanting ground is a sigma."""
+    at = np.floor(uv).astype(int)
+    inside = (at >= 0).all(axis=1) & (at < np.array(depth.shape[::-1]) - 1).all(axis=1)
+    column, row = np.where(inside[:, None], at, 0).T
+    across, down = (uv - at).T
+    w = [1.0 / depth[row + dv, column + du] for dv in (0, 1) for du in (0, 1)]
+    upper, lower = (w[i] * (1.0 - across) + w[i + 1] * across for i in (0, 2))
+    with np.errstate(invalid="ignore"):
+        one = inside & (np.max(w, axis=0) < _ONE_SURFACE * np.min(w, axis=0))
+    return np.where(one, 1.0 / (upper * (1.0 - down) + lower * down), np.nan)
+
+
 def cloud_figures(site: Site, truth: Dict[str, TrueView]) -> Dict[str, float]:
     """Of the cloud: how wrong what two or more views see is, and what of it its sigma covers; after
     the similarity that fits the points best. A point is compared with the true surface on its own
@@ -116,40 +132,41 @@ def cloud_figures(site: Site, truth: Dict[str, TrueView]) -> Dict[str, float]:
     told, true = (np.concatenate([p[i][::50] for p in pairs]) for i in (0, 1))
     good = np.linalg.norm(told - true, axis=1) < np.median(np.linalg.norm(told - true, axis=1)) * 2
     at = similarity.of_matrix(similarity.fit(true[None, good], told[None, good])[0])
-    error, sigma, depth, several = [], [], [], []
+    error, exact, sigma, depth, several = [], [], [], [], []
     for v in views:
         cloud, t = site.joined[v.name].cloud, truth[v.name]
         p = similarity.apply(at, cloud.points_home_m.astype(float) + site.origin_m)
         in_cam = (p - t.T_world_cam[:3, 3]) @ t.T_world_cam[:3, :3]
         z = in_cam[:, 2]
-        uv = np.rint(
-            in_cam[:, :2] / z[:, None] * [v.camera.fx, v.camera.fy] + [v.camera.cx, v.camera.cy]
-        ).astype(int)
-        inside = (uv > 0).all(axis=1) & (uv < np.array(t.depth.shape[::-1]) - 1).all(axis=1)
-        at_pixels = np.stack(
-            [
-                t.depth[uv[inside, 1] + dv, uv[inside, 0] + du]
-                for dv in (-1, 0, 1)
-                for du in (-1, 0, 1)
-            ]
-        )
-        nearest = np.nanmin(
-            np.where(np.isfinite(at_pixels), np.abs(at_pixels - z[inside]), 1e3), axis=0
-        )
-        error.append(nearest)
+        uv = in_cam[:, :2] / z[:, None] * [v.camera.fx, v.camera.fy] + [v.camera.cx, v.camera.cy]
+        exact.append(np.abs(surface_at(t.depth, uv) - z))
+        pixel = np.rint(uv).astype(int)
+        inside = (pixel > 0).all(axis=1) & (pixel < np.array(t.depth.shape[::-1]) - 1).all(axis=1)
+        exact[-1] = exact[-1][inside]
+        steps = [(dv, du) for dv in (-1, 0, 1) for du in (-1, 0, 1)]
+        about = np.stack([t.depth[pixel[inside, 1] + v, pixel[inside, 0] + u] for v, u in steps])
+        off = np.where(np.isfinite(about), np.abs(about - z[inside]), 1e3)
+        error.append(np.min(off, axis=0))
         sigma.append(cloud.sigma_m[inside])
         depth.append(z[inside])
         several.append(cloud.baseline_index[inside] > 1)
-    error, sigma, depth, several = map(np.concatenate, (error, sigma, depth, several))
-    e, s, d = error[several], sigma[several], depth[several]
+    error, exact, sigma, depth, several = map(np.concatenate, (error, exact, sigma, depth, several))
+    wrong = error > 0.1 * depth
+    told = several & np.isfinite(exact)
+    e, s, d = exact[told], sigma[told], depth[told]
     return {
         "points": len(site.cloud),
         "seen by two or more (%)": 100 * float(several.mean()),
-        "of these wrong: beyond 10 % (%)": 100 * float((e > 0.1 * d).mean()),
+        "of these wrong: beyond 10 % (%)": 100 * float(wrong[several].mean()),
         "of these within sigma (68 %)": 100 * float((e <= s).mean()),
         "of these within 1.96 sigma (95 %)": 100 * float((e <= 1.96 * s).mean()),
         "of these median sigma / depth (%)": 100 * float(np.median(s / d)),
-        "of others wrong: beyond 10 % (%)": 100 * float((error > 0.1 * depth)[~several].mean()),
+        **{
+            f"of these within sigma, {low} to {high} m (%)": 100
+            * float((e <= s)[(d > low) & (d <= high)].mean())
+            for low, high in ((0, 60), (60, 130), (130, 400))
+        },
+        "of others wrong: beyond 10 % (%)": 100 * float(wrong[~several].mean()),
     }
 
 

@@ -3,15 +3,19 @@
 
 import json
 import os
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from support import tasks
-from support.survey_views import camera_at, view
+from support.photographs import model
+from support.survey_views import camera_at, unplaced, view
 
-from fcsv_stereo.errors import SurveyError
-from fcsv_stereo.survey import kept, survey
+from fcsv_stereo.errors import InputError, SurveyError
+from fcsv_stereo.survey import inputs, kept, similarity, survey
+from fcsv_stereo.survey.adjust import adjust
+from fcsv_stereo.survey.edges import Edge
 from fcsv_stereo.survey.kept import kept_edge, make_edge, view_file
 from fcsv_stereo.survey.work import Crew, Task, WorkOptions
 
@@ -163,3 +167,39 @@ def test_a_pair_whose_map_went_away_is_missing_and_the_others_are_there(three, t
     found, missing = edges_of(three, tmp_path / "out")
     assert [m.name for m in missing] == ["v0 with v2", "v1 with v2"]
     assert all("depth.npy" in m.reason for m in missing) and len(found) == 1
+
+
+def posed_folder(folder):
+    """COLMAP's text model of six photographs."""
+    lines = [f"{i} 1 0 0 0 {-i} 0 0 1 p{i}.jpg\n\n" for i in range(6)]
+    return model(folder, images="".join(lines))
+
+
+def test_every_second_photograph_is_the_reference_of_a_view(tmp_path):
+    folder = posed_folder(tmp_path / "walk")
+    (folder / "station.yaml").write_text(
+        "place_m: [1, 2, 3]\nheading_deg: 10\nplace_sigma_m: 0.5\nheading_sigma_deg: 0.1\n"
+    )
+    found = inputs.sources_of([folder], every=2)
+    assert [s.name for s in found] == ["walk-p0", "walk-p2", "walk-p4"]
+    assert [s.reference for s in found] == ["p0.jpg", "p2.jpg", "p4.jpg"]
+    assert [s.station is not None for s in found] == [True, False, False]
+    keys = {s.name: inputs.source_key(s) for s in found}
+    assert inputs.copies(keys) == {} and len(inputs.sources_of([folder])) == 1
+    with pytest.raises(InputError, match="--every: is 1 or more"):
+        inputs.sources_of([folder], every=-1)
+
+
+def test_poses_of_one_folder_join_views_that_features_do_not():
+    views = [replace(view(f"v{i}", camera_at(0, 3.0 * i)), source="walk") for i in range(3)]
+    views = [replace(v, T_home_cam=camera_at(0, 3.0 * i)) for i, v in enumerate(views)]
+    lone = replace(view("lone", camera_at(50, 0)), source="other")
+    refused = Edge("v0", "v1", matches=3, reason="3 features are alike")
+    found = survey.with_posed([refused], [*views, lone])
+    assert [(e.a, e.b, e.kept) for e in found] == [("v0", "v1", True), ("v1", "v2", True)]
+    assert np.allclose(similarity.place(found[0].S_a_b), [-3.0, 0.0, 0.0])
+    unknown = [replace(v, prior=unplaced(v.T_home_cam)) for v in views]
+    placed = adjust(unknown, found).placed
+    assert len(placed) == 3
+    good = replace(found[0], matches=20, residual_m=0.1)
+    assert survey.with_posed([good], views)[0] is good

@@ -33,7 +33,14 @@ def main(argv: Optional[List[str]] = None) -> int:
 def _survey(args: argparse.Namespace) -> int:
     with Steps(LiveLine(sys.stderr), "reading inputs").shown() as steps:
         paths = [Path(p) for p in args.inputs]
-        site = run(paths, Path(args.out), begin=steps.begin, world=_world(args), work=_work(args))
+        site = run(
+            paths,
+            Path(args.out),
+            begin=steps.begin,
+            world=_world(args),
+            work=_work(args),
+            every=args.every,
+        )
     print("\n".join(summary(site)))
     print(f"wrote {args.out}: {', '.join(FILES)}")
     return 1 if site.missing else 0
@@ -116,6 +123,13 @@ def _parser() -> argparse.ArgumentParser:
         required=True,
         metavar="OUT",
         help="folder for the site; a stopped survey goes on there",
+    )
+    add(
+        "--every",
+        type=int,
+        default=0,
+        metavar="N",
+        help="of folders of photographs each N-th picture is the reference of a view (the first alone)",
     )
     world = parser.add_argument_group("the world's coordinates (docs/user/survey.md)")
     world.add_argument("--gcp", metavar="FILE", help="ground control points: ODM's gcp_list.txt")

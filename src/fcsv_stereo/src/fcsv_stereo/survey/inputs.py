@@ -2,7 +2,7 @@
 """The inputs of a survey: what each is, its name, its station, and the key of its content."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
@@ -34,12 +34,14 @@ class SourceKind(Word):
 @dataclass(frozen=True)
 class Source:
     """An input: its folder (or bag), the name of its view, what it is, and where its reference
-    camera stood, where it says so."""
+    camera stood, where it says so; ``reference``: of photographs the reference picture, empty for
+    the first."""
 
     path: Path
     name: str
     kind: SourceKind
     station: Optional[Station]
+    reference: str = ""
 
     @property
     def level(self) -> bool:
@@ -48,12 +50,43 @@ class Source:
         return self.kind is SourceKind.SESSION
 
 
-def sources_of(paths: Sequence[Path]) -> List[Source]:
-    """All inputs, in order. Raises InputError on one that is none, ConfigError on a wrong
-    station.yaml."""
+def sources_of(paths: Sequence[Path], every: int = 0) -> List[Source]:
+    """All inputs, in order; ``every``: of folders of photographs each so-manieth picture is the
+    reference of a view (0: the first alone). Raises InputError on one that is none, ConfigError on
+    a wrong station.yaml."""
+    if every < 0:
+        raise InputError(f"--every: is 1 or more, got {every}")
     kinds = [kind_of(p) for p in paths]
     names = names_of(paths)
-    return [Source(p, n, k, station.load_station(p)) for p, n, k in zip(paths, names, kinds)]
+    found: List[Source] = []
+    for path, name, kind in zip(paths, names, kinds):
+        source = Source(path, name, kind, station.load_station(path))
+        several = every > 0 and kind is SourceKind.PHOTOGRAPHS
+        found += references_of(source, every) if several else [source]
+    return found
+
+
+def references_of(source: Source, every: int) -> List[Source]:
+    """A view for each ``every``-th photograph in the order of images.txt; the station is the first
+    one's. Raises InputError."""
+    cameras = colmap.read_cameras(source.path / "cameras.txt")
+    pictures = [p.name for p in colmap.read_images(source.path / "images.txt", cameras)][::every]
+    stems = [str(Path(p).with_suffix("")).replace("/", "-") for p in pictures]
+    return [
+        replace(
+            source,
+            name=f"{source.name}-{s if stems.count(s) == 1 else p.replace('/', '-')}",
+            station=source.station if i == 0 else None,
+            reference=p,
+        )
+        for i, (p, s) in enumerate(zip(pictures, stems))
+    ]
+
+
+def source_key(source: Source) -> str:
+    """Key of a view's content: that of its input, and of its reference where one is named."""
+    content = content_key(source.path)
+    return f"{content} {source.reference}" if source.reference else content
 
 
 def kind_of(path: Path) -> SourceKind:

@@ -11,7 +11,7 @@ from typing import Any, Optional, Tuple
 from fcsv_geometry.version import VERSION
 from fcsv_stereo import pipeline
 from fcsv_stereo.model import Progress, silent
-from fcsv_stereo.survey.inputs import Source, SourceKind, content_key
+from fcsv_stereo.survey.inputs import Source, SourceKind, source_key
 
 VIEWS = "views"
 _THREADS = re.compile(r",? ?threads=\d+")  # a machine's, and no matter to the map
@@ -57,10 +57,17 @@ def make_map(
     """
     folder, note = _places(source, out)
     note.unlink(missing_ok=True)  # a map without a note is made again
-    pipeline.run(pipeline.MapRequest(source.path, folder, options.method, options.made()), progress)
-    content = content_key(source.path)  # bags may have been repaired meanwhile
+    pipeline.run(_request(source, folder, options), progress)
+    content = source_key(source)  # bags may have been repaired meanwhile
     _write_whole(note, {**_key(content, options), "input": str(source.path)})
     return folder
+
+
+def _request(source: Source, folder: Path, options: MapOptions) -> pipeline.MapRequest:
+    reference = source.reference or None
+    return pipeline.MapRequest(
+        source.path, folder, options.method, options.made(), reference=reference
+    )
 
 
 def _key(content: str, options: MapOptions) -> dict:

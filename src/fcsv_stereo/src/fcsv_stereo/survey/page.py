@@ -122,7 +122,7 @@ def _plan(site: Site):
     for e in (e for e in site.adjusted.edges if e.a in at and e.b in at and e.S_a_b is not None):
         x, y = np.array([at[e.a], at[e.b]]).T
         axes.plot(x, y, "k-" if e.kept else "r:", lw=1.2)
-        if e.kept and len(at) <= _MOST_LABELLED:
+        if e.kept and e.residual_m is not None and len(at) <= _MOST_LABELLED:
             axes.annotate(f"{e.residual_m:.2f}", (x.mean(), y.mean()), fontsize=7, ha="center")
     length = _WEDGE_SHARE * float((high - low).max())
     for view in (v for v in site.views if v.name in at):

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from fcsv_stereo.model import Cloud
-from fcsv_stereo.products.from_above import closed
+from fcsv_stereo.products.from_above import cell_size_m, closed
 
 _MOST_CELLS = 8000  # along the longer side
 _KEPT_PERCENT = (0.1, 99.9)  # of x and of y: a stray point must not make the raster large
-_LEAST_CELL_M, _BLOCK = 0.01, 512
+_BLOCK = 512
 #: Of points in one cell the one counts that is surely highest: its height less so many sigma.
 _SURE_SIGMAS = 2.0
 _LOCAL = 'LOCAL_CS["site",UNIT["metre",1]]'
@@ -38,7 +37,7 @@ def surface_of(cloud: Cloud, origin_m: np.ndarray) -> Surface:
     """The highest sure point of each cell; gaps between close points take the nearest."""
     p = cloud.points_home_m.astype(float)
     low, high = np.percentile(p[:, :2], _KEPT_PERCENT, axis=0)
-    cell_m = _cell_m(p[:, :2], float((high - low).max()))
+    cell_m = cell_size_m(p[:, :2], float((high - low).max()), _MOST_CELLS)
     first, last = (np.floor(v / cell_m).astype(int) for v in (low, high))
     columns, rows = last - first + 1
     column, row = (np.floor(p[:, :2] / cell_m).astype(int) - first).T
@@ -65,17 +64,6 @@ def surface_of(cloud: Cloud, origin_m: np.ndarray) -> Surface:
         float(first[0] * cell_m + origin_m[0]),
         float((last[1] + 1) * cell_m + origin_m[1]),
     )
-
-
-def _cell_m(xy_m: np.ndarray, extent_m: float) -> float:
-    """1, 2 or 5 times a power of ten: three points in four have a neighbour within a cell's
-    side."""
-    some = xy_m[np.random.default_rng(0).permutation(len(xy_m))[:4000]]
-    neighbours = min(5, len(xy_m))
-    spacing_m = float(np.percentile(cKDTree(xy_m).query(some, k=[neighbours])[0], 75))
-    least = max(extent_m / _MOST_CELLS, spacing_m, _LEAST_CELL_M)
-    power = 10.0 ** np.floor(np.log10(least))
-    return float(next(s * power for s in (1.0, 2.0, 5.0, 10.0) if s * power >= least * (1 - 1e-6)))
 
 
 def write_surface(surface: Surface, dsm: Path, ortho: Path, crs: str = "") -> None:

@@ -25,7 +25,7 @@ from fcsv_stereo.survey.document import (
     origin_of,
     site_document,
 )
-from fcsv_stereo.survey.edges import Edge
+from fcsv_stereo.survey.edges import Edge, posed_edge
 from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place, projected
 from fcsv_stereo.survey.inputs import Source
 from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
@@ -66,6 +66,7 @@ def run(
     begin: Begin = lambda step, share: None,
     world: Optional[WorldOptions] = None,
     work: Optional[WorkOptions] = None,
+    every: int = 0,
 ) -> Site:
     """The site of all inputs, written to ``out``; what could not be mapped or placed is in its
     ``missing``.
@@ -76,7 +77,7 @@ def run(
     check_out(out)
     given = (world or WorldOptions()).read()
     require_folder(out.absolute(), _LEAST_MIB)
-    sources = inputs.sources_of(paths)
+    sources = inputs.sources_of(paths, every)
     with Crew(work or WorkOptions()) as crew:
         mapped = _mapped(sources, out, options or MapOptions(), crew, begin)
         if not mapped.views:
@@ -84,6 +85,7 @@ def run(
             raise SurveyError(f"no view could be mapped: {reasons}")
         begin("comparing views", 0.7)
         edges, uncompared = edges_between(mapped.views, mapped.files, out, crew, begin)
+    edges = with_posed(edges, mapped.views)
     site = site_of(mapped.views, edges, [*mapped.missing, *uncompared], begin, given)
     begin("writing the site", 0.95)
     write(site, out)
@@ -152,6 +154,23 @@ def edges_between(
     return [e for e in found if e is not None], missing
 
 
+def with_posed(edges: List[Edge], views: Sequence[View]) -> List[Edge]:
+    """Edges, and those that the poses of a folder of photographs state where features gave none:
+    from each of its references to the next."""
+    by_folder: Dict[str, List[View]] = {}
+    for v in views:
+        by_folder.setdefault(v.source, []).append(v)
+    posed = {
+        (a.name, b.name): posed_edge(a, b)
+        for of in by_folder.values()
+        for a, b in zip(of[:-1], of[1:])
+    }
+    kept = {(e.a, e.b) for e in edges if e.kept}
+    return [e for e in edges if e.kept or (e.a, e.b) not in posed] + [
+        e for pair, e in posed.items() if pair not in kept
+    ]
+
+
 @dataclass(frozen=True)
 class _Mapped:
     """Views in the order of their inputs, their files, and what is missing."""
@@ -165,7 +184,7 @@ def _mapped(
     sources: List[Source], out: Path, options: MapOptions, crew: Crew, begin: Begin
 ) -> _Mapped:
     """A view of each source, by maps that are there or that the crew makes."""
-    keys = {s.name: inputs.content_key(s.path) for s in sources}
+    keys = {s.name: inputs.source_key(s) for s in sources}
     same = inputs.copies(keys)
     paths: Dict[str, Path] = {s.name: s.path for s in sources}
     errors: Dict[str, str] = {

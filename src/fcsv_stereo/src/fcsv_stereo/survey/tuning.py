@@ -82,3 +82,7 @@ MOST_METRE_OFF, FREE_SCALE = 0.2, 20.0
 APART_SIGMAS = 3.0
 #: Share of all statements on the world that may be thrown out as wrong.
 MOST_WRONG = 0.4
+
+#: rad, share of the distance, share: how well the model of a folder of photographs states one of its
+#: poses against the next, and how alike two of its maps are in scale. The first two are ``map``'s.
+POSED_RAD, POSED_SHARE, POSED_SCALE = 0.0052, 0.01, 0.01
