@@ -3,11 +3,17 @@
 docs/lab/survey.md.
 
 python tools/bench_survey.py [--world village] [--seed 1] [--views 6] [--step-deg 15] [--radius-m
-90] [--control 5] [-o out/site] A site that was drawn in OUT/drawn is taken as it is.
+90] [--control 5] [--kills 0]
+[-o out/site] A site that was drawn in OUT/drawn is taken as it is.
 """
 
 import argparse
+import hashlib
 import json
+import os
+import shutil
+import signal
+import subprocess
 import sys
 import time
 from dataclasses import dataclass
@@ -23,7 +29,7 @@ from fcsv_stereo.survey import earth, similarity
 from fcsv_stereo.survey.document import Site
 from fcsv_stereo.survey.earth import EarthFrame
 from fcsv_stereo.survey.georeference import WorldOptions
-from fcsv_stereo.survey.survey import run
+from fcsv_stereo.survey.survey import FILES, run
 from fcsv_stereo.survey.views import View
 
 _HEAD = ("figure", "as flown", "joined")
@@ -258,6 +264,61 @@ def control_figures(site: Site, truth: Dict[str, TrueView], frame: EarthFrame) -
     }
 
 
+_COMMAND = "import sys; from fcsv_stereo.survey.command import main; sys.exit(main())"
+
+
+def survey_process(folders: List[Path], out: Path, *options: str) -> subprocess.Popen:
+    """A survey as a process of its own, which leads its group."""
+    words = [sys.executable, "-c", _COMMAND, *map(str, folders), "-o", str(out), *options]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen(words, start_new_session=True, **quiet)
+
+
+def content_of(out: Path) -> Dict[str, str]:
+    """Checksums of a site's files."""
+    return {n: hashlib.sha256((out / n).read_bytes()).hexdigest() for n in FILES}
+
+
+def scaling(folders: List[Path], out: Path, kills: int, seed: int) -> Dict[str, str]:
+    """Seconds without and with one and two processes, whether all write the same, and what a run
+    that was killed at random moments writes."""
+    took, contents, random = {}, {}, np.random.default_rng(seed)
+    for name in ("0", "1", "2", "killed"):
+        shutil.rmtree(out / name, ignore_errors=True)
+    for workers in ("0", "1", "2"):
+        started = time.perf_counter()
+        if survey_process(folders, out / workers, "--workers", workers).wait() != 0:
+            raise SystemExit(f"--workers {workers} ended with an error")
+        took[workers] = time.perf_counter() - started
+        contents[workers] = content_of(out / workers)
+    made, lost = [], 0
+    for _ in range(kills):
+        process = survey_process(folders, out / "killed", "--workers", "2")
+        try:
+            process.wait(float(random.uniform(0.1, 0.6)) * took["2"])
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            lost += 1
+        made.append(len(list((out / "killed/views").glob("*.json"))))
+    if survey_process(folders, out / "killed", "--workers", "2").wait() != 0:
+        raise SystemExit("what was killed did not go on")
+    contents["killed"] = content_of(out / "killed")
+    differ = {
+        name: [n for n in FILES if contents["0"][n] != of[n]] or "nothing"
+        for name, of in contents.items()
+    }
+    return {
+        "seconds in a plain loop, by one process, by two": ", ".join(
+            f"{took[w]:.0f}" for w in ("0", "1", "2")
+        ),
+        "two processes against one": f"{took['1'] / took['2']:.2f}",
+        "differs from the plain loop: one, two processes": f"{differ['1']}, {differ['2']}",
+        f"killed {lost} times, maps that were there then": ", ".join(map(str, made)),
+        "differs from the plain loop: after the kills": str(differ["killed"]),
+    }
+
+
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--world", choices=list(WORLDS), default="village")
@@ -277,6 +338,9 @@ def main(argv=None) -> int:
         default=5,
         help="control points of 2 cm, with 10 check points; 0: none",
     )
+    parser.add_argument(
+        "--kills", type=int, default=0, help="times processes, too, and kills a run so often"
+    )
     parser.add_argument("-o", "--out", type=Path, default=Path("out/bench_survey"))
     args = parser.parse_args(argv)
     drawn = args.out / "drawn"
@@ -291,6 +355,10 @@ def main(argv=None) -> int:
             args.seed,
         )
     folders = sorted(drawn.glob("view*"))
+    if args.kills:
+        for name, value in scaling(folders, args.out, args.kills, args.seed).items():
+            print(f"| {name} | {value} |")
+        return 0
     started = time.perf_counter()
     site = run(folders, args.out / "site")
     took_s = time.perf_counter() - started

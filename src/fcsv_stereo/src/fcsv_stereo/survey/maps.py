@@ -4,7 +4,7 @@ stopped run goes on."""
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Optional, Tuple
 
@@ -28,9 +28,25 @@ class MapOptions:
         """The method's options."""
         return pipeline.METHODS[self.method].options() if self.options is None else self.options
 
+    def on_one_core(self) -> "MapOptions":
+        """The same with one thread: for processes that share a machine. The map is the same."""
+        return replace(self, options=_with_one_thread(self.made()))
+
     def words(self) -> str:
         """What tells these options from others."""
         return _THREADS.sub("", f"{VERSION} {self.method} {self.made()!r}")
+
+
+def _with_one_thread(options: Any) -> Any:
+    """A dataclass with 1 for its fields ``threads``, and those of the dataclasses in it."""
+    changed = {}
+    for f in fields(options):
+        value = getattr(options, f.name)
+        if is_dataclass(value):
+            changed[f.name] = _with_one_thread(value)
+        elif f.name == "threads":
+            changed[f.name] = 1
+    return replace(options, **changed)
 
 
 def kept_map(source: Source, content: str, out: Path, options: MapOptions) -> Optional[Path]:

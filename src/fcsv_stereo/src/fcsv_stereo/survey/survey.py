@@ -194,10 +194,9 @@ def _mapped(
     own = [s for s in sources if s.name not in same]
     folders = {s.name: kept_map(s, keys[s.name], out, options) for s in own}
     new = [s for s in own if folders[s.name] is None]
-    tasks = [
-        Task(s.name, make_map, (_anywhere(s), keys[s.name], out.absolute(), options), long=True)
-        for s in new
-    ]
+    tasks = [_map_task(s, keys[s.name], out, options) for s in new]
+    if crew.elsewhere(tasks):
+        tasks = [_map_task(s, keys[s.name], out, options.on_one_core()) for s in new]
     began = time.monotonic()
     begin(f"map 1 of {len(new)}" if new else "reading maps", 0.0)
     for done, outcome in enumerate(crew.run(tasks), 1):
@@ -221,6 +220,10 @@ def _mapped(
             errors[source.name] = in_words(error, out / VIEWS)
     missing = [Missing(s.name, str(s.path), errors[s.name]) for s in sources if s.name in errors]
     return _Mapped(views, files, missing)
+
+
+def _map_task(source: Source, key: str, out: Path, options: MapOptions) -> Task:
+    return Task(source.name, make_map, (_anywhere(source), key, out.absolute(), options), long=True)
 
 
 def _anywhere(source: Source) -> Source:

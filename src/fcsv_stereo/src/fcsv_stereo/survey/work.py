@@ -12,6 +12,7 @@ import os
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
+import cv2
 import psutil
 from threadpoolctl import threadpool_limits
 
@@ -90,6 +91,12 @@ class WorkOptions:
         return found
 
 
+def attempt_on_one_core(call: Callable, args: Tuple) -> Tuple[Any, str]:
+    """As ``attempt``, in a process that shares its machine with others."""
+    cv2.setNumThreads(1)
+    return attempt(call, args)
+
+
 def attempt(call: Callable, args: Tuple) -> Tuple[Any, str]:
     """A task's result, or the line of the error that its input makes."""
     with threadpool_limits(1):
@@ -120,13 +127,14 @@ class Crew:
     def run(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
         """The outcome of each task, in the order in which they end. Raises SurveyError where the
         scheduler is not there."""
-        if not self._remote(tasks):
+        if not self.elsewhere(tasks):
             for i, task in enumerate(tasks):
                 yield Outcome(i, *attempt(task.call, task.args))
             return
         yield from self._by_dask(tasks)
 
-    def _remote(self, tasks: Sequence[Task]) -> bool:
+    def elsewhere(self, tasks: Sequence[Task]) -> bool:
+        """Whether other processes run these tasks."""
         if not tasks or (self._options.processes < 2 and not self._options.scheduler):
             return bool(tasks) and self._options.processes == 1 and self._worth(tasks)
         return bool(self._options.scheduler) or self._client is not None or self._worth(tasks)
@@ -141,7 +149,8 @@ class Crew:
 
         client = self._started()
         futures = {
-            client.submit(attempt, t.call, t.args, pure=False): i for i, t in enumerate(tasks)
+            client.submit(attempt_on_one_core, t.call, t.args, pure=False): i
+            for i, t in enumerate(tasks)
         }
         left: List[Any] = list(futures)
         try:
