@@ -17,13 +17,13 @@ from fcsv_stereo.survey import inputs, kept, similarity, survey
 from fcsv_stereo.survey.adjust import adjust
 from fcsv_stereo.survey.edges import Edge
 from fcsv_stereo.survey.kept import kept_edge, make_edge, view_file
-from fcsv_stereo.survey.work import Crew, Task, WorkOptions
+from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions
 
 pytestmark = pytest.mark.xdist_group("survey_work")
 
 
 def squares(*values):
-    return [Task(f"number {v}", tasks.square, (v,), long=True) for v in values]
+    return [SurveyTask(f"number {v}", tasks.square, (v,), long=True) for v in values]
 
 
 @pytest.mark.parametrize("workers", [0, 2])
@@ -37,7 +37,8 @@ def test_all_ways_give_the_same_and_name_what_is_refused(workers):
 def test_workers_are_other_processes_and_few_short_tasks_need_none(tmp_path):
     def of(count, long):
         return [
-            Task(str(i), tasks.write_number, (tmp_path / str(i), i), long) for i in range(count)
+            SurveyTask(str(i), tasks.write_number, (tmp_path / str(i), i), long)
+            for i in range(count)
         ]
 
     with Crew(WorkOptions(2)) as crew:
@@ -59,7 +60,7 @@ def test_a_worker_that_dies_is_named_and_the_rest_is_there():
 @pytest.mark.slow
 def test_a_task_that_hangs_is_tried_again_by_a_new_worker(tmp_path):
     with Crew(WorkOptions(2, limit_s=6.0)) as crew:
-        waiting = [Task("slow", tasks.hang_once, (tmp_path / "hung",), long=True)]
+        waiting = [SurveyTask("slow", tasks.hang_once, (tmp_path / "hung",), long=True)]
         found = [o.result for o in crew.run([*waiting, *squares(2)])]
     assert sorted(map(str, found)) == ["4", "done"]
 

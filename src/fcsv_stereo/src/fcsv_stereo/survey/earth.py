@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between places on the earth, a frame of metres in which views are adjusted, and the projected
-reference system of the output (PROJ, by pyproj)."""
+"""Leads from places on the earth to a frame of metres in which views are adjusted, and to the
+projected reference system of the output (PROJ, by pyproj)."""
 
 import re
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ def crs_of(words: str) -> CRS:
 
 
 def projected_crs(words: str) -> CRS:
-    """As ``crs_of``, of a system whose axes are metres. Raises SurveyError."""
+    """The reference system that words name, whose axes must be metres. Raises SurveyError."""
     crs = crs_of(words)
     if not in_metres(crs):
         raise SurveyError(f"'{words}' is not projected to metres; choose such a system, as UTM's")

@@ -36,7 +36,7 @@ from fcsv_stereo.survey.page import write_page
 from fcsv_stereo.survey.rasters import surface_of, write_surface
 from fcsv_stereo.survey.station import prior_of
 from fcsv_stereo.survey.views import View, read_view
-from fcsv_stereo.survey.work import Crew, Task, WorkOptions
+from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions
 
 FILES = (*CLOUDS, *RASTERS, "site.html", "adjustment.json", "site.json")
 _LEAST_MIB = 50
@@ -139,7 +139,9 @@ def edges_between(
         if may_overlap(v, w)
     ]
     new = [(a, b) for a, b in pairs if kept_edge(a, b, out) is None]
-    tasks = [Task(f"{a.name} with {b.name}", make_edge, (a, b, out.absolute())) for a, b in new]
+    tasks = [
+        SurveyTask(f"{a.name} with {b.name}", make_edge, (a, b, out.absolute())) for a, b in new
+    ]
     errors: Dict[int, str] = {}
     for done, outcome in enumerate(crew.run(tasks), 1):
         if outcome.error:
@@ -222,8 +224,10 @@ def _mapped(
     return _Mapped(views, files, missing)
 
 
-def _map_task(source: Source, key: str, out: Path, options: MapOptions) -> Task:
-    return Task(source.name, make_map, (_anywhere(source), key, out.absolute(), options), long=True)
+def _map_task(source: Source, key: str, out: Path, options: MapOptions) -> SurveyTask:
+    return SurveyTask(
+        source.name, make_map, (_anywhere(source), key, out.absolute(), options), long=True
+    )
 
 
 def _anywhere(source: Source) -> Source:

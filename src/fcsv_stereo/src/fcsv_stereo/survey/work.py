@@ -27,7 +27,7 @@ _LEAST_BYTES = 256 << 20
 
 
 @dataclass(frozen=True)
-class Task:
+class SurveyTask:
     """``call(*args)`` with a ``name`` for people; ``long``: it takes many seconds."""
 
     name: str
@@ -37,8 +37,8 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """Of a task, by its number: its result, or ``error``, a line that says why there is none."""
+class TaskResult:
+    """Holds, of a task by its number, its result, or ``error``: a line that says why there is none."""
 
     number: int
     result: Any
@@ -92,7 +92,7 @@ class WorkOptions:
 
 
 def attempt_on_one_core(call: Callable, args: Tuple) -> Tuple[Any, str]:
-    """As ``attempt``, in a process that shares its machine with others."""
+    """Does what ``attempt`` does, in a process that shares its machine with others."""
     cv2.setNumThreads(1)
     return attempt(call, args)
 
@@ -124,26 +124,26 @@ class Crew:
         self._open.close()
         self._client = None
 
-    def run(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
+    def run(self, tasks: Sequence[SurveyTask]) -> Iterator[TaskResult]:
         """The outcome of each task, in the order in which they end. Raises SurveyError where the
         scheduler is not there."""
         if not self.elsewhere(tasks):
             for i, task in enumerate(tasks):
-                yield Outcome(i, *attempt(task.call, task.args))
+                yield TaskResult(i, *attempt(task.call, task.args))
             return
         yield from self._by_dask(tasks)
 
-    def elsewhere(self, tasks: Sequence[Task]) -> bool:
+    def elsewhere(self, tasks: Sequence[SurveyTask]) -> bool:
         """Whether other processes run these tasks."""
         if not tasks or (self._options.processes < 2 and not self._options.scheduler):
             return bool(tasks) and self._options.processes == 1 and self._worth(tasks)
         return bool(self._options.scheduler) or self._client is not None or self._worth(tasks)
 
     @staticmethod
-    def _worth(tasks: Sequence[Task]) -> bool:
+    def _worth(tasks: Sequence[SurveyTask]) -> bool:
         return sum(t.long for t in tasks) >= _WORTH_LONG or len(tasks) >= _WORTH
 
-    def _by_dask(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
+    def _by_dask(self, tasks: Sequence[SurveyTask]) -> Iterator[TaskResult]:
         from distributed import CancelledError, wait
         from distributed.scheduler import KilledWorker
 
@@ -164,9 +164,9 @@ class Crew:
                     left.remove(future)
                     i = futures[future]
                     try:
-                        yield Outcome(i, *future.result())
+                        yield TaskResult(i, *future.result())
                     except KilledWorker:
-                        yield Outcome(i, None, _died(tasks[i].name))
+                        yield TaskResult(i, None, _died(tasks[i].name))
         except (CancelledError, OSError) as error:
             raise SurveyError(
                 f"the scheduler is gone ({type(error).__name__}); what was finished is kept: the same command goes on"
@@ -213,6 +213,6 @@ def _died(name: str) -> str:
     )
 
 
-def in_order(outcomes: Sequence[Outcome]) -> Dict[int, Outcome]:
+def in_order(outcomes: Sequence[TaskResult]) -> Dict[int, TaskResult]:
     """Outcomes by the tasks' numbers."""
     return {o.number: o for o in outcomes}
