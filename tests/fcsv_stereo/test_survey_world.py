@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.gps_tags import write_tagged
+from support.photographs import model
 from support.survey_views import camera_at, seen, true_edge, unplaced, view
 
 from fcsv_geometry import transforms
 from fcsv_stereo.errors import FcsvError, InputError, SurveyError
 from fcsv_stereo.photos.gps import Gps
-from fcsv_stereo.survey import earth, georeference, similarity
+from fcsv_stereo.survey import earth, georeference, inputs, similarity
 from fcsv_stereo.survey.control_points import check_names, read_control_points, sights
 from fcsv_stereo.survey.earth import EarthFrame
 from fcsv_stereo.survey.georeference import WorldOptions
@@ -308,3 +310,34 @@ def test_statements_take_the_points_by_name(tmp_path):
     found, _ = sights(control, views)
     said = statements_of(found, {"north": np.array([1.0, 2.0, 3.0])}, 0.05)
     assert said[0].p.tolist() == [1.0, 2.0, 3.0] and said[0].sigma.tolist() == [0.05] * 3
+
+
+def test_gps_and_camera_are_those_of_the_reference_photograph(tmp_path):
+    """EXIF's metres to a millimetre; a session or a map has neither."""
+    folder = model(tmp_path / "walk", cameras="1 SIMPLE_RADIAL 64 48 60 32 24 0.1\n")
+    (folder / "images/a.png").unlink()
+    (folder / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a.jpg\n\n2 1 0 0 0 -1 0 0 1 b.png\n\n")
+    said = Gps(52.5, 13.4, 80.0)
+    write_tagged(folder / "images/a.jpg", np.zeros((48, 64, 3), np.uint8), said, error_m=0.5)
+    source = inputs.sources_of([folder])[0]
+    camera, gps = inputs.photograph_of(source, "a.jpg")
+    assert camera.distortion[0] == 0.1 and gps.sigma_m == 0.5 and gps.height_sigma_m == 1.0
+    assert gps.latitude_deg == pytest.approx(52.5, abs=1e-8) and gps.height_m == 80.0
+    assert inputs.photograph_of(source, "b.png")[1] is None
+    assert inputs.photograph_of(source, "elsewhere.jpg") == (None, None)
+    as_map = replace(source, kind=inputs.SourceKind.MAP)
+    assert inputs.photograph_of(as_map, "a.jpg") == (None, None)
+
+
+def test_marks_in_distorted_photographs_are_undistorted(tmp_path):
+    """A mark near the corner, by a camera of 10 % distortion, points where the pinhole's does."""
+    plain = replace(view("a", camera_at(0, 0)), picture="a.jpg")
+    bent = replace(plain.camera, distortion=(0.1, 0.0, 0.0, 0.0, 0.0))
+    ray = np.array([[0.3, 0.2, 1.0]])
+    (u, v), straight_u = bent.project(ray)[0], plain.camera.project(ray)[0, 0]
+    assert abs(u - straight_u) > 0.3
+    text = f"EPSG:32633\n1 2 3 {u} {v} a.jpg one\n"
+    found, _ = sights(
+        read_control_points(gcp_file(tmp_path, text)), [replace(plain, taken_with=bent)]
+    )
+    assert np.allclose(found[0].p_cam / found[0].p_cam[2], ray[0], atol=1e-3)
