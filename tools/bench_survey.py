@@ -3,7 +3,7 @@
 docs/lab/survey.md.
 
 python tools/bench_survey.py [--world village] [--seed 1] [--views 6] [--step-deg 15] [--radius-m
-90] [--control 5] [--kills 0]
+90] [--control 5] [--kills 0] [--small]
 [-o out/site] A site that was drawn in OUT/drawn is taken as it is.
 """
 
@@ -338,6 +338,7 @@ def main(argv=None) -> int:
         default=5,
         help="control points of 2 cm, with 10 check points; 0: none",
     )
+    parser.add_argument("--small", action="store_true", help="400x300 pixels, two baselines")
     parser.add_argument(
         "--kills", type=int, default=0, help="times processes, too, and kills a run so often"
     )
@@ -353,6 +354,7 @@ def main(argv=None) -> int:
             ring(args.views, (args.middle_m, 0.0), args.radius_m, step_rad, height_m),
             drawn,
             args.seed,
+            **({"size": (400, 300), "baselines_m": (3.0, 6.0)} if args.small else {}),
         )
     folders = sorted(drawn.glob("view*"))
     if args.kills:
