@@ -251,7 +251,8 @@ def test_the_same_input_twice_is_said_and_left_out(maps, tmp_path, capsys):
     assert survey(*maps[:2], tmp_path / "again", "-o", tmp_path / "out") == 1
     missing = document(tmp_path / "out")["missing"]
     assert [m["name"] for m in missing] == ["again"] and "is the same as m1" in missing[0]["reason"]
-    assert "MISSING again: is the same as m1" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "MISSING again: is the same as m1" in said and "\n1 missing: again\n" in said
     assert len(document(tmp_path / "out")["views"]) == 2
 
 

@@ -82,6 +82,8 @@ def summary(site: Site) -> List[str]:
         )
     lines += [*_world_lines(site), *adjusted.remarks]
     lines += [f"MISSING {m.name}: {m.reason}" for m in site.missing]
+    if site.missing:
+        lines.append(f"{len(site.missing)} missing: {', '.join(m.name for m in site.missing)}")
     return lines
 
 

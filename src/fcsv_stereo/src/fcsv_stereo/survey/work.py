@@ -10,7 +10,7 @@ import contextlib
 import logging
 import os
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
 
 import cv2
 import psutil
@@ -74,7 +74,7 @@ class WorkOptions:
     @property
     def processes(self) -> int:
         """Processes on this machine."""
-        return self.workers if self.workers is not None else len(os.sched_getaffinity(0))
+        return _cores() if self.workers is None else self.workers
 
     def memory_bytes(self) -> int:
         """Bound of each process. Raises SurveyError."""
@@ -89,6 +89,13 @@ class WorkOptions:
         if found < _LEAST_BYTES:
             raise SurveyError(f"--memory-per-worker: at least 256MiB are needed, got {self.memory}")
         return found
+
+
+def _cores() -> int:
+    """Processors that this process may use; not all systems say it."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def attempt_on_one_core(call: Callable, args: Tuple) -> Tuple[Any, str]:
@@ -145,6 +152,7 @@ class Crew:
 
     def _by_dask(self, tasks: Sequence[SurveyTask]) -> Iterator[TaskResult]:
         from distributed import CancelledError, wait
+        from distributed import TimeoutError as NothingDone  # of asyncio, before Python 3.11
         from distributed.scheduler import KilledWorker
 
         client = self._started()
@@ -157,7 +165,7 @@ class Crew:
             while left:
                 try:
                     done, _ = wait(left, self._options.limit_s, return_when="FIRST_COMPLETED")
-                except TimeoutError:
+                except NothingDone:
                     self._renew(left)
                     continue
                 for future in done:
@@ -184,6 +192,7 @@ class Crew:
         if self._client is None:
             import dask
             from distributed import Client, LocalCluster
+            from distributed import TimeoutError as NoAnswer
 
             dask.config.set({"distributed.scheduler.allowed-failures": _FAILURES})
             o = self._options
@@ -198,7 +207,7 @@ class Crew:
                     )
                 )
                 self._client = self._open.enter_context(Client(address, timeout=10))
-            except (OSError, TimeoutError) as error:
+            except (OSError, NoAnswer) as error:
                 where = o.scheduler or "this machine"
                 raise SurveyError(
                     f"no Dask scheduler at {where} ({error}); start it, or leave --scheduler away"
@@ -211,8 +220,3 @@ def _died(name: str) -> str:
         f"{name}: its worker died {_FAILURES + 1} times, as one does that needs more memory than it has; give "
         "--memory-per-worker more, or fewer --workers"
     )
-
-
-def in_order(outcomes: Sequence[TaskResult]) -> Dict[int, TaskResult]:
-    """Outcomes by the tasks' numbers."""
-    return {o.number: o for o in outcomes}

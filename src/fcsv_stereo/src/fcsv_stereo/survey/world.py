@@ -262,7 +262,7 @@ def _without_wrong(
     limit = float(chi2.ppf(tuning.KEPT_P, 3))
     while True:
         found = _solved(order, starts, local, told)
-        residuals = [residual(s, found.values, order, found.graph, False) for s in found.told]
+        residuals = [residual(s, found.values, order, False) for s in found.told]
         worst = max(residuals, key=_squared, default=None)
         if worst is None or _squared(worst) <= limit or len(said) >= most:
             return found, said
@@ -386,7 +386,7 @@ def _point_factor(s: Statement, key: int, S: gtsam.Similarity3):
     return gtsam.CustomFactor(noise, [key], error)
 
 
-def residual(s: Statement, values, order, graph, used: bool) -> Residual:
+def residual(s: Statement, values, order, used: bool) -> Residual:
     """What is left of a statement; sigma is that of the statement alone where it had a say."""
     S = values.atSimilarity3(list(order).index(s.view))
     off = similarity.apply(S, s.p_cam[None])[0] - s.p
@@ -397,11 +397,7 @@ def _fit(solution: _Solution, order, placed, statements: Sequence[Statement], ch
     """Common sigmas, and what is left of all statements."""
     used = {id(s) for s in solution.told}
     said = [s for s in statements if s.view in placed]
-    gps = [
-        residual(s, solution.values, order, solution.graph, id(s) in used)
-        for s in said
-        if not s.point
-    ]
+    gps = [residual(s, solution.values, order, id(s) in used) for s in said if not s.point]
     names = sorted({s.point for s in said if s.point})
     points = []
     for name in names:
