@@ -161,6 +161,7 @@ def test_an_agent_that_was_not_heard_yet_is_told_from_one_that_fell_silent():
         c.tell(at_s, facts.AutopilotState("uav2", True, True, "GUIDED"))
         if at_s == 10.0:
             assert row(c, 10.1).flier.words == "GUIDED, its agent is not heard yet"
+            c.tell(10.2, facts.MissionAlive("mission-1"))
             c.tell(10.2, facts.Agent("uav2", "mission-1"))
             assert row(c, 10.3).flier.words == "mission"
     assert (row(c, 11.9).flier.who, row(c, 11.9).flier.words) == (

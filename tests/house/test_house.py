@@ -169,6 +169,52 @@ def test_linter():
     assert result.returncode == 0, result.stdout[-3000:]
 
 
+#: Of Python's and other people's modules, which offer nothing public in their place.
+_FOREIGN_PRIVATE = set(
+    "_HelpAction _SubParsersAction _actions _choices_actions _exit _full_text _md5sum _type".split()
+)
+
+
+def private_names_reached(path):
+    """Private names that a file takes from a package of the workspace, or from an object of a class
+    that the file does not define."""
+    tree = ast.parse(path.read_text())
+    own = {
+        name
+        for node in ast.walk(tree)
+        for name in (
+            [node.name]
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef))
+            else [node.attr]
+            if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store)
+            else [node.target.id]
+            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+            else [t.id for t in node.targets if isinstance(t, ast.Name)]
+            if isinstance(node, ast.Assign)
+            else []
+        )
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            yield from (a.name for a in node.names if re.match(r"_[^_]", a.name))
+        elif isinstance(node, ast.Attribute) and re.match(r"_[^_]", node.attr):
+            inherited = isinstance(node.value, ast.Call) and ast.dump(node.value.func) == ast.dump(
+                ast.parse("super", mode="eval").body
+            )
+            if inherited or node.attr not in own | _FOREIGN_PRIVATE:
+                yield node.attr
+
+
+def test_no_tool_reaches_into_private_names():
+    """What a bench or a script needs of a package is public, so that a change of the package's
+    inside breaks no tool."""
+    found = {
+        str(p.relative_to(ROOT)): set(private_names_reached(p))
+        for p in (ROOT / "tools").rglob("*.py")
+    }
+    assert len(found) > 40 and {name: names for name, names in found.items() if names} == {}
+
+
 def tree_of_tests():
     found = sorted((ROOT / "tests").rglob("*.py"))
     assert len(found) > 50
@@ -348,6 +394,90 @@ def test_docstrings_begin_with_what_it_is_or_does():
         if d
     ]
     assert len(words) > 4000 and [place for place, word in words if word in _NO_SENTENCE] == []
+
+
+_READ = r"texts?|words"  # of files and arguments, too, which are taken apart
+_TEXTS = re.compile(
+    rf"{_READ}|(detail|reason|problem|message|refusal|note)s?|refused|said|told|why|sender"
+)
+#: where the words are another program's, which says it in no other way
+_FOREIGN_WORDS = {
+    "flight_check/heard.py": "PreArm: of the autopilot",
+    "flight/mavros.py": "Mode change to, of the autopilot",
+    "parameters/vehicle.py": "signing, of the autopilot",
+    "file_check/checking.py": "a file's name is cut off, for people",
+    "flight/settings/profile.py": "a parameter file's notation",
+    "flight/settings/parameter_files.py": "a parameter file's notation",
+    "demo/own_camera.py": "a file's name is not said twice, for people",
+}
+
+
+def spoken(node):
+    """The name of an expression that is a text for people, "" where it is none."""
+    name = getattr(node, "attr", getattr(node, "id", "")).lstrip("_")
+    return name if _TEXTS.fullmatch(name) else ""
+
+
+def literal(node):
+    return isinstance(node, ast.Constant) and isinstance(node.value, (str, bytes)) and node.value
+
+
+def sought(node):
+    """Whether it is a text, or the name of a constant."""
+    name = node.id if isinstance(node, ast.Name) else ""
+    return literal(node) or re.fullmatch(r"_?[A-Z][A-Z_]+", name)
+
+
+def read_for_its_words(node):
+    """Whether a node looks for words in a text, or compares it with some."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        name, does = spoken(node.func.value), node.func.attr
+        takes_apart = does in ("partition", "split") and not re.fullmatch(_READ, name)
+        asks = does in ("startswith", "endswith", "find", "index") or takes_apart
+        return bool(name and asks)
+    if not isinstance(node, ast.Compare):
+        return False
+    for a, op, b in zip([node.left, *node.comparators], node.ops, node.comparators):
+        if isinstance(op, (ast.In, ast.NotIn)) and sought(a) and spoken(b):
+            return True
+        if isinstance(op, (ast.Eq, ast.NotEq)):
+            if (literal(a) and spoken(b)) or (literal(b) and spoken(a)):
+                return True
+    return False
+
+
+@pytest.mark.parametrize("package", ["fcsv_control", "fcsv_console", "fcsv_sim", "fcsv_tracking"])
+def test_no_text_for_people_steers_code(package):
+    """What a program has to know stands in a field or an enumeration beside the text."""
+    found = [
+        f"{path.relative_to(ROOT)}:{node.lineno}"
+        for path in modules(package)
+        if not any(str(path).endswith(f"{package}/{name}") for name in _FOREIGN_WORDS)
+        for node in ast.walk(ast.parse(path.read_text()))
+        if read_for_its_words(node)
+    ]
+    assert not found, f"{found}: give the message or dataclass a field"
+
+
+@pytest.mark.parametrize(
+    "code, steers",
+    [
+        ('reply.text.startswith("refused")', True),
+        ('"OUT" in row.words', True),
+        ('any("abort" in t.text for t in found)', True),
+        ('told == "nothing"', True),
+        ("_BY_HAND in refused", True),
+        ('a.sender.split("-")[0]', True),
+        ('text.split(",")', False),
+        ('name.startswith("uav")', False),
+        ('phase == "LAND"', False),
+        ('told.phase == "LAND"', False),
+        ("words != self._words", False),
+        ('"; ".join(reasons)', False),
+    ],
+)
+def test_what_reads_a_text_for_its_words_is_found(code, steers):
+    assert steers == any(read_for_its_words(n) for n in ast.walk(ast.parse(code)))
 
 
 def test_lines_are_short_and_the_formatter_decides():
