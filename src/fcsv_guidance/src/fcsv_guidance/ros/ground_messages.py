@@ -14,7 +14,7 @@ from geometry_msgs.msg import (
     Vector3,
 )
 from map_msgs.msg import OccupancyGridUpdate
-from nav_msgs.msg import GridCells, MapMetaData, Odometry, OccupancyGrid, Path
+from nav_msgs.msg import GridCells, MapMetaData, OccupancyGrid, Odometry, Path
 
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.messages import seconds
