@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import List, Optional, Tuple
 
@@ -18,7 +19,7 @@ from fcsv_geometry.missions.mission import Mission, load_mission
 from fcsv_geometry.programs.writing import in_words, require_folder
 from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_sim.autopilot.ground import READY_S
-from fcsv_sim.bringup import mission_file, vehicles_folder
+from fcsv_sim.bringup import mission_file, robot_file, vehicles_folder
 from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.autopilots import addresses, require_there
 from fcsv_sim.demo.fleet import FleetPlan
@@ -29,7 +30,7 @@ from fcsv_sim.demo.monitored import judge, load, write_table
 from fcsv_sim.demo.narration import Narrator, in_minutes, wait
 from fcsv_sim.demo.own_camera import own_camera
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
-from fcsv_sim.demo.robot_place import drive_robot, start_for
+from fcsv_sim.demo.robot_place import ROBOT, drive_robot, start_for
 from fcsv_sim.demo.systems import SYSTEMS, TILTING, MapRun, System
 from fcsv_sim.demo.truth_export import export_movers, export_truth
 from fcsv_sim.demo.window import COMMAND, OperatorWindow
@@ -142,12 +143,7 @@ def _run(
         _judge_monitoring(plan)
     if fly_only:
         return 0
-    maps = (
-        system.maps(load_mission(plan.mission_file))
-        if method is None
-        else (MapRun(arguments=("--method", method)),)
-    )
-    for each in (*maps, *([MapRun("map_instant", ("--instant",))] if plan.movers else [])):
+    for each in _maps(system, plan, method):
         _map(plan, each, say)
         _print_end(plan, plan.folder / each.folder)
     slowly = "" if speed > _REAL_TIME else f" (at {speed:.2f} of real time)"
@@ -156,6 +152,16 @@ def _run(
     write_play(plan)
     look(plan)
     return status
+
+
+def _maps(system: System, plan: FleetPlan, method: Optional[str]) -> List[MapRun]:
+    """The calls of the map command, in their order."""
+    maps = list(system.maps(load_mission(plan.mission_file)))
+    maps = maps if method is None else [MapRun(arguments=("--method", method))]
+    if plan.world in PLACES:
+        ground = ("--products", "ground", "--robot", str(robot_file(ROBOT)))
+        maps = [replace(each, arguments=(*each.arguments, *ground)) for each in maps]
+    return maps + ([MapRun("map_instant", ("--instant",))] if plan.movers else [])
 
 
 def _what_comes(mission: Mission, fly_only: bool, robot: bool = False) -> str:
@@ -292,8 +298,8 @@ def _plan(system: System, args) -> FleetPlan:
     if args.world in PLACES:
         if args.system != "tags":
             raise MachineError(f"--world {args.world}: system {args.system} guides no robot")
-        chosen, looks = start_for(args.world, args.seed, flown.home_height_m)
-        start_xy_m = start_xy_m if args.start else chosen
+        if not args.start:
+            start_xy_m, looks = start_for(args.world, args.seed, flown.home_height_m)
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
     screen = bool(os.environ.get("DISPLAY"))
     rviz = _chosen(args.rviz, screen)
