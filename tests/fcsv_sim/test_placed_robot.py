@@ -12,7 +12,7 @@ from fcsv_sim.robot.placed import PlacedRobot
 from fcsv_sim.robot.sent import ARRIVED, CONTACT, NO_ROUTE, STANDS, DriveLimits, SentRobot
 from fcsv_sim.world.town import Town
 
-SEED, WORLD = 49, "low_maze"
+SEED, WORLD = 29, "low_maze"
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ class Sent:
     def set_out(self):
         self.port.on_grid()
         self.port.on_place(0.0, 0.0)
-        assert self.until(5.0, moves=False) is None and self.goals == [(5.0, 0.0)]
+        assert self.until(9.0, moves=False) is None and self.goals == [(5.0, 0.0)]
         self.port.on_route(self.now_s, np.array([[0.0, 0.0], [5.0, 0.0]]))
 
 

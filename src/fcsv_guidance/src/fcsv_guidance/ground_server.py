@@ -88,7 +88,8 @@ class GroundRules:
     replan_s: float = 1.0  # least time between two plans
     off_m: float = 0.4  # beside its route the robot gets another
     goal_m: float = 0.3  # so near the goal it is reached
-    retry_s: float = 5.0  # of a robot that stands on its route, until it gets another
+    # until another plan, of a robot that stands on its route or has none: its place changes, too
+    retry_s: float = 5.0
     route: RouteRules = field(default_factory=RouteRules)
 
 
@@ -112,7 +113,7 @@ class GroundServer:
         self._route: Optional[Route] = None
         # of the ground; ground and time of the last plan
         self._version, self._planned = 0, (-1, -np.inf)
-        self._waits_for_place = False
+        self._waits_for_place, self._none_said = False, ""
         self._out: List[Said] = []
 
     @property
@@ -135,6 +136,7 @@ class GroundServer:
         elif isinstance(message, Goal):
             message.require_finite()
             self._goal, self._route, self._planned = message, None, (-1, -np.inf)
+            self._none_said = ""
         elif isinstance(message, GoalDropped):
             if self._goal is not None:
                 self._out.append(NoRouteSaid(message.reason, np.empty((0, 2))))
@@ -146,7 +148,10 @@ class GroundServer:
         """What is to be published now."""
         if self._goal is not None and self._wants_plan(now_s):
             self._planned = (self._version, now_s)
-            self._out.append(self._planned_route())
+            said = self._planned_route()
+            if isinstance(said, RouteSaid) or said.reason != self._none_said:
+                self._out.append(said)
+            self._none_said = said.reason if isinstance(said, NoRouteSaid) else ""
         out, self._out = self._out, []
         return out
 
@@ -225,7 +230,10 @@ class GroundServer:
             return False
         place = self._place
         if self._route is None:
-            return version != self._version or (place is not None and self._waits_for_place)
+            changed = version != self._version or (place is not None and self._waits_for_place)
+            return (
+                changed or now_s - planned_s > self._rules.retry_s
+            )  # its place may be known better
         if np.hypot(place.x_m - self._goal.x_m, place.y_m - self._goal.y_m) <= self._rules.goal_m:
             return False  # it is there
         if _off_m(self._route.points_home_m, (place.x_m, place.y_m)) > self._rules.off_m:

@@ -5,6 +5,7 @@ room."""
 from dataclasses import dataclass
 from typing import Tuple, Union
 
+import cv2
 import numpy as np
 
 from fcsv_guidance import tuning
@@ -75,5 +76,5 @@ def _unknown_beside(grid: Grid, stands: np.ndarray, way: Route, reach_m: float) 
         n = int(np.ceil(np.hypot(*(b - a)) / (0.5 * grid.cell_m))) + 1
         row, column, inside = grid.cells_of(*(a + np.linspace(0, 1, n)[:, None] * (b - a)).T)
         on_way[row[inside], column[inside]] = True
-    near = grid.clear_m(~on_way) <= reach_m
-    return np.argwhere(near & ~np.isfinite(stands))
+    away = cv2.distanceTransform((~on_way).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.argwhere((away * grid.cell_m <= reach_m) & ~np.isfinite(stands))

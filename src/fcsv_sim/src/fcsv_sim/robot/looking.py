@@ -36,7 +36,7 @@ _AROUND_M = 0.25  # what must be seen beside a footprint
 # weight of a cell of the shortest way against any other that the robot can come to
 _ON_THE_WAY = 8.0
 _WAY_M = 1.0
-_MARGINS_M = (WAY_MARGIN_M, 0.6, 0.8, 1.0, 1.2)
+_MARGINS_M = (WAY_MARGIN_M, 0.6, 0.8, 1.0)
 _NEAR_M = 0.05
 _R_FLU_OPTICAL = transforms.R_FLU_OPTICAL
 
@@ -142,18 +142,21 @@ def first_look(town: Town, clear: Clearance, height_m: float) -> Tuple[Station, 
         for back_m in _BACK_M
         for y_m in sorted({*_ASIDE_M, plan.start_m[1], plan.goal_m[1]}, key=abs)
     ]
-    around = disk(clear.robot.radius_m + _AROUND_M, _CELL_M)
     worth = _worth(clear, grid, plan.start_m, plan.goal_m)
-    rated = []
     reach_m = float(np.sqrt(_ROWS_M * height_m * camera.fy))
+    rated = []
     for station, seen in zip(stations, _seen(town, grid, stations, reach_m)):
-        sight = least(seen, around, 0.0) > 0
-        looked = Looked((station,), grid, sight[None])
-        ends = clear, plan.start_m, plan.goal_m
-        margin_m = max((m for m in _MARGINS_M if looked.leads(*ends, m)), default=0.0)
-        rated.append((margin_m, float(worth[sight].sum()), station))
+        margins_m = (m for m in _MARGINS_M if _leads(town, clear, grid, station, seen, m))
+        rated.append((max(margins_m, default=0.0), float((worth * seen).sum()), station))
     margin_m, _, station = max(rated, key=lambda each: each[:2])
     return station, margin_m > 0.0
+
+
+def _leads(town: Town, clear: Clearance, grid: Grid, station: Station, seen, margin_m) -> bool:
+    """Whether a way keeps ``margin_m`` from what stops the robot, and from what is hidden."""
+    sight = least(seen, disk(clear.robot.radius_m + margin_m, _CELL_M), 0.0) > 0
+    ends = town.plan.start_m, town.plan.goal_m
+    return Looked((station,), grid, sight[None]).leads(clear, *ends, margin_m)
 
 
 def _grid(town: Town) -> Grid:

@@ -23,10 +23,10 @@ class DriveLimits:
     """When a drive is over. ``settle_s``: both nodes have the map and the robot stands still, so
     that its place is known; ``arrived_m``: from the goal, standing."""
 
-    settle_s: float = 4.0
+    settle_s: float = 8.0
     arrived_m: float = 0.6
     stands_s: float = 20.0
-    no_route_s: float = 6.0
+    no_route_s: float = 12.0
     longest_s: float = 300.0
     starts_s: float = 60.0  # until a grid and the robot's place are there
 
