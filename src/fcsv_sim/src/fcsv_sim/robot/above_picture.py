@@ -17,6 +17,7 @@ _COLOURS = {
     "free": "#8fd3b4",
     "stops the robot": "#303030",
 }
+_WAY = "#c51b7d"
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def draw_from_above(shown: FromAbove, title: str, path: Path) -> None:
     for route in shown.routes:
         axes.plot(*route.T, color="tab:blue", linewidth=1)
     if len(shown.way):
-        axes.plot(*shown.way.T, color="black", linewidth=2)
+        axes.plot(*shown.way.T, color=_WAY, linewidth=2)
     for box in shown.boxes:
         c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
         corners = (
@@ -80,9 +81,9 @@ def draw_from_above(shown: FromAbove, title: str, path: Path) -> None:
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
     handles = [Patch(color=colour, label=name) for name, colour in _COLOURS.items()]
-    handles += [Patch(color="tab:blue", label="routes"), Patch(color="black", label="way driven")]
+    handles += [Patch(color="tab:blue", label="routes"), Patch(color=_WAY, label="way driven")]
     if len(shown.boxes):
         handles.append(Patch(color="tab:orange", label="in the way"))
     handles.append(Patch(color="red", label="contact"))
-    axes.legend(handles=handles, loc="upper right", fontsize=8)
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
     figure.savefig(path, dpi=80)
