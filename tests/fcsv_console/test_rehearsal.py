@@ -190,7 +190,7 @@ def test_what_became_of_it_is_an_event_once():
         ),
         (1, "", [FLOWN], "broken", "exit status 1"),
         (
-            2,
+            3,
             "rehearse: mission 'a' cannot be flown: too near",
             None,
             "broken",

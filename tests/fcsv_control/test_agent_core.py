@@ -7,6 +7,7 @@ import pytest
 
 from fcsv_control.agent.core import AgentCore, AgentRules
 from fcsv_control.agent.messages import (
+    BY_HAND,
     DONE,
     REFUSED,
     TOO_LATE,
@@ -246,7 +247,7 @@ def test_a_vehicle_that_is_flown_by_hand_is_stopped_by_nobody(mode, stop):
     number = board.tell(stop[0], sender="stop_all", **stop[1])
     out = board.run(1.0)
     [ack] = of(out, Ack)
-    assert (ack.number, ack.result) == (number, REFUSED) and not of(out, Ask) + of(out, SetPoint)
+    assert (ack.number, ack.result) == (number, BY_HAND) and not of(out, Ask) + of(out, SetPoint)
     assert f"uav1 is flown by hand ({mode}); tell its pilot" in ack.reason
 
 

@@ -26,7 +26,7 @@ from fcsv_control.flight_check.links import CHECKS, TELLO_CHECKS
 from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, Disk, VehicleFacts
-from fcsv_control.guardian.findings import NO_POSES, STICK
+from fcsv_control.guardian.messages import Cause
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import config
 from fcsv_geometry.missions.flight_limits import FlightBounds
@@ -62,10 +62,18 @@ def parameters(**changed):
     )
 
 
-def guardian(**changed):
-    return SimpleNamespace(
-        **{"action": "", "reasons": [], "forbids": [STICK], "lost": False, **changed}
-    )
+STICK, NO_POSES, NO_ORIGIN = (
+    (Cause.STICK, "the throttle stick"),
+    (Cause.NO_POSES, "no poses"),
+    (Cause.OTHER, "the autopilot has no origin yet"),
+)
+
+
+def guardian(*forbids, **changed):
+    """``forbids``: the stick, where nothing is given."""
+    causes, texts = zip(*(forbids or [STICK]))
+    told = {"action": "", "reasons": [], "forbids": texts, "causes": causes, "lost": False}
+    return SimpleNamespace(**{**told, **changed})
 
 
 class Vehicle:
@@ -181,11 +189,7 @@ def test_what_was_heard_long_ago_is_never_green():
         ({"disk": Disk(5000.0, 8561.0)}, {"disk": A}, "enough for over 99 h"),
         ({"disk": Disk(5000.0, 12.0)}, {"disk": A}, "enough for 12 min"),
         ({"disk": Disk(900.0)}, {"disk": R}, "0.9 GiB"),
-        (
-            {"guardian": guardian(forbids=[STICK, "the autopilot has no origin yet"])},
-            {"guardian": R},
-            "no origin",
-        ),
+        ({"guardian": guardian(STICK, NO_ORIGIN)}, {"guardian": R}, "no origin"),
         (
             {"guardian": guardian(action="hold", reasons=["the agent is silent"])},
             {"guardian": R},
@@ -347,7 +351,7 @@ def test_a_tello_that_is_well_is_green_and_nothing_heard_is_not(tello):
             "tracker on the ground",
         ),
         ({"link": {"throttle": NAN}}, {"transmitter": R}, "no transmitter", "joy_node"),
-        ({"guardian": guardian(forbids=[STICK, NO_POSES])}, {}, "", ""),
+        ({"guardian": guardian(STICK, NO_POSES)}, {}, "", ""),
         ({"battery_share": NAN}, {"battery": R}, "does not say how full", "change it"),
         ({"battery_share": 0.3}, {"battery": A}, "30%", "change it"),
     ],
@@ -362,7 +366,7 @@ def test_one_fault_of_a_tello(tello, told, found, words, remedy):
 
 
 def test_in_the_air_a_tello_that_no_tracker_sees_may_not_be_handed_over(tello):
-    tello.tell(link=tello_link(in_the_air=1), guardian=guardian(forbids=[NO_POSES]))
+    tello.tell(link=tello_link(in_the_air=1), guardian=guardian(NO_POSES))
     assert tello.not_green() == {"guardian": R}
 
 

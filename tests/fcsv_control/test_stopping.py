@@ -107,7 +107,7 @@ def test_a_brake_that_the_agent_knows_to_be_a_pilots_is_left_alone_and_told(desk
     desk.core.begin(desk.now_s, LAND, "")
     [(_, number, _)] = [s for s in desk.run(1.2) if s[0] == "uav1"][:1]
     desk.core.acknowledged(
-        desk.now_s, "uav1", number, "uav1 is flown by hand (BRAKE); tell its pilot"
+        desk.now_s, "uav1", number, "uav1 is flown by hand (BRAKE); tell its pilot", by_hand=True
     )
     assert desk.report().by_hand == ["uav1"]
     assert not [s for s in desk.run(0.9) if s[0] == "uav1"]

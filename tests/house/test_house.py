@@ -396,6 +396,90 @@ def test_docstrings_begin_with_what_it_is_or_does():
     assert len(words) > 4000 and [place for place, word in words if word in _NO_SENTENCE] == []
 
 
+_READ = r"texts?|words"  # of files and arguments, too, which are taken apart
+_TEXTS = re.compile(
+    rf"{_READ}|(detail|reason|problem|message|refusal|note)s?|refused|said|told|why|sender"
+)
+#: where the words are another program's, which says it in no other way
+_FOREIGN_WORDS = {
+    "flight_check/heard.py": "PreArm: of the autopilot",
+    "flight/mavros.py": "Mode change to, of the autopilot",
+    "parameters/vehicle.py": "signing, of the autopilot",
+    "file_check/checking.py": "a file's name is cut off, for people",
+    "flight/settings/profile.py": "a parameter file's notation",
+    "flight/settings/parameter_files.py": "a parameter file's notation",
+    "demo/own_camera.py": "a file's name is not said twice, for people",
+}
+
+
+def spoken(node):
+    """The name of an expression that is a text for people, "" where it is none."""
+    name = getattr(node, "attr", getattr(node, "id", "")).lstrip("_")
+    return name if _TEXTS.fullmatch(name) else ""
+
+
+def literal(node):
+    return isinstance(node, ast.Constant) and isinstance(node.value, (str, bytes)) and node.value
+
+
+def sought(node):
+    """Whether it is a text, or the name of a constant."""
+    name = node.id if isinstance(node, ast.Name) else ""
+    return literal(node) or re.fullmatch(r"_?[A-Z][A-Z_]+", name)
+
+
+def read_for_its_words(node):
+    """Whether a node looks for words in a text, or compares it with some."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        name, does = spoken(node.func.value), node.func.attr
+        takes_apart = does in ("partition", "split") and not re.fullmatch(_READ, name)
+        asks = does in ("startswith", "endswith", "find", "index") or takes_apart
+        return bool(name and asks)
+    if not isinstance(node, ast.Compare):
+        return False
+    for a, op, b in zip([node.left, *node.comparators], node.ops, node.comparators):
+        if isinstance(op, (ast.In, ast.NotIn)) and sought(a) and spoken(b):
+            return True
+        if isinstance(op, (ast.Eq, ast.NotEq)):
+            if (literal(a) and spoken(b)) or (literal(b) and spoken(a)):
+                return True
+    return False
+
+
+@pytest.mark.parametrize("package", ["fcsv_control", "fcsv_console", "fcsv_sim", "fcsv_tracking"])
+def test_no_text_for_people_steers_code(package):
+    """What a program has to know stands in a field or an enumeration beside the text."""
+    found = [
+        f"{path.relative_to(ROOT)}:{node.lineno}"
+        for path in modules(package)
+        if not any(str(path).endswith(f"{package}/{name}") for name in _FOREIGN_WORDS)
+        for node in ast.walk(ast.parse(path.read_text()))
+        if read_for_its_words(node)
+    ]
+    assert not found, f"{found}: give the message or dataclass a field"
+
+
+@pytest.mark.parametrize(
+    "code, steers",
+    [
+        ('reply.text.startswith("refused")', True),
+        ('"OUT" in row.words', True),
+        ('any("abort" in t.text for t in found)', True),
+        ('told == "nothing"', True),
+        ("_BY_HAND in refused", True),
+        ('a.sender.split("-")[0]', True),
+        ('text.split(",")', False),
+        ('name.startswith("uav")', False),
+        ('phase == "LAND"', False),
+        ('told.phase == "LAND"', False),
+        ("words != self._words", False),
+        ('"; ".join(reasons)', False),
+    ],
+)
+def test_what_reads_a_text_for_its_words_is_found(code, steers):
+    assert steers == any(read_for_its_words(n) for n in ast.walk(ast.parse(code)))
+
+
 def test_lines_are_short_and_the_formatter_decides():
     """Texts may be longer than 100 characters, one line in a hundred; the linter stops at 120."""
     code = [p for p in tracked() if p.suffix == ".py"]

@@ -24,6 +24,10 @@ class MissionError(FcsvError):
     Then all land."""
 
 
+class PlanRefused(MissionError):
+    """A mission of which a leg cannot be flown."""
+
+
 class GeometryError(FcsvError):
     """A transform, quaternion or camera model is not what it claims to be (NaN, not a rotation,
     ...)."""

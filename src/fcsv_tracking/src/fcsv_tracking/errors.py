@@ -33,6 +33,10 @@ class CalibrationRefused(TrackingError):
     """A calibration that would not be good enough; the message tells the operator what to do."""
 
 
+class ClocksApart(CalibrationRefused):
+    """A calibration of vehicles whose clocks differ."""
+
+
 class HomeRefused(TrackingError):
     """Home cannot be set now; the message says why."""
 

@@ -10,7 +10,7 @@ from typing import Callable, Optional, Sequence
 
 from fcsv_console.children.child import Child
 from fcsv_console.model.facts import RehearsalTold
-from fcsv_console.model.rehearsal import judged
+from fcsv_console.model.rehearsal import IMPOSSIBLE, RUNS, STOPPED, judged
 from fcsv_geometry.programs.writing import in_words
 
 COMMAND = ("rosrun", "fcsv_sim", "rehearse")
@@ -35,12 +35,12 @@ class Rehearser:
         wanted = [f"uav{k + 1}" for k in range(len(self._vehicles))]
         if self._vehicles != wanted:
             words = f"it flies {', '.join(wanted)} only, these are {', '.join(self._vehicles)}"
-            self._put(RehearsalTold(text, "impossible", words=words))
+            self._put(RehearsalTold(text, IMPOSSIBLE, words=words))
             return
         try:
             self._start(text)
         except OSError as error:
-            self._put(RehearsalTold(text, "impossible", words=in_words(error, self._command[0])))
+            self._put(RehearsalTold(text, IMPOSSIBLE, words=in_words(error, self._command[0])))
 
     def _start(self, text: str) -> None:
         if shutil.which(self._command[0]) is None:
@@ -64,7 +64,7 @@ class Rehearser:
 
         def ended(status: int, last: str) -> None:
             if child is not None and child.cancelled:
-                self._put(RehearsalTold(text, "stopped"))
+                self._put(RehearsalTold(text, STOPPED))
             else:
                 self._put(judged(text, status, last, _read(result)))
             shutil.rmtree(folder, ignore_errors=True)
@@ -72,9 +72,9 @@ class Rehearser:
         child: Optional[Child] = None
         try:
             mission.write_text(text)
-            self._put(RehearsalTold(text, "runs"))
+            self._put(RehearsalTold(text, RUNS))
             child = Child(
-                argv, lambda share, _line: self._put(RehearsalTold(text, "runs", share)), ended
+                argv, lambda share, _line: self._put(RehearsalTold(text, RUNS, share)), ended
             )
         except OSError:
             shutil.rmtree(folder, ignore_errors=True)

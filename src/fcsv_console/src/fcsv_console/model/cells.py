@@ -97,10 +97,7 @@ def _vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
         ("radio", _radio),
         ("recorder", _recorder),
         ("clock", _clock),
-        (
-            "calibration",
-            lambda v: Cell(v.calibration, BAD if v.calibration.startswith("OUT") else PLAIN),
-        ),
+        ("calibration", lambda v: Cell(v.calibration, BAD if v.outdated else PLAIN)),
         (
             "it said",
             lambda v: Cell(f"{v.said.value.text} ({v.said.words})" if v.said.value else "-", QUIET),

@@ -7,7 +7,7 @@ from typing import Any, Dict, List, Optional, Tuple
 from fcsv_console.model import facts as f
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.goals import GoalsElsewhere
-from fcsv_console.model.rehearsal import RUNS
+from fcsv_console.model.rehearsal import PASSED, RUNS, STOPPED
 from fcsv_geometry.missions.phases import OVER
 
 _PROBLEM_S = 5.0  # so long a message that could not be used is shown
@@ -124,7 +124,7 @@ class Chronicle:
         elif isinstance(fact, f.StopTold):
             self._changed(now_s, "stop", "stop-all", fact.words if fact.asked else "", "warning")
         elif isinstance(fact, f.RehearsalTold) and fact.state != RUNS:
-            level = "info" if fact.state in ("passed", "stopped") else "warning"
+            level = "info" if fact.state in (PASSED, STOPPED) else "warning"
             self.event(now_s, "rehearsal", f"{fact.state}: {fact.words}".rstrip(": "), level=level)
         elif isinstance(fact, f.JobTold):
             words = "runs" if fact.state == "runs" else f"{fact.state}: {fact.words}".rstrip(": ")

@@ -320,7 +320,8 @@ class Console:
     def _rows(
         self, now_s: float, stop_asked: str, running: Optional[int]
     ) -> Tuple[VehicleRow, ...]:
-        calibrated = self._calibrated.at(now_s)
+        calibrated, commands = self._calibrated.at(now_s), self._alive.at(now_s).value
+        sender = commands.instance if commands is not None else ""
         epochs = dict(calibrated.value.epochs) if calibrated.value else {}
         needed_s = files.seconds_left(self.file, running or 0, len(self._vehicles))
         mission = self.file.mission
@@ -331,7 +332,7 @@ class Console:
             return max(0.0, mission.flight.endurance_s * (share - mission.low_battery_share))
 
         return tuple(
-            v.row(now_s, (epochs.get(n), calibrated.age_s), stop_asked, needed_s, lasts)
+            v.row(now_s, (epochs.get(n), calibrated.age_s), stop_asked, needed_s, lasts, sender)
             for n, v in self._vehicles.items()
         )
 
@@ -397,9 +398,8 @@ class Console:
             return stereo.judge_before(pair, skew_s, agree, self.optics)
         row = self.file.rows[index]
         places = tuple(by_name[n].place for n in pair)
-        return stereo.judge(
-            row, pair, *places, skew_s, self._target_m or row.farthest_m, self.optics, agree
-        )
+        far_m, at_once = self._target_m or row.farthest_m, len(mission.moment_of(index)) > 1
+        return stereo.judge(row, pair, *places, skew_s, far_m, self.optics, agree, at_once)
 
     def _problems(
         self, now_s: float, told: Optional[f.MissionTold], column: Sequence[str], over: bool

@@ -15,6 +15,7 @@ NONE, RUNS, PASSED, BROKEN, IMPOSSIBLE, STOPPED = (
     "impossible",
     "stopped",
 )
+_UNFLYABLE = 3  # exit status of ``rehearse`` for a mission that cannot be flown
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ class Rehearsals:
 def judged(text: str, status: int, last: str, flown: Optional[Sequence[dict]]) -> f.RehearsalTold:
     """Judges from the exit status of ``rehearse``, its last line, and what it wrote.
 
-    >>> judged("", 2, "rehearse: mission 'a' cannot be flown: 3 m is outside", None).words
+    >>> judged("", 3, "rehearse: mission 'a' cannot be flown: 3 m is outside", None).words
     "mission 'a' cannot be flown: 3 m is outside"
     >>> good = {"violations": [], "captures": 8, "wanted": 8, "flown_s": 190.0, "nearest_m": 1.66, "phase": "DONE"}
     >>> judged("", 0, "", [good]).words
@@ -100,9 +101,7 @@ def judged(text: str, status: int, last: str, flown: Optional[Sequence[dict]]) -
     """
     if not flown or status not in (0, 1):
         words = last.split("rehearse: ", 1)[-1] or "it told nothing"
-        return f.RehearsalTold(
-            text, BROKEN if "cannot be flown" in words else IMPOSSIBLE, words=words
-        )
+        return f.RehearsalTold(text, BROKEN if status == _UNFLYABLE else IMPOSSIBLE, words=words)
     violations = [
         f"{v['kind']} at {v['at_s']:.0f} s ({v['text']})"
         for one in flown

@@ -86,11 +86,18 @@ class VehicleRow:
         return self.state.value.mode if self.state.value is not None else "-"
 
     @property
+    def outdated(self) -> bool:
+        """Whether its odometry began anew since the calibration."""
+        return (
+            None not in (self.epoch, self.calibrated_epoch) and self.epoch != self.calibrated_epoch
+        )
+
+    @property
     def calibration(self) -> str:
         """Whether the calibration holds for the odometry of now, in words."""
         if self.calibrated_epoch is None:
             return "not calibrated"
-        if self.epoch is not None and self.epoch != self.calibrated_epoch:
+        if self.outdated:
             return "OUTDATED: its odometry began anew"
         return f"{self.calibration_age_s / 60.0:.0f} min old"
 
@@ -102,9 +109,11 @@ class VehicleRow:
         return self.endurance_s >= self.needed_s
 
 
-def who_flies(heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked: str = "") -> Flier:  # noqa: C901
+def who_flies(  # noqa: C901
+    heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked: str = "", mission: str = ""
+) -> Flier:
     """Who has the vehicle now, highest first as in docs/user/safety.md: pilot, failsafe, guardian,
-    mission."""
+    mission. ``mission``: as whom it commands."""
     if state.value is None:
         return Flier(UNKNOWN, "not heard yet")
     s: f.AutopilotState = state.value
@@ -137,8 +146,7 @@ def who_flies(heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked:
     a: f.Agent = agent.value
     if not a.sender:
         return Flier(NOBODY, "GUIDED, holds: nobody commands it")
-    who = a.sender.split("-")[0]
-    return Flier(MISSION, "mission" if who == "mission" else f"commanded by {a.sender}")
+    return Flier(MISSION, "mission" if a.sender == mission else f"commanded by {a.sender}")
 
 
 _NO_PICTURE_S = 2.5  # its recorder tells once a second how many it has
@@ -211,15 +219,18 @@ class Vehicle:
         stop_asked: str,
         needed_s: float,
         lasts: Callable[[float], float],
+        mission: str,
     ) -> VehicleRow:
         """``calibrated``: epoch and age (s) of the calibration; ``lasts``: seconds that a battery
-        share lasts."""
+        share lasts; ``mission``: as whom it commands."""
         at = {kind: self._at(now_s, kind) for kind in self.heard}
         battery, anything = at[f.Battery], self._any.at(now_s)
         share = battery.value.share if battery.value is not None and not battery.stale else math.nan
         return VehicleRow(
             self.name,
-            who_flies(anything, at[f.AutopilotState], at[f.Guardian], at[f.Agent], stop_asked),
+            who_flies(
+                anything, at[f.AutopilotState], at[f.Guardian], at[f.Agent], stop_asked, mission
+            ),
             anything,
             at[f.AutopilotState],
             at[f.OdometryHeard],

@@ -123,7 +123,7 @@ def _named(lines: Sequence[Line]) -> str:
 
 
 def _take_off(view: View, m: f.MissionTold, _before: str) -> Guide:
-    words = _sentences(m.problems[0] if m.problems else m.detail, _heights(view))
+    words = _sentences(view, m.problems[0] if m.problems else m.detail, _heights(view))
     return Guide(words, "", CARE) if m.problems else Guide(words, _rehearse(view))
 
 
@@ -140,8 +140,8 @@ def _column(view: View, m: f.MissionTold, before: str) -> Guide:
         )
     missing = view.actions["calibrate"].why_not
     if m.problems:
-        return Guide(_sentences(m.problems[0], _heights(view)), "", CARE)
-    return Guide(_sentences(m.detail, missing), _rehearse(view), CARE if refused else PLAIN)
+        return Guide(_sentences(view, m.problems[0], _heights(view)), "", CARE)
+    return Guide(_sentences(view, m.detail, missing), _rehearse(view), CARE if refused else PLAIN)
 
 
 def _calibrate(_view: View, _m: f.MissionTold, _before: str) -> Guide:
@@ -156,9 +156,9 @@ def _move_home(view: View, m: f.MissionTold, before: str) -> Guide:
     refused = before == "SET_HOME" or not calibrated
     ready = "set_home" if view.actions["set_home"].enabled else ""
     if m.problems:
-        return Guide(_sentences(m.problems[0], then), ready, CARE)
+        return Guide(_sentences(view, m.problems[0], then), ready, CARE)
     return Guide(
-        _sentences(m.detail if refused else calibrated, then),
+        _sentences(view, m.detail if refused else calibrated, then),
         ready,
         CARE if refused and calibrated else sort,
     )
@@ -225,7 +225,7 @@ def _configurations(view: View, m: f.MissionTold, _before: str) -> Guide:
 
 
 def _land(view: View, m: f.MissionTold, _before: str) -> Guide:
-    what = _sentences("; ".join(m.problems[:1]) or m.detail)
+    what = _sentences(view, "; ".join(m.problems[:1]) or m.detail)
     heights = _heights(view)
     return Guide(
         f"Landing: {what}{f'. {heights}' if heights else ''}", "", CARE if m.problems else PLAIN
@@ -240,10 +240,11 @@ def _heights(view: View) -> str:
     return f"Above ground: {', '.join(known)}" if known else ""
 
 
-def _sentences(*parts: str) -> str:
-    """Each with a capital, full stops between."""
+def _sentences(view: View, *parts: str) -> str:
+    """Each with a capital, unless a vehicle's name begins it; full stops between."""
     found: List[str] = [p.strip().rstrip(".") for p in parts if p.strip()]
-    return ". ".join(p[0].upper() + p[1:] if not p.startswith("uav") else p for p in found)
+    names = tuple(v.name for v in view.vehicles)
+    return ". ".join(p if p.startswith(names) else p[0].upper() + p[1:] for p in found)
 
 
 _OF_PHASE: Dict[str, Callable[[View, f.MissionTold, str], Guide]] = {

@@ -39,7 +39,7 @@ class Commands:
         self._acks = [
             rospy.Subscriber(f"/{n}/command_ack", CommandAck, self._on_ack) for n in vehicles
         ]
-        self._outcomes: Dict[Tuple[str, int], str] = {}
+        self._refusals: Dict[Tuple[str, int], str] = {}  # "" where it is done
         self._execute = actionlib.ActionClient("/mission/execute", ExecuteAction)
         self._goal = None  # kept: who lets go of it hears no answer
 
@@ -115,12 +115,10 @@ class Commands:
                 time.sleep(_REPEAT_S)
                 if not self._open.intersection(orders):
                     break
-            told = [
-                f"{name}: {self._outcomes.pop((name, number), 'no answer')}"
-                for name, number in orders
-            ]
+            refusals = {name: self._refusals.pop((name, n), "no answer") for name, n in orders}
             self._open.difference_update(orders)
-            answer("; ".join(told), all(t.endswith(": done") for t in told))
+            told = (f"{name}: {refusal or 'done'}" for name, refusal in refusals.items())
+            answer("; ".join(told), not any(refusals.values()))
 
         _start(send)
 
@@ -140,7 +138,7 @@ class Commands:
     def _on_ack(self, m: CommandAck) -> None:
         key = (m.vehicle, m.number)
         if m.sender == self._sender and key in self._open:
-            self._outcomes[key] = "done" if m.result == CommandAck.DONE else m.reason or "refused"
+            self._refusals[key] = "" if m.result == CommandAck.DONE else m.reason or "refused"
             self._open.discard(key)
 
 

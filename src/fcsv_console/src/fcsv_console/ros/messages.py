@@ -219,8 +219,8 @@ def radios(m: DiagnosticArray) -> List[f.Radio]:
     return found
 
 
-def _number(text: str) -> float:
-    return math.nan if text == "-" else float(text)
+def _number(value: str) -> float:
+    return math.nan if value == "-" else float(value)
 
 
 def _age_s(message: Any) -> float:

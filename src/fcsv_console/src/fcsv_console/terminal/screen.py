@@ -124,9 +124,7 @@ def _vehicles(view: View) -> Table:
         told = f"{link}{v.mode}, {motors}{high}" if v.state.value else v.connection
         table.add_row("", _line(told, style), _disk(v))
         table.add_row(
-            "",
-            _line(f"calibration {v.calibration}", "" if "OUT" in v.calibration else "dim"),
-            _clock(v),
+            "", _line(f"calibration {v.calibration}", "" if v.outdated else "dim"), _clock(v)
         )
         wrong = cells.diagnostics(v)
         if wrong.tone in (cells.CARE, cells.BAD):

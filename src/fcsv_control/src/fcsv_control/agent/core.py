@@ -15,6 +15,7 @@ import numpy as np
 from fcsv_control.agent.commands import Answer, CommandLog, CommandVerdict
 from fcsv_control.agent.holder import Holder, Limits
 from fcsv_control.agent.messages import (
+    BY_HAND,
     DONE,
     MISSION_MODES,
     REFUSED,
@@ -137,7 +138,8 @@ class AgentCore:
         elif verdict is CommandVerdict.REPEAT:
             self._out.append(Ack(c.sender, c.number, answer.result, answer.reason))
         elif verdict is CommandVerdict.EXECUTE and refusal:
-            self._answer(c, REFUSED, refusal)
+            by_hand = c.stops and self.rights.hands.by_hand
+            self._answer(c, BY_HAND if by_hand else REFUSED, refusal)
         elif verdict is CommandVerdict.EXECUTE and c.stops:
             self._stop(now_s, c)
         elif verdict is CommandVerdict.EXECUTE:

@@ -7,7 +7,7 @@ from typing import Optional, Union
 
 import numpy as np
 
-DONE, REFUSED, TOO_LATE = 0, 1, 2  # CommandAck.result
+DONE, REFUSED, TOO_LATE, BY_HAND = 0, 1, 2, 3  # CommandAck.result
 STOPPING_MODES = frozenset({"LAND", "BRAKE"})
 # what a mission needs; any other mode is a pilot's
 MISSION_MODES = frozenset({"GUIDED", *STOPPING_MODES})

@@ -12,7 +12,7 @@ from typing import Dict, Tuple
 from fcsv_control.flight_check.lines import Check, Found, State
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, VehicleFacts, guardian
-from fcsv_control.guardian.findings import NO_POSES, STICK
+from fcsv_control.guardian.messages import Cause
 
 MAVLINK, MAVROS, TELLO = "mavlink", "mavros", "tello"
 _MAVROS_REMEDIES = {
@@ -51,7 +51,8 @@ def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 
 
 def _guardian(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    return guardian(now_s, f, r, (STICK, NO_POSES) if _stands(now_s, f, r) else (STICK,))
+    no_poses = (Cause.NO_POSES,) if _stands(now_s, f, r) else ()
+    return guardian(now_s, f, r, (Cause.STICK, *no_poses))
 
 
 def _battery(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:

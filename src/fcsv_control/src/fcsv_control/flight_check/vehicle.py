@@ -16,7 +16,7 @@ from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check.heard import LineStream, MessageRate, PreArmTexts
 from fcsv_control.flight_check.lines import Check, Found, State
 from fcsv_control.flight_check.rules import VehicleCheckRules
-from fcsv_control.guardian.findings import STICK
+from fcsv_control.guardian.messages import Cause
 
 _G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
 PREARM_READY, PREARM_NOT_READY = 1, 2  # fcsv_msgs/LinkHealth
@@ -238,7 +238,7 @@ def _disk(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 
 
 def guardian(
-    now_s: float, f: VehicleFacts, r: VehicleCheckRules, excused: Tuple[str, ...] = (STICK,)
+    now_s: float, f: VehicleFacts, r: VehicleCheckRules, excused: Tuple[Cause, ...] = (Cause.STICK,)
 ) -> Found:
     """``excused``: what it may forbid GUIDED for. On the ground the stick is down; it is judged in
     flight."""
@@ -249,7 +249,7 @@ def guardian(
         return _R, "it lost the vehicle's position in flight"
     if g.action:
         return _R, f"{g.action}: {'; '.join(g.reasons)}"
-    forbids = [text for text in g.forbids if text not in excused]
+    forbids = [text for text, cause in zip(g.forbids, g.causes) if cause not in excused]
     return (
         (_R, f"forbids GUIDED: {'; '.join(forbids)}") if forbids else (_G, "nothing against flying")
     )

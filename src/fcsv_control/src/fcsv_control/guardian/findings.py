@@ -10,11 +10,10 @@ import numpy as np
 
 from fcsv_control.guardian import room, way_home
 from fcsv_control.guardian.air import Other, VehicleSituation
+from fcsv_control.guardian.messages import Cause, Forbidden
 from fcsv_control.guardian.rules import NEVER, GuardianRules
 from fcsv_geometry.missions import separation
 
-STICK = "the throttle stick is not in the middle: who takes over would climb or fall"
-NO_POSES = "no poses come from the tracking camera"
 ABOVE = "above"  # a finding about one who comes down
 _OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
 _BELOW_M = 0.5
@@ -80,36 +79,38 @@ class Monitors:
         flies."""
         self._took_off = False
 
-    def forbids(self, now_s: float, air: VehicleSituation) -> List[str]:
+    def forbids(self, now_s: float, air: VehicleSituation) -> Iterator[Forbidden]:
         """Why the vehicle must not be handed over to the mission now."""
-        r, reasons = self._rules, []
+        r = self._rules
         if air.link.doubt:
-            reasons.append(f"{air.link.doubt}; land by hand and begin anew")
+            yield Forbidden(f"{air.link.doubt}; land by hand and begin anew")
         if not air.link.origin_set:
-            reasons.append("the autopilot has no origin yet")
+            yield Forbidden("the autopilot has no origin yet")
         if not air.link.parameters_ok:
             wrong = air.link.parameter or "one that must fit was not read"
-            reasons.append(f"autopilot's parameters: {wrong}")
+            yield Forbidden(f"autopilot's parameters: {wrong}")
         if air.link.ekf_variance > r.ekf_variance:
-            reasons.append("the autopilot's filter does not agree with its sensors")
+            yield Forbidden("the autopilot's filter does not agree with its sensors")
         if now_s - air.feed_s > r.feed_warn_s:
-            reasons.append(NO_POSES)
+            yield Forbidden("no poses come from the tracking camera", Cause.NO_POSES)
         if not air.flying and self._lasts(now_s, "apart", air.apart_m > r.apart_m, 0.5):
-            reasons.append(
+            yield Forbidden(
                 f"autopilot and tracker are {air.apart_m:.1f} m apart; restart the autopilot"
             )
         share = air.battery_now(now_s, r.battery_old_s)
         if math.isnan(share):
-            reasons.append("the battery is not known; see BATT_MONITOR")
+            yield Forbidden("the battery is not known; see BATT_MONITOR")
         elif share < r.low_battery:
-            reasons.append(f"battery below {r.low_battery:.0%}")
+            yield Forbidden(f"battery below {r.low_battery:.0%}")
         if r.transmitter and math.isnan(air.link.throttle):
-            reasons.append("no transmitter is heard: nobody could take over")
+            yield Forbidden("no transmitter is heard: nobody could take over")
         if abs(air.link.throttle) > r.throttle_middle:
-            reasons.append(STICK)
+            yield Forbidden(
+                "the throttle stick is not in the middle: who takes over would climb or fall",
+                Cause.STICK,
+            )
         if air.confidence <= r.confidence:
-            reasons.append("the tracking camera has low confidence")
-        return reasons
+            yield Forbidden("the tracking camera has low confidence")
 
     def found_again(self, now_s: float, air: VehicleSituation) -> bool:
         """Whether poses of a tracker that knows places, not only ways, have come for a second."""

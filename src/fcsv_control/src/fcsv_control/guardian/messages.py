@@ -2,6 +2,7 @@
 """What a guardian wants done, and what it tells."""
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Optional, Sequence, Tuple, Union
 
 import numpy as np
@@ -30,9 +31,25 @@ class HoldAt:
     T_odom_body: np.ndarray
 
 
+class Cause(IntEnum):
+    """Why GUIDED is refused, as in fcsv_msgs/GuardianState: what others excuse has a number."""
+
+    OTHER = 0
+    STICK = 1  # the throttle stick is not in the middle
+    NO_POSES = 2
+
+
+@dataclass(frozen=True)
+class Forbidden:
+    """One reason why GUIDED is refused, and its words."""
+
+    text: str
+    cause: Cause = Cause.OTHER
+
+
 @dataclass(frozen=True)
 class GuardianVerdict:
-    """``holds``: the agent must be quiet, why in ``reasons``; ``forbids``: why GUIDED is refused;
+    """``holds``: the agent must be quiet, why in ``reasons``; ``forbidden``: why GUIDED is refused;
     ``uncontrolled``: the vehicle comes down without a position; ``lost``: so it did, and nobody
     knows where it is since; ``lost_s``: so long it flew on; ``taken``: it is not in the companion's
     hands; ``going_to_m``: where it flies, in its odometry frame."""
@@ -41,11 +58,16 @@ class GuardianVerdict:
     holds: bool = False
     uncontrolled: bool = False
     reasons: Tuple[str, ...] = ()
-    forbids: Tuple[str, ...] = ()
+    forbidden: Tuple[Forbidden, ...] = ()
     lost: bool = False
     taken: bool = False
     going_to_m: Optional[Tuple[float, float, float]] = None
     lost_s: float = 0.0
+
+    @property
+    def forbids(self) -> Tuple[str, ...]:
+        """Why GUIDED is refused, in words."""
+        return tuple(f.text for f in self.forbidden)
 
     @property
     def in_words(self) -> str:

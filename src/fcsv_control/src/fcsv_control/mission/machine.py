@@ -76,10 +76,16 @@ class MissionMachine(OperatorCommands):
         self._indices: Optional[List[int]] = None  # of the configurations to fly; None: all
         self._memory: Optional[Memory] = None
         self.said: List[str] = []  # for the log
+        self.unexplained: List[str] = []  # fly in GUIDED, and nothing is known of their mission
 
     @property
     def over(self) -> bool:
         return self.phase in OVER
+
+    @property
+    def lands_flown(self) -> bool:
+        """Whether it lands because the list is flown."""
+        return self.phase == "LAND" and not self._aborted
 
     # ---- what services say -----------------------------------------------------------------------
 
@@ -171,7 +177,7 @@ class MissionMachine(OperatorCommands):
 
     def step(self, snapshot: Snapshot) -> None:
         """Advance by what is seen; orders go to the outbox."""
-        self._snapshot = snapshot
+        self._snapshot, self.unexplained = snapshot, []
         self._hands.see(snapshot)
         taking_part = self._drop_out(snapshot)
         found = [] if self.over else watch.found(self.mission, self.phase, taking_part)
@@ -218,9 +224,10 @@ class MissionMachine(OperatorCommands):
         if self._memory is not None:
             self._recall(snapshot)
             return
+        self.unexplained = restart.in_guided(snapshot)
         self.problems += [
             f"{n} flies in GUIDED and nothing is known of its mission: abort to land, or fly it by hand"
-            for n in restart.in_guided(snapshot)
+            for n in self.unexplained
         ]
         self.problems = self.problems or self._plan.before_take_off(snapshot)
         self.problems = self.problems or self.gate.before_take_off(snapshot.now_s)

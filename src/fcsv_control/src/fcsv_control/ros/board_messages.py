@@ -20,7 +20,7 @@ from fcsv_control.flight.messages import (
     PoseEstimated,
     PoseFed,
 )
-from fcsv_control.guardian.messages import GuardianVerdict
+from fcsv_control.guardian.messages import Cause, Forbidden, GuardianVerdict
 from fcsv_control.guardian.port import MissionFence
 from fcsv_control.tracker_confidence import confidence
 from fcsv_geometry.errors import FcsvError
@@ -156,7 +156,7 @@ def verdict_of(m: GuardianState) -> GuardianVerdict:
         m.holds,
         m.uncontrolled,
         tuple(m.reasons),
-        tuple(m.forbids),
+        tuple(Forbidden(text, Cause(cause)) for text, cause in zip(m.forbids, m.causes)),
         m.lost,
         m.taken,
         going_to_m,

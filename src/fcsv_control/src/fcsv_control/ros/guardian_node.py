@@ -18,8 +18,14 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 
 from fcsv_control.flight import messages as flight
-from fcsv_control.guardian.findings import STICK
-from fcsv_control.guardian.messages import AskMode, GuardianVerdict, HoldAt, RestartLink, Warned
+from fcsv_control.guardian.messages import (
+    AskMode,
+    Cause,
+    GuardianVerdict,
+    HoldAt,
+    RestartLink,
+    Warned,
+)
 from fcsv_control.guardian.port import GuardianPort, OtherGuarded, TrackerConfidence
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.ros import board_messages as convert
@@ -189,7 +195,8 @@ class GuardianNode:
     def _publish(self, v: GuardianVerdict) -> None:
         self._health.problem("guardian", f"{self._name}: {v.in_words}" if v.action else "")
         self._health.value("not to be handed over", "; ".join(v.forbids) or "nothing against it")
-        wrong = [text for text in v.forbids if text != STICK]  # pilots who fly move their sticks
+        # pilots who fly move their sticks
+        wrong = [f.text for f in v.forbidden if f.cause is not Cause.STICK]
         self._health.problem(
             "not to be handed over", f"{self._name}: {'; '.join(wrong)}" if wrong else ""
         )
@@ -208,6 +215,7 @@ class GuardianNode:
                 going_to=Point(*(v.going_to_m or ())),
                 reasons=list(v.reasons),
                 forbids=list(v.forbids),
+                causes=[f.cause for f in v.forbidden],
             )
         )
 

@@ -18,7 +18,6 @@ _MISSION_S = 1.0
 _MODES = {STOP: "BRAKE", LAND: "LAND"}
 # any other mode is a pilot's; the agent knows whose BRAKE and LAND are
 _COMMANDED = ("GUIDED", "BRAKE", "LAND", "")
-_BY_HAND = "flown by hand"
 
 
 @dataclass
@@ -32,6 +31,7 @@ class StopOrder:
     sent_s: float = -math.inf
     answered_s: Optional[float] = None
     refused: str = ""
+    by_hand: bool = False  # its agent refused it because a pilot flies it
 
 
 @dataclass(frozen=True)
@@ -99,11 +99,13 @@ class StopAll:
         if phase == "LAND":
             self._mission_lands_s = now_s
 
-    def acknowledged(self, now_s: float, name: str, number: int, refusal: str) -> None:
-        """An answer came: "" when done, else why not."""
+    def acknowledged(
+        self, now_s: float, name: str, number: int, refusal: str, by_hand: bool = False
+    ) -> None:
+        """An answer came: "" when done, else why not; ``by_hand``: a pilot flies it."""
         order = self._orders.get(name)
         if order is not None and order.number == number and order.answered_s is None:
-            order.answered_s, order.refused = now_s, refusal
+            order.answered_s, order.refused, order.by_hand = now_s, refusal, by_hand
 
     def due(self, now_s: float) -> List[StopOrder]:
         """Commands to send now."""
@@ -121,7 +123,7 @@ class StopAll:
                 report.unheard.append(name)
             elif self._stands(name, seen):
                 report.done.append(name)
-            elif seen.mode not in _COMMANDED or _BY_HAND in refused:
+            elif seen.mode not in _COMMANDED or (order is not None and order.by_hand):
                 report.by_hand.append(name)
             else:
                 report.under_way.append(name)
@@ -149,8 +151,9 @@ class StopAll:
         if order is None or now_s - answered_s > _AGAIN_S:
             self._number += 1
             # is said until there is another answer
-            refused = "" if order is None else order.refused
-            order = self._orders[name] = StopOrder(name, self._number, mode, now_s, refused=refused)
+            before = ("", False) if order is None else (order.refused, order.by_hand)
+            order = StopOrder(name, self._number, mode, now_s, -math.inf, None, *before)
+            self._orders[name] = order
         if order.answered_s is not None or now_s - order.sent_s < REPEAT_S:
             return None
         order.sent_s = now_s

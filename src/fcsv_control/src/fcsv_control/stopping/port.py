@@ -5,7 +5,7 @@ import logging
 import math
 from typing import List, Sequence
 
-from fcsv_control.agent.messages import Instruction, Kind
+from fcsv_control.agent.messages import BY_HAND, Instruction, Kind
 from fcsv_control.control_messages import CommandAnswered, StopCalled, StopOver
 from fcsv_control.stopping.core import StopAll, StopOrder
 from fcsv_geometry.vehicles.telemetry import MissionPhase, Reply, VehicleState
@@ -33,7 +33,8 @@ class StopAllPort:
             self._core.state(now_s, m.vehicle, m.mode, m.armed)
         elif isinstance(m, CommandAnswered):
             if m.ack.sender == self._sender:
-                self._core.acknowledged(now_s, m.vehicle, m.ack.number, m.outcome)
+                by_hand = m.ack.result == BY_HAND
+                self._core.acknowledged(now_s, m.vehicle, m.ack.number, m.outcome, by_hand)
         elif isinstance(m, MissionPhase):
             self._core.mission(now_s, m.phase)
         elif isinstance(m, StopCalled):

@@ -184,10 +184,12 @@ class MissionPhase:
 
 @dataclass(frozen=True)
 class Reply:
-    """Answers to who called a service: whether it is done, and what to read."""
+    """Answers to who called a service: whether it is done, and what to read; ``clocks_apart``: it
+    is not done because two clocks differ."""
 
     done: bool
     text: str
+    clocks_apart: bool = False
 
 
 @dataclass(frozen=True)

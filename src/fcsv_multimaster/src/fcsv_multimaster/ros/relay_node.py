@@ -208,6 +208,7 @@ class RelayNode:
                 # in flight the link is worth more than what a node that was started later opens:
                 # said, not cut
                 found = key_watch.exposures()
+                self._health.value("exposed", bool(found))
                 self._health.problem(
                     "exposed", f"ROS is open to the network: {'; '.join(found)}" if found else ""
                 )

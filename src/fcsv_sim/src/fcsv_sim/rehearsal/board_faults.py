@@ -87,7 +87,7 @@ class ClockSteps(Fault):
         self._right_s = np.inf
 
     def goes_on(self, flight: Flight, since_s: float) -> None:
-        if "start chrony" in flight.control.replied.text:
+        if flight.control.replied.clocks_apart:
             self._right_s = min(self._right_s, since_s + 10.0)
         if since_s > self._right_s:
             self.vehicle.clock_offset_s = 0.0
@@ -207,12 +207,7 @@ class MissionForgets(MissionRestarts):
 
     def goes_on(self, flight: Flight, since_s: float) -> None:
         super().goes_on(flight, since_s)
-        machine = flight.control.machine
-        if (
-            self._restarted
-            and not self.ended
-            and any("abort to land" in text for text in machine.problems)
-        ):
+        if self._restarted and not self.ended and flight.control.machine.unexplained:
             self._read_s = min(self._read_s, flight.now_s)
             if flight.now_s > self._read_s + self._reads_s:
                 self.ended = True

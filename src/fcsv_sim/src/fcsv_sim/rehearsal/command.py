@@ -7,6 +7,7 @@ import json
 import logging
 import os
 import re
+import sys
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from typing import Callable, Iterable, List, Optional, Sequence, Tuple
 from tqdm import tqdm
 
 from fcsv_control.mission.plans import plan_check
+from fcsv_geometry.errors import PlanRefused
 from fcsv_geometry.missions.mission import Mission, load_mission
 from fcsv_geometry.programs import commands
 from fcsv_geometry.programs.writing import require_file
@@ -35,6 +37,7 @@ _HELP = """examples:
   rosrun fcsv_sim rehearse short --faults takeover-table
 """
 _TAKEOVER_TABLE = "takeover-table"
+_UNFLYABLE = 3  # exit status; fcsv_console knows it
 
 
 @dataclass(frozen=True)
@@ -69,12 +72,17 @@ def rehearse(job: Job, watched: Optional[Callable[[Flight], None]] = None) -> Re
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit status 0 where nothing broke, 1 where something did, 2 for a wrong argument."""
+    """Exit status 0 where nothing broke, 1 where something did, 2 for a wrong argument, 3 where
+    the mission cannot be flown."""
     return commands.run(_parser(), argv, _rehearse, writes=("trace", "json"))
 
 
 def _rehearse(args) -> int:
-    jobs = _jobs(args)
+    try:
+        jobs = _jobs(args)
+    except PlanRefused as error:
+        print(f"rehearse: {error}", file=sys.stderr)
+        return _UNFLYABLE
     if args.faults == _TAKEOVER_TABLE:
         return _takeover_table(args, jobs[0].mission)
     if args.trace is not None:

@@ -19,7 +19,6 @@ from fcsv_sim.trials.formation import formation_vehicle
 from fcsv_sim.vehicles.vehicle import PASS_S
 
 _PEOPLE_EVERY, _MISSION_EVERY = 5, 10  # passes
-_FLOWN = "all configurations flown"
 LONGEST_S = 900.0
 _DOWN_S = 10.0  # everybody down for so long: the flight is over, whatever the mission thinks
 
@@ -107,9 +106,7 @@ class Flight:
             self._people(now_s)
             self.control.listen(now_s)
             self.invariants.check(now_s)
-            self.witness.look(
-                now_s, self.phase == "LAND" and self.control.machine.detail.startswith(_FLOWN)
-            )
+            self.witness.look(now_s, self.control.machine.lands_flown)
             if self._calm is not None:
                 self._calm.look(now_s)
             if self.recorder is not None:

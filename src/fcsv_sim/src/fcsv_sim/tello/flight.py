@@ -110,13 +110,14 @@ class TelloFlight:
             self._trim_mps2, self.why_landing = np.zeros(2), ""
         return True
 
-    def land(self, why: str = "told to") -> None:
+    def land(self, why: str = "") -> None:
+        """``why``: "" where it is commanded, else why it does by itself."""
         if self.flying and self.state != LANDING:
             self.state, self.why_landing = LANDING, why
 
     def cancel_landing(self) -> None:
         """Stays where it is; what it does for its battery or alone cannot be cancelled."""
-        if self.state == LANDING and self.why_landing == "told to":
+        if self.state == LANDING and not self.why_landing:
             self.state, self._hold_m = FLYING, None
 
     def stop_motors(self) -> None:

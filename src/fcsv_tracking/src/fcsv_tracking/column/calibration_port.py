@@ -16,7 +16,7 @@ from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_tracking.column.calibration import CalibrationRules, Link
 from fcsv_tracking.column.calibration_session import CalibrationSession
 from fcsv_tracking.devices.clocks import ClockOffset, VehicleClock
-from fcsv_tracking.errors import CalibrationRefused, TrackingError
+from fcsv_tracking.errors import CalibrationRefused, ClocksApart, TrackingError
 
 _log = logging.getLogger(__name__)
 _OLDEST_ODOMETRY_S = 0.5
@@ -144,7 +144,7 @@ class CalibrationPort:
                 out = self._end(session)
             except FcsvError as error:
                 _log.warning("calibration refused: %s", error)
-                out = [tm.Reply(False, str(error))]
+                out = [tm.Reply(False, str(error), isinstance(error, ClocksApart))]
         dropped, self._dropped = self._dropped, []
         return [*dropped, *out]
 

@@ -16,7 +16,7 @@ from fcsv_tracking.column.calibration import CalibrationRules, Link, calibrate_l
 from fcsv_tracking.column.detection import Detection
 from fcsv_tracking.column.loops import merge_loops
 from fcsv_tracking.devices.clocks import ClockOffset, difference
-from fcsv_tracking.errors import CalibrationRefused, TrackingError
+from fcsv_tracking.errors import CalibrationRefused, ClocksApart, TrackingError
 
 _log = logging.getLogger(__name__)
 _PLENTY = 1.25  # times the least: a few are always refused
@@ -137,7 +137,7 @@ class CalibrationSession:
             self._rules.most_clock_offset_s,
         )
         if apart is not None and abs(apart[0]) - apart[1] > most_s:
-            raise CalibrationRefused(
+            raise ClocksApart(
                 f"the clocks of {front} and {back} differ by {apart[0]:.3f} s (bound {most_s} s): start chrony on "
                 f"both, with the control PC as server"
             )

@@ -153,7 +153,7 @@ class MocapTracker:
                 rate_radps, accel_mps2, apart_s = imu
                 self._filter.predict(rate_radps, accel_mps2, dt_s, apart_s)
         if self._time_s - max(self._mocap_s, self._vehicle_s) > self._rules.coast_s:
-            self._forget(_SILENT)
+            self._forget(_SILENT, proven=True)
 
     def _imu_at(self, moment_s: float):
         """Rate, force and the seconds between the last sample and the next, which is mostly there
@@ -258,14 +258,14 @@ class MocapTracker:
         self._heading_confirmed = lies_as_before(self._proven_R_M_O, self._filter.state.R_M_O)
         self.absent_because = "" if self._heading_confirmed else _UNPROVEN
 
-    def _forget(self, why: str) -> None:
+    def _forget(self, why: str, proven: bool = False) -> None:
         """No pose from here on, until mocap and odometry agree for half a second again.
 
-        A heading that movement had proven stays proven over a silence of both, as when this program
-        itself hung: nobody may move the vehicle then, and without a pose nobody flies it 0.3 m
-        aside.
+        ``proven``: a heading that movement had proven stays proven, as over a silence of both when
+        this program itself hung: nobody may move the vehicle then, and without a pose nobody flies
+        it 0.3 m aside.
         """
-        if why != _SILENT:
+        if not proven:
             self._proven_R_M_O = None
         elif self._filter is not None and self._heading_confirmed:
             self._proven_R_M_O = self._filter.state.R_M_O
@@ -308,7 +308,7 @@ class MocapTracker:
         if self._filter is None:
             return None
         if now_s - self._time_s > self._rules.coast_s + self._rules.hold_s:
-            self._forget(_SILENT)
+            self._forget(_SILENT, proven=True)
             return None
         if self._time_s - max(self._vehicle_s, self._mocap_s) > self._rules.coast_s:
             return None

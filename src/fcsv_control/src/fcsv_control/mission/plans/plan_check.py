@@ -12,7 +12,7 @@ from fcsv_control.mission.plans.task_list import Task, TaskList, tasks
 from fcsv_control.mission.ways import traffic
 from fcsv_control.mission.ways.routes import Keep, route
 from fcsv_control.mission.ways.timed_way import TimedWay, timed_way
-from fcsv_geometry.errors import MissionError
+from fcsv_geometry.errors import MissionError, PlanRefused
 from fcsv_geometry.missions.camera_places import camera_place, last_place
 from fcsv_geometry.missions.mission import Mission
 
@@ -100,10 +100,10 @@ def check_plan(
 def require_flyable(
     mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]] = None
 ) -> None:
-    """Raises MissionError naming every leg that cannot be flown, and why."""
+    """Raises PlanRefused naming every leg that cannot be flown, and why."""
     found = check_plan(mission, on_the_ground(mission, vehicles, {}), radius_m)
     if found:
-        raise MissionError(f"mission '{mission.name}' cannot be flown: {'; '.join(found)}")
+        raise PlanRefused(f"mission '{mission.name}' cannot be flown: {'; '.join(found)}")
 
 
 def _too_little_room(

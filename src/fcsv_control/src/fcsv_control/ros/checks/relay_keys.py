@@ -8,8 +8,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from fcsv_control.flight_check.keys import Keys
 
-_OPEN = "ROS is open to the network"
-
 
 class RelayKeys:
     """``tell`` gets Keys with every report of the relay whose node is ``relay``."""
@@ -21,9 +19,7 @@ class RelayKeys:
         rospy.Subscriber("/diagnostics", rospy.AnyMsg, self._on_diagnostics, queue_size=20)
 
     def _on_links(self, message: DiagnosticArray) -> None:
-        told = any(
-            v.key == "encrypted" and v.value == "True" for s in message.status for v in s.values
-        )
+        told = any(_says(status, "encrypted") for status in message.status)
         self._tell(Keys(told or self._has_keys, self._warning, self._exposed))
 
     def _on_diagnostics(self, message: rospy.AnyMsg) -> None:
@@ -35,4 +31,8 @@ class RelayKeys:
                 self._has_keys = True
                 self._warning = "" if status.level == DiagnosticStatus.OK else status.message
             elif status.name.endswith("relay: health"):
-                self._exposed = status.message if _OPEN in status.message else ""
+                self._exposed = status.message if _says(status, "exposed") else ""
+
+
+def _says(status: DiagnosticStatus, key: str) -> bool:
+    return any(v.key == key and v.value == str(True) for v in status.values)
