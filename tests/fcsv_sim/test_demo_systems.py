@@ -133,7 +133,7 @@ def test_a_recorded_flight_is_not_removed_unasked(tmp_path, capsys, monkeypatch)
     assert [plan.buttons for plan in plans] == [True, False]
 
 
-@pytest.mark.parametrize("more, start", [((), (-8.4, 4.0)), (("--start=-12,1",), (-12.0, 1.0))])
+@pytest.mark.parametrize("more, start", [((), (-10.4, 4.0)), (("--start=-12,1",), (-12.0, 1.0))])
 def test_who_guides_a_robot_looks_from_where_its_way_is_seen(more, start, tmp_path):
     wanted = ["--world", "low_maze", "--seed", "29", "--out", str(tmp_path / "out"), *more]
     plan = demo._plan(SYSTEMS["tags"], demo._parse(wanted))

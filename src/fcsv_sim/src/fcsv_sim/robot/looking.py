@@ -30,7 +30,7 @@ _CELL_M = 0.4
 _HEADINGS = 8
 _FROM_M = ((31.0, 10.0), (36.0, 14.0))  # distance to what is looked at, height
 # of one station that shall do: further back than the nearest that shows the start, and aside
-_BACK_M, _ASIDE_M = (0.5, 2.5), (-8.0, -4.0, 0.0, 4.0, 8.0)
+_BACK_M, _ASIDE_M = (2.5, 4.5), (-8.0, -4.0, 0.0, 4.0, 8.0)
 _MARGIN_PX, _LEFT_PX = 10.0, 50.0  # the left edge is not in the other camera's picture
 _AROUND_M = 0.25  # what must be seen beside a footprint
 # weight of a cell of the shortest way against any other that the robot can come to
