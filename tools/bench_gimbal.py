@@ -3,28 +3,30 @@
 against truth."""
 
 import argparse
-import os
-import platform
-import time
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import cv2
 import numpy as np
-from scipy.stats import chi2
 
 from fcsv_sim.trials import gimbal_evaluation as evaluation
 from fcsv_tracking.gimbal.config import load_ground_robot
 from fcsv_tracking.gimbal.follow import FollowRules
 from fcsv_tracking.gimbal.tracker import GimbalRules
+from harness import LAB, ROOT, consistency_band, grid, measured, provenance, rms, table, write
 
-ROOT = Path(__file__).resolve().parents[1]
-DOCUMENT = ROOT / "docs" / "lab" / "gimbal.md"
-BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 GIMBAL = load_ground_robot(ROOT / "config" / "gimbal" / "ground_robot.yaml").gimbals[0]
 THESIS = GimbalRules(follow=FollowRules(predict=False, lead=0.0))
 # of long runs without pictures, seen face on: what the detector leaves on drawn ones
 CORNERS_PX = 0.05
+_TITLES = (
+    "seed",
+    "poses after 2 s, of all pictures",
+    "tag in the picture",
+    "gimbal still",
+    "along, rms (95 %, worst)",
+    "across, rms (95 %, worst)",
+    "rotation, rms (95 %)",
+)
 
 
 def rendered(seed, seconds):
@@ -57,9 +59,8 @@ def rendered(seed, seconds):
     return figures
 
 
-def following(job):
-    """A minute without pictures; (in the picture, still, sights lost)."""
-    seed, seconds, rules = job
+def following(seed, seconds, rules):
+    """A minute without pictures: shares of it with the tag in the picture, and with a still gimbal."""
     setup = evaluation.Setup(rules=rules, corners_px=CORNERS_PX)
     flight = evaluation.run(GIMBAL, seed, evaluation.Scenario(duration_s=seconds), setup)
     print(
@@ -72,55 +73,49 @@ def following(job):
     return float(np.mean(flight.in_picture)), float(np.mean(flight.still))
 
 
-def rms(values):
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-def table(figures):
-    head = (
-        "| seed | poses after 2 s, of all pictures | tag in the picture | gimbal still | along, rms (95 %, worst) | "
-        "across, rms (95 %, worst) | rotation, rms (95 %) |"
-    )
-    lines = [head, "|---" * 7 + "|"]
+def with_pictures(figures):
+    """The table of the runs with pictures, and the line of their consistency below it."""
 
     def row(name, f):
         return (
-            f"| {name} | {f['poses']} of {f['pictures']} | {f['in']:.1%} | {f['still']:.0%} | "
-            f"{f['along'] * 1e3:.1f} ({f['along95'] * 1e3:.1f}, {f['along_worst'] * 1e3:.1f}) mm | "
-            f"{f['across'] * 1e3:.1f} ({f['across95'] * 1e3:.1f}, {f['across_worst'] * 1e3:.1f}) mm | "
-            f"{f['angle']:.2f} ({f['angle95']:.2f}) deg |"
+            name,
+            f"{f['poses']} of {f['pictures']}",
+            f"{f['in']:.1%}",
+            f"{f['still']:.0%}",
+            f"{f['along'] * 1e3:.1f} ({f['along95'] * 1e3:.1f}, {f['along_worst'] * 1e3:.1f}) mm",
+            f"{f['across'] * 1e3:.1f} ({f['across95'] * 1e3:.1f}, {f['across_worst'] * 1e3:.1f}) mm",
+            f"{f['angle']:.2f} ({f['angle95']:.2f}) deg",
         )
 
     worst = {k: (min if k in ("in", "still") else max)(f[k] for f in figures) for k in figures[0]}
     worst["poses"], worst["pictures"] = (sum(f[k] for f in figures) for k in ("poses", "pictures"))
-    lines += [row(f["seed"], f) for f in figures] + [row("**worst** (sum)", worst)]
-    lines.append("| bound | | ≥ 99 % | ≥ 60 % | 20 mm | 5 mm | |")
-    n = 6 * len(figures)
-    low, high = chi2.ppf([0.025, 0.975], n) / n
+    rows = [row(f["seed"], f) for f in figures] + [row("**worst** (sum)", worst)]
+    rows.append(("bound", "", "≥ 99 %", "≥ 60 %", "20 mm", "5 mm", ""))
+    low, high = consistency_band(len(figures))
     mean = np.mean([f["nees"] for f in figures])
     over_all = np.mean([f["nees_all"] for f in figures])
     note = (
         f"Normalised squared error per degree of freedom, one pose a run ({len(figures)} poses): "
         f"{mean:.2f}, 95 % band {low:.2f} to {high:.2f}; over all poses {over_all:.2f}."
     )
-    return [*lines, "", note]
+    return [*table(_TITLES, rows), "", note]
 
 
-def long_runs(pool, seeds, seconds):
-    lines = [
-        "| following alone | tag in the picture, mean (worst) | gimbal still, mean (worst) |",
-        "|---" * 3 + "|",
-    ]
+def long_runs(seeds, seconds, jobs):
+    """The table of the runs without pictures."""
+    rows = []
     for name, rules in (
         ("predicting, with a lead (default)", GimbalRules()),
         ("as the thesis prints it", THESIS),
     ):
-        found = np.array(list(pool.map(following, [(s, seconds, rules) for s in seeds])))
+        cases = grid(seed=seeds, seconds=[seconds], rules=[rules])
+        found = np.array([shares for _, shares in measured(following, cases, jobs)])
         (mean_in, mean_still), (least_in, least_still) = found.mean(axis=0), found.min(axis=0)
-        lines.append(
-            f"| {name} | {mean_in:.2%} ({least_in:.2%}) | {mean_still:.1%} ({least_still:.1%}) |"
+        rows.append(
+            (name, f"{mean_in:.2%} ({least_in:.2%})", f"{mean_still:.1%} ({least_still:.1%})")
         )
-    return lines
+    titles = ("following alone", "tag in the picture, mean (worst)", "gimbal still, mean (worst)")
+    return table(titles, rows)
 
 
 def main():
@@ -129,32 +124,25 @@ def main():
     parser.add_argument("--seconds", type=float, default=10.0, help="of every run with pictures")
     parser.add_argument("--long-seconds", type=float, default=60.0, help="of every run without")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--out", default=str(DOCUMENT))
+    parser.add_argument("--out", type=Path, default=LAB / "gimbal.md")
     args = parser.parse_args()
-    with ProcessPoolExecutor(args.jobs) as pool:
-        following_lines = long_runs(pool, args.seeds, args.long_seconds)
-        figures = list(pool.map(rendered, args.seeds, [args.seconds] * len(args.seeds)))
+    following_lines = long_runs(args.seeds, args.long_seconds, args.jobs)
+    cases = grid(seed=args.seeds, seconds=[args.seconds])
+    figures = [found for _, found in measured(rendered, cases, args.jobs)]
     command = (
         f"make bench-gimbal ARGS='--seconds {args.seconds:g} --long-seconds {args.long_seconds:g}'"
     )
     lines = [
         f"Runs of {args.seconds:g} s, every picture drawn and looked at:",
         "",
-        *table(figures),
+        *with_pictures(figures),
         "",
     ]
     lines += [
         f"Runs of {args.long_seconds:g} s with corners of {CORNERS_PX} px of noise in place of pictures:",
         "",
     ]
-    lines += [*following_lines, ""]
-    lines.append(
-        f"{time.strftime('%Y-%m-%d')}, {platform.machine()}, {os.cpu_count()} cores, shared: `{command}`."
-    )
-    path = Path(args.out)
-    before, after = path.read_text().split(BEGIN)[0], path.read_text().split(END)[1]
-    path.write_text(before + BEGIN + "\n" + "\n".join(lines) + "\n" + END + after)
-    print(f"wrote {path}")
+    write(args.out, "bench_gimbal.py", [*lines, *following_lines, "", provenance(command)])
 
 
 if __name__ == "__main__":

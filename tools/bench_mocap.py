@@ -4,20 +4,26 @@ of bad input."""
 
 import argparse
 import dataclasses
-import platform
-import time
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import chi2
 
 from fcsv_sim.sensors.tello_sensors import TelloErrors
 from fcsv_sim.sensors.v120_duo import V120DuoErrors
 from fcsv_sim.trials import mocap_evaluation as evaluation
 from fcsv_sim.trials.mocap_flight import FlightErrors
+from harness import LAB, consistency_band, grid, measured, provenance, table, write
 
-BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
+_TITLES = (
+    "seed",
+    "odometry alone after 20 m",
+    "tracker after 20 m",
+    "of the distance",
+    "largest step at re-entry",
+    "in view, rms (95 %)",
+    "in view, rms (95 %)",
+    "level, worst",
+)
 
 
 def scaled_to_two_percent(seed):
@@ -50,34 +56,41 @@ def rows_of(seed):
     return figures
 
 
-def table(figures):
-    head = (
-        "| seed | odometry alone after 20 m | tracker after 20 m | of the distance | largest step at re-entry | "
-        "in view, rms (95 %) | in view, rms (95 %) | level, worst |"
-    )
-    lines = [head, "|---" * 8 + "|"]
-    for f in figures:
-        lines.append(
-            f"| {f['seed']} | {f['odometry']:.3f} m | {f['away']:.3f} m | {f['share']:.2%} | "
-            f"{f['jump'] * 1e3:.1f} mm | {f['rms_m'] * 1e3:.1f} ({f['p95_m'] * 1e3:.1f}) mm | "
-            f"{f['rms_deg']:.2f} ({f['p95_deg']:.2f}) deg | {f['level']:.2f} deg |"
+def accuracy(figures):
+    """The table of errors, a row for each seed and the worst of all with its bounds."""
+    rows = [
+        (
+            f["seed"],
+            f"{f['odometry']:.3f} m",
+            f"{f['away']:.3f} m",
+            f"{f['share']:.2%}",
+            f"{f['jump'] * 1e3:.1f} mm",
+            f"{f['rms_m'] * 1e3:.1f} ({f['p95_m'] * 1e3:.1f}) mm",
+            f"{f['rms_deg']:.2f} ({f['p95_deg']:.2f}) deg",
+            f"{f['level']:.2f} deg",
         )
+        for f in figures
+    ]
     worst = {k: max(f[k] for f in figures) for k in figures[0]}
-    lines.append(
-        f"| **worst** | {worst['odometry']:.3f} m | {worst['away']:.3f} m | **{worst['share']:.2%}** (2.5 %) | "
-        f"**{worst['jump'] * 1e3:.1f} mm** (20) | **{worst['rms_m'] * 1e3:.1f}** ({worst['p95_m'] * 1e3:.1f}) mm (5) | "
-        f"**{worst['rms_deg']:.2f}** ({worst['p95_deg']:.2f}) deg (0.3) | **{worst['level']:.2f} deg** (0.2) |"
+    rows.append(
+        (
+            "**worst**",
+            f"{worst['odometry']:.3f} m",
+            f"{worst['away']:.3f} m",
+            f"**{worst['share']:.2%}** (2.5 %)",
+            f"**{worst['jump'] * 1e3:.1f} mm** (20)",
+            f"**{worst['rms_m'] * 1e3:.1f}** ({worst['p95_m'] * 1e3:.1f}) mm (5)",
+            f"**{worst['rms_deg']:.2f}** ({worst['p95_deg']:.2f}) deg (0.3)",
+            f"**{worst['level']:.2f} deg** (0.2)",
+        )
     )
-    return lines
+    return table(_TITLES, rows)
 
 
 def consistency(figures):
     """Average normalised squared error of all seeds against the 95 % band of as many independent
     ones."""
-    lines = [
-        "| normalised squared error per degree of freedom | average | 95 % band |",
-        "|---|---|---|",
-    ]
+    rows = []
     samples = [("after 20 m out of view, one pose a flight", [f["nees_away"] for f in figures])]
     samples.insert(
         0,
@@ -87,12 +100,16 @@ def consistency(figures):
         ),
     )
     for title, values in samples:
-        n = 6 * len(values)
-        low, high = chi2.ppf([0.025, 0.975], n) / n
-        lines.append(
-            f"| {title} ({len(values)} poses) | {np.mean(values) / 6:.2f} | {low:.2f} to {high:.2f} |"
+        low, high = consistency_band(len(values))
+        rows.append(
+            (
+                f"{title} ({len(values)} poses)",
+                f"{np.mean(values) / 6:.2f}",
+                f"{low:.2f} to {high:.2f}",
+            )
         )
-    return lines
+    titles = ("normalised squared error per degree of freedom", "average", "95 % band")
+    return table(titles, rows)
 
 
 def wrong_poses(seed):
@@ -103,29 +120,24 @@ def wrong_poses(seed):
     flight = evaluation.evaluate(seed, errors)
     view = evaluation.in_view(flight)
     return (
-        f"| {seed} | {flight.wrong_poses} | {view['rms_m'] * 1e3:.1f} mm, {view['rms_deg']:.2f} deg "
-        f"| {view['worst_m'] * 1e3:.0f} mm, {view['worst_deg']:.1f} deg |"
+        seed,
+        flight.wrong_poses,
+        f"{view['rms_m'] * 1e3:.1f} mm, {view['rms_deg']:.2f} deg",
+        f"{view['worst_m'] * 1e3:.0f} mm, {view['worst_deg']:.1f} deg",
     )
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1, 11)))
-    parser.add_argument("--out", default="docs/lab/mocap.md")
+    parser.add_argument("--out", type=Path, default=LAB / "mocap.md")
     parser.add_argument("--jobs", type=int, default=2)
     args = parser.parse_args()
-    with ProcessPoolExecutor(args.jobs) as pool:
-        wrong = pool.map(wrong_poses, args.seeds[:2])
-        figures = list(pool.map(rows_of, args.seeds))
-    heads = ["| seed | wrong poses streamed | in view, rms | worst |", "|---" * 4 + "|"]
-    lines = [*table(figures), "", *consistency(figures), "", *heads, *wrong, ""]
-    lines.append(
-        f"{time.strftime('%Y-%m-%d')}, {platform.machine()}: `python tools/bench_mocap.py`"
-    )
-    path = Path(args.out)
-    text = path.read_text()
-    before, after = text.split(BEGIN)[0], text.split(END)[1]
-    path.write_text(before + BEGIN + "\n" + "\n".join(lines) + "\n" + END + after)
+    figures = [found for _, found in measured(rows_of, grid(seed=args.seeds), args.jobs)]
+    wrong = [row for _, row in measured(wrong_poses, grid(seed=args.seeds[:2]), args.jobs)]
+    titles = ("seed", "wrong poses streamed", "in view, rms", "worst")
+    lines = [*accuracy(figures), "", *consistency(figures), "", *table(titles, wrong), ""]
+    write(args.out, "bench_mocap.py", [*lines, provenance("python tools/bench_mocap.py")])
 
 
 if __name__ == "__main__":

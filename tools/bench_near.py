@@ -56,6 +56,7 @@ from fcsv_stereo.near import DepthFrame, DepthSensor, NearSurface, NearVolume, T
 from fcsv_stereo.report import write_report
 from fcsv_tracking.column.camera_covariance import camera_covariance
 from fcsv_tracking.column.drift import Drift
+from harness import grid, head, line, measured
 
 _HZ, _TRACKER_HZ, _SPEED_MPS, _HEIGHT_M, _BEGIN_M = 2.0, 50.0, 1.0, 2.0, 8.0
 _LEGS = (
@@ -141,11 +142,11 @@ class Flown:
         geometry = load_vehicles(str(bringup() / "config" / "vehicles"), [name])[name]
         self.name, self._T_body_cam = name, geometry.T_body_cam
         lens = CameraParameters()
-        self._camera = SimulatedCamera(
+        self.camera = SimulatedCamera(
             renderer, geometry.T_body_cam, lens, 1000 * seed + geometry.system_id
         )
         self._depth = SimulatedDepth(
-            self._camera.model, 1000 * seed + geometry.system_id, DepthSensor(), DepthParameters()
+            self.camera.model, 1000 * seed + geometry.system_id, DepthSensor(), DepthParameters()
         )
         T_body_t265 = geometry.tracking_camera.T_body_part
         self._tracker, self._T_t265_body = (
@@ -172,12 +173,12 @@ class Flown:
         self, stamp_s: float, T_world_body: np.ndarray, samples: int = 1
     ) -> Tuple[DepthFrame, Picture, np.ndarray, np.ndarray]:
         """A frame and a picture as said, and the truth: depth (H,W) and T_world_cam."""
-        shot = self._camera.shoot(stamp_s, T_world_body, samples=samples)
+        shot = self.camera.shoot(stamp_s, T_world_body, samples=samples)
         T_home_cam = self._T_home_odom.T_a_b @ self._T_odom_body @ self._T_body_cam
         C = camera_covariance(
             self._T_home_odom, self._T_odom_body, self._T_body_cam, self._drift, _TRACKER
         )
-        measured, model = self._depth.measure(shot.depth, shot.rgb), self._camera.model
+        measured, model = self._depth.measure(shot.depth, shot.rgb), self.camera.model
         frame = DepthFrame.of_millimetres(self.name, stamp_s, measured, model, T_home_cam, C)
         picture = Picture.undistorted(
             f"{self.name}/{stamp_s:.3f}", self.name, stamp_s, shot.rgb, model, T_home_cam, C
@@ -271,7 +272,7 @@ def flight(world: str, seed: int, look_round: bool = False) -> Row:
             if n % int(_TRACKER_HZ / _HZ) == 0:
                 frame, _, depth, T_world_cam = flown.look(t, T_world[name])
                 frames.append(frame)
-                p, r = within(depth, flown._camera.model, T_world_cam, T_world_home)
+                p, r = within(depth, flown.camera.model, T_world_cam, T_world_home)
                 true_points.append(p), ranges.append(r), places.append(T_world[name][:3, 3])
                 eyes.append(T_world_cam)
         if t in _RECORDED_S:
@@ -296,7 +297,7 @@ def flight(world: str, seed: int, look_round: bool = False) -> Row:
         surface,
         np.concatenate(true_points),
         np.concatenate(ranges),
-        all_standing(town, np.array(places), eyes, vehicles["uav1"]._camera.model, T_world_home),
+        all_standing(town, np.array(places), eyes, vehicles["uav1"].camera.model, T_world_home),
         scene(town, T_world_home),
         joined,
     )
@@ -507,16 +508,15 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, help="folder for a cloud and a report of each flight")
     args = parser.parse_args()
-    print(f"| {' | '.join(_HEAD)} |\n|{'---|' * len(_HEAD)}", flush=True)
-    for world in args.worlds:
-        for seed in args.seeds:
-            row = flight(world, seed, args.look_round)
-            print(f"| {' | '.join(cells(row))} |", flush=True)
-            if args.out:
-                folder = args.out / f"{world}_{seed}"
-                folder.mkdir(parents=True, exist_ok=True)
-                write_report(row.joined, folder)
-                write_ply(row.joined.cloud, folder / "map.ply")
+    cases = grid(world=args.worlds, seed=args.seeds, look_round=[args.look_round])
+    print(head(_HEAD), flush=True)
+    for _, row in measured(flight, cases):
+        print(line(cells(row)), flush=True)
+        if args.out:
+            folder = args.out / f"{row.world}_{row.seed}"
+            folder.mkdir(parents=True, exist_ok=True)
+            write_report(row.joined, folder)
+            write_ply(row.joined.cloud, folder / "map.ply")
 
 
 if __name__ == "__main__":

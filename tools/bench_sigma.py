@@ -13,10 +13,8 @@ days, and --maps of them are mapped.
 
 import argparse
 import os
-import platform
 import subprocess
 import sys
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import List, Tuple
@@ -30,14 +28,21 @@ from fcsv_stereo.errors import StereoError
 from fcsv_stereo.evaluating.evaluation import evaluate
 from fcsv_stereo.evaluating.truth import Truth, load_truth
 from fcsv_stereo.model import MapInput
+from harness import LAB, ROOT, grid, line, measured, provenance, rms, table, write
 
-ROOT = Path(__file__).resolve().parents[1]
-DOCUMENT = ROOT / "docs" / "lab" / "sigma.md"
-BEGIN, END = "<!-- table: tools/bench_sigma.py -->", "<!-- end of table -->"
 WORLDS, SEEDS = ("street", "village", "field", "plain"), (1, 2)
-HEAD = (
-    "| session | poses | 1 σ | 2 σ | 1 σ without scale | within 10 % | median error | scale error | median σ | "
-    "rotation, worst |\n|---|---|---|---|---|---|---|---|---|---|"
+_MAPS = ("maps", "number", "1 σ", "2 σ", "rms scale error", "in σ")
+_SESSIONS = (
+    "session",
+    "poses",
+    "1 σ",
+    "2 σ",
+    "1 σ without scale",
+    "within 10 %",
+    "median error",
+    "scale error",
+    "median σ",
+    "rotation, worst",
 )
 
 
@@ -55,13 +60,21 @@ class Row:
     median_sigma: float
     rotation_deg: float
 
-    def __str__(self) -> str:
+    def cells(self) -> List[str]:
+        """A row of the table of sessions."""
         one, two = ((self.errors <= k).mean() for k in (1, 2))
-        return (
-            f"| {self.session} | {self.poses} | {one:.0%} | {two:.0%} | {self.within_1_without_scale:.0%} | "
-            f"{self.within_10_percent:.0%} | {self.median_error:.2%} | {self.scale_error:+.2%} | "
-            f"{self.median_sigma:.2%} | {self.rotation_deg:.3f}° |"
-        )
+        return [
+            self.session,
+            self.poses,
+            f"{one:.0%}",
+            f"{two:.0%}",
+            f"{self.within_1_without_scale:.0%}",
+            f"{self.within_10_percent:.0%}",
+            f"{self.median_error:.2%}",
+            f"{self.scale_error:+.2%}",
+            f"{self.median_sigma:.2%}",
+            f"{self.rotation_deg:.3f}°",
+        ]
 
 
 def mapped(session: str, poses: str, given: MapInput, truth: Truth, true_depth) -> Row:
@@ -100,9 +113,9 @@ def without_covariances(given: MapInput) -> MapInput:
     return replace(given, configurations=configurations)
 
 
-def rows_of(folder: Path, draws: int, maps: int) -> Tuple[List[Row], str]:
-    """Of one session: maps as flown, with one prior, and drawn again; and the line of the scale
-    over draws."""
+def rows_of(folder: Path, draws: int, maps: int) -> Tuple[List[Row], List[str]]:
+    """A session's maps as flown, with one prior, and drawn again; and the cells of its scale over
+    draws (none where nothing is drawn)."""
     session = folder / "session" if (folder / "session").is_dir() else folder
     given, truth = pipeline.load(session), load_truth(session / "truth")
     reference = given.configurations[0].references[len(given.configurations[0].references) // 2]
@@ -111,7 +124,7 @@ def rows_of(folder: Path, draws: int, maps: int) -> Tuple[List[Row], str]:
         mapped(folder.name, "as flown", given, truth, true_depth),
         mapped(folder.name, "as flown, one prior", without_covariances(given), truth, true_depth),
     ]
-    line = ""
+    scale: List[str] = []
     if draws:
         pictures = [p for c in given.configurations for p in (*c.references, *c.others)]
         vehicles = load_vehicles(
@@ -125,20 +138,19 @@ def rows_of(folder: Path, draws: int, maps: int) -> Tuple[List[Row], str]:
         off = np.array([prior_scale(errors.draw(k), truth)[0] for k in range(draws)])
         flown, stated = prior_scale(given, truth)
         inside = (np.abs(off) <= stated).mean(), (np.abs(off) <= 2.0 * stated).mean()
-        rms = float(np.sqrt((off**2).mean()))
-        line = f"| {folder.name} | {flown:+.2%} | {stated:.2%} | {rms:.2%} | {inside[0]:.0%} | {inside[1]:.0%} |"
-        print(line, flush=True)
-    return rows, line
+        scale = [folder.name, f"{flown:+.2%}", f"{stated:.2%}", f"{rms(off):.2%}"]
+        scale += [f"{share:.0%}" for share in inside]
+    return rows, scale
 
 
-def pooled(name: str, rows: List[Row]) -> str:
-    """One row of all maps: shares of all pixels; the scale's rms error and its ratio to sigma of
-    most pixels."""
+def pooled(name: str, rows: List[Row]) -> List[str]:
+    """Cells of a row for all maps: shares of all pixels; the scale's rms error and its ratio to
+    sigma of most pixels."""
     errors = np.concatenate([r.errors for r in rows])
     one, two = ((errors <= k).mean() for k in (1, 2))
-    scale = float(np.sqrt(np.mean([r.scale_error**2 for r in rows])))
-    in_sigmas = float(np.sqrt(np.mean([(r.scale_error / r.median_sigma) ** 2 for r in rows])))
-    return f"| {name} | {len(rows)} | {one:.0%} | {two:.0%} | {scale:.2%} | {in_sigmas:.2f} |"
+    scale = rms([r.scale_error for r in rows])
+    in_sigmas = rms([r.scale_error / r.median_sigma for r in rows])
+    return [name, str(len(rows)), f"{one:.0%}", f"{two:.0%}", f"{scale:.2%}", f"{in_sigmas:.2f}"]
 
 
 def fly(out: Path) -> List[Path]:
@@ -160,15 +172,15 @@ def fly(out: Path) -> List[Path]:
     return folders
 
 
-def tables(folders: List[Path], draws: int, maps: int) -> str:
+def tables(folders: List[Path], draws: int, maps: int) -> List[str]:
     """All tables, with date, machine and command. Raises StereoError for a session that cannot be
     mapped."""
     rows: List[Row] = []
-    scales: List[str] = []
-    for folder in folders:
-        more, line = rows_of(folder, draws, maps)
-        rows, scales = rows + more, scales + [line]
-        print(*more, sep="\n", flush=True)
+    scales: List[List[str]] = []
+    cases = grid(folder=folders, draws=[draws], maps=[maps])
+    for _, (more, scale) in measured(rows_of, cases):
+        rows, scales = rows + more, scales + [scale] * bool(scale)
+        print(*(line(r.cells()) for r in more), sep="\n", flush=True)
     kinds = {
         "as flown, covariances of the session": [r for r in rows if r.poses == "as flown"],
         "as flown, one prior (0.15 m, 0.3°)": [r for r in rows if r.poses == "as flown, one prior"],
@@ -178,21 +190,23 @@ def tables(folders: List[Path], draws: int, maps: int) -> str:
     command = (
         f"tools/bench_sigma.py {' '.join(f.name for f in folders)} --draws {draws} --maps {maps}"
     )
-    machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
-    lines = [
-        f"`{command}`, {time.strftime('%Y-%m-%d')}, {machine}.",
+    of_scales = (
+        "session",
+        "scale of this flight's priors",
+        "stated σ",
+        f"rms of {draws} draws",
+        "1 σ",
+        "2 σ",
+    )
+    return [
+        provenance(command),
         "",
-        "| maps | number | 1 σ | 2 σ | rms scale error | in σ |\n|---|---|---|---|---|---|",
-        *sums,
+        *table(_MAPS, sums),
         "",
-        HEAD,
-        *(str(r) for r in rows if not r.poses.startswith("drawn")),
+        *table(_SESSIONS, [r.cells() for r in rows if not r.poses.startswith("drawn")]),
         "",
-        f"| session | scale of this flight's priors | stated σ | rms of {draws} draws | 1 σ | 2 σ |\n"
-        "|---|---|---|---|---|---|",
-        *scales,
+        *table(of_scales, scales),
     ]
-    return "\n".join(lines)
 
 
 def main() -> int:
@@ -209,15 +223,13 @@ def main() -> int:
     if not folders:
         parser.error("name sessions, or --fly")
     try:
-        text = tables(folders, args.draws, args.maps)
+        lines = tables(folders, args.draws, args.maps)
     except StereoError as error:
         print(f"bench_sigma: {error}", file=sys.stderr)
         return 1
-    print(f"\n{text}")
+    print("", *lines, sep="\n")
     if args.write:
-        before, _, rest = DOCUMENT.read_text().partition(BEGIN)
-        DOCUMENT.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.partition(END)[2]}")
-        print(f"wrote {DOCUMENT}")
+        write(LAB / "sigma.md", "bench_sigma.py", lines)
     return 0
 
 

@@ -2,7 +2,7 @@
 """A sweep against stops: the map, and the time from the first set-point to it; the table of
 docs/lab/sweep.md.
 
-python tools/bench_sweep.py [--missions sweep,short] [--seeds 1,2] [--offset-ms 5]
+python tools/bench_sweep.py [--missions sweep short] [--seeds 1 2] [--offset-ms 5] [--picture FILE]
 
 Each mission is rehearsed (airframes, autopilots, mission, radio, people; no ROS). Along the way
 that was truly flown, with the airframes' vibration, each vehicle's simulated T265 (drift, noise)
@@ -13,6 +13,7 @@ Calibration and home have the errors of a rehearsal. Then `joint` maps what was 
 import argparse
 import time
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Dict, List, Tuple
 
 import numpy as np
@@ -34,6 +35,7 @@ from fcsv_stereo.evaluating.evaluation import band
 from fcsv_stereo.model import FLOWN, Configuration, ConfigurationInput, InputKind, MapInput, Picture
 from fcsv_stereo.pipeline import DEFAULT_METHOD, METHODS
 from fcsv_stereo.sweeps import on_time, spread
+from harness import grid, head, line, measured, picture
 
 PICTURES_HZ, TRACKER_EVERY = 6.0, 2  # of 400 steps a second
 CALIBRATION_M, CALIBRATION_RAD = 0.03, np.radians(0.3)  # as in fcsv_sim.rehearsal.control
@@ -56,6 +58,7 @@ HEAD = (
     "time offset found",
 )
 RANGES_M = ((0.0, 400.0), (0.0, 50.0), (50.0, 100.0), (100.0, 200.0), (200.0, 400.0))
+_MIDDLES_M = [0.5 * (near + far) for near, far in RANGES_M[1:]]
 
 
 @dataclass
@@ -230,18 +233,27 @@ def main() -> None:
     )
     parser.add_argument(
         "--missions",
-        default="sweep,short,simulated_400m",
-        help="names in config/missions, with commas",
+        nargs="+",
+        default=["sweep", "short", "simulated_400m"],
+        help="names in config/missions",
     )
-    parser.add_argument("--seeds", default="1,2", help="of the flights, with commas")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2], help="of the flights")
     parser.add_argument(
         "--offset-ms", type=float, default=5.0, help="by which the cameras' stamps are early"
     )
+    parser.add_argument(
+        "--picture", type=Path, help="shares within 10 %% by distance, as a picture"
+    )
     args = parser.parse_args()
-    print(f"| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}", flush=True)
-    for seed in map(int, args.seeds.split(",")):
-        for name in args.missions.split(","):
-            print(f"| {' | '.join(measure(name, seed, args.offset_ms / 1e3))} |", flush=True)
+    cases = grid(seed=args.seeds, mission_name=args.missions, offset_s=[args.offset_ms / 1e3])
+    curves = {}
+    print(head(HEAD), flush=True)
+    for case, row in measured(measure, cases):
+        print(line(row), flush=True)
+        shares = [float(row[HEAD.index(title)].rstrip("%")) for title in HEAD[8:12]]
+        curves[f"{case['mission_name']}, seed {case['seed']}"] = (_MIDDLES_M, shares)
+    if args.picture:
+        picture(args.picture, curves, "true depth (m)", "within 10 % (%)")
 
 
 if __name__ == "__main__":

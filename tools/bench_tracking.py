@@ -6,14 +6,11 @@
 
 import argparse
 import os
-import platform
 import tempfile
 import time
-from pathlib import Path
 
 import cv2
 import numpy as np
-from scipy.stats import chi2
 
 from fcsv_geometry import transforms
 from fcsv_geometry.home import places_in_home
@@ -22,9 +19,20 @@ from fcsv_sim.machines.machines import Machine
 from fcsv_sim.trials.formation import Formation, FormationParameters
 from fcsv_tracking.column.calibration import calibrate_link
 from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector
+from harness import (
+    LAB,
+    ROOT,
+    consistency_band,
+    grid,
+    kept,
+    line,
+    measured,
+    provenance,
+    table,
+    write,
+)
 
-DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "lab" / "tracking.md"
-BEGIN, END = "<!-- table: tools/bench_tracking.py -->", "<!-- end of table -->"
+PAGE, SCRIPT = LAB / "tracking.md", "bench_tracking.py"
 
 
 def column_errors(seed, parameters, rendered):
@@ -45,15 +53,19 @@ def column_errors(seed, parameters, rendered):
 
 
 def calibration_row(name, bound, seeds, parameters, rendered):
-    found = np.array([column_errors(seed, parameters, rendered) for seed in range(seeds)])
+    cases = grid(seed=range(seeds), parameters=[parameters], rendered=[rendered])
+    found = np.array([errors for _, errors in measured(column_errors, cases)])
     (median_m, median_deg), (worst_m, worst_deg) = (
         np.median(found[:, :2], axis=0),
         found[:, :2].max(axis=0),
     )
-    low, high = chi2.ppf([0.025, 0.975], 4 * seeds) / (4 * seeds)
+    low, high = consistency_band(seeds, degrees=4)
     return (
-        f"| {name} | {bound} | median {median_m:.3f} m, {median_deg:.2f}°; worst {worst_m:.3f} m, {worst_deg:.2f}°, "
-        f"{found[:, 2].max():.1f} sigma | {found[:, 3].mean() / 4:.2f} ({low:.2f} to {high:.2f}) |"
+        name,
+        bound,
+        f"median {median_m:.3f} m, {median_deg:.2f}°; worst {worst_m:.3f} m, {worst_deg:.2f}°, "
+        f"{found[:, 2].max():.1f} sigma",
+        f"{found[:, 3].mean() / 4:.2f} ({low:.2f} to {high:.2f})",
     )
 
 
@@ -108,10 +120,18 @@ def latency(seeds):
     p50, p95 = np.percentile(took_ms, [50, 95])
     on_topic = np.percentile(node_latency_ms(flight, pictures), [50, 95])
     return [
-        f"| picture to tag's pose, VGA, one core | p95 ≤ 25 ms | median {p50:.1f} ms, p95 {p95:.1f} ms; "
-        f"processor time p95 {np.percentile(cpu_ms, 95):.1f} ms | |",
-        f"| picture published to pose on the topic (node) | p95 ≤ 25 ms | median {on_topic[0]:.1f} ms, "
-        f"p95 {on_topic[1]:.1f} ms | |",
+        (
+            "picture to tag's pose, VGA, one core",
+            "p95 ≤ 25 ms",
+            f"median {p50:.1f} ms, p95 {p95:.1f} ms; processor time p95 {np.percentile(cpu_ms, 95):.1f} ms",
+            "",
+        ),
+        (
+            "picture published to pose on the topic (node)",
+            "p95 ≤ 25 ms",
+            f"median {on_topic[0]:.1f} ms, p95 {on_topic[1]:.1f} ms",
+            "",
+        ),
     ]
 
 
@@ -129,7 +149,7 @@ def node_latency_ms(flight, pictures):
 
         node.begin("bench", disable_signals=True)
         heard = {}
-        vehicles = str(DOCUMENT.parents[1] / "config" / "vehicles")
+        vehicles = str(ROOT / "config" / "vehicles")
         for key, value in {
             "vehicle": "uav2",
             "vehicles": ["uav1", "uav2"],
@@ -201,10 +221,10 @@ def _show(flight, pictures, image, info, body, heard):
     return took_ms
 
 
-def with_rows(table, rows):
-    """The table with these rows in place of those of the same first cell."""
-    new = {row.split("|")[1]: row for row in rows}
-    return "\n".join(new.get((line.split("|") + [""])[1], line) for line in table.split("\n"))
+def with_rows(lines, rows):
+    """The lines of a table with these rows in place of those of the same first cell."""
+    new = {f" {row[0]} ": line(row) for row in rows}
+    return [new.get((old.split("|") + [""])[1], old) for old in lines]
 
 
 ROWS = {"two": two_vehicles, "chain": chain, "latency": latency}
@@ -220,22 +240,18 @@ def main():
         help="these rows; only they change in the document",
     )
     args = parser.parse_args()
-    lines = [
-        "| figure | bound | measured | normalised squared error (95 % band) |",
-        "|---|---|---|---|",
-    ]
+    rows = []
     for name in args.only or ROWS:
-        lines += ROWS[name](args.seeds)
-        print("\n".join(lines[-3:]), flush=True)
-    before, rest = DOCUMENT.read_text().split(BEGIN)
-    table, after = rest.split(END)
+        new = ROWS[name](args.seeds)
+        print(*map(line, new), sep="\n", flush=True)
+        rows += new
     if args.only:
-        table = with_rows(table, lines[2:])
+        lines = with_rows(kept(PAGE, SCRIPT).split("\n"), rows)
     else:
-        note = f"{time.strftime('%Y-%m-%d')}, {args.seeds} seeds, {platform.machine()}, {os.cpu_count()} cores, shared."
-        table = f"\n\n{note}\n\n" + "\n".join(lines) + "\n\n"
-    DOCUMENT.write_text(before + BEGIN + table + END + after)
-    print(f"wrote {DOCUMENT}")
+        titles = ("figure", "bound", "measured", "normalised squared error (95 % band)")
+        note = provenance(f"make bench-tracking ARGS='--seeds {args.seeds}'")
+        lines = [note, "", *table(titles, rows)]
+    write(PAGE, SCRIPT, lines)
 
 
 if __name__ == "__main__":

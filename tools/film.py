@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Films a demo: the operator's window and rviz while it flies, on a screen in memory, then its
-report.
+"""Films a demo on a screen in memory: the operator's window while it flies, rviz while the flight is
+played back with its map, and the report.
 
     python tools/film.py [--out FILE] [--seconds 90] [--keep FOLDER] [DEMO ARGUMENTS ...]
 
 It flies `rosrun fcsv_sim demo` with the arguments that follow, seed 1 without any. The film shows
 the flight as much faster as it takes to fit. The report is drawn by chromium; without that the film
-ends with the flight, and says so. FILE is docs/pictures/film.gif, README's film.
+ends with rviz, and says so. FILE is docs/pictures/film.gif, README's film.
 """
 
 import argparse
+import contextlib
 import os
 import shutil
 import signal
@@ -19,7 +20,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import List, Optional, Tuple
+from typing import Iterator, List, Optional, Tuple
 
 from PIL import Image
 from tqdm import tqdm
@@ -31,18 +32,18 @@ sys.path.insert(0, str(_ROOT / "tests"))
 
 from support.screen import Screen  # noqa: E402
 
-_WINDOW_PX = (1366, 768)  # the operator's window
-_RVIZ_PX = (834, 768)
-_SCREEN_PX = (_WINDOW_PX[0] + _RVIZ_PX[0], _WINDOW_PX[1])
-_FILM_PX = (1000, 350)
+_SCREEN_PX = (1366, 768)
+_FILM_PX = (1000, 562)
 _FRAMES_S = 2.0  # frames of the film a second
 _GRAB_S = 1.0  # between two pictures of the screen
-_REPORT_SHARE = 0.17  # of the film
+_RVIZ_SHARE, _REPORT_SHARE = 0.2, 0.2  # of the film
+_PLAYED_S = 40.0  # of the playback
 _REPORT_PX = (1100, 5200)
 _COLOURS = 64
 _MOST_BYTES = 5_000_000
-_LIMIT_S = 3000.0
-_OVER = "report: "  # what the demo says once its map is made
+_LIMIT_S, _BROWSER_S = 3000.0, 300.0
+# what the demo says once all have landed, and once its map is made
+_LANDED, _OVER = "DONE: ", "report: "
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -53,7 +54,8 @@ def main(argv: Optional[List[str]] = None) -> int:
     parser.add_argument(
         "--keep",
         type=Path,
-        help="folder for the demo and the pictures; default: one that is removed",
+        help="folder for the demo and the pictures: what is in it already is not flown or played "
+        "again; default: one that is removed",
     )
     args, demo = parser.parse_known_args(argv)
     folder = args.keep or Path(tempfile.mkdtemp(prefix="film"))
@@ -61,7 +63,8 @@ def main(argv: Optional[List[str]] = None) -> int:
         flown = _fly(folder, demo or ["--seed", "1"])
         if not flown:
             return 1
-        return _compose(flown, _report_pictures(folder), args.seconds, args.out)
+        played = _play(folder)
+        return _compose(flown, played, _report_pictures(folder), args.seconds, args.out)
     finally:
         if args.keep is None:
             shutil.rmtree(folder, ignore_errors=True)
@@ -71,14 +74,55 @@ def main(argv: Optional[List[str]] = None) -> int:
 
 
 def _fly(folder: Path, demo: List[str]) -> List[Path]:
-    """Pictures of the screen, one a second, from the first window to the map; none where the demo
-    failed."""
-    grabbed = folder / "screen"
-    grabbed.mkdir(parents=True)
+    """Pictures of the window, one a second, from its start until the vehicles have landed; none
+    where the demo failed."""
+    command = ["rosrun", "fcsv_sim", "demo", "--rviz", "0", "--out", str(folder / "demo"), *demo]
+    log, pictures = folder / "demo.log", folder / "flight"
+    if not log.exists() or _OVER not in log.read_text(errors="replace"):
+        with _filmed(folder, command, log) as film:
+            film.until(_LANDED, _LIMIT_S, "filming the flight", pictures)
+            film.until(_OVER, _LIMIT_S, "mapping")
+    if _OVER in log.read_text(errors="replace"):
+        return sorted(pictures.glob("*.png"))
+    print(f"film: the demo did not come to its report: {log}", file=sys.stderr)
+    return []
+
+
+def _play(folder: Path) -> List[Path]:
+    """Pictures of rviz while the flight is played back with its map."""
+    command = [str(folder / "demo" / "play"), "console:=false", "rate:=2"]
+    pictures = folder / "rviz"
+    if not pictures.exists():
+        with _filmed(folder, command, folder / "play.log") as film:
+            film.until("", _PLAYED_S, "filming rviz", pictures)
+    return sorted(pictures.glob("*.png"))
+
+
+class _Film:
+    """A process on a screen of its own, of which pictures are taken."""
+
+    def __init__(self, process: subprocess.Popen, log: Path, server: display.Display):
+        self._process, self._log, self._server = process, log, server
+
+    def until(self, words: str, limit_s: float, what: str, pictures: Optional[Path] = None) -> None:
+        """Waits until the process says ``words`` or ends; a picture a second goes to the folder
+        ``pictures``."""
+        if pictures is not None:
+            pictures.mkdir()
+        for k in tqdm(range(int(limit_s / _GRAB_S)), what, unit=" s", disable=None):
+            ended = self._process.poll() is not None
+            if ended or words and words in self._log.read_text(errors="replace"):
+                return
+            if _arranged(self._server) and pictures is not None:
+                _grab(self._server, pictures / f"{k:05d}.png")
+            time.sleep(_GRAB_S)
+
+
+@contextlib.contextmanager
+def _filmed(folder: Path, command: List[str], log: Path) -> Iterator[_Film]:
+    folder.mkdir(parents=True, exist_ok=True)
     screen = Screen(folder, f"{_SCREEN_PX[0]}x{_SCREEN_PX[1]}x24")
-    command = ["rosrun", "fcsv_sim", "demo", "--rviz", "1", "--out", str(folder / "demo"), *demo]
     env = {**os.environ, "DISPLAY": screen.name, "QT_QPA_PLATFORM": "xcb", "PYTHONUNBUFFERED": "1"}
-    log = folder / "demo.log"
     with open(log, "wb") as out:
         process = subprocess.Popen(
             command,
@@ -88,18 +132,9 @@ def _fly(folder: Path, demo: List[str]) -> List[Path]:
             env=env,
             start_new_session=True,
         )
-    found, server = [], display.Display(screen.name)
+    server = display.Display(screen.name)
     try:
-        for k in tqdm(range(int(_LIMIT_S / _GRAB_S)), "filming", unit=" pictures", disable=None):
-            if process.poll() is not None or _OVER in log.read_text(errors="replace"):
-                break
-            if _arranged(server):
-                found.append(_grabbed(server, grabbed / f"{k:05d}.png"))
-            time.sleep(_GRAB_S)
-        if _OVER not in log.read_text(errors="replace"):
-            print(f"film: the demo did not come to its report: {log}", file=sys.stderr)
-            return []
-        return found
+        yield _Film(process, log, server)
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGINT)
@@ -112,8 +147,7 @@ def _fly(folder: Path, demo: List[str]) -> List[Path]:
 
 
 def _arranged(server: display.Display) -> bool:
-    """Whether a window is there; the operator's is put to the left, rviz to the right, as a window
-    manager would."""
+    """Whether a window is there; it fills the screen, as by a window manager."""
     there = False
     for window in server.screen().root.query_tree().children:
         try:
@@ -122,23 +156,20 @@ def _arranged(server: display.Display) -> bool:
             if not shown or not isinstance(name, str) or not name:
                 continue
             there = True
-            if "rviz" in name.lower():
-                window.configure(x=_WINDOW_PX[0], y=0, width=_RVIZ_PX[0], height=_RVIZ_PX[1])
-            elif "fcsv" in name.lower():
-                window.configure(x=0, y=0, width=_WINDOW_PX[0], height=_WINDOW_PX[1])
+            if "rviz" in name.lower() or "fcsv" in name.lower():
+                window.configure(x=0, y=0, width=_SCREEN_PX[0], height=_SCREEN_PX[1])
         except XError:
             continue  # it was closed meanwhile
     server.sync()
     return there
 
 
-def _grabbed(server: display.Display, path: Path) -> Path:
+def _grab(server: display.Display, path: Path) -> None:
     width, height = _SCREEN_PX
     raw = server.screen().root.get_image(0, 0, width, height, X.ZPixmap, 0xFFFFFFFF)
     Image.frombytes("RGB", (width, height), raw.data, "raw", "BGRX").resize(
         _FILM_PX, Image.LANCZOS
     ).save(path)
-    return path
 
 
 # ---- the report and the film ---------------------------------------------------------------------
@@ -162,12 +193,12 @@ def _report_pictures(folder: Path) -> List[Image.Image]:
         "--virtual-time-budget=8000",
         size,
     ]
-    subprocess.run(
-        [*command, f"--screenshot={whole}", page.as_uri()],
-        check=True,
-        capture_output=True,
-        timeout=180,
-    )
+    command += [f"--screenshot={whole}", page.as_uri()]
+    try:
+        subprocess.run(command, check=True, capture_output=True, timeout=_BROWSER_S)
+    except subprocess.SubprocessError as error:
+        print(f"film: without the report: {error}", file=sys.stderr)
+        return []
     return scrolled(Image.open(whole).convert("RGB"), _FILM_PX)
 
 
@@ -193,12 +224,15 @@ def evenly(pictures: list, count: int) -> list:
     return [pictures[round(k * last / max(count - 1, 1))] for k in range(count)]
 
 
-def _compose(flown: List[Path], report: List[Image.Image], seconds: float, out: Path) -> int:
+def _compose(
+    flown: List[Path], played: List[Path], report: List[Image.Image], seconds: float, out: Path
+) -> int:
     frames = round(seconds * _FRAMES_S)
     of_report = round(_REPORT_SHARE * frames) if report else 0
-    pictures = [Image.open(p).convert("RGB") for p in evenly(flown, frames - of_report)] + evenly(
-        report, of_report
-    )
+    of_rviz = round(_RVIZ_SHARE * frames) if played else 0
+    of_flight = evenly(flown, frames - of_report - of_rviz)
+    pictures = [Image.open(p).convert("RGB") for p in of_flight + evenly(played, of_rviz)]
+    pictures += evenly(report, of_report)
     palette = _palette(pictures)
     small = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
     out.parent.mkdir(parents=True, exist_ok=True)

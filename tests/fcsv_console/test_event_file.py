@@ -2,9 +2,8 @@
 """Events are kept with the session, whole and not too often; where they cannot be kept this is told
 once."""
 
-import time
-
 import pytest
+from support.waiting import within
 
 from fcsv_console.model.events import EventLog
 
@@ -15,9 +14,7 @@ from fcsv_console.ros.event_file import EventFile
 
 def written(file):
     """Once its thread has ended."""
-    until_s = time.monotonic() + 10.0
-    while file._writer.is_alive() and time.monotonic() < until_s:
-        time.sleep(0.005)
+    within(10.0)(lambda: not file._writer.is_alive(), what="its thread ends")
     return file.path.read_text().splitlines() if file.path.exists() else None
 
 

@@ -587,7 +587,17 @@ def test_a_recording_is_judged_by_the_pictures_that_the_map_takes():
     late = flying(console(), 10.0)
     now_s = recorded(late, 20.0, 0.05)
     assert late.view(now_s).stereo.skew_s == pytest.approx(0.05)
-    assert "no two pictures are of one instant: 50 ms apart" in late.view(now_s).stereo.words
+    assert "pictures are 50 ms apart" in late.view(now_s).stereo.remarks[0]
+
+
+def test_pictures_of_a_pair_that_is_flown_at_once_are_of_one_instant():
+    aged = hearing.Aged(facts.CameraInHome("uav1", (0.0, 0.0, 0.0), 0.0), 0.1, 30.0, False)
+    row_ = console().file.rows[0]
+    moving = hearing.Aged(facts.CameraInHome("uav2", row_.goal_m, 0.0), 0.1, 30.0, False)
+    given = (row_, ("uav1", "uav2"), aged, moving, 0.05, 100.0, mission_file.Optics())
+    assert stereo.judge(*given).go
+    h = stereo.judge(*given, at_once=True)
+    assert h.words == ("NO-GO: what moves may be mapped wrongly: pictures are 50 ms apart")
 
 
 def test_the_first_pictures_of_a_recording_that_come_late_are_no_verdict():
@@ -705,10 +715,9 @@ def test_stereo_health_is_known_before_the_first_recording():
     c.tell(10.1, facts.EpipolarTold(("uav1", "uav2"), 30.0, 80))
     c.tell(10.1, facts.Clock("uav2", 0.25, 0.001))
     before(c, 11.0, uav2=0.012)
-    words = (
-        "no two pictures are of one instant: 238 ms apart; pictures and places disagree by 30 px"
-    )
-    assert c.view(11.1).stereo.words == f"NO-GO: {words} across the epipolar lines"
+    shown = c.view(11.1).stereo
+    assert shown.words == "NO-GO: pictures and places disagree by 30 px across the epipolar lines"
+    assert shown.remarks == ("what moves may be mapped wrongly: pictures are 238 ms apart",)
 
 
 def test_before_the_first_recording_silent_pictures_are_not_known():

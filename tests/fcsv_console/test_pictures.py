@@ -8,9 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.waiting import within
 
 from fcsv_console.model import facts, pictures, samples
 from fcsv_console.model.console import Console
+
+until = within(10.0)
 
 OUTDOOR = str(Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml")
 CORNERS = ((294.5, 235.5), (325.5, 235.5), (325.5, 204.5), (294.5, 204.5))
@@ -191,7 +194,6 @@ def test_octets_that_are_no_picture_and_a_wrong_encoding_are_told_in_words(windo
 
 
 def test_space_stops_all_from_a_dock_that_was_taken_out(window, app):
-    import time
 
     from python_qt_binding.QtCore import Qt
     from python_qt_binding.QtTest import QTest
@@ -208,10 +210,7 @@ def test_space_stops_all_from_a_dock_that_was_taken_out(window, app):
     app.processEvents()
     assert box.window() is window.pictures
     QTest.keyPress(app.focusWidget() or box, Qt.Key_Space)
-    until_s = time.monotonic() + 0.7
-    while time.monotonic() < until_s:
-        app.processEvents()
-        time.sleep(0.005)
+    until(lambda: app.processEvents() or asked, what="the key was held long enough")
     QTest.keyRelease(app.focusWidget() or box, Qt.Key_Space)
     assert asked == ["stop_all"]
 

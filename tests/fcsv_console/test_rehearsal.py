@@ -5,10 +5,10 @@ error."""
 import math
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
+from support.waiting import within
 
 from fcsv_console.children import child as children
 from fcsv_console.children.rehearse import Rehearser
@@ -260,11 +260,7 @@ def lives(pid):
         return False
 
 
-def until(condition, what):
-    until_s = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < until_s, what
-        time.sleep(0.01)
+until = within(10.0)
 
 
 def test_one_that_is_stopped_ends_with_all_that_it_started():
@@ -275,11 +271,11 @@ def test_one_that_is_stopped_ends_with_all_that_it_started():
         lambda _share, line: lines.append(line),
         lambda status, _last: ends.append(status),
     )
-    until(lambda: lines, "its line")
+    until(lambda: lines, what="its line")
     assert lives(lines[0])
     one.cancel()
     one.wait()
-    until(lambda: not lives(lines[0]), "its own child ends")
+    until(lambda: not lives(lines[0]), what="its own child ends")
     assert not one.runs and ends and ends[0] != 0
 
 

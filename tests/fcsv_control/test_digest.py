@@ -4,9 +4,9 @@ kbit/s."""
 
 import doctest
 import random
-import time
 
 import pytest
+from support.waiting import within
 
 from fcsv_control.flight_check import digest
 from fcsv_control.flight_check.digest import ERROR, OK, STALE, WARN, Digest, Status
@@ -16,6 +16,8 @@ from fcsv_control.ros.checks.diagnostics_digest import (
     on_the_way_bytes,
     statuses_of,
 )
+
+until = within(20.0)
 
 
 def told(d, now_s, *statuses):
@@ -156,10 +158,7 @@ def test_what_nodes_publish_comes_out_as_a_message(monkeypatch):
     ).serialize(buffer)
     told._buff = buffer.getvalue()
     call(told)
-    deadline_s = time.monotonic() + 20.0
-    while len(published) < 2 and time.monotonic() < deadline_s:
-        time.sleep(0.05)
-        shell.step()
+    until(lambda: len(published) >= 2, what="the line that is wrong", meanwhile=shell.step)
     assert [[(s.level, s.name, s.message) for s in m.status] for m in published] == [
         [],
         [(2, "a", "m")],

@@ -3,6 +3,8 @@
 
 import os
 
+from support.waiting import within
+
 os.environ.setdefault("MAVLINK20", "1")
 
 import contextlib
@@ -41,13 +43,7 @@ class Speaker:
         self.heard += [m.get_type() for m in self.decoder.parse_buffer(data) or ()]
 
 
-def until(condition, timeout_s=6.0):
-    end = time.monotonic() + timeout_s
-    while time.monotonic() < end:
-        if condition():
-            return True
-        time.sleep(0.02)
-    return False
+until = within(6.0)
 
 
 class TcpAutopilot(Speaker):
@@ -86,13 +82,13 @@ def test_a_tcp_peer_may_come_late_go_and_come_back():
     try:
         for _ in range(2):
             autopilot.come()
-            assert until(lambda: autopilot.speak() or link.connected)
+            until(lambda: autopilot.speak() or link.connected)
             autopilot.heard.clear()
-            assert until(lambda: autopilot.speak() or "HEARTBEAT" in autopilot.heard)
+            until(lambda: autopilot.speak() or "HEARTBEAT" in autopilot.heard)
             autopilot.go()
-            assert until(lambda: link._transport.broken)
+            until(lambda: link._transport.broken)
             assert link._thread.is_alive()
-            assert until(lambda: not link.connected, 4.0)
+            until(lambda: not link.connected, 4.0)
             began_s = time.monotonic()
             for _ in range(30):
                 link.send_pose(time.monotonic(), np.eye(4))  # lost: neither raised nor waited for
@@ -114,7 +110,7 @@ def test_a_tcp_peer_that_falls_silent_is_connected_to_again(monkeypatch):
         assert transport.receive(0.5).get_type() == "HEARTBEAT"
         # its machine lost power: no end is told
         first, autopilot.connection = autopilot.connection, None
-        assert until(lambda: autopilot.speak() or transport.receive(0.05) is not None)
+        until(lambda: autopilot.speak() or transport.receive(0.05) is not None)
         first.close()
     finally:
         transport.close()
@@ -155,15 +151,13 @@ def test_poses_go_to_the_address_of_the_vehicles_own_autopilot_alone(udp):
     """Before, a second autopilot on the port received and fused all of the first one's poses."""
     link, autopilot = udp
     ours, other = autopilot(1), autopilot(2)
-    assert until(
-        lambda: other.speak() or ours.speak() or (link.connected and link.strangers == (2,))
-    )
+    until(lambda: other.speak() or ours.speak() or (link.connected and link.strangers == (2,)))
     for _ in range(20):
         link.send_pose(time.monotonic(), np.eye(4))
         ours.speak()
         other.speak()
         time.sleep(0.01)
-    assert until(lambda: ours.speak() or ours.heard.count("VISION_POSITION_ESTIMATE") == 20)
+    until(lambda: ours.speak() or ours.heard.count("VISION_POSITION_ESTIMATE") == 20)
     assert other.heard == []
 
 
@@ -172,15 +166,15 @@ def test_a_second_autopilot_with_the_same_id_is_refused_aloud_until_the_first_is
 ):
     link, autopilot = udp
     ours, other = autopilot(1), autopilot(1)
-    assert until(lambda: ours.speak() or link.connected)
+    until(lambda: ours.speak() or link.connected)
     for _ in range(20):
         ours.speak(mode=4)
         other.speak(mode=9)
         time.sleep(0.01)
-    assert until(lambda: ours.speak() or link.state.mode == Mode.GUIDED)
+    until(lambda: ours.speak() or link.state.mode == Mode.GUIDED)
     assert "a second autopilot with system id 1 speaks from" in caplog.text and other.heard == []
     # the first is silent: it was replaced
-    assert until(lambda: other.speak(mode=9) or link.state.mode == Mode.LAND, 5.0)
+    until(lambda: other.speak(mode=9) or link.state.mode == Mode.LAND, 5.0)
 
 
 def test_a_script_with_the_autopilots_ids_does_not_take_its_address(udp):
@@ -196,9 +190,9 @@ def test_a_script_with_the_autopilots_ids_does_not_take_its_address(udp):
         script.speak()
         time.sleep(0.01)
     assert not link.connected
-    assert until(lambda: script.speak() or ours.speak() or (link.connected and link.imitated))
+    until(lambda: script.speak() or ours.speak() or (link.connected and link.imitated))
     link.send_pose(time.monotonic(), np.eye(4))
-    assert until(lambda: script.speak() or ours.speak() or "VISION_POSITION_ESTIMATE" in ours.heard)
+    until(lambda: script.speak() or ours.speak() or "VISION_POSITION_ESTIMATE" in ours.heard)
     assert script.heard == [] and link.state.mode == Mode.GUIDED
 
 
@@ -207,7 +201,7 @@ def test_random_bytes_on_the_port_end_nothing(udp):
     ours, random = autopilot(1), np.random.default_rng(2)
     for _ in range(2000):
         ours.socket.sendto(random.bytes(int(random.integers(1, 300))), ours.to)
-    assert until(lambda: ours.speak() or link.connected)
+    until(lambda: ours.speak() or link.connected)
 
 
 def test_while_a_peer_is_away_who_reads_goes_on(monkeypatch):
@@ -226,7 +220,7 @@ def test_while_a_peer_is_away_who_reads_goes_on(monkeypatch):
     monkeypatch.setattr("fcsv_control.flight.mavlink.transport._REOPEN_S", 0.1)
     transport._reopen_s = time.monotonic()
     # and it is tried again and again
-    assert until(lambda: transport.receive(0.01) or len(opened) == 3)
+    until(lambda: transport.receive(0.01) or len(opened) == 3)
     transport.close()
 
 

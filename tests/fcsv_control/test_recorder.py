@@ -202,7 +202,7 @@ def test_a_second_flight_does_not_write_over_the_first(vehicle, start_node, tmp_
 def test_killed_in_the_middle_at_most_a_second_is_lost_and_the_next_one_goes_on_in_a_new_part(
     vehicle, start_node, tmp_path
 ):
-    """Lost on SIGKILL, as measured by tools/bench_recorder.py: docs/lab/results.md."""
+    """A SIGKILL costs a second at most, as docs/lab/results.md measured it."""
     import rosbag
 
     v = vehicle("rec5")

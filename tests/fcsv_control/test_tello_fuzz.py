@@ -8,6 +8,7 @@ import struct
 import time
 
 import numpy as np
+from support.waiting import within
 from tellopy._internal import crc, protocol
 
 from fcsv_control.tello.library import Hears, RadioParameters, TelloRadio
@@ -66,11 +67,7 @@ def garbage(random_):
     )
 
 
-def until(condition, timeout_s=5.0):
-    end_s = time.monotonic() + timeout_s
-    while not condition() and time.monotonic() < end_s:
-        time.sleep(0.01)
-    return condition()
+until = within(5.0)
 
 
 def test_ten_thousand_strange_inputs_end_no_link_of_a_tello(capfd):
@@ -100,10 +97,10 @@ def test_ten_thousand_strange_inputs_end_no_link_of_a_tello(capfd):
                 if k % 20 == 0:
                     tello.sendto(noise(random_, random_.randrange(1, 100)), ("127.0.0.1", pictures))
                     time.sleep(0.002)  # its thread shall take them
-            assert until(lambda: len(reports) > INPUTS // 100)  # some were flight data
+            until(lambda: len(reports) > INPUTS // 100)  # some were flight data
             assert all(thread.is_alive() for thread in radio._threads)
             reports.clear()
-            assert until(
+            until(
                 lambda: (
                     tello.sendto(packet(FLIGHT, FLYING), ("127.0.0.1", port))
                     and any(

@@ -122,6 +122,14 @@ class Operator:
 
         self._joy.publish(Joy(axes=[share.get(k, 0.0) for k in ("turn", "up", "left", "forward")]))
 
+    def hears(self):
+        """Every topic has its publisher: what is said from now on is heard."""
+        until(lambda: all(s.get_num_connections() for s in self._heard), 20.0, "all topics")
+
+    def refused(self, why):
+        """A refusal says this; it comes on a topic of its own, after the service's answer."""
+        until(lambda: why in getattr(self.newest.refusal, "reason", ""), 10.0, why)
+
     def close(self):
         for each in (*self._heard, self._points, self._joy):
             each.unregister()
@@ -169,6 +177,7 @@ class Flight:
 
     def ready(self):
         """Connected, with poses for as long as GUIDED asks for."""
+        self.operator.hears()
         until(
             lambda: getattr(self.operator.newest.state, "connected", False),
             20.0,
@@ -232,7 +241,8 @@ def test_holds_a_set_point_and_lands_when_told(flight):
     )
     assert o.newest.imu.linear_acceleration.z == pytest.approx(9.81, abs=0.5)
     assert o.newest.odom.header.frame_id == f"{f._name}/tello_odom"
-    assert not o.mode(Mode.STABILIZE) and "has no mode 'STABILIZE'" in o.newest.refusal.reason
+    assert not o.mode(Mode.STABILIZE)
+    o.refused("has no mode 'STABILIZE'")
     first = target(1.0, 0.5, 1.5, 0.3)
     f.guided(first)
     second = target(2.0, 0.0, 1.8, -0.3)
@@ -268,7 +278,9 @@ def test_low_battery_and_a_link_that_is_started_again(flight):
     battery.drain((1.0 - 8.0 / battery.percent) * battery.left_s / 1.15, 1.0)
     until(lambda: f.operator.newest.state.mode == Mode.LAND, 5.0, "LAND")
     f.landed()
-    assert not f.operator.take_off(1.5) and "charge it" in f.operator.newest.refusal.reason
+    f.operator.hears()
+    assert not f.operator.take_off(1.5)
+    f.operator.refused("charge it")
 
 
 def test_a_pilot_takes_it(flight):
@@ -290,9 +302,9 @@ def test_another_firmware_is_refused_by_name(flight):
     """Its flight data cannot be read: nothing is known of its battery, so nobody takes off."""
     f = flight(drone=DroneParameters(other_firmware=True))
     until(lambda: getattr(f.operator.newest.state, "connected", False), 20.0, "packets")
+    f.operator.hears()
     assert not f.operator.take_off(1.5)
-    until(lambda: f.operator.newest.refusal is not None, 10.0, "why")  # on a topic of its own
-    assert "no flight data" in f.operator.newest.refusal.reason
+    f.operator.refused("no flight data")
     assert not f.tello.drone.flight.flying
 
 

@@ -67,7 +67,7 @@ def test_what_was_sent_before_and_while_the_peer_appears_comes_in_order_and_once
 
     speaker = threading.Thread(target=speak, daemon=True)
     speaker.start()
-    time.sleep(0.7)
+    until(lambda: len(sent) > 30, what="messages from before the contact")
     exchange("control", lambda parcel: got.append(int(parcel.data)))
     until(lambda: got, what="the first message")
     # more would be after the contact, where a message that is lost holds up no other

@@ -10,6 +10,7 @@ import time
 from contextlib import ExitStack, closing
 
 import pytest
+from support.waiting import within
 
 from fcsv_multimaster.errors import KeyringError
 from fcsv_multimaster.keys import keys_command, revocation
@@ -19,6 +20,8 @@ from fcsv_multimaster.network import exposure
 from fcsv_multimaster.network.endpoints import parse_endpoint
 from fcsv_multimaster.relay.exchange import Exchange
 from fcsv_sim.machines.machines import free_port
+
+until = within(30.0)
 
 
 def test_keys_of_a_fleet_open_and_others_do_not(tmp_path):
@@ -218,10 +221,12 @@ def test_who_has_revoked_keys_is_not_heard_and_hears_nothing(link, tmp_path):
     assert at_control == [] and at_thief == []
     thief.close()
     uav1 = link("uav1", fleet / "uav1", at_uav1)
-    begun_s = time.monotonic()
-    while time.monotonic() < begun_s + 30.0 and not (at_control and at_uav1):
-        speak(uav1, b"good")
-        time.sleep(0.05)
+    until(
+        lambda: at_control and at_uav1,
+        what="both hear each other",
+        meanwhile=lambda: speak(uav1, b"good"),
+        every_s=0.05,
+    )
     assert set(at_control) == {b"good"} and set(at_uav1) == {b"order"}
 
 
@@ -232,14 +237,13 @@ def test_of_two_vehicles_with_one_name_the_second_is_refused_named_and_told(link
     vehicles = {"1": link("uav1", tmp_path / "uav1", heard["1"], problems["1"])}
     numbers = iter(range(100000))
 
+    def speak():
+        control.send("/uav1/down", "std_msgs/String", "0" * 32, "", b"%d" % next(numbers))
+        for word, uav1 in vehicles.items():
+            uav1.send("/uav1/up", "std_msgs/String", "0" * 32, "", word.encode())
+
     def speak_until(condition, what, timeout_s=30.0):
-        end_s = time.monotonic() + timeout_s
-        while not condition():
-            assert time.monotonic() < end_s, what
-            control.send("/uav1/down", "std_msgs/String", "0" * 32, "", b"%d" % next(numbers))
-            for word, uav1 in vehicles.items():
-                uav1.send("/uav1/up", "std_msgs/String", "0" * 32, "", word.encode())
-            time.sleep(0.05)
+        until(condition, timeout_s, what, meanwhile=speak, every_s=0.05)
 
     speak_until(lambda: heard["c"] and heard["1"], "control and the first hear each other")
     vehicles["2"] = link("uav1", tmp_path / "uav1", heard["2"], problems["2"])

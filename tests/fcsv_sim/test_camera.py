@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from support.waiting import within
 
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.vehicle import load_vehicles
@@ -14,6 +15,8 @@ from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.truth import TruthWriter
 from fcsv_sim.world.town import Town
+
+until = within(60.0)
 
 T_BODY_CAM = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
 ABOVE_FIELD = transforms.from_xyz_rpy([1, 0, 8], [0, 0, 0])
@@ -127,14 +130,11 @@ def test_node_publishes_pictures_infos_and_truth(start_node, root, tmp_path):
     }
     try:
         start_node("fcsv_sim", "camera", ns="uav2", params=params)
-        deadline = time.monotonic() + 60
-        while len(images) < 6 and time.monotonic() < deadline:
-            time.sleep(0.1)
+        until(lambda: len(images) >= 6, what="six pictures")
     finally:
         hovering.close()
         for subscriber in subscribers:
             subscriber.unregister()
-    assert len(images) >= 6
     stamps = [m.header.stamp for m in images]
     assert {s.to_nsec() for s in stamps} & {m.header.stamp.to_nsec() for m in infos}
     assert (

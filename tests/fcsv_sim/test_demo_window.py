@@ -6,15 +6,17 @@ import os
 import signal
 import sys
 import threading
-import time
 from types import SimpleNamespace
 
 import pytest
+from support.waiting import within
 
 from fcsv_sim.demo import demo, interrupt, look
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, Machines
 from fcsv_sim.demo.interrupt import Interrupted
 from fcsv_sim.demo.window import OperatorWindow
+
+until = within(20.0)
 
 WAITS = "import sys, time; print(sys.argv[1:], flush=True); time.sleep({0})"
 
@@ -58,9 +60,8 @@ def test_the_window_stays_when_the_machines_stop_and_knows_where_they_recorded(p
     fleet.start()
     fleet.stop()
     assert fleet.launches[CONTROL].returncode is not None and made.window.is_open
-    log, until_s = tmp_path / "run" / "control" / "console.log", time.monotonic() + 20.0
-    while not log.read_text() and time.monotonic() < until_s:
-        time.sleep(0.02)
+    log = tmp_path / "run" / "control" / "console.log"
+    until(log.read_text, what="the window's own words")
     assert log.read_text().split()[-2:] == ["'--session',", f"'{tmp_path / 'session'}']"]
     made.window.close()
     made.window.close()

@@ -2,15 +2,17 @@
 """uav.launch with ArduCopter's own simulation, or what stands for it here, in the place of the
 simulated autopilot."""
 
-import time
 from contextlib import closing
 
 import pytest
 from support.copter_elsewhere import CopterElsewhere
+from support.waiting import within
 
 from fcsv_geometry import transforms
 from fcsv_sim.machines.machines import Machine, free_port
 from fcsv_sim.truth import TruthReader
+
+until = within(120.0)
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -32,10 +34,9 @@ def test_uav_launch_flies_an_autopilot_elsewhere_by_one_argument(tmp_path):
             world="plain",
             sim_start="1.5,-2,0,0.5",
         )
-        truth, deadline = TruthReader(tmp_path / "sim", "uav1"), time.monotonic() + 120.0
-        while not copter.fed:
-            assert time.monotonic() < deadline and launch.returncode is None, launch.tail(20)
-            time.sleep(0.2)
+        truth = TruthReader(tmp_path / "sim", "uav1")
+        until(lambda: copter.fed or launch.returncode is not None, what=lambda: launch.tail(20))
+        assert launch.returncode is None, launch.tail(20)
         T_world_body = truth.latest()[1]
         assert T_world_body == pytest.approx(
             transforms.from_xyz_yaw([1.5, -2.0, 0.0], 0.5), abs=0.05

@@ -4,12 +4,14 @@
 import socket
 import subprocess
 import sys
-import time
 
 import psutil
 import pytest
+from support.waiting import within
 
 from fcsv_sim.machines import machines
+
+until = within(10.0)
 
 
 def test_a_port_is_given_once_though_nobody_listens_yet(monkeypatch):
@@ -36,13 +38,10 @@ def test_a_port_that_someone_listens_on_is_not_given(monkeypatch):
 )
 def test_what_a_process_started_in_a_session_of_its_own_ends_with_it(tmp_path, end):
     process = machines.Process(["sh", "-c", "setsid sleep 60 & echo begun; wait"], tmp_path / "log")
-    deadline = time.monotonic() + 10.0
-    while (
-        not (children := psutil.Process(process.pid).children(recursive=True))
-        or "begun" not in process.tail()
-    ):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    until(lambda: "begun" in process.tail(), what="the shell")
+    children = until(
+        lambda: psutil.Process(process.pid).children(recursive=True), what="what it started"
+    )
     end(process)
     assert process.returncode is not None
     psutil.wait_procs(children, timeout=5.0)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.waiting import within
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
@@ -21,6 +22,8 @@ from fcsv_sim.render import lens
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world.town import Town
+
+until = within(60.0)
 
 NO = (0.0,) * 5
 OWN = PinholeCamera(800, 600, 640.0, 641.0, 404.0, 296.0, (-0.23, 0.07, 0.0008, -0.0005, 0.0))
@@ -293,10 +296,14 @@ def test_the_node_publishes_pictures_and_camera_info_of_the_file(start_node, roo
             "calibration": str(tmp_path / "own.yaml"),
         },
     )
-    deadline = time.monotonic() + 60
-    while not (images and infos) and time.monotonic() < deadline:
-        writer.write(time.time(), transforms.from_xyz_yaw([0, 0, 8], 0.0), np.zeros(3))
-        time.sleep(0.01)
+    until(
+        lambda: images and infos,
+        what="a picture",
+        meanwhile=lambda: writer.write(
+            time.time(), transforms.from_xyz_yaw([0, 0, 8], 0.0), np.zeros(3)
+        ),
+        every_s=0.01,
+    )
     for subscriber in subscribers:
         subscriber.unregister()
     assert (images[0].width, images[0].height) == (320, 240)

@@ -7,6 +7,7 @@ import sys
 import time
 
 import pytest
+from support.waiting import within
 
 from fcsv_sim.machines import slow_motion
 from fcsv_sim.machines.slow_motion import (
@@ -18,6 +19,8 @@ from fcsv_sim.machines.slow_motion import (
     parse_rate,
     shared_time,
 )
+
+until = within(60.0)
 
 WAITS = """
 import queue, select, socket, subprocess, sys, threading, time
@@ -155,10 +158,7 @@ print(slow_motion.share_of_real_time(began), os.environ["FCSV_SLOW_MOTION"])
     said = subprocess.check_output([sys.executable, "-u", str(script)], text=True).split()
     assert said[0] == said[1] and len(said) == 4  # the same process, from its beginning
     assert 0.1 <= float(said[2]) <= 0.55  # a busy machine's ticks come late
-    deadline = time.monotonic() + 60.0
-    while os.path.exists(said[3]):  # its keeper removes it
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    until(lambda: not os.path.exists(said[3]), what="its keeper removes it")
     # here: real time
     assert slow_motion.share_of_real_time((0.0, 0.0)) == pytest.approx(1.0, abs=1e-3)
 

@@ -20,10 +20,9 @@ G_MPS2 = 9.81
 def takes_off(client, drone):
     """What a pilot does when nothing happens: a command is not repeated by tellopy, and the air
     loses 1 %."""
-    deadline_s = time.monotonic() + 30.0
-    while not drone.drone.flight.flying and time.monotonic() < deadline_s:
-        client.tello.takeoff()
-        time.sleep(0.5)
+    until(
+        lambda: drone.drone.flight.flying, 30.0, "off the ground", client.tello.takeoff, every_s=0.5
+    )
     until(lambda: drone.drone.flight.state == "FLY", 15.0, "in the air")
 
 
@@ -155,11 +154,7 @@ def test_a_weak_lossy_radio_still_flies(tello_air):
     client.tello.set_yaw(0.5)
     until(lambda: abs(drone.drone.drone.felt.yaw_rad) > 1.0, 8.0, "turns")
     client.tello.set_yaw(0.0)
-    until(
-        lambda: (client.tello.land(), time.sleep(0.5), not drone.drone.flight.flying)[-1],
-        30.0,
-        "landed",
-    )
+    until(lambda: not drone.drone.flight.flying, 30.0, "landed", client.tello.land, every_s=0.5)
 
 
 def test_another_firmware_is_survived_and_seen(tello_air):

@@ -2,7 +2,7 @@
 """Cameras that are not what is stated for them: found and said, refused, or in sigma; no pose is
 blamed for it.
 
-Drawn boards; the figures of rendered scenes are tools/bench_cameras.py's (docs/lab/refinement.md).
+Drawn boards; docs/lab/refinement.md has the figures of rendered scenes.
 """
 
 import re

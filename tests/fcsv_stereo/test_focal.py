@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from bench_focal import CASES, fitted
+from support.drawn_focal import CASES, fitted
 
 from fcsv_stereo.refinement.focal import FocalFit
 

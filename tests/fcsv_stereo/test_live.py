@@ -4,14 +4,13 @@ broken."""
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
+from support.live_pictures import CAMERA, R_OPTICAL, picture, window
 
 from fcsv_geometry import transforms
-from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.in_flight.live import Corrections, LiveSession, RecordingWindow
+from fcsv_stereo.in_flight.live import Corrections, LiveSession
 from fcsv_stereo.model import (
     Configuration,
     ConfigurationInput,
@@ -20,22 +19,6 @@ from fcsv_stereo.model import (
     MapInput,
     MapResult,
 )
-
-CAMERA = PinholeCamera.from_fov(64, 48, np.radians(56.0), (0.04, -0.08, 0.0, 0.0, 0.0))
-R_OPTICAL = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
-
-
-def picture(vehicle, stamp_s, y_m=0.0, z_m=0.0, size=(48, 64)):
-    image = np.full((*size, 3), 90, np.uint8)
-    _, jpeg = cv2.imencode(".jpg", image)
-    T_odom_cam = transforms.from_xyz_yaw([0.0, y_m, z_m], 0.0) @ R_OPTICAL
-    return LivePicture(vehicle, stamp_s, jpeg.tobytes(), CAMERA, T_odom_cam)
-
-
-def window(index, start_s, stop_s, name="horizontal 2 m"):
-    return RecordingWindow(
-        index, Configuration("horizontal", 2.0, 0.0, name), "uav1", "uav2", start_s, stop_s
-    )
 
 
 @pytest.fixture

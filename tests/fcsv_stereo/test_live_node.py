@@ -146,15 +146,13 @@ def test_monitoring_answers_again_and_again(fleet):
     f = fleet(monitor=True)
     f.frames()
     stamps = []
-    for _ in range(20):
-        now = time.time()
+
+    def instant():
+        stamps.append(time.time())
         for name in NAMES:
-            f.picture(name, now)
-        stamps.append(now)
-        time.sleep(0.3)
-        if len(f.depths) >= 3:
-            break
-    until(lambda: len(f.depths) >= 3, what="three depth images")
+            f.picture(name, stamps[-1])
+
+    until(lambda: len(f.depths) >= 3, what="three depth images", meanwhile=instant, every_s=0.3)
     assert f.last("ready").configurations == 2
     assert {(d.width, d.height) for d in f.depths} == {(CAMERA.width, CAMERA.height)}
     until(lambda: f.shown and f.last("ready").rate_hz > 0.0, what="their rate")

@@ -93,8 +93,7 @@ def test_it_turns_to_the_distance_and_its_pictures_become_live_depth(start_node,
             what="the angles for the distance",
         )
 
-        deadline = time.time() + 60.0
-        while len(depths) < 2 and time.time() < deadline:
+        def photographed():
             now_s, angles = time.time(), TiltAngles(*joints[-1].position)
             for side in SIDES:
                 T = rig.T_rig_cam(side, angles)
@@ -103,8 +102,8 @@ def test_it_turns_to_the_distance_and_its_pictures_become_live_depth(start_node,
                 cameras[side].publish(
                     conversions.array_to_image(photograph(T), "rgb8", now_s, frame)
                 )
-            time.sleep(0.4)
-        assert len(depths) >= 2, process.tail(20)
+
+        until(lambda: len(depths) >= 2, 60.0, lambda: process.tail(20), photographed, every_s=0.4)
         depth = conversions.image_to_array(depths[-1])
         middle = depth[100:140, 140:180]
         assert abs(np.nanmedian(middle) / LOOKED_AT_M - 1.0) < 0.05  # JPEG, one pair

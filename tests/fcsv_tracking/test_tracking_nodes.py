@@ -2,13 +2,17 @@
 """Clock, frames, calibration and tag nodes on a master: what they publish, refuse, count and
 say."""
 
+import itertools
 import time
 
 import numpy as np
 import pytest
+from support.waiting import within
 
 from fcsv_geometry import transforms
 from fcsv_sim.trials.formation import Formation, FormationParameters
+
+until = within(10.0)
 
 pytestmark = pytest.mark.ros
 
@@ -80,10 +84,11 @@ def talk(ros_master):
 
 
 def connected(*ends, seconds=60.0):  # a busy machine starts nodes slowly
-    deadline = time.monotonic() + seconds
-    while any(e.get_num_connections() < 1 for e in ends) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert all(e.get_num_connections() for e in ends), [e.get_num_connections() for e in ends]
+    until(
+        lambda: all(e.get_num_connections() for e in ends),
+        seconds,
+        lambda: f"connections: {[e.get_num_connections() for e in ends]}",
+    )
 
 
 def odometry(name, stamp_s, T_odom_body, frame=None):
@@ -439,8 +444,7 @@ def home_is_set_by_odometry_that_came_just_now(column):
     column.states["uav1"].publish(
         odometry("uav1", column.begin_s + stamp_s, column.flight.states[0].at(1.0))
     )
-    time.sleep(0.1)
-    assert set_home("uav1").success
+    until(lambda: set_home("uav1").success, what="odometry that came just now")
 
 
 def test_from_guided_on_neither_calibration_nor_home_may_change(start_node, talk, folder):
@@ -463,15 +467,12 @@ def test_from_guided_on_neither_calibration_nor_home_may_change(start_node, talk
     set_home.wait_for_service(60.0)
     for phase in ("GUIDED", "CONFIGURATIONS", "LAND", "DONE"):
         state.publish(MissionState(phase_name=phase))
-        end_s = time.monotonic() + 10.0
         words = (
             "calibrate the column"
             if phase == "DONE"
             else f"while the mission flies the vehicles ({phase})"
         )
-        while words not in set_home("uav1").message:
-            assert time.monotonic() < end_s, phase
-            time.sleep(0.1)
+        until(lambda words=words: words in set_home("uav1").message, what=phase)
         if phase != "DONE":
             answer = calibrate(["uav1", "uav2"], 0.1)
             assert not answer.success and words in answer.message
@@ -588,16 +589,16 @@ def test_previews_are_pictures_again_for_who_looks(start_node, listen, talk):
     bgr = np.full((48, 64, 3), (200, 100, 30), np.uint8)
     message = CompressedImage(format="jpeg", data=cv2.imencode(".jpg", bgr)[1].tobytes())
     message.header = conversions.header(rospy.Time.now().to_sec(), "uav2/camera_optical")
-    deadline = time.monotonic() + 60.0
-    told = says("preview")
-    while (
-        not (seen.messages and any(map(told, list(health.messages))))
-        and time.monotonic() < deadline
-    ):
-        # apart: the newest wins
-        for each in (CompressedImage(format="jpeg", data=b"\xff\xd8 cut off"), message):
-            sent.publish(each)
-            time.sleep(0.1)
+    told, in_turn = (
+        says("preview"),
+        itertools.cycle([CompressedImage(format="jpeg", data=b"\xff\xd8 cut off"), message]),
+    )
+    until(
+        lambda: seen.messages and any(map(told, list(health.messages))),
+        what="a picture, and that the other one is cut off",
+        meanwhile=lambda: sent.publish(next(in_turn)),
+        every_s=0.1,  # apart: the newest wins
+    )
     picture = seen.wait()
     assert (
         picture.header.frame_id == "uav2/camera_optical"

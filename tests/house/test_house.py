@@ -169,6 +169,52 @@ def test_linter():
     assert result.returncode == 0, result.stdout[-3000:]
 
 
+#: Of Python's and other people's modules, which offer nothing public in their place.
+_FOREIGN_PRIVATE = set(
+    "_HelpAction _SubParsersAction _actions _choices_actions _exit _full_text _md5sum _type".split()
+)
+
+
+def private_names_reached(path):
+    """Private names that a file takes from a package of the workspace, or from an object of a class
+    that the file does not define."""
+    tree = ast.parse(path.read_text())
+    own = {
+        name
+        for node in ast.walk(tree)
+        for name in (
+            [node.name]
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef))
+            else [node.attr]
+            if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store)
+            else [node.target.id]
+            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+            else [t.id for t in node.targets if isinstance(t, ast.Name)]
+            if isinstance(node, ast.Assign)
+            else []
+        )
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            yield from (a.name for a in node.names if re.match(r"_[^_]", a.name))
+        elif isinstance(node, ast.Attribute) and re.match(r"_[^_]", node.attr):
+            inherited = isinstance(node.value, ast.Call) and ast.dump(node.value.func) == ast.dump(
+                ast.parse("super", mode="eval").body
+            )
+            if inherited or node.attr not in own | _FOREIGN_PRIVATE:
+                yield node.attr
+
+
+def test_no_tool_reaches_into_private_names():
+    """What a bench or a script needs of a package is public, so that a change of the package's
+    inside breaks no tool."""
+    found = {
+        str(p.relative_to(ROOT)): set(private_names_reached(p))
+        for p in (ROOT / "tools").rglob("*.py")
+    }
+    assert len(found) > 40 and {name: names for name, names in found.items() if names} == {}
+
+
 def tree_of_tests():
     found = sorted((ROOT / "tests").rglob("*.py"))
     assert len(found) > 50

@@ -11,9 +11,10 @@ import os
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Tuple
+
+from support.waiting import within
 
 BUTTON, FIELD, LABEL, TABLE, BAR = (
     "QPushButton",
@@ -95,10 +96,7 @@ class Window:
         self.until(lambda: self.text(name, FIELD) == text, f"'{text}' stands in '{name}'")
 
     def until(self, condition: Callable[[], Any], what: str, limit_s: float = 30.0) -> None:
-        deadline_s = time.monotonic() + limit_s
-        while not condition():
-            assert time.monotonic() < deadline_s, f"it never was so that {what}:\n{self.said()}"
-            time.sleep(0.1)
+        within(limit_s)(condition, what=lambda: f"{what}:\n{self.said()}", every_s=0.1)
 
     def picture(self, path: Path) -> None:
         self.ask(what="picture", path=str(path))

@@ -6,11 +6,12 @@ import os
 import signal
 import socket
 import subprocess
-import time
 from pathlib import Path
 from typing import List
 
 import psutil
+
+from support.waiting import within
 
 FLIGHT_LIMIT_S = 700.0  # of slow motion, where the machine is busy
 
@@ -55,11 +56,15 @@ def said(out: Path) -> str:
 def wait_for(
     out: Path, words: str, demo: subprocess.Popen, timeout_s: float = FLIGHT_LIMIT_S
 ) -> None:
-    deadline = time.monotonic() + timeout_s
-    while words not in said(out):
+    def lives():
         assert demo.poll() is None, f"the demo ended before it said '{words}':\n{said(out)[-3000:]}"
-        assert time.monotonic() < deadline, f"the demo did not say '{words}':\n{said(out)[-3000:]}"
-        time.sleep(0.2)
+
+    within(timeout_s)(
+        lambda: words in said(out),
+        what=lambda: f"the demo says '{words}':\n{said(out)[-3000:]}",
+        meanwhile=lives,
+        every_s=0.2,
+    )
 
 
 def processes_of(out: Path) -> List[str]:

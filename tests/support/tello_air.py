@@ -22,19 +22,12 @@ from tellopy._internal import tello as tello_module
 from fcsv_geometry.programs import netns
 from fcsv_sim.tello.program import ProgramParameters, switched_on
 from fcsv_sim.tello.udp import run
+from support.waiting import within
 
 _numbers = itertools.count(1)
 
 
-def until(condition, timeout_s: float, what: str):
-    """What ``condition()`` returned once it was true. Raises AssertionError after ``timeout_s``."""
-    end_s = time.monotonic() + timeout_s
-    while time.monotonic() < end_s:
-        found = condition()
-        if found:
-            return found
-        time.sleep(0.02)
-    raise AssertionError(f"{what}: not within {timeout_s} s")
+until = within(10.0)
 
 
 class SwitchedOn:

@@ -62,6 +62,15 @@ def test_set_points_are_held_while_recording(flown):
     assert len(errors_m) == 4 and max(errors_m) <= 0.15
 
 
+def test_the_window_s_verdicts_do_not_flip_and_are_the_map_s(flown):
+    """The bags are played into the window's model; ten flights: docs/lab/results.md."""
+    from bench_verdict import of_map, recordings
+
+    accepted, seen = of_map(flown / "map"), recordings(flown / "session")
+    assert len(seen) == 4 and all(r.verdicts and r.flips == 0 for r in seen), seen
+    assert {r.name: r.verdicts[-1] for r in seen} == accepted
+
+
 def test_only_listed_topics_cross(flown):
     topics = bag_topics(flown / "session" / "control.bag")
     assert not [t for t in topics if "image_raw" in t or "t265" in t or t.endswith("odometry/body")]

@@ -174,7 +174,7 @@ def _page(
     return lines
 
 
-def _scene(text: str) -> SceneName:
+def scene_of(text: str) -> SceneName:
     world, _, seed = text.partition(":")
     if not seed.isdigit():
         raise argparse.ArgumentTypeError(f"'{text}' is not WORLD:SEED, as street:1")
@@ -187,7 +187,7 @@ def _parse(argv):
         "--quick", action="store_true", help="two scenes, and the small end of growth"
     )
     parser.add_argument(
-        "--scenes", type=_scene, nargs="+", metavar="WORLD:SEED", help="these scenes"
+        "--scenes", type=scene_of, nargs="+", metavar="WORLD:SEED", help="these scenes"
     )
     parser.add_argument(
         "--methods", nargs="+", choices=sorted(METHODS), default=sorted(METHODS, reverse=True)

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import open3d as o3d
 
-from bench.__main__ import _scene
+from bench.__main__ import scene_of
 from bench.scenes import HORIZONTAL, NOISES, T_WORLD_HOME, SceneName, shoot
 from fcsv_geometry import transforms
 from fcsv_sim.world.town import Town
@@ -39,7 +39,7 @@ _SCENES = [SceneName(world, 3) for world in ("street", "village", "field")]
 
 def main(argv: Optional[List[str]] = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", type=_scene, nargs="+", metavar="WORLD:SEED", default=_SCENES)
+    parser.add_argument("--scenes", type=scene_of, nargs="+", metavar="WORLD:SEED", default=_SCENES)
     args = parser.parse_args(argv)
     cv2.setNumThreads(1)
     print(

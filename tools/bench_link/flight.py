@@ -40,16 +40,16 @@ class RadioFleet(SimulatedFleet):
         }
         self._keys = plan.run_folder / "keys"
         make_fleet(self._keys, tuple(self.machines))
-        self._transmitters = Transmitters(radio, self._rc_ports)
+        self._transmitters = Transmitters(radio, self.rc_ports)
 
-    def _common_args(self, name: str) -> Dict[str, object]:
+    def common_args(self, name: str) -> Dict[str, object]:
         others = {n: a for n, a in self._radio.addresses.items() if n != name}
         links = {
             "listen": f"0.0.0.0:{PORT}",
             "peers": ",".join(f"{n}={a}:{PORT}" for n, a in others.items()),
             "keys": self._keys / name,
         }
-        return {**super()._common_args(name), **links}
+        return {**super().common_args(name), **links}
 
     def stop(self) -> None:
         super().stop()

@@ -107,7 +107,7 @@ def fleet(keys: str, control: str, rate_hz: str, seconds: str, *vehicles: str) -
     from fcsv_multimaster.links import load_links
     from fcsv_multimaster.network.endpoints import parse_endpoint
     from fcsv_multimaster.relay.exchange import Exchange
-    from fcsv_multimaster.ros.pictures import _serialize
+    from fcsv_multimaster.ros.pictures import serialized
 
     links = load_links(Path(__file__).with_name("links.yaml"))
     exchanges = [
@@ -128,7 +128,7 @@ def fleet(keys: str, control: str, rate_hz: str, seconds: str, *vehicles: str) -
     for number in steadily(float(rate_hz) * len(vehicles)):
         at = number % len(vehicles)
         v, m = vehicles[at], odometry(vehicles[at])
-        exchanges[at].send(f"/{v}/odometry/state", m._type, m._md5sum, m._full_text, _serialize(m))
+        exchanges[at].send(f"/{v}/odometry/state", m._type, m._md5sum, m._full_text, serialized(m))
         if time.monotonic() > until_s:
             break
     for exchange in exchanges:

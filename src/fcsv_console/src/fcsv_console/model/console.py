@@ -398,9 +398,8 @@ class Console:
             return stereo.judge_before(pair, skew_s, agree, self.optics)
         row = self.file.rows[index]
         places = tuple(by_name[n].place for n in pair)
-        return stereo.judge(
-            row, pair, *places, skew_s, self._target_m or row.farthest_m, self.optics, agree
-        )
+        far_m, at_once = self._target_m or row.farthest_m, len(mission.moment_of(index)) > 1
+        return stereo.judge(row, pair, *places, skew_s, far_m, self.optics, agree, at_once)
 
     def _problems(
         self, now_s: float, told: Optional[f.MissionTold], column: Sequence[str], over: bool

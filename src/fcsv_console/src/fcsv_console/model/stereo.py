@@ -33,7 +33,8 @@ class StereoHealth:
     ``roll_deg``: of one camera against the other, as wind leans the vehicles: rectification takes
     them out, so that they count by the overlap only; ``judged``: there is enough to say go or
     no-go; ``before``: nothing is flown yet, pictures and places alone are judged. ``epipolar_px``,
-    ``refined_px`` and ``surprise``: as EpipolarTold."""
+    ``refined_px`` and ``surprise``: as EpipolarTold. ``remarks``: what a map of this pair says, but
+    does not doubt."""
 
     pair: Tuple[str, str] = ("", "")
     overlap: float = math.nan
@@ -52,20 +53,19 @@ class StereoHealth:
     before: bool = False
     pitch_deg: float = math.nan
     roll_deg: float = math.nan
+    remarks: Tuple[str, ...] = ()
 
     @property
     def words(self) -> str:
         """Go or no-go; neither where there is nothing to judge."""
         if not self.judged:
             return f"stereo: {'; '.join(self.reasons)}"
-        if self.go and self.before:
-            return "GO so far: pictures of the same moment, and they agree with the places"
         if not self.go:
             return f"NO-GO: {'; '.join(self.reasons)}"
-        compared = (
-            "" if not math.isnan(self.epipolar_px) else "; its pictures were not compared yet"
-        )
-        return f"GO: the pair is as planned{compared}"
+        if self.before:
+            return "; ".join(["GO so far: pictures agree with the places", *self.remarks])
+        compared = ["its pictures were not compared yet"] if math.isnan(self.epipolar_px) else []
+        return "; ".join(["GO: the pair is as planned", *compared, *self.remarks])
 
 
 def judge(
@@ -77,10 +77,12 @@ def judge(
     target_m: float,
     optics: Optics,
     told: Optional[EpipolarTold] = None,
+    at_once: bool = False,
 ) -> StereoHealth:
     """While ``row`` is flown. ``skew_s``: of the pictures that the map would take (NaN: not known),
     ``told``: how they agree (None: not known); ``target_m``: the range that is wanted. Places that
-    are not known leave the plan's overlap.
+    are not known leave the plan's overlap. ``at_once``: its map takes pictures of one instant only;
+    any other map takes each picture with its own pose.
     """
     places = tuple(zip(pair, (reference, moving)))
     unknown = tuple(
@@ -105,8 +107,9 @@ def judge(
         error_m = float(
             depth_error(target_m, max(baseline_m, 1e-3), focal_px, optics.disparity_error_px)
         )
-    reasons += _wrong(overlap, target_m, skew_s, turn_deg, apart_m)
-    reasons += _disagree(told, optics)
+    apart = _apart_in_time(skew_s)
+    reasons += _wrong(overlap, target_m, turn_deg, apart_m) + _disagree(told, optics)
+    reasons += apart if at_once else []
     return StereoHealth(
         pair,
         overlap,
@@ -122,6 +125,7 @@ def judge(
         True,
         pitch_deg=pitch_deg,
         roll_deg=roll_deg,
+        remarks=() if at_once else tuple(apart),
     )
 
 
@@ -139,7 +143,7 @@ def judge_before(
     Vehicles stand in a column: one looks along the baseline, nothing can be fitted, the error as
     tracked is judged.
     """
-    reasons = _apart_in_time(skew_s) + _disagree(told, optics)
+    reasons = _disagree(told, optics)
     figures = _figures(told)
     unknown = ["no pictures of both yet"] if math.isnan(skew_s) else []
     unknown += (
@@ -150,14 +154,24 @@ def judge_before(
     words, go = tuple(reasons or unknown), not (reasons or unknown)
     judged = bool(reasons) or not unknown
     return StereoHealth(
-        pair, math.nan, skew_s, math.nan, *figures, go=go, reasons=words, judged=judged, before=True
+        pair,
+        math.nan,
+        skew_s,
+        math.nan,
+        *figures,
+        go=go,
+        reasons=words,
+        judged=judged,
+        before=True,
+        remarks=tuple(_apart_in_time(skew_s)),
     )
 
 
 def _apart_in_time(skew_s: float) -> List[str]:
-    """The map takes pictures of one instant where there are some."""
-    apart = skew_s > MOST_SKEW_S
-    return [f"no two pictures are of one instant: {1e3 * skew_s:.0f} ms apart"] if apart else []
+    """Gives what a map cannot tell of pictures that were not taken in one instant."""
+    if not skew_s > MOST_SKEW_S:
+        return []
+    return [f"what moves may be mapped wrongly: pictures are {1e3 * skew_s:.0f} ms apart"]
 
 
 def _figures(told: Optional[EpipolarTold]) -> Tuple[float, float, float]:
@@ -188,13 +202,10 @@ def _disagree(told: Optional[EpipolarTold], optics: Optics) -> List[str]:
     return found
 
 
-def _wrong(
-    overlap: float, target_m: float, skew_s: float, turn_deg: float, apart_m: float
-) -> List[str]:
+def _wrong(overlap: float, target_m: float, turn_deg: float, apart_m: float) -> List[str]:
     found = []
     if overlap < LEAST_OVERLAP:
         found.append(f"only {overlap:.0%} of the picture is seen by both at {target_m:.0f} m")
-    found += _apart_in_time(skew_s)
     if turn_deg > MOST_TURN_DEG:
         found.append(f"the cameras are turned {turn_deg:.1f} degrees against the plan")
     if apart_m > MOST_APART_M:

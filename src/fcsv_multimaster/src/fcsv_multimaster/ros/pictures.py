@@ -86,7 +86,7 @@ class PictureUnpacker:
             raise PictureError(f"a packed {parcel.type} {parcel.md5}")
         header, encoding, shape, data = _split_front(parcel.data)
         if parcel.packing == wire.JPEG and cls is CompressedImage:
-            return _serialize(CompressedImage(header=header, format="jpeg", data=data))
+            return serialized(CompressedImage(header=header, format="jpeg", data=data))
         if parcel.packing == wire.JPEG:
             array = decode_jpeg(data, shape)
         else:
@@ -95,12 +95,12 @@ class PictureUnpacker:
         if array is None:
             return None
         if cls is CompressedImage:
-            return _serialize(
+            return serialized(
                 CompressedImage(
                     header=header, format="jpeg", data=AdaptiveJpeg().encode(array, None, 1.0)
                 )
             )
-        return _serialize(_image(header, encoding, array))
+        return serialized(_image(header, encoding, array))
 
 
 def _array(picture) -> Tuple[np.ndarray, str]:
@@ -141,7 +141,7 @@ def _image(header: Header, encoding: str, array: np.ndarray) -> Image:
 
 
 def _front(header: Header, encoding: str, array: np.ndarray) -> bytes:
-    packed = _serialize(header)
+    packed = serialized(header)
     return _FRONT.pack(_CODES.index(encoding), array.shape[1], array.shape[0], len(packed)) + packed
 
 
@@ -155,7 +155,7 @@ def _split_front(data: bytes) -> Tuple[Header, str, Tuple[int, int], bytes]:
     return header, _CODES[code], (height, width), data[_FRONT.size + octets :]
 
 
-def _serialize(message) -> bytes:
+def serialized(message) -> bytes:
     buffer = io.BytesIO()
     message.serialize(buffer)
     return buffer.getvalue()

@@ -62,6 +62,7 @@ class FleetPlan:
     monitor: bool = False  # instead of the map in flight: depth of the newest instant
     movers: Tuple[Mover, ...] = ()  # what moves through the town
     start_xy_m: Tuple[float, float] = (0.0, 0.0)  # of the first vehicle, in the world
+    looks: str = ""  # where it looks from, in words, where that was chosen
     near: bool = False  # depth cameras are recorded
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
     ready_s: float = READY_S  # until a simulated autopilot may be armed
@@ -78,6 +79,11 @@ class FleetPlan:
     @property
     def session_folder(self) -> Path:
         return self.folder / "session"
+
+    @property
+    def guide_folder(self) -> Path:
+        """The drive of a robot that was guided over the map."""
+        return self.folder / "guide"
 
     @property
     def monitor_folder(self) -> Path:
@@ -195,8 +201,8 @@ class SimulatedFleet(Machines):
         super().__init__(plan, (*plan.vehicles, CONTROL))
         self._endpoints = {n: f"127.0.0.1:{free_port()}/{free_port()}" for n in self.machines}
         self._mavlink_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
-        self._rc_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
-        self._rc_ports.update(zip(plan.vehicles, map(rc_port, plan.autopilots)))
+        self.rc_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
+        self.rc_ports.update(zip(plan.vehicles, map(rc_port, plan.autopilots)))
 
     def _launch(self) -> None:
         for index, vehicle in enumerate(self.plan.vehicles):
@@ -207,7 +213,7 @@ class SimulatedFleet(Machines):
             "fcsv_bringup", "control.launch", **self._control_args()
         )
 
-    def _common_args(self, name: str) -> Dict[str, object]:
+    def common_args(self, name: str) -> Dict[str, object]:
         return {
             "sim": True,
             "sim_dir": self.plan.sim_folder,
@@ -220,7 +226,7 @@ class SimulatedFleet(Machines):
 
     def _vehicle_args(self, vehicle: str, index: int) -> Dict[str, object]:
         return {
-            **self._common_args(vehicle),
+            **self.common_args(vehicle),
             "uav": vehicle,
             "world": self.plan.world,
             "near": self.plan.near,
@@ -230,7 +236,7 @@ class SimulatedFleet(Machines):
             "flight_link": self.plan.flight_link,
             "fcu_url": f"udpin:127.0.0.1:{self._mavlink_ports[vehicle]}",
             "sim_mavlink_port": self._mavlink_ports[vehicle],
-            "sim_rc_port": self._rc_ports[vehicle],
+            "sim_rc_port": self.rc_ports[vehicle],
             "sim_ready_s": self.plan.ready_s,
             **({"sim_autopilot": self.plan.autopilots[index]} if self.plan.autopilots else {}),
             "sim_start": ",".join(map(str, self.plan.start_xyz_yaw(index))),
@@ -242,9 +248,9 @@ class SimulatedFleet(Machines):
 
     def _control_args(self) -> Dict[str, object]:
         return {
-            **self._common_args(CONTROL),
+            **self.common_args(CONTROL),
             "mission": self.plan.mission_file,
-            "sim_rc_ports": ",".join(str(p) for p in self._rc_ports.values()),
+            "sim_rc_ports": ",".join(str(p) for p in self.rc_ports.values()),
             "rviz": self.plan.rviz,
             "console": False,  # the demo's own stays when this launch is stopped
             "live": self.plan.live,

@@ -26,7 +26,7 @@ _FEWEST = 8  # points that a pose is from
 _LEAST_MEASURED = 0.6
 # Neighbouring patches share pixels and the same change of view, so their errors are not
 # independent. This factor makes the reported covariance agree with the errors on scenes with known
-# truth (tools/bench_refinement.py).
+# truth (bench_refinement.py, docs/lab/results.md).
 _CORRELATION = 2.5
 
 

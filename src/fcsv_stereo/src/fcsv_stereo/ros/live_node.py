@@ -5,7 +5,7 @@ while vehicles hold."""
 import threading
 import time
 from dataclasses import dataclass
-from typing import Callable, Dict, List, Optional
+from typing import Dict, List, Optional
 
 import numpy as np
 import rospy
@@ -18,11 +18,12 @@ from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Capture, MapState
 from fcsv_stereo.in_flight import monitoring
-from fcsv_stereo.in_flight.live import Corrections, LiveSession, MapStage
+from fcsv_stereo.in_flight.live import MapStage
+from fcsv_stereo.in_flight.map_choice import MapChoice, MapKind, MapTask, MissionMaps, Monitoring
 from fcsv_stereo.in_flight.warm_up import warm_up
 from fcsv_stereo.instants import MOST_SKEW_S
 from fcsv_stereo.map_files.cloud_bounds import CloudBounds, bound_cloud
-from fcsv_stereo.model import LivePicture, MapInput, MapResult, Method
+from fcsv_stereo.model import LivePicture, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
 from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.ros.captured_pictures import CapturedPictures
@@ -31,8 +32,6 @@ from fcsv_stereo.ros.map_topics import MapTopics
 from fcsv_stereo.sessions.messages import camera_covariance, window_of
 
 _STATE_PERIOD_S = 1.0
-_NOT_OF_ONE_INSTANT_S = 3.0  # of pictures; then it is said
-_FIRST_LOOK_PICTURES = 1  # of each vehicle and configuration: who flies waits for it
 
 
 @dataclass(frozen=True)
@@ -87,13 +86,9 @@ class LiveNode:
 
     def __init__(self):
         self._parameters = node.parameters(LiveParameters)
-        self._session = LiveSession()
+        self._choice = self._make_choice()
         self._changed = threading.Condition()
-        self._news = False
-        self._corrections, self._watched, self._watched_s = Corrections(), 0, float("-inf")
-        self._mapped: set = set()  # indices of windows
         self._rate = monitoring.ImageRate()
-        self._last_s = 0.0  # stamp of the newest picture that is in what is mapped
         self._state = MapState(
             state=MapStage.WAITING.value, detail="waiting for the first configuration"
         )
@@ -114,25 +109,28 @@ class LiveNode:
                 queue_size=20,
             )
 
+    def _make_choice(self) -> MapChoice:
+        p = self._parameters
+        if not p.monitor:
+            return MissionMaps()
+        refines = METHODS[p.method].refines_poses
+        return Monitoring(p.vehicles, p.apart_s, p.refine_every, refines)
+
     # ---- what comes in ---------------------------------------------------------------------------
 
     def _on_frames(self, T_home_odom: Dict[str, np.ndarray]) -> None:
         with self._changed:
-            self._session.T_home_odom = T_home_odom
-            self._news = True
+            self._choice.on_frames(T_home_odom)
             self._changed.notify()
 
     def _on_capture(self, message: Capture) -> None:
         with self._changed:
-            self._session.add_window(window_of(message))
-            self._mapped.discard(message.index)
-            self._news = True
+            self._choice.on_window(window_of(message))
             self._changed.notify()
 
     def _on_picture(self, picture: LivePicture) -> None:
         with self._changed:
-            self._session.add_picture(picture)
-            self._news = True
+            self._choice.on_picture(picture)
             self._changed.notify()
 
     def _on_pose(self, message: PoseWithCovarianceStamped, name: str) -> None:
@@ -142,107 +140,56 @@ class LiveNode:
             self._health.drop("camera_pose", str(error))
             return
         with self._changed:
-            self._session.add_covariance(name, stamp_s, covariance)
+            self._choice.on_covariance(name, stamp_s, covariance)
 
     # ---- the worker ------------------------------------------------------------------------------
 
     def spin(self) -> None:
         """Maps what is new until ROS shuts the node down."""
         p = self._parameters
-        method = METHODS[p.method]
-        known = KnownFeatures()
-        quick = method.remembering(method.monitor if p.monitor else method.quick, known)
-        options = quick if p.monitor else method.remembering(method.options(), known)
-        options = method.with_bars(options) if p.bars else options
-        for each in [options] if p.monitor else [quick, options]:
+        method, options = METHODS[p.method], self._options()
+        for each in [options[MapKind.INSTANT]] if p.monitor else options.values():
             warm_up(method, each)
-        next_s, unfinished = 0.0, False
+        next_s = 0.0
         while not rospy.is_shutdown():
             # before looking: what is taken then is the newest
             time.sleep(max(0.0, next_s - time.monotonic()))
-            given = self._next_input()
-            if p.monitor and given is not None:
+            task = self._next()
+            if task is None:
+                continue
+            if p.monitor:
                 next_s = time.monotonic() + 1.0 / p.monitor_rate_hz
-                self._watch(method, options, given)
-            elif given is not None:  # a quick look first
-                self._map(method, quick, given, MapStage.PARTIAL)
-                unfinished = True
-            elif unfinished:
-                unfinished = False
-                given = self._whole_input()
-                if given is not None:
-                    self._map(method, options, given)
+            result = self._map(method, options[task.kind], task)
+            if result is not None:
+                self._choice.learn(task, result)
 
-    def _watch(self, method: Method, options, given: MapInput) -> None:
-        result = self._map(method, *self._with_known_poses(method, options, given))
-        if result is not None:
-            self._corrections.learn(result)
+    def _options(self) -> Dict[MapKind, object]:
+        """The method's options for each kind of map."""
+        p, known = self._parameters, KnownFeatures()
+        method = METHODS[p.method]
+        if not p.monitor:
+            whole = method.remembering(method.options(), known)
+            return {
+                MapKind.FIRST_LOOK: method.remembering(method.quick, known),
+                MapKind.WHOLE: method.with_bars(whole) if p.bars else whole,
+            }
+        now = method.remembering(method.monitor, known)
+        now = method.with_bars(now) if p.bars else now
+        trusting = method.trusting_poses(now) if method.refines_poses else now
+        return {MapKind.INSTANT: now, MapKind.INSTANT_CORRECTED: trusting}
 
-    def _next_input(self) -> Optional[MapInput]:
+    def _next(self) -> Optional[MapTask]:
         with self._changed:
-            if not self._news:
+            if self._choice.waits:
                 self._changed.wait(0.2)
-            if not self._news:
+            try:
+                return self._choice.next()
+            except FcsvError as error:
+                self._say(MapStage.FAILED, str(error))
                 return None
-            self._news = False
-            return self._given(self._newest if self._parameters.monitor else self._first_look)
 
-    def _whole_input(self) -> Optional[MapInput]:
-        with self._changed:
-            return self._given(self._session.inputs)
-
-    def _given(self, take: Callable[[], Optional[MapInput]]) -> Optional[MapInput]:
-        try:
-            return take()
-        except FcsvError as error:
-            self._say(MapStage.FAILED, str(error))
-            return None
-
-    def _newest(self) -> Optional[MapInput]:
-        reference, *others = self._parameters.vehicles
-        given = self._session.newest(reference, others, self._parameters.apart_s, self._watched_s)
-        if given is None:
-            self._say_apart(reference, others)
-            return None
-        self._watched_s = given.configurations[0].references[0].stamp_s
-        self._last_s = max(
-            p.stamp_s for c in given.configurations for p in (*c.references, *c.others)
-        )
-        return given
-
-    def _say_apart(self, reference: str, others: List[str]) -> None:
-        """Pictures come, and none are of one instant."""
-        long_s, apart_s = self._session.apart_s(reference, others, self._watched_s)
-        if long_s >= _NOT_OF_ONE_INSTANT_S and apart_s > self._parameters.apart_s:
-            said = f"{1e3 * apart_s:.0f} ms apart" if apart_s < 1e6 else "of one vehicle only"
-            limit = f"apart_s:={self._parameters.apart_s:g}"
-            self._say(
-                MapStage.FAILED,
-                f"newest pictures are {said} ({limit}): trigger the cameras together",
-            )
-
-    def _first_look(self) -> Optional[MapInput]:
-        complete = {i for i in self._session.windows if self._session.complete(i)}
-        if complete <= self._mapped:
-            return None
-        given = self._session.inputs(_FIRST_LOOK_PICTURES)
-        self._mapped, self._last_s = complete, self._session.last_picture_s()
-        return given
-
-    def _with_known_poses(self, method: Method, options, given: MapInput):
-        """Poses are refined now and then, and corrected as found in between."""
-        self._watched += 1
-        refine = (
-            self._watched - 1
-        ) % self._parameters.refine_every == 0 or not self._corrections.know(given)
-        if refine or not method.refines_poses:
-            return options, given
-        return method.trusting_poses(options), self._corrections.apply(given)
-
-    def _map(
-        self, method: Method, options, given: MapInput, state_after: MapStage = MapStage.READY
-    ) -> Optional[MapResult]:
-        names = ", ".join(c.configuration.name for c in given.configurations)
+    def _map(self, method: Method, options, task: MapTask) -> Optional[MapResult]:
+        given, names = task.given, task.names
         if not self._parameters.monitor:
             self._say(MapStage.MAPPING, names)
         started = time.monotonic()
@@ -265,11 +212,12 @@ class LiveNode:
         state.reference = rospy.Time.from_sec(result.reference.stamp_s)
         state.processing_s, state.latency_s = (
             time.monotonic() - started,
-            rospy.get_time() - self._last_s,
+            rospy.get_time() - task.newest_s,
         )
         if self._parameters.monitor:
             self._show(result, monitoring.skew_s(given), names)
-        self._say(state_after, names, result.warnings)
+        partial = task.kind is MapKind.FIRST_LOOK
+        self._say(MapStage.PARTIAL if partial else MapStage.READY, names, result.warnings)
         return result
 
     def _show(self, result: MapResult, skew_s: float, names: str) -> None:

@@ -1,11 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What pictures tell of a focal length that is wrong, on drawn points; the table is in
-docs/lab/refinement.md.
+"""What pictures tell of a focal length that is wrong, on drawn points (docs/lab/refinement.md)."""
 
-.venv/bin/python tools/bench_focal.py [--draws 20] [--factor 1.05]
-"""
-
-import argparse
 from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
@@ -24,7 +19,6 @@ NOISE_PX, POINTS, NEAR_M, FAR_M = 0.15, 600, 10.0, 250.0
 #: Places (m) and turns (roll, pitch, yaw about the optical frame's x, y, z; degrees) of the others
 #: in the reference's optical frame: x right, y down, z ahead
 Cameras = Tuple[List[Sequence[float]], List[Sequence[float]]]
-PRIORS = ((0.15, 0.01), (0.3, 0.01), (0.01, 0.001))  # degrees per axis, share of the baseline
 
 
 def toed_in(turn_deg: float) -> Cameras:
@@ -86,47 +80,3 @@ def fitted(
     )
     consensus = Consensus(adjust(problem, starts, 1.0 / depth), observations, problem=problem)
     return focal_fit(consensus, dict.fromkeys(starts, said))
-
-
-def table(draws: int, factor: float) -> List[str]:
-    """Lines: how well the focal length is known (median), in how many draws a wrong one is a
-    warning, and in how many it is said that it cannot be known; then in how many a right one is a
-    warning."""
-    head = [
-        f"{r:g}° and {s:.1%}: known to | warned | not to be known | right, and warned"
-        for r, s in PRIORS
-    ]
-    lines = [f"| cameras | {' | '.join(head)} |", "|---" * (1 + 4 * len(PRIORS)) + "|"]
-    for name, cameras in CASES.items():
-        cells = []
-        for prior in PRIORS:
-            wrong = [fitted(cameras, factor, seed, *prior) for seed in range(draws)]
-            right = [fitted(cameras, 1.0, seed, *prior) for seed in range(draws)]
-            cells.append(f"{np.median([f.sigma for f in wrong]):.1%}")
-            cells += [
-                str(sum(map(bool, told)))
-                for told in (
-                    [f.words for f in wrong],
-                    [f.unseen for f in wrong],
-                    [f.words for f in right],
-                )
-            ]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    return lines
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=20)
-    parser.add_argument(
-        "--factor",
-        type=float,
-        default=1.05,
-        help="the focal length that is said, over the true one",
-    )
-    args = parser.parse_args()
-    print("\n".join(table(args.draws, args.factor)))
-
-
-if __name__ == "__main__":
-    main()

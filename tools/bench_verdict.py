@@ -1,0 +1,172 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The window's GO / NO-GO over flights that were recorded, beside what their maps say of the same
+pairs.
+
+    python tools/bench_verdict.py SESSION=MAP ...
+
+SESSION is a flight's folder of bags, MAP the folder of its map. The bags are played into the
+window's model by their own times. A verdict flips where GO and NO-GO change places while one
+configuration is recorded. The map accepts a pair whose refined pictures miss their epipolar lines
+by no more than the report's bound.
+"""
+
+import argparse
+import heapq
+import json
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
+
+import cv2
+import rosbag
+import rospy
+from tqdm import tqdm
+
+from fcsv_console.model.console import Console
+from fcsv_console.model.epipolar import EpipolarWatch
+from fcsv_console.ros import messages
+from fcsv_control.mission.activities import stages
+from fcsv_geometry.config import read_yaml
+from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.ros import conversions
+from fcsv_geometry.vehicles.vehicle import load_vehicles
+from fcsv_stereo.report.plain_words import MOST_EPIPOLAR_PX
+
+_ROOT = Path(__file__).resolve().parents[1]
+_LOOK_S = 0.2  # between two looks at the window
+_MEASURE_S = 1.0  # as the window measures the epipolar error
+_JPEG = [cv2.IMWRITE_JPEG_QUALITY, 90]
+
+
+@dataclass
+class Recording:
+    """Holds what the window said while one configuration was recorded."""
+
+    name: str
+    verdicts: List[bool]
+    words: str = ""
+
+    @property
+    def flips(self) -> int:
+        return sum(a != b for a, b in zip(self.verdicts, self.verdicts[1:]))
+
+
+def main(argv: Optional[Sequence[str]] = None) -> int:
+    """Exit status 1 where a verdict flipped."""
+    parser = argparse.ArgumentParser(prog="bench_verdict", description=__doc__.split("\n\n")[0])
+    parser.add_argument("flights", nargs="+", metavar="SESSION=MAP")
+    args = parser.parse_args(argv)
+    rospy.rostime.set_rostime_initialized(True)
+    flips = agreeing = compared = 0
+    print("| flight | configuration | verdicts | flips | window at its end | map |")
+    print("|---" * 6 + "|")
+    for flight in args.flights:
+        session, _, folder = flight.partition("=")
+        accepted = of_map(Path(folder)) if folder else {}
+        for k, recording in enumerate(recordings(Path(session))):
+            if not recording.verdicts:
+                continue
+            go, of_pair = recording.verdicts[-1], accepted.get(recording.name)
+            flips += recording.flips
+            if of_pair is not None:
+                compared, agreeing = compared + 1, agreeing + (of_pair == go)
+            cells = (
+                Path(session).parent.name,
+                f"{k + 1} {recording.name}",
+                len(recording.verdicts),
+                recording.flips,
+                recording.words,
+                {None: "not mapped", True: "accepted", False: "doubted"}[of_pair],
+            )
+            print("| " + " | ".join(map(str, cells)) + " |", flush=True)
+    share = f"{agreeing / compared:.0%}" if compared else "-"
+    print(f"\nflips: {flips}; the map agrees with {agreeing} of {compared} ({share})")
+    return 1 if flips else 0
+
+
+def of_map(folder: Path) -> Dict[str, bool]:
+    """Gives for each configuration by name whether the map accepted its pair."""
+    report = json.loads((folder / "report.json").read_text())
+    rms_px = {
+        image["name"]: image["epipolar_rms_px"] for image in report["images"] if image["refined"]
+    }
+    return {
+        c["name"]: rms_px.get(c["pair"][1], math.inf) <= MOST_EPIPOLAR_PX
+        for c in report["configurations"]
+    }
+
+
+def recordings(session: Path) -> List[Recording]:
+    """Plays a session into the window's model; gives its recordings in their order."""
+    names, found = read_yaml(session / "session.yaml")["vehicles"], []
+    tags = {n: v.tag_id for n, v in load_vehicles(_ROOT / "config/vehicles", names).items()}
+    console, watch = Console(names, tags, recorded=True), EpipolarWatch(names)
+    look_s = measure_s = -math.inf
+    before = None
+    for at_s, name, topic, message in tqdm(
+        _played(session, names), session.parent.name, unit=" messages", disable=None
+    ):
+        _tell(console, watch, at_s, name, topic, message)
+        if at_s - look_s < _LOOK_S:
+            continue
+        look_s, view = at_s, console.view(at_s)
+        if at_s - measure_s >= _MEASURE_S and view.stereo.pair[0]:
+            measure_s, told = at_s, watch.measure(view.stereo.pair)
+            if told is not None:
+                console.tell(at_s, told)
+        state = view.mission.value
+        running = view.running if state is not None and state.stage == stages.RECORDS else None
+        if running is not None and running != before:
+            found.append(Recording(view.file.rows[running].title, []))
+        before = running
+        if running is not None and view.stereo.judged:
+            found[-1].verdicts.append(view.stereo.go)
+            found[-1].words = view.stereo.words
+    return found
+
+
+def _played(session: Path, names: Sequence[str]) -> Iterator[Tuple[float, str, str, Any]]:
+    """Messages of all bags by the time at which they were recorded: (time, vehicle, topic under
+    its name or whole, message). What of a vehicle crossed to the control PC is not told twice."""
+    topics = {**messages.OF_VEHICLE, **messages.RECORDED}
+    own = ("tags/detections", "camera/color/image_raw", "camera/color/camera_info")
+
+    def control():
+        known = {f"/{n}/{t}": (n, t) for n in names for t in topics}
+        with rosbag.Bag(str(session / "control.bag")) as bag:
+            for topic, message, t in bag.read_messages([*known, *messages.OF_CONTROL]):
+                yield (t.to_sec(), *known.get(topic, ("", topic)), message)
+
+    def vehicle(name):
+        with rosbag.Bag(str(session / f"{name}.bag")) as bag:
+            for topic, message, t in bag.read_messages([f"/{name}/{o}" for o in own]):
+                yield t.to_sec(), name, topic[len(name) + 2 :], message
+
+    return heapq.merge(control(), *map(vehicle, names), key=lambda found: found[0])
+
+
+def _tell(
+    console: Console, watch: EpipolarWatch, at_s: float, name: str, topic: str, message: Any
+) -> None:
+    """Hands a message to the model as the window's subscriptions do."""
+    if topic == "camera/color/camera_info":
+        watch.tell_camera(name, conversions.camera_from_info(message))
+        return
+    if topic == "camera_pose":
+        T_home_cam = conversions.pose_to_transform(message.pose.pose)
+        watch.tell_pose(name, message.header.stamp.to_sec(), T_home_cam)
+    if topic == "camera/color/image_raw":
+        jpeg = cv2.imencode(".jpg", conversions.image_to_array(message, "bgr8"), _JPEG)[1]
+        watch.tell_live(name, message.header.stamp.to_sec(), jpeg.tobytes())
+    table = messages.OF_CONTROL if not name else {**messages.OF_VEHICLE, **messages.RECORDED}
+    try:
+        console.tell(at_s, table[topic][1](name, message))
+    except FcsvError as error:
+        print(f"{name} {topic}: {error}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
