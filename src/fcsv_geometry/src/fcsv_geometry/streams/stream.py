@@ -61,7 +61,7 @@ class Stream(Generic[T]):
 
 
 class Since:
-    """For how long something has been true, from the first moment on at which it was.
+    """Counts for how long something has been true, from the first moment at which it was.
 
     >>> calm = Since()
     >>> calm.lasts_s(10.0), calm.lasts_s(12.5), calm.lasts_s(13.0, False), calm.lasts_s(14.0)
@@ -72,7 +72,7 @@ class Since:
         self._since_s: Optional[float] = None
 
     def lasts_s(self, now_s: float, true: bool = True) -> float:
-        """For how long it has been ``true`` with now; minus infinity where it is not."""
+        """Tells for how long it has been ``true`` by now; minus infinity where it is not."""
         if not true:
             self._since_s = None
             return -math.inf
