@@ -18,7 +18,7 @@ from fcsv_guidance.standing import disk, least
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.render.caster import make_caster
 from fcsv_sim.render.rays import T, ray_buffer, set_rays
-from fcsv_sim.robot.survey import Station
+from fcsv_sim.robot.survey import HoverStation
 from fcsv_sim.sensors.camera import CameraParameters
 from fcsv_sim.world.footing import Clearance
 from fcsv_sim.world.town import Town
@@ -42,7 +42,7 @@ class Looked:
     """Stations, and ``sights`` (N, rows, columns) bool of ``grid``: whether a station sees all that
     lies below a robot's footprint, to REACH_M."""
 
-    stations: Tuple[Station, ...]
+    stations: Tuple[HoverStation, ...]
     grid: Grid
     sights: np.ndarray
 
@@ -125,7 +125,7 @@ class Lookout:
         return True
 
 
-def _candidates(plan) -> List[Station]:
+def _candidates(plan) -> List[HoverStation]:
     """Places that look at nine spots of the area and at start and goal, from eight sides."""
     x0, x1, y0, y1 = plan.area_m
     spots = [(x, y) for x in np.linspace(x0, x1, 5)[1:4] for y in np.linspace(y0, y1, 5)[1:4]]
@@ -134,7 +134,7 @@ def _candidates(plan) -> List[Station]:
         for yaw in np.arange(_HEADINGS) * 2 * np.pi / _HEADINGS:
             for far, high in _FROM_M:
                 at = (float(x - far * np.cos(yaw)), float(y - far * np.sin(yaw)))
-                found.append(Station((*at, float(plan.height(*at)) + high), float(yaw)))
+                found.append(HoverStation((*at, float(plan.height(*at)) + high), float(yaw)))
     return found
 
 
@@ -157,7 +157,7 @@ def _worth(clear: Clearance, grid: Grid, start_m, goal_m) -> np.ndarray:
     return worth
 
 
-def _seen(town: Town, grid: Grid, stations: Sequence[Station]):
+def _seen(town: Town, grid: Grid, stations: Sequence[HoverStation]):
     """Gives, for each station (rows, columns) float32, 1 where nothing hides the ground from it."""
     camera = CameraParameters().model
     xy = grid.middle_of(*np.indices(grid.shape)).reshape(-1, 2)

@@ -7,7 +7,7 @@ import numpy as np
 
 from fcsv_guidance import tuning
 from fcsv_sim.robot.mapped import MappedPlace
-from fcsv_sim.robot.rehearsal import DriveResult, Track
+from fcsv_sim.robot.rehearsal import DriveRecord, DriveResult
 
 _COLOURS = {
     "unknown": "#8c8c8c",
@@ -17,7 +17,7 @@ _COLOURS = {
 }
 
 
-def draw_drive(place: MappedPlace, track: Track, result: DriveResult, path: Path) -> None:
+def draw_drive(place: MappedPlace, track: DriveRecord, result: DriveResult, path: Path) -> None:
     """Writes a PNG."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import ListedColormap

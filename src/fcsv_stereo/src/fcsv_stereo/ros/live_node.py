@@ -19,13 +19,7 @@ from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Capture, MapState
 from fcsv_stereo.in_flight import monitoring
 from fcsv_stereo.in_flight.live import MapStage
-from fcsv_stereo.in_flight.map_choice import (
-    MapChoice,
-    MapKind,
-    MapTask,
-    MissionMaps,
-    Monitoring,
-)
+from fcsv_stereo.in_flight.map_choice import MapChoice, MapKind, MapTask, MissionMaps, Monitoring
 from fcsv_stereo.in_flight.warm_up import warm_up
 from fcsv_stereo.instants import MOST_SKEW_S
 from fcsv_stereo.map_files.cloud_bounds import CloudBounds, bound_cloud
