@@ -114,7 +114,7 @@ def reliability(rows) -> None:
 
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--worlds", nargs="+", choices=PLACES, default=list(PLACES))
+    parser.add_argument("--worlds", nargs="+", choices=PLACES, default=["maze", "rubble"])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument(
         "--map", type=Path, nargs=2, metavar=("MAP", "TRUTH"), help="a map and its session's truth"

@@ -3,11 +3,17 @@
 docs/lab/survey.md.
 
 python tools/bench_survey.py [--world village] [--seed 1] [--views 6] [--step-deg 15] [--radius-m
-90] [-o out/site] A site that was drawn in OUT/drawn is taken as it is.
+90] [--control 5] [--kills 0] [--small]
+[-o out/site] A site that was drawn in OUT/drawn is taken as it is.
 """
 
 import argparse
+import hashlib
 import json
+import os
+import shutil
+import signal
+import subprocess
 import sys
 import time
 from dataclasses import dataclass
@@ -18,12 +24,20 @@ import numpy as np
 
 from fcsv_sim.sensors.photo_site import TRUTH, draw_site, ring
 from fcsv_sim.world.town import WORLDS, Town
-from fcsv_stereo.survey import similarity
+from fcsv_stereo.posed import colmap
+from fcsv_stereo.survey import earth, similarity
 from fcsv_stereo.survey.document import Site
-from fcsv_stereo.survey.survey import run
+from fcsv_stereo.survey.earth import EarthFrame
+from fcsv_stereo.survey.georeference import WorldOptions
+from fcsv_stereo.survey.survey import FILES, run
 from fcsv_stereo.survey.views import View
 
 _HEAD = ("figure", "as flown", "joined")
+_ONE_SURFACE = 1.03  # ratio of the depths of four pixels
+#: Where the drawn world's origin is on the earth; farthest control point from a view; errors of
+#: coordinates and of marks.
+_MIDDLE = np.array([[13.4, 52.5, 0.0]])
+_FARTHEST_M, _CONTROL_M, _MARK_PX = 110.0, 0.02, 0.5
 
 
 @dataclass(frozen=True)
@@ -99,6 +113,21 @@ def _yaw_deg(R: np.ndarray, T_world_cam: np.ndarray) -> float:
     return float(np.degrees(np.arctan2(D[1, 0] - D[0, 1], D[0, 0] + D[1, 1])))
 
 
+def surface_at(depth: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """(N,) m, the true depth at ``uv`` (N,2) px between four pixels of one surface; NaN elsewhere,
+    at edges of surfaces, too. The nearest of neighbouring pixels instead would forgive a pixel's
+    step of depth, which on slanting ground is a sigma."""
+    at = np.floor(uv).astype(int)
+    inside = (at >= 0).all(axis=1) & (at < np.array(depth.shape[::-1]) - 1).all(axis=1)
+    column, row = np.where(inside[:, None], at, 0).T
+    across, down = (uv - at).T
+    w = [1.0 / depth[row + dv, column + du] for dv in (0, 1) for du in (0, 1)]
+    upper, lower = (w[i] * (1.0 - across) + w[i + 1] * across for i in (0, 2))
+    with np.errstate(invalid="ignore"):
+        one = inside & (np.max(w, axis=0) < _ONE_SURFACE * np.min(w, axis=0))
+    return np.where(one, 1.0 / (upper * (1.0 - down) + lower * down), np.nan)
+
+
 def cloud_figures(site: Site, truth: Dict[str, TrueView]) -> Dict[str, float]:
     """Of the cloud: how wrong what two or more views see is, and what of it its sigma covers; after
     the similarity that fits the points best. A point is compared with the true surface on its own
@@ -109,40 +138,41 @@ def cloud_figures(site: Site, truth: Dict[str, TrueView]) -> Dict[str, float]:
     told, true = (np.concatenate([p[i][::50] for p in pairs]) for i in (0, 1))
     good = np.linalg.norm(told - true, axis=1) < np.median(np.linalg.norm(told - true, axis=1)) * 2
     at = similarity.of_matrix(similarity.fit(true[None, good], told[None, good])[0])
-    error, sigma, depth, several = [], [], [], []
+    error, exact, sigma, depth, several = [], [], [], [], []
     for v in views:
         cloud, t = site.joined[v.name].cloud, truth[v.name]
         p = similarity.apply(at, cloud.points_home_m.astype(float) + site.origin_m)
         in_cam = (p - t.T_world_cam[:3, 3]) @ t.T_world_cam[:3, :3]
         z = in_cam[:, 2]
-        uv = np.rint(
-            in_cam[:, :2] / z[:, None] * [v.camera.fx, v.camera.fy] + [v.camera.cx, v.camera.cy]
-        ).astype(int)
-        inside = (uv > 0).all(axis=1) & (uv < np.array(t.depth.shape[::-1]) - 1).all(axis=1)
-        at_pixels = np.stack(
-            [
-                t.depth[uv[inside, 1] + dv, uv[inside, 0] + du]
-                for dv in (-1, 0, 1)
-                for du in (-1, 0, 1)
-            ]
-        )
-        nearest = np.nanmin(
-            np.where(np.isfinite(at_pixels), np.abs(at_pixels - z[inside]), 1e3), axis=0
-        )
-        error.append(nearest)
+        uv = in_cam[:, :2] / z[:, None] * [v.camera.fx, v.camera.fy] + [v.camera.cx, v.camera.cy]
+        exact.append(np.abs(surface_at(t.depth, uv) - z))
+        pixel = np.rint(uv).astype(int)
+        inside = (pixel > 0).all(axis=1) & (pixel < np.array(t.depth.shape[::-1]) - 1).all(axis=1)
+        exact[-1] = exact[-1][inside]
+        steps = [(dv, du) for dv in (-1, 0, 1) for du in (-1, 0, 1)]
+        about = np.stack([t.depth[pixel[inside, 1] + v, pixel[inside, 0] + u] for v, u in steps])
+        off = np.where(np.isfinite(about), np.abs(about - z[inside]), 1e3)
+        error.append(np.min(off, axis=0))
         sigma.append(cloud.sigma_m[inside])
         depth.append(z[inside])
         several.append(cloud.baseline_index[inside] > 1)
-    error, sigma, depth, several = map(np.concatenate, (error, sigma, depth, several))
-    e, s, d = error[several], sigma[several], depth[several]
+    error, exact, sigma, depth, several = map(np.concatenate, (error, exact, sigma, depth, several))
+    wrong = error > 0.1 * depth
+    told = several & np.isfinite(exact)
+    e, s, d = exact[told], sigma[told], depth[told]
     return {
         "points": len(site.cloud),
         "seen by two or more (%)": 100 * float(several.mean()),
-        "of these wrong: beyond 10 % (%)": 100 * float((e > 0.1 * d).mean()),
+        "of these wrong: beyond 10 % (%)": 100 * float(wrong[several].mean()),
         "of these within sigma (68 %)": 100 * float((e <= s).mean()),
         "of these within 1.96 sigma (95 %)": 100 * float((e <= 1.96 * s).mean()),
         "of these median sigma / depth (%)": 100 * float(np.median(s / d)),
-        "of others wrong: beyond 10 % (%)": 100 * float((error > 0.1 * depth)[~several].mean()),
+        **{
+            f"of these within sigma, {low} to {high} m (%)": 100
+            * float((e <= s)[(d > low) & (d <= high)].mean())
+            for low, high in ((0, 60), (60, 130), (130, 400))
+        },
+        "of others wrong: beyond 10 % (%)": 100 * float(wrong[~several].mean()),
     }
 
 
@@ -164,6 +194,131 @@ def normalised(site: Site, truth: Dict[str, TrueView]) -> float:
     return float(np.mean(out)) if out else float("nan")
 
 
+def write_control(folders: List[Path], path: Path, seed: int, count: int) -> EarthFrame:
+    """gcp_list.txt of ``count`` places on surfaces, each marked in all views that truly see it:
+    coordinates good to 2 cm per axis, marks to half a pixel. The world's axes are those of the
+    frame that is given back."""
+    random, frame = np.random.default_rng([seed, 99]), EarthFrame.about(_MIDDLE, None)
+    truth = {f.name: TrueView.of(f) for f in folders}
+    cameras = {f.name: colmap.read_cameras(f / "cameras.txt")[1] for f in folders}
+    lines, points = [earth.name_of(frame.crs)], 0
+    while points < count:
+        name = folders[int(random.integers(len(folders)))].name
+        t, c = truth[name], cameras[name]
+        u, v = random.integers(40, c.width - 40), random.integers(40, c.height - 40)
+        near = t.depth[v - 2 : v + 3, u - 2 : u + 3]
+        if not (np.isfinite(near).all() and near.max() < _FARTHEST_M and np.ptp(near) < 1.0):
+            continue
+        ray = np.array([(u - c.cx) / c.fx, (v - c.cy) / c.fy, 1.0])
+        p = t.T_world_cam[:3, :3] @ ray * t.depth[v, u] + t.T_world_cam[:3, 3]
+        marks = [(n, _mark(p, truth[n], cameras[n])) for n in truth]
+        marks = [(n, m) for n, m in marks if m is not None]
+        if len(marks) < 2:
+            continue
+        points += 1
+        at = frame.to_projected((p + random.normal(0.0, _CONTROL_M, 3))[None])[0]
+        for n, m in marks:
+            m = m + random.normal(0.0, _MARK_PX, 2)
+            lines.append(
+                f"{at[0]:.4f} {at[1]:.4f} {at[2]:.4f} {m[0]:.2f} {m[1]:.2f} {n}/00.png point{points}"
+            )
+    path.write_text("\n".join(lines) + "\n")
+    return frame
+
+
+def _mark(p: np.ndarray, true: TrueView, camera):
+    """(2,) px where a view truly sees a place; None where it does not."""
+    in_cam = (p - true.T_world_cam[:3, 3]) @ true.T_world_cam[:3, :3]
+    if in_cam[2] < 1.0:
+        return None
+    uv = in_cam[:2] / in_cam[2] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+    u, v = np.rint(uv).astype(int)
+    if not (5 <= u < camera.width - 5 and 5 <= v < camera.height - 5):
+        return None
+    return uv if abs(true.depth[v, u] - in_cam[2]) < 0.01 * in_cam[2] else None
+
+
+def control_figures(site: Site, truth: Dict[str, TrueView], frame: EarthFrame) -> Dict[str, float]:
+    """Of a site with control points: check points, and places and scales against the truth, without
+    any fit."""
+    checks = [p for p in site.world.fit.points if p.check and p.views]
+    off = np.array([p.off_m for p in checks])
+    sigma = np.array([p.sigma_m for p in checks])
+    views = {v.name: v for v in site.views}
+    places, scales = [], []
+    for n, p in site.adjusted.placed.items():
+        T = truth[n].T_world_cam
+        at = frame.to_projected(T[:3, 3][None])[0]
+        places.append(np.linalg.norm(similarity.place(p.S_site_cam) - at))
+        stretch = np.cbrt(np.linalg.det(frame.turn_at(T[:3, 3])))
+        scales.append(np.log(true_scale(views[n], truth[n]) * stretch / p.scale))
+    return {
+        "control points, check points": f"{len(site.world.fit.points) - len(checks)}, {len(checks)}",
+        "check points, rms (m)": rms(np.linalg.norm(off, axis=1)),
+        "check points: axes within 1.96 sigma (%)": 100
+        * float((np.abs(off) < 1.96 * sigma).mean()),
+        "places in the world, rms (m)": rms(places),
+        "stated sigma of the site's place (m)": site.world.fit.sigma_m,
+        "common scale in the world (%)": 100 * abs(float(np.mean(scales))),
+        "its stated sigma (%)": 100 * site.world.fit.sigma_scale,
+    }
+
+
+_COMMAND = "import sys; from fcsv_stereo.survey.command import main; sys.exit(main())"
+
+
+def survey_process(folders: List[Path], out: Path, *options: str) -> subprocess.Popen:
+    """A survey as a process of its own, which leads its group."""
+    words = [sys.executable, "-c", _COMMAND, *map(str, folders), "-o", str(out), *options]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen(words, start_new_session=True, **quiet)
+
+
+def content_of(out: Path) -> Dict[str, str]:
+    """Checksums of a site's files."""
+    return {n: hashlib.sha256((out / n).read_bytes()).hexdigest() for n in FILES}
+
+
+def scaling(folders: List[Path], out: Path, kills: int, seed: int) -> Dict[str, str]:
+    """Seconds without and with one and two processes, whether all write the same, and what a run
+    that was killed at random moments writes."""
+    took, contents, random = {}, {}, np.random.default_rng(seed)
+    for name in ("0", "1", "2", "killed"):
+        shutil.rmtree(out / name, ignore_errors=True)
+    for workers in ("0", "1", "2"):
+        started = time.perf_counter()
+        if survey_process(folders, out / workers, "--workers", workers).wait() != 0:
+            raise SystemExit(f"--workers {workers} ended with an error")
+        took[workers] = time.perf_counter() - started
+        contents[workers] = content_of(out / workers)
+    made, lost = [], 0
+    for _ in range(kills):
+        process = survey_process(folders, out / "killed", "--workers", "2")
+        try:
+            process.wait(float(random.uniform(0.1, 0.6)) * took["2"])
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            lost += 1
+        made.append(len(list((out / "killed/views").glob("*.json"))))
+    if survey_process(folders, out / "killed", "--workers", "2").wait() != 0:
+        raise SystemExit("what was killed did not go on")
+    contents["killed"] = content_of(out / "killed")
+    differ = {
+        name: [n for n in FILES if contents["0"][n] != of[n]] or "nothing"
+        for name, of in contents.items()
+    }
+    return {
+        "seconds in a plain loop, by one process, by two": ", ".join(
+            f"{took[w]:.0f}" for w in ("0", "1", "2")
+        ),
+        "two processes against one": f"{took['1'] / took['2']:.2f}",
+        "differs from the plain loop: one, two processes": f"{differ['1']}, {differ['2']}",
+        f"killed {lost} times, maps that were there then": ", ".join(map(str, made)),
+        "differs from the plain loop: after the kills": str(differ["killed"]),
+    }
+
+
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--world", choices=list(WORLDS), default="village")
@@ -177,6 +332,16 @@ def main(argv=None) -> int:
         "--height-m", type=float, default=25.0, help="above the ground in the middle"
     )
     parser.add_argument("--middle-m", type=float, default=130.0, help="x of the circle's middle")
+    parser.add_argument(
+        "--control",
+        type=int,
+        default=5,
+        help="control points of 2 cm, with 10 check points; 0: none",
+    )
+    parser.add_argument("--small", action="store_true", help="400x300 pixels, two baselines")
+    parser.add_argument(
+        "--kills", type=int, default=0, help="times processes, too, and kills a run so often"
+    )
     parser.add_argument("-o", "--out", type=Path, default=Path("out/bench_survey"))
     args = parser.parse_args(argv)
     drawn = args.out / "drawn"
@@ -189,8 +354,13 @@ def main(argv=None) -> int:
             ring(args.views, (args.middle_m, 0.0), args.radius_m, step_rad, height_m),
             drawn,
             args.seed,
+            **({"size": (400, 300), "baselines_m": (3.0, 6.0)} if args.small else {}),
         )
     folders = sorted(drawn.glob("view*"))
+    if args.kills:
+        for name, value in scaling(folders, args.out, args.kills, args.seed).items():
+            print(f"| {name} | {value} |")
+        return 0
     started = time.perf_counter()
     site = run(folders, args.out / "site")
     took_s = time.perf_counter() - started
@@ -216,6 +386,14 @@ def main(argv=None) -> int:
         print(
             f"| worst loop closes to (m) | | {max(loop.closing_m for loop in site.adjusted.loops):.2f} |"
         )
+    if args.control:
+        frame = write_control(folders, args.out / "gcp_list.txt", args.seed, args.control + 10)
+        checks = ",".join(f"point{i}" for i in range(args.control + 1, args.control + 11))
+        world = WorldOptions(args.out / "gcp_list.txt", checks)
+        site = run(folders, args.out / "site", world=world)
+        for name, value in control_figures(site, truth, frame).items():
+            print(f"| {name} | | {value if isinstance(value, str) else format(value, '.2f')} |")
+        print("\n".join(site.adjusted.remarks))
     for m in site.missing:
         print(f"missing {m.name}: {m.reason}")
     return 0

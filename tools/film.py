@@ -41,7 +41,7 @@ _PLAYED_S = 40.0  # of the playback
 _REPORT_PX = (1100, 5200)
 _COLOURS = 64
 _MOST_BYTES = 5_000_000
-_LIMIT_S = 3000.0
+_LIMIT_S, _BROWSER_S = 3000.0, 300.0
 # what the demo says once all have landed, and once its map is made
 _LANDED, _OVER = "DONE: ", "report: "
 
@@ -54,7 +54,8 @@ def main(argv: Optional[List[str]] = None) -> int:
     parser.add_argument(
         "--keep",
         type=Path,
-        help="folder for the demo and the pictures; default: one that is removed",
+        help="folder for the demo and the pictures: what is in it already is not flown or played "
+        "again; default: one that is removed",
     )
     args, demo = parser.parse_known_args(argv)
     folder = args.keep or Path(tempfile.mkdtemp(prefix="film"))
@@ -76,12 +77,13 @@ def _fly(folder: Path, demo: List[str]) -> List[Path]:
     """Pictures of the window, one a second, from its start until the vehicles have landed; none
     where the demo failed."""
     command = ["rosrun", "fcsv_sim", "demo", "--rviz", "0", "--out", str(folder / "demo"), *demo]
-    log = folder / "demo.log"
-    with _filmed(folder, command, log) as film:
-        found = film.until(_LANDED, _LIMIT_S, "filming the flight")
-        film.until(_OVER, _LIMIT_S, "mapping")
+    log, pictures = folder / "demo.log", folder / "flight"
+    if not log.exists() or _OVER not in log.read_text(errors="replace"):
+        with _filmed(folder, command, log) as film:
+            film.until(_LANDED, _LIMIT_S, "filming the flight", pictures)
+            film.until(_OVER, _LIMIT_S, "mapping")
     if _OVER in log.read_text(errors="replace"):
-        return found
+        return sorted(pictures.glob("*.png"))
     print(f"film: the demo did not come to its report: {log}", file=sys.stderr)
     return []
 
@@ -89,34 +91,36 @@ def _fly(folder: Path, demo: List[str]) -> List[Path]:
 def _play(folder: Path) -> List[Path]:
     """Pictures of rviz while the flight is played back with its map."""
     command = [str(folder / "demo" / "play"), "console:=false", "rate:=2"]
-    with _filmed(folder, command, folder / "play.log") as film:
-        return film.until("", _PLAYED_S, "filming rviz")
+    pictures = folder / "rviz"
+    if not pictures.exists():
+        with _filmed(folder, command, folder / "play.log") as film:
+            film.until("", _PLAYED_S, "filming rviz", pictures)
+    return sorted(pictures.glob("*.png"))
 
 
 class _Film:
     """A process on a screen of its own, of which pictures are taken."""
 
-    def __init__(self, folder: Path, process: subprocess.Popen, log: Path, server):
-        self._folder, self._process, self._log, self._server = folder, process, log, server
+    def __init__(self, process: subprocess.Popen, log: Path, server: display.Display):
+        self._process, self._log, self._server = process, log, server
 
-    def until(self, words: str, limit_s: float, what: str) -> List[Path]:
-        """Pictures, one a second, until the process says ``words`` or ends."""
-        found: List[Path] = []
-        for _ in tqdm(range(int(limit_s / _GRAB_S)), what, unit=" pictures", disable=None):
+    def until(self, words: str, limit_s: float, what: str, pictures: Optional[Path] = None) -> None:
+        """Waits until the process says ``words`` or ends; a picture a second goes to the folder
+        ``pictures``."""
+        if pictures is not None:
+            pictures.mkdir()
+        for k in tqdm(range(int(limit_s / _GRAB_S)), what, unit=" s", disable=None):
             ended = self._process.poll() is not None
             if ended or words and words in self._log.read_text(errors="replace"):
-                break
-            if _arranged(self._server):
-                path = self._folder / f"{time.time():.1f}.png"
-                found.append(_grabbed(self._server, path))
+                return
+            if _arranged(self._server) and pictures is not None:
+                _grab(self._server, pictures / f"{k:05d}.png")
             time.sleep(_GRAB_S)
-        return found
 
 
 @contextlib.contextmanager
 def _filmed(folder: Path, command: List[str], log: Path) -> Iterator[_Film]:
-    grabbed = folder / "screen"
-    grabbed.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     screen = Screen(folder, f"{_SCREEN_PX[0]}x{_SCREEN_PX[1]}x24")
     env = {**os.environ, "DISPLAY": screen.name, "QT_QPA_PLATFORM": "xcb", "PYTHONUNBUFFERED": "1"}
     with open(log, "wb") as out:
@@ -130,7 +134,7 @@ def _filmed(folder: Path, command: List[str], log: Path) -> Iterator[_Film]:
         )
     server = display.Display(screen.name)
     try:
-        yield _Film(grabbed, process, log, server)
+        yield _Film(process, log, server)
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGINT)
@@ -160,13 +164,12 @@ def _arranged(server: display.Display) -> bool:
     return there
 
 
-def _grabbed(server: display.Display, path: Path) -> Path:
+def _grab(server: display.Display, path: Path) -> None:
     width, height = _SCREEN_PX
     raw = server.screen().root.get_image(0, 0, width, height, X.ZPixmap, 0xFFFFFFFF)
     Image.frombytes("RGB", (width, height), raw.data, "raw", "BGRX").resize(
         _FILM_PX, Image.LANCZOS
     ).save(path)
-    return path
 
 
 # ---- the report and the film ---------------------------------------------------------------------
@@ -190,12 +193,12 @@ def _report_pictures(folder: Path) -> List[Image.Image]:
         "--virtual-time-budget=8000",
         size,
     ]
-    subprocess.run(
-        [*command, f"--screenshot={whole}", page.as_uri()],
-        check=True,
-        capture_output=True,
-        timeout=180,
-    )
+    command += [f"--screenshot={whole}", page.as_uri()]
+    try:
+        subprocess.run(command, check=True, capture_output=True, timeout=_BROWSER_S)
+    except subprocess.SubprocessError as error:
+        print(f"film: without the report: {error}", file=sys.stderr)
+        return []
     return scrolled(Image.open(whole).convert("RGB"), _FILM_PX)
 
 

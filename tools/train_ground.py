@@ -16,7 +16,7 @@ from fcsv_guidance.ground import ground_from
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.standing import FREE_SIGN, features, seen_below
 from fcsv_sim.robot.survey import stations, survey
-from fcsv_sim.world.town import PLACES, Town
+from fcsv_sim.world.town import Town
 
 _FARTHEST_M, _SHRINK = 60.0, 1e-4
 
@@ -57,7 +57,12 @@ def main(argv=None) -> int:
     parser.add_argument("--robot", default="config/robots/rescue.yaml")
     args = parser.parse_args(argv)
     robot = load_robot(args.robot)
-    found = [s for world in PLACES for seed in args.seeds for s in samples(world, seed, robot)]
+    found = [
+        s
+        for world in ("maze", "rubble")
+        for seed in args.seeds
+        for s in samples(world, seed, robot)
+    ]
     x, y = (np.concatenate(part) for part in zip(*found))
     print(f"{len(y)} footprints, {y.mean():.1%} can be stood on")
     print("STAND_WEIGHTS = (" + ", ".join(f"{w:.3f}" for w in fitted(x, y)) + ")")

@@ -14,6 +14,7 @@ import pytest
 from fcsv_console.children.after import AfterRunner
 from fcsv_console.model import after, facts, samples
 from fcsv_console.model.console import Console
+from fcsv_geometry.vehicles.modes import Mode
 
 OUTDOOR = str(Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml")
 PLACES = after.Places("uav1=uav1:fcsv/session control=fcsv/session", "out/flight", "out/map")
@@ -24,7 +25,7 @@ def landed():
     c.after.places = PLACES
     c.tell(1.0, facts.PlacesFound(True, True))
     for name in ("uav1", "uav2"):
-        c.tell(1.0, facts.AutopilotReport(name, True, False, "LAND"))
+        c.tell(1.0, facts.AutopilotReport(name, True, False, Mode.LAND))
     return c
 
 
@@ -35,7 +36,7 @@ def step(c, name):
 def test_all_can_be_done_on_the_ground_and_only_the_report_in_flight():
     c = landed()
     assert [s.why_not for s in c.view(1.1).after] == ["", "", ""]
-    c.tell(1.0, facts.AutopilotReport("uav2", True, True, "GUIDED"))
+    c.tell(1.0, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
     assert (
         step(c, "gather").why_not == "the motors of uav2 run: radio and processor are the flight's"
     )

@@ -18,6 +18,7 @@ from fcsv_console.model.console import Console
 from fcsv_console.terminal.screen import screen
 from fcsv_control.flight_check.lines import Line, State
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.vehicles.modes import Mode
 
 OUTDOOR = str(Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml")
 
@@ -180,9 +181,9 @@ def test_messages_become_facts():
         return messages.OF_VEHICLE[topic][1]("uav2", message)
 
     told = convert(
-        "mavros/state", State(connected=True, armed=True, mode="GUIDED", system_status=5)
+        "mavros/state", State(connected=True, armed=True, mode=Mode.GUIDED, system_status=5)
     )
-    assert told == facts.AutopilotReport("uav2", True, True, "GUIDED", 5)
+    assert told == facts.AutopilotReport("uav2", True, True, Mode.GUIDED, 5)
     assert math.isnan(convert("mavros/battery", BatteryState(percentage=-0.01)).share)
     pose = PoseWithCovarianceStamped()
     pose.pose.pose = conversions.transform_to_pose(

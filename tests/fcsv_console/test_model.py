@@ -35,6 +35,7 @@ from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PIL
 from fcsv_control.flight_check.lines import Line, State
 from fcsv_control.mission.activities.stages import GOES_BACK, HOLDS, MOVES, RECORDS, TURNS
 from fcsv_geometry.missions.separation import SeparationRules
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
 
 OUTDOOR = Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml"
@@ -56,7 +57,7 @@ def rehearsed(c, state="passed"):
 def flying(c, now_s, phase="CONFIGURATIONS", waits_for="", lines=GREEN, configuration=1):
     """Both vehicles in the air under the mission, all streams alive."""
     for name, y in (("uav1", 0.0), ("uav2", -4.0)):
-        c.tell(now_s, facts.AutopilotReport(name, True, True, "GUIDED"))
+        c.tell(now_s, facts.AutopilotReport(name, True, True, Mode.GUIDED))
         c.tell(now_s, facts.GuardianReport(name))
         c.tell(now_s, facts.Agent(name, "mission-12-34"))
         c.tell(now_s, facts.OdometryReport(name, (0.0, y, 8.0)))
@@ -109,24 +110,24 @@ def test_examples_in_the_modules_hold(name):
 @pytest.mark.parametrize(
     "state, guardian, who, words",
     [
-        (("GUIDED", True, 4), {}, MISSION, "mission"),
-        (("LOITER", True, 4), {}, PILOT, "pilot, LOITER"),
+        ((Mode.GUIDED, True, 4), {}, MISSION, "mission"),
+        ((Mode.LOITER, True, 4), {}, PILOT, "pilot, LOITER"),
         (
-            ("GUIDED", True, 4),
+            (Mode.GUIDED, True, 4),
             {"holds": True, "action": "hold", "reasons": ("the poses stopped",)},
             GUARDIAN,
             "guardian: hold: the poses stopped",
         ),
-        (("LAND", True, 5), {}, FAILSAFE, "the autopilot's failsafe, LAND"),
-        (("RTL", True, 4), {}, FAILSAFE, "RTL: by the autopilot or the pilot"),
+        ((Mode.LAND, True, 5), {}, FAILSAFE, "the autopilot's failsafe, LAND"),
+        ((Mode.RTL, True, 4), {}, FAILSAFE, "RTL: by the autopilot or the pilot"),
         (
-            ("LAND", True, 4),
+            (Mode.LAND, True, 4),
             {"uncontrolled": True},
             FAILSAFE,
             "COMES DOWN WITHOUT A POSITION: keep away",
         ),
-        (("LAND", True, 4), {"taken": True}, PILOT, "pilot, LAND"),
-        (("STABILIZE", False, 3), {}, NOBODY, "on the ground, motors off"),
+        ((Mode.LAND, True, 4), {"taken": True}, PILOT, "pilot, LAND"),
+        ((Mode.STABILIZE, False, 3), {}, NOBODY, "on the ground, motors off"),
     ],
 )
 def test_who_flies_is_said_in_words(state, guardian, who, words):
@@ -140,16 +141,16 @@ def test_who_flies_is_said_in_words(state, guardian, who, words):
 def test_a_change_of_who_flies_shows_at_once():
     """Within 0.5 s is wanted; the model itself adds nothing to the message's own way."""
     c = flying(console(), 10.0)
-    c.tell(10.3, facts.AutopilotReport("uav2", True, True, "ALT_HOLD"))
+    c.tell(10.3, facts.AutopilotReport("uav2", True, True, Mode.ALT_HOLD))
     assert row(c, 10.3).flier.who == PILOT
 
 
 def test_brake_after_stop_all_is_named_and_an_agent_without_a_commander():
     c = flying(console(), 10.0)
     c.tell(10.1, facts.StopReport("stop", "stop all (by /console)"))
-    c.tell(10.1, facts.AutopilotReport("uav2", True, True, "BRAKE"))
+    c.tell(10.1, facts.AutopilotReport("uav2", True, True, Mode.BRAKE))
     assert row(c, 10.2).flier.words == "BRAKE after stop-all"
-    c.tell(10.2, facts.AutopilotReport("uav2", True, True, "GUIDED"))
+    c.tell(10.2, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
     c.tell(10.2, facts.Agent("uav2", ""))
     assert row(c, 10.3).flier.words == "GUIDED, holds: nobody commands it"
 
@@ -158,7 +159,7 @@ def test_an_agent_that_was_not_heard_yet_is_told_from_one_that_fell_silent():
     """A window that was just opened knows the mode before it knows who commands."""
     c = console()
     for at_s in (10.0, 11.8):
-        c.tell(at_s, facts.AutopilotReport("uav2", True, True, "GUIDED"))
+        c.tell(at_s, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
         if at_s == 10.0:
             assert row(c, 10.1).flier.words == "GUIDED, its agent is not heard yet"
             c.tell(10.2, facts.MissionHeartbeat("mission-1"))
@@ -184,7 +185,7 @@ def test_a_vehicle_that_vanishes_is_stale_within_a_second_and_comes_back():
         and late.connection == "NOT HEARD for 1.1 s"
     )
     assert late.flier.who == UNKNOWN and late.flier.words == "not heard for 1.1 s (was GUIDED)"
-    assert late.mode == "GUIDED" and late.armed, "what was known stays readable"
+    assert late.mode == Mode.GUIDED and late.armed, "what was known stays readable"
     assert row(flying(c, 20.0), 20.1).flier.who == MISSION
 
 
@@ -196,7 +197,7 @@ def test_a_state_once_a_second_does_not_flicker_and_one_that_stops_is_told():
         c.tell(at_s, facts.OdometryReport("uav2", (0.0, 0.0, 8.0)))
         c.tell(at_s, facts.Agent("uav2", "mission-1-2"))
         if k in (30, 60):
-            c.tell(at_s, facts.AutopilotReport("uav2", True, True, "GUIDED"))
+            c.tell(at_s, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
         if k < 75:
             assert row(c, at_s).flier.who == MISSION and row(c, at_s).connection == "connected"
     for k in range(90, 150):
@@ -212,14 +213,14 @@ def test_what_comes_often_is_stale_within_a_second_and_one_lost_message_is_no_al
         c.tell(at_s, facts.OdometryReport("uav2", (0.0, 0.0, 8.0)))
         # every 0.4 s until 18.0 s, two of them lost
         if k % 12 == 0 and k not in (120, 204) and k <= 240:
-            c.tell(at_s, facts.AutopilotReport("uav2", True, True, "GUIDED"))
+            c.tell(at_s, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
             c.tell(at_s, facts.PreviewReport("uav2", at_s))
         if k <= 240:
             assert not row(c, at_s).state.stale and not row(c, at_s).picture.stale
     assert not row(c, 18.9).state.stale
     late = row(c, 19.05)
     assert late.state.stale and late.picture.stale and late.connection == "no state for 1.1 s"
-    c.tell(30.0, facts.AutopilotReport("uav2", True, True, "GUIDED"))
+    c.tell(30.0, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
     assert not row(c, 30.9).state.stale and row(c, 31.1).state.stale
 
 
@@ -355,7 +356,7 @@ def test_land_is_for_vehicles_that_fly():
     c = console()
     assert not why(c, 0.0, "land"), "who is not heard may fly"
     for name in ("uav1", "uav2"):
-        c.tell(1.0, facts.AutopilotReport(name, True, False, "LOITER"))
+        c.tell(1.0, facts.AutopilotReport(name, True, False, Mode.LOITER))
     assert why(c, 1.1, "land") == "all stand with their motors off" and not why(c, 3.0, "land")
 
 
@@ -771,14 +772,14 @@ def test_the_height_is_above_where_a_vehicle_stood_however_its_odometry_began():
     c = console()
     assert row(c, 0.0).height_m is None
     for now_s, armed, z_m in ((1.0, False, 0.15), (2.0, True, 0.2), (5.0, True, 1.25)):
-        c.tell(now_s, facts.AutopilotReport("uav2", True, armed, "LOITER"))
+        c.tell(now_s, facts.AutopilotReport("uav2", True, armed, Mode.LOITER))
         c.tell(now_s, facts.OdometryReport("uav2", (0.0, 0.0, z_m)))
     c.tell(5.0, facts.CameraPoseReport("uav2", (0.0, 0.0, -6.7), 0.0))
     assert row(c, 5.0).height_m == pytest.approx(1.1) and cells.height(row(c, 5.0)) == "1.1 m up"
     assert dict(cells.vehicle_rows(c.view(5.0)))["mode"][1].text == "LOITER, ARMED, 1.1 m up"
     c.tell(5.1, facts.EpochReport("uav2", 2))
     assert cells.height(row(c, 5.2)) == "-6.7 m in home", "its odometry began anew in the air"
-    c.tell(6.0, facts.AutopilotReport("uav2", True, False, "LAND"))
+    c.tell(6.0, facts.AutopilotReport("uav2", True, False, Mode.LAND))
     c.tell(6.0, facts.OdometryReport("uav2", (0.0, 0.0, -0.3)))
     assert cells.height(row(c, 6.0)) == "on the ground"
 
@@ -789,7 +790,7 @@ def test_above_another_and_where_it_would_come_down():
     (found,) = c.view(10.2).above
     assert (found.upper, found.lower, found.down_m) == ("uav2", "uav1", (0.2, -0.1))
     assert found.words == "uav2 is 5.0 m above uav1, 0.2 m aside; it would come down at (0.2, -0.1)"
-    c.tell(10.3, facts.AutopilotReport("uav1", True, False, "LOITER"))
+    c.tell(10.3, facts.AutopilotReport("uav1", True, False, Mode.LOITER))
     assert not c.view(10.3).above, "nobody flies beneath"
 
 
@@ -817,7 +818,7 @@ def test_who_is_above_is_never_beneath(places):
         (facts.CameraPoseReport("uav2", (0.0, 0.0, 0.0), math.nan), "heading_rad holds nan"),
         (facts.CameraPoseReport("uav2", (1e9, 0.0, 0.0), 0.0), "p_home_m"),
         (facts.BatteryReport("uav2", 7.0), "share is 7, not in 0..1"),
-        (facts.AutopilotReport("uav9", True, True, "GUIDED"), "'uav9' is not one of uav1, uav2"),
+        (facts.AutopilotReport("uav9", True, True, Mode.GUIDED), "'uav9' is not one of uav1, uav2"),
         (
             facts.Unusable("uav2", "camera/color/image_raw", "encoding '13UC5' is not known"),
             "encoding '13UC5'",

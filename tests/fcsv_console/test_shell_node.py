@@ -9,6 +9,7 @@ import pytest
 from support.waiting import within
 
 from fcsv_console.model.console import Console
+from fcsv_geometry.vehicles.modes import Mode
 
 pytestmark = pytest.mark.ros
 until = within(15.0)
@@ -62,7 +63,7 @@ def test_it_hears_a_vehicle_and_a_message_that_is_nonsense(shell, publish):
     camera = publish("/c_one/camera_pose", PoseWithCovarianceStamped)
 
     def mode():
-        state.publish(State(connected=True, armed=True, mode="LOITER"))
+        state.publish(State(connected=True, armed=True, mode=Mode.LOITER))
         return shell.view().vehicles[0].flier.words == "pilot, LOITER"
 
     until(mode, what="the state")

@@ -12,6 +12,7 @@ from fcsv_console.model import cells, facts, guide, samples
 from fcsv_console.model.console import Console
 from fcsv_console.model.what_next import calibration_words
 from fcsv_control.flight_check.lines import Line, State
+from fcsv_geometry.vehicles.modes import Mode
 
 OUTDOOR = Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml"
 NAMES = ("uav1", "uav2")
@@ -28,7 +29,7 @@ def console(rehearsed=True, **more):
 
 def told(c, now_s, phase, waits_for="", detail="", lines=GREEN, problems=()):
     for name in NAMES:
-        c.tell(now_s, facts.AutopilotReport(name, True, True, "LOITER"))
+        c.tell(now_s, facts.AutopilotReport(name, True, True, Mode.LOITER))
         c.tell(now_s, facts.BatteryReport(name, 0.8, 15.2))
     c.tell(now_s, facts.TagReport("uav2", (1,)))
     c.tell(now_s, facts.FlightCheckReport(tuple(lines)))
@@ -293,7 +294,7 @@ def test_after_the_end_machines_that_are_switched_off_are_nothing_to_worry_about
     c = console()
     told(c, 100.0, "DONE", detail="all configurations flown")
     for name in NAMES:
-        c.tell(100.0, facts.AutopilotReport(name, True, False, "LAND"))
+        c.tell(100.0, facts.AutopilotReport(name, True, False, Mode.LAND))
     c.tell(104.0, facts.MasterReport("the ROS master does not answer"))
     view = c.view(160.0)
     assert view.ended and view.problems == () and view.progress == 1.0

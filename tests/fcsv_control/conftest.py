@@ -11,6 +11,7 @@ import pytest
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.vehicle import Mount
 
 STEP_S = 0.1
@@ -26,7 +27,7 @@ class FakeVehicle:
     name: str
     T_home_odom: np.ndarray
     T_home_body: np.ndarray
-    mode: str = "STABILIZE"
+    mode: str = Mode.STABILIZE
     armed: bool = False
     height_m: float = 0.0
     target: Optional[np.ndarray] = None  # T_odom_body
@@ -55,8 +56,8 @@ class FakeVehicle:
         if order.kind == "RECORD":
             self.recording = order.arguments["flag"]
         elif order.kind in ("SET_MODE", "LAND"):
-            self.mode, self.target = order.arguments.get("mode", "LAND"), None
-        elif self.mode != "GUIDED":
+            self.mode, self.target = order.arguments.get("mode", Mode.LAND), None
+        elif self.mode != Mode.GUIDED:
             return f"{self.name} is in {self.mode}, not in GUIDED"
         else:
             assert order.kind in ("GOTO", "HOLD"), order.kind
@@ -67,12 +68,12 @@ class FakeVehicle:
 
     def fly(self, dt_s: float, speed_mps: float) -> float:
         """Speed (m/s) flown in this step."""
-        if self.mode == "LAND" and self.armed:
+        if self.mode == Mode.LAND and self.armed:
             self.height_m -= 1.0 * dt_s
             self.T_home_body[2, 3] -= 1.0 * dt_s
             if self.height_m <= 0:
                 self.armed, self.landed_at = False, self.p_home_cam.copy()
-        if self.mode != "GUIDED" or self.target is None:
+        if self.mode != Mode.GUIDED or self.target is None:
             return self.swings_mps
         T_goal = self.T_home_odom @ self.target
         step = T_goal[:3, 3] - self.T_home_body[:3, 3]
@@ -129,7 +130,7 @@ class Flight:
                 state_age_s=age,
                 connected=True,
                 armed=v.armed and v.heard_once,
-                mode=v.mode if v.heard_once else "",
+                mode=v.mode if v.heard_once else Mode.UNHEARD,
                 sees_front_s=v.sees_front_s,
                 T_home_cam=T_home_cam if self.home_known else None,
                 battery_share=v.battery_share,
@@ -163,7 +164,7 @@ class Flight:
                 not taken or self.now_s - taken[-1] > self.picture_period_s - 0.5 * STEP_S
             ):
                 taken.append(self.now_s)
-        flying = [v for v in self.fleet.values() if v.armed and v.mode != "LAND"]
+        flying = [v for v in self.fleet.values() if v.armed and v.mode != Mode.LAND]
         for i, a in enumerate(flying):
             for b in flying[i + 1 :]:
                 self.closest_m = min(
@@ -191,7 +192,7 @@ class Flight:
 
     def take_off(self) -> None:
         for v in self.fleet.values():
-            v.armed, v.mode, v.height_m = True, "LOITER", 4.0
+            v.armed, v.mode, v.height_m = True, Mode.LOITER, 4.0
 
     def press(self, button: str) -> None:
         self.until(lambda: self.machine.waits_for == button, 60.0)

@@ -9,6 +9,7 @@ from fcsv_control.agent.commands import Answer, CommandLog, CommandVerdict
 from fcsv_control.agent.holder import Holder, Limits
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 
 FRAME = "uav1/odom"
 
@@ -84,7 +85,7 @@ def test_the_memory_is_bounded(log):
 # ---- the target ----------------------------------------------------------------------------------
 
 
-def holder(*, mode="GUIDED", here=None, **limits):
+def holder(*, mode=Mode.GUIDED, here=None, **limits):
     h = Holder(FRAME, Limits(**limits))
     h.pose(0.0, at(1.0, 2.0, 3.0, 0.5) if here is None else here)
     h.state(mode, True)
@@ -92,14 +93,14 @@ def holder(*, mode="GUIDED", here=None, **limits):
 
 
 def test_entering_guided_means_holding_here():
-    h = holder(mode="LOITER")
+    h = holder(mode=Mode.LOITER)
     assert h.target is None
-    h.state("GUIDED", True)
+    h.state(Mode.GUIDED, True)
     assert np.allclose(h.target, at(1.0, 2.0, 3.0, 0.5))
-    h.state("LAND", True)
+    h.state(Mode.LAND, True)
     assert h.target is None
     h.pose(0.1, at(1.0, 2.0, 2.9, 0.5))
-    h.state("GUIDED", True)  # the pilot gives it back: not to the old place
+    h.state(Mode.GUIDED, True)  # the pilot gives it back: not to the old place
     assert np.allclose(h.target, at(1.0, 2.0, 2.9, 0.5))
 
 
@@ -110,7 +111,7 @@ def test_what_is_held_is_level():
 
 def test_a_restart_in_flight_holds_as_soon_as_the_place_is_known():
     h = Holder(FRAME, Limits())
-    h.state("GUIDED", True)
+    h.state(Mode.GUIDED, True)
     assert h.target is None
     with pytest.raises(CommandRefused, match="does not know where it is"):
         h.hold()
@@ -135,7 +136,7 @@ def test_a_target_that_may_not_be_flown_to_is_refused_and_the_old_one_stays():
     with pytest.raises(CommandRefused, match="100.0 m away, at most 60 m"):
         h.go_to(at(101.0, 2.0, 3.0), FRAME)
     assert np.allclose(h.target, before)
-    h.state("LOITER", True)
+    h.state(Mode.LOITER, True)
     with pytest.raises(CommandRefused, match="in LOITER, not in GUIDED"):
         h.go_to(at(1.0, 2.0, 3.0), FRAME)
 
@@ -144,9 +145,9 @@ def test_a_target_that_may_not_be_flown_to_is_refused_and_the_old_one_stays():
 def test_a_target_underground_or_too_high_is_refused(height_m):
     """Heights count from where the vehicle stood disarmed, wherever its odometry has its zero."""
     h = Holder(FRAME, Limits())
-    h.state("STABILIZE", False)
+    h.state(Mode.STABILIZE, False)
     h.pose(0.0, at(0.0, 0.0, 50.0))
-    h.state("GUIDED", True)
+    h.state(Mode.GUIDED, True)
     h.pose(1.0, at(0.0, 0.0, 53.0))
     with pytest.raises(CommandRefused, match="above the take-off place; 0.5 to 40 m are allowed"):
         h.go_to(at(1.0, 0.0, 50.0 + height_m), FRAME)
@@ -155,9 +156,9 @@ def test_a_target_underground_or_too_high_is_refused(height_m):
 
 def test_the_ground_moves_along_with_a_jump_of_the_estimate():
     h = Holder(FRAME, Limits())
-    h.state("STABILIZE", False)
+    h.state(Mode.STABILIZE, False)
     h.pose(0.0, at(0.0, 0.0, 0.0))
-    h.state("GUIDED", True)
+    h.state(Mode.GUIDED, True)
     h.pose(1.0, at(0.0, 0.0, 3.0))
     h.pose(1.03, at(0.0, 0.0, 33.0))
     h.go_to(at(1.0, 0.0, 35.0), FRAME)

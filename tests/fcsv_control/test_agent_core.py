@@ -20,6 +20,7 @@ from fcsv_control.agent.messages import (
 from fcsv_control.agent.sender_clocks import SenderClocks
 from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 
 STEP_S = 0.02
 SENDER_S = -6e4  # the sender's monotonic clock has another zero
@@ -35,9 +36,9 @@ class Board:
             twins or DuplicateAgentGuard("agent-1", -np.inf),
         )
         self.now_s, self.number = 100.0, 0
-        self.core.state("STABILIZE", False)
+        self.core.state(Mode.STABILIZE, False)
         self.core.pose(self.now_s, np.eye(4))
-        self.core.state("GUIDED", True)
+        self.core.state(Mode.GUIDED, True)
         self.core.pose(self.now_s + 1.0, transforms.from_xyz_yaw([0.0, 0.0, 3.0], 0.0))
 
     def order(self, kind, sender="mission", lifetime_s=5.0, **fields):
@@ -71,14 +72,14 @@ def of(out, kind):
 
 def test_land_is_asked_for_at_once_while_guided_is_not_answered():
     board = Board()
-    guided = board.tell(Kind.SET_MODE, mode="GUIDED")
+    guided = board.tell(Kind.SET_MODE, mode=Mode.GUIDED)
     [first] = of(board.run(), Ask)
     arm = board.tell(Kind.ARM, flag=True)
     assert not of(board.run(1.0), Ask), "one job at a time"
     land = board.tell(Kind.LAND)
     out = board.run()
     [stop] = of(out, Ask)
-    assert (stop.kind, stop.mode) == (Kind.SET_MODE, "LAND")
+    assert (stop.kind, stop.mode) == (Kind.SET_MODE, Mode.LAND)
     assert [(a.number, a.result) for a in of(out, Ack)] == [(arm, REFUSED)]
     board.core.finished(stop, "")
     board.core.finished(first, "mode GUIDED was overtaken by a newer command")
@@ -97,13 +98,15 @@ def test_a_command_that_waited_too_long_is_not_done():
     board = Board()
     board.tell(Kind.ARM, flag=True)
     [ask] = of(board.run(), Ask)
-    late = board.tell(Kind.SET_MODE, mode="GUIDED", lifetime_s=0.5)
+    late = board.tell(Kind.SET_MODE, mode=Mode.GUIDED, lifetime_s=0.5)
     board.run(1.0)
     board.core.finished(ask, "")
     assert (late, TOO_LATE) in [(a.number, a.result) for a in of(board.run(), Ack)]
 
 
-@pytest.mark.parametrize("mode", ["ACRO", "FLIP", "LOITER", "STABILIZE", "HOVER", ""])
+@pytest.mark.parametrize(
+    "mode", [Mode("ACRO"), Mode("FLIP"), Mode.LOITER, Mode.STABILIZE, Mode("HOVER"), Mode.UNHEARD]
+)
 def test_modes_of_pilots_are_refused(mode):
     board = Board()
     board.tell(Kind.SET_MODE, mode=mode)
@@ -149,17 +152,17 @@ def test_while_the_guardian_holds_the_agent_is_quiet_and_then_holds_where_it_is(
 def test_who_is_moved_aside_is_not_stopped_on_the_way():
     board = Board()
     board.core.guarded(board.now_s, "aside", True, "uav2 comes down", ())
-    assert "moves it aside: uav2 comes down" in board.answer(Kind.SET_MODE, mode="BRAKE")[1]
+    assert "moves it aside: uav2 comes down" in board.answer(Kind.SET_MODE, mode=Mode.BRAKE)[1]
     assert "moves it aside" in board.answer(Kind.LAND)[1], "beneath the other"
     board.core.guarded(board.now_s, "", False, "", ())
-    board.tell(Kind.SET_MODE, mode="BRAKE")
+    board.tell(Kind.SET_MODE, mode=Mode.BRAKE)
     assert of(board.run(0.5), Ask)
 
 
 def test_what_the_guardian_forbids_is_not_handed_over():
     board = Board()
     board.core.guarded(board.now_s, "", False, "", ("the throttle stick is not in the middle",))
-    for kind, fields in ((Kind.SET_MODE, {"mode": "GUIDED"}), (Kind.ARM, {"flag": True})):
+    for kind, fields in ((Kind.SET_MODE, {"mode": Mode.GUIDED}), (Kind.ARM, {"flag": True})):
         board.tell(kind, **fields)
         out = board.run(0.5)
         assert "throttle" in of(out, Ack)[0].reason and not of(out, Ask)
@@ -169,12 +172,12 @@ def test_what_the_guardian_forbids_is_not_handed_over():
 
 def test_without_a_living_guardian_nothing_is_handed_over():
     board = Board(guardian=True)
-    for kind, fields in ((Kind.SET_MODE, {"mode": "GUIDED"}), (Kind.ARM, {"flag": True})):
+    for kind, fields in ((Kind.SET_MODE, {"mode": Mode.GUIDED}), (Kind.ARM, {"flag": True})):
         assert "its guardian is not heard" in board.answer(kind, **fields)[1]
     board.tell(Kind.LAND)
     assert of(board.run(0.5), Ask), "stopping needs none"
     board.core.guarded(board.now_s, "", False, "", ())
-    board.tell(Kind.SET_MODE, mode="GUIDED")
+    board.tell(Kind.SET_MODE, mode=Mode.GUIDED)
     assert of(board.run(0.5), Ask)
     board.run(3.0)
     assert "its guardian is not heard" in board.answer(Kind.ARM, flag=True)[1]
@@ -183,7 +186,7 @@ def test_without_a_living_guardian_nothing_is_handed_over():
 def test_a_landing_of_the_guardians_is_no_pilots():
     board = Board()
     board.core.guarded(board.now_s, "LAND", False, "", ())
-    board.core.state("LAND", True)
+    board.core.state(Mode.LAND, True)
     board.tell(Kind.LAND)
     assert of(board.run(0.5), Ask)
 
@@ -196,14 +199,14 @@ def test_brake_of_anybody_holds_at_once_and_asks_for_the_mode():
     board.tell(Kind.GOTO, target=transforms.from_xyz_yaw([9.0, 0.0, 3.0], 0.0), frame="uav1/odom")
     board.run(1.0)
     board.core.pose(board.now_s, transforms.from_xyz_yaw([2.0, 0.0, 3.0], 0.0))
-    board.core.take(board.now_s, board.order(Kind.SET_MODE, sender="stop_all", mode="BRAKE"))
+    board.core.take(board.now_s, board.order(Kind.SET_MODE, sender="stop_all", mode=Mode.BRAKE))
     out = board.core.outgoing()
     [point], [ask] = of(out, SetPoint), of(out, Ask)
-    assert ask.mode == "BRAKE" and np.allclose(point.T_odom_body[:3, 3], [2.0, 0.0, 3.0])
+    assert ask.mode == Mode.BRAKE and np.allclose(point.T_odom_body[:3, 3], [2.0, 0.0, 3.0])
 
 
 @pytest.mark.parametrize(
-    "kind, fields", [(Kind.SET_MODE, {"mode": "GUIDED"}), (Kind.ARM, {"flag": True})]
+    "kind, fields", [(Kind.SET_MODE, {"mode": Mode.GUIDED}), (Kind.ARM, {"flag": True})]
 )
 def test_what_was_ordered_before_a_stop_of_somebody_else_is_not_done_after_it(kind, fields):
     """It was on its way while the stop overtook it on the radio; what is ordered after it is
@@ -211,7 +214,7 @@ def test_what_was_ordered_before_a_stop_of_somebody_else_is_not_done_after_it(ki
     board = Board()
     before = board.order(kind, **fields)
     board.run(1.0)
-    board.core.take(board.now_s, board.order(Kind.SET_MODE, sender="stop_all", mode="BRAKE"))
+    board.core.take(board.now_s, board.order(Kind.SET_MODE, sender="stop_all", mode=Mode.BRAKE))
     board.run(0.1)
     board.core.take(board.now_s, before)
     out = board.run()
@@ -237,9 +240,9 @@ def test_hold_is_where_it_comes_to_rest_and_not_behind_it():
     assert {tuple(s.T_odom_body[:3, 3]) for s in of(board.run(1.0), SetPoint)} == {(9.8, 0.0, 3.0)}
 
 
-@pytest.mark.parametrize("mode", ["LOITER", "ALT_HOLD", "BRAKE", "LAND", "RTL"])
+@pytest.mark.parametrize("mode", [Mode.LOITER, Mode.ALT_HOLD, Mode.BRAKE, Mode.LAND, Mode.RTL])
 @pytest.mark.parametrize(
-    "stop", [(Kind.LAND, {}), (Kind.SET_MODE, {"mode": "BRAKE"}), (Kind.HOLD, {})]
+    "stop", [(Kind.LAND, {}), (Kind.SET_MODE, {"mode": Mode.BRAKE}), (Kind.HOLD, {})]
 )
 def test_a_vehicle_that_is_flown_by_hand_is_stopped_by_nobody(mode, stop):
     board = Board()
@@ -253,22 +256,22 @@ def test_a_vehicle_that_is_flown_by_hand_is_stopped_by_nobody(mode, stop):
 
 def test_a_mode_that_was_asked_for_on_board_is_not_a_pilots():
     board = Board()
-    board.tell(Kind.SET_MODE, sender="stop_all", mode="BRAKE")
-    board.core.state("BRAKE", True)
+    board.tell(Kind.SET_MODE, sender="stop_all", mode=Mode.BRAKE)
+    board.core.state(Mode.BRAKE, True)
     board.run()
     board.tell(Kind.LAND, sender="stop_all")
     assert [a.mode for a in of(board.run(), Ask)] == ["LAND"]
-    board.core.state("LOITER", True)  # the pilot, after all
-    board.core.state("BRAKE", True)
+    board.core.state(Mode.LOITER, True)  # the pilot, after all
+    board.core.state(Mode.BRAKE, True)
     assert "flown by hand" in board.answer(Kind.LAND)[1]
 
 
 def test_a_refused_mode_that_a_pilot_chooses_later_is_his():
     board = Board()
-    board.tell(Kind.SET_MODE, mode="BRAKE")
+    board.tell(Kind.SET_MODE, mode=Mode.BRAKE)
     [ask] = of(board.run(), Ask)
     board.core.finished(ask, "mode BRAKE refused: requires position")
-    board.core.state("BRAKE", True)
+    board.core.state(Mode.BRAKE, True)
     assert "flown by hand" in board.answer(Kind.LAND)[1]
 
 
@@ -284,7 +287,7 @@ def test_a_second_commander_is_refused_and_told_who_commands():
     assert result == REFUSED and "uav1 is commanded by mission-123" in reason
     assert board.answer(Kind.HOLD, sender="mission-124") == (DONE, "")
     assert board.answer(Kind.RECORD, sender="mission-124", flag=True) == (DONE, "")
-    for mode in ("BRAKE", "LAND"):
+    for mode in (Mode.BRAKE, Mode.LAND):
         board.tell(Kind.SET_MODE, sender="mission-124", mode=mode)
         assert [a.mode for a in of(board.run(), Ask)] == [mode]
 
@@ -373,10 +376,10 @@ def test_repetitions_of_an_old_order_are_not_flown_to_although_they_come_at_once
 def test_a_stop_is_obeyed_however_late_it_comes():
     board = Board()
     board.core.control_heard(board.now_s, "stop_all", SENDER_S + board.now_s)
-    late = board.order(Kind.SET_MODE, sender="stop_all", lifetime_s=2.0, mode="BRAKE")
+    late = board.order(Kind.SET_MODE, sender="stop_all", lifetime_s=2.0, mode=Mode.BRAKE)
     board.run(60.0)
     board.core.take(board.now_s, late)
-    assert [a.mode for a in of(board.run(), Ask)] == ["BRAKE"]
+    assert [a.mode for a in of(board.run(), Ask)] == [Mode.BRAKE]
 
 
 def test_a_sender_whose_clock_has_another_rate_is_followed():
@@ -399,12 +402,12 @@ def test_an_odometry_that_began_anew_holds_and_refuses_guided_until_it_is_calibr
     board.core.epoch(8, "the tracker was silent for 0.7 s")
     [point] = of(board.core.outgoing(), SetPoint)
     assert np.allclose(point.T_odom_body[:3, 3], [0.5, 0.0, 3.0])
-    result, reason = board.answer(Kind.SET_MODE, mode="GUIDED")
+    result, reason = board.answer(Kind.SET_MODE, mode=Mode.GUIDED)
     assert (
         result == REFUSED
         and "uav1: its odometry began anew" in reason
         and "silent for 0.7 s" in reason
     )
     board.core.rights.frame.calibrated(8)
-    board.tell(Kind.SET_MODE, mode="GUIDED")
+    board.tell(Kind.SET_MODE, mode=Mode.GUIDED)
     assert of(board.run(), Ask)

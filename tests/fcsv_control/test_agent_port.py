@@ -30,6 +30,7 @@ from fcsv_control.flight.messages import (
 from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.modes import Mode
 
 STEP_S, BEGAN_S = 0.02, 50.0
 
@@ -76,13 +77,13 @@ def board():
 
 
 def test_a_mode_is_told_to_others_before_the_service_is_called_and_done_when_it_shows(board):
-    number = board.tell(Kind.SET_MODE, mode="BRAKE")
+    number = board.tell(Kind.SET_MODE, mode=Mode.BRAKE)
     told, call = [o for o in board.run() if isinstance(o, (ModeAsked, Ask))]
-    assert told == ModeAsked("BRAKE") and call.mode == "BRAKE"
+    assert told == ModeAsked(Mode.BRAKE) and call.mode == Mode.BRAKE
     assert not of(board.run(1.0), Ask), "a call is under way"
     board.hear(AskAnswered(call.number, True))
     assert not of(board.run(0.1), Ack)
-    board.show("BRAKE")
+    board.show(Mode.BRAKE)
     assert of(board.run(), Ack) == [Ack("mission", number, DONE, "")]
 
 
@@ -127,7 +128,7 @@ def test_without_a_reason_the_autopilots_last_warning_is_one(board):
 
 def test_a_refusal_of_before_is_none_of_the_next_request(board):
     board.tell(Kind.ARM, flag=True)
-    board.tell(Kind.SET_MODE, mode="GUIDED")
+    board.tell(Kind.SET_MODE, mode=Mode.GUIDED)
     board.show("GUIDED", False)
     [arm] = of(board.run(), Ask)
     board.hear(Refused("not ready"), AskAnswered(arm.number, False))
@@ -137,7 +138,7 @@ def test_a_refusal_of_before_is_none_of_the_next_request(board):
 
 
 def test_a_service_that_is_not_there_ends_the_request_and_frees_the_next(board):
-    first, second = board.tell(Kind.ARM, flag=True), board.tell(Kind.SET_MODE, mode="GUIDED")
+    first, second = board.tell(Kind.ARM, flag=True), board.tell(Kind.SET_MODE, mode=Mode.GUIDED)
     [call] = of(board.run(), Ask)
     board.hear(AskAnswered(call.number, False, "timeout exceeded while waiting for service"))
     out = board.run()
@@ -150,7 +151,7 @@ def test_a_service_that_is_not_there_ends_the_request_and_frees_the_next(board):
 
 
 def test_a_landing_ends_the_mode_before_it_once_that_call_returns(board):
-    guided, land = board.tell(Kind.SET_MODE, mode="GUIDED"), None
+    guided, land = board.tell(Kind.SET_MODE, mode=Mode.GUIDED), None
     [first] = of(board.run(), Ask)
     land = board.tell(Kind.LAND)
     [second] = of(board.run(), Ask)
@@ -205,13 +206,13 @@ def test_the_calibration_of_another_epoch_forbids_to_hand_over(board):
         tm.OdometryEpoch("uav1", "", 8, "the tracker was silent"),
         tm.EpochsFound(tm.HOME, 0.0, {"uav1": 7}),
     )
-    board.tell(Kind.SET_MODE, mode="GUIDED")
+    board.tell(Kind.SET_MODE, mode=Mode.GUIDED)
     assert of(board.run(), Ask), "home's epoch is not the calibration's"
     board.hear(
         tm.EpochsFound(tm.CALIBRATION, 0.0, {"uav2": 3}),
         tm.EpochsFound(tm.CALIBRATION, 0.0, {"uav1": 7}),
     )
-    board.tell(Kind.SET_MODE, mode="GUIDED")
+    board.tell(Kind.SET_MODE, mode=Mode.GUIDED)
     [ack] = of(board.run(), Ack)
     assert "began anew after the calibration (the tracker was silent)" in ack.reason
 

@@ -6,6 +6,7 @@ import pytest
 
 from fcsv_control.agent.asking import SHOWS_S, STOP_PATIENCE_S, STOP_REPEAT_S, Asking, Shown
 from fcsv_control.errors import ControlError
+from fcsv_geometry.vehicles.modes import Mode
 
 STEP_S = 0.01
 
@@ -13,7 +14,7 @@ STEP_S = 0.01
 @pytest.fixture
 def shown():
     s = Shown()
-    s.state(9.0, "LOITER", True)
+    s.state(9.0, Mode.LOITER, True)
     return s
 
 
@@ -24,13 +25,13 @@ def sent(asking, since_s, seconds):
 
 
 def test_guided_is_sent_once_and_over_when_it_shows(shown):
-    asking = Asking.mode(shown, 10.0, "GUIDED")
+    asking = Asking.mode(shown, 10.0, Mode.GUIDED)
     assert sent(asking, 10.0, 1.0) == [10.0] and not asking.over
-    shown.state(11.0, "GUIDED", True)
+    shown.state(11.0, Mode.GUIDED, True)
     assert sent(asking, 11.0, 0.1) == [] and asking.over
 
 
-@pytest.mark.parametrize("mode", ["LAND", "BRAKE"])
+@pytest.mark.parametrize("mode", [Mode.LAND, Mode.BRAKE])
 def test_a_mode_that_stops_is_sent_again_until_it_shows(shown, mode):
     asking = Asking.mode(shown, 10.0, mode)
     assert len(sent(asking, 10.0, 1.0)) == pytest.approx(1.0 / STOP_REPEAT_S, abs=1)
@@ -40,17 +41,17 @@ def test_a_mode_that_stops_is_sent_again_until_it_shows(shown, mode):
 
 def test_a_pilot_who_takes_over_from_land_is_not_overruled(shown):
     """LAND showed for a moment, between two looks at the state."""
-    asking = Asking.mode(shown, 10.0, "LAND")
+    asking = Asking.mode(shown, 10.0, Mode.LAND)
     sent(asking, 10.0, 0.05)
-    shown.state(10.06, "LAND", True)
-    shown.state(10.07, "STABILIZE", True)
+    shown.state(10.06, Mode.LAND, True)
+    shown.state(10.07, Mode.STABILIZE, True)
     assert sent(asking, 10.08, 1.0) == [] and asking.over
 
 
 def test_a_newer_mode_ends_the_older_request(shown):
-    guided = Asking.mode(shown, 10.0, "GUIDED")
+    guided = Asking.mode(shown, 10.0, Mode.GUIDED)
     sent(guided, 10.0, 0.1)
-    land = Asking.mode(shown, 10.1, "LAND")
+    land = Asking.mode(shown, 10.1, Mode.LAND)
     with pytest.raises(ControlError, match="mode GUIDED was overtaken by a newer command"):
         guided.step(10.11)
     assert land.step(10.11)
@@ -58,7 +59,7 @@ def test_a_newer_mode_ends_the_older_request(shown):
 
 def test_a_refusal_ends_it_with_its_reason_but_not_one_of_before(shown):
     shown.refused("of before")
-    asking = Asking.mode(shown, 10.0, "GUIDED")
+    asking = Asking.mode(shown, 10.0, Mode.GUIDED)
     sent(asking, 10.0, 0.2)
     shown.refused("Mode change to GUIDED failed: requires position")
     with pytest.raises(ControlError, match="requires position"):
@@ -66,13 +67,13 @@ def test_a_refusal_ends_it_with_its_reason_but_not_one_of_before(shown):
 
 
 def test_what_never_shows_is_told_with_what_shows(shown):
-    asking = Asking.mode(shown, 10.0, "GUIDED")
+    asking = Asking.mode(shown, 10.0, Mode.GUIDED)
     sent(asking, 10.0, SHOWS_S)
     with pytest.raises(
         ControlError, match="mode GUIDED was sent, but the vehicle is in LOITER, armed"
     ):
         asking.step(10.01 + SHOWS_S)
-    brake = Asking.mode(shown, 20.0, "BRAKE")
+    brake = Asking.mode(shown, 20.0, Mode.BRAKE)
     assert sent(brake, 20.0, STOP_PATIENCE_S - 0.1)[-1] > 24.5
     with pytest.raises(ControlError, match="mode BRAKE was sent"):
         brake.step(20.01 + STOP_PATIENCE_S)
@@ -80,24 +81,24 @@ def test_what_never_shows_is_told_with_what_shows(shown):
 
 def test_a_link_that_took_long_to_answer_leaves_the_state_its_time(shown):
     """Our own link answers when the mode shows; mavros/state comes a little later."""
-    asking = Asking.mode(shown, 10.0, "GUIDED")
+    asking = Asking.mode(shown, 10.0, Mode.GUIDED)
     assert asking.step(10.0)
     asking.answered(14.0)
     assert not asking.step(14.1)
-    shown.state(14.2, "GUIDED", True)
+    shown.state(14.2, Mode.GUIDED, True)
     assert not asking.step(14.3) and asking.over
 
 
 def test_what_shows_already_is_sent_once_all_the_same(shown):
     """The pilot may have switched just now: the next heartbeat tells."""
-    asking = Asking.mode(shown, 10.0, "LOITER")
+    asking = Asking.mode(shown, 10.0, Mode.LOITER)
     assert sent(asking, 10.0, 0.1) == [10.0] and asking.over
 
 
 def test_arming_shows_in_the_heartbeat(shown):
-    shown.state(9.5, "GUIDED", False)
+    shown.state(9.5, Mode.GUIDED, False)
     asking = Asking.arming(shown, 10.0, True)
     assert sent(asking, 10.0, 0.9) == [10.0] and not asking.over
-    shown.state(10.9, "GUIDED", True)
+    shown.state(10.9, Mode.GUIDED, True)
     sent(asking, 10.9, 0.1)
     assert asking.over

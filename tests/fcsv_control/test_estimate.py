@@ -17,6 +17,7 @@ from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.feeding import estimate
 from fcsv_control.flight.feeding.estimate import MOVED_M, EstimateWatch
 from fcsv_control.flight.mavlink.keeper import ConnectionKeeper
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
@@ -149,7 +150,7 @@ def test_nobody_sees_a_connection_without_a_mode(monkeypatch):
         ],
     )
     loop.run(0.1)
-    assert set(seen) == {"STABILIZE"}
+    assert set(seen) == {Mode.STABILIZE}
 
 
 def test_whose_mode_it_is():
@@ -157,10 +158,10 @@ def test_whose_mode_it_is():
     assert loop.core.mode_is_ours
     loop.pilot.set_mode(loop.t, modes.BRAKE)
     loop.run(0.1)
-    assert loop.core.state.mode == "BRAKE" and not loop.core.mode_is_ours
-    loop.core.set_mode(loop.t, "LAND")
+    assert loop.core.state.mode == Mode.BRAKE and not loop.core.mode_is_ours
+    loop.core.set_mode(loop.t, Mode.LAND)
     loop.run(0.2)
-    assert loop.core.state.mode == "LAND" and loop.core.mode_is_ours
+    assert loop.core.state.mode == Mode.LAND and loop.core.mode_is_ours
 
 
 def test_two_autopilots_on_a_line_without_a_target_are_refused():
@@ -170,7 +171,7 @@ def test_two_autopilots_on_a_line_without_a_target_are_refused():
     for message in stranger.outgoing():
         loop.core.take(loop.t, message)
     with pytest.raises(CommandRefused, match="autopilots 1, 7 are on one line; set target_system"):
-        loop.core.set_mode(loop.t, "GUIDED")
+        loop.core.set_mode(loop.t, Mode.GUIDED)
     with pytest.raises(CommandRefused, match="set target_system"):
         loop.core.arm(loop.t, True)
-    loop.core.set_mode(loop.t, "LAND")  # stopping is never refused
+    loop.core.set_mode(loop.t, Mode.LAND)  # stopping is never refused

@@ -17,6 +17,7 @@ from fcsv_control.flight.mavlink.texts import Reasons, TextJoiner
 from fcsv_control.flight.mavlink.timesync import TimeSync
 from fcsv_control.flight.settings.parameters import ParameterCheck
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 
 # ---- frames --------------------------------------------------------------------------------------
 
@@ -372,7 +373,7 @@ def test_poses_that_are_held_up_are_dropped_until_they_are_fresh_again():
 NONE, WARN, LAND = Alarm.NONE, Alarm.WARN, Alarm.LAND
 
 
-def verdicts(dog, times, armed=True, mode="GUIDED"):
+def verdicts(dog, times, armed=True, mode=Mode.GUIDED):
     return [dog.check(t, armed, mode) for t in times]
 
 
@@ -381,10 +382,10 @@ def test_the_watchdog_warns_then_lands_once_it_is_obeyed():
     dog.feed(10.0)
     assert verdicts(dog, [10.4, 10.6, 10.75]) == [NONE, WARN, WARN]
     assert verdicts(dog, [10.85, 10.9, 11.5]) == [LAND, WARN, WARN]
-    assert dog.check(11.9, True, "GUIDED") is LAND  # not seen in LAND yet: again
-    assert dog.check(12.2, True, "LAND") is NONE
+    assert dog.check(11.9, True, Mode.GUIDED) is LAND  # not seen in LAND yet: again
+    assert dog.check(12.2, True, Mode.LAND) is NONE
     # the pilot took over: no fight
-    assert verdicts(dog, [13.5, 15.0], mode="LOITER") == [WARN, WARN]
+    assert verdicts(dog, [13.5, 15.0], mode=Mode.LOITER) == [WARN, WARN]
     dog.feed(20.0)
     assert verdicts(dog, [20.1, 20.9]) == [NONE, LAND]  # a second death
 
@@ -393,12 +394,12 @@ def test_the_watchdog_leaves_others_alone():
     dog = FeedWatchdog(WatchdogParameters(), 0.0)
     dog.feed(1.0)
     assert verdicts(dog, [5.0], armed=False) == [NONE]
-    assert verdicts(dog, [5.0], mode="ALT_HOLD") == [NONE] and verdicts(
-        dog, [5.0], mode="STABILIZE"
+    assert verdicts(dog, [5.0], mode=Mode.ALT_HOLD) == [NONE] and verdicts(
+        dog, [5.0], mode=Mode.STABILIZE
     ) == [NONE]
 
 
-@pytest.mark.parametrize("mode", ["LOITER", "POSHOLD", "BRAKE", "RTL"])
+@pytest.mark.parametrize("mode", [Mode.LOITER, Mode.POSHOLD, Mode.BRAKE, Mode.RTL])
 def test_in_a_mode_that_the_pilot_chose_the_watchdog_only_speaks(mode):
     dog = FeedWatchdog(WatchdogParameters(), 0.0)
     dog.feed(1.0)

@@ -24,6 +24,7 @@ from fcsv_control.errors import CommandRefused, LinkError
 from fcsv_control.flight.messages import AutopilotState, PoseEstimated, TextHeard
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.machines.machines import free_port
 
 M = mavutil.mavlink
@@ -219,7 +220,9 @@ def both():
 def pair(both):
     pair = both()
     assert until(
-        lambda: pair.link.connected and pair.link.state.mode == "STABILIZE" and pair.peer.intervals
+        lambda: (
+            pair.link.connected and pair.link.state.mode == Mode.STABILIZE and pair.peer.intervals
+        )
     )
     return pair
 
@@ -303,29 +306,29 @@ def test_an_old_reason_is_not_given_for_a_new_refusal(pair):
 
 def test_a_lost_acknowledgement_is_asked_for_again(pair):
     pair.peer.mute_acks = 1
-    pair.link.set_mode("GUIDED")
+    pair.link.set_mode(Mode.GUIDED)
     assert [m.confirmation for m in pair.peer.commands(M.MAV_CMD_DO_SET_MODE)] == [0, 1]
-    assert pair.link.state.mode == "GUIDED"
+    assert pair.link.state.mode == Mode.GUIDED
 
 
 def test_no_answer_is_an_error_after_the_last_try(pair):
     """How long that takes: see test_flight.py."""
     pair.peer.mute_acks = 99
     with pytest.raises(LinkError, match="mode GUIDED: the flight controller does not answer"):
-        pair.link.set_mode("GUIDED")
+        pair.link.set_mode(Mode.GUIDED)
     assert [m.confirmation for m in pair.peer.commands(M.MAV_CMD_DO_SET_MODE)] == [0, 1, 2]
 
 
 def test_in_progress_is_waited_for(pair):
     pair.peer.in_progress = True
-    pair.link.set_mode("LAND")
+    pair.link.set_mode(Mode.LAND)
     assert len(pair.peer.commands(M.MAV_CMD_DO_SET_MODE)) == 1
 
 
 def test_a_mode_that_is_acknowledged_but_not_taken(pair):
     pair.peer.follows = False
     with pytest.raises(CommandRefused, match="acknowledged, but the vehicle is in STABILIZE"):
-        pair.link.set_mode("GUIDED")
+        pair.link.set_mode(Mode.GUIDED)
     with pytest.raises(CommandRefused, match="'HOVER' is not known"):
         pair.link.set_mode("HOVER")
 
@@ -340,7 +343,7 @@ def test_stopping_does_not_wait_for_a_slow_arming(both):
     )
     slow.start()
     assert until(lambda: pair.peer.mute_acks == 0)
-    pair.link.set_mode("LAND")
+    pair.link.set_mode(Mode.LAND)
     assert slow.is_alive()
     slow.join(7.0)
     assert not slow.is_alive()
@@ -350,7 +353,7 @@ def test_take_off_is_counted_from_where_home_is(pair):
     with pytest.raises(CommandRefused, match="not armed in STABILIZE"):
         pair.link.take_off(3.0)
     assert until(lambda: pair.link.origin_set)
-    pair.link.set_mode("GUIDED")
+    pair.link.set_mode(Mode.GUIDED)
     feed(pair)
     pair.link.arm(True)
     pair.peer.home_mm = 10400  # set where it was armed, 0.4 m above the origin
@@ -366,12 +369,12 @@ def test_wrong_parameters_are_named_and_left_alone(both):
         CommandRefused,
         match="mode GUIDED refused: parameter VISO_TYPE is 0, not 2 or 3: without it",
     ):
-        pair.link.set_mode("GUIDED")
+        pair.link.set_mode(Mode.GUIDED)
     assert not pair.peer.of("PARAM_SET") and not pair.peer.commands(M.MAV_CMD_DO_SET_MODE)
     pair.peer.parameters.update(VISO_TYPE=2.0)
     pair.peer.mav.param_value_send(b"VISO_TYPE", 2.0, 2, 1305, 0)  # a ground station has set it
     assert until(lambda: not pair.link.parameters.problems())
-    pair.link.set_mode("GUIDED")
+    pair.link.set_mode(Mode.GUIDED)
 
 
 def test_wrong_parameters_are_set_when_asked_to(both):
@@ -413,7 +416,7 @@ def test_another_autopilot_on_the_line_is_not_obeyed(both):
             beats = peer.sent[M.MAVLINK_MSG_ID_HEARTBEAT]
             assert until(lambda p=peer, n=beats: p.sent[M.MAVLINK_MSG_ID_HEARTBEAT] >= n + 2)
         assert all(
-            s.mode in ("", "STABILIZE") and not s.armed for s in pair.link.of(AutopilotState)
+            s.mode in ("", Mode.STABILIZE) and not s.armed for s in pair.link.of(AutopilotState)
         )
     finally:
         stranger.close()
@@ -429,7 +432,7 @@ def test_an_odd_message_does_not_end_the_link(pair):
     pair.link.tell = fail
     assert until(lambda: failed)
     pair.peer.mode = GUIDED
-    assert until(lambda: pair.link.state.mode == "GUIDED")
+    assert until(lambda: pair.link.state.mode == Mode.GUIDED)
 
 
 def test_over_a_serial_device():
@@ -446,7 +449,7 @@ def test_over_a_serial_device():
             M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, GUIDED, 4
         )
         os.write(master, beat.pack(encoder))
-        assert until(lambda: link.connected and link.state.mode == "GUIDED")
+        assert until(lambda: link.connected and link.state.mode == Mode.GUIDED)
         decoder, heard = M.MAVLink(None), []
         decoder.robust_parsing = True
 

@@ -18,6 +18,7 @@ from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS
 from fcsv_control.ros.flight_link.mavros_process import MavrosProcess
 from fcsv_geometry import transforms
 from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.machines.machines import free_port
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -220,7 +221,7 @@ def arm_in_guided(pc):
     )
     deadline, reason = time.monotonic() + 40.0, "never asked"
     while time.monotonic() < deadline:
-        result, reason = pc.command("SET_MODE", mode="GUIDED")
+        result, reason = pc.command("SET_MODE", mode=Mode.GUIDED)
         if result == 0:
             result, reason = pc.command("ARM", flag=True)
         if result == 0:
@@ -283,7 +284,7 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle,
         5.0,
         "what the flight check says of it",
     )
-    until(lambda: pc.state.mode == "LAND", 5.0, "the landing of guardian or watchdog")
+    until(lambda: pc.state.mode == Mode.LAND, 5.0, "the landing of guardian or watchdog")
     assert any("the tracking camera is silent" in t for t in pc.texts)
     until(lambda: not pc.state.armed, 60.0, "the ground")
 
@@ -323,7 +324,7 @@ def a_reset_of_a_metre_that_was_announced_is_adopted(pc, here):
     )
     end_s = time.monotonic() + 3.0
     until(lambda: time.monotonic() > end_s, what="three seconds")
-    assert pc.state.mode == "GUIDED" and pc.state.armed and pc.at(here + [1.0, 0.0, 0.0])
+    assert pc.state.mode == Mode.GUIDED and pc.state.armed and pc.at(here + [1.0, 0.0, 0.0])
     assert not any("apart" in t or "runs off" in t for t in pc.texts), pc.texts
 
 
@@ -342,7 +343,7 @@ def a_mavros_that_hangs_is_ended_and_starts_again(pc):
         lambda: pc.T_odom_body is not None and pc.state.mode,
         what="what the autopilot says through it",
     )
-    assert pc.state.mode == "GUIDED" and pc.state.armed
+    assert pc.state.mode == Mode.GUIDED and pc.state.armed
 
 
 def mavros_pid():
@@ -356,7 +357,7 @@ def landing_overtakes_what_waits(pc):
 
     times = {"ordered_s": time.monotonic(), "sent_s": time.monotonic(), "lifetime_s": 5.0}
     for number, (kind, fields) in enumerate(
-        [("ARM", {"flag": True}), ("SET_MODE", {"mode": "GUIDED"}), ("HOLD", {}), ("LAND", {})],
+        [("ARM", {"flag": True}), ("SET_MODE", {"mode": Mode.GUIDED}), ("HOLD", {}), ("LAND", {})],
         pc.number + 1,
     ):
         pc.commands.publish(
@@ -369,7 +370,7 @@ def landing_overtakes_what_waits(pc):
                 **fields,
             )
         )
-    until(lambda: pc.state.mode == "LAND", 6.0, "LAND")
+    until(lambda: pc.state.mode == Mode.LAND, 6.0, "LAND")
     until(lambda: not pc.state.armed, 60.0, "the ground")
     pc.number += 4
 

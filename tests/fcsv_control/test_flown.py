@@ -8,6 +8,7 @@ from support.flown import flown_link
 
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 
 
 def landed(loop):
@@ -15,7 +16,7 @@ def landed(loop):
     assert not loop.doubt, "a doubt that no test waited for"
     loop.target, loop.feed_hz, loop.line_up, loop.beside, loop.check = None, 30.0, True, None, None
     if loop.core.state.armed:
-        loop.core.set_mode(loop.t, "LAND")
+        loop.core.set_mode(loop.t, Mode.LAND)
         loop.until(lambda: not loop.core.state.armed, 60.0)
     loop.close()
 
@@ -87,13 +88,13 @@ def test_a_short_cut_of_the_feed_is_ridden_out(loop, cut_s):
     loop.feed_hz = 0.0
     loop.run(cut_s)
     loop.feed_hz = 30.0
-    assert loop.furthest_m(4.0) < 0.5 and loop.core.state.mode == "GUIDED"
+    assert loop.furthest_m(4.0) < 0.5 and loop.core.state.mode == Mode.GUIDED
 
 
 def test_a_long_cut_of_the_feed_ends_in_the_autopilots_own_landing(loop):
     loop.hover()
     loop.feed_hz = 0.0
-    assert loop.until(lambda: loop.core.state.mode == "LAND", 14.0)
+    assert loop.until(lambda: loop.core.state.mode == Mode.LAND, 14.0)
     assert loop.core.state.system_status == 5 and not loop.core.mode_is_ours
     assert loop.until(lambda: not loop.core.state.armed, 40.0)
 
@@ -125,7 +126,7 @@ def test_a_jump_that_was_announced_is_adopted_and_raises_no_doubt(loop, jump_m):
     loop.hover()
     loop.announce_reset()
     jumps(loop, jump_m, 1.0)
-    assert loop.check.doubt == "" and loop.core.state.mode == "GUIDED"
+    assert loop.check.doubt == "" and loop.core.state.mode == Mode.GUIDED
 
 
 def test_a_jump_may_come_a_moment_after_it_was_announced(loop):
@@ -164,7 +165,7 @@ def test_the_line_is_cut_and_comes_back(loop):
     assert not loop.core.connected(loop.t)
     loop.line_up = True
     assert loop.until(lambda: loop.core.connected(loop.t) and loop.core.origin_set(loop.t), 8.0)
-    assert loop.core.state.mode == "GUIDED" and loop.core.state.armed
+    assert loop.core.state.mode == Mode.GUIDED and loop.core.state.armed
     assert loop.furthest_m(3.0) < 0.5
 
 
@@ -188,7 +189,10 @@ def test_from_the_first_heartbeat_of_a_restarted_autopilot_nothing_of_before_cou
     assert loop.until(lambda: loop.core.state.booting, 15.0)
     assert not loop.core.origin_set(loop.t) and not loop.core.heard.parameters.known
     assert loop.core.state.prearm_ok is None and not loop.core.state.filter_runs
-    for ask in (lambda: loop.core.set_mode(loop.t, "GUIDED"), lambda: loop.core.arm(loop.t, True)):
+    for ask in (
+        lambda: loop.core.set_mode(loop.t, Mode.GUIDED),
+        lambda: loop.core.arm(loop.t, True),
+    ):
         with pytest.raises(CommandRefused, match="the autopilot is still starting"):
             ask()
     assert not loop.core.state.armed
@@ -199,11 +203,13 @@ def test_from_the_first_heartbeat_of_a_restarted_autopilot_nothing_of_before_cou
 def test_in_a_mode_that_somebody_else_set_set_points_are_not_flown(loop):
     loop.hover()
     assert loop.core.mode_is_ours
-    loop.pilot_sets("BRAKE")
-    assert loop.until(lambda: loop.core.state.mode == "BRAKE", 3.0) and not loop.core.mode_is_ours
+    loop.pilot_sets(Mode.BRAKE)
+    assert (
+        loop.until(lambda: loop.core.state.mode == Mode.BRAKE, 3.0) and not loop.core.mode_is_ours
+    )
     loop.target[0, 3] += 3.0
     assert loop.furthest_m(3.0) < 0.5
-    assert loop.core.state.mode == "BRAKE"  # it stays with who took it
+    assert loop.core.state.mode == Mode.BRAKE  # it stays with who took it
     loop.guided()
     assert loop.until(lambda: np.linalg.norm(loop.estimate[:3, 3] - loop.target[:3, 3]) < 0.3, 10.0)
 
@@ -213,7 +219,7 @@ def test_a_link_that_starts_anew_in_flight_goes_on(loop):
     loop.restart()
     assert not loop.core.connected(loop.t)
     assert loop.until(lambda: loop.core.connected(loop.t) and loop.core.origin_set(loop.t), 5.0)
-    assert loop.core.state.mode == "GUIDED" and loop.core.state.armed
+    assert loop.core.state.mode == Mode.GUIDED and loop.core.state.armed
     assert loop.furthest_m(4.0) < 0.4
     fed = lambda: loop.core.feed_rate_hz(loop.t) == pytest.approx(30.0, rel=0.15)  # noqa: E731
     assert loop.until(fed, 5.0)  # in real time a busy machine makes gaps
@@ -230,6 +236,6 @@ def test_two_vehicles_fly_by_their_own_system_ids(loop, second):
     stood = second.furthest_m(6.0)
     assert stood < 0.4 and np.linalg.norm(loop.estimate[:3, 3] - loop.target[:3, 3]) < 0.3
     assert not loop.moved and not second.moved
-    loop.done(loop.core.set_mode(loop.t, "LAND"))
+    loop.done(loop.core.set_mode(loop.t, Mode.LAND))
     second.run(1.0)
-    assert second.core.state.mode == "GUIDED"
+    assert second.core.state.mode == Mode.GUIDED

@@ -8,6 +8,7 @@ from support.flown import flown_link
 
 from fcsv_control.flight.feeding.feed_check import FeedCheck
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 
 
 @pytest.fixture
@@ -18,7 +19,7 @@ def loop():
     loop.target, loop.line_up, loop.check = None, True, None
     loop.tracker = lambda T, _s: loop.noisy(T)
     if loop.core.state.armed:  # the next test begins on the ground
-        loop.core.set_mode(loop.t, "LAND")
+        loop.core.set_mode(loop.t, Mode.LAND)
         loop.until(lambda: not loop.core.state.armed, 60.0)
     loop.close()
 
@@ -90,7 +91,7 @@ def comes_down(loop, drift_m):
     assert took_s < 0.8
     v_mps = float(np.linalg.norm(loop.p_true_m - start)) / took_s
     there = loop.p_true_m.copy()
-    loop.core.set_mode(loop.t, "LAND")
+    loop.core.set_mode(loop.t, Mode.LAND)
     loop.target = None
     assert loop.until(lambda: not loop.core.state.armed, 40.0)
     came_m = float(np.linalg.norm((loop.p_true_m - there)[:2]))

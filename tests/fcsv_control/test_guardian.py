@@ -14,10 +14,11 @@ from fcsv_control.guardian.messages import AskMode, HoldAt, RestartLink, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import config, transforms
 from fcsv_geometry.missions.fence import Fence
+from fcsv_geometry.vehicles.modes import Mode
 
 STEP_S = 0.05
 SQUARE = [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]
-PILOTS_MODES = ("STABILIZE", "ALT_HOLD", "LOITER", "LAND", "BRAKE")
+PILOTS_MODES = (Mode.STABILIZE, Mode.ALT_HOLD, Mode.LOITER, Mode.LAND, Mode.BRAKE)
 
 
 class Aloft:
@@ -36,10 +37,10 @@ class Aloft:
             1,
         )
         self.others, self.T_home_odom, self.lean_rad = {}, np.eye(4), 0.0
-        self.mode, self.armed = "STABILIZE", False
+        self.mode, self.armed = Mode.STABILIZE, False
         self.asked, self.held, self.texts, self.restarts, self.steps = [], [], [], [], 0
         self.run(2.0)
-        self.mode, self.armed = "LOITER", True
+        self.mode, self.armed = Mode.LOITER, True
         self.run(0.5)
         self.p[2] = 8.0
         self.run(1.0)
@@ -48,8 +49,8 @@ class Aloft:
         self.forget()
 
     def hand_over(self):
-        self.guardian.mode_asked(self.now_s, "GUIDED")
-        self.mode = "GUIDED"
+        self.guardian.mode_asked(self.now_s, Mode.GUIDED)
+        self.mode = Mode.GUIDED
 
     def forget(self):
         self.asked, self.held, self.texts = [], [], []
@@ -89,7 +90,7 @@ class Aloft:
             self.guardian.step(self.now_s)
             for output in self.guardian.outgoing():
                 self._do(output)
-            if self.held and self.mode == "GUIDED":
+            if self.held and self.mode == Mode.GUIDED:
                 way = self.held[-1][1] - self.p
                 self.p = self.p + way * min(
                     1.0, 2.0 * STEP_S / max(float(np.linalg.norm(way)), 1e-9)
@@ -110,7 +111,7 @@ class Aloft:
 
 
 def below(height_m=3.0):
-    return {"p_home_m": np.array([0.0, 0.3, height_m]), "mode": "GUIDED"}
+    return {"p_home_m": np.array([0.0, 0.3, height_m]), "mode": Mode.GUIDED}
 
 
 def test_it_leaves_a_vehicle_alone_that_is_well():
@@ -144,7 +145,7 @@ def test_a_doubted_tracker_means_land_at_once():
     air = Aloft()
     air.report = LinkReport("the tracker has not moved at all for 0.3 s: frozen", throttle=0.0)
     air.run(0.1)
-    assert air.modes[0] == "LAND" and "frozen" in air.texts[0]
+    assert air.modes[0] == Mode.LAND and "frozen" in air.texts[0]
 
 
 def test_a_filter_that_disagrees_means_land():
@@ -185,7 +186,7 @@ def test_a_battery_that_is_not_told_any_more_is_not_known():
     assert not air.texts
     air.run(4.0)
     assert air.texts == ["uav1: battery not known"] and not air.asked
-    air.mode = "LOITER"
+    air.mode = Mode.LOITER
     air.run(0.1)
     assert any("the battery is not known" in reason for reason in air.guardian.verdict.forbids)
 
@@ -238,8 +239,8 @@ def test_who_was_stopped_above_another_moves_aside_too_before_it_lands():
     straight down."""
     air = Aloft()
     air.others = {"uav2": below()}
-    air.guardian.mode_asked(air.now_s, "BRAKE")
-    air.mode = "BRAKE"
+    air.guardian.mode_asked(air.now_s, Mode.BRAKE)
+    air.mode = Mode.BRAKE
     air.run(1.0)
     air.silent.add("control")
     air.run(29.0).forget()
@@ -253,10 +254,10 @@ def test_a_stop_is_left_for_nothing_else(heard):
     air = Aloft()
     air.others = {"uav2": below()}
     if heard == "nothing":
-        air.guardian.mode_asked(air.now_s, "BRAKE")
+        air.guardian.mode_asked(air.now_s, Mode.BRAKE)
     else:
         air.silent.add("control")
-    air.mode = "BRAKE"
+    air.mode = Mode.BRAKE
     assert air.run(60.0).modes == []
 
 
@@ -268,7 +269,9 @@ def test_who_has_no_position_lands_where_it_is():
     assert air.modes == ["LAND"] and not air.held
 
 
-@pytest.mark.parametrize("fields", [{"mode": "LAND"}, {"mode": "GUIDED", "uncontrolled": True}])
+@pytest.mark.parametrize(
+    "fields", [{"mode": Mode.LAND}, {"mode": Mode.GUIDED, "uncontrolled": True}]
+)
 def test_who_is_beneath_moves_aside_within_a_second(fields):
     air = Aloft()
     air.others = {"uav2": {"p_home_m": np.array([0.2, 0.1, 12.0]), **fields}}
@@ -283,12 +286,12 @@ def test_who_is_beneath_moves_aside_within_a_second(fields):
 
 def test_who_was_stopped_beneath_one_that_comes_down_moves_aside():
     air = Aloft()
-    air.guardian.mode_asked(air.now_s, "BRAKE")  # /stop_all
-    air.mode = "BRAKE"
+    air.guardian.mode_asked(air.now_s, Mode.BRAKE)  # /stop_all
+    air.mode = Mode.BRAKE
     air.run(1.0)
-    air.others = {"uav2": {"p_home_m": np.array([0.2, 0.1, 12.0]), "mode": "LAND"}}
+    air.others = {"uav2": {"p_home_m": np.array([0.2, 0.1, 12.0]), "mode": Mode.LAND}}
     air.run(5.0)
-    assert air.modes[0] == "GUIDED" and np.linalg.norm(air.p[:2] - [0.2, 0.1]) > 2.5
+    assert air.modes[0] == Mode.GUIDED and np.linalg.norm(air.p[:2] - [0.2, 0.1]) > 2.5
 
 
 @pytest.mark.parametrize("higher_m", [0.0, 0.05, 0.4])
@@ -296,7 +299,7 @@ def test_who_was_beside_at_one_height_and_is_silent_sends_nobody_aside(higher_m)
     """A radio that carries nothing silences everybody at once: each would think that the other
     falls upon it."""
     air = Aloft()
-    air.others["uav2"] = {"p_home_m": air.p + [2.0, 0.0, higher_m], "mode": "GUIDED"}
+    air.others["uav2"] = {"p_home_m": air.p + [2.0, 0.0, higher_m], "mode": Mode.GUIDED}
     air.run(2.0)
     air.silent |= {"uav2", "control"}
     air.run(15.0)
@@ -311,10 +314,10 @@ def test_two_who_dodge_a_third_and_hear_nobody_do_not_meet():
         air = Aloft()
         above = {
             "p_home_m": np.array([-5.0, 0.6, 13.0]),
-            "mode": "GUIDED",
+            "mode": Mode.GUIDED,
             "going_to_m": np.array([0.0, 0.0, 13.0]),
         }
-        air.others = {"uav6": above, "uav2": {"p_home_m": np.array(other), "mode": "GUIDED"}}
+        air.others = {"uav6": above, "uav2": {"p_home_m": np.array(other), "mode": Mode.GUIDED}}
         air.p[:] = here
         air.run(1.0).forget()
         air.silent |= {"uav6", "uav2", "control"} if not heard else {"uav6", "control"}
@@ -336,10 +339,10 @@ def test_two_above_each_other_that_do_not_hear_each_other_do_not_meet():
     upper, lower = np.array([0.0, 0.0, 13.0]), np.array([-0.1, 0.0, 8.0])
     below, above = Aloft(), Aloft()
     below.others = {
-        "uav2": {"p_home_m": np.array([0.1, -1.1, 12.3]), "mode": "GUIDED", "going_to_m": upper}
+        "uav2": {"p_home_m": np.array([0.1, -1.1, 12.3]), "mode": Mode.GUIDED, "going_to_m": upper}
     }
     below.others["uav2"]["speed_mps"] = 2.0
-    above.others = {"uav2": {"p_home_m": lower, "mode": "GUIDED"}}
+    above.others = {"uav2": {"p_home_m": lower, "mode": Mode.GUIDED}}
     below.p[:], above.p[:] = lower, upper
     for air, seconds in ((below, 3.0), (above, 35.0)):
         air.run(1.0).forget()
@@ -357,7 +360,7 @@ def test_who_lands_beside_another_at_its_height_goes_out_of_its_way_first(
 ):
     """Rehearsed: the agent of one died 1.4 m beside the other; 15 s later it came down there."""
     air = Aloft()
-    air.others = {"uav2": {"p_home_m": air.p + [0.0, beside_m, up_m], "mode": "GUIDED"}}
+    air.others = {"uav2": {"p_home_m": air.p + [0.0, beside_m, up_m], "mode": Mode.GUIDED}}
     air.run(1.0).forget()
     air.silent.add("agent")
     air.run(25.0)
@@ -382,7 +385,7 @@ def test_where_it_comes_to_a_stand_by_its_autopilots_own_acceleration():
         assert air.guardian.air.p_home_stop_m[0] - air.p[0] == pytest.approx(stops_m, abs=0.05)
 
 
-@pytest.mark.parametrize("fallen", [{"mode": "LAND"}, {"uncontrolled": True}])
+@pytest.mark.parametrize("fallen", [{"mode": Mode.LAND}, {"uncontrolled": True}])
 def test_who_comes_down_as_it_flies_is_not_dodged_along_its_way(fallen):
     """Rehearsed: its autopilot restarted at 1.7 m/s. It went on, over the other, which flew the
     same way."""
@@ -391,10 +394,10 @@ def test_who_comes_down_as_it_flies_is_not_dodged_along_its_way(fallen):
     p = np.array([0.0, -1.3, 12.0])
     for k in range(8):
         air.others = {
-            "uav2": {"p_home_m": p + [0.0, 1.7 * STEP_S * (k - 8), 0.0], "mode": "GUIDED"}
+            "uav2": {"p_home_m": p + [0.0, 1.7 * STEP_S * (k - 8), 0.0], "mode": Mode.GUIDED}
         }
         air.run(STEP_S)
-    air.others = {"uav2": {"p_home_m": p, "mode": "GUIDED", **fallen}}
+    air.others = {"uav2": {"p_home_m": p, "mode": Mode.GUIDED, **fallen}}
     air.forget()
     air.run(0.5)
     goes = air.held[0][1] - here
@@ -417,7 +420,7 @@ def test_how_another_moves_is_known_from_what_was_heard():
 
 def test_who_was_above_and_is_silent_may_come_down():
     air = Aloft()
-    air.others = {"uav2": {"p_home_m": np.array([0.2, 0.1, 12.0]), "mode": "GUIDED"}}
+    air.others = {"uav2": {"p_home_m": np.array([0.2, 0.1, 12.0]), "mode": Mode.GUIDED}}
     air.run(5.0)
     assert not air.held
     air.silent.add("uav2")
@@ -430,7 +433,7 @@ def test_who_was_sent_to_a_place_above_is_looked_for_there_once_it_is_silent():
     air = Aloft()
     air.others["uav2"] = {
         "p_home_m": air.p + [-3.0, 0.0, 0.2],
-        "mode": "GUIDED",
+        "mode": Mode.GUIDED,
         "going_to_m": air.p + [0.0, 0.0, 5.0],
     }
     air.run(5.0)
@@ -446,13 +449,13 @@ def test_who_lands_looks_for_a_silent_one_where_it_was_sent():
     air = Aloft()
     air.others["uav2"] = {
         "p_home_m": air.p + [6.0, 0.0, 0.0],
-        "mode": "GUIDED",
+        "mode": Mode.GUIDED,
         "going_to_m": air.p - [0.0, 0.0, 4.0],
     }
     air.silent |= {"uav2", "control"}
     air.guardian.other("uav2", Other(heard_s=air.now_s, **air.others["uav2"]))
     air.run(40.0)
-    assert air.modes and air.modes[0] == "LAND" and np.linalg.norm(air.p[:2]) > 2.5
+    assert air.modes and air.modes[0] == Mode.LAND and np.linalg.norm(air.p[:2]) > 2.5
 
 
 def test_it_tells_where_it_flies():
@@ -462,7 +465,7 @@ def test_it_tells_where_it_flies():
     air.guardian.moved(air.now_s, there)
     air.run(0.2)
     assert air.guardian.verdict.going_to_m == (1.0, 2.0, 9.0)
-    air.others = {"uav2": {"p_home_m": air.p + [0.2, 0.1, 4.0], "mode": "LAND"}}
+    air.others = {"uav2": {"p_home_m": air.p + [0.2, 0.1, 4.0], "mode": Mode.LAND}}
     air.run(0.2)
     assert air.guardian.verdict.going_to_m == tuple(air.held[-1][1]), "where the guardian leads it"
     air.others.clear()
@@ -473,7 +476,7 @@ def test_it_tells_where_it_flies():
         "the odometry began anew: that place is elsewhere"
     )
     air.guardian.moved(air.now_s, there)
-    air.mode = "LOITER"
+    air.mode = Mode.LOITER
     air.run(0.2)
     assert air.guardian.verdict.going_to_m is None
 
@@ -487,7 +490,7 @@ def test_two_in_one_column_go_to_different_sides():
         air.others = {
             "uav2": {
                 "p_home_m": np.array([0.0, 0.0, other]),
-                "mode": "LAND" if other > own else "GUIDED",
+                "mode": Mode.LAND if other > own else "GUIDED",
             }
         }
         if other < own:
@@ -502,8 +505,8 @@ def test_the_way_aside_passes_nobody():
     """In a column the way from the one behind would lead through the one in front."""
     air = Aloft()
     air.others = {
-        "uav3": {"p_home_m": np.array([-2.0, 0.1, 8.3]), "mode": "LAND"},
-        "uav1": {"p_home_m": np.array([2.8, 0.0, 8.0]), "mode": "GUIDED"},
+        "uav3": {"p_home_m": np.array([-2.0, 0.1, 8.3]), "mode": Mode.LAND},
+        "uav1": {"p_home_m": np.array([2.8, 0.0, 8.0]), "mode": Mode.GUIDED},
     }
     nearest_m = np.inf
     for _ in range(60):
@@ -514,7 +517,7 @@ def test_the_way_aside_passes_nobody():
 
 def test_too_near_to_another_means_apart():
     air = Aloft()
-    air.others = {"uav2": {"p_home_m": np.array([0.6, 0.0, 8.0]), "mode": "GUIDED"}}
+    air.others = {"uav2": {"p_home_m": np.array([0.6, 0.0, 8.0]), "mode": Mode.GUIDED}}
     air.run(3.0)
     assert air.p[0] < -1.0 and not air.asked
 
@@ -592,13 +595,13 @@ def test_a_place_that_calibration_knows_badly_needs_more_room():
 def test_a_fence_brakes_once_per_crossing():
     air = Aloft(GuardianRules(fence=Fence(ceiling_m=10.0)))
     air.p[2] = 11.0
-    assert air.run(2.0).modes == ["BRAKE"]
+    assert air.run(2.0).modes == [Mode.BRAKE]
     air.hand_over()
-    assert air.run(5.0).modes == ["BRAKE"], "who flies on means it"
+    assert air.run(5.0).modes == [Mode.BRAKE], "who flies on means it"
     air.p[2] = 9.0
     air.run(1.0)
     air.p[2] = 11.0
-    assert air.run(1.0).modes == ["BRAKE", "BRAKE"]
+    assert air.run(1.0).modes == [Mode.BRAKE, Mode.BRAKE]
 
 
 def test_the_fence_of_a_mission_counts_besides_its_own():
@@ -609,13 +612,13 @@ def test_the_fence_of_a_mission_counts_besides_its_own():
     air.T_home_odom, air.p[0] = None, 12.0
     assert air.run(1.0).asked == [], "before home is set nobody knows where the polygon is"
     air.T_home_odom = np.eye(4)
-    assert air.run(1.0).modes == ["BRAKE"]
+    assert air.run(1.0).modes == [Mode.BRAKE]
 
 
 def test_a_polygon_of_its_own_brakes_whom_it_bounds():
     air = Aloft(config.from_mapping({"fence": {"polygon": SQUARE}}, GuardianRules, "test"))
     air.p[1] = -10.5
-    assert air.run(1.0).modes == ["BRAKE"]
+    assert air.run(1.0).modes == [Mode.BRAKE]
 
 
 def test_a_take_off_begins_under_the_floor():
@@ -628,7 +631,7 @@ def test_a_take_off_begins_under_the_floor():
     air.p[2] = 3.0
     air.run(1.0)
     air.p[2] = 0.1
-    assert air.run(1.0).modes == ["BRAKE"], "who sinks to the ground in GUIDED"
+    assert air.run(1.0).modes == [Mode.BRAKE], "who sinks to the ground in GUIDED"
 
 
 def test_who_is_armed_again_at_once_may_take_off():
@@ -637,8 +640,8 @@ def test_who_is_armed_again_at_once_may_take_off():
     air.report = LinkReport(throttle=0.0, in_the_air=True)
     air.p[2] = 3.0
     air.run(1.0)
-    air.guardian.mode_asked(air.now_s, "LAND")
-    air.mode, air.p[2] = "LAND", 0.0
+    air.guardian.mode_asked(air.now_s, Mode.LAND)
+    air.mode, air.p[2] = Mode.LAND, 0.0
     air.run(0.5)
     air.armed = False
     air.run(0.5)
@@ -651,7 +654,7 @@ def test_a_brake_that_does_not_show_becomes_land():
     air = Aloft(GuardianRules(fence=Fence(radius_m=5.0)), obeys=False)
     air.p[0] = 7.0
     air.run(3.0)
-    assert air.modes[0] == "BRAKE" and air.modes[-1] == "LAND"
+    assert air.modes[0] == Mode.BRAKE and air.modes[-1] == Mode.LAND
 
 
 def test_far_outside_the_fence_it_lands():
@@ -666,7 +669,7 @@ def test_battery_outranks_fence():
     air.run(1.9)
     air.p[2] = 10.0
     air.run(0.3)
-    assert air.modes[-1] == "LAND"
+    assert air.modes[-1] == Mode.LAND
 
 
 ALARMS = {
@@ -676,7 +679,7 @@ ALARMS = {
     "control": lambda air: air.silent.update(("control", "agent")),
     "fence": lambda air: air.p.__setitem__(0, 300.0),
     "above": lambda air: air.others.update(
-        uav2={"p_home_m": air.p + [0.1, 0.0, 4.0], "mode": "LAND"}
+        uav2={"p_home_m": air.p + [0.1, 0.0, 4.0], "mode": Mode.LAND}
     ),
 }
 
@@ -696,9 +699,9 @@ def test_in_a_pilots_mode_it_only_speaks(mode, alarm):
 
 def test_what_a_pilot_gives_back_is_the_operators_to_confirm():
     air = Aloft()
-    air.mode = "LOITER"
+    air.mode = Mode.LOITER
     air.run(1.0)
-    air.mode = "GUIDED"  # by the pilot's switch
+    air.mode = Mode.GUIDED  # by the pilot's switch
     air.silent.add("feed")
     assert air.run(20.0).asked == []
     air.silent.clear()
@@ -712,13 +715,13 @@ def test_a_pilot_who_changes_his_own_modes_is_not_told_of_them():
     """At each take-off he goes from ALT_HOLD to LOITER; a take-over, and a landing that nobody
     asked for, are told."""
     air = Aloft()
-    air.mode = "LOITER"
+    air.mode = Mode.LOITER
     assert any("LOITER was not asked for" in text for text in air.run(1.0).texts)
     air.forget()
-    for mode in ("ALT_HOLD", "STABILIZE"):
+    for mode in (Mode.ALT_HOLD, Mode.STABILIZE):
         air.mode = mode
         assert air.run(1.0).texts == []
-    air.mode = "LAND"
+    air.mode = Mode.LAND
     assert any("LAND was not asked for" in text for text in air.run(1.0).texts)
 
 
@@ -726,13 +729,13 @@ def test_a_pilot_who_takes_over_from_a_landing_keeps_it():
     air = Aloft()
     air.silent.add("feed")
     air.run(1.5)
-    air.mode = "ALT_HOLD"
+    air.mode = Mode.ALT_HOLD
     air.forget()
     assert air.run(60.0).asked == []
 
 
 def test_a_guardian_started_in_flight_knows_guided_and_leaves_other_modes_alone():
-    for mode, asks in (("GUIDED", True), ("LAND", False), ("LOITER", False)):
+    for mode, asks in ((Mode.GUIDED, True), (Mode.LAND, False), (Mode.LOITER, False)):
         air = Aloft()
         air.mode = mode
         air.guardian = Guardian("uav1", None, air.now_s)
@@ -764,7 +767,7 @@ def test_a_guardian_started_in_flight_knows_guided_and_leaves_other_modes_alone(
 )
 def test_what_forbids_guided(what, reason):
     air = Aloft()
-    air.mode = "LOITER"
+    air.mode = Mode.LOITER
     air.run(1.0)
     assert air.guardian.verdict.forbids == ()
     what(air)
@@ -775,7 +778,7 @@ def test_what_forbids_guided(what, reason):
 def test_an_estimate_apart_from_the_feed_forbids_guided_on_the_ground():
     """A height that runs away while disarmed."""
     air = Aloft()
-    air.mode, air.armed, air.p[2] = "LOITER", False, 2.0
+    air.mode, air.armed, air.p[2] = Mode.LOITER, False, 2.0
     air.feed_off = np.array([0.0, 0.0, -1.9])
     air.run(1.0)
     assert "1.9 m apart" in " ".join(air.guardian.verdict.forbids)
@@ -814,7 +817,7 @@ def test_fences_that_cannot_be_are_refused(wrong, said):
 
 @pytest.mark.parametrize(
     "fields",
-    [{"uncontrolled": True, "mode": "LAND"}, {"lost": True, "armed": False}, {"taken": True}],
+    [{"uncontrolled": True, "mode": Mode.LAND}, {"lost": True, "armed": False}, {"taken": True}],
 )
 def test_nobody_stays_above_one_that_lost_its_position_or_that_a_pilot_has(fields):
     air = Aloft()
@@ -831,7 +834,9 @@ def test_nobody_stays_above_one_that_lost_its_position_or_that_a_pilot_has(field
 
 def test_a_pilot_beside_it_in_the_column_moves_nobody():
     air = Aloft()
-    air.others = {"uav2": {"p_home_m": np.array([-3.5, 0.0, 7.0]), "mode": "LOITER", "taken": True}}
+    air.others = {
+        "uav2": {"p_home_m": np.array([-3.5, 0.0, 7.0]), "mode": Mode.LOITER, "taken": True}
+    }
     assert not air.run(10.0).held
 
 
@@ -843,7 +848,7 @@ def test_where_one_is_that_lost_its_position_is_where_it_was_last():
     air.others["uav2"] = {
         "p_home_m": np.array([90.0, 40.0, 3.0]),
         "uncontrolled": True,
-        "mode": "LAND",
+        "mode": Mode.LAND,
     }
     air.run(0.2)
     air.others["uav2"] = {"p_home_m": np.array([-50.0, 70.0, 0.0]), "lost": True, "armed": False}
@@ -918,7 +923,7 @@ def test_it_says_that_it_lost_its_position_until_its_next_take_off():
     air.armed, air.p[2] = False, 0.0
     air.run(5.0)
     assert air.guardian.verdict.lost and not air.guardian.verdict.uncontrolled
-    air.mode, air.armed = "LOITER", True
+    air.mode, air.armed = Mode.LOITER, True
     assert not air.run(0.5).guardian.verdict.lost
 
 
@@ -951,15 +956,15 @@ def test_a_tracker_on_the_ground_finds_again_who_was_lost(finds_again):
 def test_it_says_whose_it_is():
     air = Aloft()
     assert not air.guardian.verdict.taken
-    air.mode = "BRAKE"  # the pilot's
+    air.mode = Mode.BRAKE  # the pilot's
     assert air.run(0.5).guardian.verdict.taken
 
 
 def landing(height_m):
     """On its way down, as the mission ordered it."""
     air = Aloft()
-    air.guardian.mode_asked(air.now_s, "LAND")
-    air.mode, air.p[2] = "LAND", height_m
+    air.guardian.mode_asked(air.now_s, Mode.LAND)
+    air.mode, air.p[2] = Mode.LAND, height_m
     return air.run(0.5)
 
 
@@ -967,25 +972,27 @@ def test_who_lands_goes_out_of_the_way_of_one_that_comes_down_without_control():
     air = landing(6.0)
     assert not air.asked
     air.others = {
-        "uav2": {"p_home_m": np.array([3.0, 0.0, 7.0]), "mode": "LAND", "uncontrolled": True}
+        "uav2": {"p_home_m": np.array([3.0, 0.0, 7.0]), "mode": Mode.LAND, "uncontrolled": True}
     }
     begun_s = air.now_s
     air.run(8.0)
-    assert air.modes[0] == "GUIDED" and air.asked[0][0] - begun_s < 1.0
-    assert air.mode == "LAND" and np.hypot(*(air.p[:2] - [3.0, 0.0])) > 6.0, "then it lands there"
+    assert air.modes[0] == Mode.GUIDED and air.asked[0][0] - begun_s < 1.0
+    assert air.mode == Mode.LAND and np.hypot(*(air.p[:2] - [3.0, 0.0])) > 6.0, (
+        "then it lands there"
+    )
 
 
 def test_near_the_ground_it_is_sooner_down_than_away():
     air = landing(1.5)
     air.others = {
-        "uav2": {"p_home_m": np.array([3.0, 0.0, 7.0]), "mode": "LAND", "uncontrolled": True}
+        "uav2": {"p_home_m": np.array([3.0, 0.0, 7.0]), "mode": Mode.LAND, "uncontrolled": True}
     }
     assert not air.run(3.0).asked
 
 
 def test_a_landing_beside_another_that_lands_goes_on():
     air = landing(6.0)
-    air.others = {"uav2": {"p_home_m": np.array([2.0, 0.0, 7.0]), "mode": "LAND"}}
+    air.others = {"uav2": {"p_home_m": np.array([2.0, 0.0, 7.0]), "mode": Mode.LAND}}
     assert not air.run(3.0).asked
 
 
@@ -996,7 +1003,8 @@ def alone(share=0.15, p=(6.0, 0.0, 8.0), **others):
     air.p = np.array(p)
     air.run(1.0)
     air.others = {
-        name: {"p_home_m": np.array(p_other), "mode": "GUIDED"} for name, p_other in others.items()
+        name: {"p_home_m": np.array(p_other), "mode": Mode.GUIDED}
+        for name, p_other in others.items()
     }
     air.battery = share
     air.silent.add("control")
@@ -1129,11 +1137,11 @@ def test_who_does_not_know_the_way_stays(spoil, why):
 def test_a_pilot_is_not_flown_home():
     air = alone(p=(20.0, 0.0, 8.0)).run(12.0)
     assert air.held
-    air.mode = "LOITER"
+    air.mode = Mode.LOITER
     air.run(0.1)
     air.forget()
     assert air.run(90.0).held == [] and air.asked == []
-    air.mode = "GUIDED"  # by himself
+    air.mode = Mode.GUIDED  # by himself
     assert air.run(20.0).held == [] and air.asked == []
 
 

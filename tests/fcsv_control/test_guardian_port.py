@@ -17,6 +17,7 @@ from fcsv_geometry.home import OdomLink, Place
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.streams.arrivals import RELAY
 from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.modes import Mode
 
 NOW_S = 100.0
 THERE = transforms.from_xyz_yaw([4.0, 0.0, 6.0], 0.0)
@@ -111,7 +112,7 @@ def test_another_counts_from_when_it_sent_and_as_flying_until_it_tells_its_mode(
     other = port.core.air.others["uav2"]
     assert (other.heard_s, other.armed, other.mode) == (NOW_S - 0.3, True, "")
     assert other.speed_mps == pytest.approx(1.0)
-    port.receive(NOW_S, tm.VehicleState("uav2", RELAY, "LAND", False, True))
+    port.receive(NOW_S, tm.VehicleState("uav2", RELAY, Mode.LAND, False, True))
     # its link hears no autopilot
     port.receive(NOW_S, tm.VehicleState("uav2", RELAY, "", True, False))
     port.receive(
@@ -157,7 +158,7 @@ def test_what_the_link_tells(port):
 
 def test_a_link_that_hangs_is_named_by_its_process(port):
     port.receive(NOW_S, link(pid=4711))
-    port.receive(NOW_S, tm.VehicleState("uav1", "", "GUIDED", True, True))
+    port.receive(NOW_S, tm.VehicleState("uav1", "", Mode.GUIDED, True, True))
     out = []
     for k in range(100):
         out += port.step(NOW_S + 0.04 * k)
@@ -170,7 +171,7 @@ def test_a_verdict_is_told_at_once_and_again(port):
         for k in range(11)
     ]
     assert [len(t) for t in told] == [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
-    port.receive(NOW_S + 0.41, tm.VehicleState("uav1", "", "LOITER", True, True))
+    port.receive(NOW_S + 0.41, tm.VehicleState("uav1", "", Mode.LOITER, True, True))
     assert any(isinstance(o, GuardianVerdict) and o.taken for o in port.step(NOW_S + 0.44))
 
 

@@ -17,6 +17,7 @@ from fcsv_control.flight.mavlink.listener import STREAMS_HZ
 from fcsv_control.flight.mavlink.requests import Outcome
 from fcsv_control.flight.messages import BarometerHeard, PoseHeard, StateHeard, TextHeard
 from fcsv_control.flight.settings.profile import NOTHING
+from fcsv_geometry.vehicles.modes import Mode
 
 M = mavutil.mavlink
 STABILIZE, GUIDED, LAND, BRAKE = 0, 4, 9, 17
@@ -93,9 +94,9 @@ def line():
 def test_a_late_answer_to_guided_is_not_taken_for_lands(line):
     """Both are the same MAV_CMD. LAND goes out at once and is not done by what GUIDED is
     answered."""
-    guided = line.core.set_mode(line.now_s, "GUIDED")
+    guided = line.core.set_mode(line.now_s, Mode.GUIDED)
     [asked] = line.modes(line.run(STEP_S))
-    land = line.core.set_mode(line.now_s, "LAND")
+    land = line.core.set_mode(line.now_s, Mode.LAND)
     [stop] = line.modes(line.run(STEP_S))
     assert int(stop.param2) == LAND and guided.outcome is Outcome.OVERTAKEN
     line.acknowledge(asked)
@@ -107,7 +108,7 @@ def test_a_late_answer_to_guided_is_not_taken_for_lands(line):
 
 
 def test_land_is_repeated_until_the_mode_shows_although_it_was_acknowledged(line):
-    land = line.core.set_mode(line.now_s, "LAND")
+    land = line.core.set_mode(line.now_s, Mode.LAND)
     sent = line.modes(line.run(1.0))
     assert len(sent) == pytest.approx(1.0 / STOP_REPEAT_S, abs=1)
     line.acknowledge(sent[0])
@@ -118,14 +119,14 @@ def test_land_is_repeated_until_the_mode_shows_although_it_was_acknowledged(line
 
 
 def test_a_stop_that_nobody_answers_ends_as_unanswered(line):
-    brake = line.core.set_mode(line.now_s, "BRAKE")
+    brake = line.core.set_mode(line.now_s, Mode.BRAKE)
     line.run(6.0)
     with pytest.raises(LinkError, match="mode BRAKE: the flight controller does not answer"):
         brake.require_done()
 
 
 def test_a_refused_stop_tells_the_autopilots_reason(line):
-    brake = line.core.set_mode(line.now_s, "BRAKE")
+    brake = line.core.set_mode(line.now_s, Mode.BRAKE)
     [asked] = line.modes(line.run(STEP_S))
     line.hear("statustext", 4, b"Mode change to BRAKE failed: requires position")
     line.acknowledge(asked, 4)
@@ -137,12 +138,12 @@ def test_a_refused_stop_tells_the_autopilots_reason(line):
 
 
 def test_a_mode_that_was_asked_for_before_a_pilot_chose_another_is_withdrawn(line):
-    guided = line.core.set_mode(line.now_s, "GUIDED")
+    guided = line.core.set_mode(line.now_s, Mode.GUIDED)
     line.beat(BRAKE, armed=True)
     assert line.modes(line.run(1.0)) == [] and guided.outcome is Outcome.OVERTAKEN
     with pytest.raises(CommandRefused, match="mode GUIDED was withdrawn: BRAKE showed"):
         guided.require_done()
-    land = line.core.set_mode(line.now_s, "LAND")
+    land = line.core.set_mode(line.now_s, Mode.LAND)
     line.beat(STABILIZE, armed=True)
     assert line.modes(line.run(0.3)) and not land.over, (
         "what stops a vehicle is asked for all the same"
@@ -152,7 +153,7 @@ def test_a_mode_that_was_asked_for_before_a_pilot_chose_another_is_withdrawn(lin
 def test_a_mode_that_shows_already_is_ours_once_it_is_acknowledged(line):
     """Flown on ArduCopter after a reboot in GUIDED: asked for again, it stayed somebody else's."""
     line.beat(GUIDED)
-    line.core.set_mode(line.now_s, "GUIDED")
+    line.core.set_mode(line.now_s, Mode.GUIDED)
     [asked] = line.modes(line.run(STEP_S))
     assert not line.core.mode_is_ours
     line.acknowledge(asked)
@@ -171,7 +172,7 @@ def test_a_stop_that_a_pilot_chose_before_stays_his(line):
     """Where the feed dies the watchdog lands in a BRAKE that is ours, and only speaks in a
     pilot's."""
     line.beat(BRAKE, armed=True)
-    line.core.set_mode(line.now_s, "BRAKE")
+    line.core.set_mode(line.now_s, Mode.BRAKE)
     line.run(0.3)
     assert not line.core.mode_is_ours
     a_pilot_flies_and_chooses(line, BRAKE)
@@ -179,7 +180,7 @@ def test_a_stop_that_a_pilot_chose_before_stays_his(line):
 
 
 def test_a_mode_that_was_refused_and_that_a_pilot_chooses_later_is_his(line):
-    line.core.set_mode(line.now_s, "BRAKE")
+    line.core.set_mode(line.now_s, Mode.BRAKE)
     [asked] = line.modes(line.run(STEP_S))
     line.acknowledge(asked, 4)
     line.run(1.0)
@@ -193,25 +194,25 @@ def test_a_link_that_stood_still_takes_no_mode_but_those_that_stop(line):
     line.now_s += 2.0
     for _ in range(2):  # before and after its first step
         with pytest.raises(CommandRefused, match="stood still until just now; ask again"):
-            line.core.set_mode(line.now_s, "GUIDED")
+            line.core.set_mode(line.now_s, Mode.GUIDED)
         line.run(STEP_S)
-    line.core.set_mode(line.now_s, "BRAKE")
+    line.core.set_mode(line.now_s, Mode.BRAKE)
     assert line.modes(line.run(STEP_S))
     line.run(0.3)
-    line.core.set_mode(line.now_s, "GUIDED")
+    line.core.set_mode(line.now_s, Mode.GUIDED)
     assert line.modes(line.run(STEP_S))
 
 
 def test_open_commands_speak_with_components_of_their_own_and_reuse_the_oldest(line):
     components = []
-    for name in ("GUIDED", "LOITER", "GUIDED", "LOITER", "GUIDED"):
+    for name in (Mode.GUIDED, Mode.LOITER, Mode.GUIDED, Mode.LOITER, Mode.GUIDED):
         line.core.set_mode(line.now_s, name)
         components.append(line.modes(line.run(STEP_S))[0].get_srcComponent())
     assert components[:4] == [192, 193, 194, 191] and components[4] == 192
 
 
 def test_answers_to_other_companions_are_not_ours(line):
-    guided = line.core.set_mode(line.now_s, "GUIDED")
+    guided = line.core.set_mode(line.now_s, Mode.GUIDED)
     line.run(STEP_S)
     line.hear("command_ack", M.MAV_CMD_DO_SET_MODE, 0, 0, 0, 255, 190)  # a ground station's
     line.beat(GUIDED)
@@ -271,7 +272,7 @@ def test_another_firmware_is_named_and_neither_obeyed_nor_commanded(autopilot, k
         not line.core.connected(line.now_s) and not line.core.state.armed and not line.core.events()
     )
     for command in (
-        lambda: line.core.set_mode(line.now_s, "LAND"),
+        lambda: line.core.set_mode(line.now_s, Mode.LAND),
         lambda: line.core.arm(line.now_s, False),
     ):
         with pytest.raises(
@@ -280,7 +281,7 @@ def test_another_firmware_is_named_and_neither_obeyed_nor_commanded(autopilot, k
             command()
     line.beat(GUIDED)  # it was flashed
     line.run(STEP_S)
-    assert line.core.connected(line.now_s) and line.core.state.mode == "GUIDED"
+    assert line.core.connected(line.now_s) and line.core.state.mode == Mode.GUIDED
 
 
 def test_only_streams_that_stop_are_asked_for_again(line):
@@ -351,7 +352,7 @@ def test_ten_thousand_odd_messages_end_nothing(line):
         line.core.step(line.now_s)
         line.core.outgoing(), line.core.events()
     line.beat(GUIDED)
-    assert line.core.state.mode == "GUIDED"
+    assert line.core.state.mode == Mode.GUIDED
 
 
 def test_the_barometer_is_heard_as_a_height(line):
@@ -392,12 +393,12 @@ def test_a_heartbeat_that_says_booting_makes_unknown_what_was_known_at_once(line
     assert line.known[0] is False and line.known[2] is None
     line.beat(STABILIZE, status=M.MAV_STATE_BOOT)
     for ask in (
-        lambda: line.core.set_mode(line.now_s, "GUIDED"),
+        lambda: line.core.set_mode(line.now_s, Mode.GUIDED),
         lambda: line.core.arm(line.now_s, True),
     ):
         with pytest.raises(CommandRefused, match="the autopilot is still starting"):
             ask()
-    line.core.set_mode(line.now_s, "LAND")  # what stops is asked for all the same
+    line.core.set_mode(line.now_s, Mode.LAND)  # what stops is asked for all the same
     line.beat(STABILIZE)
     assert {"PARAM_REQUEST_READ"} < {m.get_type() for m in line.run(0.5)}
     assert line.set_up().known == ALL_KNOWN
@@ -457,10 +458,10 @@ def test_foreign_heartbeats_with_the_autopilots_ids_change_nothing(
         line.hear("attitude", 5, 0.1, 0.2, 0.3, 0, 0, 0)
         line.hear("local_position_ned", 5, 1.0, 2.0, -3.0, 0, 0, 0)
     state = line.core.state
-    assert state.armed and state.mode == "GUIDED" and state.system_status == 3
+    assert state.armed and state.mode == Mode.GUIDED and state.system_status == 3
     assert not line.core.heard.foreigner and not line.core.heard.strangers
     assert sum(isinstance(e, PoseHeard) for e in line.core.events()) == 8
-    line.core.set_mode(line.now_s, "LAND")
+    line.core.set_mode(line.now_s, Mode.LAND)
     [told] = [r.getMessage() for r in caplog.records if "autopilot's ids" in r.getMessage()]
     assert line.core.heard.identities.imitated(line.now_s, 1) == told
     assert line.core.heard.identities.imitated(line.now_s + 6.0, 1) == ""
@@ -501,7 +502,7 @@ def test_heartbeats_of_other_components_and_systems_change_nothing(line, system,
         message = line.encoder.heartbeat_encode(kind, autopilot, 0, STABILIZE, 0)
         message.get_header().srcSystem, message.get_header().srcComponent = system, component
         line.core.take(line.now_s, message)
-    assert line.core.state.armed and line.core.state.mode == "GUIDED"
+    assert line.core.state.armed and line.core.state.mode == Mode.GUIDED
     assert not line.core.heard.foreigner and not line.core.heard.strangers
 
 

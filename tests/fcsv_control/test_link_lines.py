@@ -18,6 +18,7 @@ from support.link_by_hand import LinkByHand
 
 from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_control.flight.settings.link_parameters import LinkParameters
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.machines.machines import free_port
 
 M = mavutil.mavlink
@@ -170,10 +171,10 @@ def test_a_second_autopilot_with_the_same_id_is_refused_aloud_until_the_first_is
         ours.speak(mode=4)
         other.speak(mode=9)
         time.sleep(0.01)
-    until(lambda: ours.speak() or link.state.mode == "GUIDED")
+    until(lambda: ours.speak() or link.state.mode == Mode.GUIDED)
     assert "a second autopilot with system id 1 speaks from" in caplog.text and other.heard == []
     # the first is silent: it was replaced
-    until(lambda: other.speak(mode=9) or link.state.mode == "LAND", 5.0)
+    until(lambda: other.speak(mode=9) or link.state.mode == Mode.LAND, 5.0)
 
 
 def test_a_script_with_the_autopilots_ids_does_not_take_its_address(udp):
@@ -192,7 +193,7 @@ def test_a_script_with_the_autopilots_ids_does_not_take_its_address(udp):
     until(lambda: script.speak() or ours.speak() or (link.connected and link.imitated))
     link.send_pose(time.monotonic(), np.eye(4))
     until(lambda: script.speak() or ours.speak() or "VISION_POSITION_ESTIMATE" in ours.heard)
-    assert script.heard == [] and link.state.mode == "GUIDED"
+    assert script.heard == [] and link.state.mode == Mode.GUIDED
 
 
 def test_random_bytes_on_the_port_end_nothing(udp):

@@ -37,6 +37,7 @@ from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import NOTHING
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.modes import Mode
 
 M = mavutil.mavlink
 STABILIZE, GUIDED, LOITER, LAND, BRAKE = 0, 4, 5, 9, 17
@@ -156,7 +157,7 @@ def test_a_dead_feed_lands_who_is_flown_by_the_companion_and_tells_others_so(lin
     link.fed = False
     assert modes(link.run(0.7)) == []
     out = link.run(0.4)
-    assert of(out, ModeAsked) == [ModeAsked("LAND")] and set(modes(out)) == {LAND}
+    assert of(out, ModeAsked) == [ModeAsked(Mode.LAND)] and set(modes(out)) == {LAND}
     assert any(o.text.endswith("landing") and o.severity == 1 for o in of(out, LinkSaid))
     out = link.run(2.5)
     assert not of(out, ModeAsked), "not again while it is still asked for"
@@ -164,7 +165,7 @@ def test_a_dead_feed_lands_who_is_flown_by_the_companion_and_tells_others_so(lin
 
 def test_a_dead_feed_in_a_brake_of_the_companion_lands_but_in_the_pilots_loiter_is_only_said(link):
     link.fly()
-    link.tell(Ask(Kind.SET_MODE, "BRAKE", number=1))
+    link.tell(Ask(Kind.SET_MODE, Mode.BRAKE, number=1))
     link.run()
     link.mode = BRAKE
     link.beat()
@@ -226,7 +227,7 @@ def test_pictures_that_contradict_the_tracker_are_said(link):
 
 def test_each_request_is_answered_by_its_number(link):
     link.run(2.0)
-    link.tell(Ask(Kind.SET_MODE, "LOITER", number=4), Ask(Kind.SET_MODE, "HOVER", number=5))
+    link.tell(Ask(Kind.SET_MODE, Mode.LOITER, number=4), Ask(Kind.SET_MODE, "HOVER", number=5))
     link.tell(Ask(Kind.TAKEOFF, altitude_m=3.0, number=6))
     over = {o.number: o for o in of(link.run(), RequestOver)}
     assert set(over) == {5, 6} and "'HOVER' is not known" in over[5].refusal
@@ -282,10 +283,10 @@ def test_the_state_is_told_where_it_changes_and_else_every_0_4_s(link):
     states = of(link.run(4.0), AutopilotState)
     assert len(states) == pytest.approx(10, abs=2) and {
         (s.mode, s.armed, s.connected) for s in states
-    } == {("STABILIZE", False, True)}
+    } == {(Mode.STABILIZE, False, True)}
     link.mode = LOITER
     link.beat()
-    assert of(link.run(), AutopilotState)[0].mode == "LOITER"
+    assert of(link.run(), AutopilotState)[0].mode == Mode.LOITER
 
 
 def test_its_health_comes_at_5_hz_and_at_once_where_it_matters(link):

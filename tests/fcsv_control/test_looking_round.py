@@ -22,6 +22,7 @@ from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.missions.look_round import LookRound
 from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration
 from fcsv_geometry.missions.sweep import Sweep
+from fcsv_geometry.vehicles.modes import Mode
 
 STEP_S, RATE_DPS = 0.2, 30.0  # between two orders; the quickest
 H4, V5 = (
@@ -197,13 +198,13 @@ def test_after_a_pause_it_goes_on_from_its_heading_without_a_jump_of_the_order(f
 
 def test_a_pilot_may_take_it_over_at_any_time(flight):
     w = half_round(flight)
-    w.f.fleet["uav1"].mode = "LOITER"
+    w.f.fleet["uav1"].mode = Mode.LOITER
     w.f.wait(1.0)
     orders = len([o for _, o in w.f.orders if o.vehicle == "uav1"])
     w.f.wait(5.0)
     told = [o.kind for _, o in w.f.orders if o.vehicle == "uav1"][orders:]
     assert told == [] and "uav1" in " ".join(w.f.machine.problems)
-    w.f.fleet["uav1"].mode = "GUIDED"
+    w.f.fleet["uav1"].mode = Mode.GUIDED
     w.f.press("resume")
     w.until(lambda: w.f.machine.phase == "DONE")
     assert w.f.captured == [0, 1]

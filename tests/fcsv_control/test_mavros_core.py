@@ -15,6 +15,7 @@ from fcsv_control.flight.mavlink import frame_bytes
 from fcsv_control.flight.mavros import COMPONENT, MavrosCore, mavros_url
 from fcsv_control.flight.messages import HomeHeard, Refused
 from fcsv_control.flight.settings.link_parameters import LinkParameters
+from fcsv_geometry.vehicles.modes import Mode
 
 M = mavutil.mavlink
 LOITER, GUIDED, LAND, BRAKE = 5, 4, 9, 17
@@ -61,7 +62,7 @@ def beside():
 
 
 def test_a_mode_that_was_asked_for_on_board_is_ours_until_another_shows(beside):
-    beside.core.mode_asked("BRAKE")
+    beside.core.mode_asked(Mode.BRAKE)
     assert not beside.core.mode_is_ours
     beside.beat(BRAKE)
     assert beside.core.mode_is_ours
@@ -73,7 +74,7 @@ def test_a_mode_that_was_asked_for_on_board_is_ours_until_another_shows(beside):
 
 
 def test_a_mode_that_a_pilot_chooses_is_not_ours_whatever_was_asked_before(beside):
-    beside.core.mode_asked("GUIDED")
+    beside.core.mode_asked(Mode.GUIDED)
     beside.beat(GUIDED)
     beside.run(2.0)
     beside.beat(BRAKE)
@@ -83,11 +84,11 @@ def test_a_mode_that_a_pilot_chooses_is_not_ours_whatever_was_asked_before(besid
 @pytest.mark.parametrize("refused", [False, True])
 def test_a_brake_that_showed_before_or_was_refused_is_a_pilots_later(beside, refused):
     if refused:
-        beside.core.mode_asked("BRAKE")
+        beside.core.mode_asked(Mode.BRAKE)
         beside.hear("statustext", 4, b"Mode change to BRAKE failed: requires position")
     else:
         beside.beat(BRAKE)
-        beside.core.mode_asked("BRAKE")
+        beside.core.mode_asked(Mode.BRAKE)
         assert not beside.core.mode_is_ours
         beside.beat(LOITER)
     beside.run(2.0)
@@ -190,7 +191,7 @@ def test_ten_thousand_odd_messages_end_nothing(beside):
             beside.beat(int(random.integers(2**32)), bool(random.integers(2)))
         beside.run(STEP_S)
     beside.beat(GUIDED)
-    assert beside.core.state.mode == "GUIDED"
+    assert beside.core.state.mode == Mode.GUIDED
 
 
 # ---- bytes and addresses -------------------------------------------------------------------------

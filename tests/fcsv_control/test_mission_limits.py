@@ -11,6 +11,7 @@ from fcsv_control.mission.snapshot import RecorderView
 from fcsv_control.mission.watches.heard import VehicleHeard
 from fcsv_geometry.missions.flight_limits import PauseLimits
 from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration
+from fcsv_geometry.vehicles.modes import Mode
 
 NAN = float("nan")
 
@@ -122,9 +123,9 @@ def test_pictures_are_counted_over_the_restart_of_a_recorder():
 def test_a_battery_that_is_not_told_any_more_is_not_known_while_its_vehicle_is_heard():
     heard = VehicleHeard(np.eye(4))
     heard.battery(0.0, 0.7)
-    heard.state(9.0, "GUIDED", True, True)
+    heard.state(9.0, Mode.GUIDED, True, True)
     assert heard.view(30.0, None).battery_share == 0.7, "a cut radio is another pause"
-    heard.state(11.0, "GUIDED", True, True)
+    heard.state(11.0, Mode.GUIDED, True, True)
     assert np.isnan(heard.view(11.0, None).battery_share)
 
 
@@ -145,7 +146,7 @@ def test_a_recorder_that_refuses_costs_its_configurations(flight):
 def test_a_pose_that_stays_away_lands_everybody(flying):
     flying.fleet["uav2"].heard = False
     flying.wait(65.0)
-    assert flying.machine.phase == "LAND" and flying.fleet["uav1"].mode == "LAND"
+    assert flying.machine.phase == "LAND" and flying.fleet["uav1"].mode == Mode.LAND
     flying.fleet["uav2"].heard = True
     flying.phase("ABORTED", 60.0)
 
@@ -166,7 +167,7 @@ def test_pauses_that_are_short_but_never_end_pass_the_limit_of_a_configuration(f
 
 
 def test_a_pilot_who_does_not_give_back_keeps_his_vehicle_and_the_other_lands(flying):
-    flying.fleet["uav2"].mode = "LOITER"
+    flying.fleet["uav2"].mode = Mode.LOITER
     flying.wait(0.3)
     before = len([o for _, o in flying.orders if o.vehicle == "uav2" and o.kind != "RECORD"])
     flying.wait(110.0)
@@ -175,7 +176,7 @@ def test_a_pilot_who_does_not_give_back_keeps_his_vehicle_and_the_other_lands(fl
     assert (
         flying.machine.phase == "LAND"
         and not flying.fleet["uav1"].armed
-        and flying.fleet["uav2"].mode == "LOITER"
+        and flying.fleet["uav2"].mode == Mode.LOITER
     )
     assert (
         len([o for _, o in flying.orders if o.vehicle == "uav2" and o.kind != "RECORD"]) == before
@@ -184,9 +185,9 @@ def test_a_pilot_who_does_not_give_back_keeps_his_vehicle_and_the_other_lands(fl
 
 
 def test_a_pilot_who_takes_the_reference_is_not_waited_for_and_the_other_goes_back(flying):
-    flying.fleet["uav1"].mode = "ALT_HOLD"
+    flying.fleet["uav1"].mode = Mode.ALT_HOLD
     flying.until(lambda: not flying.fleet["uav2"].armed, 200.0)
-    assert flying.fleet["uav1"].mode == "ALT_HOLD"
+    assert flying.fleet["uav1"].mode == Mode.ALT_HOLD
     apart = flying.fleet["uav2"].landed_at - flying.fleet["uav1"].p_home_cam
     assert apart[0] == pytest.approx(-3.5, abs=0.5) and abs(apart[1]) < 0.5
 
@@ -199,7 +200,7 @@ def test_guided_that_is_refused_for_ever_ends_with_a_landing(flight):
     f.until(lambda: f.machine.phase == "LAND", 65.0)
     assert "GUIDED is not taken for 60 s: landing" in f.machine.detail
     f.wait(20.0)
-    assert not f.fleet["uav1"].armed and f.fleet["uav2"].mode == "LOITER"
+    assert not f.fleet["uav1"].armed and f.fleet["uav2"].mode == Mode.LOITER
     assert "uav2 is flown by hand: land it (LOITER)" in f.machine.problems
 
 
@@ -266,9 +267,9 @@ def test_on_the_way_back_nobody_crosses_below_one_that_lands_by_itself(flight):
     f.fleet["uav1"].battery_share = 0.15
     f.wait(22.0)
     assert f.machine.phase == "CONFIGURATIONS"
-    f.fleet["uav1"].mode = "LAND"
+    f.fleet["uav1"].mode = Mode.LAND
     f.wait(0.3)
-    assert f.machine.phase == "LAND" and f.fleet["uav2"].mode == "LAND"
+    assert f.machine.phase == "LAND" and f.fleet["uav2"].mode == Mode.LAND
     f.phase("ABORTED", 60.0)
 
 
@@ -308,10 +309,10 @@ def test_height_of_one_that_flew_before_anything_was_heard_is_that_of_its_estima
     """Its estimate began at 0.3 m on the ground where it was heard there."""
     heard = VehicleHeard(np.eye(4))
     if heard_first == "disarmed":
-        heard.state(0.0, "LOITER", False, True)
+        heard.state(0.0, Mode.LOITER, False, True)
         heard.position(0.3)
     if heard_first != "height":
-        heard.state(0.5, "LOITER", True, True)
+        heard.state(0.5, Mode.LOITER, True, True)
     heard.position(8.3)
-    heard.state(1.0, "LOITER", True, True)
+    heard.state(1.0, Mode.LOITER, True, True)
     assert heard.view(1.0, None).height_m == pytest.approx(height_m)

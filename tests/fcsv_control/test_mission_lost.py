@@ -5,6 +5,7 @@ with it."""
 import pytest
 
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_geometry.vehicles.modes import Mode
 
 _BY_HAND = ("COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")
 
@@ -46,7 +47,7 @@ def test_it_is_a_problem_in_every_phase(flight, phase):
     f.fleet["uav2"].lost = True
     f.wait(0.2)
     [line] = said(f)
-    assert "ALT_HOLD" in line and len(line) < 80
+    assert Mode.ALT_HOLD in line and len(line) < 80
 
 
 @pytest.mark.parametrize("phase", ["WAIT_VEHICLES", "TAKE_OFF"])
@@ -73,7 +74,7 @@ def test_calibrate_set_home_and_execute_are_refused(flight, phase, step):
     answers = [f.machine.proceed(step)] + ([f.machine.execute([])] if step == "execute" else [])
     for refusal in answers:
         assert "uav2 lost its position" in refusal and "abort" in refusal
-        assert "LOITER" not in refusal and "GUIDED" not in refusal
+        assert Mode.LOITER not in refusal and "GUIDED" not in refusal
     assert f.machine.phase == phase and not f.machine.wants
     f.fleet["uav2"].lost = False
     f.wait(2.0)
@@ -112,10 +113,10 @@ def test_nobody_is_handed_over_beside_one_that_is_lost(flight):
     f.fleet["uav2"].lost = True
     f.fleet["uav1"].refuses = {}
     f.wait(5.0)
-    assert f.machine.phase == "GUIDED" and f.fleet["uav1"].mode == "LOITER" and said(f)
+    assert f.machine.phase == "GUIDED" and f.fleet["uav1"].mode == Mode.LOITER and said(f)
 
 
-@pytest.mark.parametrize("mode", ["ALT_HOLD", "LOITER", "STABILIZE"])
+@pytest.mark.parametrize("mode", [Mode.ALT_HOLD, Mode.LOITER, Mode.STABILIZE])
 def test_who_flies_one_that_is_lost_is_not_told_to_give_it_back(flight, mode):
     """In LOITER and GUIDED it would follow a position that is wrong."""
     f = up_to(flight(mission()), "CONFIGURATIONS")

@@ -17,6 +17,7 @@ from fcsv_geometry.missions.flight_limits import PauseLimits
 from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration
 from fcsv_geometry.missions.phases import PHASES
 from fcsv_geometry.missions.separation import SeparationRules
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_msgs.msg import MissionState
 
 
@@ -157,10 +158,10 @@ def test_waits_for_what_people_do(flight):
     f.fleet["uav2"].heard = True
     f.phase("TAKE_OFF")
     f.take_off()
-    f.fleet["uav2"].mode = "ALT_HOLD"  # not in LOITER yet
+    f.fleet["uav2"].mode = Mode.ALT_HOLD  # not in LOITER yet
     f.wait(3.0)
     assert f.machine.phase == "TAKE_OFF"
-    f.fleet["uav2"].mode = "LOITER"
+    f.fleet["uav2"].mode = Mode.LOITER
     f.phase("COLUMN")
     f.fleet["uav2"].sees_front_s = 1.0  # not steady yet
     f.wait(3.0)
@@ -297,7 +298,9 @@ def orders_that_move(f, name):
     return {o.number: o for _, o in f.orders if o.vehicle == name and o.kind != "RECORD"}
 
 
-@pytest.mark.parametrize("mode", ["LOITER", "ALT_HOLD", "STABILIZE", "LAND", "BRAKE"])
+@pytest.mark.parametrize(
+    "mode", [Mode.LOITER, Mode.ALT_HOLD, Mode.STABILIZE, Mode.LAND, Mode.BRAKE]
+)
 def test_a_pilot_who_takes_over_is_not_fought(flying, mode):
     """No mode and no way-point while he has it, nor when he gives it back, until the operator
     confirms."""
@@ -311,13 +314,13 @@ def test_a_pilot_who_takes_over_is_not_fought(flying, mode):
     assert any(
         f"uav2: {mode} was not asked for by the mission" in p for p in flying.machine.problems
     )
-    assert flying.machine.waits_for == ("resume" if mode == "LOITER" else "")
-    flying.fleet["uav2"].mode = "GUIDED"
+    assert flying.machine.waits_for == ("resume" if mode == Mode.LOITER else "")
+    flying.fleet["uav2"].mode = Mode.GUIDED
     flying.wait(20.0)
     assert set(orders_that_move(flying, "uav2")) == before, "given back, but not confirmed"
 
 
-@pytest.mark.parametrize("mode", ["BRAKE", "STABILIZE"])
+@pytest.mark.parametrize("mode", [Mode.BRAKE, Mode.STABILIZE])
 def test_a_pilot_who_takes_it_just_before_guided_is_asked_for_is_not_fought(flight, mode):
     """The operator has confirmed, nothing is ordered yet (a link was silent), and the pilot
     switches."""
@@ -328,7 +331,7 @@ def test_a_pilot_who_takes_it_just_before_guided_is_asked_for_is_not_fought(flig
     f.wait(20.0)
     assert f.machine.phase == "GUIDED" and kinds(f, "uav2", "SET_MODE") == {}
     assert f"uav2: {mode} was not asked for" in f.machine.problems[0]
-    f.fleet["uav2"].mode = "LOITER"
+    f.fleet["uav2"].mode = Mode.LOITER
     f.wait(1.0)
     assert kinds(f, "uav2", "SET_MODE") == {}, "given back, but not confirmed"
     f.press("resume")
@@ -337,9 +340,9 @@ def test_a_pilot_who_takes_it_just_before_guided_is_asked_for_is_not_fought(flig
 
 def test_a_vehicle_that_is_given_back_goes_on_once_it_is_confirmed(flying):
     flying.wait(1.0)
-    flying.fleet["uav2"].mode = "LOITER"
+    flying.fleet["uav2"].mode = Mode.LOITER
     flying.wait(0.3)
-    flying.fleet["uav2"].mode = "GUIDED"
+    flying.fleet["uav2"].mode = Mode.GUIDED
     flying.wait(5.0)
     flying.press("resume")
     resumed(flying)
@@ -351,12 +354,12 @@ def test_a_pilot_who_takes_over_during_the_handing_over_is_not_sent_back_to_guid
     f.fleet["uav1"].refuses = {"SET_MODE": "requires position"}
     with pytest.raises(AssertionError):
         f.up_to_configurations()
-    assert f.fleet["uav2"].mode == "GUIDED"
-    f.fleet["uav2"].mode = "ALT_HOLD"
+    assert f.fleet["uav2"].mode == Mode.GUIDED
+    f.fleet["uav2"].mode = Mode.ALT_HOLD
     f.wait(0.2)
     asked = len(kinds(f, "uav2", "SET_MODE"))
     f.wait(60.0)
-    assert len(kinds(f, "uav2", "SET_MODE")) == asked and f.fleet["uav2"].mode == "ALT_HOLD"
+    assert len(kinds(f, "uav2", "SET_MODE")) == asked and f.fleet["uav2"].mode == Mode.ALT_HOLD
     assert "uav2: ALT_HOLD was not asked for" in f.machine.problems[0]
 
 
@@ -364,9 +367,9 @@ def test_a_pilot_who_ends_a_landing_is_not_told_to_land_again(flying):
     flying.wait(1.0)
     flying.fleet["uav2"].height_m = 60.0
     flying.machine.abort("stop")
-    flying.until(lambda: flying.fleet["uav2"].mode == "LAND")
+    flying.until(lambda: flying.fleet["uav2"].mode == Mode.LAND)
     flying.wait(0.5)
-    flying.fleet["uav2"].mode = "LOITER"
+    flying.fleet["uav2"].mode = Mode.LOITER
     flying.wait(0.2)
     asked = len(kinds(flying, "uav2", "LAND"))
     flying.wait(30.0)
@@ -376,10 +379,10 @@ def test_a_pilot_who_ends_a_landing_is_not_told_to_land_again(flying):
 
 def test_a_reference_that_was_moved_goes_home_first(flying):
     flying.wait(1.0)
-    flying.fleet["uav1"].mode = "LOITER"
+    flying.fleet["uav1"].mode = Mode.LOITER
     flying.wait(0.5)
     flying.fleet["uav1"].T_home_body[0, 3] += 6.0  # flown away by hand
-    flying.fleet["uav1"].mode, flying.fleet["uav1"].target = "GUIDED", None
+    flying.fleet["uav1"].mode, flying.fleet["uav1"].target = Mode.GUIDED, None
     flying.press("resume")
     flying.phase("CONFIGURATIONS")
     flying.wait(0.2)
@@ -394,13 +397,13 @@ def test_who_was_blown_into_the_references_place_goes_to_its_own_first(flying):
     """It is not the end of the mission: they were flown on, and never nearer to each other."""
     flying.wait(1.0)
     for name, p in (("uav1", [3.0, 0.0, 0.0]), ("uav2", [0.3, 0.2, 0.0])):
-        flying.fleet[name].mode = "LOITER"
+        flying.fleet[name].mode = Mode.LOITER
         # the reference is 2.7 m in front of its place, the other one in it
         flying.fleet[name].T_home_body[:3, 3] = p
     flying.wait(0.5)
     flying.closest_m = float("inf")
     for v in flying.fleet.values():
-        v.mode, v.target = "GUIDED", None
+        v.mode, v.target = Mode.GUIDED, None
     flying.press("resume")
     flying.phase("CONFIGURATIONS")
     resumed(flying)
@@ -430,7 +433,7 @@ def test_who_hangs_beneath_a_vehicle_that_lands_by_itself_goes_aside(flight, bas
     f = flight(mission(("vertical", baseline_m)))
     f.up_to_configurations()
     f.until(lambda: f.fleet["uav2"].recording)
-    f.fleet["uav2"].mode, f.fleet["uav2"].height_m = "LAND", baseline_m + 8.0
+    f.fleet["uav2"].mode, f.fleet["uav2"].height_m = Mode.LAND, baseline_m + 8.0
     f.wait(1.0)
     aside = [
         o for o in kinds(f, "uav1", "GOTO").values() if o.number == max(orders_that_move(f, "uav1"))
@@ -446,7 +449,7 @@ def test_an_abort_sends_the_lower_one_aside_where_the_upper_one_is_landing_alrea
     f = flight(mission(("vertical", baseline_m)))
     f.up_to_configurations()
     f.until(lambda: f.fleet["uav2"].recording)
-    f.fleet["uav2"].mode, f.fleet["uav2"].height_m = "LAND", baseline_m + 8.0
+    f.fleet["uav2"].mode, f.fleet["uav2"].height_m = Mode.LAND, baseline_m + 8.0
     f.machine.abort("stop")
     assert clearance_when_heights_cross(f, "uav2", "uav1") > 1.5
     f.phase("ABORTED", 60.0)
@@ -653,7 +656,7 @@ def test_abort_while_they_take_off_tells_the_pilot_of_who_is_in_the_air_to_land(
     f = flight(mission())
     f.phase("TAKE_OFF")
     first = f.fleet["uav1"]
-    first.armed, first.mode, first.height_m = True, "ALT_HOLD", 1.0
+    first.armed, first.mode, first.height_m = True, Mode.ALT_HOLD, 1.0
     f.wait(0.5)
     f.machine.abort("stop")
     f.wait(5.0)
@@ -661,7 +664,7 @@ def test_abort_while_they_take_off_tells_the_pilot_of_who_is_in_the_air_to_land(
         f.machine.phase == "LAND" and not kinds(f, "uav1", "LAND") and not kinds(f, "uav2", "LAND")
     )
     assert f.machine.problems == ["uav1 is flown by hand: land it (ALT_HOLD)"]
-    first.mode = "LAND"
+    first.mode = Mode.LAND
     f.phase("ABORTED", 30.0)
 
 
@@ -678,7 +681,7 @@ def test_abort_while_calibrating_lands_and_ignores_the_late_answer(flight):
     )
     assert [p for p in f.machine.problems if "is flown by hand: land it" in p]
     for v in f.fleet.values():
-        v.mode = "LAND"  # their pilots do
+        v.mode = Mode.LAND  # their pilots do
     f.phase("ABORTED", 30.0)
 
 
@@ -697,14 +700,14 @@ def test_who_hangs_above_in_a_pilots_hands_is_not_told_to_land(flight):
     f = flight(mission(("vertical", 5.0)))
     f.up_to_configurations()
     f.until(lambda: f.fleet["uav2"].recording)
-    f.fleet["uav2"].mode = "LOITER"
+    f.fleet["uav2"].mode = Mode.LOITER
     f.machine.abort("stop")
     f.wait(10.0)
     assert f.fleet["uav2"].armed and "uav2 is above uav1" in f.machine.problems[-1]
     f.fleet["uav2"].T_home_body[1, 3] -= 4.0
     f.wait(10.0)
     assert f.fleet["uav2"].armed and "uav2 is flown by hand: land it" in f.machine.problems[-1]
-    f.fleet["uav2"].mode = "LAND"
+    f.fleet["uav2"].mode = Mode.LAND
     f.phase("ABORTED", 60.0)
 
 

@@ -12,6 +12,7 @@ from support.waiting import within
 
 from fcsv_geometry import transforms
 from fcsv_geometry.missions.mission import load_mission
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.vehicle import load_vehicles
 
 pytestmark = pytest.mark.ros
@@ -37,7 +38,7 @@ class StandIn:
         self.T_home_odom = transforms.from_xyz_yaw(random.uniform(-9, 9, 3), random.uniform(-3, 3))
         self.T_home_body = transforms.from_xyz_yaw(place_m, 0.0)
         self.mode, self.armed, self.height_m, self.recording, self.sees = (
-            "STABILIZE",
+            Mode.STABILIZE,
             False,
             0.0,
             False,
@@ -114,7 +115,7 @@ class StandIn:
         elif c.kind == Command.RECORD:
             self.recording = c.flag
         elif c.kind == Command.LAND:
-            self.mode, self.armed, self.height_m = "LAND", False, 0.0
+            self.mode, self.armed, self.height_m = Mode.LAND, False, 0.0
         self.acks.publish(
             CommandAck(vehicle=self.name, sender=c.sender, number=c.number, result=CommandAck.DONE)
         )
@@ -209,7 +210,7 @@ class ControlPc:
         _front, back = self.fleet
         self.wait_for("TAKE_OFF")
         for v in self.fleet:
-            v.armed, v.mode = True, "LOITER"
+            v.armed, v.mode = True, Mode.LOITER
         time.sleep(0.5)  # the ground is where they stood with motors off
         for v in self.fleet:
             v.height_m = 3.0
@@ -277,7 +278,7 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
         assert pc.fence == load_mission(folder / "mission.yaml").fence
         assert not pc.proceed("calibrate").success
         for v in fleet:
-            v.armed, v.mode = True, "LOITER"
+            v.armed, v.mode = True, Mode.LOITER
         time.sleep(0.5)
         assert pc.mission.phase_name == "TAKE_OFF", (
             "armed, but still on the ground (which is at 50 m in its odometry)"

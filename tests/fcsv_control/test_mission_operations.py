@@ -8,6 +8,7 @@ import pytest
 from fcsv_control.mission.plans.task_list import TaskList, tasks
 from fcsv_geometry.missions.flight_limits import PauseLimits
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_geometry.vehicles.modes import Mode
 
 
 def mission(*movers, **limits):
@@ -39,7 +40,7 @@ def test_a_pause_holds_until_it_is_resumed(flying):
     flying.wait(60.0)
     for name, v in flying.fleet.items():
         np.testing.assert_array_equal(v.T_home_body, before[name])
-        assert not v.recording and v.mode == "GUIDED"
+        assert not v.recording and v.mode == Mode.GUIDED
     assert (
         flying.machine.waits_for == "resume"
         and "paused by the operator" in flying.machine.problems[0]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from fcsv_control.mission.activities.landing import Landing
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
-from fcsv_control.mission.watches.hands import MissionModeOwner
+from fcsv_control.mission.watches.fleet_modes import FleetModes
 from fcsv_control.mission.watches.heard import VehicleHeard
 from fcsv_control.mission.ways import clearing, places, routes
 from fcsv_geometry import transforms
@@ -20,6 +20,7 @@ from fcsv_geometry.home import home_of, odoms_in_home
 from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME, camera_place
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_geometry.missions.separation import SeparationRules, distance_m
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_tracking.column.calibration import Link
 
@@ -217,33 +218,32 @@ def test_nobody_lands_where_a_lost_one_may_lie(known_height_m):
 def test_who_flies_towards_anothers_column_counts_as_above_it(towards_mps, is_above):
     """4 m beside it; it is told to land, and comes to a stand 2 m further on."""
     above = seen_at(
-        0.0, -4.0, 4.0, armed=True, mode="GUIDED", v_home_mps=np.array([0.0, towards_mps, 0.0])
+        0.0, -4.0, 4.0, armed=True, mode=Mode.GUIDED, v_home_mps=np.array([0.0, towards_mps, 0.0])
     )
     moment = Snapshot(
-        0.0, {"uav1": seen_at(0.0, 0.0, 0.0, armed=True, mode="GUIDED"), "uav2": above}
+        0.0, {"uav1": seen_at(0.0, 0.0, 0.0, armed=True, mode=Mode.GUIDED), "uav2": above}
     )
     assert clearing.below(moment, "uav2", 2.2) == ("uav1" if is_above else None)
-    landing = replace(above, mode="LAND")
+    landing = replace(above, mode=Mode.LAND)
     moment.vehicles["uav2"] = landing
     assert clearing.coming_down_on(moment, "uav1", 2.2) == ("uav2" if is_above else None)
 
 
 def test_a_mission_that_slows_down_gently_counts_with_a_longer_stop():
     """4 m beside it at 1.4 m/s: a stand 1.2 m further on at 1.5 m/s², 2.5 m at 0.5 m/s²."""
-    above = seen_at(0.0, -4.0, 4.0, armed=True, mode="GUIDED", v_home_mps=np.array([0.0, 1.4, 0.0]))
-    air = {"uav1": seen_at(0.0, 0.0, 0.0, armed=True, mode="GUIDED"), "uav2": above}
+    above = seen_at(
+        0.0, -4.0, 4.0, armed=True, mode=Mode.GUIDED, v_home_mps=np.array([0.0, 1.4, 0.0])
+    )
+    air = {"uav1": seen_at(0.0, 0.0, 0.0, armed=True, mode=Mode.GUIDED), "uav2": above}
     assert clearing.below(Snapshot(0.0, air), "uav2", 2.2) is None
     assert clearing.below(Snapshot(0.0, air, slows_mps2=0.5), "uav2", 2.2) == "uav1"
 
 
 def test_who_lands_by_hand_is_told_that_one_lies_somewhere():
-    air = {"uav1": seen_at(10.0, 0.0, 0.0, armed=True, mode="LOITER")}
+    air = {"uav1": seen_at(10.0, 0.0, 0.0, armed=True, mode=Mode.LOITER)}
     air["uav2"] = seen_at(0.0, 0.0, -8.0, lost=True, astray_m=18.2, state_age_s=0.1)
     landing = Landing(
-        Mission("m", [StereoConfiguration("horizontal", 4.0)]),
-        list(air),
-        Outbox(),
-        MissionModeOwner(),
+        Mission("m", [StereoConfiguration("horizontal", 4.0)]), list(air), Outbox(), FleetModes(air)
     )
     assert not landing.step(Snapshot(0.0, air))
     assert (
@@ -257,9 +257,9 @@ def test_nobody_lands_where_a_silent_one_may_have_gone():
     """Its radio is gone: its guardian moves it 5 m aside of who was above, and lands it. Rehearsed,
     seed 520121."""
     heard = VehicleHeard(np.eye(4))
-    heard.state(0.0, "GUIDED", True, True)
+    heard.state(0.0, Mode.GUIDED, True, True)
     heard.odometry(0.0, np.eye(4), (0.0, 0.0, 0.0))
-    other = seen_at(0.0, -5.5, 2.0, armed=True, mode="GUIDED")
+    other = seen_at(0.0, -5.5, 2.0, armed=True, mode=Mode.GUIDED)
     for now_s, found in ((1.0, None), (3.0, "uav1")):
         moment = Snapshot(now_s, {"uav1": heard.view(now_s, np.eye(4)), "uav2": other})
         assert clearing.below(moment, "uav2", 2.0) == found

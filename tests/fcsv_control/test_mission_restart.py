@@ -12,6 +12,7 @@ from fcsv_control.errors import SessionError
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.ros.mission import memory_file
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_geometry.vehicles.modes import Mode
 
 LIST = (("horizontal", 4.0), ("horizontal", 8.0), ("vertical", 5.0))
 
@@ -91,7 +92,7 @@ def test_who_was_taken_by_a_pilot_meanwhile_is_left_to_him(flying, path):
     flying.wait(1.0)
     memory_taken_before = flying.machine.memory().taken
     machine = restarted(flying, path)
-    flying.fleet["uav2"].mode = "LOITER"
+    flying.fleet["uav2"].mode = Mode.LOITER
     flying.wait(10.0)
     assert not memory_taken_before and {o.vehicle for _, o in flying.orders} == {"uav1"}
     assert machine.waits_for == "resume" and any(
@@ -112,7 +113,7 @@ def test_who_was_stopped_meanwhile_waits_for_the_operator(flying, path, landing)
         flying.wait(0.2)
     machine = restarted(flying, path)
     for vehicle in flying.fleet.values():
-        vehicle.mode = "BRAKE"
+        vehicle.mode = Mode.BRAKE
     flying.wait(10.0)
     assert flying.orders == [] and machine.waits_for == "resume"
     assert any("found in BRAKE" in p and "confirm 'resume'" in p for p in machine.problems)
@@ -122,9 +123,9 @@ def test_who_was_stopped_meanwhile_waits_for_the_operator(flying, path, landing)
 
 def test_who_was_given_back_and_not_confirmed_before_the_restart_still_waits(flying, path):
     flying.wait(1.0)
-    flying.fleet["uav2"].mode = "LOITER"
+    flying.fleet["uav2"].mode = Mode.LOITER
     flying.wait(0.5)
-    flying.fleet["uav2"].mode = "GUIDED"
+    flying.fleet["uav2"].mode = Mode.GUIDED
     flying.wait(0.5)
     machine = restarted(flying, path)
     flying.wait(10.0)
@@ -138,7 +139,7 @@ def test_a_restart_while_handing_over_asks_nobody_for_guided_before_it_is_confir
     f.fleet["uav1"].refuses = {"SET_MODE": "requires position"}
     f.up_to_home()
     f.press("execute")
-    f.until(lambda: f.fleet["uav2"].mode == "GUIDED")
+    f.until(lambda: f.fleet["uav2"].mode == Mode.GUIDED)
     f.fleet["uav1"].refuses = {}
     restarted(f, path)
     f.wait(10.0)
@@ -175,7 +176,7 @@ def test_a_restart_when_nobody_flies_begins_anew_and_says_so(flying, path):
 def test_a_restart_when_all_are_flown_by_hand_begins_anew(flying, path):
     flying.wait(1.0)
     for v in flying.fleet.values():
-        v.mode = "LOITER"
+        v.mode = Mode.LOITER
     machine = restarted(flying, path)
     flying.phase("COLUMN", 5.0)
     assert any("calibrate again" in text for text in machine.said) and not flying.orders
@@ -202,7 +203,7 @@ def test_a_memory_is_not_written_over_before_it_was_judged(flying, path):
 
 def test_an_abort_before_the_memory_was_judged_lands_and_is_remembered(flying, path):
     flying.wait(1.0)
-    flying.fleet["uav2"].mode = "LOITER"
+    flying.fleet["uav2"].mode = Mode.LOITER
     flying.fleet["uav1"].heard = flying.fleet["uav1"].heard_once = False
     machine = restarted(flying, path)
     flying.wait(2.0)
@@ -210,7 +211,7 @@ def test_an_abort_before_the_memory_was_judged_lands_and_is_remembered(flying, p
     machine.abort("stop")
     flying.fleet["uav1"].heard = True
     flying.until(lambda: not flying.fleet["uav1"].armed, 60.0)
-    assert machine.memory().phase == "LAND" and flying.fleet["uav2"].mode == "LOITER"
+    assert machine.memory().phase == "LAND" and flying.fleet["uav2"].mode == Mode.LOITER
 
 
 # ---- the file ------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from fcsv_control.errors import ProfileError
 from fcsv_control.flight.settings import parameter_files, profile
 from fcsv_control.flight.settings.profile import Choice, load_profile, parse_profile
 from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot.parameters import DEFAULTS
 
 ENOUGH = "#: must 2 or 3: poses come by MAVLink\nVISO_TYPE,2\n"
@@ -49,7 +50,7 @@ def test_a_failsafe_that_flies_home_or_is_off_must_be_otherwise(name, lands, hom
     assert rule.must and not any(rule.complaint(value) for value in lands)
     assert all(rule.complaint(value) for value in (*homing, *else_wrong))
     why = rule.why if name != "BATT_FS_CRT_ACT" else PROFILE.rule("BATT_FS_LOW_ACT").why
-    assert not homing or "RTL" in why or "fly home" in why
+    assert not homing or Mode.RTL in why or "fly home" in why
 
 
 def test_autopilots_fly_as_fast_as_ways_of_missions_are_timed():

@@ -8,14 +8,15 @@ import pytest
 from fcsv_control.mission.watches.heard import VehicleHeard
 from fcsv_control.stopping.core import STOP, StopAll
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.rehearsal.flight import Flight
 
 
 def flying() -> VehicleHeard:
     heard = VehicleHeard(np.eye(4))
-    heard.state(1.0, "LOITER", False, True)
+    heard.state(1.0, Mode.LOITER, False, True)
     heard.position(0.2)
-    heard.state(2.0, "GUIDED", True, True)
+    heard.state(2.0, Mode.GUIDED, True, True)
     heard.position(8.2)
     return heard
 
@@ -27,7 +28,7 @@ def test_a_vehicle_whose_link_begins_anew_is_not_taken_to_stand_on_the_ground():
     view = heard.view(3.0, None)
     assert (view.armed, view.mode, view.connected, view.state_age_s) == (True, "GUIDED", False, 0.0)
     assert view.height_m == pytest.approx(8.1)
-    heard.state(3.5, "LAND", False, True)
+    heard.state(3.5, Mode.LAND, False, True)
     heard.position(0.4)
     view = heard.view(3.5, None)
     assert (view.armed, view.connected) == (False, True) and view.height_m == pytest.approx(0.0)
@@ -37,16 +38,16 @@ def test_what_was_never_known_of_a_vehicle_is_no_ground():
     heard = VehicleHeard(np.eye(4))
     heard.state(1.0, "", False, False)
     heard.position(8.2)
-    heard.state(2.0, "GUIDED", True, True)
+    heard.state(2.0, Mode.GUIDED, True, True)
     assert heard.view(2.0, None).height_m == pytest.approx(8.2)
 
 
 def test_stop_all_goes_on_with_a_vehicle_that_says_nothing_of_its_mode():
     stop = StopAll(["uav1"])
-    stop.state(1.0, "uav1", "GUIDED", True)
+    stop.state(1.0, "uav1", Mode.GUIDED, True)
     stop.state(2.0, "uav1", "", False)
     stop.begin(2.1, STOP, "a test")
-    assert [o.mode for o in stop.due(2.1)] == ["BRAKE"] and stop.report(2.1).done == []
+    assert [o.mode for o in stop.due(2.1)] == [Mode.BRAKE] and stop.report(2.1).done == []
 
 
 def test_a_link_that_dies_in_flight_lands_nobody_and_changes_no_height():

@@ -9,6 +9,7 @@ import pytest
 from support.waiting import within
 
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 
 pytestmark = pytest.mark.ros
 NAMES = ("s_one", "s_two", "s_three")  # the last one is never heard
@@ -63,7 +64,7 @@ class FlightLink:
 
 @pytest.fixture
 def fleet(ros_master):
-    links = {"s_one": FlightLink("s_one", "GUIDED"), "s_two": FlightLink("s_two", "LOITER")}
+    links = {"s_one": FlightLink("s_one", "GUIDED"), "s_two": FlightLink("s_two", Mode.LOITER)}
     yield links
     for link in links.values():
         link.close()
@@ -107,10 +108,10 @@ def test_everybody_who_is_not_flown_by_hand_stops_with_the_mission_dead(fleet, s
     rospy.wait_for_service("/stop_all", 10.0)
     answer = stop()
     assert answer.success and "stop all" in answer.message
-    until(lambda: fleet["s_one"].mode == "BRAKE", 5.0, "BRAKE")
+    until(lambda: fleet["s_one"].mode == Mode.BRAKE, 5.0, Mode.BRAKE)
     until(lambda: reports[-1].done == ["s_one"], 5.0, "the report")
     assert (reports[-1].by_hand, reports[-1].unheard) == (["s_two"], ["s_three"])
-    assert told and fleet["s_two"].asked == [] and fleet["s_one"].asked == ["BRAKE"], (
+    assert told and fleet["s_two"].asked == [] and fleet["s_one"].asked == [Mode.BRAKE], (
         "once: the twin did nothing"
     )
     until(
@@ -125,7 +126,12 @@ def test_everybody_who_is_not_flown_by_hand_stops_with_the_mission_dead(fleet, s
     times = {"ordered_s": now_s - 60.0, "sent_s": now_s, "lifetime_s": 99.0}
     commands.publish(
         Command(
-            vehicle="s_one", sender="m-1", number=1, kind=Command.SET_MODE, mode="GUIDED", **times
+            vehicle="s_one",
+            sender="m-1",
+            number=1,
+            kind=Command.SET_MODE,
+            mode=Mode.GUIDED,
+            **times,
         )
     )
     until(lambda: [a for a in acks if a.sender == "m-1"], what="an answer")
@@ -143,11 +149,18 @@ def test_everybody_who_is_not_flown_by_hand_stops_with_the_mission_dead(fleet, s
     times = {"ordered_s": time.monotonic(), "sent_s": time.monotonic(), "lifetime_s": 9.0}
     commands.publish(
         Command(
-            vehicle="s_one", sender="m-1", number=2, kind=Command.SET_MODE, mode="GUIDED", **times
+            vehicle="s_one",
+            sender="m-1",
+            number=2,
+            kind=Command.SET_MODE,
+            mode=Mode.GUIDED,
+            **times,
         )
     )
     until(lambda: [a for a in acks if a.number == 2 and a.sender == "m-1"], what="an answer")
-    assert "began anew after the calibration" in acks[-1].reason and fleet["s_one"].mode == "BRAKE"
+    assert (
+        "began anew after the calibration" in acks[-1].reason and fleet["s_one"].mode == Mode.BRAKE
+    )
 
     land = rospy.Publisher("/land_all", String, queue_size=5)
     until(lambda: land.get_num_connections(), what="the node")

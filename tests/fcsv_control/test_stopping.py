@@ -7,6 +7,7 @@ import pytest
 from fcsv_control.mission.watches.heard import FrameEpochs, VehicleHeard
 from fcsv_control.stopping.core import LAND, STOP, StopAll
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_geometry.vehicles.modes import Mode
 
 NAMES = ("uav1", "uav2")
 
@@ -16,7 +17,7 @@ class Desk:
 
     def __init__(self):
         self.core, self.now_s, self.sent = StopAll(NAMES), 50.0, []
-        self.modes = dict.fromkeys(NAMES, "GUIDED")
+        self.modes = dict.fromkeys(NAMES, Mode.GUIDED)
         self.armed = dict.fromkeys(NAMES, True)
         self.heard = set(NAMES)
 
@@ -47,40 +48,40 @@ def test_who_was_stopped_and_lands_later_is_not_stopped_again(desk):
     """Rehearsed: a guardian that lands for its tracker's sake and this node took turns, once a
     second."""
     desk.core.begin(desk.now_s, STOP, "by hand")
-    desk.modes["uav1"] = "LAND"  # before the call: it is stopped
+    desk.modes["uav1"] = Mode.LAND  # before the call: it is stopped
     assert {name for name, _, _ in desk.run(0.5)} == {"uav1", "uav2"}
-    desk.modes.update(uav1="BRAKE", uav2="BRAKE")
+    desk.modes.update(uav1=Mode.BRAKE, uav2=Mode.BRAKE)
     assert not desk.run(1.0)
-    desk.modes["uav1"] = "LAND"
+    desk.modes["uav1"] = Mode.LAND
     assert not desk.run(10.0) and desk.report().done == ["uav1", "uav2"]
-    desk.modes["uav1"] = "GUIDED"
+    desk.modes["uav1"] = Mode.GUIDED
     assert {name for name, _, _ in desk.run(0.5)} == {"uav1"}
     desk.core.begin(desk.now_s, STOP, "again")
-    desk.modes["uav1"] = "LAND"
+    desk.modes["uav1"] = Mode.LAND
     assert {name for name, _, _ in desk.run(0.5)} == {"uav1"}, "a new call stops who lands"
 
 
 def test_everybody_is_told_at_once_and_again_every_fifth_of_a_second_until_the_mode_shows(desk):
     desk.run()
     desk.core.begin(desk.now_s, STOP, "by hand")
-    assert desk.run() == [("uav1", 1, "BRAKE"), ("uav2", 2, "BRAKE")]
+    assert desk.run() == [("uav1", 1, Mode.BRAKE), ("uav2", 2, Mode.BRAKE)]
     assert len(desk.run(2.0)) == pytest.approx(20, abs=2)
-    desk.modes["uav1"] = "BRAKE"
+    desk.modes["uav1"] = Mode.BRAKE
     assert {name for name, _, _ in desk.run(1.0)} == {"uav2"}
     desk.core.acknowledged(desk.now_s, "uav2", 2, "")  # acknowledged is not enough
-    assert not desk.run(0.9) and desk.run(0.3) == [("uav2", 3, "BRAKE")], (
+    assert not desk.run(0.9) and desk.run(0.3) == [("uav2", 3, Mode.BRAKE)], (
         "it showed on board for a moment"
     )
     report = desk.report()
     assert (report.done, report.under_way) == (["uav1"], ["uav2"])
     assert "stop all (by hand); done: uav1; under way: uav2" in report.in_words()
-    desk.modes["uav2"] = "BRAKE"
+    desk.modes["uav2"] = Mode.BRAKE
     assert not desk.run(5.0)
 
 
 def test_who_is_not_heard_is_named_and_told_for_as_long_as_it_takes(desk):
     desk.heard = {"uav1"}
-    desk.modes["uav1"] = "BRAKE"
+    desk.modes["uav1"] = Mode.BRAKE
     desk.core.begin(desk.now_s, STOP, "")
     sent = desk.run(600.0)
     assert {(n, k) for n, k, _ in sent} == {("uav2", 1)} and len(sent) == pytest.approx(
@@ -91,7 +92,7 @@ def test_who_is_not_heard_is_named_and_told_for_as_long_as_it_takes(desk):
     assert not desk.run(1.0) and desk.report().asked == ""
 
 
-@pytest.mark.parametrize("mode", ["LOITER", "ALT_HOLD", "STABILIZE", "RTL"])
+@pytest.mark.parametrize("mode", [Mode.LOITER, Mode.ALT_HOLD, Mode.STABILIZE, Mode.RTL])
 @pytest.mark.parametrize("asked", [STOP, LAND])
 def test_who_is_flown_by_hand_is_not_commanded_but_named(desk, mode, asked):
     desk.modes["uav1"] = mode
@@ -102,7 +103,7 @@ def test_who_is_flown_by_hand_is_not_commanded_but_named(desk, mode, asked):
 
 
 def test_a_brake_that_the_agent_knows_to_be_a_pilots_is_left_alone_and_told(desk):
-    desk.modes["uav1"] = "BRAKE"
+    desk.modes["uav1"] = Mode.BRAKE
     desk.run()
     desk.core.begin(desk.now_s, LAND, "")
     [(_, number, _)] = [s for s in desk.run(1.2) if s[0] == "uav1"][:1]
@@ -153,7 +154,7 @@ def brake(flying):
     """The stop-all node's own commands."""
     flying.machine.stopped("by hand")
     for vehicle in flying.fleet.values():
-        vehicle.mode, vehicle.target = "BRAKE", None
+        vehicle.mode, vehicle.target = Mode.BRAKE, None
 
 
 def moving(flying, since):
@@ -179,10 +180,10 @@ def test_a_stopped_mission_orders_nothing_until_the_operator_resumes(flying, slo
 def test_after_a_stop_a_pilots_vehicle_is_waited_for(flying):
     brake(flying)
     flying.wait(1.0)
-    flying.fleet["uav2"].mode = "ALT_HOLD"
+    flying.fleet["uav2"].mode = Mode.ALT_HOLD
     flying.wait(1.0)
     assert flying.machine.waits_for == "" and "uav2" in " ".join(flying.machine.problems)
-    flying.fleet["uav2"].mode = "LOITER"
+    flying.fleet["uav2"].mode = Mode.LOITER
     flying.wait(1.0)
     assert flying.machine.proceed("resume") == ""
     flying.phase("DONE", 600.0)
@@ -270,7 +271,7 @@ def test_ages_are_counted_from_when_a_message_came():
     heard = VehicleHeard(np.eye(4))
     assert heard.view(5.0, None).pose_age_s == float("inf")
     heard.odometry(10.0, np.eye(4), (0.1, 0.0, 0.0))
-    heard.state(10.5, "GUIDED", True, True)
+    heard.state(10.5, Mode.GUIDED, True, True)
     heard.recorder(11.0, "", 3)
     view = heard.view(40.0, np.eye(4))
     assert (view.pose_age_s, view.state_age_s, view.recorder_age_s) == (30.0, 29.5, 29.0)

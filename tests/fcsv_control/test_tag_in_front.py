@@ -13,6 +13,7 @@ from fcsv_control.mission.watches.tag_in_front import TagInFront, TagInFrontRule
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_geometry.vehicles.modes import Mode
 
 STEP_S = 0.1
 T_BODY_TAG = transforms.from_xyz_yaw([-0.1, 0.0, 0.05], np.pi)
@@ -48,7 +49,7 @@ class Column:
             self.now_s += STEP_S
             for name, heard in self.heard.items():
                 heard.odometry(self.now_s, self._told(name), (self.speed_mps[name], 0.0, 0.0))
-                heard.state(self.now_s, "GUIDED", True, True)
+                heard.state(self.now_s, Mode.GUIDED, True, True)
             if self.sees:
                 T_uav2_uav1 = transforms.invert(T_HOME_BODY["uav2"]) @ T_HOME_BODY["uav1"]
                 self.heard["uav2"].front_tag(

@@ -10,6 +10,7 @@ from fcsv_control.errors import CommandRefused
 from fcsv_control.tello.pid import Sticks
 from fcsv_control.tello.rules import TelloRules
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 
 _TARGET = transforms.from_xyz_yaw([0.6, -0.4, 2.0], 0.0)
 _HELD_M = 0.15
@@ -32,22 +33,22 @@ def test_it_takes_off_flies_to_a_set_point_and_lands(tmp_path, kind):
     link.run(1.0)
     link.core.take_off(link.now_s, 1.8)
     link.run(8.0)
-    assert link.core.mode == "LOITER" and link.core.state(link.now_s).armed
+    assert link.core.mode == Mode.LOITER and link.core.state(link.now_s).armed
     assert link.p_m[2] == pytest.approx(1.8, abs=0.25)
-    link.core.set_mode(link.now_s, "GUIDED")
+    link.core.set_mode(link.now_s, Mode.GUIDED)
     link.run(8.0, _TARGET)
     assert link.run(10.0, _TARGET) < _HELD_M
-    link.core.set_mode(link.now_s, "LAND")
+    link.core.set_mode(link.now_s, Mode.LAND)
     link.run(10.0)
     assert not link.core.state(link.now_s).armed and link.p_m[2] < 0.05
-    assert link.core.mode == "LAND"
+    assert link.core.mode == Mode.LAND
 
 
 def test_guided_begins_where_it_is_and_brake_holds_there(flown):
-    flown.core.set_mode(flown.now_s, "BRAKE")
+    flown.core.set_mode(flown.now_s, Mode.BRAKE)
     at = transforms.transform(np.eye(3), flown.p_m)
     assert flown.run(10.0, at) < 0.3  # the set-points of GUIDED do not count
-    flown.core.set_mode(flown.now_s, "GUIDED")
+    flown.core.set_mode(flown.now_s, Mode.GUIDED)
     here = flown.p_m
     flown.run(5.0)
     assert np.linalg.norm(flown.p_m - here) < 0.25
@@ -71,7 +72,7 @@ def test_who_finds_it_in_flight_holds_it(tmp_path):
     again.tello, again.now_s = first.tello, first.now_s
     at = transforms.transform(np.eye(3), first.p_m)
     assert again.run(6.0, at) < 0.3
-    assert again.core.mode == "BRAKE"
+    assert again.core.mode == Mode.BRAKE
 
 
 # ---- what is refused -----------------------------------------------------------------------------
@@ -84,7 +85,7 @@ def _refusal(call, *what) -> str:
 
 
 def test_modes_that_it_has_not_are_refused_with_those_that_it_has(flown):
-    assert "LOITER, GUIDED, BRAKE, LAND" in _refusal(flown.core.set_mode, flown.now_s, "RTL")
+    assert "LOITER, GUIDED, BRAKE, LAND" in _refusal(flown.core.set_mode, flown.now_s, Mode.RTL)
 
 
 def test_guided_needs_a_steady_tracker(tmp_path):
@@ -98,8 +99,8 @@ def test_guided_needs_a_steady_tracker(tmp_path):
     link.run(0.5)
     assert "for 1 s" in _refusal(link.core.set_mode, link.now_s, "GUIDED")
     link.run(1.2)
-    link.core.set_mode(link.now_s, "GUIDED")
-    assert link.core.mode == "GUIDED"
+    link.core.set_mode(link.now_s, Mode.GUIDED)
+    assert link.core.mode == Mode.GUIDED
 
 
 @pytest.mark.parametrize(
@@ -136,22 +137,22 @@ def test_rules_that_contradict_each_other_name_their_field():
 def test_a_pilots_stick_takes_it_and_set_points_do_not_count_any_more(flown):
     flown.core.pilot(flown.now_s, Sticks(left=0.1))
     flown.run(0.2, _TARGET)
-    assert flown.core.mode == "GUIDED"  # a stick that trembles
+    assert flown.core.mode == Mode.GUIDED  # a stick that trembles
     flown.core.pilot(flown.now_s, Sticks(left=0.5))
-    assert flown.core.mode == "LOITER"
+    assert flown.core.mode == Mode.LOITER
     before = flown.p_m[1]
     for _ in range(40):
         flown.core.pilot(flown.now_s, Sticks(left=0.5))
         flown.run(0.04, _TARGET)
     assert flown.p_m[1] > before + 0.4
     flown.run(5.0, _TARGET)  # he lets go: it stays where it is
-    assert flown.core.mode == "LOITER" and flown.off_m(_TARGET) > 0.4
+    assert flown.core.mode == Mode.LOITER and flown.off_m(_TARGET) > 0.4
 
 
 def test_a_tracker_that_is_lost_for_two_seconds_is_ridden_out(flown):
     flown.tracked = False
     assert flown.run(2.0, _TARGET) < 0.4
-    assert flown.core.mode == "GUIDED" and any("flow" in text for text in flown.said)
+    assert flown.core.mode == Mode.GUIDED and any("flow" in text for text in flown.said)
     flown.tracked = True
     flown.run(5.0, _TARGET)
     assert flown.run(5.0, _TARGET) < _HELD_M
@@ -161,9 +162,9 @@ def test_a_tracker_that_is_lost_for_good_is_held_and_landed(flown):
     flown.tracked = False
     lost_s, place = flown.now_s, flown.p_m
     flown.run(2.7, _TARGET)
-    assert flown.core.mode == "GUIDED" and np.linalg.norm(flown.p_m - place) < 0.4
+    assert flown.core.mode == Mode.GUIDED and np.linalg.norm(flown.p_m - place) < 0.4
     flown.run(0.6, _TARGET)
-    assert flown.core.mode == "LAND"
+    assert flown.core.mode == Mode.LAND
     flown.run(10.0, _TARGET)
     assert not flown.core.state(flown.now_s).armed
     assert np.linalg.norm((flown.p_m - place)[:2]) < 1.0
@@ -174,7 +175,7 @@ def test_a_tracker_that_jumps_is_not_followed(flown):
     flown.seen_off_m = np.array([3.0, 0.0, 0.0])
     place = flown.p_m
     flown.run(3.5, _TARGET)
-    assert flown.core.mode == "LAND" and np.linalg.norm((flown.p_m - place)[:2]) < 0.5
+    assert flown.core.mode == Mode.LAND and np.linalg.norm((flown.p_m - place)[:2]) < 0.5
     assert "refused" in flown.core.tracking.doubt(flown.now_s)
 
 
@@ -183,9 +184,9 @@ def test_a_pilot_or_a_brake_ends_the_landing_that_the_link_began(flown):
     the air."""
     for ends in (
         lambda: flown.core.pilot(flown.now_s, Sticks(up=0.5)),
-        lambda: flown.core.set_mode(flown.now_s, "BRAKE"),
+        lambda: flown.core.set_mode(flown.now_s, Mode.BRAKE),
     ):
-        flown.core.set_mode(flown.now_s, "LAND")
+        flown.core.set_mode(flown.now_s, Mode.LAND)
         flown.run(1.0)
         assert flown.tello.flight.state == "LAND"
         ends()
@@ -208,7 +209,7 @@ def test_wifi_that_is_lost_for_ten_seconds_holds_then_lands(flown):
     flown.run(1.5, _TARGET)
     flown.wifi = True
     flown.run(10.0, _TARGET)
-    assert flown.core.mode == "LAND" and not flown.core.state(flown.now_s).armed
+    assert flown.core.mode == Mode.LAND and not flown.core.state(flown.now_s).armed
     assert np.linalg.norm((flown.p_m - place)[:2]) < 1.0
 
 
@@ -217,16 +218,16 @@ def test_wifi_that_is_lost_for_five_seconds_is_ridden_out(flown):
     flown.run(5.0, _TARGET)
     flown.wifi = True
     flown.run(6.0, _TARGET)
-    assert flown.core.mode == "GUIDED" and flown.run(5.0, _TARGET) < _HELD_M
+    assert flown.core.mode == Mode.GUIDED and flown.run(5.0, _TARGET) < _HELD_M
 
 
 def test_a_low_battery_is_said_an_empty_one_lands(flown):
     flown.battery_share = 0.18
     flown.run(1.0, _TARGET)
-    assert flown.core.mode == "GUIDED" and sum("20%" in text for text in flown.said) == 1
+    assert flown.core.mode == Mode.GUIDED and sum("20%" in text for text in flown.said) == 1
     flown.battery_share = 0.09
     flown.run(0.5, _TARGET)
-    assert flown.core.mode == "LAND"
+    assert flown.core.mode == Mode.LAND
     flown.run(10.0)
     assert not flown.core.state(flown.now_s).armed
 
@@ -235,7 +236,7 @@ def test_a_pilot_is_not_overruled_by_a_battery(flown):
     flown.core.pilot(flown.now_s, Sticks(left=0.5))
     flown.battery_share = 0.05
     flown.run(2.0, _TARGET)
-    assert flown.core.mode == "LOITER" and flown.land_orders == 0
+    assert flown.core.mode == Mode.LOITER and flown.land_orders == 0
 
 
 @pytest.mark.parametrize("fault", ["tracker", "wifi", "battery"])

@@ -18,6 +18,7 @@ from support.tello_loop import CONFIG, MOCAP, SeenPoses
 
 from fcsv_geometry import transforms
 from fcsv_geometry.rotations import wrap
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.tello.drone import DroneParameters
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -234,13 +235,13 @@ def test_holds_a_set_point_and_lands_when_told(flight):
     f.ready()
     o = f.operator
     assert (
-        o.newest.state.mode == "LOITER"
+        o.newest.state.mode == Mode.LOITER
         and not o.newest.state.armed
         and o.newest.health.in_the_air == 0
     )
     assert o.newest.imu.linear_acceleration.z == pytest.approx(9.81, abs=0.5)
     assert o.newest.odom.header.frame_id == f"{f._name}/tello_odom"
-    assert not o.mode("STABILIZE")
+    assert not o.mode(Mode.STABILIZE)
     o.refused("has no mode 'STABILIZE'")
     first = target(1.0, 0.5, 1.5, 0.3)
     f.guided(first)
@@ -266,7 +267,7 @@ def test_low_battery_and_a_link_that_is_started_again(flight):
     f.operator.newest.state = None
     f.begin_link()
     until(
-        lambda: getattr(f.operator.newest.state, "mode", "") == "BRAKE",
+        lambda: getattr(f.operator.newest.state, "mode", "") == Mode.BRAKE,
         15.0,
         "the new link holds it",
     )
@@ -275,7 +276,7 @@ def test_low_battery_and_a_link_that_is_started_again(flight):
     battery = f.tello.drone.flight.battery
     # what is switched on takes a share, too
     battery.drain((1.0 - 8.0 / battery.percent) * battery.left_s / 1.15, 1.0)
-    until(lambda: f.operator.newest.state.mode == "LAND", 5.0, "LAND")
+    until(lambda: f.operator.newest.state.mode == Mode.LAND, 5.0, "LAND")
     f.landed()
     f.operator.hears()
     assert not f.operator.take_off(1.5)
@@ -290,7 +291,7 @@ def test_a_pilot_takes_it(flight):
         f.operator.stick(forward=0.5)
         f.operator.send(place)
         time.sleep(0.1)
-    assert f.operator.newest.state.mode == "LOITER" and f.operator.newest.state.manual_input
+    assert f.operator.newest.state.mode == Mode.LOITER and f.operator.newest.state.manual_input
     assert f.off(place)[0] > 0.3
     assert list(f.operator.newest.rc.channels) == [1500, 1750, 1500, 1500]
     assert f.operator.mode("LAND")

@@ -25,6 +25,7 @@ from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_geometry.missions.separation import SeparationRules
+from fcsv_geometry.vehicles.modes import Mode
 
 NAMES = ("uav1", "uav2", "uav3")
 KEEP = Keep(1.5, SeparationRules(0.95))
@@ -131,7 +132,8 @@ def test_a_convoy_of_four_plans_over_several_steps_and_nobody_moves_before():
     convoy = Convoy(outbox, mission(), {n: T(p, 0.0) for n, p in goals.items()})
     others = {f"s{k}": p for k, p in enumerate(standing)}
     views = {
-        n: VehicleView(T_home_cam=T(p, 0.0), mode="GUIDED") for n, p in {**starts, **others}.items()
+        n: VehicleView(T_home_cam=T(p, 0.0), mode=Mode.GUIDED)
+        for n, p in {**starts, **others}.items()
     }
     steps, eye = 0, {n: np.eye(4) for n in views}
     while not outbox.due(0.1 * steps):
@@ -308,7 +310,7 @@ def test_a_pilot_who_takes_one_of_them_stops_both(flight):
     f = flight(mission(), NAMES)
     f.up_to_configurations()
     f.wait(2.0)
-    f.fleet["uav3"].mode = "LOITER"
+    f.fleet["uav3"].mode = Mode.LOITER
     f.wait(1.0)
     assert not moving(f) and f.machine.waits_for == "resume"
     assert {o.vehicle for _, o in f.orders if o.kind == "HOLD"} == {"uav1", "uav2"}
@@ -334,7 +336,7 @@ def test_a_recording_that_is_disturbed_is_taken_again_for_both(flight):
 
 def come_down(f, name):
     """Its guardian lands it: a mode that nobody here asked for, then motors off."""
-    f.fleet[name].mode = "LAND"
+    f.fleet[name].mode = Mode.LAND
     f.until(lambda: not f.fleet[name].armed, 60.0)
 
 
@@ -388,7 +390,7 @@ def test_one_that_dropped_out_and_flies_again_stops_the_others_until_it_is_down(
     f.press("resume")
     f.phase("CONFIGURATIONS")
     f.wait(1.0)
-    f.fleet["uav3"].armed, f.fleet["uav3"].mode = True, "LOITER"
+    f.fleet["uav3"].armed, f.fleet["uav3"].mode = True, Mode.LOITER
     f.wait(1.0)
     assert "uav3: dropped out and flies again: land it" in f.machine.problems and not moving(f)
     f.fleet["uav3"].armed = False

@@ -98,6 +98,32 @@ def test_who_leaves_the_route_gets_another_and_who_arrived_none(server):
     assert not server.step(9.0)
 
 
+def test_who_has_no_route_gets_one_once_the_place_is_known_better(server):
+    doubtful = RobotPlace(0.0, 10.0, 0.0, 0.0, 3.0)
+    server.receive(1.0, doubtful)
+    server.receive(1.0, Goal(18.0, 0.0))
+    (said,) = server.step(1.0)
+    assert isinstance(said, NoRouteSaid)
+    assert not server.step(3.0) and not server.step(6.5)  # planned again, and nothing new to say
+    server.receive(7.0, at(10.0, 0.0))
+    assert not server.step(7.0)
+    (said,) = server.step(12.0)
+    assert isinstance(said, RouteSaid)
+
+
+def test_who_stands_on_the_route_gets_another(server):
+    server.receive(1.0, at(10.0, 0.0))
+    server.receive(1.0, Goal(18.0, 0.0))
+    server.step(1.0)
+    server.receive(5.0, at(10.05, 0.0))  # noise
+    assert not server.step(5.0)
+    (said,) = server.step(6.5)
+    assert isinstance(said, RouteSaid)
+    a, b = said.points_home_m[:2]
+    server.receive(8.0, at(*(a + 0.6 * (b - a) / np.hypot(*(b - a)))))  # it drives
+    assert not server.step(12.0)
+
+
 def test_a_live_map_changes_cells_and_the_route(server, scene):
     server.receive(1.0, at(10.0, 3.0))
     server.receive(1.0, Goal(18.0, 3.0))

@@ -438,6 +438,51 @@ def test_a_robot_with_move_base_is_given_goals_along_the_route(ground, heard, ro
     said.close()
 
 
+def test_fixes_and_wheels_become_one_pose(ros_master, start_node):
+    """The robot stands, then drives 2 m by its wheels without a fix; a fix elsewhere is refused."""
+    import rospy
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+    from nav_msgs.msg import Odometry
+    from std_msgs.msg import String
+
+    from fcsv_guidance.place import PlaceFix, WheelOdometry
+    from fcsv_guidance.ros import ground_messages as messages
+
+    start_node("fcsv_guidance", "robot_place")
+    poses, words = [], []
+    heard = [
+        rospy.Subscriber("/robot_pose", PoseWithCovarianceStamped, poses.append, queue_size=50),
+        rospy.Subscriber("/place/status", String, words.append, queue_size=50),
+    ]
+    fixes = rospy.Publisher("/robot_fix", PoseWithCovarianceStamped, queue_size=5)
+    wheels = rospy.Publisher("/odom", Odometry, queue_size=5)
+    until(lambda: fixes.get_num_connections() and wheels.get_num_connections(), what="the node")
+    covariance = np.diag([0.02**2, 0.02**2, 0.02**2])
+
+    def turn(x_m, fix=None):
+        odometry = WheelOdometry(time.time(), x_m, 0.0, 0.0)
+        wheels.publish(messages.odometry_message(odometry, "robot/odom", "robot/base_link"))
+        if fix is not None:
+            time.sleep(0.02)
+            fixes.publish(messages.fix_message(PlaceFix(time.time(), *fix, covariance)))
+        time.sleep(0.05)
+
+    until(lambda: turn(0.0) or words, what="what is missing")
+    assert "no fix has come" in words[0].data
+    until(lambda: turn(0.0, (5.0, 1.0, np.pi / 2)) or poses, what="a pose")
+    for k in range(21):
+        turn(0.1 * k)
+    until(lambda: poses[-1].pose.pose.position.y > 2.9, what="the way of the wheels")
+    at, spread = poses[-1].pose.pose.position, poses[-1].pose.covariance
+    assert abs(at.x - 5.0) < 0.1 and abs(at.y - 3.0) < 0.1
+    assert poses[-1].header.frame_id == "home" and 0.0 < spread[0] == spread[7] < 0.2**2
+    for _ in range(8):
+        turn(2.0, (15.0, 1.0, np.pi / 2))
+    until(lambda: turn(2.0) or "contradict" in words[-1].data, what="that fixes contradict")
+    for each in heard:
+        each.unregister()
+
+
 @pytest.mark.parametrize(
     "node_name, params, words",
     [

@@ -11,6 +11,7 @@ import pytest
 from pymavlink import mavutil
 
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.people import rc
@@ -264,7 +265,7 @@ def test_the_transmitter_is_reported(flight):
     flight.command(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_RC_CHANNELS, 200000)
     flight.run(0.5)
     assert flight.of("RC_CHANNELS")[-1].chancount == 0
-    flight.sticks = (0, 0, -1, 0, "LOITER")
+    flight.sticks = (0, 0, -1, 0, Mode.LOITER)
     flight.run(0.5)
     m = flight.of("RC_CHANNELS")[-1]
     assert (m.chancount, m.chan3_raw) == (8, 1000)
@@ -366,7 +367,7 @@ def test_type_masks(flight):
 
 def test_set_points_are_ignored_outside_guided(flight):
     flight.airborne()
-    flight.sticks = (0, 0, 0, 0, "LOITER")
+    flight.sticks = (0, 0, 0, 0, Mode.LOITER)
     flight.run(1.0)
     assert flight.pilot.mode == modes.LOITER
     p = flight.p_ext.copy()
@@ -501,23 +502,23 @@ class TestJumps:
 class TestTransmitter:
     def test_an_operator_takes_off_in_alt_hold_and_loiters(self, flight):
         flight.ready()
-        flight.sticks = (0, 0, -1, 1, "ALT_HOLD")
+        flight.sticks = (0, 0, -1, 1, Mode.ALT_HOLD)
         flight.run(2.5)
         assert flight.pilot.armed
-        flight.sticks = (0, 0, 0.6, 0, "ALT_HOLD")
+        flight.sticks = (0, 0, 0.6, 0, Mode.ALT_HOLD)
         flight.run(4.0)
         assert flight.height > 2.0
-        flight.sticks = (0, 0, 0, 0, "LOITER")
+        flight.sticks = (0, 0, 0, 0, Mode.LOITER)
         flight.run(3.0)
         p = flight.vehicle.body.position_m
         flight.run(5.0)
         assert np.linalg.norm(flight.vehicle.body.position_m - p) < 0.3
-        flight.sticks = (0, 0.5, 0, 0, "LOITER")  # stick forward
+        flight.sticks = (0, 0.5, 0, 0, Mode.LOITER)  # stick forward
         flight.run(3.0)
         moved = flight.vehicle.body.position_m - p
         assert moved[0] > 2.0 and abs(moved[1]) < 0.7
 
-    @pytest.mark.parametrize("mode", ["LOITER", "ALT_HOLD"])
+    @pytest.mark.parametrize("mode", [Mode.LOITER, Mode.ALT_HOLD])
     def test_with_the_throttle_stick_down_it_falls(self, flight, mode):
         flight.airborne(5.0)
         flight.sticks = (0, 0, -1, 0, mode)
@@ -527,7 +528,7 @@ class TestTransmitter:
 
     def test_loiter_without_a_transmitter_comes_down(self, flight):
         flight.airborne(6.0)
-        flight.sticks = (0, 0, 0, 0, "LOITER")
+        flight.sticks = (0, 0, 0, 0, Mode.LOITER)
         flight.run(2.0)
         flight.sticks = None
         flight.run(8.0)
@@ -535,11 +536,11 @@ class TestTransmitter:
 
     def test_alt_hold_does_not_care_for_a_jump_of_the_odometry(self, flight):
         flight.ready()
-        flight.sticks = (0, 0, -1, 1, "ALT_HOLD")
+        flight.sticks = (0, 0, -1, 1, Mode.ALT_HOLD)
         flight.run(2.5)
-        flight.sticks = (0, 0, 0.6, 0, "ALT_HOLD")
+        flight.sticks = (0, 0, 0.6, 0, Mode.ALT_HOLD)
         flight.run(3.0)
-        flight.sticks = (0, 0, 0.0, 0, "ALT_HOLD")
+        flight.sticks = (0, 0, 0.0, 0, Mode.ALT_HOLD)
         flight.run(1.0)
         height = flight.height
         flight.offset_m = np.array([0, 0, -30.0])

@@ -100,6 +100,8 @@ def test_the_view_that_is_checked_is_that_of_the_simulated_mocap():
         (["--system", "mocap", "--live", "monitor"], ["--live monitor", "system mocap"]),
         (["--system", "mocap", "--movers", "1"], ["--movers 1", "system mocap"]),
         (["--world", "field", "--movers", "1"], ["a street that crosses"]),
+        (["--system", "mocap", "--mission", "mocap", "--world", "maze"], ["guides no robot"]),
+        (["--world", "maze", "--movers", "1"], ["a street that crosses"]),
         (["--system", "mocap", "--operator", "you"], ["--operator you", "system mocap"]),
     ],
 )
@@ -129,6 +131,16 @@ def test_a_recorded_flight_is_not_removed_unasked(tmp_path, capsys, monkeypatch)
         demo.main(["--out", str(out), "--overwrite", "1", "--speed", "1", "--operator", "you"]) == 0
     )
     assert [plan.buttons for plan in plans] == [True, False]
+
+
+@pytest.mark.parametrize("more, start", [((), (-8.4, 4.0)), (("--start=-12,1",), (-12.0, 1.0))])
+def test_who_guides_a_robot_looks_from_where_its_way_is_seen(more, start, tmp_path):
+    wanted = ["--world", "low_maze", "--seed", "29", "--out", str(tmp_path / "out"), *more]
+    plan = demo._plan(SYSTEMS["tags"], demo._parse(wanted))
+    assert plan.mission_file.stem == "guide" and np.allclose(plan.start_xy_m, start, atol=0.1)
+    assert bool(plan.looks) == (not more)
+    (map_run,) = demo._maps(SYSTEMS["tags"], plan, None)
+    assert map_run.arguments[:2] == ("--products", "ground")
 
 
 @pytest.mark.parametrize(

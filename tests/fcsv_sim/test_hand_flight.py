@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.autopilots import PROFILE
 
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot.parameters import DEFAULTS, STICKS_AS_DELIVERED
 from fcsv_sim.autopilot.sticks import LoiterVelocity, StickParameters
 from fcsv_sim.people.operator import Field, Pilot
@@ -54,7 +55,7 @@ class ByHand:
     def in_column(self):
         self.run(4.0, "WAIT_VEHICLES")
         self.run(25.0, "TAKE_OFF")
-        assert self.vehicle.autopilot.armed and self.vehicle.state.mode == "LOITER"
+        assert self.vehicle.autopilot.armed and self.vehicle.state.mode == Mode.LOITER
         self.run(10.0, "COLUMN")
         return self
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
 
 STEP_S = 0.02
@@ -25,7 +26,7 @@ class StickVehicle:
         self.v = np.zeros(3)
         self.yaw_rad = yaw_rad
         self.armed = False
-        self.mode = "STABILIZE"
+        self.mode = Mode.STABILIZE
         self.refuses_loiter = 0  # so many times
         self._switch = None
         self._gesture_s = 0.0
@@ -34,7 +35,7 @@ class StickVehicle:
     def step(self, s):
         if s.mode != self._switch:
             self._switch = s.mode
-            if s.mode == "LOITER" and self.refuses_loiter:
+            if s.mode == Mode.LOITER and self.refuses_loiter:
                 self.refuses_loiter -= 1
             else:
                 self.mode = s.mode
@@ -56,21 +57,21 @@ class StickVehicle:
         c, si = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         forward, left = s.pitch, -s.roll
         body = np.array([c * forward - si * left, si * forward + c * left])
-        if self.mode == "LOITER":
+        if self.mode == Mode.LOITER:
             body = np.array([0.0 if abs(x) < 0.05 else x for x in (forward, left)])
             target = LOITER_SPEED_MPS * np.array(
                 [c * body[0] - si * body[1], si * body[0] + c * body[1]]
             )
             self.v[:2] += (target - self.v[:2]) * STEP_S / LAG_S
-        elif self.mode == "ALT_HOLD":
+        elif self.mode == Mode.ALT_HOLD:
             self.v[:2] += (
                 9.81 * np.tan(np.radians(30)) * body + self._wind - 0.2 * self.v[:2]
             ) * STEP_S
-        if self.mode == "LAND":
+        if self.mode == Mode.LAND:
             climb, self.v[:2] = -1.0, 0.0
         self.v[2] += (climb - self.v[2]) * STEP_S / LAG_S
         self.p += self.v * STEP_S
-        if self.p[2] <= 0 and self.mode == "LAND":
+        if self.p[2] <= 0 and self.mode == Mode.LAND:
             self.armed, self.p[2], self.v[:] = False, 0.0, 0.0
 
     def sight(self):
@@ -122,7 +123,7 @@ class Ground:
                 self.pressed_s.append(self.now_s)
                 self.waits_for = ""
             for name, vehicle in self.vehicles.items():
-                if vehicle.mode == "LOITER":
+                if vehicle.mode == Mode.LOITER:
                     self.loiter_heights_m.setdefault(name, vehicle.p[2])
             self.track.append([v.p.copy() for v in self.vehicles.values()])
 
@@ -145,7 +146,7 @@ def test_take_off_in_alt_hold_then_loiter(seed):
     )
     ground.airborne()
     for v in ground.vehicles.values():
-        assert v.armed and v.mode == "LOITER" and abs(v.p[2] - ground.field.home_height_m) < 0.3
+        assert v.armed and v.mode == Mode.LOITER and abs(v.p[2] - ground.field.home_height_m) < 0.3
     switched = ground.loiter_heights_m
     assert all(3.0 < z < 5.5 for z in switched.values()), "LOITER only well off the ground"
     heights = np.array(ground.track)[:, :, 2]
@@ -159,7 +160,7 @@ def test_a_refused_loiter_is_tried_again():
     ground.vehicles["uav2"].refuses_loiter = 2
     ground.airborne()
     ground.run(5.0)
-    assert ground.vehicles["uav2"].mode == "LOITER"
+    assert ground.vehicles["uav2"].mode == Mode.LOITER
 
 
 def test_without_a_position_he_flies_in_alt_hold_where_a_stick_is_a_lean():
@@ -167,12 +168,12 @@ def test_without_a_position_he_flies_in_alt_hold_where_a_stick_is_a_lean():
     ground.phase = "COLUMN"
     ground.run(5.0)
     vehicle = ground.vehicles["uav2"]
-    vehicle.mode, vehicle.refuses_loiter = "STABILIZE", 100
+    vehicle.mode, vehicle.refuses_loiter = Mode.STABILIZE, 100
     ground.run(1.0)
-    assert vehicle.mode == "ALT_HOLD"
+    assert vehicle.mode == Mode.ALT_HOLD
     ground.run(30.0)
     # some 0.3 m of it for the wind
-    assert vehicle.mode == "ALT_HOLD" and max(ground.off("COLUMN")) < 1.0
+    assert vehicle.mode == Mode.ALT_HOLD and max(ground.off("COLUMN")) < 1.0
 
 
 def test_the_column_is_in_line_and_still():
@@ -234,7 +235,7 @@ def test_hands_off_while_the_mission_flies(phase):
     ground.phase = phase
     ground.run(20.0)
     for s in ground.sticks:
-        assert (s.roll, s.pitch, s.throttle, s.yaw, s.mode) == (0.0, 0.0, 0.0, 0.0, "LOITER")
+        assert (s.roll, s.pitch, s.throttle, s.yaw, s.mode) == (0.0, 0.0, 0.0, 0.0, Mode.LOITER)
 
 
 @pytest.mark.parametrize("before", ["TAKE_OFF", "COLUMN"])
@@ -246,7 +247,7 @@ def test_the_switch_stays_when_the_mission_lands(before):
     modes = [s.mode for s in ground.sticks]
     ground.phase = "LAND"
     for v in ground.vehicles.values():
-        v.mode = "LAND"
+        v.mode = Mode.LAND
     ground.run(5.0)
     assert [s.mode for s in ground.sticks] == modes and all(
         s.throttle == 0.0 for s in ground.sticks
@@ -258,18 +259,18 @@ def test_pilots_land_what_they_fly_by_hand_when_the_mission_ends():
     ground = Ground().airborne()
     ground.phase = "LAND"
     ground.run(0.5)
-    assert all(v.mode == "LOITER" for v in ground.vehicles.values())
+    assert all(v.mode == Mode.LOITER for v in ground.vehicles.values())
     ground.run(2.0)
-    assert all(v.mode == "LAND" for v in ground.vehicles.values())
+    assert all(v.mode == Mode.LAND for v in ground.vehicles.values())
 
 
 def test_pilots_land_by_hand_where_the_mission_cannot():
     ground = Ground().airborne()
     for v in ground.vehicles.values():
-        v.mode = "GUIDED"
+        v.mode = Mode.GUIDED
     ground.phase = "LAND"  # and no command comes through
     ground.run(10.0)
-    assert all(v.mode == "GUIDED" for v in ground.vehicles.values())
+    assert all(v.mode == Mode.GUIDED for v in ground.vehicles.values())
     ground.run(20.0)
     assert not any(v.armed for v in ground.vehicles.values())
     assert all(v.p[2] == 0.0 for v in ground.vehicles.values())
@@ -277,7 +278,9 @@ def test_pilots_land_by_hand_where_the_mission_cannot():
 
 def test_pilots_react_late_and_are_the_same_for_a_seed():
     pilot = Pilot(0, Field(), 1)
-    here = lambda x: Sight(transforms.from_xyz_yaw([x, 0.0, 4.0], 0.0), np.zeros(3), True, "LOITER")  # noqa: E731
+    here = lambda x: Sight(  # noqa: E731
+        transforms.from_xyz_yaw([x, 0.0, 4.0], 0.0), np.zeros(3), True, Mode.LOITER
+    )
     for i in range(50):
         pilot.sticks(i * STEP_S, "COLUMN", here(0.0))
     pushed = [pilot.sticks(1.0 + i * STEP_S, "COLUMN", here(2.0)).pitch for i in range(30)]
@@ -328,7 +331,7 @@ def test_where_the_place_is_taken_he_waits():
     assert np.linalg.norm(ground.vehicles["uav1"].p - ground.vehicles["uav2"].p) > 2.2
 
 
-@pytest.mark.parametrize("mode, lands", [("LOITER", True), ("GUIDED", False)])
+@pytest.mark.parametrize("mode, lands", [(Mode.LOITER, True), ("GUIDED", False)])
 def test_with_a_dead_control_pc_who_flies_by_hand_lands_after_half_a_minute(mode, lands):
     ground = Ground().airborne()
     ground.phase = "CONFIGURATIONS"
@@ -355,21 +358,23 @@ def test_who_is_above_another_flies_aside_before_he_lands():
     ground = Ground().airborne()
     ground.sees_others = True
     ground.vehicles["uav2"].p[:] = ground.vehicles["uav1"].p + [0.3, 0.0, 5.0]
-    ground.vehicles["uav1"].mode = "GUIDED"
+    ground.vehicles["uav1"].mode = Mode.GUIDED
     ground.phase = "LAND"
     ground.run(12.0)
     upper, lower = ground.vehicles["uav2"], ground.vehicles["uav1"]
-    assert upper.mode == "LAND" and np.linalg.norm((upper.p - lower.p)[:2]) > 2.5
+    assert upper.mode == Mode.LAND and np.linalg.norm((upper.p - lower.p)[:2]) > 2.5
 
 
 def test_nobody_lets_go_in_stabilize():
     """A stick in the middle is more thrust than it takes: where LOITER is refused, it would climb
     for ever."""
     pilot = Pilot(0, Field(), 1)
-    pilot._switch = "LOITER"
-    by_hand, flown = (Sight(np.eye(4), np.zeros(3), True, mode) for mode in ("STABILIZE", "GUIDED"))
+    pilot._switch = Mode.LOITER
+    by_hand, flown = (
+        Sight(np.eye(4), np.zeros(3), True, mode) for mode in (Mode.STABILIZE, Mode.GUIDED)
+    )
     modes = [pilot.sticks(100.0 + 0.1 * k, "CONFIGURATIONS", by_hand).mode for k in range(30)]
-    assert modes[:10] == ["LOITER"] * 10 and modes[-1] == "ALT_HOLD"
+    assert modes[:10] == [Mode.LOITER] * 10 and modes[-1] == Mode.ALT_HOLD
     assert pilot.sticks(104.0, "CONFIGURATIONS", flown).throttle == 0.0
 
 
@@ -380,7 +385,7 @@ def test_what_runs_off_in_land_is_brought_down_in_alt_hold():
         transforms.from_xyz_yaw([0.0, 0.0, 0.9], 0.0), np.array([4.0, 0.0, 0.0]), True, "LAND"
     )
     assert not any(pilot.sticks(k, "LAND", sight).throttle for k in range(71))
-    assert pilot.sticks(79.0, "LAND", sight).mode == "ALT_HOLD"
+    assert pilot.sticks(79.0, "LAND", sight).mode == Mode.ALT_HOLD
     s = pilot.sticks(80.0, "LAND", sight)
     assert s.pitch < -0.1 and s.throttle < 0.0
 

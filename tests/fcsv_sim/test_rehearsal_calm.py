@@ -9,6 +9,7 @@ import pytest
 
 from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration, load_mission
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.rehearsal.calm import CONTROL, DEADLINES_S, OTHERS, POSES, SEEN, STATES, Calm
 from fcsv_sim.rehearsal.flight import Flight
@@ -68,7 +69,7 @@ def test_clocks_that_are_set_land_nobody_and_delay_no_stop(flying):
     for machine in (*stepped.fleet.values(), stepped.control):
         machine.clock_offset_s -= 60.0  # and in the moment of the call
     after_s, must_s = stopped_after_s(stepped), stopped_after_s(calm)
-    assert {m for _, m in after_s.values()} == {"BRAKE"}
+    assert {m for _, m in after_s.values()} == {Mode.BRAKE}
     for name, (late_s, _) in after_s.items():
         assert late_s == pytest.approx(must_s[name][0], abs=0.021), (
             "a pass of the board later at most"
@@ -133,7 +134,7 @@ def test_a_stop_that_was_held_up_counts_when_it_comes(flying):
     assert all(len(v.modes_asked) == asked[n] for n, v in flight.fleet.items())
     fly(flight, 0.3)
     told = {n: [m for _, m in v.modes_asked[asked[n] :]] for n, v in flight.fleet.items()}
-    assert told == dict.fromkeys(asked, ["BRAKE"])
+    assert told == dict.fromkeys(asked, [Mode.BRAKE])
 
 
 # ---- what is seen --------------------------------------------------------------------------------

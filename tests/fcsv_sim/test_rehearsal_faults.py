@@ -10,11 +10,12 @@ import pytest
 from fcsv_control.agent.messages import Ask, Kind, SetPoint
 from fcsv_control.mission.activities.standing import CaptureWindow
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot import modes
 from fcsv_sim.people.operator import TransmitterSticks
 from fcsv_sim.rehearsal.faults import make_faults
 from fcsv_sim.rehearsal.flight import Flight
-from fcsv_sim.rehearsal.hands import HandsOn
+from fcsv_sim.rehearsal.hand_flight import HandFlight
 from fcsv_sim.rehearsal.invariants import Invariants
 
 
@@ -295,12 +296,12 @@ def test_who_comes_down_is_the_upper_one_and_the_lower_one_must_react(mission):
 def take_over(flight: Flight, name: str, mode: str, roams: bool = False, drops: bool = False):
     """From now on ``name`` is in its pilot's hands."""
     vehicle, begun_s = flight.fleet[name], flight.now_s
-    hands = HandsOn(mode, vehicle.p_world_m, np.random.default_rng(1), roams, drops)
-    flight.hands[name] = lambda now_s, _phase, sight: hands.sticks(now_s - begun_s, sight)
+    hands = HandFlight(mode, vehicle.p_world_m, np.random.default_rng(1), roams, drops)
+    flight.hand_flown[name] = lambda now_s, _phase, sight: hands.sticks(now_s - begun_s, sight)
     return vehicle
 
 
-@pytest.mark.parametrize("mode", ["STABILIZE", "ALT_HOLD", "LOITER", "BRAKE"])
+@pytest.mark.parametrize("mode", [Mode.STABILIZE, Mode.ALT_HOLD, Mode.LOITER, Mode.BRAKE])
 def test_a_pilot_who_has_a_vehicle_hovers_with_it(mission, mode):
     flight = flown_to(mission, "COLUMN")
     vehicle = take_over(flight, "uav1", mode)
@@ -313,7 +314,7 @@ def test_a_pilot_who_has_a_vehicle_hovers_with_it(mission, mode):
 
 def test_a_pilot_who_pulls_the_stick_down_sinks(mission):
     flight = flown_to(mission, "COLUMN", 4.0)
-    vehicle = take_over(flight, "uav1", "LOITER", roams=True, drops=True)
+    vehicle = take_over(flight, "uav1", Mode.LOITER, roams=True, drops=True)
     before_m = vehicle.p_world_m[2]
     fly(flight, 1.5)
     assert before_m - vehicle.p_world_m[2] > 0.8
@@ -325,7 +326,7 @@ def test_a_pilot_who_pulls_the_stick_down_sinks(mission):
 def taken(mission) -> Flight:
     """uav2's pilot has taken it over in CONFIGURATIONS, and everybody knows."""
     flight = hover(mission)
-    take_over(flight, "uav2", "ALT_HOLD")
+    take_over(flight, "uav2", Mode.ALT_HOLD)
     fly(flight, 2.0)
     assert flight.fleet["uav2"].flown_by_hand and not flight.invariants.violations
     return flight
@@ -334,7 +335,7 @@ def taken(mission) -> Flight:
 @pytest.mark.parametrize("what", ["mode", "set-point"])
 def test_a_command_to_a_hand_flown_vehicle_is_seen(mission, what):
     flight = taken(mission)
-    ask = Ask(Kind.SET_MODE, "GUIDED") if what == "mode" else SetPoint(np.eye(4))
+    ask = Ask(Kind.SET_MODE, Mode.GUIDED) if what == "mode" else SetPoint(np.eye(4))
     flight.fleet["uav2"].link.receive(flight.now_s, ask)
     fly(flight, 0.1)
     (v,) = flight.invariants.violations
@@ -348,7 +349,7 @@ def test_a_command_to_a_hand_flown_vehicle_is_seen(mission, what):
 def test_after_the_operator_confirmed_the_mission_may_command(mission):
     flight = taken(mission)
     flight.witness.confirmed(flight.now_s)
-    flight.fleet["uav2"].link.receive(flight.now_s, Ask(Kind.SET_MODE, "GUIDED"))
+    flight.fleet["uav2"].link.receive(flight.now_s, Ask(Kind.SET_MODE, Mode.GUIDED))
     fly(flight, 0.1)
     assert not flight.invariants.violations
 
@@ -356,7 +357,7 @@ def test_after_the_operator_confirmed_the_mission_may_command(mission):
 def test_a_command_before_the_companion_heard_of_the_pilot_does_not_count(mission):
     flight = hover(mission)
     vehicle = flight.fleet["uav2"]
-    vehicle.sticks(flight.now_s, TransmitterSticks(mode="ALT_HOLD"))
+    vehicle.sticks(flight.now_s, TransmitterSticks(mode=Mode.ALT_HOLD))
     assert vehicle.flown_by_hand
     vehicle.link.receive(flight.now_s, SetPoint(np.eye(4)))
     fly(flight, 0.02)

@@ -7,6 +7,7 @@ import pytest
 
 from fcsv_control.stopping.core import LAND
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.people.operator import TransmitterSticks
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.radio import RadioQuality
@@ -64,16 +65,16 @@ def test_with_the_mission_dead_everybody_stops_and_stays(flying, loss, most_s):
     wait(flight, 25.0, call)  # after 30 s without the control PC the guardians land
     for name, vehicle in flight.fleet.items():
         [(at_s, mode), *more] = asked_since(flight, name, call.called_s)
-        assert mode == "BRAKE" and at_s - call.called_s <= most_s
-        assert {m for _, m in more} <= {"BRAKE"} and vehicle.state.mode == "BRAKE"
+        assert mode == Mode.BRAKE and at_s - call.called_s <= most_s
+        assert {m for _, m in more} <= {Mode.BRAKE} and vehicle.state.mode == Mode.BRAKE
         assert np.linalg.norm(vehicle.body.velocity_mps) < 1.0  # wind of 2 m/s at most
     assert not flight.invariants.violations
 
 
 def test_who_is_flown_by_hand_gets_no_mode_command(flying):
     flight = flying(2)
-    flight.hands["uav2"] = lambda *_: TransmitterSticks(
-        mode="BRAKE"
+    flight.hand_flown["uav2"] = lambda *_: TransmitterSticks(
+        mode=Mode.BRAKE
     )  # a pilot's BRAKE, which looks like ours
     wait(flight, 2.0)
     called_s = flight.now_s
@@ -89,8 +90,10 @@ def test_the_mission_takes_them_again_when_the_operator_resumes(flying):
     flight.operator_there = False
     call = Call(flight.now_s)
     wait(flight, 60.0, call)
-    assert {v.state.mode for v in flight.fleet.values()} == {"BRAKE"}
-    assert {m for n in flight.fleet for _, m in asked_since(flight, n, call.called_s)} == {"BRAKE"}
+    assert {v.state.mode for v in flight.fleet.values()} == {Mode.BRAKE}
+    assert {m for n in flight.fleet for _, m in asked_since(flight, n, call.called_s)} == {
+        Mode.BRAKE
+    }
     assert flight.control.machine.waits_for == "resume"
     flight.operator_there = True
     assert flight.control.proceed(flight.now_s, "resume") == ""
@@ -107,7 +110,7 @@ def test_who_was_stopped_above_another_lands_beside_it_when_the_control_pc_is_go
     flight.operator_there = False
     call = Call(flight.now_s)
     wait(flight, 2.0, call)
-    assert {v.state.mode for v in flight.fleet.values()} == {"BRAKE"}
+    assert {v.state.mode for v in flight.fleet.values()} == {Mode.BRAKE}
     assert np.linalg.norm((upper.p_world_m - lower.p_world_m)[:2]) < 1.5
     flight.control.die()  # the stop-all node, too
     wait(flight, 70.0)
@@ -136,7 +139,7 @@ def test_a_gap_of_the_tracker_holds_everybody_within_half_a_second(flying):
     places = {n: v.p_world_m.copy() for n, v in flight.fleet.items()}
     wait(flight, 20.0)
     for name, vehicle in flight.fleet.items():
-        assert vehicle.state.mode == "GUIDED" and not asked_since(flight, name, back_s)
+        assert vehicle.state.mode == Mode.GUIDED and not asked_since(flight, name, back_s)
         assert np.linalg.norm(vehicle.p_world_m - places[name]) < 0.5  # wind of 2 m/s at most
     assert "its odometry began anew" in lost.agent.port._core.rights.frame.outdated
     assert not flight.fleet["uav1"].agent.port._core.rights.frame.outdated

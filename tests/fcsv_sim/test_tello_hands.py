@@ -9,12 +9,13 @@ from support.tello_by_hand import ByHand, apart_m
 from fcsv_control.tello.pid import PidConfig
 from fcsv_geometry import transforms
 from fcsv_geometry.missions.mission import load_mission
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.people.tello_hands import LAND, TAKE_OFF, Act, Finger, Screen, TelloHands
 
 HERE = transforms.from_xyz_yaw([0.1, 0.2, 2.0], 0.0)
 
 
-def screen(T=HERE, mode="LOITER", armed=True, feed_hz=10.0):
+def screen(T=HERE, mode=Mode.LOITER, armed=True, feed_hz=10.0):
     return Screen(armed, mode, T, np.zeros(3), feed_hz)
 
 
@@ -58,11 +59,11 @@ def test_they_let_go_of_whom_the_mission_flies_and_land_whom_it_leaves():
     hands = TelloHands(PidConfig(), 2.0, 0.35)
     off = transforms.from_xyz_yaw([1.0, 0.2, 2.0], 0.0)
     hands.act(1.0, "SET_HOME", screen())
-    assert hands.act(1.1, "SET_HOME", screen(mode="GUIDED", T=off)) == Act()
-    assert hands.act(2.0, "CONFIGURATIONS", screen(mode="GUIDED")) == Act()
-    assert hands.act(3.0, "LAND", screen(mode="GUIDED")) == Act()
-    assert hands.act(19.0, "LAND", screen(mode="GUIDED")).order == LAND
-    assert hands.act(30.0, "LAND", screen(mode="LAND")) == Act()
+    assert hands.act(1.1, "SET_HOME", screen(mode=Mode.GUIDED, T=off)) == Act()
+    assert hands.act(2.0, "CONFIGURATIONS", screen(mode=Mode.GUIDED)) == Act()
+    assert hands.act(3.0, "LAND", screen(mode=Mode.GUIDED)) == Act()
+    assert hands.act(19.0, "LAND", screen(mode=Mode.GUIDED)).order == LAND
+    assert hands.act(30.0, "LAND", screen(mode=Mode.LAND)) == Act()
     assert hands.act(31.0, "TAKE_OFF", screen(armed=False)).order == TAKE_OFF
 
 
@@ -77,6 +78,6 @@ def test_the_button_is_pressed_once_all_are_tracked_and_calm():
         if finger.press(t, "set_home", {"a": screen(), "b": screen()})
     ]
     assert pressed == [7.0]
-    moving = Screen(True, "LOITER", HERE, np.array([0.5, 0.0, 0.0]), 10.0)
+    moving = Screen(True, Mode.LOITER, HERE, np.array([0.5, 0.0, 0.0]), 10.0)
     assert not any(finger.press(t, "execute", {"a": moving}) for t in np.arange(10.0, 15.0, 0.5))
     assert any(finger.press(t, "calibrate", {"a": moving}) for t in np.arange(20.0, 25.0, 0.5))

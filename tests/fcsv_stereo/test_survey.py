@@ -16,10 +16,15 @@ from fcsv_sim.world.town import Town
 from fcsv_stereo import fcsv_command, pipeline
 from fcsv_stereo.errors import SurveyError
 from fcsv_stereo.map_files import output
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.survey import inputs
+from fcsv_stereo.survey.earth import EarthFrame
 from fcsv_stereo.survey.station import Station, heading_rad, load_station, prior_of
 
-KEYS = {"crs", "origin", "views", "edges", "gps", "control_points", "tiles", "missing"}
+KEYS = {
+    *("crs", "heights", "origin", "views", "edges", "world", "gps", "control_points", "tiles"),
+    "missing",
+}
 VIEW_KEYS = {
     "name",
     "input",
@@ -132,6 +137,67 @@ def test_the_page_shows_plan_and_edges(site):
     assert "view01 – view02" in page and "nothing stands out as wrong" in page
 
 
+def control_file(site, path, picture="{name}/00.png"):
+    """gcp_list.txt of six places that the views truly see, in UTM's zone 33, height above the
+    ellipsoid."""
+    frame = EarthFrame.about(np.array([[13.4, 52.5, 0.0]]), None)
+    lines = ["EPSG:32633"]
+    pixels = [(120, 200), (200, 200), (280, 200), (120, 260), (200, 260), (280, 260)]
+    for name in ("view01", "view02", "view03"):
+        folder = site / "drawn" / name
+        T = np.array(json.loads((folder / TRUTH).read_text())["T_world_cam"])
+        depth = np.load(folder / "true_depth.npy")
+        camera = colmap.read_cameras(folder / "cameras.txt")[1]
+        for i, (u, v) in enumerate(pixels):
+            ray = np.array([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0])
+            at = frame.to_projected((T[:3, :3] @ ray * depth[v, u] + T[:3, 3])[None])[0]
+            where = f"{at[0]:.4f} {at[1]:.4f} {at[2]:.4f} {u} {v}"
+            lines.append(f"{where} {picture.format(name=name)} {name}-{i}")
+    path.write_text("\n".join(lines) + "\n")
+    return frame
+
+
+def test_control_points_bring_the_site_into_their_reference_system(site, tmp_path, capsys):
+    """Stations are off by 0.5 m; the depths of drawn views at 25 m by 0.2 m."""
+    frame = control_file(site, tmp_path / "gcp_list.txt")
+    shutil.copytree(site / "out", tmp_path / "out")
+    drawn = sorted((site / "drawn").iterdir())
+    world = ("--gcp", tmp_path / "gcp_list.txt", "--check-points", "0.3", "--heights", "ellipsoid")
+    assert survey(*drawn, "-o", tmp_path / "out", *world) == 0
+    found, said = document(tmp_path / "out"), capsys.readouterr().out
+    assert found["crs"] == "EPSG:32633" and "ellipsoid" in found["heights"]
+    checks = [p for p in found["control_points"] if p["check"]]
+    assert len(checks) == 5 and "check point view01-1" in said
+    off = np.array([p["residual_m"] for p in checks])
+    assert np.sqrt(np.mean(np.sum(off**2, axis=1))) < 1.0
+    for v in found["views"]:
+        T = np.array(json.loads((site / "drawn" / v["name"] / TRUTH).read_text())["T_world_cam"])
+        at = frame.to_projected(T[:3, 3][None])[0]
+        assert np.linalg.norm(np.array(v["T_site_home"])[:3, 3] - at) < 0.5
+    las = laspy.read(str(tmp_path / "out/site.laz"))
+    assert las.header.parse_crs().to_epsg() == 32633
+    assert abs(float(np.median(las.x)) - at[0]) < 300.0
+    page = (tmp_path / "out/site.html").read_text()
+    assert "EPSG:32633" in page and "view01-0" in page
+
+
+def test_control_points_that_no_view_tells_are_missing_and_the_rest_is_there(
+    maps, site, tmp_path, capsys
+):
+    control_file(site, tmp_path / "gcp_list.txt", picture="elsewhere.jpg")
+    assert survey(*maps, "-o", tmp_path / "out", "--gcp", tmp_path / "gcp_list.txt") == 1
+    found = document(tmp_path / "out")
+    assert found["crs"] is None and [m["name"] for m in found["missing"]] == ["world"]
+    assert len(found["views"]) == 3 and "no view's reference" in capsys.readouterr().out
+
+
+def test_a_wrong_control_list_is_refused_before_any_map(maps, tmp_path, capsys):
+    (tmp_path / "gcp_list.txt").write_text("EPSG:32633\n1 2 3\n")
+    assert survey(*maps, "-o", tmp_path / "out", "--gcp", tmp_path / "gcp_list.txt") == 2
+    assert "gcp_list.txt, line 2: has 3 words" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_survey_that_was_stopped_goes_on(site, tmp_path, monkeypatch):
     """The second view's map is lost: it alone is made again, and the site is the same."""
     shutil.copytree(site / "out", tmp_path / "out")
@@ -185,7 +251,8 @@ def test_the_same_input_twice_is_said_and_left_out(maps, tmp_path, capsys):
     assert survey(*maps[:2], tmp_path / "again", "-o", tmp_path / "out") == 1
     missing = document(tmp_path / "out")["missing"]
     assert [m["name"] for m in missing] == ["again"] and "is the same as m1" in missing[0]["reason"]
-    assert "MISSING again: is the same as m1" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "MISSING again: is the same as m1" in said and "\n1 missing: again\n" in said
     assert len(document(tmp_path / "out")["views"]) == 2
 
 

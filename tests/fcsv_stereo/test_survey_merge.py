@@ -125,3 +125,18 @@ def test_a_scale_that_a_map_states_is_not_counted_twice():
     assert np.allclose(stated.own_sigma[stated.known], 0.25 * stated.sigma[stated.known], rtol=1e-3)
     wide = view("a", A, sigma_share=0.03)
     assert np.allclose(wide.own_sigma, np.sqrt(0.03**2 - 0.01**2) * wide.depth, rtol=1e-3)
+
+
+def test_only_views_that_may_see_it_are_asked():
+    """Twenty cameras about a wall: one that sees any of its points is always asked."""
+    own = merge.site_view(view("a", A), placed(view("a", A), A), np.zeros(3))
+    corners, asked = merge.corners_of(own), 0
+    for i in range(20):
+        T = camera_at(-20.0 + 4.0 * i, 10.0 * np.sin(i), heading_deg=36.0 * i)
+        v = view("b", T)
+        other = merge.site_view(v, placed(v, T), np.zeros(3))
+        sees = other.look(own.points()[0])[0].any()
+        asked += merge.may_see(other, corners)
+        assert merge.may_see(other, corners) or not sees
+    assert 5 < asked < 18
+    assert not merge.may_see(own, np.zeros((0, 3)))

@@ -522,6 +522,18 @@ def test_what_reads_a_text_for_its_words_is_found(code, steers):
     assert steers == any(read_for_its_words(n) for n in ast.walk(ast.parse(code)))
 
 
+def test_flight_modes_are_named_by_their_enumeration():
+    """GUIDED and LAND are phases of a mission, too; a simulated camera or robot has none."""
+    own = ROOT / "src/fcsv_geometry/src/fcsv_geometry/vehicles/modes.py"
+    names = {"STABILIZE", "ALT_HOLD", "LOITER", "BRAKE", "POSHOLD", "RTL", "SMART_RTL"}
+    found = [
+        f"{path.relative_to(ROOT)}:{node.lineno}"
+        for path, node in definitions(ast.Constant)
+        if path != own and node.value in names
+    ]
+    assert not found, f"{found}: fcsv_geometry.vehicles.modes.Mode"
+
+
 def test_lines_are_short_and_the_formatter_decides():
     """Texts may be longer than 100 characters, one line in a hundred; the linter stops at 120."""
     code = [p for p in tracked() if p.suffix == ".py"]

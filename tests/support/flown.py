@@ -25,6 +25,7 @@ from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_control.flight.messages import EstimateMoved, PoseHeard, TextHeard
 from fcsv_control.flight.state import MODES
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.elsewhere import rounded_pose
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
@@ -170,7 +171,7 @@ class Loop:
         end_s = self.t + 5.0
         while True:
             try:
-                return self.done(self.core.set_mode(self.t, "GUIDED"))
+                return self.done(self.core.set_mode(self.t, Mode.GUIDED))
             except CommandRefused as refused:
                 if "ask again" not in str(refused) or self.t > end_s:
                     raise

@@ -15,6 +15,7 @@ from fcsv_control.tello.rules import TelloRules
 from fcsv_control.tello.telemetry import OwnOdometry
 from fcsv_geometry import config, transforms
 from fcsv_geometry.errors import GeometryError
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.demo.systems import MOCAP_SITE, T_WORLD_MOCAP
 from fcsv_sim.people.tello_hands import LAND, TAKE_OFF, Screen, TelloHands
 from fcsv_sim.sensors.tello_sensors import TelloSensors
@@ -223,7 +224,7 @@ class ByHand:
             if act.order == TAKE_OFF:
                 one.core.take_off(self.now_s, one.height_m)
             elif act.order == LAND:
-                one.core.set_mode(self.now_s, "LAND")
+                one.core.set_mode(self.now_s, Mode.LAND)
         except CommandRefused as error:
             self.refused.append(str(error))
         one.core.pilot(self.now_s, act.sticks)

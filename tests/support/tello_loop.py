@@ -23,6 +23,7 @@ from fcsv_control.tello.pid import PidConfig, PositionPid, Sticks
 from fcsv_control.tello.rules import TelloRules
 from fcsv_geometry import config, transforms
 from fcsv_geometry.rotations import wrap
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.tello.messages import TelloSticks as DroneSticks
 from fcsv_sim.tello.vehicle import TelloDrone, TelloDroneParameters
 
@@ -180,7 +181,7 @@ class LinkedTello:
         self.run(1.0)
         self.core.take_off(self.now_s, altitude_m)
         self.run(8.0)
-        self.core.set_mode(self.now_s, "GUIDED")
+        self.core.set_mode(self.now_s, Mode.GUIDED)
         self.run(10.0, target)
 
 

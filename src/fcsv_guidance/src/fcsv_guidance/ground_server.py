@@ -6,7 +6,7 @@ A port: messages and time in, what is to be published out. It takes maps as they
 map in their place where that shows more.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import List, Optional, Sequence, Tuple, Union
 
 import numpy as np
@@ -17,11 +17,13 @@ from fcsv_guidance.following import Goal, RobotPlace
 from fcsv_guidance.grid_regions import Region, changed_region, percents_of
 from fcsv_guidance.ground import LAYERS, Grid, Ground, ground_from, renewed, stand_probability
 from fcsv_guidance.map_files import occupancy
+from fcsv_guidance.planning import RouteRules, plan_clear
 from fcsv_guidance.robot import Robot
-from fcsv_guidance.route import NO_ROUTE_KNOWN, NoRoute, Route, plan_route
+from fcsv_guidance.route import NO_ROUTE_KNOWN, NoRoute, Route
 from fcsv_guidance.views import DepthView
 
 _MOST_NAMED = 5  # cells in a sentence
+_STANDS_M = 0.15  # a place that moves by less may be noise
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,9 @@ class GroundRules:
     replan_s: float = 1.0  # least time between two plans
     off_m: float = 0.4  # beside its route the robot gets another
     goal_m: float = 0.3  # so near the goal it is reached
+    # until another plan, of a robot that stands on its route or has none: its place changes, too
+    retry_s: float = 5.0
+    route: RouteRules = field(default_factory=RouteRules)
 
 
 Said = Union[GridSaid, GridChanged, RouteSaid, NoRouteSaid]
@@ -99,13 +104,16 @@ class GroundServer:
         self._views: List[DepthView] = []
         self._live: Optional[DepthView] = None
         self._ground: Optional[Ground] = None
+        self._stands: Optional[np.ndarray] = None
         self._said: Optional[GridSaid] = None
         self._place: Optional[RobotPlace] = None
+        # where it was when it last moved, and since when it stands there
+        self._stood: Tuple[float, float, float] = (np.inf, np.inf, -np.inf)
         self._goal: Optional[Goal] = None
         self._route: Optional[Route] = None
         # of the ground; ground and time of the last plan
         self._version, self._planned = 0, (-1, -np.inf)
-        self._waits_for_place = False
+        self._waits_for_place, self._none_said = False, ""
         self._out: List[Said] = []
 
     @property
@@ -124,10 +132,11 @@ class GroundServer:
         if isinstance(message, MapSeen):
             self._on_map(message)
         elif isinstance(message, RobotPlace):
-            self._place = message
+            self._on_place(now_s, message)
         elif isinstance(message, Goal):
             message.require_finite()
             self._goal, self._route, self._planned = message, None, (-1, -np.inf)
+            self._none_said = ""
         elif isinstance(message, GoalDropped):
             if self._goal is not None:
                 self._out.append(NoRouteSaid(message.reason, np.empty((0, 2))))
@@ -139,7 +148,10 @@ class GroundServer:
         """What is to be published now."""
         if self._goal is not None and self._wants_plan(now_s):
             self._planned = (self._version, now_s)
-            self._out.append(self._planned_route())
+            said = self._planned_route()
+            if isinstance(said, RouteSaid) or said.reason != self._none_said:
+                self._out.append(said)
+            self._none_said = said.reason if isinstance(said, NoRouteSaid) else ""
         out, self._out = self._out, []
         return out
 
@@ -155,7 +167,8 @@ class GroundServer:
         sigma_m = 0.0 if self._place is None else self._place.sigma_m
         if tolerance_m > 0:
             goal_m = self._stands_near(goal_m, tolerance_m, sigma_m)
-        return plan_route(self._ground, self._robot, tuple(start_m), tuple(goal_m), sigma_m)
+        grid, rules = self._ground.grid, self._rules.route
+        return plan_clear(grid, self._stands, tuple(start_m), tuple(goal_m), sigma_m, rules)
 
     def in_words(self, found: NoRoute) -> NoRouteSaid:
         """Its reason with the first of the cells that would have to be seen, and all of them."""
@@ -190,7 +203,7 @@ class GroundServer:
         now = GridSaid(
             stamp_s, ground.grid, occupancy(ground, self._robot, stands), percents_of(stands)
         )
-        before, self._ground, self._said = self._said, ground, now
+        before, self._ground, self._said, self._stands = self._said, ground, now, stands
         self._version += 1
         if before is None or before.grid != now.grid:
             self._out.append(now)
@@ -205,17 +218,28 @@ class GroundServer:
 
     # ---- routes ----------------------------------------------------------------------------------
 
+    def _on_place(self, now_s: float, place: RobotPlace) -> None:
+        x_m, y_m, _ = self._stood
+        if not np.hypot(place.x_m - x_m, place.y_m - y_m) <= _STANDS_M:
+            self._stood = (place.x_m, place.y_m, now_s)
+        self._place = place
+
     def _wants_plan(self, now_s: float) -> bool:
         version, planned_s = self._planned
         if now_s - planned_s < self._rules.replan_s:
             return False
         place = self._place
         if self._route is None:
-            return version != self._version or (place is not None and self._waits_for_place)
+            changed = version != self._version or (place is not None and self._waits_for_place)
+            return (
+                changed or now_s - planned_s > self._rules.retry_s
+            )  # its place may be known better
         if np.hypot(place.x_m - self._goal.x_m, place.y_m - self._goal.y_m) <= self._rules.goal_m:
             return False  # it is there
         if _off_m(self._route.points_home_m, (place.x_m, place.y_m)) > self._rules.off_m:
             return True
+        if now_s - max(planned_s, self._stood[2]) > self._rules.retry_s:
+            return True  # it stands: what its place allows is another than when it was planned
         return version != self._version and not self._is_free(self._route.points_home_m)
 
     def _planned_route(self) -> Union[RouteSaid, NoRouteSaid]:
@@ -247,11 +271,12 @@ class GroundServer:
         """The goal, or the middle of the nearest cell within the tolerance in which the robot can
         stand."""
         grid = self._ground.grid
-        p = stand_probability(self._ground, self._robot, 2 * sigma_m)
+        free = self._stands >= tuning.FREE_P
+        roomy = free & (grid.clear_m(free) > self._rules.route.keeps_m(sigma_m))
         cell = grid.cell_of(*goal_m)
-        if cell is not None and p[cell] >= tuning.FREE_P:
+        if cell is not None and roomy[cell]:
             return tuple(goal_m)
-        xy = grid.middle_of(*np.nonzero(p >= tuning.FREE_P))
+        xy = grid.middle_of(*np.nonzero(roomy))
         far = np.hypot(*(xy - np.asarray(goal_m)).T)
         return (
             tuple(xy[int(np.argmin(far))])

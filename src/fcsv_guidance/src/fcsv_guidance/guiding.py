@@ -12,7 +12,6 @@ from typing import Deque, Optional, Sequence, Union
 
 import numpy as np
 
-from fcsv_guidance import tuning
 from fcsv_guidance.errors import RouteError
 from fcsv_guidance.following import (
     GOAL_REACHED,
@@ -26,12 +25,12 @@ from fcsv_guidance.following import (
 )
 from fcsv_guidance.known import GroundSeen, KnownGround
 from fcsv_guidance.place import PlaceState
+from fcsv_guidance.planning import RouteRules, plan_clear
 from fcsv_guidance.robot import Robot
-from fcsv_guidance.route import NO_ROUTE_KNOWN, NoRoute, Route, route_over
+from fcsv_guidance.route import NO_ROUTE_KNOWN, NoRoute, Route
 
 IDLE, WAITING, DRIVING, NO_ROUTE, ARRIVED = "idle", "waiting", "driving", "no safe route", "arrived"
 STATES = (IDLE, WAITING, DRIVING, NO_ROUTE, ARRIVED)
-_UNSURE_P = 0.5 * (tuning.FREE_P + tuning.OBSTACLE_P)  # of what is free but too near to what is not
 
 
 @dataclass(frozen=True)
@@ -56,8 +55,7 @@ class Guidance:
 @dataclass(frozen=True)
 class GuideRules:
     """``watched``: the robot drives only while views watch its place, none older than
-    ``oldest_watch_s``; else maps serve for ``oldest_map_s``. A route keeps ``sigmas`` of the place
-    and ``spare_m`` clear, and more where there is room, up to ``comfort_m``. It crosses steps up to
+    ``oldest_watch_s``; else maps serve for ``oldest_map_s``. A route crosses steps up to
     ``step_share`` of what the robot climbs: little more is hardly seen. Two plans are ``replan_s``
     apart at least. The robot stands while something came nearer than ``moving_m`` in the last
     ``still_s``: what walks at 1.5 m/s comes so far until a picture shows it and the robot
@@ -67,14 +65,12 @@ class GuideRules:
     oldest_map_s: float = 1800.0
     oldest_watch_s: float = 3.0
     oldest_radio_s: float = 0.5
-    spare_m: float = 0.1
-    comfort_m: float = 0.7
-    comfort_cost: float = 3.0
     step_share: float = 0.8
     moving_m: float = 4.0
     still_s: float = 2.5
     replan_s: float = 1.0
     retry_s: float = 5.0
+    route: RouteRules = field(default_factory=RouteRules)
     follower: FollowerRules = field(default_factory=FollowerRules)
 
 
@@ -234,19 +230,8 @@ def careful(robot: Robot, rules: GuideRules = GuideRules()) -> Robot:
 def plan_over(
     known: KnownGround, start_m, goal_m, place_sigma_m: float, rules: GuideRules = GuideRules()
 ):
-    """A Route over what is known, or a NoRoute; also where no robot can stand at start or goal.
-
-    Near the start it may be as near to obstacles as the robot already is.
-    """
-    keep_m = rules.follower.sigmas * place_sigma_m + rules.spare_m
-    xy = known.grid.middle_of(*np.indices(known.grid.shape))
-    leaving = (
-        np.hypot(xy[..., 0] - start_m[0], xy[..., 1] - start_m[1]) < keep_m + known.grid.cell_m
-    )
-    allowed = (known.clear_m > keep_m) | leaving
-    p = np.where((known.stands >= tuning.FREE_P) & ~allowed, _UNSURE_P, known.stands)
-    lacking = np.clip(1.0 - (known.clear_m - keep_m) / rules.comfort_m, 0.0, 1.0)
+    """A Route over what is known, or a NoRoute; also where no robot can stand at start or goal."""
     try:
-        return route_over(known.grid, p, start_m, goal_m, dearer=1.0 + rules.comfort_cost * lacking)
+        return plan_clear(known.grid, known.stands, start_m, goal_m, place_sigma_m, rules.route)
     except RouteError as error:
         return NoRoute(f"{NO_ROUTE_KNOWN}: {error}", np.empty((0, 2), int))

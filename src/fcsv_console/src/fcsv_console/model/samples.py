@@ -15,6 +15,7 @@ from fcsv_console.model.after import Places
 from fcsv_console.model.console import Console
 from fcsv_control.flight_check.lines import Line, State
 from fcsv_control.mission.activities.stages import RECORDS
+from fcsv_geometry.vehicles.modes import Mode
 
 NOW_S = 100.0
 _NAMES = ("uav1", "uav2")
@@ -111,7 +112,7 @@ def _streams(
     the ground."""
     for name in _NAMES:
         c.tell(now_s - 90.0, f.EpochReport(name, 1))
-        c.tell(now_s - 90.0, f.AutopilotReport(name, True, False, "STABILIZE"))
+        c.tell(now_s - 90.0, f.AutopilotReport(name, True, False, Mode.STABILIZE))
         c.tell(now_s - 89.9, f.OdometryReport(name, (0.2, 0.0, 0.0)))
     for k in range(30):
         at_s = now_s - 2.9 + 0.1 * k
@@ -128,13 +129,13 @@ def _streams(
                     f.CameraPoseReport(name, place, 0.02 if name == "uav2" else 0.0),
                 )
             c.tell(at_s, f.GuardianReport(name))
-            c.tell(at_s, f.Agent(name, "mission-812-1" if mode == "GUIDED" else ""))
+            c.tell(at_s, f.Agent(name, "mission-812-1" if mode == Mode.GUIDED else ""))
             c.tell(at_s, f.AutopilotReport(name, True, armed, mode))
             if k % 10 == 0:
                 c.tell(at_s, f.BatteryReport(name, share - (0.04 if name == "uav2" else 0.0), 15.3))
                 c.tell(at_s, f.CameraKnown(name, 640, 480, 601.8, 601.8))
                 c.tell(at_s, f.Diagnosed(name))
-                c.tell(at_s, f.Recorder(name, mode == "GUIDED", 400 + k, 0, 96.0))
+                c.tell(at_s, f.Recorder(name, mode == Mode.GUIDED, 400 + k, 0, 96.0))
                 c.tell(at_s, f.RadioReport(name, 0.006, 0.01))
                 c.tell(at_s, f.ClockReport(name, 0.0012, 0.0004))
                 taken_s = at_s + (0.012 if name == "uav2" else 0.0)
@@ -185,7 +186,7 @@ def _rehearsed(c: _Script) -> None:
 def on_the_ground(c: _Script) -> None:
     """Sets the scene before take-off: one line red, one amber."""
     places = ((0.0, 0.0, -8.0), (-3.5, 0.0, -8.0))
-    _streams(c, NOW_S, "STABILIZE", False, places)
+    _streams(c, NOW_S, Mode.STABILIZE, False, places)
     red = (State.RED, "PreArm: Compass not calibrated", "do what the autopilot says")
     amber = (State.AMBER, "38 %", "change it; unknown: set BATT_MONITOR")
     c.tell(NOW_S - 0.3, f.FlightCheckReport(_lines(uav2_battery=amber, **{"uav1_pre-arm": red})))
@@ -216,7 +217,7 @@ def starting(c: _Script) -> None:
     soon["ekf"] = (State.RED, "no position yet", "wait, or look at what the autopilot says")
     lines = _lines(**{f"{v}_{name}": told for v in _NAMES for name, told in soon.items()})
     for name in _NAMES:
-        c.tell(NOW_S - 0.4, f.AutopilotReport(name, True, False, "STABILIZE"))
+        c.tell(NOW_S - 0.4, f.AutopilotReport(name, True, False, Mode.STABILIZE))
         c.tell(NOW_S - 0.3, f.BatteryReport(name, 0.97, 16.4))
     c.tell(NOW_S - 0.2, f.FlightCheckReport(tuple(replace(li, since_s=12.0) for li in lines)))
     problem = "flight check: uav1 ekf is RED"
@@ -231,7 +232,7 @@ def starting(c: _Script) -> None:
 @_in_order
 def calibrated(c: _Script) -> None:
     """The column is calibrated; the reference is flown to its view."""
-    _streams(c, NOW_S, "LOITER", True, ((0.0, 0.0, -6.0), (-3.5, 0.1, -5.9)))
+    _streams(c, NOW_S, Mode.LOITER, True, ((0.0, 0.0, -6.0), (-3.5, 0.1, -5.9)))
     c.tell(NOW_S - 0.3, f.FlightCheckReport(_lines()))
     c.tell(NOW_S - 9.0, f.MissionReport("CALIBRATE", "running", "", 0, len(c.file.rows)))
     c.tell(NOW_S - 6.0, f.Calibrated((("uav1", 1), ("uav2", 1)), 0.0))
@@ -245,7 +246,7 @@ def calibrated(c: _Script) -> None:
 @_in_order
 def ready(c: _Script) -> None:
     """Home is set; the mission waits to be handed the vehicles."""
-    _streams(c, NOW_S, "LOITER", True, ((0.0, 0.0, 0.0), (-3.5, 0.1, 0.1)))
+    _streams(c, NOW_S, Mode.LOITER, True, ((0.0, 0.0, 0.0), (-3.5, 0.1, 0.1)))
     c.tell(NOW_S - 0.3, f.FlightCheckReport(_lines()))
     c.tell(NOW_S - 60.0, f.Calibrated((("uav1", 1), ("uav2", 1)), 30.0))
     c.tell(NOW_S - 60.0, _CALIBRATION)
@@ -259,7 +260,7 @@ def flying(c: _Script) -> None:
     """The third configuration is recorded."""
     row = c.file.rows[2]
     x, y, z = row.goal_m
-    _streams(c, NOW_S, "GUIDED", True, ((0.0, 0.0, 0.0), (x + 0.03, y - 0.02, z + 0.01)), 0.64)
+    _streams(c, NOW_S, Mode.GUIDED, True, ((0.0, 0.0, 0.0), (x + 0.03, y - 0.02, z + 0.01)), 0.64)
     c.tell(NOW_S - 0.3, f.FlightCheckReport(_lines()))
     c.tell(NOW_S - 200.0, f.Calibrated((("uav1", 1), ("uav2", 1)), 30.0))
     c.tell(NOW_S - 150.0, f.HomeSet("uav1"))
@@ -280,7 +281,7 @@ def flying(c: _Script) -> None:
 def wrong(c: _Script) -> None:
     """uav2 is above uav1 and falls silent; uav1's guardian holds; NaN in a pose; stop-all was asked
     for."""
-    _streams(c, NOW_S, "GUIDED", True, ((0.0, 0.0, 0.0), (0.3, -0.2, 5.0)), 0.31)
+    _streams(c, NOW_S, Mode.GUIDED, True, ((0.0, 0.0, 0.0), (0.3, -0.2, 5.0)), 0.31)
     c.tell(
         NOW_S - 0.3,
         f.FlightCheckReport(
@@ -312,7 +313,7 @@ def wrong(c: _Script) -> None:
 @_in_order
 def silent(c: _Script) -> None:
     """uav2 vanished 2.4 s ago; the master does not answer."""
-    _streams(c, NOW_S, "GUIDED", True, ((0.0, 0.0, 0.0), (0.0, -4.0, 0.0)), 0.5, ("uav2",))
+    _streams(c, NOW_S, Mode.GUIDED, True, ((0.0, 0.0, 0.0), (0.0, -4.0, 0.0)), 0.5, ("uav2",))
     c.tell(
         NOW_S - 0.1,
         f.MissionReport("CONFIGURATIONS", "", "", 1, len(c.file.rows), ("uav2 is not heard",)),
@@ -323,7 +324,7 @@ def silent(c: _Script) -> None:
 @_in_order
 def landed(c: _Script) -> None:
     """The list is flown, the bags are gathered, the map is made."""
-    _streams(c, NOW_S, "LAND", False, ((0.0, 0.0, -8.0), (0.4, -3.6, -8.0)), 0.41)
+    _streams(c, NOW_S, Mode.LAND, False, ((0.0, 0.0, -8.0), (0.4, -3.6, -8.0)), 0.41)
     c.tell(
         NOW_S - 0.1, f.MissionReport("DONE", "all configurations flown", "", 8, len(c.file.rows))
     )

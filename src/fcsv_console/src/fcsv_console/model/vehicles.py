@@ -10,9 +10,9 @@ from fcsv_console.model.hearing import Aged, AgingFact, slow
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE
 from fcsv_control.guardian.messages import in_words
 from fcsv_geometry.streams.silence import Silence
+from fcsv_geometry.vehicles.modes import Mode
 
-_FAILSAFE_MODES = ("RTL", "SMART_RTL", "AUTO", "FLIP")
-_STOPPED_MODES = ("BRAKE", "LAND")
+_FAILSAFE_MODES = (Mode.RTL, Mode.SMART_RTL, Mode.AUTO, Mode.FLIP)
 PILOT, MISSION, GUARDIAN, FAILSAFE, NOBODY, UNKNOWN = (
     "pilot",
     "mission",
@@ -136,11 +136,13 @@ def who_flies(  # noqa: C901
         return Flier(GUARDIAN, f"guardian: {in_words(g.action or 'hold', g.reasons)}")
     if s.mode in _FAILSAFE_MODES:
         return Flier(FAILSAFE, f"{s.mode}: by the autopilot or the pilot")
-    if g.taken or s.mode not in ("GUIDED", *_STOPPED_MODES):
+    if g.taken or not s.mode.companions:
         return Flier(PILOT, f"pilot, {s.mode}")
-    if s.mode in _STOPPED_MODES:
+    if s.mode.stops:
         why = f" after {stop_asked}-all" if stop_asked else ""
-        return Flier(MISSION if s.mode == "LAND" and not stop_asked else NOBODY, f"{s.mode}{why}")
+        return Flier(
+            MISSION if s.mode == Mode.LAND and not stop_asked else NOBODY, f"{s.mode}{why}"
+        )
     if agent.value is None:
         return Flier(UNKNOWN, "GUIDED, its agent is not heard yet")
     if agent.stale:

@@ -21,6 +21,7 @@ from fcsv_control.stopping.core import Report
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.ros import conversions
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_msgs.msg import (
     Calibration,
     CapturedPicture,
@@ -45,7 +46,7 @@ _PICTURES = (b"\xff\xd8", b"\x89PNG")  # how JPEG and PNG begin
 
 
 def _state(name: str, m: State) -> f.Fact:
-    return f.AutopilotReport(name, m.connected, m.armed, m.mode, m.system_status)
+    return f.AutopilotReport(name, m.connected, m.armed, Mode(m.mode), m.system_status)
 
 
 def _battery(name: str, m: BatteryState) -> f.Fact:

@@ -5,8 +5,9 @@ answers when it shows."""
 import math
 from typing import Callable, Dict, List, Optional
 
-from fcsv_control.agent.messages import STOPPING_MODES, Ask, Kind
+from fcsv_control.agent.messages import Ask, Kind
 from fcsv_control.errors import ControlError
+from fcsv_geometry.vehicles.modes import Mode
 
 SHOWS_S, STOP_PATIENCE_S, STOP_REPEAT_S = 2.5, 5.0, 0.2  # as the flight link has them
 _STATE_S = 0.5
@@ -17,12 +18,12 @@ class Shown:
     mode."""
 
     def __init__(self):
-        self.mode, self.armed = "", False
+        self.mode, self.armed = Mode.UNHEARD, False
         self.newest: Optional[Asking] = None
-        self._heard_s: Dict[str, float] = {}  # when a mode was heard last
+        self._heard_s: Dict[Mode, float] = {}  # when a mode was heard last
         self._refusals: List[str] = []
 
-    def state(self, now_s: float, mode: str, armed: bool) -> None:
+    def state(self, now_s: float, mode: Mode, armed: bool) -> None:
         """mavros/state came."""
         self.mode, self.armed = mode, armed
         self._heard_s[mode] = now_s
@@ -40,7 +41,7 @@ class Shown:
         """The newest, where more than ``after`` came; else empty."""
         return self._refusals[-1] if self.refusals > after else ""
 
-    def showed(self, mode: str, since_s: float) -> bool:
+    def showed(self, mode: Mode, since_s: float) -> bool:
         """Whether it is in the mode, or was since: a pilot who then takes over has the last
         word."""
         return self.mode == mode or self._heard_s.get(mode, -math.inf) >= since_s
@@ -80,10 +81,10 @@ class Asking:
         return asking
 
     @staticmethod
-    def mode(shown: Shown, now_s: float, mode: str) -> "Asking":
+    def mode(shown: Shown, now_s: float, mode: Mode) -> "Asking":
         """A mode that stops is sent again until it shows, however it was answered. An older request
         ends."""
-        stops = mode in STOPPING_MODES
+        stops = mode.stops
         asking = Asking(
             shown,
             now_s,

@@ -17,9 +17,7 @@ from fcsv_control.agent.holder import Holder, Limits
 from fcsv_control.agent.messages import (
     BY_HAND,
     DONE,
-    MISSION_MODES,
     REFUSED,
-    STOPPING_MODES,
     TOO_LATE,
     Ack,
     AgentText,
@@ -36,6 +34,7 @@ from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import frames
 from fcsv_geometry.streams.flow import RateGate
+from fcsv_geometry.vehicles.modes import Mode
 
 _QUIET_S = 0.15  # set-points on their way arrive before the take-off that they would replace
 
@@ -73,12 +72,12 @@ class AgentCore:
 
     # ---- what is heard ---------------------------------------------------------------------------
 
-    def state(self, mode: str, armed: bool) -> None:
+    def state(self, mode: Mode, armed: bool) -> None:
         """The flight controller's mode; "": its link hears no autopilot (yet), which says
         nothing."""
         if mode:
             self._holder.state(mode, armed)
-            self.rights.hands.state(mode, armed)
+            self.rights.owner.shows(mode, armed)
 
     def pose(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate came; a jump of it is said."""
@@ -97,7 +96,7 @@ class AgentCore:
     def epoch(self, epoch: int, reason: str) -> None:
         """The odometry's epoch. Where its frame began anew the target is not where it was meant to
         be: hold here."""
-        if self.rights.frame.odometry(epoch, reason) and self._holder.mode == "GUIDED":
+        if self.rights.frame.odometry(epoch, reason) and self._holder.mode == Mode.GUIDED:
             self._say(f"the odometry began anew ({reason}); holding")
             self._hold_here()
 
@@ -108,8 +107,8 @@ class AgentCore:
         holds where it is; an ``action`` may be a mode that it asks for; ``forbids`` tells why the
         vehicle is not to be handed over."""
         self.rights.guardian_s, self.rights.aside = now_s, action == "aside"
-        if action in STOPPING_MODES:
-            self.rights.hands.asked(action)
+        if Mode(action).stops:
+            self.rights.owner.asked(Mode(action))
         if self.rights.guarded and not holds:
             self._holder.stay()
         self.rights.guarded, self.rights.forbidden = (why or "it holds") if holds else "", forbids
@@ -138,7 +137,7 @@ class AgentCore:
         elif verdict is CommandVerdict.REPEAT:
             self._out.append(Ack(c.sender, c.number, answer.result, answer.reason))
         elif verdict is CommandVerdict.EXECUTE and refusal:
-            by_hand = c.stops and self.rights.hands.by_hand
+            by_hand = c.stops and self.rights.by_hand
             self._answer(c, BY_HAND if by_hand else REFUSED, refusal)
         elif verdict is CommandVerdict.EXECUTE and c.stops:
             self._stop(now_s, c)
@@ -154,7 +153,7 @@ class AgentCore:
         """The flight link has done it ("") or refused."""
         c = self._asked.pop(ask.number, None)
         if refusal and ask.kind is Kind.SET_MODE:
-            self.rights.hands.not_done(ask.mode)
+            self.rights.owner.refused(ask.mode)
         if ask.kind is Kind.TAKEOFF and refusal:
             self._holder.take_off_refused()
         if c is None:
@@ -207,12 +206,9 @@ class AgentCore:
             self._running = c
             self._ask(c, Kind.TAKEOFF, altitude_m=c.altitude_m, due_s=now_s + _QUIET_S)
         else:
-            if (
-                c.kind is Kind.SET_MODE
-                and c.mode not in MISSION_MODES
-                and not self._rules.maintenance
-            ):
-                allowed = ", ".join(sorted(MISSION_MODES))
+            allowed = c.mode.companions or self._rules.maintenance
+            if c.kind is Kind.SET_MODE and not allowed:
+                allowed = ", ".join(sorted(m for m in Mode if m.companions))
                 raise CommandRefused(
                     f"mode '{c.mode}' is for pilots; a mission may ask for {allowed}"
                 )
@@ -226,8 +222,8 @@ class AgentCore:
             self._answer(waiting, REFUSED, "overtaken by a command to stop")
         self.rights.stopped(now_s, c.sender)
         if c.kind is not Kind.HOLD:
-            mode = "LAND" if c.kind is Kind.LAND else c.mode
-            if mode == "BRAKE":
+            mode = Mode.LAND if c.kind is Kind.LAND else c.mode
+            if mode == Mode.BRAKE:
                 self._hold_here()  # until the mode shows
             self._ask(c, Kind.SET_MODE, mode=mode)
             return
@@ -251,7 +247,7 @@ class AgentCore:
         ask = Ask(kind, number=self._asks, **what)
         self._asked[ask.number] = c
         if kind is Kind.SET_MODE:
-            self.rights.hands.asked(ask.mode)
+            self.rights.owner.asked(ask.mode)
         if due_s is None:
             self._out.append(ask)
         else:

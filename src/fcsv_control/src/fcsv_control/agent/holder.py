@@ -11,6 +11,7 @@ from fcsv_control.errors import CommandRefused
 from fcsv_control.recent_way import RecentWay
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
+from fcsv_geometry.vehicles.modes import Mode
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Holder:
 
     def __init__(self, frame: str, limits: Limits):
         self._frame, self._limits = frame, limits
-        self._mode = ""
+        self._mode = Mode.UNHEARD
         self._armed: Optional[bool] = None  # until it was heard
         self._here: Optional[np.ndarray] = None
         self._here_s = -math.inf
@@ -59,22 +60,24 @@ class Holder:
     @property
     def target(self) -> Optional[np.ndarray]:
         """T_odom_body to stream now; None: nothing is to be streamed."""
-        return self._target.copy() if self._mode == "GUIDED" and self._target is not None else None
+        return (
+            self._target.copy() if self._mode == Mode.GUIDED and self._target is not None else None
+        )
 
     @property
-    def mode(self) -> str:
+    def mode(self) -> Mode:
         return self._mode
 
     @property
     def armed(self) -> bool:
         return bool(self._armed)
 
-    def state(self, mode: str, armed: bool) -> None:
+    def state(self, mode: Mode, armed: bool) -> None:
         """The flight controller's mode. Entering GUIDED means holding here; leaving it forgets the
         target."""
-        entered = mode == "GUIDED" and self._mode != "GUIDED"
+        entered = mode == Mode.GUIDED and self._mode != Mode.GUIDED
         self._mode, self._armed = mode, armed
-        if mode != "GUIDED" or entered:
+        if mode != Mode.GUIDED or entered:
             self._above = self._target = None
         if entered and self._here is not None:
             self._target = transforms.level(self._here)
@@ -89,7 +92,7 @@ class Holder:
             self._ground_m = float(T_odom_body[2, 3])
         self._watch_take_off(now_s)
         if before is None:
-            if self._mode == "GUIDED" and self._above is None and self._target is None:
+            if self._mode == Mode.GUIDED and self._above is None and self._target is None:
                 # started in flight: the mode was known first
                 self._target = transforms.level(T_odom_body)
             return 0.0
@@ -158,7 +161,7 @@ class Holder:
 
     def stay(self) -> None:
         """Whatever was the target, it is here now, where it is flown in GUIDED."""
-        if self._mode == "GUIDED" and self._here is not None:
+        if self._mode == Mode.GUIDED and self._here is not None:
             self.hold()
 
     def take_off(self, now_s: float, altitude_m: float) -> None:
@@ -190,7 +193,7 @@ class Holder:
             self._target, self._above = transforms.level(self._here), None
 
     def _require_guided(self) -> None:
-        if self._mode != "GUIDED":
+        if self._mode != Mode.GUIDED:
             raise CommandRefused(f"it is in {self._mode or 'no mode yet'}, not in GUIDED")
         if self._here is None:
             raise CommandRefused("the autopilot does not know where it is")

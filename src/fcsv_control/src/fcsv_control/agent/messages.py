@@ -7,10 +7,9 @@ from typing import Optional, Union
 
 import numpy as np
 
+from fcsv_geometry.vehicles.modes import Mode
+
 DONE, REFUSED, TOO_LATE, BY_HAND = 0, 1, 2, 3  # CommandAck.result
-STOPPING_MODES = frozenset({"LAND", "BRAKE"})
-# what a mission needs; any other mode is a pilot's
-MISSION_MODES = frozenset({"GUIDED", *STOPPING_MODES})
 
 
 class Kind(Enum):
@@ -41,7 +40,7 @@ class Instruction:
     sent_s: float
     ordered_s: float
     lifetime_s: float
-    mode: str = ""
+    mode: Mode = Mode.UNHEARD
     flag: bool = False
     altitude_m: float = 0.0
     target: Optional[np.ndarray] = None  # T_odom_body
@@ -51,7 +50,7 @@ class Instruction:
     def stops(self) -> bool:
         """Whether it stops the vehicle: it never waits and never comes too late by the clock."""
         return self.kind in (Kind.HOLD, Kind.LAND) or (
-            self.kind is Kind.SET_MODE and self.mode in STOPPING_MODES
+            self.kind is Kind.SET_MODE and self.mode.stops
         )
 
     @property
@@ -67,7 +66,7 @@ class Ask:
     answer."""
 
     kind: Kind  # SET_MODE, ARM or TAKEOFF
-    mode: str = ""
+    mode: Mode = Mode.UNHEARD
     flag: bool = False
     altitude_m: float = 0.0
     number: int = 0

@@ -6,9 +6,9 @@ import math
 from typing import Sequence
 
 from fcsv_control.agent.epochs import CalibratedFrame
-from fcsv_control.agent.hands import AgentModeOwner
 from fcsv_control.agent.lease import LEASE_S, Lease
 from fcsv_control.agent.messages import Instruction, Kind
+from fcsv_geometry.vehicles.modes import AGENT, Mode, ModeOwner
 
 _GUARDIAN_SILENT_S = 2.0
 # a commander learns of somebody else's stop a moment after the vehicle, or before it
@@ -16,17 +16,24 @@ _MARGIN_S = 0.5
 
 
 class Rights:
-    """``hands``, ``lease`` and ``frame`` are told what is heard of modes, commanders and the
+    """``owner``, ``lease`` and ``frame`` are told what is heard of modes, commanders and the
     odometry's epochs."""
 
     def __init__(self, vehicle: str, needs_guardian: bool = False):
         self._vehicle, self._needs_guardian = vehicle, needs_guardian
         self.guardian_s = -math.inf  # when it was heard last
-        self.hands, self.lease, self.frame = AgentModeOwner(), Lease(), CalibratedFrame()
+        self.owner, self.lease, self.frame = ModeOwner(AGENT), Lease(), CalibratedFrame()
         self._stopped_s, self._stopped_by = -math.inf, ""
         self.guarded = ""  # why the guardian flies, "" where it does not
         self.aside = False  # out of the way of one that comes down: then nobody stops it there
         self.forbidden: Sequence[str] = ()  # why the guardian forbids to hand the vehicle over
+
+    @property
+    def by_hand(self) -> str:
+        """The mode in which somebody else flies it; "": nobody else does."""
+        owner = self.owner
+        ours = not owner.armed or owner.ours or owner.mode == Mode.GUIDED
+        return "" if ours else owner.mode
 
     def stopped(self, now_s: float, sender: str) -> None:
         """A command to stop was obeyed: what others ordered before does not count any more."""
@@ -36,7 +43,7 @@ class Rights:
         """Why a command is not obeyed; "" where it is. A moving command takes or renews the
         lease."""
         if c.stops:
-            mode = self.hands.by_hand
+            mode = self.by_hand
             if mode:
                 return f"{self._vehicle} is flown by hand ({mode}); tell its pilot"
             return (
@@ -54,14 +61,14 @@ class Rights:
                 f"{self._vehicle} is commanded by {holder}; end it, or wait until it is silent for {LEASE_S:g} s: "
                 "LAND, BRAKE and HOLD are obeyed from anybody"
             )
-        if c.kind is Kind.SET_MODE and c.mode == "GUIDED" and self.frame.outdated:
+        if c.kind is Kind.SET_MODE and c.mode == Mode.GUIDED and self.frame.outdated:
             return f"{self._vehicle}: {self.frame.outdated}"
         return self._guardians(now_s, c)
 
     def _guardians(self, now_s: float, c: Instruction) -> str:
         if self.guarded and c.kind in (Kind.GOTO, Kind.TAKEOFF):
             return f"{self._vehicle}: the guardian flies: {self.guarded}"
-        hands_over = (c.kind is Kind.SET_MODE and c.mode == "GUIDED") or (
+        hands_over = (c.kind is Kind.SET_MODE and c.mode == Mode.GUIDED) or (
             c.kind is Kind.ARM and c.flag
         )
         if hands_over and self._needs_guardian and now_s - self.guardian_s > _GUARDIAN_SILENT_S:

@@ -21,13 +21,13 @@ from fcsv_control.flight.feeding.estimate import EstimateWatch
 from fcsv_control.flight.feeding.fed import Fed
 from fcsv_control.flight.mavlink import conversion, keeper
 from fcsv_control.flight.mavlink.listener import STREAMS_HZ, Listener
-from fcsv_control.flight.mavlink.requests import COMPANION, Request, Requests
+from fcsv_control.flight.mavlink.requests import COMPANION, Outcome, Request, Requests
 from fcsv_control.flight.messages import EstimateMoved, Event, PoseHeard
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import NOTHING, Profile, Rule
 from fcsv_control.flight.state import MODES, FlightState
 from fcsv_control.flight.take_off import TakeOff
-from fcsv_control.flight.whose_mode import LinkModeOwner
+from fcsv_geometry.vehicles.modes import LINK, Mode, ModeOwner
 
 _M = mavutil.mavlink
 __all__ = ["LinkCore", "LinkParameters"]
@@ -36,8 +36,6 @@ _LOG = logging.getLogger(__name__)
 _AUTOPILOT = _M.MAV_COMP_ID_AUTOPILOT1
 _POSITION_AND_YAW = 0x9F8  # position alone would turn the nose into the direction of travel
 _UNKNOWN_COVARIANCE = [float("nan")] + [0.0] * 20  # the filter's own noise is used
-#: Modes that stop a vehicle: never queued, never given up while they do not show.
-STOPPING = frozenset({"LAND", "BRAKE"})
 STOP_REPEAT_S = 0.2
 _STOP_PATIENCE_S = 5.0
 _STOOD_STILL_S = 0.5  # between two steps, of which there are 50 a second
@@ -61,7 +59,8 @@ class LinkCore:
         self._begun_anew = False
         # until the first step nothing stood still
         self._stepped_s, self._woke_s = float("inf"), float("-inf")
-        self._whose = LinkModeOwner()
+        self._owner = ModeOwner(LINK)
+        self._mode_request: Optional[Request] = None
         self._events: List[Event] = []
         self._requests = Requests(parameters.command_timeout_s, parameters.command_tries)
         self._heard = Listener(parameters.target_system, self._requests, profile)
@@ -89,7 +88,7 @@ class LinkCore:
     def mode_is_ours(self) -> bool:
         """Whether the mode that shows is the last one that was commanded here, and no other has
         shown since. A stop that somebody else had chosen before stays his."""
-        return self._whose.is_ours
+        return self._owner.ours
 
     def origin_set(self, now_s: float) -> bool:
         """Whether the autopilot goes on reporting an origin since its filter began, and it is not
@@ -113,7 +112,9 @@ class LinkCore:
     def take(self, now_s: float, message) -> None:
         """One message from the line."""
         self._heard.take(now_s, message)
-        if self._whose.shows(self.state.mode):  # what was asked before he took it counts no more
+        first = not self._owner.mode
+        # what was asked before he took it counts no more
+        if self._owner.shows(self.state.mode) and not first:
             self._requests.withdraw(
                 _M.MAV_CMD_DO_SET_MODE, f"{self.state.mode} showed, which was not asked here"
             )
@@ -140,7 +141,7 @@ class LinkCore:
         self._take_off = [t for t in self._take_off if not t.over]
         for request, confirmation in self._requests.step(now_s, self.state):
             self._long(request.number, request.values, confirmation, request.component)
-        self._whose.step()
+        self._mind_mode()
 
     def outgoing(self) -> List[object]:
         """Messages to send now, each given once."""
@@ -178,7 +179,7 @@ class LinkCore:
         self._reset_counter = (self._reset_counter + 1) % 256
         self._begun_anew = True
 
-    def mode_asked(self, mode: str) -> None:
+    def mode_asked(self, mode: Mode) -> None:
         """A process on board asks for a mode. Here nothing follows: the request itself comes by
         this link."""
 
@@ -207,7 +208,18 @@ class LinkCore:
         """A COMMAND_LONG, repeated until acknowledged."""
         return self._requests.ask(now_s, number, values, what)
 
-    def set_mode(self, now_s: float, name: str) -> Request:
+    def _mind_mode(self) -> None:
+        """A mode is waited for while it is asked for. One that showed before is ours once it is
+        acknowledged; a stop is not even sent then."""
+        request = self._mode_request
+        if request is None or not request.over:
+            return
+        if request.outcome is Outcome.DONE and not request.insists:
+            self._owner.done()
+        self._owner.refused()
+        self._mode_request = None
+
+    def set_mode(self, now_s: float, name: Mode) -> Request:
         """Change mode and see it in the heartbeat. A mode that stops overtakes any other and is
         repeated until it shows. Raises CommandRefused for a mode that ArduCopter does not have."""
         if name not in MODES:
@@ -216,9 +228,9 @@ class LinkCore:
             )
         if self._heard.foreigner:  # its modes have other numbers: not even LAND is one
             raise CommandRefused(f"mode {name} refused: {self._heard.foreigner}")
-        if name not in STOPPING:
+        if not name.stops:
             self._require_ready(now_s, f"mode {name}")
-        if name == "GUIDED":
+        if name == Mode.GUIDED:
             self._require_parameters()
         ask = (
             now_s,
@@ -227,11 +239,12 @@ class LinkCore:
             f"mode {name}",
             lambda s: s.mode == name,
         )
-        if name in STOPPING:
+        if name.stops:
             request = self._requests.insist(*ask, STOP_REPEAT_S, _STOP_PATIENCE_S)
         else:
             request = self._requests.ask(*ask)
-        self._whose.ask(name, request)
+        self._owner.asked(name)
+        self._mode_request = request
         return request
 
     def arm(self, now_s: float, value: bool) -> Request:
@@ -247,7 +260,7 @@ class LinkCore:
     def take_off(self, now_s: float, altitude_m: float) -> TakeOff:
         """Climb to an altitude (m) above the zero of the odometry frame. Raises CommandRefused
         where it is not armed in GUIDED."""
-        if self.state.mode != "GUIDED" or not self.state.armed:
+        if self.state.mode != Mode.GUIDED or not self.state.armed:
             armed = "armed" if self.state.armed else "not armed"
             where = self.state.mode or "no mode"
             raise CommandRefused(

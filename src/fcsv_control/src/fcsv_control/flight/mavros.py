@@ -19,6 +19,7 @@ from fcsv_control.flight.mavlink.texts import WARNING, Reasons
 from fcsv_control.flight.messages import HomeHeard, Refused, TextHeard
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import NOTHING, Profile
+from fcsv_geometry.vehicles.modes import Mode
 
 _M = mavutil.mavlink
 COMPONENT = 240  # MAV_COMP_ID_UDP_BRIDGE, with which MAVROS speaks by default
@@ -77,15 +78,20 @@ class MavrosCore(LinkCore):
             self._home_asked_s = now_s
             self._long(_M.MAV_CMD_REQUEST_MESSAGE, [_M.MAVLINK_MSG_ID_HOME_POSITION])
 
-    def mode_asked(self, mode: str) -> None:
+    def mode_asked(self, mode: Mode) -> None:
         """Agent or guardian ask MAVROS for this mode: it is the companion's once it shows. One that
         shows already stays whose it was."""
-        self._whose.ask_through_others(mode)
+        self._mode_request = None
+        if mode == self._owner.mode:
+            self._owner.refused()
+        else:
+            self._owner.asked(mode)
 
     def _said(self, now_s: float, text: TextHeard) -> None:
         if text.severity <= WARNING and text.text.startswith(_MODE_REFUSED):
             self._events.append(Refused(text.text))
-            self._whose.refused()
+            self._owner.refused()
+            self._mode_request = None
         else:
             self._reasons.add(now_s, text.severity, text.text)
 

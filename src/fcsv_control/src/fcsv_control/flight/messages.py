@@ -7,6 +7,7 @@ from typing import Dict, Optional, Sequence, Tuple, Union
 import numpy as np
 
 from fcsv_control.errors import CommandRefused, LinkError
+from fcsv_geometry.vehicles.modes import Mode
 
 # ---- what the autopilot says ---------------------------------------------------------------------
 
@@ -142,7 +143,7 @@ class AutopilotState:
     armed: bool
     guided: bool
     manual_input: bool
-    mode: str
+    mode: Mode
     system_status: int
 
 
@@ -212,7 +213,7 @@ class ParametersChecked:
 class ModeAsked:
     """A process on board asks the autopilot for a mode."""
 
-    mode: str
+    mode: Mode
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,7 @@ from fcsv_control.flight.take_off import TakeOff
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.modes import Mode
 
 _LOG = logging.getLogger(__name__)
 _WATCH_S, _STALL_S = 0.05, 0.25  # a watch that comes later than the second was delayed itself
@@ -243,15 +244,15 @@ class FlightLinkPort:
         self._problem("feed", f"{age} while flying in {s.mode}" if late else "")
         if late and not self._warned:
             by_hand = (
-                "" if s.mode == "GUIDED" or ours else f" in {s.mode}: fly in ALT_HOLD, or land"
+                "" if s.mode == Mode.GUIDED or ours else f" in {s.mode}: fly in ALT_HOLD, or land"
             )
             self._out.append(LinkSaid(CRITICAL, f"{self._vehicle}: {age}{by_hand}"))
         self._warned = late
         if alarm is Alarm.LAND and self._landing is None:
             self._out.append(LinkSaid(ALERT, f"{self._vehicle}: {age}, landing"))
-            self._out.append(ModeAsked("LAND"))  # else it is a pilot's
+            self._out.append(ModeAsked(Mode.LAND))  # else it is a pilot's
             try:
-                self._landing = self.core.set_mode(now_s, "LAND")
+                self._landing = self.core.set_mode(now_s, Mode.LAND)
                 self.core.step(now_s)
             except ControlError as error:
                 _LOG.error("landing after the loss of the pose feed: %s", error)

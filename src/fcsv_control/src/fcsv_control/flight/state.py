@@ -7,6 +7,8 @@ from typing import Optional, Tuple
 
 from pymavlink import mavutil
 
+from fcsv_geometry.vehicles.modes import Mode
+
 _M = mavutil.mavlink
 _PREARM_BIT = 0x10000000
 _LANDED = {
@@ -17,9 +19,9 @@ _LANDED = {
 }
 _FILTER_RUNS, _FILTER_NOT_BEGUN = 0x001, 0x400  # EKF_STATUS_FLAGS: attitude, uninitialised
 _THROTTLE = 2  # index of the throttle's channel, as RCMAP_THROTTLE is by default
-_MODE_NAMES = dict(mavutil.mode_mapping_acm)
-#: ArduCopter's modes by name, e.g. MODES["GUIDED"] == 4.
-MODES = {name: number for number, name in _MODE_NAMES.items()}
+_MODES = {number: Mode(name) for number, name in mavutil.mode_mapping_acm.items()}
+#: The numbers of ArduCopter's modes, e.g. MODES[Mode.GUIDED] == 4.
+MODES = {mode: number for number, mode in _MODES.items()}
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class FlightState:
     """Replaced as a whole on every message, so that a reader in another thread sees one moment."""
 
     armed: bool = False
-    mode: str = ""
+    mode: Mode = Mode.UNHEARD
     guided: bool = False
     manual_input: bool = False
     system_status: int = 0
@@ -108,7 +110,7 @@ class FlightState:
             armed=bool(m.base_mode & _M.MAV_MODE_FLAG_SAFETY_ARMED),
             guided=bool(m.base_mode & _M.MAV_MODE_FLAG_GUIDED_ENABLED),
             manual_input=bool(m.base_mode & _M.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED),
-            mode=_MODE_NAMES.get(m.custom_mode, f"MODE{m.custom_mode}"),
+            mode=_MODES.get(m.custom_mode) or Mode(f"MODE{m.custom_mode}"),
             system_status=m.system_status,
         )
 

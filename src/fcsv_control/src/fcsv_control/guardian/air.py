@@ -14,6 +14,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.missions import separation
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.vehicles.modes import Mode
 
 _INF = float("inf")
 _FLYING_M = 0.5  # above where it stood
@@ -48,7 +49,7 @@ class Other:
     heard_s: float
     speed_mps: float = 0.0
     armed: bool = True
-    mode: str = ""
+    mode: Mode = Mode.UNHEARD
     uncontrolled: bool = False
     sigma_m: float = 0.0  # of its place in home, as calibration left it
     lost: bool = False
@@ -110,7 +111,7 @@ class Other:
             self.going_to_m is not None and now_s - self.heard_s > silent_s and not self.astray
         )
         level_mps = self.v_home_mps * [1.0, 1.0, 0.0]
-        falls = self.armed and (self.uncontrolled or self.mode == "LAND")
+        falls = self.armed and (self.uncontrolled or self.mode == Mode.LAND)
         goes_on = _GOES_ON_S if falls and float(np.linalg.norm(level_mps)) > _FLIES_MPS else ()
         there = [self.going_to_m] if flew_on else []
         return [self.p_home_m, *there, *(self.p_home_m + s * level_mps for s in goes_on)]
@@ -120,7 +121,7 @@ class Other:
 class VehicleSituation:
     """Own times are when something was heard last; poses T_odom_body."""
 
-    mode: str = ""
+    mode: Mode = Mode.UNHEARD
     armed: bool = False
     state_s: float = -_INF
     feed_s: float = -_INF
@@ -161,7 +162,7 @@ class VehicleSituation:
         """Where it flies, in the odometry frame: to ``place`` (T_odom_body) where the guardian
         holds it, else to where the mission sent it. None where nobody on board steers it."""
         there = self.sent_to if place is None else place
-        return None if there is None or self.mode != "GUIDED" else tuple(there[:3, 3].tolist())
+        return None if there is None or self.mode != Mode.GUIDED else tuple(there[:3, 3].tolist())
 
     def fed(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """A pose came from the odometry."""

@@ -14,7 +14,6 @@ import numpy as np
 from fcsv_control.guardian import room
 from fcsv_control.guardian.air import LinkReport, Other, VehicleSituation
 from fcsv_control.guardian.findings import ABOVE, Finding, Monitors, Reaction
-from fcsv_control.guardian.hands import COMPANIONS_MODES, GuardianModeOwner
 from fcsv_control.guardian.messages import (
     AskMode,
     GuardianVerdict,
@@ -27,6 +26,7 @@ from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.streams.flow import RateGate
+from fcsv_geometry.vehicles.modes import GUARDIAN, Mode, ModeOwner
 
 _SET_POINT_HZ = 10.0
 _AGAIN_S = 0.5  # a mode is asked for again
@@ -41,11 +41,8 @@ class Guardian:
 
     def __init__(self, vehicle: str, rules: Optional[GuardianRules] = None, now_s: float = 0.0):
         self._vehicle, self._rules = vehicle, rules or GuardianRules()
-        self._watches, self._hands, self.air = (
-            Monitors(self._rules),
-            GuardianModeOwner(),
-            VehicleSituation(),
-        )
+        self._watches, self.air = Monitors(self._rules), VehicleSituation()
+        self._owner = ModeOwner(GUARDIAN)
         # silence counts from now on
         self.air.control_s = self.air.agent_s = self.air.link_s = self.air.feed_s = now_s
         self._gate = RateGate(_SET_POINT_HZ)
@@ -58,20 +55,29 @@ class Guardian:
         self._braking_for = ""
         # findings for which it braked: a fence counts once per crossing
         self._answered: Set[str] = set()
-        self._asked: Tuple[str, float, float] = ("", now_s, now_s)  # mode, first and last asked
+        self._asked: Tuple[Mode, float, float] = (
+            Mode.UNHEARD,
+            now_s,
+            now_s,
+        )  # mode, first and last asked
         self._said: Dict[str, Tuple[str, float]] = {}  # text and time, by what it is about
         self._verdict = GuardianVerdict()
         self._out: List[Output] = []
 
     # ---- what is heard ---------------------------------------------------------------------------
 
-    def state(self, now_s: float, mode: str, armed: bool) -> None:
+    @property
+    def _ours(self) -> bool:
+        """Whether it may command the vehicle now."""
+        return self._owner.mode.companions and not self._owner.taken
+
+    def state(self, now_s: float, mode: Mode, armed: bool) -> None:
         """The flight controller's mode."""
-        was_ours = self._hands.ours
-        if self._hands.see(now_s, mode, armed):
+        was_ours = self._ours
+        if self._owner.shows(mode, armed, now_s):
             self._let_go()
             # a pilot who goes from one mode of his to another is no news
-            if was_ours or mode in COMPANIONS_MODES:
+            if was_ours or mode.companions:
                 text = f"{mode} was not asked for by the companion: it stays with who chose it"
                 self._say(now_s, f"mode {mode}", text, False)
         if not armed:
@@ -129,16 +135,22 @@ class Guardian:
         """Something came from the control PC."""
         self.air.control_s = now_s
 
-    def mode_asked(self, now_s: float, mode: str) -> None:
+    def mode_asked(self, now_s: float, mode: Mode) -> None:
         """The agent asks the autopilot for a mode, on a command's behalf."""
-        if mode == "GUIDED":
-            self._hands.commanded(now_s)
+        if mode == Mode.GUIDED:
+            self._commanded(now_s)
         else:
-            self._hands.asked(now_s, mode)
+            self._owner.asked(mode, now_s)
+
+    def _commanded(self, now_s: float) -> None:
+        """The mission moves the vehicle, or asks for GUIDED: the operator has confirmed."""
+        if self._owner.mode == Mode.GUIDED:
+            self._owner.give_back()
+        self._owner.asked(Mode.GUIDED, now_s)
 
     def moved(self, now_s: float, T_odom_body: Optional[np.ndarray] = None) -> None:
         """A command moves the vehicle: to ``T_odom_body``, or holds it where it is."""
-        self._hands.commanded(now_s)
+        self._commanded(now_s)
         self.air.sent_to = T_odom_body
 
     def home(self, T_home_odom: Optional[np.ndarray], sigma_m: float = 0.0) -> None:
@@ -165,8 +177,8 @@ class Guardian:
         self._stepped_s = now_s
         found = self._watches.findings(now_s, air) if air.armed else []
         self._mind_link(now_s)
-        forbids = tuple(self._watches.forbids(now_s, air)) if air.mode != "GUIDED" else ()
-        acting = air.armed and self._hands.ours
+        forbids = tuple(self._watches.forbids(now_s, air)) if air.mode != Mode.GUIDED else ()
+        acting = air.armed and self._ours
         if acting:
             self._act(now_s, found)
         else:
@@ -176,7 +188,7 @@ class Guardian:
         blind = air.flying and any(f.wish is Reaction.LAND for f in found)
         air.lose(now_s, blind, self._watches.found_again(now_s, air))
         reasons = tuple(f.text for f in found if f.wish > Reaction.SAY)
-        action, taken = self._action(now_s) if acting else "", air.armed and not self._hands.ours
+        action, taken = self._action(now_s) if acting else "", air.armed and not self._ours
         held, to_m = self._place is not None, air.going_to_m(self._place)
         self._verdict = GuardianVerdict(
             action, held, blind, reasons, forbids, air.lost, taken, to_m, air.lost_s
@@ -213,9 +225,9 @@ class Guardian:
             or (worst is not None and worst.wish in (Reaction.LAND, Reaction.LAND_ASIDE))
         ):
             self._land(now_s, worst, escape)
-        elif self.air.mode == "BRAKE" and worst is not None and worst.wish is Reaction.ASIDE:
+        elif self.air.mode == Mode.BRAKE and worst is not None and worst.wish is Reaction.ASIDE:
             self._move_aside(now_s, worst.away_from)
-        elif self.air.mode != "GUIDED":
+        elif self.air.mode != Mode.GUIDED:
             self._place = None  # BRAKE stops it by itself
             self._answered.add(self._braking_for)
         elif worst is None or not self.air.flying:  # a set-point would replace the take-off
@@ -228,7 +240,7 @@ class Guardian:
             self._fly_home(now_s)
         else:
             self._hold(now_s)
-        if self._place is not None and self.air.mode == "GUIDED" and self._gate.passes(now_s):
+        if self._place is not None and self.air.mode == Mode.GUIDED and self._gate.passes(now_s):
             self._out.append(HoldAt(self._place))
 
     def _mind_link(self, now_s: float) -> None:
@@ -246,16 +258,16 @@ class Guardian:
         LAND, too."""
         blind = worst is not None and worst.wish is Reaction.LAND
         away_from = escape.away_from if escape is not None and not blind else None
-        if self.air.mode == "LAND" and away_from is None:
+        if self.air.mode == Mode.LAND and away_from is None:
             self._landing, self._place = False, None
             return
         self._landing = True
-        if away_from is None and not blind and self.air.mode in ("GUIDED", "BRAKE"):
+        if away_from is None and not blind and self.air.mode in (Mode.GUIDED, Mode.BRAKE):
             away_from = self._watches.beneath(now_s, self.air)
         if away_from is not None and self._way_aside(now_s, away_from):
             return
         self._place = None
-        self._ask(now_s, "LAND")
+        self._ask(now_s, Mode.LAND)
 
     def _way_aside(self, now_s: float, away_from: str) -> bool:
         """Whether it is still on its way."""
@@ -268,8 +280,8 @@ class Guardian:
         """Only with both places known, as every finding about another vehicle has them."""
         air = self.air
         # where /stop_all stopped it, or on its way down: so it cannot move
-        if air.mode != "GUIDED":
-            self._ask(now_s, "GUIDED")
+        if air.mode != Mode.GUIDED:
+            self._ask(now_s, Mode.GUIDED)
         self._held_s = now_s
         under_way = self._aside_s is not None and self._place is not None
         if under_way and float(np.linalg.norm((air.estimate - self._place)[:2, 3])) > _THERE_M:
@@ -293,7 +305,7 @@ class Guardian:
 
     def _brake(self, now_s: float, finding: Finding) -> None:
         """BRAKE, once per finding; LAND where it does not show."""
-        if now_s - self._ask(now_s, "BRAKE") > self._rules.obey_s:
+        if now_s - self._ask(now_s, Mode.BRAKE) > self._rules.obey_s:
             self._landing = True
         self._braking_for = finding.what
 
@@ -304,13 +316,13 @@ class Guardian:
     def _let_go(self) -> None:
         self._place, self._aside_s, self._landing, self._homeward = None, None, False, False
 
-    def _ask(self, now_s: float, mode: str) -> float:
+    def _ask(self, now_s: float, mode: Mode) -> float:
         """Ask for a mode, now and again until it shows; when it was asked for first."""
         asked, first_s, last_s = self._asked
         if asked != mode or now_s - last_s > 3.0:
             first_s, last_s = now_s, float("-inf")
         if now_s - last_s >= _AGAIN_S:
-            self._hands.asked(now_s, mode)
+            self._owner.asked(mode, now_s)
             self._out.append(AskMode(mode))
             last_s = now_s
         self._asked = (mode, first_s, last_s)
@@ -318,7 +330,7 @@ class Guardian:
 
     def _action(self, now_s: float) -> str:
         asked, _, last_s = self._asked
-        if asked and now_s - last_s < 1.0 and asked != "GUIDED":  # that is for the way aside
+        if asked and now_s - last_s < 1.0 and asked != Mode.GUIDED:  # that is for the way aside
             return asked
         if self._place is None:
             return ""

@@ -13,6 +13,7 @@ from fcsv_control.guardian.air import Other, VehicleSituation
 from fcsv_control.guardian.messages import Cause, Forbidden
 from fcsv_control.guardian.rules import NEVER, GuardianRules
 from fcsv_geometry.missions import separation
+from fcsv_geometry.vehicles.modes import Mode
 
 ABOVE = "above"  # a finding about one who comes down
 _OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
@@ -216,7 +217,7 @@ class Monitors:
         alone = (
             low
             and not unknown
-            and air.mode == "GUIDED"
+            and air.mode == Mode.GUIDED
             and air.flying
             and now_s - air.control_s > r.home_s
         )
@@ -273,7 +274,7 @@ class Monitors:
             yield Finding("link", Reaction.SAY, "the flight link hears no autopilot")
 
     def _stick(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        off = air.mode == "GUIDED" and abs(air.link.throttle) > self._rules.throttle_middle
+        off = air.mode == Mode.GUIDED and abs(air.link.throttle) > self._rules.throttle_middle
         if self._lasts(now_s, "stick", off, 1.0):
             yield Finding(
                 "stick", Reaction.SAY, "put the throttle stick in the middle before you take over"
@@ -288,7 +289,7 @@ class Monitors:
             return
         fence, height_m = self._rules.fence, float(place[2])
         self._took_off = self._took_off or height_m > fence.floor_m + _ABOVE_FLOOR_M
-        if not self._took_off or air.mode == "LAND":
+        if not self._took_off or air.mode == Mode.LAND:
             # a take-off begins under the floor, and a landing ends there
             height_m = max(height_m, fence.floor_m)
         out_m = fence.outside_m(place if home is None else home, height_m, home is not None)
@@ -308,7 +309,7 @@ class Monitors:
         for name, other in air.others.items() if here is not None and air.flying else ():
             offset_m = other.p_home_m - here
             if any(self._comes_down(now_s, other, p - here) for p in places[name]):
-                lands = other.uncontrolled and air.mode == "LAND" and self._high(air)
+                lands = other.uncontrolled and air.mode == Mode.LAND and self._high(air)
                 yield Finding(
                     ABOVE, Reaction.ESCAPE if lands else Reaction.ASIDE, f"{name} comes down", name
                 )
@@ -353,7 +354,7 @@ class Monitors:
         # of two at one height neither falls on the other: a radio that is gone must not send both
         # aside
         silent = silent_s > r.silent_above_s and offset_m[2] > _BELOW_M
-        return offset_m[2] > 0.0 and away_m < r.clear_m and (other.mode == "LAND" or silent)
+        return offset_m[2] > 0.0 and away_m < r.clear_m and (other.mode == Mode.LAND or silent)
 
     def _lasts(self, now_s: float, what: str, holds: bool, seconds: float) -> bool:
         """Whether a condition has held for some time; a name counts from the first moment it

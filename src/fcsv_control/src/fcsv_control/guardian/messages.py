@@ -7,6 +7,8 @@ from typing import Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from fcsv_geometry.vehicles.modes import Mode
+
 
 def in_words(action: str, reasons: Sequence[str]) -> str:
     """What a guardian does and why, empty where it does nothing.
@@ -21,7 +23,7 @@ def in_words(action: str, reasons: Sequence[str]) -> str:
 class AskMode:
     """A mode command for the autopilot."""
 
-    mode: str
+    mode: Mode
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.streams.arrivals import Arrivals
 from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.modes import Mode
 
 _STATE_S = 0.2  # a verdict is told at least so often
 _THROTTLE_OLD_S = 2.0  # no transmitter is heard
@@ -61,7 +62,7 @@ class _Heard:
     odometry: Optional[tm.VehicleOdometry] = None
     came_s: float = -math.inf
     armed: bool = True
-    mode: str = ""
+    mode: Mode = Mode.UNHEARD
     verdict: GuardianVerdict = GuardianVerdict()
 
 
@@ -157,7 +158,7 @@ class GuardianPort:
         if command.kind is Kind.SET_MODE:
             self.core.mode_asked(now_s, command.mode)
         elif command.kind is Kind.LAND:
-            self.core.mode_asked(now_s, "LAND")
+            self.core.mode_asked(now_s, Mode.LAND)
         self._commands[command.sender, command.number] = command
         while len(self._commands) > _COMMANDS_KEPT:
             self._commands.popitem(last=False)

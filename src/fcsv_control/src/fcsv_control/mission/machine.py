@@ -18,11 +18,12 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.watches import watch
 from fcsv_control.mission.watches.check_gate import OpenGate
 from fcsv_control.mission.watches.dropouts import Dropouts
-from fcsv_control.mission.watches.hands import MissionModeOwner
+from fcsv_control.mission.watches.fleet_modes import FleetModes
 from fcsv_control.mission.watches.patience import BACK, LAND, Pause, PauseTimers, what_follows
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import GROUND, ON_BOARD, Mission
 from fcsv_geometry.missions.phases import BY_HOME, FLOWN, OVER
+from fcsv_geometry.vehicles.modes import Mode
 
 _BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")  # people fly
 _SEEN_S = 2.0
@@ -61,12 +62,12 @@ class MissionMachine(OperatorCommands):
         self.gate = gate or OpenGate()
         self._plan = PlanGate(mission, vehicles, radius_m)
         self._flight_list: Optional[FlightList] = None
-        self._hands = MissionModeOwner()
-        self._landing = Landing(mission, vehicles, self.outbox, self._hands)
+        self._modes = FleetModes(vehicles)
+        self._landing = Landing(mission, vehicles, self.outbox, self._modes)
         self._dropouts = Dropouts(mission.reference, vehicles)
         self._patience = PauseTimers(mission.limits)
         self._pauses: Set[Pause] = set()
-        self._handover = Handover(self.outbox, self._hands)
+        self._handover = Handover(self.outbox, self._modes)
         self._aborted = False
         # why everybody was stopped from outside; nothing is ordered until it is over
         self._stopped = ""
@@ -127,7 +128,7 @@ class MissionMachine(OperatorCommands):
             self.detail,
             self._aborted,
             list(self.captures),
-            dict(self._hands.taken),
+            dict(self._modes.taken),
             None if flown is None else flown.memory,
         )
 
@@ -145,15 +146,15 @@ class MissionMachine(OperatorCommands):
             self._aborted |= memory.phase != "LAND"
             self._enter("LAND", why)
             return
-        self._hands.take_over(self.vehicles, memory.taken)
+        self._modes.take_over(memory.taken)
         if what is restart.RestartVerdict.STOPPED:  # LAND now would fight with who stops everybody
             self._stopped = why
-            self._hands.all_asked("BRAKE")
-        self._hands.see(snapshot)
+            self._modes.all_asked(Mode.BRAKE)
+        self._modes.show(snapshot)
         if memory.phase == "LAND":
             self._enter("LAND", memory.detail)
             return
-        taken = self._hands.taken
+        taken = self._modes.taken
         if memory.flight_list is None:
             self._enter("GUIDED", why)
             guided = [n for n in restart.in_guided(snapshot) if n not in taken]
@@ -171,14 +172,14 @@ class MissionMachine(OperatorCommands):
         if self.phase in BY_HOME:
             self._stopped = reason
             self.outbox.withdraw(f"everybody was stopped: {reason}")
-            self._hands.all_asked("BRAKE")
+            self._modes.all_asked(Mode.BRAKE)
 
     # ---- the story -------------------------------------------------------------------------------
 
     def step(self, snapshot: Snapshot) -> None:
         """Advance by what is seen; orders go to the outbox."""
         self._snapshot, self.unexplained = snapshot, []
-        self._hands.see(snapshot)
+        self._modes.show(snapshot)
         taking_part = self._drop_out(snapshot)
         found = [] if self.over else watch.found(self.mission, self.phase, taking_part)
         if self.phase in FLOWN:
@@ -216,7 +217,7 @@ class MissionMachine(OperatorCommands):
 
     def _enter(self, phase: str, detail: str, waits_for: str = "") -> None:
         self.phase, self.detail, self.waits_for, self.wants = phase, detail, waits_for, ""
-        self._handover = Handover(self.outbox, self._hands)
+        self._handover = Handover(self.outbox, self._modes)
         self._patience.begin_anew()
 
     def _wait_vehicles(self, snapshot: Snapshot) -> None:
@@ -236,7 +237,7 @@ class MissionMachine(OperatorCommands):
 
     def _take_off(self, snapshot: Snapshot) -> None:
         views = snapshot.vehicles.values()
-        up = all(v.armed and v.height_m > _AIRBORNE_M and v.mode == "LOITER" for v in views)
+        up = all(v.armed and v.height_m > _AIRBORNE_M and v.mode == Mode.LOITER for v in views)
         if up and not self.problems:
             self._enter("COLUMN", _LINE_UP[self.mission.tracker])
 
@@ -267,7 +268,7 @@ class MissionMachine(OperatorCommands):
         """Everybody was stopped: recorders off, and no more than that, until the operator confirms
         or is too long."""
         if self.phase == "CONFIGURATIONS":
-            self._flight_list.pause(snapshot, self._hands.taken)
+            self._flight_list.pause(snapshot, self._modes.taken)
         if not self._stopped_by_people():
             self.waits_for = "resume"
         self.detail = f"everybody was stopped ({self._stopped}): confirm 'resume', or abort to land"
@@ -278,8 +279,8 @@ class MissionMachine(OperatorCommands):
     def _stopped_by_people(self) -> bool:
         """Whether somebody else has a vehicle, or the operator wants a pause; he confirms once each
         is given back."""
-        taken = self._hands.taken
-        self.problems += self._hands.problems()
+        taken = self._modes.taken
+        self.problems += self._modes.problems()
         if self._paused_by_operator:
             down = " and ".join(sorted(self._dropouts.out))
             why = f"{down} down, the others can go on" if down else "paused by the operator"
@@ -288,17 +289,17 @@ class MissionMachine(OperatorCommands):
             {Pause.PILOT} if taken else {Pause.OPERATOR} if self._paused_by_operator else set()
         )
         stopped = bool(taken) or self._paused_by_operator
-        self.waits_for = "resume" if stopped and self._hands.all_given_back else ""
+        self.waits_for = "resume" if stopped and self._modes.all_given_back else ""
         return stopped
 
     def _configurations(self, snapshot: Snapshot) -> None:
-        flown, taken = self._flight_list, self._hands.taken
+        flown, taken = self._flight_list, self._modes.taken
         stopped = self._stopped_by_people() or bool(self._pauses)
         if Pause.LOST in self._pauses or (stopped and not flown.going_back):
             flown.pause(snapshot, taken)
             return
         if flown.going_back and any(
-            v.armed and v.mode == "LAND" for v in snapshot.vehicles.values()
+            v.armed and v.mode == Mode.LAND for v in snapshot.vehicles.values()
         ):
             # one comes down already: who is beneath goes aside, nobody crosses below it
             self._end_of_list(flown)

@@ -10,7 +10,7 @@ from fcsv_control.mission.plans.plan_gate import PlanGate
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.watches import watch
 from fcsv_control.mission.watches.check_gate import OpenGate
-from fcsv_control.mission.watches.hands import MissionModeOwner
+from fcsv_control.mission.watches.fleet_modes import FleetModes
 from fcsv_control.mission.watches.patience import PauseTimers
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.phases import FLOWN
@@ -30,7 +30,7 @@ class OperatorCommands:
     over: bool
     _aborted: bool
     gate: OpenGate
-    _hands: MissionModeOwner
+    _modes: FleetModes
     _plan: PlanGate
     _patience: PauseTimers
     _snapshot: Optional[Snapshot]
@@ -88,7 +88,7 @@ class OperatorCommands:
             return self.detail
         self._confirmed_s = now_s
         if step in ("execute", "resume"):
-            self._hands.give_back()
+            self._modes.give_back()
             self._paused_by_operator, self._stopped, self.waits_for = False, "", ""
             if self.phase != "LAND":
                 self._enter("GUIDED", "handing over to the mission")

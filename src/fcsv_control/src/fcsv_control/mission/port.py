@@ -26,6 +26,7 @@ from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.phases import BY_HOME
 from fcsv_geometry.streams.arrivals import Arrivals
 from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 
 _log = logging.getLogger(__name__)
@@ -330,7 +331,7 @@ class MissionPort:
             now_s,
             order.ordered_s,
             order.expires_s - order.ordered_s,
-            a.get("mode", ""),
+            a.get("mode", Mode.UNHEARD),
             a.get("flag", False),
             0.0,
             a.get("target"),

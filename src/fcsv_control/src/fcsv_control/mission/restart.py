@@ -7,6 +7,7 @@ from typing import List, Tuple
 from fcsv_control.mission.memory import Memory
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_geometry.missions.phases import BY_HOME, FLOWN
+from fcsv_geometry.vehicles.modes import Mode
 
 _FRESH_S = 3.5  # a state that is older is none
 
@@ -31,7 +32,7 @@ def judge(memory: Memory, snapshot: Snapshot) -> Tuple[RestartVerdict, str]:
             RestartVerdict.TAKE_OVER,
             f"restarted in flight: takes over {', '.join(in_guided(snapshot))}",
         )
-    braking = [n for n in flying if snapshot.vehicles[n].mode == "BRAKE"]
+    braking = [n for n in flying if snapshot.vehicles[n].mode == Mode.BRAKE]
     if braking and memory.phase in BY_HOME:
         return RestartVerdict.STOPPED, f"restarted: {', '.join(braking)} found in BRAKE"
     if memory.phase == "LAND" and flying:
@@ -44,7 +45,7 @@ def judge(memory: Memory, snapshot: Snapshot) -> Tuple[RestartVerdict, str]:
         )
     if not flying:
         return RestartVerdict.ANEW, "restarted while nobody flies: a new mission begins"
-    if memory.phase in FLOWN and any(snapshot.vehicles[n].mode == "LAND" for n in flying):
+    if memory.phase in FLOWN and any(snapshot.vehicles[n].mode == Mode.LAND for n in flying):
         return RestartVerdict.LAND, f"restarted: {', '.join(flying)} found coming down"
     return (
         RestartVerdict.ANEW,
@@ -57,5 +58,5 @@ def in_guided(snapshot: Snapshot) -> List[str]:
     return [
         n
         for n, v in snapshot.vehicles.items()
-        if v.state_age_s <= _FRESH_S and v.armed and v.mode == "GUIDED"
+        if v.state_age_s <= _FRESH_S and v.armed and v.mode == Mode.GUIDED
     ]

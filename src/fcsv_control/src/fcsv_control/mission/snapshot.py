@@ -8,6 +8,7 @@ import numpy as np
 
 from fcsv_geometry.missions import separation
 from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.vehicles.modes import Mode
 
 _INF = float("inf")
 
@@ -24,7 +25,7 @@ class VehicleView:
     state_age_s: float = _INF
     connected: bool = False
     armed: bool = False
-    mode: str = ""
+    mode: Mode = Mode.UNHEARD
     sees_front_s: float = 0.0  # for how long it has seen the tag of the vehicle in front
     T_home_cam: Optional[np.ndarray] = None  # once calibration and home are known
     battery_share: float = float("nan")  # 0..1, NaN where unknown

@@ -34,6 +34,7 @@ from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros import telemetry_messages as telemetry
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, ModeAsked, Refusal
 from mavros_msgs.msg import State, StatusText
 from mavros_msgs.srv import CommandBool, CommandTOL, SetMode
@@ -119,7 +120,7 @@ class AgentNode:
 
     def _state(self, m: State) -> tm.VehicleState:
         self._health.problem("link", "" if m.connected else f"{self._name}: no autopilot")
-        return tm.VehicleState(self._name, "", m.mode, m.armed, m.connected)
+        return tm.VehicleState(self._name, "", Mode(m.mode), m.armed, m.connected)
 
     def _command(self, message: Command) -> Optional[Instruction]:
         try:

@@ -26,6 +26,7 @@ from fcsv_control.tracker_confidence import confidence
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, fences
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, LinkHealth, ParameterReport
 from fcsv_msgs.msg import Fence as FenceMessage
 
@@ -65,7 +66,7 @@ def instruction_of(m: Command) -> Instruction:
         m.sent_s,
         m.ordered_s,
         m.lifetime_s,
-        m.mode,
+        Mode(m.mode),
         bool(m.flag),
         m.altitude_m,
         target,

@@ -36,6 +36,7 @@ from fcsv_geometry.ros import telemetry_messages as telemetry
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.ros.relay_ages import publisher_of
 from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_msgs.msg import (
     Calibration,
     Command,
@@ -105,7 +106,9 @@ class GuardianNode:
         hear("mavros/local_position/pose", PoseStamped, convert.estimated_of)
         hear("odometry/state", Odometry, lambda m: TrackerConfidence(convert.confidence_of(m)))
         hear(
-            "mavros/state", State, lambda m: tm.VehicleState(own, "", m.mode, m.armed, m.connected)
+            "mavros/state",
+            State,
+            lambda m: tm.VehicleState(own, "", Mode(m.mode), m.armed, m.connected),
         )
         hear(
             "mavros/battery",
@@ -139,7 +142,7 @@ class GuardianNode:
     def _asked_by_others(self, message: ModeAsked):
         """What this node asks for itself its core knows."""
         own = publisher_of(message) == rospy.get_name()
-        return None if own else flight.ModeAsked(message.mode)
+        return None if own else flight.ModeAsked(Mode(message.mode))
 
     # ---- what is done ----------------------------------------------------------------------------
 
@@ -155,7 +158,7 @@ class GuardianNode:
             conversions.pose_stamped(output.T_odom_body, rospy.get_time(), frame)
         )
 
-    def _ask(self, mode: str) -> None:
+    def _ask(self, mode: Mode) -> None:
         self._asks.publish(ModeAsked(conversions.header(rospy.get_time(), ""), mode))
         running = self._asking.get(mode)
         if running is None or not running.is_alive():
@@ -165,7 +168,7 @@ class GuardianNode:
             self._asking[mode] = thread
             thread.start()
 
-    def _ask_now(self, mode: str) -> None:
+    def _ask_now(self, mode: Mode) -> None:
         try:
             if not self._set_mode(0, mode).mode_sent:
                 rospy.logerr("%s: the autopilot did not go to %s", self._name, mode)

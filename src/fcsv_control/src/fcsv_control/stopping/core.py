@@ -9,15 +9,15 @@ import math
 from dataclasses import dataclass, field
 from typing import Dict, List, Optional, Sequence, Set
 
+from fcsv_geometry.vehicles.modes import Mode
+
 STOP, LAND = "stop", "land"
 REPEAT_S = 0.2
 _AGAIN_S = 1.0  # after an answer the mode must show within this time, or it is asked anew
 _UNHEARD_S = 3.0  # states come twice a second
 # a mission that lives shows within this time that it lands everybody, upper vehicles aside first
 _MISSION_S = 1.0
-_MODES = {STOP: "BRAKE", LAND: "LAND"}
-# any other mode is a pilot's; the agent knows whose BRAKE and LAND are
-_COMMANDED = ("GUIDED", "BRAKE", "LAND", "")
+_MODES = {STOP: Mode.BRAKE, LAND: Mode.LAND}
 
 
 @dataclass
@@ -26,7 +26,7 @@ class StopOrder:
 
     vehicle: str
     number: int
-    mode: str
+    mode: Mode
     ordered_s: float
     sent_s: float = -math.inf
     answered_s: Optional[float] = None
@@ -58,9 +58,14 @@ class Report:
 
 @dataclass
 class _Seen:
-    mode: str = ""
+    mode: Mode = Mode.UNHEARD
     armed: bool = True  # until something else was heard
     heard_s: float = -math.inf
+
+    @property
+    def by_hand(self) -> bool:
+        """Whether it is flown by hand for sure; its agent knows whose BRAKE and LAND are."""
+        return bool(self.mode) and not self.mode.companions
 
 
 class StopAll:
@@ -83,14 +88,14 @@ class StopAll:
         """The operator goes on: nobody is commanded any more."""
         self._asked, self._orders = "", {}
 
-    def state(self, now_s: float, name: str, mode: str, armed: bool) -> None:
+    def state(self, now_s: float, name: str, mode: Mode, armed: bool) -> None:
         """What a vehicle shows. Without a mode its link hears no autopilot (yet): what it showed
         before stays."""
         seen = self._seen[name]
         self._seen[name] = (
             _Seen(mode, armed, now_s) if mode else _Seen(seen.mode, seen.armed, now_s)
         )
-        if self._asked == STOP and mode == "BRAKE":
+        if self._asked == STOP and mode == Mode.BRAKE:
             self._stopped.add(name)
 
     def mission(self, now_s: float, phase: str) -> None:
@@ -123,7 +128,7 @@ class StopAll:
                 report.unheard.append(name)
             elif self._stands(name, seen):
                 report.done.append(name)
-            elif seen.mode not in _COMMANDED or (order is not None and order.by_hand):
+            elif seen.by_hand or (order is not None and order.by_hand):
                 report.by_hand.append(name)
             else:
                 report.under_way.append(name)
@@ -138,13 +143,13 @@ class StopAll:
     def _stands(self, name: str, seen: _Seen) -> bool:
         """Whether a vehicle is where the call wants it. One that was stopped and lands now has a
         newer reason: its guardian's, or that nobody confirmed for too long."""
-        lands = seen.mode == "LAND" and name in self._stopped
-        return not seen.armed or (self._asked == STOP and (seen.mode == "BRAKE" or lands))
+        lands = seen.mode == Mode.LAND and name in self._stopped
+        return not seen.armed or (self._asked == STOP and (seen.mode == Mode.BRAKE or lands))
 
     def _due(self, now_s: float, name: str) -> Optional[StopOrder]:
         seen, mode = self._seen[name], _MODES[self._asked]
         heard = now_s - seen.heard_s <= _UNHEARD_S
-        if heard and (self._stands(name, seen) or seen.mode == mode or seen.mode not in _COMMANDED):
+        if heard and (self._stands(name, seen) or seen.mode == mode or seen.by_hand):
             return None
         order = self._orders.get(name)
         answered_s = math.inf if order is None or order.answered_s is None else order.answered_s

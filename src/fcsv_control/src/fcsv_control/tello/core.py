@@ -34,6 +34,7 @@ from fcsv_control.tello.pid import PidConfig, PositionPid, Sticks
 from fcsv_control.tello.rules import BRAKE, GUIDED, LAND, MODES, PILOT, TelloRules
 from fcsv_control.tello.tracking import Tracking
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 
 _STOPS_S = 0.5  # a vehicle that is told to hold comes to rest so much further
 _OURS = (GUIDED, BRAKE)
@@ -113,7 +114,7 @@ class TelloCore:
 
     # ---- what is asked for; each raises CommandRefused with the reason ---------------------------
 
-    def set_mode(self, now_s: float, mode: str) -> None:
+    def set_mode(self, now_s: float, mode: Mode) -> None:
         """One of MODES."""
         if mode not in MODES:
             raise CommandRefused(
@@ -293,7 +294,7 @@ class TelloCore:
         self._out.append(wish)
         return Sticks()
 
-    def _enter(self, now_s: float, mode: str, severity: int, why: str) -> None:
+    def _enter(self, now_s: float, mode: Mode, severity: int, why: str) -> None:
         self._stay_up_left = _STAY_UP_TIMES if self.mode == LAND and mode != LAND else 0
         self.mode, self._on_flow, self._entered_s = mode, False, now_s
         self._say(severity, why)

@@ -8,6 +8,7 @@ from typing import Optional, Union
 import numpy as np
 
 from fcsv_control.tello.pid import Sticks
+from fcsv_geometry.vehicles.modes import Mode
 
 #: MAV_SEVERITY, as MAVROS's StatusText has it.
 ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO = 1, 2, 3, 4, 5, 6
@@ -79,7 +80,7 @@ class TelloState:
 
     connected: bool
     armed: bool
-    mode: str
+    mode: Mode
     in_the_air: Optional[bool]
     battery_share: float
     height_m: float

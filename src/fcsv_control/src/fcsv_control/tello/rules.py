@@ -4,8 +4,9 @@
 from dataclasses import dataclass
 
 from fcsv_geometry.config import require_positive
+from fcsv_geometry.vehicles.modes import Mode
 
-PILOT, GUIDED, BRAKE, LAND = "LOITER", "GUIDED", "BRAKE", "LAND"
+PILOT, GUIDED, BRAKE, LAND = Mode.LOITER, Mode.GUIDED, Mode.BRAKE, Mode.LAND
 #: Modes in which the companion flies; in LOITER the pilot does, and zero sticks hold by the Tello's
 #: own flow sensor.
 MODES = (PILOT, GUIDED, BRAKE, LAND)

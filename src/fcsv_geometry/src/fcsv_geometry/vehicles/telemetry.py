@@ -13,6 +13,7 @@ from typing import ClassVar, Dict, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry.home import OdomLink
+from fcsv_geometry.vehicles.modes import Mode
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class VehicleState:
     topic: ClassVar[str] = "mavros/state"
     vehicle: str
     publisher: str
-    mode: str
+    mode: Mode
     armed: bool
     connected: bool
 

@@ -4,20 +4,30 @@
 from typing import Tuple
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    Twist,
+    Vector3,
+)
 from map_msgs.msg import OccupancyGridUpdate
-from nav_msgs.msg import GridCells, MapMetaData, OccupancyGrid, Path
+from nav_msgs.msg import GridCells, MapMetaData, OccupancyGrid, Odometry, Path
 
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.messages import seconds
 from fcsv_geometry.ros import conversions
-from fcsv_guidance.errors import GroundError, RouteError
+from fcsv_guidance.errors import GroundError, PlaceError, RouteError
 from fcsv_guidance.following import DriveCommand
 from fcsv_guidance.grid_regions import Region
 from fcsv_guidance.ground import Grid
 from fcsv_guidance.ground_server import densely
+from fcsv_guidance.place import PlaceFix, PlaceState, WheelOdometry
 
 _POSES_APART_M = 0.2
+_XY_YAW = (0, 1, 5)  # of x, y, z, roll, pitch, yaw, as ROS orders a covariance
 
 
 def grid_message(
@@ -123,3 +133,54 @@ def twist_of(command: DriveCommand) -> Twist:
 def stamp_of(message) -> float:
     """Gives the stamp of a message's header, s."""
     return seconds(message.header.stamp)
+
+
+def fix_of(message: PoseWithCovarianceStamped) -> PlaceFix:
+    """A fix of the robot's place. Raises PlaceError where it is not in home, GeometryError where its
+    pose is none."""
+    if message.header.frame_id != frames.HOME:
+        raise PlaceError(
+            f"a fix is in frame '{message.header.frame_id}'; publish the robot's pose in {frames.HOME}"
+        )
+    T_home_robot = conversions.pose_to_transform(message.pose.pose)
+    covariance = np.reshape(message.pose.covariance, (6, 6))[np.ix_(_XY_YAW, _XY_YAW)]
+    x_m, y_m = map(float, T_home_robot[:2, 3])
+    return PlaceFix(stamp_of(message), x_m, y_m, transforms.yaw(T_home_robot), covariance)
+
+
+def fix_message(fix: PlaceFix) -> PoseWithCovarianceStamped:
+    """The message of a fix in home."""
+    return _placed(fix.stamp_s, fix.x_m, fix.y_m, fix.yaw_rad, fix.covariance)
+
+
+def place_message(state: PlaceState) -> PoseWithCovarianceStamped:
+    """The message of a place that is known; x and y share its sigma evenly."""
+    place = state.place
+    variances = [0.5 * place.sigma_m**2, 0.5 * place.sigma_m**2, state.yaw_sigma_rad**2]
+    return _placed(place.stamp_s, place.x_m, place.y_m, place.yaw_rad, np.diag(variances))
+
+
+def _placed(stamp_s: float, x_m: float, y_m: float, yaw_rad: float, covariance: np.ndarray):
+    whole = np.zeros((6, 6))
+    whole[np.ix_(_XY_YAW, _XY_YAW)] = covariance
+    message = PoseWithCovarianceStamped(header=conversions.header(stamp_s, frames.HOME))
+    T_home_robot = transforms.from_xyz_yaw([x_m, y_m, 0.0], yaw_rad)
+    message.pose.pose = conversions.transform_to_pose(T_home_robot)
+    message.pose.covariance = whole.ravel().tolist()
+    return message
+
+
+def wheels_of(message: Odometry) -> WheelOdometry:
+    """What the wheels say, in the odometry's own frame. Raises GeometryError where its pose is
+    none."""
+    T_odom_robot = conversions.pose_to_transform(message.pose.pose)
+    x_m, y_m = map(float, T_odom_robot[:2, 3])
+    return WheelOdometry(stamp_of(message), x_m, y_m, transforms.yaw(T_odom_robot))
+
+
+def odometry_message(wheels: WheelOdometry, odom: str, base: str) -> Odometry:
+    """The message of wheel odometry between frames ``odom`` and ``base``."""
+    message = Odometry(header=conversions.header(wheels.stamp_s, odom), child_frame_id=base)
+    T_odom_robot = transforms.from_xyz_yaw([wheels.x_m, wheels.y_m, 0.0], wheels.yaw_rad)
+    message.pose.pose = conversions.transform_to_pose(T_odom_robot)
+    return message

@@ -183,6 +183,9 @@ class GroundNode:
         except FcsvError as error:
             self._say(str(error), wrong=True)
             return
+        with self._lock:
+            if self._port.said is not None:  # a bag has the grid of each route, whole
+                self._show(self._port.said)
         self._receive(Goal(x_m, y_m))
 
     def _on_stop(self, _message: String) -> None:

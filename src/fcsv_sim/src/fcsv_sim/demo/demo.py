@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import List, Optional, Tuple
 
@@ -18,7 +19,7 @@ from fcsv_geometry.missions.mission import Mission, load_mission
 from fcsv_geometry.programs.writing import in_words, require_folder
 from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_sim.autopilot.ground import READY_S
-from fcsv_sim.bringup import mission_file, vehicles_folder
+from fcsv_sim.bringup import mission_file, robot_file, vehicles_folder
 from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.autopilots import addresses, require_there
 from fcsv_sim.demo.fleet import FleetPlan
@@ -29,6 +30,7 @@ from fcsv_sim.demo.monitored import in_words as monitored_in_words
 from fcsv_sim.demo.narration import Narrator, in_minutes, wait
 from fcsv_sim.demo.own_camera import own_camera
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
+from fcsv_sim.demo.robot_place import ROBOT, drive_robot, start_for
 from fcsv_sim.demo.systems import SYSTEMS, TILTING, MapRun, System
 from fcsv_sim.demo.truth_export import export_movers, export_truth
 from fcsv_sim.demo.window import COMMAND, OperatorWindow
@@ -36,19 +38,20 @@ from fcsv_sim.machines import slow_motion
 from fcsv_sim.machines.crowd import CrowdWatch
 from fcsv_sim.machines.machines import MachineError
 from fcsv_sim.world.movers import movers
-from fcsv_sim.world.town import WORLDS, Town
+from fcsv_sim.world.town import PLACES, WORLDS, Town
 from fcsv_stereo.evaluating.truth import load_truth
 
 _FURTHEST_START_M = 500.0  # from the middle of a world
 _CORES_FOR_LIVE = 3  # on two, simulated cameras and a growing map slow each other down
 _LEAST_MIB = 800  # recorders stop below 500 MiB; a mission's pictures
-_FOLDERS = ("run", "session", "map", "map_instant", "map_thesis", "monitor")
+_FOLDERS = ("run", "session", "map", "map_instant", "map_thesis", "monitor", "guide")
+_ROBOT_MISSION = "guide"  # where a robot is guided over the map
 _REAL_TIME = 0.97  # of it, or more: not worth a word
 _AROUND_S, _CHANGE_S = 85.0, 8.0  # of a flight: what is not configurations; from one to the next
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Fly and map; exit status 0 only where a map came out.
+    """Fly and map; exit status 0 only where a map came out, and a robot's drive was sound.
 
     Without ``argv`` this is the program itself, which may begin again in slow motion.
     """
@@ -107,7 +110,9 @@ def _run(
     system: System, plan: FleetPlan, say: Narrator, fly_only: bool, method: Optional[str]
 ) -> int:
     _empty(plan.folder)
-    say(_what_comes(load_mission(plan.mission_file), fly_only))
+    say(_what_comes(load_mission(plan.mission_file), fly_only, plan.world in PLACES))
+    if plan.looks:
+        say(plan.looks)
     if plan.camera is not None:
         say(plan.camera.words)
     build_world(plan, say)
@@ -138,22 +143,28 @@ def _run(
         _evaluate_monitoring(plan)
     if fly_only:
         return 0
-    maps = (
-        system.maps(load_mission(plan.mission_file))
-        if method is None
-        else (MapRun(arguments=("--method", method)),)
-    )
-    for each in (*maps, *([MapRun("map_instant", ("--instant",))] if plan.movers else [])):
+    for each in _maps(system, plan, method):
         _map(plan, each, say)
         _print_end(plan, plan.folder / each.folder)
     slowly = "" if speed > _REAL_TIME else f" (at {speed:.2f} of real time)"
     print(f"flown {flight_s:.0f} s{slowly}, moved {moved_m:.1f} m while configurations were flown")
+    status = drive_robot(plan, say) if plan.world in PLACES else 0
     write_play(plan)
     look(plan)
-    return 0
+    return status
 
 
-def _what_comes(mission: Mission, fly_only: bool) -> str:
+def _maps(system: System, plan: FleetPlan, method: Optional[str]) -> List[MapRun]:
+    """The calls of the map command, in their order."""
+    maps = list(system.maps(load_mission(plan.mission_file)))
+    maps = maps if method is None else [MapRun(arguments=("--method", method))]
+    if plan.world in PLACES:
+        ground = ("--products", "ground", "--robot", str(robot_file(ROBOT)))
+        maps = [replace(each, arguments=(*each.arguments, *ground)) for each in maps]
+    return maps + ([MapRun("map_instant", ("--instant",))] if plan.movers else [])
+
+
+def _what_comes(mission: Mission, fly_only: bool, robot: bool = False) -> str:
     """One line at the start: the steps, and about how long each takes on a machine with two free
     cores."""
     flight_s = _AROUND_S + sum(_CHANGE_S + c.record_s for c in mission.configurations)
@@ -162,6 +173,7 @@ def _what_comes(mission: Mission, fly_only: bool) -> str:
         f"fly mission '{mission.name}', about {in_minutes(flight_s)}",
     ]
     steps += [] if fly_only else ["map what was seen, one to two minutes"]
+    steps += ["guide a robot over the map, one to three minutes"] if robot and not fly_only else []
     return f"what comes: {'; '.join(steps)} (longer on a busy machine); Ctrl-C lands and stops all"
 
 
@@ -248,7 +260,8 @@ def _tilt(args, say) -> int:
 
 
 def _plan(system: System, args) -> FleetPlan:
-    mission = mission_file(args.mission or system.mission)
+    default = _ROBOT_MISSION if args.world in PLACES else system.mission
+    mission = mission_file(args.mission or default)
     # a list that cannot be flown is refused before anything is started
     flown = load_mission(mission)
     vehicles = system.fleet(flown)
@@ -281,6 +294,12 @@ def _plan(system: System, args) -> FleetPlan:
         raise MachineError(f"--movers 1: in system {args.system} nothing moves through the town")
     # refused without a street
     through_town = movers(Town.generate(args.seed, args.world).plan) if moving else ()
+    start_xy_m, looks = _start(args), ""
+    if args.world in PLACES:
+        if args.system != "tags":
+            raise MachineError(f"--world {args.world}: system {args.system} guides no robot")
+        if not args.start:
+            start_xy_m, looks = start_for(args.world, args.seed, flown.home_height_m)
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
     screen = bool(os.environ.get("DISPLAY"))
     rviz = _chosen(args.rviz, screen)
@@ -294,7 +313,8 @@ def _plan(system: System, args) -> FleetPlan:
         args.seed,
         args.world,
         vehicles,
-        start_xy_m=_start(args),
+        start_xy_m=start_xy_m,
+        looks=looks,
         rviz=rviz,
         near=args.near == "1",
         live=live and not monitor,
@@ -356,7 +376,10 @@ def _parse(argv):
     )
     parser.add_argument("--seed", type=int, default=1, help="of the town and of every noise")
     parser.add_argument(
-        "--world", choices=list(WORLDS), default="street", help="kind of world to fly in"
+        "--world",
+        choices=[*WORLDS, *PLACES],
+        default="street",
+        help=f"kind of world to fly in; through {', '.join(PLACES)} a robot is guided on the map",
     )
     parser.add_argument("--out", default="out/demo", help="folder for run/, session/ and map/")
     parser.add_argument(

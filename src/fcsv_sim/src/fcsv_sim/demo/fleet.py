@@ -62,6 +62,7 @@ class FleetPlan:
     monitor: bool = False  # instead of the map in flight: depth of the newest instant
     movers: Tuple[Mover, ...] = ()  # what moves through the town
     start_xy_m: Tuple[float, float] = (0.0, 0.0)  # of the first vehicle, in the world
+    looks: str = ""  # where it looks from, in words, where that was chosen
     near: bool = False  # depth cameras are recorded
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
     ready_s: float = READY_S  # until a simulated autopilot may be armed
@@ -78,6 +79,11 @@ class FleetPlan:
     @property
     def session_folder(self) -> Path:
         return self.folder / "session"
+
+    @property
+    def guide_folder(self) -> Path:
+        """The drive of a robot that was guided over the map."""
+        return self.folder / "guide"
 
     @property
     def monitor_folder(self) -> Path:

@@ -13,6 +13,7 @@ from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.fleet import FleetPlan, assignments, workspace
 from fcsv_sim.machines import slow_motion
 from fcsv_sim.machines.machines import free_port
+from fcsv_sim.robot.guided import BAG
 
 _PLAY = """#!/bin/sh
 # The flight again, with its map, in rviz and in the operator's window. More arguments go to playback.launch: rate:=2
@@ -24,6 +25,9 @@ exec env {words} {command} "$@"
 def playback(plan: FleetPlan, map_folder: str = "map") -> List[str]:
     """The command that shows a demo's session with its map."""
     arguments = [f"session:={plan.session_folder}", f"out:={plan.folder / map_folder}"]
+    drive = plan.guide_folder / BAG
+    if drive.exists():  # the robot's, after the flight
+        arguments += [f"parts:={drive}", "rviz_config:=guidance"]
     return [
         "roslaunch",
         "fcsv_bringup",

@@ -15,13 +15,13 @@ def tracked_errors(document: dict, truth: Truth) -> List[Tuple[float, float]]:
     report.json."""
     reference = document["reference"]
     T_cam_home = transforms.invert(np.array(reference["T_home_cam"]))
-    T_cam_world = transforms.invert(_true(truth, reference["image"]))
+    T_cam_world = transforms.invert(true_pose(truth, reference["image"]))
     errors = []
     for image in document["images"]:
         if image["name"] == reference["image"]:
             continue
         found = T_cam_home @ np.array(image["prior_T_home_cam"])
-        true = T_cam_world @ _true(truth, image["name"])
+        true = T_cam_world @ true_pose(truth, image["name"])
         away_m = float(np.linalg.norm(found[:3, 3] - true[:3, 3]))
         errors.append((away_m, float(np.degrees(transforms.rotation_angle(found, true)))))
     return errors
@@ -43,7 +43,7 @@ def errors_in_words(errors: List[Tuple[float, float]]) -> str:
     )
 
 
-def _true(truth: Truth, name: str) -> np.ndarray:
+def true_pose(truth: Truth, name: str) -> np.ndarray:
     """T_world_cam of a session's picture, "VEHICLE/STAMP"."""
     vehicle, _, stamp_s = name.partition("/")
     return truth.T_world_cam(vehicle, float(stamp_s))

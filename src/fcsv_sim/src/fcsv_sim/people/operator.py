@@ -13,6 +13,7 @@ from typing import Deque, Dict, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.people import feel
 from fcsv_sim.people.around import beside, kept_clear
 
@@ -46,7 +47,7 @@ class TransmitterSticks:
     pitch: float = 0.0
     throttle: float = 0.0
     yaw: float = 0.0
-    mode: str = "LOITER"
+    mode: Mode = Mode.LOITER
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class Sight:
     T_world_body: np.ndarray
     v_world_mps: np.ndarray
     armed: bool
-    mode: str
+    mode: Mode
     battery_share: float = float("nan")
     others: Tuple[np.ndarray, ...] = ()
 
@@ -95,7 +96,7 @@ class Pilot:
         self._arming_since_s: Optional[float] = None
         self._switched_s = float("-inf")
         self._airborne = False
-        self._switch = "ALT_HOLD"
+        self._switch = Mode.ALT_HOLD
         self._shake = np.zeros(3)
         self._feel = feel.Feel()
         # when the screen told a phase, and a battery that is not low
@@ -121,23 +122,23 @@ class Pilot:
         """LAND, to the end; beside who is beneath, if that can be flown to in time."""
         if self._landing_s is None:
             self._landing_s, self._beside = now_s, beside(sight.T_world_body[:3, 3], sight.others)
-            if sight.mode == "LAND" or self._runs_off(now_s, sight):
+            if sight.mode == Mode.LAND or self._runs_off(now_s, sight):
                 self._landing_s -= _BESIDE_S + _NO_LANDING_S
         since_s = now_s - self._landing_s
         if self._beside is None or since_s > _BESIDE_S:
             return (
-                TransmitterSticks(mode="LAND")
+                TransmitterSticks(mode=Mode.LAND)
                 if since_s < _BESIDE_S + _NO_LANDING_S
                 else self._bring_down(sight)
             )
-        if since_s < _FLICK_S and sight.mode != "LOITER":
+        if since_s < _FLICK_S and sight.mode != Mode.LOITER:
             return TransmitterSticks(
-                mode="ALT_HOLD"
+                mode=Mode.ALT_HOLD
             )  # the switch may be at LOITER already: away and back
         if np.linalg.norm((self._beside - sight.T_world_body[:3, 3])[:2]) < _BESIDE_M:
             self._beside = None
         return (
-            TransmitterSticks(mode="LAND")
+            TransmitterSticks(mode=Mode.LAND)
             if self._beside is None
             else self._fly_to(now_s, self._beside, np.zeros(3), sight)
         )
@@ -174,19 +175,19 @@ class Pilot:
         forward, left = in_body(np.clip(-0.8 * sight.v_world_mps[:2], -2.0, 2.0), sight)
         lean = [_clip(a / 9.81 / _LEAN_RAD) for a in (-left, forward)]
         return TransmitterSticks(
-            *lean, -0.6 if sight.T_world_body[2, 3] > _LOW_M else -1.0, 0.0, "ALT_HOLD"
+            *lean, -0.6 if sight.T_world_body[2, 3] > _LOW_M else -1.0, 0.0, Mode.ALT_HOLD
         )
 
     def _runs_off(self, now_s: float, sight: Sight) -> bool:
         off_m = np.hypot(*(self.goal(now_s, self._phase)[0] - sight.T_world_body[:3, 3])[:2])
-        return sight.mode == "LOITER" and self._phase in _BY_HAND and off_m > _RUNS_OFF_M
+        return sight.mode == Mode.LOITER and self._phase in _BY_HAND and off_m > _RUNS_OFF_M
 
     def _must_land(self, now_s: float, phase: str, sight: Sight) -> bool:
         """Whether he lands what he flies by hand, whatever is to be done: a person would."""
-        self._in_land_s = (self._in_land_s or now_s) if sight.mode == "LAND" else None
-        if sight.mode == "LAND":
+        self._in_land_s = (self._in_land_s or now_s) if sight.mode == Mode.LAND else None
+        if sight.mode == Mode.LAND:
             return now_s - self._in_land_s > _BESIDE_S + _NO_LANDING_S
-        if sight.mode == "GUIDED":
+        if sight.mode == Mode.GUIDED:
             return False
         waits_s = now_s - self._phase_since_s if phase == "WAIT_VEHICLES" else 0.0
         late = (
@@ -198,7 +199,7 @@ class Pilot:
 
     def _decide(self, now_s: float, phase: str, sight: Sight) -> TransmitterSticks:
         if self._landing_s is not None and not sight.armed:
-            return TransmitterSticks(throttle=-1.0, mode="ALT_HOLD")  # down for good
+            return TransmitterSticks(throttle=-1.0, mode=Mode.ALT_HOLD)  # down for good
         if self._landing_s is not None or (sight.armed and self._must_land(now_s, phase, sight)):
             return self.land_by_hand(now_s, sight)
         if phase == "WAIT_VEHICLES" and sight.armed:
@@ -207,15 +208,15 @@ class Pilot:
         if (phase == "WAIT_VEHICLES" and not self._airborne) or (
             phase in ("DONE", "ABORTED") and not sight.armed
         ):
-            return TransmitterSticks(throttle=-1.0, mode="ALT_HOLD")
-        if phase == "TAKE_OFF" and not (self._airborne and sight.mode == "LOITER"):
+            return TransmitterSticks(throttle=-1.0, mode=Mode.ALT_HOLD)
+        if phase == "TAKE_OFF" and not (self._airborne and sight.mode == Mode.LOITER):
             return self._take_off(now_s, sight)
         if phase in _BY_HAND:
             goal, _ = self.goal(now_s - _REACTION_S, phase)  # as he sees it
             _, v_goal = self.goal(now_s - _REACTION_S + _AHEAD_S, phase)
             return self._fly_to(now_s, goal, v_goal, sight)
-        if phase in ("LAND", "DONE", "ABORTED") and sight.mode != "LAND":
-            patience_s = _LAND_BY_HAND_S if sight.mode == "GUIDED" else _TOLD_S
+        if phase in ("LAND", "DONE", "ABORTED") and sight.mode != Mode.LAND:
+            patience_s = _LAND_BY_HAND_S if sight.mode == Mode.GUIDED else _TOLD_S
             if now_s - self._phase_since_s > patience_s:
                 return self.land_by_hand(now_s, sight)
         return self._hands_off(now_s, sight)  # the mission flies, or the autopilot lands
@@ -223,10 +224,10 @@ class Pilot:
     def _hands_off(self, now_s: float, sight: Sight) -> TransmitterSticks:
         """Not in STABILIZE, where a stick in the middle climbs for ever: where his switch is
         refused, ALT_HOLD."""
-        by_thrust = sight.armed and sight.mode == "STABILIZE"
+        by_thrust = sight.armed and sight.mode == Mode.STABILIZE
         self._by_thrust_s = (self._by_thrust_s or now_s) if by_thrust else None
         return TransmitterSticks(
-            mode="ALT_HOLD"
+            mode=Mode.ALT_HOLD
             if by_thrust and now_s - self._by_thrust_s > _REFUSED_S
             else self._switch
         )
@@ -241,12 +242,12 @@ class Pilot:
         if not self._airborne:
             roll, pitch = self._lean_back_to_column(sight)
             return TransmitterSticks(
-                roll, pitch, 0.75 if z < target_z - 1.0 else 0.4, 0.0, "ALT_HOLD"
+                roll, pitch, 0.75 if z < target_z - 1.0 else 0.4, 0.0, Mode.ALT_HOLD
             )
         if now_s - self._switched_s > 2.5:  # refused (no position yet)? switch back and forth again
             self._switched_s = now_s
         roll, pitch = self._lean_back_to_column(sight)
-        mode = "ALT_HOLD" if now_s - self._switched_s < 0.3 else "LOITER"
+        mode = Mode.ALT_HOLD if now_s - self._switched_s < 0.3 else Mode.LOITER
         return TransmitterSticks(roll, pitch, 0.0, 0.0, mode)
 
     def _arm(self, now_s: float) -> TransmitterSticks:
@@ -254,7 +255,7 @@ class Pilot:
         if self._arming_since_s is None or now_s - self._arming_since_s > 4.0:
             self._arming_since_s = now_s + 0.3 * self._index
         rudder = 1.0 if 0.0 <= now_s - self._arming_since_s < 3.0 else 0.0
-        return TransmitterSticks(throttle=-1.0, yaw=rudder, mode="ALT_HOLD")
+        return TransmitterSticks(throttle=-1.0, yaw=rudder, mode=Mode.ALT_HOLD)
 
     def _lean_back_to_column(self, sight: Sight) -> Tuple[float, float]:
         """Roll and pitch sticks in ALT_HOLD, where a stick is a lean."""
@@ -275,12 +276,12 @@ class Pilot:
         v = kept_clear(v, sight.T_world_body[:3, 3], goal, sight.others)
         throttle = self._feel.throttle(now_s, float(v[2]), float(sight.v_world_mps[2]))
         # LOITER is refused without a position: there a stick is a lean
-        if sight.mode in ("STABILIZE", "ALT_HOLD"):
+        if sight.mode in (Mode.STABILIZE, Mode.ALT_HOLD):
             forward, left = in_body(
                 np.clip(1.5 * (v[:2] - sight.v_world_mps[:2]), -2.0, 2.0), sight
             )
             lean = [_clip(a / 9.81 / _LEAN_RAD) for a in (-left, forward)]
-            mode = "ALT_HOLD" if sight.mode == "STABILIZE" else "LOITER"
+            mode = Mode.ALT_HOLD if sight.mode == Mode.STABILIZE else Mode.LOITER
             return TransmitterSticks(*lean, throttle, 0.0, mode)
         roll, pitch = feel.level(in_body(v[:2], sight), in_body(sight.v_world_mps[:2], sight))
         self._shake = 0.95 * self._shake + 0.004 * self._random.standard_normal(3)

@@ -6,9 +6,11 @@ import socket
 import struct
 from typing import Optional, Sequence, Tuple
 
+from fcsv_geometry.vehicles.modes import Mode
+
 #: FLTMODE1..6 of the simulated autopilot, chosen by channel 5, and the PWM in the middle of each
 #: range.
-MODE_SWITCH = ("STABILIZE", "ALT_HOLD", "LOITER", "BRAKE", "GUIDED", "LAND")
+MODE_SWITCH = (Mode.STABILIZE, Mode.ALT_HOLD, Mode.LOITER, Mode.BRAKE, Mode.GUIDED, Mode.LAND)
 _MODE_PWM = (1165, 1295, 1425, 1555, 1685, 1850)
 _MODE_LIMITS = (1230, 1360, 1490, 1620, 1749)
 _CHANNELS = 8
@@ -24,13 +26,13 @@ def stick(pwm_us: int) -> float:
     return (pwm_us - 1500) / 500.0
 
 
-def mode_of(pwm_us: int) -> str:
+def mode_of(pwm_us: int) -> Mode:
     """The flight mode that the mode channel's PWM selects (ArduCopter's six ranges)."""
     return MODE_SWITCH[sum(pwm_us > limit for limit in _MODE_LIMITS)]
 
 
 def frame_of(
-    roll: float, pitch: float, throttle: float, yaw: float, mode_name: str
+    roll: float, pitch: float, throttle: float, yaw: float, mode_name: Mode
 ) -> Tuple[int, ...]:
     """PWM of eight channels from sticks (-1 to 1). Raises ValueError for a mode that is not on the
     switch."""
@@ -47,7 +49,7 @@ class RcSender:
         self._address = (host, port)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
-    def send(self, roll: float, pitch: float, throttle: float, yaw: float, mode_name: str) -> None:
+    def send(self, roll: float, pitch: float, throttle: float, yaw: float, mode_name: Mode) -> None:
         """One frame. Raises ValueError for a mode that is not on the switch."""
         channels = frame_of(roll, pitch, throttle, yaw, mode_name)
         try:

@@ -12,6 +12,7 @@ import numpy as np
 
 from fcsv_control.tello.pid import PidConfig, PositionPid, Sticks
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 
 TAKE_OFF, LAND = "take off", "land"
 _BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")
@@ -34,7 +35,7 @@ class Screen:
     body (m/s), the tracker's rate."""
 
     armed: bool = False
-    mode: str = ""
+    mode: Mode = Mode.UNHEARD
     T_odom_body: Optional[np.ndarray] = None
     v_body_mps: np.ndarray = field(default_factory=lambda: np.zeros(3))
     feed_hz: float = 0.0
@@ -71,15 +72,15 @@ class TelloHands:
         self._follow_frame(screen.T_odom_body)
         if phase in _ENDS:
             return self._end(now_s, screen)
-        if phase not in _BY_HAND or screen.mode != "LOITER":
+        if phase not in _BY_HAND or screen.mode != Mode.LOITER:
             return Act()
         if not screen.armed:
             return self._order(now_s, TAKE_OFF) if phase == "TAKE_OFF" else Act()
         return Act(self._sticks(now_s, dt_s, screen))
 
     def _end(self, now_s: float, screen: Screen) -> Act:
-        patience_s = _TOLD_S if screen.mode == "LOITER" else _PATIENCE_S
-        waits = not screen.armed or screen.mode == "LAND" or now_s - self._since_s < patience_s
+        patience_s = _TOLD_S if screen.mode == Mode.LOITER else _PATIENCE_S
+        waits = not screen.armed or screen.mode == Mode.LAND or now_s - self._since_s < patience_s
         return Act() if waits else self._order(now_s, LAND)
 
     def _order(self, now_s: float, order: str) -> Act:

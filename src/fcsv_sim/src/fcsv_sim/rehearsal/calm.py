@@ -7,6 +7,7 @@ from typing import Callable, Dict
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.mission.watches.watch import POSE_STALE_S, STATE_STALE_S
 from fcsv_geometry.missions.phases import FLOWN
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.rehearsal.control import ControlPc
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 
@@ -59,7 +60,7 @@ class Calm:
             if verdict.action:
                 self._needless(name, now_s, f"{name}'s guardian did: {verdict.in_words}")
             for _, mode in asked[self._asked[name] :] if flown else ():
-                if mode != "GUIDED":
+                if mode != Mode.GUIDED:
                     self._needless(name, now_s, f"{name} was asked for {mode}")
             self._asked[name] = len(asked)
             if flown:

@@ -76,7 +76,7 @@ class Flight:
         self.pilots = {n: Pilot(k, field_, seed) for k, n in enumerate(names)}
         self.presser = ButtonPresser()
         self.operator_there = True
-        self.hands: Dict[str, Callable] = {}  # by vehicle: sticks in place of its pilot's
+        self.hand_flown: Dict[str, Callable] = {}  # by vehicle: sticks in place of its pilot's
         self.seed, self.now_s, self.mission = seed, 0.0, mission
         self.invariants = Invariants(self)
         self.witness = Witness(
@@ -133,7 +133,7 @@ class Flight:
             n: v.sight([p for o, p in places.items() if o != n]) for n, v in self.fleet.items()
         }
         for name, pilot in self.pilots.items():
-            decide = self.hands.get(name, pilot.sticks)
+            decide = self.hand_flown.get(name, pilot.sticks)
             self.fleet[name].sticks(now_s, decide(now_s, phase, sights[name]))
         machine = self.control.machine
         if self.operator_there and self.control.alive:

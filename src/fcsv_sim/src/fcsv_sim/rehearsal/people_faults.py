@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from fcsv_control.agent.messages import STOPPING_MODES
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot import modes
 from fcsv_sim.people.operator import Sight, TransmitterSticks
 from fcsv_sim.rehearsal.fault import Fault
 from fcsv_sim.rehearsal.flight import Flight
-from fcsv_sim.rehearsal.hands import HandsOn
+from fcsv_sim.rehearsal.hand_flight import HandFlight
 from fcsv_sim.rehearsal.invariants import LATE_STOP
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 
@@ -29,38 +29,38 @@ class PilotTakesOver(Fault):
     5 to 20 s."""
 
     name = "pilot takes over"
-    modes = ("LOITER", "ALT_HOLD", "LAND", "BRAKE")
+    modes = (Mode.LOITER, Mode.ALT_HOLD, Mode.LAND, Mode.BRAKE)
     _roams = _drops = False
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        self.mode = str(self._random.choice(self.modes))
+        self.mode = Mode(self._random.choice(self.modes))
         self._until_s = self._lasts_s(0.33, 5.0, 20.0)
-        self._hands_on = HandsOn(
+        self._by_hand = HandFlight(
             self.mode, vehicle.p_world_m, self._random, self._roams, self._drops
         )
         self._told_s = np.inf
-        self._mine, self._pilot = self._hands, flight.pilots[vehicle.name]
-        flight.hands[vehicle.name] = self._mine
+        self._mine, self._pilot = self._sticks_of, flight.pilots[vehicle.name]
+        flight.hand_flown[vehicle.name] = self._mine
 
     def goes_on(self, flight: Flight, since_s: float) -> None:
         if since_s > self._until_s and not self.ended:
             self.ended = True
-            if flight.hands.get(self.vehicle.name) is self._mine:
-                del flight.hands[self.vehicle.name]
+            if flight.hand_flown.get(self.vehicle.name) is self._mine:
+                del flight.hand_flown[self.vehicle.name]
 
-    def _hands(self, now_s: float, phase: str, sight: Sight) -> TransmitterSticks:
+    def _sticks_of(self, now_s: float, phase: str, sight: Sight) -> TransmitterSticks:
         if phase in _ENDS:
             self._told_s = min(self._told_s, now_s)
         if now_s > self._told_s + _TOLD_S or now_s > self.began_s + _PATIENCE_S:
             return self._pilot.land_by_hand(now_s, sight)
-        return self._hands_on.sticks(now_s - self.began_s, sight)
+        return self._by_hand.sticks(now_s - self.began_s, sight)
 
 
 class PilotDisobeys(PilotTakesOver):
     """Any mode, any time; he flies about a little, or pulls the throttle down as he takes over."""
 
     name = "pilot disobeys"
-    modes = ("STABILIZE", "ALT_HOLD", "LOITER", "LAND", "BRAKE")
+    modes = (Mode.STABILIZE, Mode.ALT_HOLD, Mode.LOITER, Mode.LAND, Mode.BRAKE)
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
         self._roams, self._drops = (bool(self._random.random() < 0.5) for _ in range(2))
@@ -99,11 +99,7 @@ class StopsAll(Fault):
     def goes_on(self, flight: Flight, since_s: float) -> None:
         for name in list(self._must):
             vehicle, radio = flight.fleet[name], flight.radios[name]
-            stopped = [
-                mode
-                for _, mode in vehicle.modes_asked[self._must[name] :]
-                if mode in STOPPING_MODES
-            ]
+            stopped = [mode for _, mode in vehicle.modes_asked[self._must[name] :] if mode.stops]
             deaf = (
                 radio.cut
                 or radio.held_until_s > flight.now_s
@@ -127,19 +123,21 @@ class StickOff(Fault):
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
         self._until_s = flight.now_s + self._lasts_s(0.33, 2.0, 8.0)
         self._throttle = self._uniform(0.3, 0.6) * float(self._random.choice([-1.0, 1.0]))
-        self._mine, self._pilot = self._hands, flight.pilots[vehicle.name]
-        flight.hands.setdefault(vehicle.name, self._mine)
+        self._mine, self._pilot = self._sticks_of, flight.pilots[vehicle.name]
+        flight.hand_flown.setdefault(vehicle.name, self._mine)
 
     def goes_on(self, flight: Flight, since_s: float) -> None:
-        if flight.now_s > self._until_s and flight.hands.get(self.vehicle.name) is self._mine:
+        if flight.now_s > self._until_s and flight.hand_flown.get(self.vehicle.name) is self._mine:
             self.ended = True
-            del flight.hands[self.vehicle.name]
+            del flight.hand_flown[self.vehicle.name]
 
-    def _hands(self, now_s: float, phase: str, sight: Sight) -> TransmitterSticks:
+    def _sticks_of(self, now_s: float, phase: str, sight: Sight) -> TransmitterSticks:
         sticks = self._pilot.sticks(now_s, phase, sight)
         waits = phase in _ABOUT_TO_BE and now_s < self.began_s + _SINKS_S
         return (
-            replace(sticks, throttle=self._throttle) if waits or sight.mode == "GUIDED" else sticks
+            replace(sticks, throttle=self._throttle)
+            if waits or sight.mode == Mode.GUIDED
+            else sticks
         )
 
 

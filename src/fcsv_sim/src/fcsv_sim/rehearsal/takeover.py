@@ -9,11 +9,12 @@ import numpy as np
 
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.phases import PHASES
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot import modes
 from fcsv_sim.rehearsal.flight import Flight
-from fcsv_sim.rehearsal.hands import HandsOn
+from fcsv_sim.rehearsal.hand_flight import HandFlight
 
-MODES = ("STABILIZE", "ALT_HOLD", "LOITER", "LAND", "BRAKE")
+MODES = (Mode.STABILIZE, Mode.ALT_HOLD, Mode.LOITER, Mode.LAND, Mode.BRAKE)
 TAKEN_S = 60.0
 _AFTER_S = 0.5  # the phase began
 _LONGEST_S = 600.0
@@ -27,7 +28,7 @@ class Trial:
     vehicles: int
     seed: int
     phase: str
-    mode: str
+    mode: Mode
     taken_s: float = TAKEN_S
 
     @property
@@ -63,11 +64,11 @@ def fly(trial: Trial) -> TakeoverOutcome:
     taken = False
     flight.witness.overruled = lambda _s, _who, text: commands.append(text)
     if reached:
-        hands = HandsOn(
+        pilot = HandFlight(
             trial.mode, vehicle.p_world_m, np.random.default_rng(trial.seed), False, False
         )
         begun_s = flight.now_s
-        flight.hands[trial.vehicle] = lambda now_s, _phase, sight: hands.sticks(
+        flight.hand_flown[trial.vehicle] = lambda now_s, _phase, sight: pilot.sticks(
             now_s - begun_s, sight
         )
         while flight.now_s < begun_s + trial.taken_s:

@@ -5,16 +5,17 @@ from typing import Dict, List, Tuple
 
 import numpy as np
 
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot import modes
 from fcsv_sim.rehearsal.flight import Flight, Result
 
 _COLOURS = {
-    "STABILIZE": "#999999",
-    "ALT_HOLD": "#c7a252",
-    "LOITER": "#e0c341",
-    "GUIDED": "#4f9d69",
-    "LAND": "#c8553d",
-    "BRAKE": "#8a4f9e",
+    Mode.STABILIZE: "#999999",
+    Mode.ALT_HOLD: "#c7a252",
+    Mode.LOITER: "#e0c341",
+    Mode.GUIDED: "#4f9d69",
+    Mode.LAND: "#c8553d",
+    Mode.BRAKE: "#8a4f9e",
 }
 _OFF = "#eeeeee"
 

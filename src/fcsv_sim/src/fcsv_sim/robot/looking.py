@@ -24,15 +24,19 @@ from fcsv_sim.world.footing import Clearance
 from fcsv_sim.world.town import Town
 
 REACH_M = 42.0  # beyond, from 10 m above, rows of pixels lie 0.3 m apart on the ground
+_ROWS_M = 0.37  # so far apart they may lie where one look shall do: the ground takes 0.4 m together
 WAY_MARGIN_M = 0.4  # beside the footprint, for a place known to 0.2 m
 _CELL_M = 0.4
 _HEADINGS = 8
 _FROM_M = ((31.0, 10.0), (36.0, 14.0))  # distance to what is looked at, height
+# of one station that shall do: further back than the nearest that shows the start, and aside
+_BACK_M, _ASIDE_M = (0.5, 2.5), (-8.0, -4.0, 0.0, 4.0, 8.0)
 _MARGIN_PX, _LEFT_PX = 10.0, 50.0  # the left edge is not in the other camera's picture
 _AROUND_M = 0.25  # what must be seen beside a footprint
 # weight of a cell of the shortest way against any other that the robot can come to
 _ON_THE_WAY = 8.0
 _WAY_M = 1.0
+_MARGINS_M = (WAY_MARGIN_M, 0.6, 0.8, 1.0)
 _NEAR_M = 0.05
 _R_FLU_OPTICAL = transforms.R_FLU_OPTICAL
 
@@ -73,8 +77,7 @@ class Lookout:
 
     def __init__(self, town: Town, clear: Clearance):
         plan = town.plan
-        x0, x1, y0, y1 = plan.area_m
-        self.grid = Grid.around((x0, y0), (x1, y1), _CELL_M)
+        self.grid = _grid(town)
         self._ends = plan.start_m, plan.goal_m
         self._clear = clear
         self._candidates = _candidates(plan)
@@ -125,6 +128,44 @@ class Lookout:
         return True
 
 
+def first_look(town: Town, clear: Clearance, height_m: float) -> Tuple[HoverStation, bool]:
+    """The one station ``height_m`` above the ground, looking along x, that sees the roomiest way
+    from start to goal, else most of what the robot can come to; and whether it sees a way with
+    WAY_MARGIN_M beside the footprint."""
+    plan, grid = town.plan, _grid(town)
+    camera = CameraParameters().model
+    # where the lowest row of the picture shows the ground
+    nearest_m = height_m * camera.fy / (camera.height - 1 - _MARGIN_PX - camera.cy)
+    x_m = plan.start_m[0] - clear.robot.radius_m - _AROUND_M - nearest_m
+    stations = [
+        HoverStation(
+            (float(x_m - back_m), float(y_m), float(plan.height(x_m, y_m)) + height_m), 0.0
+        )
+        for back_m in _BACK_M
+        for y_m in sorted({*_ASIDE_M, plan.start_m[1], plan.goal_m[1]}, key=abs)
+    ]
+    worth = _worth(clear, grid, plan.start_m, plan.goal_m)
+    reach_m = float(np.sqrt(_ROWS_M * height_m * camera.fy))
+    rated = []
+    for station, seen in zip(stations, _seen(town, grid, stations, reach_m)):
+        margins_m = (m for m in _MARGINS_M if _leads(town, clear, grid, station, seen, m))
+        rated.append((max(margins_m, default=0.0), float((worth * seen).sum()), station))
+    margin_m, _, station = max(rated, key=lambda each: each[:2])
+    return station, margin_m > 0.0
+
+
+def _leads(town: Town, clear: Clearance, grid: Grid, station: HoverStation, seen, margin_m) -> bool:
+    """Whether a way keeps ``margin_m`` from what stops the robot, and from what is hidden."""
+    sight = least(seen, disk(clear.robot.radius_m + margin_m, _CELL_M), 0.0) > 0
+    ends = town.plan.start_m, town.plan.goal_m
+    return Looked((station,), grid, sight[None]).leads(clear, *ends, margin_m)
+
+
+def _grid(town: Town) -> Grid:
+    x0, x1, y0, y1 = town.plan.area_m
+    return Grid.around((x0, y0), (x1, y1), _CELL_M)
+
+
 def _candidates(plan) -> List[HoverStation]:
     """Places that look at nine spots of the area and at start and goal, from eight sides."""
     x0, x1, y0, y1 = plan.area_m
@@ -157,7 +198,7 @@ def _worth(clear: Clearance, grid: Grid, start_m, goal_m) -> np.ndarray:
     return worth
 
 
-def _seen(town: Town, grid: Grid, stations: Sequence[HoverStation]):
+def _seen(town: Town, grid: Grid, stations: Sequence[HoverStation], reach_m: float = REACH_M):
     """Gives, for each station (rows, columns) float32, 1 where nothing hides the ground from it."""
     camera = CameraParameters().model
     xy = grid.middle_of(*np.indices(grid.shape)).reshape(-1, 2)
@@ -170,7 +211,7 @@ def _seen(town: Town, grid: Grid, stations: Sequence[HoverStation]):
         z = np.maximum(p_cam[:, 2], 1e-3)
         u, v = camera.fx * p_cam[:, 0] / z + camera.cx, camera.fy * p_cam[:, 1] / z + camera.cy
         pictured = (p_cam[:, 2] > 1.0) & (u > _LEFT_PX) & (u < camera.width - _MARGIN_PX)
-        pictured &= (v > 0) & (v < camera.height - _MARGIN_PX) & (p_cam[:, 2] < REACH_M)
+        pictured &= (v > 0) & (v < camera.height - _MARGIN_PX) & (p_cam[:, 2] < reach_m)
         length = np.linalg.norm(off, axis=1)
         set_rays(rays, np.tile(station.xyz_m, (len(points), 1)), off / length[:, None])
         caster.cast(rays)

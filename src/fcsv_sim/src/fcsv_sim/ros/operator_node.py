@@ -13,6 +13,7 @@ from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.missions.mission import load_mission
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_msgs.msg import MissionState
 from fcsv_msgs.srv import Proceed
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
@@ -111,7 +112,7 @@ class OperatorNode:
 
     def _sight(self, name: str) -> Sight:
         reader, state = self._truth[name], self._states[name]
-        return Sight(reader.latest()[1], reader.velocity(), state.armed, state.mode)
+        return Sight(reader.latest()[1], reader.velocity(), state.armed, Mode(state.mode))
 
     def _press(self, button: str) -> None:
         try:

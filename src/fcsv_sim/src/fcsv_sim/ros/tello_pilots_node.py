@@ -23,6 +23,7 @@ from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.missions.mission import load_mission
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_msgs.msg import LinkHealth, MissionState
 from fcsv_msgs.srv import Proceed
 from fcsv_sim.people.tello_hands import LAND, TAKE_OFF, Act, Finger, Screen, TelloHands
@@ -89,7 +90,7 @@ class TelloPilotsNode:
         self._mission = message
 
     def _on_state(self, m: State, name: str) -> None:
-        self._update(name, armed=m.armed, mode=m.mode)
+        self._update(name, armed=m.armed, mode=Mode(m.mode))
 
     def _on_odometry(self, m: Odometry, name: str) -> None:
         v = m.twist.twist.linear
@@ -133,7 +134,7 @@ class TelloPilotsNode:
         if act.order == TAKE_OFF:
             self._aside(f"{name}: take-off", lambda: self._take_off[name](altitude=self._height_m))
         elif act.order == LAND:
-            self._aside(f"{name}: LAND", lambda: self._mode[name](custom_mode="LAND"))
+            self._aside(f"{name}: LAND", lambda: self._mode[name](custom_mode=Mode.LAND))
 
     @staticmethod
     def _aside(what: str, call: Callable) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A maze of low walls (thesis, figure 2.10): dead ends, and a goal that the robot cannot see."""
 
+from dataclasses import dataclass
 from typing import List, Tuple
 
 import numpy as np
@@ -9,10 +10,7 @@ from fcsv_sim.world.materials import CONCRETE
 from fcsv_sim.world.mesh import MeshBuilder
 from fcsv_sim.world.place import PlacePlan, Solid, draw_place
 
-_CELLS = 6
-_PITCH_M = (4.4, 5.4)
 _THICK_M = 0.3
-_HEIGHT_M = (0.6, 1.5)
 _LEFT_OUT = 0.12  # share of the walls of a perfect maze that are left out: some ways meet again
 _CLOSED = 0.15  # share of mazes whose goal no way leads to
 _NEAREST_X_M = 22.0
@@ -20,21 +18,46 @@ _COLOURS = ((0.40, 0.36, 0.30), (0.30, 0.14, 0.10), (0.45, 0.44, 0.40), (0.22, 0
 Cell = Tuple[int, int]
 
 
+@dataclass(frozen=True)
+class _Shape:
+    """Cells away from the vehicles and across, and what their sizes are drawn from."""
+
+    deep: int = 6
+    wide: int = 6
+    pitch_m: Tuple[float, float] = (4.4, 5.4)
+    height_m: Tuple[float, float] = (0.6, 1.5)
+
+    @property
+    def cells(self) -> List[Cell]:
+        return [(i, j) for i in range(self.deep) for j in range(self.wide)]
+
+
 def build_maze(mesh: MeshBuilder, random: np.random.Generator) -> PlacePlan:
     """Walls of 0.6 to 1.5 m on level ground; of every seven mazes about one has a goal that is
     walled in."""
-    pitch = random.uniform(*_PITCH_M)
-    opened = _opened(random)
-    goal = _goal(opened, random)
+    return _build(mesh, random, _Shape())
+
+
+def build_low_maze(mesh: MeshBuilder, random: np.random.Generator) -> PlacePlan:
+    """Walls of 0.6 to 0.7 m, 17 m deep: one look from 10 m above shows most of its ways."""
+    return _build(mesh, random, _Shape(3, 5, (5.6, 6.0), (0.6, 0.7)))
+
+
+def _build(mesh: MeshBuilder, random: np.random.Generator, shape: _Shape) -> PlacePlan:
+    pitch = random.uniform(*shape.pitch_m)
+    opened = _opened(shape, random)
+    goal = _goal(shape, opened, random)
     if random.random() < _CLOSED:
         opened = [pair for pair in opened if goal not in pair]
-    half = 0.5 * _CELLS * pitch
+    half = 0.5 * shape.wide * pitch
     corner = np.array([_NEAREST_X_M, -half])
-    entrance = int(random.integers(_CELLS))
-    solids = [_wall(corner, pitch, a, b, random) for a, b in _walls(opened, entrance)]
+    entrance = int(random.integers(shape.wide))
+    walls = _walls(shape, opened, entrance)
+    solids = [_wall(corner, pitch, shape.height_m, a, b, random) for a, b in walls]
     start = (_NEAREST_X_M - 2.0, float(corner[1] + (entrance + 0.5) * pitch))
     end = tuple(float(v) for v in corner + (np.array(goal) + 0.5) * pitch)
-    area = (_NEAREST_X_M - 4.0, _NEAREST_X_M + 2 * half + 3.0, -half - 3.0, half + 3.0)
+    far = _NEAREST_X_M + shape.deep * pitch + 3.0
+    area = (_NEAREST_X_M - 4.0, far, -half - 3.0, half + 3.0)
     plan = PlacePlan(
         np.empty(0),
         np.empty(0),
@@ -48,13 +71,12 @@ def build_maze(mesh: MeshBuilder, random: np.random.Generator) -> PlacePlan:
     return draw_place(mesh, plan, random)
 
 
-def _opened(random: np.random.Generator) -> List[Tuple[Cell, Cell]]:
+def _opened(shape: _Shape, random: np.random.Generator) -> List[Tuple[Cell, Cell]]:
     """Pairs of neighbouring cells without a wall between: a spanning tree by a random walk that
     turns back at dead ends, and a few more."""
-    inside = [(i, j) for i in range(_CELLS) for j in range(_CELLS)]
     stack, seen, opened = [(0, 0)], {(0, 0)}, []
     while stack:
-        new = [cell for cell in _around(stack[-1]) if cell not in seen]
+        new = [cell for cell in _around(shape, stack[-1]) if cell not in seen]
         if not new:
             stack.pop()
             continue
@@ -62,40 +84,42 @@ def _opened(random: np.random.Generator) -> List[Tuple[Cell, Cell]]:
         opened.append(tuple(sorted((stack[-1], cell))))
         seen.add(cell)
         stack.append(cell)
-    closed = [(a, b) for a in inside for b in _around(a) if a < b and (a, b) not in opened]
+    pairs = ((a, b) for a in shape.cells for b in _around(shape, a) if a < b)
+    closed = [pair for pair in pairs if pair not in opened]
     return opened + [pair for pair in closed if random.random() < _LEFT_OUT]
 
 
-def _around(cell: Cell) -> List[Cell]:
+def _around(shape: _Shape, cell: Cell) -> List[Cell]:
     i, j = cell
     return [
         (a, b)
         for a, b in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1))
-        if 0 <= a < _CELLS and 0 <= b < _CELLS
+        if 0 <= a < shape.deep and 0 <= b < shape.wide
     ]
 
 
-def _goal(opened, random: np.random.Generator) -> Cell:
+def _goal(shape: _Shape, opened, random: np.random.Generator) -> Cell:
     """A dead end in the far half, else any cell there."""
-    far = [(i, j) for i in range(_CELLS // 2, _CELLS) for j in range(_CELLS)]
+    far = [(i, j) for i, j in shape.cells if i >= shape.deep // 2]
     dead = [cell for cell in far if sum(cell in pair for pair in opened) == 1] or far
     return dead[int(random.integers(len(dead)))]
 
 
-def _walls(opened, entrance: int):
+def _walls(shape: _Shape, opened, entrance: int):
     """Ends (in cells) of pieces of wall: all sides of all cells but the opened ones and the
     entrance at the near side."""
-    for i in range(_CELLS + 1):
-        for j in range(_CELLS):
-            if not (i == 0 and j == entrance) and ((i - 1, j), (i, j)) not in opened:
+    for i in range(max(shape.deep, shape.wide) + 1):
+        for j in range(max(shape.deep, shape.wide)):
+            is_side = i <= shape.deep and j < shape.wide
+            if is_side and not (i == 0 and j == entrance) and ((i - 1, j), (i, j)) not in opened:
                 yield (i, j), (i, j + 1)
-            if ((j, i - 1), (j, i)) not in opened:
+            if i <= shape.wide and j < shape.deep and ((j, i - 1), (j, i)) not in opened:
                 yield (j, i), (j + 1, i)
 
 
-def _wall(corner: np.ndarray, pitch: float, a: Cell, b: Cell, random: np.random.Generator) -> Solid:
+def _wall(corner: np.ndarray, pitch: float, height_m, a: Cell, b: Cell, random) -> Solid:
     ends = corner + np.array([a, b]) * pitch
-    high = random.uniform(*_HEIGHT_M)
+    high = random.uniform(*height_m)
     half = 0.5 * (np.abs(ends[1] - ends[0]) + _THICK_M)
     colour = np.array(_COLOURS[int(random.integers(len(_COLOURS)))]) * random.uniform(0.7, 1.2)
     middle = np.array([*ends.mean(0), 0.5 * high - 0.15])

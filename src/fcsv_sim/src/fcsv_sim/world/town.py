@@ -9,7 +9,7 @@ import numpy as np
 
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.world.field import build_field
-from fcsv_sim.world.maze import build_maze
+from fcsv_sim.world.maze import build_low_maze, build_maze
 from fcsv_sim.world.mesh import MeshBuilder
 from fcsv_sim.world.plan import TownPlan
 from fcsv_sim.world.rubble import build_rubble
@@ -25,9 +25,10 @@ WORLDS: Dict[str, Callable[[MeshBuilder, np.random.Generator], TownPlan]] = {
     "plain": build_plain,  # the town with blank walls, on snow or sand: little texture
 }
 
-#: Kinds of worlds for a robot on the ground: their plan is a PlacePlan. Demos do not fly in them.
+#: Kinds of worlds for a robot on the ground: their plan is a PlacePlan.
 PLACES: Dict[str, Callable[[MeshBuilder, np.random.Generator], TownPlan]] = {
     "maze": build_maze,
+    "low_maze": build_low_maze,  # that one look from above shows
     "rubble": build_rubble,
 }
 

@@ -57,10 +57,15 @@ def write_pcd(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None
 
 
 def write_laz(
-    cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT, last: Tuple[str, str] = _BASELINE
+    cloud: Cloud,
+    path: Path,
+    origin_m: np.ndarray = NO_SHIFT,
+    last: Tuple[str, str] = _BASELINE,
+    crs: str = "",
 ) -> None:
     """LAZ 1.4 (point format 7): x y z (home, m, to 1 mm), 16-bit colours, extra dimensions sigma
-    (m) and baseline, or ``last``'s name and meaning."""
+    (m) and baseline, or ``last``'s name and meaning; ``crs`` names the reference system of x and y,
+    where they are of one."""
     import laspy  # with lazrs; only where the product is asked for
 
     header = laspy.LasHeader(point_format=7, version="1.4")
@@ -72,6 +77,10 @@ def write_laz(
             laspy.ExtraBytesParams(last[0], np.uint8, last[1]),
         ]
     )
+    if crs:
+        from pyproj import CRS
+
+        header.add_crs(CRS.from_user_input(crs))
     las = laspy.LasData(header)
     las.x, las.y, las.z = (cloud.points_home_m.astype(float) + origin_m).T
     las.red, las.green, las.blue = cloud.colors.T.astype(np.uint16) * 257

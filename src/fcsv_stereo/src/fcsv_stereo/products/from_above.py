@@ -69,7 +69,7 @@ def rasterize(cloud: Cloud, cell_m: float = 0.0, reference: Optional[Reference] 
     """
     p = cloud.points_home_m.astype(float)
     low, high = np.percentile(p[:, :2], _KEPT_PERCENT, axis=0)
-    cell_m = cell_m or _cell_size_m(p[:, :2], float((high - low).max()))
+    cell_m = cell_m or cell_size_m(p[:, :2], float((high - low).max()))
     (x_first, y_first), (x_last, y_last) = (
         np.floor(low / cell_m).astype(int),
         np.floor(high / cell_m).astype(int),
@@ -91,22 +91,23 @@ def rasterize(cloud: Cloud, cell_m: float = 0.0, reference: Optional[Reference] 
         spanned.span(cloud, surfaces, reference, origin, cell_m, height, rgb)
     loose = np.zeros(shape, bool)
     loose[row[inside], column[inside]] = True
-    return Raster(*_closed(height, rgb, loose), cell_m, *origin)
+    return Raster(*closed(height, rgb, loose), cell_m, *origin)
 
 
-def _cell_size_m(xy_m: np.ndarray, extent_m: float) -> float:
-    """Three points in four have four neighbours within a cell's side."""
+def cell_size_m(xy_m: np.ndarray, extent_m: float, most_cells: int = _MOST_CELLS) -> float:
+    """1, 2 or 5 times a power of ten, so that three points (N,2) in four have four neighbours
+    within a cell's side; at most ``most_cells`` along ``extent_m``."""
     some = xy_m[np.random.default_rng(0).permutation(len(xy_m))[:4000]]
     neighbours = min(5, len(xy_m))  # the point itself is the first
     spacing_m = float(np.percentile(cKDTree(xy_m).query(some, k=[neighbours])[0], 75))
-    least = max(extent_m / _MOST_CELLS, spacing_m, _LEAST_CELL_M)
+    least = max(extent_m / most_cells, spacing_m, _LEAST_CELL_M)
     power = 10.0 ** np.floor(np.log10(least))
     return float(next(s * power for s in (1.0, 2.0, 5.0, 10.0) if s * power >= least * (1 - 1e-6)))
 
 
-def _closed(height: np.ndarray, rgb: np.ndarray, known: np.ndarray):
-    """Cells between ``known`` ones take the nearest one's value where these lie close; a lone one
-    stays one cell."""
+def closed(height: np.ndarray, rgb: np.ndarray, known: np.ndarray):
+    """Heights (H,W), NaN where none, and colours (H,W,3): cells between ``known`` ones take the
+    nearest one's value where these lie close; a lone one stays one cell."""
     if not known.any():
         return height, rgb
     cells = np.argwhere(known)

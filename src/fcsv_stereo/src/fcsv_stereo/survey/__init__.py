@@ -3,5 +3,6 @@
 they see.
 
 A later module imports earlier ones only: tuning, similarity, station, views, inputs, features,
-matching, edges, adjust, merge, document, page, maps, survey, command.
+matching, edges, adjust, earth, control_points, world, merge, georeference, document, page, octree,
+rasters, maps, work, kept, survey, command.
 """

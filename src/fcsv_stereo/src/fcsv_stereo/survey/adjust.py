@@ -3,7 +3,7 @@
 thrown out by graduated non-convexity (Yang, Antonante, Tzoumas, Carlone 2020).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Dict, List, Optional, Sequence, Set, Tuple
 
 import gtsam
@@ -67,13 +67,14 @@ class Loop:
 @dataclass(frozen=True)
 class Adjusted:
     """Views that have a place, by name; all edges, with reasons; ``lost``: why a view has no place;
-    loops; ``remarks``, each a sentence with its remedy."""
+    loops; ``remarks``, each a sentence with its remedy; ``priors`` as they counted, by name."""
 
     placed: Dict[str, Placed]
     edges: List[Edge]
     lost: Dict[str, str]
     loops: List[Loop]
     remarks: List[str]
+    priors: Dict[str, Prior] = field(default_factory=dict)
 
 
 def adjust(views: Sequence[View], edges: Sequence[Edge]) -> Adjusted:
@@ -96,7 +97,7 @@ def adjust(views: Sequence[View], edges: Sequence[Edge]) -> Adjusted:
         lost[name] = (
             f"has no place: no station.yaml, and no edge to a view that has one{_why(name, edges)}"
         )
-    return Adjusted(placed, edges, lost, closing(edges, order), remarks)
+    return Adjusted(placed, edges, lost, closing(edges, order), remarks, priors)
 
 
 def _why(name: str, edges: Sequence[Edge]) -> str:
@@ -139,15 +140,21 @@ def _solved(
     kept = [e for e in inside if (e.a, e.b) not in wrong]
     starts = _starts(order, priors, kept)
     graph, initial = _graph(starts, priors, kept)
-    values = _optimised(graph, initial)
+    values = optimised(graph, initial)
+    return _Solution(placed_in(graph, values, list(starts), kept), edges)
+
+
+def placed_in(graph, values, names: Sequence[str], kept: Sequence[Edge]) -> Dict[str, Placed]:
+    """Views, whose keys are their numbers in ``names``, with their covariances in a solved
+    graph."""
     marginals = gtsam.Marginals(graph, values)
-    keys, degree = {n: i for i, n in enumerate(starts)}, dict.fromkeys(starts, 0)
+    keys, degree = {n: i for i, n in enumerate(names)}, dict.fromkeys(names, 0)
     for e in kept:
         degree[e.a] += 1
         degree[e.b] += 1
     datums = {
         n: max(sorted(group), key=lambda m: degree[m])
-        for group in components(kept, list(starts))
+        for group in components(kept, list(names))
         for n in group
     }
     placed = {}
@@ -156,7 +163,7 @@ def _solved(
         covariance = marginals.marginalCovariance(key)
         relative = _relative(marginals, values, keys[datums[name]], key)
         placed[name] = Placed(name, S, covariance, relative, degree[name] == 0, datums[name])
-    return _Solution(placed, edges)
+    return placed
 
 
 def _starts(
@@ -181,7 +188,7 @@ def _graph(starts: Dict[str, gtsam.Similarity3], priors: Dict[str, Prior], edges
     graph, initial = gtsam.NonlinearFactorGraph(), gtsam.Values()
     keys = {n: i for i, n in enumerate(starts)}
     for name, S in starts.items():
-        mean, covariance = _prior_at(priors[name], S)
+        mean, covariance = prior_at(priors[name], S)
         graph.add(
             gtsam.PriorFactorSimilarity3(
                 keys[name], mean, gtsam.noiseModel.Gaussian.Covariance(covariance)
@@ -194,7 +201,7 @@ def _graph(starts: Dict[str, gtsam.Similarity3], priors: Dict[str, Prior], edges
     return graph, initial
 
 
-def _prior_at(prior: Prior, start: gtsam.Similarity3) -> Tuple[gtsam.Similarity3, np.ndarray]:
+def prior_at(prior: Prior, start: gtsam.Similarity3) -> Tuple[gtsam.Similarity3, np.ndarray]:
     """Mean and covariance (7,7) of a prior; what it does not know is loose about ``start``."""
     T = np.array(prior.T_site_cam, float)
     R_start = similarity.rotation(start)
@@ -244,7 +251,8 @@ def _wrong_edges(
     return reasons
 
 
-def _optimised(graph, initial):
+def optimised(graph, initial):
+    """The values at the least error (Levenberg-Marquardt)."""
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(100)
     params.setRelativeErrorTol(1e-9)

@@ -6,11 +6,16 @@ import sys
 from pathlib import Path
 from typing import List, Optional
 
+import numpy as np
+
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs import commands
 from fcsv_geometry.programs.live_line import LiveLine, Steps
+from fcsv_stereo.survey import tuning
 from fcsv_stereo.survey.document import Site, overlaps
+from fcsv_stereo.survey.georeference import HEIGHTS, WorldOptions
 from fcsv_stereo.survey.survey import FILES, run
+from fcsv_stereo.survey.work import WorkOptions
 
 _EXAMPLES = """examples:
   survey flights/north flights/east flights/south -o out/site
@@ -21,16 +26,37 @@ _EXAMPLES = """examples:
 def main(argv: Optional[List[str]] = None) -> int:
     """Exit status 0; 1 where an input is not in the site; 2 with one line on stderr on bad input;
     130 on Ctrl-C."""
-    left = "maps that were finished are kept in OUT/views: the same command goes on"
+    left = "what was finished is kept in OUT: the same command goes on"
     return commands.run(_parser(), argv, _survey, (FcsvError, ValueError), left)
 
 
 def _survey(args: argparse.Namespace) -> int:
     with Steps(LiveLine(sys.stderr), "reading inputs").shown() as steps:
-        site = run([Path(p) for p in args.inputs], Path(args.out), begin=steps.begin)
+        paths = [Path(p) for p in args.inputs]
+        site = run(
+            paths,
+            Path(args.out),
+            begin=steps.begin,
+            world=_world(args),
+            work=_work(args),
+            every=args.every,
+        )
     print("\n".join(summary(site)))
     print(f"wrote {args.out}: {', '.join(FILES)}")
     return 1 if site.missing else 0
+
+
+def _world(args: argparse.Namespace) -> WorldOptions:
+    """Raises SurveyError."""
+    control = Path(args.gcp) if args.gcp else None
+    return WorldOptions(
+        control, args.check_points, args.crs, args.control_sigma_m, args.heights, not args.no_gps
+    )
+
+
+def _work(args: argparse.Namespace) -> WorkOptions:
+    """Raises SurveyError."""
+    return WorkOptions(args.workers, args.memory_per_worker, args.scheduler)
 
 
 def summary(site: Site) -> List[str]:
@@ -54,8 +80,28 @@ def summary(site: Site) -> List[str]:
             f"{len(adjusted.loops)} loops; the worst closes to {worst.closing_m:.2f} m and {worst.closing_scale:.2%} "
             f"of scale: {', '.join(worst.views)}"
         )
-    lines += adjusted.remarks
+    lines += [*_world_lines(site), *adjusted.remarks]
     lines += [f"MISSING {m.name}: {m.reason}" for m in site.missing]
+    if site.missing:
+        lines.append(f"{len(site.missing)} missing: {', '.join(m.name for m in site.missing)}")
+    return lines
+
+
+def _world_lines(site: Site) -> List[str]:
+    if site.world is None:
+        return []
+    fit = site.world.fit
+    heading_deg = np.degrees(fit.sigma_heading_rad)
+    lines = [
+        f"in {site.world.crs}: place +- {fit.sigma_m:.2f} m, heading +- {heading_deg:.2f} degrees, "
+        f"scale +- {fit.sigma_scale:.4f}; heights {site.world.heights}"
+    ]
+    for p in fit.points:
+        what = "check point" if p.check else "control point" if p.used else "control point, unused,"
+        east, north, up = p.off_m
+        lines.append(
+            f"{what} {p.name}: {east:+.3f} east, {north:+.3f} north, {up:+.3f} up, +- {np.max(p.sigma_m):.3f} m"
+        )
     return lines
 
 
@@ -79,5 +125,60 @@ def _parser() -> argparse.ArgumentParser:
         required=True,
         metavar="OUT",
         help="folder for the site; a stopped survey goes on there",
+    )
+    add(
+        "--every",
+        type=int,
+        default=0,
+        metavar="N",
+        help="of folders of photographs each N-th picture is the reference of a view (the first alone)",
+    )
+    world = parser.add_argument_group("the world's coordinates (docs/user/survey.md)")
+    world.add_argument("--gcp", metavar="FILE", help="ground control points: ODM's gcp_list.txt")
+    world.add_argument(
+        "--check-points",
+        default="",
+        metavar="NAMES",
+        help="control points that only check: names after commas, or a share of all (0.3)",
+    )
+    world.add_argument(
+        "--control-sigma-m",
+        type=float,
+        default=tuning.CONTROL_SIGMA_M,
+        metavar="M",
+        help="standard deviation of control points per axis (%(default)s)",
+    )
+    world.add_argument(
+        "--crs",
+        default="",
+        metavar="EPSG:N",
+        help="projected reference system of the output (that of the control points, else UTM's zone)",
+    )
+    world.add_argument(
+        "--heights",
+        default="",
+        choices=("", *HEIGHTS),
+        metavar="SURFACE",
+        help="what given heights count from: ellipsoid or geoid; it is passed on, nothing is converted",
+    )
+    world.add_argument("--no-gps", action="store_true", help="GPS of photographs does not count")
+    work = parser.add_argument_group("who computes")
+    work.add_argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="processes of this machine (one a core; 0: this one alone)",
+    )
+    work.add_argument(
+        "--memory-per-worker",
+        default="",
+        metavar="SIZE",
+        help="bound of each, as 4GB (an equal share of the machine's)",
+    )
+    work.add_argument(
+        "--scheduler",
+        default="",
+        metavar="ADDRESS",
+        help="a Dask cluster instead, as tcp://host:8786, whose workers see inputs and OUT by the same paths",
     )
     return parser

@@ -3,7 +3,7 @@
 why."""
 
 from dataclasses import dataclass
-from typing import Dict, List, Sequence
+from typing import Dict, List, Optional, Sequence
 
 import numpy as np
 
@@ -11,10 +11,12 @@ from fcsv_geometry import transforms
 from fcsv_stereo.model import Cloud
 from fcsv_stereo.survey import similarity
 from fcsv_stereo.survey.adjust import Adjusted, Placed
+from fcsv_stereo.survey.georeference import World
 from fcsv_stereo.survey.merge import Joined
 from fcsv_stereo.survey.views import View
 
-CLOUDS = ("site.ply", "site.laz")
+CLOUDS = ("site.ply", "site.laz", "site.copc.laz")
+RASTERS = ("dsm.tif", "orthophoto.tif")
 # farther from the origin float32 has steps of more than a millimetre
 _FAR_M, _STEP_M = 10_000.0, 1000.0
 
@@ -31,7 +33,8 @@ class Missing:
 @dataclass(frozen=True)
 class Site:
     """All of it: views that were mapped, how they were adjusted, the cloud (m, less ``origin_m``),
-    what became of each placed view's points, and what is missing."""
+    what became of each placed view's points, what is missing, and, where it is on the earth, how
+    that is known: all coordinates are then of ``world.crs``."""
 
     views: List[View]
     adjusted: Adjusted
@@ -39,6 +42,7 @@ class Site:
     joined: Dict[str, Joined]
     origin_m: np.ndarray
     missing: List[Missing]
+    world: Optional[World] = None
 
 
 def origin_of(placed: Sequence[Placed]) -> np.ndarray:
@@ -77,26 +81,60 @@ def site_document(site: Site) -> dict:
     ]
     points = site.cloud.points_home_m
     low, high = (
-        (f(axis=0).astype(float) + site.origin_m).tolist() for f in (points.min, points.max)
+        (f(axis=0).astype(float) + site.origin_m).tolist() if len(points) else None
+        for f in (points.min, points.max)
     )
     tile = {
         "name": "site",
-        "files": list(CLOUDS),
+        "files": [*CLOUDS, *RASTERS] if len(points) else list(CLOUDS[:1]),
         "points": len(points),
         "min_m": low,
         "max_m": high,
     }
     missing = [{"name": m.name, "input": m.source, "reason": m.reason} for m in site.missing]
     return {
-        "crs": None,
+        "crs": site.world.crs if site.world else None,
+        "heights": site.world.heights if site.world else None,
         "origin": site.origin_m.tolist(),
         "views": views,
         "edges": edges,
-        "gps": None,
-        "control_points": None,
+        **_world(site.world),
         "tiles": [tile],
         "missing": missing,
     }
+
+
+def _world(world: Optional[World]) -> dict:
+    """What fixes the site on the earth; null where nothing does."""
+    if world is None:
+        return {"world": None, "gps": None, "control_points": None}
+    fit = world.fit
+    gps = [
+        {
+            "view": r.statement.view,
+            "residual_m": r.off_m.tolist(),
+            "sigma_m": r.sigma_m.tolist(),
+            "used": r.used,
+        }
+        for r in fit.gps
+    ]
+    points = [
+        {
+            "name": p.name,
+            "check": p.check,
+            "used": p.used,
+            "views": p.views,
+            "residual_m": p.off_m.tolist(),
+            "sigma_m": p.sigma_m.tolist(),
+        }
+        for p in fit.points
+    ]
+    sigmas = {
+        "sigma_m": fit.sigma_m,
+        "sigma_heading_deg": float(np.degrees(fit.sigma_heading_rad)),
+        "sigma_scale": fit.sigma_scale,
+    }
+    return {"world": sigmas, "gps": gps or None, "control_points": points or None}
 
 
 def overlaps(adjusted: Adjusted, name: str) -> List[str]:

@@ -13,6 +13,7 @@ from typing import List, Optional, Tuple
 import gtsam
 import numpy as np
 
+from fcsv_geometry import transforms
 from fcsv_stereo.survey import similarity, tuning
 from fcsv_stereo.survey.features import Features
 from fcsv_stereo.survey.matching import match, predicted
@@ -177,6 +178,15 @@ def _settled(
         1.0 + tuning.COMMON_SHARE * count
     )
     return S, worse * np.linalg.pinv(H), float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
+
+
+def posed_edge(a: View, b: View) -> Edge:
+    """The edge that one model of poses states between two of its photographs: as well as ``map``
+    takes such poses to be known."""
+    T_a_b = transforms.invert(a.T_home_cam) @ b.T_home_cam
+    away = max(float(np.linalg.norm(T_a_b[:3, 3])), 1e-6)
+    sigmas = [*[tuning.POSED_RAD] * 3, *[tuning.POSED_SHARE * away] * 3, tuning.POSED_SCALE]
+    return Edge(a.name, b.name, similarity.of_pose(T_a_b), np.diag(np.square(sigmas)))
 
 
 def with_reasons(edges: List[Edge], reasons: dict) -> List[Edge]:

@@ -2,13 +2,17 @@
 """The inputs of a survey: what each is, its name, its station, and the key of its content."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence
+from typing import Dict, List, Optional, Sequence, Tuple
 
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model.words import Word
+from fcsv_stereo.photos.gps import Gps
+from fcsv_stereo.photos.tags import read_tags
 from fcsv_stereo.posed import colmap
+from fcsv_stereo.posed.posed_pictures import find_files
 from fcsv_stereo.sessions import is_session
 from fcsv_stereo.survey import station
 from fcsv_stereo.survey.station import Station
@@ -30,12 +34,14 @@ class SourceKind(Word):
 @dataclass(frozen=True)
 class Source:
     """An input: its folder (or bag), the name of its view, what it is, and where its reference
-    camera stood, where it says so."""
+    camera stood, where it says so; ``reference``: of photographs the reference picture, empty for
+    the first."""
 
     path: Path
     name: str
     kind: SourceKind
     station: Optional[Station]
+    reference: str = ""
 
     @property
     def level(self) -> bool:
@@ -44,12 +50,43 @@ class Source:
         return self.kind is SourceKind.SESSION
 
 
-def sources_of(paths: Sequence[Path]) -> List[Source]:
-    """All inputs, in order. Raises InputError on one that is none, ConfigError on a wrong
-    station.yaml."""
+def sources_of(paths: Sequence[Path], every: int = 0) -> List[Source]:
+    """All inputs, in order; ``every``: of folders of photographs each so-manieth picture is the
+    reference of a view (0: the first alone). Raises InputError on one that is none, ConfigError on
+    a wrong station.yaml."""
+    if every < 0:
+        raise InputError(f"--every: is 1 or more, got {every}")
     kinds = [kind_of(p) for p in paths]
     names = names_of(paths)
-    return [Source(p, n, k, station.load_station(p)) for p, n, k in zip(paths, names, kinds)]
+    found: List[Source] = []
+    for path, name, kind in zip(paths, names, kinds):
+        source = Source(path, name, kind, station.load_station(path))
+        several = every > 0 and kind is SourceKind.PHOTOGRAPHS
+        found += references_of(source, every) if several else [source]
+    return found
+
+
+def references_of(source: Source, every: int) -> List[Source]:
+    """A view for each ``every``-th photograph in the order of images.txt; the station is the first
+    one's. Raises InputError."""
+    cameras = colmap.read_cameras(source.path / "cameras.txt")
+    pictures = [p.name for p in colmap.read_images(source.path / "images.txt", cameras)][::every]
+    stems = [str(Path(p).with_suffix("")).replace("/", "-") for p in pictures]
+    return [
+        replace(
+            source,
+            name=f"{source.name}-{s if stems.count(s) == 1 else p.replace('/', '-')}",
+            station=source.station if i == 0 else None,
+            reference=p,
+        )
+        for i, (p, s) in enumerate(zip(pictures, stems))
+    ]
+
+
+def source_key(source: Source) -> str:
+    """Key of a view's content: that of its input, and of its reference where one is named."""
+    content = content_key(source.path)
+    return f"{content} {source.reference}" if source.reference else content
 
 
 def kind_of(path: Path) -> SourceKind:
@@ -107,6 +144,19 @@ def content_key(path: Path) -> str:
             for block in iter(lambda: content.read(_AT_A_TIME), b""):
                 digest.update(block)
     return digest.hexdigest()
+
+
+def photograph_of(source: Source, picture: str) -> Tuple[Optional[PinholeCamera], Optional[Gps]]:
+    """The camera that took a photograph of an input, distortion included, and where by its own
+    GPS; None where the input is of another kind, or does not say it."""
+    if source.kind is not SourceKind.PHOTOGRAPHS:
+        return None, None
+    cameras = colmap.read_cameras(source.path / "cameras.txt")
+    posed = {p.name: p for p in colmap.read_images(source.path / "images.txt", cameras)}
+    if picture not in posed:
+        return None, None
+    file = find_files(source.path / "images", list(posed))[picture]
+    return cameras[posed[picture].camera_id], read_tags(file).gps
 
 
 def copies(keys: Dict[str, str]) -> Dict[str, str]:

@@ -4,14 +4,14 @@ stopped run goes on."""
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Optional, Tuple
 
 from fcsv_geometry.version import VERSION
 from fcsv_stereo import pipeline
-from fcsv_stereo.model import Progress
-from fcsv_stereo.survey.inputs import Source, SourceKind, content_key
+from fcsv_stereo.model import Progress, silent
+from fcsv_stereo.survey.inputs import Source, SourceKind, source_key
 
 VIEWS = "views"
 _THREADS = re.compile(r",? ?threads=\d+")  # a machine's, and no matter to the map
@@ -28,30 +28,62 @@ class MapOptions:
         """The method's options."""
         return pipeline.METHODS[self.method].options() if self.options is None else self.options
 
+    def on_one_core(self) -> "MapOptions":
+        """The same with one thread: for processes that share a machine. The map is the same."""
+        return replace(self, options=_with_one_thread(self.made()))
+
     def words(self) -> str:
         """What tells these options from others."""
         return _THREADS.sub("", f"{VERSION} {self.method} {self.made()!r}")
 
 
-def map_of(
-    source: Source, content: str, out: Path, options: MapOptions, progress: Progress
-) -> Path:
-    """The folder of the source's map: its own where it is one, else OUT/views/NAME, made unless it
-    is there already.
+def _with_one_thread(options: Any) -> Any:
+    """A dataclass with 1 for its fields ``threads``, and those of the dataclasses in it."""
+    changed = {}
+    for f in fields(options):
+        value = getattr(options, f.name)
+        if is_dataclass(value):
+            changed[f.name] = _with_one_thread(value)
+        elif f.name == "threads":
+            changed[f.name] = 1
+    return replace(options, **changed)
 
-    ``content`` is the source's key. Raises FcsvError or OSError where no map can be made; an
-    earlier one of that name is left then.
-    """
+
+def kept_map(source: Source, content: str, out: Path, options: MapOptions) -> Optional[Path]:
+    """The folder of the source's map where it is there: its own where it is one, else
+    OUT/views/NAME. ``content`` is the source's key."""
     if source.kind is SourceKind.MAP:
         return source.path
-    folder, note = out / VIEWS / source.name, out / VIEWS / f"{source.name}.json"
+    folder, note = _places(source, out)
     if (folder / "report.json").is_file() and _noted(note) == _key(content, options):
         return folder
+    return None
+
+
+def _places(source: Source, out: Path) -> Tuple[Path, Path]:
+    return out / VIEWS / source.name, out / VIEWS / f"{source.name}.json"
+
+
+def make_map(
+    source: Source, content: str, out: Path, options: MapOptions, progress: Progress = silent
+) -> Path:
+    """A task: makes the source's map in OUT/views/NAME.
+
+    Raises FcsvError or OSError where no map can be made; an earlier one of that name is left then.
+    """
+    folder, note = _places(source, out)
     note.unlink(missing_ok=True)  # a map without a note is made again
-    pipeline.run(pipeline.MapRequest(source.path, folder, options.method, options.made()), progress)
-    content = content_key(source.path)  # bags may have been repaired meanwhile
+    pipeline.run(_request(source, folder, options), progress)
+    content = source_key(source)  # bags may have been repaired meanwhile
     _write_whole(note, {**_key(content, options), "input": str(source.path)})
     return folder
+
+
+def _request(source: Source, folder: Path, options: MapOptions) -> pipeline.MapRequest:
+    reference = source.reference or None
+    return pipeline.MapRequest(
+        source.path, folder, options.method, options.made(), reference=reference
+    )
 
 
 def _key(content: str, options: MapOptions) -> dict:

@@ -147,11 +147,43 @@ def _cosine(ray: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.einsum("ni,ni->n", ray, other) / np.maximum(lengths, 1e-12)
 
 
+def corners_of(own: SiteView) -> np.ndarray:
+    """(8,3) m, the corners of the box that holds a view's points; (0,3) where it has none."""
+    points = own.points()[0]
+    if not len(points):
+        return np.zeros((0, 3))
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
+
+
+def may_see(other: SiteView, corners: np.ndarray) -> bool:
+    """Whether a view may have something of a box (8,3) in its picture: False is certain, as all
+    corners are then beyond one side of it."""
+    if not len(corners):
+        return False
+    x, y, z = ((corners - other.place) @ other.R_site_cam).T
+    c = other.view.camera
+    sides = (
+        z,
+        x * c.fx + (c.cx + 1.0) * z,
+        (c.width - c.cx) * z - x * c.fx,
+        y * c.fy + (c.cy + 1.0) * z,
+        (c.height - c.cy) * z - y * c.fy,
+    )
+    return all((side > 0).any() for side in sides)
+
+
 def join(
     views: Sequence[View], placed: Dict[str, Placed], origin_m: np.ndarray
 ) -> Tuple[Cloud, List[Joined]]:
     """The cloud (m, less ``origin_m``) of all views that have a place, and what became of each
     view's points."""
     in_site = [site_view(v, placed[v.name], origin_m) for v in views if v.name in placed]
-    parts = [join_view(own, [o for o in in_site if o is not own]) for own in in_site]
+    boxes = [corners_of(own) for own in in_site]
+    parts = [
+        join_view(own, [o for o in in_site if o is not own and may_see(o, box)])
+        for own, box in zip(in_site, boxes)
+    ]
     return concatenate([p.cloud for p in parts]), parts

@@ -31,6 +31,7 @@ def write_page(site: Site, path: Path) -> None:
                 note("Height, how many views agree on a point, how sure it is."),
             ],
         ),
+        Section("World", _world(site)),
         Section("Views", _views(site)),
         Section("Edges", _edges(site)),
         Section("Loops", _loops(site)),
@@ -121,7 +122,7 @@ def _plan(site: Site):
     for e in (e for e in site.adjusted.edges if e.a in at and e.b in at and e.S_a_b is not None):
         x, y = np.array([at[e.a], at[e.b]]).T
         axes.plot(x, y, "k-" if e.kept else "r:", lw=1.2)
-        if e.kept and len(at) <= _MOST_LABELLED:
+        if e.kept and e.residual_m is not None and len(at) <= _MOST_LABELLED:
             axes.annotate(f"{e.residual_m:.2f}", (x.mean(), y.mean()), fontsize=7, ha="center")
     length = _WEDGE_SHARE * float((high - low).max())
     for view in (v for v in site.views if v.name in at):
@@ -178,6 +179,46 @@ def _coverage(site: Site):
             figure.colorbar(drawn, ax=axes, label=label, shrink=0.7)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", aspect="equal")
     return figure
+
+
+def _world(site: Site) -> List[Part]:
+    if site.world is None:
+        return []
+    fit = site.world.fit
+    rows = [
+        ("reference system", site.world.crs),
+        ("heights", site.world.heights),
+        ("place ±", f"{fit.sigma_m:.2f} m"),
+        ("heading ±", f"{np.degrees(fit.sigma_heading_rad):.3f}°"),
+        ("scale ±", f"{fit.sigma_scale:.2%}"),
+    ]
+    parts: List[Part] = [Table((), rows)]
+    points = [
+        (
+            p.name,
+            "check" if p.check else "control" if p.used else "not used",
+            *(f"{v:+.3f}" for v in p.off_m),
+            f"{np.max(p.sigma_m):.3f}",
+            ", ".join(p.views),
+        )
+        for p in fit.points
+    ]
+    if points:
+        head = ("point", "kind", "east (m)", "north (m)", "up (m)", "± (m)", "seen by")
+        parts.append(Table(head, points))
+    fixes = [
+        (
+            r.statement.view,
+            "yes" if r.used else "no",
+            *(f"{v:+.2f}" for v in r.off_m),
+            f"{r.sigma_m[0]:.2f}",
+        )
+        for r in fit.gps
+    ]
+    if fixes:
+        head = ("GPS of", "counts", "east (m)", "north (m)", "up (m)", "± (m)")
+        parts.append(Table(head, fixes))
+    return parts
 
 
 def _views(site: Site) -> List[Part]:

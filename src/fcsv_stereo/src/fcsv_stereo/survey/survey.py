@@ -4,7 +4,8 @@
 import itertools
 import json
 import tempfile
-from dataclasses import replace
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
@@ -12,28 +13,32 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs.writing import in_words, require_folder
 from fcsv_stereo.errors import OutputError, SurveyError
 from fcsv_stereo.map_files.output import write_ply
-from fcsv_stereo.model import Progress
+from fcsv_stereo.model import concatenate
 from fcsv_stereo.products.clouds import write_laz
 from fcsv_stereo.survey import inputs, merge
-from fcsv_stereo.survey.adjust import adjust
 from fcsv_stereo.survey.document import (
     CLOUDS,
+    RASTERS,
     Missing,
     Site,
     adjustment_document,
     origin_of,
     site_document,
 )
-from fcsv_stereo.survey.edges import Edge, find_edge
-from fcsv_stereo.survey.features import features_of
+from fcsv_stereo.survey.edges import Edge, posed_edge
+from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place, projected
 from fcsv_stereo.survey.inputs import Source
-from fcsv_stereo.survey.maps import VIEWS, MapOptions, map_of
+from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
+from fcsv_stereo.survey.maps import VIEWS, MapOptions, kept_map, make_map
 from fcsv_stereo.survey.matching import may_overlap
+from fcsv_stereo.survey.octree import write_copc
 from fcsv_stereo.survey.page import write_page
+from fcsv_stereo.survey.rasters import surface_of, write_surface
 from fcsv_stereo.survey.station import prior_of
 from fcsv_stereo.survey.views import View, read_view
+from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions
 
-FILES = (*CLOUDS, "site.html", "adjustment.json", "site.json")
+FILES = (*CLOUDS, *RASTERS, "site.html", "adjustment.json", "site.json")
 _LEAST_MIB = 50
 Begin = Callable[[str, float], None]
 
@@ -43,7 +48,9 @@ def check_out(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise OutputError(f"{out}: is a file; give a folder with -o")
     foreign = (
-        [p.name for p in out.iterdir() if p.name not in (*FILES, VIEWS)] if out.exists() else []
+        [p.name for p in out.iterdir() if p.name not in (*FILES, VIEWS, EDGES)]
+        if out.exists()
+        else []
     )
     foreign = [name for name in foreign if not name.startswith(".site.")]  # what a stopped run left
     if foreign:
@@ -57,6 +64,9 @@ def run(
     out: Path,
     options: Optional[MapOptions] = None,
     begin: Begin = lambda step, share: None,
+    world: Optional[WorldOptions] = None,
+    work: Optional[WorkOptions] = None,
+    every: int = 0,
 ) -> Site:
     """The site of all inputs, written to ``out``; what could not be mapped or placed is in its
     ``missing``.
@@ -65,26 +75,37 @@ def run(
     be mapped.
     """
     check_out(out)
+    given = (world or WorldOptions()).read()
     require_folder(out.absolute(), _LEAST_MIB)
-    sources = inputs.sources_of(paths)
-    views, missing = _mapped(sources, out, options or MapOptions(), begin)
-    if not views:
-        raise SurveyError(
-            "no view could be mapped: " + "; ".join(f"{m.name}: {m.reason}" for m in missing)
-        )
-    begin("comparing views", 0.7)
-    edges = edges_between(views)
-    site = site_of(views, edges, missing, begin)
+    sources = inputs.sources_of(paths, every)
+    with Crew(work or WorkOptions()) as crew:
+        mapped = _mapped(sources, out, options or MapOptions(), crew, begin)
+        if not mapped.views:
+            reasons = "; ".join(f"{m.name}: {m.reason}" for m in mapped.missing)
+            raise SurveyError(f"no view could be mapped: {reasons}")
+        begin("comparing views", 0.7)
+        edges, uncompared = edges_between(mapped.views, mapped.files, out, crew, begin)
+    edges = with_posed(edges, mapped.views)
+    site = site_of(mapped.views, edges, [*mapped.missing, *uncompared], begin, given)
     begin("writing the site", 0.95)
     write(site, out)
     return site
 
 
 def site_of(
-    views: List[View], edges: List[Edge], missing: Sequence[Missing], begin: Begin = lambda *_: None
+    views: List[View],
+    edges: List[Edge],
+    missing: Sequence[Missing],
+    begin: Begin = lambda *_: None,
+    given: Optional[WorldInput] = None,
 ) -> Site:
-    """Views adjusted and joined."""
-    adjusted = adjust(views, edges)
+    """Views adjusted and joined, on the earth where control points or GPS say where."""
+    given = given or WorldOptions().read()
+    adjusted, frame, world = place(views, edges, given)
+    missing = list(missing)
+    if given.control is not None and world is None:
+        why = next(r for r in adjusted.remarks if r.startswith("the site is not in the world's"))
+        missing.append(Missing("world", str(given.control.path), why))
     missing = [
         *missing,
         *(
@@ -100,57 +121,129 @@ def site_of(
     origin_m = origin_of(list(adjusted.placed.values()))
     placed = [v for v in views if v.name in adjusted.placed]
     cloud, parts = merge.join(placed, adjusted.placed, origin_m)
-    return Site(
-        views, adjusted, cloud, {v.name: p for v, p in zip(placed, parts)}, origin_m, missing
-    )
+    if frame is not None:
+        adjusted, parts, origin_m = projected(adjusted, parts, frame, origin_m)
+        cloud = concatenate([p.cloud for p in parts])
+    joined = {v.name: p for v, p in zip(placed, parts)}
+    return Site(views, adjusted, cloud, joined, origin_m, missing, world)
 
 
-def edges_between(views: Sequence[View]) -> List[Edge]:
-    """An edge, or why there is none, for all pairs that may overlap."""
-    features = [features_of(v) for v in views]
-    pairs = itertools.combinations(range(len(views)), 2)
-    return [
-        find_edge(views[i], views[j], features[i], features[j])
-        for i, j in pairs
-        if may_overlap(views[i], views[j])
+def edges_between(
+    views: Sequence[View], files: Sequence[ViewFile], out: Path, crew: Crew, begin: Begin
+) -> Tuple[List[Edge], List[Missing]]:
+    """An edge, or why there is none, for all pairs that may overlap: kept ones, and those that the
+    crew finds; and pairs that could not be compared."""
+    pairs = [
+        (a, b)
+        for (v, a), (w, b) in itertools.combinations(zip(views, files), 2)
+        if may_overlap(v, w)
+    ]
+    new = [(a, b) for a, b in pairs if kept_edge(a, b, out) is None]
+    tasks = [
+        SurveyTask(f"{a.name} with {b.name}", make_edge, (a, b, out.absolute())) for a, b in new
+    ]
+    errors: Dict[int, str] = {}
+    for done, outcome in enumerate(crew.run(tasks), 1):
+        if outcome.error:
+            errors[outcome.number] = outcome.error
+        begin(f"comparing views, {done} of {len(tasks)}", 0.7 + 0.1 * done / len(tasks))
+    missing = [Missing(tasks[i].name, "", errors[i]) for i in sorted(errors)]
+    found = [kept_edge(a, b, out) for a, b in pairs]
+    if len([e for e in found if e is None]) > len(missing):
+        raise SurveyError(
+            f"{out / EDGES}: edges that were written are gone; the same command goes on"
+        )
+    return [e for e in found if e is not None], missing
+
+
+def with_posed(edges: List[Edge], views: Sequence[View]) -> List[Edge]:
+    """Edges, and those that the poses of a folder of photographs state where features gave none:
+    from each of its references to the next."""
+    by_folder: Dict[str, List[View]] = {}
+    for v in views:
+        by_folder.setdefault(v.source, []).append(v)
+    posed = {
+        (a.name, b.name): posed_edge(a, b)
+        for of in by_folder.values()
+        for a, b in zip(of[:-1], of[1:])
+    }
+    kept = {(e.a, e.b) for e in edges if e.kept}
+    return [e for e in edges if e.kept or (e.a, e.b) not in posed] + [
+        e for pair, e in posed.items() if pair not in kept
     ]
 
 
+@dataclass(frozen=True)
+class _Mapped:
+    """Views in the order of their inputs, their files, and what is missing."""
+
+    views: List[View]
+    files: List[ViewFile]
+    missing: List[Missing]
+
+
 def _mapped(
-    sources: List[Source], out: Path, options: MapOptions, begin: Begin
-) -> Tuple[List[View], List[Missing]]:
-    """A view of each source, in order, and those of which there is none."""
-    views, missing = [], []
-    keys = {s.name: inputs.content_key(s.path) for s in sources}
+    sources: List[Source], out: Path, options: MapOptions, crew: Crew, begin: Begin
+) -> _Mapped:
+    """A view of each source, by maps that are there or that the crew makes."""
+    keys = {s.name: inputs.source_key(s) for s in sources}
     same = inputs.copies(keys)
     paths: Dict[str, Path] = {s.name: s.path for s in sources}
-    for i, source in enumerate(sources):
-        if source.name in same:
-            of = same[source.name]
-            why = f"is the same as {of} ({paths[of]}): a copy tells nothing new; take one of the two away"
-            missing.append(Missing(source.name, str(source.path), why))
-            continue
+    errors: Dict[str, str] = {
+        n: f"is the same as {of} ({paths[of]}): a copy tells nothing new; take one of the two away"
+        for n, of in same.items()
+    }
+    own = [s for s in sources if s.name not in same]
+    folders = {s.name: kept_map(s, keys[s.name], out, options) for s in own}
+    new = [s for s in own if folders[s.name] is None]
+    tasks = [_map_task(s, keys[s.name], out, options) for s in new]
+    if crew.elsewhere(tasks):
+        tasks = [_map_task(s, keys[s.name], out, options.on_one_core()) for s in new]
+    began = time.monotonic()
+    begin(f"map 1 of {len(new)}" if new else "reading maps", 0.0)
+    for done, outcome in enumerate(crew.run(tasks), 1):
+        name = new[outcome.number].name
+        if outcome.error:
+            errors[name] = outcome.error
+        else:
+            folders[name] = out / VIEWS / name
+        left_s = (time.monotonic() - began) / done * (len(new) - done)
+        words = f"{done} of {len(new)} maps, {name} is ready, about {left_s:.0f} s for the others"
+        begin(words, 0.7 * done / len(new))
+    views, files = [], []
+    for source in (s for s in own if s.name not in errors):
         try:
-            told = _told(source.name, i, len(sources), begin)
-            folder = map_of(source, keys[source.name], out, options, told)
-            views.append(read_view(folder, source.name, str(source.path), _prior(source)))
+            folder = Path(str(folders[source.name]))
+            views.append(_view(source, folder))
+            files.append(view_file(views[-1], folder, f"{keys[source.name]} {options.words()}"))
         except (FcsvError, ValueError) as error:
-            missing.append(Missing(source.name, str(source.path), str(error)))
+            errors[source.name] = str(error)
         except OSError as error:
-            missing.append(Missing(source.name, str(source.path), in_words(error, out / VIEWS)))
-    return views, missing
+            errors[source.name] = in_words(error, out / VIEWS)
+    missing = [Missing(s.name, str(s.path), errors[s.name]) for s in sources if s.name in errors]
+    return _Mapped(views, files, missing)
+
+
+def _map_task(source: Source, key: str, out: Path, options: MapOptions) -> SurveyTask:
+    return SurveyTask(
+        source.name, make_map, (_anywhere(source), key, out.absolute(), options), long=True
+    )
+
+
+def _anywhere(source: Source) -> Source:
+    """The source by a path that does not depend on the working directory."""
+    return replace(source, path=source.path.absolute())
+
+
+def _view(source: Source, folder: Path) -> View:
+    """The view of a map, with what its photograph says besides."""
+    view = read_view(folder, source.name, str(source.path), _prior(source))
+    taken_with, gps = inputs.photograph_of(source, view.picture)
+    return replace(view, taken_with=taken_with, gps=gps)
 
 
 def _prior(source: Source):
     return lambda T_home_cam, name: prior_of(source.station, T_home_cam, source.level, name)
-
-
-def _told(name: str, i: int, count: int, begin: Begin) -> Progress:
-    """Maps are the first 70 % of a survey."""
-    begin(f"map {i + 1} of {count}: {name}", 0.7 * i / count)
-    return lambda step, done, total: begin(
-        f"map {i + 1} of {count}: {name}, {step}", 0.7 * (i + done / max(total, 1)) / count
-    )
 
 
 def write(site: Site, out: Path) -> None:
@@ -162,7 +255,12 @@ def write(site: Site, out: Path) -> None:
             folder = Path(made)
             last = ("views", "views that agree on it")
             write_ply(site.cloud, folder / CLOUDS[0], site.origin_m, last[0])
-            write_laz(site.cloud, folder / CLOUDS[1], site.origin_m, last)
+            crs = site.world.crs if site.world else ""
+            if len(site.cloud):
+                write_laz(site.cloud, folder / CLOUDS[1], site.origin_m, last, crs)
+                write_copc(site.cloud, folder / CLOUDS[2], site.origin_m, crs)
+                surface = surface_of(site.cloud, site.origin_m)
+                write_surface(surface, *(folder / n for n in RASTERS), crs)
             write_page(site, folder / "site.html")
             (folder / "adjustment.json").write_text(
                 json.dumps(adjustment_document(site), indent=1, allow_nan=False)
@@ -171,6 +269,10 @@ def write(site: Site, out: Path) -> None:
                 json.dumps(site_document(site), indent=1, allow_nan=False)
             )
             for name in FILES:  # site.json last: it tells of all others
-                (folder / name).replace(out / name)
+                made_of = folder / name
+                if made_of.exists():
+                    made_of.replace(out / name)
+                else:  # a cloud without points
+                    (out / name).unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(in_words(error, out)) from error

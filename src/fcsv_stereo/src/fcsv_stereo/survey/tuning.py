@@ -68,3 +68,21 @@ LEAST_COSINE = 0.7
 #: Sigma of a joined point is at least this share of its surest view's: what views have in common
 #: does not average out.
 LEAST_JOINED = 0.5
+
+#: px: side of the window about a control point's mark whose median depth counts, and sigma (m) of
+#: a control point's coordinates where the user states none: of a receiver with corrections.
+MARK_WINDOW_PX, CONTROL_SIGMA_M = 3, 0.02
+#: rad, share: how a frame of stations may be tilted and stretched against the earth's. Assumed:
+#: the plumb line's deflection, and what a metre is.
+STATIONS_TILT_RAD, STATIONS_SCALE = 1e-3, 1e-3
+#: Share of a scale beyond which a model's unit of length is no metre, and its prior of scale has no
+#: say; that prior then is so wide.
+MOST_METRE_OFF, FREE_SCALE = 0.2, 20.0
+#: Standard deviations of their places within which two fixes count as one place.
+APART_SIGMAS = 3.0
+#: Share of all statements on the world that may be thrown out as wrong.
+MOST_WRONG = 0.4
+
+#: rad, share of the distance, share: how well the model of a folder of photographs states one of its
+#: poses against the next, and how alike two of its maps are in scale. The first two are ``map``'s.
+POSED_RAD, POSED_SHARE, POSED_SCALE = 0.0052, 0.01, 0.01

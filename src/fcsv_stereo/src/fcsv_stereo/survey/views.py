@@ -5,6 +5,7 @@ compared."""
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Optional
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from fcsv_geometry.picture_files import read_picture
 from fcsv_stereo.errors import InputError, SurveyError
 from fcsv_stereo.map_files.reading import read_map_folder
 from fcsv_stereo.model.kinds import supported
+from fcsv_stereo.photos.gps import Gps
 from fcsv_stereo.survey import tuning
 from fcsv_stereo.survey.station import Prior
 
@@ -24,6 +26,9 @@ from fcsv_stereo.survey.station import Prior
 class View:
     """``image`` (H,W,3) uint8 RGB; ``depth`` and ``sigma`` (H,W) m along the optical axis, NaN
     where none; ``kind`` (H,W) uint8 of ``model.kinds``; ``T_home_cam`` 4x4 of the map.
+
+    ``picture``: the reference picture's name; of a photograph also the camera that took it,
+    distortion included, and its GPS, where these are known.
 
     Raises SurveyError, which names the view, where these do not belong together.
     """
@@ -37,6 +42,9 @@ class View:
     camera: PinholeCamera
     T_home_cam: np.ndarray
     prior: Prior
+    picture: str = ""
+    taken_with: Optional[PinholeCamera] = None
+    gps: Optional[Gps] = None
 
     def __post_init__(self):
         size = (self.camera.height, self.camera.width)
@@ -102,4 +110,5 @@ def read_view(folder: Path, name: str, source: str, prior) -> View:
         camera,
         T_home_cam,
         prior(T_home_cam, name),
+        str(read.reference.get("image", "")),
     )

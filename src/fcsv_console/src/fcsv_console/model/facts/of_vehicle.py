@@ -5,6 +5,8 @@ import math
 from dataclasses import dataclass
 from typing import Tuple
 
+from fcsv_geometry.vehicles.modes import Mode
+
 Vector3 = Tuple[float, float, float]
 
 
@@ -15,7 +17,7 @@ class AutopilotReport:
     vehicle: str
     connected: bool
     armed: bool
-    mode: str
+    mode: Mode
     system_status: int = 4
 
 

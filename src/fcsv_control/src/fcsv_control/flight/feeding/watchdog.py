@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Optional
 
-POSITION_MODES = frozenset(
-    {"AUTO", "BRAKE", "CIRCLE", "GUIDED", "LOITER", "POSHOLD", "RTL", "SMART_RTL"}
-)
+from fcsv_geometry.vehicles.modes import Mode
+
 _REPEAT_S = 1.0
 
 
@@ -61,7 +60,7 @@ class FeedWatchdog:
         """Age of the newest pose, or of this watchdog where there was none."""
         return now_s - self._last_s
 
-    def check(self, now_s: float, armed: bool, mode: str, ours: bool = False) -> Alarm:
+    def check(self, now_s: float, armed: bool, mode: Mode, ours: bool = False) -> Alarm:
         """What to do now. ``ours``: the mode is one that the companion commanded.
 
         LAND comes again every second until the vehicle is seen in LAND, not thereafter: a pilot who
@@ -69,11 +68,11 @@ class FeedWatchdog:
         """
         if not armed:
             return Alarm.NONE
-        if self._asked_s is not None and mode == "LAND":
+        if self._asked_s is not None and mode == Mode.LAND:
             self._obeyed = True
-        if mode not in POSITION_MODES or self.age_s(now_s) <= self._parameters.warn_s:
+        if not mode.flies_on_position or self.age_s(now_s) <= self._parameters.warn_s:
             return Alarm.NONE
-        companions = mode == "GUIDED" or ours
+        companions = mode == Mode.GUIDED or ours
         dead = (
             companions
             and self._parameters.land_s > 0

@@ -23,6 +23,7 @@ from fcsv_control.mission.ways.routes import Keep
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME
 from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.vehicles.modes import Mode
 
 _LONGEST = 4  # times the wanted recording: what one attempt records at most
 
@@ -144,7 +145,7 @@ class FlightList:
 
     def _guided(self, snapshot: Snapshot, taken: Collection[str]) -> List[str]:
         return [
-            n for n in self._vehicles if snapshot.vehicles[n].mode == "GUIDED" and n not in taken
+            n for n in self._vehicles if snapshot.vehicles[n].mode == Mode.GUIDED and n not in taken
         ]
 
     def resumed(self) -> None:

@@ -7,10 +7,11 @@ import numpy as np
 
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_control.mission.watches.hands import MissionModeOwner
+from fcsv_control.mission.watches.fleet_modes import FleetModes
 from fcsv_control.mission.ways import clearing
 from fcsv_control.mission.ways.journey import go_to
 from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.vehicles.modes import Mode
 
 _REPEAT_S = 3.0
 _ASIDE_REPEAT_S = 1.0
@@ -24,11 +25,11 @@ class Landing:
     land it. Ways aside keep within the mission's fence, where that can be."""
 
     def __init__(
-        self, mission: Mission, vehicles: Sequence[str], outbox: Outbox, hands: MissionModeOwner
+        self, mission: Mission, vehicles: Sequence[str], outbox: Outbox, modes: FleetModes
     ):
         self._vehicles = list(vehicles)
         self._outbox = outbox
-        self._hands, self._mission = hands, mission
+        self._modes, self._mission = modes, mission
         self._clear_m = clearing.clearance_m(mission.min_separation_m)
         self._next_s: Dict[str, float] = dict.fromkeys(vehicles, float("-inf"))
         self._tries: Dict[str, int] = dict.fromkeys(vehicles, 0)
@@ -74,9 +75,9 @@ class Landing:
 
     def _see_to(self, snapshot: Snapshot, name: str) -> None:
         mode = snapshot.vehicles[name].mode
-        if mode == "LAND":
+        if mode == Mode.LAND:
             return
-        if mode != "GUIDED" and name not in self._hands.ours():
+        if mode != Mode.GUIDED and name not in self._modes.ours:
             self._tell_the_pilot(snapshot, name, mode)
         elif snapshot.now_s >= self._next_s[name]:
             self._bring_down(snapshot, name)
@@ -95,16 +96,16 @@ class Landing:
             snapshot, name, self._clear_m
         )
         mode = snapshot.vehicles[name].mode
-        if in_the_way is not None and mode == "BRAKE" and self._tries[name] < _GUIDED_TRIES:
+        if in_the_way is not None and mode == Mode.BRAKE and self._tries[name] < _GUIDED_TRIES:
             self._tries[name] += 1
-            self._outbox.order(snapshot.now_s, name, "SET_MODE", mode="GUIDED")
-            self._hands.asked(name, "GUIDED", mode)
+            self._outbox.order(snapshot.now_s, name, "SET_MODE", mode=Mode.GUIDED)
+            self._modes.asked(name, Mode.GUIDED)
             self._next_s[name] = snapshot.now_s + _ASIDE_REPEAT_S
-        elif in_the_way is not None and mode == "GUIDED":
+        elif in_the_way is not None and mode == Mode.GUIDED:
             place = clearing.aside(snapshot, name, in_the_way, self._clear_m, self._within)
             go_to(self._outbox, snapshot, name, place)
             self._next_s[name] = snapshot.now_s + _ASIDE_REPEAT_S
         else:
             self._outbox.order(snapshot.now_s, name, "LAND")
-            self._hands.asked(name, "LAND", mode)
+            self._modes.asked(name, Mode.LAND)
             self._next_s[name] = snapshot.now_s + _REPEAT_S

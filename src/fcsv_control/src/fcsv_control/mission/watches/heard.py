@@ -13,6 +13,7 @@ from fcsv_control.mission.watches.watch import POSE_STALE_S
 from fcsv_geometry import transforms
 from fcsv_geometry.home import camera_in_home
 from fcsv_geometry.missions import separation
+from fcsv_geometry.vehicles.modes import Mode
 
 _TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
 _SIGHT_OLD_S = 0.5  # where it was seen longer ago it may not be any more
@@ -71,7 +72,7 @@ class VehicleHeard:
         self._odometry_s = self._state_s = self._recorder_s = _NEVER_S
         self._tag_s = self._tag_since_s = _NEVER_S
         self._z_m = self._ground_z_m = 0.0
-        self._mode, self._armed, self._connected = "", False, False
+        self._mode, self._armed, self._connected = Mode.UNHEARD, False, False
         self._battery_share, self._battery_s = math.nan, _NEVER_S
         self._guarded, self._guarded_s, self._lost, self._lost_s = "", _NEVER_S, False, 0.0
         self._problem, self._pictures, self._pictures_before = "", 0, 0
@@ -94,7 +95,7 @@ class VehicleHeard:
         if self._mode and not self._armed:
             self._ground_z_m = z_m
 
-    def state(self, now_s: float, mode: str, armed: bool, connected: bool) -> None:
+    def state(self, now_s: float, mode: Mode, armed: bool, connected: bool) -> None:
         """What its autopilot shows. Without a mode its link hears no autopilot (yet): what it
         showed before stays."""
         self._connected, self._state_s = connected, now_s

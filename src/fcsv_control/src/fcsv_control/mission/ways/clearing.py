@@ -9,6 +9,7 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.ways.places import level_camera
 from fcsv_geometry import transforms
 from fcsv_geometry.missions import separation
+from fcsv_geometry.vehicles.modes import Mode
 
 
 def clearance_m(separation_m: float) -> float:
@@ -46,7 +47,7 @@ def coming_down_on(snapshot: Snapshot, name: str, clear_m: float) -> Optional[st
     landing = [
         n
         for n in _known(snapshot, name)
-        if snapshot.vehicles[n].armed and snapshot.vehicles[n].mode == "LAND"
+        if snapshot.vehicles[n].armed and snapshot.vehicles[n].mode == Mode.LAND
     ]
     return next((n for n in landing if _stands_above(snapshot, n, name, clear_m)), None)
 

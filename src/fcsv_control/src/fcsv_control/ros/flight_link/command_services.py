@@ -10,6 +10,7 @@ import rospy
 from fcsv_control.errors import CommandRefused, ControlError
 from fcsv_control.flight.mavlink.commands import ACCEPTED, FAILED
 from fcsv_geometry.ros import conversions
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_msgs.msg import Refusal
 from mavros_msgs.msg import StatusText
 from mavros_msgs.srv import (
@@ -27,7 +28,7 @@ class Commands:
     """What the vehicle does when asked; each raises CommandRefused or ControlError with the
     reason."""
 
-    set_mode: Callable[[str], None]
+    set_mode: Callable[[Mode], None]
     arm: Callable[[bool], None]
     take_off: Callable[[float], None]  # to an altitude in metres
 
@@ -45,7 +46,7 @@ class CommandServices:
 
     def _set_mode(self, request) -> SetModeResponse:
         return SetModeResponse(
-            self._attempt(lambda: self._commands.set_mode(request.custom_mode)) == ACCEPTED
+            self._attempt(lambda: self._commands.set_mode(Mode(request.custom_mode))) == ACCEPTED
         )
 
     def _arm(self, request) -> CommandBoolResponse:
@@ -57,7 +58,7 @@ class CommandServices:
         return CommandTOLResponse(result == ACCEPTED, result)
 
     def _land(self, _request) -> CommandTOLResponse:
-        result = self._attempt(lambda: self._commands.set_mode("LAND"))
+        result = self._attempt(lambda: self._commands.set_mode(Mode.LAND))
         return CommandTOLResponse(result == ACCEPTED, result)
 
     def _attempt(self, action: Callable[[], None]) -> int:

@@ -28,6 +28,7 @@ from fcsv_control.ros.flight_link.mavros_process import MavrosProcess, mind
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_msgs.msg import ModeAsked, Refusal
 from mavros_msgs.msg import StatusText
 
@@ -77,7 +78,7 @@ class MavrosCompanionNode:
         )
         self._link = FlightLink(self._line, beside, self._tell)
         rospy.on_shutdown(self._link.close)
-        asked = lambda m: self._link.receive(messages.ModeAsked(m.mode))  # noqa: E731
+        asked = lambda m: self._link.receive(messages.ModeAsked(Mode(m.mode)))  # noqa: E731
         rospy.Subscriber(
             "flight_link/mode_asked", ModeAsked, asked, queue_size=10, tcp_nodelay=True
         )

@@ -12,6 +12,7 @@ from fcsv_control.control_messages import CommandAnswered
 from fcsv_control.guardian.messages import in_words
 from fcsv_geometry.ros import conversions, telemetry_messages
 from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_msgs.msg import Command, CommandAck, GuardianState, RecorderStatus
 from mavros_msgs.msg import State
 
@@ -21,7 +22,7 @@ def _height(name: str, by: str, m: PoseStamped) -> tm.VehicleHeight:
 
 
 def _state(name: str, by: str, m: State) -> tm.VehicleState:
-    return tm.VehicleState(name, by, m.mode, m.armed, m.connected)
+    return tm.VehicleState(name, by, Mode(m.mode), m.armed, m.connected)
 
 
 def _guardian(name: str, by: str, m: GuardianState) -> tm.GuardianStatus:

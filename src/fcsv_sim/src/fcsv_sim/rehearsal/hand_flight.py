@@ -8,6 +8,7 @@ from typing import Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.people import feel
 from fcsv_sim.people.operator import Sight, TransmitterSticks, in_body
 
@@ -19,12 +20,12 @@ _FLICK_S = 0.3
 _DROP_S = 1.5  # so long the throttle stick is down: LOITER and ALT_HOLD sink by 1.6 m
 
 
-class HandsOn:
+class HandFlight:
     """Sticks by the time (s) since the pilot took over at a place (world, m)."""
 
     def __init__(
         self,
-        mode: str,
+        mode: Mode,
         p_world_m: np.ndarray,
         random: np.random.Generator,
         roams: bool,
@@ -37,23 +38,23 @@ class HandsOn:
 
     def sticks(self, since_s: float, sight: Sight) -> TransmitterSticks:
         """Gives the sticks of this moment."""
-        if self._mode == "LOITER" and since_s < _FLICK_S and sight.mode != "LOITER":
+        if self._mode == Mode.LOITER and since_s < _FLICK_S and sight.mode != Mode.LOITER:
             return TransmitterSticks(
-                mode="ALT_HOLD"
+                mode=Mode.ALT_HOLD
             )  # its switch may be at LOITER already: away and back
-        if self._mode in ("LAND", "BRAKE"):
+        if self._mode in (Mode.LAND, Mode.BRAKE):
             return TransmitterSticks(mode=self._mode)
         if self._drops and since_s < _DROP_S:
             self._here_m[2] = max(1.0, float(sight.T_world_body[2, 3]))
             return TransmitterSticks(throttle=-1.0, mode=self._mode)
         error_m = self._goal_m(since_s) - sight.T_world_body[:3, 3]
         up_mps, seen_mps = float(np.clip(0.7 * error_m[2], -1.0, 1.0)), float(sight.v_world_mps[2])
-        if self._mode == "LOITER":
+        if self._mode == Mode.LOITER:
             v = np.clip(0.7 * error_m[:2], -1.0, 1.0)
             roll, pitch = feel.level(in_body(v, sight), in_body(sight.v_world_mps[:2], sight))
         else:
             roll, pitch = _leaning(error_m, sight)
-        if self._mode == "STABILIZE":
+        if self._mode == Mode.STABILIZE:
             throttle = _thrust(up_mps, seen_mps)
         else:
             throttle = self._feel.throttle(since_s, up_mps, seen_mps)

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the robot is: fixes from outside and wheel odometry become one pose with covariance."""
+
+import threading
+from dataclasses import dataclass, field
+
+import rospy
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from std_msgs.msg import String
+
+from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.ros import node
+from fcsv_geometry.ros.health import Health
+from fcsv_guidance.place import PlaceRules, RobotTracker
+from fcsv_guidance.ros import ground_messages as messages
+
+
+@dataclass(frozen=True)
+class RobotPlaceParameters:
+    """Parameters of the node."""
+
+    rules: PlaceRules = field(default_factory=PlaceRules)
+
+
+class RobotPlaceNode:
+    """robot_fix, odom -> robot_pose with each odometry, while the place is known."""
+
+    def __init__(self):
+        self._port = RobotTracker(node.parameters(RobotPlaceParameters).rules)
+        self._lock = threading.Lock()
+        self._health = Health("robot_place", {"odom": 5.0, "robot_fix": 0.2})
+        self._last = ""
+        self._pose = rospy.Publisher(
+            "robot_pose", PoseWithCovarianceStamped, queue_size=1, tcp_nodelay=True
+        )
+        self._status = rospy.Publisher("place/status", String, queue_size=1, latch=True)
+        rospy.Subscriber("robot_fix", PoseWithCovarianceStamped, self._on_fix, queue_size=20)
+        rospy.Subscriber("odom", Odometry, self._on_wheels, queue_size=20, tcp_nodelay=True)
+
+    def _on_fix(self, message: PoseWithCovarianceStamped) -> None:
+        try:
+            fix = messages.fix_of(message)
+        except FcsvError as error:
+            self._health.drop("robot_fix", str(error))
+            return
+        with self._lock:
+            self._port.receive(rospy.get_time(), fix)
+        self._health.tick("robot_fix")
+
+    def _on_wheels(self, message: Odometry) -> None:
+        try:
+            wheels = messages.wheels_of(message)
+        except FcsvError as error:
+            self._health.drop("odom", str(error))
+            return
+        now_s = rospy.get_time()
+        with self._lock:
+            self._port.receive(now_s, wheels)
+            state = self._port.step(now_s)
+        self._health.tick("odom")
+        self._health.value("fixes used, refused", f"{state.used}, {state.refused}")
+        self._health.value("last refusal", state.last_refusal)
+        self._health.problem("place", state.reason)
+        if state.place is not None:
+            self._pose.publish(messages.place_message(state))
+        text = state.reason or "the robot's place is known"
+        if text != self._last:
+            self._last = text
+            rospy.loginfo("robot_place: %s", text)
+            self._status.publish(String(text))
+
+
+def main() -> int:
+    """Run the node."""
+    return node.run("robot_place", RobotPlaceNode)

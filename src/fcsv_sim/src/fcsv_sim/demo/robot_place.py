@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A demo with a robot on the ground: where its vehicles look from, and its drive over their map."""
+
+import json
+from typing import Tuple
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_guidance.robot import load_robot
+from fcsv_sim.bringup import robot_file
+from fcsv_sim.demo.fleet import FleetPlan
+from fcsv_sim.demo.narration import Narrator
+from fcsv_sim.demo.pose_errors import true_pose
+from fcsv_sim.machines.machines import Machine
+from fcsv_sim.people.operator import Field
+from fcsv_sim.robot.guided import GuidedDrive, drive_guided, in_words
+from fcsv_sim.robot.looking import first_look
+from fcsv_sim.robot.placed import place_of
+from fcsv_sim.world.footing import Footing
+from fcsv_sim.world.town import Town
+from fcsv_stereo.evaluating.truth import load_truth
+
+ROBOT = "rescue"
+
+
+def start_for(world: str, seed: int, height_m: float) -> Tuple[Tuple[float, float], str]:
+    """Where the column is to stand (x, y; world, m) so that its reference, ``height_m`` above and
+    looking along x, sees as much as can be seen of the robot's ways; and that in words."""
+    town = Town.generate(seed, world)
+    clear = Footing.of(place_of(town)).clearance(load_robot(robot_file(ROBOT)))
+    station, leads = first_look(town, clear, height_m)
+    start = (station.xyz_m[0] - Field.start_xy_m[0], station.xyz_m[1] - Field.start_xy_m[1])
+    seen = "a way to the goal can be seen from there" if leads else "it hides a part of every way"
+    place = f"({station.xyz_m[0]:.1f}, {station.xyz_m[1]:.1f}, {height_m:g}) m"
+    return start, f"the vehicles look into the {world} from {place}, along x: {seen}"
+
+
+def drive_robot(plan: FleetPlan, say: Narrator) -> int:
+    """Guides a robot over the map of the flight; exit status 1 where it touched something, or did
+    not arrive and nobody said why."""
+    reference = json.loads((plan.folder / "map" / "report.json").read_text())["reference"]
+    truth = load_truth(plan.session_folder / "truth")
+    T_world_home = true_pose(truth, reference["image"]) @ transforms.invert(
+        np.array(reference["T_home_cam"])
+    )
+    drive = GuidedDrive(
+        (plan.folder / "map",),
+        plan.world,
+        plan.seed,
+        robot_file(ROBOT),
+        T_world_home,
+        plan.guide_folder,
+    )
+    say("a robot is guided over the map, by the nodes of guidance.launch")
+    with Machine("guidance", plan.run_folder) as machine:
+        result = drive_guided(drive, machine, say)
+    print("\n" + "\n".join(in_words(result)))
+    return 0 if result.is_sound else 1

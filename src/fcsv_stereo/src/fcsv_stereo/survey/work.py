@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who computes: a plain loop, processes of this machine, or a cluster that exists (Dask).
+
+A task reads and writes files and gives back little, so that it may run anywhere that sees the same
+disk. All three give the same results: tasks depend on their arguments alone, and each computes with
+one thread of linear algebra.
+"""
+
+import contextlib
+import logging
+import os
+from dataclasses import dataclass
+from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
+
+import cv2
+import psutil
+from threadpoolctl import threadpool_limits
+
+from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.programs.writing import in_words
+from fcsv_stereo.errors import SurveyError
+
+#: So many tasks that take long, or so many in all, are worth a start of processes (5 s each).
+_WORTH_LONG, _WORTH = 2, 40
+_FAILURES = 3  # workers that a task may take with it
+_LEAST_BYTES = 256 << 20
+
+
+@dataclass(frozen=True)
+class SurveyTask:
+    """``call(*args)`` with a ``name`` for people; ``long``: it takes many seconds."""
+
+    name: str
+    call: Callable
+    args: Tuple
+    long: bool = False
+
+
+@dataclass(frozen=True)
+class TaskResult:
+    """Holds, of a task by its number, its result, or ``error``: a line that says why there is none."""
+
+    number: int
+    result: Any
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class WorkOptions:
+    """``workers``: processes (None: one a core; 0: a plain loop in this one); ``memory``: of each,
+    as "4GB" (empty: an equal share of what the machine has); ``scheduler``: address of a cluster
+    instead (tcp://...); ``limit_s``: a time without any result after which workers are renewed.
+
+    Raises SurveyError on a wrong one.
+    """
+
+    workers: Optional[int] = None
+    memory: str = ""
+    scheduler: str = ""
+    limit_s: float = 3600.0
+
+    def __post_init__(self):
+        if self.workers is not None and self.workers < 0:
+            raise SurveyError(f"--workers: is 0 or more, got {self.workers}")
+        if self.scheduler and (self.workers is not None or self.memory):
+            raise SurveyError(
+                "--scheduler has workers of its own; leave --workers and --memory-per-worker away"
+            )
+        if self.scheduler and "://" not in self.scheduler:
+            raise SurveyError(f"--scheduler: is tcp://HOST:PORT, got {self.scheduler}")
+        if self.memory:
+            self.memory_bytes()
+
+    @property
+    def processes(self) -> int:
+        """Processes on this machine."""
+        return _cores() if self.workers is None else self.workers
+
+    def memory_bytes(self) -> int:
+        """Bound of each process. Raises SurveyError."""
+        if not self.memory:
+            return psutil.virtual_memory().total // max(self.processes, 1)
+        from dask.utils import parse_bytes
+
+        try:
+            found = int(parse_bytes(self.memory))
+        except ValueError as error:
+            raise SurveyError(f"--memory-per-worker: is as 4GB, got {self.memory}") from error
+        if found < _LEAST_BYTES:
+            raise SurveyError(f"--memory-per-worker: at least 256MiB are needed, got {self.memory}")
+        return found
+
+
+def _cores() -> int:
+    """Processors that this process may use; not all systems say it."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def attempt_on_one_core(call: Callable, args: Tuple) -> Tuple[Any, str]:
+    """Does what ``attempt`` does, in a process that shares its machine with others."""
+    cv2.setNumThreads(1)
+    return attempt(call, args)
+
+
+def attempt(call: Callable, args: Tuple) -> Tuple[Any, str]:
+    """A task's result, or the line of the error that its input makes."""
+    with threadpool_limits(1):
+        try:
+            return call(*args), ""
+        except (FcsvError, ValueError) as error:
+            return None, str(error)
+        except OSError as error:
+            return None, in_words(error, error.filename or "")
+
+
+class Crew:
+    """Runs tasks by the options; its processes start with the first tasks that are worth it. A
+    context manager: they end with it."""
+
+    def __init__(self, options: WorkOptions):
+        self._options = options
+        self._client: Any = None
+        self._open = contextlib.ExitStack()
+
+    def __enter__(self) -> "Crew":
+        return self
+
+    def __exit__(self, *error) -> None:
+        self._open.close()
+        self._client = None
+
+    def run(self, tasks: Sequence[SurveyTask]) -> Iterator[TaskResult]:
+        """The outcome of each task, in the order in which they end. Raises SurveyError where the
+        scheduler is not there."""
+        if not self.elsewhere(tasks):
+            for i, task in enumerate(tasks):
+                yield TaskResult(i, *attempt(task.call, task.args))
+            return
+        yield from self._by_dask(tasks)
+
+    def elsewhere(self, tasks: Sequence[SurveyTask]) -> bool:
+        """Whether other processes run these tasks."""
+        if not tasks or (self._options.processes < 2 and not self._options.scheduler):
+            return bool(tasks) and self._options.processes == 1 and self._worth(tasks)
+        return bool(self._options.scheduler) or self._client is not None or self._worth(tasks)
+
+    @staticmethod
+    def _worth(tasks: Sequence[SurveyTask]) -> bool:
+        return sum(t.long for t in tasks) >= _WORTH_LONG or len(tasks) >= _WORTH
+
+    def _by_dask(self, tasks: Sequence[SurveyTask]) -> Iterator[TaskResult]:
+        from distributed import CancelledError, wait
+        from distributed import TimeoutError as NothingDone  # of asyncio, before Python 3.11
+        from distributed.scheduler import KilledWorker
+
+        client = self._started()
+        futures = {
+            client.submit(attempt_on_one_core, t.call, t.args, pure=False): i
+            for i, t in enumerate(tasks)
+        }
+        left: List[Any] = list(futures)
+        try:
+            while left:
+                try:
+                    done, _ = wait(left, self._options.limit_s, return_when="FIRST_COMPLETED")
+                except NothingDone:
+                    self._renew(left)
+                    continue
+                for future in done:
+                    left.remove(future)
+                    i = futures[future]
+                    try:
+                        yield TaskResult(i, *future.result())
+                    except KilledWorker:
+                        yield TaskResult(i, None, _died(tasks[i].name))
+        except (CancelledError, OSError) as error:
+            raise SurveyError(
+                f"the scheduler is gone ({type(error).__name__}); what was finished is kept: the same command goes on"
+            ) from error
+
+    def _renew(self, left: Sequence[Any]) -> None:
+        """New workers for those that hang; their tasks are tried again."""
+        keys = {f.key for f in left}
+        busy = [w for w, of in self._client.processing().items() if keys & set(map(str, of))]
+        if busy:
+            self._client.restart_workers(busy)
+
+    def _started(self):
+        """The client of the cluster, which begins now if it does not run yet."""
+        if self._client is None:
+            import dask
+            from distributed import Client, LocalCluster
+            from distributed import TimeoutError as NoAnswer
+
+            dask.config.set({"distributed.scheduler.allowed-failures": _FAILURES})
+            o = self._options
+            try:
+                address: Any = o.scheduler or self._open.enter_context(
+                    LocalCluster(
+                        n_workers=o.processes,
+                        threads_per_worker=1,
+                        memory_limit=o.memory_bytes(),
+                        dashboard_address=None,
+                        silence_logs=logging.CRITICAL,
+                    )
+                )
+                self._client = self._open.enter_context(Client(address, timeout=10))
+            except (OSError, NoAnswer) as error:
+                where = o.scheduler or "this machine"
+                raise SurveyError(
+                    f"no Dask scheduler at {where} ({error}); start it, or leave --scheduler away"
+                ) from error
+        return self._client
+
+
+def _died(name: str) -> str:
+    return (
+        f"{name}: its worker died {_FAILURES + 1} times, as one does that needs more memory than it has; give "
+        "--memory-per-worker more, or fewer --workers"
+    )

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated robot that the real nodes guide through a maze, over a map that was drawn."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fcsv_geometry import transforms
+from fcsv_sim.machines.machines import Machine
+from fcsv_sim.render.caster import make_caster
+from fcsv_sim.render.rays import T, ray_buffer, set_rays
+from fcsv_sim.robot.guided import BAG, PICTURE, GuidedDrive, drive_guided, in_words
+from fcsv_sim.robot.sent import ARRIVED
+from fcsv_sim.sensors.camera import CameraParameters
+from fcsv_sim.world.town import Town
+
+pytestmark = [pytest.mark.ros, pytest.mark.alone, pytest.mark.slow, pytest.mark.timeout(180)]
+SEED, WORLD = 29, "low_maze"
+T_WORLD_HOME = transforms.from_xyz_yaw([-7.4, 4.0, 10.0], 0.0)
+
+
+@pytest.fixture(scope="module")
+def robot_file(root):
+    return root / "config" / "robots" / "rescue.yaml"
+
+
+@pytest.fixture(scope="module")
+def town():
+    return Town.generate(SEED, WORLD)
+
+
+def draw_map(town, folder, seed=1):
+    """A folder as map writes it: true depth with the noise that a smoothed match has, sigma as of 0.15 px by 8 m."""
+    camera = CameraParameters().model
+    v, u = np.indices((camera.height, camera.width))
+    rays = np.stack(
+        [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], -1
+    )
+    T_world_cam = T_WORLD_HOME @ transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
+    flat = (rays @ T_world_cam[:3, :3].T).reshape(-1, 3)
+    buffer = ray_buffer(len(flat))
+    set_rays(buffer, np.tile(T_world_cam[:3, 3], (len(flat), 1)), flat)
+    make_caster(town.vertices, town.triangles, 1).cast(buffer)
+    depth = buffer[:, T].reshape(u.shape)
+    depth = np.where(depth < 80.0, depth, np.nan)
+    sigma = 0.15 * depth**2 / (camera.fx * 8.0)
+    depth = depth + 0.3 * sigma * np.random.default_rng(seed).standard_normal(depth.shape)
+    folder.mkdir()
+    np.save(folder / "depth.npy", depth.astype(np.float32))
+    np.save(folder / "sigma.npy", sigma.astype(np.float32))
+    np.save(folder / "kind.npy", np.where(np.isfinite(depth), 2, 0).astype(np.uint8))
+    T_home_cam = transforms.invert(T_WORLD_HOME) @ T_world_cam
+    reference = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
+    reference["T_home_cam"] = T_home_cam.tolist()
+    (folder / "report.json").write_text(json.dumps({"reference": reference}))
+    return folder
+
+
+def test_the_real_nodes_guide_it_through_a_maze(town, robot_file, tmp_path):
+    import rosbag
+
+    with Machine("guidance", tmp_path) as machine:
+        drive = GuidedDrive(
+            (draw_map(town, tmp_path / "map"),),
+            WORLD,
+            SEED,
+            robot_file,
+            T_WORLD_HOME,
+            tmp_path / "drive",
+            longest_s=120.0,
+        )
+        result = drive_guided(drive, machine, print)
+    print("\n".join(in_words(result)))
+    assert result.sent.ended == ARRIVED and result.is_sound and not result.touched
+    assert np.hypot(*(result.way_m[-1] - town.plan.goal_m)) < 1.0
+    assert result.least_room_m > 0.1 and result.known_share > 0.9
+    assert (drive.folder / PICTURE).stat().st_size > 10_000
+    with rosbag.Bag(str(drive.folder / BAG)) as bag:
+        topics = bag.get_type_and_topic_info().topics
+    for topic in ("/ground/map", "/ground/path", "/robot_pose", "/odom", "/cmd_vel", "/robot_fix"):
+        assert topics[topic].message_count > 0, topic

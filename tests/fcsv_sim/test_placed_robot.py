@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated robot in its place, without ROS, and whoever sends it to a goal."""
+
+import numpy as np
+import pytest
+
+from fcsv_geometry import transforms
+from fcsv_guidance.following import DriveCommand
+from fcsv_guidance.robot import load_robot
+from fcsv_sim.errors import SimulationError
+from fcsv_sim.robot.placed import PlacedRobot
+from fcsv_sim.robot.sent import ARRIVED, CONTACT, NO_ROUTE, STANDS, DriveLimits, SentRobot
+from fcsv_sim.world.town import Town
+
+SEED, WORLD = 29, "low_maze"
+
+
+@pytest.fixture(scope="module")
+def robot_file(root):
+    return root / "config" / "robots" / "rescue.yaml"
+
+
+@pytest.fixture(scope="module")
+def town():
+    return Town.generate(SEED, WORLD)
+
+
+def test_the_same_commands_give_the_same_way_and_a_wall_ends_it(town, robot_file):
+    def driven():
+        robot = PlacedRobot(load_robot(robot_file), town, np.eye(4), SEED)
+        senses = []
+        for k in range(1200):
+            robot.receive(0.05 * k, DriveCommand(0.8, 0.0))
+            senses.append(robot.step(0.05 * (k + 1)))
+        return senses
+
+    first, second = driven(), driven()
+    assert [s.at for s in first] == [s.at for s in second]
+    assert first[-1].touched_m and first[-1].at == first[-40].at  # it stands where it touched
+    assert all(s.room_m >= 0.0 for s in first if not s.touched_m)
+
+
+def test_fixes_come_late_in_home_and_say_how_good_they_are(town, robot_file):
+    T_world_home = transforms.from_xyz_yaw([3.0, -2.0, 9.0], 0.6)
+    robot = PlacedRobot(load_robot(robot_file), town, T_world_home, SEED)
+    offs, ages = [], []
+    for k in range(2000):
+        sense = robot.step(0.05 * (k + 1))
+        at = np.array([*sense.at[:2], 0.0])
+        true = transforms.apply(transforms.invert(T_world_home), at)[:2]
+        for fix in sense.fixes:
+            L = np.linalg.cholesky(fix.covariance[:2, :2])
+            offs.append(np.linalg.solve(L, np.array([fix.x_m, fix.y_m]) - true))
+            ages.append(0.05 * (k + 1) - fix.stamp_s)
+    assert len(offs) > 100 and 0.29 < min(ages) and max(ages) < 0.4
+    assert 0.7 < np.sqrt(np.mean(np.square(offs))) < 1.4  # one sigma, with a part that lasts
+
+
+def test_no_robot_drives_through_a_street(robot_file):
+    with pytest.raises(SimulationError, match="give one of maze"):
+        PlacedRobot(load_robot(robot_file), Town.generate(1, "street"), np.eye(4), 1)
+
+
+class Sent:
+    """A robot that is sent to (5, 0), by a time that the test moves on."""
+
+    def __init__(self, **limits):
+        self.port, self.now_s, self.goals = SentRobot((5.0, 0.0), DriveLimits(**limits)), 0.0, []
+
+    def until(self, end_s, moves=True):
+        while self.now_s < end_s:
+            self.now_s += 0.1
+            self.port.on_command(self.now_s, 0.5 * moves, 0.0)
+            goal, drive = self.port.step(self.now_s)
+            self.goals += [] if goal is None else [goal]
+            if drive is not None:
+                return drive
+        return None
+
+    def set_out(self):
+        self.port.on_grid()
+        self.port.on_place(0.0, 0.0)
+        assert self.until(9.0, moves=False) is None and self.goals == [(5.0, 0.0)]
+        self.port.on_route(self.now_s, np.array([[0.0, 0.0], [5.0, 0.0]]))
+
+
+def test_a_sent_robot_arrives_where_it_stands_near_its_goal():
+    sent = Sent()
+    sent.set_out()
+    sent.port.on_place(4.9, 0.0)
+    assert sent.until(20.0) is None  # it still moves
+    drive = sent.until(30.0, moves=False)
+    assert drive.ended == ARRIVED and drive.says_why and len(drive.routes) == 1
+
+
+def test_a_sent_robot_that_stands_or_has_no_route_must_say_why():
+    sent = Sent()
+    sent.set_out()
+    drive = sent.until(60.0, moves=False)
+    assert drive.ended == STANDS and not drive.says_why
+    sent = Sent()
+    sent.set_out()
+    sent.port.on_words(sent.now_s, "status", "no safe route is known: walls close every way")
+    sent.port.on_route(sent.now_s, np.empty((0, 2)))
+    drive = sent.until(60.0, moves=False)
+    assert drive.ended == NO_ROUTE and drive.says_why and "walls close" in drive.text
+
+
+def test_a_contact_is_no_end_that_words_excuse():
+    sent = Sent()
+    sent.set_out()
+    sent.port.on_words(sent.now_s, "follower/status", "the goal is reached")
+    sent.port.on_touched("touches something")
+    drive = sent.until(60.0)
+    assert drive.ended == CONTACT and not drive.says_why
+
+
+def test_nothing_is_sent_before_a_grid_and_a_place_are_there():
+    sent = Sent(starts_s=10.0)
+    sent.port.on_grid()
+    drive = sent.until(60.0, moves=False)
+    assert not sent.goals and drive.ended == STANDS and "place is not known" in drive.text

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Survey: surface model and orthophoto as GeoTIFF, the cloud as COPC."""
+
+import laspy
+import numpy as np
+import pytest
+import rasterio
+
+from fcsv_stereo.model import Cloud
+from fcsv_stereo.survey.octree import levels, write_copc
+from fcsv_stereo.survey.rasters import surface_of, write_surface
+
+ORIGIN = np.array([391000.0, 5817000.0, 0.0])
+
+
+def slope(count=60_000, seed=0):
+    """Points of a plane that rises 0.1 m per metre of x over 40 x 20 m, and one that is high but
+    unsure."""
+    random = np.random.default_rng(seed)
+    xy = random.uniform([0.0, 0.0], [40.0, 20.0], (count, 2))
+    p = np.column_stack([xy, 0.1 * xy[:, 0]])
+    sigma = np.full(count, 0.05)
+    p[0], sigma[0] = [20.0, 10.0, 9.0], 5.0
+    colors = np.column_stack([xy[:, 0] * 5, xy[:, 1] * 10, xy[:, 0] * 0]).astype(np.uint8)
+    views = np.where(xy[:, 0] > 20.0, 2, 1).astype(np.uint8)
+    return Cloud(p.astype(np.float32), colors, sigma.astype(np.float32), views)
+
+
+def test_the_surface_model_has_heights_sigma_and_views_where_they_are(tmp_path):
+    surface = surface_of(slope(), ORIGIN)
+    write_surface(surface, tmp_path / "dsm.tif", tmp_path / "o.tif", "EPSG:32633")
+    with rasterio.open(tmp_path / "dsm.tif") as found:
+        assert found.crs.to_epsg() == 32633 and found.count == 3 and np.isnan(found.nodata)
+        assert found.descriptions == ("height (m)", "sigma (m)", "views")
+        assert found.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
+        height, sigma, views = next(found.sample([(391030.02, 5817010.02)]))
+        assert height == pytest.approx(3.0, abs=2 * 0.1 * surface.cell_m + 0.02)
+        assert sigma == pytest.approx(0.05) and views == 2
+        middle = next(found.sample([(391020.0, 5817010.0)]))[0]
+        assert middle == pytest.approx(2.0, abs=0.1)  # not the unsure point, 9 m high
+        assert np.isfinite(found.read(1)).mean() > 0.98
+    with rasterio.open(tmp_path / "o.tif") as found:
+        assert found.count == 4 and found.dtypes[0] == "uint8"
+        red = next(found.sample([(391030.02, 5817010.02)]))
+        assert abs(int(red[0]) - 150) < 5 and red[3] == 255
+
+
+def test_a_site_without_reference_system_is_local(tmp_path):
+    write_surface(surface_of(slope(), np.zeros(3)), tmp_path / "d.tif", tmp_path / "o.tif")
+    with rasterio.open(tmp_path / "d.tif") as found:
+        assert "site" in found.crs.to_wkt() and found.crs.to_epsg() is None
+
+
+def test_rasters_are_the_same_every_time(tmp_path):
+    for name in ("a", "b"):
+        write_surface(
+            surface_of(slope(), ORIGIN),
+            tmp_path / f"{name}.tif",
+            tmp_path / f"{name}o.tif",
+            "EPSG:32633",
+        )
+    assert (tmp_path / "a.tif").read_bytes() == (tmp_path / "b.tif").read_bytes()
+    assert (tmp_path / "ao.tif").read_bytes() == (tmp_path / "bo.tif").read_bytes()
+
+
+def test_few_points_are_a_raster_all_the_same():
+    one = slope()[:3]
+    assert np.isfinite(surface_of(one, np.zeros(3)).height).sum() >= 1
+
+
+def test_every_point_is_in_one_node_and_coarse_ones_come_first():
+    points = slope().points_home_m.astype(float)
+    low = points.min(axis=0)
+    nodes = list(levels(points, low, 40.1))
+    of = np.concatenate([i for _, i in nodes])
+    assert len(of) == len(points) == len(np.unique(of))
+    assert [k[0] for k, _ in nodes] == sorted(k[0] for k, _ in nodes) and nodes[-1][0][0] >= 1
+    for (level, x, y, z), inside in nodes:
+        side = 40.1 / 2**level
+        at = (points[inside] - low) / side - [x, y, z]
+        assert (at > -1e-6).all() and (at < 1.0 + 1e-6).all()
+
+
+def test_copc_is_read_by_level_and_holds_all_points(tmp_path):
+    cloud = slope()
+    write_copc(cloud, tmp_path / "site.copc.laz", ORIGIN, "EPSG:32633")
+    las = laspy.read(str(tmp_path / "site.copc.laz"))
+    assert len(las.points) == len(cloud) and las.header.parse_crs().to_epsg() == 32633
+    assert np.max(las.x) == pytest.approx(391040.0, abs=0.01)
+    assert np.median(las.intensity) == 50 and set(np.unique(las.user_data)) == {1, 2}
+    with laspy.CopcReader.open(str(tmp_path / "site.copc.laz")) as reader:
+        coarse = reader.query(level=0)
+        assert 1000 < len(coarse) < len(cloud)
+        part = reader.query(
+            laspy.copc.Bounds(np.array([391000.0, 5817000.0]), np.array([391010.0, 5817020.0]))
+        )
+        assert (np.asarray(part.x) <= 391010.0).all() and len(part) > 0.2 * len(cloud)

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Survey: who computes, and what is kept between runs."""
+
+import json
+import os
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from support import tasks
+from support.photographs import model
+from support.survey_views import camera_at, unplaced, view
+
+from fcsv_stereo.errors import InputError, SurveyError
+from fcsv_stereo.survey import inputs, kept, similarity, survey
+from fcsv_stereo.survey.adjust import adjust
+from fcsv_stereo.survey.edges import Edge
+from fcsv_stereo.survey.kept import kept_edge, make_edge, view_file
+from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions
+
+pytestmark = pytest.mark.xdist_group("survey_work")
+
+
+def squares(*values):
+    return [SurveyTask(f"number {v}", tasks.square, (v,), long=True) for v in values]
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_all_ways_give_the_same_and_name_what_is_refused(workers):
+    with Crew(WorkOptions(workers)) as crew:
+        found = {o.number: o for o in crew.run(squares(2, 13, 5))}
+    assert [found[i].result for i in range(3)] == [4, None, 25]
+    assert [found[i].error for i in range(3)] == ["", "13 is refused", ""]
+
+
+def test_workers_are_other_processes_and_few_short_tasks_need_none(tmp_path):
+    def of(count, long):
+        return [
+            SurveyTask(str(i), tasks.write_number, (tmp_path / str(i), i), long)
+            for i in range(count)
+        ]
+
+    with Crew(WorkOptions(2)) as crew:
+        assert {o.result for o in crew.run(of(3, False))} == {os.getpid()}
+        assert os.getpid() not in {o.result for o in crew.run(of(3, True))}
+        assert os.getpid() not in {o.result for o in crew.run(of(1, False))}  # they are there now
+    assert list(Crew(WorkOptions(2)).run([])) == []
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_is_named_and_the_rest_is_there():
+    with Crew(WorkOptions(2)) as crew:
+        found = {o.number: o for o in crew.run(squares(2, 99, 5))}
+    assert found[0].result == 4 and found[2].result == 25
+    assert "number 99: its worker died 4 times" in found[1].error
+    assert "--memory-per-worker more" in found[1].error
+
+
+@pytest.mark.slow
+def test_a_task_that_hangs_is_tried_again_by_a_new_worker(tmp_path):
+    with Crew(WorkOptions(2, limit_s=6.0)) as crew:
+        waiting = [SurveyTask("slow", tasks.hang_once, (tmp_path / "hung",), long=True)]
+        found = [o.result for o in crew.run([*waiting, *squares(2)])]
+    assert sorted(map(str, found)) == ["4", "done"]
+
+
+def test_a_scheduler_that_is_not_there_is_said():
+    with pytest.raises(SurveyError, match="no Dask scheduler at tcp://127.0.0.1:9"):
+        with Crew(WorkOptions(scheduler="tcp://127.0.0.1:9")) as crew:
+            list(crew.run(squares(2)))
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"workers": -1}, "--workers: is 0 or more"),
+        ({"memory": "much"}, "--memory-per-worker: is as 4GB"),
+        ({"memory": "1MB"}, "at least 256MiB"),
+        ({"scheduler": "here"}, "--scheduler: is tcp://HOST:PORT"),
+        ({"scheduler": "tcp://a:1", "workers": 2}, "has workers of its own"),
+    ],
+)
+def test_wrong_options_are_refused(options, said):
+    with pytest.raises(SurveyError, match=said):
+        WorkOptions(**options)
+
+
+@pytest.fixture
+def three(tmp_path):
+    """Views of a checked wall from three places as files, in the folders of maps."""
+    found = []
+    for i, y in enumerate((0.0, 1.0, 2.0)):
+        v = view(f"v{i}", camera_at(0, y))
+        rows, columns = np.indices(v.depth.shape)
+        random = np.random.default_rng(3).integers(0, 255, (40, 40)).astype(np.uint8)
+        board = random[(rows // 3) % 40, ((columns + int(4 * y)) // 3) % 40]
+        v.image[:] = board[..., None]
+        folder = tmp_path / v.name
+        folder.mkdir()
+        for what in ("depth", "sigma", "kind"):
+            np.save(folder / f"{what}.npy", getattr(v, what))
+        cv2.imwrite(str(folder / "reference.png"), v.image)
+        c = v.camera
+        reference = {n: getattr(c, n) for n in ("width", "height", "fx", "fy", "cx", "cy")}
+        reference["T_home_cam"] = v.T_home_cam.tolist()
+        (folder / "report.json").write_text(json.dumps({"reference": reference}))
+        found.append((v, view_file(v, folder, f"content {i}")))
+    return found
+
+
+def edges_of(three, out, made=None, monkeypatch=None):
+    if monkeypatch is not None:
+        find = kept.find_edge
+        monkeypatch.setattr(
+            kept,
+            "find_edge",
+            lambda a, b, *rest: made.append((a.name, b.name)) or find(a, b, *rest),
+        )
+    views, files = zip(*three)
+    with Crew(WorkOptions(0)) as crew:
+        return survey.edges_between(views, files, out, crew, lambda *_: None)
+
+
+def test_edges_are_kept_and_another_view_costs_its_own(three, tmp_path, monkeypatch):
+    out, made = tmp_path / "out", []
+    first, missing = edges_of(three[:2], out, made, monkeypatch)
+    assert made == [("v0", "v1")] and not missing and len(first) == 1
+    made.clear()
+    again, _ = edges_of(three, out)
+    assert made == [("v0", "v2"), ("v1", "v2")]
+    assert [e.a + e.b for e in again] == ["v0v1", "v0v2", "v1v2"]
+
+
+def test_an_edge_that_is_not_whole_or_of_other_views_is_found_again(three, tmp_path, monkeypatch):
+    out, made = tmp_path / "out", []
+    edges_of(three[:2], out, made, monkeypatch)
+    path = kept.edge_path(three[0][1], three[1][1], out)
+    whole = path.read_text()
+    path.write_text(whole[: len(whole) // 2])
+    edges_of(three[:2], out)
+    assert path.read_text() == whole and len(made) == 2
+    moved = view_file(three[0][0], tmp_path / "v0", "other content")
+    edges_of([(three[0][0], moved), three[1]], out)
+    assert len(made) == 3
+
+
+def test_a_kept_edge_is_the_edge_to_the_last_bit(three, tmp_path):
+    (_, a), (_, b) = three[:2]
+    make_edge(a, b, tmp_path)
+    first = kept_edge(a, b, tmp_path)
+    text = kept.edge_path(a, b, tmp_path).read_text()
+    kept._FEATURES.clear()
+    make_edge(a, b, tmp_path)
+    assert kept.edge_path(a, b, tmp_path).read_text() == text and first.matches >= 0
+    found = kept.find_edge(
+        *(kept._with_features(v)[0] for v in (a, b)), *(kept._with_features(v)[1] for v in (a, b))
+    )
+    assert found.matches == first.matches and found.reason == first.reason
+    if found.S_a_b is not None:
+        assert found.S_a_b.scale() == first.S_a_b.scale()
+        assert (found.S_a_b.rotation().matrix() == first.S_a_b.rotation().matrix()).all()
+
+
+def test_a_pair_whose_map_went_away_is_missing_and_the_others_are_there(three, tmp_path):
+    (tmp_path / "v2/depth.npy").unlink()
+    kept._FEATURES.clear()
+    found, missing = edges_of(three, tmp_path / "out")
+    assert [m.name for m in missing] == ["v0 with v2", "v1 with v2"]
+    assert all("depth.npy" in m.reason for m in missing) and len(found) == 1
+
+
+def posed_folder(folder):
+    """COLMAP's text model of six photographs."""
+    lines = [f"{i} 1 0 0 0 {-i} 0 0 1 p{i}.jpg\n\n" for i in range(6)]
+    return model(folder, images="".join(lines))
+
+
+def test_every_second_photograph_is_the_reference_of_a_view(tmp_path):
+    folder = posed_folder(tmp_path / "walk")
+    (folder / "station.yaml").write_text(
+        "place_m: [1, 2, 3]\nheading_deg: 10\nplace_sigma_m: 0.5\nheading_sigma_deg: 0.1\n"
+    )
+    found = inputs.sources_of([folder], every=2)
+    assert [s.name for s in found] == ["walk-p0", "walk-p2", "walk-p4"]
+    assert [s.reference for s in found] == ["p0.jpg", "p2.jpg", "p4.jpg"]
+    assert [s.station is not None for s in found] == [True, False, False]
+    keys = {s.name: inputs.source_key(s) for s in found}
+    assert inputs.copies(keys) == {} and len(inputs.sources_of([folder])) == 1
+    with pytest.raises(InputError, match="--every: is 1 or more"):
+        inputs.sources_of([folder], every=-1)
+
+
+def test_poses_of_one_folder_join_views_that_features_do_not():
+    views = [replace(view(f"v{i}", camera_at(0, 3.0 * i)), source="walk") for i in range(3)]
+    views = [replace(v, T_home_cam=camera_at(0, 3.0 * i)) for i, v in enumerate(views)]
+    lone = replace(view("lone", camera_at(50, 0)), source="other")
+    refused = Edge("v0", "v1", matches=3, reason="3 features are alike")
+    found = survey.with_posed([refused], [*views, lone])
+    assert [(e.a, e.b, e.kept) for e in found] == [("v0", "v1", True), ("v1", "v2", True)]
+    assert np.allclose(similarity.place(found[0].S_a_b), [-3.0, 0.0, 0.0])
+    unknown = [replace(v, prior=unplaced(v.T_home_cam)) for v in views]
+    placed = adjust(unknown, found).placed
+    assert len(placed) == 3
+    good = replace(found[0], matches=20, residual_m=0.1)
+    assert survey.with_posed([good], views)[0] is good
