@@ -66,7 +66,7 @@ class DriverWatch:
         self._speaks_since_s = now_s
         self._done = ""
 
-    def heard(self, now_s: float) -> None:
+    def on_message(self, now_s: float) -> None:
         """A message of the device."""
         self._heard.tell(now_s)
         if self._silent:
