@@ -167,7 +167,7 @@ class Flown:
                 @ transforms.invert(self._T_odom_body)
             )
             self._T_home_odom = Place(T, np.diag([0.01**2] * 3 + [np.radians(0.1) ** 2]))
-        self._drift.feed(stamp_s, self._T_odom_body[:3, 3])
+        self._drift.add(stamp_s, self._T_odom_body[:3, 3])
 
     def look(
         self, stamp_s: float, T_world_body: np.ndarray, samples: int = 1

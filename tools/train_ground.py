@@ -57,7 +57,12 @@ def main(argv=None) -> int:
     parser.add_argument("--robot", default="config/robots/rescue.yaml")
     args = parser.parse_args(argv)
     robot = load_robot(args.robot)
-    found = [s for world in ("maze", "rubble") for seed in args.seeds for s in samples(world, seed, robot)]
+    found = [
+        s
+        for world in ("maze", "rubble")
+        for seed in args.seeds
+        for s in samples(world, seed, robot)
+    ]
     x, y = (np.concatenate(part) for part in zip(*found))
     print(f"{len(y)} footprints, {y.mean():.1%} can be stood on")
     print("STAND_WEIGHTS = (" + ", ".join(f"{w:.3f}" for w in fitted(x, y)) + ")")

@@ -25,7 +25,7 @@ def landed():
     c.after.places = PLACES
     c.tell(1.0, facts.PlacesFound(True, True))
     for name in ("uav1", "uav2"):
-        c.tell(1.0, facts.AutopilotState(name, True, False, Mode.LAND))
+        c.tell(1.0, facts.AutopilotReport(name, True, False, Mode.LAND))
     return c
 
 
@@ -36,7 +36,7 @@ def step(c, name):
 def test_all_can_be_done_on_the_ground_and_only_the_report_in_flight():
     c = landed()
     assert [s.why_not for s in c.view(1.1).after] == ["", "", ""]
-    c.tell(1.0, facts.AutopilotState("uav2", True, True, Mode.GUIDED))
+    c.tell(1.0, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
     assert (
         step(c, "gather").why_not == "the motors of uav2 run: radio and processor are the flight's"
     )
@@ -74,14 +74,14 @@ def test_what_is_not_there_locks():
 
 def test_one_at_a_time_with_progress_and_each_end_is_one_event():
     c = landed()
-    c.tell(1.0, facts.JobTold("gather", "runs", 0.25))
-    c.tell(1.0, facts.JobTold("gather", "runs", math.nan, "uav1: uav1.bag"))
+    c.tell(1.0, facts.JobProgress("gather", "runs", 0.25))
+    c.tell(1.0, facts.JobProgress("gather", "runs", math.nan, "uav1: uav1.bag"))
     gather = step(c, "gather")
     assert (gather.share, gather.why_not, gather.tooltip) == (0.25, "", "Stop it")
     assert step(c, "map").why_not == "'gather' runs"
-    c.tell(1.0, facts.JobTold("gather", "failed", words="uav2: there is no uav2.bag"))
+    c.tell(1.0, facts.JobProgress("gather", "failed", words="uav2: there is no uav2.bag"))
     assert (
-        step(c, "gather").told == "FAILED: uav2: there is no uav2.bag"
+        step(c, "gather").summary == "FAILED: uav2: there is no uav2.bag"
         and step(c, "map").why_not == ""
     )
     assert [(e.who, e.what, e.level) for e in c.log.events if e.who == "gather"] == [
@@ -102,7 +102,7 @@ def test_where_all_record_into_one_folder_nothing_is_gathered_and_the_map_comes_
     c.tell(1.0, facts.PlacesFound(True, True))
     assert [s.next for s in c.view(1.1).after] == [False, False, True]
     assert c.view(1.1).guide.headline.startswith("Starting"), "no mission was heard here"
-    c.tell(1.0, facts.JobTold("map", "runs", 0.2))
+    c.tell(1.0, facts.JobProgress("map", "runs", 0.2))
     assert not [s for s in c.view(1.1).after if s.next]
 
 
@@ -158,7 +158,7 @@ def runner(tmp_path):
 
 
 def jobs(heard):
-    return [h for h in heard if isinstance(h, facts.JobTold)]
+    return [h for h in heard if isinstance(h, facts.JobProgress)]
 
 
 def test_a_map_is_made_with_its_progress_and_then_there_is_a_report(runner, tmp_path):
@@ -228,10 +228,10 @@ def test_one_that_fails_says_why_and_one_that_is_stopped_says_so(runner):
 def test_a_report_that_no_browser_opens_is_told_with_its_place(monkeypatch, tmp_path):
     pytest.importorskip("python_qt_binding")
     from fcsv_console.ros import window_command
-    from fcsv_console.ros.shell import Shell
+    from fcsv_console.ros.shell import ConsoleShell
 
-    monkeypatch.setattr(Shell, "_join", lambda self: None)  # no master is looked for
-    shell = Shell(landed(), "console")
+    monkeypatch.setattr(ConsoleShell, "_join", lambda self: None)  # no master is looked for
+    shell = ConsoleShell(landed(), "console")
     opened = []
     for opens in (False, True):
         answer = SimpleNamespace(
@@ -239,7 +239,7 @@ def test_a_report_that_no_browser_opens_is_told_with_its_place(monkeypatch, tmp_
         )
         monkeypatch.setattr(window_command, "QDesktopServices", answer)
         window_command.after(shell, "report", after.Places("", "", str(tmp_path / "my map")))
-        told = next(s for s in shell.view().after if s.name == "report").told
+        told = next(s for s in shell.view().after if s.name == "report").summary
         assert (
             told
             == ("done: " if opens else "FAILED: no browser opens here; the page is ") + opened[-1]
@@ -258,9 +258,9 @@ def test_a_window_that_is_closed_before_it_joined_the_master_ends_without_a_trac
     def interrupted(*_args, **_kwargs):
         raise shells.rospy.exceptions.ROSInitException("init_node interrupted")
 
-    join = shells.Shell._join
-    monkeypatch.setattr(shells.Shell, "_join", lambda self: None)
-    shell = shells.Shell(landed(), "console")
+    join = shells.ConsoleShell._join
+    monkeypatch.setattr(shells.ConsoleShell, "_join", lambda self: None)
+    shell = shells.ConsoleShell(landed(), "console")
     monkeypatch.setattr(shells.rosgraph, "is_master_online", lambda: True)
     monkeypatch.setattr(shells.node, "begin", interrupted)
     if closed:
@@ -304,11 +304,11 @@ def test_the_dock_shows_what_can_be_done_and_asks_for_it(window):
     assert asked == [("map", PLACES)]
     dock.fields["out"].setText("elsewhere")
     assert typed[-1].out == "elsewhere"
-    window.console.tell(samples.NOW_S, facts.JobTold("map", "runs", 0.4))
+    window.console.tell(samples.NOW_S, facts.JobProgress("map", "runs", 0.4))
     window.show_view(window.console.view(samples.NOW_S))
     assert dock.buttons["map"].text() == "Stop" and dock.bars["map"].value() == 40
     dock.buttons["map"].click()
     assert asked[-1][0] == "map"
-    window.console.tell(samples.NOW_S, facts.JobTold("map", "done", words="wrote out/map"))
+    window.console.tell(samples.NOW_S, facts.JobProgress("map", "done", words="wrote out/map"))
     window.show_view(window.console.view(samples.NOW_S))
     assert dock.bars["map"].value() == 100 and dock.words["map"].toolTip() == "done: wrote out/map"

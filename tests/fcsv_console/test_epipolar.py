@@ -10,7 +10,7 @@ import pytest
 from support import scenes
 
 from fcsv_console.model import facts, samples, stereo
-from fcsv_console.model.epipolar import EpipolarWatch, Seen, measured
+from fcsv_console.model.epipolar import EpipolarPicture, EpipolarWatch, measured
 
 CAMERA = scenes.CAMERA  # 301 px of focal length
 
@@ -22,7 +22,7 @@ def seen(xyz, rpy_deg=(0.0, 0.0, 0.0), told_rpy_deg=None, told_xyz=None):
     told = scenes.camera_pose(
         xyz if told_xyz is None else told_xyz, rpy_deg if told_rpy_deg is None else told_rpy_deg
     )
-    return Seen(1.0, data, CAMERA, told)
+    return EpipolarPicture(1.0, data, CAMERA, told)
 
 
 LEFT = seen((0.0, 0.0, 0.0))
@@ -62,14 +62,14 @@ def test_a_wrong_place_across_the_baseline_shows():
 
 
 def test_pictures_without_anything_in_common_say_nothing():
-    blank = Seen(
+    blank = EpipolarPicture(
         1.0,
         cv2.imencode(".png", np.full((CAMERA.height, CAMERA.width), 128, np.uint8))[1].tobytes(),
         CAMERA,
         scenes.camera_pose((0.0, -2.0, 0.0)),
     )
     noise = np.random.default_rng(3).integers(0, 255, (CAMERA.height, CAMERA.width), np.uint8)
-    other = Seen(1.0, cv2.imencode(".png", noise)[1].tobytes(), CAMERA, blank.T_home_cam)
+    other = EpipolarPicture(1.0, cv2.imencode(".png", noise)[1].tobytes(), CAMERA, blank.T_home_cam)
     for right in (blank, other):
         assert math.isnan(measured_px(LEFT, right)[0])
 
@@ -87,7 +87,7 @@ def test_pictures_without_anything_in_common_say_nothing():
 )
 def test_what_is_no_picture_is_told(data, words):
     with pytest.raises(ValueError, match=words):
-        measured_px(LEFT, Seen(1.0, data, CAMERA, LEFT.T_home_cam))
+        measured_px(LEFT, EpipolarPicture(1.0, data, CAMERA, LEFT.T_home_cam))
 
 
 def test_the_watch_takes_the_newest_pictures_whose_places_are_known_and_each_pair_once():
@@ -132,7 +132,7 @@ def test_reduced_live_pictures_are_read_by_the_camera_of_their_size():
 def flying(error_px, *fitted, pair=("uav1", "uav2")):
     c = samples.console("config/missions/outdoor.yaml")
     samples.flying(c)
-    c.tell(samples.NOW_S - 0.5, facts.EpipolarTold(pair, error_px, 212, *fitted))
+    c.tell(samples.NOW_S - 0.5, facts.EpipolarReport(pair, error_px, 212, *fitted))
     return c
 
 

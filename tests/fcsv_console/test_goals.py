@@ -115,8 +115,8 @@ def test_of_two_windows_the_one_that_was_opened_first_has_the_goals_until_it_die
         alive = [one, two] if k == 50 else [two] if k == 120 else [one] if k == 170 else alive
         for turns in alive:
             if turns.due(now_s):
-                one.heard(now_s, turns.own)
-                two.heard(now_s, turns.own)
+                one.on_window(now_s, turns.own)
+                two.on_window(now_s, turns.own)
         had.append([turns.own.name for turns in alive if turns.mine(now_s)])
     assert all(len(names) <= 1 for names in had)
     assert had[26:120] == [["/console_1"]] * 94 and had[120] == []

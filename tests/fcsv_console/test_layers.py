@@ -183,7 +183,7 @@ def test_messages_become_facts():
     told = convert(
         "mavros/state", State(connected=True, armed=True, mode=Mode.GUIDED, system_status=5)
     )
-    assert told == facts.AutopilotState("uav2", True, True, Mode.GUIDED, 5)
+    assert told == facts.AutopilotReport("uav2", True, True, Mode.GUIDED, 5)
     assert math.isnan(convert("mavros/battery", BatteryState(percentage=-0.01)).share)
     pose = PoseWithCovarianceStamped()
     pose.pose.pose = conversions.transform_to_pose(
@@ -200,7 +200,7 @@ def test_messages_become_facts():
     )
     assert convert("odometry/state", odometry).yaw_rad == pytest.approx(-0.5)
     picture = CompressedImage(format="jpeg", data=b"\xff\xd8\xff")
-    assert convert("camera/color/image_raw/compressed", picture) == facts.PictureHeard(
+    assert convert("camera/color/image_raw/compressed", picture) == facts.PreviewReport(
         "uav2", 0.0, b"\xff\xd8\xff"
     )
 
@@ -248,7 +248,7 @@ def test_a_message_that_cannot_be_read_is_told_and_nothing_else():
         hearing._keep(
             lambda t=topic, m=message: [messages.OF_VEHICLE[t][1]("uav2", m)], "uav2", topic
         )
-    told = [fact for _, fact in hearing.take()]
+    told = [fact for _, fact in hearing.drain()]
     assert [type(fact) for fact in told] == [facts.Unusable] * 3 and "h265" in told[2].why
     c = Console(["uav1", "uav2"])
     for fact in told:
@@ -293,7 +293,7 @@ def test_a_master_that_comes_back_is_told_of_everything_again(monkeypatch):
     monkeypatch.setattr(rospy, "is_shutdown", lambda: False)
     hearing._watch_master()
     assert len(again) == 1
-    assert [fact.problem for _, fact in hearing.take()] == [module.NO_MASTER, "", "", ""]
+    assert [fact.problem for _, fact in hearing.drain()] == [module.NO_MASTER, "", "", ""]
 
 
 def run_status(*arguments):
@@ -354,9 +354,9 @@ def test_the_terminal_resumes_what_is_paused_and_hands_nobody_over():
 
     shell = Shell()
     green = tuple(Line(name, "battery", State.GREEN, "80 %") for name in ("uav1", "uav2"))
-    shell.console.tell(time.monotonic(), facts.Check(green))
+    shell.console.tell(time.monotonic(), facts.FlightCheckReport(green))
     for phase, waits_for in (("SET_HOME", "execute"), ("CONFIGURATIONS", "resume")):
-        shell.console.tell(time.monotonic(), facts.MissionTold(phase, "", waits_for, 0, 2))
+        shell.console.tell(time.monotonic(), facts.MissionReport(phase, "", waits_for, 0, 2))
         press(shell, "G")
     assert shell.did == ["hand_over"]
     answers = [e.answer for e in shell.view().events if e.answer]

@@ -50,25 +50,25 @@ def console():
 
 def rehearsed(c, state="passed"):
     """Its list was rehearsed."""
-    c.tell(0.0, facts.RehearsalTold(c.file.text, state, words="8 of 8 recorded"))
+    c.tell(0.0, facts.RehearsalProgress(c.file.text, state, words="8 of 8 recorded"))
     return c
 
 
 def flying(c, now_s, phase="CONFIGURATIONS", waits_for="", lines=GREEN, configuration=1):
     """Both vehicles in the air under the mission, all streams alive."""
     for name, y in (("uav1", 0.0), ("uav2", -4.0)):
-        c.tell(now_s, facts.AutopilotState(name, True, True, Mode.GUIDED))
-        c.tell(now_s, facts.Guardian(name))
+        c.tell(now_s, facts.AutopilotReport(name, True, True, Mode.GUIDED))
+        c.tell(now_s, facts.GuardianReport(name))
         c.tell(now_s, facts.Agent(name, "mission-12-34"))
-        c.tell(now_s, facts.OdometryHeard(name, (0.0, y, 8.0)))
-        c.tell(now_s, facts.CameraInHome(name, (0.0, y, 0.0), 0.0))
-        c.tell(now_s, facts.Battery(name, 0.8, 15.2))
-        c.tell(now_s, facts.PictureHeard(name, now_s))
-        c.tell(now_s, facts.Captured(name, now_s))
-    c.tell(now_s, facts.Tags("uav2", (1,)))
-    c.tell(now_s, facts.Check(tuple(lines)))
-    c.tell(now_s, facts.MissionTold(phase, "flies", waits_for, configuration, 8))
-    c.tell(now_s, facts.MissionAlive("mission-12-34"))
+        c.tell(now_s, facts.OdometryReport(name, (0.0, y, 8.0)))
+        c.tell(now_s, facts.CameraPoseReport(name, (0.0, y, 0.0), 0.0))
+        c.tell(now_s, facts.BatteryReport(name, 0.8, 15.2))
+        c.tell(now_s, facts.PreviewReport(name, now_s))
+        c.tell(now_s, facts.PictureCaptured(name, now_s))
+    c.tell(now_s, facts.TagReport("uav2", (1,)))
+    c.tell(now_s, facts.FlightCheckReport(tuple(lines)))
+    c.tell(now_s, facts.MissionReport(phase, "flies", waits_for, configuration, 8))
+    c.tell(now_s, facts.MissionHeartbeat("mission-12-34"))
     return c
 
 
@@ -95,7 +95,7 @@ def row(c, now_s, name="uav2"):
         "mission_folder",
         "bags",
         "chronicle",
-        "phases_told",
+        "phase_progress",
         "what_next",
     ],
 )
@@ -133,24 +133,24 @@ def test_examples_in_the_modules_hold(name):
 def test_who_flies_is_said_in_words(state, guardian, who, words):
     c = flying(console(), 10.0)
     mode, armed, status = state
-    c.tell(10.1, facts.AutopilotState("uav2", True, armed, mode, status))
-    c.tell(10.1, facts.Guardian("uav2", **guardian))
+    c.tell(10.1, facts.AutopilotReport("uav2", True, armed, mode, status))
+    c.tell(10.1, facts.GuardianReport("uav2", **guardian))
     assert (row(c, 10.2).flier.who, row(c, 10.2).flier.words) == (who, words)
 
 
 def test_a_change_of_who_flies_shows_at_once():
     """Within 0.5 s is wanted; the model itself adds nothing to the message's own way."""
     c = flying(console(), 10.0)
-    c.tell(10.3, facts.AutopilotState("uav2", True, True, Mode.ALT_HOLD))
+    c.tell(10.3, facts.AutopilotReport("uav2", True, True, Mode.ALT_HOLD))
     assert row(c, 10.3).flier.who == PILOT
 
 
 def test_brake_after_stop_all_is_named_and_an_agent_without_a_commander():
     c = flying(console(), 10.0)
-    c.tell(10.1, facts.StopTold("stop", "stop all (by /console)"))
-    c.tell(10.1, facts.AutopilotState("uav2", True, True, Mode.BRAKE))
+    c.tell(10.1, facts.StopReport("stop", "stop all (by /console)"))
+    c.tell(10.1, facts.AutopilotReport("uav2", True, True, Mode.BRAKE))
     assert row(c, 10.2).flier.words == "BRAKE after stop-all"
-    c.tell(10.2, facts.AutopilotState("uav2", True, True, Mode.GUIDED))
+    c.tell(10.2, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
     c.tell(10.2, facts.Agent("uav2", ""))
     assert row(c, 10.3).flier.words == "GUIDED, holds: nobody commands it"
 
@@ -159,10 +159,10 @@ def test_an_agent_that_was_not_heard_yet_is_told_from_one_that_fell_silent():
     """A window that was just opened knows the mode before it knows who commands."""
     c = console()
     for at_s in (10.0, 11.8):
-        c.tell(at_s, facts.AutopilotState("uav2", True, True, Mode.GUIDED))
+        c.tell(at_s, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
         if at_s == 10.0:
             assert row(c, 10.1).flier.words == "GUIDED, its agent is not heard yet"
-            c.tell(10.2, facts.MissionAlive("mission-1"))
+            c.tell(10.2, facts.MissionHeartbeat("mission-1"))
             c.tell(10.2, facts.Agent("uav2", "mission-1"))
             assert row(c, 10.3).flier.words == "mission"
     assert (row(c, 11.9).flier.who, row(c, 11.9).flier.words) == (
@@ -194,14 +194,14 @@ def test_a_state_once_a_second_does_not_flicker_and_one_that_stops_is_told():
     c = flying(console(), 10.0)
     for k in range(90):
         at_s = 10.0 + k / 30.0
-        c.tell(at_s, facts.OdometryHeard("uav2", (0.0, 0.0, 8.0)))
+        c.tell(at_s, facts.OdometryReport("uav2", (0.0, 0.0, 8.0)))
         c.tell(at_s, facts.Agent("uav2", "mission-1-2"))
         if k in (30, 60):
-            c.tell(at_s, facts.AutopilotState("uav2", True, True, Mode.GUIDED))
+            c.tell(at_s, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
         if k < 75:
             assert row(c, at_s).flier.who == MISSION and row(c, at_s).connection == "connected"
     for k in range(90, 150):
-        c.tell(10.0 + k / 30.0, facts.OdometryHeard("uav2", (0.0, 0.0, 8.0)))
+        c.tell(10.0 + k / 30.0, facts.OdometryReport("uav2", (0.0, 0.0, 8.0)))
     assert row(c, 14.9).flier.words == "no state for 2.9 s (was GUIDED)"
 
 
@@ -210,17 +210,17 @@ def test_what_comes_often_is_stale_within_a_second_and_one_lost_message_is_no_al
     c = console()
     for k in range(300):
         at_s = 10.0 + k / 30.0
-        c.tell(at_s, facts.OdometryHeard("uav2", (0.0, 0.0, 8.0)))
+        c.tell(at_s, facts.OdometryReport("uav2", (0.0, 0.0, 8.0)))
         # every 0.4 s until 18.0 s, two of them lost
         if k % 12 == 0 and k not in (120, 204) and k <= 240:
-            c.tell(at_s, facts.AutopilotState("uav2", True, True, Mode.GUIDED))
-            c.tell(at_s, facts.PictureHeard("uav2", at_s))
+            c.tell(at_s, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
+            c.tell(at_s, facts.PreviewReport("uav2", at_s))
         if k <= 240:
             assert not row(c, at_s).state.stale and not row(c, at_s).picture.stale
     assert not row(c, 18.9).state.stale
     late = row(c, 19.05)
     assert late.state.stale and late.picture.stale and late.connection == "no state for 1.1 s"
-    c.tell(30.0, facts.AutopilotState("uav2", True, True, Mode.GUIDED))
+    c.tell(30.0, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
     assert not row(c, 30.9).state.stale and row(c, 31.1).state.stale
 
 
@@ -249,7 +249,7 @@ def why(c, now_s, name):
 def test_stop_all_can_always_be_asked_for():
     c = console()
     assert not why(c, 0.0, "stop_all")
-    c.tell(0.0, facts.MasterTold("the ROS master does not answer"))
+    c.tell(0.0, facts.MasterReport("the ROS master does not answer"))
     assert not why(c, 0.1, "stop_all") and why(c, 0.1, "land") == "the ROS master does not answer"
     assert not flying(c, 1.0).view(1.0).actions["stop_all"].why_not
 
@@ -279,9 +279,9 @@ def test_what_is_enabled_in_each_phase(phase, waits_for, enabled):
 
 def test_the_reason_says_what_is_missing():
     c = flying(console(), 10.0, "COLUMN")
-    c.tell(10.0, facts.Tags("uav2", ()))
+    c.tell(10.0, facts.TagReport("uav2", ()))
     assert why(c, 18.0, "calibrate") == "the mission node is not heard: start it, or mend its file"
-    c.tell(18.0, facts.MissionAlive())
+    c.tell(18.0, facts.MissionHeartbeat())
     assert why(c, 18.0, "calibrate") == "uav2 does not see the tag of uav1 since 8 s"
     assert why(c, 18.0, "set_home") == "calibrate first (COLUMN)"
     assert why(c, 18.0, "skip") == "it is for vehicles that fly the list; this is COLUMN"
@@ -316,7 +316,7 @@ def test_guided_is_locked_by_the_flight_check_as_the_mission_locks_it(
 
 def test_a_flight_check_that_is_not_heard_locks():
     c = flying(console(), 10.0, "SET_HOME", "execute")
-    c.tell(15.0, facts.MissionAlive())
+    c.tell(15.0, facts.MissionHeartbeat())
     assert (
         why(c, 15.0, "execute") == "the flight check is not heard"
         and c.view(15.0).check_state is State.UNKNOWN
@@ -356,7 +356,7 @@ def test_land_is_for_vehicles_that_fly():
     c = console()
     assert not why(c, 0.0, "land"), "who is not heard may fly"
     for name in ("uav1", "uav2"):
-        c.tell(1.0, facts.AutopilotState(name, True, False, Mode.LOITER))
+        c.tell(1.0, facts.AutopilotReport(name, True, False, Mode.LOITER))
     assert why(c, 1.1, "land") == "all stand with their motors off" and not why(c, 3.0, "land")
 
 
@@ -421,7 +421,7 @@ def test_a_sweep_is_shown_as_a_way_that_is_not_dragged():
     assert mission_file.seconds_left(c.file, 0) == pytest.approx(
         5.2 + 1.0 + 5.0 + 1.0 + 6.2, abs=1.0
     )
-    scale = above_view.Scale(400, 400, 20.0)
+    scale = above_view.ViewScale(400, 400, 20.0)
     assert above_view.picked(c.file.rows, scale, *scale.to_px(0.0, -8.0)) is None
 
 
@@ -443,11 +443,11 @@ def test_battery_is_compared_with_what_is_left_of_the_mission():
     c = flying(console(), 10.0, configuration=0)
     v = row(c, 10.1)
     assert v.endurance_s == pytest.approx(540.0) and 40.0 < v.needed_s < 540.0 and v.battery_enough
-    c.tell(10.1, facts.Battery("uav2", 0.22))
+    c.tell(10.1, facts.BatteryReport("uav2", 0.22))
     assert row(c, 10.2).endurance_s == pytest.approx(18.0) and row(c, 10.2).battery_enough is False
     late = row(flying(c, 20.0, configuration=7), 20.1)
     assert late.needed_s < v.needed_s
-    c.tell(20.1, facts.Battery("uav2", math.nan))
+    c.tell(20.1, facts.BatteryReport("uav2", math.nan))
     assert row(c, 20.2).battery_enough is None
 
 
@@ -455,7 +455,7 @@ def test_battery_is_compared_with_what_is_left_of_the_mission():
 
 
 def doing(c, now_s, stage, configuration=1, detail="", **more):
-    told = facts.MissionTold("CONFIGURATIONS", detail, "", configuration, 8, stage=stage)
+    told = facts.MissionReport("CONFIGURATIONS", detail, "", configuration, 8, stage=stage)
     c.tell(now_s, dataclasses.replace(told, **more))
     return c.view(now_s)
 
@@ -499,7 +499,7 @@ def test_a_pause_takes_nothing_of_the_progress_and_says_what_ends_it():
         paused.headline
         == "PAUSED: paused by the operator. Resume is locked: the flight check is not heard"
     )
-    c.tell(20.0, facts.Check(GREEN))
+    c.tell(20.0, facts.FlightCheckReport(GREEN))
     assert c.view(20.0).headline == "PAUSED: paused by the operator. Resume goes on"
     assert (
         paused.progress
@@ -556,7 +556,7 @@ def test_stereo_health_says_go_and_why_not():
     assert h.go and h.baseline_m == pytest.approx(4.0)
     assert h.words == "GO: the pair is as planned; its pictures were not compared yet"
     assert h.error_m == pytest.approx(depth_error(h.target_m, 4.0, 602.0))
-    c.tell(10.1, facts.CameraInHome("uav2", (0.3, -4.0, 0.0), math.radians(5.0)))
+    c.tell(10.1, facts.CameraPoseReport("uav2", (0.3, -4.0, 0.0), math.radians(5.0)))
     h = c.view(10.2).stereo
     assert not h.go and h.apart_m == pytest.approx(0.3) and h.turn_deg == pytest.approx(5.0)
     turned = "the cameras are turned 5.0 degrees against the plan"
@@ -569,8 +569,8 @@ def recorded(c, begin_s, late_s, count=10, vehicle="uav2"):
     for k in range(count):
         now_s = begin_s + 0.2 * k
         doing(c, now_s, RECORDS)
-        c.tell(now_s, facts.Tags(vehicle, (1,), stamp_s=now_s + late_s))
-        c.tell(now_s, facts.Tags("uav1", (), stamp_s=now_s))
+        c.tell(now_s, facts.TagReport(vehicle, (1,), stamp_s=now_s + late_s))
+        c.tell(now_s, facts.TagReport("uav1", (), stamp_s=now_s))
     return now_s
 
 
@@ -578,11 +578,11 @@ def test_a_recording_is_judged_by_the_pictures_that_the_map_takes():
     """One pair that is late, as before its first picture of one instant, decides nothing; a whole
     recording does."""
     c = flying(console(), 10.0)
-    c.tell(19.9, facts.Captured("uav2", 19.7))
+    c.tell(19.9, facts.PictureCaptured("uav2", 19.7))
     now_s = recorded(c, 20.0, 0.004)
     assert c.view(now_s).stereo.skew_s == pytest.approx(0.004)
-    c.tell(now_s + 0.1, facts.Captured("uav2", now_s - 0.1))
-    c.tell(now_s + 0.1, facts.Captured("uav2", now_s + 0.9))
+    c.tell(now_s + 0.1, facts.PictureCaptured("uav2", now_s - 0.1))
+    c.tell(now_s + 0.1, facts.PictureCaptured("uav2", now_s + 0.9))
     assert c.view(now_s + 0.1).stereo.skew_s == pytest.approx(0.004)
     late = flying(console(), 10.0)
     now_s = recorded(late, 20.0, 0.05)
@@ -591,12 +591,12 @@ def test_a_recording_is_judged_by_the_pictures_that_the_map_takes():
 
 
 def test_pictures_of_a_pair_that_is_flown_at_once_are_of_one_instant():
-    aged = hearing.Aged(facts.CameraInHome("uav1", (0.0, 0.0, 0.0), 0.0), 0.1, 30.0, False)
+    aged = hearing.Aged(facts.CameraPoseReport("uav1", (0.0, 0.0, 0.0), 0.0), 0.1, 30.0, False)
     row_ = console().file.rows[0]
-    moving = hearing.Aged(facts.CameraInHome("uav2", row_.goal_m, 0.0), 0.1, 30.0, False)
+    moving = hearing.Aged(facts.CameraPoseReport("uav2", row_.goal_m, 0.0), 0.1, 30.0, False)
     given = (row_, ("uav1", "uav2"), aged, moving, 0.05, 100.0, mission_file.Optics())
-    assert stereo.judge(*given).go
-    h = stereo.judge(*given, at_once=True)
+    assert stereo.assess(*given).go
+    h = stereo.assess(*given, at_once=True)
     assert h.words == ("NO-GO: what moves may be mapped wrongly: pictures are 50 ms apart")
 
 
@@ -606,12 +606,12 @@ def test_the_first_pictures_of_a_recording_that_come_late_are_no_verdict():
     c = Console(["uav1", "uav2"], {"uav1": 1, "uav2": 2}, normal_s=0.0)
     c.load(OUTDOOR)
     flying(c, 19.0)
-    c.tell(19.0, facts.CameraInHome("uav2", (0.0, -3.0, 0.0), 0.0))
+    c.tell(19.0, facts.CameraPoseReport("uav2", (0.0, -3.0, 0.0), 0.0))
     assert not doing(c, 19.5, HOLDS).stereo.go, "it is on its way"
     flying(c, 20.0)
     doing(c, 20.0, RECORDS)
-    c.tell(20.0, facts.Tags("uav1", (), stamp_s=20.0))
-    c.tell(20.0, facts.Tags("uav2", (1,), stamp_s=19.716))
+    c.tell(20.0, facts.TagReport("uav1", (), stamp_s=20.0))
+    c.tell(20.0, facts.TagReport("uav2", (1,), stamp_s=19.716))
     assert c.view(20.0).stereo.go, "and there when it records"
     assert c.view(recorded(c, 20.2, 0.0)).stereo.go
 
@@ -626,26 +626,26 @@ def test_what_was_taken_before_a_recording_is_not_of_it():
 
 def test_stereo_health_takes_the_clock_offset_away_and_names_a_lost_place():
     c = flying(console(), 10.0)
-    c.tell(10.0, facts.Clock("uav2", 5.0, 0.001))
-    c.tell(10.0, facts.Captured("uav2", 15.0))
+    c.tell(10.0, facts.ClockReport("uav2", 5.0, 0.001))
+    c.tell(10.0, facts.PictureCaptured("uav2", 15.0))
     assert c.view(10.1).stereo.skew_s == pytest.approx(0.0)
     for k in range(3):
-        c.tell(11.0 + k, facts.MissionAlive())
+        c.tell(11.0 + k, facts.MissionHeartbeat())
     assert "uav1's place is 3.0 s old" in c.view(13.0).stereo.words
 
 
 def test_a_window_that_was_opened_a_moment_ago_has_no_verdict():
     c = console()
-    c.tell(10.0, facts.CameraInHome("uav2", (0.0, -4.0, 0.0), 0.0))
+    c.tell(10.0, facts.CameraPoseReport("uav2", (0.0, -4.0, 0.0), 0.0))
     s = doing(c, 10.0, RECORDS).stereo
     assert not s.judged and s.words == "stereo: uav1's place in home is not known yet"
-    c.tell(10.1, facts.OdometryHeard("uav1", (0.0, 0.0, 0.0)))
+    c.tell(10.1, facts.OdometryReport("uav1", (0.0, 0.0, 0.0)))
     assert row(c, 10.1, "uav1").connection == "no state yet"
 
 
 def test_who_goes_back_to_the_column_is_no_bad_pair():
     c = flying(console(), 10.0)
-    c.tell(10.1, facts.CameraInHome("uav2", (-2.0, -1.0, 0.0), 0.0))
+    c.tell(10.1, facts.CameraPoseReport("uav2", (-2.0, -1.0, 0.0), 0.0))
     assert "NO-GO" in c.view(10.1).stereo.words
     assert doing(c, 10.1, GOES_BACK).stereo.words == "stereo: no configuration is flown"
     assert doing(c, 10.1, TURNS).stereo.words == "stereo: no configuration is flown", (
@@ -655,9 +655,9 @@ def test_who_goes_back_to_the_column_is_no_bad_pair():
 
 def test_too_near_a_target_has_too_little_overlap():
     row_ = console().file.rows[4]  # 10 m apart
-    aged = hearing.Aged(facts.CameraInHome("uav1", (0.0, 0.0, 0.0), 0.0), 0.1, 30.0, False)
-    moving = hearing.Aged(facts.CameraInHome("uav2", (0.0, -10.0, 0.0), 0.0), 0.1, 30.0, False)
-    h = stereo.judge(row_, ("uav1", "uav2"), aged, moving, math.nan, 12.0, mission_file.Optics())
+    aged = hearing.Aged(facts.CameraPoseReport("uav1", (0.0, 0.0, 0.0), 0.0), 0.1, 30.0, False)
+    moving = hearing.Aged(facts.CameraPoseReport("uav2", (0.0, -10.0, 0.0), 0.0), 0.1, 30.0, False)
+    h = stereo.assess(row_, ("uav1", "uav2"), aged, moving, math.nan, 12.0, mission_file.Optics())
     assert "of the picture is seen by both at 12 m" in h.words and not h.go
 
 
@@ -668,8 +668,8 @@ def test_overlap_of_flown_poses_at_the_planned_places_is_the_plans(axis, place):
     """The plan's closed form along one axis against 48 x 36 pixels that are asked."""
     optics, z_m = mission_file.Optics(), 40.0
     front, moving = (
-        facts.CameraInHome("uav1", (0.0, 0.0, 0.0), 0.0),
-        facts.CameraInHome("uav2", place, 0.0),
+        facts.CameraPoseReport("uav1", (0.0, 0.0, 0.0), 0.0),
+        facts.CameraPoseReport("uav2", place, 0.0),
     )
     shared = looking.seen_by_both(front, moving, z_m, optics)
     size = optics.width if axis == "horizontal" else optics.height
@@ -681,13 +681,13 @@ def test_lean_is_shown_and_a_camera_that_looks_elsewhere_takes_the_overlap():
     level = c.view(10.1).stereo
     c.tell(
         10.1,
-        facts.CameraInHome("uav2", (0.0, -4.0, 0.0), 0.0, math.radians(4.0), math.radians(8.0)),
+        facts.CameraPoseReport("uav2", (0.0, -4.0, 0.0), 0.0, math.radians(4.0), math.radians(8.0)),
     )
     h = c.view(10.1).stereo
     assert h.go and (h.turn_deg, h.pitch_deg, h.roll_deg) == pytest.approx((0.0, 4.0, 8.0))
     assert h.overlap < level.overlap - 0.02
     assert "turned 0.0°, pitched 4.0°, rolled 8.0°" in cells.stereo_cell(c.view(10.1)).text
-    c.tell(10.1, facts.CameraInHome("uav2", (0.0, -4.0, 0.0), math.radians(-60.0)))
+    c.tell(10.1, facts.CameraPoseReport("uav2", (0.0, -4.0, 0.0), math.radians(-60.0)))
     h = c.view(10.1).stereo
     assert h.overlap == 0.0 and "only 0% of the picture is seen by both" in h.words
 
@@ -695,8 +695,8 @@ def test_lean_is_shown_and_a_camera_that_looks_elsewhere_takes_the_overlap():
 def before(c, now_s, **told):
     """Home is set, the mission waits for execute; nothing was recorded."""
     for name in ("uav1", "uav2"):
-        c.tell(now_s, facts.PictureHeard(name, now_s - 0.2 + told.get(name, 0.0)))
-    c.tell(now_s, facts.MissionTold("SET_HOME", "home is set", "execute", 0, 8))
+        c.tell(now_s, facts.PreviewReport(name, now_s - 0.2 + told.get(name, 0.0)))
+    c.tell(now_s, facts.MissionReport("SET_HOME", "home is set", "execute", 0, 8))
     return c
 
 
@@ -708,12 +708,12 @@ def test_stereo_health_is_known_before_the_first_recording():
     )
     assert h.pair == ("uav1", "uav2") and h.skew_s == pytest.approx(0.0)
     c = before(console(), 10.0, uav2=0.012)
-    c.tell(10.0, facts.EpipolarTold(("uav1", "uav2"), 2.5, 80))
+    c.tell(10.0, facts.EpipolarReport(("uav1", "uav2"), 2.5, 80))
     view = c.view(10.1)
     assert view.stereo.go and view.stereo.words.startswith("GO so far")
     assert "epipolar error 2.5 px, skew 12 ms" in cells.stereo_cell(view).text
-    c.tell(10.1, facts.EpipolarTold(("uav1", "uav2"), 30.0, 80))
-    c.tell(10.1, facts.Clock("uav2", 0.25, 0.001))
+    c.tell(10.1, facts.EpipolarReport(("uav1", "uav2"), 30.0, 80))
+    c.tell(10.1, facts.ClockReport("uav2", 0.25, 0.001))
     before(c, 11.0, uav2=0.012)
     shown = c.view(11.1).stereo
     assert shown.words == "NO-GO: pictures and places disagree by 30 px across the epipolar lines"
@@ -722,10 +722,10 @@ def test_stereo_health_is_known_before_the_first_recording():
 
 def test_before_the_first_recording_silent_pictures_are_not_known():
     c = before(console(), 10.0)
-    c.tell(14.0, facts.MissionTold("SET_HOME", "home is set", "execute", 0, 8))
+    c.tell(14.0, facts.MissionReport("SET_HOME", "home is set", "execute", 0, 8))
     assert "no pictures of both yet" in c.view(14.0).stereo.words
     for phase in ("LAND", "DONE", "ABORTED"):
-        c.tell(14.0, facts.MissionTold(phase, "", "", 8, 8))
+        c.tell(14.0, facts.MissionReport(phase, "", "", 8, 8))
         assert c.view(14.0).stereo.words == "stereo: no configuration is flown"
 
 
@@ -735,7 +735,7 @@ def test_skew_is_between_pictures_of_the_same_moment_whichever_came_first():
     c = console()
     for k in range(3):
         before(c, 10.0 + k, uav2=0.012)
-    c.tell(12.5, facts.PictureHeard("uav1", 12.8))
+    c.tell(12.5, facts.PreviewReport("uav1", 12.8))
     assert c.view(12.6).stereo.skew_s == pytest.approx(0.012)
 
 
@@ -772,25 +772,25 @@ def test_the_height_is_above_where_a_vehicle_stood_however_its_odometry_began():
     c = console()
     assert row(c, 0.0).height_m is None
     for now_s, armed, z_m in ((1.0, False, 0.15), (2.0, True, 0.2), (5.0, True, 1.25)):
-        c.tell(now_s, facts.AutopilotState("uav2", True, armed, Mode.LOITER))
-        c.tell(now_s, facts.OdometryHeard("uav2", (0.0, 0.0, z_m)))
-    c.tell(5.0, facts.CameraInHome("uav2", (0.0, 0.0, -6.7), 0.0))
+        c.tell(now_s, facts.AutopilotReport("uav2", True, armed, Mode.LOITER))
+        c.tell(now_s, facts.OdometryReport("uav2", (0.0, 0.0, z_m)))
+    c.tell(5.0, facts.CameraPoseReport("uav2", (0.0, 0.0, -6.7), 0.0))
     assert row(c, 5.0).height_m == pytest.approx(1.1) and cells.height(row(c, 5.0)) == "1.1 m up"
     assert dict(cells.vehicle_rows(c.view(5.0)))["mode"][1].text == "LOITER, ARMED, 1.1 m up"
-    c.tell(5.1, facts.EpochHeard("uav2", 2))
+    c.tell(5.1, facts.EpochReport("uav2", 2))
     assert cells.height(row(c, 5.2)) == "-6.7 m in home", "its odometry began anew in the air"
-    c.tell(6.0, facts.AutopilotState("uav2", True, False, Mode.LAND))
-    c.tell(6.0, facts.OdometryHeard("uav2", (0.0, 0.0, -0.3)))
+    c.tell(6.0, facts.AutopilotReport("uav2", True, False, Mode.LAND))
+    c.tell(6.0, facts.OdometryReport("uav2", (0.0, 0.0, -0.3)))
     assert cells.height(row(c, 6.0)) == "on the ground"
 
 
 def test_above_another_and_where_it_would_come_down():
     c = flying(console(), 10.0)
-    c.tell(10.1, facts.CameraInHome("uav2", (0.2, -0.1, 5.0), 0.0))
+    c.tell(10.1, facts.CameraPoseReport("uav2", (0.2, -0.1, 5.0), 0.0))
     (found,) = c.view(10.2).above
     assert (found.upper, found.lower, found.down_m) == ("uav2", "uav1", (0.2, -0.1))
     assert found.words == "uav2 is 5.0 m above uav1, 0.2 m aside; it would come down at (0.2, -0.1)"
-    c.tell(10.3, facts.AutopilotState("uav1", True, False, Mode.LOITER))
+    c.tell(10.3, facts.AutopilotReport("uav1", True, False, Mode.LOITER))
     assert not c.view(10.3).above, "nobody flies beneath"
 
 
@@ -811,14 +811,14 @@ def test_who_is_above_is_never_beneath(places):
     "fact, words",
     [
         (
-            facts.OdometryHeard("uav2", (math.nan, 0.0, 0.0)),
-            "uav2 OdometryHeard: p_odom_m holds nan",
+            facts.OdometryReport("uav2", (math.nan, 0.0, 0.0)),
+            "uav2 OdometryReport: p_odom_m holds nan",
         ),
-        (facts.CameraInHome("uav2", (0.0, 0.0, math.inf), 0.0), "p_home_m holds inf"),
-        (facts.CameraInHome("uav2", (0.0, 0.0, 0.0), math.nan), "heading_rad holds nan"),
-        (facts.CameraInHome("uav2", (1e9, 0.0, 0.0), 0.0), "p_home_m"),
-        (facts.Battery("uav2", 7.0), "share is 7, not in 0..1"),
-        (facts.AutopilotState("uav9", True, True, Mode.GUIDED), "'uav9' is not one of uav1, uav2"),
+        (facts.CameraPoseReport("uav2", (0.0, 0.0, math.inf), 0.0), "p_home_m holds inf"),
+        (facts.CameraPoseReport("uav2", (0.0, 0.0, 0.0), math.nan), "heading_rad holds nan"),
+        (facts.CameraPoseReport("uav2", (1e9, 0.0, 0.0), 0.0), "p_home_m"),
+        (facts.BatteryReport("uav2", 7.0), "share is 7, not in 0..1"),
+        (facts.AutopilotReport("uav9", True, True, Mode.GUIDED), "'uav9' is not one of uav1, uav2"),
         (
             facts.Unusable("uav2", "camera/color/image_raw", "encoding '13UC5' is not known"),
             "encoding '13UC5'",
@@ -841,24 +841,24 @@ def test_bad_input_is_named_and_changes_nothing(fact, words):
 def test_no_number_and_no_name_ends_it(number, name):
     c = flying(console(), 10.0)
     for fact in (
-        facts.OdometryHeard(name, (number, number, number)),
-        facts.CameraInHome("uav1", (number,) * 3, number),
-        facts.Battery("uav1", number, number),
-        facts.Clock("uav2", number, number),
-        facts.Captured("uav2", number),
+        facts.OdometryReport(name, (number, number, number)),
+        facts.CameraPoseReport("uav1", (number,) * 3, number),
+        facts.BatteryReport("uav1", number, number),
+        facts.ClockReport("uav2", number, number),
+        facts.PictureCaptured("uav2", number),
         facts.Recorder("uav1", True, 0, 0, number),
-        facts.Radio("uav1", number, number),
-        facts.MapTold("x", "", number),
-        facts.MissionTold(name, configuration=10**6, configurations=0),
-        facts.Tags("uav1", (-5,)),
-        facts.Check((Line(name, "x", State.RED, ""),), 1.0),
+        facts.RadioReport("uav1", number, number),
+        facts.MapReport("x", "", number),
+        facts.MissionReport(name, configuration=10**6, configurations=0),
+        facts.TagReport("uav1", (-5,)),
+        facts.FlightCheckReport((Line(name, "x", State.RED, ""),), 1.0),
     ):
         c.tell(10.0, fact)
     assert c.view(10.1).vehicles
 
 
 def test_what_is_not_known_is_no_fault():
-    assert not soundness.unsound(facts.Battery("uav1", math.nan))
+    assert not soundness.unsound(facts.BatteryReport("uav1", math.nan))
     assert not soundness.unsound(facts.Recorder("uav1", False, 0, 0, math.inf))
 
 
@@ -869,8 +869,8 @@ def test_events_are_told_once_and_exported():
     c = flying(console(), 10.0)
     flying(c, 11.0)
     c.wall_offset_s = 1.7e9
-    c.tell(11.1, facts.Guardian("uav2", "LAND", reasons=("battery empty",)))
-    c.tell(11.2, facts.Guardian("uav2", "LAND", reasons=("battery empty",)))
+    c.tell(11.1, facts.GuardianReport("uav2", "LAND", reasons=("battery empty",)))
+    c.tell(11.2, facts.GuardianReport("uav2", "LAND", reasons=("battery empty",)))
     c.tell(11.3, facts.VehicleText("uav1", "autopilot", "EKF variance, failsafe", 2))
     c.tell(11.4, facts.Answered("uav1", "mission-1", 7, "refused: it is flown by hand"))
     told = [(e.who, e.what, e.level) for e in c.log.events]
@@ -899,10 +899,10 @@ def test_a_mission_that_dies_is_told_and_locks_its_actions():
 def test_the_epoch_decides_whether_a_calibration_holds():
     c = flying(console(), 10.0)
     assert row(c, 10.1).calibration == "not calibrated"
-    c.tell(10.1, facts.EpochHeard("uav2", 3))
+    c.tell(10.1, facts.EpochReport("uav2", 3))
     c.tell(10.1, facts.Calibrated((("uav1", 1), ("uav2", 3)), 120.0))
     assert row(c, 10.1).calibration == "2 min old"
-    c.tell(10.2, facts.EpochHeard("uav2", 4))
+    c.tell(10.2, facts.EpochReport("uav2", 4))
     assert row(c, 10.3).calibration == "OUTDATED: its odometry began anew"
 
 
@@ -956,9 +956,9 @@ def poses_shown(c, now_s):
 
 def test_every_vehicle_s_pose_in_its_odometry_in_home_and_against_the_others():
     c = Console(["uav1", "uav2", "uav3"], normal_s=0.0)
-    c.tell(10.0, facts.OdometryHeard("uav2", (1.0, 2.0, -0.04), math.radians(-90.0)))
-    c.tell(10.0, facts.CameraInHome("uav1", (0.0, 0.0, 0.0), math.radians(179.0)))
-    c.tell(10.0, facts.CameraInHome("uav2", (0.0, -6.0, 8.0), math.radians(-179.0)))
+    c.tell(10.0, facts.OdometryReport("uav2", (1.0, 2.0, -0.04), math.radians(-90.0)))
+    c.tell(10.0, facts.CameraPoseReport("uav1", (0.0, 0.0, 0.0), math.radians(179.0)))
+    c.tell(10.0, facts.CameraPoseReport("uav2", (0.0, -6.0, 8.0), math.radians(-179.0)))
     odometry, home, others = poses_shown(c, 10.1)
     assert odometry == ["not known", "+1.0 +2.0 +0.0 m, -90°", "not known"]
     assert home == ["+0.0 +0.0 +0.0 m, +179°", "+0.0 -6.0 +8.0 m, -179°", "not known"]
@@ -970,9 +970,9 @@ def test_every_vehicle_s_pose_in_its_odometry_in_home_and_against_the_others():
 
 def test_a_distance_to_a_place_that_is_stale_is_not_told():
     c = Console(["uav1", "uav2"])
-    c.tell(10.0, facts.CameraInHome("uav1", (0.0, 0.0, 0.0), 0.0))
+    c.tell(10.0, facts.CameraPoseReport("uav1", (0.0, 0.0, 0.0), 0.0))
     for k in range(20):
-        c.tell(10.0 + 0.1 * k, facts.CameraInHome("uav2", (0.0, -6.0, 0.0), 0.0))
+        c.tell(10.0 + 0.1 * k, facts.CameraPoseReport("uav2", (0.0, -6.0, 0.0), 0.0))
     assert poses_shown(c, 12.0)[2] == ["uav2: not known", "uav1: not known"]
 
 
@@ -1077,7 +1077,7 @@ def test_what_the_bags_of_a_playback_do_not_have_is_told_and_in_flight_it_is_not
     for _ in range(3):
         hearing._look_at_bags()
     c = console()
-    for _, fact in hearing.take():
+    for _, fact in hearing.drain():
         c.tell(0.0, fact)
     absent = (
         cells.Cell("not in the bags", cells.QUIET)
@@ -1141,7 +1141,7 @@ def test_a_diagnosis_that_comes_and_goes_is_one_event():
 def test_an_odometry_that_began_anew_is_told_in_words():
     c = console()
     for now_s, epoch in ((10.0, 1795759387), (10.1, 1795759387), (12.0, 1795759388)):
-        c.tell(now_s, facts.EpochHeard("uav1", epoch))
+        c.tell(now_s, facts.EpochReport("uav1", epoch))
     told = [e.what for e in c.view(13.0).events if e.who == "uav1"]
     assert told == ["its odometry began", "its odometry began anew"]
 
@@ -1157,7 +1157,7 @@ def test_a_recording_says_so_and_commands_nobody():
 
 def test_a_mission_that_ended_is_not_missed():
     c = flying(console(), 10.0, "DONE")
-    c.tell(10.0, facts.MissionTold("DONE", "all configurations flown", "", 7, 8))
+    c.tell(10.0, facts.MissionReport("DONE", "all configurations flown", "", 7, 8))
     view = c.view(40.0)
     assert view.headline == (
         "DONE: all configurations flown. The flight is over; After [F5] maps what was recorded"

@@ -44,25 +44,25 @@ def test_a_picture_has_its_rate_its_age_and_the_tags_of_its_moment():
     c = Console(["uav1", "uav2"])
     assert camera(c, 0.0).words == "uav2: no picture was heard"
     for k in range(4):
-        c.tell(10.0 + k, facts.PictureHeard("uav2", 50.0 + k, b"\xff\xd8"))
-    c.tell(13.1, facts.Tags("uav2", (1,), (CORNERS,), 53.05))
+        c.tell(10.0 + k, facts.PreviewReport("uav2", 50.0 + k, b"\xff\xd8"))
+    c.tell(13.1, facts.TagReport("uav2", (1,), (CORNERS,), 53.05))
     found = camera(c, 13.4)
     assert found.words == "uav2: 1.0 Hz, 0.4 s old, tag 1" and found.outlines == (CORNERS,)
-    c.tell(14.0, facts.Tags("uav2", (1,), (CORNERS,), 53.9))
+    c.tell(14.0, facts.TagReport("uav2", (1,), (CORNERS,), 53.9))
     assert camera(c, 14.1).outlines == (), "an outline of another moment would lie beside the tag"
     assert camera(c, 16.0).words == "uav2: STOPPED 3.0 s ago"
 
 
 def test_one_that_cannot_be_shown_is_named_until_a_good_one_comes():
     c = Console(["uav1", "uav2"])
-    c.tell(10.0, facts.PictureHeard("uav2", 10.0, b"\xff\xd8"))
+    c.tell(10.0, facts.PreviewReport("uav2", 10.0, b"\xff\xd8"))
     c.tell(
         11.0,
         facts.Unusable("uav2", CAMERA, "encoding '13UC5' with 2 octets is no JPEG or PNG picture"),
     )
     assert camera(c, 60.0).words == "uav2: encoding '13UC5' with 2 octets is no JPEG or PNG picture"
     assert camera(c, 60.0, "uav1").problem == ""
-    c.tell(61.0, facts.PictureHeard("uav2", 61.0, b"\xff\xd8"))
+    c.tell(61.0, facts.PreviewReport("uav2", 61.0, b"\xff\xd8"))
     assert camera(c, 61.1).problem == ""
     c.tell(62.0, facts.Unusable("", "/map/depth", "encoding '13UC5' is no depth"))
     assert c.view(62.0).map_pictures.words == "map: encoding '13UC5' is no depth"
@@ -175,7 +175,7 @@ def test_pictures_are_shown_by_their_button_with_tags_outlined(window, app):
 def test_octets_that_are_no_picture_and_a_wrong_encoding_are_told_in_words(window, app):
     window.show_pictures.click()
     now_s = samples.NOW_S
-    window.console.tell(now_s, facts.PictureHeard("uav1", now_s, b"\xff\xd8 not a picture"))
+    window.console.tell(now_s, facts.PreviewReport("uav1", now_s, b"\xff\xd8 not a picture"))
     window.console.tell(
         now_s, facts.Unusable("uav2", CAMERA, "encoding 'h265' with 2 octets is no picture")
     )
@@ -188,7 +188,7 @@ def test_octets_that_are_no_picture_and_a_wrong_encoding_are_told_in_words(windo
     )
     assert boxes["uav2"].words == "uav2: encoding 'h265' with 2 octets is no picture"
     assert boxes["uav2"].accessibleDescription() == boxes["uav2"].words
-    window.console.tell(now_s, facts.PictureHeard("uav1", now_s, jpeg(90)))
+    window.console.tell(now_s, facts.PreviewReport("uav1", now_s, jpeg(90)))
     window.show_view(window.console.view(now_s))
     assert boxes["uav1"].image.width() == 640
 
@@ -216,6 +216,6 @@ def test_space_stops_all_from_a_dock_that_was_taken_out(window, app):
 
 
 def test_hidden_pictures_are_not_unpacked(window):
-    window.console.tell(samples.NOW_S, facts.PictureHeard("uav1", samples.NOW_S, jpeg(90)))
+    window.console.tell(samples.NOW_S, facts.PreviewReport("uav1", samples.NOW_S, jpeg(90)))
     window.show_view(window.console.view(samples.NOW_S))
     assert window.pictures.boxes["uav1"].image.isNull()

@@ -33,8 +33,8 @@ def waiting(configurations=8):
     """The mission waits for execute; the flight check is green; nothing was rehearsed."""
     c = Console(["uav1", "uav2"])
     c.load(OUTDOOR)
-    c.tell(10.0, facts.Check((Line("uav1", "battery", State.GREEN, "80 %"),)))
-    c.tell(10.0, facts.MissionTold("SET_HOME", "home is set", "execute", 0, configurations))
+    c.tell(10.0, facts.FlightCheckReport((Line("uav1", "battery", State.GREEN, "80 %"),)))
+    c.tell(10.0, facts.MissionReport("SET_HOME", "home is set", "execute", 0, configurations))
     return c
 
 
@@ -43,7 +43,9 @@ def why(c, name="execute"):
 
 
 def told(c, state, share=math.nan, words="", text=None):
-    c.tell(10.0, facts.RehearsalTold(c.file.text if text is None else text, state, share, words))
+    c.tell(
+        10.0, facts.RehearsalProgress(c.file.text if text is None else text, state, share, words)
+    )
 
 
 # ---- what it locks -------------------------------------------------------------------------------
@@ -64,7 +66,8 @@ def test_the_list_is_not_handed_over_before_it_was_rehearsed(name):
     assert why(c, name) == "the list is not rehearsed: rehearse it [V]; the last one was stopped"
     told(c, "passed", words="8 of 8 recorded in 3:10")
     assert (
-        why(c, name) == "" and c.view(10.1).rehearsal.told == "rehearsed: 8 of 8 recorded in 3:10"
+        why(c, name) == ""
+        and c.view(10.1).rehearsal.summary == "rehearsed: 8 of 8 recorded in 3:10"
     )
 
 
@@ -82,7 +85,7 @@ def test_an_outcome_holds_for_the_text_that_was_flown():
 
 def test_vehicles_that_hold_in_flight_are_handed_over_unrehearsed():
     c = waiting()
-    c.tell(10.0, facts.MissionTold("CONFIGURATIONS", "", "resume", 2, 8))
+    c.tell(10.0, facts.MissionReport("CONFIGURATIONS", "", "resume", 2, 8))
     assert why(c, "hand_over") == "" and why(c, "rehearse") == "the mission flies its list"
 
 

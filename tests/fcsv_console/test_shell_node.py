@@ -19,12 +19,12 @@ until = within(15.0)
 def shell(ros_master, monkeypatch):
     import rospy
 
-    from fcsv_console.ros.shell import Shell
+    from fcsv_console.ros.shell import ConsoleShell
 
     # this process is a node already
     monkeypatch.setattr(rospy, "init_node", lambda *_a, **_k: None)
     monkeypatch.setattr(rospy, "signal_shutdown", lambda *_a: None)
-    made = Shell(Console(["c_one", "c_two"], {"c_one": 1, "c_two": 2}), "console")
+    made = ConsoleShell(Console(["c_one", "c_two"], {"c_one": 1, "c_two": 2}), "console")
     until(
         lambda: made._commands is not None and not made.view().actions["land"].why_not,
         what="the master",

@@ -23,17 +23,17 @@ def console(rehearsed=True, **more):
     c = Console(NAMES, {"uav1": 1, "uav2": 2}, **more)
     c.load(OUTDOOR)
     if rehearsed:
-        c.tell(0.0, facts.RehearsalTold(c.file.text, "passed", words="8 of 8 recorded"))
+        c.tell(0.0, facts.RehearsalProgress(c.file.text, "passed", words="8 of 8 recorded"))
     return c
 
 
 def told(c, now_s, phase, waits_for="", detail="", lines=GREEN, problems=()):
     for name in NAMES:
-        c.tell(now_s, facts.AutopilotState(name, True, True, Mode.LOITER))
-        c.tell(now_s, facts.Battery(name, 0.8, 15.2))
-    c.tell(now_s, facts.Tags("uav2", (1,)))
-    c.tell(now_s, facts.Check(tuple(lines)))
-    c.tell(now_s, facts.MissionTold(phase, detail, waits_for, 0, 8, tuple(problems)))
+        c.tell(now_s, facts.AutopilotReport(name, True, True, Mode.LOITER))
+        c.tell(now_s, facts.BatteryReport(name, 0.8, 15.2))
+    c.tell(now_s, facts.TagReport("uav2", (1,)))
+    c.tell(now_s, facts.FlightCheckReport(tuple(lines)))
+    c.tell(now_s, facts.MissionReport(phase, detail, waits_for, 0, 8, tuple(problems)))
     return c.view(now_s).guide
 
 
@@ -129,18 +129,18 @@ def test_a_list_that_is_not_rehearsed_is_rehearsed_while_people_fly():
     assert (
         home.next == "rehearse" and "Execute is locked: the list is not rehearsed" in home.headline
     )
-    c.tell(12.0, facts.RehearsalTold(c.file.text, "runs", 0.4))
+    c.tell(12.0, facts.RehearsalProgress(c.file.text, "runs", 0.4))
     runs = told(c, 12.0, "SET_HOME", "execute")
     assert (runs.next, runs.sort) == ("", guide.WAITS)
     assert runs.headline == "Home is set. Execute is locked: the list is being rehearsed: 40 %"
-    assert c.view(12.0).rehearsal.told == "is being rehearsed: 40 %"
+    assert c.view(12.0).rehearsal.summary == "is being rehearsed: 40 %"
 
 
 def test_the_calibration_is_told_with_its_figures_and_what_comes_then():
     c = console()
     told(c, 10.0, "CALIBRATE", detail="running")
     link = facts.CalibratedLink("uav2", "uav1", 25, 0, 0.012, math.radians(0.13))
-    c.tell(10.5, facts.CalibrationFound((link,)))
+    c.tell(10.5, facts.CalibrationReport((link,)))
     found = told(c, 11.0, "MOVE_HOME", "set_home", "uav2 against uav1: 25 detections (0 rejected)")
     assert (
         found.headline
@@ -166,9 +166,9 @@ def test_the_calibration_is_told_with_its_figures_and_what_comes_then():
 )
 def test_a_calibration_is_judged_by_what_the_map_counts_on(used, rejected, yaw_deg, sort, words):
     link = facts.CalibratedLink("uav2", "uav1", used, rejected, 0.01, math.radians(yaw_deg))
-    assert calibration_words(facts.CalibrationFound((link,))) == (sort, words)
+    assert calibration_words(facts.CalibrationReport((link,))) == (sort, words)
     better = dataclasses.replace(link, child="uav3", used=90, rejected=0, yaw_std_rad=0.0001)
-    assert "(uav2)" in calibration_words(facts.CalibrationFound((better, link)))[1] or math.isnan(
+    assert "(uav2)" in calibration_words(facts.CalibrationReport((better, link)))[1] or math.isnan(
         yaw_deg
     )
 
@@ -178,9 +178,9 @@ def test_a_calibration_that_is_refused_says_why():
     told(c, 10.0, "CALIBRATE")
     found = told(c, 11.0, "COLUMN", "calibrate", "only 3 detections of uav1")
     assert found.headline.startswith("Calibration refused: only 3 detections of uav1. Hold still")
-    c.tell(12.0, facts.Tags("uav2", ()))
+    c.tell(12.0, facts.TagReport("uav2", ()))
     for _ in range(40):
-        c.tell(20.0, facts.Tags("uav2", ()))
+        c.tell(20.0, facts.TagReport("uav2", ()))
     blind = told(console(), 20.0, "COLUMN", "", "operators: line up, every tag in view")
     assert blind.next == "" and blind.headline.startswith("Operators: line up, every tag in view. ")
 
@@ -282,7 +282,7 @@ def test_what_was_not_heard_yet_waits_and_what_stopped_does_not():
         if cell.tone in (cells.GONE, cells.BAD)
     ]
     assert rows(c, 1.0)["in home"][0].text == "home is not set yet"
-    c.tell(2.0, facts.OdometryHeard("uav1", (0.0, 0.0, 0.0)))
+    c.tell(2.0, facts.OdometryReport("uav1", (0.0, 0.0, 0.0)))
     assert rows(c, 9.0)["pose"][0] == cells.Cell("stopped 7.0 s ago", cells.GONE)
     assert rows(c, 61.0)["pose"][1] == cells.Cell("never", cells.GONE)
 
@@ -294,8 +294,8 @@ def test_after_the_end_machines_that_are_switched_off_are_nothing_to_worry_about
     c = console()
     told(c, 100.0, "DONE", detail="all configurations flown")
     for name in NAMES:
-        c.tell(100.0, facts.AutopilotState(name, True, False, Mode.LAND))
-    c.tell(104.0, facts.MasterTold("the ROS master does not answer"))
+        c.tell(100.0, facts.AutopilotReport(name, True, False, Mode.LAND))
+    c.tell(104.0, facts.MasterReport("the ROS master does not answer"))
     view = c.view(160.0)
     assert view.ended and view.problems == () and view.progress == 1.0
     assert not [

@@ -549,7 +549,7 @@ def test_the_line_that_is_chosen_stays_chosen_where_another_comes_above_it(shown
         replace(li, **slow.get((li.vehicle, li.name), {}))
         for li in console.view(samples.NOW_S).check
     ]
-    console.tell(samples.NOW_S, facts.Check(tuple(told)))
+    console.tell(samples.NOW_S, facts.FlightCheckReport(tuple(told)))
     window.show_view(console.view(samples.NOW_S))
     assert (
         lines() == [("uav1", "pre-arm"), ("uav1", "camera"), ("uav2", "battery")]
@@ -557,7 +557,9 @@ def test_the_line_that_is_chosen_stays_chosen_where_another_comes_above_it(shown
     )
     hold(app, window, KEYS.Key_Return, 0.0)
     assert asked == [("accept", {"vehicle": "uav2", "line": "battery"})]
-    console.tell(samples.NOW_S, facts.Check(tuple(li for li in told if li.name != "battery")))
+    console.tell(
+        samples.NOW_S, facts.FlightCheckReport(tuple(li for li in told if li.name != "battery"))
+    )
     window.show_view(console.view(samples.NOW_S))
     assert window.check.chosen() == [] and not window.accept.isEnabled(), (
         "it is gone: no other is chosen for it"
@@ -605,7 +607,7 @@ def test_rviz_stands_in_the_plans_place_then_alone_then_the_plan_is_back(shown, 
     """It says in its place what is missing: without a master it is not started. Who is above whom
     is always told."""
     window, console, _ = shown("wrong")
-    console.tell(samples.NOW_S, facts.MasterTold("the master does not answer"))
+    console.tell(samples.NOW_S, facts.MasterReport("the master does not answer"))
     window.resize(*size)
     window.show_view(console.view(samples.NOW_S))
     for _ in range(4):
@@ -824,7 +826,7 @@ def test_in_the_dock_the_step_that_is_next_stands_out_in_place_of_the_button_tha
     shown, app
 ):
     window, console, _ = shown("landed")
-    console.tell(samples.NOW_S, facts.JobTold("map", "done", words="wrote a map"))
+    console.tell(samples.NOW_S, facts.JobProgress("map", "done", words="wrote a map"))
     console.tell(samples.NOW_S, facts.PlacesFound(True, True))
     hold(app, window, KEYS.Key_F5, 0.0)
     window.show_view(console.view(samples.NOW_S))
@@ -853,7 +855,7 @@ def test_nothing_moves_when_words_become_longer(shown, app, size):
     window.show_view(replace(view, problems=()))
     before = places()
     long = "it goes on and on, and says one thing after another, " * 9
-    stop = replace(view.stop, value=facts.StopTold("stop", long))
+    stop = replace(view.stop, value=facts.StopReport("stop", long))
     told = replace(
         view,
         guide=replace(view.guide, headline=long),
@@ -908,6 +910,6 @@ def test_an_empty_panel_says_why_it_is_empty(app, opened):
         )
 
     assert all(inked(box) for box in boxes)
-    console.tell(samples.NOW_S, facts.MapTold("waiting", "no configuration yet"))
+    console.tell(samples.NOW_S, facts.MapReport("waiting", "no configuration yet"))
     window.show_view(console.view(samples.NOW_S))
     assert boxes[2].empty.endswith("(live map: waiting: no configuration yet)")

@@ -85,10 +85,10 @@ class Vehicle:
     def __init__(self):
         self.facts = f = VehicleFacts()
         self.judged = Judged("uav1", VEHICLE_CHECKS)
-        for k in range(90):
-            f.positions.tick(self.now_s - k / 30.0)
-        for k in range(6):
-            f.pictures.tick(self.now_s - k)
+        for k in reversed(range(90)):
+            f.positions.tell(self.now_s - k / 30.0)
+        for k in reversed(range(6)):
+            f.pictures.tell(self.now_s - k)
         self.tell(
             link=link(),
             parameters=parameters(),
@@ -222,9 +222,9 @@ def test_one_fault_changes_its_own_lines_only(told, found, words):
 def test_a_low_rate_of_positions_and_pictures():
     v = Vehicle()
     v.facts.positions, v.facts.pictures = VehicleFacts().positions, VehicleFacts().pictures
-    for k in range(30):
-        v.facts.positions.tick(v.now_s - k / 10.0)
-    v.facts.pictures.tick(v.now_s - 5.0)
+    for k in reversed(range(30)):
+        v.facts.positions.tell(v.now_s - k / 10.0)
+    v.facts.pictures.tell(v.now_s - 5.0)
     assert v.not_green() == {"streams": A, "camera": A}
     assert v.not_green(later_s=1.5)["camera"] is R
 
@@ -466,8 +466,8 @@ class Fleet:
             v.report.tell(self.now_s, [Line(v.name, "feed", G, "30 poses a second", since_s=7.0)])
             v.patience_s = 4.0
             v.clock.tell(self.now_s, ClockOffset(self.now_s, 0.001, 0.002))
-            for k in range(90):
-                v.poses.tick(self.now_s - k / 30.0)
+            for k in reversed(range(90)):
+                v.poses.tell(self.now_s - k / 30.0)
         self.see(self.now_s - 1.0)
         self.see(self.now_s)
 

@@ -28,7 +28,7 @@ from fcsv_control.flight.messages import BarometerHeard, PoseHeard
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
-from fcsv_sim.autopilot.udp import UdpLine
+from fcsv_sim.autopilot.udp import AutopilotUdp
 from fcsv_sim.machines.machines import free_port
 
 M = mavutil.mavlink
@@ -157,7 +157,7 @@ def flown(core, vehicle):
         core.step(vehicle.now_s)
         core.events()
         for message in core.outgoing():
-            vehicle.server.take(vehicle.now_s, message)
+            vehicle.server.receive(vehicle.now_s, message)
     ready = (
         core.connected(vehicle.now_s) and core.origin_set(vehicle.now_s) and core.state.prearm_ok
     )
@@ -203,7 +203,7 @@ def test_ten_thousand_strange_inputs_end_no_simulated_autopilot(kind):
     for k in range(INPUTS):
         for message in line.messages(garbage(random_)):
             heard += 1
-            vehicle.server.take(vehicle.now_s, message)
+            vehicle.server.receive(vehicle.now_s, message)
         if k % 200 == 0:
             vehicle.lift()
         if k % 4 == 0:
@@ -295,7 +295,7 @@ def test_ten_thousand_strange_inputs_end_no_line_of_the_simulated_autopilot():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as companion:
         companion.bind(("127.0.0.1", 0))
         companion.setblocking(False)
-        line = UdpLine(vehicle.server, f"127.0.0.1:{companion.getsockname()[1]}", 1)
+        line = AutopilotUdp(vehicle.server, f"127.0.0.1:{companion.getsockname()[1]}", 1)
         try:
             line.step(vehicle.now_s, (0.0, 0.0, 0.0))  # says a heartbeat
             home = companion.recvfrom(300)[1]

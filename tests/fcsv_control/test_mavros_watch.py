@@ -35,7 +35,7 @@ class Board:
         for _ in range(int(round(seconds / PASS_S))):
             self.now_s += PASS_S
             if self.says:
-                self.watch.heard(self.now_s)
+                self.watch.on_message(self.now_s)
             if self.watch.asks(self.now_s):
                 self.watch.answered(self.pid)
             pid = self.watch.step(self.now_s)

@@ -121,7 +121,7 @@ def flown(seed, drift_mps, seconds):
         yaw_rad = turns[leg] + share * (turns[leg + 1] - turns[leg])
         T_odom = tracker.odometry(at_s, transforms.from_xyz_yaw(p_m, yaw_rad))[0]
         turning = (turns[leg + 1] - turns[leg]) / 4.0 if share < 1.0 else 0.0
-        seen = scene.see(
+        seen = scene.observe(
             at_s,
             transforms.from_xyz_yaw(p_m + off_m, yaw_rad),
             T_odom,

@@ -28,7 +28,7 @@ from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, VehicleFacts
 from fcsv_control.parameters import transfer, vehicle
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
-from fcsv_sim.autopilot.udp import UdpLine
+from fcsv_sim.autopilot.udp import AutopilotUdp
 from fcsv_sim.machines.machines import free_port
 
 M = mavutil.mavlink
@@ -153,7 +153,7 @@ def flown(link_key, autopilot_key):
         Transport(f"udpin:127.0.0.1:{port}", link_key), LinkParameters(target_system=1)
     )
     pilot = Autopilot(hover_thrust=0.5, seed=1)
-    line = UdpLine(MavlinkServer(pilot, 1), f"127.0.0.1:{port}", 1, autopilot_key)
+    line = AutopilotUdp(MavlinkServer(pilot, 1), f"127.0.0.1:{port}", 1, autopilot_key)
 
     def until(condition, timeout_s):
         end_s = time.monotonic() + timeout_s
@@ -284,7 +284,7 @@ def test_an_armed_autopilot_gets_no_key(served, tmp_path, capsys):
         and one.server.signing is None
     )
     m = M.MAVLink_setup_signing_message(4, 1, list(KEY), 1)  # and would not take one
-    one.server.take(time.monotonic(), m)
+    one.server.receive(time.monotonic(), m)
     assert one.server.signing is None
 
 
@@ -306,7 +306,7 @@ def test_a_key_of_zeros_is_none(tmp_path, capsys):
 def test_a_key_for_another_vehicle_is_not_taken():
     server = MavlinkServer(Autopilot(hover_thrust=0.5, seed=1), 1)
     for system, taken in ((2, False), (1, True)):
-        server.take(0.0, M.MAVLink_setup_signing_message(system, 1, list(KEY), 5))
+        server.receive(0.0, M.MAVLink_setup_signing_message(system, 1, list(KEY), 5))
         assert (server.signing == (KEY, 5)) == taken
-    server.take(0.0, M.MAVLink_setup_signing_message(0, 1, [0] * 32, 0))
+    server.receive(0.0, M.MAVLink_setup_signing_message(0, 1, [0] * 32, 0))
     assert server.signing is None

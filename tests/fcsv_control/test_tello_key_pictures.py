@@ -14,10 +14,10 @@ from fcsv_control.tello.library import Hears, RadioParameters, TelloRadio
 from fcsv_control.tello.video import Video
 from fcsv_sim.machines.machines import free_port
 from fcsv_sim.tello.encoder import Encoder
-from fcsv_sim.tello.messages import Message
+from fcsv_sim.tello.messages import MessageId
 from fcsv_sim.tello.packets import decode
-from fcsv_sim.tello.radio import RadioParameters as Air
 from fcsv_sim.tello.radio import SimulatedWifi
+from fcsv_sim.tello.radio import WifiParameters as Air
 from fcsv_sim.tello.video import Packets
 
 RATE_HZ, DELAY_S, FLOWN_S = 5.0, 0.1, 120.0
@@ -137,7 +137,7 @@ def test_a_radio_that_was_not_asked_for_video_asks_for_no_key_picture(monkeypatc
         radio.key_picture()
     finally:
         radio.close()
-    assert Message.START_VIDEO in [decode(data).message for data in sent]
+    assert MessageId.START_VIDEO in [decode(data).message for data in sent]
 
 
 def test_what_comes_is_broken_from_a_loss_until_a_key_picture_is_on_its_way():

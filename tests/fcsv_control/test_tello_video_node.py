@@ -9,8 +9,8 @@ from support.tello_loop import CONFIG
 
 from fcsv_geometry.camera_file import write_camera
 from fcsv_sim.sensors.camera import CameraParameters
-from fcsv_sim.tello.pictures import VideoParameters
-from fcsv_sim.tello.radio import RadioParameters
+from fcsv_sim.tello.pictures import SimulatedVideoParameters
+from fcsv_sim.tello.radio import WifiParameters
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 SMALL = CameraParameters(width=480, height=360, horizontal_fov_deg=70.1)
@@ -27,14 +27,14 @@ def test_pictures_come_with_their_calibration_and_the_time_of_their_exposure(
     from sensor_msgs.msg import CameraInfo, Image
 
     name, network = "tello1", tello_air.network()
-    shows = VideoParameters(
+    shows = SimulatedVideoParameters(
         "street",
         vehicles_dir=str(root / "config/vehicles"),
         rate_hz=1.0,
         delay_s=DELAY_S,
         camera=SMALL,
     )
-    tello_air.drone(network, vehicle=name, radio=RadioParameters(loss=0.0), video=shows)
+    tello_air.drone(network, vehicle=name, radio=WifiParameters(loss=0.0), video=shows)
     write_camera(tmp_path / "camera.yaml", name, SMALL.model)
     pictures, infos = [], []
     heard = [

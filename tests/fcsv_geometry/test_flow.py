@@ -105,9 +105,9 @@ def test_a_slow_rate_is_no_clock_that_was_set():
 def test_a_rate_that_changes_counts_from_the_next():
     gate = RateGate(2.0, early=0.0)
     assert gate.due(0.0) and gate.due(0.0)  # to ask takes nothing
-    gate.take(0.0)
+    gate.admit(0.0)
     assert not gate.due(0.4) and gate.due(0.5)
-    gate.take(0.5, 10.0)
+    gate.admit(0.5, 10.0)
     assert gate.due(0.6) and not gate.due(0.59)
 
 

@@ -99,9 +99,9 @@ def test_from_messages():
         parent="uav1", child="uav2", covariance=link.covariance.ravel().tolist()
     )
     message.child_odom_in_parent_odom = conversions.transform_to_pose(link.T_parent_child)
-    home_messages.take_calibration(frames, Calibration(links=[message]))
+    home_messages.apply_calibration(frames, Calibration(links=[message]))
     pose = conversions.transform_to_pose(fleet.T_odom_home)
-    home_messages.take_home(frames, Home(reference="uav1", home_in_odom=pose))
+    home_messages.apply_home(frames, Home(reference="uav1", home_in_odom=pose))
     direct = HomeFrames()
     direct.calibrate([link])
     direct.set_home("uav1", fleet.T_odom_home)
@@ -114,8 +114,8 @@ def test_from_messages():
     before = frames.T_home_odom
     message.child_odom_in_parent_odom.orientation.w = float("nan")
     with pytest.raises(GeometryError):
-        home_messages.take_calibration(frames, Calibration(links=[message]))
+        home_messages.apply_calibration(frames, Calibration(links=[message]))
     pose.position.x = float("nan")
     with pytest.raises(GeometryError):
-        home_messages.take_home(frames, Home(reference="uav1", home_in_odom=pose))
+        home_messages.apply_home(frames, Home(reference="uav1", home_in_odom=pose))
     assert all((frames.T_home_odom[n] == before[n]).all() for n in before)

@@ -12,7 +12,7 @@ from collections import namedtuple
 import pytest
 
 from fcsv_geometry.programs import commands, writing
-from fcsv_geometry.programs.writing import PlaceError, in_words, require_file, require_folder
+from fcsv_geometry.programs.writing import OutputPlaceError, in_words, require_file, require_folder
 
 _Usage = namedtuple("_Usage", "total used free")
 
@@ -26,7 +26,7 @@ def test_a_folder_that_can_be_made_is_taken_and_not_made(tmp_path):
 @pytest.mark.parametrize("below", ["", "deeper/still"])
 def test_a_file_in_the_way_is_named(below, tmp_path):
     (tmp_path / "out").write_text("a file")
-    with pytest.raises(PlaceError, match="out: a file stands there"):
+    with pytest.raises(OutputPlaceError, match="out: a file stands there"):
         require_folder(tmp_path / "out" / below)
 
 
@@ -59,7 +59,7 @@ def test_a_command_that_the_system_stops_says_where_it_wrote(capsys):
 
 
 def test_a_folder_in_place_of_a_file_is_named(tmp_path):
-    with pytest.raises(PlaceError, match="is a folder: name a file"):
+    with pytest.raises(OutputPlaceError, match="is a folder: name a file"):
         require_file(tmp_path)
 
 
@@ -76,7 +76,7 @@ def test_what_the_system_refuses_is_a_sentence(number, words, tmp_path, monkeypa
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(writing.tempfile, "TemporaryFile", refuse)
-    with pytest.raises(PlaceError, match=words) as told:
+    with pytest.raises(OutputPlaceError, match=words) as told:
         require_folder(tmp_path)
     assert str(told.value).startswith(f"{tmp_path}: ") and "\n" not in str(told.value)
 
@@ -84,7 +84,7 @@ def test_what_the_system_refuses_is_a_sentence(number, words, tmp_path, monkeypa
 def test_too_little_room_is_said_with_both_figures(tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: _Usage(1 << 40, 1 << 40, 5 << 20))
     require_folder(tmp_path, 5)
-    with pytest.raises(PlaceError, match="5 MiB are free, 6 are needed"):
+    with pytest.raises(OutputPlaceError, match="5 MiB are free, 6 are needed"):
         require_folder(tmp_path, 6)
 
 
@@ -123,6 +123,6 @@ def test_a_read_only_disk_is_said_of_the_folder_not_of_what_was_tried_there(tmp_
 
     monkeypatch.setattr(writing.tempfile, "TemporaryFile", refuse)
     with pytest.raises(
-        PlaceError, match=f"^{tmp_path}: the disk is read-only: choose another folder$"
+        OutputPlaceError, match=f"^{tmp_path}: the disk is read-only: choose another folder$"
     ):
         require_folder(tmp_path / "out")

@@ -11,10 +11,10 @@ import pytest
 from support.waiting import within
 
 from fcsv_multimaster.errors import WireError
-from fcsv_multimaster.links import LINKS, Rule, TrafficClass
+from fcsv_multimaster.links import LINKS, LinkRule, TrafficClass
 from fcsv_multimaster.network import wire
 from fcsv_multimaster.network.endpoints import Endpoint
-from fcsv_multimaster.network.transport import Transport
+from fcsv_multimaster.network.transport import ZenohTransport
 from fcsv_multimaster.relay.inbound import Inbound
 from fcsv_multimaster.relay.peer import Peer
 from fcsv_sim.machines.machines import free_port
@@ -24,8 +24,8 @@ until = within(15.0)
 ROUNDS = 10_000
 HERE, THERE = 7, 9  # boots
 RULES = {
-    "/t": Rule("/t", TrafficClass("datagram", "real_time", True, max_age_s=5.0)),
-    "/s": Rule("/s", TrafficClass("datagram", "interactive_high", False, max_age_s=1.0)),
+    "/t": LinkRule("/t", TrafficClass("datagram", "real_time", True, max_age_s=5.0)),
+    "/s": LinkRule("/s", TrafficClass("datagram", "interactive_high", False, max_age_s=1.0)),
 }
 EDGES = (
     b"\x00" * 4,
@@ -101,7 +101,7 @@ def test_ten_thousand_mangled_messages_and_notes_end_nothing(seed, monkeypatch):
     notes = [
         wire.Ping(THERE, HERE, 1.0, 2.0, "host a"),
         wire.Pong(THERE, 999.9, 5.0, 6.0),
-        wire.Ack(HERE, 3),
+        wire.Acknowledgement(HERE, 3),
     ]
     for i in range(ROUNDS):
         now[0] += 1e-3
@@ -162,7 +162,7 @@ def free_endpoint():
 
 
 def transport(listen, peers, name, heard):
-    return Transport(
+    return ZenohTransport(
         name, listen, peers, None, lambda *parcel: None, lambda *note: heard.append(note)
     )
 

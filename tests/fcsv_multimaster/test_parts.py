@@ -14,11 +14,11 @@ from fcsv_geometry.streams import arrivals
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_multimaster import fkie
 from fcsv_multimaster.errors import EndpointError, PictureError, WireError
-from fcsv_multimaster.links import Rule, TrafficClass, load_links
+from fcsv_multimaster.links import LinkRule, TrafficClass, load_links
 from fcsv_multimaster.network import wire
 from fcsv_multimaster.network.addresses import AddressWatch, local_addresses
 from fcsv_multimaster.network.endpoints import parse_endpoint, parse_peers
-from fcsv_multimaster.network.transport import Transport
+from fcsv_multimaster.network.transport import ZenohTransport
 from fcsv_multimaster.relay import order
 from fcsv_multimaster.relay.measure import PeerMeasure, SignOfLife
 from fcsv_multimaster.relay.outbound import Message, Pacer, Remembered, Repeater
@@ -41,7 +41,7 @@ CAPTURE = TrafficClass("bulk", "data", True, max_age_s=10.0)
 
 def message(number, traffic=BULK, topic="/t", born_s=0.0, size=60000):
     return Message(
-        topic, Rule(topic, traffic), "p/T", "0" * 32, bytes(size), born_s, number, number
+        topic, LinkRule(topic, traffic), "p/T", "0" * 32, bytes(size), born_s, number, number
     )
 
 
@@ -54,7 +54,7 @@ def test_a_parcel_and_every_note_come_out_as_they_went_in():
     for note in (
         wire.Ping(1, 2, 2.0, 3.0, "host a at 10.0.0.1"),
         wire.Pong(1, 2.0, 3.0, 4.0),
-        wire.Ack(1, 2, True),
+        wire.Acknowledgement(1, 2, True),
     ):
         assert wire.unpack_note(wire.pack_note(note)) == note
 
@@ -81,7 +81,7 @@ def test_another_version_of_the_language_is_named():
 
 def test_ages_follow_the_monotonic_clocks_whatever_the_wall_clocks_do():
     peer = PeerMeasure()
-    assert peer.heard(1, 10.0) is SignOfLife.NEW
+    assert peer.on_sign_of_life(1, 10.0) is SignOfLife.NEW
     # the peer's clock steps by an hour
     for i, wall_s in enumerate((0.0, 3600.0, 3600.0, 3600.0, 3600.0, 3600.0)):
         peer.clocks.answered(10.0 + i, 10.02 + i, 500.01 + i, wall_s)
@@ -91,29 +91,32 @@ def test_ages_follow_the_monotonic_clocks_whatever_the_wall_clocks_do():
 
 def test_a_second_machine_of_the_same_name_is_told_from_a_restart():
     peer = PeerMeasure()
-    assert [peer.heard(1, 0.0), peer.heard(1, 0.5), peer.heard(2, 0.6), peer.heard(1, 0.7)] == [
-        SignOfLife.NEW,
-        SignOfLife.SAME,
-        SignOfLife.DOUBLE,
-        SignOfLife.SAME,
-    ]
-    assert peer.heard(2, 5.0) is SignOfLife.NEW and not peer.alive(6.5)
+    assert [
+        peer.on_sign_of_life(1, 0.0),
+        peer.on_sign_of_life(1, 0.5),
+        peer.on_sign_of_life(2, 0.6),
+        peer.on_sign_of_life(1, 0.7),
+    ] == [SignOfLife.NEW, SignOfLife.SAME, SignOfLife.DOUBLE, SignOfLife.SAME]
+    assert peer.on_sign_of_life(2, 5.0) is SignOfLife.NEW and not peer.alive(6.5)
 
 
 def test_of_two_machines_with_one_name_the_second_does_not_take_the_place_of_the_first_in_a_cut():
     peer = PeerMeasure()
     for at_s in np.arange(0.0, 3.0, 0.25):
-        assert peer.heard(1, at_s) is not SignOfLife.DOUBLE
-        assert peer.heard(2, at_s + 0.1, "host b") is SignOfLife.DOUBLE
+        assert peer.on_sign_of_life(1, at_s) is not SignOfLife.DOUBLE
+        assert peer.on_sign_of_life(2, at_s + 0.1, "host b") is SignOfLife.DOUBLE
     assert peer.twin(3.0) == "host b"
-    assert {peer.heard(2, s, "host b") for s in np.arange(3.0, 60.0, 0.5)} == {
+    assert {peer.on_sign_of_life(2, s, "host b") for s in np.arange(3.0, 60.0, 0.5)} == {
         SignOfLife.DOUBLE
     } and not peer.alive(60.0)
-    assert peer.heard(3, 61.0) is SignOfLife.NEW  # the first was started again
-    assert peer.heard(2, 61.1) is SignOfLife.DOUBLE and peer.heard(3, 100.0) is SignOfLife.SAME
+    assert peer.on_sign_of_life(3, 61.0) is SignOfLife.NEW  # the first was started again
     assert (
-        peer.heard(2, 159.0) is SignOfLife.DOUBLE
-        and peer.heard(2, 160.1) is SignOfLife.NEW
+        peer.on_sign_of_life(2, 61.1) is SignOfLife.DOUBLE
+        and peer.on_sign_of_life(3, 100.0) is SignOfLife.SAME
+    )
+    assert (
+        peer.on_sign_of_life(2, 159.0) is SignOfLife.DOUBLE
+        and peer.on_sign_of_life(2, 160.1) is SignOfLife.NEW
         and peer.twin(160.1) is None
     )
 
@@ -121,11 +124,11 @@ def test_of_two_machines_with_one_name_the_second_does_not_take_the_place_of_the
 def test_who_is_not_meant_by_a_peer_knows_it_but_not_right_after_his_restart():
     peer = PeerMeasure()
     for at_s in np.arange(0.0, 10.0, 0.25):
-        peer.heard(1, at_s)
+        peer.on_sign_of_life(1, at_s)
         peer.addressed(7 if at_s < 1.5 else 5, 5, at_s)
         assert not peer.displaced(at_s)
     for at_s in np.arange(10.0, 15.0, 0.25):
-        peer.heard(1, at_s)
+        peer.on_sign_of_life(1, at_s)
         peer.addressed(7, 5, at_s)
         assert peer.displaced(at_s) == (at_s > 13.0)
     assert not peer.displaced(20.0)  # it is gone itself
@@ -173,7 +176,7 @@ def test_pictures_that_a_slow_link_cannot_carry_get_rarer_not_older():
         if step % 33 == 0:
             number += 1
             pacer.offer(message(number, born_s=now_s))
-        m = pacer.take(now_s)
+        m = pacer.next_message(now_s)
         if m is not None:
             pacer.sent(m, 60000, now_s)
             link_free_s = max(link_free_s, now_s) + 0.6
@@ -189,11 +192,11 @@ def test_captures_keep_their_order_and_survive_a_cut_in_the_middle_and_starve_no
     pacer.offer(message(1))
     for number in (2, 3):
         pacer.offer(message(number, CAPTURE, "/c"))
-    first = pacer.take(0.0)
+    first = pacer.next_message(0.0)
     pacer.sent(first, 60000, 0.0)
     assert first.number == 2
     pacer.cut()
-    assert [pacer.take(1.0).number for _ in range(3)] == [2, 1, 3]
+    assert [pacer.next_message(1.0).number for _ in range(3)] == [2, 1, 3]
 
 
 def test_captures_that_were_lost_on_the_way_keep_their_order():
@@ -201,8 +204,8 @@ def test_captures_that_were_lost_on_the_way_keep_their_order():
     for number in (1, 2, 3, 4):
         pacer.offer(message(number, CAPTURE, "/c"))
     for _ in range(3):
-        pacer.sent(pacer.take(0.0), 60000, 0.0)
-    assert [pacer.take(5.0).number for _ in range(4)] == [1, 2, 3, 4]
+        pacer.sent(pacer.next_message(0.0), 60000, 0.0)
+    assert [pacer.next_message(5.0).number for _ in range(4)] == [1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("each_s", [1.6, 3.2])  # 200 kB at 1 and at 0.5 Mbit/s
@@ -217,7 +220,7 @@ def test_a_slow_link_does_not_carry_the_same_pictures_again_and_again(each_s):
             came.append(number)
         if step % 10 == 0:
             pacer.offer(message(step, CAPTURE, "/c", born_s=now_s))
-        m = pacer.take(now_s)
+        m = pacer.next_message(now_s)
         if m is not None:
             sent += 1
             pacer.sent(m, 200000, now_s)
@@ -231,19 +234,19 @@ def test_what_fell_into_a_cut_is_sent_again_though_the_link_was_slow_before():
     pacer = Pacer()
     for number in (1, 2, 3):
         pacer.offer(message(number, CAPTURE, "/c"))
-    pacer.sent(pacer.take(0.0), 200000, 0.0)
-    assert pacer.take(2.6).number == 1, "too early"
+    pacer.sent(pacer.next_message(0.0), 200000, 0.0)
+    assert pacer.next_message(2.6).number == 1, "too early"
     pacer.sent(message(1, CAPTURE, "/c"), 200000, 2.6)
     pacer.acknowledged(1, 3.2)
-    pacer.sent(pacer.take(3.3), 200000, 3.3)
-    assert pacer.take(8.2).number == 3 and pacer.take(8.4).number == 2, (
+    pacer.sent(pacer.next_message(3.3), 200000, 3.3)
+    assert pacer.next_message(8.2).number == 3 and pacer.next_message(8.4).number == 2, (
         "it doubled its patience: 5 s since the last"
     )
 
 
 def test_what_came_too_early_waits_but_not_for_ever():
     assert doctest.testmod(order).attempted and not doctest.testmod(order).failed
-    waits = order.Order()
+    waits = order.DeliveryOrder()
     # 6 to 8 are not early
     assert waits.came(7, "/t", 5, 5, 5, 0.0) == [5] and waits.came(7, "/t", 9, 9, 9, 0.0) == [9]
     # repeated, as commands are: at once, whatever came before
@@ -267,8 +270,8 @@ def test_only_what_is_from_before_the_contact_holds_others_up():
     sent = []
     for now_s in (0.0, 0.5, 2.0, 2.1):
         for heard_s in np.arange(max(0.4, now_s - 0.9), now_s, 0.3):
-            peer.heard(7, heard_s)
-        m = Message("/t", Rule("/t", CRITICAL), "p/T", "0" * 32, b"", now_s)
+            peer.on_sign_of_life(7, heard_s)
+        m = Message("/t", LinkRule("/t", CRITICAL), "p/T", "0" * 32, b"", now_s)
         peer.number(m)
         peer.repeater.add(m, now_s)
         sent.append(m)
@@ -351,9 +354,9 @@ def test_a_malformed_jpeg_is_an_error(data):
 
 def test_without_keys_nothing_leaves_the_machine():
     with pytest.raises(EndpointError, match="has no keys"):
-        Transport("a", parse_endpoint("0.0.0.0:7447"), {}, None, print, print)
+        ZenohTransport("a", parse_endpoint("0.0.0.0:7447"), {}, None, print, print)
     with pytest.raises(EndpointError, match="has no keys"):
-        Transport(
+        ZenohTransport(
             "a", parse_endpoint("127.0.0.1:7447"), {"b": None}, None, print, print, discovery=True
         )
 
@@ -408,7 +411,7 @@ def parcel(topic, came_s, age_s, traffic, unsure_s=0.0):
         1,
         wire.RAW,
         b"",
-        Rule(topic, traffic),
+        LinkRule(topic, traffic),
         age_s,
         came_s,
         unsure_s,
@@ -422,8 +425,8 @@ def test_states_that_came_are_told_with_when_they_were_sent_at_the_latest():
     sent.came(parcel("/uav2/odometry/state", 20.1, 0.2, state, 0.1))
     for traffic in (CRITICAL, EVENT, BULK):
         sent.came(parcel("/uav2/other", 20.0, 0.1, traffic))
-    assert sent.take() == {"/uav2/odometry/state": pytest.approx(19.8), "/uav2/mavros/state": 19.0}
-    assert sent.take() == {}
+    assert sent.drain() == {"/uav2/odometry/state": pytest.approx(19.8), "/uav2/mavros/state": 19.0}
+    assert sent.drain() == {}
 
 
 def test_an_age_is_no_surer_than_the_pings_by_which_clocks_are_known():
@@ -453,7 +456,7 @@ def test_ages_survive_restarts_and_a_relay_that_says_nothing():
     known, topic = arrivals.Arrivals(), "/uav2/odometry/state"
     known.came(topic, "/relay")
     assert known.since_s(topic, 10.0) == 9.0, "never told: not fresh"
-    known.told([topic], [9.95])
+    known.on_sent([topic], [9.95])
     assert known.since_s(topic, 10.0) == 9.95
     assert known.since_s(topic, 10.1) == 9.95, (
         "of the next the relay has not told yet: the one before counts"
@@ -461,7 +464,7 @@ def test_ages_survive_restarts_and_a_relay_that_says_nothing():
     assert known.since_s(topic, 300.0) == 299.0, (
         "a relay that restarted: no older than it lets through"
     )
-    known.told([topic], [310.0])
+    known.on_sent([topic], [310.0])
     assert known.since_s(topic, 300.0) == 300.0, (
         "told of one that is still to come: this one is not younger for that"
     )
@@ -485,10 +488,10 @@ def test_the_missions_view_is_as_old_as_the_relay_measured():
         getattr(vehicle.view(50.1, None), f"{n}_age_s") for n in ("pose", "state", "recorder")
     ]
     assert ages() == [pytest.approx(1.1)] * 3
-    known.told(topics, [49.9, 49.8, 40.0, 49.7])
+    known.on_sent(topics, [49.9, 49.8, 40.0, 49.7])
     assert ages() == [pytest.approx(a) for a in (0.2, 0.3, 0.4)]
     assert vehicle.view(50.1, None).battery_share == 0.9
-    known.told(topics[1:2], [50.5])
+    known.on_sent(topics[1:2], [50.5])
     vehicle.state(50.6, "GUIDED", True, True)
     assert np.isnan(vehicle.view(50.6, None).battery_share), (
         "10 s before the state by when both were sent"

@@ -20,13 +20,13 @@ def test_listed_frames_leave_with_their_prefix_and_the_newest_wins():
     out = TfOut("uav1", ["uav1/arm"], static=False)
     out.add(write([transform("base_link", "arm", 1.0), transform("base_link", "secret")]))
     out.add(write([transform("base_link", "arm", 2.0), transform("home", "uav2/arm")]))
-    (t,) = read(out.take()).transforms
+    (t,) = read(out.drain()).transforms
     assert (t.header.frame_id, t.child_frame_id, t.transform.translation.x) == (
         "uav1/base_link",
         "uav1/arm",
         2.0,
     )
-    assert out.take() is None
+    assert out.drain() is None
 
 
 def test_static_transforms_of_all_peers_are_one_message():

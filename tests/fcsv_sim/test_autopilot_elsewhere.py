@@ -37,7 +37,7 @@ def flown(start=(0.0, 0.0, 0.0, 0.0), seconds=30.0, heading=0.0, jitter_s=0.002)
     for k in range(int(seconds * HZ)):
         p, v = circle(k / HZ)
         came_s = 1000.0 + k / HZ + abs(random.normal(0, jitter_s))
-        states.append(motion.take(came_s, sim_state(p, (0.0, 0.0, heading), v)))
+        states.append(motion.on_sim_state(came_s, sim_state(p, (0.0, 0.0, heading), v)))
         true.append(transforms.apply(T_start, p))
     return states, np.array(true)
 
@@ -76,7 +76,7 @@ def test_messages_that_are_late_move_nothing_that_stands():
     for k in range(2000):
         came_s = max(came_s, 50.0 + k / HZ + (0.2 if random.random() < 0.02 else 0.0))
         p = np.array([0.004 * math.sin(k / 100.0), 1.2345, 2.0])
-        state = motion.take(
+        state = motion.on_sim_state(
             came_s, sim_state(p, (0, 0, 0), (0.004 * math.cos(k / 100.0), 0.0, 0.0))
         )
         found.append([state.stamp_s, *state.T_world_body[:3, 3]])
@@ -86,8 +86,8 @@ def test_messages_that_are_late_move_nothing_that_stands():
 
 def test_a_gap_in_its_messages_is_no_flight_through_it():
     motion = TrueMotion((0.0, 0.0, 0.0, 0.0))
-    motion.take(10.0, sim_state((0, 0, 0), (0, 0, 0), (2.0, 0, 0)))
-    state = motion.take(13.0, sim_state((5.0, 0, 1.0), (0, 0, 0), (2.0, 0, 0)))
+    motion.on_sim_state(10.0, sim_state((0, 0, 0), (0, 0, 0), (2.0, 0, 0)))
+    state = motion.on_sim_state(13.0, sim_state((5.0, 0, 1.0), (0, 0, 0), (2.0, 0, 0)))
     assert state.stamp_s == 13.0 and state.T_world_body[:3, 3] == pytest.approx(
         [5.0, 0, 1.0], abs=LSB_M
     )
@@ -97,12 +97,12 @@ def test_a_simulation_that_restarts_leaves_its_vehicle_where_it_stood():
     """ArduCopter's puts it back to its home, which a real one whose autopilot restarts does not
     do."""
     motion = TrueMotion((1.0, 0.0, 0.0, 0.0))
-    motion.take(10.0, sim_state((0, 0, 0), (0, 0, 0), (0, 0, 0)))
-    landed = motion.take(11.0, sim_state((3.0, -2.0, 0.02), (0, 0, 0.5), (0, 0, 0)))
-    again = motion.take(14.0, sim_state((0, 0, 0), (0, 0, 0), (0, 0, 0)))
+    motion.on_sim_state(10.0, sim_state((0, 0, 0), (0, 0, 0), (0, 0, 0)))
+    landed = motion.on_sim_state(11.0, sim_state((3.0, -2.0, 0.02), (0, 0, 0.5), (0, 0, 0)))
+    again = motion.on_sim_state(14.0, sim_state((0, 0, 0), (0, 0, 0), (0, 0, 0)))
     assert again.T_world_body[:2, 3] == pytest.approx(landed.T_world_body[:2, 3], abs=1e-6)
     assert transforms.yaw(again.T_world_body) == pytest.approx(0.5, abs=1e-6)
-    moved = motion.take(14.01, sim_state((0.02, 0, 0), (0, 0, 0), (2.0, 0, 0)))
+    moved = motion.on_sim_state(14.01, sim_state((0.02, 0, 0), (0, 0, 0), (2.0, 0, 0)))
     assert np.linalg.norm(moved.T_world_body[:3, 3] - again.T_world_body[:3, 3]) == pytest.approx(
         0.02, abs=0.005
     )
@@ -113,7 +113,7 @@ def test_a_simulation_that_restarts_leaves_its_vehicle_where_it_stood():
 )
 def test_a_pose_that_cannot_be_begins_no_flight(rpy, words):
     with pytest.raises(ElsewhereError, match=words):
-        TrueMotion((0.0, 0.0, 0.0, 0.0)).take(1.0, sim_state((0, 0, 0), rpy, (0, 0, 0)))
+        TrueMotion((0.0, 0.0, 0.0, 0.0)).on_sim_state(1.0, sim_state((0, 0, 0), rpy, (0, 0, 0)))
 
 
 # ---- who may stand there -------------------------------------------------------------------------
@@ -144,7 +144,7 @@ def test_a_copter_that_tells_its_true_pose_may_fly(elsewhere):
     while len(states) < 50 and time.monotonic() < until_s:
         message = line.receive(0.05)
         if message is not None and message.get_type() == "SIM_STATE":
-            states.append(motion.take(time.time(), message))
+            states.append(motion.on_sim_state(time.time(), message))
     line.close()
     assert len(states) == 50 and states[-1].T_world_body == pytest.approx(np.eye(4), abs=2e-2)
 

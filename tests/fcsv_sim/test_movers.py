@@ -137,7 +137,7 @@ def test_monitored_images_are_judged_and_what_is_off_is_told(truth, tmp_path):
         monitored.save(
             folder, Frame("uav1", WALL_S + t, depth, CAMERA, "a pair", skew_s, 3.0 + t, 0.2, 0.4)
         )
-    judged = monitored.judge(monitored.load(folder), truth)
+    judged = monitored.evaluate(monitored.load(folder), truth)
     cars = [m for j in judged for m in j.moving if m.name == "car"]
     assert [m.median_relative_error for m in cars] == pytest.approx([0.0, 0.2], abs=1e-5)
     assert [m.wrong for m in cars] == [0.0, 1.0] and all(m.answered == 1.0 for m in cars)
@@ -173,7 +173,7 @@ def judged_with_a_wall(both, folder, at_m, camera=CAMERA):
     """One frame, right where anything is seen, with a wall at ``at_m`` (m)."""
     truth = truth_of(both, folder, at_m)
     depth = monitored.TrueScene(truth).depth("uav1", WALL_S, camera)
-    return monitored.judge(
+    return monitored.evaluate(
         [Frame("uav1", WALL_S, depth, camera, "a pair", 0.0, 1.0, 0.2, 0.4)], truth
     )
 
@@ -203,7 +203,7 @@ def test_what_no_other_vehicle_of_the_image_sees_is_said(both, tmp_path, yaw_rad
         file.write(f"{WALL_S:.9f},uav2,{pose}\n")
     truth, nothing = load_truth(tmp_path), np.full((120, 160), np.nan, np.float32)
     frame = Frame("uav1", WALL_S, nothing, CAMERA, "uav2, horizontal 2.0 m", 0.0, 1.0, 0.2, 0.4)
-    judged = monitored.judge([frame], truth)
+    judged = monitored.evaluate([frame], truth)
     assert {u.why for u in judged[0].unjudged} == ({"seen by no other vehicle"} if alone else set())
     car = monitored.in_words(judged)[1]
     assert ("not judged in 1: 1 seen by no other vehicle" in car) == alone and (

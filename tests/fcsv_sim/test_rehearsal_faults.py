@@ -12,7 +12,7 @@ from fcsv_control.mission.activities.standing import CaptureWindow
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot import modes
-from fcsv_sim.people.operator import Sticks
+from fcsv_sim.people.operator import TransmitterSticks
 from fcsv_sim.rehearsal.faults import make_faults
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.hand_flight import HandFlight
@@ -357,7 +357,7 @@ def test_after_the_operator_confirmed_the_mission_may_command(mission):
 def test_a_command_before_the_companion_heard_of_the_pilot_does_not_count(mission):
     flight = hover(mission)
     vehicle = flight.fleet["uav2"]
-    vehicle.sticks(flight.now_s, Sticks(mode=Mode.ALT_HOLD))
+    vehicle.sticks(flight.now_s, TransmitterSticks(mode=Mode.ALT_HOLD))
     assert vehicle.flown_by_hand
     vehicle.link.receive(flight.now_s, SetPoint(np.eye(4)))
     fly(flight, 0.02)

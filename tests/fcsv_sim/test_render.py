@@ -12,7 +12,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.vehicles.vehicle import Mount, VehicleGeometry
-from fcsv_sim.render.bodies import Body, sample_offsets
+from fcsv_sim.render.bodies import RenderedBody, sample_offsets
 from fcsv_sim.render.caster import EmbreeCaster, Open3dCaster
 from fcsv_sim.render.rays import PRIM, T, ray_buffer, set_rays
 from fcsv_sim.render.renderer import Renderer
@@ -159,7 +159,7 @@ def test_tags_are_found_where_they_are(town):
         T_world_front = transforms.from_xyz_rpy(
             [3.5, 0, 8] + random.normal(0, 0.25, 3), random.normal(0, 0.08, 3)
         )
-        shot = camera.shoot(0.2 * i, T_world_body, [Body(front, T_world_front)], samples=1)
+        shot = camera.shoot(0.2 * i, T_world_body, [RenderedBody(front, T_world_front)], samples=1)
         found = detector.detect(cv2.cvtColor(shot.rgb, cv2.COLOR_RGB2GRAY), camera.model)
         assert [d.id for d in found] == [1]
         T_cam_tag = transforms.invert(shot.T_world_cam) @ T_world_front @ front.T_body_tag
@@ -185,7 +185,7 @@ def test_a_vehicle_hides_what_is_behind_it_and_is_hidden_by_what_is_in_front(pla
         ), depth
 
     def at(x, y, tag_id):
-        return Body(vehicle(tag_id), transforms.from_xyz_yaw([x, y, 2.48], 0.0))
+        return RenderedBody(vehicle(tag_id), transforms.from_xyz_yaw([x, y, 2.48], 0.0))
 
     assert seen(at(4, 0, 2))[0] == [2]
     ids, depth = seen(at(4, 0, 2), at(2.5, 0, 1))

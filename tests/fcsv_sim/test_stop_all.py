@@ -8,7 +8,7 @@ import pytest
 from fcsv_control.stopping.core import LAND
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_geometry.vehicles.modes import Mode
-from fcsv_sim.people.operator import Sticks
+from fcsv_sim.people.operator import TransmitterSticks
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.radio import RadioQuality
 
@@ -73,7 +73,7 @@ def test_with_the_mission_dead_everybody_stops_and_stays(flying, loss, most_s):
 
 def test_who_is_flown_by_hand_gets_no_mode_command(flying):
     flight = flying(2)
-    flight.hand_flown["uav2"] = lambda *_: Sticks(
+    flight.hand_flown["uav2"] = lambda *_: TransmitterSticks(
         mode=Mode.BRAKE
     )  # a pilot's BRAKE, which looks like ours
     wait(flight, 2.0)

@@ -11,7 +11,7 @@ from support.tello_air import free_udp_port, until
 
 from fcsv_geometry.programs import netns
 from fcsv_sim.tello.drone import DroneParameters
-from fcsv_sim.tello.radio import RadioParameters
+from fcsv_sim.tello.radio import WifiParameters
 from fcsv_sim.truth import TruthReader
 
 G_MPS2 = 9.81
@@ -68,7 +68,7 @@ def test_its_log_holds_odometry_and_imu(tello_air):
     """MVO is a displacement from an origin that nobody knows; the IMU's accelerometer is in g, z
     down."""
     network = tello_air.network()
-    drone = tello_air.drone(network, radio=RadioParameters(loss=0.0))
+    drone = tello_air.drone(network, radio=WifiParameters(loss=0.0))
     client = tello_air.client(network).connect()
     takes_off(client, drone)
     until(lambda: len(client.events["sample_mvo"]) > 20, 20.0, "odometry")
@@ -148,7 +148,7 @@ def test_seconds_of_lost_wifi(tello_air, lost_s):
 def test_a_weak_lossy_radio_still_flies(tello_air):
     """A fifth of all packets lost: sticks come often enough that it does not let go."""
     network = tello_air.network()
-    drone = tello_air.drone(network, radio=RadioParameters(loss=0.2, mean_delay_s=0.05))
+    drone = tello_air.drone(network, radio=WifiParameters(loss=0.2, mean_delay_s=0.05))
     client = tello_air.client(network).connect(30.0)
     takes_off(client, drone)
     client.tello.set_yaw(0.5)

@@ -11,13 +11,13 @@ import pytest
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_sim.tello import messages
-from fcsv_sim.tello.messages import Message
+from fcsv_sim.tello.messages import MessageId
 from fcsv_sim.tello.packets import Packet, PacketError, decode, encode
 from fcsv_sim.tello.program import ProgramParameters, switched_on
-from fcsv_sim.tello.radio import RadioParameters
+from fcsv_sim.tello.radio import WifiParameters
 
 HERE = "127.0.0.1"
-CLEAR = RadioParameters(least_delay_s=0.0, mean_delay_s=0.0, loss=0.0)
+CLEAR = WifiParameters(least_delay_s=0.0, mean_delay_s=0.0, loss=0.0)
 
 
 def free_port():
@@ -88,8 +88,8 @@ def connect(wire, sock=None):
 
 
 def test_it_answers_nobody_who_did_not_ask_for_a_connection(wire):
-    assert wire.ask(Message.GET_SSID) is None
-    assert connect(wire) and wire.ask(Message.GET_SSID) == b"\x00\x0cTELLO-FC5000"
+    assert wire.ask(MessageId.GET_SSID) is None
+    assert connect(wire) and wire.ask(MessageId.GET_SSID) == b"\x00\x0cTELLO-FC5000"
 
 
 def test_one_client_at_a_time_and_room_for_another_after_silence(wire):
@@ -103,13 +103,13 @@ def test_one_client_at_a_time_and_room_for_another_after_silence(wire):
 @pytest.mark.parametrize(
     "message, payload, answer",
     [
-        (Message.SET_HEIGHT_LIMIT, b"\x14\x00", b"\x00"),
-        (Message.SET_HEIGHT_LIMIT, b"", b"\x01"),
-        (Message.SET_TILT_LIMIT, struct.pack("<f", 15.0), b"\x00"),
-        (Message.SET_TILT_LIMIT, struct.pack("<f", float("nan")), b"\x01"),
-        (Message.SET_TILT_LIMIT, b"\x00", b"\x01"),
-        (Message.SET_LOW_BATTERY, b"\x65", b"\x01"),
-        (Message.SET_ENCODER_RATE, b"\x09", b"\x01"),
+        (MessageId.SET_HEIGHT_LIMIT, b"\x14\x00", b"\x00"),
+        (MessageId.SET_HEIGHT_LIMIT, b"", b"\x01"),
+        (MessageId.SET_TILT_LIMIT, struct.pack("<f", 15.0), b"\x00"),
+        (MessageId.SET_TILT_LIMIT, struct.pack("<f", float("nan")), b"\x01"),
+        (MessageId.SET_TILT_LIMIT, b"\x00", b"\x01"),
+        (MessageId.SET_LOW_BATTERY, b"\x65", b"\x01"),
+        (MessageId.SET_ENCODER_RATE, b"\x09", b"\x01"),
         (0x0FFF, b"", None),
     ],
 )
@@ -121,18 +121,18 @@ def test_what_it_cannot_do_is_refused(wire, message, payload, answer):
 def test_a_battery_that_is_low_refuses_take_off(wire):
     connect(wire)
     assert (
-        wire.ask(Message.SET_LOW_BATTERY, b"\x63") == b"\x00"
-        and wire.ask(Message.TAKE_OFF) == b"\x01"
+        wire.ask(MessageId.SET_LOW_BATTERY, b"\x63") == b"\x00"
+        and wire.ask(MessageId.TAKE_OFF) == b"\x01"
     )
     assert (
-        wire.ask(Message.SET_LOW_BATTERY, b"\x0a") == b"\x00"
-        and wire.ask(Message.TAKE_OFF) == b"\x00"
+        wire.ask(MessageId.SET_LOW_BATTERY, b"\x0a") == b"\x00"
+        and wire.ask(MessageId.TAKE_OFF) == b"\x00"
     )
 
 
 def test_wrong_checksums_and_lengths_are_counted_and_change_nothing(wire):
     connect(wire)
-    good = encode(Packet(Message.TAKE_OFF, 7, b"", 0x68))
+    good = encode(Packet(MessageId.TAKE_OFF, 7, b"", 0x68))
     for k in range(len(good)):
         wire.send(good[:k] + bytes([good[k] ^ 1]) + good[k + 1 :])
         wire.send(good[:k])
@@ -148,7 +148,7 @@ def garbage(random_, k):
     """Bytes; good packets of any number with any payload; good packets that one bit or the end is
     missing of."""
     payload = some(random_, random_.choice([0, 1, 2, 3, 4, 6, 11, 40]))
-    numbers = [*Message, random_.randrange(1 << 16)]
+    numbers = [*MessageId, random_.randrange(1 << 16)]
     packet = encode(Packet(random_.choice(numbers), k & 0xFFFF, payload, random_.randrange(256)))
     at = random_.randrange(len(packet))
     return random_.choice(
@@ -185,7 +185,7 @@ def test_ten_thousand_random_inputs_on_its_port(wire):
     for _ in range(20):  # falls, and lies
         wire.heard(0.5)
         connect(wire)
-    assert wire.ask(Message.TAKE_OFF) == b"\x00" and flight.flying
+    assert wire.ask(MessageId.TAKE_OFF) == b"\x00" and flight.flying
     T = wire.shell.drone.body.T_world_body
     assert (T == T).all() and abs(T[:3, 3]).max() < 1e4
 
@@ -198,7 +198,7 @@ def test_an_address_that_is_not_here_is_named(tmp_path):
 
 
 def test_sticks_and_packets_survive_their_way():
-    packet = Packet(Message.STICKS, 0x1E5, bytes(range(11)), 0x60)
+    packet = Packet(MessageId.STICKS, 0x1E5, bytes(range(11)), 0x60)
     assert decode(encode(packet)) == packet
     with pytest.raises(PacketError):
         decode(encode(packet)[:-1])

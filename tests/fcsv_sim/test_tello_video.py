@@ -20,8 +20,8 @@ from fcsv_geometry import transforms
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters
 from fcsv_sim.tello.encoder import Encoder
-from fcsv_sim.tello.pictures import VideoParameters
-from fcsv_sim.tello.radio import RadioParameters
+from fcsv_sim.tello.pictures import SimulatedVideoParameters
+from fcsv_sim.tello.radio import WifiParameters
 from fcsv_sim.tello.video import MOST_PACKETS, Packets, units
 from fcsv_sim.world.town import Town
 
@@ -99,7 +99,7 @@ def test_fewer_bits_where_the_client_asks_for_fewer():
 
 
 def video(**changes):
-    return VideoParameters(
+    return SimulatedVideoParameters(
         "street", vehicles_dir="config/vehicles", rate_hz=5.0, camera=SMALL, **changes
     )
 
@@ -149,7 +149,7 @@ def test_tellopys_video_stream_shows_the_world_from_where_it_is(
 ):
     monkeypatch.chdir(root)
     network = tello_air.network()
-    clear = RadioParameters(loss=0.0)
+    clear = WifiParameters(loss=0.0)
     drone = tello_air.drone(network, start_xyz_yaw=(3.0, 0.5, 0.0, 0.0), radio=clear, video=video())
     client = tello_air.client(network).connect()
     client.tello.takeoff()
@@ -184,7 +184,7 @@ def test_pictures_come_again_after_loss_and_after_its_camera_died(tello_air, roo
     """
     monkeypatch.chdir(root)
     network = tello_air.network()
-    drone = tello_air.drone(network, radio=RadioParameters(loss=0.02), video=video())
+    drone = tello_air.drone(network, radio=WifiParameters(loss=0.02), video=video())
     client = tello_air.client(network).connect()
     client.tello.start_video()
     until(lambda: len(client.events["video_data"]) > 50, FIRST_S, "video")

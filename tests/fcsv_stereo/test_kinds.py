@@ -18,7 +18,7 @@ from fcsv_stereo.joint.refine.residuals import Residuals, residuals
 from fcsv_stereo.joint.tuning import EVIDENCE
 from fcsv_stereo.joint.views import grey, views
 from fcsv_stereo.model import MapResult
-from fcsv_stereo.model.kinds import WORDS, Kind, masks, supported
+from fcsv_stereo.model.kinds import WORDS, DepthKind, masks, supported
 
 # numpy's: a user can do nothing about them
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -103,7 +103,7 @@ def test_a_grey_sky_is_not_answered_and_the_wall_is():
     truth = true_depth(seen.configurations[0].references[0].T_home_cam)
     sky, wall = np.s_[: SKY_ROWS - 8], np.s_[SKY_ROWS + 8 :]
     assert np.isfinite(result.depth[sky]).mean() <= 0.01
-    assert (result.kind[sky] == Kind.SKY).mean() > 0.9
+    assert (result.kind[sky] == DepthKind.SKY).mean() > 0.9
     answered = np.isfinite(result.depth[wall])
     assert answered.mean() > 0.7
     assert (np.abs(result.depth[wall] / truth[wall] - 1.0) > 0.1)[answered].mean() < 0.02
@@ -117,7 +117,9 @@ def test_complete_adds_the_rest_and_marks_it():
     assert supported(told.kind)[known].all() and whole.coverage > told.coverage
     np.testing.assert_array_equal(told.depth[known], whole.depth[known])
     assert len(told.cloud) == known.sum() and len(whole.cloud) == np.isfinite(whole.depth).sum()
-    assert (whole.kind == Kind.OUTSIDE).any(), "the reference's left edge is in no other picture"
+    assert (whole.kind == DepthKind.OUTSIDE).any(), (
+        "the reference's left edge is in no other picture"
+    )
     assert sum(mask.mean() for mask in masks(whole.kind).values()) == pytest.approx(1.0)
     assert set(masks(whole.kind)) == set(WORDS) - {"near"}
 

@@ -16,7 +16,7 @@ from fcsv_stereo.cli import main
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.map_files.output import read_ply
 from fcsv_stereo.model import Cloud, ImageEntry, MapResult, Reference
-from fcsv_stereo.model.kinds import Kind
+from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.near import NEAR_BASELINE, DepthFrame, DepthSensor, NearVolume, join, with_near
 from fcsv_stereo.report.near import near_field
 from fcsv_stereo.report.sections import ReportData
@@ -64,7 +64,9 @@ def test_what_the_map_does_not_see_comes_from_the_near_field():
     true = ground_depth(POSE) / 1000.0
     assert joined.near.new == joined.near.pixels == stands.sum() > 5000
     assert np.abs(joined.depth - true)[stands & (true > 0)].max() < 0.25
-    assert (joined.kind[stands] == Kind.NEAR).all() and (joined.kind[~stands] != Kind.NEAR).all()
+    assert (joined.kind[stands] == DepthKind.NEAR).all() and (
+        joined.kind[~stands] != DepthKind.NEAR
+    ).all()
     assert (joined.cloud.baseline_index == NEAR_BASELINE).all() and joined.near.step is None
     assert np.abs(joined.cloud.points_home_m[:, 2] - GROUND_M).max() < 0.1
     shown = (joined.cloud.colors == (200, 10, 30)).all(axis=1)
@@ -167,7 +169,7 @@ def test_a_session_that_holds_depth_is_mapped_with_it(tmp_path):
     of_near = cloud.baseline_index == NEAR_BASELINE
     assert (
         of_near.sum() == document["near"]["points"] > 1000
-        and (kind == Kind.NEAR).sum() == document["near"]["pixels"]
+        and (kind == DepthKind.NEAR).sum() == document["near"]["pixels"]
     )
     assert np.abs(np.median(cloud.points_home_m[of_near, 2]) - GROUND_M) < 0.03
     assert (

@@ -128,7 +128,7 @@ def live(vehicle, stamp_s):
 
 
 def taken(pairs_to_look_at):
-    pair = pairs_to_look_at.take()
+    pair = pairs_to_look_at.next_pair()
     return pair and tuple((p.vehicle, p.stamp_s) for p in pair)
 
 

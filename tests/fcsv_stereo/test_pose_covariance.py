@@ -61,7 +61,7 @@ class Flight:
         ):
             drift = Drift(replace(T265_PROFILE, walk_m_per_sqrt_m=0.01, heading_deg_per_sqrt_m=0.1))
             for t, share in enumerate(np.linspace(0.0, 1.0, 40)):
-                drift.feed(t * 0.2, (1.0 - share) * np.array(ends[0]) + share * np.array(ends[1]))
+                drift.add(t * 0.2, (1.0 - share) * np.array(ends[0]) + share * np.array(ends[1]))
             self.drifts[name] = drift
             self.poses[name] = transforms.from_xyz_rpy(ends[1], [0.02, -0.01, 0.3])
 

@@ -10,7 +10,7 @@ from fcsv_stereo.joint import Joint
 from fcsv_stereo.joint.checks.sky import in_the_skyline, moved_clouds, sky
 from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.views import Views, seen_by_any
-from fcsv_stereo.model.kinds import Kind, supported
+from fcsv_stereo.model.kinds import DepthKind, supported
 
 SHAPE = (90, 120)
 SKYLINE = 40
@@ -133,7 +133,7 @@ def test_a_strip_of_bright_ground_below_what_stands_is_no_sky():
 
 def kinds_of(clouds, wall):
     """Kinds at full size: sky with a patch of ``clouds``, a ``wall`` that reaches the top, land."""
-    kind = np.full((180, 240), Kind.SKY, np.uint8)
+    kind = np.full((180, 240), DepthKind.SKY, np.uint8)
     kind[80:] = 3
     kind[10:60, 40:120] = clouds
     kind[:80, 180:] = wall
@@ -148,7 +148,7 @@ def clouds_in(kind, seeing=3, edge=0.0):
 
 def test_clouds_that_each_pair_finds_elsewhere_are_sky():
     random = np.random.default_rng(4)
-    kind = kinds_of(random.choice([1] * 8 + [2, Kind.HIDDEN], (50, 80)), 3)
+    kind = kinds_of(random.choice([1] * 8 + [2, DepthKind.HIDDEN], (50, 80)), 3)
     clouds = clouds_in(kind)
     told = supported(kind[10:60, 40:120])
     assert clouds[10:60, 40:120][told].mean() > 0.95
@@ -156,14 +156,14 @@ def test_clouds_that_each_pair_finds_elsewhere_are_sky():
 
 
 def test_what_pairs_agree_on_stands_even_where_it_fades_into_the_sky():
-    assert not clouds_in(kinds_of(Kind.SKY, np.random.default_rng(5).choice([1, 2, 3], (80, 60))))[
-        :, 180:
-    ].any()
+    assert not clouds_in(
+        kinds_of(DepthKind.SKY, np.random.default_rng(5).choice([1, 2, 3], (80, 60)))
+    )[:, 180:].any()
 
 
 def test_behind_an_edge_nothing_is_a_cloud():
     """A tower from the top of the picture that one pair alone answers."""
-    assert not clouds_in(kinds_of(Kind.SKY, 1), edge=40.0)[:76, 184:].any()
+    assert not clouds_in(kinds_of(DepthKind.SKY, 1), edge=40.0)[:76, 184:].any()
 
 
 def test_one_pair_alone_tells_no_cloud_from_a_wall():
@@ -178,4 +178,6 @@ def test_a_sky_whose_clouds_moved_between_the_pictures_has_no_depth():
     given = with_moving_clouds(scene.given(HORIZONTAL, NOISES[0]), place, scene.depths)
     kind, heaven = Joint().map(given).kind, ~np.isfinite(scene.true_depth)
     assert heaven.mean() > 0.15 and supported(kind)[heaven].mean() < 0.01
-    assert (kind[heaven] == Kind.SKY).mean() > 0.9 and (kind[~heaven] == Kind.SKY).mean() < 0.005
+    assert (kind[heaven] == DepthKind.SKY).mean() > 0.9 and (
+        kind[~heaven] == DepthKind.SKY
+    ).mean() < 0.005

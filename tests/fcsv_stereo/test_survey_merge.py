@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from support.survey_views import camera_at, cast, view
 
-from fcsv_stereo.model.kinds import Kind
+from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.survey import merge, similarity
 from fcsv_stereo.survey.adjust import Placed
 
@@ -91,7 +91,7 @@ def test_a_point_before_another_views_sky_is_gone():
     depth = cast(A, boxes=plate)
     a = view("a", A, np.where(depth < 30.0, depth, np.nan))
     b = view("b", B, np.full(depth.shape, np.nan))
-    b.kind[:] = Kind.SKY
+    b.kind[:] = DepthKind.SKY
     cloud, parts = joined((a, A), (b, B))
     assert len(cloud) == 0 and parts[0].seen_through == np.isfinite(a.depth).sum()
 

@@ -145,7 +145,7 @@ class TestClocks:
             sent_s = 1000.0 + i
             received_s = sent_s + there_s + offset_s
             answered_s = received_s + random.uniform(0, 0.002)
-            exchange.feed(sent_s, received_s, answered_s, answered_s - offset_s + back_s)
+            exchange.add(sent_s, received_s, answered_s, answered_s - offset_s + back_s)
         return exchange
 
     @pytest.mark.parametrize("offset_s", [-3.0, 0.0, 0.04])
@@ -157,7 +157,7 @@ class TestClocks:
 
     def test_a_clock_that_is_set_is_followed_at_once(self):
         exchange = self.exchange(0.0, [(0.01, 0.01)] * 10)
-        assert exchange.feed(2000.0, 2005.01, 2005.01, 2000.02)
+        assert exchange.add(2000.0, 2005.01, 2005.01, 2000.02)
         assert exchange.offset().offset_s == pytest.approx(5.0, abs=0.001)
 
     @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ class TestClocks:
     )
     def test_what_is_no_exchange_is_rejected_and_counted(self, stamps):
         exchange = ClockExchange()
-        assert not exchange.feed(*stamps) and exchange.rejected == 1 and exchange.offset() is None
+        assert not exchange.add(*stamps) and exchange.rejected == 1 and exchange.offset() is None
 
     def test_words_and_differences(self):
         ahead = ClockOffset(1.0, 0.35, 0.001)

@@ -191,7 +191,7 @@ class TestDrift:
             T_odom_body = tracker.odometry(i / 200, transforms.from_xyz_yaw(p, 0.0))[0]
             first = T_odom_body if first is None else first
             if i % 7 == 0:
-                drift.feed(i / 200, T_odom_body[:3, 3])
+                drift.add(i / 200, T_odom_body[:3, 3])
         T_world_body = transforms.from_xyz_yaw(p, 0.0)
         true = first @ T_world_body
         error = np.array(
@@ -229,12 +229,12 @@ class TestDrift:
     def test_hovering_is_no_path_and_a_new_calibration_begins_anew(self):
         drift, random = Drift(), np.random.default_rng(3)
         for i in range(3000):
-            drift.feed(i / 30, random.normal(0, 0.003, 3))
+            drift.add(i / 30, random.normal(0, 0.003, 3))
         # 0.5 mm per root second
         assert drift.path_m == 0.0 and 0.003 < np.sqrt(drift.covariance[0, 0]) < 0.01
-        drift.feed(200.0, np.array([5.0, 0, 0]))
+        drift.add(200.0, np.array([5.0, 0, 0]))
         assert drift.path_m == pytest.approx(5.0, abs=0.02)
-        drift.feed(199.0, np.array([50.0, 0, 0]))  # a stamp that goes back
+        drift.add(199.0, np.array([50.0, 0, 0]))  # a stamp that goes back
         assert drift.path_m == pytest.approx(5.0, abs=0.02)
         drift.begin()
         assert drift.path_m == 0.0 and not drift.covariance.any()
@@ -243,7 +243,7 @@ class TestDrift:
         def heard(stamp_s):  # after 2 s at 1 m/s, 15 times a second
             drift = Drift()
             for i in range(31):
-                drift.feed(i / 15, np.array([i / 15, 0.0, 0.0]))
+                drift.add(i / 15, np.array([i / 15, 0.0, 0.0]))
             drift.begin(stamp_s)
             return drift
 
@@ -270,7 +270,7 @@ class TestDrift:
             now_s, drifts = column.end_s + 0.4, [Drift(), Drift()]
             for drift, track in zip(drifts, column.tracks):
                 for t_s in np.arange(0.0, now_s, 1 / 15):
-                    drift.feed(t_s, track.at(t_s)[:3, 3])
+                    drift.add(t_s, track.at(t_s)[:3, 3])
                 drift.begin(column.end_s)
             T_O1_D1, T_O2_D2 = (track.at(now_s) for track in column.tracks)
             T_world_D1, T_world_D2 = (column.body(k, now_s) for k in (0, 1))

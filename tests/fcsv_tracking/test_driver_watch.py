@@ -26,7 +26,7 @@ class Bench:
         for i in range(round(seconds * 1000)):
             self.now_s += 1e-3
             if rate_hz and i % round(1000 / rate_hz) == 0:
-                self.watch.heard(self.now_s)
+                self.watch.on_message(self.now_s)
             if i % 100 == 99:
                 remedy = self.watch.step(self.now_s)
                 if remedy is not None:

@@ -12,7 +12,7 @@ from support.gimbal_scene import CAMERA, GIMBAL, body, seen, sides
 from fcsv_geometry import transforms as tf
 from fcsv_sim.gimbal.gimbal_camera import GimbalCamera, GimbalCameraParameters
 from fcsv_tracking.errors import SampleRejected
-from fcsv_tracking.gimbal.pose import PoseRules, projection_jacobian, see_body
+from fcsv_tracking.gimbal.pose import PoseRules, locate_body, projection_jacobian
 from fcsv_tracking.tags import TagDetector
 
 NOISE_PX = 0.12
@@ -28,7 +28,7 @@ def sight(T_G_D, random=None, tags=None, only=None, rules=RULES, prior=None):
     tags = tags or sides()
     T_cam_body = tf.invert(camera_at(T_G_D)) @ T_G_D
     observations = seen(tags, T_cam_body, random, NOISE_PX if random else 0.0, only)
-    return see_body(observations, {t.id: t for t in tags}, CAMERA.fx, rules, prior), T_cam_body
+    return locate_body(observations, {t.id: t for t in tags}, CAMERA.fx, rules, prior), T_cam_body
 
 
 def test_exact_from_exact_corners():
@@ -69,7 +69,7 @@ def test_tags_that_sit_half_a_millimetre_wrong_cost_no_centimetres():
         observations = seen(true, T_cam_body, random, NOISE_PX)
         for rules, errors in along.items():
             try:
-                found = see_body(observations, {t.id: t for t in told}, CAMERA.fx, rules)
+                found = locate_body(observations, {t.id: t for t in told}, CAMERA.fx, rules)
             except SampleRejected:
                 assert rules is RULES
                 continue
@@ -174,7 +174,7 @@ def test_tags_that_contradict_each_other_are_no_pose():
         told[wrong].mount, xyz_m=tuple(np.add(told[wrong].mount.xyz_m, [0.0, 0.0, 0.02]))
     )
     with pytest.raises(SampleRejected, match="are they where the file says"):
-        see_body(
+        locate_body(
             observations,
             {**told, wrong: dataclasses.replace(told[wrong], mount=moved)},
             CAMERA.fx,
@@ -187,7 +187,7 @@ def test_no_tag_of_the_body():
     T_cam_body = tf.invert(camera_at(body())) @ body()
     others = {t.id: t for t in sides(first=30)}
     with pytest.raises(SampleRejected) as error:
-        see_body(seen(tags, T_cam_body), others, CAMERA.fx, RULES)
+        locate_body(seen(tags, T_cam_body), others, CAMERA.fx, RULES)
     assert error.value.reason == "no tag"
 
 
@@ -219,7 +219,7 @@ def test_a_tag_seen_nearly_edge_on_does_not_spoil_the_others():
             continue  # the clutter behind it
         beside += len(found) > 1
         R_prior = (tf.invert(T_ground_cam) @ T)[:3, :3]
-        sight = see_body(found, {t.id: t for t in tags}, camera.model.fx, PoseRules(), R_prior)
+        sight = locate_body(found, {t.id: t for t in tags}, camera.model.fx, PoseRules(), R_prior)
         poses.append(np.linalg.norm((T_ground_cam @ sight.T_cam_body - T)[:3, 3]))
     assert beside >= 2 and len(poses) >= 10 and max(poses) < 0.01
 
@@ -231,11 +231,11 @@ def test_a_start_that_runs_away_does_not_take_the_pose_along():
     T_cam_body = tf.invert(camera_at(T_G_D)) @ T_G_D
     away = tf.transform(np.eye(3), np.array([0.0, 0.0, 1e200]))
     observations = [dataclasses.replace(o, T_cam_tag_other=away) for o in seen(tags, T_cam_body)]
-    found = see_body(observations, {t.id: t for t in tags}, CAMERA.fx, RULES)
+    found = locate_body(observations, {t.id: t for t in tags}, CAMERA.fx, RULES)
     assert np.allclose(found.T_cam_body, T_cam_body, atol=1e-6)
     nowhere = [dataclasses.replace(o, T_cam_tag=away) for o in observations]
     with pytest.raises(SampleRejected, match="fit no pose"):
-        see_body(nowhere, {t.id: t for t in tags}, CAMERA.fx, RULES)
+        locate_body(nowhere, {t.id: t for t in tags}, CAMERA.fx, RULES)
 
 
 def test_a_fit_that_runs_away_has_a_jacobian_that_is_a_number():

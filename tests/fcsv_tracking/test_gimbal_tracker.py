@@ -38,7 +38,7 @@ class Loop:
         for _ in range(int(round(seconds / 0.01))):
             self.now_s += 0.01
             self.angles = Angles(self.angles.pan_rad + 0.01 * rate_radps, self.angles.tilt_rad)
-            self.tracker.feed_angles(self.now_s, self.angles)
+            self.tracker.add_angles(self.now_s, self.angles)
 
     def observations(self, T_G_D, angles=None):
         return seen(self.tags, tf.invert(GIMBAL.T_ground_cam(angles or self.angles)) @ T_G_D)
@@ -46,7 +46,7 @@ class Loop:
     def picture(self, T_G_D, stamp_s=None, observations=None):
         stamp_s = self.now_s - 0.02 if stamp_s is None else stamp_s
         observations = self.observations(T_G_D) if observations is None else observations
-        return self.tracker.feed_tags(self.now_s, stamp_s, observations)
+        return self.tracker.add_tags(self.now_s, stamp_s, observations)
 
     def rejected(self, reason, *args, **kwargs):
         before = self.tracker.counts[reason]
@@ -56,7 +56,7 @@ class Loop:
 
 
 def test_readings_and_commands_go_on_while_a_picture_is_looked_at():
-    """begin(), see(), finish() with readings and a command between them give what feed_tags() gives
+    """begin(), see(), finish() with readings and a command between them give what add_tags() gives
     at once."""
     at_once, between = Loop(), Loop()
     for loop in (at_once, between):
@@ -65,7 +65,7 @@ def test_readings_and_commands_go_on_while_a_picture_is_looked_at():
     stamp_s = between.now_s - 0.02
     picture = between.tracker.begin(between.now_s, stamp_s, between.observations(body()))
     between.readings(0.2, rate_radps=0.3)
-    seen = between.tracker.see(picture)
+    seen = between.tracker.find_body(picture)
     between.tracker.command(between.now_s)
     other = between.tracker.finish(picture, seen)
     assert other.stamp_s == pose.stamp_s == stamp_s
@@ -82,7 +82,7 @@ def test_a_picture_that_a_newer_one_overtook_is_none():
     loop.readings(0.1)
     newer = loop.picture(body())
     with pytest.raises(SampleRejected) as error:
-        loop.tracker.finish(picture, loop.tracker.see(picture))
+        loop.tracker.finish(picture, loop.tracker.find_body(picture))
     assert error.value.reason == "overtaken" and loop.tracker.counts["overtaken"] == 1
     assert loop.tracker.latest is newer
 
@@ -167,7 +167,7 @@ class TestBadInput:
     def test_angles_that_are_none(self, loop):
         for bad in (Angles(np.nan, 0.0), Angles(0.0, np.inf)):
             with pytest.raises(SampleRejected):
-                loop.tracker.feed_angles(loop.now_s + 0.01, bad)
+                loop.tracker.add_angles(loop.now_s + 0.01, bad)
         assert loop.tracker.counts["not angles"] == 2
 
     def test_another_vehicles_tags_are_not_ours(self, loop):

@@ -10,14 +10,14 @@ from fcsv_sim.sensors.v120_duo import V120Duo, V120DuoErrors
 from fcsv_tracking.mocap import measurements
 from fcsv_tracking.mocap.filter import FilterNoise, MocapFilter
 from fcsv_tracking.mocap.markers import MarkerNoise, MarkerRules
-from fcsv_tracking.mocap.state import PHI, PO, SIZE, P, State, V, advance, advance_jacobian
+from fcsv_tracking.mocap.state import PHI, PO, SIZE, MocapState, P, V, advance, advance_jacobian
 
 EPSILON = 1e-6
 
 
 def random_state(random):
     turn = rotations.exp(random.normal(0.0, 1.0, 3))
-    return State(
+    return MocapState(
         random.normal(0.0, 2.0, 3),
         random.normal(0.0, 1.0, 3),
         turn,

@@ -52,7 +52,7 @@ def long_in_view():
 
 def take(tracker, message, now_s=None):
     try:
-        mocap_flight.feed(tracker, message, now_s)
+        mocap_flight.deliver(tracker, message, now_s)
     except SampleRejected:
         return False
     return True
@@ -162,10 +162,10 @@ def test_consistent_over_ten_flights():
 def test_what_is_no_pose_is_rejected_and_counted(position, quaternion, reason):
     tracker = MocapTracker()
     with pytest.raises(SampleRejected) as error:
-        tracker.feed_mocap(10.0, 10.0, position, quaternion)
+        tracker.add_mocap(10.0, 10.0, position, quaternion)
     assert error.value.reason == reason and tracker.counts[f"mocap: {reason}"] == 1
     with pytest.raises(SampleRejected):
-        tracker.feed_vehicle(10.0, 10.0, position, quaternion, (0, 0, 0), (0, 0, 0), (0, 0, 9.8))
+        tracker.add_vehicle(10.0, 10.0, position, quaternion, (0, 0, 0), (0, 0, 0), (0, 0, 9.8))
     assert tracker.counts[f"odometry: {reason}"] == 1
 
 
@@ -181,7 +181,7 @@ def test_what_is_no_pose_is_rejected_and_counted(position, quaternion, reason):
 def test_impossible_motion_is_rejected(field, value, reason):
     given = {"v": (0, 0, 0), "w": (0, 0, 0), "a": (0, 0, 9.8), field: value}
     with pytest.raises(SampleRejected) as error:
-        MocapTracker().feed_vehicle(
+        MocapTracker().add_vehicle(
             10.0, 10.0, (0, 0, 0), (0, 0, 0, 1), given["v"], given["w"], given["a"]
         )
     assert error.value.reason == reason
@@ -198,9 +198,9 @@ def test_impossible_motion_is_rejected(field, value, reason):
 )
 def test_stamps_that_cannot_be(stamp_s, reason):
     tracker = MocapTracker()
-    tracker.feed_mocap(10.0, 10.0, (1, 0, 0), (0, 0, 0, 1))
+    tracker.add_mocap(10.0, 10.0, (1, 0, 0), (0, 0, 0, 1))
     with pytest.raises(SampleRejected) as error:
-        tracker.feed_mocap(10.01, stamp_s, (1, 0, 0.1), (0, 0, 0, 1))
+        tracker.add_mocap(10.01, stamp_s, (1, 0, 0.1), (0, 0, 0, 1))
     assert error.value.reason == reason
 
 
@@ -226,9 +226,9 @@ def test_garbage_in_between_changes_nothing(in_view):
             now_s = message.arrival_s
             for p, q in (((np.nan, 0, 0), (0, 0, 0, 1)), ((0, 0, 0), (0, 0, 0, 0))):
                 with pytest.raises(SampleRejected):
-                    dirty.feed_mocap(now_s, now_s, p, q)
+                    dirty.add_mocap(now_s, now_s, p, q)
             with pytest.raises(SampleRejected):
-                dirty.feed_mocap(now_s, now_s - 0.5, (1, 2, 3), (0, 0, 0, 1))
+                dirty.add_mocap(now_s, now_s - 0.5, (1, 2, 3), (0, 0, 0, 1))
     now_s = messages[-1].arrival_s
     assert np.allclose(dirty.pose(now_s).T_M_D, clean.pose(now_s).T_M_D, atol=1e-12)
     assert dirty.counts["mocap: not a pose"] > 500

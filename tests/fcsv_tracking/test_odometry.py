@@ -31,7 +31,7 @@ def body_at(t_s):
 
 def feed(core, k, T_odom_t265):
     q = tuple(tf.quaternion_xyzw(T_odom_t265))
-    return core.feed(100.0 + k * DT_S, tuple(T_odom_t265[:3, 3].tolist()), q)
+    return core.add(100.0 + k * DT_S, tuple(T_odom_t265[:3, 3].tolist()), q)
 
 
 def as_transform(pose):
@@ -62,7 +62,7 @@ def test_twist_is_that_of_the_bodys_origin(T_body_t265):
     v_body, w_body = np.array([0.4, -0.2, 0.1]), np.array([0.3, -0.5, 0.7])
     v_t265, w_t265 = R.T @ (v_body + np.cross(w_body, p)), R.T @ w_body
     T = body_at(0.0) @ T_body_t265
-    pose = core.feed(
+    pose = core.add(
         1.0, tuple(T[:3, 3]), tuple(tf.quaternion_xyzw(T)), tuple(v_t265), tuple(w_t265)
     )
     assert np.allclose(pose.linear_mps, v_body) and np.allclose(pose.angular_radps, w_body)
@@ -132,7 +132,7 @@ def test_what_is_no_sample_is_rejected_and_counted(T_body_t265, spoil, reason):
     T = body_at(50 * DT_S) @ T_body_t265
     p, q, stamp_s = spoil(tuple(T[:3, 3].tolist()), tuple(tf.quaternion_xyzw(T)), 100.0 + 50 * DT_S)
     with pytest.raises(OdometryRejected) as error:
-        core.feed(stamp_s, p, q)
+        core.add(stamp_s, p, q)
     assert error.value.reason == reason and core.status.rejected == {reason: 1}
     assert fly(core, T_body_t265, 51, 100)[0] < 1e-9  # and the next good one passes
 
@@ -189,7 +189,7 @@ class Sampled:
             )
             p, q, at_s = tuple(T[:3, 3].tolist()), tuple(tf.quaternion_xyzw(T)), self.k * DT_S
             try:
-                out = self.core.feed(at_s + self.ahead_s, p, q, came_s=max(at_s, awake_s))
+                out = self.core.add(at_s + self.ahead_s, p, q, came_s=max(at_s, awake_s))
             except OdometryRejected:
                 continue
             off_m = max(off_m, math.dist(out.p_odom_body, body_at(at_s)[:3, 3]))
@@ -216,8 +216,8 @@ def test_a_gap_over_which_it_stood_still_begins_an_epoch_too(T_body_t265):
     core = BodyOdometry(T_body_t265)
     p, q = tuple(T_body_t265[:3, 3].tolist()), tuple(tf.quaternion_xyzw(T_body_t265))
     for k in range(100):
-        core.feed(k * DT_S, p, q, came_s=k * DT_S)
-    core.feed(1.2, p, q, came_s=1.2)
+        core.add(k * DT_S, p, q, came_s=k * DT_S)
+    core.add(1.2, p, q, came_s=1.2)
     assert (core.epoch.number, core.epoch.reason) == (1, "the tracker was silent for 0.7 s")
 
 

@@ -49,7 +49,7 @@ def looks(wall, moved_m, told_m, turn_rad=0.0):
         R = cv2.Rodrigues(np.array([0.0, share * turn_rad, 0.0]))[0]
         T_odom_cam = T_ODOM_CAM @ transforms.transform(R, share * np.array(told_m))
         grey = pictured(wall, share * np.array(moved_m), share * turn_rad)
-        seen.append(watch.see(10.0 + share, grey, CAMERA, T_odom_cam))
+        seen.append(watch.observe(10.0 + share, grey, CAMERA, T_odom_cam))
     assert seen[0] is None
     return seen[1:]
 
@@ -78,7 +78,7 @@ def test_a_drift_along_the_way_is_not_seen(wall):
 
 def test_no_texture_no_look():
     grey, watch = np.full((240, 320), 90, np.uint8), SceneWatch()
-    assert [watch.see(0.3 * k, grey, CAMERA, T_ODOM_CAM) for k in range(5)] == [None] * 5
+    assert [watch.observe(0.3 * k, grey, CAMERA, T_ODOM_CAM) for k in range(5)] == [None] * 5
 
 
 def test_points_that_move_by_themselves_are_outvoted():
@@ -93,16 +93,16 @@ def test_points_that_move_by_themselves_are_outvoted():
 def test_a_new_frame_or_another_picture_size_begins_anew(wall):
     watch = SceneWatch()
     assert (
-        watch.see(0.0, wall, CAMERA, T_ODOM_CAM) is None
-        and watch.see(0.3, wall, CAMERA, T_ODOM_CAM) is not None
+        watch.observe(0.0, wall, CAMERA, T_ODOM_CAM) is None
+        and watch.observe(0.3, wall, CAMERA, T_ODOM_CAM) is not None
     )
     watch.begin_again()
-    assert watch.see(0.6, wall, CAMERA, T_ODOM_CAM) is None
-    assert watch.see(0.9, wall[:200], CAMERA.resized(320, 200), T_ODOM_CAM) is None
+    assert watch.observe(0.6, wall, CAMERA, T_ODOM_CAM) is None
+    assert watch.observe(0.9, wall[:200], CAMERA.resized(320, 200), T_ODOM_CAM) is None
     # a clock that was set back
-    assert watch.see(0.5, wall[:200], CAMERA.resized(320, 200), T_ODOM_CAM) is None
+    assert watch.observe(0.5, wall[:200], CAMERA.resized(320, 200), T_ODOM_CAM) is None
     with pytest.raises(TrackingError, match="320x240, its camera_info 320x200"):
-        watch.see(1.2, wall, CAMERA.resized(320, 200), T_ODOM_CAM)
+        watch.observe(1.2, wall, CAMERA.resized(320, 200), T_ODOM_CAM)
 
 
 def test_a_point_may_be_as_near_as_two_metres():

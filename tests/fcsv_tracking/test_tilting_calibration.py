@@ -13,7 +13,7 @@ from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_sim.render.tag import tag_bitmap
 from fcsv_tracking.commands import calibrate_tilting
 from fcsv_tracking.errors import CalibrationRefused
-from fcsv_tracking.tilting.board import BoardView, TagBoard, read_views
+from fcsv_tracking.tilting.board import SideBoardView, TagBoard, read_views
 from fcsv_tracking.tilting.calibrate import calibrate
 from fcsv_tracking.tilting.rig import SIDES, TiltAngles, TiltAxis, load_rig
 from fcsv_tracking.tilting.rig_file import write_rig
@@ -78,7 +78,7 @@ def views_of(true, stations=(0, 1, 2), angles_deg=ANGLES_DEG, noise_px=0.1, side
                 uv = uv[inside] + random.normal(0.0, noise_px, (int(inside.sum()), 2))
                 read = np.round(angle / TICK_RAD) * TICK_RAD
                 views.append(
-                    BoardView(
+                    SideBoardView(
                         str(s),
                         side,
                         float(read),

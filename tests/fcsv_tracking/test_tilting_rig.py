@@ -16,7 +16,7 @@ from fcsv_sim.gimbal.dynamixel_bus import SimulatedBus
 from fcsv_tracking.gimbal import mx12w
 from fcsv_tracking.gimbal.dynamixel import DynamixelBus
 from fcsv_tracking.gimbal.servos import ServoError
-from fcsv_tracking.tilting.aim import Aim, AimRules, both_see, crossing, nearest_m
+from fcsv_tracking.tilting.aim import Aim, AimRules, crossing, in_both_views, nearest_m
 from fcsv_tracking.tilting.rig import SIDES, TiltAngles, TiltingRig, load_rig
 from fcsv_tracking.tilting.servos import TiltServos
 
@@ -163,8 +163,8 @@ class TestAim:
         assert nearest_m(rig, size_m, tilt=False) == pytest.approx(parallel, abs=1e-3)
         tilted = nearest_m(rig, size_m)
         assert tilted < 0.75 * parallel  # then the 0.08 m below the lenses leave the picture
-        assert both_see(rig, crossing(rig, tilted), tilted, size_m)
-        assert not both_see(rig, crossing(rig, 0.98 * tilted), 0.98 * tilted, size_m)
+        assert in_both_views(rig, crossing(rig, tilted), tilted, size_m)
+        assert not in_both_views(rig, crossing(rig, 0.98 * tilted), 0.98 * tilted, size_m)
         with pytest.raises(ValueError, match="at no distance"):
             nearest_m(rig, 30.0)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from fcsv_control.flight.settings.profile import load_profile
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
-from fcsv_sim.autopilot.udp import UdpLine
+from fcsv_sim.autopilot.udp import AutopilotUdp
 from fcsv_sim.machines.machines import free_port
 
 PROFILE_FILE = Path(__file__).resolve().parents[2] / "config/autopilot/arducopter-4.3-t265.param"
@@ -31,7 +31,7 @@ class Served:
         self.thread.start()
 
     def run(self):
-        line = UdpLine(self.server, f"127.0.0.1:{self.port}", 4, **self._line)
+        line = AutopilotUdp(self.server, f"127.0.0.1:{self.port}", 4, **self._line)
         while self.running:
             line.step(time.monotonic(), (0.0, 0.0, 0.0))
             time.sleep(0.005)

@@ -144,7 +144,7 @@ class CopterElsewhere:
             if frame is not None:
                 self.autopilot.rc_frame(now_s, frame)
             for message in self._line.received():
-                self._server.take(now_s, message)
+                self._server.receive(now_s, message)
             self._server.step(now_s, rpy)
             for message in self._server.outgoing():
                 self._line.send(message)

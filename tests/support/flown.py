@@ -231,7 +231,7 @@ class SimulatedLoop(Loop):
         self.pilot.reboot()
 
     def _say(self, message):
-        self.server.take(self.t, _received(message))
+        self.server.receive(self.t, _received(message))
 
     def _run(self, seconds):
         for _ in range(int(round(seconds / PASS_S))):
@@ -247,7 +247,7 @@ class SimulatedLoop(Loop):
             self.core.step(self.t)
             for message in self.core.outgoing():
                 if self.line_up:
-                    self.server.take(self.t, _received(message))
+                    self.server.receive(self.t, _received(message))
             self._command = self._piloted.decide(self.t, state)
         return self
 

@@ -132,7 +132,7 @@ class ByHand:
         for name, sight in sights.items():
             try:
                 q = transforms.fast_quaternion_xyzw(sight.T_M_D)
-                self.system.feed_mocap(name, self.now_s, self.now_s, sight.T_M_D[:3, 3], q)
+                self.system.add_mocap(name, self.now_s, self.now_s, sight.T_M_D[:3, 3], q)
             except SampleRejected:
                 pass
 
@@ -182,7 +182,7 @@ class ByHand:
             one.v_body = motion.v_body_mps
             T = motion.T_own_body
             try:
-                self.system.feed_vehicle(
+                self.system.add_vehicle(
                     name,
                     self.now_s,
                     motion.stamp_s,
@@ -235,7 +235,7 @@ class ByHand:
                 continue  # its Wi-Fi is lost, both ways
             if isinstance(output, GiveSticks):
                 s = output.sticks
-                flight.heard(self.now_s)
+                flight.on_command(self.now_s)
                 flight.sticks(
                     self.now_s,
                     DroneSticks(roll=-s.left, pitch=s.forward, throttle=s.up, yaw=-s.turn),

@@ -94,7 +94,7 @@ def drone(
 
 def give(tello: TelloDrone, now_s: float, s: Sticks) -> None:
     """As its link's sticks arrive."""
-    tello.flight.heard(now_s)
+    tello.flight.on_command(now_s)
     tello.flight.sticks(
         now_s, DroneSticks(roll=-s.left, pitch=s.forward, throttle=s.up, yaw=-s.turn)
     )

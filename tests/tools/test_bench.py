@@ -18,7 +18,7 @@ from fcsv_geometry import transforms
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import MatchingError
 from fcsv_stereo.model import Cloud, ImageEntry, MapResult, Reference, silent
-from fcsv_stereo.model.kinds import Kind
+from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.thesis import Thesis
 
 
@@ -181,7 +181,7 @@ def test_what_is_answered_is_judged_by_its_kind(scene, monkeypatch):
     supports."""
     truth = scene.true_depth.astype(np.float32)
     quarter = truth.shape[1] // 4
-    depth, kind = truth.copy(), np.full(truth.shape, Kind.HIDDEN, np.uint8)
+    depth, kind = truth.copy(), np.full(truth.shape, DepthKind.HIDDEN, np.uint8)
     kind[:, :quarter], kind[:, quarter : 2 * quarter] = 2, 1
     depth[:, quarter:] *= 1.2
     result = replace(result_of(scene, depth, 0.15 * truth, scene.true_poses()), kind=kind)

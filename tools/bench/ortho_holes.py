@@ -25,7 +25,7 @@ from fcsv_stereo.depth import cloud_of
 from fcsv_stereo.joint import Joint
 from fcsv_stereo.map_files.cloud_bounds import CloudBounds, bound_cloud
 from fcsv_stereo.model import Reference
-from fcsv_stereo.model.kinds import Kind
+from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.products.from_above import Raster, rasterize
 from fcsv_stereo.products.holes import OPEN, HoleShares, why_empty
 from fcsv_stereo.products.points import merge_duplicates
@@ -52,7 +52,7 @@ def main(argv: Optional[List[str]] = None) -> None:
         scene = shoot(name, HORIZONTAL)
         result = bound_cloud(Joint().map(scene.given(HORIZONTAL, NOISES[0])), CloudBounds())
         cloud = merge_duplicates(result.cloud, result.reference)
-        surfaces, sky = Surfaces.of(cloud, result.reference), result.kind == Kind.SKY
+        surfaces, sky = Surfaces.of(cloud, result.reference), result.kind == DepthKind.SKY
         told = []
         for reference in (None, result.reference):
             raster = rasterize(cloud, reference=reference)

@@ -61,7 +61,7 @@ class TrafficClass:
 
 
 @dataclass(frozen=True)
-class Rule:
+class LinkRule:
     """One topic that crosses.
 
     ``codec``: how pictures (sensor_msgs/Image, CompressedImage) are packed on the way, by what the
@@ -74,7 +74,7 @@ class Rule:
     codec: Optional[str] = None
     frames: Tuple[str, ...] = ()
 
-    def of(self, vehicle: str) -> "Rule":
+    def of(self, vehicle: str) -> "LinkRule":
         """The rule for one vehicle, its name in place of {vehicle}."""
         frames = tuple(f.replace("{vehicle}", vehicle) for f in self.frames)
         return replace(self, topic=self.topic.replace("{vehicle}", vehicle), frames=frames)
@@ -111,12 +111,12 @@ class Links:
     """The whole file."""
 
     classes: Dict[str, TrafficClass]
-    to_control: List[Rule] = field(default_factory=list)
-    to_vehicle: List[Rule] = field(default_factory=list)
-    to_all_vehicles: List[Rule] = field(default_factory=list)
-    between_vehicles: List[Rule] = field(default_factory=list)
+    to_control: List[LinkRule] = field(default_factory=list)
+    to_vehicle: List[LinkRule] = field(default_factory=list)
+    to_all_vehicles: List[LinkRule] = field(default_factory=list)
+    between_vehicles: List[LinkRule] = field(default_factory=list)
 
-    def crossing(self, source: str, target: str) -> Dict[str, Rule]:
+    def crossing(self, source: str, target: str) -> Dict[str, LinkRule]:
         """Topic name to rule, of what ``source`` sends to ``target``."""
         if source == target:
             return {}
@@ -159,7 +159,7 @@ def parse_links(document: Any, path: str) -> Links:
     return Links(classes, **sections)
 
 
-def _rules(entries: Any, section: str, classes: Dict[str, TrafficClass], path) -> List[Rule]:
+def _rules(entries: Any, section: str, classes: Dict[str, TrafficClass], path) -> List[LinkRule]:
     if not isinstance(entries, list):
         raise config.ConfigError(f"{path}: '{section}' must be a list of {{topic, class}}")
     rules = []
@@ -186,7 +186,7 @@ def _rules(entries: Any, section: str, classes: Dict[str, TrafficClass], path) -
                 f"{path}: '{at}.class' of /tf_static must be latched, '{parsed.traffic}' is not"
             )
         rules.append(
-            Rule(parsed.topic, traffic, parsed.rate_hz, parsed.codec, tuple(parsed.frames))
+            LinkRule(parsed.topic, traffic, parsed.rate_hz, parsed.codec, tuple(parsed.frames))
         )
     return rules
 

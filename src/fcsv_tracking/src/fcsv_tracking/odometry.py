@@ -66,7 +66,7 @@ class EpochBegan:
 
 
 @dataclass
-class Status:
+class GateStatus:
     """What the gate has done so far."""
 
     passed: int = 0
@@ -113,7 +113,7 @@ class BodyOdometry:
         self._yaw_rate = 0.0
         self._rejected_in_a_row = 0
         self._recent_jumps: Tuple[float, ...] = ()
-        self.status = Status()
+        self.status = GateStatus()
 
     @property
     def rebase(self) -> Rebase:
@@ -125,7 +125,7 @@ class BodyOdometry:
         self.status.rejected.count(reason)
         return OdometryRejected(reason, message)
 
-    def feed(
+    def add(
         self,
         stamp_s: float,
         p_t265odom_t265: Vector,

@@ -102,7 +102,7 @@ class OdometryPort:
                 raise self._core.reject(
                     "frames", f"odometry has frames {m.frames}, expected {self._frames}"
                 )
-            pose = self._core.feed(m.stamp_s, m.p_m, m.q_xyzw, m.linear_mps, m.angular_radps, now_s)
+            pose = self._core.add(m.stamp_s, m.p_m, m.q_xyzw, m.linear_mps, m.angular_radps, now_s)
         except OdometryRejected as error:
             self._out.append(tm.Dropped("odometry", str(error)))
             return

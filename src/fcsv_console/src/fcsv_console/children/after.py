@@ -61,26 +61,26 @@ class AfterRunner:
 
         def line(share: float, words: str) -> None:
             told[0] = words if math.isnan(share) else told[0]
-            self._put(f.JobTold(job, after.RUNS, share, words if math.isnan(share) else ""))
+            self._put(f.JobProgress(job, after.RUNS, share, words if math.isnan(share) else ""))
 
         def ended(status: int, last: str) -> None:
             child = self._children.get(job)
             stopped = child is not None and child.cancelled
             self._put(
-                f.JobTold(job, after.STOPPED)
+                f.JobProgress(job, after.STOPPED)
                 if stopped
                 else after.judged(job, status, told[0] or last)
             )
             self.look(places)
 
-        self._put(f.JobTold(job, after.RUNS))
+        self._put(f.JobProgress(job, after.RUNS))
         try:
             self._children[job] = Child(
                 [*self._commands[job], *_arguments(job, places)], line, ended
             )
         except (OSError, ValueError) as error:
             words = in_words(error) if isinstance(error, OSError) else str(error)
-            self._put(f.JobTold(job, after.FAILED, words=words))
+            self._put(f.JobProgress(job, after.FAILED, words=words))
 
     def cancel(self, job: str) -> None:
         """End it with all that it started."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Callable, Optional, Sequence
 
 from fcsv_console.children.child import Child
-from fcsv_console.model.facts import RehearsalTold
+from fcsv_console.model.facts import RehearsalProgress
 from fcsv_console.model.rehearsal import IMPOSSIBLE, RUNS, STOPPED, judged
 from fcsv_geometry.programs.writing import in_words
 
@@ -22,7 +22,7 @@ class Rehearser:
 
     def __init__(
         self,
-        put: Callable[[RehearsalTold], None],
+        put: Callable[[RehearsalProgress], None],
         vehicles: Sequence[str],
         command: Sequence[str] = COMMAND,
     ):
@@ -35,12 +35,12 @@ class Rehearser:
         wanted = [f"uav{k + 1}" for k in range(len(self._vehicles))]
         if self._vehicles != wanted:
             words = f"it flies {', '.join(wanted)} only, these are {', '.join(self._vehicles)}"
-            self._put(RehearsalTold(text, IMPOSSIBLE, words=words))
+            self._put(RehearsalProgress(text, IMPOSSIBLE, words=words))
             return
         try:
             self._start(text)
         except OSError as error:
-            self._put(RehearsalTold(text, IMPOSSIBLE, words=in_words(error, self._command[0])))
+            self._put(RehearsalProgress(text, IMPOSSIBLE, words=in_words(error, self._command[0])))
 
     def _start(self, text: str) -> None:
         if shutil.which(self._command[0]) is None:
@@ -64,7 +64,7 @@ class Rehearser:
 
         def ended(status: int, last: str) -> None:
             if child is not None and child.cancelled:
-                self._put(RehearsalTold(text, STOPPED))
+                self._put(RehearsalProgress(text, STOPPED))
             else:
                 self._put(judged(text, status, last, _read(result)))
             shutil.rmtree(folder, ignore_errors=True)
@@ -72,9 +72,9 @@ class Rehearser:
         child: Optional[Child] = None
         try:
             mission.write_text(text)
-            self._put(RehearsalTold(text, RUNS))
+            self._put(RehearsalProgress(text, RUNS))
             child = Child(
-                argv, lambda share, _line: self._put(RehearsalTold(text, RUNS, share)), ended
+                argv, lambda share, _line: self._put(RehearsalProgress(text, RUNS, share)), ended
             )
         except OSError:
             shutil.rmtree(folder, ignore_errors=True)

@@ -5,9 +5,9 @@ import math
 from dataclasses import dataclass
 from typing import List, Optional, Sequence, Tuple
 
-from fcsv_console.model.facts import CameraInHome
+from fcsv_console.model.facts import CameraPoseReport
 from fcsv_console.model.mission_file import STEP_M, ConfigurationRow, stepped
-from fcsv_console.model.view import View
+from fcsv_console.model.view import ConsoleView
 
 VIEW_M = 6.0  # so far a camera's view is drawn
 _LEAST_M, _MARGIN = 6.0, 1.25
@@ -18,7 +18,7 @@ _BAR_MARGIN_PX = 16.0
 
 
 @dataclass(frozen=True)
-class Scale:
+class ViewScale:
     """Maps places from home (m) to a picture (px) of ``width`` x ``height``; ``middle_m`` (x, y) is
     in its middle."""
 
@@ -29,7 +29,7 @@ class Scale:
 
     def to_px(self, x_m: float, y_m: float) -> Tuple[float, float]:
         """
-        >>> Scale(200, 100, 10.0).to_px(2.0, -3.0)
+        >>> ViewScale(200, 100, 10.0).to_px(2.0, -3.0)
         (130.0, 30.0)
         """
         return (
@@ -39,7 +39,7 @@ class Scale:
 
     def to_m(self, u_px: float, v_px: float) -> Tuple[float, float]:
         """
-        >>> Scale(200, 100, 10.0).to_m(130.0, 30.0)
+        >>> ViewScale(200, 100, 10.0).to_m(130.0, 30.0)
         (2.0, -3.0)
         """
         return (
@@ -49,8 +49,8 @@ class Scale:
 
 
 def fitted(
-    view: View, width: float, height: float, zoom: float = 1.0, fov_rad: float = 0.0
-) -> Scale:
+    view: ConsoleView, width: float, height: float, zoom: float = 1.0, fov_rad: float = 0.0
+) -> ViewScale:
     """Goals, home, vehicles with what they see, and what cameras on the ground see, in the
     picture."""
     points = [(0.0, 0.0), *((p[0], p[1]) for r in view.file.rows for p in r.way_m or [r.goal_m])]
@@ -66,15 +66,15 @@ def fitted(
     xs, ys = [p[0] for p in points], [p[1] for p in points]
     high_m, wide_m = (max(_LEAST_M, _MARGIN * (max(s) - min(s))) for s in (xs, ys))
     per_m = min(height / (high_m + 2.0), width / (wide_m + 2.0)) * zoom
-    return Scale(
+    return ViewScale(
         width, height, max(per_m, 0.1), ((max(xs) + min(xs)) / 2.0, (max(ys) + min(ys)) / 2.0)
     )
 
 
-def sight(place: CameraInHome, fov_rad: float) -> List[Tuple[float, float]]:
+def sight(place: CameraPoseReport, fov_rad: float) -> List[Tuple[float, float]]:
     """Corners of what is drawn of a camera's view, (x, y) in home.
 
-    >>> [(round(x, 1), round(y, 1)) for x, y in sight(CameraInHome("uav1", (1.0, 2.0, 0.0), 0.0), math.pi / 2.0)]
+    >>> [(round(x, 1), round(y, 1)) for x, y in sight(CameraPoseReport("uav1", (1.0, 2.0, 0.0), 0.0), math.pi / 2.0)]
     [(5.2, -2.2), (7.0, 2.0), (5.2, 6.2)]
     """
     x_m, y_m, _ = place.p_home_m
@@ -82,7 +82,7 @@ def sight(place: CameraInHome, fov_rad: float) -> List[Tuple[float, float]]:
     return [(x_m + VIEW_M * math.cos(way), y_m + VIEW_M * math.sin(way)) for way in ways]
 
 
-def heights(view: View) -> Tuple[float, float]:
+def heights(view: ConsoleView) -> Tuple[float, float]:
     """(lowest, highest) of the height bar, m in home."""
     zs = [0.0, *(p[2] for r in view.file.rows for p in r.way_m or [r.goal_m])]
     zs += [v.place.value.p_home_m[2] for v in view.vehicles if v.place.value]
@@ -152,7 +152,7 @@ class HeightBar:
 
 
 def picked(
-    rows: Sequence[ConfigurationRow], scale: Scale, u_px: float, v_px: float
+    rows: Sequence[ConfigurationRow], scale: ViewScale, u_px: float, v_px: float
 ) -> Optional[int]:
     """The horizontal configuration to stand at whose goal is under the mouse; of several the
     nearest."""
@@ -165,7 +165,7 @@ def picked(
     return min(near, key=lambda i: distances[i]) if near else None
 
 
-def dragged(row: ConfigurationRow, scale: Scale, u_px: float, v_px: float) -> float:
+def dragged(row: ConfigurationRow, scale: ViewScale, u_px: float, v_px: float) -> float:
     """The baseline (m) of a horizontal configuration whose goal is dragged there; a vertical one
     keeps its own."""
     return stepped(-scale.to_m(u_px, v_px)[1]) if row.axis == "horizontal" else row.baseline_m
@@ -180,7 +180,7 @@ def following(rows: Sequence[ConfigurationRow], index: Optional[int], step: int)
     return stands[(stands.index(index) + step) % len(stands)]
 
 
-def handle(row: ConfigurationRow, scale: Scale) -> Tuple[float, float]:
+def handle(row: ConfigurationRow, scale: ViewScale) -> Tuple[float, float]:
     """Where the handle is (px) by which a horizontal goal is turned: along its camera's view."""
     u, v = scale.to_px(row.goal_m[0], row.goal_m[1])
     return u - _HANDLE_PX * math.sin(row.goal_heading_rad), v - _HANDLE_PX * math.cos(
@@ -189,7 +189,7 @@ def handle(row: ConfigurationRow, scale: Scale) -> Tuple[float, float]:
 
 
 def handle_picked(
-    rows: Sequence[ConfigurationRow], scale: Scale, u_px: float, v_px: float
+    rows: Sequence[ConfigurationRow], scale: ViewScale, u_px: float, v_px: float
 ) -> Optional[int]:
     """The horizontal configuration to stand at whose handle is under the mouse; of several the
     nearest."""
@@ -202,7 +202,7 @@ def handle_picked(
     return min(near, key=lambda i: distances[i]) if near else None
 
 
-def turned(row: ConfigurationRow, scale: Scale, u_px: float, v_px: float) -> float:
+def turned(row: ConfigurationRow, scale: ViewScale, u_px: float, v_px: float) -> float:
     """The tilt (whole degrees, inward, to the left) of a horizontal configuration whose handle is
     dragged there."""
     u, v = scale.to_px(row.goal_m[0], row.goal_m[1])

@@ -83,11 +83,11 @@ TABLE = (
 
 
 @dataclass(frozen=True)
-class Situation:
+class ActionContext:
     """Is that by which the actions are judged, not by what the actions are judged."""
 
     master_problem: str
-    mission: Optional[f.MissionTold]  # None: not heard
+    mission: Optional[f.MissionReport]  # None: not heard
     lines: Optional[Sequence[Line]]  # None: no check is heard
     vehicles: Sequence[VehicleRow]
     column: Sequence[str]  # why not every tag is seen, a line per vehicle
@@ -99,7 +99,7 @@ class Situation:
     over: str = ""  # the phase in which a mission ended that is not heard any more
 
 
-def actions(s: Situation) -> Dict[str, Action]:
+def actions(s: ActionContext) -> Dict[str, Action]:
     """Gives the actions by name, in the order of the table. Stop-all is always enabled, but for
     where a recording is played."""
     found = {
@@ -111,7 +111,7 @@ def actions(s: Situation) -> Dict[str, Action]:
     return found
 
 
-def paused(mission: Optional[f.MissionTold]) -> bool:
+def paused(mission: Optional[f.MissionReport]) -> bool:
     """Whether the mission goes on when the operator says so."""
     return mission is not None and mission.waits_for == "resume"
 
@@ -131,7 +131,7 @@ def accept(line: Line, master_problem: str = "") -> Action:
     )
 
 
-def _why_not(name: str, s: Situation) -> str:
+def _why_not(name: str, s: ActionContext) -> str:
     if name in ("rehearse", "waive"):
         return _of_rehearsal(name, s)
     if s.recorded:
@@ -160,7 +160,7 @@ def _why_not(name: str, s: Situation) -> str:
     return _of_mission(name, s, s.mission)
 
 
-def _of_mission(name: str, s: Situation, m: f.MissionTold) -> str:
+def _of_mission(name: str, s: ActionContext, m: f.MissionReport) -> str:
     if m.phase in OVER:
         return f"the mission is over ({m.phase})"
     if name == "abort":
@@ -178,7 +178,7 @@ def _of_mission(name: str, s: Situation, m: f.MissionTold) -> str:
     return ""
 
 
-def _of_list(s: Situation, m: f.MissionTold) -> str:
+def _of_list(s: ActionContext, m: f.MissionReport) -> str:
     """Why the list is not flown as it is shown."""
     if s.file.error is not None:
         return f"mission file: {s.file.error.words}"
@@ -195,7 +195,7 @@ def _of_list(s: Situation, m: f.MissionTold) -> str:
     )
 
 
-def _of_rehearsal(name: str, s: Situation) -> str:
+def _of_rehearsal(name: str, s: ActionContext) -> str:
     if s.file.error is not None:
         return f"mission file: {s.file.error.words}"
     if s.rehearsal.state == RUNS:
@@ -207,7 +207,7 @@ def _of_rehearsal(name: str, s: Situation) -> str:
     return "the list may be flown" if name == "waive" and not s.rehearsal.locks else ""
 
 
-def _not_waited_for(name: str, s: Situation, m: f.MissionTold) -> str:
+def _not_waited_for(name: str, s: ActionContext, m: f.MissionReport) -> str:
     if name == "calibrate" and m.phase == "COLUMN":
         return "; ".join(s.column) or "; ".join(m.problems) or "a tag is not in view"
     if name == "set_home" and m.phase in ("WAIT_VEHICLES", "TAKE_OFF", "COLUMN", "CALIBRATE"):

@@ -37,7 +37,7 @@ class Step:
     next: bool = False  # it is what comes next
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """Says it in one line."""
         return ": ".join(w for w in (_WORDS.get(self.state, ""), self.words) if w)
 
@@ -65,7 +65,7 @@ class AfterFlight:
 
     def __init__(self) -> None:
         self.places = Places()
-        self._told: Dict[str, f.JobTold] = {}
+        self._told: Dict[str, f.JobProgress] = {}
         self._found = f.PlacesFound(False, False)
 
     def tell(self, fact: f.Fact) -> None:
@@ -92,7 +92,7 @@ class AfterFlight:
         return tuple(replace(step, next=not runs and step.name in can[:1]) for step in steps)
 
     def _step(self, step: Step, armed: Sequence[str]) -> Step:
-        told = self._told.get(step.name, f.JobTold(step.name, ""))
+        told = self._told.get(step.name, f.JobProgress(step.name, ""))
         why = "" if told.state == RUNS else self._why_not(step.name, armed)
         share = told.share if told.state == RUNS else math.nan
         return replace(step, state=told.state, share=share, words=told.words, why_not=why)
@@ -134,7 +134,7 @@ class AfterFlight:
         )
 
 
-def judged(job: str, status: int, last: str) -> f.JobTold:
+def judged(job: str, status: int, last: str) -> f.JobProgress:
     """Judges a command from a command's exit status and its last line.
 
     >>> judged("map", 2, "map: out/flight: no session.yaml").words
@@ -143,7 +143,7 @@ def judged(job: str, status: int, last: str) -> f.JobTold:
     'failed'
     """
     words = last.split(": ", 1)[-1] if last.startswith(("map: ", "gather_session: ")) else last
-    return f.JobTold(
+    return f.JobProgress(
         job,
         DONE if status == 0 else FAILED,
         words=words or ("" if status == 0 else f"status {status}"),

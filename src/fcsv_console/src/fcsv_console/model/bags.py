@@ -10,17 +10,17 @@ _LOOKS = 3  # in a row: a player's connections do not all stand at once
 
 
 class Bags:
-    """``follow`` each topic with what counts its publishers; ``told``, once a second, gives what
+    """``follow`` each topic with what counts its publishers; ``facts``, once a second, gives what
     changed.
 
     >>> bags, plays = Bags(), {"mavros/state": 0, "diagnostics/worst": 0}
     >>> for topic in plays: bags.follow("uav1", topic, lambda topic=topic: plays[topic])
-    >>> bags.told()
+    >>> bags.facts()
     []
     >>> plays["mavros/state"] = 1
-    >>> [len(bags.told()) for _ in range(4)]
+    >>> [len(bags.facts()) for _ in range(4)]
     [0, 0, 1, 0]
-    >>> plays["diagnostics/worst"] = 1; bags.told()
+    >>> plays["diagnostics/worst"] = 1; bags.facts()
     [NotInBags(vehicle='uav1', topics=())]
     """
 
@@ -34,7 +34,7 @@ class Bags:
         """``topic`` below the vehicle's name."""
         self._publishers.setdefault(vehicle, {})[topic] = publishers
 
-    def told(self) -> List[NotInBags]:
+    def facts(self) -> List[NotInBags]:
         """A topic that was played once is in the bags, also after their end."""
         found = []
         for vehicle, topics in self._publishers.items():

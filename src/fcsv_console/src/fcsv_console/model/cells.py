@@ -12,7 +12,7 @@ from fcsv_console.model.mission_file import ConfigurationRow
 from fcsv_console.model.poses import Relative
 from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, PILOT, UNKNOWN, VehicleRow
-from fcsv_console.model.view import View
+from fcsv_console.model.view import ConsoleView
 from fcsv_control.disk import disk_words
 from fcsv_control.flight_check.lines import Line, State
 
@@ -50,7 +50,7 @@ _HEARD_BY = {
 }
 
 
-def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
+def vehicle_rows(view: ConsoleView) -> List[Tuple[str, List[Cell]]]:
     """(label, one cell per vehicle). What is normal at the start, before home is set and after the
     end is quiet."""
     rows = _vehicle_rows(view)
@@ -60,7 +60,7 @@ def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
     ]
 
 
-def _calmed(view: View, label: str, v: VehicleRow, cell: Cell) -> Cell:
+def _calmed(view: ConsoleView, label: str, v: VehicleRow, cell: Cell) -> Cell:
     if view.ended and v.heard.stale:
         if v.armed:
             return cell  # nobody saw it land
@@ -79,7 +79,7 @@ def _calmed(view: View, label: str, v: VehicleRow, cell: Cell) -> Cell:
     return cell
 
 
-def _vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
+def _vehicle_rows(view: ConsoleView) -> List[Tuple[str, List[Cell]]]:
     table = (
         ("flown by", lambda v: Cell(v.flier.words, _OF_FLIER.get(v.flier.who, PLAIN))),
         ("diagnostics", diagnostics),
@@ -253,14 +253,14 @@ def configuration_cells(row: ConfigurationRow, running: bool) -> List[Cell]:
 CHECK_HEADS = ("who", "line", "state", "found", "what to do")
 
 
-def check_lines(view: View) -> List[Line]:
+def check_lines(view: ConsoleView) -> List[Line]:
     """Gives, of the flight check what is not green, the worst first; that is what an operator must
     act on."""
     wrong = [li for li in view.check or () if li.state is not State.GREEN]
     return sorted(wrong, key=lambda li: (view.waits(li), _FROM_THE_WORST.index(li.state)))
 
 
-def check_words(view: View) -> Cell:
+def check_words(view: ConsoleView) -> Cell:
     """The verdict, and how many lines are green."""
     if view.check is None:
         quiet = "the flight is over" if view.over else "waiting" if view.starting else ""
@@ -288,13 +288,13 @@ def check_cells(line: Line, waits: bool = False) -> List[Cell]:
     ]
 
 
-def rehearsal_cell(view: View) -> Cell:
+def rehearsal_cell(view: ConsoleView) -> Cell:
     """What became of the rehearsal of the list that is shown."""
     tones = {rehearsal.PASSED: GOOD, rehearsal.BROKEN: BAD, rehearsal.IMPOSSIBLE: CARE}
-    return Cell(view.rehearsal.told, tones.get(view.rehearsal.state, QUIET))
+    return Cell(view.rehearsal.summary, tones.get(view.rehearsal.state, QUIET))
 
 
-def stereo_cell(view: View) -> Cell:
+def stereo_cell(view: ConsoleView) -> Cell:
     """Go or no-go, then the figures."""
     s = view.stereo
     figures = _epipolar(s)
@@ -322,7 +322,7 @@ def _epipolar(s: StereoHealth) -> List[str]:
     return [f"epipolar error {s.refined_px:.1f} px fitted, {s.epipolar_px:.1f} px as tracked"]
 
 
-def headline(view: View) -> Cell:
+def headline(view: ConsoleView) -> Cell:
     """What goes on and what comes next."""
     tones = {guide.WAITS: QUIET, guide.WELL: GOOD, guide.CARE: CARE, guide.LOST: GONE}
     return Cell(view.headline, tones.get(view.guide.sort, PLAIN))
@@ -339,6 +339,6 @@ def height(v: VehicleRow) -> str:
     )
 
 
-def problems_tone(view: View) -> str:
+def problems_tone(view: ConsoleView) -> str:
     """Gives the tone of what is listed as problems: at a start that is normal there are many."""
     return QUIET if view.starts else CARE

@@ -90,18 +90,18 @@ class Chronicle:
 
     def remember(self, now_s: float, fact: Any) -> None:  # noqa: C901
         """A fact that was found sound: an event where it changes something."""
-        if isinstance(fact, f.MissionTold):
+        if isinstance(fact, f.MissionReport):
             self._phase = fact.phase
             self._changed(now_s, "phase", "mission", f"{fact.phase}: {fact.detail}".rstrip(": "))
-        elif isinstance(fact, f.Guardian):
+        elif isinstance(fact, f.GuardianReport):
             words = f"{fact.action}: {'; '.join(fact.reasons)}".rstrip(": ") if fact.action else ""
             self._changed(
                 now_s, f"guardian {fact.vehicle}", f"{fact.vehicle} guardian", words, "warning"
             )
-        elif isinstance(fact, f.AutopilotState):
+        elif isinstance(fact, f.AutopilotReport):
             armed = "armed" if fact.armed else "motors off"
             self._changed(now_s, f"mode {fact.vehicle}", fact.vehicle, f"{fact.mode}, {armed}")
-        elif isinstance(fact, f.EpochHeard):
+        elif isinstance(fact, f.EpochReport):
             subject = f"epoch {fact.vehicle}"
             words = f"its odometry began{' anew' if subject in self._last_words else ''}"
             self._changed(now_s, subject, fact.vehicle, words, state=str(fact.epoch))
@@ -121,12 +121,12 @@ class Chronicle:
             self.event(
                 now_s, who, f"command {fact.number} of {fact.sender}", fact.outcome, "warning"
             )
-        elif isinstance(fact, f.StopTold):
+        elif isinstance(fact, f.StopReport):
             self._changed(now_s, "stop", "stop-all", fact.words if fact.asked else "", "warning")
-        elif isinstance(fact, f.RehearsalTold) and fact.state != RUNS:
+        elif isinstance(fact, f.RehearsalProgress) and fact.state != RUNS:
             level = "info" if fact.state in (PASSED, STOPPED) else "warning"
             self.event(now_s, "rehearsal", f"{fact.state}: {fact.words}".rstrip(": "), level=level)
-        elif isinstance(fact, f.JobTold):
+        elif isinstance(fact, f.JobProgress):
             words = "runs" if fact.state == "runs" else f"{fact.state}: {fact.words}".rstrip(": ")
             self._changed(
                 now_s,
@@ -139,7 +139,7 @@ class Chronicle:
             self._changed(
                 now_s, "goals", "console", fact.words, "warning" if fact.window else "info"
             )
-        elif isinstance(fact, f.MasterTold) and (fact.problem or "master" in self._last_words):
+        elif isinstance(fact, f.MasterReport) and (fact.problem or "master" in self._last_words):
             words, level = (
                 (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
             )

@@ -9,7 +9,7 @@ from typing import Any, Callable, Dict, FrozenSet, List, Mapping, Optional, Sequ
 from fcsv_console.model import facts as f
 from fcsv_console.model import mission_file as files
 from fcsv_console.model import planning, stereo
-from fcsv_console.model.actions import Situation, actions, column_problems
+from fcsv_console.model.actions import ActionContext, actions, column_problems
 from fcsv_console.model.after import AfterFlight
 from fcsv_console.model.air import Above, above
 from fcsv_console.model.chronicle import Chronicle
@@ -19,15 +19,15 @@ from fcsv_console.model.ground_views import GroundViews
 from fcsv_console.model.hearing import AgingFact, slow
 from fcsv_console.model.own_optics import OwnOptics
 from fcsv_console.model.pair import PairWatch
-from fcsv_console.model.phases_told import PhasesTold
-from fcsv_console.model.pictures import Pictures
+from fcsv_console.model.phase_progress import PhaseProgress
+from fcsv_console.model.pictures import NewestPictures
 from fcsv_console.model.rehearsal import Rehearsals
 from fcsv_console.model.soundness import unsound
 from fcsv_console.model.stage import StageWatch
 from fcsv_console.model.starting import NORMAL_S, StartWatch
 from fcsv_console.model.steady import HOLD_S, SteadyVerdict
-from fcsv_console.model.vehicles import Vehicle, VehicleRow
-from fcsv_console.model.view import View
+from fcsv_console.model.vehicles import VehicleRecord, VehicleRow
+from fcsv_console.model.view import ConsoleView
 from fcsv_console.model.what_next import guide
 from fcsv_control.flight_check.lines import Line
 from fcsv_control.flight_check.sightings import Sightings
@@ -66,26 +66,26 @@ class Console:
         self._own_optics = OwnOptics(optics)
         self._recorded, self._chronicle = recorded, Chronicle()
         self._target_m = target_m
-        self._vehicles = {name: Vehicle(name, since_s) for name in vehicles}
+        self._vehicles = {name: VehicleRecord(name, since_s) for name in vehicles}
         self._sightings = Sightings(dict(tags or {}))
-        self._mission: AgingFact[f.MissionTold] = AgingFact(math.inf)
-        self._alive: AgingFact[f.MissionAlive] = AgingFact(_ALIVE_S)
-        self._check: AgingFact[f.Check] = AgingFact(math.inf)
-        self._map: AgingFact[f.MapTold] = AgingFact(math.inf)
-        self._stop: AgingFact[f.StopTold] = slow()
+        self._mission: AgingFact[f.MissionReport] = AgingFact(math.inf)
+        self._alive: AgingFact[f.MissionHeartbeat] = AgingFact(_ALIVE_S)
+        self._check: AgingFact[f.FlightCheckReport] = AgingFact(math.inf)
+        self._map: AgingFact[f.MapReport] = AgingFact(math.inf)
+        self._stop: AgingFact[f.StopReport] = slow()
         self._pair, self._stage, self._steady = (
             PairWatch(vehicles),
             StageWatch(),
             SteadyVerdict(verdict_s),
         )
-        self._start, self._phases = StartWatch(normal_s), PhasesTold()
-        self._calibration: Optional[f.CalibrationFound] = None
+        self._start, self._phases = StartWatch(normal_s), PhaseProgress()
+        self._calibration: Optional[f.CalibrationReport] = None
         self._recorder: AgingFact[f.Recorder] = slow()
         self._calibrated: AgingFact[f.Calibrated] = AgingFact(math.inf)
         self._home: AgingFact[f.HomeSet] = AgingFact(math.inf)
         self._flown: Optional[Mission] = None
         self._goals, self._ground_views = Goals(), GroundViews()
-        self._rehearsals, self._pictures, self.after = Rehearsals(), Pictures(), AfterFlight()
+        self._rehearsals, self._pictures, self.after = Rehearsals(), NewestPictures(), AfterFlight()
         self._master_problem = ""
         self._pending: Dict[str, Tuple[float, int]] = {}  # action -> when asked, event
 
@@ -121,7 +121,7 @@ class Console:
         self._chronicle.remember(now_s, fact)
         self._pictures.tell(fact)
         self._pair.tell(now_s, fact)
-        self._take(now_s, fact)
+        self._apply(now_s, fact)
 
     def load(self, path) -> None:
         """A mission file; what is wrong with it is in the view."""
@@ -161,7 +161,7 @@ class Console:
         self._rehearsals.waive(self.file.text)
         self.answer(
             self.ask(now_s, "waive", "fly the list unrehearsed"),
-            self._rehearsals.of(self.file.text).told,
+            self._rehearsals.of(self.file.text).summary,
             True,
         )
 
@@ -177,18 +177,18 @@ class Console:
         self.log.answer(number, words, done)
         self._pending = {name: p for name, p in self._pending.items() if p[1] != number}
 
-    def _take(self, now_s: float, fact: Any) -> None:  # noqa: C901
+    def _apply(self, now_s: float, fact: Any) -> None:  # noqa: C901
         whole = {
-            f.MissionTold: self._mission,
-            f.MissionAlive: self._alive,
-            f.Check: self._check,
-            f.MapTold: self._map,
-            f.StopTold: self._stop,
+            f.MissionReport: self._mission,
+            f.MissionHeartbeat: self._alive,
+            f.FlightCheckReport: self._check,
+            f.MapReport: self._map,
+            f.StopReport: self._stop,
         }.get(type(fact))
-        if isinstance(fact, f.MissionTold):
+        if isinstance(fact, f.MissionReport):
             self._stage.tell(now_s, fact)
             self._phases.tell(fact.phase)
-        if isinstance(fact, f.Check):
+        if isinstance(fact, f.FlightCheckReport):
             self._start.tell(now_s, fact.lines)
         if whole is not None:
             whole.tell(now_s, fact)
@@ -196,9 +196,9 @@ class Console:
             (self._calibrated if isinstance(fact, f.Calibrated) else self._home).tell(
                 now_s, fact, fact.age_s
             )
-        elif isinstance(fact, f.CalibrationFound):
+        elif isinstance(fact, f.CalibrationReport):
             self._calibration = fact
-        elif isinstance(fact, f.MasterTold):
+        elif isinstance(fact, f.MasterReport):
             self._master_problem = fact.problem
         elif isinstance(fact, f.MissionFlown):
             read = files.parse(fact.text, "", self.optics)
@@ -208,11 +208,11 @@ class Console:
         elif isinstance(fact, f.CameraKnown):
             self._own_optics.tell(fact)
             self._show_file(self.file)
-        elif isinstance(fact, f.RehearsalTold):
+        elif isinstance(fact, f.RehearsalProgress):
             self._rehearsals.tell(fact)
         elif isinstance(fact, f.SeenFrom):
             self._ground_views.tell(now_s, fact)
-        elif isinstance(fact, (f.JobTold, f.PlacesFound)):
+        elif isinstance(fact, (f.JobProgress, f.PlacesFound)):
             self.after.tell(fact)
         elif isinstance(fact, GoalEnabled):
             self._goals.enable(self.file.rows, fact.index, fact.on)
@@ -221,19 +221,19 @@ class Console:
             why = self.drag(fact.index, baseline_m) if baseline_m is not None else ""
             if why:
                 self._chronicle.note_bad(now_s, f"goal {fact.index + 1} stays: {why}")
-        elif isinstance(fact, (f.MapPicture, f.EpipolarTold, GoalsElsewhere)):
-            pass  # Pictures and PairWatch keep them, the last is an event
+        elif isinstance(fact, (f.MapPicture, f.EpipolarReport, GoalsElsewhere)):
+            pass  # NewestPictures and PairWatch keep them, the last is an event
         elif fact.vehicle == CONTROL:
             if isinstance(fact, f.Recorder):
                 self._recorder.tell(now_s, fact)
         else:
-            if isinstance(fact, f.Tags):
+            if isinstance(fact, f.TagReport):
                 self._sightings.saw(now_s, fact.vehicle, fact.ids)
             self._vehicles[fact.vehicle].tell(now_s, fact)
 
     # ---- what is shown ---------------------------------------------------------------------------
 
-    def view(self, now_s: float) -> View:
+    def view(self, now_s: float) -> ConsoleView:
         """Everything, at monotonic time ``now_s``."""
         mission = self._mission.at(now_s)
         # a bag has no sign of life but the state
@@ -253,7 +253,7 @@ class Console:
         pair = self._steady.at(now_s, (running, recorded), self._stereo(now_s, rows, running, told))
         last = mission.value.phase if mission.value is not None else ""
         ended = last if told is None and last in OVER else ""
-        situation = Situation(
+        situation = ActionContext(
             self._master_problem,
             told,
             check,
@@ -266,7 +266,7 @@ class Console:
             self._recorded,
             ended,
         )
-        view = View(
+        view = ConsoleView(
             now_s=now_s,
             vehicles=rows,
             mission=mission,
@@ -303,7 +303,7 @@ class Console:
         return replace(view, guide=guide(view, self._phases.before))
 
     def _waiting(
-        self, now_s: float, told: Optional[f.MissionTold], check: Optional[Sequence[Line]]
+        self, now_s: float, told: Optional[f.MissionReport], check: Optional[Sequence[Line]]
     ) -> FrozenSet:
         """Nothing is normal any more once people fly."""
         before = told is None or told.phase == "WAIT_VEHICLES"
@@ -336,7 +336,7 @@ class Console:
             for n, v in self._vehicles.items()
         )
 
-    def _progress(self, told: Optional[f.MissionTold]) -> float:
+    def _progress(self, told: Optional[f.MissionReport]) -> float:
         """Gives the progress of the list."""
         if told is None or not told.configurations:
             return 0.0
@@ -368,7 +368,7 @@ class Console:
         now_s: float,
         rows: Sequence[VehicleRow],
         running: Optional[int],
-        told: Optional[f.MissionTold],
+        told: Optional[f.MissionReport],
     ) -> stereo.StereoHealth:
         """Judges the pictures of the configuration that is flown, or before the first one of the
         pair that will fly it."""
@@ -395,14 +395,14 @@ class Console:
         skew_s = self._pair.skew_s(now_s, pair, offsets_s, self._stage.recording_since_s)
         agree = self._pair.epipolar(now_s, pair)
         if before:
-            return stereo.judge_before(pair, skew_s, agree, self.optics)
+            return stereo.assess_before(pair, skew_s, agree, self.optics)
         row = self.file.rows[index]
         places = tuple(by_name[n].place for n in pair)
         far_m, at_once = self._target_m or row.farthest_m, len(mission.moment_of(index)) > 1
-        return stereo.judge(row, pair, *places, skew_s, far_m, self.optics, agree, at_once)
+        return stereo.assess(row, pair, *places, skew_s, far_m, self.optics, agree, at_once)
 
     def _problems(
-        self, now_s: float, told: Optional[f.MissionTold], column: Sequence[str], over: bool
+        self, now_s: float, told: Optional[f.MissionReport], column: Sequence[str], over: bool
     ) -> Tuple[str, ...]:
         """``over``: the mission is; then its master may go."""
         found = [self._master_problem] if self._master_problem and not over else []

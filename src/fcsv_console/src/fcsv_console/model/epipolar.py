@@ -15,7 +15,7 @@ from typing import Deque, Dict, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from fcsv_console.model.facts import EpipolarTold
+from fcsv_console.model.facts import EpipolarReport
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model.inputs import FLOWN
@@ -38,7 +38,7 @@ Picture = Tuple[float, bytes, Optional[PinholeCamera]]
 
 
 @dataclass(frozen=True)
-class Seen:
+class EpipolarPicture:
     """A picture (JPEG or PNG) with its camera as taken and its place; ``reduced``: it may be
     smaller than that."""
 
@@ -49,7 +49,7 @@ class Seen:
     reduced: bool = False
 
 
-def measured(pair: Tuple[str, str], a: Seen, b: Seen) -> EpipolarTold:
+def measured(pair: Tuple[str, str], a: EpipolarPicture, b: EpipolarPicture) -> EpipolarReport:
     """How two pictures agree with their places, in px of b. NaN: too few matches.
 
     Raises ValueError where a picture cannot be unpacked.
@@ -60,7 +60,7 @@ def measured(pair: Tuple[str, str], a: Seen, b: Seen) -> EpipolarTold:
     (gray_a, a), (gray_b, b) = _read(a), _read(b)
     uv_a, uv_b = _matches(gray_a, gray_b)
     if len(uv_a) < _LEAST:
-        return EpipolarTold(pair, math.nan, len(uv_a))
+        return EpipolarReport(pair, math.nan, len(uv_a))
     rays_a, rays_b = (
         np.column_stack([s.camera.normalize(uv), np.ones(len(uv))])
         for s, uv in ((a, uv_a), (b, uv_b))
@@ -76,18 +76,18 @@ def measured(pair: Tuple[str, str], a: Seen, b: Seen) -> EpipolarTold:
     )
     kept = np.zeros(len(rays_a), bool) if kept is None else kept.ravel().astype(bool)
     if kept.sum() < max(_LEAST, _SHARE * len(kept)):
-        return EpipolarTold(pair, math.nan, int(kept.sum()))
+        return EpipolarReport(pair, math.nan, int(kept.sum()))
     T_a_b = transforms.invert(a.T_home_cam) @ b.T_home_cam
     error, _ = epipolar_error(T_a_b, rays_a[kept], rays_b[kept])
     error_px, fitted = (
         float(b.camera.fx * np.median(np.abs(error))),
         _fitted(T_a_b, rays_a[kept], rays_b[kept], b),
     )
-    return EpipolarTold(pair, error_px, int(kept.sum()), *fitted, picture_focal_px=b.camera.fx)
+    return EpipolarReport(pair, error_px, int(kept.sum()), *fitted, picture_focal_px=b.camera.fx)
 
 
 def _fitted(
-    T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray, b: Seen
+    T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray, b: EpipolarPicture
 ) -> Tuple[float, float]:
     """(median px that is left, standard deviations from the trackers' pose) once the pair is fitted
     as the map fits it, with its prior; NaN where it would not: the baseline is too short, or the
@@ -106,7 +106,7 @@ def _fitted(
     return float(np.median(np.abs(error_px))), surprise
 
 
-def _read(seen: Seen) -> Tuple[np.ndarray, Seen]:
+def _read(seen: EpipolarPicture) -> Tuple[np.ndarray, EpipolarPicture]:
     """Grey, with the camera of its size."""
     gray = (
         cv2.imdecode(np.frombuffer(seen.data, np.uint8), cv2.IMREAD_GRAYSCALE)
@@ -182,7 +182,7 @@ class EpipolarWatch:
         with self._lock:
             self._pictures[name].append((stamp_s, data, None))
 
-    def measure(self, pair: Tuple[str, str]) -> Optional[EpipolarTold]:
+    def measure(self, pair: Tuple[str, str]) -> Optional[EpipolarReport]:
         """Measures the error of the newest pictures of both whose places are known; None where
         there is nothing new."""
         if len(set(pair)) < 2 or not set(pair) <= set(self._poses):
@@ -194,10 +194,10 @@ class EpipolarWatch:
         self._measured = (a.stamp_s, b.stamp_s)
         return measured(pair, a, b)
 
-    def _seen(self, name: str) -> Optional[Seen]:
+    def _seen(self, name: str) -> Optional[EpipolarPicture]:
         for stamp_s, data, camera in reversed(self._pictures[name]):
             near = min(self._poses[name], key=lambda p: abs(p[0] - stamp_s), default=None)
             as_taken = camera or self._cameras.get(name)
             if as_taken is not None and near is not None and abs(near[0] - stamp_s) <= _POSE_S:
-                return Seen(stamp_s, data, as_taken, near[1], camera is None)
+                return EpipolarPicture(stamp_s, data, as_taken, near[1], camera is None)
         return None

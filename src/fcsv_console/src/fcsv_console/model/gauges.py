@@ -5,7 +5,7 @@
 from dataclasses import dataclass
 from typing import Dict, Tuple
 
-from fcsv_console.model.view import View
+from fcsv_console.model.view import ConsoleView
 
 REACH_M = 0.5  # the end of a gauge
 
@@ -40,7 +40,7 @@ class Gauge:
         return tuple(max(-1.0, min(1.0, m / REACH_M)) for m in (self.forward_m, self.left_m))
 
 
-def gauges(view: View) -> Tuple[Gauge, ...]:
+def gauges(view: ConsoleView) -> Tuple[Gauge, ...]:
     """Gives the gauges of the reference and who moves, while a configuration to stand at is flown
     and their places are known."""
     mission, running = view.file.mission, view.running

@@ -42,7 +42,7 @@ class GoalsElsewhere:
 
 
 @dataclass(frozen=True)
-class Goal:
+class BaselineGoal:
     """One configuration's baseline and place in home (m), and the unit vector along which it may be
     dragged.
 
@@ -77,11 +77,11 @@ class Goals:
         self._enabled: Set[int] = set()
         self._number, self._asked = 0, 0
 
-    def shown(self, rows: Sequence[ConfigurationRow]) -> Tuple[Goal, ...]:
+    def shown(self, rows: Sequence[ConfigurationRow]) -> Tuple[BaselineGoal, ...]:
         """Gives the goals as they are to be drawn."""
         self._follow(rows)
         return tuple(
-            Goal(
+            BaselineGoal(
                 r.index,
                 r.baseline_m,
                 r.goal_m,

@@ -7,6 +7,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Callable, Deque, Generic, Optional, TypeVar
 
+from fcsv_geometry.streams.stream import Stream
+
 T = TypeVar("T")
 STALE_S = 1.0  # an operator sees within this time that a stream stopped
 _SLOW_STALE_S = 2.5  # of what comes once a second
@@ -36,7 +38,7 @@ class Aged(Generic[T]):
         return age_words(self.age_s)
 
 
-class AgingFact(Generic[T]):
+class AgingFact(Stream[T]):
     """The newest value of a stream. It is stale ``stale_s`` after it was heard; infinite: it holds
     until replaced. With ``least_s`` it is sooner where the stream comes often: after 2.4 times its
     usual interval, but not under that.
@@ -51,21 +53,19 @@ class AgingFact(Generic[T]):
     """
 
     def __init__(self, stale_s: float = STALE_S, least_s: Optional[float] = None):
-        self.value: Optional[T] = None
-        self._at_s, self._stale_s, self._least_s = -math.inf, stale_s, least_s
-        self._times: Deque[float] = deque(maxlen=256)
+        super().__init__(_WINDOW_S)
+        self._stale_s, self._least_s = stale_s, least_s
         self._last: Deque[float] = deque(maxlen=_INTERVALS + 1)
 
     def tell(self, now_s: float, value: T, age_s: float = 0.0) -> None:
         """``age_s``: how old it was when heard."""
-        self.value, self._at_s = value, now_s - age_s
-        self._times.append(now_s)
+        super().tell(now_s, value)
+        self.at_s -= age_s
         self._last.append(now_s)
 
     def forget(self) -> None:
         """Forgets it as if it had never been heard."""
-        self.value, self._at_s = None, -math.inf
-        self._times.clear()
+        super().__init__(_WINDOW_S)
         self._last.clear()
 
     @property
@@ -81,13 +81,12 @@ class AgingFact(Generic[T]):
     ) -> Aged[T]:
         """Gives the value as it is to be shown now. ``since_s``: from when what came at some time
         counts."""
-        while self._times and self._times[0] < now_s - _WINDOW_S:
-            self._times.popleft()
-        times = self._times
-        span_s = now_s - times[0] if times else 0.0
+        self._forget(now_s)
+        times = self._times_s
+        span_s = self.span_s(now_s)
         rate_hz = (len(times) - 1) / max(times[-1] - times[0], _BURST_S) if times else 0.0
         rate_hz = min(rate_hz, len(times) / max(span_s, _BURST_S))
-        age_s = max(0.0, now_s - since_s(self._at_s))
+        age_s = max(0.0, now_s - since_s(self.at_s))
         return Aged(self.value, age_s, rate_hz, age_s > self._patience_s)
 
 

@@ -7,7 +7,7 @@ from typing import Tuple
 
 import numpy as np
 
-from fcsv_console.model.facts import CameraInHome
+from fcsv_console.model.facts import CameraPoseReport
 from fcsv_console.model.mission_file import Optics
 from fcsv_geometry.missions.sweep import AXES
 
@@ -47,13 +47,13 @@ def rotation(heading_rad: float, pitch_rad: float, roll_rad: float) -> np.ndarra
     return np.column_stack([cr * right + sr * down, cr * down - sr * right, forward])
 
 
-def rotation_of(place: CameraInHome) -> np.ndarray:
+def rotation_of(place: CameraPoseReport) -> np.ndarray:
     """R_home_cam (3, 3)."""
     return rotation(place.heading_rad, place.pitch_rad, place.roll_rad)
 
 
 def seen_by_both(
-    reference: CameraInHome, moving: CameraInHome, z_m: float, optics: Optics
+    reference: CameraPoseReport, moving: CameraPoseReport, z_m: float, optics: Optics
 ) -> float:
     """Share (0..1) of the reference picture whose points at depth ``z_m`` the moving camera sees,
     by both places."""

@@ -39,13 +39,16 @@ class PairWatch:
         self._moments: Dict[str, Deque[Tuple[float, float]]] = {
             n: deque(maxlen=_KEPT) for n in names
         }
-        self._epipolar: AgingFact[f.EpipolarTold] = AgingFact(_EPIPOLAR_S)
+        self._epipolar: AgingFact[f.EpipolarReport] = AgingFact(_EPIPOLAR_S)
 
     def tell(self, now_s: float, fact: Any) -> None:
         """Takes the facts of pictures and epipolar errors; all else is left alone."""
-        if isinstance(fact, f.EpipolarTold):
+        if isinstance(fact, f.EpipolarReport):
             self._epipolar.tell(now_s, fact)
-        elif isinstance(fact, (f.PictureHeard, f.Captured, f.Tags)) and fact.stamp_s > 0.0:
+        elif (
+            isinstance(fact, (f.PreviewReport, f.PictureCaptured, f.TagReport))
+            and fact.stamp_s > 0.0
+        ):
             self._moments[fact.vehicle].append((now_s, fact.stamp_s))
 
     def skew_s(
@@ -86,7 +89,7 @@ class PairWatch:
         recording = _Recording([_Taken(s) for s in references], [_Taken(s) for s in told])
         return instants.skew_s(recording.references, instants.middle(recording))
 
-    def epipolar(self, now_s: float, pair: Tuple[str, str]) -> Optional[f.EpipolarTold]:
+    def epipolar(self, now_s: float, pair: Tuple[str, str]) -> Optional[f.EpipolarReport]:
         """None: not known."""
         told = self._epipolar.at(now_s)
         return None if told.value is None or told.stale or told.value.pair != pair else told.value

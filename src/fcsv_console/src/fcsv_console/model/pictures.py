@@ -30,7 +30,7 @@ class CameraPicture:
     shown."""
 
     vehicle: str
-    picture: Aged[f.PictureHeard]
+    picture: Aged[f.PreviewReport]
     outlines: Tuple[Outline, ...] = ()
     ids: Tuple[int, ...] = ()
     problem: str = ""
@@ -90,11 +90,11 @@ class MapPictures:
         return "map: no depth yet" if self.depth is None else f"map: {self.match:.0%} have a depth"
 
 
-class Pictures:
+class NewestPictures:
     """Keeps the newest of each; what cannot be shown is named until a good one comes."""
 
     def __init__(self) -> None:
-        self._tags: Dict[str, f.Tags] = {}
+        self._tags: Dict[str, f.TagReport] = {}
         self._map: Dict[str, f.MapPicture] = {}
         self._problems: Dict[Tuple[str, str], str] = {}
         self._match, self._state = math.nan, ""
@@ -104,11 +104,11 @@ class Pictures:
         if isinstance(fact, f.Unusable):
             if fact.topic == _CAMERA or fact.topic.startswith("/map/"):
                 self._problems[(fact.vehicle, fact.topic)] = fact.why
-        elif isinstance(fact, f.PictureHeard):
+        elif isinstance(fact, f.PreviewReport):
             self._problems.pop((fact.vehicle, _CAMERA), None)
-        elif isinstance(fact, f.Tags):
+        elif isinstance(fact, f.TagReport):
             self._tags[fact.vehicle] = fact
-        elif isinstance(fact, f.MapTold):
+        elif isinstance(fact, f.MapReport):
             self._state = f"{fact.state}: {fact.detail}".rstrip(": ")
         elif isinstance(fact, f.MapPicture):
             self._problems.pop(("", f"/map/{fact.kind}"), None)
@@ -116,12 +116,12 @@ class Pictures:
             self._match = match_rate(self._map.get(DEPTH))
 
     def cameras(
-        self, heard: Sequence[Tuple[str, Aged[f.PictureHeard]]]
+        self, heard: Sequence[Tuple[str, Aged[f.PreviewReport]]]
     ) -> Tuple[CameraPicture, ...]:
         """Gives the pictures of every vehicle."""
         return tuple(self._camera(name, picture) for name, picture in heard)
 
-    def _camera(self, name: str, picture: Aged[f.PictureHeard]) -> CameraPicture:
+    def _camera(self, name: str, picture: Aged[f.PreviewReport]) -> CameraPicture:
         tags, problem = self._tags.get(name), self._problems.get((name, _CAMERA), "")
         if (
             tags is None

@@ -5,7 +5,7 @@ import math
 from dataclasses import dataclass
 from typing import Tuple
 
-from fcsv_console.model.facts import CameraInHome
+from fcsv_console.model.facts import CameraPoseReport
 
 Vector3 = Tuple[float, float, float]
 
@@ -28,10 +28,10 @@ class Relative:
         return not math.isnan(self.distance_m)
 
 
-def relative(place: CameraInHome, other: CameraInHome) -> Relative:
+def relative(place: CameraPoseReport, other: CameraPoseReport) -> Relative:
     """Both in home.
 
-    >>> r = relative(CameraInHome("uav2", (0.0, -6.0, 8.0), 3.1), CameraInHome("uav1", (0.0, 0.0, 0.0), -3.1))
+    >>> r = relative(CameraPoseReport("uav2", (0.0, -6.0, 8.0), 3.1), CameraPoseReport("uav1", (0.0, 0.0, 0.0), -3.1))
     >>> r.p_home_m, r.distance_m, round(r.yaw_rad, 3)
     ((0.0, -6.0, 8.0), 10.0, -0.083)
     """

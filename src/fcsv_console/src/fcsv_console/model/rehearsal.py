@@ -29,7 +29,7 @@ class Rehearsal:
     waived: bool = False
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """Says it in one line."""
         share = "" if math.isnan(self.share) else f": {100.0 * self.share:.0f} %"
         line = {
@@ -58,7 +58,7 @@ class Rehearsal:
             return ""
         if self.state in (NONE, STOPPED):
             return f"the list is not rehearsed: rehearse it [V]{self._why}"
-        return f"the list {self.told}" if self.state == RUNS else self.told
+        return f"the list {self.summary}" if self.state == RUNS else self.summary
 
     @property
     def _why(self) -> str:
@@ -70,10 +70,10 @@ class Rehearsals:
     other."""
 
     def __init__(self) -> None:
-        self._told: Dict[str, f.RehearsalTold] = {}
+        self._told: Dict[str, f.RehearsalProgress] = {}
         self._waived: Set[str] = set()
 
-    def tell(self, told: f.RehearsalTold) -> None:
+    def tell(self, told: f.RehearsalProgress) -> None:
         """What became of one; of a text that is flown again the newest counts."""
         before = self._told.get(told.text)
         if math.isnan(told.share) and before is not None and before.state == RUNS == told.state:
@@ -86,11 +86,13 @@ class Rehearsals:
 
     def of(self, text: str) -> Rehearsal:
         """Gives the rehearsal of the text that is shown."""
-        told = self._told.get(text, f.RehearsalTold(text, NONE))
+        told = self._told.get(text, f.RehearsalProgress(text, NONE))
         return Rehearsal(told.state, told.share, told.words, text in self._waived)
 
 
-def judged(text: str, status: int, last: str, flown: Optional[Sequence[dict]]) -> f.RehearsalTold:
+def judged(
+    text: str, status: int, last: str, flown: Optional[Sequence[dict]]
+) -> f.RehearsalProgress:
     """Judges from the exit status of ``rehearse``, its last line, and what it wrote.
 
     >>> judged("", 3, "rehearse: mission 'a' cannot be flown: 3 m is outside", None).words
@@ -101,7 +103,9 @@ def judged(text: str, status: int, last: str, flown: Optional[Sequence[dict]]) -
     """
     if not flown or status not in (0, 1):
         words = last.split("rehearse: ", 1)[-1] or "it told nothing"
-        return f.RehearsalTold(text, BROKEN if status == _UNFLYABLE else IMPOSSIBLE, words=words)
+        return f.RehearsalProgress(
+            text, BROKEN if status == _UNFLYABLE else IMPOSSIBLE, words=words
+        )
     violations = [
         f"{v['kind']} at {v['at_s']:.0f} s ({v['text']})"
         for one in flown
@@ -115,13 +119,13 @@ def judged(text: str, status: int, last: str, flown: Optional[Sequence[dict]]) -
         if one["captures"] < one["wanted"]
     ]
     if violations or short or status:
-        return f.RehearsalTold(
+        return f.RehearsalProgress(
             text, BROKEN, words="; ".join(violations[:3] + short) or f"exit status {status}"
         )
     one = flown[0]
     minutes, seconds = divmod(int(round(one["flown_s"])), 60)
     near = "" if one["nearest_m"] is None else f", never nearer than {one['nearest_m']:.1f} m"
-    return f.RehearsalTold(
+    return f.RehearsalProgress(
         text,
         PASSED,
         words=f"{one['captures']} of {one['wanted']} recorded in {minutes}:{seconds:02d}{near}",

@@ -19,7 +19,7 @@ from fcsv_geometry.vehicles.modes import Mode
 
 NOW_S = 100.0
 _NAMES = ("uav1", "uav2")
-_CALIBRATION = f.CalibrationFound(
+_CALIBRATION = f.CalibrationReport(
     (f.CalibratedLink("uav2", "uav1", 25, 0, 0.012, math.radians(0.13)),)
 )
 _TAG = ((294.5, 235.5), (325.5, 235.5), (325.5, 204.5), (294.5, 204.5))
@@ -55,12 +55,12 @@ Situation = Callable[[Console], None]
 
 def _in_order(situation: Callable[[_Script], None]) -> Situation:
     @wraps(situation)
-    def told(console: Console) -> None:
+    def played(console: Console) -> None:
         script = _Script(console)
         situation(script)
         script.play()
 
-    return told
+    return played
 
 
 def console(mission: str) -> Console:
@@ -111,9 +111,9 @@ def _streams(
     """Three seconds of all streams; those of ``quiet`` stop 2.4 s before. Both vehicles stood on
     the ground."""
     for name in _NAMES:
-        c.tell(now_s - 90.0, f.EpochHeard(name, 1))
-        c.tell(now_s - 90.0, f.AutopilotState(name, True, False, Mode.STABILIZE))
-        c.tell(now_s - 89.9, f.OdometryHeard(name, (0.2, 0.0, 0.0)))
+        c.tell(now_s - 90.0, f.EpochReport(name, 1))
+        c.tell(now_s - 90.0, f.AutopilotReport(name, True, False, Mode.STABILIZE))
+        c.tell(now_s - 89.9, f.OdometryReport(name, (0.2, 0.0, 0.0)))
     for k in range(30):
         at_s = now_s - 2.9 + 0.1 * k
         for name, place in zip(_NAMES, places):
@@ -122,29 +122,30 @@ def _streams(
             for third in range(3):
                 c.tell(
                     at_s - third / 30.0,
-                    f.OdometryHeard(name, (place[0] + 0.2, place[1], place[2] + 8.0), 0.03),
+                    f.OdometryReport(name, (place[0] + 0.2, place[1], place[2] + 8.0), 0.03),
                 )
                 c.tell(
                     at_s - third / 30.0,
-                    f.CameraInHome(name, place, 0.02 if name == "uav2" else 0.0),
+                    f.CameraPoseReport(name, place, 0.02 if name == "uav2" else 0.0),
                 )
-            c.tell(at_s, f.Guardian(name))
+            c.tell(at_s, f.GuardianReport(name))
             c.tell(at_s, f.Agent(name, "mission-812-1" if mode == Mode.GUIDED else ""))
-            c.tell(at_s, f.AutopilotState(name, True, armed, mode))
+            c.tell(at_s, f.AutopilotReport(name, True, armed, mode))
             if k % 10 == 0:
-                c.tell(at_s, f.Battery(name, share - (0.04 if name == "uav2" else 0.0), 15.3))
+                c.tell(at_s, f.BatteryReport(name, share - (0.04 if name == "uav2" else 0.0), 15.3))
                 c.tell(at_s, f.CameraKnown(name, 640, 480, 601.8, 601.8))
                 c.tell(at_s, f.Diagnosed(name))
                 c.tell(at_s, f.Recorder(name, mode == Mode.GUIDED, 400 + k, 0, 96.0))
-                c.tell(at_s, f.Radio(name, 0.006, 0.01))
-                c.tell(at_s, f.Clock(name, 0.0012, 0.0004))
+                c.tell(at_s, f.RadioReport(name, 0.006, 0.01))
+                c.tell(at_s, f.ClockReport(name, 0.0012, 0.0004))
                 taken_s = at_s + (0.012 if name == "uav2" else 0.0)
-                c.tell(at_s, f.PictureHeard(name, taken_s, _picture(name)))
+                c.tell(at_s, f.PreviewReport(name, taken_s, _picture(name)))
                 c.tell(
-                    at_s, f.Tags(name, *(((1,), (_TAG,)) if name == "uav2" else ((), ())), taken_s)
+                    at_s,
+                    f.TagReport(name, *(((1,), (_TAG,)) if name == "uav2" else ((), ())), taken_s),
                 )
-                c.tell(at_s, f.Captured(name, taken_s))
-        c.tell(at_s, f.MissionAlive("mission-812-1"))
+                c.tell(at_s, f.PictureCaptured(name, taken_s))
+        c.tell(at_s, f.MissionHeartbeat("mission-812-1"))
 
 
 @lru_cache(None)
@@ -178,7 +179,7 @@ def _mapped(c: _Script) -> None:
 
 def _rehearsed(c: _Script) -> None:
     words = "8 of 8 recorded in 2:41, never nearer than 1.7 m"
-    c.tell(NOW_S - 40.0, f.RehearsalTold(c.file.text, "passed", words=words))
+    c.tell(NOW_S - 40.0, f.RehearsalProgress(c.file.text, "passed", words=words))
 
 
 @_in_order
@@ -188,10 +189,10 @@ def on_the_ground(c: _Script) -> None:
     _streams(c, NOW_S, Mode.STABILIZE, False, places)
     red = (State.RED, "PreArm: Compass not calibrated", "do what the autopilot says")
     amber = (State.AMBER, "38 %", "change it; unknown: set BATT_MONITOR")
-    c.tell(NOW_S - 0.3, f.Check(_lines(uav2_battery=amber, **{"uav1_pre-arm": red})))
+    c.tell(NOW_S - 0.3, f.FlightCheckReport(_lines(uav2_battery=amber, **{"uav1_pre-arm": red})))
     c.tell(
         NOW_S - 0.1,
-        f.MissionTold(
+        f.MissionReport(
             "WAIT_VEHICLES",
             "waiting for all vehicles",
             "",
@@ -204,7 +205,7 @@ def on_the_ground(c: _Script) -> None:
         NOW_S - 0.2, f.Diagnosed("uav2", (("uav2/tags: health", 1, "slow or silent: pictures"),))
     )
     c.tell(NOW_S - 1.0, f.VehicleText("uav1", "autopilot", "PreArm: Compass not calibrated", 2))
-    c.tell(NOW_S - 5.0, f.RehearsalTold(c.file.text, "runs", 0.38))
+    c.tell(NOW_S - 5.0, f.RehearsalProgress(c.file.text, "runs", 0.38))
 
 
 @_in_order
@@ -216,13 +217,13 @@ def starting(c: _Script) -> None:
     soon["ekf"] = (State.RED, "no position yet", "wait, or look at what the autopilot says")
     lines = _lines(**{f"{v}_{name}": told for v in _NAMES for name, told in soon.items()})
     for name in _NAMES:
-        c.tell(NOW_S - 0.4, f.AutopilotState(name, True, False, Mode.STABILIZE))
-        c.tell(NOW_S - 0.3, f.Battery(name, 0.97, 16.4))
-    c.tell(NOW_S - 0.2, f.Check(tuple(replace(li, since_s=12.0) for li in lines)))
+        c.tell(NOW_S - 0.4, f.AutopilotReport(name, True, False, Mode.STABILIZE))
+        c.tell(NOW_S - 0.3, f.BatteryReport(name, 0.97, 16.4))
+    c.tell(NOW_S - 0.2, f.FlightCheckReport(tuple(replace(li, since_s=12.0) for li in lines)))
     problem = "flight check: uav1 ekf is RED"
     c.tell(
         NOW_S - 0.1,
-        f.MissionTold(
+        f.MissionReport(
             "WAIT_VEHICLES", "waiting for all vehicles", "", 0, len(c.file.rows), (problem,)
         ),
     )
@@ -232,13 +233,13 @@ def starting(c: _Script) -> None:
 def calibrated(c: _Script) -> None:
     """The column is calibrated; the reference is flown to its view."""
     _streams(c, NOW_S, Mode.LOITER, True, ((0.0, 0.0, -6.0), (-3.5, 0.1, -5.9)))
-    c.tell(NOW_S - 0.3, f.Check(_lines()))
-    c.tell(NOW_S - 9.0, f.MissionTold("CALIBRATE", "running", "", 0, len(c.file.rows)))
+    c.tell(NOW_S - 0.3, f.FlightCheckReport(_lines()))
+    c.tell(NOW_S - 9.0, f.MissionReport("CALIBRATE", "running", "", 0, len(c.file.rows)))
     c.tell(NOW_S - 6.0, f.Calibrated((("uav1", 1), ("uav2", 1)), 0.0))
     c.tell(NOW_S - 6.0, _CALIBRATION)
     detail = "uav2 against uav1: 25 detections (0 rejected), spread 1.2 cm, yaw std 0.13 deg"
-    c.tell(NOW_S - 5.9, f.MissionTold("MOVE_HOME", detail, "set_home", 0, len(c.file.rows)))
-    c.tell(NOW_S - 0.1, f.MissionTold("MOVE_HOME", detail, "set_home", 0, len(c.file.rows)))
+    c.tell(NOW_S - 5.9, f.MissionReport("MOVE_HOME", detail, "set_home", 0, len(c.file.rows)))
+    c.tell(NOW_S - 0.1, f.MissionReport("MOVE_HOME", detail, "set_home", 0, len(c.file.rows)))
     _rehearsed(c)
 
 
@@ -246,11 +247,11 @@ def calibrated(c: _Script) -> None:
 def ready(c: _Script) -> None:
     """Home is set; the mission waits to be handed the vehicles."""
     _streams(c, NOW_S, Mode.LOITER, True, ((0.0, 0.0, 0.0), (-3.5, 0.1, 0.1)))
-    c.tell(NOW_S - 0.3, f.Check(_lines()))
+    c.tell(NOW_S - 0.3, f.FlightCheckReport(_lines()))
     c.tell(NOW_S - 60.0, f.Calibrated((("uav1", 1), ("uav2", 1)), 30.0))
     c.tell(NOW_S - 60.0, _CALIBRATION)
     c.tell(NOW_S - 20.0, f.HomeSet("uav1"))
-    c.tell(NOW_S - 0.1, f.MissionTold("SET_HOME", "home is set", "execute", 0, len(c.file.rows)))
+    c.tell(NOW_S - 0.1, f.MissionReport("SET_HOME", "home is set", "execute", 0, len(c.file.rows)))
     _rehearsed(c)
 
 
@@ -260,19 +261,19 @@ def flying(c: _Script) -> None:
     row = c.file.rows[2]
     x, y, z = row.goal_m
     _streams(c, NOW_S, Mode.GUIDED, True, ((0.0, 0.0, 0.0), (x + 0.03, y - 0.02, z + 0.01)), 0.64)
-    c.tell(NOW_S - 0.3, f.Check(_lines()))
+    c.tell(NOW_S - 0.3, f.FlightCheckReport(_lines()))
     c.tell(NOW_S - 200.0, f.Calibrated((("uav1", 1), ("uav2", 1)), 30.0))
     c.tell(NOW_S - 150.0, f.HomeSet("uav1"))
     c.tell(
         NOW_S - 2.0,
-        f.MissionTold(
+        f.MissionReport(
             "CONFIGURATIONS", f"recording {row.title}", "", 2, len(c.file.rows), (), RECORDS
         ),
     )
-    c.tell(NOW_S - 4.0, f.MapTold("partial", "2 configurations", 0.71))
+    c.tell(NOW_S - 4.0, f.MapReport("partial", "2 configurations", 0.71))
     _rehearsed(c)
     _mapped(c)
-    c.tell(NOW_S - 0.5, f.EpipolarTold(("uav1", "uav2"), 1.4, 212, 0.4, 1.1))
+    c.tell(NOW_S - 0.5, f.EpipolarReport(("uav1", "uav2"), 1.4, 212, 0.4, 1.1))
     c.asked(NOW_S - 30.0, "hand_over", "confirmed: execute")
 
 
@@ -283,10 +284,14 @@ def wrong(c: _Script) -> None:
     _streams(c, NOW_S, Mode.GUIDED, True, ((0.0, 0.0, 0.0), (0.3, -0.2, 5.0)), 0.31)
     c.tell(
         NOW_S - 0.3,
-        f.Check(_lines(uav2_radio=(State.RED, "no pose for 2.4 s", "go nearer, turn the antenna"))),
+        f.FlightCheckReport(
+            _lines(uav2_radio=(State.RED, "no pose for 2.4 s", "go nearer, turn the antenna"))
+        ),
     )
-    c.tell(NOW_S, f.Guardian("uav1", "hold", True, reasons=("the others' places are not known",)))
-    c.tell(NOW_S, f.OdometryHeard("uav1", (math.nan, 0.0, 0.0)))
+    c.tell(
+        NOW_S, f.GuardianReport("uav1", "hold", True, reasons=("the others' places are not known",))
+    )
+    c.tell(NOW_S, f.OdometryReport("uav1", (math.nan, 0.0, 0.0)))
     c.tell(
         NOW_S - 0.2,
         f.Unusable("uav2", "camera/color/image_raw/compressed", "encoding '13UC5' is no picture"),
@@ -296,11 +301,12 @@ def wrong(c: _Script) -> None:
         "everybody was stopped by the operator",
     )
     c.tell(
-        NOW_S - 0.1, f.MissionTold("CONFIGURATIONS", why, "resume", 5, len(c.file.rows), (problem,))
+        NOW_S - 0.1,
+        f.MissionReport("CONFIGURATIONS", why, "resume", 5, len(c.file.rows), (problem,)),
     )
     c.tell(
         NOW_S - 0.1,
-        f.StopTold("stop", "stop all (the operator at the console); done: uav1; under way: uav2"),
+        f.StopReport("stop", "stop all (the operator at the console); done: uav1; under way: uav2"),
     )
 
 
@@ -310,22 +316,24 @@ def silent(c: _Script) -> None:
     _streams(c, NOW_S, Mode.GUIDED, True, ((0.0, 0.0, 0.0), (0.0, -4.0, 0.0)), 0.5, ("uav2",))
     c.tell(
         NOW_S - 0.1,
-        f.MissionTold("CONFIGURATIONS", "", "", 1, len(c.file.rows), ("uav2 is not heard",)),
+        f.MissionReport("CONFIGURATIONS", "", "", 1, len(c.file.rows), ("uav2 is not heard",)),
     )
-    c.tell(NOW_S - 0.1, f.MasterTold("the ROS master does not answer"))
+    c.tell(NOW_S - 0.1, f.MasterReport("the ROS master does not answer"))
 
 
 @_in_order
 def landed(c: _Script) -> None:
     """The list is flown, the bags are gathered, the map is made."""
     _streams(c, NOW_S, Mode.LAND, False, ((0.0, 0.0, -8.0), (0.4, -3.6, -8.0)), 0.41)
-    c.tell(NOW_S - 0.1, f.MissionTold("DONE", "all configurations flown", "", 8, len(c.file.rows)))
+    c.tell(
+        NOW_S - 0.1, f.MissionReport("DONE", "all configurations flown", "", 8, len(c.file.rows))
+    )
     home = "~/fcsv"
     sources = f"uav1=uav1:fcsv/session uav2=uav2:fcsv/session control={home}/session"
     c.after.places = Places(sources, f"{home}/flight", f"{home}/map")
     c.tell(NOW_S - 60.0, f.PlacesFound(True, False))
-    c.tell(NOW_S - 60.0, f.JobTold("gather", "done", words=f"wrote {home}/flight/session.yaml"))
-    c.tell(NOW_S - 5.0, f.JobTold("map", "runs", 0.62))
+    c.tell(NOW_S - 60.0, f.JobProgress("gather", "done", words=f"wrote {home}/flight/session.yaml"))
+    c.tell(NOW_S - 5.0, f.JobProgress("map", "runs", 0.62))
 
 
 @_in_order

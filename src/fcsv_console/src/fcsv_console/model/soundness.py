@@ -24,8 +24,8 @@ _FARTHEST_M = 1e5
 def unsound(fact: Any) -> str:
     """Why a fact cannot be used; "" where it can.
 
-    >>> from fcsv_console.model.facts import OdometryHeard
-    >>> unsound(OdometryHeard("uav1", (0.0, float("nan"), 1.0)))
+    >>> from fcsv_console.model.facts import OdometryReport
+    >>> unsound(OdometryReport("uav1", (0.0, float("nan"), 1.0)))
     'p_odom_m holds nan'
     """
     for field in dataclasses.fields(fact):

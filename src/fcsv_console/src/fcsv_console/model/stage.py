@@ -5,7 +5,7 @@ to say so."""
 from dataclasses import dataclass
 from typing import Dict, Optional, Tuple
 
-from fcsv_console.model.facts import MissionTold
+from fcsv_console.model.facts import MissionReport
 from fcsv_console.model.mission_file import ConfigurationRow
 from fcsv_control.mission.activities import stages
 
@@ -23,7 +23,7 @@ class Stage:
 
 
 class StageWatch:
-    """Told every MissionTold with the time; the clock runs from the first that says another thing.
+    """Told every MissionReport with the time; the clock runs from the first that says another thing.
 
     A pause, or a recording that begins anew, begins its time anew as well; ``reached`` does not go
     back.
@@ -34,7 +34,7 @@ class StageWatch:
         self._since_s = 0.0
         self._reached: Dict[int, float] = {}  # largest share, by index of the configuration
 
-    def tell(self, now_s: float, fact: MissionTold) -> None:
+    def tell(self, now_s: float, fact: MissionReport) -> None:
         """What the mission does now."""
         said = (fact.configuration, _stage(fact))
         if fact.configuration < self._said[0]:
@@ -78,5 +78,5 @@ class StageWatch:
         return Stage()
 
 
-def _stage(told: MissionTold) -> str:
+def _stage(told: MissionReport) -> str:
     return _WAITS if told.waits_for or told.problems else told.stage

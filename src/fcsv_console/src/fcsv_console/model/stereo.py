@@ -7,7 +7,7 @@ from typing import List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_console.model.facts import CameraInHome, EpipolarTold
+from fcsv_console.model.facts import CameraPoseReport, EpipolarReport
 from fcsv_console.model.hearing import Aged
 from fcsv_console.model.looking import seen_by_both
 from fcsv_console.model.mission_file import ConfigurationRow, Optics, overlap_share
@@ -33,7 +33,7 @@ class StereoHealth:
     ``roll_deg``: of one camera against the other, as wind leans the vehicles: rectification takes
     them out, so that they count by the overlap only; ``judged``: there is enough to say go or
     no-go; ``before``: nothing is flown yet, pictures and places alone are judged. ``epipolar_px``,
-    ``refined_px`` and ``surprise``: as EpipolarTold. ``remarks``: what a map of this pair says, but
+    ``refined_px`` and ``surprise``: as EpipolarReport. ``remarks``: what a map of this pair says, but
     does not doubt."""
 
     pair: Tuple[str, str] = ("", "")
@@ -68,15 +68,15 @@ class StereoHealth:
         return "; ".join(["GO: the pair is as planned", *compared, *self.remarks])
 
 
-def judge(
+def assess(
     row: ConfigurationRow,
     pair: Tuple[str, str],
-    reference: Aged[CameraInHome],
-    moving: Aged[CameraInHome],
+    reference: Aged[CameraPoseReport],
+    moving: Aged[CameraPoseReport],
     skew_s: float,
     target_m: float,
     optics: Optics,
-    told: Optional[EpipolarTold] = None,
+    told: Optional[EpipolarReport] = None,
     at_once: bool = False,
 ) -> StereoHealth:
     """While ``row`` is flown. ``skew_s``: of the pictures that the map would take (NaN: not known),
@@ -134,8 +134,8 @@ def _degrees(angle_rad: float) -> float:
     return math.degrees((angle_rad + math.pi) % (2.0 * math.pi) - math.pi)
 
 
-def judge_before(
-    pair: Tuple[str, str], skew_s: float, told: Optional[EpipolarTold], optics: Optics
+def assess_before(
+    pair: Tuple[str, str], skew_s: float, told: Optional[EpipolarReport], optics: Optics
 ) -> StereoHealth:
     """Judges the pair before the first configuration, by the pictures that cross the radio all the
     time.
@@ -174,12 +174,12 @@ def _apart_in_time(skew_s: float) -> List[str]:
     return [f"what moves may be mapped wrongly: pictures are {1e3 * skew_s:.0f} ms apart"]
 
 
-def _figures(told: Optional[EpipolarTold]) -> Tuple[float, float, float]:
+def _figures(told: Optional[EpipolarReport]) -> Tuple[float, float, float]:
     """Error as tracked, what the fit leaves of it, and surprise."""
     return (math.nan,) * 3 if told is None else (told.error_px, told.refined_px, told.surprise)
 
 
-def _disagree(told: Optional[EpipolarTold], optics: Optics) -> List[str]:
+def _disagree(told: Optional[EpipolarReport], optics: Optics) -> List[str]:
     """What of pictures and places the map would doubt. Pictures that it can fit are judged by what
     the fit leaves."""
     if told is None or math.isnan(told.error_px):

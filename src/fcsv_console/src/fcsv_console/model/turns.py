@@ -24,7 +24,7 @@ class Turns:
     >>> turns, other = Turns(Window(20.0, "/console_2")), Window(10.0, "/console_1")
     >>> [turns.mine(at_s) for at_s in (0.0, 2.4, 2.6)]
     [False, False, True]
-    >>> turns.heard(3.0, other), turns.mine(3.1), turns.before(3.1).name
+    >>> turns.on_window(3.0, other), turns.mine(3.1), turns.before(3.1).name
     (None, False, '/console_1')
     >>> turns.mine(5.6), turns.before(5.6)
     (True, None)
@@ -36,7 +36,7 @@ class Turns:
         self._told_s = -math.inf
         self._others: Dict[Window, float] = {}
 
-    def heard(self, now_s: float, window: Window) -> None:
+    def on_window(self, now_s: float, window: Window) -> None:
         """A window told that it is there; this one's own word is no other's."""
         if window != self.own:
             self._others[window] = now_s

@@ -42,16 +42,16 @@ class VehicleRow:
     name: str
     flier: Flier
     heard: Aged[str]
-    state: Aged[f.AutopilotState]
-    pose: Aged[f.OdometryHeard]
-    place: Aged[f.CameraInHome]
-    picture: Aged[f.PictureHeard]
-    battery: Aged[f.Battery]
-    guardian: Aged[f.Guardian]
+    state: Aged[f.AutopilotReport]
+    pose: Aged[f.OdometryReport]
+    place: Aged[f.CameraPoseReport]
+    picture: Aged[f.PreviewReport]
+    battery: Aged[f.BatteryReport]
+    guardian: Aged[f.GuardianReport]
     agent: Aged[f.Agent]
     recorder: Aged[f.Recorder]
-    clock: Aged[f.Clock]
-    radio: Aged[f.Radio]
+    clock: Aged[f.ClockReport]
+    radio: Aged[f.RadioReport]
     said: Aged[f.VehicleText]
     diagnosed: Aged[f.Diagnosed]
     epoch: Optional[int]
@@ -116,13 +116,15 @@ def who_flies(  # noqa: C901
     mission. ``mission``: as whom it commands."""
     if state.value is None:
         return Flier(UNKNOWN, "not heard yet")
-    s: f.AutopilotState = state.value
+    s: f.AutopilotReport = state.value
     if heard.stale:
         return Flier(UNKNOWN, f"not heard for {heard.words} (was {s.mode})")
     if state.stale:
         return Flier(UNKNOWN, f"no state for {state.words} (was {s.mode})")
-    g: f.Guardian = (
-        guardian.value if guardian.value is not None and not guardian.stale else f.Guardian("")
+    g: f.GuardianReport = (
+        guardian.value
+        if guardian.value is not None and not guardian.stale
+        else f.GuardianReport("")
     )
     if g.uncontrolled:
         return Flier(FAILSAFE, "COMES DOWN WITHOUT A POSITION: keep away")
@@ -154,10 +156,10 @@ def who_flies(  # noqa: C901
 _NO_PICTURE_S = 2.5  # its recorder tells once a second how many it has
 #: what crosses the radio as state, by the topic whose age counts
 _CROSSES = {
-    f.AutopilotState: "mavros/state",
-    f.OdometryHeard: "odometry/state",
-    f.Battery: "mavros/battery",
-    f.Guardian: "guardian/state",
+    f.AutopilotReport: "mavros/state",
+    f.OdometryReport: "odometry/state",
+    f.BatteryReport: "mavros/battery",
+    f.GuardianReport: "guardian/state",
     f.Agent: "agent/alive",
     f.Recorder: "recorder/status",
 }
@@ -166,7 +168,7 @@ _CROSSES = {
 _DIAGNOSED_S = 12.0
 
 
-class Vehicle:
+class VehicleRecord:
     """Collects what is heard of one vehicle. ``since_s`` gives from when the newest message of a
     topic counts that came at some time: Arrivals.since_s, where a relay is between."""
 
@@ -181,32 +183,32 @@ class Vehicle:
         self._any: AgingFact[str] = AgingFact()
         self._no_picture, self._pictures = Silence(_NO_PICTURE_S), 0
         self.heard: Dict[Type, AgingFact] = {
-            f.AutopilotState: slow(),
-            f.OdometryHeard: AgingFact(),
-            f.CameraInHome: AgingFact(),
-            f.Guardian: AgingFact(),
+            f.AutopilotReport: slow(),
+            f.OdometryReport: AgingFact(),
+            f.CameraPoseReport: AgingFact(),
+            f.GuardianReport: AgingFact(),
             f.Agent: AgingFact(),
-            f.Battery: slow(),
-            f.PictureHeard: slow(),
+            f.BatteryReport: slow(),
+            f.PreviewReport: slow(),
             f.Recorder: slow(),
-            f.Clock: AgingFact(10.0),
-            f.Radio: slow(),
+            f.ClockReport: AgingFact(10.0),
+            f.RadioReport: slow(),
             f.VehicleText: AgingFact(math.inf),
-            f.Captured: slow(),
-            f.Tags: slow(),
+            f.PictureCaptured: slow(),
+            f.TagReport: slow(),
             f.Diagnosed: AgingFact(_DIAGNOSED_S),
         }
 
     def tell(self, now_s: float, fact: Any) -> None:
         """A fact of it that was found sound. What this machine makes of it, or says about it, is no
         sign of life."""
-        if not isinstance(fact, (f.CameraInHome, f.Radio, f.Clock, f.NotInBags)):
+        if not isinstance(fact, (f.CameraPoseReport, f.RadioReport, f.ClockReport, f.NotInBags)):
             self._any.tell(now_s, self.name)
         if isinstance(fact, f.Recorder):
             self._recorded(now_s, fact)
-        if isinstance(fact, f.OdometryHeard):
+        if isinstance(fact, f.OdometryReport):
             self._stands(now_s, fact)
-        if isinstance(fact, f.EpochHeard):
+        if isinstance(fact, f.EpochReport):
             self._ground_m = self._ground_m if fact.epoch == self.epoch else None
             self.epoch = fact.epoch
         elif isinstance(fact, f.NotInBags):
@@ -226,24 +228,29 @@ class Vehicle:
         """``calibrated``: epoch and age (s) of the calibration; ``lasts``: seconds that a battery
         share lasts; ``mission``: as whom it commands."""
         at = {kind: self._at(now_s, kind) for kind in self.heard}
-        battery, anything = at[f.Battery], self._any.at(now_s)
+        battery, anything = at[f.BatteryReport], self._any.at(now_s)
         share = battery.value.share if battery.value is not None and not battery.stale else math.nan
         return VehicleRow(
             self.name,
             who_flies(
-                anything, at[f.AutopilotState], at[f.Guardian], at[f.Agent], stop_asked, mission
+                anything,
+                at[f.AutopilotReport],
+                at[f.GuardianReport],
+                at[f.Agent],
+                stop_asked,
+                mission,
             ),
             anything,
-            at[f.AutopilotState],
-            at[f.OdometryHeard],
-            at[f.CameraInHome],
-            at[f.PictureHeard],
+            at[f.AutopilotReport],
+            at[f.OdometryReport],
+            at[f.CameraPoseReport],
+            at[f.PreviewReport],
             battery,
-            at[f.Guardian],
+            at[f.GuardianReport],
             at[f.Agent],
             at[f.Recorder],
-            at[f.Clock],
-            at[f.Radio],
+            at[f.ClockReport],
+            at[f.RadioReport],
             at[f.VehicleText],
             at[f.Diagnosed],
             self.epoch,
@@ -253,11 +260,11 @@ class Vehicle:
             needed_s,
             self._no_picture.lasts_s(now_s),
             self._not_in_bags,
-            self._height_m(at[f.OdometryHeard]),
+            self._height_m(at[f.OdometryReport]),
         )
 
-    def _stands(self, now_s: float, fact: f.OdometryHeard) -> None:
-        state = self.heard[f.AutopilotState].at(now_s)
+    def _stands(self, now_s: float, fact: f.OdometryReport) -> None:
+        state = self.heard[f.AutopilotReport].at(now_s)
         if state.value is not None and not state.stale and not state.value.armed:
             self._ground_m = fact.p_odom_m[2]
 

@@ -10,7 +10,7 @@ from fcsv_console.model.actions import Action
 from fcsv_console.model.after import Places, Step
 from fcsv_console.model.air import Above
 from fcsv_console.model.events import Event
-from fcsv_console.model.goals import Goal
+from fcsv_console.model.goals import BaselineGoal
 from fcsv_console.model.ground_views import GroundView
 from fcsv_console.model.guide import Guide
 from fcsv_console.model.hearing import Aged
@@ -26,7 +26,7 @@ from fcsv_geometry.missions.phases import OVER
 
 
 @dataclass(frozen=True)
-class View:
+class ConsoleView:
     """``running``: index of the running configuration, None where none is; ``progress``: 0..1 of
     the list, ``stage``: how far the running one is; ``recorded``: a recording is played, nobody
     flies; ``starting``: what was not heard yet may still come, ``waiting``: lines of the flight
@@ -35,7 +35,7 @@ class View:
 
     now_s: float
     vehicles: Tuple[VehicleRow, ...]
-    mission: Aged[f.MissionTold]
+    mission: Aged[f.MissionReport]
     mission_alive: bool
     file: MissionFile
     running: Optional[int]
@@ -46,22 +46,22 @@ class View:
     stereo: StereoHealth
     above: Tuple[Above, ...]
     control_recorder: Aged[f.Recorder]
-    map: Aged[f.MapTold]
-    stop: Aged[f.StopTold]
+    map: Aged[f.MapReport]
+    stop: Aged[f.StopReport]
     home_set: bool
     rehearsal: Rehearsal
     cameras: Tuple[CameraPicture, ...]
     map_pictures: MapPictures
     after: Tuple[Step, ...]
     places: Places
-    goals: Tuple[Goal, ...]
+    goals: Tuple[BaselineGoal, ...]
     problems: Tuple[str, ...]
     master_problem: str = ""
     stage: Stage = Stage()
     ground_views: Tuple[GroundView, ...] = ()
     recorded: bool = False
     optics: Optics = USUAL
-    calibration: Optional[f.CalibrationFound] = None
+    calibration: Optional[f.CalibrationReport] = None
     starting: bool = False
     waiting: FrozenSet[Tuple[str, str]] = frozenset()
     ended: bool = False

@@ -9,7 +9,7 @@ from fcsv_console.model import facts as f
 from fcsv_console.model.guide import ACCEPT, AFTER, CARE, LOST, PLAIN, WAITS, WELL, Guide
 from fcsv_console.model.hearing import clock_words
 from fcsv_console.model.mission_file import seconds_left
-from fcsv_console.model.view import View
+from fcsv_console.model.view import ConsoleView
 from fcsv_control.flight_check.lines import Line, State
 from fcsv_geometry.missions.phases import OVER
 from fcsv_stereo.model.inputs import FLOWN
@@ -17,13 +17,13 @@ from fcsv_stereo.model.inputs import FLOWN
 _MOST_NAMES = 3
 
 
-def guide(view: View, before: str = "") -> Guide:
+def guide(view: ConsoleView, before: str = "") -> Guide:
     """``before``: the phase that came before this one, "" where that is not known."""
     found = _guide(view, before)
     return Guide(f"RECORDING: {found.headline}", "", found.sort) if view.recorded else found
 
 
-def _guide(view: View, before: str) -> Guide:
+def _guide(view: ConsoleView, before: str) -> Guide:
     m = view.mission.value
     if m is None:
         if view.starting:
@@ -39,7 +39,7 @@ def _guide(view: View, before: str) -> Guide:
         )
     if m.phase in OVER:
         return Guide(
-            f"{_told(m)}. The flight is over; {_after(view)}",
+            f"{_sentence(m)}. The flight is over; {_after(view)}",
             AFTER,
             WELL if m.phase == "DONE" else CARE,
         )
@@ -55,22 +55,22 @@ def _guide(view: View, before: str) -> Guide:
     return _OF_PHASE.get(m.phase, _other)(view, m, before)
 
 
-def _other(view: View, m: f.MissionTold, _before: str) -> Guide:
+def _other(view: ConsoleView, m: f.MissionReport, _before: str) -> Guide:
     waits = f", waits for {m.waits_for.replace('_', ' ').upper()}" if m.waits_for else ""
     return Guide(f"{m.phase}{waits}: {m.detail}".rstrip(": "))
 
 
-def _told(m: f.MissionTold) -> str:
+def _sentence(m: f.MissionReport) -> str:
     return f"{m.phase}: {m.detail}".rstrip(": ")
 
 
-def _after(view: View) -> str:
+def _after(view: ConsoleView) -> str:
     report = next((step for step in view.after if step.name == "report"), None)
     shown = report is not None and not report.why_not
     return "After [F5] opens its report" if shown else "After [F5] maps what was recorded"
 
 
-def _rehearse(view: View) -> str:
+def _rehearse(view: ConsoleView) -> str:
     """Rehearse, where that is what a list still lacks."""
     return "rehearse" if view.rehearsal.wanted and view.actions["rehearse"].enabled else ""
 
@@ -78,7 +78,7 @@ def _rehearse(view: View) -> str:
 # ---- people fly ----------------------------------------------------------------------------------
 
 
-def _wait_vehicles(view: View, m: f.MissionTold, _before: str) -> Guide:
+def _wait_vehicles(view: ConsoleView, m: f.MissionReport, _before: str) -> Guide:
     """Lines that are normal at the start are counted; others are told, the worst first."""
     lines = view.check or ()
     left = [li for li in lines if not li.passes]
@@ -122,12 +122,12 @@ def _named(lines: Sequence[Line]) -> str:
     return ", ".join(f"{li.vehicle} {li.name}" for li in lines[:_MOST_NAMES]) + more
 
 
-def _take_off(view: View, m: f.MissionTold, _before: str) -> Guide:
+def _take_off(view: ConsoleView, m: f.MissionReport, _before: str) -> Guide:
     words = _sentences(view, m.problems[0] if m.problems else m.detail, _heights(view))
     return Guide(words, "", CARE) if m.problems else Guide(words, _rehearse(view))
 
 
-def _column(view: View, m: f.MissionTold, before: str) -> Guide:
+def _column(view: ConsoleView, m: f.MissionReport, before: str) -> Guide:
     refused = before == "CALIBRATE"
     if m.waits_for == "calibrate":
         what = (
@@ -144,11 +144,11 @@ def _column(view: View, m: f.MissionTold, before: str) -> Guide:
     return Guide(_sentences(view, m.detail, missing), _rehearse(view), CARE if refused else PLAIN)
 
 
-def _calibrate(_view: View, _m: f.MissionTold, _before: str) -> Guide:
+def _calibrate(_view: ConsoleView, _m: f.MissionReport, _before: str) -> Guide:
     return Guide("Calibrating: hold still", "", WAITS)
 
 
-def _move_home(view: View, m: f.MissionTold, before: str) -> Guide:
+def _move_home(view: ConsoleView, m: f.MissionReport, before: str) -> Guide:
     """Says, after the calibration its figures; after a home that was refused, why."""
     reference = view.file.mission.reference if view.file.mission is not None else "the reference"
     then = f"Fly {reference} to its view, then Set home [H]"
@@ -164,11 +164,11 @@ def _move_home(view: View, m: f.MissionTold, before: str) -> Guide:
     )
 
 
-def calibration_words(found: Optional[f.CalibrationFound]) -> Tuple[str, str]:
+def calibration_words(found: Optional[f.CalibrationReport]) -> Tuple[str, str]:
     """(sort, words with figures); no words where no calibration by tags is known.
 
     >>> link = f.CalibratedLink("uav2", "uav1", 25, 0, 0.012, math.radians(0.13))
-    >>> calibration_words(f.CalibrationFound((link,)))
+    >>> calibration_words(f.CalibrationReport((link,)))
     ('well', 'Calibrated well: 25 views, 0.13°')
     """
     links = [li for li in found.links if li.used] if found is not None else []
@@ -185,7 +185,7 @@ def calibration_words(found: Optional[f.CalibrationFound]) -> Tuple[str, str]:
     return WELL, f"Calibrated well: {figures}"
 
 
-def _set_home(view: View, m: f.MissionTold, _before: str) -> Guide:
+def _set_home(view: ConsoleView, m: f.MissionReport, _before: str) -> Guide:
     if m.waits_for != "execute":
         return Guide("Setting home: hold still", "", WAITS)
     execute, mission = view.actions["execute"], view.file.mission
@@ -210,7 +210,7 @@ def _set_home(view: View, m: f.MissionTold, _before: str) -> Guide:
 # ---- the mission flies ---------------------------------------------------------------------------
 
 
-def _guided(_view: View, m: f.MissionTold, _before: str) -> Guide:
+def _guided(_view: ConsoleView, m: f.MissionReport, _before: str) -> Guide:
     return Guide(
         f"Handing over: {m.problems[0] if m.problems else m.detail}".rstrip(": "),
         "",
@@ -218,13 +218,13 @@ def _guided(_view: View, m: f.MissionTold, _before: str) -> Guide:
     )
 
 
-def _configurations(view: View, m: f.MissionTold, _before: str) -> Guide:
+def _configurations(view: ConsoleView, m: f.MissionReport, _before: str) -> Guide:
     number = f"{view.running + 1} of {len(view.file.rows)}: " if view.running is not None else ""
     stage = f", {view.stage.words}" if view.stage.words else ""
     return Guide(f"{number}{m.detail}{stage}" or "The list is flown")
 
 
-def _land(view: View, m: f.MissionTold, _before: str) -> Guide:
+def _land(view: ConsoleView, m: f.MissionReport, _before: str) -> Guide:
     what = _sentences(view, "; ".join(m.problems[:1]) or m.detail)
     heights = _heights(view)
     return Guide(
@@ -232,7 +232,7 @@ def _land(view: View, m: f.MissionTold, _before: str) -> Guide:
     )
 
 
-def _heights(view: View) -> str:
+def _heights(view: ConsoleView) -> str:
     """Says the heights of who is up, above where it stood."""
     known = [
         f"{v.name} {v.height_m:.1f} m" for v in view.vehicles if v.armed and v.height_m is not None
@@ -240,14 +240,14 @@ def _heights(view: View) -> str:
     return f"Above ground: {', '.join(known)}" if known else ""
 
 
-def _sentences(view: View, *parts: str) -> str:
+def _sentences(view: ConsoleView, *parts: str) -> str:
     """Each with a capital, unless a vehicle's name begins it; full stops between."""
     found: List[str] = [p.strip().rstrip(".") for p in parts if p.strip()]
     names = tuple(v.name for v in view.vehicles)
     return ". ".join(p if p.startswith(names) else p[0].upper() + p[1:] for p in found)
 
 
-_OF_PHASE: Dict[str, Callable[[View, f.MissionTold, str], Guide]] = {
+_OF_PHASE: Dict[str, Callable[[ConsoleView, f.MissionReport, str], Guide]] = {
     "WAIT_VEHICLES": _wait_vehicles,
     "TAKE_OFF": _take_off,
     "COLUMN": _column,

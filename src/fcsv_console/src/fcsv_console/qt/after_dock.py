@@ -17,7 +17,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from fcsv_console.model import after, cells
-from fcsv_console.model.view import View
+from fcsv_console.model.view import ConsoleView
 from fcsv_console.qt import colours
 from fcsv_console.qt.hold import stand_out
 
@@ -35,7 +35,7 @@ class AfterDock(QDockWidget):
 
     asked, changed = Signal(str, object), Signal(object)
 
-    def __init__(self, view: View, parent=None):
+    def __init__(self, view: ConsoleView, parent=None):
         super().__init__("After the flight [F5]", parent)
         self.setAccessibleName("After the flight")
         self.setObjectName("after")
@@ -72,7 +72,7 @@ class AfterDock(QDockWidget):
         """Gives the places as they are typed."""
         return after.Places(**{name: edit.text().strip() for name, edit in self.fields.items()})
 
-    def show_view(self, view: View) -> None:
+    def show_view(self, view: ConsoleView) -> None:
         """What can be done, and how far it is."""
         for step in view.after:
             button, bar, words = (
@@ -98,14 +98,14 @@ class AfterDock(QDockWidget):
                 else 0
             )
             bar.setVisible(step.name != after.REPORT)
-            told = step.told or step.why_not
+            told = step.summary or step.why_not
             words.setText(told)
             words.setToolTip(told)
             tone = (
                 cells.BAD
                 if step.state == after.FAILED
                 else cells.QUIET
-                if not step.told
+                if not step.summary
                 else cells.PLAIN
             )
             words.setStyleSheet(f"color: {colours.tone(tone, self.palette()).name()}")

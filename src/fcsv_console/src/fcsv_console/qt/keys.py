@@ -20,7 +20,7 @@ TAKES_ENTER = "takes_enter"  # property of a widget in which Enter chooses
 _REPEAT_MS = 60  # a release that is followed by a press so soon was the key's own repetition
 
 
-class Keys(QObject):
+class KeyFilter(QObject):
     """An event filter of the application. A key that is held repeats itself: repeats are no
     presses, and the releases before them, which Qt takes for real ones where the window is late, do
     not let go of a button."""

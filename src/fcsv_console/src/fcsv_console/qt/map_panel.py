@@ -10,7 +10,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from fcsv_console.model.view import View
+from fcsv_console.model.view import ConsoleView
 from fcsv_console.qt.lines import LinesLabel
 from fcsv_console.qt.plan_view import PlanView
 from fcsv_console.qt.rviz_view import RvizView
@@ -58,7 +58,7 @@ class MapPanel(QWidget):
         self._stack.setCurrentWidget(self.plan if self.shows == PLAN else self.rviz)
         self.showed.emit(self.shows)
 
-    def show_view(self, view: View) -> None:
+    def show_view(self, view: ConsoleView) -> None:
         """Costs nothing while rviz is shown."""
         if self.shows == PLAN:
             self.plan.show_view(view)

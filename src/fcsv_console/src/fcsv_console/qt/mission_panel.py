@@ -20,7 +20,7 @@ from python_qt_binding.QtWidgets import (
 
 from fcsv_console.model import cells, mission_folder
 from fcsv_console.model.mission_file import MissionFile
-from fcsv_console.model.view import View
+from fcsv_console.model.view import ConsoleView
 from fcsv_console.qt import colours
 from fcsv_console.qt.lines import LinesLabel
 from fcsv_console.qt.mission_folder import MissionFolder
@@ -121,7 +121,7 @@ class MissionPanel(QWidget):
         else:
             self._tabs.addTab(self.files, "F&iles")
 
-    def show_view(self, view: View) -> None:
+    def show_view(self, view: ConsoleView) -> None:
         """Table, text, error."""
         rows = [cells.configuration_cells(r, r.index == view.running) for r in view.file.rows]
         self.table.show_cells(rows)
@@ -137,7 +137,7 @@ class MissionPanel(QWidget):
             self._show_file(view.file)
         self._show_optics(view)
 
-    def _show_optics(self, view: View) -> None:
+    def _show_optics(self, view: ConsoleView) -> None:
         """Whose camera ranges and errors are computed with: a line only while it is not the
         vehicle's own."""
         words = f"Ranges and errors: {view.optics.words}"

@@ -10,7 +10,7 @@ from python_qt_binding.QtWidgets import QDockWidget, QHBoxLayout, QWidget
 
 from fcsv_console.model import cells
 from fcsv_console.model.pictures import CameraPicture, MapPictures, overlaid, pixels
-from fcsv_console.model.view import View
+from fcsv_console.model.view import ConsoleView
 from fcsv_console.qt import colours
 
 _LINE_PX, _MARGIN_PX = 20.0, 8.0
@@ -103,7 +103,7 @@ def _image(pictures: MapPictures) -> QImage:
 class PicturesDock(QDockWidget):
     """One box a vehicle, and one for the map."""
 
-    def __init__(self, view: View, parent=None):
+    def __init__(self, view: ConsoleView, parent=None):
         super().__init__("Pictures [F4]", parent)
         self.setAccessibleName("Pictures")
         self.setObjectName("pictures")
@@ -116,7 +116,7 @@ class PicturesDock(QDockWidget):
             layout.addWidget(box, 1)
         self.setWidget(row)
 
-    def show_view(self, view: View) -> None:
+    def show_view(self, view: ConsoleView) -> None:
         """Costs nothing while it is hidden."""
         if self.isVisible():
             for camera in view.cameras:

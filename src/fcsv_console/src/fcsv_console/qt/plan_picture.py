@@ -13,7 +13,7 @@ from fcsv_console.model import above_view as geometry
 from fcsv_console.model import cells
 from fcsv_console.model.gauges import gauges as gauges_of
 from fcsv_console.model.vehicles import VehicleRow
-from fcsv_console.model.view import View
+from fcsv_console.model.view import ConsoleView
 from fcsv_console.qt import colours, gauges
 
 BAR_PX = 64.0
@@ -39,8 +39,8 @@ class PlanPicture:
     def __init__(
         self,
         painter: QPainter,
-        view: View,
-        scale: geometry.Scale,
+        view: ConsoleView,
+        scale: geometry.ViewScale,
         bar: geometry.HeightBar,
         hand: Hand,
         palette: QPalette,

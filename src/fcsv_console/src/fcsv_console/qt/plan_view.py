@@ -10,7 +10,7 @@ from python_qt_binding.QtWidgets import QWidget
 from fcsv_console.model import above_view as geometry
 from fcsv_console.model.gauges import gauges as gauges_of
 from fcsv_console.model.mission_file import USUAL
-from fcsv_console.model.view import View
+from fcsv_console.model.view import ConsoleView
 from fcsv_console.qt.plan_picture import BAR_PX, Hand, PlanPicture
 
 _STEPS = {Qt.Key_Right: 1, Qt.Key_Left: -1, Qt.Key_Up: 1, Qt.Key_Down: -1}
@@ -26,7 +26,7 @@ class PlanView(QWidget):
 
     def __init__(self, parent=None):
         super().__init__(parent)
-        self._view: Optional[View] = None
+        self._view: Optional[ConsoleView] = None
         self._fov_rad, self._zoom, self.editable = USUAL.fov_rad("horizontal"), 1.0, False
         self._held = self._turned = self._chosen = None  # type: Optional[int] # by mouse, by its knob, by keys
         self._mouse = QPointF(0.0, 0.0)
@@ -35,7 +35,7 @@ class PlanView(QWidget):
         self.setFocusPolicy(Qt.StrongFocus)
         self.setAccessibleName("Plan view from above")
 
-    def show_view(self, view: View) -> None:
+    def show_view(self, view: ConsoleView) -> None:
         """Draw this from now on; words for a screen reader besides."""
         self._view, self._fov_rad = view, view.optics.fov_rad("horizontal")
         words = [a.words for a in view.above] or ["nobody is above another"]
@@ -52,7 +52,7 @@ class PlanView(QWidget):
         return rows[index] if index is not None and index < len(rows) else None
 
     @property
-    def scale(self) -> geometry.Scale:
+    def scale(self) -> geometry.ViewScale:
         """Gives the scale as it is drawn now."""
         return geometry.fitted(
             self._view, self.width() - BAR_PX, self.height(), self._zoom, self._fov_rad

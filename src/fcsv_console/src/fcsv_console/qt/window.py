@@ -23,11 +23,11 @@ from fcsv_console.model import actions as model_actions
 from fcsv_console.model import cells
 from fcsv_console.model.events import calls_for_a_sound
 from fcsv_console.model.guide import ACCEPT, AFTER
-from fcsv_console.model.view import View
+from fcsv_console.model.view import ConsoleView
 from fcsv_console.qt import colours
 from fcsv_console.qt.after_dock import AfterDock
 from fcsv_console.qt.hold import ActionButton, stand_out
-from fcsv_console.qt.keys import Keys
+from fcsv_console.qt.keys import KeyFilter
 from fcsv_console.qt.layouts import column, in_groups, panel
 from fcsv_console.qt.lines import LinesLabel
 from fcsv_console.qt.map_panel import RVIZ_ALONE, MapPanel
@@ -58,7 +58,7 @@ class ConsoleWindow(QMainWindow):
     edited, opened, planned = Signal(str), Signal(str), Signal(object)
     goal_changed, goal_turned = Signal(int, float), Signal(int, float)
 
-    def __init__(self, view: View, rviz_config: str = ""):
+    def __init__(self, view: ConsoleView, rviz_config: str = ""):
         super().__init__()
         self.setWindowTitle("fcsv console")
         self._view, self._lines = view, []  # type: View, List[Line]
@@ -81,7 +81,7 @@ class ConsoleWindow(QMainWindow):
         for dock in (self.pictures, self.after):
             dock.hide()
         self.room = Room(self, self.panels, (self.pictures, self.after))
-        self.keys = Keys(
+        self.keys = KeyFilter(
             self,
             self.buttons,
             {
@@ -113,7 +113,7 @@ class ConsoleWindow(QMainWindow):
 
     # ---- parts -----------------------------------------------------------------------------------
 
-    def _make_parts(self, view: View) -> None:
+    def _make_parts(self, view: ConsoleView) -> None:
         self.headline, self.stop_words = LinesLabel(_HEAD_LINES), LinesLabel(1)
         self.problems, self.verdict = LinesLabel(_PROBLEM_LINES), LinesLabel(1)
         named = (
@@ -234,7 +234,7 @@ class ConsoleWindow(QMainWindow):
 
     # ---- what is shown ---------------------------------------------------------------------------
 
-    def show_view(self, view: View) -> None:
+    def show_view(self, view: ConsoleView) -> None:
         """Everything, ten times a second: only what changed is touched."""
         self._view = view
         headline = cells.headline(view)
@@ -307,7 +307,7 @@ class ConsoleWindow(QMainWindow):
         if label.styleSheet() != style:
             label.setStyleSheet(style)
 
-    def _show_check(self, view: View) -> None:
+    def _show_check(self, view: ConsoleView) -> None:
         """Lines come, go and change places; what is chosen stays the line, not its row."""
         self._lines = cells.check_lines(view)
         self.check.show_cells([cells.check_cells(li, view.waits(li)) for li in self._lines])
@@ -367,7 +367,7 @@ class ConsoleWindow(QMainWindow):
             self.asked.emit("export", {"path": path})
 
 
-def mission_words(view: View) -> str:
+def mission_words(view: ConsoleView) -> str:
     """The mission's own, for a screen reader: phase, what it waits for, detail."""
     m = view.mission.value
     waits = f", waits for {m.waits_for}" if m is not None and m.waits_for else ""

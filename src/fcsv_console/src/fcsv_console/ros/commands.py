@@ -22,7 +22,7 @@ _REPEAT_S, _REPEATS = 0.2, 15
 _NOBODY = "NOBODY LISTENS: the node stop_all does not run; pilots, take over"
 
 
-class Commands:
+class CommandClient:
     """Every call returns at once; ``answer(words, done)`` is called by another thread."""
 
     def __init__(self, vehicles: Sequence[str]):

@@ -15,7 +15,7 @@ from visualization_msgs.msg import (
     Marker,
 )
 
-from fcsv_console.model.goals import Goal, GoalEnabled, GoalMoved
+from fcsv_console.model.goals import BaselineGoal, GoalEnabled, GoalMoved
 
 NAMESPACE = "/console/goals"
 _BALL_M = 0.5
@@ -30,10 +30,10 @@ class GoalMarkers:
 
     def __init__(self, put: Callable[[Any], None]):
         self._put, self._server = put, InteractiveMarkerServer(NAMESPACE)
-        self._shown: Tuple[Goal, ...] = ()
+        self._shown: Tuple[BaselineGoal, ...] = ()
         self._menus: Dict[int, MenuHandler] = {}
 
-    def show(self, goals: Tuple[Goal, ...]) -> None:
+    def show(self, goals: Tuple[BaselineGoal, ...]) -> None:
         """Shows goals in place of those before, where they differ."""
         if goals == self._shown:
             return
@@ -66,7 +66,7 @@ def marker_name(index: int) -> str:
     return f"goal_{index + 1}"
 
 
-def marker(goal: Goal) -> InteractiveMarker:
+def marker(goal: BaselineGoal) -> InteractiveMarker:
     """A ball with its words and a menu; arrows along its way where it may be dragged."""
     made = InteractiveMarker(name=marker_name(goal.index), scale=1.5, pose=Pose())
     made.header.frame_id = "home"

@@ -14,7 +14,7 @@ from fcsv_console.model import facts as f
 from fcsv_console.model.bags import Bags
 from fcsv_console.ros import messages
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.ros.relay_ages import hear_ages, publisher_of
+from fcsv_geometry.ros.relay_ages import publisher_of, subscribe_ages
 from fcsv_geometry.streams.arrivals import Arrivals
 from fcsv_multimaster.ros.master_watch import master_knows_us, register_again
 
@@ -25,7 +25,7 @@ NO_MASTER = "the ROS master does not answer"
 
 
 class Hearing:
-    """``subscribe`` once rospy knows its master; ``take`` from any thread, again and again.
+    """``subscribe`` once rospy knows its master; ``drain`` from any thread, again and again.
 
     ``recorded``: a bag is played. Its pictures are those of the camera; in flight only compressed
     ones cross the radio. ``arrivals`` are told what the relay measures.
@@ -47,16 +47,16 @@ class Hearing:
         """Subscribes to every topic, of every vehicle."""
         for name in self._vehicles:
             for topic, (kind, convert) in self._of_vehicle.items():
-                self._hear(f"/{name}/{topic}", kind, name, topic, convert)
+                self._subscribe(f"/{name}/{topic}", kind, name, topic, convert)
         for topic, (kind, convert) in messages.OF_CONTROL.items():
-            self._hear(topic, kind, "", topic, convert)
-        self._subscribers.append(hear_ages(self._arrivals))
+            self._subscribe(topic, kind, "", topic, convert)
+        self._subscribers.append(subscribe_ages(self._arrivals))
         self._subscribers.append(
             rospy.Subscriber("/relay/links", DiagnosticArray, self._on_links, queue_size=2)
         )
         self._watch.start()
 
-    def take(self) -> Iterator[Tuple[float, Any]]:
+    def drain(self) -> Iterator[Tuple[float, Any]]:
         """(monotonic time at which it came, fact), the oldest first."""
         while self._waiting:
             yield self._waiting.popleft()
@@ -71,15 +71,15 @@ class Hearing:
         for subscriber in self._subscribers:
             subscriber.unregister()
 
-    def _hear(
+    def _subscribe(
         self, topic: str, kind: Any, name: str, short: str, convert: messages.Convert
     ) -> None:
-        def heard(message: Any) -> None:
+        def on_message(message: Any) -> None:
             self._arrivals.came(topic, publisher_of(message))
             self._keep(lambda: [convert(name, message)], name, short)
 
         self._subscribers.append(
-            rospy.Subscriber(topic, kind, heard, queue_size=20, tcp_nodelay=True)
+            rospy.Subscriber(topic, kind, on_message, queue_size=20, tcp_nodelay=True)
         )
         if name and self._bags is not None:
             self._bags.follow(name, short, self._subscribers[-1].get_num_connections)
@@ -100,9 +100,9 @@ class Hearing:
             known = master_knows_us()
             if known is False:
                 register_again()
-            self.put(f.MasterTold(NO_MASTER if known is None else ""))
+            self.put(f.MasterReport(NO_MASTER if known is None else ""))
             self._look_at_bags()
 
     def _look_at_bags(self) -> None:
-        for fact in self._bags.told() if self._bags is not None else ():
+        for fact in self._bags.facts() if self._bags is not None else ():
             self.put(fact)

@@ -46,24 +46,24 @@ _PICTURES = (b"\xff\xd8", b"\x89PNG")  # how JPEG and PNG begin
 
 
 def _state(name: str, m: State) -> f.Fact:
-    return f.AutopilotState(name, m.connected, m.armed, Mode(m.mode), m.system_status)
+    return f.AutopilotReport(name, m.connected, m.armed, Mode(m.mode), m.system_status)
 
 
 def _battery(name: str, m: BatteryState) -> f.Fact:
-    return f.Battery(name, conversions.battery_share(m), m.voltage)
+    return f.BatteryReport(name, conversions.battery_share(m), m.voltage)
 
 
 def _odometry(name: str, m: Odometry) -> f.Fact:
     T_odom_body = conversions.pose_to_transform(m.pose.pose)
     x, y, z = (float(v) for v in T_odom_body[:3, 3])
-    return f.OdometryHeard(name, (x, y, z), transforms.yaw(T_odom_body))
+    return f.OdometryReport(name, (x, y, z), transforms.yaw(T_odom_body))
 
 
 def _camera(name: str, m: PoseWithCovarianceStamped) -> f.Fact:
     T_home_cam = conversions.pose_to_transform(m.pose.pose)
     x, y, z = (float(v) for v in T_home_cam[:3, 3])
     heading, pitch_rad, roll_rad = looks(T_home_cam[:3, :3])
-    return f.CameraInHome(name, (x, y, z), heading, pitch_rad, roll_rad)
+    return f.CameraPoseReport(name, (x, y, z), heading, pitch_rad, roll_rad)
 
 
 def _picture(name: str, m: CompressedImage) -> f.Fact:
@@ -71,14 +71,16 @@ def _picture(name: str, m: CompressedImage) -> f.Fact:
         raise GeometryError(
             f"encoding '{m.format}' with {len(m.data)} octets is no JPEG or PNG picture"
         )
-    return f.PictureHeard(name, m.header.stamp.to_sec(), bytes(m.data))
+    return f.PreviewReport(name, m.header.stamp.to_sec(), bytes(m.data))
 
 
 def _tags(name: str, m: TagDetections) -> f.Fact:
     corners = [tuple(zip(d.corners_px[::2], d.corners_px[1::2])) for d in m.detections]
     if not all(math.isfinite(x) for four in corners for corner in four for x in corner):
         raise GeometryError("a corner of a tag is not finite")
-    return f.Tags(name, tuple(d.id for d in m.detections), tuple(corners), m.header.stamp.to_sec())
+    return f.TagReport(
+        name, tuple(d.id for d in m.detections), tuple(corners), m.header.stamp.to_sec()
+    )
 
 
 def _reference(_name: str, m: Image) -> f.Fact:
@@ -94,7 +96,7 @@ def _depth(_name: str, m: Image) -> f.Fact:
 
 
 def _guardian(name: str, m: GuardianState) -> f.Fact:
-    return f.Guardian(
+    return f.GuardianReport(
         name, m.action, m.holds, m.uncontrolled, m.lost, m.taken, tuple(m.reasons), tuple(m.forbids)
     )
 
@@ -110,11 +112,11 @@ def _recorder(name: str, m: RecorderStatus) -> f.Fact:
     return f.Recorder(name, m.pictures_on, m.pictures, m.dropped, m.minutes_left, m.problem)
 
 
-def _said(name: str, m: StatusText) -> f.Fact:
+def _autopilot_text(name: str, m: StatusText) -> f.Fact:
     return f.VehicleText(name, "autopilot", m.text, m.severity)
 
 
-def _guardian_said(name: str, m: StatusText) -> f.Fact:
+def _guardian_text(name: str, m: StatusText) -> f.Fact:
     return f.VehicleText(name, "guardian", m.text, m.severity)
 
 
@@ -127,19 +129,22 @@ def _answered(name: str, m: CommandAck) -> f.Fact:
 OF_VEHICLE: Dict[str, Tuple[Any, Convert]] = {
     "mavros/state": (State, _state),
     "mavros/battery": (BatteryState, _battery),
-    "mavros/statustext/recv": (StatusText, _said),
+    "mavros/statustext/recv": (StatusText, _autopilot_text),
     "guardian/state": (GuardianState, _guardian),
-    "guardian/said": (StatusText, _guardian_said),
+    "guardian/said": (StatusText, _guardian_text),
     "agent/alive": (Heartbeat, lambda name, m: f.Agent(name, m.sender, m.problem)),
     "odometry/state": (Odometry, _odometry),
-    "odometry/epoch": (Epoch, lambda name, m: f.EpochHeard(name, m.epoch)),
+    "odometry/epoch": (Epoch, lambda name, m: f.EpochReport(name, m.epoch)),
     "camera_pose": (PoseWithCovarianceStamped, _camera),
     "camera/color/image_raw/compressed": (CompressedImage, _picture),
-    "capture/picture": (CapturedPicture, lambda name, m: f.Captured(name, m.header.stamp.to_sec())),
+    "capture/picture": (
+        CapturedPicture,
+        lambda name, m: f.PictureCaptured(name, m.header.stamp.to_sec()),
+    ),
     "tags/detections": (TagDetections, _tags),
     "recorder/status": (RecorderStatus, _recorder),
     "diagnostics/worst": (DiagnosticArray, _diagnosed),
-    "clock/offset": (ClockOffset, lambda name, m: f.Clock(name, m.offset_s, m.uncertainty_s)),
+    "clock/offset": (ClockOffset, lambda name, m: f.ClockReport(name, m.offset_s, m.uncertainty_s)),
     "command_ack": (CommandAck, _answered),
 }
 
@@ -148,7 +153,7 @@ def _recorded_picture(name: str, m: Image) -> f.Fact:
     done, data = cv2.imencode(".jpg", conversions.image_to_array(m, "bgr8"))
     if not done:
         raise GeometryError(f"a picture of {m.width} x {m.height} cannot be compressed")
-    return f.PictureHeard(name, m.header.stamp.to_sec(), data.tobytes())
+    return f.PreviewReport(name, m.header.stamp.to_sec(), data.tobytes())
 
 
 #: the same of what only a bag holds
@@ -157,7 +162,7 @@ RECORDED: Dict[str, Tuple[Any, Convert]] = {"camera/color/image_raw": (Image, _r
 
 def _mission(_name: str, m: MissionState) -> f.Fact:
     where = (m.configuration, m.configurations)
-    return f.MissionTold(m.phase_name, m.detail, m.waits_for, *where, tuple(m.problems), m.stage)
+    return f.MissionReport(m.phase_name, m.detail, m.waits_for, *where, tuple(m.problems), m.stage)
 
 
 def _stop(_name: str, m: StopReport) -> f.Fact:
@@ -165,11 +170,11 @@ def _stop(_name: str, m: StopReport) -> f.Fact:
         name: getattr(m, name)
         for name in ("asked", "reason", "done", "by_hand", "under_way", "unheard", "problems")
     }
-    return f.StopTold(m.asked, Report(**fields).in_words() if m.asked else "")
+    return f.StopReport(m.asked, Report(**fields).in_words() if m.asked else "")
 
 
 def _check(_name: str, m: FlightCheck) -> f.Fact:
-    return f.Check(tuple(check_messages.lines_of(m)), check_messages.patience_s(m))
+    return f.FlightCheckReport(tuple(check_messages.lines_of(m)), check_messages.patience_s(m))
 
 
 def _calibrated(_name: str, m: Epochs) -> f.Fact:
@@ -178,7 +183,7 @@ def _calibrated(_name: str, m: Epochs) -> f.Fact:
 
 def _links(_name: str, m: Calibration) -> f.Fact:
     stds = (math.sqrt(max(0.0, li.covariance[15])) for li in m.links)
-    return f.CalibrationFound(
+    return f.CalibrationReport(
         tuple(
             f.CalibratedLink(
                 li.child, li.parent, li.used, li.rejected, li.position_spread_m, std_rad
@@ -192,12 +197,12 @@ def _links(_name: str, m: Calibration) -> f.Fact:
 OF_CONTROL: Dict[str, Tuple[Any, Convert]] = {
     "/mission/state": (MissionState, _mission),
     "/mission/file": (String, lambda _name, m: f.MissionFlown(m.data)),
-    "/mission/alive": (Heartbeat, lambda _name, m: f.MissionAlive(m.instance)),
+    "/mission/alive": (Heartbeat, lambda _name, m: f.MissionHeartbeat(m.instance)),
     "/flight_check": (FlightCheck, _check),
     "/stop_all/report": (StopReport, _stop),
     "/map/state": (
         MapState,
-        lambda _name, m: f.MapTold(m.state, m.detail, m.coverage, tuple(m.problems)),
+        lambda _name, m: f.MapReport(m.state, m.detail, m.coverage, tuple(m.problems)),
     ),
     "/map/reference": (Image, _reference),
     "/map/depth": (Image, _depth),
@@ -208,7 +213,7 @@ OF_CONTROL: Dict[str, Tuple[Any, Convert]] = {
 }
 
 
-def radios(m: DiagnosticArray) -> List[f.Radio]:
+def radios(m: DiagnosticArray) -> List[f.RadioReport]:
     """Gives the radios of what the relay tells of its links."""
     found = []
     for status in m.status:
@@ -216,7 +221,7 @@ def radios(m: DiagnosticArray) -> List[f.Radio]:
         if status.name.startswith("link control-"):
             wrong = "" if status.level == DiagnosticStatus.OK else status.message
             number = (_number(values.get(key, "-")) for key in ("round_trip_s", "in_loss"))
-            found.append(f.Radio(status.name[len("link control-") :], *number, wrong))
+            found.append(f.RadioReport(status.name[len("link control-") :], *number, wrong))
     return found
 
 

@@ -21,8 +21,8 @@ from fcsv_console.model import facts as f
 from fcsv_console.model.after import DONE, FAILED, REPORT, Places
 from fcsv_console.model.console import Console
 from fcsv_console.model.rehearsal import RUNS
-from fcsv_console.model.view import View
-from fcsv_console.ros.commands import Commands
+from fcsv_console.model.view import ConsoleView
+from fcsv_console.ros.commands import CommandClient
 from fcsv_console.ros.epipolar import EpipolarHearing
 from fcsv_console.ros.event_file import EventFile
 from fcsv_console.ros.goal_markers import GoalMarkers
@@ -71,7 +71,7 @@ def _parameters() -> dict:
     return found if isinstance(found, dict) else {}
 
 
-class Shell:
+class ConsoleShell:
     """``view`` takes in what came meanwhile; ``do`` asks for an action by name. Both of one thread;
     neither waits."""
 
@@ -100,7 +100,7 @@ class Shell:
         """Waits for a master as long as it takes. rospy would wait too, and then keep the process
         from ending."""
         while not rosgraph.is_master_online():
-            self._hearing.put(f.MasterTold(NO_MASTER))
+            self._hearing.put(f.MasterReport(NO_MASTER))
             if self._over.wait(_LOOK_S):
                 return
         try:
@@ -109,19 +109,19 @@ class Shell:
             if self._over.is_set():  # the window was closed meanwhile
                 return
             raise
-        self._commands = Commands(self.console.names)
+        self._commands = CommandClient(self.console.names)
         self._hearing.subscribe()
         self._epipolar.subscribe()
         if self._windowed:
             self._turns = WindowTurns(self._hearing.put)
             self._goals = GoalMarkers(self._hearing.put)
             self._ground_views = GroundViewHearing(self._hearing.put)
-        self._hearing.put(f.MasterTold())
+        self._hearing.put(f.MasterReport())
 
-    def view(self) -> View:
+    def view(self) -> ConsoleView:
         """Gives the view of this moment."""
         self.console.wall_offset_s = time.time() - time.monotonic()
-        for at_s, fact in self._hearing.take():
+        for at_s, fact in self._hearing.drain():
             self.console.tell(at_s, fact)
         while self._answers:
             self.console.answer(*self._answers.popleft())
@@ -182,7 +182,7 @@ class Shell:
     def report_opened(self, page: Path, opened: bool) -> None:
         """Whether the desktop took it; where it did not, the operator is told where the page is."""
         words = str(page) if opened else f"no browser opens here; the page is {page}"
-        self._hearing.put(f.JobTold(REPORT, DONE if opened else FAILED, words=words))
+        self._hearing.put(f.JobProgress(REPORT, DONE if opened else FAILED, words=words))
 
     def _rehearse(self) -> None:
         """The list that is shown; or end the one that runs."""
@@ -191,7 +191,7 @@ class Shell:
         else:
             self._rehearser.start(self.console.file.text)
 
-    def _send(self, commands: Commands, name: str, answer, given: dict) -> None:
+    def _send(self, commands: CommandClient, name: str, answer, given: dict) -> None:
         if name in ("stop_all", "land"):
             commands.everybody("stop_all" if name == "stop_all" else "land_all", answer)
         elif name in _CONTROL:
@@ -239,7 +239,7 @@ def open_shell(
     vehicles_dir: str = "",
     recorded: bool = False,
     session: str = "",
-) -> Shell:
+) -> ConsoleShell:
     """Opens a shell with the fleet that is found; ``windowed``: it keeps its events with the
     session, and its goals stand in rviz.
 
@@ -255,7 +255,7 @@ def open_shell(
     )
     if found.mission:
         console.load(found.mission)
-    shell = Shell(console, name, recorded, windowed, arrivals)
+    shell = ConsoleShell(console, name, recorded, windowed, arrivals)
     shell.name_places(shared_places(session) if session else usual_places(found))
     if windowed and (session or found.session_dir):
         shell.keep_events(session or found.session_dir)

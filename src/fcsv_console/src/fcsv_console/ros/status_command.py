@@ -17,7 +17,7 @@ from rich.console import Console as Screen
 from rich.live import Live
 
 from fcsv_console.model.actions import paused
-from fcsv_console.ros.shell import Shell, open_shell
+from fcsv_console.ros.shell import ConsoleShell, open_shell
 from fcsv_console.terminal.screen import WIDTH, screen
 from fcsv_geometry.errors import FcsvError
 
@@ -53,7 +53,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     return 0
 
 
-def _once(shell: Shell) -> None:
+def _once(shell: ConsoleShell) -> None:
     until_s = time.monotonic() + _ONCE_S
     while time.monotonic() < until_s:
         shell.view()
@@ -61,7 +61,7 @@ def _once(shell: Shell) -> None:
     Screen(width=WIDTH).print(screen(shell.view()))
 
 
-def _watch(shell: Shell) -> None:
+def _watch(shell: ConsoleShell) -> None:
     shown = Live(screen(shell.view()), console=Screen(width=WIDTH), screen=True, auto_refresh=False)
     with _single_keys(), shown as live:
         while True:
@@ -72,7 +72,7 @@ def _watch(shell: Shell) -> None:
             live.update(screen(shell.view()), refresh=True)
 
 
-def press(shell: Shell, key: str) -> None:
+def press(shell: ConsoleShell, key: str) -> None:
     """Capital letters only, so that a slip of the finger does nothing; what is not enabled is told,
     not sent."""
     name = KEYS.get(key)

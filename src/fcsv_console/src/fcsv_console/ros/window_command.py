@@ -20,7 +20,7 @@ from fcsv_console.children.after import report_of
 from fcsv_console.model.after import REPORT, Places
 from fcsv_console.qt import colours
 from fcsv_console.qt.window import ConsoleWindow
-from fcsv_console.ros.shell import Shell, open_shell
+from fcsv_console.ros.shell import ConsoleShell, open_shell
 from fcsv_geometry.errors import FcsvError
 
 _REFRESH_MS = 100
@@ -93,7 +93,7 @@ def application(theme: str = "system") -> QApplication:
     return app
 
 
-def connected(shell: Shell, app: QApplication) -> ConsoleWindow:
+def connected(shell: ConsoleShell, app: QApplication) -> ConsoleWindow:
     """A window that shows what the shell hears, and asks it for what the operator asks for."""
     console = shell.console
     config = Path(rospkg.RosPack().get_path("fcsv_bringup")) / "rviz/map.rviz"
@@ -120,7 +120,7 @@ def connected(shell: Shell, app: QApplication) -> ConsoleWindow:
     return window
 
 
-def after(shell: Shell, step: str, places: Places) -> None:
+def after(shell: ConsoleShell, step: str, places: Places) -> None:
     """A step of after the flight; the report is opened by the desktop's own browser, if there is
     one."""
     if step == REPORT:
@@ -130,7 +130,7 @@ def after(shell: Shell, step: str, places: Places) -> None:
         shell.after(step, places)
 
 
-def export(shell: Shell, path: str) -> None:
+def export(shell: ConsoleShell, path: str) -> None:
     """All events as a table; what became of it is an event too."""
     number = shell.console.ask(time.monotonic(), "export", f"export events to {path}")
     try:

@@ -44,4 +44,4 @@ class WindowTurns:
         self._publisher.unregister()
 
     def _on_window(self, message: Header) -> None:
-        self._turns.heard(time.monotonic(), Window(message.stamp.to_sec(), message.frame_id))
+        self._turns.on_window(time.monotonic(), Window(message.stamp.to_sec(), message.frame_id))

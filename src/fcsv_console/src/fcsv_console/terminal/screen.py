@@ -14,7 +14,7 @@ from fcsv_console.model import cells
 from fcsv_console.model.cells import check_lines
 from fcsv_console.model.hearing import Aged, clock_words
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, VehicleRow
-from fcsv_console.model.view import View
+from fcsv_console.model.view import ConsoleView
 from fcsv_control.disk import disk_words
 from fcsv_control.flight_check.lines import State
 
@@ -39,7 +39,7 @@ _CHECKS, _EVENTS, _PROBLEMS, _BAR, _HEADLINES = 6, 5, 3, 20, 2
 KEYS = "S stop all   L land all   P pause   G resume   Q quit"
 
 
-def screen(view: View) -> Group:
+def screen(view: ConsoleView) -> Group:
     """Everything that matters, the keys first: a low terminal cuts the end. What is wrong takes
     lines from events."""
     parts: List = [Text(KEYS, "bold", justify="center"), _head(view), Rule(style="dim")]
@@ -66,7 +66,7 @@ def _line(words: str, style: str = "") -> Text:
     return Text(words, style, no_wrap=True, overflow="ellipsis")
 
 
-def _head(view: View) -> Group:
+def _head(view: ConsoleView) -> Group:
     headline = cells.headline(view)
     stopped = view.stop.value is not None and view.stop.value.asked
     style = f"bold {_TONES.get(headline.tone, '')}".strip()
@@ -91,7 +91,7 @@ def _head(view: View) -> Group:
     return Group(*lines)
 
 
-def _vehicles(view: View) -> Table:
+def _vehicles(view: ConsoleView) -> Table:
     table = Table(box=None, padding=(0, 1, 0, 0), expand=False, header_style="dim", width=WIDTH)
     columns = (
         ("vehicle", 8, "left"),
@@ -137,7 +137,7 @@ def _vehicles(view: View) -> Table:
     return table
 
 
-def _poses(view: View) -> List[Text]:
+def _poses(view: ConsoleView) -> List[Text]:
     """A line per vehicle, then one per pair."""
     told = []
     for v in view.vehicles:
@@ -203,7 +203,7 @@ def _clock(v: VehicleRow) -> Text:
     return Text("" if c is None or v.clock.stale else f"clock {1e3 * c.offset_s:+.0f} ms", "dim")
 
 
-def _stereo(view: View) -> Text:
+def _stereo(view: ConsoleView) -> Text:
     s = view.stereo
     figures = (
         ""
@@ -215,7 +215,7 @@ def _stereo(view: View) -> Text:
     )
 
 
-def _check(view: View) -> Group:
+def _check(view: ConsoleView) -> Group:
     state = view.check_state
     wrong = check_lines(view)
     word, style = ("starting", "dim") if view.starts else (state.word, _STATES[state])
@@ -246,7 +246,7 @@ def _check(view: View) -> Group:
     return Group(*lines)
 
 
-def _events(view: View, number: int) -> List[Text]:
+def _events(view: ConsoleView, number: int) -> List[Text]:
     told = [
         _line(
             f"{e.clock} {e.who}: {e.what}{' -> ' + e.answer if e.answer else ''}", _LEVELS[e.level]

@@ -18,7 +18,6 @@ from pymavlink import mavutil
 
 from fcsv_control.errors import CommandRefused
 from fcsv_control.flight.feeding.estimate import EstimateWatch
-from fcsv_control.flight.feeding.fed import Fed
 from fcsv_control.flight.mavlink import conversion, keeper
 from fcsv_control.flight.mavlink.listener import STREAMS_HZ, Listener
 from fcsv_control.flight.mavlink.requests import COMPANION, Outcome, Request, Requests
@@ -27,6 +26,7 @@ from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import NOTHING, Profile, Rule
 from fcsv_control.flight.state import MODES, FlightState
 from fcsv_control.flight.take_off import TakeOff
+from fcsv_geometry.streams.stream import Stream
 from fcsv_geometry.vehicles.modes import LINK, Mode, ModeOwner
 
 _M = mavutil.mavlink
@@ -55,7 +55,7 @@ class LinkCore:
         self._reset_counter = 0
         self._set_before: Set[str] = set()
         self._watch = EstimateWatch()
-        self._fed = Fed()
+        self._fed: Stream[int] = Stream(2.0)  # stamps (us) of poses, which only rise
         self._begun_anew = False
         # until the first step nothing stood still
         self._stepped_s, self._woke_s = float("inf"), float("-inf")
@@ -164,7 +164,9 @@ class LinkCore:
         self._watch.feed(now_s, stamp_s, T_odom_body[:3, 3], self._begun_anew)
         self._begun_anew = False
         ned, rpy = conversion.ned_from_pose(T_odom_body)
-        usec = self._fed.sent(now_s, stamp_s)
+        usec = int(stamp_s * 1e6) if self._fed.value is None else self._fed.value + 1
+        usec = max(usec, int(stamp_s * 1e6))
+        self._fed.tell(now_s, usec)
         self._send(
             "vision_position_estimate", usec, *ned, *rpy, _UNKNOWN_COVARIANCE, self._reset_counter
         )

@@ -7,12 +7,12 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check import speeds
-from fcsv_control.flight_check.heard import LineStream, MessageRate
 from fcsv_control.flight_check.lines import Check, Found, Judged, Line, State
 from fcsv_control.flight_check.sightings import Sightings
 from fcsv_control.flight_check.vehicle import Disk
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.streams.stream import Stream
 
 CONTROL = "control"
 _G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
@@ -53,12 +53,12 @@ class FromAfar:
 
     name: str
     front: Optional[str] = None
-    report: LineStream[Sequence[Line]] = field(default_factory=LineStream)
+    report: Stream[Sequence[Line]] = field(default_factory=Stream)
     patience_s: float = 0.0  # of its report
     # the newest fcsv_msgs/ParameterReport: it comes where it changes
     parameters: Optional[Any] = None
-    poses: MessageRate = field(default_factory=lambda: MessageRate(_WINDOW_S))
-    clock: LineStream[Any] = field(default_factory=LineStream)  # fcsv_tracking's ClockOffset
+    poses: Stream = field(default_factory=lambda: Stream(_WINDOW_S))
+    clock: Stream[Any] = field(default_factory=Stream)  # fcsv_tracking's ClockOffset
     epoch: Optional[int] = None
     calibrated: Optional[int] = None  # the epoch for which the calibration holds
     sightings: Sightings = field(default_factory=lambda: Sightings({}))
@@ -79,11 +79,11 @@ class ControlFacts:
     mission's phase."""
 
     link: str = relay_keys.RELAY
-    mission: LineStream[str] = field(default_factory=LineStream)
-    stop_all: LineStream[bool] = field(default_factory=LineStream)
-    recorder: LineStream[Any] = field(default_factory=LineStream)
-    disk: LineStream[Disk] = field(default_factory=LineStream)
-    keys: LineStream[relay_keys.Keys] = field(default_factory=LineStream)
+    mission: Stream[str] = field(default_factory=Stream)
+    stop_all: Stream[bool] = field(default_factory=Stream)
+    recorder: Stream[Any] = field(default_factory=Stream)
+    disk: Stream[Disk] = field(default_factory=Stream)
+    keys: Stream[relay_keys.Keys] = field(default_factory=Stream)
 
 
 # ---- of every vehicle ----------------------------------------------------------------------------
@@ -104,7 +104,7 @@ def _silent(now_s: float, v: FromAfar, _r: FleetCheckRules) -> bool:
 
 
 def _radio(now_s: float, v: FromAfar, r: FleetCheckRules) -> Found:
-    hz = v.poses.hz(now_s)
+    hz = v.poses.rate_hz(now_s)
     state = _R if hz < r.red_radio_hz else _A if hz < r.amber_radio_hz else _G
     return state, f"{hz:.0f} poses a second arrive" if hz else "no pose arrives"
 

@@ -4,8 +4,8 @@ control PC."""
 
 from dataclasses import dataclass
 
-from fcsv_control.flight_check.heard import LineStream
 from fcsv_control.flight_check.lines import Check, Found, State
+from fcsv_geometry.streams.stream import Stream
 
 RELAY = "relay"
 
@@ -20,7 +20,7 @@ class Keys:
     exposed: str = ""
 
 
-def judge(now_s: float, keys: LineStream[Keys], link: str, most_s: float) -> Found:
+def judge(now_s: float, keys: Stream[Keys], link: str, most_s: float) -> Found:
     """``link``: which program stands between the machines; another one than the relay encrypts
     nothing."""
     if link != RELAY:

@@ -13,10 +13,11 @@ from fcsv_control import tracker_confidence
 from fcsv_control.disk import disk_words
 from fcsv_control.flight_check import autopilot_line
 from fcsv_control.flight_check import keys as relay_keys
-from fcsv_control.flight_check.heard import LineStream, MessageRate, PreArmTexts
+from fcsv_control.flight_check.heard import PreArmTexts
 from fcsv_control.flight_check.lines import Check, Found, State
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.guardian.messages import Cause
+from fcsv_geometry.streams.stream import Stream
 
 _G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
 PREARM_READY, PREARM_NOT_READY = 1, 2  # fcsv_msgs/LinkHealth
@@ -47,21 +48,21 @@ class Disk:
 class VehicleFacts:
     """What was heard on board. Messages of fcsv_msgs are held as they came."""
 
-    link: LineStream[Any] = field(default_factory=LineStream)
+    link: Stream[Any] = field(default_factory=Stream)
     # told once, and where they change
-    parameters: LineStream[Any] = field(default_factory=LineStream)
-    armed: LineStream[bool] = field(default_factory=LineStream)
+    parameters: Stream[Any] = field(default_factory=Stream)
+    armed: Stream[bool] = field(default_factory=Stream)
     # with the autopilot's system status
-    battery_share: LineStream[float] = field(default_factory=LineStream)
-    tracker_variance_m2: LineStream[float] = field(default_factory=LineStream)
-    recorder: LineStream[Any] = field(default_factory=LineStream)
-    disk: LineStream[Disk] = field(default_factory=LineStream)
-    guardian: LineStream[Any] = field(default_factory=LineStream)
-    agent: LineStream[Any] = field(default_factory=LineStream)
-    positions: MessageRate = field(default_factory=lambda: MessageRate(_WINDOW_S))
-    pictures: MessageRate = field(default_factory=lambda: MessageRate(_PICTURES_S))
+    battery_share: Stream[float] = field(default_factory=Stream)
+    tracker_variance_m2: Stream[float] = field(default_factory=Stream)
+    recorder: Stream[Any] = field(default_factory=Stream)
+    disk: Stream[Disk] = field(default_factory=Stream)
+    guardian: Stream[Any] = field(default_factory=Stream)
+    agent: Stream[Any] = field(default_factory=Stream)
+    positions: Stream = field(default_factory=lambda: Stream(_WINDOW_S))
+    pictures: Stream = field(default_factory=lambda: Stream(_PICTURES_S))
     relay: str = relay_keys.RELAY  # which program stands between the machines
-    keys: LineStream[relay_keys.Keys] = field(default_factory=LineStream)
+    keys: Stream[relay_keys.Keys] = field(default_factory=Stream)
     texts: PreArmTexts = field(default_factory=PreArmTexts)
     line: autopilot_line.AutopilotLine = field(default_factory=autopilot_line.AutopilotLine)
 
@@ -87,7 +88,7 @@ def _streams(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
         return _R, "no system status of the autopilot"
     if not f.link.value.ekf_age_s <= r.slow_silent_s:
         return _R, "no report of the autopilot's filter"
-    hz = f.positions.hz(now_s)
+    hz = f.positions.rate_hz(now_s)
     return _least(hz, r.red_position_hz, r.amber_position_hz), f"{hz:.0f} positions a second"
 
 
@@ -206,7 +207,7 @@ def _battery(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 
 
 def _camera(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    hz = f.pictures.hz(now_s)
+    hz = f.pictures.rate_hz(now_s)
     if hz == 0.0:
         return _R, "no picture comes from it"
     return _least(hz, 0.0, r.amber_picture_hz), f"{hz:.1f} pictures a second"

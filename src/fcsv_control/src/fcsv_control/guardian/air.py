@@ -2,9 +2,8 @@
 """What a guardian knows of its own vehicle and of the others at one moment."""
 
 import math
-from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Deque, Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.missions import separation
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.streams.stream import Stream
 from fcsv_geometry.vehicles.modes import Mode
 
 _INF = float("inf")
@@ -124,8 +124,7 @@ class VehicleSituation:
     mode: Mode = Mode.UNHEARD
     armed: bool = False
     state_s: float = -_INF
-    feed_s: float = -_INF
-    feed: Optional[np.ndarray] = None
+    feed: Stream[np.ndarray] = field(default_factory=Stream)  # of the odometry
     estimate: Optional[np.ndarray] = None
     take_off: Optional[np.ndarray] = None  # estimate when last on the ground
     epoch: Optional[int] = None  # of the odometry
@@ -148,7 +147,6 @@ class VehicleSituation:
     sigma_m: float = 0.0  # of its own place in home, as calibration left it
     mission_fence: Optional[Fence] = None  # besides the guardian's own
     others: Dict[str, Other] = field(default_factory=dict)
-    feeds: Deque[float] = field(default_factory=deque)  # times within the last second
     way: RecentWay = field(default_factory=RecentWay)
     _in_home: Tuple = (None, None, None)  # T_home_odom and estimate, and the place in home by them
 
@@ -166,10 +164,7 @@ class VehicleSituation:
 
     def fed(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """A pose came from the odometry."""
-        self.feed, self.feed_s = T_odom_body, now_s
-        self.feeds.append(now_s)
-        while self.feeds[0] < now_s - 1.0:
-            self.feeds.popleft()
+        self.feed.tell(now_s, T_odom_body)
 
     def estimated(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate came."""
@@ -191,16 +186,13 @@ class VehicleSituation:
 
     def slept(self, seconds: float) -> None:
         """This process itself did not run for so long."""
-        for name in ("feed_s", "link_s", "agent_s", "control_s", "battery_s"):
+        self.feed.at_s += seconds
+        for name in ("link_s", "agent_s", "control_s", "battery_s"):
             setattr(self, name, getattr(self, name) + seconds)
 
     def battery_now(self, now_s: float, old_s: float) -> float:
         """0..1; NaN where it is not known, or was last heard ``old_s`` ago."""
         return self.battery_share if now_s - self.battery_s <= old_s else math.nan
-
-    def feed_hz(self, now_s: float) -> float:
-        """Poses in the last second."""
-        return float(sum(1 for at_s in self.feeds if at_s >= now_s - 1.0))
 
     @property
     def flying(self) -> bool:
@@ -215,7 +207,7 @@ class VehicleSituation:
     def apart_m(self) -> float:
         """Between the tracker's pose and the estimate; NaN where one of them is not known."""
         return apart_m(
-            *(None if T is None else T[:3, 3].tolist() for T in (self.feed, self.estimate))
+            *(None if T is None else T[:3, 3].tolist() for T in (self.feed.value, self.estimate))
         )
 
     @property

@@ -44,7 +44,7 @@ class Guardian:
         self._watches, self.air = Monitors(self._rules), VehicleSituation()
         self._owner = ModeOwner(GUARDIAN)
         # silence counts from now on
-        self.air.control_s = self.air.agent_s = self.air.link_s = self.air.feed_s = now_s
+        self.air.control_s = self.air.agent_s = self.air.link_s = self.air.feed.at_s = now_s
         self._gate = RateGate(_SET_POINT_HZ)
         self._place: Optional[np.ndarray] = None  # T_odom_body that is held
         self._aside_s: Optional[float] = None  # when the way aside began

@@ -2,6 +2,7 @@
 """What is wrong with a vehicle now, and what should become of it. Each watch looks at one thing."""
 
 import math
+from collections import defaultdict
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Dict, Iterator, List, Optional, Tuple
@@ -13,6 +14,7 @@ from fcsv_control.guardian.air import Other, VehicleSituation
 from fcsv_control.guardian.messages import Cause, Forbidden
 from fcsv_control.guardian.rules import NEVER, GuardianRules
 from fcsv_geometry.missions import separation
+from fcsv_geometry.streams.stream import Since
 from fcsv_geometry.vehicles.modes import Mode
 
 ABOVE = "above"  # a finding about one who comes down
@@ -52,7 +54,7 @@ class Monitors:
 
     def __init__(self, rules: GuardianRules):
         self._rules = rules
-        self._since_s: Dict[str, float] = {}
+        self._since: Dict[str, Since] = defaultdict(Since)
         self._took_off = self._homeward = False
         self._stopped = ""  # why, on the way home
         self._unseen_s = float("-inf")  # when the tracker last did not see it
@@ -92,7 +94,7 @@ class Monitors:
             yield Forbidden(f"autopilot's parameters: {wrong}")
         if air.link.ekf_variance > r.ekf_variance:
             yield Forbidden("the autopilot's filter does not agree with its sensors")
-        if now_s - air.feed_s > r.feed_warn_s:
+        if air.feed.age_s(now_s) > r.feed_warn_s:
             yield Forbidden("no poses come from the tracking camera", Cause.NO_POSES)
         if not air.flying and self._lasts(now_s, "apart", air.apart_m > r.apart_m, 0.5):
             yield Forbidden(
@@ -116,7 +118,7 @@ class Monitors:
     def found_again(self, now_s: float, air: VehicleSituation) -> bool:
         """Whether poses of a tracker that knows places, not only ways, have come for a second."""
         r = self._rules
-        if not r.finds_again or now_s - air.feed_s > r.feed_warn_s or air.link.doubt:
+        if not r.finds_again or air.feed.age_s(now_s) > r.feed_warn_s or air.link.doubt:
             self._unseen_s = now_s
         return now_s - self._unseen_s > _FOUND_S
 
@@ -155,8 +157,8 @@ class Monitors:
     # ---- the position ----------------------------------------------------------------------------
 
     def _feed(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        r, age_s, hz = self._rules, now_s - air.feed_s, air.feed_hz(now_s)
-        if not air.flying or air.feed is None:
+        r, age_s, hz = self._rules, air.feed.age_s(now_s), air.feed.rate_hz(now_s)
+        if not air.flying or air.feed.value is None:
             return
         if age_s > r.feed_land_s:
             yield Finding("feed", Reaction.LAND, "the tracking camera is silent")
@@ -359,7 +361,4 @@ class Monitors:
     def _lasts(self, now_s: float, what: str, holds: bool, seconds: float) -> bool:
         """Whether a condition has held for some time; a name counts from the first moment it
         held."""
-        if not holds:
-            self._since_s.pop(what, None)
-            return False
-        return now_s - self._since_s.setdefault(what, now_s) >= seconds
+        return self._since[what].lasts_s(now_s, holds) >= seconds

@@ -100,7 +100,7 @@ class GuardianPort:
             tm.EpochsFound: self._epochs,
             tm.CalibrationFound: lambda _now_s, m: self._in_home.calibrate(m.links),
             tm.HomeFound: lambda _now_s, m: self._in_home.set_home(m.reference, m.T_odom_home),
-            tm.RelayAges: lambda _now_s, m: self._arrivals.told(m.topics, m.sent_s),
+            tm.RelayAges: lambda _now_s, m: self._arrivals.on_sent(m.topics, m.sent_s),
         }
 
     def receive(self, now_s: float, message: object) -> None:

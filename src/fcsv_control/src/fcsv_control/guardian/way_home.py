@@ -53,7 +53,9 @@ def against(now_s: float, air: VehicleSituation, rules: GuardianRules, under_way
 
 def _believed(now_s: float, air: VehicleSituation, rules: GuardianRules) -> bool:
     """Whether it knows well where it is."""
-    feed_is_good = now_s - air.feed_s < rules.feed_warn_s and not air.confidence <= rules.confidence
+    feed_is_good = (
+        air.feed.age_s(now_s) < rules.feed_warn_s and not air.confidence <= rules.confidence
+    )
     filter_is_good = air.link.ekf_variance <= rules.ekf_variance and air.apart_m < _APART_M
     return feed_is_good and filter_is_good and not air.link.doubt and not air.lost
 

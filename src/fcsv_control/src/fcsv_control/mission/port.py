@@ -168,7 +168,7 @@ class MissionPort:
                 )
 
     def _ages(self, _now_s: float, m: tm.RelayAges) -> None:
-        self._arrivals.told(m.topics, m.sent_s)
+        self._arrivals.on_sent(m.topics, m.sent_s)
 
     def _calibration(self, _now_s: float, m: tm.CalibrationFound) -> None:
         self._in_home.calibrate(m.links)

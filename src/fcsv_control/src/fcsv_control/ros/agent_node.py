@@ -114,8 +114,8 @@ class AgentNode:
         hear("mavros/state", State, self._state)
         hear("mavros/local_position/pose", PoseStamped, convert.estimated_of)
         hear("/mission/alive", Heartbeat, convert.mission_alive_of)
-        telemetry.hear(self._name, [tm.OdometryEpoch], self._receive, self._health)
-        telemetry.hear_epochs(self._receive)
+        telemetry.subscribe(self._name, [tm.OdometryEpoch], self._receive, self._health)
+        telemetry.subscribe_epochs(self._receive)
         hear("command", Command, self._command)
 
     def _state(self, m: State) -> tm.VehicleState:

@@ -125,11 +125,11 @@ class GuardianNode:
         hear("/mission/alive", Heartbeat, convert.mission_alive_of)
         hear("/calibration", Calibration, telemetry.calibration_of)
         hear("/home", Home, telemetry.home_of)
-        telemetry.hear(own, [tm.OdometryEpoch], self._receive, self._health)
-        telemetry.hear_epochs(self._receive)
-        telemetry.hear_relay(self._receive, f"/{own}")
+        telemetry.subscribe(own, [tm.OdometryEpoch], self._receive, self._health)
+        telemetry.subscribe_epochs(self._receive)
+        telemetry.subscribe_relay(self._receive, f"/{own}")
         for name in others:
-            telemetry.hear(
+            telemetry.subscribe(
                 name, [tm.VehicleOdometry, tm.VehicleState], self._receive, self._health, TOPICS
             )
             guarded = lambda m, name=name: OtherGuarded(name, convert.verdict_of(m))  # noqa: E731

@@ -7,11 +7,11 @@ from typing import Optional
 
 import numpy as np
 
-from fcsv_control.flight.feeding.fed import Fed
 from fcsv_control.tello.messages import EstimateMoved, FlightReport, LogReport
 from fcsv_control.tello.observer import Observer, ObserverRules
 from fcsv_control.tello.pid import StickModel
 from fcsv_geometry import transforms
+from fcsv_geometry.streams.stream import Stream
 
 _LOG_DELAY_S = 0.07  # of its log packets (docs/design/trackers.md)
 
@@ -26,7 +26,7 @@ class Tracking:
         self._log_s = -math.inf
         self._good_since_s = self._good_s = self._refused_since_s = -math.inf
         self._refusing = False
-        self._fed = Fed()
+        self._fed: Stream[None] = Stream(2.0)
         self.report: Optional[FlightReport] = None
 
     @property
@@ -73,7 +73,7 @@ class Tracking:
         if now_s - self._good_s > gap_s:
             self._good_since_s = now_s
         self._good_s = now_s
-        self._fed.sent(now_s, stamp_s)
+        self._fed.tell(now_s)
         if before is None:
             return None
         return EstimateMoved(T_odom_body[:3, 3] - before[:3, 3])

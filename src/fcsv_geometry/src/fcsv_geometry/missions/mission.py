@@ -54,7 +54,7 @@ class StereoConfiguration:
 
     def __post_init__(self):
         if self.sweep is not None:
-            self._take_sweep(self.sweep)
+            self._apply_sweep(self.sweep)
         for name, missing in (
             ("axis", self.axis == ""),
             ("baseline_m", math.isnan(self.baseline_m)),
@@ -86,7 +86,7 @@ class StereoConfiguration:
                 "tilt_deg: a hovering multirotor cannot pitch a fixed camera; set it to 0 for vertical"
             )
 
-    def _take_sweep(self, sweep: Sweep) -> None:
+    def _apply_sweep(self, sweep: Sweep) -> None:
         if self.axis not in ("", sweep.axis):
             raise ValueError(f"axis: '{self.axis}' is not that of the sweep; leave it out")
         if not (

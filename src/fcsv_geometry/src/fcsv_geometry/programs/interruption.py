@@ -20,7 +20,7 @@ def raise_again(kind: Type[BaseException]) -> None:
     main thread, by SIGALRM."""
     before = sys.unraisablehook
 
-    def heard(dropped) -> None:
+    def on_dropped(dropped) -> None:
         if not isinstance(dropped.exc_value, kind):
             before(dropped)
             return
@@ -32,7 +32,7 @@ def raise_again(kind: Type[BaseException]) -> None:
         signal.signal(signal.SIGALRM, again)
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
 
-    sys.unraisablehook = heard
+    sys.unraisablehook = on_dropped
 
 
 def leave_it() -> None:

@@ -25,7 +25,7 @@ _SENTENCES = {
 _MIB = 1 << 20
 
 
-class PlaceError(FcsvError):
+class OutputPlaceError(FcsvError):
     """Nothing can be written there."""
 
 
@@ -35,15 +35,17 @@ def require_folder(folder: Path, least_mib: int = 1) -> None:
     folder = Path(folder).absolute()
     there = next(p for p in (folder, *folder.parents) if p.exists())
     if not there.is_dir():
-        raise PlaceError(f"{there}: a file stands there, not a folder: choose another")
+        raise OutputPlaceError(f"{there}: a file stands there, not a folder: choose another")
     try:
         tempfile.TemporaryFile(dir=there).close()
         free_mib = shutil.disk_usage(there).free // _MIB
     except OSError as error:
         # not its file
-        raise PlaceError(in_words(OSError(error.errno, error.strerror, str(there)))) from error
+        raise OutputPlaceError(
+            in_words(OSError(error.errno, error.strerror, str(there)))
+        ) from error
     if free_mib < least_mib:
-        raise PlaceError(
+        raise OutputPlaceError(
             f"{there}: {free_mib} MiB are free, {least_mib} are needed: make room, or choose another"
         )
 
@@ -51,7 +53,7 @@ def require_folder(folder: Path, least_mib: int = 1) -> None:
 def require_file(file: Path) -> None:
     """A file that can be written, in place of one that may stand there. Raises PlaceError."""
     if Path(file).is_dir():
-        raise PlaceError(f"{file}: is a folder: name a file")
+        raise OutputPlaceError(f"{file}: is a folder: name a file")
     require_folder(Path(file).absolute().parent)
 
 

@@ -7,10 +7,10 @@ from fcsv_geometry.streams.arrivals import Arrivals
 from fcsv_msgs.msg import RelayAges
 
 
-def hear_ages(arrivals: Arrivals, prefix: str = "") -> rospy.Subscriber:
+def subscribe_ages(arrivals: Arrivals, prefix: str = "") -> rospy.Subscriber:
     """``arrivals`` are told by the relay under ``prefix`` (a vehicle's namespace; empty on the
     control PC)."""
-    take = lambda message: arrivals.told(message.topics, message.sent_s)  # noqa: E731
+    take = lambda message: arrivals.on_sent(message.topics, message.sent_s)  # noqa: E731
     return rospy.Subscriber(f"{prefix}/relay/ages", RelayAges, take, queue_size=5, tcp_nodelay=True)
 
 

@@ -67,7 +67,7 @@ TOPICS: Dict[type, Topic] = {
 }
 
 
-def hear(
+def subscribe(
     vehicle: str,
     kinds: Sequence[type],
     receive: Callable[[object], None],
@@ -92,13 +92,13 @@ def hear(
         rospy.Subscriber(f"/{vehicle}/{topic}", message_type, came, queue_size=30, tcp_nodelay=True)
 
 
-def hear_relay(receive: Callable[[object], None], prefix: str = "") -> None:
+def subscribe_relay(receive: Callable[[object], None], prefix: str = "") -> None:
     """What the relay under ``prefix`` (a vehicle's namespace; empty on the control PC) measures."""
     take = lambda m: receive(tm.RelayAges(m.topics, m.sent_s))  # noqa: E731
     rospy.Subscriber(f"{prefix}/relay/ages", RelayAges, take, queue_size=5, tcp_nodelay=True)
 
 
-def hear_epochs(receive: Callable[[object], None]) -> None:
+def subscribe_epochs(receive: Callable[[object], None]) -> None:
     """Reads for which epochs calibration and home hold."""
     for of in (tm.CALIBRATION, tm.HOME):
         take = lambda m, of=of: receive(  # noqa: E731

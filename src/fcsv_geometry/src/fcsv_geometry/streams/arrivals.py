@@ -20,7 +20,7 @@ class Arrivals:
     (None, None)
     >>> a.since_s("/uav1/mavros/state", 10.0), a.since_s("/uav2/odometry/state", 10.0)  # here; nothing measured yet
     (10.0, 9.0)
-    >>> a.told(["/uav2/odometry/state"], [9.4]); a.since_s("/uav2/odometry/state", 10.0)
+    >>> a.on_sent(["/uav2/odometry/state"], [9.4]); a.since_s("/uav2/odometry/state", 10.0)
     9.4
     """
 
@@ -34,7 +34,7 @@ class Arrivals:
             topic
         )
 
-    def told(self, topics: Sequence[str], sent_s: Sequence[float]) -> None:
+    def on_sent(self, topics: Sequence[str], sent_s: Sequence[float]) -> None:
         """A relay measured when the newest messages of topics were sent."""
         self._sent_s.update(zip(topics, sent_s))
 

@@ -100,7 +100,7 @@ class RateGate:
         """Whether one may pass now; a clock that was set back begins anew."""
         return now_s >= self._next_s or now_s <= self._last_s - _SET_BACK_S
 
-    def take(self, now_s: float, rate_hz: float = 0.0) -> None:
+    def admit(self, now_s: float, rate_hz: float = 0.0) -> None:
         """One passes now. ``rate_hz``: of the time until the next, where it changes."""
         if rate_hz:
             self._period_s = 1.0 / rate_hz
@@ -112,7 +112,7 @@ class RateGate:
         """due() and take() in one."""
         if not self.due(now_s):
             return False
-        self.take(now_s)
+        self.admit(now_s)
         return True
 
 

@@ -23,13 +23,13 @@ def links_from_message(message) -> List[OdomLink]:
     return [link_from_message(link) for link in message.links]
 
 
-def take_calibration(frames: HomeFrames, message) -> None:
+def apply_calibration(frames: HomeFrames, message) -> None:
     """Compose with a new calibration. Raises GeometryError where a pose is none; the frames are
     then as before."""
     frames.calibrate(links_from_message(message))
 
 
-def take_home(frames: HomeFrames, message) -> None:
+def apply_home(frames: HomeFrames, message) -> None:
     """Compose with a new home. Raises GeometryError where the pose is none; the frames are then as
     before."""
     frames.set_home(message.reference, pose_to_transform(message.home_in_odom))

@@ -43,7 +43,7 @@ _SCOUT_ADDRESS, _SCOUT_PORTS = "224.0.0.224", {"datagram": 17446, "urgent": 1744
 _MESSAGES = ("put", "delete", "declare_subscriber", "query", "declare_queryable", "reply")
 
 
-class Transport:
+class ZenohTransport:
     """Sends to peers and hands over what they send. Callbacks run in Zenoh's threads.
 
     ``on_parcel(link, source, type, topic, payload)``, ``on_note(source, payload)``. A peer without

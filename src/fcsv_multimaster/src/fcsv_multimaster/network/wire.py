@@ -64,7 +64,7 @@ class Pong:
 
 
 @dataclass(frozen=True)
-class Ack:
+class Acknowledgement:
     """The message ``number`` that ``boot`` sent has come. ``keyframe``: the decoder needs a whole
     picture."""
 
@@ -123,7 +123,7 @@ def unpack_note(payload: bytes):
             return _timed(Pong(*_PONG.unpack(payload)[2:]))
         if payload[1] == _ACK_KIND:
             boot, number, keyframe = _ACK.unpack(payload)[2:]
-            return Ack(boot, number, bool(keyframe))
+            return Acknowledgement(boot, number, bool(keyframe))
     except struct.error as error:
         raise WireError(f"a malformed note of {len(payload)} bytes") from error
     raise WireError(f"a note of unknown kind {payload[1]}")

@@ -18,7 +18,7 @@ from fcsv_multimaster.network import wire
 from fcsv_multimaster.network.addresses import whereabouts
 from fcsv_multimaster.network.endpoints import Endpoint
 from fcsv_multimaster.network.joining import HalfOpen
-from fcsv_multimaster.network.transport import Transport
+from fcsv_multimaster.network.transport import ZenohTransport
 from fcsv_multimaster.relay.inbound import Inbound
 from fcsv_multimaster.relay.measure import CLOCKS_APART_S
 from fcsv_multimaster.relay.outbound import Message
@@ -68,8 +68,8 @@ class Exchange:
         self._half_open = {link: HalfOpen() for link in ("urgent", "bulk")}
         self._urgent_work, self._bulk_work = threading.Event(), threading.Event()
         self._inbound = Inbound(name, self._boot, self.peers, deliver, drop, self._note, self._wake)
-        self._transport: Optional[Transport] = None
-        self._transport = Transport(
+        self._transport: Optional[ZenohTransport] = None
+        self._transport = ZenohTransport(
             name, listen, peers, keys, self._inbound.on_parcel, self._inbound.on_note, discovery
         )
         self._transport.on_malformed = lambda source, text: self._drop(
@@ -216,7 +216,7 @@ class Exchange:
         """State by the stream, no more than it carries."""
         while True:
             with peer.lock:
-                message = peer.rescue.take(time.monotonic())
+                message = peer.rescue.next_message(time.monotonic())
                 if message is None:
                     return
                 peer.rescue.sent(message, len(message.data), time.monotonic())
@@ -260,7 +260,7 @@ class Exchange:
                     continue
                 with peer.lock:
                     message = (
-                        peer.pacer.take(time.monotonic())
+                        peer.pacer.next_message(time.monotonic())
                         if peer.measure.alive(time.monotonic())
                         else None
                     )

@@ -78,7 +78,7 @@ class Inbound:
                 now_s,
                 unsure_s,
             )
-            keyframe = self._take(peer, parcel, head)
+            keyframe = self._accept(peer, parcel, head)
         if head.number:
             self._acknowledge(source, head, keyframe, link, poor)
 
@@ -88,7 +88,7 @@ class Inbound:
             with peer.handing_over:
                 self._hand_over_all(peer.order.overdue(time.monotonic()))
 
-    def _take(self, peer: Peer, parcel: Parcel, head: wire.Head) -> bool:
+    def _accept(self, peer: Peer, parcel: Parcel, head: wire.Head) -> bool:
         """Deliver it, or keep it until what comes before it is here; whether its decoder needs a
         whole picture."""
         traffic = parcel.rule.traffic
@@ -119,7 +119,7 @@ class Inbound:
     def _acknowledge(
         self, source: str, head: wire.Head, keyframe: bool, link: str, poor: bool
     ) -> None:
-        ack = wire.pack_note(wire.Ack(head.boot, head.number, keyframe))
+        ack = wire.pack_note(wire.Acknowledgement(head.boot, head.number, keyframe))
         if link == "datagram":
             self._note(source, ack, "datagram")
         if link != "datagram" or poor:
@@ -158,7 +158,7 @@ class Inbound:
         """Whether it is the relay that bears the peer's name; a second one of the same name is
         reported and ignored."""
         with peer.lock:
-            heard = peer.heard(boot, now_s, where)
+            heard = peer.on_sign_of_life(boot, now_s, where)
         if heard is SignOfLife.DOUBLE:
             self._drop(
                 "a second machine of the same name",

@@ -102,7 +102,7 @@ class PeerMeasure:
         self._twin_where = ""
         self._displaced_since_s: Optional[float] = None
 
-    def heard(self, boot: int, now_s: float, where: str = "") -> SignOfLife:
+    def on_sign_of_life(self, boot: int, now_s: float, where: str = "") -> SignOfLife:
         """A sign of life of a relay that bears the peer's name; every start of a relay has a
         ``boot`` of its own.
 
@@ -118,7 +118,7 @@ class PeerMeasure:
             return SignOfLife.SAME
         patience_s = TWIN_S if boot in self._twins else SILENT_S
         if self.boot is not None and now_s - self._heard_s < patience_s:
-            self._heard_double(boot, now_s, where)
+            self._on_double(boot, now_s, where)
             return SignOfLife.DOUBLE
         self.boot, self._heard_s = boot, now_s
         self._rivals.clear()
@@ -128,7 +128,7 @@ class PeerMeasure:
             count.newest_sequence = 0
         return SignOfLife.NEW
 
-    def _heard_double(self, boot: int, now_s: float, where: str) -> None:
+    def _on_double(self, boot: int, now_s: float, where: str) -> None:
         self._twin_where = where or self._twin_where
         if boot in self._twins:
             self._twins[boot] = now_s

@@ -7,11 +7,11 @@ from typing import Any, Dict, List, Optional, Tuple
 _LONGEST_S = 1.0  # a command must not wait for ever for one that is older
 
 
-class Order:
+class DeliveryOrder:
     """Keeps the order of the messages of one peer, which counts anew in every ``boot``. ``first``
     of a message is the oldest of its topic that must be delivered before it.
 
-    >>> order = Order()
+    >>> order = DeliveryOrder()
     >>> order.came(7, "/t", 3, 1, "c", 0.0), order.came(7, "/t", 1, 1, "a", 0.1), order.came(7, "/t", 2, 1, "b", 0.2)
     ([], ['a'], ['b', 'c'])
     """

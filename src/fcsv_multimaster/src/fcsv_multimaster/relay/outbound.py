@@ -6,7 +6,7 @@ from collections import OrderedDict, deque
 from dataclasses import dataclass
 from typing import Deque, Dict, List, Optional, Set, Tuple
 
-from fcsv_multimaster.links import Rule
+from fcsv_multimaster.links import LinkRule
 
 _FIRST_REPEAT_S, _LAST_REPEAT_S = 0.03, 0.12
 _STREAM_REPEAT_S = 1.0  # TCP repeats by itself: this is for what fell into a cut
@@ -22,7 +22,7 @@ class Message:
     """A serialised message on its way out."""
 
     topic: str
-    rule: Rule
+    rule: LinkRule
     type: str
     md5: str
     data: bytes
@@ -154,7 +154,7 @@ class Pacer:
         self.dropped += message.topic in self._latest
         self._latest[message.topic] = message
 
-    def take(self, now_s: float) -> Optional[Message]:
+    def next_message(self, now_s: float) -> Optional[Message]:
         """The next to send, or None while the link is full or nothing waits."""
         self._forget_lost(now_s)
         if not self._waiting and not self._latest:

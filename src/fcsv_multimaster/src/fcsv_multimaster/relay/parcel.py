@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import Optional
 
-from fcsv_multimaster.links import Rule
+from fcsv_multimaster.links import LinkRule
 from fcsv_multimaster.network import wire
 from fcsv_multimaster.relay.outbound import Message
 
@@ -21,7 +21,7 @@ class Parcel:
     sequence: int
     packing: int
     data: bytes
-    rule: Rule
+    rule: LinkRule
     age_s: Optional[float]
     came_s: float
     unsure_s: float = 0.0

@@ -5,9 +5,9 @@ import threading
 from typing import Dict, List, Tuple
 
 from fcsv_geometry.streams.flow import RateGate
-from fcsv_multimaster.links import Rule
+from fcsv_multimaster.links import LinkRule
 from fcsv_multimaster.relay.measure import PeerMeasure, SignOfLife
-from fcsv_multimaster.relay.order import Order
+from fcsv_multimaster.relay.order import DeliveryOrder
 from fcsv_multimaster.relay.outbound import Message, Pacer, Remembered, Repeater
 
 _CALL_S = 0.7
@@ -18,7 +18,7 @@ _POOR_HZ = 12.0  # of each state by datagram, where many are lost
 class Peer:
     """Hold ``lock`` for everything but the rules; time is an argument."""
 
-    def __init__(self, name: str, exports: Dict[str, Rule], imports: Dict[str, Rule]):
+    def __init__(self, name: str, exports: Dict[str, LinkRule], imports: Dict[str, LinkRule]):
         self.name, self.exports, self.imports = name, exports, imports
         self.lock = threading.RLock()
         self.measure = PeerMeasure()
@@ -27,7 +27,7 @@ class Peer:
         self.rescue = Pacer(lost_after_s=0.6, most_in_flight=8)
         self.last: Dict[str, Message] = {}  # of every latched topic
         # hold it while what is in order is delivered
-        self.order, self.handing_over = Order(), threading.RLock()
+        self.order, self.handing_over = DeliveryOrder(), threading.RLock()
         self.keyframe = False  # its decoder asked for a whole picture
         self._limits = {
             t: RateGate.bursting(r.most_hz) for t, r in exports.items() if r.most_hz is not None
@@ -40,10 +40,10 @@ class Peer:
         self._called_s = 0.0
         self._contact_s = float("-inf")
 
-    def heard(self, boot: int, now_s: float, where: str = "") -> SignOfLife:
+    def on_sign_of_life(self, boot: int, now_s: float, where: str = "") -> SignOfLife:
         """A sign of life of a relay that bears this name."""
         was_there = self.measure.alive(now_s)
-        heard = self.measure.heard(boot, now_s, where)
+        heard = self.measure.on_sign_of_life(boot, now_s, where)
         if not was_there:
             self._contact_s = now_s
         if heard is SignOfLife.NEW:

@@ -9,7 +9,7 @@ from fcsv_multimaster.relay.parcel import Parcel
 
 
 class SentTimes:
-    """``came`` notes each parcel that is published here; ``take`` gives what is new. Several
+    """``came`` notes each parcel that is published here; ``drain`` gives what is new. Several
     threads may call."""
 
     def __init__(self):
@@ -26,7 +26,7 @@ class SentTimes:
         with self._lock:
             self._new[parcel.topic] = parcel.came_s - age_s
 
-    def take(self) -> Dict[str, float]:
+    def drain(self) -> Dict[str, float]:
         """Topic to the monotonic time (s) of this machine at which its newest message was sent at
         the latest."""
         with self._lock:

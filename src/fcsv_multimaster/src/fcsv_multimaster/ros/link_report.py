@@ -26,7 +26,7 @@ def status_of(
 ):
     """A DiagnosticStatus of the link from ``machine`` to ``peer``."""
     link = report["link"]
-    level, text = judge(link)
+    level, text = assess(link)
     values = [KeyValue(k, _spell(v)) for k, v in link.items()]
     values += [KeyValue("encrypted", str(encrypted)), KeyValue("tcp", congestion_control())]
     values += [KeyValue(f"jpeg step {name}", str(step)) for name, step in picture_steps.items()]
@@ -39,7 +39,7 @@ def status_of(
     )
 
 
-def judge(link: Dict) -> tuple:
+def assess(link: Dict) -> tuple:
     """(level, one line) of a link's figures."""
     if not link["alive"]:
         return DiagnosticStatus.ERROR, "no answer"

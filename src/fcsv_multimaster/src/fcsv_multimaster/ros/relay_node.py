@@ -147,7 +147,7 @@ class RelayNode:
     def _send_tf(self, topic: str) -> None:
         h = self._tf_header.get(topic)
         for peer, out in self._tf[topic].items():
-            data = out.take() if h is not None else None
+            data = out.drain() if h is not None else None
             if data is not None:
                 self._exchange.send(
                     topic, h["type"], h["md5sum"], h.get("message_definition", ""), data, only=peer
@@ -161,7 +161,7 @@ class RelayNode:
         return self._inbox.deliver(parcel)
 
     def _tell_ages(self) -> None:
-        sent = self._inbox.sent.take()
+        sent = self._inbox.sent.drain()
         if sent:
             self._ages.publish(
                 RelayAges(conversions.header(rospy.get_time(), ""), list(sent), list(sent.values()))

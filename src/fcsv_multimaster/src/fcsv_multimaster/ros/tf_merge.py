@@ -41,7 +41,7 @@ class TfOut:
                     self._newest[t.child_frame_id] = t
             return bool(self._newest)
 
-    def take(self) -> Optional[bytes]:
+    def drain(self) -> Optional[bytes]:
         """A serialised TFMessage: of /tf what is new since the last, of /tf_static all there is."""
         with self._lock:
             transforms = [self._newest[k] for k in sorted(self._newest)]

@@ -14,7 +14,7 @@ from fcsv_sim.autopilot.controller import Controller
 from fcsv_sim.autopilot.estimator import Estimator
 from fcsv_sim.autopilot.ground import READY_S, LandDetector, PreArmTalk, StickArming
 from fcsv_sim.autopilot.laws import FlightLaws
-from fcsv_sim.autopilot.origin import Origin
+from fcsv_sim.autopilot.origin import EkfOrigin
 from fcsv_sim.people import rc
 
 ACCEPTED, FAILED, DENIED, UNSUPPORTED = 0, 4, 2, 3  # MAV_RESULT
@@ -31,7 +31,7 @@ class Autopilot(FlightLaws):
         super().__init__(Estimator(seed, ready_s), Controller(hover_thrust))
         self.armed = False
         self.boots = 1  # how often it was started: whoever speaks for it begins anew
-        self._origin = Origin()
+        self._origin = EkfOrigin()
         self.barometer = Barometer(seed)
         self.battery_v = 16.8
         self.battery_share = 1.0
@@ -148,7 +148,7 @@ class Autopilot(FlightLaws):
         """
         self.estimator.begin()
         self.controller.reset()
-        self._origin = Origin()
+        self._origin = EkfOrigin()
         self.boots += 1
         self._pre_arm_talk = PreArmTalk()
         self.texts.clear()
@@ -174,7 +174,7 @@ class Autopilot(FlightLaws):
     def prearm_failures(self, now_s: float) -> List[str]:
         """Reasons not to arm, as ArduCopter words them."""
         reasons = []
-        if not self.estimator.feed_healthy(now_s):
+        if not self.estimator.vision_healthy(now_s):
             reasons.append("VisOdom: not healthy")
         if self.origin is None:
             reasons.append("AHRS: waiting for home")

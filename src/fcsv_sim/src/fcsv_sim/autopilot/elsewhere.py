@@ -95,7 +95,7 @@ class TrueMotion:
         self._came_s = float("-inf")
         self._T_world_body = self._T_world_start
 
-    def take(self, came_s: float, message) -> TrueState:
+    def on_sim_state(self, came_s: float, message) -> TrueState:
         """The state that a SIM_STATE tells; ``came_s`` by the wall clock. Raises ElsewhereError
         where it lies."""
         if not all(

@@ -177,7 +177,7 @@ class Estimator:
         """Whether the firmware itself is still starting."""
         return self._boot_s is None or now_s - self._boot_s < min(1.0, 0.5 * self.ready_s)
 
-    def feed_healthy(self, now_s: float) -> bool:
+    def vision_healthy(self, now_s: float) -> bool:
         """A message within 300 ms."""
         return self._vision_s is not None and now_s - self._vision_s < HEALTHY_S
 

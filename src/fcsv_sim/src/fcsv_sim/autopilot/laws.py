@@ -9,7 +9,7 @@ import numpy as np
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.controller import Controller, WayLimits
 from fcsv_sim.autopilot.estimator import Estimator
-from fcsv_sim.autopilot.sticks import Climb, LoiterVelocity, StickParameters, beyond_dead
+from fcsv_sim.autopilot.sticks import LoiterVelocity, StickClimb, StickParameters, beyond_dead
 
 _RC_LOST_S = 1.0
 _VELOCITY_TIMEOUT_S = 3.0
@@ -25,7 +25,7 @@ class FlightLaws:
         self.estimator, self.controller = estimator, controller
         self.mode = modes.STABILIZE
         self.stick_parameters = StickParameters()
-        self._loiters, self._climb = LoiterVelocity(), Climb()
+        self._loiters, self._climb = LoiterVelocity(), StickClimb()
         self._flying = False
         self._sticks: Sequence[float] = (0.0, 0.0, -1.0, 0.0)  # roll, pitch, throttle, yaw
         self._rc_s: Optional[float] = None

@@ -23,7 +23,7 @@ _LOCAL, _IGNORE_XYZ, _IGNORE_V, _IGNORE_A, _IGNORE_YAW = 1, 0x007, 0x038, 0x1C0,
 
 
 class MavlinkServer:
-    """Speaks for one Autopilot: ``take`` what came, ``step`` often, send what ``outgoing``
+    """Speaks for one Autopilot: ``receive`` what came, ``step`` often, send what ``outgoing``
     gives."""
 
     def __init__(self, autopilot: Autopilot, system_id: int):
@@ -63,7 +63,7 @@ class MavlinkServer:
         self._boot_s: Optional[float] = None
         self._next_timesync_s = 0.0
 
-    def take(self, now_s: float, message) -> None:
+    def receive(self, now_s: float, message) -> None:
         """One message from a companion or a ground station."""
         self._begin(now_s)
         self._client_seen = True

@@ -6,7 +6,7 @@ from typing import Optional, Tuple
 _FIELD_ELEVATION_S = 1.0
 
 
-class Origin:
+class EkfOrigin:
     """One that is set before the filter begins is confirmed and lost when it begins. While one at
     altitude 0 is reported and the vehicle is disarmed, the height datum is reset once a second
     (``step`` says when)."""

@@ -67,7 +67,7 @@ def beyond_dead(stick: float, dead: float = _LEVEL_DEAD) -> float:
     return 0.0 if abs(stick) <= dead else math.copysign((abs(stick) - dead) / (1.0 - dead), stick)
 
 
-class Climb:
+class StickClimb:
     """The climb rate (m/s) that a stick brings about, eased in and out; ``mps2``: how it changes
     now."""
 

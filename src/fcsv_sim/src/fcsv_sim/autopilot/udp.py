@@ -17,7 +17,7 @@ _EPOCH_S = 1420070400.0  # 2015-01-01, from which MAVLink counts
 _AHEAD = 6_000_000  # ticks: ArduCopter begins a minute after the time that it kept
 
 
-class UdpLine:
+class AutopilotUdp:
     """Carries a MavlinkServer's messages; ``companion`` is HOST:PORT. ``step`` never waits. With a
     ``key`` of 32 bytes, or one that the server was given by SETUP_SIGNING, it signs, and hears
     nothing that is not signed with it; ``usb``: as ArduCopter's first port (SERIAL0), it then signs
@@ -53,7 +53,7 @@ class UdpLine:
             if message is None:
                 break
             if message.get_type() != "BAD_DATA":
-                self._server.take(now_s, message)
+                self._server.receive(now_s, message)
                 self._sign()
         self._server.step(now_s, attitude_rpy_rad)
         for message in self._server.outgoing():

@@ -25,8 +25,8 @@ from fcsv_sim.demo.autopilots import addresses, require_there
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.held import held, held_in_words
 from fcsv_sim.demo.look import look, stay, write_play
+from fcsv_sim.demo.monitored import evaluate, load, write_table
 from fcsv_sim.demo.monitored import in_words as monitored_in_words
-from fcsv_sim.demo.monitored import judge, load, write_table
 from fcsv_sim.demo.narration import Narrator, in_minutes, wait
 from fcsv_sim.demo.own_camera import own_camera
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
@@ -140,7 +140,7 @@ def _run(
         )
     say(f"session: {plan.session_folder}")
     if plan.monitor:
-        _judge_monitoring(plan)
+        _evaluate_monitoring(plan)
     if fly_only:
         return 0
     for each in _maps(system, plan, method):
@@ -177,9 +177,9 @@ def _what_comes(mission: Mission, fly_only: bool, robot: bool = False) -> str:
     return f"what comes: {'; '.join(steps)} (longer on a busy machine); Ctrl-C lands and stops all"
 
 
-def _judge_monitoring(plan: FleetPlan) -> None:
+def _evaluate_monitoring(plan: FleetPlan) -> None:
     """Against the truth; the table beside the images."""
-    judged = judge(load(plan.monitor_folder), load_truth(plan.session_folder / "truth"))
+    judged = evaluate(load(plan.monitor_folder), load_truth(plan.session_folder / "truth"))
     write_table(judged, plan.monitor_folder / "frames.csv")
     print("\n".join(monitored_in_words(judged)))
     print(f"depth images of monitoring: {plan.monitor_folder}")

@@ -21,7 +21,7 @@ class MapsInFlight:
         if self._begun_s is None:
             self._begun_s = now_s
 
-    def told(self, message, now_s: float) -> Optional[str]:
+    def on_map_state(self, message, now_s: float) -> Optional[str]:
         """A fcsv_msgs/MapState as one line; None where it says nothing new."""
         said = (message.state, message.detail, message.configurations)
         if said == self._said or message.state not in _SAID:

@@ -65,7 +65,7 @@ class Unjudged:
 
 
 @dataclass(frozen=True)
-class Judged:
+class MonitoringScore:
     """A frame against the truth; ``whole``: pixels that each thing that moves would take if nothing
     stood before it."""
 
@@ -107,7 +107,7 @@ def load(folder: Path) -> List[Frame]:
     return sorted(frames, key=lambda f: f.stamp_s)
 
 
-def judge(frames: Sequence[Frame], truth: Truth) -> List[Judged]:
+def evaluate(frames: Sequence[Frame], truth: Truth) -> List[MonitoringScore]:
     """Raises InputError where the truth lacks one of them."""
     scene, judged = TrueScene(truth), []
     for f in frames:
@@ -128,7 +128,9 @@ def judge(frames: Sequence[Frame], truth: Truth) -> List[Judged]:
         unjudged = tuple(
             Unjudged(name, int(on[name].sum()), whole[name], least, name in alone) for name in rest
         )
-        judged.append(Judged(f, band(f.depth, true_depth, (0.0, _MOST_M)), seen, unjudged, whole))
+        judged.append(
+            MonitoringScore(f, band(f.depth, true_depth, (0.0, _MOST_M)), seen, unjudged, whole)
+        )
     return judged
 
 
@@ -146,7 +148,7 @@ def _alone(
     return bool(shares) and all(s is not None and s < _SEEN for s in shares)
 
 
-def write_table(judged: Sequence[Judged], path: Path) -> None:
+def write_table(judged: Sequence[MonitoringScore], path: Path) -> None:
     """One row for each frame, and for each thing that moves in it, with what becomes of it
     (``verdict``)."""
     with open(path, "w", newline="") as file:
@@ -207,7 +209,7 @@ def verdict(m: Moving) -> str:
     return "right" if m.median_relative_error <= MOST_ERROR else "off"
 
 
-def in_words(judged: Sequence[Judged]) -> List[str]:
+def in_words(judged: Sequence[MonitoringScore]) -> List[str]:
     """Lines for the end of a demo; of what moves every image is counted, and why where it is not
     judged."""
     if not judged:
@@ -225,7 +227,7 @@ def in_words(judged: Sequence[Judged]) -> List[str]:
     return lines + [_of_mover_in_words(name, judged) for name in names]
 
 
-def _of_mover_in_words(name: str, judged: Sequence[Judged]) -> str:
+def _of_mover_in_words(name: str, judged: Sequence[MonitoringScore]) -> str:
     of = [m for j in judged for m in j.moving if m.name == name]
     errors = [m.median_relative_error for m in of if m.median_relative_error is not None]
     said = Counter(map(verdict, of))

@@ -13,7 +13,7 @@ from fcsv_geometry.missions.mission import load_mission
 from fcsv_geometry.missions.phases import PHASES
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, Machines
 from fcsv_sim.demo.site import PairSite
-from fcsv_sim.tello.pictures import VideoParameters
+from fcsv_sim.tello.pictures import SimulatedVideoParameters
 from fcsv_sim.tello.places import TelloPlace
 from fcsv_stereo.sessions.files import bags_of
 
@@ -101,7 +101,7 @@ class SimulatedTellos(Machines):
     def _calibration(self, name: str) -> str:
         """The file that ``calibrate_camera`` would write of its camera."""
         path = self.plan.run_folder / f"camera_{name}.yaml"
-        write_camera(path, name, VideoParameters().camera.model)
+        write_camera(path, name, SimulatedVideoParameters().camera.model)
         return os.fspath(path)
 
 

@@ -117,7 +117,7 @@ class SimulatedBus:
                 continue
             heard += os.read(self._host, 1024)
             while True:
-                packet = _take_packet(heard)
+                packet = _pop_packet(heard)
                 if packet is None:
                     break
                 self._obey(packet)
@@ -163,7 +163,7 @@ def _checksum(body: bytes) -> int:
     return ~sum(body) & 0xFF
 
 
-def _take_packet(heard: bytearray) -> Optional[bytes]:
+def _pop_packet(heard: bytearray) -> Optional[bytes]:
     """The first whole packet, taken out of what was heard; what cannot begin one is dropped."""
     while len(heard) >= 2 and heard[:2] != b"\xff\xff":
         del heard[0]

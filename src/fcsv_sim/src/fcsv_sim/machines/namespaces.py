@@ -21,7 +21,7 @@ _LOCK = threading.Lock()
 
 
 @dataclass(frozen=True)
-class Pair:
+class NamespacePair:
     """Names of the two namespaces, and the addresses in them."""
 
     device: str
@@ -51,7 +51,7 @@ def permitted() -> str:
 
 
 @contextlib.contextmanager
-def pair(name: str, device_address: str, pilot_address: str) -> Iterator[Pair]:
+def pair(name: str, device_address: str, pilot_address: str) -> Iterator[NamespacePair]:
     """Two namespaces joined by a cable, each with its address (/24), removed again at the end of
     the block.
 
@@ -65,13 +65,13 @@ def pair(name: str, device_address: str, pilot_address: str) -> Iterator[Pair]:
 
 
 @contextlib.contextmanager
-def named(stem: str, device_address: str, pilot_address: str) -> Iterator[Pair]:
+def named(stem: str, device_address: str, pilot_address: str) -> Iterator[NamespacePair]:
     """The same with names that others can know before: STEM-device and STEM-pilot.
 
     Where they are there already they are used, and stay. Raises NamespaceError.
     """
     sweep()
-    made = Pair(f"{stem}-device", f"{stem}-pilot", device_address, pilot_address)
+    made = NamespacePair(f"{stem}-device", f"{stem}-pilot", device_address, pilot_address)
     if exists(made.device) and exists(made.pilot):
         yield made
         return
@@ -84,7 +84,7 @@ def named(stem: str, device_address: str, pilot_address: str) -> Iterator[Pair]:
         guard.wait()
 
 
-def _join(made: Pair) -> None:
+def _join(made: NamespacePair) -> None:
     _ip("netns", "add", made.device)
     _ip("netns", "add", made.pilot)
     _ip(
@@ -107,7 +107,7 @@ def _join(made: Pair) -> None:
         _ip("-n", space, "link", "set", "wlan0", "up")
 
 
-def _guard(made: Pair) -> subprocess.Popen:
+def _guard(made: NamespacePair) -> subprocess.Popen:
     """A process that removes both once its input is closed: by us, or by the kernel when we are
     dead."""
     script = 'cat > /dev/null; for space; do ip netns del "$space" 2> /dev/null; done'

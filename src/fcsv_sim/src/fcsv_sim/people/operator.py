@@ -40,7 +40,7 @@ _AGAINST = 0.7  # of the sway of those who sway against the one in front: its ta
 
 
 @dataclass(frozen=True)
-class Sticks:
+class TransmitterSticks:
     """-1..1: roll right, pitch forward, throttle up, yaw right; and the mode switch."""
 
     roll: float = 0.0
@@ -106,7 +106,7 @@ class Pilot:
         self._in_land_s: Optional[float] = None  # since when it has been in LAND
         self._by_thrust_s: Optional[float] = None  # since when in STABILIZE with his hands off
 
-    def sticks(self, now_s: float, phase: str, sight: Sight) -> Sticks:
+    def sticks(self, now_s: float, phase: str, sight: Sight) -> TransmitterSticks:
         """Sticks for the mission's phase, which is empty while the control PC is dead; what is seen
         is acted upon 0.3 s later."""
         sight = self._reacted_to(now_s, sight)
@@ -118,7 +118,7 @@ class Pilot:
         self._switch = sticks.mode
         return sticks
 
-    def land_by_hand(self, now_s: float, sight: Sight) -> Sticks:
+    def land_by_hand(self, now_s: float, sight: Sight) -> TransmitterSticks:
         """LAND, to the end; beside who is beneath, if that can be flown to in time."""
         if self._landing_s is None:
             self._landing_s, self._beside = now_s, beside(sight.T_world_body[:3, 3], sight.others)
@@ -127,16 +127,18 @@ class Pilot:
         since_s = now_s - self._landing_s
         if self._beside is None or since_s > _BESIDE_S:
             return (
-                Sticks(mode=Mode.LAND)
+                TransmitterSticks(mode=Mode.LAND)
                 if since_s < _BESIDE_S + _NO_LANDING_S
                 else self._bring_down(sight)
             )
         if since_s < _FLICK_S and sight.mode != Mode.LOITER:
-            return Sticks(mode=Mode.ALT_HOLD)  # the switch may be at LOITER already: away and back
+            return TransmitterSticks(
+                mode=Mode.ALT_HOLD
+            )  # the switch may be at LOITER already: away and back
         if np.linalg.norm((self._beside - sight.T_world_body[:3, 3])[:2]) < _BESIDE_M:
             self._beside = None
         return (
-            Sticks(mode=Mode.LAND)
+            TransmitterSticks(mode=Mode.LAND)
             if self._beside is None
             else self._fly_to(now_s, self._beside, np.zeros(3), sight)
         )
@@ -167,12 +169,12 @@ class Pilot:
         return self._seen[0][1]
 
     @staticmethod
-    def _bring_down(sight: Sight) -> Sticks:
+    def _bring_down(sight: Sight) -> TransmitterSticks:
         """Moves the sticks, in ALT_HOLD, which needs no position: against the way that it flies,
         and down."""
         forward, left = in_body(np.clip(-0.8 * sight.v_world_mps[:2], -2.0, 2.0), sight)
         lean = [_clip(a / 9.81 / _LEAN_RAD) for a in (-left, forward)]
-        return Sticks(
+        return TransmitterSticks(
             *lean, -0.6 if sight.T_world_body[2, 3] > _LOW_M else -1.0, 0.0, Mode.ALT_HOLD
         )
 
@@ -195,9 +197,9 @@ class Pilot:
         )
         return late or self._runs_off(now_s, sight)
 
-    def _decide(self, now_s: float, phase: str, sight: Sight) -> Sticks:
+    def _decide(self, now_s: float, phase: str, sight: Sight) -> TransmitterSticks:
         if self._landing_s is not None and not sight.armed:
-            return Sticks(throttle=-1.0, mode=Mode.ALT_HOLD)  # down for good
+            return TransmitterSticks(throttle=-1.0, mode=Mode.ALT_HOLD)  # down for good
         if self._landing_s is not None or (sight.armed and self._must_land(now_s, phase, sight)):
             return self.land_by_hand(now_s, sight)
         if phase == "WAIT_VEHICLES" and sight.armed:
@@ -206,7 +208,7 @@ class Pilot:
         if (phase == "WAIT_VEHICLES" and not self._airborne) or (
             phase in ("DONE", "ABORTED") and not sight.armed
         ):
-            return Sticks(throttle=-1.0, mode=Mode.ALT_HOLD)
+            return TransmitterSticks(throttle=-1.0, mode=Mode.ALT_HOLD)
         if phase == "TAKE_OFF" and not (self._airborne and sight.mode == Mode.LOITER):
             return self._take_off(now_s, sight)
         if phase in _BY_HAND:
@@ -219,18 +221,18 @@ class Pilot:
                 return self.land_by_hand(now_s, sight)
         return self._hands_off(now_s, sight)  # the mission flies, or the autopilot lands
 
-    def _hands_off(self, now_s: float, sight: Sight) -> Sticks:
+    def _hands_off(self, now_s: float, sight: Sight) -> TransmitterSticks:
         """Not in STABILIZE, where a stick in the middle climbs for ever: where his switch is
         refused, ALT_HOLD."""
         by_thrust = sight.armed and sight.mode == Mode.STABILIZE
         self._by_thrust_s = (self._by_thrust_s or now_s) if by_thrust else None
-        return Sticks(
+        return TransmitterSticks(
             mode=Mode.ALT_HOLD
             if by_thrust and now_s - self._by_thrust_s > _REFUSED_S
             else self._switch
         )
 
-    def _take_off(self, now_s: float, sight: Sight) -> Sticks:
+    def _take_off(self, now_s: float, sight: Sight) -> TransmitterSticks:
         if not sight.armed:
             return self._arm(now_s)
         z = sight.T_world_body[2, 3]
@@ -239,19 +241,21 @@ class Pilot:
             self._airborne = True
         if not self._airborne:
             roll, pitch = self._lean_back_to_column(sight)
-            return Sticks(roll, pitch, 0.75 if z < target_z - 1.0 else 0.4, 0.0, Mode.ALT_HOLD)
+            return TransmitterSticks(
+                roll, pitch, 0.75 if z < target_z - 1.0 else 0.4, 0.0, Mode.ALT_HOLD
+            )
         if now_s - self._switched_s > 2.5:  # refused (no position yet)? switch back and forth again
             self._switched_s = now_s
         roll, pitch = self._lean_back_to_column(sight)
         mode = Mode.ALT_HOLD if now_s - self._switched_s < 0.3 else Mode.LOITER
-        return Sticks(roll, pitch, 0.0, 0.0, mode)
+        return TransmitterSticks(roll, pitch, 0.0, 0.0, mode)
 
-    def _arm(self, now_s: float) -> Sticks:
+    def _arm(self, now_s: float) -> TransmitterSticks:
         """Throttle low, rudder right for three seconds; let go for one and try again."""
         if self._arming_since_s is None or now_s - self._arming_since_s > 4.0:
             self._arming_since_s = now_s + 0.3 * self._index
         rudder = 1.0 if 0.0 <= now_s - self._arming_since_s < 3.0 else 0.0
-        return Sticks(throttle=-1.0, yaw=rudder, mode=Mode.ALT_HOLD)
+        return TransmitterSticks(throttle=-1.0, yaw=rudder, mode=Mode.ALT_HOLD)
 
     def _lean_back_to_column(self, sight: Sight) -> Tuple[float, float]:
         """Roll and pitch sticks in ALT_HOLD, where a stick is a lean."""
@@ -261,7 +265,9 @@ class Pilot:
         forward, left = in_body(acc, sight)
         return _clip(-left / 9.81 / _LEAN_RAD), _clip(forward / 9.81 / _LEAN_RAD)
 
-    def _fly_to(self, now_s: float, goal: np.ndarray, v_goal: np.ndarray, sight: Sight) -> Sticks:
+    def _fly_to(
+        self, now_s: float, goal: np.ndarray, v_goal: np.ndarray, sight: Sight
+    ) -> TransmitterSticks:
         """Sticks in LOITER, where a stick is a velocity, sooner or later."""
         error = goal - sight.T_world_body[:3, 3]
         v = v_goal + np.minimum(1.2, np.maximum(-1.2, 0.7 * error))
@@ -276,11 +282,11 @@ class Pilot:
             )
             lean = [_clip(a / 9.81 / _LEAN_RAD) for a in (-left, forward)]
             mode = Mode.ALT_HOLD if sight.mode == Mode.STABILIZE else Mode.LOITER
-            return Sticks(*lean, throttle, 0.0, mode)
+            return TransmitterSticks(*lean, throttle, 0.0, mode)
         roll, pitch = feel.level(in_body(v[:2], sight), in_body(sight.v_world_mps[:2], sight))
         self._shake = 0.95 * self._shake + 0.004 * self._random.standard_normal(3)
         heading_rad = transforms.yaw(sight.T_world_body)
-        return Sticks(
+        return TransmitterSticks(
             roll=_clip(roll + self._shake[0]),
             pitch=_clip(pitch + self._shake[1]),
             throttle=throttle,

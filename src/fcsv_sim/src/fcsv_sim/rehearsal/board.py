@@ -51,7 +51,7 @@ from fcsv_geometry.vehicles.tracker import TrackerProfile
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.bringup import bringup
-from fcsv_sim.rehearsal.processes import Process
+from fcsv_sim.rehearsal.processes import RehearsedProcess
 from fcsv_tracking.odometry import BodyPose, EpochBegan
 from fcsv_tracking.odometry_port import BodySample, OdometryPort, TrackerSample
 
@@ -100,8 +100,8 @@ class OnBoard:
         self._odometry = OdometryPort(self.name, geometry.T_body_t265, tracker, _SAMPLES_HZ)
         self._frames = (tracker.odom_frame(self.name), tracker.pose_frame(self.name))
         self.epoch = EpochBegan()  # as its odometry told it last
-        self.link = Process(self._new_link)
-        self.agent = Process(
+        self.link = RehearsedProcess(self._new_link)
+        self.agent = RehearsedProcess(
             lambda now_s: AgentPort(self.name, rules, f"agent-{self.name}-{now_s}", now_s)
         )
         self.guardian_port = GuardianPort(self.name, guardian, 0.0)
@@ -131,7 +131,7 @@ class OnBoard:
             AskMode: self._guardian_asks,
             AutopilotState: self._shown,
             BatteryTold: self._battery,
-            BodySample: self._feed,
+            BodySample: self._on_body,
             EstimateMoved: self.agent.receive,
             HoldAt: self._hold,
             LinkLives: self.guardian_port.receive,
@@ -158,12 +158,12 @@ class OnBoard:
     def obey(self, instruction: Instruction) -> None:
         """A command came over the radio."""
         self.told(self.now_s, "ordered", instruction)
-        self._hear(self.now_s, instruction)
+        self._deliver(self.now_s, instruction)
 
-    def hear_control(self, alive: MissionAlive, latched: Mapping[object, object]) -> None:
+    def on_control(self, alive: MissionAlive, latched: Mapping[object, object]) -> None:
         """A sign of life of the mission came, and what the control PC told for good: once each."""
         now_s = self.now_s
-        self._hear(now_s, alive)
+        self._deliver(now_s, alive)
         for key, message in latched.items():
             if self._latched.get(key) is not message:
                 self._latched[key] = message
@@ -182,7 +182,7 @@ class OnBoard:
             OtherGuarded(self.name, self.verdict),
         )
 
-    def hear_other(self, sent_s: float, messages: Sequence[object]) -> None:
+    def on_other_vehicle(self, sent_s: float, messages: Sequence[object]) -> None:
         """Another vehicle told of itself, at ``sent_s`` as the relay measured it."""
         topics = [f"/{m.vehicle}/{m.topic}" for m in messages if isinstance(m, tm.VehicleOdometry)]
         for message in (tm.RelayAges(topics, [sent_s] * len(topics)), *messages):
@@ -193,7 +193,7 @@ class OnBoard:
         """Gives the guardian to look at."""
         return self.guardian_port.core
 
-    def _hear(self, now_s: float, message: object) -> None:
+    def _deliver(self, now_s: float, message: object) -> None:
         """Agent and guardian hear it."""
         self.guardian_port.receive(now_s, message)
         self.agent.receive(now_s, message)
@@ -209,7 +209,7 @@ class OnBoard:
         self._odometry.receive(now_s, TrackerSample(self._frames, stamp_s, p, q, *twist, ()))
         self._give(now_s, self._odometry)
 
-    def _feed(self, now_s: float, m: BodySample) -> None:
+    def _on_body(self, now_s: float, m: BodySample) -> None:
         if not m.goes_on:
             return
         self.odometry = m.pose
@@ -222,7 +222,7 @@ class OnBoard:
 
     def _began(self, now_s: float, m: tm.OdometryEpoch) -> None:
         self.epoch = EpochBegan(m.number, m.reason)
-        self._hear(now_s, m)
+        self._deliver(now_s, m)
 
     # ---- time ------------------------------------------------------------------------------------
 
@@ -249,11 +249,11 @@ class OnBoard:
 
     def _to_autopilot(self, now_s: float, output: ToAutopilot) -> None:
         self.told(now_s, "sent", output.message)
-        self._server.take(now_s, _as_received(output.message))
+        self._server.receive(now_s, _as_received(output.message))
 
     def _shown(self, now_s: float, s: AutopilotState) -> None:
         self.state, self.state_s = s, now_s
-        self._hear(now_s, tm.VehicleState(self.name, "", s.mode, s.armed, s.connected))
+        self._deliver(now_s, tm.VehicleState(self.name, "", s.mode, s.armed, s.connected))
 
     def _battery(self, now_s: float, m: BatteryTold) -> None:
         self.battery_share = m.share if self.battery_said is None else self.battery_said
@@ -266,7 +266,7 @@ class OnBoard:
         self.guardian_port.receive(now_s, m)
 
     def _estimated(self, now_s: float, m: PoseEstimated) -> None:
-        self._hear(now_s, m)
+        self._deliver(now_s, m)
         if self.state.mode and not self.state.armed:
             self._ground_m = float(m.T_odom_body[2, 3])
         self.height_m = float(m.T_odom_body[2, 3]) - self._ground_m

@@ -98,7 +98,7 @@ def _rehearse(args) -> int:
     print(speed_line([r for _, r in results]))
     broken = [(job, r) for job, r in results if r.violations]
     for job, r in broken[: args.show]:
-        print(_told(job, r))
+        print(_sentence(job, r))
     if len(broken) > args.show:
         print(f"and {len(broken) - args.show} more flights with violations (--show {len(broken)})")
     print(verdict_line([(job.name, r) for job, r in results]))
@@ -127,7 +127,7 @@ def _write(results: Sequence[Tuple[Job, Result]], path: str) -> None:
     Path(path).write_text(json.dumps(told, indent=1))
 
 
-def _told(job: Job, r: Result) -> str:
+def _sentence(job: Job, r: Result) -> str:
     told = "; ".join(f"{v.at_s:.1f} s: {v.text}" for v in r.violations)
     return f"--faults '{job.name}' --seed {job.seed}: {told} ({r.phase}: {r.detail})"
 
@@ -185,7 +185,7 @@ def _trace(job: Job, path: str) -> int:
     print(
         f"{job.name}, seed {job.seed}: {result.phase} ({result.detail}) after {result.flown_s:.1f} s"
     )
-    print("\n".join(f"{at_s:7.1f} s  {text}" for at_s, text in traced.told(result)))
+    print("\n".join(f"{at_s:7.1f} s  {text}" for at_s, text in traced.events(result)))
     print(f"wrote {os.path.abspath(path)}")
     return int(bool(result.violations))
 

@@ -246,7 +246,7 @@ class ControlPc:
                 MissionAlive(self.sender, clock_s),
                 {MissionFence: self._fence, **self._latched},
             )
-            self._radios[name].send(now_s, lambda m, v=vehicle: v.hear_control(*m), told)
+            self._radios[name].send(now_s, lambda m, v=vehicle: v.on_control(*m), told)
 
     def _dispatch(self, now_s: float, outputs: Sequence[object]) -> None:
         """What the ports give, to whom it is for."""

@@ -14,7 +14,7 @@ from fcsv_sim.rehearsal.control import ControlPc
 from fcsv_sim.rehearsal.invariants import LATE_FEED, NEEDLESS, OVERRULED, Invariants, Violation
 from fcsv_sim.rehearsal.radio import Radio, RadioQuality
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle, Start
-from fcsv_sim.rehearsal.witness import Answer, Witness
+from fcsv_sim.rehearsal.witness import FaultAnswer, Witness
 from fcsv_sim.trials.formation import formation_vehicle
 from fcsv_sim.vehicles.vehicle import PASS_S
 
@@ -35,7 +35,7 @@ class Result:
     nearest_m: float  # smallest distance between two vehicles in the air
     violations: List[Violation] = field(default_factory=list)
     faults: Sequence[str] = ()
-    answers: List[Answer] = field(default_factory=list)
+    answers: List[FaultAnswer] = field(default_factory=list)
     # smallest horizontal distance when one that lands comes past another
     crossing_m: float = float("inf")
     off_m: float = 0.0  # largest error of a recorded baseline
@@ -123,7 +123,7 @@ class Flight:
             for other, hearer in self.fleet.items():
                 if told and other != name and not self.radios[other].cut:
                     self.radios[name].send(
-                        now_s, lambda m, v=hearer, t=now_s: v.hear_other(t, m), told
+                        now_s, lambda m, v=hearer, t=now_s: v.on_other_vehicle(t, m), told
                     )
 
     def _people(self, now_s: float) -> None:

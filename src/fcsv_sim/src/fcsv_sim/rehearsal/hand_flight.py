@@ -10,7 +10,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.people import feel
-from fcsv_sim.people.operator import Sight, Sticks, in_body
+from fcsv_sim.people.operator import Sight, TransmitterSticks, in_body
 
 _LEAN_RAD = math.radians(30.0)
 _G = 9.81
@@ -36,15 +36,17 @@ class HandFlight:
         self._feel = feel.Feel()
         self._phase_rad = float(random.uniform(0.0, 2.0 * math.pi))
 
-    def sticks(self, since_s: float, sight: Sight) -> Sticks:
+    def sticks(self, since_s: float, sight: Sight) -> TransmitterSticks:
         """Gives the sticks of this moment."""
         if self._mode == Mode.LOITER and since_s < _FLICK_S and sight.mode != Mode.LOITER:
-            return Sticks(mode=Mode.ALT_HOLD)  # its switch may be at LOITER already: away and back
+            return TransmitterSticks(
+                mode=Mode.ALT_HOLD
+            )  # its switch may be at LOITER already: away and back
         if self._mode in (Mode.LAND, Mode.BRAKE):
-            return Sticks(mode=self._mode)
+            return TransmitterSticks(mode=self._mode)
         if self._drops and since_s < _DROP_S:
             self._here_m[2] = max(1.0, float(sight.T_world_body[2, 3]))
-            return Sticks(throttle=-1.0, mode=self._mode)
+            return TransmitterSticks(throttle=-1.0, mode=self._mode)
         error_m = self._goal_m(since_s) - sight.T_world_body[:3, 3]
         up_mps, seen_mps = float(np.clip(0.7 * error_m[2], -1.0, 1.0)), float(sight.v_world_mps[2])
         if self._mode == Mode.LOITER:
@@ -57,7 +59,9 @@ class HandFlight:
         else:
             throttle = self._feel.throttle(since_s, up_mps, seen_mps)
         yaw_rad = transforms.yaw(sight.T_world_body)
-        return Sticks(roll, pitch, throttle, float(np.clip(0.4 * yaw_rad, -0.3, 0.3)), self._mode)
+        return TransmitterSticks(
+            roll, pitch, throttle, float(np.clip(0.4 * yaw_rad, -0.3, 0.3)), self._mode
+        )
 
     def _goal_m(self, since_s: float) -> np.ndarray:
         if not self._roams:

@@ -13,7 +13,7 @@ _TOPICS = (PoseFed, SetPoint, SceneLook)
 _MOST_UNREAD = 2000  # what a socket keeps of a line that nobody reads
 
 
-class Process:
+class RehearsedProcess:
     """``make`` makes the port of a new process at a time. What is killed hears nothing and says
     nothing."""
 

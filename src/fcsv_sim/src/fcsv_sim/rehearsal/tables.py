@@ -8,7 +8,7 @@ from typing import Dict, List, Sequence, Tuple
 from fcsv_sim.rehearsal.calm import DEADLINES_S
 from fcsv_sim.rehearsal.flight import Result
 from fcsv_sim.rehearsal.invariants import KINDS
-from fcsv_sim.rehearsal.witness import Answer
+from fcsv_sim.rehearsal.witness import FaultAnswer
 
 _HEADS = (
     "fault",
@@ -103,7 +103,7 @@ def _row(fault: str, results: List[Result]) -> List[str]:
     ]
 
 
-def _reaction(answers: List[Answer]) -> Tuple[str, str]:
+def _reaction(answers: List[FaultAnswer]) -> Tuple[str, str]:
     times_s = [a.after_s for a in answers if a.after_s is not None]
     silent = sum(a.after_s is None for a in answers)
     if not answers:

@@ -38,7 +38,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TakeoverOutcome:
     """``commands`` that fought the pilot; ``reached``: whether the flight came to the phase,
     ``taken``: whether the autopilot was in the pilot's mode; it refuses LOITER and BRAKE before it
     has a position."""
@@ -54,7 +54,7 @@ def trials(mission: Mission, vehicles: int, seed: int) -> List[Trial]:
     return [Trial(mission, vehicles, seed, phase, mode) for phase in PHASES for mode in MODES]
 
 
-def fly(trial: Trial) -> Outcome:
+def fly(trial: Trial) -> TakeoverOutcome:
     """Flies until the phase, then for the time that the pilot has it. ABORTED is reached by an
     abort in CONFIGURATIONS."""
     flight = Flight(trial.mission, trial.vehicles, trial.seed)
@@ -74,7 +74,7 @@ def fly(trial: Trial) -> Outcome:
         while flight.now_s < begun_s + trial.taken_s:
             flight.step()
             taken |= vehicle.flown_by_hand and vehicle.by_hand[1] == modes.NUMBERS[trial.mode]
-    return Outcome(trial, reached, taken, tuple(commands))
+    return TakeoverOutcome(trial, reached, taken, tuple(commands))
 
 
 def _fly_to(flight: Flight, phase: str) -> bool:
@@ -90,7 +90,7 @@ def _fly_to(flight: Flight, phase: str) -> bool:
     return False
 
 
-def table(outcomes: Sequence[Outcome]) -> List[str]:
+def table(outcomes: Sequence[TakeoverOutcome]) -> List[str]:
     """Lines of a table: commands to the hand-flown vehicle, by phase and mode."""
     cells: Dict[Tuple[str, str], str] = {}
     for o in outcomes:

@@ -46,7 +46,7 @@ class Trace:
             a = vehicle.autopilot
             self._modes[name].append(modes.NAMES[a.mode] if a.armed else "")
 
-    def told(self, result: Result) -> List[Tuple[float, str]]:
+    def events(self, result: Result) -> List[Tuple[float, str]]:
         """What happened when (s): phases, faults, modes, violations."""
         lines = [(s, f"phase {phase}") for s, phase in self._phases] + [
             (s, f"FAULT {what}") for s, what in self._began

@@ -16,7 +16,7 @@ from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
-from fcsv_sim.people.operator import Sight, Sticks
+from fcsv_sim.people.operator import Sight, TransmitterSticks
 from fcsv_sim.people.rc import frame_of
 from fcsv_sim.rehearsal.board import OnBoard
 from fcsv_sim.sensors.scene import SimulatedScene
@@ -82,7 +82,7 @@ class RehearsedVehicle(OnBoard):
             body.T_world_body, body.velocity_mps, armed, self.state.mode, share, tuple(others_m)
         )
 
-    def sticks(self, now_s: float, s: Sticks) -> None:
+    def sticks(self, now_s: float, s: TransmitterSticks) -> None:
         """A frame of its transmitter."""
         self.autopilot.rc_frame(now_s, frame_of(s.roll, s.pitch, s.throttle, s.yaw, s.mode))
         moved, self._switch_at = s.mode != self._switch_at, s.mode
@@ -135,6 +135,6 @@ class RehearsedVehicle(OnBoard):
             self._scene_epoch = self.epoch.number
             self.scene.begin_again()
         angular_radps = np.array(self.odometry.angular_radps)
-        seen = self.scene.see(now_s, T_world_body, self.T_odom_body, angular_radps)
+        seen = self.scene.observe(now_s, T_world_body, self.T_odom_body, angular_radps)
         if seen is not None:
             self.link.receive(now_s, seen)

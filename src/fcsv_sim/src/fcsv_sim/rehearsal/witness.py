@@ -19,7 +19,7 @@ _CALM_MPS = 0.3
 
 
 @dataclass
-class Answer:
+class FaultAnswer:
     """Is the answer to one fault. ``after_s`` None: nobody answered. ``moved_m``: from the place at
     the fault until then."""
 
@@ -42,14 +42,16 @@ class Witness:
         # the taking over, and when the companion knew
         self._heard_s: Dict[str, Tuple[Optional[float], float]] = {}
         self._consent_s = float("-inf")
-        self._open: List[Tuple[float, RehearsedVehicle, np.ndarray, Answer]] = []
-        self.answers: List[Answer] = []
+        self._open: List[Tuple[float, RehearsedVehicle, np.ndarray, FaultAnswer]] = []
+        self.answers: List[FaultAnswer] = []
         self.begun: List[Tuple[float, str, str]] = []  # time, fault, vehicle
         self._asides: Set[str] = set()  # vehicles for which a way-point is an answer
         # all that would move a vehicle, without set-points
         self.commands: List[Tuple[float, str, str]] = []
         for vehicle in fleet.values():
-            vehicle.told = lambda now_s, what, which, v=vehicle: self._hear(now_s, v, what, which)
+            vehicle.told = lambda now_s, what, which, v=vehicle: self._on_event(
+                now_s, v, what, which
+            )
 
     def confirmed(self, now_s: float) -> None:
         """The operator handed over to the mission: from now on it may take who was hand-flown until
@@ -68,7 +70,7 @@ class Witness:
         vehicle = endangered or befallen
         flown = vehicle.autopilot.mode == modes.GUIDED and not vehicle.flown_by_hand
         speed_mps = float(np.linalg.norm(vehicle.body.velocity_mps))
-        answer = Answer(fault, flown, speed_mps < _CALM_MPS)
+        answer = FaultAnswer(fault, flown, speed_mps < _CALM_MPS)
         self.answers.append(answer)
         self.begun.append((now_s, fault, befallen.name))
         if endangered is not None:
@@ -86,7 +88,7 @@ class Witness:
         for vehicle in self._fleet.values():
             self._knows(now_s, vehicle)
 
-    def _hear(self, now_s: float, vehicle: RehearsedVehicle, what: str, which) -> None:
+    def _on_event(self, now_s: float, vehicle: RehearsedVehicle, what: str, which) -> None:
         if what == "sent":
             self._sent(now_s, vehicle, which)
         elif what == "held" or which.kind in (Kind.HOLD, Kind.LAND):

@@ -25,7 +25,7 @@ _S0, _S1, _S2 = (float(v) for v in SUN)
 
 
 @dataclass(frozen=True)
-class Body:
+class RenderedBody:
     """A vehicle at a place: T_world_body."""
 
     geometry: VehicleGeometry
@@ -42,7 +42,7 @@ class BoxedThing:
     radius_m: float
 
 
-Drawn = Union[Body, BoxedThing]
+Drawn = Union[RenderedBody, BoxedThing]
 
 
 def _parts() -> np.ndarray:

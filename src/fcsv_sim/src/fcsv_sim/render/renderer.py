@@ -8,7 +8,7 @@ import numpy as np
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.transforms import require_rigid
 from fcsv_sim.render import lens, sampling
-from fcsv_sim.render.bodies import Body, draw_bodies
+from fcsv_sim.render.bodies import RenderedBody, draw_bodies
 from fcsv_sim.render.caster import make_caster
 from fcsv_sim.render.rays import T, ray_buffer, set_rays
 from fcsv_sim.render.shade import shade_rays
@@ -43,7 +43,7 @@ class Renderer:
         T_world_cam: np.ndarray,
         camera: PinholeCamera,
         exposure: float = 1.0,
-        bodies: Sequence[Body] = (),
+        bodies: Sequence[RenderedBody] = (),
         samples: int = 5,
     ) -> Tuple[np.ndarray, np.ndarray]:
         """rgb (H,W,3) uint8 and depth (H,W) float32: metres along the optical axis, NaN for sky."""
@@ -55,7 +55,7 @@ class Renderer:
         T_world_cam: np.ndarray,
         camera: PinholeCamera,
         exposure: float = 1.0,
-        bodies: Sequence[Body] = (),
+        bodies: Sequence[RenderedBody] = (),
         samples: int = 5,
     ) -> Tuple[np.ndarray, np.ndarray]:
         """The same before it is made into bytes: float32 0..1. Raises GeometryError where the pose

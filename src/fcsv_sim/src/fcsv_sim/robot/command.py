@@ -23,7 +23,7 @@ from fcsv_sim.robot.mapped import mapped_place
 from fcsv_sim.robot.rehearsal import LONGEST_S, DriveResult, RobotDrive
 from fcsv_sim.robot.rehearsal_picture import draw_drive
 from fcsv_sim.robot.rehearsal_table import stations_line, table, verdict_line
-from fcsv_sim.robot.robot_faults import ALL, FAULTS, Fault, faults_of
+from fcsv_sim.robot.robot_faults import ALL, FAULTS, RobotFault, faults_of
 
 _HELP = """examples:
   rosrun fcsv_sim rehearse_robot --mazes 10 --rubble 5 --seed 101 -o out/robot
@@ -40,7 +40,7 @@ class PlaceJob:
     world: str
     seed: int
     robot: Robot
-    faults: Tuple[Fault, ...]
+    faults: Tuple[RobotFault, ...]
     folder: Path
     longest_s: float = LONGEST_S
     draw_all: bool = False

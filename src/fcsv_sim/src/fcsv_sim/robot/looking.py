@@ -18,7 +18,7 @@ from fcsv_guidance.standing import disk, least
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.render.caster import make_caster
 from fcsv_sim.render.rays import T, ray_buffer, set_rays
-from fcsv_sim.robot.survey import Station
+from fcsv_sim.robot.survey import HoverStation
 from fcsv_sim.sensors.camera import CameraParameters
 from fcsv_sim.world.footing import Clearance
 from fcsv_sim.world.town import Town
@@ -46,7 +46,7 @@ class Looked:
     """Stations, and ``sights`` (N, rows, columns) bool of ``grid``: whether a station sees all that
     lies below a robot's footprint, to REACH_M."""
 
-    stations: Tuple[Station, ...]
+    stations: Tuple[HoverStation, ...]
     grid: Grid
     sights: np.ndarray
 
@@ -128,7 +128,7 @@ class Lookout:
         return True
 
 
-def first_look(town: Town, clear: Clearance, height_m: float) -> Tuple[Station, bool]:
+def first_look(town: Town, clear: Clearance, height_m: float) -> Tuple[HoverStation, bool]:
     """The one station ``height_m`` above the ground, looking along x, that sees the roomiest way
     from start to goal, else most of what the robot can come to; and whether it sees a way with
     WAY_MARGIN_M beside the footprint."""
@@ -138,7 +138,9 @@ def first_look(town: Town, clear: Clearance, height_m: float) -> Tuple[Station, 
     nearest_m = height_m * camera.fy / (camera.height - 1 - _MARGIN_PX - camera.cy)
     x_m = plan.start_m[0] - clear.robot.radius_m - _AROUND_M - nearest_m
     stations = [
-        Station((float(x_m - back_m), float(y_m), float(plan.height(x_m, y_m)) + height_m), 0.0)
+        HoverStation(
+            (float(x_m - back_m), float(y_m), float(plan.height(x_m, y_m)) + height_m), 0.0
+        )
         for back_m in _BACK_M
         for y_m in sorted({*_ASIDE_M, plan.start_m[1], plan.goal_m[1]}, key=abs)
     ]
@@ -152,7 +154,7 @@ def first_look(town: Town, clear: Clearance, height_m: float) -> Tuple[Station, 
     return station, margin_m > 0.0
 
 
-def _leads(town: Town, clear: Clearance, grid: Grid, station: Station, seen, margin_m) -> bool:
+def _leads(town: Town, clear: Clearance, grid: Grid, station: HoverStation, seen, margin_m) -> bool:
     """Whether a way keeps ``margin_m`` from what stops the robot, and from what is hidden."""
     sight = least(seen, disk(clear.robot.radius_m + margin_m, _CELL_M), 0.0) > 0
     ends = town.plan.start_m, town.plan.goal_m
@@ -164,7 +166,7 @@ def _grid(town: Town) -> Grid:
     return Grid.around((x0, y0), (x1, y1), _CELL_M)
 
 
-def _candidates(plan) -> List[Station]:
+def _candidates(plan) -> List[HoverStation]:
     """Places that look at nine spots of the area and at start and goal, from eight sides."""
     x0, x1, y0, y1 = plan.area_m
     spots = [(x, y) for x in np.linspace(x0, x1, 5)[1:4] for y in np.linspace(y0, y1, 5)[1:4]]
@@ -173,7 +175,7 @@ def _candidates(plan) -> List[Station]:
         for yaw in np.arange(_HEADINGS) * 2 * np.pi / _HEADINGS:
             for far, high in _FROM_M:
                 at = (float(x - far * np.cos(yaw)), float(y - far * np.sin(yaw)))
-                found.append(Station((*at, float(plan.height(*at)) + high), float(yaw)))
+                found.append(HoverStation((*at, float(plan.height(*at)) + high), float(yaw)))
     return found
 
 
@@ -196,7 +198,7 @@ def _worth(clear: Clearance, grid: Grid, start_m, goal_m) -> np.ndarray:
     return worth
 
 
-def _seen(town: Town, grid: Grid, stations: Sequence[Station], reach_m: float = REACH_M):
+def _seen(town: Town, grid: Grid, stations: Sequence[HoverStation], reach_m: float = REACH_M):
     """Gives, for each station (rows, columns) float32, 1 where nothing hides the ground from it."""
     camera = CameraParameters().model
     xy = grid.middle_of(*np.indices(grid.shape)).reshape(-1, 2)

@@ -19,7 +19,7 @@ from fcsv_guidance.route import NoRoute
 from fcsv_guidance.views import DepthView
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.robot.looking import Looked, Lookout
-from fcsv_sim.robot.survey import Station, survey
+from fcsv_sim.robot.survey import HoverStation, survey
 from fcsv_sim.world.footing import Clearance, Footing
 from fcsv_sim.world.town import Town
 
@@ -95,7 +95,7 @@ def _free(known: KnownGround, looked: Looked) -> np.ndarray:
     return inside & (known.clear_m[row, column] > 2 * PLANNED_SIGMA_M)
 
 
-def _mapped_at(town: Town, station: Station, seed: int, file: Path) -> Optional[DepthView]:
+def _mapped_at(town: Town, station: HoverStation, seed: int, file: Path) -> Optional[DepthView]:
     found = _read(file, station)
     if found is None:
         found = survey(town, [station], seed)
@@ -103,11 +103,11 @@ def _mapped_at(town: Town, station: Station, seed: int, file: Path) -> Optional[
     return found[0] if found else None
 
 
-def _read(file: Path, station: Station) -> Optional[List[DepthView]]:
+def _read(file: Path, station: HoverStation) -> Optional[List[DepthView]]:
     """What a file holds; None where it holds no map of this station."""
     try:
         with np.load(file, allow_pickle=False) as stored:
-            if json.loads(str(stored["station"])) != _told(station):
+            if json.loads(str(stored["station"])) != _listed(station):
                 return None
             if "depth" not in stored:
                 return []
@@ -117,12 +117,12 @@ def _read(file: Path, station: Station) -> Optional[List[DepthView]]:
         return None
 
 
-def _write(file: Path, station: Station, found: List[DepthView]) -> None:
+def _write(file: Path, station: HoverStation, found: List[DepthView]) -> None:
     arrays = {name: getattr(view, name) for view in found for name in _ARRAYS}
     part = file.with_suffix(".part.npz")
-    np.savez_compressed(part, station=json.dumps(_told(station)), **arrays)
+    np.savez_compressed(part, station=json.dumps(_listed(station)), **arrays)
     os.replace(part, file)
 
 
-def _told(station: Station):
+def _listed(station: HoverStation):
     return [*map(float, station.xyz_m), float(station.yaw_rad)]

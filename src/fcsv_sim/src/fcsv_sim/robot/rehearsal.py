@@ -31,7 +31,7 @@ from fcsv_sim.robot.drive import SimulatedRobot, WheelFlaws
 from fcsv_sim.robot.fixes import DELAY_S, EVERY_S, TagReader
 from fcsv_sim.robot.looking import WAY_MARGIN_M
 from fcsv_sim.robot.mapped import PLANNED_SIGMA_M, MappedPlace
-from fcsv_sim.robot.robot_faults import NONE, Fault, FixFault
+from fcsv_sim.robot.robot_faults import NONE, FixFault, RobotFault
 from fcsv_sim.robot.things import Box, Closer, Runner, Watcher
 
 STEP_S, LONGEST_S = 0.05, 400.0
@@ -80,7 +80,7 @@ class DriveResult:
 
 
 @dataclass
-class Track:
+class DriveRecord:
     """Holds, for a picture: the true way (N,2), routes that were planned, boxes, where the contact
     was, and what was free."""
 
@@ -96,7 +96,7 @@ class RobotDrive:
     """Drives from the place's start to its goal. The same place, fault and seed give the same
     drive."""
 
-    def __init__(self, place: MappedPlace, robot: Robot, fault: Fault, seed: int):
+    def __init__(self, place: MappedPlace, robot: Robot, fault: RobotFault, seed: int):
         self._place, self._robot, self._fault, self._seed = place, robot, fault, seed
         self._random = np.random.default_rng([seed, 24])
         plan = place.town.plan
@@ -107,7 +107,7 @@ class RobotDrive:
         self.machine = SimulatedRobot(robot, at, flaws, seed, self._spins)
         self._reader, self._tracker = TagReader(seed), RobotTracker()
         self._guide = RobotGuide(robot, GuideRules(watched=fault.watched))
-        self.track = Track()
+        self.track = DriveRecord()
         self._post: List[tuple] = []  # (when it arrives, what)
         self._thing, self._watcher, self._watched_by = None, None, 0
         self._last_look: Optional[Tuple[Optional[Box], Ground]] = None
@@ -246,7 +246,7 @@ class RobotDrive:
         if _every(now_s, EVERY_S):
             fix = self._reader.read(now_s, machine.x_m, machine.y_m, machine.yaw_rad)
             if fix is not None and self._fixes is not None:
-                fix = self._fixes.told(fix)
+                fix = self._fixes.passed(fix)
             if fix is not None:
                 self._post.append((now_s + DELAY_S, fix))
         if (

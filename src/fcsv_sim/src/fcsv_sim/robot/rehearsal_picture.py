@@ -7,10 +7,10 @@ import numpy as np
 
 from fcsv_sim.robot.above_picture import FromAbove, draw_from_above
 from fcsv_sim.robot.mapped import MappedPlace
-from fcsv_sim.robot.rehearsal import DriveResult, Track
+from fcsv_sim.robot.rehearsal import DriveRecord, DriveResult
 
 
-def draw_drive(place: MappedPlace, track: Track, result: DriveResult, path: Path) -> None:
+def draw_drive(place: MappedPlace, track: DriveRecord, result: DriveResult, path: Path) -> None:
     """Writes a PNG."""
     plan = place.town.plan
     xy = track.grid.middle_of(*np.indices(track.grid.shape))

@@ -15,7 +15,7 @@ _JUMP_SHARE = 0.3
 
 
 @dataclass(frozen=True)
-class Fault:
+class RobotFault:
     """A name, what it does in a sentence, how long it lasts at most (s), and whether the place is
     watched."""
 
@@ -25,25 +25,27 @@ class Fault:
     watched: bool = False
 
 
-FAULTS: Dict[str, Fault] = {
+FAULTS: Dict[str, RobotFault] = {
     fault.name: fault
     for fault in (
-        Fault(NONE, "nothing but errors of fixes and wheels"),
-        Fault("pose lost", "no fix comes", 25.0),
-        Fault("pose lost for good", "no fix comes any more", np.inf),
-        Fault("pose jumps", "some fixes lie metres beside, then all by one offset", 6.0),
-        Fault("pose not finite", "fixes are NaN, or have a covariance that is none", 10.0),
-        Fault("wheels slip", "the wheels turn on the spot", 4.0),
-        Fault("map stale", "no view of the place comes", 20.0, True),
-        Fault("radio cut", "neither commands nor wheel odometry come through", 10.0),
-        Fault("stop all", "the operator stops all, and gives the goal again", 8.0),
-        Fault("way closes", "something wide comes into the way and stays, or leaves", 40.0, True),
-        Fault("runs at it", "a walker runs along the way at the robot", 40.0, True),
+        RobotFault(NONE, "nothing but errors of fixes and wheels"),
+        RobotFault("pose lost", "no fix comes", 25.0),
+        RobotFault("pose lost for good", "no fix comes any more", np.inf),
+        RobotFault("pose jumps", "some fixes lie metres beside, then all by one offset", 6.0),
+        RobotFault("pose not finite", "fixes are NaN, or have a covariance that is none", 10.0),
+        RobotFault("wheels slip", "the wheels turn on the spot", 4.0),
+        RobotFault("map stale", "no view of the place comes", 20.0, True),
+        RobotFault("radio cut", "neither commands nor wheel odometry come through", 10.0),
+        RobotFault("stop all", "the operator stops all, and gives the goal again", 8.0),
+        RobotFault(
+            "way closes", "something wide comes into the way and stays, or leaves", 40.0, True
+        ),
+        RobotFault("runs at it", "a walker runs along the way at the robot", 40.0, True),
     )
 }
 
 
-def faults_of(names: str) -> List[Fault]:
+def faults_of(names: str) -> List[RobotFault]:
     """Finds faults as --faults takes them. Raises SimulationError naming the one that there is
     not."""
     if names == ALL:
@@ -58,13 +60,15 @@ def faults_of(names: str) -> List[Fault]:
 class FixFault:
     """What becomes of fixes from ``begins_s`` on, for ``lasts_s``."""
 
-    def __init__(self, fault: Fault, begins_s: float, lasts_s: float, random: np.random.Generator):
+    def __init__(
+        self, fault: RobotFault, begins_s: float, lasts_s: float, random: np.random.Generator
+    ):
         self._name, self._begins_s, self._ends_s = fault.name, begins_s, begins_s + lasts_s
         self._random = random
         angle = random.uniform(0, 2 * np.pi)
         self._offset_m = random.uniform(1.0, 6.0) * np.array([np.cos(angle), np.sin(angle)])
 
-    def told(self, fix: PlaceFix) -> Optional[PlaceFix]:
+    def passed(self, fix: PlaceFix) -> Optional[PlaceFix]:
         """The fix as it comes; None where none does."""
         if not self._begins_s <= fix.stamp_s < self._ends_s:
             return fix

@@ -34,14 +34,14 @@ _T_BODY_CAM = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
 
 
 @dataclass(frozen=True)
-class Station:
+class HoverStation:
     """Where the reference vehicle holds: x, y, z (m, world), and its yaw."""
 
     xyz_m: Tuple[float, float, float]
     yaw_rad: float
 
 
-def stations(plan: PlacePlan) -> List[Station]:
+def stations(plan: PlacePlan) -> List[HoverStation]:
     """One on each of four sides, so that what a wall hides from one is seen from another; to 40 m
     the four cover a place of 36 m."""
     x0, x1, y0, y1 = plan.area_m
@@ -53,10 +53,12 @@ def stations(plan: PlacePlan) -> List[Station]:
         (x1 + STAND_OFF_M, y),
     ]
     yaws = (0.0, np.pi / 2, -np.pi / 2, np.pi)
-    return [Station((*at, float(plan.height(*at)) + HEIGHT_M), yaw) for at, yaw in zip(sides, yaws)]
+    return [
+        HoverStation((*at, float(plan.height(*at)) + HEIGHT_M), yaw) for at, yaw in zip(sides, yaws)
+    ]
 
 
-def survey(town: Town, places: Sequence[Station], seed: int) -> List[DepthView]:
+def survey(town: Town, places: Sequence[HoverStation], seed: int) -> List[DepthView]:
     """The maps of the stations as depth views; the reference camera's pose is its true one, the
     others' are priors with noise. A station where nothing matched is left out."""
     renderer, views = Renderer(town), []
@@ -74,22 +76,22 @@ def survey(town: Town, places: Sequence[Station], seed: int) -> List[DepthView]:
     return views
 
 
-def _pictures(renderer: Renderer, place: Station, seed: int, number: int) -> MapInput:
+def _pictures(renderer: Renderer, place: HoverStation, seed: int, number: int) -> MapInput:
     random = np.random.default_rng([seed, number, 8])
     parameters = CameraParameters(distortion=(0.0, 0.0, 0.0, 0.0, 0.0), mount_deg=0.0)
     camera = SimulatedCamera(renderer, _T_BODY_CAM, parameters, 10 * seed + number)
     T_world_station = transforms.from_xyz_yaw(place.xyz_m, place.yaw_rad)
 
-    def take(stamp_s: float, left_m: float, name: str, vehicle: str) -> Picture:
+    def photographed(stamp_s: float, left_m: float, name: str, vehicle: str) -> Picture:
         off = np.array([0.0, left_m, 0.0]) + random.normal(0.0, _PLACE_SIGMA_M, 3)
         T = transforms.from_xyz_rpy(off, random.normal(0.0, _ATTITUDE_SIGMA_RAD, 3))
         shot = camera.shoot(stamp_s, T_world_station @ T)
         return Picture(name, vehicle, 0.0, shot.rgb, camera.model, shot.T_world_cam)
 
-    reference = take(0.0, 0.0, "uav1/reference", "uav1")
+    reference = photographed(0.0, 0.0, "uav1/reference", "uav1")
     configurations = []
     for i, baseline_m in enumerate(BASELINES_M, 1):
-        other = take(float(i), -baseline_m, f"uav2/{baseline_m:g} m", "uav2")
+        other = photographed(float(i), -baseline_m, f"uav2/{baseline_m:g} m", "uav2")
         off = random.normal(0.0, _PRIOR.position_sigma_m(baseline_m), 3)
         error = transforms.from_xyz_rpy(off, random.normal(0.0, _PRIOR.rotation_rad, 3))
         other = replace(other, T_home_cam=other.T_home_cam @ error)

@@ -47,7 +47,7 @@ class AutopilotTruthNode:
             message = self._line.receive(0.05)
             if message is not None and message.get_type() == "SIM_STATE":
                 heard_s = time.monotonic()
-                state = self._motion.take(time.time(), message)
+                state = self._motion.on_sim_state(time.time(), message)
                 self._writer.write(state.stamp_s, state.T_world_body, state.v_world_mps)
             elif time.monotonic() - heard_s > _SILENT_S:
                 rospy.logwarn_throttle(

@@ -119,7 +119,7 @@ class CameraNode:
             )
             taken_s = stamp_s
             try:
-                self._take(taken_s)
+                self._photograph(taken_s)
             except PoseUnavailable as error:
                 self._health.drop("no truth", str(error))
                 time.sleep(0.1)
@@ -132,14 +132,14 @@ class CameraNode:
             + _LATENCY_S
         )
 
-    def _take(self, stamp_s: float) -> None:
+    def _photograph(self, stamp_s: float) -> None:
         started_s = time.perf_counter()
         samples = self._parameters.preview_samples if self._catch_up else self._samples
-        shot = self._camera.take(stamp_s, samples)
+        shot = self._camera.photograph(stamp_s, samples)
         self._infos.publish(conversions.info_from_camera(self._camera.model, stamp_s, self._frame))
         self._pictures.publish(conversions.array_to_image(shot.rgb, "rgb8", stamp_s, self._frame))
         if self._depth is not None:
-            self._depth.see(shot)
+            self._depth.on_shot(shot)
         self._health.tick("pictures")
         self._health.value(
             "time per picture [ms]", f"{(time.perf_counter() - started_s) * 1e3:.0f}"
@@ -162,7 +162,7 @@ class _DepthPublisher:
             "camera/aligned_depth_to_color/camera_info", CameraInfo, queue_size=2
         )
 
-    def see(self, shot: Shot) -> None:
+    def on_shot(self, shot: Shot) -> None:
         """A picture that was just taken."""
         if shot.stamp_s - self._stamp_s < self._period_s:
             return

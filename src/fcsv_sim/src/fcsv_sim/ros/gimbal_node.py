@@ -81,12 +81,12 @@ class GimbalNode:
             due_s = max(due_s + period_s, time.time() - 0.5 * period_s)
             time.sleep(max(0.0, due_s - time.time()))
             try:
-                self._take(time.time() - 0.02)
+                self._photograph(time.time() - 0.02)
             except PoseUnavailable as error:
                 self._health.drop("no truth", str(error))
                 time.sleep(0.1)
 
-    def _take(self, true_s: float) -> None:
+    def _photograph(self, true_s: float) -> None:
         self._truth.wait_for(true_s + self._parameters.camera.exposure_s)
         gray = self._camera.shoot(true_s, self._T_ground_cam, self._T_ground_body)
         time.sleep(max(0.0, self._camera.arrival_s(true_s) - time.time()))

@@ -14,7 +14,7 @@ from geometry_msgs.msg import Pose2D, PoseStamped
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions, node
-from fcsv_sim.sensors.v120_duo import FRAME_RATE_HZ, BodySight, V120Duo, V120DuoErrors
+from fcsv_sim.sensors.v120_duo import FRAME_RATE_HZ, StreamedBody, V120Duo, V120DuoErrors
 from fcsv_sim.trials.mocap_flight import MOCAP_DELAY_S
 from fcsv_sim.truth import TruthReader
 
@@ -50,7 +50,7 @@ class MocapNode:
         errors = V120DuoErrors(swaps_per_s=p.swaps_per_s, flips_per_s=p.flips_per_s)
         self._duo = V120Duo(errors, transforms.from_xyz_rpy(p.xyz_m, np.radians(p.rpy_deg)), p.seed)
         self._truths = {n: TruthReader(p.sim_dir, n) for n in p.vehicles}
-        self._frames: Deque[Tuple[float, Dict[str, BodySight]]] = deque()
+        self._frames: Deque[Tuple[float, Dict[str, StreamedBody]]] = deque()
         self._frame_s = time.time()
         self._poses = {
             n: rospy.Publisher(f"/mocap/{n}/pose", PoseStamped, queue_size=50) for n in p.vehicles

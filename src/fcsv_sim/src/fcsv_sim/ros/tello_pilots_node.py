@@ -90,22 +90,22 @@ class TelloPilotsNode:
         self._mission = message
 
     def _on_state(self, m: State, name: str) -> None:
-        self._see(name, armed=m.armed, mode=Mode(m.mode))
+        self._update(name, armed=m.armed, mode=Mode(m.mode))
 
     def _on_odometry(self, m: Odometry, name: str) -> None:
         v = m.twist.twist.linear
-        self._see(name, v_body_mps=np.array([v.x, v.y, v.z]))
+        self._update(name, v_body_mps=np.array([v.x, v.y, v.z]))
 
     def _on_health(self, m: LinkHealth, name: str) -> None:
-        self._see(name, feed_hz=m.feed_rate_hz)
+        self._update(name, feed_hz=m.feed_rate_hz)
 
     def _on_pose(self, m: PoseStamped, name: str) -> None:
         try:
-            self._see(name, T_odom_body=conversions.pose_to_transform(m.pose))
+            self._update(name, T_odom_body=conversions.pose_to_transform(m.pose))
         except GeometryError as error:
             self._health.drop("pose", f"{name}: {error}")
 
-    def _see(self, name: str, **what) -> None:
+    def _update(self, name: str, **what) -> None:
         with self._lock:
             self._screens[name] = replace(self._screens[name], **what)
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_sim.render import compiled
-from fcsv_sim.render.bodies import Body
+from fcsv_sim.render.bodies import RenderedBody
 from fcsv_sim.render.renderer import Renderer
 
 _POOL = 1 << 20  # normal deviates drawn once; a picture starts somewhere in it
@@ -90,7 +90,7 @@ class SimulatedCamera:
         self,
         stamp_s: float,
         T_world_body: np.ndarray,
-        others: Sequence[Body] = (),
+        others: Sequence[RenderedBody] = (),
         samples: int = 5,
     ) -> Shot:
         """A picture at mid-exposure ``stamp_s`` from a body that already vibrates; others are seen

@@ -108,7 +108,7 @@ def _draw(
         if i == 0:
             np.save(folder / "true_depth.npy", shot.depth.astype(np.float32))
     T_world_home = transforms.level(posed[0] @ transforms.invert(_T_BODY_CAM))
-    told = _told([transforms.invert(T_world_home) @ T for T in posed], random, scale, errors)
+    told = _with_errors([transforms.invert(T_world_home) @ T for T in posed], random, scale, errors)
     _write_model(folder, camera.model, names, told)
     apart = [max(b, 1.0) for b in (0.0, *baselines_m)]
     turn = [float(np.degrees(errors.rotation_rad))] * 3
@@ -125,7 +125,7 @@ def _draw(
     (folder / TRUTH).write_text(json.dumps(truth))
 
 
-def _told(posed, random, scale: float, errors: SiteErrors):
+def _with_errors(posed, random, scale: float, errors: SiteErrors):
     """Poses in home as the tracker says them: the reference's is home's, the others' have errors of
     their own and the flight's scale."""
     told = [posed[0]]

@@ -10,7 +10,7 @@ import cv2
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.vehicles.vehicle import load_vehicles
-from fcsv_sim.render.bodies import Body
+from fcsv_sim.render.bodies import RenderedBody
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, Shot, SimulatedCamera
 from fcsv_sim.truth import TruthReader
@@ -57,7 +57,7 @@ class Photographer:
         """The camera's lens and picture."""
         return self._camera.model
 
-    def take(self, stamp_s: float, samples: int) -> Shot:
+    def photograph(self, stamp_s: float, samples: int) -> Shot:
         """A picture of a moment that just passed, noted. Raises PoseUnavailable where nobody
         flies."""
         T_world_body = self._truth.wait_for(stamp_s)
@@ -66,12 +66,12 @@ class Photographer:
         self._note(shot)
         return shot
 
-    def _others_at(self, stamp_s: float) -> List[Body]:
+    def _others_at(self, stamp_s: float) -> List[RenderedBody]:
         """Bodies of the other vehicles; one without truth is not there."""
         bodies = []
         for geometry, truth in self._others:
             try:
-                bodies.append(Body(geometry, truth.wait_for(stamp_s)))
+                bodies.append(RenderedBody(geometry, truth.wait_for(stamp_s)))
             except PoseUnavailable:
                 continue
         return bodies

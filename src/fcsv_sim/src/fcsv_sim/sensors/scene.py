@@ -42,7 +42,7 @@ class SimulatedScene:
         """Begins anew, as SceneWatch's."""
         self._then: Optional[Tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = None
 
-    def see(
+    def observe(
         self,
         stamp_s: float,
         T_world_body: np.ndarray,
@@ -53,7 +53,7 @@ class SimulatedScene:
         turns the picture."""
         T_world_cam, T_odom_cam = T_world_body @ self._T_body_cam, T_odom_body @ self._T_body_cam
         if self._then is None:
-            return self._take(stamp_s, T_world_cam, T_odom_cam, turns_radps)
+            return self._restart(stamp_s, T_world_cam, T_odom_cam, turns_radps)
         then_s, T_odom_then, p_world, v_world, xy_then = self._then
         span_s = stamp_s - then_s
         p_cam = transforms.apply(transforms.invert(T_world_cam), p_world + span_s * v_world)
@@ -61,10 +61,10 @@ class SimulatedScene:
         seen = (p_cam[:, 2] > 0.5) & (np.abs(xy) < FIELD).all(axis=1)
         T_now_then = transforms.invert(T_odom_cam) @ T_odom_then
         if seen.sum() < _KEPT * len(xy) or outlived(span_s, T_now_then):
-            return self._take(stamp_s, T_world_cam, T_odom_cam, turns_radps)
+            return self._restart(stamp_s, T_world_cam, T_odom_cam, turns_radps)
         return look(span_s, xy_then[seen], xy[seen], T_now_then, T_odom_cam[:3, :3])
 
-    def _take(
+    def _restart(
         self, stamp_s: float, T_world_cam: np.ndarray, T_odom_cam: np.ndarray, turns_radps
     ) -> None:
         n, random = self._count, self._random

@@ -88,7 +88,7 @@ class TelloSensors:
         """Gives at most one packet."""
         before, self._before = self._before, (stamp_s, T_world_body, np.array(v_world_mps))
         if before is None:
-            self._gate.take(stamp_s)
+            self._gate.admit(stamp_s)
             return []
         dt_s = stamp_s - before[0]
         if dt_s <= 0.0:

@@ -40,7 +40,7 @@ class V120DuoErrors:
 
 
 @dataclass(frozen=True)
-class BodySight:
+class StreamedBody:
     """What is streamed of one body: its pose, and whether it is seen in this frame."""
 
     T_M_D: np.ndarray
@@ -57,18 +57,18 @@ class V120Duo:
         self._random = np.random.default_rng([seed, 11])
         self._focal_px = 320.0 / np.tan(np.radians(errors.fov_deg[0] / 2.0))
         self._bodies: Dict[str, Tuple[np.ndarray, np.ndarray]] = {}
-        self._last: Dict[str, BodySight] = {}
+        self._last: Dict[str, StreamedBody] = {}
         self._wrong: Dict[str, Tuple[float, str, float]] = {}  # until, what, angle
 
     def frame(
         self, stamp_s: float, T_world_body: Dict[str, np.ndarray], hidden=()
-    ) -> Dict[str, BodySight]:
+    ) -> Dict[str, StreamedBody]:
         """What is streamed after a frame; bodies named in ``hidden`` stand behind something."""
         out = {}
         for name, T in T_world_body.items():
             sight = None if name in hidden else self._look(stamp_s, name, self._T_mocap_world @ T)
             if sight is None and self._errors.streams_old_pose and name in self._last:
-                sight = BodySight(self._last[name].T_M_D, False, False)
+                sight = StreamedBody(self._last[name].T_M_D, False, False)
             if sight is not None:
                 out[name] = self._last[name] = sight
         return out
@@ -93,7 +93,7 @@ class V120Duo:
             and -(up @ view) > np.cos(np.radians(e.steepest_deg))
         )
 
-    def _look(self, stamp_s: float, name: str, T_M_D: np.ndarray) -> Optional[BodySight]:
+    def _look(self, stamp_s: float, name: str, T_M_D: np.ndarray) -> Optional[StreamedBody]:
         if not self._visible(T_M_D):
             return None
         known = self._bodies.setdefault(name, self._mounted())[0]
@@ -104,7 +104,7 @@ class V120Duo:
         T = _rigid_fit(known, seen)
         if what == "flip":
             T = T @ transforms.from_xyz_yaw([0.0, 0.0, 0.0], angle)
-        return BodySight(T, True, not what)
+        return StreamedBody(T, True, not what)
 
     def _mounted(self) -> Tuple[np.ndarray, np.ndarray]:
         """Markers as the software believes them to sit in the body."""

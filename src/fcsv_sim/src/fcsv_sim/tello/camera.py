@@ -10,7 +10,7 @@ from collections import deque
 from dataclasses import asdict
 from typing import Deque, Optional, Tuple
 
-from fcsv_sim.tello.pictures import HEAD, Orders, Task
+from fcsv_sim.tello.pictures import HEAD, Orders, VideoTask
 from fcsv_sim.tello.vehicle import TelloDrone
 from fcsv_sim.tello.video import BIT_RATES, Packets
 
@@ -21,7 +21,7 @@ _AGAIN_S = 2.0  # a process that died is started again, not more often
 class Camera:
     """step() every pass; ends its process with close()."""
 
-    def __init__(self, task: Task):
+    def __init__(self, task: VideoTask):
         self._task, self._packets = task, Packets()
         self._lock = threading.Lock()
         self._taken: Deque[Tuple[float, bytes]] = deque()

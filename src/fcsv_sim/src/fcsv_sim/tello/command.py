@@ -9,9 +9,9 @@ import threading
 from fcsv_geometry.errors import FcsvError
 from fcsv_sim.tello.battery import BatteryRules
 from fcsv_sim.tello.drone import DroneParameters
-from fcsv_sim.tello.pictures import VideoParameters
+from fcsv_sim.tello.pictures import SimulatedVideoParameters
 from fcsv_sim.tello.program import ProgramParameters, switched_on, words
-from fcsv_sim.tello.radio import RadioParameters
+from fcsv_sim.tello.radio import WifiParameters
 from fcsv_sim.tello.udp import ADDRESS, PORT, run
 
 
@@ -39,7 +39,7 @@ def _arguments(argv) -> argparse.Namespace:
     parser.add_argument("--start", default="0,0,0,0", help="x, y, z (m), yaw (rad)")
     parser.add_argument("--battery", type=float, default=95.0, help="percent at the start")
     parser.add_argument(
-        "--loss", type=float, default=RadioParameters.loss, help="share of lost packets, each way"
+        "--loss", type=float, default=WifiParameters.loss, help="share of lost packets, each way"
     )
     parser.add_argument(
         "--other-firmware", action="store_true", help="its messages (docs/design/trackers.md)"
@@ -51,7 +51,7 @@ def _arguments(argv) -> argparse.Namespace:
         "--vehicles-dir", default="config/vehicles", help="where NAME.yaml says how its camera sits"
     )
     parser.add_argument(
-        "--video-hz", type=float, default=VideoParameters.rate_hz, help="pictures a second"
+        "--video-hz", type=float, default=SimulatedVideoParameters.rate_hz, help="pictures a second"
     )
     parser.add_argument("--seed", type=int, default=1)
     return parser.parse_args(argv)
@@ -62,14 +62,16 @@ def _parameters(args: argparse.Namespace) -> ProgramParameters:
     start = tuple(float(word) for word in args.start.split(","))
     if len(start) != 4:
         raise ValueError(f"--start: '{args.start}' must be x,y,z,yaw")
-    video = VideoParameters(args.world, vehicles_dir=args.vehicles_dir, rate_hz=args.video_hz)
+    video = SimulatedVideoParameters(
+        args.world, vehicles_dir=args.vehicles_dir, rate_hz=args.video_hz
+    )
     return ProgramParameters(
         args.name,
         args.sim_dir,
         args.seed,
         start,
         battery=BatteryRules(args.battery),
-        radio=RadioParameters(loss=args.loss),
+        radio=WifiParameters(loss=args.loss),
         drone=DroneParameters(other_firmware=args.other_firmware),
         network=args.network,
         address=args.address,

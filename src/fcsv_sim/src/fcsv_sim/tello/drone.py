@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_sim.tello import messages
 from fcsv_sim.tello.battery import TelloBattery
 from fcsv_sim.tello.flight import Felt, TelloFlight
-from fcsv_sim.tello.messages import STATUS_OK, STATUS_REFUSED, FlightData, Message
+from fcsv_sim.tello.messages import STATUS_OK, STATUS_REFUSED, FlightData, MessageId
 from fcsv_sim.tello.packets import Packet
 from fcsv_sim.tello.radio import SimulatedWifi
 from fcsv_sim.tello.telemetry import Telemetry
@@ -59,11 +59,11 @@ class Drone:
     # -- what it says by itself
     # -------------------------------------------------------------------------------------
 
-    def told(self, message: Message, now_s: float) -> bytes:
+    def payload(self, message: MessageId, now_s: float) -> bytes:
         """Payload of a message that it sends again and again."""
-        if message is Message.WIFI:
+        if message is MessageId.WIFI:
             return bytes([self.radio.strength, 0])
-        if message is Message.LIGHT:
+        if message is MessageId.LIGHT:
             return bytes([self.parameters.light])
         data = messages.encode_flight(self._flight_data(now_s))
         return data[:_SHORT] if self.parameters.other_firmware else data
@@ -96,40 +96,40 @@ class Drone:
         """Gives the handlers by message: now (s) and the packet to the payload of the answer."""
         text, number, flight = messages.encode_text, self._number, self.flight
         return {
-            Message.STICKS: self._on_sticks,
-            Message.TAKE_OFF: lambda _s, _p: STATUS_OK if flight.take_off() else STATUS_REFUSED,
-            Message.LAND: self._on_land,
+            MessageId.STICKS: self._on_sticks,
+            MessageId.TAKE_OFF: lambda _s, _p: STATUS_OK if flight.take_off() else STATUS_REFUSED,
+            MessageId.LAND: self._on_land,
             # no hand: it hovers
-            Message.PALM_LAND: lambda _s, _p: STATUS_OK if flight.flying else STATUS_REFUSED,
-            Message.FLIP: lambda _s, _p: STATUS_REFUSED,
-            Message.THROW_AND_GO: lambda _s, _p: STATUS_REFUSED,
-            Message.SET_HEIGHT_LIMIT: lambda _s, p: self._set(
+            MessageId.PALM_LAND: lambda _s, _p: STATUS_OK if flight.flying else STATUS_REFUSED,
+            MessageId.FLIP: lambda _s, _p: STATUS_REFUSED,
+            MessageId.THROW_AND_GO: lambda _s, _p: STATUS_REFUSED,
+            MessageId.SET_HEIGHT_LIMIT: lambda _s, p: self._set(
                 "height_limit_m", struct.unpack("<B", p.payload[:1])[0]
             ),
-            Message.SET_TILT_LIMIT: lambda _s, p: self._set(
+            MessageId.SET_TILT_LIMIT: lambda _s, p: self._set(
                 "lean_limit_deg", struct.unpack("<f", p.payload[:4])[0]
             ),
-            Message.SET_LOW_BATTERY: self._on_low_battery,
-            Message.GET_HEIGHT_LIMIT: lambda _s, _p: number("<H", int(flight.height_limit_m)),
-            Message.GET_TILT_LIMIT: lambda _s, _p: number("<f", flight.lean_limit_deg),
-            Message.GET_LOW_BATTERY: lambda _s, _p: number("<H", int(self.battery.low_percent)),
-            Message.GET_SSID: lambda _s, _p: text(self._names["ssid"]),
-            Message.GET_PASSWORD: lambda _s, _p: text(self._names["password"]),
-            Message.SET_SSID: lambda _s, _p: STATUS_OK,  # holds once it is switched on again
-            Message.SET_PASSWORD: lambda _s, _p: STATUS_OK,
-            Message.VERSION: lambda _s, _p: messages.encode_version(self.parameters.firmware),
-            Message.LOADER_VERSION: lambda _s, _p: messages.encode_version("01.00.00.00"),
-            Message.START_VIDEO: self._on_start_video,
-            Message.SET_ENCODER_RATE: self._on_encoder_rate,
-            Message.GET_ENCODER_RATE: lambda _s, _p: number("<B", self.encoder_rate),
-            Message.SET_VIDEO_MODE: self._on_video_mode,
-            Message.SET_EXPOSURE: lambda _s, _p: STATUS_OK,
-            Message.SET_DYNAMIC_RATE: lambda _s, _p: STATUS_OK,
-            Message.SET_STABILISATION: lambda _s, _p: STATUS_OK,
-            Message.TAKE_PICTURE: lambda _s, _p: STATUS_REFUSED,
-            Message.START_CALIBRATION: lambda _s, _p: STATUS_OK,
+            MessageId.SET_LOW_BATTERY: self._on_low_battery,
+            MessageId.GET_HEIGHT_LIMIT: lambda _s, _p: number("<H", int(flight.height_limit_m)),
+            MessageId.GET_TILT_LIMIT: lambda _s, _p: number("<f", flight.lean_limit_deg),
+            MessageId.GET_LOW_BATTERY: lambda _s, _p: number("<H", int(self.battery.low_percent)),
+            MessageId.GET_SSID: lambda _s, _p: text(self._names["ssid"]),
+            MessageId.GET_PASSWORD: lambda _s, _p: text(self._names["password"]),
+            MessageId.SET_SSID: lambda _s, _p: STATUS_OK,  # holds once it is switched on again
+            MessageId.SET_PASSWORD: lambda _s, _p: STATUS_OK,
+            MessageId.VERSION: lambda _s, _p: messages.encode_version(self.parameters.firmware),
+            MessageId.LOADER_VERSION: lambda _s, _p: messages.encode_version("01.00.00.00"),
+            MessageId.START_VIDEO: self._on_start_video,
+            MessageId.SET_ENCODER_RATE: self._on_encoder_rate,
+            MessageId.GET_ENCODER_RATE: lambda _s, _p: number("<B", self.encoder_rate),
+            MessageId.SET_VIDEO_MODE: self._on_video_mode,
+            MessageId.SET_EXPOSURE: lambda _s, _p: STATUS_OK,
+            MessageId.SET_DYNAMIC_RATE: lambda _s, _p: STATUS_OK,
+            MessageId.SET_STABILISATION: lambda _s, _p: STATUS_OK,
+            MessageId.TAKE_PICTURE: lambda _s, _p: STATUS_REFUSED,
+            MessageId.START_CALIBRATION: lambda _s, _p: STATUS_OK,
             # nobody turns it: it never goes on
-            Message.CALIBRATION_STATUS: lambda _s, _p: bytes(5),
+            MessageId.CALIBRATION_STATUS: lambda _s, _p: bytes(5),
         }
 
     @staticmethod

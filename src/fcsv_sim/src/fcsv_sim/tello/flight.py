@@ -96,7 +96,7 @@ class TelloFlight:
             return FlyMode.TAKE_OFF if self.state == TAKING_OFF else FlyMode.LANDING
         return FlyMode.POSITION if felt.sees_ground or not self.flying else FlyMode.ATTITUDE
 
-    def heard(self, now_s: float) -> None:
+    def on_command(self, now_s: float) -> None:
         """A command of any kind: it is not alone."""
         self._heard_s = now_s
 

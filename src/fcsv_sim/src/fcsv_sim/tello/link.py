@@ -12,7 +12,7 @@ from typing import Callable, Dict, List, Optional, Tuple
 from fcsv_geometry.streams.flow import DropCounter, RateGate
 from fcsv_sim.tello import log, messages
 from fcsv_sim.tello.drone import Drone
-from fcsv_sim.tello.messages import STATUS_REFUSED, Message
+from fcsv_sim.tello.messages import STATUS_REFUSED, MessageId
 from fcsv_sim.tello.packets import FROM_DRONE, TO_DRONE, Packet, PacketError, decode, encode
 
 Address = Tuple[str, int]
@@ -21,9 +21,9 @@ _TOLD = FROM_DRONE | 1 << 3  # type "information"
 _SILENT_S = 5.0
 _LOG_NUMBER = 0x0123
 _UNKNOWN_MESSAGE, _UNKNOWN_RECORD = 0x0FF1, 4242  # of another firmware
-_TELLS = ((Message.FLIGHT, 10.0), (Message.WIFI, 2.0), (Message.LIGHT, 1.0))
+_TELLS = ((MessageId.FLIGHT, 10.0), (MessageId.WIFI, 2.0), (MessageId.LIGHT, 1.0))
 #: Not acknowledged: these come all the time, or are answers themselves.
-_UNANSWERED = frozenset({Message.STICKS, Message.LOG_HEADER, Message.TIME})
+_UNANSWERED = frozenset({MessageId.STICKS, MessageId.LOG_HEADER, MessageId.TIME})
 
 
 class SimulatedTelloLink:
@@ -37,7 +37,7 @@ class SimulatedTelloLink:
         self._heard_s, self._silent = float("-inf"), False
         self._sequence = 0
         self._out: List[bytes] = []
-        self._gates: Dict[Message, RateGate] = {}
+        self._gates: Dict[MessageId, RateGate] = {}
         self._repeat = RateGate(1.0)
         self._log_asked = self._clock_known = False
         self._do: Dict[int, Callable[[float, Packet], bytes]] = self._handlers()
@@ -61,7 +61,7 @@ class SimulatedTelloLink:
     # -- what comes in
     # ----------------------------------------------------------------------------------------------
 
-    def take(self, now_s: float, data: bytes, sender: Address) -> None:
+    def on_datagram(self, now_s: float, data: bytes, sender: Address) -> None:
         """One datagram; whatever it holds."""
         port = messages.decode_connect(data)
         if self.client is not None and sender != self.client and now_s - self._heard_s <= _SILENT_S:
@@ -74,9 +74,9 @@ class SimulatedTelloLink:
             self._heard_s = now_s
             self._drone.flight.stop_motors()
         else:
-            self._take_packet(now_s, data)
+            self._on_packet(now_s, data)
 
-    def _take_packet(self, now_s: float, data: bytes) -> None:
+    def _on_packet(self, now_s: float, data: bytes) -> None:
         try:
             packet = decode(data)
         except PacketError as error:
@@ -87,7 +87,7 @@ class SimulatedTelloLink:
         if do is None:
             self.counts.count(f"unknown message 0x{packet.message:04x}")
             return
-        self._drone.flight.heard(now_s)
+        self._drone.flight.on_command(now_s)
         try:
             answer = do(now_s, packet)
         except (ValueError, struct.error):
@@ -117,18 +117,18 @@ class SimulatedTelloLink:
         other = self._drone.parameters.other_firmware
         if self._repeat.passes(now_s):
             if not self._log_asked:
-                self._tell(Message.LOG_HEADER, _log_header())
+                self._tell(MessageId.LOG_HEADER, _log_header())
             if not self._clock_known:
-                self._tell(Message.TIME, b"")
+                self._tell(MessageId.TIME, b"")
             if other:
                 self._tell(_UNKNOWN_MESSAGE, bytes(9))
         for message, gate in self._gates.items():
             if gate.passes(now_s):
-                self._tell(message, self._drone.told(message, now_s))
+                self._tell(message, self._drone.payload(message, now_s))
         if self._log_asked:
             for payload in logged:
                 self._tell(
-                    Message.LOG_DATA, payload + log.record(_UNKNOWN_RECORD, 0, bytes(16)) * other
+                    MessageId.LOG_DATA, payload + log.record(_UNKNOWN_RECORD, 0, bytes(16)) * other
                 )
 
     def _tell(self, message: int, payload: bytes) -> None:
@@ -141,16 +141,16 @@ class SimulatedTelloLink:
     def _handlers(self) -> Dict[int, Callable[[float, Packet], bytes]]:
         return {
             **self._drone.handlers(),
-            Message.LOG_HEADER: self._on_log_header,
-            Message.TIME: self._on_time,
+            MessageId.LOG_HEADER: self._on_log_header,
+            MessageId.TIME: self._on_time,
         }
 
     def _on_log_header(self, _now_s: float, packet: Packet) -> bytes:
         """The client's acknowledgement: status, number of the log."""
         if struct.unpack_from("<H", packet.payload, 1)[0] == _LOG_NUMBER and not self._log_asked:
             self._log_asked = True
-            self._tell(Message.LOG_CONFIG, bytes(8))
-            self._tell(Message.LOG_DATA, self._drone.telemetry.first())
+            self._tell(MessageId.LOG_CONFIG, bytes(8))
+            self._tell(MessageId.LOG_DATA, self._drone.telemetry.first())
         return b""
 
     def _on_time(self, _now_s: float, _packet: Packet) -> bytes:

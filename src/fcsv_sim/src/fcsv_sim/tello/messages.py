@@ -15,7 +15,7 @@ _CENTRE, _THROW = 1024, 660.0
 _AXIS = 0x7FF
 
 
-class Message(IntEnum):
+class MessageId(IntEnum):
     """Numbers of messages, named as what they do."""
 
     GET_SSID = 0x0011

@@ -33,7 +33,7 @@ def _tello_camera() -> CameraParameters:
 
 
 @dataclass(frozen=True)
-class VideoParameters:
+class SimulatedVideoParameters:
     """``world``: none, no video. ``delay_s``: until a picture is sent, of exposure and encoder; ?
     of the real one.
 
@@ -70,12 +70,12 @@ class Orders:
 
 
 @dataclass(frozen=True)
-class Task:
+class VideoTask:
     """What the process is started with."""
 
     vehicle: str
     sim_dir: str
-    video: VideoParameters
+    video: SimulatedVideoParameters
 
     def command(self) -> List[str]:
         return [sys.executable, "-m", "fcsv_sim.tello.pictures", json.dumps(asdict(self))]
@@ -100,7 +100,7 @@ class _Input:
                 longest_s = 0.0
 
 
-def take(task: Task, given: _Input, out: BinaryIO) -> None:
+def send_pictures(task: VideoTask, given: _Input, out: BinaryIO) -> None:
     """Pictures at their rate as long as they are wanted, until the input ends."""
     p, key = task.video, 0
     town = Town.generate(p.world_seed, p.world)
@@ -117,7 +117,7 @@ def take(task: Task, given: _Input, out: BinaryIO) -> None:
         given.wait(0.0)
         orders = given.orders
         try:
-            shot = camera.take(now_s - _LATENCY_S, p.samples)
+            shot = camera.photograph(now_s - _LATENCY_S, p.samples)
         except PoseUnavailable:
             continue  # not switched on yet
         data = encoder.encode(shot.rgb, orders.bit_per_s, orders.key > key)
@@ -132,8 +132,8 @@ def main(argv: Optional[List[str]] = None) -> int:
     # the flight controller may have more, pictures have not
     os.setpriority(os.PRIO_PROCESS, 0, max(0, nice))
     try:
-        task = config.from_mapping(json.loads((argv or sys.argv[1:])[0]), Task, "pictures")
-        take(task, _Input(sys.stdin.fileno()), sys.stdout.buffer)
+        task = config.from_mapping(json.loads((argv or sys.argv[1:])[0]), VideoTask, "pictures")
+        send_pictures(task, _Input(sys.stdin.fileno()), sys.stdout.buffer)
     except FcsvError as error:
         print(f"camera of the simulated Tello: {error}", file=sys.stderr)
         return 2

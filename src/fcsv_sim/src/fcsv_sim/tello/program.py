@@ -10,7 +10,7 @@ from typing import Iterator
 from fcsv_geometry.programs import netns
 from fcsv_sim.machines import namespaces
 from fcsv_sim.tello.camera import Camera
-from fcsv_sim.tello.pictures import Task, VideoParameters
+from fcsv_sim.tello.pictures import SimulatedVideoParameters, VideoTask
 from fcsv_sim.tello.udp import ADDRESS, PORT, Shell, open_socket
 from fcsv_sim.tello.vehicle import TelloDrone, TelloDroneParameters
 
@@ -31,7 +31,7 @@ class ProgramParameters(TelloDroneParameters):
     address: str = ADDRESS
     port: int = PORT
     video_port: int = 0
-    video: VideoParameters = field(default_factory=VideoParameters)
+    video: SimulatedVideoParameters = field(default_factory=SimulatedVideoParameters)
 
     def __post_init__(self):
         for name, least in (("port", 1), ("video_port", 0)):
@@ -59,7 +59,7 @@ def switched_on(parameters: ProgramParameters) -> Iterator[Shell]:
         camera = None
         if p.video.world:
             camera = open_things.enter_context(
-                contextlib.closing(Camera(Task(p.vehicle, p.sim_dir, p.video)))
+                contextlib.closing(Camera(VideoTask(p.vehicle, p.sim_dir, p.video)))
             )
         yield Shell(drone, control, video, camera)
 

@@ -17,7 +17,7 @@ _STRONGEST = 90  # the most that the real one says
 
 
 @dataclass(frozen=True)
-class RadioParameters:
+class WifiParameters:
     """Describes the radio of both ways. ``cuts``: pairs of start and length (s) after the start, in
     which nothing passes."""
 
@@ -37,7 +37,7 @@ class SimulatedWifi:
     """Two queues: send() puts a packet on its way, arrived() gives those whose time has come, in
     order."""
 
-    def __init__(self, parameters: RadioParameters, seed: int, now_s: float):
+    def __init__(self, parameters: WifiParameters, seed: int, now_s: float):
         self._p = parameters
         self._random = np.random.default_rng([seed, 43])
         self._cuts = [(now_s + start, now_s + start + length) for start, length in parameters.cuts]

@@ -12,7 +12,7 @@ from fcsv_sim.tello.battery import BatteryRules, TelloBattery
 from fcsv_sim.tello.drone import Drone, DroneParameters
 from fcsv_sim.tello.flight import Felt, FlightRules, TelloFlight
 from fcsv_sim.tello.link import Address, SimulatedTelloLink
-from fcsv_sim.tello.radio import RadioParameters, SimulatedWifi
+from fcsv_sim.tello.radio import SimulatedWifi, WifiParameters
 from fcsv_sim.tello.telemetry import Telemetry, TelemetryParameters
 from fcsv_sim.truth import TruthWriter
 from fcsv_sim.vehicles.dynamics import Airframe, Quadrotor
@@ -39,7 +39,7 @@ class TelloDroneParameters:
     flight: FlightRules = field(default_factory=FlightRules)
     battery: BatteryRules = field(default_factory=BatteryRules)
     telemetry: TelemetryParameters = field(default_factory=TelemetryParameters)
-    radio: RadioParameters = field(default_factory=RadioParameters)
+    radio: WifiParameters = field(default_factory=WifiParameters)
     drone: DroneParameters = field(default_factory=DroneParameters)
     airframe: Airframe = field(default_factory=tello_airframe)
 
@@ -93,7 +93,7 @@ class TelloDrone(SteppedBody):
         felt = self._feel(state)
         self.drone.felt = felt
         for data, sender in self.radio.arrived(now_s, True):
-            self.link.take(now_s, data, sender)
+            self.link.on_datagram(now_s, data, sender)
         command = flight.decide(now_s, PASS_S, felt, self.body.on_ground)
         flight.battery.drain(PASS_S, command[3] / self.body.hover_thrust)
         self.drone.lean_rad = float(np.hypot(command[0], command[1]))

@@ -8,7 +8,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_sim.tilting.rig import SimulatedRig
-from fcsv_tracking.tilting.board import BoardView, TagBoard
+from fcsv_tracking.tilting.board import SideBoardView, TagBoard
 from fcsv_tracking.tilting.calibrate import TiltSolution, calibrate
 from fcsv_tracking.tilting.rig import SIDES, TiltAngles
 
@@ -30,7 +30,7 @@ def T_rig_board(station: int) -> np.ndarray:
     return T @ transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
 
 
-def board_views(rig: SimulatedRig, board: TagBoard, seed: int) -> List[BoardView]:
+def board_views(rig: SimulatedRig, board: TagBoard, seed: int) -> List[SideBoardView]:
     """Gives views of every station, angle and side: the tags that are whole in the picture, corners
     with noise, angles as read."""
     random, views = np.random.default_rng([seed, 8]), []
@@ -58,7 +58,7 @@ def board_views(rig: SimulatedRig, board: TagBoard, seed: int) -> List[BoardView
                     corners = uv[inside] + random.normal(0.0, _NOISE_PX, (int(inside.sum()), 2))
                     seen = camera.normalize(corners)
                     views.append(
-                        BoardView(
+                        SideBoardView(
                             str(station), side, float(read[k]), seen, points[inside], camera.fx
                         )
                     )

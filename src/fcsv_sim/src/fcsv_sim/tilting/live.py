@@ -33,7 +33,7 @@ def live_depths(folder: Path, outcome: PairOutcome) -> Tuple[LiveDepth, LiveDept
     """Maps the pair without bars and with them, as ``live_map`` makes them in between refinements:
     poses are the rig's own.
 
-    ``folder`` holds the pair of ``outcome`` (``shots.take``). Raises StereoError where there is no
+    ``folder`` holds the pair of ``outcome`` (``shots.photographed``). Raises StereoError where there is no
     depth.
     """
     method, given = pipeline.METHODS[pipeline.DEFAULT_METHOD], pipeline.load(folder)

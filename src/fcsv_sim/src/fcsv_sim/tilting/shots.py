@@ -17,7 +17,7 @@ from fcsv_stereo.posed.priors import FILE as PRIORS
 from fcsv_tracking.tilting.rig import SIDES, TiltAngles, TiltingRig
 
 
-def take(
+def photographed(
     place: TiltingPlace, rig: SimulatedRig, thing: str, distance_m: float, folder: Path
 ) -> Tuple[RenderedView, RenderedView]:
     """Both pictures as they stand in ``folder`` (images/, cameras.txt, images.txt, priors.csv),

@@ -10,7 +10,7 @@ import numpy as np
 
 from fcsv_sim.tilting.place import RenderedView, TiltingPlace
 from fcsv_sim.tilting.rig import SimulatedRig
-from fcsv_sim.tilting.shots import posed_by, take
+from fcsv_sim.tilting.shots import photographed, posed_by
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import StereoError
 from fcsv_stereo.joint.bars import with_bars
@@ -112,7 +112,7 @@ def _one(
     folder: Path,
 ) -> PairOutcome:
     """Tilted where there is a drawing to compare with."""
-    left, _ = take(place, rig, thing, distance_m, folder)
+    left, _ = photographed(place, rig, thing, distance_m, folder)
     plain, depth, refused = map_depth(folder, left.depth.shape)
     camera, T_rig_left = rig.true.left.camera, rig.T_rig_cams()[0]
     T_world_cam = place.T_world_rig(thing, distance_m) @ T_rig_left

@@ -14,7 +14,7 @@ from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_geometry.vehicles.tracker import T265_PROFILE, TrackerProfile
 from fcsv_geometry.vehicles.vehicle import Mount, VehicleGeometry
-from fcsv_sim.render.bodies import Body
+from fcsv_sim.render.bodies import RenderedBody
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.sensors.t265 import T265
@@ -151,7 +151,11 @@ class Formation:
             100 * self._seed + child,
         )
         for t_s in self.stamps_s():
-            others = [Body(v, self.body(k, t_s)) for k, v in enumerate(self.vehicles) if k != child]
+            others = [
+                RenderedBody(v, self.body(k, t_s))
+                for k, v in enumerate(self.vehicles)
+                if k != child
+            ]
             rgb = camera.shoot(t_s, self.body(child, t_s), others, samples=1).rgb
             yield t_s, cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from fcsv_geometry import transforms
 from fcsv_sim.gimbal.gimbal import MountErrors, ServoErrors, SimulatedGimbal
 from fcsv_sim.gimbal.gimbal_camera import GimbalCamera, GimbalCameraParameters, facing
-from fcsv_sim.trials.mocap_flight import STEP_HZ, Truth, attitudes, vibration
+from fcsv_sim.trials.mocap_flight import STEP_HZ, TrueTrack, attitudes, vibration
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.config import Gimbal
 from fcsv_tracking.gimbal.looking import look
@@ -83,7 +83,7 @@ class Run:
     tracker: Optional[GimbalTracker] = None
 
 
-def fly(gimbal: Gimbal, scenario: Scenario, seed: int) -> Truth:
+def fly(gimbal: Gimbal, scenario: Scenario, seed: int) -> TrueTrack:
     """The vehicle's motion in the ground robot's frame."""
     random = np.random.default_rng([seed, 23])
     fine = np.linspace(0.0, _LAPS * scenario.duration_s, 20000)
@@ -107,7 +107,7 @@ def fly(gimbal: Gimbal, scenario: Scenario, seed: int) -> Truth:
         2 * np.pi * 0.05 * t + random.uniform(0.0, 2 * np.pi)
     )
     R = attitudes(np.clip(a + 0.25 * v, -4.0, 4.0), yaw) @ vibration(t, random)
-    return Truth(START_S + t, smooth, v, R)
+    return TrueTrack(START_S + t, smooth, v, R)
 
 
 def _way(gimbal: Gimbal, scenario: Scenario, s: np.ndarray, random) -> np.ndarray:
@@ -181,7 +181,7 @@ class _Ear:
         if self._tracker.turning(stamp_s):
             return None
         try:
-            return self._tracker.feed_tags(now_s, stamp_s, self._observations(true_s, stamp_s))
+            return self._tracker.add_tags(now_s, stamp_s, self._observations(true_s, stamp_s))
         except SampleRejected:
             return None  # counted in the tracker
 
@@ -205,13 +205,13 @@ class _Ear:
 def _read(tracker: GimbalTracker, servos: SimulatedGimbal) -> None:
     reading = servos.read()
     try:
-        tracker.feed_angles(reading.stamp_s, reading.angles)
+        tracker.add_angles(reading.stamp_s, reading.angles)
     except SampleRejected:
         pass  # counted
 
 
 def _look(
-    result: Run, eye: GimbalCamera, servos: SimulatedGimbal, truth: Truth, true_s: float
+    result: Run, eye: GimbalCamera, servos: SimulatedGimbal, truth: TrueTrack, true_s: float
 ) -> None:
     if true_s > START_S + SETTLE_S:
         T_cam_body = transforms.invert(servos.T_ground_cam(true_s)) @ truth.at(true_s)
@@ -219,7 +219,7 @@ def _look(
         result.still.append(servos.still)
 
 
-def _record(pose, truth: Truth, servos: SimulatedGimbal) -> PoseRecord:
+def _record(pose, truth: TrueTrack, servos: SimulatedGimbal) -> PoseRecord:
     """Errors at the stamp that the pose bears: a stamp that is wrong is an error of the pose."""
     T = truth.at(pose.stamp_s)
     off = pose.T_G_D[:3, 3] - T[:3, 3]

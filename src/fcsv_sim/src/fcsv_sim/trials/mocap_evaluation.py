@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_sim.trials import mocap_flight
-from fcsv_sim.trials.mocap_flight import T_WORLD_MOCAP, FlightErrors, Truth
+from fcsv_sim.trials.mocap_flight import T_WORLD_MOCAP, FlightErrors, TrueTrack
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.mocap import equations
 from fcsv_tracking.mocap.rules import TrackerRules
@@ -26,7 +26,7 @@ _AHEAD = np.array([np.cos(np.radians(20.0)), np.sin(np.radians(20.0))])
 
 
 @dataclass(frozen=True)
-class Record:
+class PoseErrorRecord:
     """One pose given out, against the truth at its stamp; errors in M's axes."""
 
     stamp_s: float
@@ -44,11 +44,11 @@ class EvaluatedFlight:
     """All that one flight gave; ``relative`` holds (in view of both, error m, error rad, normalised
     error)."""
 
-    records: Dict[str, List[Record]]
+    records: Dict[str, List[PoseErrorRecord]]
     level_deg: List[Tuple[float, float]]
     relative: List[Tuple[bool, float, float, float]]
     system: MocapSystem
-    truths: Dict[str, Truth]
+    truths: Dict[str, TrueTrack]
     wrong_poses: int = 0
 
 
@@ -71,12 +71,12 @@ def in_view(flight: EvaluatedFlight) -> Dict[str, float]:
     return out
 
 
-def at_20_m(records: List[Record]) -> Record:
+def at_20_m(records: List[PoseErrorRecord]) -> PoseErrorRecord:
     """The pose after 20 m out of view."""
     return min((r for r in records if r.away_m > 0.0), key=lambda r: abs(r.away_m - AWAY_M))
 
 
-def normalised(record: Record) -> float:
+def normalised(record: PoseErrorRecord) -> float:
     """Squared error over covariance, six degrees of freedom."""
     error = np.concatenate([record.error_m, record.error_rad])
     return float(error @ np.linalg.solve(record.covariance, error))
@@ -89,7 +89,7 @@ def normalised_in_view(flight: EvaluatedFlight) -> List[float]:
     return [normalised(records[len(records) // 2]) for records in settled]
 
 
-def largest_jump_m(records: List[Record]) -> float:
+def largest_jump_m(records: List[PoseErrorRecord]) -> float:
     """Largest step between neighbouring poses that the vehicle did not move, from the re-entry
     on."""
     last_away = max(i for i, r in enumerate(records) if r.away_m > 0.0)
@@ -97,7 +97,7 @@ def largest_jump_m(records: List[Record]) -> float:
     return float(np.linalg.norm(np.diff(errors, axis=0), axis=1).max())
 
 
-def truths(seed: int) -> Dict[str, Truth]:
+def truths(seed: int) -> Dict[str, TrueTrack]:
     """Vehicle a stays in view, b leaves it for 24 m and comes back."""
     x, y = 2.0 * _AHEAD
     around = [
@@ -146,11 +146,11 @@ def evaluate(
     flight = EvaluatedFlight({n: w.records for n, w in watches.items()}, [], [], system, flown)
     next_s = 0.0
     for now_s, name, message in mocap_flight.messages(flown, errors, seed, hidden):
-        watches[name].hear(message)
+        watches[name].on_message(message)
         flight.wrong_poses += (
             isinstance(message, mocap_flight.MocapPose) and message.seen and not message.true_pose
         )
-        _feed(system, name, message)
+        _deliver(system, name, message)
         if now_s >= next_s:
             next_s = now_s + 1.0 / RATE_HZ
             for vehicle, watch in watches.items():
@@ -159,9 +159,9 @@ def evaluate(
     return flight
 
 
-def _feed(system: MocapSystem, name: str, message) -> None:
+def _deliver(system: MocapSystem, name: str, message) -> None:
     try:
-        mocap_flight.feed(Named(system, name), message)
+        mocap_flight.deliver(Named(system, name), message)
     except SampleRejected:
         pass  # counted where it was rejected
 
@@ -172,19 +172,19 @@ class Named:
     def __init__(self, system: MocapSystem, name: str):
         self._system, self._name = system, name
 
-    def feed_mocap(self, *args) -> None:
-        self._system.feed_mocap(self._name, *args)
+    def add_mocap(self, *args) -> None:
+        self._system.add_mocap(self._name, *args)
 
-    def feed_vehicle(self, *args) -> None:
-        self._system.feed_vehicle(self._name, *args)
+    def add_vehicle(self, *args) -> None:
+        self._system.add_vehicle(self._name, *args)
 
 
 class _Watch:
     """Compares one vehicle's poses with the truth."""
 
-    def __init__(self, truth: Truth, errors: FlightErrors):
+    def __init__(self, truth: TrueTrack, errors: FlightErrors):
         self._truth = truth
-        self.records: List[Record] = []
+        self.records: List[PoseErrorRecord] = []
         self._path_m = np.concatenate(
             [[0.0], np.cumsum(np.linalg.norm(np.diff(truth.p, axis=0), axis=1))]
         )
@@ -193,7 +193,7 @@ class _Watch:
         self._seen_s = -np.inf
         self._packet = self._packet_left = None
 
-    def hear(self, message) -> None:
+    def on_message(self, message) -> None:
         if isinstance(message, mocap_flight.TelloSample):
             self._packet = message
         elif message.seen:
@@ -214,7 +214,7 @@ class _Watch:
             away_m = self._flown(self._left[0], self._packet.truth_s)
             raw_m = self._odometry_error()
         self.records.append(
-            Record(
+            PoseErrorRecord(
                 pose.stamp_s,
                 pose.T_M_D[:3, 3] - T_M_D[:3, 3],
                 turn,

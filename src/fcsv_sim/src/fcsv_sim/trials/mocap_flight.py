@@ -23,7 +23,7 @@ T_WORLD_MOCAP = transforms.from_xyz_rpy([0.0, 0.0, 0.3], np.radians([1.5, -45.0,
 
 
 @dataclass(frozen=True)
-class Truth:
+class TrueTrack:
     """A vehicle's true motion at STEP_HZ: p (N,3), v (N,3), R (N,3,3), all in the world; t (N,)."""
 
     t_s: np.ndarray
@@ -66,7 +66,7 @@ def fly(
     yaw_rad: float,
     seed: int,
     start_s: float,
-) -> Truth:
+) -> TrueTrack:
     """Stop-to-stop minimum-jerk legs through (x, y, z, seconds to get there), with the wander and
     the vibration of a small quadrotor, tilting as its acceleration asks."""
     random = np.random.default_rng([seed, 13])
@@ -85,11 +85,11 @@ def fly(
     a = np.gradient(v, t, axis=0)
     yaw = yaw_rad + np.radians(4.0) * np.sin(2 * np.pi * 0.05 * t + random.uniform(0.0, 2 * np.pi))
     R = attitudes(a + 0.25 * v, yaw) @ vibration(t, random)
-    return Truth(start_s + t, p, v, R)
+    return TrueTrack(start_s + t, p, v, R)
 
 
 def messages(
-    truths: Dict[str, Truth], errors: FlightErrors, seed: int, hidden=lambda _t_s: ()
+    truths: Dict[str, TrueTrack], errors: FlightErrors, seed: int, hidden=lambda _t_s: ()
 ) -> Iterator[tuple]:
     """(arrival s, vehicle, MocapPose or TelloSample) in order of arrival; ``hidden(t)`` names the
     occluded."""
@@ -130,13 +130,13 @@ def messages(
             yield arrival_s, name, message
 
 
-def feed(tracker, message, now_s: Optional[float] = None) -> None:
+def deliver(tracker, message, now_s: Optional[float] = None) -> None:
     """A message into a MocapTracker, at ``now_s`` where that is later than its stamp. Raises
     SampleRejected."""
     now_s = message.arrival_s if now_s is None else now_s
     if isinstance(message, TelloSample):
         T = message.T_O_D
-        tracker.feed_vehicle(
+        tracker.add_vehicle(
             now_s,
             message.arrival_s,
             T[:3, 3],
@@ -147,7 +147,7 @@ def feed(tracker, message, now_s: Optional[float] = None) -> None:
         )
     else:
         T = message.T_M_D
-        tracker.feed_mocap(now_s, message.arrival_s, T[:3, 3], transforms.fast_quaternion_xyzw(T))
+        tracker.add_mocap(now_s, message.arrival_s, T[:3, 3], transforms.fast_quaternion_xyzw(T))
 
 
 def _minimum_jerk(s: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from fcsv_geometry import rotations, transforms
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
-from fcsv_sim.autopilot.udp import UdpLine
+from fcsv_sim.autopilot.udp import AutopilotUdp
 from fcsv_sim.people.rc import RcReceiver
 from fcsv_sim.truth import TruthWriter
 from fcsv_sim.vehicles.dynamics import STEP_S, Airframe, Quadrotor
@@ -123,7 +123,7 @@ class SimulatedVehicle(SteppedBody):
         self._rc = RcReceiver(parameters.rc_port)
         server = MavlinkServer(self.autopilot, parameters.system_id)
         key = read_key(parameters.signing_key) if parameters.signing_key else None
-        self._line = UdpLine(server, parameters.companion, parameters.system_id, key)
+        self._line = AutopilotUdp(server, parameters.companion, parameters.system_id, key)
         self._piloted = Piloted(body, self.autopilot)
 
     def _decide(self, state: np.ndarray):

@@ -16,7 +16,7 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs.writing import in_words
 from fcsv_geometry.vehicles.vehicle import Mount, VehicleGeometry
 from fcsv_sim.errors import SimulationError
-from fcsv_sim.render.bodies import Body
+from fcsv_sim.render.bodies import RenderedBody
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world.export import write_ply
@@ -43,7 +43,7 @@ def _run(args) -> int:
     )
     if args.ply:
         _write(args.ply, lambda path: write_ply(town, path))
-    shot = _take(town, args)
+    shot = _photograph(town, args)
     if args.picture:
         _write(args.picture, lambda path: _write_picture(path, shot.rgb))
         known = np.isfinite(shot.depth)
@@ -53,7 +53,7 @@ def _run(args) -> int:
     return 0
 
 
-def _take(town: Town, args):
+def _photograph(town: Town, args):
     """A picture as the cameras take it, a vehicle in front: whatever they need is compiled then."""
     forward = Mount((0.0, 0.0, 0.0))
     stand_in = VehicleGeometry(
@@ -64,8 +64,8 @@ def _take(town: Town, args):
         args.xyz, np.radians([0.0, args.pitch_deg, args.yaw_deg])
     )
     ahead = T_world_body @ transforms.from_xyz_yaw([3.5, 0.0, -0.5], 0.0)
-    camera.shoot(0.0, T_world_body, [Body(stand_in, ahead)])
-    return camera.shoot(5.0, T_world_body, [Body(stand_in, ahead)] if args.vehicle else [])
+    camera.shoot(0.0, T_world_body, [RenderedBody(stand_in, ahead)])
+    return camera.shoot(5.0, T_world_body, [RenderedBody(stand_in, ahead)] if args.vehicle else [])
 
 
 def forward_camera() -> np.ndarray:

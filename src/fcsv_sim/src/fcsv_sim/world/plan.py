@@ -16,7 +16,7 @@ HILLS_END_M = 640.0
 
 
 @dataclass(frozen=True)
-class Parcel:
+class Plot:
     """A plot: middle and size in plan coordinates (m); its street lies towards ``front`` (-1 or +1)
     in t."""
 
@@ -99,7 +99,7 @@ class TownPlan:
         """How far sideways (m) the town is built at s: it widens with the view."""
         return np.minimum(300.0, 64.0 + 0.72 * np.asarray(s, float))
 
-    def parcels(self, random: np.random.Generator) -> List[Parcel]:
+    def parcels(self, random: np.random.Generator) -> List[Plot]:
         """Plots along both sides of every avenue, between the crossings."""
         parcels = []
         edge = ROAD_HALF_M + PAVEMENT_M
@@ -116,5 +116,5 @@ class TownPlan:
                     t = avenue - front * (edge + depth / 2)
                     for a, b in zip(cuts[:-1], cuts[1:]):
                         if abs(t) < self.half_width(b):
-                            parcels.append(Parcel((a + b) / 2, t, b - a, depth, front))
+                            parcels.append(Plot((a + b) / 2, t, b - a, depth, front))
         return parcels

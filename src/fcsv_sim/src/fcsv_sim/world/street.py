@@ -10,7 +10,7 @@ from fcsv_sim.world import furniture, vegetation
 from fcsv_sim.world.buildings import Body, block, hall, house
 from fcsv_sim.world.land import foreground, ground, hills, on_ground, plant
 from fcsv_sim.world.mesh import MeshBuilder, Placement
-from fcsv_sim.world.plan import FAR_M, PAVEMENT_M, ROAD_HALF_M, Cover, Parcel, TownPlan
+from fcsv_sim.world.plan import FAR_M, PAVEMENT_M, ROAD_HALF_M, Cover, Plot, TownPlan
 
 _COVERS = (Cover((0.50, 0.52, 0.56), 0.94), Cover((0.52, 0.43, 0.29), 0.90))  # snow, sand
 
@@ -69,7 +69,7 @@ def _parcels(mesh: MeshBuilder, plan: TownPlan, random, plain: bool) -> np.ndarr
     return np.concatenate(spots)
 
 
-def _built(mesh: MeshBuilder, plan: TownPlan, parcel: Parcel, random, plain: bool) -> None:
+def _built(mesh: MeshBuilder, plan: TownPlan, parcel: Plot, random, plain: bool) -> None:
     """Low and sparse in front, higher towards the back and the sides."""
     tall = random.random() < np.clip((parcel.s - 150) / 350 + (abs(parcel.t) - 30) / 500, 0.0, 0.6)
     depth = min(random.uniform(8.5, 12.0), parcel.depth_m - 5.0)
@@ -101,14 +101,14 @@ def _built(mesh: MeshBuilder, plan: TownPlan, parcel: Parcel, random, plain: boo
     house(mesh, place, body, random, plan.cover.colour if plain else None)
 
 
-def _spread(parcel: Parcel, random, count: int) -> np.ndarray:
+def _spread(parcel: Plot, random, count: int) -> np.ndarray:
     """Tree spots in the garden behind the building."""
     s = parcel.s + random.uniform(-0.42, 0.42, count) * parcel.length_m
     t = parcel.t - parcel.front * random.uniform(0.15, 0.46, count) * parcel.depth_m
     return np.stack([s, t], -1)
 
 
-def _boundary(mesh: MeshBuilder, plan: TownPlan, parcel: Parcel, random) -> None:
+def _boundary(mesh: MeshBuilder, plan: TownPlan, parcel: Plot, random) -> None:
     """Hedge or fence towards the street and along one side; far ones would not be seen."""
     if parcel.s > 260 or random.random() < 0.25:
         return

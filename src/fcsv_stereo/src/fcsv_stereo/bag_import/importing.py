@@ -17,7 +17,7 @@ from fcsv_geometry.programs.writing import require_folder
 from fcsv_stereo.bag_import import contents
 from fcsv_stereo.bag_import.choice import PosedStamp, choose
 from fcsv_stereo.bag_import.frame_tree import FrameTree
-from fcsv_stereo.bag_import.posing import PosedCamera, PoseSource, pose_all, posed_camera
+from fcsv_stereo.bag_import.posing import BagCamera, PoseSource, pose_all, posed_camera
 from fcsv_stereo.bag_import.recorded import BagContents, BagPass, PictureTopic, stamp_of
 from fcsv_stereo.bag_import.request import CameraRequest, ImportRequest
 from fcsv_stereo.bag_import.tum import read_tum
@@ -156,7 +156,7 @@ class _Posing:
         self.world = request.world or next((s.world for s in found if s.world), "")
         if request.world is not None and any(s.world not in ("", self.world) for s in found):
             tree.require(self.world)
-        self.cameras: List[PosedCamera] = []
+        self.cameras: List[BagCamera] = []
         for c, t, s in zip(request.cameras, sources.pictures, found):
             self.cameras.append(posed_camera(c, s, self._frame(t), tree, self.world))
             warnings += self.cameras[-1].said
@@ -280,7 +280,7 @@ class _Posing:
         return apart_s
 
     def _uncovered(
-        self, topic: str, camera: PosedCamera, stamps_s: List[float], why: str, lag_s: float
+        self, topic: str, camera: BagCamera, stamps_s: List[float], why: str, lag_s: float
     ) -> str:
         span_s = camera.source.span_s
         said = f"topic {topic}: no picture has a pose: pictures are from {min(stamps_s):.3f} to {max(stamps_s):.3f}"

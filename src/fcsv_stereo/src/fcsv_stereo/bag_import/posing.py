@@ -62,7 +62,7 @@ class PoseSource:
 
 
 @dataclass(frozen=True)
-class PosedCamera:
+class BagCamera:
     """``T_world_cam`` at a stamp raises PoseUnavailable. ``covariance`` (6, 6) is about the world's
     axes.
     """
@@ -91,14 +91,14 @@ class PosedCamera:
 
 def posed_camera(
     request: CameraRequest, source: PoseSource, picture_frame: str, tree: FrameTree, target: str
-) -> PosedCamera:
+) -> BagCamera:
     """``target``: the world of all cameras; empty: no source names one. Raises InputError naming
     what is not known.
     """
     said: List[str] = []
     T_body_cam = _mount(request, source, picture_frame, tree, said)
     T_target_world = _world(source, target, tree, said)
-    return PosedCamera(source, T_target_world, T_body_cam, said)
+    return BagCamera(source, T_target_world, T_body_cam, said)
 
 
 def _world(source: PoseSource, target: str, tree: FrameTree, said: List[str]) -> At:
@@ -164,7 +164,7 @@ def _constant(T: np.ndarray) -> At:
 
 
 def pose_all(
-    camera: PosedCamera, stamps_s: List[float]
+    camera: BagCamera, stamps_s: List[float]
 ) -> Tuple[List[Tuple[float, np.ndarray]], List[str]]:
     """(stamp, T_world_cam) of the stamps that have one, and why the others have none."""
     found, why = [], []

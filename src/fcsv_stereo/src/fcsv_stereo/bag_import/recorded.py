@@ -99,7 +99,7 @@ class BagPass:
             for topic, recorded_s, message in reading.timed_messages(
                 path, lambda t, kind: t in wanted or kind in TF, self._broken
             ):
-                self._take(path, topic, recorded_s, message)
+                self._add(path, topic, recorded_s, message)
         except BagError as error:
             self._warnings.append(f"{error}; what follows there is left out")
 
@@ -108,10 +108,10 @@ class BagPass:
             topic, recorded_s, f"its bytes are no message of its type ({why})"
         )
 
-    def _take(self, path: Path, topic: str, recorded_s: float, message) -> None:
+    def _add(self, path: Path, topic: str, recorded_s: float, message) -> None:
         if hasattr(message, "transforms"):
             for t in message.transforms:
-                self._take_transform(path, topic, recorded_s, t)
+                self._add_transform(path, topic, recorded_s, t)
             return
         stamp_s = stamp_of(message, recorded_s, self._by_receipt)
         self.contents.lags_s.setdefault(topic, []).append(
@@ -123,13 +123,13 @@ class BagPass:
                 self.contents.pictures[topic].frames.add(_frame(message.header.frame_id))
             elif topic in self._infos:
                 for of in self._infos[topic]:
-                    self._take_info(path, self.contents.pictures[of], stamp_s, message)
+                    self._add_info(path, self.contents.pictures[of], stamp_s, message)
             else:
-                self._take_pose(path, self.contents.poses[topic], stamp_s, message)
+                self._add_pose(path, self.contents.poses[topic], stamp_s, message)
         except GeometryError as error:
             self.contents.left_out.add(topic, stamp_s, str(error))
 
-    def _take_info(self, path: Path, pictures: PictureTopic, stamp_s: float, message) -> None:
+    def _add_info(self, path: Path, pictures: PictureTopic, stamp_s: float, message) -> None:
         """Takes the intrinsics: of rectified pictures P holds, and R turns the camera; of others K
         and D."""
         if not base_of(pictures.stamps.topic).rpartition("/")[2].startswith("image_rect"):
@@ -150,7 +150,7 @@ class BagPass:
             pictures.second_of_pair_m = -P[0, 3] / P[0, 0]
         pictures.infos.add(path, stamp_s, camera)
 
-    def _take_pose(self, path: Path, of: PoseTopic, stamp_s: float, message) -> None:
+    def _add_pose(self, path: Path, of: PoseTopic, stamp_s: float, message) -> None:
         pose = getattr(message, "pose", None)
         if pose is None:
             T_world_body = transform_from_msg(message.transform)
@@ -167,7 +167,7 @@ class BagPass:
         )
         of.poses.add(path, stamp_s, T_world_body)
 
-    def _take_transform(self, path: Path, topic: str, recorded_s: float, t) -> None:
+    def _add_transform(self, path: Path, topic: str, recorded_s: float, t) -> None:
         names, stamp_s = (
             (_frame(t.header.frame_id), _frame(t.child_frame_id)),
             stamp_of(t, recorded_s, self._by_receipt),

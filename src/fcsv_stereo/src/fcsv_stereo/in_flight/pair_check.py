@@ -170,7 +170,7 @@ class PairsToLookAt:
         """A picture came."""
         self._newest[picture.vehicle] = picture
 
-    def take(self) -> Optional[Tuple[LivePicture, LivePicture]]:
+    def next_pair(self) -> Optional[Tuple[LivePicture, LivePicture]]:
         """The pair that is to be looked at now, whose other vehicle waited longest; None: there is
         none."""
         a = self._newest.get(self._reference)

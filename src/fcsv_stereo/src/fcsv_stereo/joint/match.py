@@ -31,7 +31,7 @@ from fcsv_stereo.joint.volume.winner import (
     nearest_inverse_depth,
 )
 from fcsv_stereo.model import Picture, PoseUncertainty
-from fcsv_stereo.model.kinds import Kind, supported
+from fcsv_stereo.model.kinds import DepthKind, supported
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def match_jointly(
     if suspicion:
         sigma = np.hypot(sigma, depth * np.float32(suspicion.probability**0.5) * pose_sigma_share)
     if reference.blank is not None:
-        kind[reference.blank] = Kind.NOTHING
+        kind[reference.blank] = DepthKind.NOTHING
     return JointDepth(
         depth, sigma, support, used, left_out, fine, known, pictures.others, kind, columns
     )
@@ -225,11 +225,11 @@ def _judged(
             (1.0 - doubts) * np.float32(suspicion.probability) * chance_of_wrong(pose_sigma_share)
         )
     kind = kinds(doubts, out, fine.residuals, contrast, is_sky, bright)
-    kind[moved_clouds(kind, seeing, colour)] = Kind.SKY
+    kind[moved_clouds(kind, seeing, colour)] = DepthKind.SKY
     moves_px = fine.w * fine.residuals.speed.max(axis=0)
-    kind[in_the_skyline(kind == Kind.SKY, supported(kind), moves_px, pictures.reference.image)] = (
-        Kind.SKY
-    )
+    kind[
+        in_the_skyline(kind == DepthKind.SKY, supported(kind), moves_px, pictures.reference.image)
+    ] = DepthKind.SKY
     return kind, kept
 
 

@@ -161,8 +161,8 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
 def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: float) -> MapResult:
     """The map of an input in units of ``unit_m``; its ``options`` are in metres."""
     reference, others = choose_pictures(given.configurations)
-    hint = rig_hint(reference, others) if _nothing_said(given, options) else []
-    if given.rig and _nothing_said(given, options) and not options.refinement.refine_focal:
+    hint = rig_hint(reference, others) if _nothing_stated(given, options) else []
+    if given.rig and _nothing_stated(given, options) and not options.refinement.refine_focal:
         options = replace(
             options, prior=RIG, refinement=replace(options.refinement, calibrated=True)
         )
@@ -246,7 +246,7 @@ def _prior(given: MapInput, options: JointOptions, unit_m: float) -> PosePrior:
         prior = options.refinement.prior
         assumed = PosePrior() if given.kind is not InputKind.SESSION and prior == METRIC else prior
         return given.prior or assumed.in_unit(unit_m)
-    if not _nothing_said(given, replace(options, prior=None)):
+    if not _nothing_stated(given, replace(options, prior=None)):
         raise InputError(
             "--prior-... and --rig are for photographs without priors.csv: sessions and priors.csv say how good their "
             "poses are"
@@ -254,7 +254,7 @@ def _prior(given: MapInput, options: JointOptions, unit_m: float) -> PosePrior:
     return options.prior.in_unit(unit_m)
 
 
-def _nothing_said(given: MapInput, options: JointOptions) -> bool:
+def _nothing_stated(given: MapInput, options: JointOptions) -> bool:
     """Whether nobody says how good the poses of photographs are."""
     known = any(p.covariance is not None for c in given.configurations for p in c.others)
     return (

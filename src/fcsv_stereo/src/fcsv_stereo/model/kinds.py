@@ -11,7 +11,7 @@ import numpy as np
 MOST_PAIRS = 199
 
 
-class Kind(IntEnum):
+class DepthKind(IntEnum):
     """Kinds that are no number of pairs."""
 
     NOTHING = 0  # not looked at: the camera saw nothing there, or the method does not say why
@@ -25,7 +25,7 @@ class Kind(IntEnum):
 
 
 #: By code, of kinds that are one code.
-NAMES: Dict[int, str] = {1: "one pair", **{kind.value: kind.name.lower() for kind in Kind}}
+NAMES: Dict[int, str] = {1: "one pair", **{kind.value: kind.name.lower() for kind in DepthKind}}
 #: In words, for reports: the name as in docs/user/concepts.md, and what it says.
 WORDS: Dict[str, str] = {
     "agreed": "agreed: two pairs or more",
@@ -48,8 +48,16 @@ def supported(kind: np.ndarray) -> np.ndarray:
 def masks(kind: np.ndarray) -> Dict[str, np.ndarray]:
     """HxW bool by the names of ``WORDS``; "near" only where there is a near field."""
     found = {"agreed": (kind >= 2) & (kind <= MOST_PAIRS)}
-    for one in (1, Kind.HIDDEN, Kind.OUTSIDE, Kind.BLANK, Kind.SKY, Kind.MOVED, Kind.NOTHING):
+    for one in (
+        1,
+        DepthKind.HIDDEN,
+        DepthKind.OUTSIDE,
+        DepthKind.BLANK,
+        DepthKind.SKY,
+        DepthKind.MOVED,
+        DepthKind.NOTHING,
+    ):
         found[NAMES[one]] = kind == one
-    if (kind == Kind.NEAR).any():
-        found["near"] = kind == Kind.NEAR
+    if (kind == DepthKind.NEAR).any():
+        found["near"] = kind == DepthKind.NEAR
     return found

@@ -9,7 +9,7 @@ import numpy as np
 
 from fcsv_stereo.depth import pixels_of
 from fcsv_stereo.model import Cloud, MapResult, Picture, as_rgb, concatenate
-from fcsv_stereo.model.kinds import Kind
+from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.near.surface import NearPoints, NearSurface
 
 #: In map.ply, where other points have the index of their configuration.
@@ -93,7 +93,7 @@ def join(
         result,
         depth=np.where(stands, near, far),
         sigma=np.where(stands, near_sigma, far_sigma),
-        kind=np.where(stands, np.uint8(Kind.NEAR), result.kind),
+        kind=np.where(stands, np.uint8(DepthKind.NEAR), result.kind),
         cloud=cloud,
         near=found,
     )

@@ -69,7 +69,7 @@ class _Octets:
             )
         self._path, self._octets, self._at = path, path.read_bytes(), 0
 
-    def take(self, form: str) -> tuple:
+    def read(self, form: str) -> tuple:
         size = struct.calcsize("<" + form)
         self.skip(size)
         return struct.unpack_from("<" + form, self._octets, self._at - size)
@@ -90,15 +90,15 @@ class _Octets:
 
 def _binary_cameras(path: Path) -> Dict[int, PinholeCamera]:
     octets, cameras = _Octets(path), {}
-    (count,) = octets.take("Q")
+    (count,) = octets.read("Q")
     for _ in range(count):
-        number, model, width, height = octets.take("iiQQ")
+        number, model, width, height = octets.read("iiQQ")
         if model not in _NAMES:
             raise InputError(
                 f"{path}: camera {number} has model number {model}; map knows {', '.join(_NAMES.values())}"
             )
         order = colmap.MODELS[_NAMES[model]]
-        values = dict(zip(order, octets.take(f"{len(order)}d")))
+        values = dict(zip(order, octets.read(f"{len(order)}d")))
         try:
             cameras[number] = colmap.camera_of(width, height, values)
         except GeometryError as error:
@@ -110,11 +110,11 @@ def _binary_cameras(path: Path) -> Dict[int, PinholeCamera]:
 
 def _binary_images(path: Path, cameras: Dict[int, PinholeCamera]) -> List[colmap.PosedImage]:
     octets, posed = _Octets(path), []
-    (count,) = octets.take("Q")
+    (count,) = octets.read("Q")
     for _ in range(count):
-        _, w, x, y, z, *t, camera_id = octets.take("i7di")
+        _, w, x, y, z, *t, camera_id = octets.read("i7di")
         name = octets.word()
-        (points,) = octets.take("Q")
+        (points,) = octets.read("Q")
         octets.skip(24 * points)  # two coordinates and the number of a point each
         if camera_id not in cameras:
             raise InputError(f"{path}: camera {camera_id} of {name} is not in cameras.bin")

@@ -32,7 +32,7 @@ class Photograph(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedPhotographs:
     """``remarks``: by photograph, what of it was not used and why."""
 
     similarity: Similarity
@@ -40,7 +40,7 @@ class Placed:
     remarks: Dict[str, str]
 
 
-def place(photographs: Sequence[Photograph]) -> Placed:
+def place(photographs: Sequence[Photograph]) -> PlacedPhotographs:
     """East, north, up of the first photograph whose GPS agrees with the others'. Raises
     InputError."""
     photographs = _with_steps(photographs)
@@ -56,7 +56,7 @@ def place(photographs: Sequence[Photograph]) -> Placed:
         raise InputError(
             f"{error}{_contradicting(photographs, error.similarity, origin)}"
         ) from error
-    return Placed(found, origin, _remarks(photographs, found, origin))
+    return PlacedPhotographs(found, origin, _remarks(photographs, found, origin))
 
 
 def _with_steps(photographs: Sequence[Photograph]) -> List[Photograph]:

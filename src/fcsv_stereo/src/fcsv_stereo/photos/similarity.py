@@ -236,11 +236,11 @@ def _require_one_answer(fits: List[Fitted], found: Similarity) -> None:
         if other.cost < fits[0].cost + SAME_COST and _apart(other.pose, fits[0].pose, *bounds):
             raise InputError(
                 "GPS and angles agree with two answers alike: "
-                f"{_told(fits[0])} or {_told(other)}; more photographs with right GPS would decide"
+                f"{_sentence(fits[0])} or {_sentence(other)}; more photographs with right GPS would decide"
             )
 
 
-def _told(f: Fitted) -> str:
+def _sentence(f: Fitted) -> str:
     wrong = int((f.weights.height < _RIGHT).sum() + (f.weights.angles < _RIGHT).sum())
     return f"{f.pose.scale:.4g} m per unit with {wrong} places or angles wrong"
 

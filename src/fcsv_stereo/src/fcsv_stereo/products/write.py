@@ -6,7 +6,7 @@ from typing import Callable, Dict, Optional, Sequence
 
 from fcsv_stereo.errors import OutputError
 from fcsv_stereo.model import Cloud, MapInput, MapResult
-from fcsv_stereo.model.kinds import Kind
+from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.products import clouds, exchange, from_above, ground, rectified
 from fcsv_stereo.products.holes import hole_shares
 from fcsv_stereo.products.points import merge_duplicates
@@ -15,7 +15,7 @@ from fcsv_stereo.products.points import merge_duplicates
 def _orthophoto(result: MapResult, cloud: Cloud, folder: Path) -> None:
     """Its holes are told in the report."""
     raster = from_above.write_from_above(cloud, folder, result.reference, result.origin_m)
-    result.holes = hole_shares(raster, cloud, result.reference, result.kind == Kind.SKY)
+    result.holes = hole_shares(raster, cloud, result.reference, result.kind == DepthKind.SKY)
 
 
 _Writer = Callable[[MapResult, MapInput, Cloud, Path], None]

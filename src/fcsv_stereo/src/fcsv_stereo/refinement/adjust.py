@@ -40,7 +40,7 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Adjusted:
+class AdjustedPoses:
     """Poses T_ref_cam; ``covariance`` of them in order (rotation, position, in camera axes);
     residuals (M, 2) px."""
 
@@ -60,7 +60,7 @@ class Adjusted:
     by_focal: Optional[np.ndarray] = None
 
 
-def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> Adjusted:
+def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> AdjustedPoses:
     """Levenberg-Marquardt from poses ``starts`` and inverse depths ``rho`` (N,) 1/m."""
     order = sorted(problem.priors)
     structure = Structure(problem.observations, rho, problem.focals_px, problem.noise_px)
@@ -92,7 +92,9 @@ def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> 
     focal_sigma = float(np.sqrt(covariance[n, n])) if with_focal else 0.0
     by_focal = covariance[:n, n] / covariance[n, n] if with_focal else None
     covariance = _with_shared(covariance[:n, :n], problem, order)
-    found = Adjusted(poses, order, covariance, structure.rho, scale, offsets, residual, focal_sigma)
+    found = AdjustedPoses(
+        poses, order, covariance, structure.rho, scale, offsets, residual, focal_sigma
+    )
     return replace(found, by_focal=by_focal)
 
 

@@ -8,7 +8,7 @@ from typing import Dict, List, Optional, Tuple
 import numpy as np
 
 from fcsv_stereo.pose_covariance import relative_common, to_camera
-from fcsv_stereo.refinement.adjust import Adjusted, Problem, adjust
+from fcsv_stereo.refinement.adjust import AdjustedPoses, Problem, adjust
 from fcsv_stereo.refinement.features import FeatureView
 from fcsv_stereo.refinement.geometry import PairPrior
 from fcsv_stereo.refinement.graph import prior_to_reference
@@ -38,7 +38,7 @@ class Consensus:
     ``problem`` is what was adjusted last.
     """
 
-    adjusted: Optional[Adjusted]
+    adjusted: Optional[AdjustedPoses]
     observations: Optional[Observations]
     refused: Dict[int, str] = field(default_factory=dict)
     moving: List[Motion] = field(default_factory=list)
@@ -173,7 +173,7 @@ def _few(observations: Observations, priors, least: int) -> Dict[int, str]:
 
 
 def _noise_and_fit(
-    observations: Observations, adjusted: Adjusted
+    observations: Observations, adjusted: AdjustedPoses
 ) -> Tuple[Dict[int, float], np.ndarray]:
     """Measuring noise by picture (px, per axis) and which observations fit.
 

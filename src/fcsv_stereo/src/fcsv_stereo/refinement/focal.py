@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.refinement.adjust import Adjusted, adjust
+from fcsv_stereo.refinement.adjust import AdjustedPoses, adjust
 from fcsv_stereo.refinement.consensus import Consensus
 from fcsv_stereo.refinement.systematic import systematic
 from fcsv_stereo.refinement.types import ANY_FOCAL
@@ -162,7 +162,7 @@ def _doubt(change: float, sigma: float, odds: float, wrong: Wrong) -> Tuple[floa
     return favour / (1.0 + favour), float(np.average(squares, weights=favours))
 
 
-def _looks_like(free: Adjusted) -> np.ndarray:
+def _looks_like(free: AdjustedPoses) -> np.ndarray:
     """(6n,) by how much wrong poses look as the given focal length does, per share that it is off.
 
     The poses follow it (``by_focal``). A turn about x or y by an angle a shifts a picture by f a: a

@@ -11,7 +11,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model import Picture, PoseUncertainty
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
-from fcsv_stereo.refinement.adjust import Adjusted
+from fcsv_stereo.refinement.adjust import AdjustedPoses
 from fcsv_stereo.refinement.consensus import Consensus
 from fcsv_stereo.refinement.features import FeatureView
 from fcsv_stereo.refinement.geometry import epipolar_error
@@ -29,7 +29,7 @@ _NOISY = 1.5  # times the median noise of the pictures
 _SURPRISE = 4.0
 
 
-def judge(
+def decide(
     views: List[FeatureView], k: int, direct: PairLink, consensus: Consensus, options: RefineOptions
 ) -> RefinedPicture:
     """Picture k as the consensus left it. Covariance of a refused one is its prior's."""
@@ -62,14 +62,14 @@ def judge(
     return RefinedPicture(picture, prior_T, True, "", inliers, before, after, known)
 
 
-def _with_common_focal(picture: Picture, adjusted: Optional[Adjusted]) -> Picture:
+def _with_common_focal(picture: Picture, adjusted: Optional[AdjustedPoses]) -> Picture:
     """Gives the picture with the focal length that was adjusted for all, also of a picture that had
     no part in it."""
     scale = 1.0 if adjusted is None else adjusted.focal_scale
     return picture if scale == 1.0 else replace(picture, camera=scaled(picture.camera, scale))
 
 
-def _focal_is_wrong(adjusted: Optional[Adjusted], k: int) -> bool:
+def _focal_is_wrong(adjusted: Optional[AdjustedPoses], k: int) -> bool:
     """Whether the pictures speak against the focal length: depths are wrong by it, whatever pose is
     taken."""
     return (
@@ -78,7 +78,7 @@ def _focal_is_wrong(adjusted: Optional[Adjusted], k: int) -> bool:
 
 
 def _with_focal(
-    known: PoseUncertainty, reference: FeatureView, adjusted: Adjusted, k: int
+    known: PoseUncertainty, reference: FeatureView, adjusted: AdjustedPoses, k: int
 ) -> PoseUncertainty:
     focal = _own(reference, adjusted, k, adjusted.focal)
     return replace(known, focal=focal, focal_probability=adjusted.focal_probability)
@@ -193,7 +193,7 @@ def _position_surprise_m(views: List[FeatureView], k: int, options: RefineOption
 
 
 def _uncertainty(
-    reference: FeatureView, adjusted: Adjusted, k: int, options: RefineOptions
+    reference: FeatureView, adjusted: AdjustedPoses, k: int, options: RefineOptions
 ) -> PoseUncertainty:
     """Gives the uncertainty of picture k's pose as it was adjusted, without that of its focal
     length."""

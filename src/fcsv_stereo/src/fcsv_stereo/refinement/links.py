@@ -52,7 +52,7 @@ class PairLink:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _LinkFit:
     prior: PairPrior
     T_a_b: np.ndarray
     matches: Matches
@@ -123,7 +123,7 @@ def link(
     )
 
 
-def _fit(a: FeatureView, b: FeatureView, prior: PairPrior, least: int) -> _Fit:
+def _fit(a: FeatureView, b: FeatureView, prior: PairPrior, least: int) -> _LinkFit:
     near_m = 1.5 * float(np.linalg.norm(prior.T_a_b[:3, 3]))
     half_width_px = band_px(prior, b.camera.fx, near_m)
     return _fit_matches(
@@ -138,9 +138,9 @@ def _fit_matches(
     prior: PairPrior,
     half_width_px: float,
     least: int,
-) -> _Fit:
+) -> _LinkFit:
     if len(matches) < least:
-        return _Fit(
+        return _LinkFit(
             prior,
             prior.T_a_b,
             matches,
@@ -152,7 +152,7 @@ def _fit_matches(
     rho, parallax = inverse_depth(T_a_b, rays_a, rays_b)
     in_front = rho * parallax * b.camera.fx > -3.0 * b.noise_px
     inlier = (np.abs(error_px) < 3.0 * b.noise_px) & in_front
-    return _Fit(
+    return _LinkFit(
         prior,
         T_a_b,
         matches,
@@ -189,7 +189,9 @@ def _search(a: FeatureView, b: FeatureView, prior: PairPrior, least: int):
     return _fit(a, b, wide, _MORE_WITHOUT_PRIOR * least)
 
 
-def _reconsidered(a: FeatureView, b: FeatureView, fit: _Fit, prior: PairPrior, least: int) -> _Fit:
+def _reconsidered(
+    a: FeatureView, b: FeatureView, fit: _LinkFit, prior: PairPrior, least: int
+) -> _LinkFit:
     """A surprising pose, unless what disagrees with it agrees with the prior: then the greater part
     has moved."""
     rest = Matches(fit.matches.a[~fit.inlier], fit.matches.b[~fit.inlier])

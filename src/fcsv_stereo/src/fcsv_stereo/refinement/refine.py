@@ -12,7 +12,7 @@ from fcsv_stereo.refinement.adjustment import Adjustment, Clock, adjusted
 from fcsv_stereo.refinement.cameras import Mended, mended, turns_of
 from fcsv_stereo.refinement.consensus import Consensus
 from fcsv_stereo.refinement.features import FeatureView
-from fcsv_stereo.refinement.judge import all_wrong, judge, scaled, surprise
+from fcsv_stereo.refinement.judge import all_wrong, decide, scaled, surprise
 from fcsv_stereo.refinement.rolling_shutter import could_turn
 from fcsv_stereo.refinement.symptoms import symptom
 from fcsv_stereo.refinement.systematic import systematic
@@ -51,7 +51,7 @@ def _refinement(best: Mended, options: RefineOptions, clock: Clock) -> Refinemen
         found.views,
         found.direct,
     )
-    judged = [judge(views, k, direct[k], consensus, options) for k in range(1, len(views))]
+    judged = [decide(views, k, direct[k], consensus, options) for k in range(1, len(views))]
     refined = [_explained(r, views, k) for k, r in enumerate(judged, 1)]
     clock.lap("adjust")
     warnings = [*found.unmoving, *best.words, *_warnings(refined, views, options)]

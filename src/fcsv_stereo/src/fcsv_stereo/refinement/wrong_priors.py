@@ -8,14 +8,14 @@ from typing import Dict, Tuple
 import numpy as np
 from scipy.stats import chi2
 
-from fcsv_stereo.refinement.adjust import Adjusted, Problem, adjust
+from fcsv_stereo.refinement.adjust import AdjustedPoses, Problem, adjust
 from fcsv_stereo.refinement.geometry import PairPrior
 
 _WRONG = 4.0  # standard deviations of a prior's position, as the surprise that is told
 _IMPROBABLE = 0.999  # of the priors' scales: that they differ by less, where all are right
 
 
-def settled(problem: Problem, adjusted: Adjusted) -> Tuple[Problem, Adjusted]:
+def settled(problem: Problem, adjusted: AdjustedPoses) -> Tuple[Problem, AdjustedPoses]:
     """The adjustment again without the positions of priors that a majority contradicts; where no
     majority agrees, as it was, with the contradiction in the covariance."""
     loose, last = problem, adjusted
@@ -55,7 +55,7 @@ def _loosened(prior: PairPrior, T_ref_cam: np.ndarray) -> PairPrior:
     return replace(prior, position_m=wide_m, covariance=covariance)
 
 
-def _doubted(priors: Dict[int, PairPrior], adjusted: Adjusted) -> Adjusted:
+def _doubted(priors: Dict[int, PairPrior], adjusted: AdjustedPoses) -> AdjustedPoses:
     """Adds with what the priors' lengths say against one common scale, where that is more than
     their errors explain."""
     scales, weights = [], []

@@ -43,7 +43,7 @@ def named(result: MapResult) -> MapResult:
     def of(name: str) -> str:
         return names.get(name, name)
 
-    def said(text: str) -> str:
+    def renamed(text: str) -> str:
         for name in sorted(names, key=len, reverse=True):
             text = text.replace(name, names[name])
         return text
@@ -52,12 +52,12 @@ def named(result: MapResult) -> MapResult:
         result,
         reference=replace(result.reference, name=of(result.reference.name)),
         images=[
-            replace(i, name=of(i.name), left_out=i.left_out and said(i.left_out))
+            replace(i, name=of(i.name), left_out=i.left_out and renamed(i.left_out))
             for i in result.images
         ],
         pairs=[_NamedPair(p, names) for p in result.pairs],
-        warnings=[said(w) for w in result.warnings],
-        unseen=[said(u) for u in result.unseen],
+        warnings=[renamed(w) for w in result.warnings],
+        unseen=[renamed(u) for u in result.unseen],
         watched=[of(name) for name in result.watched],
         skews_s={of(name): skew for name, skew in result.skews_s.items()},
     )

@@ -30,18 +30,18 @@ class CapturedPictures:
         self._health, self._on_picture, self._on_frames = health, on_picture, on_frames
         self._in_home = HomeFrames()
         rospy.Subscriber(
-            "/calibration", Calibration, self._take, home_messages.take_calibration, queue_size=1
+            "/calibration", Calibration, self._apply, home_messages.apply_calibration, queue_size=1
         )
-        rospy.Subscriber("/home", Home, self._take, home_messages.take_home, queue_size=1)
+        rospy.Subscriber("/home", Home, self._apply, home_messages.apply_home, queue_size=1)
         for name in vehicles:
             topic = f"/{name}/capture/picture"
             rospy.Subscriber(
                 topic, CapturedPicture, self._captured, name, queue_size=20, buff_size=8 << 20
             )
 
-    def _take(self, message, take) -> None:
+    def _apply(self, message, apply) -> None:
         try:
-            take(self._in_home, message)
+            apply(self._in_home, message)
         except GeometryError as error:
             self._health.drop("calibration or home", str(error))
             return

@@ -74,7 +74,7 @@ class PairCheckNode:
 
     def _next(self) -> Optional[Tuple[Picture, Picture]]:
         with self._changed:
-            pair = self._pairs.take() if self._T_home_odom else None
+            pair = self._pairs.next_pair() if self._T_home_odom else None
             if pair is None:
                 self._changed.wait(0.2)
                 return None

@@ -112,8 +112,8 @@ def _require(path: Path, recorded: Recorded, warnings: List[str]) -> None:
 def _odoms_in_home(path: Path, recorded: Recorded) -> Dict[str, np.ndarray]:
     in_home = HomeFrames()
     try:
-        home_messages.take_calibration(in_home, recorded.broadcasts.newest(CALIBRATION))
-        home_messages.take_home(in_home, recorded.broadcasts.newest(HOME))
+        home_messages.apply_calibration(in_home, recorded.broadcasts.newest(CALIBRATION))
+        home_messages.apply_home(in_home, recorded.broadcasts.newest(HOME))
         return in_home.T_home_odom
     except GeometryError as error:
         raise InputError(f"{path}: /calibration or /home: {error}") from error

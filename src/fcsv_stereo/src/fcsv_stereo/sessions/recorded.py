@@ -85,7 +85,7 @@ class _Pass:
             for topic, message in reading.messages(
                 path, lambda t, kind: self._wanted(path, t, kind), self._broken
             ):
-                self._take(path, topic, message)
+                self._add(path, topic, message)
         except BagError as error:
             self.warnings.append(f"{error}; what follows there is left out")
 
@@ -124,22 +124,22 @@ class _Pass:
             topic, recorded_s, f"its bytes are no message of its type ({why})"
         )
 
-    def _take(self, path: Path, topic: str, message) -> None:
+    def _add(self, path: Path, topic: str, message) -> None:
         vehicle, _, name = topic.strip("/").partition("/")
         try:
             if topic in TYPES:
                 self.recorded.broadcasts.add(path, topic, message)
             elif topic == TF_STATIC:
-                self._take_extrinsics(message)
+                self._add_extrinsics(message)
             else:
-                self._take_sample(path, topic, vehicle, name, message)
+                self._add_sample(path, topic, vehicle, name, message)
         except GeometryError as error:
             self.recorded.left_out.add(topic, _stamp_s(message), f"{path.name}: {error}")
         except AttributeError as error:
             what = f"was recorded with another version of its message ({error})"
             raise InputError(f"{path}, topic {topic}: {what}") from error
 
-    def _take_sample(self, path: Path, topic: str, vehicle: str, name: str, message) -> None:
+    def _add_sample(self, path: Path, topic: str, vehicle: str, name: str, message) -> None:
         stamp_s = seconds(message.header.stamp)
         if name == ODOMETRY:
             value = pose_to_transform(message.pose.pose)
@@ -171,7 +171,7 @@ class _Pass:
             return None
         return turned(covariance, pose_to_transform(message.pose.pose)[:3, :3].T)
 
-    def _take_extrinsics(self, message) -> None:
+    def _add_extrinsics(self, message) -> None:
         for t in message.transforms:
             vehicle = t.header.frame_id.split("/")[0]
             if (t.header.frame_id, t.child_frame_id) != (

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from fcsv_stereo.model import Cloud, concatenate
-from fcsv_stereo.model.kinds import Kind
+from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.survey import similarity, tuning
 from fcsv_stereo.survey.adjust import Placed
 from fcsv_stereo.survey.views import View
@@ -75,7 +75,7 @@ def site_view(view: View, placed: Placed, origin_m: np.ndarray) -> SiteView:
     known = np.isfinite(depth).astype(np.uint8)
     least = cv2.erode(np.where(known, depth, 0.0).astype(np.float32), _WINDOW)
     nearest = np.where(cv2.erode(known, _WINDOW) > 0, least, np.nan)
-    sky = cv2.erode((view.kind == Kind.SKY).astype(np.uint8), _WINDOW) > 0
+    sky = cv2.erode((view.kind == DepthKind.SKY).astype(np.uint8), _WINDOW) > 0
     place = similarity.place(placed.S_site_cam) - origin_m
     R = similarity.rotation(placed.S_site_cam)
     return SiteView(

@@ -3,7 +3,7 @@
 they are of."""
 
 from fcsv_stereo.sweeps.choice import MOVES_M, moves, spread
-from fcsv_stereo.sweeps.clock import ClockOffset, clock_offset
+from fcsv_stereo.sweeps.clock import StampOffset, clock_offset
 from fcsv_stereo.sweeps.timing import on_time
 
-__all__ = ["MOVES_M", "ClockOffset", "clock_offset", "moves", "on_time", "spread"]
+__all__ = ["MOVES_M", "StampOffset", "clock_offset", "moves", "on_time", "spread"]

@@ -37,7 +37,7 @@ _ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class ClockOffset:
+class StampOffset:
     """``offset_s`` is to be added to the stamps of the camera's pictures; ``known``: the pictures
     tell it beyond doubt. ``turns``: so many turns between pictures were compared."""
 
@@ -64,7 +64,7 @@ class ClockOffset:
     def words(self) -> str:
         """Says the offset for a person.
 
-        >>> ClockOffset(0.005, 0.0002, 40, True).words
+        >>> StampOffset(0.005, 0.0002, 40, True).words
         '+5.0 ms ±0.2'
         """
         if not self.known:
@@ -73,7 +73,7 @@ class ClockOffset:
 
 
 @dataclass(frozen=True)
-class Turn:
+class CameraTurn:
     """Holds a turn from picture ``first`` to ``second`` (stamps, s), as seen: R_second_first, and
     its information (3, 3) about the second camera's axes."""
 
@@ -85,14 +85,14 @@ class Turn:
 
 def clock_offset(
     pictures: Sequence[Picture], track: Trajectory, R_body_cam: np.ndarray
-) -> Optional[ClockOffset]:
+) -> Optional[StampOffset]:
     """Finds the offset of one vehicle: ``pictures`` in order of time, ``track`` of T_odom_body.
     None where too few turns are seen."""
     turns = seen_turns(pictures)
     return fitted(turns, track, R_body_cam) if len(turns) >= _LEAST_TURNS else None
 
 
-def seen_turns(pictures: Sequence[Picture]) -> List[Turn]:
+def seen_turns(pictures: Sequence[Picture]) -> List[CameraTurn]:
     """Between neighbours in time, at most 60, spread over the recording."""
     pairs = [
         (a, b)
@@ -105,8 +105,8 @@ def seen_turns(pictures: Sequence[Picture]) -> List[Turn]:
 
 
 def fitted(
-    turns: Sequence[Turn], track: Trajectory, R_body_cam: np.ndarray
-) -> Optional[ClockOffset]:
+    turns: Sequence[CameraTurn], track: Trajectory, R_body_cam: np.ndarray
+) -> Optional[StampOffset]:
     """The offset at which the track's turns agree best. None where the track does not reach far
     enough."""
     known = _Track.of(turns, track, R_body_cam)
@@ -128,7 +128,7 @@ def fitted(
     known_ = (
         inside and sigma_s < _APART_S / 2 and float(elsewhere.min() - fine.min()) / spread > _SURE
     )
-    return ClockOffset(best_s, sigma_s, len(kept), known_)
+    return StampOffset(best_s, sigma_s, len(kept), known_)
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class _Track:
 
     @classmethod
     def of(
-        cls, turns: Sequence[Turn], track: Trajectory, R_body_cam: np.ndarray
+        cls, turns: Sequence[CameraTurn], track: Trajectory, R_body_cam: np.ndarray
     ) -> Optional["_Track"]:
         first_s, last_s = turns[0].first_s - _MOST_S, turns[-1].second_s + _MOST_S
         stamps_s, poses = track.within(first_s - _MOST_S, last_s + _MOST_S)
@@ -150,11 +150,11 @@ class _Track:
         rotations = Rotation.from_matrix(poses[:, :3, :3] @ R_body_cam)
         return cls(RotationSpline(stamps_s, rotations), float(stamps_s[0]), float(stamps_s[-1]))
 
-    def holds(self, turn: Turn) -> bool:
+    def holds(self, turn: CameraTurn) -> bool:
         """Whether it reaches around a turn at every offset."""
         return self.first_s + _MOST_S < turn.first_s and turn.second_s < self.last_s - _MOST_S
 
-    def cost(self, turns: Sequence[Turn], offset_s: float) -> float:
+    def cost(self, turns: Sequence[CameraTurn], offset_s: float) -> float:
         """Twice a robust log likelihood of what was seen, were this the offset."""
         first = self.turned(np.array([t.first_s for t in turns]) + offset_s)
         second = self.turned(np.array([t.second_s for t in turns]) + offset_s)
@@ -168,7 +168,7 @@ class _Track:
 # ---- what two pictures show ----------------------------------------------------------------------
 
 
-def _turn(a: Picture, b: Picture) -> Optional[Turn]:
+def _turn(a: Picture, b: Picture) -> Optional[CameraTurn]:
     """The prior's movement is taken, and what turn is needed besides; along the parallax a corner
     says little."""
     R0 = b.T_home_cam[:3, :3].T @ a.T_home_cam[:3, :3]
@@ -181,7 +181,7 @@ def _turn(a: Picture, b: Picture) -> Optional[Turn]:
         return None
     w, covariance = found
     information = np.linalg.inv(covariance + _TRACKER_RAD**2 * np.eye(3))
-    return Turn(a.stamp_s, b.stamp_s, Rotation.from_rotvec(w).as_matrix() @ R0, information)
+    return CameraTurn(a.stamp_s, b.stamp_s, Rotation.from_rotvec(w).as_matrix() @ R0, information)
 
 
 def _tracked(a: Picture, b: Picture, R0: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:

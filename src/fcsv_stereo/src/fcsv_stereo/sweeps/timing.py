@@ -11,7 +11,7 @@ from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.model import ConfigurationInput, Picture
 from fcsv_stereo.sweeps.choice import moves
-from fcsv_stereo.sweeps.clock import ClockOffset, clock_offset
+from fcsv_stereo.sweeps.clock import StampOffset, clock_offset
 
 _OFF_TIME_S = 0.001  # what cameras and trackers with drivers are known to; less is not worth a word
 
@@ -23,7 +23,7 @@ def on_time(
     tracks: Mapping[str, Trajectory],
     R_body_cam: Mapping[str, np.ndarray],
     posed: Posed,
-) -> Tuple[List[ConfigurationInput], Dict[str, ClockOffset], List[str]]:
+) -> Tuple[List[ConfigurationInput], Dict[str, StampOffset], List[str]]:
     """The configurations with the time offset of each vehicle that takes part in a sweep taken out,
     the offsets, words.
 
@@ -54,7 +54,7 @@ def on_time(
     return better, clocks, _words(clocks)
 
 
-def _clocks(configurations, tracks, R_body_cam) -> Dict[str, ClockOffset]:
+def _clocks(configurations, tracks, R_body_cam) -> Dict[str, StampOffset]:
     """Finds the clocks by vehicle of a sweep; those of which nothing is seen are not told."""
     pictures: Dict[str, Dict[float, Picture]] = defaultdict(dict)
     for c in filter(moves, configurations):
@@ -67,7 +67,7 @@ def _clocks(configurations, tracks, R_body_cam) -> Dict[str, ClockOffset]:
     return {v: clock for v, clock in found.items() if clock is not None}
 
 
-def _words(clocks: Dict[str, ClockOffset]) -> List[str]:
+def _words(clocks: Dict[str, StampOffset]) -> List[str]:
     """Whose stamps are wrong by more than can be chance."""
     wrong = {
         v: c

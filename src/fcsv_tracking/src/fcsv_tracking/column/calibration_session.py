@@ -24,7 +24,7 @@ _SILENT_S = 4.0  # a link that shows no tag for so long will not get enough
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _SeenTags:
     came_s: float
     tags: SeenTags
 
@@ -51,12 +51,12 @@ class CalibrationSession:
         self._vehicles, self._rules, self._drop = vehicles, rules, drop
         self._until_s = now_s + (duration_s or rules.duration_s)
         self._longest_s = self._until_s if duration_s else now_s + rules.longest_s
-        self._seen: Dict[str, List[_Seen]] = {n: [] for n in column}
+        self._seen: Dict[str, List[_SeenTags]] = {n: [] for n in column}
 
     def tags(self, now_s: float, seen: SeenTags) -> None:
         """A vehicle's picture was looked at."""
         if seen.vehicle in self._seen:
-            self._seen[seen.vehicle].append(_Seen(now_s, seen))
+            self._seen[seen.vehicle].append(_SeenTags(now_s, seen))
 
     def enough(self, now_s: float) -> bool:
         """Whether it is over: every link has plenty, one gets no more, or the time is over."""

@@ -44,7 +44,7 @@ class Drift:
         self._stamp_s: Optional[float] = None
         self._recent.clear()
         for then_s, p_m in since:
-            self.feed(then_s, p_m)
+            self.add(then_s, p_m)
 
     def _since(self, stamp_s: float) -> List[Tuple[float, np.ndarray]]:
         """What was fed from a moment on, with the position before it; nothing of a clock that was
@@ -52,7 +52,7 @@ class Drift:
         before = [k for k in self._recent if k[0] <= stamp_s]
         return before[-1:] + [k for k in self._recent if stamp_s < k[0] <= stamp_s + _KEPT_S]
 
-    def feed(self, stamp_s: float, p_odom_body_m: np.ndarray) -> None:
+    def add(self, stamp_s: float, p_odom_body_m: np.ndarray) -> None:
         """The newest position; one that is not newer is passed over."""
         p = np.asarray(p_odom_body_m, float)
         if self._p_m is None:

@@ -8,7 +8,7 @@ from typing import List, Optional
 
 from fcsv_geometry.programs.writing import require_file
 from fcsv_tracking import commands
-from fcsv_tracking.evaluation.metrics import ALIGNMENTS, Evaluation, Statistics, evaluate
+from fcsv_tracking.evaluation.metrics import ALIGNMENTS, Statistics, TrackEvaluation, evaluate
 from fcsv_tracking.evaluation.tracks import Track, read_truth, read_tum
 
 _EXAMPLES = """examples:
@@ -32,7 +32,7 @@ def _evaluate(args) -> None:
         print(f"wrote {args.out}")
 
 
-def table(found: Evaluation) -> str:
+def table(found: TrackEvaluation) -> str:
     """Writes a table for a person."""
 
     def row(name: str, s: Statistics, unit: str) -> str:

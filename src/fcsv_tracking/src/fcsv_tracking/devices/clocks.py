@@ -40,12 +40,12 @@ class ClockExchange:
         self._most_round_trip_s = most_round_trip_s
         self.rejected = 0
 
-    def feed(self, sent_s: float, received_s: float, answered_s: float, returned_s: float) -> bool:
+    def add(self, sent_s: float, received_s: float, answered_s: float, returned_s: float) -> bool:
         """One exchange: sent and returned by our clock, received and answered by the other's; False
         where it is none.
 
         >>> exchange = ClockExchange()
-        >>> exchange.feed(10.0, 10.52, 10.53, 10.05)  # 20 ms there, 20 ms back
+        >>> exchange.add(10.0, 10.52, 10.53, 10.05)  # 20 ms there, 20 ms back
         True
         >>> round(exchange.offset().offset_s, 6), round(exchange.offset().uncertainty_s, 6)
         (0.5, 0.02)

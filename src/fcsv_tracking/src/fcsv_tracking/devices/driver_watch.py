@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a device's driver still speaks, and what to try when it does not. Time is an argument."""
 
-from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Deque, List, Optional, Tuple
+from typing import List, Optional, Tuple
 
 from fcsv_geometry.config import require_positive
+from fcsv_geometry.streams.stream import Stream
 
 _RATE_OVER_S = 3.0
 
@@ -59,34 +59,30 @@ class DriverWatch:
     def __init__(self, name: str, rules: DeviceRules, now_s: float):
         self.name, self.rules = name, rules
         self.silences = self.tries = 0
-        self._heard: Deque[float] = deque()
-        self._last_s: Optional[float] = None
+        self._heard: Stream[None] = Stream(_RATE_OVER_S)
         self._wait_until_s = now_s + rules.starts_s
         self._silent = False
         self._tried = 0  # since it last spoke for long
         self._speaks_since_s = now_s
         self._done = ""
 
-    def heard(self, now_s: float) -> None:
+    def on_message(self, now_s: float) -> None:
         """A message of the device."""
-        self._last_s = now_s
-        self._heard.append(now_s)
-        while self._heard[0] < now_s - _RATE_OVER_S:
-            self._heard.popleft()
+        self._heard.tell(now_s)
         if self._silent:
             self._silent, self._speaks_since_s = False, now_s
 
     def rate_hz(self, now_s: float) -> float:
         """Counts samples over the last three seconds."""
-        return sum(s > now_s - _RATE_OVER_S for s in self._heard) / _RATE_OVER_S
+        return self._heard.rate_hz(now_s)
 
     def step(self, now_s: float) -> Optional[Remedy]:
         """What is to be tried now."""
-        if self._last_s is not None and now_s - self._last_s <= self.rules.silent_s:
+        if self._heard.fresh(now_s, self.rules.silent_s):
             if now_s - self._speaks_since_s > self.rules.starts_s:
                 self._tried = 0
             return None
-        if not self._silent and (self._last_s is not None or now_s >= self._wait_until_s):
+        if not self._silent and (self._heard.known or now_s >= self._wait_until_s):
             self._silent = True
             self.silences += 1
             self._wait_until_s = now_s
@@ -100,13 +96,11 @@ class DriverWatch:
 
     def status(self, now_s: float) -> Tuple[Level, str]:
         """Gives the state for the diagnostics."""
-        if self._last_s is None and not self._silent:
+        if not self._heard.known and not self._silent:
             return Level.WARN, f"{self.name} has not begun to send {self.rules.topic}"
         if self._silent:
             since = (
-                f"for {now_s - self._last_s:.0f} s"
-                if self._last_s is not None
-                else "since the start"
+                f"for {self._heard.age_s(now_s):.0f} s" if self._heard.known else "since the start"
             )
             done = (
                 f"{self._done} (try {self._tried})"
@@ -115,7 +109,7 @@ class DriverWatch:
             )
             return Level.ERROR, f"{self.name} is silent {since}; {done}"
         rate = self.rate_hz(now_s)
-        if rate < self.rules.least_hz and now_s - self._heard[0] > 0.8 * _RATE_OVER_S:
+        if rate < self.rules.least_hz and self._heard.span_s(now_s) > 0.8 * _RATE_OVER_S:
             return (
                 Level.WARN,
                 f"{self.name} sends at {rate:.0f} Hz, {self.rules.least_hz:.0f} are expected",

@@ -27,7 +27,7 @@ class Statistics:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class TrackEvaluation:
     """ATE after alignment, RPE over ``delta_m`` of the reference's path, and what drifts per metre
     flown."""
 
@@ -52,7 +52,7 @@ def evaluate(
     alignment: str = "yaw",
     delta_m: float = 1.0,
     gap_s: float = 0.25,
-) -> Evaluation:
+) -> TrackEvaluation:
     """The estimate against the reference, which is interpolated to the estimate's stamps over gaps
     of ``gap_s``.
 
@@ -67,7 +67,7 @@ def evaluate(
     moves_m, turns_deg = relative_errors(estimated, true, pairs)
     lengths_m = path_m[pairs[:, 1]] - path_m[pairs[:, 0]]
     off_m, off_deg = absolute_errors(aligned, true)
-    return Evaluation(
+    return TrackEvaluation(
         len(true),
         float(path_m[-1]),
         alignment,

@@ -65,14 +65,14 @@ class BodySight:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _PoseFit:
     T: np.ndarray
     cost: float  # squared residuals in standard deviations
     covariance: np.ndarray
     rms: float  # normalised
 
 
-class _Model:
+class _TagModel:
     """Corners of every tag seen, and what is known of them; units are those of the normalised
     picture."""
 
@@ -88,7 +88,7 @@ class _Model:
         self._variances = np.square(sigmas)  # (K,)
         self._place = np.array([rules.tag_m**2] * 3 + [np.radians(rules.tag_deg) ** 2] * 3)
 
-    def fit(self, T: np.ndarray) -> Optional[_Fit]:
+    def fit(self, T: np.ndarray) -> Optional[_PoseFit]:
         """Fits a pose from a start, in rounds as the weights depend on the pose.
 
         None where that runs away, as from a mirrored pose of a distant tag it may.
@@ -101,7 +101,7 @@ class _Model:
             W, r = self._whitening(T), self._residuals(T)
             J, cost = (W @ self._jacobian(T)).reshape(-1, 6), float(((W @ r[..., None]) ** 2).sum())
             rms = float(np.sqrt((r**2).sum() / (4 * len(r))))
-            return _Fit(T, cost, np.linalg.inv(J.T @ J), rms) if np.isfinite(cost) else None
+            return _PoseFit(T, cost, np.linalg.inv(J.T @ J), rms) if np.isfinite(cost) else None
         # the latter is scipy's for residuals that are not finite
         except (np.linalg.LinAlgError, ValueError):
             return None
@@ -142,7 +142,7 @@ def _moved(T: np.ndarray, d: np.ndarray) -> np.ndarray:
     return transforms.transform(rotations.exp(d[3:]) @ T[:3, :3], T[:3, 3] + d[:3])
 
 
-def see_body(
+def locate_body(
     observations: Sequence[TagObservation],
     tags: Mapping[int, BodyTag],
     focal_px: float,
@@ -160,7 +160,7 @@ def see_body(
     if clear.any():
         own, facing = [o for o, is_clear in zip(own, clear) if is_clear], facing[clear]
     sharp_px = rules.corner_px / np.maximum(facing, rules.flattest)
-    model = _Model(own, tags, np.hypot(sharp_px, rules.blur_share * blur_px) / focal_px, rules)
+    model = _TagModel(own, tags, np.hypot(sharp_px, rules.blur_share * blur_px) / focal_px, rules)
     fits = _fits(model, own, tags)
     free = 8 * len(own) - 6
     if fits[0].cost > free + rules.misfit * np.sqrt(2.0 * free):
@@ -184,15 +184,17 @@ def _facing(o: TagObservation) -> float:
     return float(values[1] / values[0])
 
 
-def _fits(model: _Model, own: Sequence[TagObservation], tags: Mapping[int, BodyTag]) -> List[_Fit]:
+def _fits(
+    model: _TagModel, own: Sequence[TagObservation], tags: Mapping[int, BodyTag]
+) -> List[_PoseFit]:
     """Distinct poses, best first."""
-    found: List[Optional[_Fit]] = []
+    found: List[Optional[_PoseFit]] = []
     for o in own:
         T_tag_body = transforms.invert(tags[o.id].T_body_tag)
         found += [
             model.fit(T @ T_tag_body) for T in (o.T_cam_tag, o.T_cam_tag_other) if T is not None
         ]
-    distinct: List[_Fit] = []
+    distinct: List[_PoseFit] = []
     for fit in sorted((f for f in found if f is not None), key=lambda f: f.cost):
         if fit.T[2, 3] > 0 and all(
             transforms.rotation_angle(fit.T, other.T) > _SAME_RAD for other in distinct
@@ -203,7 +205,7 @@ def _fits(model: _Model, own: Sequence[TagObservation], tags: Mapping[int, BodyT
     return distinct
 
 
-def _chosen(fits: List[_Fit], rules: PoseRules, prior: Optional[np.ndarray]) -> _Fit:
+def _chosen(fits: List[_PoseFit], rules: PoseRules, prior: Optional[np.ndarray]) -> _PoseFit:
     """The best one; where another fits as well, the one near the last known attitude, or none."""
     alike = [f for f in fits if f.cost - fits[0].cost < rules.ambiguous]
     if len(alike) == 1:

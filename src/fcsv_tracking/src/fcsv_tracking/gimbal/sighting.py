@@ -11,7 +11,7 @@ from fcsv_geometry import transforms
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.config import BodyTag
 from fcsv_tracking.gimbal.geometry import Angles
-from fcsv_tracking.gimbal.pose import AMBIGUOUS, BodySight, PoseRules, see_body
+from fcsv_tracking.gimbal.pose import AMBIGUOUS, BodySight, PoseRules, locate_body
 from fcsv_tracking.tags import TagObservation
 
 
@@ -43,12 +43,12 @@ class Seen:
     rejected: Optional[SampleRejected] = None
 
 
-def see(
+def find_body(
     picture: TagPicture, tags: Mapping[int, BodyTag], focal_px: float, rules: PoseRules
 ) -> Seen:
     """The body in one picture; takes milliseconds, and changes nothing."""
     try:
-        sight = see_body(
+        sight = locate_body(
             picture.own, tags, focal_px, rules, picture.R_cam_body_before, picture.blur_px
         )
     except SampleRejected as error:

@@ -24,7 +24,7 @@ from fcsv_tracking.gimbal.follow import Follower, FollowRules, Target
 from fcsv_tracking.gimbal.geometry import Angles, GimbalGeometry
 from fcsv_tracking.gimbal.looking import ImageWindow, window_about
 from fcsv_tracking.gimbal.pose import BodySight, PoseRules
-from fcsv_tracking.gimbal.sighting import Seen, TagPicture, see
+from fcsv_tracking.gimbal.sighting import Seen, TagPicture, find_body
 from fcsv_tracking.mocap.equations import moved_covariance
 from fcsv_tracking.tags import TagObservation
 
@@ -72,7 +72,7 @@ class GroundPose:
 
 
 class GimbalTracker:
-    """feed_angles() and feed_tags() as they come; command() says where to turn. What is rejected is
+    """add_angles() and add_tags() as they come; command() says where to turn. What is rejected is
     counted."""
 
     def __init__(
@@ -97,7 +97,7 @@ class GimbalTracker:
         self._stamp_s = -np.inf
         self.latest: Optional[GroundPose] = None
 
-    def feed_angles(self, stamp_s: float, angles: Angles) -> None:
+    def add_angles(self, stamp_s: float, angles: Angles) -> None:
         """A reading of the servos. Raises SampleRejected."""
         try:
             self._angles.add(stamp_s, angles)
@@ -114,7 +114,7 @@ class GimbalTracker:
         """T_G_C of the newest reading. Raises PoseUnavailable before the first."""
         return self._geometry.T_ground_cam(self._angles.latest())
 
-    def feed_tags(
+    def add_tags(
         self, now_s: float, stamp_s: float, observations: Sequence[TagObservation]
     ) -> GroundPose:
         """What the detector found in the picture of ``stamp_s``. Raises SampleRejected where it
@@ -124,7 +124,7 @@ class GimbalTracker:
         the last alone.
         """
         picture = self.begin(now_s, stamp_s, observations)
-        return self.finish(picture, self.see(picture))
+        return self.finish(picture, self.find_body(picture))
 
     def begin(
         self, now_s: float, stamp_s: float, observations: Sequence[TagObservation]
@@ -141,9 +141,11 @@ class GimbalTracker:
             self.counts.count(error.reason)
             raise
 
-    def see(self, picture: TagPicture) -> Seen:
+    def find_body(self, picture: TagPicture) -> Seen:
         """The body in the picture: reads nothing that changes, so it needs no lock."""
-        return see(picture, self._tags, 0.5 * (self._camera.fx + self._camera.fy), self._rules.pose)
+        return find_body(
+            picture, self._tags, 0.5 * (self._camera.fx + self._camera.fy), self._rules.pose
+        )
 
     def finish(self, picture: TagPicture, seen: Seen) -> GroundPose:
         """Takes what was seen. Raises SampleRejected where it gives no pose."""

@@ -23,8 +23,8 @@ from fcsv_tracking.mocap.state import (
     SIZE,
     TH,
     B,
+    MocapState,
     P,
-    State,
     V,
     advance,
     advance_jacobian,
@@ -80,7 +80,7 @@ class MocapFilter:
         self._markers = MarkerNoise(n.markers)
         T_M_O = T_M_D @ transforms.invert(T_O_D)
         zero = np.zeros(3)
-        self.state = State(
+        self.state = MocapState(
             T_M_D[:3, 3].copy(),
             T_M_O[:3, :3] @ v_O,
             T_M_D[:3, :3].copy(),
@@ -175,7 +175,7 @@ class MocapFilter:
         R = s.R_M_D @ T_O_D[:3, :3].T
         turn = rotations.between(R[:, 2], up_M)
         R_M_O = turn @ R
-        moved = State(
+        moved = MocapState(
             s.p_M_D,
             s.v_M,
             s.R_M_D,

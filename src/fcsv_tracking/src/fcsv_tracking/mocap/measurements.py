@@ -15,12 +15,12 @@ from typing import Tuple
 import numpy as np
 
 from fcsv_geometry import rotations
-from fcsv_tracking.mocap.state import DELAY, PHI, PO, SIZE, TH, B, P, State, V
+from fcsv_tracking.mocap.state import DELAY, PHI, PO, SIZE, TH, B, MocapState, P, V
 
 Residual = Tuple[np.ndarray, np.ndarray]
 
 
-def mocap_pose(state: State, T_M_D: np.ndarray) -> Residual:
+def mocap_pose(state: MocapState, T_M_D: np.ndarray) -> Residual:
     """Six: position (m, M), rotation (rad, body) of the tracker's pose."""
     turn = rotations.log(state.R_M_D.T @ T_M_D[:3, :3])
     H = np.zeros((6, SIZE))
@@ -29,7 +29,7 @@ def mocap_pose(state: State, T_M_D: np.ndarray) -> Residual:
     return np.concatenate([T_M_D[:3, 3] - state.p_M_D, turn]), H
 
 
-def odometry(state: State, p_O_D: np.ndarray, v_O: np.ndarray, late_s: float) -> Residual:
+def odometry(state: MocapState, p_O_D: np.ndarray, v_O: np.ndarray, late_s: float) -> Residual:
     """Six: position (m) and velocity (m/s) by the odometry, in its own frame, drift included."""
     R_O_M = state.R_M_O.T
     position = R_O_M @ (state.p_M_D - state.v_M * late_s - state.p_M_O)
@@ -45,7 +45,9 @@ def odometry(state: State, p_O_D: np.ndarray, v_O: np.ndarray, late_s: float) ->
     return np.concatenate([p_O_D - position, v_O - v_seen - state.drift_O * speed]), H
 
 
-def attitude(state: State, R_O_D: np.ndarray, rate_radps: np.ndarray, late_s: float) -> Residual:
+def attitude(
+    state: MocapState, R_O_D: np.ndarray, rate_radps: np.ndarray, late_s: float
+) -> Residual:
     """Three (rad, body): the IMU's attitude in its odometry frame."""
     turned = rotations.exp(-rate_radps * late_s)
     R_expected = state.R_M_O.T @ state.R_M_D @ turned

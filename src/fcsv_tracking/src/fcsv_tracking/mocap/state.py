@@ -30,7 +30,7 @@ _SPEED_FLOOR_MPS = 1e-6
 
 
 @dataclass(frozen=True)
-class State:
+class MocapState:
     """Nominal state. ``delay_s``: how long after the truth the odometry's messages are stamped."""
 
     p_M_D: np.ndarray
@@ -50,9 +50,9 @@ class State:
     def T_M_O(self) -> np.ndarray:
         return transforms.transform(self.R_M_O, self.p_M_O)
 
-    def boxplus(self, error: np.ndarray) -> "State":
+    def boxplus(self, error: np.ndarray) -> "MocapState":
         """The state moved by an error vector (22,)."""
-        return State(
+        return MocapState(
             self.p_M_D + error[P],
             self.v_M + error[V],
             self.R_M_D @ rotations.exp(error[TH]),
@@ -63,7 +63,7 @@ class State:
             self.delay_s + float(error[DELAY]),
         )
 
-    def boxminus(self, other: "State") -> np.ndarray:
+    def boxminus(self, other: "MocapState") -> np.ndarray:
         """Error vector (22,) that takes ``other`` to this state."""
         return np.concatenate(
             [
@@ -80,8 +80,12 @@ class State:
 
 
 def advance(
-    state: State, rate_radps: np.ndarray, accel_mps2: np.ndarray, dt_s: float, drift_length_m: float
-) -> State:
+    state: MocapState,
+    rate_radps: np.ndarray,
+    accel_mps2: np.ndarray,
+    dt_s: float,
+    drift_length_m: float,
+) -> MocapState:
     """The state ``dt_s`` later, turning at a rate under an acceleration (body; specific force;
     level is O's)."""
     a_M = state.R_M_D @ (accel_mps2 - state.accel_bias_mps2) + state.R_M_O @ _G_O
@@ -97,7 +101,11 @@ def advance(
 
 
 def advance_jacobian(
-    state: State, rate_radps: np.ndarray, accel_mps2: np.ndarray, dt_s: float, drift_length_m: float
+    state: MocapState,
+    rate_radps: np.ndarray,
+    accel_mps2: np.ndarray,
+    dt_s: float,
+    drift_length_m: float,
 ) -> np.ndarray:
     """(22,22) of advance() with respect to the error state."""
     speed = _speed(state)
@@ -119,5 +127,5 @@ def advance_jacobian(
     return F
 
 
-def _speed(state: State) -> float:
+def _speed(state: MocapState) -> float:
     return max(float(np.sqrt(state.v_M @ state.v_M)), _SPEED_FLOOR_MPS)

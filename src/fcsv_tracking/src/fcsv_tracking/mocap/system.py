@@ -38,7 +38,7 @@ class MocapSystem:
         self.trackers: Dict[str, MocapTracker] = {n: MocapTracker(rules) for n in self._T_body_cam}
         self._T_home_mocap: Optional[np.ndarray] = None
 
-    def feed_mocap(self, name: str, now_s: float, stamp_s: float, p_M_D_m, q_M_D_xyzw) -> None:
+    def add_mocap(self, name: str, now_s: float, stamp_s: float, p_M_D_m, q_M_D_xyzw) -> None:
         """A pose for one vehicle. Raises SampleRejected, also where another vehicle is in that
         place."""
         p = np.asarray(p_M_D_m, float)
@@ -52,9 +52,9 @@ class MocapSystem:
                 raise SampleRejected(
                     "another vehicle", f"mocap: the pose of {name} is where {other} is"
                 )
-        self.trackers[name].feed_mocap(now_s, stamp_s, p_M_D_m, q_M_D_xyzw)
+        self.trackers[name].add_mocap(now_s, stamp_s, p_M_D_m, q_M_D_xyzw)
 
-    def feed_vehicle(
+    def add_vehicle(
         self,
         name: str,
         now_s: float,
@@ -67,7 +67,7 @@ class MocapSystem:
     ) -> None:
         """A packet of one vehicle's odometry and IMU; the velocity is in the body frame (REP 105's
         child frame)."""
-        self.trackers[name].feed_vehicle(
+        self.trackers[name].add_vehicle(
             now_s, stamp_s, p_O_D_m, q_O_D_xyzw, v_D_mps, gyro_radps, accel_mps2
         )
 

@@ -51,7 +51,7 @@ class TrackedPose:
 
 
 class MocapTracker:
-    """feed_mocap() and feed_vehicle() with the time of arrival; pose() afterwards. Rejected samples
+    """add_mocap() and add_vehicle() with the time of arrival; pose() afterwards. Rejected samples
     raise."""
 
     def __init__(self, rules: Optional[TrackerRules] = None):
@@ -73,12 +73,12 @@ class MocapTracker:
     # -- samples
     # ----------------------------------------------------------------------------------------------------
 
-    def feed_mocap(self, now_s: float, stamp_s: float, p_M_D_m, q_M_D_xyzw) -> None:
+    def add_mocap(self, now_s: float, stamp_s: float, p_M_D_m, q_M_D_xyzw) -> None:
         """A pose of the body from the tracker on the ground. Raises SampleRejected."""
         T_M_D = self._mocap_input.check(now_s, stamp_s, p_M_D_m, q_M_D_xyzw)
         self._push(now_s, "mocap", stamp_s - self._rules.mocap_latency_s, T_M_D)
 
-    def feed_vehicle(
+    def add_vehicle(
         self, now_s: float, stamp_s: float, p_O_D_m, q_O_D_xyzw, v_D_mps, gyro_radps, accel_mps2
     ) -> None:
         """A packet of the vehicle's odometry and IMU. Raises SampleRejected."""
@@ -108,7 +108,7 @@ class MocapTracker:
         before_s = self._time_s
         while self._queue and self._queue[0][0] <= ready_s:
             moment_s, _, what = heapq.heappop(self._queue)
-            self._take(moment_s, what)
+            self._process(moment_s, what)
         # one pose goes out for all of them: one step, also where packets were lost
         if self._filter is not None:
             self._blend.advance(min(max(self._time_s - before_s, 0.0), _LONGEST_STEP_S))
@@ -123,7 +123,7 @@ class MocapTracker:
         self._vehicle_s, self._imu = -np.inf, None
         self._forget("the clock was set back")
 
-    def _take(self, moment_s: float, what) -> None:
+    def _process(self, moment_s: float, what) -> None:
         if self._filter is not None and moment_s < self._time_s - _LATEST_S:
             self.counts.count("too late")
             return
@@ -131,9 +131,9 @@ class MocapTracker:
         late_s = max(0.0, self._time_s - moment_s)
         if isinstance(what, tuple):
             sample, delay_s, continues = what
-            self._take_vehicle(moment_s, late_s, sample, delay_s, continues)
+            self._process_vehicle(moment_s, late_s, sample, delay_s, continues)
         else:
-            self._take_mocap(moment_s, late_s, what)
+            self._process_mocap(moment_s, late_s, what)
 
     # -- the filter's steps
     # -----------------------------------------------------------------------------------------
@@ -182,7 +182,7 @@ class MocapTracker:
         rate = rotations.log(last.T_O_D[:3, :3].T @ after.T_O_D[:3, :3]) / gap_s
         return rate, (1 - share) * last.accel_mps2 + share * after.accel_mps2, gap_s
 
-    def _take_vehicle(
+    def _process_vehicle(
         self, moment_s: float, late_s: float, sample: VehicleSample, delay_s: float, continues: bool
     ) -> None:
         silent_s = moment_s - self._vehicle_s
@@ -215,7 +215,7 @@ class MocapTracker:
             attitude.apply()
         self._blend.corrected(before, self._filter.state.T_M_D)
 
-    def _take_mocap(self, moment_s: float, late_s: float, T_M_D: np.ndarray) -> None:
+    def _process_mocap(self, moment_s: float, late_s: float, T_M_D: np.ndarray) -> None:
         if self._filter is None:
             T_M_D = self._anchor.add(moment_s, T_M_D, self._odometry)
             if T_M_D is not None and self._imu is not None:

@@ -87,14 +87,14 @@ def calibrate_mount(
     _require_enough(views, len(views), rules)
     require_motion(views, rules.least_turn_deg)
     X, Z = first_solution(part, views)
-    model = _Model(part, views, rules)
+    model = _MountModel(part, views, rules)
     X, Z = model.fit(X, Z, robust=True)[:2]
     chi2 = model.chi2(X, Z)
     scale = np.clip(np.median(chi2) / _CHI2_8_MEDIAN, 1.0, 25.0)
     kept = [v for v, c in zip(views, chi2) if c < _CHI2_8_LIMIT * scale]
     _require_enough(kept, len(views), rules)
     require_motion(kept, rules.least_turn_deg)
-    model = _Model(part, kept, rules)
+    model = _MountModel(part, kept, rules)
     X, Z, covariance = model.fit(X, Z, robust=False)
     rms_px = float(np.sqrt((model.residuals(X, Z) ** 2).sum(axis=1).mean() / 4.0))
     solution = MountSolution(
@@ -124,7 +124,7 @@ def _require_tight(solution: MountSolution, rules: MountRules) -> None:
         )
 
 
-class _Model:
+class _MountModel:
     """Residuals (N,8) px of all views, and their covariance."""
 
     def __init__(self, part: str, views: Sequence[TagView], rules: MountRules):

@@ -11,7 +11,7 @@ import rospy
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.ros.telemetry_messages import epochs_message, hear, home_message, phase_of
+from fcsv_geometry.ros.telemetry_messages import epochs_message, home_message, phase_of, subscribe
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.tracker import load_profile
 from fcsv_msgs.msg import Calibration, ClockOffset, Epochs, Home, MissionState
@@ -58,7 +58,7 @@ class CalibrationNode:
         take = lambda m: self._receive(phase_of(m))  # noqa: E731
         rospy.Subscriber("/mission/state", MissionState, take, queue_size=1)
         for name in names:
-            hear(
+            subscribe(
                 name,
                 (tm.VehicleOdometry, tm.OdometryEpoch, tm.SeenTags),
                 self._receive,
@@ -78,7 +78,7 @@ class CalibrationNode:
 
     def _step(self) -> None:
         with self._changed:
-            told, reply = self._told(self._port.step(time.monotonic()))
+            told, reply = self._publish_all(self._port.step(time.monotonic()))
             if reply is not None:
                 self._ended = reply, told or Calibration()
                 self._changed.notify_all()
@@ -86,7 +86,7 @@ class CalibrationNode:
     def _on_calibrate(self, request) -> CalibrateResponse:
         with self._changed:
             wanted = CalibrateColumn(request.column, request.duration_s)
-            _, reply = self._told(self._port.serve(time.monotonic(), wanted))
+            _, reply = self._publish_all(self._port.serve(time.monotonic(), wanted))
             if reply is not None:
                 return CalibrateResponse(reply.done, reply.text, Calibration())
             self._ended = None
@@ -99,12 +99,12 @@ class CalibrationNode:
 
     def _on_set_home(self, request) -> SetHomeResponse:
         with self._changed:
-            told, reply = self._told(
+            told, reply = self._publish_all(
                 self._port.serve(time.monotonic(), HomeWanted(request.reference))
             )
         return SetHomeResponse(reply.done, reply.text, told or Home())
 
-    def _told(self, outputs: Sequence[object]) -> Tuple[Any, Optional[tm.Reply]]:
+    def _publish_all(self, outputs: Sequence[object]) -> Tuple[Any, Optional[tm.Reply]]:
         """Publish them; the calibration or home among them, and the reply."""
         message, reply = None, None
         for output in outputs:

@@ -102,7 +102,7 @@ class ClockControl:
     def _on_pong(self, message: ClockEcho, name: str) -> None:
         returned_s = rospy.get_time()
         stamps_s = [t.to_sec() for t in (message.sent, message.received, message.answered)]
-        if message.vehicle != name or not self._exchanges[name].feed(*stamps_s, returned_s):
+        if message.vehicle != name or not self._exchanges[name].add(*stamps_s, returned_s):
             self._health.drop(f"answer of {name}")
             return
         offset = self._exchanges[name].offset()

@@ -63,7 +63,7 @@ class DriverWatchNode:
 
     def _on_message(self, _message: rospy.AnyMsg, watch: DriverWatch) -> None:
         with self._lock:
-            watch.heard(time.monotonic())
+            watch.on_message(time.monotonic())
 
     def spin(self) -> None:
         """Runs by the monotonic clock, whatever is done to the time of day."""

@@ -78,7 +78,7 @@ class FramesNode:
     def _on_calibration(self, message: Calibration) -> None:
         with self._lock:
             try:
-                home_messages.take_calibration(self._in_home, message)
+                home_messages.apply_calibration(self._in_home, message)
             except FcsvError as error:
                 self._health.drop("calibration", str(error))
                 return
@@ -89,7 +89,7 @@ class FramesNode:
     def _on_home(self, message: Home) -> None:
         with self._lock:
             try:
-                home_messages.take_home(self._in_home, message)
+                home_messages.apply_home(self._in_home, message)
             except FcsvError as error:
                 self._health.drop("home", str(error))
 
@@ -120,7 +120,7 @@ class FramesNode:
         self._health.tick(f"odometry of {name}")
         self._tf.sendTransform(conversions.transform_stamped(T_odom_body, stamp_s, *expected))
         with self._lock:
-            self._drifts[name].feed(stamp_s, T_odom_body[:3, 3])
+            self._drifts[name].add(stamp_s, T_odom_body[:3, 3])
             place = self._in_home.places.get(name)
         if place is not None:
             self._publish_camera(name, stamp_s, place, T_odom_body, message.pose.covariance)

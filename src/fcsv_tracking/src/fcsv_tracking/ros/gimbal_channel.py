@@ -81,7 +81,7 @@ class GimbalChannel:
         try:
             angles = joint_messages.from_message(message, frames.gimbal_base(self.name))
             with self.lock:
-                self.tracker.feed_angles(message.header.stamp.to_sec(), angles)
+                self.tracker.add_angles(message.header.stamp.to_sec(), angles)
         except SampleRejected as error:
             self._health.drop(f"{self.name} joints: {error.reason}", str(error))
             return
@@ -133,7 +133,7 @@ class GimbalChannel:
         )
         with self.lock:
             picture = tracker.begin(rospy.get_time(), stamp_s, observations)
-        seen = tracker.see(picture)  # the longest part: readings and commands go on meanwhile
+        seen = tracker.find_body(picture)  # the longest part: readings and commands go on meanwhile
         with self.lock:
             pose = tracker.finish(picture, seen)
         self._on_pose(self.name, pose)

@@ -100,7 +100,7 @@ class MocapTrackerNode:
         p, q = message.pose.position, message.pose.orientation
         try:
             with self._lock:
-                self._system.feed_mocap(
+                self._system.add_mocap(
                     name,
                     rospy.get_time(),
                     message.header.stamp.to_sec(),
@@ -127,7 +127,7 @@ class MocapTrackerNode:
         q_xyzw = np.array([q.x, q.y, q.z, q.w])
         try:
             with self._lock:
-                self._system.feed_vehicle(
+                self._system.add_vehicle(
                     name,
                     rospy.get_time(),
                     odometry.header.stamp.to_sec(),

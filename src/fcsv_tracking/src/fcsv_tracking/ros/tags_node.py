@@ -173,7 +173,7 @@ class TagsNode:
         if observations:
             self._seen_s = stamp_s
         following = stamp_s - self._seen_s < _FOLLOW_S
-        self._gate.take(stamp_s, self._rate_hz if following else self._search_rate_hz)
+        self._gate.admit(stamp_s, self._rate_hz if following else self._search_rate_hz)
         return observations
 
     def _publish(self, observations: List[TagObservation], T_odom_cam, stamp_s: float) -> None:
@@ -190,7 +190,7 @@ class TagsNode:
         if self._scene_epoch != self._epoch:
             self._scene_epoch = self._epoch
             self._scene.begin_again()
-        seen = self._scene.see(stamp_s, grey, self._camera, T_odom_cam)
+        seen = self._scene.observe(stamp_s, grey, self._camera, T_odom_cam)
         if seen is not None:
             header = conversions.header(stamp_s, frames.camera_optical(self._name))
             look = (seen.span_s, seen.off_rad, seen.turn_rad, seen.points, seen.one_way)

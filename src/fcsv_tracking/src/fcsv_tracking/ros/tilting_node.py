@@ -124,7 +124,7 @@ class TiltingNode:
         self._static.sendTransform(still)
 
     def _on_command(self, message: JointState) -> None:
-        self._take(
+        self._guarded(
             "command",
             lambda: self._aim.turn_to(
                 TiltAngles(*joint_messages.values_of(message, self._rig.frame, SIDES))
@@ -132,7 +132,7 @@ class TiltingNode:
         )
 
     def _on_distance(self, message: Range) -> None:
-        self._take("distance", lambda: self._aim.look(message.range))
+        self._guarded("distance", lambda: self._aim.look(message.range))
 
     def _on_depth(self, message: Image) -> None:
         def look() -> None:
@@ -145,9 +145,9 @@ class TiltingNode:
             self._health.value("looks at [m]", f"{distance_m:.2f}")
             self._aim.look(distance_m)
 
-        self._take("depth", look)
+        self._guarded("depth", look)
 
-    def _take(self, what: str, do) -> None:
+    def _guarded(self, what: str, do) -> None:
         """What is not good is counted and changes nothing."""
         try:
             with self._lock:

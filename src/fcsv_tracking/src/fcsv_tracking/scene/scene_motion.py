@@ -87,7 +87,7 @@ class SceneWatch:
         self._points = np.empty((0, 2), np.float32)  # where they are in it
         self._alive = np.empty(0, int)  # which of the points then they are
 
-    def see(
+    def observe(
         self, stamp_s: float, grey: np.ndarray, camera: PinholeCamera, T_odom_cam: np.ndarray
     ) -> Optional[SceneLook]:
         """A picture (H, W; uint8), and the pose of its camera's optical frame. None where points
@@ -107,17 +107,17 @@ class SceneWatch:
             or self._last.shape != small.shape
             or stamp_s <= self._then[0]
         ):
-            return self._take(stamp_s, small, T_odom_cam)
+            return self._restart(stamp_s, small, T_odom_cam)
         then_s, T_odom_then, points_then = self._then
         self._follow(small)
         T_now_then = transforms.invert(T_odom_cam) @ T_odom_then
         span_s, kept = stamp_s - then_s, self._alive
         if len(kept) < max(_LEAST_POINTS, _KEPT * len(points_then)) or outlived(span_s, T_now_then):
-            return self._take(stamp_s, small, T_odom_cam)
+            return self._restart(stamp_s, small, T_odom_cam)
         xy = (camera.normalize(p) for p in (points_then[kept], self._points))
         return look(span_s, *xy, T_now_then, T_odom_cam[:3, :3])
 
-    def _take(self, stamp_s: float, small: np.ndarray, T_odom_cam: np.ndarray) -> None:
+    def _restart(self, stamp_s: float, small: np.ndarray, T_odom_cam: np.ndarray) -> None:
         points = cv2.goodFeaturesToTrack(small, _MOST_POINTS, 0.01, 12)
         self._last = small
         self._points = np.empty((0, 2), np.float32) if points is None else points.reshape(-1, 2)

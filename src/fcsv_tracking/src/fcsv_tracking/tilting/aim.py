@@ -126,7 +126,7 @@ def sees(camera: TiltingCamera, angle_rad: float, p_rig_m: np.ndarray) -> np.nda
     return inside.all(axis=1)
 
 
-def both_see(rig: TiltingRig, angles: TiltAngles, distance_m: float, size_m: float) -> bool:
+def in_both_views(rig: TiltingRig, angles: TiltAngles, distance_m: float, size_m: float) -> bool:
     """Whether a square of ``size_m`` that faces the rig from ``distance_m`` ahead is whole in both
     pictures."""
     h = size_m / 2.0
@@ -146,7 +146,7 @@ def nearest_m(rig: TiltingRig, size_m: float, tilt: bool = True) -> float:
 
     def seen(distance_m: float) -> bool:
         angles = crossing(rig, distance_m) if tilt else rig.clipped(PARALLEL)
-        return both_see(rig, angles, distance_m, size_m)
+        return in_both_views(rig, angles, distance_m, size_m)
 
     distances = np.geomspace(*_SEARCH_M, _SEARCH_STEPS)[::-1]
     unseen = next((i for i, d in enumerate(distances) if not seen(d)), None)

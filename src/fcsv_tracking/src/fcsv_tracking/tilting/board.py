@@ -66,7 +66,7 @@ class TagBoard:
 
 
 @dataclass(frozen=True)
-class BoardView:
+class SideBoardView:
     """Corners (N,2, undistorted x/z, y/z) of the board's points (N,3, m) in one picture of a side
     at an angle as read.
 
@@ -90,16 +90,18 @@ def view_of(
     board: TagBoard,
     camera: PinholeCamera,
     name: str = "",
-) -> Optional[BoardView]:
+) -> Optional[SideBoardView]:
     """None where no tag of the board is seen."""
     if not tags:
         return None
     corners = np.concatenate([t.corners_normalized for t in tags])
     points = np.concatenate([board.corners(t.id) for t in tags])
-    return BoardView(station, side, angle_rad, corners, points, (camera.fx + camera.fy) / 2.0, name)
+    return SideBoardView(
+        station, side, angle_rad, corners, points, (camera.fx + camera.fy) / 2.0, name
+    )
 
 
-def read_views(folder: Path, rig: TiltingRig, board: TagBoard) -> List[BoardView]:
+def read_views(folder: Path, rig: TiltingRig, board: TagBoard) -> List[SideBoardView]:
     """Pictures of ``folder`` with the board, as its views.csv lists them. Raises CalibrationRefused
     naming the line."""
     detector, found = board.detector(), []

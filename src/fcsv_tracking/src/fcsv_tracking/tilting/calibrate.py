@@ -19,7 +19,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_tracking.errors import CalibrationRefused
-from fcsv_tracking.tilting.board import BoardView
+from fcsv_tracking.tilting.board import SideBoardView
 from fcsv_tracking.tilting.rig import SIDES, Known, TiltAngles, TiltAxis, TiltingRig
 
 _SHARED = 14  # left axis (4), right axis (4), right camera (rotation, position)
@@ -58,7 +58,7 @@ class TiltSolution:
 
 
 def calibrate(
-    rig: TiltingRig, views: Sequence[BoardView], rules: TiltRules = TiltRules()
+    rig: TiltingRig, views: Sequence[SideBoardView], rules: TiltRules = TiltRules()
 ) -> TiltSolution:
     """Start from the rig's file, fit robustly, leave out corners that do not fit, fit again, say
     how good it is.
@@ -84,9 +84,9 @@ def calibrate(
     return TiltSolution(found, covariance, rms_px, len(residuals) // 2, rejected)
 
 
-def _require_views(rig: TiltingRig, views: Sequence[BoardView], rules: TiltRules) -> None:
+def _require_views(rig: TiltingRig, views: Sequence[SideBoardView], rules: TiltRules) -> None:
     """What no adjustment could find is refused in words."""
-    seen: Dict[str, List[BoardView]] = {
+    seen: Dict[str, List[SideBoardView]] = {
         side: [v for v in views if v.side == side] for side in SIDES
     }
     for side, own in seen.items():
@@ -117,7 +117,7 @@ class _Model:
     view's angle.
     """
 
-    def __init__(self, rig: TiltingRig, views: Sequence[BoardView], rules: TiltRules):
+    def __init__(self, rig: TiltingRig, views: Sequence[SideBoardView], rules: TiltRules):
         self.rig, self._views, self._rules = rig, list(views), rules
         self._stations = sorted({v.station for v in views})
         self._station = np.array([self._stations.index(v.station) for v in views])

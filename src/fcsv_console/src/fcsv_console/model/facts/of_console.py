@@ -17,7 +17,7 @@ class Unusable:
 
 
 @dataclass(frozen=True)
-class EpipolarTold:
+class EpipolarReport:
     """Holds the error of a pair's newest pictures: median distance from the epipolar lines of their
     places, NaN: too few matches.
 
@@ -35,7 +35,7 @@ class EpipolarTold:
 
 
 @dataclass(frozen=True)
-class RehearsalTold:
+class RehearsalProgress:
     """Holds the rehearsal of a mission file's ``text``; ``state``: "runs", "passed", "broken",
     "impossible", "stopped"; ``share`` (0..1) of one that runs, NaN: not known."""
 
@@ -46,7 +46,7 @@ class RehearsalTold:
 
 
 @dataclass(frozen=True)
-class JobTold:
+class JobProgress:
     """Holds the state of "gather", "map" or "report". ``state``: "runs", "done", "failed",
     "stopped"; ``share``: 0..1; NaN: unknown."""
 
@@ -71,7 +71,7 @@ class PlacesFound:
 
 
 @dataclass(frozen=True)
-class MasterTold:
+class MasterReport:
     """Whether the ROS master answers."""
 
     problem: str = ""

@@ -30,7 +30,7 @@ class CalibratedLink:
 
 
 @dataclass(frozen=True)
-class CalibrationFound:
+class CalibrationReport:
     """Holds the calibration as fcsv_msgs/Calibration; without links where a tracker on the ground
     sees everybody."""
 
@@ -46,7 +46,7 @@ class HomeSet:
 
 
 @dataclass(frozen=True)
-class Check:
+class FlightCheckReport:
     """The fleet's flight check; after ``patience_s`` without another one it counts for nothing."""
 
     lines: Tuple[Line, ...]
@@ -54,7 +54,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class MissionTold:
+class MissionReport:
     """Holds the mission's state as fcsv_msgs/MissionState."""
 
     phase: str
@@ -74,14 +74,14 @@ class MissionFlown:
 
 
 @dataclass(frozen=True)
-class MissionAlive:
+class MissionHeartbeat:
     """A sign of life of the mission node."""
 
     instance: str = ""
 
 
 @dataclass(frozen=True)
-class StopTold:
+class StopReport:
     """Holds the report as fcsv_msgs/StopReport; ``asked``: "stop", "land" or empty; ``words``: what
     became of it."""
 
@@ -90,7 +90,7 @@ class StopTold:
 
 
 @dataclass(frozen=True)
-class MapTold:
+class MapReport:
     """Holds the state as fcsv_msgs/MapState."""
 
     state: str

@@ -11,7 +11,7 @@ Vector3 = Tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class AutopilotState:
+class AutopilotReport:
     """``system_status`` is MAVLink's: 5 and 6 are the autopilot's own failsafe."""
 
     vehicle: str
@@ -22,7 +22,7 @@ class AutopilotState:
 
 
 @dataclass(frozen=True)
-class Battery:
+class BatteryReport:
     """``share`` of the charge, 0..1; NaN: not known."""
 
     vehicle: str
@@ -31,7 +31,7 @@ class Battery:
 
 
 @dataclass(frozen=True)
-class OdometryHeard:
+class OdometryReport:
     """A pose of the vehicle's own odometry: its body in ``vehicle/odom``; yaw to the left."""
 
     vehicle: str
@@ -40,7 +40,7 @@ class OdometryHeard:
 
 
 @dataclass(frozen=True)
-class CameraInHome:
+class CameraPoseReport:
     """Where a camera is and looks, in home; ``roll_rad``: about its view, right side down."""
 
     vehicle: str
@@ -51,7 +51,7 @@ class CameraInHome:
 
 
 @dataclass(frozen=True)
-class PictureHeard:
+class PreviewReport:
     """``stamp_s``: when it was taken; ``data``: JPEG or PNG."""
 
     vehicle: str
@@ -72,7 +72,7 @@ class CameraKnown:
 
 
 @dataclass(frozen=True)
-class Guardian:
+class GuardianReport:
     """Holds the state as fcsv_msgs/GuardianState."""
 
     vehicle: str
@@ -108,7 +108,7 @@ class Recorder:
 
 
 @dataclass(frozen=True)
-class Clock:
+class ClockReport:
     """Vehicle minus control PC."""
 
     vehicle: str
@@ -117,7 +117,7 @@ class Clock:
 
 
 @dataclass(frozen=True)
-class EpochHeard:
+class EpochReport:
     """Another number means that the odometry began anew."""
 
     vehicle: str
@@ -125,7 +125,7 @@ class EpochHeard:
 
 
 @dataclass(frozen=True)
-class Radio:
+class RadioReport:
     """The link to a vehicle as the relay measures it; ``loss`` 0..1 of what comes in, NaN: not
     measured yet."""
 
@@ -157,7 +157,7 @@ class Answered:
 
 
 @dataclass(frozen=True)
-class Tags:
+class TagReport:
     """The tags in one picture: identities, and for each four corners (u, v) in px of the picture of
     ``stamp_s``."""
 
@@ -168,7 +168,7 @@ class Tags:
 
 
 @dataclass(frozen=True)
-class Captured:
+class PictureCaptured:
     """A picture taken while recording; ``stamp_s`` by the vehicle's clock."""
 
     vehicle: str

@@ -23,6 +23,7 @@ from fcsv_control.mission.ways.routes import Keep
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME
 from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.streams.stream import Since
 from fcsv_geometry.vehicles.modes import Mode
 
 _LONGEST = 4  # times the wanted recording: what one attempt records at most
@@ -50,7 +51,7 @@ class FlightList:
         self._convoy: Optional[Convoy] = None
         self._standing: Optional[Union[Standing, Sweeping]] = None
         self._holding: Optional[Holding] = None
-        self._task_since_s: Optional[float] = None
+        self._task = Since()
         self.going_back = ""  # why nothing more is flown but the way back
         self.detail = ""
         self.notes: List[str] = []  # configurations that were left out, and why
@@ -150,11 +151,12 @@ class FlightList:
 
     def resumed(self) -> None:
         """The operator lets it go on: the running task has all its time again."""
-        self._task_since_s = None
+        self._task.end()
 
     def go_back(self, snapshot: Snapshot, why: str) -> None:
         """Fly nothing more: who is away goes back to the column."""
-        self.going_back, self._task_since_s = why, None
+        self.going_back = why
+        self._task.end()
         self._begin(snapshot)
         self._list.go_back()
 
@@ -174,7 +176,8 @@ class FlightList:
         refusal = change()
         if not refusal:
             self._begin(snapshot)
-            self._attempts, self._task_since_s = {}, None
+            self._attempts = {}
+            self._task.end()
             if operation == "skip":
                 self.notes.append(f"{titles} left out by the operator")
         return refusal
@@ -190,7 +193,8 @@ class FlightList:
         self._begin(snapshot)
         lost = self._list.leave(name)
         self._vehicles = [n for n in self._vehicles if n != name]
-        self._attempts, self._task_since_s = {}, None
+        self._attempts = {}
+        self._task.end()
         self.notes += [
             f"{self._mission.configurations[i].title} left out, {name} is down" for i in lost
         ]
@@ -224,18 +228,19 @@ class FlightList:
         """Whom pilots have they land."""
         for name in {t.vehicle for t in self._list.left} & set(taken):
             self._list.leave(name)
-            self._convoy, self._task_since_s = None, None
+            self._convoy = None
+            self._task.end()
 
     def _watch_time(self, snapshot: Snapshot, moment: Sequence[Task]) -> None:
         """Raises MissionError where a task does not end: short pauses again and again pass every
         other limit."""
-        self._task_since_s = snapshot.now_s if self._task_since_s is None else self._task_since_s
+        task_s = self._task.lasts_s(snapshot.now_s)
         most_s = self._mission.limits.task_s
         if moment[0].index is not None:
             record_s = self._mission.configurations[moment[0].index].record_s
             most_s += _LONGEST * self._mission.settle.attempts * record_s
             most_s += self._round.most_s(len(self._vehicles) + len(moment))
-        if snapshot.now_s - self._task_since_s > most_s:
+        if task_s > most_s:
             who, where = self._goals.in_words(moment)
             verb = "are" if len(moment) > 1 else "is"
             raise MissionError(f"{who} {verb} not done with {where} after {most_s:g} s: landing")
@@ -259,7 +264,8 @@ class FlightList:
 
     def _next(self) -> None:
         self._list.done()
-        self._convoy, self._standing, self._task_since_s = None, None, None
+        self._convoy = self._standing = None
+        self._task.end()
         if not self.finished:
             self.detail = f"next: {self._goals.in_words(self._list.moment)[1]}"
 

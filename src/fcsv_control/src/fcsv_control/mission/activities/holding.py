@@ -7,6 +7,7 @@ from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.ways import clearing
 from fcsv_control.mission.ways.journey import go_to
+from fcsv_geometry.streams.stream import Since
 
 _CALM_MPS, _CALM_S = 0.3, 1.0
 _LONGEST_S = 8.0  # nobody is waited for longer than this: one that is silent, or swings in gusts
@@ -22,8 +23,7 @@ class Holding:
         self._clear_m = clearing.clearance_m(separation_m)
         self._orders: Dict[str, Order] = {}
         self._dodging: Dict[str, Order] = {}
-        self._over_since_s: Optional[float] = None
-        self._calm_since_s: Optional[float] = None
+        self._over, self._calm = Since(), Since()
 
     @property
     def why(self) -> str:
@@ -38,28 +38,23 @@ class Holding:
     def step(self, snapshot: Snapshot, names: Sequence[str]) -> None:
         """Hold these vehicles, which are in GUIDED; one that another comes down upon is sent
         aside."""
-        self._over_since_s = None
+        self._over.end()
         self._tell(snapshot, names)
 
     def over(self, snapshot: Snapshot, names: Sequence[str]) -> bool:
         """Nothing asks for it any more: whether these may move again, as all have stood for a
         second. A way that began in the middle of a stop, or as one swings back to where it was told
         to hold, is not the one that was planned."""
-        self._over_since_s = snapshot.now_s if self._over_since_s is None else self._over_since_s
+        over_s = self._over.lasts_s(snapshot.now_s)
         self._tell(snapshot, names)
         stood = self.stood(snapshot, names)
         self._restarted = self._restarted and not self.done
-        return not self._restarted and (stood or snapshot.now_s - self._over_since_s > _LONGEST_S)
+        return not self._restarted and (stood or over_s > _LONGEST_S)
 
     def stood(self, snapshot: Snapshot, names: Sequence[str]) -> bool:
         """Whether all of these have been calm for a second: who swings is so for a moment, too."""
-        if not all(snapshot.vehicles[n].speed_mps < _CALM_MPS for n in names):
-            self._calm_since_s = None
-        elif self._calm_since_s is None:
-            self._calm_since_s = snapshot.now_s
-        return (
-            self._calm_since_s is not None and snapshot.now_s - self._calm_since_s >= _CALM_S - 1e-6
-        )
+        calm = all(snapshot.vehicles[n].speed_mps < _CALM_MPS for n in names)
+        return self._calm.lasts_s(snapshot.now_s, calm) >= _CALM_S - 1e-6
 
     def _tell(self, snapshot: Snapshot, names: Sequence[str]) -> None:
         for name in names:

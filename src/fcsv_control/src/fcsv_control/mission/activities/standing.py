@@ -14,6 +14,7 @@ from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.watches.calm import CalmCheck
 from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.streams.stream import Since
 
 _LONGEST = 4.0  # times the wanted recording, where pictures come in slowly
 
@@ -60,8 +61,7 @@ class Standing:
         self._calm = CalmCheck(mission.settle, places)
         self._recorders = Recorders(outbox, list(places), mission.limits.recorder_s)
         self._last = last  # a disturbed recording counts: there is no further attempt
-        self._started_s: Optional[float] = None
-        self._calm_since_s: Optional[float] = None
+        self._started, self._stands = Since(), Since()
         self._start_s: Optional[float] = None
         self._stop_s: Optional[float] = None
         self._lacking = False  # pictures, when the wanted time was over
@@ -82,28 +82,27 @@ class Standing:
     def step(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
         """Settle, switch the recorders on, watch, switch them off; the windows, one per
         configuration, once."""
-        self._started_s = snapshot.now_s if self._started_s is None else self._started_s
+        started_s = self._started.lasts_s(snapshot.now_s)
         if not self._recorders.on:
-            return self._settle(snapshot), []
+            return self._settle(snapshot, started_s), []
         if self._start_s is None:
             return self._await_recorders(snapshot), []
         return self._watch(snapshot)
 
-    def _settle(self, snapshot: Snapshot) -> Progress:
+    def _settle(self, snapshot: Snapshot, started_s: float) -> Progress:
         self.detail = (
             f"{' and '.join(self._movers)} settle{'s' * (len(self._movers) == 1)} at {self._title}"
         )
         if not self._calm.look(snapshot):
             self.detail += f": {self._calm.said}"
-            self._calm_since_s = None
-            late = snapshot.now_s - self._started_s > self._bounds.timeout_s
+            self._stands.end()
+            late = started_s > self._bounds.timeout_s
             return (
                 self._give_up(f"not calm there: {self._calm.in_the_way}")
                 if late
                 else Progress.UNDER_WAY
             )
-        self._calm_since_s = snapshot.now_s if self._calm_since_s is None else self._calm_since_s
-        if snapshot.now_s - self._calm_since_s >= self._bounds.time_s:
+        if self._stands.lasts_s(snapshot.now_s) >= self._bounds.time_s:
             self._recorders.start(snapshot)
         return Progress.UNDER_WAY
 

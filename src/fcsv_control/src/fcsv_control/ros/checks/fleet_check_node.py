@@ -85,7 +85,7 @@ class FleetCheckNode:
                 ParameterReport,
                 lambda _t, m, v=v: setattr(v, "parameters", m),
             )
-            hear(f"/{name}/odometry/state", rospy.AnyMsg, lambda t, _m, v=v: v.poses.tick(t))
+            hear(f"/{name}/odometry/state", rospy.AnyMsg, lambda t, _m, v=v: v.poses.tell(t))
             hear(
                 f"/{name}/clock/offset",
                 ClockOffset,

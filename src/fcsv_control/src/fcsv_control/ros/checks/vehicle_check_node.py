@@ -80,9 +80,9 @@ class VehicleCheckNode:
         def hear(topic, kind, call):
             return rospy.Subscriber(topic, kind, call, queue_size=5, tcp_nodelay=True)
 
-        hear("mavros/local_position/pose", rospy.AnyMsg, lambda _m: self._tell(f.positions.tick))
+        hear("mavros/local_position/pose", rospy.AnyMsg, lambda _m: self._tell(f.positions.tell))
         hear("odometry/state", rospy.AnyMsg, self._on_odometry)
-        hear(self._pictures, rospy.AnyMsg, lambda _m: self._tell(f.pictures.tick))
+        hear(self._pictures, rospy.AnyMsg, lambda _m: self._tell(f.pictures.tell))
         hear("flight_link/health", LinkHealth, lambda m: self._tell(f.link.tell, m))
         hear("flight_link/parameters", ParameterReport, lambda m: self._tell(f.parameters.tell, m))
         hear("mavros/state", FlightState, lambda m: self._tell(f.armed.tell, m.armed))

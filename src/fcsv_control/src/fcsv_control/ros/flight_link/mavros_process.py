@@ -66,14 +66,14 @@ def mind(
 
     ``heard_s``: when something of the autopilot came through MAVROS last.
     """
-    watch.heard(heard_s())
+    watch.on_message(heard_s())
     if watch.asks(clock()):
         answer, before = process.pid(), watch.pid
         if answer is None and before is not None and not process.lives(before):
             watch.gone()
         else:
             watch.answered(answer)
-    watch.heard(heard_s())
+    watch.on_message(heard_s())
     pid = watch.step(clock())
     if pid is None:
         return ""

@@ -40,10 +40,10 @@ from fcsv_geometry.ros import conversions, fences, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.ros.telemetry_messages import (
     calibration_of,
-    hear,
-    hear_epochs,
-    hear_relay,
     home_of,
+    subscribe,
+    subscribe_epochs,
+    subscribe_relay,
 )
 from fcsv_geometry.vehicles.telemetry import RecorderState, Reply
 from fcsv_msgs.msg import (
@@ -137,14 +137,14 @@ class MissionNode:
 
     def _subscribe(self) -> None:
         p = self._parameters
-        hear_relay(self._receive)
+        subscribe_relay(self._receive)
         for name in p.vehicles:
-            hear(name, list(TOPICS), self._receive, self._health, TOPICS)
+            subscribe(name, list(TOPICS), self._receive, self._health, TOPICS)
         if p.recorder:
             rospy.Subscriber(
                 f"/{p.recorder}/recorder/status", RecorderStatus, self._on_recorder, queue_size=5
             )
-        hear_epochs(self._receive)
+        subscribe_epochs(self._receive)
         rospy.Subscriber(
             "/calibration", Calibration, lambda m: self._on_frames("calibration", m), queue_size=1
         )

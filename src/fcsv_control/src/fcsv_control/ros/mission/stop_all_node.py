@@ -23,7 +23,7 @@ from fcsv_control.stopping.core import LAND, STOP, Report
 from fcsv_control.stopping.port import StopAllPort
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.ros.telemetry_messages import hear, phase_of
+from fcsv_geometry.ros.telemetry_messages import phase_of, subscribe
 from fcsv_geometry.vehicles.telemetry import VehicleState
 from fcsv_msgs.msg import Command, MissionState, StopReport
 
@@ -59,7 +59,7 @@ class StopAllNode:
         }
         self._timer = node.every(1.0 / _STEP_HZ, lambda _event: self._step())
         for name in names:
-            hear(name, (VehicleState, CommandAnswered), self._receive, self._health, TOPICS)
+            subscribe(name, (VehicleState, CommandAnswered), self._receive, self._health, TOPICS)
         rospy.Subscriber(
             "/mission/state", MissionState, lambda m: self._receive(phase_of(m)), queue_size=1
         )

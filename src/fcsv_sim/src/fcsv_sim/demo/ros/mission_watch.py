@@ -131,7 +131,7 @@ class MissionWatch:
         )
 
     def _on_map(self, message: MapState) -> None:
-        line = self.maps.told(message, time.monotonic())
+        line = self.maps.on_map_state(message, time.monotonic())
         if line is not None:
             self._say(line)
 

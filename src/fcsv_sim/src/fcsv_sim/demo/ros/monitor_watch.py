@@ -28,19 +28,19 @@ class MonitorWatch:
         self._parts: Dict[float, Dict[type, Any]] = {}  # of frames that are not whole yet, by stamp
         self._kept: Set[float] = set()
         self._told = ""
-        rospy.Subscriber("/map/depth", Image, lambda m: self._take(m.header.stamp, m))
-        rospy.Subscriber("/map/camera_info", CameraInfo, lambda m: self._take(m.header.stamp, m))
+        rospy.Subscriber("/map/depth", Image, lambda m: self._keep(m.header.stamp, m))
+        rospy.Subscriber("/map/camera_info", CameraInfo, lambda m: self._keep(m.header.stamp, m))
         rospy.Subscriber("/map/state", MapState, self._on_state)
         rospy.Subscriber("/map/monitor", Image, self._on_picture)
 
     def _on_state(self, message: MapState) -> None:
         if message.state == "ready":
-            self._take(message.reference, message)
+            self._keep(message.reference, message)
         elif message.state == "failed" and message.detail != self._told:
             self._told = message.detail
             self._say(f"monitoring: {message.detail}")
 
-    def _take(self, stamp, message) -> None:
+    def _keep(self, stamp, message) -> None:
         """Parts of a frame come in any order; the state is said again and again."""
         key = round(stamp.to_sec(), 3)
         with self._lock:

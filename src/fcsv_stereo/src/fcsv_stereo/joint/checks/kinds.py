@@ -11,7 +11,7 @@ from fcsv_stereo.joint.checks.sky import joined_to_top, sky
 from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.tuning import EVIDENCE, RESIDUALS
 from fcsv_stereo.model import MapResult
-from fcsv_stereo.model.kinds import MOST_PAIRS, Kind, supported
+from fcsv_stereo.model.kinds import MOST_PAIRS, DepthKind, supported
 
 
 def kinds(
@@ -35,9 +35,9 @@ def kinds(
     )
     is_sky = ~told & (infinite | joined_to_top(plain & bright & ~told))
     conditions = [is_sky, told, ~(r.seen > 0).any(axis=0), ambiguous]
-    return np.select(conditions, [Kind.SKY, pairs, Kind.OUTSIDE, Kind.BLANK], Kind.HIDDEN).astype(
-        np.uint8
-    )
+    return np.select(
+        conditions, [DepthKind.SKY, pairs, DepthKind.OUTSIDE, DepthKind.BLANK], DepthKind.HIDDEN
+    ).astype(np.uint8)
 
 
 def sure_limit(doubts: np.ndarray) -> float:

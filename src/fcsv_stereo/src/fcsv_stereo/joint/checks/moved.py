@@ -18,7 +18,7 @@ from fcsv_geometry import transforms
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
 from fcsv_stereo.joint.tuning import MOVED
 from fcsv_stereo.model import ConfigurationInput, MapInput, MapResult, Picture, Reference, as_grey
-from fcsv_stereo.model.kinds import Kind
+from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.refinement.features import corners
 
 _WINDOW = (MOVED.window_px,) * 2
@@ -270,7 +270,7 @@ def _without(result: MapResult, changed: Dict[int, np.ndarray], moves: np.ndarra
             f"left out: {gone.mean():.1%} of the picture, where something moved between the recordings (the reference "
             f"camera's picture differs in {names})"
         )
-    kind = np.where(gone, np.uint8(Kind.MOVED), result.kind)
+    kind = np.where(gone, np.uint8(DepthKind.MOVED), result.kind)
     return replace(
         result.with_sigma(sigma.astype(np.float32)).keep(~gone), warnings=warnings, kind=kind
     )

@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 
 from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.tuning import SKY
-from fcsv_stereo.model.kinds import MOST_PAIRS, Kind, supported
+from fcsv_stereo.model.kinds import MOST_PAIRS, DepthKind, supported
 
 _BINS = SKY.bins
 
@@ -90,11 +90,13 @@ def moved_clouds(kind: np.ndarray, seeing: np.ndarray, colour: np.ndarray) -> np
     soft = np.max(cv2.morphologyEx(colour, cv2.MORPH_GRADIENT, kernel), axis=2) < SKY.skyline_grey
     soft = (
         cv2.morphologyEx(
-            (soft | (kind == Kind.SKY)).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)
+            (soft | (kind == DepthKind.SKY)).astype(np.uint8),
+            cv2.MORPH_OPEN,
+            np.ones((5, 5), np.uint8),
         )
         > 0
     )
-    joined = _mostly(joined_to_top(soft), kind == Kind.SKY)
+    joined = _mostly(joined_to_top(soft), kind == DepthKind.SKY)
     about = (SKY.about_px,) * 2
     told_about, agreed_about = (
         cv2.blur((m & joined).astype(np.float32), about) for m in (told, agreed)

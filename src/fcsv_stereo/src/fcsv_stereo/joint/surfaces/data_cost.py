@@ -48,7 +48,7 @@ def evidence(
     weights, cost = pair_weights(len(found)), np.zeros(len(given.w), np.float32)
 
     def run(y0, y1):
-        _judge(*here, *there, given.start, given.count, given.w, weights, y0, y1, cost)
+        _score(*here, *there, given.start, given.count, given.w, weights, y0, y1, cost)
 
     for_rows(pool, found.shape[0], run)
     return cost
@@ -82,7 +82,7 @@ def _draw(w, known, projections, i, size, front):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _judge(  # noqa: PLR0913
+def _score(  # noqa: PLR0913
     reference,
     code,
     mask,

@@ -7,7 +7,7 @@ from fcsv_stereo.joint.tuning.recorded import FOURTEEN, SIX, Tuned, beyond_refer
 
 
 @dataclass(frozen=True)
-class Views(Tuned):
+class ViewTuning(Tuned):
     """``views``: which inverse depths are tried."""
 
     least_fall: float = tuned(
@@ -100,4 +100,4 @@ class Pairs(Tuned):
         return beyond_reference(focal_px) * self.most_pose_px
 
 
-VIEWS, MATCH, PAIRS = Views(), Match(), Pairs()
+VIEWS, MATCH, PAIRS = ViewTuning(), Match(), Pairs()

@@ -7,7 +7,7 @@ from fcsv_stereo.joint.tuning.recorded import BENCH, Tuned, tuned
 
 
 @dataclass(frozen=True)
-class Residuals(Tuned):
+class ResidualTuning(Tuned):
     """``refine.residuals``, and what counts as agreement with a picture."""
 
     mean_sigma_px: float = tuned(
@@ -38,7 +38,7 @@ class Residuals(Tuned):
 
 
 @dataclass(frozen=True)
-class Exposure(Tuned):
+class ExposureTuning(Tuned):
     """``refine.exposure``."""
 
     least_pixels: int = tuned(
@@ -124,8 +124,8 @@ class PoseAlignment(Tuned):
 
 
 RESIDUALS, EXPOSURE, PLANE_FIT, SUBPIXEL, POSE_ALIGNMENT = (
-    Residuals(),
-    Exposure(),
+    ResidualTuning(),
+    ExposureTuning(),
     PlaneFit(),
     Subpixel(),
     PoseAlignment(),

@@ -15,7 +15,7 @@ from fcsv_stereo.joint.tuning.recorded import (
 
 
 @dataclass(frozen=True)
-class Candidates(Tuned):
+class CandidateTuning(Tuned):
     """``surfaces.candidates``."""
 
     most: int = tuned(
@@ -201,5 +201,5 @@ class Select(Tuned):
     )
 
 
-CANDIDATES, COLOUR, DATA_COST = Candidates(), Colour(), DataCost()
+CANDIDATES, COLOUR, DATA_COST = CandidateTuning(), Colour(), DataCost()
 THIN_UPRIGHTS, SELECT = ThinUprights(), Select()

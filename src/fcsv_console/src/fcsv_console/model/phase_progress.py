@@ -2,10 +2,10 @@
 """Which phase of the mission came before the one of now."""
 
 
-class PhasesTold:
+class PhaseProgress:
     """Told every phase that is heard, in order.
 
-    >>> phases = PhasesTold()
+    >>> phases = PhaseProgress()
     >>> for phase in ("CALIBRATE", "MOVE_HOME", "MOVE_HOME"): phases.tell(phase)
     >>> phases.before
     'CALIBRATE'
