@@ -159,7 +159,7 @@ class ModeOwner:
         for each in list(self._asked_s) if mode is None else [mode]:
             self._asked_s.pop(each, None)
 
-    def take(self, mode: Mode) -> None:
+    def mark_taken(self, mode: Mode) -> None:
         """It is another's, in this mode."""
         self.mode, self._owner = mode, Owner.OTHERS
 

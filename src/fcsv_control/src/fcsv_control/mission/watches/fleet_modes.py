@@ -72,14 +72,14 @@ class FleetModes:
         for name, owner in self._owners.items():
             owner.take_over()
             if name in taken:
-                owner.take(Mode(taken[name]))
+                owner.mark_taken(Mode(taken[name]))
 
     def may_be_asked(self, name: str, mode: Mode) -> bool:
         """Whether a vehicle that shows ``mode`` may be asked for another one. If not, somebody else
         has it: a pilot may have taken it before the mission had asked for anything."""
         owner = self._owners[name]
         if not (mode.gives_back or owner.ours or owner.waits):
-            owner.take(mode)
+            owner.mark_taken(mode)
         return not owner.taken
 
     def show(self, snapshot: Snapshot) -> None:
