@@ -9,7 +9,7 @@ import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.modes import Mode
-from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
+from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, PilotSight
 
 STEP_S = 0.02
 LOITER_SPEED_MPS, MAX_CLIMB_MPS, MAX_SINK_MPS = 3.0, 2.5, 1.5  # of the whole stick
@@ -75,7 +75,7 @@ class StickVehicle:
             self.armed, self.p[2], self.v[:] = False, 0.0, 0.0
 
     def sight(self):
-        return Sight(
+        return PilotSight(
             transforms.from_xyz_yaw(self.p, self.yaw_rad), self.v.copy(), self.armed, self.mode
         )
 
@@ -278,7 +278,7 @@ def test_pilots_land_by_hand_where_the_mission_cannot():
 
 def test_pilots_react_late_and_are_the_same_for_a_seed():
     pilot = Pilot(0, Field(), 1)
-    here = lambda x: Sight(  # noqa: E731
+    here = lambda x: PilotSight(  # noqa: E731
         transforms.from_xyz_yaw([x, 0.0, 4.0], 0.0), np.zeros(3), True, Mode.LOITER
     )
     for i in range(50):
@@ -299,7 +299,7 @@ def test_pilots_react_late_and_are_the_same_for_a_seed():
 def test_a_mission_that_starts_again_in_flight_leaves_hands_where_they_are():
     """It says WAIT_VEHICLES until it has heard them: no throttle down, no other mode."""
     pilot = Pilot(0, Field(), 1)
-    sight = Sight(np.eye(4), np.zeros(3), True, "GUIDED")
+    sight = PilotSight(np.eye(4), np.zeros(3), True, "GUIDED")
     before = [pilot.sticks(0.02 * k, "CONFIGURATIONS", sight) for k in range(50)][-1]
     after = [pilot.sticks(1.0 + 0.02 * k, "WAIT_VEHICLES", sight) for k in range(50)][-1]
     assert after == before and after.throttle == 0.0
@@ -371,7 +371,7 @@ def test_nobody_lets_go_in_stabilize():
     pilot = Pilot(0, Field(), 1)
     pilot._switch = Mode.LOITER
     by_hand, flown = (
-        Sight(np.eye(4), np.zeros(3), True, mode) for mode in (Mode.STABILIZE, Mode.GUIDED)
+        PilotSight(np.eye(4), np.zeros(3), True, mode) for mode in (Mode.STABILIZE, Mode.GUIDED)
     )
     modes = [pilot.sticks(100.0 + 0.1 * k, "CONFIGURATIONS", by_hand).mode for k in range(30)]
     assert modes[:10] == [Mode.LOITER] * 10 and modes[-1] == Mode.ALT_HOLD
@@ -381,7 +381,7 @@ def test_nobody_lets_go_in_stabilize():
 def test_what_runs_off_in_land_is_brought_down_in_alt_hold():
     """Its position is lost: LAND follows it and does not end."""
     pilot = Pilot(0, Field(), 1)
-    sight = Sight(
+    sight = PilotSight(
         transforms.from_xyz_yaw([0.0, 0.0, 0.9], 0.0), np.array([4.0, 0.0, 0.0]), True, "LAND"
     )
     assert not any(pilot.sticks(k, "LAND", sight).throttle for k in range(71))

@@ -18,7 +18,7 @@ from typing import Any, Callable, Dict, Optional, Tuple
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.missions.mission import load_mission
 from fcsv_sim.machines.slow_motion import Page
-from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
+from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, PilotSight
 from fcsv_sim.truth import TruthReader
 from support.console_window import FIELD, LABEL, Window
 from support.demos import FLIGHT_LIMIT_S, end, said, start_demo
@@ -48,7 +48,9 @@ class Eyes:
 
     def press(self, now_s: float, phase: str, waits_for: str) -> bool:
         try:
-            seen = {n: Sight(t.latest()[1], t.velocity(), True, "") for n, t in self._truth.items()}
+            seen = {
+                n: PilotSight(t.latest()[1], t.velocity(), True, "") for n, t in self._truth.items()
+            }
         except PoseUnavailable:
             return False
         return self._presser.press(now_s, waits_for, phase, seen, self._pilots)

@@ -51,7 +51,7 @@ class TransmitterSticks:
 
 
 @dataclass(frozen=True)
-class Sight:
+class PilotSight:
     """What a pilot sees: T_world_body, velocity (m/s, world), and on the screen armed, mode and the
     battery's share (NaN: not known); ``others`` are (3,) places of the other vehicles (world,
     m)."""
@@ -91,7 +91,7 @@ class Pilot:
         self._index = index
         self._field = field
         self._random = np.random.default_rng([seed, 4, index])
-        self._seen: Deque[Tuple[float, Sight]] = deque()
+        self._seen: Deque[Tuple[float, PilotSight]] = deque()
         self._phase, self._phase_since_s = "", 0.0
         self._arming_since_s: Optional[float] = None
         self._switched_s = float("-inf")
@@ -106,7 +106,7 @@ class Pilot:
         self._in_land_s: Optional[float] = None  # since when it has been in LAND
         self._by_thrust_s: Optional[float] = None  # since when in STABILIZE with his hands off
 
-    def sticks(self, now_s: float, phase: str, sight: Sight) -> TransmitterSticks:
+    def sticks(self, now_s: float, phase: str, sight: PilotSight) -> TransmitterSticks:
         """Sticks for the mission's phase, which is empty while the control PC is dead; what is seen
         is acted upon 0.3 s later."""
         sight = self._reacted_to(now_s, sight)
@@ -118,7 +118,7 @@ class Pilot:
         self._switch = sticks.mode
         return sticks
 
-    def land_by_hand(self, now_s: float, sight: Sight) -> TransmitterSticks:
+    def land_by_hand(self, now_s: float, sight: PilotSight) -> TransmitterSticks:
         """LAND, to the end; beside who is beneath, if that can be flown to in time."""
         if self._landing_s is None:
             self._landing_s, self._beside = now_s, beside(sight.T_world_body[:3, 3], sight.others)
@@ -162,14 +162,14 @@ class Pilot:
             goal[2] += 0.15 * np.sin(1.7 * w * t_s)
         return goal, v
 
-    def _reacted_to(self, now_s: float, sight: Sight) -> Sight:
+    def _reacted_to(self, now_s: float, sight: PilotSight) -> PilotSight:
         self._seen.append((now_s, sight))
         while len(self._seen) > 1 and self._seen[1][0] <= now_s - _REACTION_S:
             self._seen.popleft()
         return self._seen[0][1]
 
     @staticmethod
-    def _bring_down(sight: Sight) -> TransmitterSticks:
+    def _bring_down(sight: PilotSight) -> TransmitterSticks:
         """Moves the sticks, in ALT_HOLD, which needs no position: against the way that it flies,
         and down."""
         forward, left = in_body(np.clip(-0.8 * sight.v_world_mps[:2], -2.0, 2.0), sight)
@@ -178,11 +178,11 @@ class Pilot:
             *lean, -0.6 if sight.T_world_body[2, 3] > _LOW_M else -1.0, 0.0, Mode.ALT_HOLD
         )
 
-    def _runs_off(self, now_s: float, sight: Sight) -> bool:
+    def _runs_off(self, now_s: float, sight: PilotSight) -> bool:
         off_m = np.hypot(*(self.goal(now_s, self._phase)[0] - sight.T_world_body[:3, 3])[:2])
         return sight.mode == Mode.LOITER and self._phase in _BY_HAND and off_m > _RUNS_OFF_M
 
-    def _must_land(self, now_s: float, phase: str, sight: Sight) -> bool:
+    def _must_land(self, now_s: float, phase: str, sight: PilotSight) -> bool:
         """Whether he lands what he flies by hand, whatever is to be done: a person would."""
         self._in_land_s = (self._in_land_s or now_s) if sight.mode == Mode.LAND else None
         if sight.mode == Mode.LAND:
@@ -197,7 +197,7 @@ class Pilot:
         )
         return late or self._runs_off(now_s, sight)
 
-    def _decide(self, now_s: float, phase: str, sight: Sight) -> TransmitterSticks:
+    def _decide(self, now_s: float, phase: str, sight: PilotSight) -> TransmitterSticks:
         if self._landing_s is not None and not sight.armed:
             return TransmitterSticks(throttle=-1.0, mode=Mode.ALT_HOLD)  # down for good
         if self._landing_s is not None or (sight.armed and self._must_land(now_s, phase, sight)):
@@ -221,7 +221,7 @@ class Pilot:
                 return self.land_by_hand(now_s, sight)
         return self._hands_off(now_s, sight)  # the mission flies, or the autopilot lands
 
-    def _hands_off(self, now_s: float, sight: Sight) -> TransmitterSticks:
+    def _hands_off(self, now_s: float, sight: PilotSight) -> TransmitterSticks:
         """Not in STABILIZE, where a stick in the middle climbs for ever: where his switch is
         refused, ALT_HOLD."""
         by_thrust = sight.armed and sight.mode == Mode.STABILIZE
@@ -232,7 +232,7 @@ class Pilot:
             else self._switch
         )
 
-    def _take_off(self, now_s: float, sight: Sight) -> TransmitterSticks:
+    def _take_off(self, now_s: float, sight: PilotSight) -> TransmitterSticks:
         if not sight.armed:
             return self._arm(now_s)
         z = sight.T_world_body[2, 3]
@@ -257,7 +257,7 @@ class Pilot:
         rudder = 1.0 if 0.0 <= now_s - self._arming_since_s < 3.0 else 0.0
         return TransmitterSticks(throttle=-1.0, yaw=rudder, mode=Mode.ALT_HOLD)
 
-    def _lean_back_to_column(self, sight: Sight) -> Tuple[float, float]:
+    def _lean_back_to_column(self, sight: PilotSight) -> Tuple[float, float]:
         """Roll and pitch sticks in ALT_HOLD, where a stick is a lean."""
         goal, _ = self.goal(0.0, "COLUMN")
         error = goal[:2] - sight.T_world_body[:2, 3]
@@ -266,7 +266,7 @@ class Pilot:
         return _clip(-left / 9.81 / _LEAN_RAD), _clip(forward / 9.81 / _LEAN_RAD)
 
     def _fly_to(
-        self, now_s: float, goal: np.ndarray, v_goal: np.ndarray, sight: Sight
+        self, now_s: float, goal: np.ndarray, v_goal: np.ndarray, sight: PilotSight
     ) -> TransmitterSticks:
         """Sticks in LOITER, where a stick is a velocity, sooner or later."""
         error = goal - sight.T_world_body[:3, 3]
@@ -296,7 +296,7 @@ class Pilot:
         )
 
 
-def in_body(xy: np.ndarray, sight: Sight) -> Tuple[float, float]:
+def in_body(xy: np.ndarray, sight: PilotSight) -> Tuple[float, float]:
     """A horizontal world vector as forward and left of the vehicle."""
     yaw = transforms.yaw(sight.T_world_body)
     c, s = math.cos(yaw), math.sin(yaw)
@@ -320,7 +320,7 @@ class ButtonPresser:
         now_s: float,
         waits_for: str,
         phase: str,
-        sights: Dict[str, Sight],
+        sights: Dict[str, PilotSight],
         pilots: Sequence[Pilot],
     ) -> bool:
         """Whether to press the button now."""
@@ -340,12 +340,12 @@ class ButtonPresser:
         return True
 
     @staticmethod
-    def _all_calm(sights: Dict[str, Sight]) -> bool:
+    def _all_calm(sights: Dict[str, PilotSight]) -> bool:
         return all(math.hypot(*sight.v_world_mps.tolist()) < _CALM_MPS for sight in sights.values())
 
     @staticmethod
     def _in_place(
-        now_s: float, phase: str, sights: Dict[str, Sight], pilots: Sequence[Pilot]
+        now_s: float, phase: str, sights: Dict[str, PilotSight], pilots: Sequence[Pilot]
     ) -> bool:
         for sight, pilot in zip(sights.values(), pilots):
             goal, _ = pilot.goal(now_s, phase)

@@ -10,7 +10,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.people import feel
-from fcsv_sim.people.operator import Sight, TransmitterSticks, in_body
+from fcsv_sim.people.operator import PilotSight, TransmitterSticks, in_body
 
 _LEAN_RAD = math.radians(30.0)
 _G = 9.81
@@ -36,7 +36,7 @@ class HandFlight:
         self._feel = feel.Feel()
         self._phase_rad = float(random.uniform(0.0, 2.0 * math.pi))
 
-    def sticks(self, since_s: float, sight: Sight) -> TransmitterSticks:
+    def sticks(self, since_s: float, sight: PilotSight) -> TransmitterSticks:
         """Gives the sticks of this moment."""
         if self._mode == Mode.LOITER and since_s < _FLICK_S and sight.mode != Mode.LOITER:
             return TransmitterSticks(
@@ -73,7 +73,7 @@ class HandFlight:
         return self._here_m + _ROAM_M * way
 
 
-def _leaning(error_m: np.ndarray, sight: Sight) -> Tuple[float, float]:
+def _leaning(error_m: np.ndarray, sight: PilotSight) -> Tuple[float, float]:
     """Roll and pitch in ALT_HOLD and STABILIZE, where a stick is a lean."""
     acc = np.clip(1.0 * error_m[:2] - 1.8 * sight.v_world_mps[:2], -2.0, 2.0)
     forward, left = in_body(acc, sight)

@@ -7,7 +7,7 @@ import numpy as np
 
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot import modes
-from fcsv_sim.people.operator import Sight, TransmitterSticks
+from fcsv_sim.people.operator import PilotSight, TransmitterSticks
 from fcsv_sim.rehearsal.fault import Fault
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.hand_flight import HandFlight
@@ -48,7 +48,7 @@ class PilotTakesOver(Fault):
             if flight.hand_flown.get(self.vehicle.name) is self._mine:
                 del flight.hand_flown[self.vehicle.name]
 
-    def _sticks_of(self, now_s: float, phase: str, sight: Sight) -> TransmitterSticks:
+    def _sticks_of(self, now_s: float, phase: str, sight: PilotSight) -> TransmitterSticks:
         if phase in _ENDS:
             self._told_s = min(self._told_s, now_s)
         if now_s > self._told_s + _TOLD_S or now_s > self.began_s + _PATIENCE_S:
@@ -131,7 +131,7 @@ class StickOff(Fault):
             self.ended = True
             del flight.hand_flown[self.vehicle.name]
 
-    def _sticks_of(self, now_s: float, phase: str, sight: Sight) -> TransmitterSticks:
+    def _sticks_of(self, now_s: float, phase: str, sight: PilotSight) -> TransmitterSticks:
         sticks = self._pilot.sticks(now_s, phase, sight)
         waits = phase in _ABOUT_TO_BE and now_s < self.began_s + _SINKS_S
         return (

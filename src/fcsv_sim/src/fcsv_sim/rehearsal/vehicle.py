@@ -16,7 +16,7 @@ from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
-from fcsv_sim.people.operator import Sight, TransmitterSticks
+from fcsv_sim.people.operator import PilotSight, TransmitterSticks
 from fcsv_sim.people.rc import frame_of
 from fcsv_sim.rehearsal.board import OnBoard
 from fcsv_sim.sensors.scene import SimulatedScene
@@ -74,11 +74,11 @@ class RehearsedVehicle(OnBoard):
         """Where it truly is."""
         return self.body.position_m
 
-    def sight(self, others_m: Sequence[np.ndarray] = ()) -> Sight:
+    def sight(self, others_m: Sequence[np.ndarray] = ()) -> PilotSight:
         """What its pilot sees of it, and of the others."""
         share = self.battery_share if self.battery_said is None else self.battery_said
         body, armed = self.body, self.autopilot.armed
-        return Sight(
+        return PilotSight(
             body.T_world_body, body.velocity_mps, armed, self.state.mode, share, tuple(others_m)
         )
 

@@ -16,7 +16,7 @@ from fcsv_geometry.ros.health import Health
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_msgs.msg import MissionState
 from fcsv_msgs.srv import Proceed
-from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
+from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, PilotSight
 from fcsv_sim.people.rc import RcSender
 from fcsv_sim.ros.amber import accept_amber
 from fcsv_sim.truth import TruthReader
@@ -97,7 +97,7 @@ class OperatorNode:
             self._health.tick("sticks")
             self._act(rospy.get_time(), self._mission, sights)
 
-    def _act(self, now_s: float, mission: MissionState, sights: Dict[str, Sight]) -> None:
+    def _act(self, now_s: float, mission: MissionState, sights: Dict[str, PilotSight]) -> None:
         phase = mission.phase_name
         for pilot, radio, sight in zip(self._pilots, self._radios, sights.values()):
             s = pilot.sticks(now_s, phase, sight)
@@ -110,9 +110,9 @@ class OperatorNode:
                 target=self._press, args=(mission.waits_for,), name="finger", daemon=True
             ).start()
 
-    def _sight(self, name: str) -> Sight:
+    def _sight(self, name: str) -> PilotSight:
         reader, state = self._truth[name], self._states[name]
-        return Sight(reader.latest()[1], reader.velocity(), state.armed, Mode(state.mode))
+        return PilotSight(reader.latest()[1], reader.velocity(), state.armed, Mode(state.mode))
 
     def _press(self, button: str) -> None:
         try:

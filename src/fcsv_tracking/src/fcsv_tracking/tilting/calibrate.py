@@ -20,7 +20,7 @@ from fcsv_geometry.config import require_positive
 from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.tilting.board import SideBoardView
-from fcsv_tracking.tilting.rig import SIDES, Known, TiltAngles, TiltAxis, TiltingRig
+from fcsv_tracking.tilting.rig import SIDES, RigSigma, TiltAngles, TiltAxis, TiltingRig
 
 _SHARED = 14  # left axis (4), right axis (4), right camera (rotation, position)
 _STEP = 1e-6
@@ -79,7 +79,7 @@ def calibrate(
             f"the right camera is only known to {rotation_deg:.3f} deg and {position_m * 1e3:.2f} mm (bounds "
             f"{rules.most_rotation_deg} deg, {rules.most_position_m * 1e3:g} mm): take more views, at more angles"
         )
-    found = replace(found, known=Known(rotation_deg, position_m, rig.known.reading_deg))
+    found = replace(found, known=RigSigma(rotation_deg, position_m, rig.known.reading_deg))
     rms_px = float(np.sqrt((residuals**2).mean()))
     return TiltSolution(found, covariance, rms_px, len(residuals) // 2, rejected)
 

@@ -103,7 +103,7 @@ class TiltingCamera:
 
 
 @dataclass(frozen=True)
-class Known:
+class RigSigma:
     """Standard deviations per axis of what calibration leaves: the right camera against the left one, at exact angles,
     and of an angle as it is read (encoder and play), its resolution aside."""
 
@@ -124,7 +124,7 @@ class TiltingRig:
     left: TiltingCamera
     right: TiltingCamera
     limits_deg: Tuple[float, float] = (0.0, 30.0)  # of both angles, inwards: least, most
-    known: Known = field(default_factory=Known)
+    known: RigSigma = field(default_factory=RigSigma)
 
     def __post_init__(self):
         if not self.name.isidentifier():
