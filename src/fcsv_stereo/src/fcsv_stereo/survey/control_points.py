@@ -122,7 +122,7 @@ def check_names(control: ControlList, words: Optional[str]) -> List[str]:
 
 
 @dataclass(frozen=True)
-class Sight:
+class ControlSight:
     """A control point as a view's depth tells it: ``p_cam`` (3,) m in the view's camera and map,
     with ``covariance`` (3,3)."""
 
@@ -132,7 +132,7 @@ class Sight:
     covariance: np.ndarray
 
 
-def sights(control: ControlList, views: Sequence[View]) -> Tuple[List[Sight], List[str]]:
+def sights(control: ControlList, views: Sequence[View]) -> Tuple[List[ControlSight], List[str]]:
     """What views' depths say of the points, and remarks on marks that tell nothing.
 
     A picture is named as its file is, or ``VIEW/FILE`` where several views have one of that name,
@@ -175,7 +175,7 @@ def _view_of(mark: Mark, control: ControlList, views: Sequence[View]):
 
 
 def _sight(mark: Mark, view: View, own: bool):
-    """A Sight, or words that say why there is none."""
+    """A ControlSight, or words that say why there is none."""
     uv = np.array([mark.uv], float)
     taken = view.taken_with
     if not own and taken is not None:
@@ -200,4 +200,4 @@ def _sight(mark: Mark, view: View, own: bool):
         return f"it lies at a step of {view.name}'s depth"
     at = np.array([np.median(depths)], float), np.array([np.median(sigmas)], float)
     features = located(view.camera, uv, *at, np.zeros((1, 0), np.float32))
-    return Sight(mark.point, view.name, features.points[0], features.covariances[0])
+    return ControlSight(mark.point, view.name, features.points[0], features.covariances[0])

@@ -24,7 +24,7 @@ from fcsv_stereo.survey.adjust import (
     placed_in,
     prior_at,
 )
-from fcsv_stereo.survey.control_points import Sight
+from fcsv_stereo.survey.control_points import ControlSight
 from fcsv_stereo.survey.edges import Edge, with_reasons
 from fcsv_stereo.survey.views import View
 
@@ -89,7 +89,7 @@ class WorldFit:
 
 
 def statements_of(
-    sights: Sequence[Sight], points: Dict[str, np.ndarray], sigma_m: float
+    sights: Sequence[ControlSight], points: Dict[str, np.ndarray], sigma_m: float
 ) -> List[Statement]:
     """Statements of control points ``points`` (name to (3,) m in the earth's frame)."""
     sigma = np.full(3, sigma_m)
@@ -243,7 +243,7 @@ def _level_fit(p_a: np.ndarray, p_b: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Solution:
+class _WorldSolution:
     graph: gtsam.NonlinearFactorGraph
     values: gtsam.Values
     kept: List[Edge]
@@ -256,7 +256,7 @@ def _without_wrong(
     starts: Dict[str, gtsam.Similarity3],
     local: Adjusted,
     told: List[Statement],
-) -> Tuple[_Solution, List[str]]:
+) -> Tuple[_WorldSolution, List[str]]:
     """The adjustment without statements that contradict all others; sentences on these."""
     said, most = [], int(tuning.MOST_WRONG * len(told))
     limit = float(chi2.ppf(tuning.KEPT_P, 3))
@@ -278,7 +278,7 @@ def _squared(r: Residual) -> float:
     return float(np.sum(np.square(r.off_m / r.sigma_m)))
 
 
-def _solved(order, starts, local: Adjusted, told: List[Statement]) -> _Solution:
+def _solved(order, starts, local: Adjusted, told: List[Statement]) -> _WorldSolution:
     """The least squares of edges, priors and statements."""
     keys = {n: i for i, n in enumerate(order)}
     kept = [e for e in local.edges if e.kept and e.a in keys and e.b in keys]
@@ -303,7 +303,7 @@ def _solved(order, starts, local: Adjusted, told: List[Statement]) -> _Solution:
         for s in told:
             graph.add(_point_factor(s, keys[s.view], values.atSimilarity3(keys[s.view])))
         values = optimised(graph, values)
-    return _Solution(graph, values, kept, told, remarks)
+    return _WorldSolution(graph, values, kept, told, remarks)
 
 
 def _rigid(S: gtsam.Similarity3) -> gtsam.Similarity3:
@@ -393,7 +393,9 @@ def residual(s: Statement, values, order, used: bool) -> Residual:
     return Residual(s, off, np.sqrt(np.diag(_covariance(s, S))), used)
 
 
-def _fit(solution: _Solution, order, placed, statements: Sequence[Statement], checks) -> WorldFit:
+def _fit(
+    solution: _WorldSolution, order, placed, statements: Sequence[Statement], checks
+) -> WorldFit:
     """Common sigmas, and what is left of all statements."""
     used = {id(s) for s in solution.told}
     said = [s for s in statements if s.view in placed]
@@ -431,7 +433,7 @@ def _of_point(name: str, of: List[Statement], placed, check: bool, used) -> Poin
     )
 
 
-def _common(solution: _Solution, order) -> Tuple[float, float, float]:
+def _common(solution: _WorldSolution, order) -> Tuple[float, float, float]:
     """Sigmas of the mean place (m), heading (rad) and scale of all views."""
     count = len(order)
     ordering = gtsam.Ordering()
