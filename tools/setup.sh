@@ -5,7 +5,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-say()  { printf '\033[1m[setup]\033[0m %s\n' "$*"; }
+say()  { if [ -t 1 ]; then printf '\033[1m[setup]\033[0m %s\n' "$*"; else printf '[setup] %s\n' "$*"; fi; }
 fail() { printf '[setup] ERROR: %s\n' "$*" >&2; exit 1; }
 
 quietly() {  # quietly LOG COMMAND...: its output into LOG, and every few seconds a sign that it works

@@ -81,7 +81,7 @@ def _shared_ends(path: Path, space: Mapping[str, object]) -> Set[End]:
         found.add(End("hears", topic, kind.__name__))
 
     for call in _calls(ast.parse(path.read_text())):
-        if not _last(call.func).startswith("hear"):
+        if not _last(call.func).startswith("subscribe"):
             continue
         function = _value(call.func, space)
         if getattr(function, "__module__", "") == SHARED:

@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, Sequence
+from typing import Any, Callable, Iterator, List, Optional, Sequence
 
 from fcsv_control.file_check.kinds import KINDS, MISSION, PARAMETER_SUFFIXES, FileKind, recognised
 from fcsv_control.mission.plans.plan_check import require_flyable
@@ -59,7 +59,8 @@ def check(
     """The finding on a file. ``kind``: one of KINDS, "" finds it out.
 
     ``vehicles``: the column that is to fly a mission, front first; their files stand in
-    ``vehicles_dir``, by default the folder vehicles/ beside the mission's own.
+    ``vehicles_dir``, by default the folder vehicles/ beside the mission's own, else the
+    workspace's.
     """
     name, problem = kind, None
     try:
@@ -67,13 +68,40 @@ def check(
         name = found.name
         read = found.read(path)
         if name == MISSION and vehicles:
-            beside = path.resolve().parent.parent / _VEHICLES
-            _require_fleet(read, vehicles, Path(vehicles_dir) if vehicles_dir else beside)
+            folder = Path(vehicles_dir) if vehicles_dir else _vehicles_folder(path)
+            _require_fleet(read, vehicles, folder)
     except FcsvError as error:
         problem = error
     if problem is None:
         return Finding(path, name, note=_not_checked(found))
     return Finding(path, name, _without(path, str(problem)), _line(path, problem))
+
+
+def _vehicles_folder(mission: Path) -> Path:
+    """The folder of vehicle files that belongs to a mission file. Raises ConfigError where there is
+    none."""
+    beside = mission.resolve().parent.parent / _VEHICLES
+    if beside.is_dir():
+        return beside
+    workspace = _workspace()
+    if workspace is None:
+        raise ConfigError(
+            f"{mission}: no vehicle files are in {beside}: name their folder with --vehicles-dir"
+        )
+    return workspace / "config" / _VEHICLES
+
+
+def _workspace() -> Optional[Path]:
+    """The folder of launch and configuration files; None without ROS, or where this shell does not
+    know the workspace."""
+    try:
+        import rospkg
+    except ImportError:
+        return None
+    try:
+        return Path(rospkg.RosPack().get_path("fcsv_bringup"))
+    except rospkg.ResourceNotFound:
+        return None
 
 
 def _require_fleet(mission: Mission, vehicles: Sequence[str], folder: Path) -> None:

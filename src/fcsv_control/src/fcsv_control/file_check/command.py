@@ -69,6 +69,7 @@ def _parser() -> argparse.ArgumentParser:
         "--vehicles-dir",
         default="",
         metavar="FOLDER",
-        help="files of those vehicles; default: vehicles/ beside the folder of the mission",
+        help="files of those vehicles; default: vehicles/ beside the folder of the mission, "
+        "else the workspace's config/vehicles",
     )
     return parser

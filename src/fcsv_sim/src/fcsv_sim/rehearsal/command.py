@@ -13,7 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Callable, Iterable, List, Optional, Sequence, Tuple
+from typing import Callable, Iterable, Iterator, List, Optional, Sequence, Tuple
 
 from tqdm import tqdm
 
@@ -21,6 +21,7 @@ from fcsv_control.mission.plans import plan_check
 from fcsv_geometry.errors import PlanRefused
 from fcsv_geometry.missions.mission import Mission, load_mission
 from fcsv_geometry.programs import commands
+from fcsv_geometry.programs.live_line import LiveLine
 from fcsv_geometry.programs.writing import require_file
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.errors import SimulationError
@@ -90,6 +91,7 @@ def _rehearse(args) -> int:
         return _trace(jobs[0], args.trace)
     if args.json is not None:
         require_file(args.json)
+    print(_what_comes(jobs), file=sys.stderr, flush=True)
     results = list(zip(jobs, on_all_cores(rehearse, jobs, args.jobs)))
     if args.json is not None:
         _write(results, args.json)
@@ -103,6 +105,17 @@ def _rehearse(args) -> int:
         print(f"and {len(broken) - args.show} more flights with violations (--show {len(broken)})")
     print(verdict_line([(job.name, r) for job, r in results]))
     return int(bool(broken))
+
+
+def _what_comes(jobs: Sequence[Job]) -> str:
+    """One line before the flights."""
+    first = jobs[0]
+    faults = "calm" if first.faults == NONE else f"faults: {first.faults}"
+    many = f"{len(jobs)} flights" if len(jobs) > 1 else "1 flight"
+    return (
+        f"rehearsing mission '{first.mission.name}': {many} of {first.vehicles} vehicles, {faults}, "
+        f"seeds from {first.seed}"
+    )
 
 
 def _write(results: Sequence[Tuple[Job, Result]], path: str) -> None:
@@ -141,20 +154,33 @@ def on_all_cores(work: Callable, jobs: List, processes: int) -> Iterable:
     if work is rehearse and len(jobs) == 1:
         return [_one(jobs[0])]
     if processes == 1 or len(jobs) == 1:
-        return [work(job) for job in tqdm(jobs, unit="flight", disable=None)]
+        return list(_counted(map(work, jobs), len(jobs)))
     # a Pool waits for ever for a process that died
     with ProcessPoolExecutor(processes, initializer=prepare) as pool:
         try:
-            return list(tqdm(pool.map(work, jobs), total=len(jobs), unit="flight", disable=None))
+            return list(_counted(pool.map(work, jobs), len(jobs)))
         except BrokenProcessPool:
             raise SimulationError(
                 f"one of {processes} processes was killed, as where memory runs out: ask for fewer (--jobs)"
             ) from None
 
 
+def _counted(results: Iterable, count: int) -> Iterator:
+    """Passes on results with a bar of their number, or a line from time to time where no terminal
+    shows one."""
+    live, terminal = LiveLine(sys.stderr), sys.stderr.isatty()
+    for k, result in enumerate(tqdm(results, total=count, unit="flight", disable=not terminal)):
+        if not terminal:
+            live.status(f"{k + 1} of {count} flights")
+        yield result
+
+
 def _one(job: Job) -> Result:
-    """A single flight, with a bar of its configurations."""
-    with tqdm(total=len(job.mission.configurations), unit="configuration", disable=None) as bar:
+    """A single flight, with a bar of its configurations, or a line from time to time where no
+    terminal shows one."""
+    live, terminal = LiveLine(sys.stderr), sys.stderr.isatty()
+    count = len(job.mission.configurations)
+    with tqdm(total=count, unit="configuration", disable=not terminal) as bar:
 
         def watched(flight: Flight) -> None:
             flight.recorder = show
@@ -163,6 +189,8 @@ def _one(job: Job) -> Result:
             captures = len(flight.control.machine.captures)
             if captures > bar.n:
                 bar.update(captures - bar.n)
+            if not terminal:
+                live.status(f"{captures} of {count} configurations recorded")
 
         return rehearse(job, watched)
 

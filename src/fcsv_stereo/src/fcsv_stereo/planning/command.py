@@ -49,12 +49,23 @@ def main(argv: Optional[List[str]] = None) -> int:
             _write_figures(plan, Path(args.figures))
         if document:
             write_mission(document, Path(args.mission))
-            print(f"wrote {args.mission}; fly it with mission:={args.mission}")
-            print(f"trim its map as planned: map --method thesis {' '.join(map_arguments(plan))}")
+            print("\n".join(_next_commands(Path(args.mission), plan)))
     except FcsvError as error:
         print(f"plan: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def _next_commands(mission: Path, plan: Plan) -> List[str]:
+    """What to do with a mission that was written, as commands to paste."""
+    trim = " ".join(map_arguments(plan))
+    return [
+        f"wrote {mission}",
+        f"rehearse it:            rosrun fcsv_sim rehearse {mission}",
+        f"fly it in simulation:   make demo MISSION={mission}",
+        f"fly it:                 roslaunch fcsv_bringup control.launch mission:={mission.resolve()}",
+        f"the thesis's map of it: rosrun fcsv_stereo map SESSION -o OUT --method thesis {trim}",
+    ]
 
 
 def table(plan: Plan) -> str:

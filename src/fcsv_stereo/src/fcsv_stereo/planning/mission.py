@@ -51,7 +51,7 @@ def mission_document(
 
 def write_mission(document: dict, path: Path) -> None:
     """The file, whole or not at all. Raises OutputError."""
-    head = "# Planned: rosrun fcsv_stereo plan. Trim points are for rosrun fcsv_stereo map.\n"
+    head = "# Planned: rosrun fcsv_stereo plan.\n"
     lines = [
         yaml.safe_dump({k: v}, sort_keys=False)
         for k, v in document.items()
