@@ -385,3 +385,12 @@ def test_kinds_say_the_keys_that_their_parsers_know():
     assert "turning_radius_m" not in robot.required_keys() and "radius_m" in robot.required_keys()
     with pytest.raises(ConfigError, match="no kind"):
         recognised(CONFIG.parent / "compose.yaml")
+
+
+def test_a_mission_anywhere_is_checked_against_the_workspaces_vehicles(tmp_path, monkeypatch):
+    path = tmp_path / "mine.yaml"
+    shutil.copy(CONFIG / "missions/short.yaml", path)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(CONFIG.parent))
+    assert check(path, vehicles=["uav1", "uav2"]).problem == ""
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
+    assert "name their folder with --vehicles-dir" in check(path, vehicles=["uav1", "uav2"]).words

@@ -264,3 +264,18 @@ def _went(seed: int, captures: int, faults=(), violations=()) -> Result:
 )
 def test_the_table_ends_with_a_verdict(flown, words):
     assert verdict_line(flown).startswith(f"Verdict: {words}")
+
+
+def test_a_rehearsal_says_what_comes_and_that_it_works(tmp_path, capsys, monkeypatch):
+    """Where no terminal shows a bar: a line at once, and one from time to time."""
+    from fcsv_geometry.programs import live_line
+
+    monkeypatch.setattr(live_line, "LOGGED_S", 0.0)
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        "name: mine\nconfigurations: [{axis: horizontal, baseline_m: 2.0, record_s: 1.0}]"
+    )
+    assert main([str(path), "--flights", "1"]) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert said[0].startswith("rehearsing mission 'mine': 1 flight of 2 vehicles, calm")
+    assert said[-1] == "1 of 1 configurations recorded"

@@ -271,3 +271,12 @@ def test_a_camera_that_cannot_be_planned_for_is_named(tmp_path, capsys, more, wo
     assert command.main(f"--range-m 400 --camera {tmp_path}/own.yaml {more}".split()) == 2
     said = capsys.readouterr().err
     assert said.startswith("plan: ") and said.count("\n") == 1 and words in said
+
+
+def test_what_follows_a_plan_is_printed_as_whole_commands(tmp_path, capsys):
+    path = tmp_path / "mine.yaml"
+    assert command.main(f"--range-m 100 --error 5% --baselines 2 3 4 --mission {path}".split()) == 0
+    said = capsys.readouterr().out.splitlines()
+    commands = [line.partition(": ")[2].strip() for line in said if ": " in line][-4:]
+    assert [c.split()[0] for c in commands] == ["rosrun", "make", "roslaunch", "rosrun"]
+    assert all(str(path) in c for c in commands[:3]) and commands[2].endswith(f"mission:={path}")
