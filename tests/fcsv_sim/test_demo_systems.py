@@ -23,6 +23,12 @@ from fcsv_sim.ros.mocap_node import MocapNodeParameters
 from fcsv_stereo.evaluating.truth import Truth
 
 
+@pytest.fixture(autouse=True)
+def free_processors(monkeypatch):
+    """Tests that run beside these take nothing from a demo: tests/fcsv_sim/test_crowd.py."""
+    monkeypatch.setattr(demo.CrowdWatch, "look_before", lambda self: None)
+
+
 def mission(axis, baseline_m, height_m=1.7):
     return Mission(
         "m", [StereoConfiguration(axis, baseline_m)], "tello1", 0.7, home_height_m=height_m

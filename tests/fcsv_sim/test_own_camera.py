@@ -33,6 +33,12 @@ WIDE, FOLDED = (-0.28, 0.07, 0.0, 0.0, 0.0), (-0.30, 0.09, 0.0, 0.0, -0.011)
 RATIONAL = (1.0, 0.3, 0.0, 0.0, 0.01, 1.4, 0.6, 0.05)
 
 
+@pytest.fixture(autouse=True)
+def free_processors(monkeypatch):
+    """Tests that run beside these take nothing from a demo: tests/fcsv_sim/test_crowd.py."""
+    monkeypatch.setattr(demo.CrowdWatch, "look_before", lambda self: None)
+
+
 def camera(focal_px, distortion, width=640, height=480):
     return PinholeCamera(
         width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, distortion

@@ -16,6 +16,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from support.waiting import within
 
+_TESTS = Path(__file__).resolve().parents[1]
 BUTTON, FIELD, LABEL, TABLE, BAR = (
     "QPushButton",
     "QLineEdit",
@@ -31,8 +32,8 @@ class Window:
     def __init__(self, hands, env: Dict[str, str], log: Path, *args: str):
         self.hands, self._log = hands, log
         self._process = subprocess.Popen(
-            [sys.executable, __file__, *args],
-            env=env,
+            [sys.executable, "-m", "support.console_window", *args],
+            env={**env, "PYTHONPATH": f"{_TESTS}:{env.get('PYTHONPATH', '')}"},
             stdin=subprocess.PIPE,
             text=True,
             stdout=subprocess.PIPE,

@@ -61,7 +61,7 @@ class ConsoleWindow(QMainWindow):
     def __init__(self, view: ConsoleView, rviz_config: str = ""):
         super().__init__()
         self.setWindowTitle("fcsv console")
-        self._view, self._lines = view, []  # type: View, List[Line]
+        self._view, self._lines = view, []  # type: ConsoleView, List[Line]
         # vehicle and name of the line that is chosen
         self._chosen: Optional[Tuple[str, str]] = None
         self.buttons: Dict[str, ActionButton] = {}

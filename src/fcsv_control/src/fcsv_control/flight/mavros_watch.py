@@ -46,7 +46,7 @@ class MavrosWatch:
         self._unanswered = 0
         self.ended = 0
 
-    def heard(self, now_s: float) -> None:
+    def on_message(self, now_s: float) -> None:
         """Something of the autopilot came through it."""
         if now_s > self._heard_s:
             self._heard_s, self._unanswered = now_s, 0

@@ -47,6 +47,7 @@ from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.streams.arrivals import RELAY
 from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.tracker import TrackerProfile
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
@@ -119,7 +120,8 @@ class OnBoard:
         self.odometry: Optional[BodyPose] = None
         self.T_odom_body: Optional[np.ndarray] = None  # of that; never changed in place
         self.height_m = self._ground_m = 0.0
-        self.modes_asked: List[Tuple[float, str]] = []  # every mode command that left the companion
+        # every mode command that left the companion
+        self.modes_asked: List[Tuple[float, Mode]] = []
         # "sent" a message, "ordered" an instruction, "held"
         self.told: Callable[[float, str, object], None] = _nobody
         self._calls: List[_Call] = []

@@ -115,7 +115,7 @@ def drive_guided(drive: GuidedDrive, machine: Machine, say: Callable[[str], None
             )
     if not (drive.folder / _DOCUMENT).is_file():
         raise MachineError(f"the drive has no end: {simulated.log}\n{simulated.tail()}")
-    known = DriveRecord(drive, robot)
+    known = KnownPlace(drive, robot)
     result = _result(drive, known)
     _draw(drive, town, robot, known, result)
     say(f"the robot's drive from above: {drive.folder / PICTURE}")
@@ -142,7 +142,7 @@ def _listed(values: Sequence[float]) -> str:
     return ",".join(f"{v:.6f}" for v in values)
 
 
-def _result(drive: GuidedDrive, known: "DriveRecord") -> GuidedResult:
+def _result(drive: GuidedDrive, known: "KnownPlace") -> GuidedResult:
     sent = SentDrive(**json.loads((drive.folder / _DOCUMENT).read_text()))
     with open(drive.folder / _TRUTH, newline="") as file:
         rows = [list(map(float, row)) for row in list(csv.reader(file))[1:] if len(row) == 5]
@@ -152,7 +152,7 @@ def _result(drive: GuidedDrive, known: "DriveRecord") -> GuidedResult:
     return GuidedResult(sent, way, room_m, known.share(way))
 
 
-class DriveRecord:
+class KnownPlace:
     """What the maps of a drive show beforehand: ``stands`` (rows, columns) of ``grid``, in home."""
 
     def __init__(self, drive: GuidedDrive, robot: Robot):
@@ -181,7 +181,7 @@ class DriveRecord:
 
 
 def _draw(
-    drive: GuidedDrive, town: Town, robot: Robot, known: DriveRecord, result: GuidedResult
+    drive: GuidedDrive, town: Town, robot: Robot, known: KnownPlace, result: GuidedResult
 ) -> None:
     clear, world = Footing.of(town.plan).clearance(robot), known.in_world()
     inside = clear.grid.cells_of(world[..., 0], world[..., 1])[2]
