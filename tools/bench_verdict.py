@@ -59,7 +59,6 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     parser = argparse.ArgumentParser(prog="bench_verdict", description=__doc__.split("\n\n")[0])
     parser.add_argument("flights", nargs="+", metavar="SESSION=MAP")
     args = parser.parse_args(argv)
-    rospy.rostime.set_rostime_initialized(True)
     flips = agreeing = compared = 0
     print("| flight | configuration | verdicts | flips | window at its end | map |")
     print("|---" * 6 + "|")
@@ -101,6 +100,7 @@ def of_map(folder: Path) -> Dict[str, bool]:
 
 def recordings(session: Path) -> List[Recording]:
     """Plays a session into the window's model; gives its recordings in their order."""
+    rospy.rostime.set_rostime_initialized(True)  # conversions ask for the time, no node runs
     names, found = read_yaml(session / "session.yaml")["vehicles"], []
     tags = {n: v.tag_id for n, v in load_vehicles(_ROOT / "config/vehicles", names).items()}
     console, watch = Console(names, tags, recorded=True), EpipolarWatch(names)
