@@ -2,7 +2,6 @@
 """Events kept with the session: a table in its folder, one for each start of the window, written
 beside it."""
 
-import os
 import threading
 from datetime import datetime, timezone
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Callable
 
 from fcsv_console.model import facts as f
 from fcsv_console.model.events import EventLog
-from fcsv_geometry.programs.writing import in_words
+from fcsv_geometry.programs.writing import in_words, write_whole
 
 _EVERY_S = 2.0
 
@@ -42,11 +41,8 @@ class EventFile:
             self._write(log.as_csv())
 
     def _write(self, text: str) -> None:
-        partial = self.path.with_name(self.path.name + ".partial")
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            partial.write_text(text)
-            os.replace(partial, self.path)
+            write_whole(self.path, text)
             self._problem = ""
         except OSError as error:
             words = in_words(error, self.path)

@@ -57,6 +57,14 @@ def require_file(file: Path) -> None:
     require_folder(Path(file).absolute().parent)
 
 
+def write_whole(path: Path, text: str) -> None:
+    """A file, whole or not at all, in a folder that is made where it is not there. Raises OSError."""
+    partial = path.with_name(path.name + ".partial")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial.write_text(text)
+    partial.replace(path)
+
+
 def in_words(error: OSError, place: object = "") -> str:
     """One line: which file, what is wrong, what to do. ``place``: where the work was, if the error
     does not say.

@@ -2,7 +2,6 @@
 """A plan as a mission file (config/missions/*.yaml), judged by the schema that the mission itself
 reads it with."""
 
-import os
 from pathlib import Path
 from typing import List
 
@@ -12,7 +11,7 @@ import yaml
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration, spaced
-from fcsv_geometry.programs.writing import in_words
+from fcsv_geometry.programs.writing import in_words, write_whole
 from fcsv_stereo.errors import OutputError, PlanError
 from fcsv_stereo.planning.plan import Plan, PlannedBaseline
 
@@ -58,11 +57,8 @@ def write_mission(document: dict, path: Path) -> None:
         if k != "configurations"
     ]
     text = head + "".join(lines) + "".join(configuration_lines(document))
-    partial = path.with_name(path.name + ".partial")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(text)
-        os.replace(partial, path)
+        write_whole(path, text)
     except OSError as error:
         # not the partial one
         raise OutputError(in_words(OSError(error.errno, error.strerror, str(path)))) from error

@@ -12,6 +12,7 @@ from typing import Any, Optional
 import gtsam
 import numpy as np
 
+from fcsv_geometry.programs.writing import write_whole
 from fcsv_geometry.version import VERSION
 from fcsv_stereo.survey import tuning
 from fcsv_stereo.survey.edges import Edge, find_edge
@@ -77,11 +78,8 @@ def make_edge(a: ViewFile, b: ViewFile, out: Path) -> None:
     """A task: finds the edge of two views and keeps it."""
     (view_a, of_a), (view_b, of_b) = _with_features(a), _with_features(b)
     edge = find_edge(view_a, view_b, of_a, of_b)
-    path = edge_path(a, b, out)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(json.dumps({"key": edge_key(a, b), "edge": _document(edge)}))
-    part.replace(path)
+    document = {"key": edge_key(a, b), "edge": _document(edge)}
+    write_whole(edge_path(a, b, out), json.dumps(document))
 
 
 _FEATURES: "OrderedDict[str, tuple]" = OrderedDict()

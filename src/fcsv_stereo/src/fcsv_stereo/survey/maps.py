@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Optional, Tuple
 
+from fcsv_geometry.programs.writing import write_whole
 from fcsv_geometry.version import VERSION
 from fcsv_stereo import pipeline
 from fcsv_stereo.model import Progress, silent
@@ -75,7 +76,8 @@ def make_map(
     note.unlink(missing_ok=True)  # a map without a note is made again
     pipeline.run(_request(source, folder, options), progress)
     content = source_key(source)  # bags may have been repaired meanwhile
-    _write_whole(note, {**_key(content, options), "input": str(source.path)})
+    document = {**_key(content, options), "input": str(source.path)}
+    write_whole(note, json.dumps(document, indent=1))
     return folder
 
 
@@ -97,9 +99,3 @@ def _noted(note: Path) -> dict:
         return {k: document[k] for k in ("content", "options")}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
-
-
-def _write_whole(path: Path, document: dict) -> None:
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(json.dumps(document, indent=1))
-    part.replace(path)
