@@ -12,6 +12,8 @@ import threading
 import time
 from typing import Callable, Iterator, Optional, TextIO
 
+from tqdm import tqdm
+
 IN_PLACE_S, LOGGED_S = 0.5, 15.0  # how often the line is renewed: on a terminal, elsewhere
 _ERASE = "\r\x1b[K"
 
@@ -65,6 +67,29 @@ class LiveLine:
         self._out.write(text)
         self._out.flush()
         self._written_s = self._clock()
+
+
+class Counter:
+    """A bar of what is done on a terminal, a line from time to time elsewhere; to standard error.
+
+    ``unit``: of the bar; ``words`` follow the numbers of the line.
+    """
+
+    def __init__(self, total: int, unit: str, words: str):
+        self._total, self._words, self._live = total, words, LiveLine(sys.stderr)
+        self._terminal = sys.stderr.isatty()
+        self._bar = tqdm(total=total, unit=unit, disable=not self._terminal)
+
+    def show(self, done: int) -> None:
+        """So many of ``total`` are done; it may be called as often as you like."""
+        if not self._terminal:
+            self._live.status(f"{done} of {self._total} {self._words}")
+        elif done > self._bar.n:
+            self._bar.update(done - self._bar.n)
+
+    def close(self) -> None:
+        """Leaves the bar as it is."""
+        self._bar.close()
 
 
 class Steps:

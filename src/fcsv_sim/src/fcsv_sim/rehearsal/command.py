@@ -10,18 +10,17 @@ import re
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Callable, Iterable, Iterator, List, Optional, Sequence, Tuple
 
-from tqdm import tqdm
-
 from fcsv_control.mission.plans import plan_check
 from fcsv_geometry.errors import PlanRefused
 from fcsv_geometry.missions.mission import Mission, load_mission
 from fcsv_geometry.programs import commands
-from fcsv_geometry.programs.live_line import LiveLine
+from fcsv_geometry.programs.live_line import Counter
 from fcsv_geometry.programs.writing import require_file
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.errors import SimulationError
@@ -166,31 +165,20 @@ def on_all_cores(work: Callable, jobs: List, processes: int) -> Iterable:
 
 
 def _counted(results: Iterable, count: int) -> Iterator:
-    """Passes on results with a bar of their number, or a line from time to time where no terminal
-    shows one."""
-    live, terminal = LiveLine(sys.stderr), sys.stderr.isatty()
-    for k, result in enumerate(tqdm(results, total=count, unit="flight", disable=not terminal)):
-        if not terminal:
-            live.status(f"{k + 1} of {count} flights")
-        yield result
+    """Passes on results, and shows how many came."""
+    with closing(Counter(count, "flight", "flights")) as counter:
+        for k, result in enumerate(results):
+            counter.show(k + 1)
+            yield result
 
 
 def _one(job: Job) -> Result:
-    """A single flight, with a bar of its configurations, or a line from time to time where no
-    terminal shows one."""
-    live, terminal = LiveLine(sys.stderr), sys.stderr.isatty()
-    count = len(job.mission.configurations)
-    with tqdm(total=count, unit="configuration", disable=not terminal) as bar:
+    """A single flight, of which recorded configurations are shown."""
+    total = len(job.mission.configurations)
+    with closing(Counter(total, "configuration", "configurations recorded")) as counter:
 
         def watched(flight: Flight) -> None:
-            flight.recorder = show
-
-        def show(flight: Flight) -> None:
-            captures = len(flight.control.machine.captures)
-            if captures > bar.n:
-                bar.update(captures - bar.n)
-            if not terminal:
-                live.status(f"{captures} of {count} configurations recorded")
+            flight.recorder = lambda of: counter.show(len(of.control.machine.captures))
 
         return rehearse(job, watched)
 
