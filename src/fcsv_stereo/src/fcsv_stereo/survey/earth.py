@@ -30,8 +30,8 @@ def crs_of(words: str) -> CRS:
     """
     utm = _ODM_UTM.match(words.strip())
     if utm and 1 <= int(utm.group(1)) <= 60:
-        words = f"EPSG:{32600 if utm.group(2).upper() == 'N' else 32700}"
-        words = f"EPSG:{int(words[5:]) + int(utm.group(1))}"
+        north = utm.group(2).upper() == "N"
+        words = f"EPSG:{(32600 if north else 32700) + int(utm.group(1))}"
     try:
         crs = CRS.from_user_input(words.strip())
     except ProjError as error:
