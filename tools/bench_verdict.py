@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
-import cv2
 import rosbag
 import rospy
 from tqdm import tqdm
@@ -38,7 +37,7 @@ from fcsv_stereo.report.plain_words import MOST_EPIPOLAR_PX
 _ROOT = Path(__file__).resolve().parents[1]
 _LOOK_S = 0.2  # between two looks at the window
 _MEASURE_S = 1.0  # as the window measures the epipolar error
-_JPEG = [cv2.IMWRITE_JPEG_QUALITY, 90]
+_OF_VEHICLE = {**messages.OF_VEHICLE, **messages.RECORDED}
 
 
 @dataclass
@@ -131,11 +130,10 @@ def recordings(session: Path) -> List[Recording]:
 def _played(session: Path, names: Sequence[str]) -> Iterator[Tuple[float, str, str, Any]]:
     """Messages of all bags by the time at which they were recorded: (time, vehicle, topic under
     its name or whole, message). What of a vehicle crossed to the control PC is not told twice."""
-    topics = {**messages.OF_VEHICLE, **messages.RECORDED}
     own = ("tags/detections", "camera/color/image_raw", "camera/color/camera_info")
 
     def control():
-        known = {f"/{n}/{t}": (n, t) for n in names for t in topics}
+        known = {f"/{n}/{t}": (n, t) for n in names for t in _OF_VEHICLE}
         with rosbag.Bag(str(session / "control.bag")) as bag:
             for topic, message, t in bag.read_messages([*known, *messages.OF_CONTROL]):
                 yield (t.to_sec(), *known.get(topic, ("", topic)), message)
@@ -158,14 +156,15 @@ def _tell(
     if topic == "camera_pose":
         T_home_cam = conversions.pose_to_transform(message.pose.pose)
         watch.tell_pose(name, message.header.stamp.to_sec(), T_home_cam)
-    if topic == "camera/color/image_raw":
-        jpeg = cv2.imencode(".jpg", conversions.image_to_array(message, "bgr8"), _JPEG)[1]
-        watch.tell_live(name, message.header.stamp.to_sec(), jpeg.tobytes())
-    table = messages.OF_CONTROL if not name else {**messages.OF_VEHICLE, **messages.RECORDED}
+    table = _OF_VEHICLE if name else messages.OF_CONTROL
     try:
-        console.tell(at_s, table[topic][1](name, message))
+        fact = table[topic][1](name, message)
     except FcsvError as error:
         print(f"{name} {topic}: {error}", file=sys.stderr)
+        return
+    if topic in messages.RECORDED:
+        watch.tell_live(name, fact.stamp_s, fact.data)
+    console.tell(at_s, fact)
 
 
 if __name__ == "__main__":
