@@ -108,7 +108,7 @@ class _Film:
         """Waits until the process says ``words`` or ends; a picture a second goes to the folder
         ``pictures``."""
         if pictures is not None:
-            pictures.mkdir()
+            pictures.mkdir(exist_ok=True)
         for k in tqdm(range(int(limit_s / _GRAB_S)), what, unit=" s", disable=None):
             ended = self._process.poll() is not None
             if ended or words and words in self._log.read_text(errors="replace"):
