@@ -359,7 +359,7 @@ class MavlinkServer:
         self._send("scaled_pressure", self._milliseconds(), hpa, 0.0, 2500)
 
     def _gps_raw(self) -> None:
-        """Without a receiver too, as ArduCopter; then it says so."""
+        """The receiver's fix; an autopilot without one says so, as ArduCopter does."""
         time_us, nothing = int(self._now_s * 1e6), 65535
         if self._pilot.gps is None:
             self._send("gps_raw_int", time_us, 0, 0, 0, 0, nothing, nothing, nothing, nothing, 0)
