@@ -5,11 +5,11 @@ no clock."""
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Set
 
 from fcsv_control.mission import restart
+from fcsv_control.mission.activities.activity import CaptureWindow
 from fcsv_control.mission.activities.flight_list import FlightList
 from fcsv_control.mission.activities.handover import Handover
 from fcsv_control.mission.activities.holding import Holding
 from fcsv_control.mission.activities.landing import Landing
-from fcsv_control.mission.activities.standing import CaptureWindow
 from fcsv_control.mission.memory import Memory, digest
 from fcsv_control.mission.operated import OperatorCommands
 from fcsv_control.mission.outbox import Outbox

@@ -9,7 +9,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence
 
 from fcsv_control import control_messages as told
 from fcsv_control.agent.messages import Instruction, Kind
-from fcsv_control.mission.activities.standing import CaptureWindow
+from fcsv_control.mission.activities.activity import CaptureWindow
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import Memory
 from fcsv_control.mission.outbox import Order
