@@ -286,11 +286,11 @@ def test_who_is_silent_since_it_stood_on_the_ground_may_fly_by_now(flight):
 
 
 def test_a_second_abort_is_not_refused(flying):
-    assert flying.machine.control("abort") == ""
+    assert flying.operator.control("abort") == ""
     flying.wait(0.3)
-    assert flying.machine.phase == "LAND" and flying.machine.control("abort") == ""
+    assert flying.machine.phase == "LAND" and flying.operator.control("abort") == ""
     flying.phase("ABORTED", 60.0)
-    assert "the mission is over" in flying.machine.control("abort")
+    assert "the mission is over" in flying.operator.control("abort")
 
 
 @pytest.mark.parametrize("field", [f.name for f in dataclasses.fields(PauseLimits)])

@@ -9,11 +9,13 @@ import pytest
 #: Core -> where it may be named besides the package of its port; add a row for each port.
 CORES = {
     "MissionMachine": "fcsv_sim/rehearsal/control.py",  # to look at: a property's type
+    "OperatorCommands": "",
     "Guardian": "fcsv_sim/rehearsal/board.py",  # likewise
     "VehicleHeard": "",
     "TagInFront": "",
     "PairsSeen": "",
     "TimeOfDay": "",
+    "PairsToLookAt": "",
     "StopAll": "",
     "AgentCore": "",
     "LinkRequests": "",
