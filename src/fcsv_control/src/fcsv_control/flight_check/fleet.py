@@ -3,16 +3,19 @@
 its own programs."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
+from fcsv_control.flight.messages import ParametersChecked
 from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check import speeds
 from fcsv_control.flight_check.lines import Check, Found, Judged, Line, State
 from fcsv_control.flight_check.sightings import Sightings
 from fcsv_control.flight_check.vehicle import Disk
+from fcsv_control.recorder_port import RecorderTold
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.streams.stream import Stream
+from fcsv_tracking.devices.clocks import ClockOffset
 
 CONTROL = "control"
 _G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
@@ -55,10 +58,9 @@ class FromAfar:
     front: Optional[str] = None
     report: Stream[Sequence[Line]] = field(default_factory=Stream)
     patience_s: float = 0.0  # of its report
-    # the newest fcsv_msgs/ParameterReport: it comes where it changes
-    parameters: Optional[Any] = None
+    parameters: Optional[ParametersChecked] = None  # the newest: it comes where it changes
     poses: Stream = field(default_factory=lambda: Stream(_WINDOW_S))
-    clock: Stream[Any] = field(default_factory=Stream)  # fcsv_tracking's ClockOffset
+    clock: Stream[ClockOffset] = field(default_factory=Stream)
     epoch: Optional[int] = None
     calibrated: Optional[int] = None  # the epoch for which the calibration holds
     sightings: Sightings = field(default_factory=lambda: Sightings({}))
@@ -75,13 +77,12 @@ class FromAfar:
 
 @dataclass
 class ControlFacts:
-    """The control PC's own programs. ``recorder`` holds a message of fcsv_msgs, ``mission`` the
-    mission's phase."""
+    """The control PC's own programs; ``mission`` holds the mission's phase."""
 
     link: str = relay_keys.RELAY
     mission: Stream[str] = field(default_factory=Stream)
     stop_all: Stream[bool] = field(default_factory=Stream)
-    recorder: Stream[Any] = field(default_factory=Stream)
+    recorder: Stream[RecorderTold] = field(default_factory=Stream)
     disk: Stream[Disk] = field(default_factory=Stream)
     keys: Stream[relay_keys.Keys] = field(default_factory=Stream)
 

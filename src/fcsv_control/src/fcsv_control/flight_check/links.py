@@ -31,14 +31,16 @@ _TELLO_REMEDIES = {
 def _flight_data(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if not f.link.fresh(now_s, r.silent_s) or not f.link.value.connected:
         return State.UNKNOWN, "nothing is heard of the Tello"
-    if f.link.value.in_the_air < 0:
+    if f.link.value.in_the_air is None:
         return State.RED, "it does not say whether it flies"
     return State.GREEN, "it flies" if f.link.value.in_the_air else "it stands"
 
 
 def _stands(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> bool:
     return (
-        f.link.fresh(now_s, r.silent_s) and f.link.value.connected and f.link.value.in_the_air == 0
+        f.link.fresh(now_s, r.silent_s)
+        and f.link.value.connected
+        and f.link.value.in_the_air is False
     )
 
 

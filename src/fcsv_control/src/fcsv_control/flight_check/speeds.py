@@ -3,18 +3,13 @@
 ``flight``."""
 
 import math
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Callable, Dict, List, Mapping, Optional, Tuple
 
+from fcsv_control.flight.messages import ParametersChecked
 from fcsv_control.flight_check.lines import Check, Found, State
 from fcsv_geometry.missions.flight_limits import FlightBounds
 
 _SAME = 0.01  # of the planned value; parameters are set in whole cm/s
-
-
-def flown_with(report: Any) -> Dict[str, float]:
-    """The values (cm/s, cm/s2) of a fcsv_msgs/ParameterReport by the autopilot's names; NaN: not
-    answered."""
-    return dict(zip(report.limits, report.limit_values))
 
 
 def others(have: Mapping[str, float], wanted: Mapping[str, float]) -> Tuple[List[str], List[str]]:
@@ -29,14 +24,14 @@ def others(have: Mapping[str, float], wanted: Mapping[str, float]) -> Tuple[List
     return faster, [n for n in known if have[n] < wanted[n] * (1.0 - _SAME)]
 
 
-def judge(report: Optional[Any], planned: FlightBounds) -> Found:
-    """``report``: the newest fcsv_msgs/ParameterReport, or None. Faster is red: ways that are timed
+def judge(report: Optional[ParametersChecked], planned: FlightBounds) -> Found:
+    """``report``: the newest, or None. Faster is red: ways that are timed
     past each other are flown at other times, and nearer than planned. Slower is amber: it comes
     late.
     """
     if report is None:
         return State.UNKNOWN, "its parameters are not heard"
-    have, wanted = flown_with(report), planned.autopilot_parameters
+    have, wanted = report.limits.values, planned.autopilot_parameters
     unknown = [name for name in wanted if math.isnan(have.get(name, math.nan))]
     faster, slower = others(have, wanted)
     if faster:
@@ -48,7 +43,7 @@ def judge(report: Optional[Any], planned: FlightBounds) -> Found:
     return State.GREEN, f"{planned.speed_mps:g} m/s, as planned"
 
 
-def _without(report: Any, unknown) -> Found:
+def _without(report: ParametersChecked, unknown) -> Found:
     if not report.complete:
         return State.UNKNOWN, "its parameters are being read"
     return State.AMBER, f"not known of it: {', '.join(unknown)}"

@@ -7,20 +7,22 @@ red itself.
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 from fcsv_control import tracker_confidence
+from fcsv_control.agent.messages import AgentAlive
 from fcsv_control.disk import disk_words
+from fcsv_control.flight.messages import LinkLives, ParametersChecked
 from fcsv_control.flight_check import autopilot_line
 from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check.heard import PreArmTexts
 from fcsv_control.flight_check.lines import Check, Found, State
 from fcsv_control.flight_check.rules import VehicleCheckRules
-from fcsv_control.guardian.messages import Cause
+from fcsv_control.guardian.messages import Cause, GuardianVerdict
+from fcsv_control.recorder_port import RecorderTold
 from fcsv_geometry.streams.stream import Stream
 
 _G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
-PREARM_READY, PREARM_NOT_READY = 1, 2  # fcsv_msgs/LinkHealth
 _WINDOW_S = 3.0
 _PICTURES_S = 6.0
 # EKF_STATUS_FLAGS: attitude, both velocities, horizontal and vertical position; without a position
@@ -35,7 +37,7 @@ _EKF_NEEDED = (
 _EKF_CONSTANT_POSITION = 0x80
 
 
-@dataclass
+@dataclass(frozen=True)
 class Disk:
     """Where the recorder writes: free space, and for how long it lasts where the recorder tells
     it."""
@@ -46,19 +48,19 @@ class Disk:
 
 @dataclass
 class VehicleFacts:
-    """What was heard on board. Messages of fcsv_msgs are held as they came."""
+    """What was heard on board."""
 
-    link: Stream[Any] = field(default_factory=Stream)
+    link: Stream[LinkLives] = field(default_factory=Stream)
     # told once, and where they change
-    parameters: Stream[Any] = field(default_factory=Stream)
+    parameters: Stream[ParametersChecked] = field(default_factory=Stream)
     armed: Stream[bool] = field(default_factory=Stream)
     # with the autopilot's system status
     battery_share: Stream[float] = field(default_factory=Stream)
     tracker_variance_m2: Stream[float] = field(default_factory=Stream)
-    recorder: Stream[Any] = field(default_factory=Stream)
+    recorder: Stream[RecorderTold] = field(default_factory=Stream)
     disk: Stream[Disk] = field(default_factory=Stream)
-    guardian: Stream[Any] = field(default_factory=Stream)
-    agent: Stream[Any] = field(default_factory=Stream)
+    guardian: Stream[GuardianVerdict] = field(default_factory=Stream)
+    agent: Stream[AgentAlive] = field(default_factory=Stream)
     positions: Stream = field(default_factory=lambda: Stream(_WINDOW_S))
     pictures: Stream = field(default_factory=lambda: Stream(_PICTURES_S))
     relay: str = relay_keys.RELAY  # which program stands between the machines
@@ -67,7 +69,7 @@ class VehicleFacts:
     line: autopilot_line.AutopilotLine = field(default_factory=autopilot_line.AutopilotLine)
 
 
-def _link_now(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Optional[Any]:
+def _link_now(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Optional[LinkLives]:
     """The flight link's health where it is heard and its autopilot too."""
     fresh = f.link.fresh(now_s, r.silent_s)
     return f.link.value if fresh and f.link.value.connected else None
@@ -97,14 +99,10 @@ def _pre_arm(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
         return _U, "no autopilot"
     if f.armed.value:
         return _G, "armed"
-    told = f.link.value.prearm if f.battery_share.fresh(now_s, r.slow_silent_s) else 0
-    if told == PREARM_NOT_READY:
+    told = f.link.value.prearm_ok if f.battery_share.fresh(now_s, r.slow_silent_s) else None
+    if told is False:
         return _R, "; ".join(f.texts.now(now_s)) or "not ready to arm; it says why every 30 s"
-    return (
-        (_G, "ready to arm")
-        if told == PREARM_READY
-        else (_U, "it has not said whether it is ready to arm")
-    )
+    return (_G, "ready to arm") if told else (_U, "it has not said whether it is ready to arm")
 
 
 def _origin(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
@@ -157,8 +155,8 @@ def _estimate(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     link = _link_now(now_s, f, r)
     if link is None or math.isnan(link.estimate_apart_m):
         return _U, "estimate or feed is not known"
-    red_m = r.red_apart_in_flight_m if link.in_the_air == 1 else r.red_apart_m
-    amber_m = r.red_apart_m if link.in_the_air == 1 else r.amber_apart_m
+    red_m = r.red_apart_in_flight_m if link.in_the_air else r.red_apart_m
+    amber_m = r.red_apart_m if link.in_the_air else r.amber_apart_m
     return _most(
         link.estimate_apart_m, amber_m, red_m
     ), f"{link.estimate_apart_m:.1f} m from the tracker's pose"

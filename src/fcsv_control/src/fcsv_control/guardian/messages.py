@@ -72,6 +72,11 @@ class GuardianVerdict:
         return tuple(f.text for f in self.forbidden)
 
     @property
+    def causes(self) -> Tuple[Cause, ...]:
+        """Why GUIDED is refused, as others excuse it."""
+        return tuple(f.cause for f in self.forbidden)
+
+    @property
     def in_words(self) -> str:
         """What is done and why, empty where nothing is done."""
         return in_words(self.action, self.reasons)

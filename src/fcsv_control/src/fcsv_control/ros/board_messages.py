@@ -17,17 +17,27 @@ from fcsv_control.flight.messages import (
     EstimateMoved,
     HomeHeard,
     LinkLives,
+    ParametersChecked,
     PoseEstimated,
     PoseFed,
 )
 from fcsv_control.guardian.messages import Cause, Forbidden, GuardianVerdict
 from fcsv_control.guardian.port import MissionFence
+from fcsv_control.recorder_port import RecorderTold
 from fcsv_control.tracker_confidence import confidence
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, fences
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.vehicles.modes import Mode
-from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, LinkHealth, ParameterReport
+from fcsv_msgs.msg import (
+    Command,
+    CommandAck,
+    GuardianState,
+    Heartbeat,
+    LinkHealth,
+    ParameterReport,
+    RecorderStatus,
+)
 from fcsv_msgs.msg import Fence as FenceMessage
 
 _PREARM = {LinkHealth.PREARM_READY: True, LinkHealth.PREARM_NOT_READY: False}
@@ -135,6 +145,20 @@ def link_lives_of(m: LinkHealth) -> LinkLives:
 def limits_of(m: ParameterReport) -> AutopilotLimits:
     """What limits how the autopilot flies."""
     return AutopilotLimits(dict(zip(m.limits, m.limit_values)))
+
+
+def parameters_of(m: ParameterReport) -> ParametersChecked:
+    """The autopilot's parameters against the profile."""
+    return ParametersChecked(
+        m.profile, m.firmware, m.complete, m.blocks, m.advises, m.unknown, limits_of(m)
+    )
+
+
+def recorder_told_of(m: RecorderStatus) -> RecorderTold:
+    """What a recorder tells of itself."""
+    return RecorderTold(
+        m.path, m.pictures_on, m.pictures, m.bytes, m.dropped, m.minutes_left, m.problem
+    )
 
 
 def fence_of(m: FenceMessage) -> MissionFence:
