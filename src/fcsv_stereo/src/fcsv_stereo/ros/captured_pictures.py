@@ -37,8 +37,8 @@ def subscribe_pictures(
     hear("/home", Home, telemetry_messages.home_of, known, queue_size=1)
     for name in vehicles:
         take = lambda m, name=name: picture_of(name, m)  # noqa: E731
-        topic = f"/{name}/capture/picture"
-        hear(topic, CapturedPicture, take, "picture", queue_size=20, buff_size=8 << 20)
+        sizes = {"queue_size": 20, "buff_size": 8 << 20}
+        hear(f"/{name}/capture/picture", CapturedPicture, take, "picture", **sizes)
 
 
 def picture_of(name: str, m: CapturedPicture) -> LivePicture:

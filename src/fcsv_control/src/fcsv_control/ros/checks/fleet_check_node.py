@@ -5,7 +5,7 @@ what is accepted."""
 import threading
 import time
 from dataclasses import dataclass, field
-from typing import Any, Callable, List
+from typing import Any, Callable, Iterable, List
 
 import rospy
 
@@ -73,38 +73,33 @@ class FleetCheckNode:
         self._lock, self._health = threading.RLock(), Health("control")
         self._publisher = rospy.Publisher("/flight_check", FlightCheck, queue_size=2, latch=True)
         rospy.Service("/flight_check/accept", AcceptLine, self._on_accept)
-        for name in tags:
-            self._subscribe(name)
-        self._hear("/mission/alive", Heartbeat, convert.mission_alive_of)
-        self._hear("/mission/state", MissionState, telemetry.phase_of)
-        self._hear("/stop_all/report", StopReport, lambda _m: StopStandsBy())
-        self._hear("/control/recorder/status", RecorderStatus, convert.recorder_told_of)
-        self._hear("/control/recorder/status", RecorderStatus, lambda m: disk_of(m, self._health))
+        self._subscribe(tags)
         telemetry.subscribe_epochs(self._receive)
         self._keys = RelayKeys("control", "/relay", self._receive)
         self._timer = node.every(_STEP_S, self._step)
 
-    def _hear(self, topic: str, kind: type, take: Callable[[Any], object]) -> None:
-        taking = convert.taking(topic, take, self._receive, self._health)
-        rospy.Subscriber(topic, kind, taking, queue_size=10)
+    def _subscribe(self, vehicles: Iterable[str]) -> None:
+        health = self._health
 
-    def _subscribe(self, n: str) -> None:
-        self._hear(f"/{n}/flight_check", FlightCheck, lambda m: reported_of(n, m))
-        self._hear(
-            f"/{n}/flight_link/parameters",
-            ParameterReport,
-            lambda m: VehicleParameters(n, convert.parameters_of(m)),
-        )
-        self._hear(f"/{n}/odometry/state", rospy.AnyMsg, lambda _m: PositionCame(n))
-        self._hear(
-            f"/{n}/clock/offset", ClockOffset, lambda m: ClockTold(n, _age_s(m), from_message(m))
-        )
-        self._hear(
-            f"/{n}/tags/detections",
-            TagDetections,
-            lambda m: TagsCame(n, [d.id for d in m.detections]),
-        )
-        telemetry.subscribe(n, [tm.OdometryEpoch], self._receive, self._health)
+        def hear(topic: str, kind: type, take: Callable[[Any], object]) -> None:
+            taking = convert.taking(topic, take, self._receive, health)
+            rospy.Subscriber(topic, kind, taking, queue_size=10)
+
+        for n in vehicles:
+            parameters = lambda m, n=n: VehicleParameters(n, convert.parameters_of(m))  # noqa: E731
+            clock = lambda m, n=n: ClockTold(n, _age_s(m), from_message(m))  # noqa: E731
+            tags = lambda m, n=n: TagsCame(n, [d.id for d in m.detections])  # noqa: E731
+            hear(f"/{n}/flight_check", FlightCheck, lambda m, n=n: reported_of(n, m))
+            hear(f"/{n}/flight_link/parameters", ParameterReport, parameters)
+            hear(f"/{n}/odometry/state", rospy.AnyMsg, lambda _m, n=n: PositionCame(n))
+            hear(f"/{n}/clock/offset", ClockOffset, clock)
+            hear(f"/{n}/tags/detections", TagDetections, tags)
+            telemetry.subscribe(n, [tm.OdometryEpoch], self._receive, health)
+        hear("/mission/alive", Heartbeat, convert.mission_alive_of)
+        hear("/mission/state", MissionState, telemetry.phase_of)
+        hear("/stop_all/report", StopReport, lambda _m: StopStandsBy())
+        hear("/control/recorder/status", RecorderStatus, convert.recorder_told_of)
+        hear("/control/recorder/status", RecorderStatus, lambda m: disk_of(m, health))
 
     def _receive(self, data: object) -> None:
         with self._lock:
