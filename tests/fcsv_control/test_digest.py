@@ -133,7 +133,7 @@ def test_what_nodes_publish_comes_in_and_the_worst_goes_out(monkeypatch):
     import rospy
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-    from fcsv_control.flight_check.messages import Diagnosed
+    from fcsv_control.flight_check.messages import DiagnosticsCame
     from fcsv_control.ros.checks import diagnostics_digest
 
     published, heard, came = [], {}, []
@@ -158,7 +158,7 @@ def test_what_nodes_publish_comes_in_and_the_worst_goes_out(monkeypatch):
     ).serialize(buffer)
     told._buff = buffer.getvalue()
     call(told)
-    assert came == [Diagnosed([Status("a", ERROR, "m"), Status("b", OK, "")])]
+    assert came == [DiagnosticsCame([Status("a", ERROR, "m"), Status("b", OK, "")])]
     topics.publish([Status("a", ERROR, "m")])
     (out,) = published
     assert [(s.level, s.name, s.message) for s in out.status] == [(2, "a", "m")]

@@ -29,7 +29,7 @@ from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, Disk, VehicleFacts
 from fcsv_control.guardian.messages import Cause, Forbidden, GuardianVerdict
 from fcsv_control.guardian.rules import GuardianRules
-from fcsv_control.recorder_port import RecorderTold
+from fcsv_control.recorder_port import RecorderReport
 from fcsv_geometry import config
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_tracking.devices.clocks import ClockOffset
@@ -70,7 +70,7 @@ def parameters(limits=None, **changed):
 
 
 def recorder(problem="", dropped=0):
-    return RecorderTold("/out/uav1.bag", False, 0, 0, dropped, NAN, problem)
+    return RecorderReport("/out/uav1.bag", False, 0, 0, dropped, NAN, problem)
 
 
 def agent(problem=""):

@@ -18,21 +18,21 @@ from fcsv_control.flight_check.links import CHECKS, MAVLINK
 from fcsv_control.flight_check.messages import (
     Accept,
     CheckReport,
-    ClockTold,
-    Diagnosed,
-    PictureCame,
-    PositionCame,
+    ClockMeasured,
+    DiagnosticsCame,
+    ParametersReported,
+    PictureCounted,
+    PositionCounted,
     StopStandsBy,
     TagsCame,
     TrackerTrusts,
-    VehicleParameters,
     VehicleReported,
-    WorstDiagnosed,
+    WorstDiagnostics,
 )
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import Disk
 from fcsv_control.flight_check.vehicle_port import VehicleCheckPort
-from fcsv_control.recorder_port import RecorderTold
+from fcsv_control.recorder_port import RecorderReport
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.modes import Mode
@@ -41,7 +41,7 @@ from fcsv_tracking.devices.clocks import ClockOffset
 CHECKED = ParametersChecked(
     "t265", "", True, [], [], [], AutopilotLimits(FlightBounds().autopilot_parameters)
 )
-RECORDER = RecorderTold("/out/a.bag", False, 0, 0, 0, math.inf, "")
+RECORDER = RecorderReport("/out/a.bag", False, 0, 0, 0, math.inf, "")
 
 
 def of(out, kind):
@@ -70,7 +70,7 @@ class OnBoard:
                 self.port.receive(0.5 * k, message)
             out = self.port.step(0.5 * k)
             self.said += [(0.5 * k, r) for r in of(out, CheckReport)]
-            self.worst += [(0.5 * k, w.statuses) for w in of(out, WorstDiagnosed)]
+            self.worst += [(0.5 * k, w.statuses) for w in of(out, WorstDiagnostics)]
 
     def state(self, name):
         return next(li.state for li in self.said[-1][1].lines if li.name == name)
@@ -101,7 +101,7 @@ def test_a_report_that_is_large_comes_less_often_and_says_when():
         (Disk(50000.0), "disk"),
         (AgentAlive("agent", 0.0, 0.0), "agent"),
         (Keys(True), "keys"),
-        (PictureCame(), "camera"),
+        (PictureCounted(), "camera"),
     ],
 )
 def test_what_is_heard_makes_its_own_line_green(message, name):
@@ -116,9 +116,9 @@ def test_what_is_heard_makes_its_own_line_green(message, name):
 def test_diagnostics_that_are_wrong_go_out_at_once_and_so_does_their_end():
     v = OnBoard()
     v.fly(0.0, 4.0)
-    v.fly(4.0, 5.0, lambda _: [Diagnosed([Status("uav1/tags", ERROR, "no camera")])])
+    v.fly(4.0, 5.0, lambda _: [DiagnosticsCame([Status("uav1/tags", ERROR, "no camera")])])
     assert v.worst[-1] == (4.0, (Status("uav1/tags", ERROR, "no camera"),)) or v.worst[-1][0] == 4.5
-    v.fly(5.0, 7.0, lambda _: [Diagnosed([Status("uav1/tags", OK, "")])])
+    v.fly(5.0, 7.0, lambda _: [DiagnosticsCame([Status("uav1/tags", OK, "")])])
     assert v.worst[-1][1] == ()
 
 
@@ -139,10 +139,10 @@ def heard(port, now_s, battery=State.GREEN):
     """A second of everything, of two vehicles that are well, but for the second's battery."""
     for name, state in (("uav1", State.GREEN), ("uav2", battery)):
         port.receive(now_s, reported(name, state))
-        port.receive(now_s, VehicleParameters(name, CHECKED))
-        port.receive(now_s, ClockTold(name, 0.5, ClockOffset(now_s, 0.001, 0.002)))
+        port.receive(now_s, ParametersReported(name, CHECKED))
+        port.receive(now_s, ClockMeasured(name, 0.5, ClockOffset(now_s, 0.001, 0.002)))
         for k in range(30):
-            port.receive(now_s + k / 30.0, PositionCame(name))
+            port.receive(now_s + k / 30.0, PositionCounted(name))
     for message in (
         TagsCame("uav2", [0, 77]),
         tm.MissionPhase("COLUMN"),

@@ -13,7 +13,7 @@ from fcsv_control.recorder_port import (
     PartWritten,
     PictureCame,
     RecorderPort,
-    RecorderTold,
+    RecorderReport,
     SaveSession,
     SessionSaved,
     Written,
@@ -59,8 +59,8 @@ def test_pictures_are_written_only_while_they_are_wanted(first):
 def test_what_the_writer_did_is_told():
     port = RecorderPort(parameters(pictures_on=True), 0.0)
     out = told(port, 0.5, WELL)
-    (status,) = of(out, RecorderTold)
-    assert status == RecorderTold(WELL.path, True, 3, 2_000_000, 1, math.inf, "")
+    (status,) = of(out, RecorderReport)
+    assert status == RecorderReport(WELL.path, True, 3, 2_000_000, 1, math.inf, "")
     assert of(out, Diagnosis)[0].problems == {"disk": "", "pictures": ""}
     assert not of(out, SaveSession), "a vehicle writes no session.yaml"
 
@@ -71,9 +71,9 @@ def test_a_disk_that_fills_ends_the_recording_once_and_says_what_to_do():
     out = told(port, 1.0, full)
     (end,) = of(out, EndRecording)
     assert "less than 500 MiB are free on the disk of /out; make room" in end.why
-    assert of(out, RecorderTold)[0].problem == end.why
+    assert of(out, RecorderReport)[0].problem == end.why
     again = told(port, 2.0, replace(full, problem=end.why))
-    assert not of(again, EndRecording) and of(again, RecorderTold)[0].problem == end.why
+    assert not of(again, EndRecording) and of(again, RecorderReport)[0].problem == end.why
 
 
 def test_a_camera_that_falls_silent_while_pictures_are_wanted_is_said():

@@ -67,7 +67,7 @@ class EndRecording:
 
 
 @dataclass(frozen=True)
-class RecorderTold:
+class RecorderReport:
     """What the recorder tells of itself; fields as in fcsv_msgs/RecorderStatus."""
 
     path: str
@@ -82,7 +82,7 @@ class RecorderTold:
 class RecorderPort:
     """``session``: what session.yaml holds, None on a vehicle. Step it after each message.
 
-    Gives PictureCame, SaveSession, EndRecording, and RecorderTold with its Diagnosis for each
+    Gives PictureCame, SaveSession, EndRecording, and RecorderReport with its Diagnosis for each
     Written.
     """
 
@@ -144,5 +144,7 @@ class RecorderPort:
         values = {"minutes left": f"{left:.0f}", "pictures": m.pictures, "MB": m.bytes // 10**6}
         self._out.append(Diagnosis({"disk": m.problem, "pictures": silent}, values))
         self._out.append(
-            RecorderTold(m.path, self._pictures_on, m.pictures, m.bytes, m.dropped, left, m.problem)
+            RecorderReport(
+                m.path, self._pictures_on, m.pictures, m.bytes, m.dropped, left, m.problem
+            )
         )

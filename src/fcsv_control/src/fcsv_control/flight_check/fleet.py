@@ -11,7 +11,7 @@ from fcsv_control.flight_check import speeds
 from fcsv_control.flight_check.lines import Check, Found, Judged, Line, State
 from fcsv_control.flight_check.sightings import Sightings
 from fcsv_control.flight_check.vehicle import Disk
-from fcsv_control.recorder_port import RecorderTold
+from fcsv_control.recorder_port import RecorderReport
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.streams.stream import Stream
@@ -82,7 +82,7 @@ class ControlFacts:
     link: str = relay_keys.RELAY
     mission: Stream[str] = field(default_factory=Stream)
     stop_all: Stream[bool] = field(default_factory=Stream)
-    recorder: Stream[RecorderTold] = field(default_factory=Stream)
+    recorder: Stream[RecorderReport] = field(default_factory=Stream)
     disk: Stream[Disk] = field(default_factory=Stream)
     keys: Stream[relay_keys.Keys] = field(default_factory=Stream)
 

@@ -14,15 +14,15 @@ from fcsv_control.flight_check.lines import Line, worst
 from fcsv_control.flight_check.messages import (
     Accept,
     CheckReport,
-    ClockTold,
-    PositionCame,
+    ClockMeasured,
+    ParametersReported,
+    PositionCounted,
     StopStandsBy,
     TagsCame,
-    VehicleParameters,
     VehicleReported,
 )
 from fcsv_control.flight_check.vehicle import Disk
-from fcsv_control.recorder_port import RecorderTold
+from fcsv_control.recorder_port import RecorderReport
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.vehicles import telemetry as tm
 
@@ -54,18 +54,20 @@ class FleetCheckPort:
         vehicles, control = self._table.vehicles, self._table.control
         self._take: Dict[type, Callable[[float, Any], None]] = {
             VehicleReported: self._reported,
-            VehicleParameters: lambda _now_s, m: setattr(
+            ParametersReported: lambda _now_s, m: setattr(
                 vehicles[m.vehicle], "parameters", m.checked
             ),
-            PositionCame: lambda now_s, m: vehicles[m.vehicle].poses.tell(now_s),
-            ClockTold: lambda now_s, m: vehicles[m.vehicle].clock.tell(now_s - m.age_s, m.offset),
+            PositionCounted: lambda now_s, m: vehicles[m.vehicle].poses.tell(now_s),
+            ClockMeasured: lambda now_s, m: vehicles[m.vehicle].clock.tell(
+                now_s - m.age_s, m.offset
+            ),
             tm.OdometryEpoch: lambda _now_s, m: setattr(vehicles[m.vehicle], "epoch", m.number),
             tm.EpochsFound: self._epochs,
             TagsCame: lambda now_s, m: self._table.sightings.saw(now_s, m.vehicle, m.ids),
             MissionAlive: lambda now_s, _m: control.mission.tell(now_s, self._phase),
             tm.MissionPhase: lambda _now_s, m: setattr(self, "_phase", m.phase),
             StopStandsBy: lambda now_s, _m: control.stop_all.tell(now_s, True),
-            RecorderTold: control.recorder.tell,
+            RecorderReport: control.recorder.tell,
             Disk: control.disk.tell,
             Keys: control.keys.tell,
         }

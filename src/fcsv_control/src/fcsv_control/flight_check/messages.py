@@ -11,14 +11,14 @@ from fcsv_tracking.devices.clocks import ClockOffset
 
 
 @dataclass(frozen=True)
-class PositionCame:
+class PositionCounted:
     """A pose of the vehicle came: they are counted."""
 
     vehicle: str = ""
 
 
 @dataclass(frozen=True)
-class PictureCame:
+class PictureCounted:
     """A picture of the camera came: they are counted."""
 
 
@@ -30,14 +30,14 @@ class TrackerTrusts:
 
 
 @dataclass(frozen=True)
-class Diagnosed:
+class DiagnosticsCame:
     """Lines of diagnostics came."""
 
     statuses: Sequence[Status]
 
 
 @dataclass(frozen=True)
-class WorstDiagnosed:
+class WorstDiagnostics:
     """The worst of them, for the radio."""
 
     statuses: Sequence[Status]
@@ -62,7 +62,7 @@ class VehicleReported:
 
 
 @dataclass(frozen=True)
-class VehicleParameters:
+class ParametersReported:
     """A vehicle's parameters against its profile."""
 
     vehicle: str
@@ -70,7 +70,7 @@ class VehicleParameters:
 
 
 @dataclass(frozen=True)
-class ClockTold:
+class ClockMeasured:
     """How far a vehicle's clock is ahead, as it was measured ``age_s`` ago."""
 
     vehicle: str

@@ -19,7 +19,7 @@ from fcsv_control.flight_check.heard import PreArmTexts
 from fcsv_control.flight_check.lines import Check, Found, State
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.guardian.messages import Cause, GuardianVerdict
-from fcsv_control.recorder_port import RecorderTold
+from fcsv_control.recorder_port import RecorderReport
 from fcsv_geometry.streams.stream import Stream
 
 _G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
@@ -57,7 +57,7 @@ class VehicleFacts:
     # with the autopilot's system status
     battery_share: Stream[float] = field(default_factory=Stream)
     tracker_variance_m2: Stream[float] = field(default_factory=Stream)
-    recorder: Stream[RecorderTold] = field(default_factory=Stream)
+    recorder: Stream[RecorderReport] = field(default_factory=Stream)
     disk: Stream[Disk] = field(default_factory=Stream)
     guardian: Stream[GuardianVerdict] = field(default_factory=Stream)
     agent: Stream[AgentAlive] = field(default_factory=Stream)

@@ -14,17 +14,17 @@ from fcsv_control.flight_check.digest import Digest, Status
 from fcsv_control.flight_check.lines import Check, Judged, Line, State, worst
 from fcsv_control.flight_check.messages import (
     CheckReport,
-    Diagnosed,
-    PictureCame,
-    PositionCame,
+    DiagnosticsCame,
+    PictureCounted,
+    PositionCounted,
     TrackerTrusts,
-    WorstDiagnosed,
+    WorstDiagnostics,
 )
 from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import Disk, VehicleFacts
 from fcsv_control.guardian.messages import GuardianVerdict
-from fcsv_control.recorder_port import RecorderTold
+from fcsv_control.recorder_port import RecorderReport
 from fcsv_geometry.vehicles import telemetry as tm
 
 _log = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ class VehicleCheckPort:
     which names diagnostics count (Digest). ``report_bytes`` and ``worst_bytes``: how many octets a
     report and lines of diagnostics take on the radio.
 
-    Gives CheckReport, WorstDiagnosed and Diagnosis; step it after diagnostics, and twice a second.
+    Gives CheckReport, WorstDiagnostics and Diagnosis; step it after diagnostics, and twice a second.
     """
 
     def __init__(
@@ -57,8 +57,8 @@ class VehicleCheckPort:
         self._judged_s = -math.inf
         self._states: Optional[List[State]] = None  # as they were reported
         self._take: Dict[type, Callable[[float, Any], None]] = {
-            PositionCame: lambda now_s, _m: f.positions.tell(now_s),
-            PictureCame: lambda now_s, _m: f.pictures.tell(now_s),
+            PositionCounted: lambda now_s, _m: f.positions.tell(now_s),
+            PictureCounted: lambda now_s, _m: f.pictures.tell(now_s),
             TrackerTrusts: lambda now_s, m: f.tracker_variance_m2.tell(now_s, m.variance_m2),
             LinkLives: f.link.tell,
             ParametersChecked: f.parameters.tell,
@@ -67,10 +67,10 @@ class VehicleCheckPort:
             TextHeard: lambda now_s, m: f.texts.add(now_s, m.text),
             GuardianVerdict: f.guardian.tell,
             AgentAlive: f.agent.tell,
-            RecorderTold: f.recorder.tell,
+            RecorderReport: f.recorder.tell,
             Disk: f.disk.tell,
             keys.Keys: f.keys.tell,
-            Diagnosed: lambda now_s, m: self._digest.tell(now_s, m.statuses),
+            DiagnosticsCame: lambda now_s, m: self._digest.tell(now_s, m.statuses),
         }
 
     def receive(self, now_s: float, message: object) -> None:
@@ -87,7 +87,7 @@ class VehicleCheckPort:
             self._judged_s = now_s
             out += self._report(now_s, self._judged.lines(now_s, self._facts, self._rules))
         wrong = self._digest.due(now_s, self._worst_bytes)
-        return out if wrong is None else [*out, WorstDiagnosed(wrong)]
+        return out if wrong is None else [*out, WorstDiagnostics(wrong)]
 
     def _report(self, now_s: float, lines: List[Line]) -> List[object]:
         states, size = [line.state for line in lines], self._report_bytes(lines)

@@ -148,7 +148,7 @@ class MissionMachine:
         return locked
 
     def _take_back(self) -> None:
-        """From pilots, and from who stopped everybody."""
+        """Takes the vehicles back from pilots, and from who stopped everybody."""
         self._modes.give_back()
         self._paused_by_operator, self._stopped, self.waits_for = False, "", ""
         if self.phase != "LAND":

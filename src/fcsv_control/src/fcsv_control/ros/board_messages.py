@@ -23,7 +23,7 @@ from fcsv_control.flight.messages import (
 )
 from fcsv_control.guardian.messages import Cause, Forbidden, GuardianVerdict
 from fcsv_control.guardian.port import MissionFence
-from fcsv_control.recorder_port import RecorderTold
+from fcsv_control.recorder_port import RecorderReport
 from fcsv_control.tracker_confidence import confidence
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, fences
@@ -154,9 +154,9 @@ def parameters_of(m: ParameterReport) -> ParametersChecked:
     )
 
 
-def recorder_told_of(m: RecorderStatus) -> RecorderTold:
+def recorder_report_of(m: RecorderStatus) -> RecorderReport:
     """What a recorder tells of itself."""
-    return RecorderTold(
+    return RecorderReport(
         m.path, m.pictures_on, m.pictures, m.bytes, m.dropped, m.minutes_left, m.problem
     )
 

@@ -19,7 +19,7 @@ def subscribe_pictures(
     """Subscribes; ``receive`` gets each LivePicture, CalibrationFound and HomeFound, from ROS's
     threads. What is wrong is dropped, and said by ``health``."""
 
-    def hear(topic, kind, take, what, **sizes):
+    def listen(topic, kind, take, what, **sizes):
         def came(message) -> None:
             try:
                 data = take(message)
@@ -33,12 +33,12 @@ def subscribe_pictures(
         rospy.Subscriber(topic, kind, came, **sizes)
 
     known = "calibration or home"
-    hear("/calibration", Calibration, telemetry_messages.calibration_of, known, queue_size=1)
-    hear("/home", Home, telemetry_messages.home_of, known, queue_size=1)
+    listen("/calibration", Calibration, telemetry_messages.calibration_of, known, queue_size=1)
+    listen("/home", Home, telemetry_messages.home_of, known, queue_size=1)
     for name in vehicles:
         take = lambda m, name=name: picture_of(name, m)  # noqa: E731
         sizes = {"queue_size": 20, "buff_size": 8 << 20}
-        hear(f"/{name}/capture/picture", CapturedPicture, take, "picture", **sizes)
+        listen(f"/{name}/capture/picture", CapturedPicture, take, "picture", **sizes)
 
 
 def picture_of(name: str, m: CapturedPicture) -> LivePicture:

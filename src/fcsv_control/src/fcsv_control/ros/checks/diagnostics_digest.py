@@ -8,16 +8,16 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from fcsv_control.flight_check.digest import Status
-from fcsv_control.flight_check.messages import Diagnosed
+from fcsv_control.flight_check.messages import DiagnosticsCame
 from fcsv_geometry.ros import conversions
 
 ON_THE_WAY_BYTES = 80  # headers of the relay, UDP and IP
 
 
 class DiagnosticsTopics:
-    """``receive`` gets Diagnosed with each message."""
+    """``receive`` gets DiagnosticsCame with each message."""
 
-    def __init__(self, receive: Callable[[Diagnosed], None]):
+    def __init__(self, receive: Callable[[DiagnosticsCame], None]):
         self._receive = receive
         self._publisher = rospy.Publisher(
             "diagnostics/worst", DiagnosticArray, queue_size=2, latch=True
@@ -27,7 +27,7 @@ class DiagnosticsTopics:
     def _on_diagnostics(self, message: rospy.AnyMsg) -> None:
         """Takes the message as AnyMsg: a second subscriber of this topic in one process must have
         the first one's type."""
-        self._receive(Diagnosed(statuses_of(DiagnosticArray().deserialize(message._buff))))
+        self._receive(DiagnosticsCame(statuses_of(DiagnosticArray().deserialize(message._buff))))
 
     def publish(self, lines: Sequence[Status]) -> None:
         """What goes over the radio."""

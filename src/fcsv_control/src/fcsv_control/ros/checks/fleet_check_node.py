@@ -15,11 +15,11 @@ from fcsv_control.flight_check.fleet_port import FleetCheckPort
 from fcsv_control.flight_check.messages import (
     Accept,
     CheckReport,
-    ClockTold,
-    PositionCame,
+    ClockMeasured,
+    ParametersReported,
+    PositionCounted,
     StopStandsBy,
     TagsCame,
-    VehicleParameters,
     VehicleReported,
 )
 from fcsv_control.ros import board_messages as convert
@@ -86,19 +86,19 @@ class FleetCheckNode:
             rospy.Subscriber(topic, kind, taking, queue_size=10)
 
         for n in vehicles:
-            parameters = lambda m, n=n: VehicleParameters(n, convert.parameters_of(m))  # noqa: E731
-            clock = lambda m, n=n: ClockTold(n, _age_s(m), from_message(m))  # noqa: E731
+            parameters = lambda m, n=n: ParametersReported(n, convert.parameters_of(m))  # noqa: E731
+            clock = lambda m, n=n: ClockMeasured(n, _age_s(m), from_message(m))  # noqa: E731
             tags = lambda m, n=n: TagsCame(n, [d.id for d in m.detections])  # noqa: E731
             hear(f"/{n}/flight_check", FlightCheck, lambda m, n=n: reported_of(n, m))
             hear(f"/{n}/flight_link/parameters", ParameterReport, parameters)
-            hear(f"/{n}/odometry/state", rospy.AnyMsg, lambda _m, n=n: PositionCame(n))
+            hear(f"/{n}/odometry/state", rospy.AnyMsg, lambda _m, n=n: PositionCounted(n))
             hear(f"/{n}/clock/offset", ClockOffset, clock)
             hear(f"/{n}/tags/detections", TagDetections, tags)
             telemetry.subscribe(n, [tm.OdometryEpoch], self._receive, health)
         hear("/mission/alive", Heartbeat, convert.mission_alive_of)
         hear("/mission/state", MissionState, telemetry.phase_of)
         hear("/stop_all/report", StopReport, lambda _m: StopStandsBy())
-        hear("/control/recorder/status", RecorderStatus, convert.recorder_told_of)
+        hear("/control/recorder/status", RecorderStatus, convert.recorder_report_of)
         hear("/control/recorder/status", RecorderStatus, lambda m: disk_of(m, health))
 
     def _receive(self, data: object) -> None:

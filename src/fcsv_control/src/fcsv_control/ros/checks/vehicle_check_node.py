@@ -20,10 +20,10 @@ from fcsv_control.flight_check.lines import Line
 from fcsv_control.flight_check.links import CHECKS, MAVLINK, TELLO
 from fcsv_control.flight_check.messages import (
     CheckReport,
-    PictureCame,
-    PositionCame,
+    PictureCounted,
+    PositionCounted,
     TrackerTrusts,
-    WorstDiagnosed,
+    WorstDiagnostics,
 )
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import Disk
@@ -103,9 +103,9 @@ class VehicleCheckNode:
             taking = convert.taking(topic, take, self._receive, self._health)
             rospy.Subscriber(topic, kind, taking, queue_size=5, tcp_nodelay=True)
 
-        hear("mavros/local_position/pose", rospy.AnyMsg, lambda _m: PositionCame())
+        hear("mavros/local_position/pose", rospy.AnyMsg, lambda _m: PositionCounted())
         hear("odometry/state", rospy.AnyMsg, lambda m: setattr(self, "_odometry", m))
-        hear(self._pictures, rospy.AnyMsg, lambda _m: PictureCame())
+        hear(self._pictures, rospy.AnyMsg, lambda _m: PictureCounted())
         hear("flight_link/health", LinkHealth, convert.link_lives_of)
         hear("flight_link/parameters", ParameterReport, convert.parameters_of)
         hear(
@@ -121,7 +121,7 @@ class VehicleCheckNode:
         hear("mavros/statustext/recv", StatusText, lambda m: TextHeard(m.severity, m.text))
         hear("guardian/state", GuardianState, convert.verdict_of)
         hear("agent/alive", Heartbeat, convert.agent_alive_of)
-        hear("recorder/status", RecorderStatus, convert.recorder_told_of)
+        hear("recorder/status", RecorderStatus, convert.recorder_report_of)
         hear("recorder/status", RecorderStatus, lambda m: disk_of(m, self._health))
         self._keys = RelayKeys(name, "relay", self._receive)
 
@@ -145,7 +145,7 @@ class VehicleCheckNode:
                 if isinstance(output, CheckReport):
                     report = messages.small(self._name, output.lines, output.next_s)
                     self._publisher.publish(report)
-                elif isinstance(output, WorstDiagnosed):
+                elif isinstance(output, WorstDiagnostics):
                     self._diagnostics.publish(output.statuses)
                 else:
                     self._health.diagnose(output)

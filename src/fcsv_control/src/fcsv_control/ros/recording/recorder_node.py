@@ -18,7 +18,7 @@ from fcsv_control.recorder_port import (
     PartWritten,
     PictureCame,
     RecorderPort,
-    RecorderTold,
+    RecorderReport,
     SaveSession,
     SessionSaved,
     Written,
@@ -53,7 +53,7 @@ class RecorderNode:
             SaveSession: self._save,
             EndRecording: lambda o: self._writer.fail(o.why),
             Diagnosis: self._health.diagnose,
-            RecorderTold: self._publish,
+            RecorderReport: self._publish,
         }
         topics = plan(p)
         status = "recorder/status" if p.role == "vehicle" else f"/{p.name}/recorder/status"
@@ -132,7 +132,7 @@ class RecorderNode:
         except SessionError as error:  # the bags go on; it is tried again
             rospy.logerr_throttle(10.0, f"{error}")
 
-    def _publish(self, m: RecorderTold) -> None:
+    def _publish(self, m: RecorderReport) -> None:
         self._status.publish(
             RecorderStatus(header=conversions.header(rospy.get_time(), ""), **vars(m))
         )
