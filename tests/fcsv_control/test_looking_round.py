@@ -217,6 +217,20 @@ def test_an_abort_in_the_turn_lands(flight):
     assert all(not v.armed for v in w.f.fleet.values())
 
 
+def test_a_sweep_that_was_disturbed_is_flown_again_and_nobody_turns_on_its_way_back(flight):
+    swept = StereoConfiguration(sweep=Sweep("horizontal", 2.0, 6.0, 1.0))
+    w = Watched(flight, mission(swept))
+    w.until(lambda: w.f.machine.so_far)  # the mover is far from where it turned
+    w.f.clock_set += 1
+    w.until(lambda: not w.f.machine.so_far)
+    rounds = list(w.rounds)
+    w.until(lambda: w.f.machine.phase == "DONE")
+    assert w.f.captured == [0] and w.rounds == rounds
+    assert [r for r in rounds if "column" in r] == [
+        f"uav{k} looks round in the column" for k in (1, 2)
+    ]
+
+
 def test_skip_in_the_column_leaves_out_the_turn_and_no_configuration(flight):
     w = half_round(flight)
     assert w.f.operator.control("skip") == ""
