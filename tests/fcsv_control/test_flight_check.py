@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from fcsv_control.conditions import Grade
 from fcsv_control.flight_check import table
 from fcsv_control.flight_check.acceptance import Acceptances
 from fcsv_control.flight_check.fleet import (
@@ -21,7 +22,7 @@ from fcsv_control.flight_check.fleet import (
     speed_check,
 )
 from fcsv_control.flight_check.keys import Keys
-from fcsv_control.flight_check.lines import Judged, Line, State, worst
+from fcsv_control.flight_check.lines import Judged, Line, worst
 from fcsv_control.flight_check.links import CHECKS, TELLO_CHECKS
 from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
@@ -33,7 +34,7 @@ from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_tracking.devices.clocks import ClockOffset
 
 NAN, INF = float("nan"), float("inf")
-G, A, R, U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
+G, A, R, U = Grade.GREEN, Grade.AMBER, Grade.RED, Grade.UNKNOWN
 
 
 def link(**changed):

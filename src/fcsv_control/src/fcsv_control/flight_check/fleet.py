@@ -5,9 +5,10 @@ its own programs."""
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
+from fcsv_control.conditions import Grade
 from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check import speeds
-from fcsv_control.flight_check.lines import Check, Found, Judged, Line, State
+from fcsv_control.flight_check.lines import Check, Found, Judged, Line
 from fcsv_control.flight_check.sightings import Sightings
 from fcsv_control.flight_check.vehicle import Disk
 from fcsv_geometry.config import require_positive
@@ -15,7 +16,7 @@ from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.streams.stream import Stream
 
 CONTROL = "control"
-_G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
+_G, _A, _R, _U = Grade.GREEN, Grade.AMBER, Grade.RED, Grade.UNKNOWN
 _WINDOW_S = 3.0
 
 

@@ -9,7 +9,8 @@ import math
 from dataclasses import replace
 from typing import Dict, Tuple
 
-from fcsv_control.flight_check.lines import Check, Found, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Check, Found
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, VehicleFacts, guardian
 from fcsv_control.guardian.messages import Cause
@@ -30,10 +31,10 @@ _TELLO_REMEDIES = {
 
 def _flight_data(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if not f.link.fresh(now_s, r.silent_s) or not f.link.value.connected:
-        return State.UNKNOWN, "nothing is heard of the Tello"
+        return Grade.UNKNOWN, "nothing is heard of the Tello"
     if f.link.value.in_the_air < 0:
-        return State.RED, "it does not say whether it flies"
-    return State.GREEN, "it flies" if f.link.value.in_the_air else "it stands"
+        return Grade.RED, "it does not say whether it flies"
+    return Grade.GREEN, "it flies" if f.link.value.in_the_air else "it stands"
 
 
 def _stands(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> bool:
@@ -45,8 +46,8 @@ def _stands(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> bool:
 def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     """A mocap looks up, and gimbals find their vehicle in the air: who stands need not be seen."""
     state, what = _OF["feed"].judge(now_s, f, r)
-    if state is State.RED and _stands(now_s, f, r) and not f.link.value.doubt:
-        return State.AMBER, f"it stands, and {what}"
+    if state is Grade.RED and _stands(now_s, f, r) and not f.link.value.doubt:
+        return Grade.AMBER, f"it stands, and {what}"
     return state, what
 
 
@@ -57,7 +58,7 @@ def _guardian(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 
 def _battery(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if f.battery_share.fresh(now_s, r.slow_silent_s) and math.isnan(f.battery_share.value):
-        return State.RED, "it does not say how full it is"
+        return Grade.RED, "it does not say how full it is"
     return _OF["battery"].judge(now_s, f, r)
 
 

@@ -5,7 +5,8 @@
 import math
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
-from fcsv_control.flight_check.lines import Check, Found, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Check, Found
 from fcsv_geometry.missions.flight_limits import FlightBounds
 
 _SAME = 0.01  # of the planned value; parameters are set in whole cm/s
@@ -35,23 +36,23 @@ def judge(report: Optional[Any], planned: FlightBounds) -> Found:
     late.
     """
     if report is None:
-        return State.UNKNOWN, "its parameters are not heard"
+        return Grade.UNKNOWN, "its parameters are not heard"
     have, wanted = flown_with(report), planned.autopilot_parameters
     unknown = [name for name in wanted if math.isnan(have.get(name, math.nan))]
     faster, slower = others(have, wanted)
     if faster:
-        return State.RED, "faster than planned: " + _set(faster, have, wanted)
+        return Grade.RED, "faster than planned: " + _set(faster, have, wanted)
     if unknown:
         return _without(report, unknown)
     if slower:
-        return State.AMBER, "slower than planned: " + _set(slower, have, wanted)
-    return State.GREEN, f"{planned.speed_mps:g} m/s, as planned"
+        return Grade.AMBER, "slower than planned: " + _set(slower, have, wanted)
+    return Grade.GREEN, f"{planned.speed_mps:g} m/s, as planned"
 
 
 def _without(report: Any, unknown) -> Found:
     if not report.complete:
-        return State.UNKNOWN, "its parameters are being read"
-    return State.AMBER, f"not known of it: {', '.join(unknown)}"
+        return Grade.UNKNOWN, "its parameters are being read"
+    return Grade.AMBER, f"not known of it: {', '.join(unknown)}"
 
 
 def _set(names, have: Dict[str, float], wanted: Dict[str, float]) -> str:

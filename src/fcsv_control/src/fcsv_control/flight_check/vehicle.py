@@ -10,16 +10,17 @@ from dataclasses import dataclass, field
 from typing import Any, List, Optional, Sequence, Tuple
 
 from fcsv_control import tracker_confidence
+from fcsv_control.conditions import Grade
 from fcsv_control.disk import disk_words
 from fcsv_control.flight_check import autopilot_line
 from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check.heard import PreArmTexts
-from fcsv_control.flight_check.lines import Check, Found, State
+from fcsv_control.flight_check.lines import Check, Found
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.guardian.messages import Cause
 from fcsv_geometry.streams.stream import Stream
 
-_G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
+_G, _A, _R, _U = Grade.GREEN, Grade.AMBER, Grade.RED, Grade.UNKNOWN
 PREARM_READY, PREARM_NOT_READY = 1, 2  # fcsv_msgs/LinkHealth
 _WINDOW_S = 3.0
 _PICTURES_S = 6.0
@@ -272,12 +273,12 @@ def _signing(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     return autopilot_line.judge(f.line)
 
 
-def _least(value: float, red: float, amber: float) -> State:
+def _least(value: float, red: float, amber: float) -> Grade:
     """Judges the state of a value that should be large."""
     return _R if not value >= red else _A if value < amber else _G
 
 
-def _most(value: float, amber: float, red: float) -> State:
+def _most(value: float, amber: float, red: float) -> Grade:
     """Judges the state of a value that should be small."""
     return _R if not value <= red else _A if value > amber else _G
 

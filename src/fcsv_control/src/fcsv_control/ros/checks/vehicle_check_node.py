@@ -14,9 +14,10 @@ import rospy
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 
+from fcsv_control.conditions import Grade
 from fcsv_control.flight_check import keys
 from fcsv_control.flight_check.autopilot_line import AutopilotLine
-from fcsv_control.flight_check.lines import Judged, Line, State, worst
+from fcsv_control.flight_check.lines import Judged, Line, worst
 from fcsv_control.flight_check.links import CHECKS, MAVLINK, TELLO
 from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
@@ -136,7 +137,7 @@ class VehicleCheckNode:
         for i, line in enumerate(lines):
             if self._states is None or self._states[i] is line.state:
                 continue
-            log = rospy.loginfo if line.state is State.GREEN else rospy.logwarn
+            log = rospy.loginfo if line.state is Grade.GREEN else rospy.logwarn
             log("flight check of %s: %s", self._name, in_words(line))
 
 
@@ -153,7 +154,7 @@ def disk_of(message: RecorderStatus, health: Health) -> Optional[Disk]:
 def in_words(line: Line) -> str:
     """One line for a log.
 
-    >>> in_words(Line("uav1", "battery", State.AMBER, "31%", "change it"))
+    >>> in_words(Line("uav1", "battery", Grade.AMBER, "31%", "change it"))
     'battery amber: 31% (change it)'
     """
     return f"{line.name} {line.state.word}: {line.what}" + (
