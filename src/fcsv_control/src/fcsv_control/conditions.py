@@ -9,6 +9,7 @@ it is neither. NaN is not known. Without an amber bound there is no amber.
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Tuple
 
 NONE = math.nan  # no amber bound
 
@@ -35,6 +36,10 @@ class Condition:
     grade: Grade
     value: float
     words: str = ""
+
+    def measured(self, words: str) -> Tuple[Grade, str]:
+        """Gives the grade with words that hold the figure; with its own where that is not known."""
+        return self.grade, self.words if self.grade is Grade.UNKNOWN else words
 
     @property
     def green(self) -> bool:
@@ -129,7 +134,7 @@ def confidence(level: float, low: float) -> Condition:
     ['RED', 'green', 'amber']
     """
     if math.isnan(level):
-        return Condition(Grade.AMBER, level, "the tracker tells no confidence")
+        return Condition(Grade.AMBER, level, "it tells no confidence")
     if level <= low:
         return Condition(Grade.RED, level, "the tracking camera has low confidence")
     return Condition(Grade.GREEN, level)

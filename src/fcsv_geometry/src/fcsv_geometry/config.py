@@ -8,7 +8,7 @@ import math
 import re
 import typing
 from pathlib import Path
-from typing import Any, Collection, Iterable, Mapping, Optional, Type, TypeVar
+from typing import Any, Collection, Iterable, Mapping, Optional, Tuple, Type, TypeVar
 
 import yaml
 
@@ -40,6 +40,14 @@ def require_positive(rules, but: Collection[str] = ()) -> None:
             and not 0 < value < math.inf
         ):
             raise ValueError(f"{field.name}: must be positive, got {value}")
+
+
+def require_in_order(rules, *pairs: Tuple[str, str]) -> None:
+    """Checks, for a dataclass's ``__post_init__``: ValueError unless of each pair of fields the
+    first is not over the second."""
+    for low, high in pairs:
+        if getattr(rules, low) > getattr(rules, high):
+            raise ValueError(f"{low}: {getattr(rules, low)} is over {high} {getattr(rules, high)}")
 
 
 def read_yaml(path) -> Any:

@@ -5,15 +5,17 @@ its own programs."""
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
+from fcsv_control import conditions
 from fcsv_control.conditions import Grade
 from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check import speeds
 from fcsv_control.flight_check.lines import Check, Found, Judged, Line
 from fcsv_control.flight_check.sightings import Sightings
-from fcsv_control.flight_check.vehicle import Disk
-from fcsv_geometry.config import require_positive
+from fcsv_control.flight_check.vehicle import Disk, disk, recorder
+from fcsv_geometry.config import require_in_order, require_positive
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.streams.stream import Stream
+from fcsv_geometry.vehicles import thresholds as at
 
 CONTROL = "control"
 _G, _A, _R, _U = Grade.GREEN, Grade.AMBER, Grade.RED, Grade.UNKNOWN
@@ -24,27 +26,24 @@ _WINDOW_S = 3.0
 class FleetCheckRules:
     """``red_*`` and ``amber_*`` are bounds; what is worse than the red one is red."""
 
-    silent_s: float = 3.0  # of what comes at least twice a second
-    slow_silent_s: float = 5.0  # of what comes once a second
-    clock_silent_s: float = 10.0
-    red_radio_hz: float = 3.0  # poses that arrive, of 30 that are sent
-    amber_radio_hz: float = 10.0
-    red_clock_s: float = 0.5  # offset between a vehicle's clock and ours
-    amber_clock_s: float = 0.02  # at 1 m/s of sway 2 cm of calibration
-    red_disk_mib: float = 1000.0
-    amber_disk_mib: float = 2000.0  # the control PC records no pictures
+    silent_s: float = at.OFTEN_AGE_S.fleet.red  # of what comes at least twice a second
+    slow_silent_s: float = at.SLOW_AGE_S.fleet.red  # of what comes once a second
+    clock_silent_s: float = at.CLOCK_AGE_S.fleet.red
+    red_radio_hz: float = at.RADIO_HZ.fleet.red  # poses that arrive, of 30 that are sent
+    amber_radio_hz: float = at.RADIO_HZ.fleet.amber
+    red_clock_s: float = at.CLOCK_S.fleet.red  # offset between a vehicle's clock and ours
+    amber_clock_s: float = at.CLOCK_S.fleet.amber  # at 1 m/s of sway 2 cm of calibration
+    red_disk_mib: float = at.DISK_MIB.fleet.red
+    amber_disk_mib: float = at.DISK_MIB.fleet.amber  # the control PC records no pictures
 
     def __post_init__(self):
         require_positive(self)
-        for low, high in (
+        require_in_order(
+            self,
             ("red_radio_hz", "amber_radio_hz"),
             ("amber_clock_s", "red_clock_s"),
             ("red_disk_mib", "amber_disk_mib"),
-        ):
-            if getattr(self, low) > getattr(self, high):
-                raise ValueError(
-                    f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}"
-                )
+        )
 
 
 @dataclass
@@ -106,17 +105,17 @@ def _silent(now_s: float, v: FromAfar, _r: FleetCheckRules) -> bool:
 
 def _radio(now_s: float, v: FromAfar, r: FleetCheckRules) -> Found:
     hz = v.poses.rate_hz(now_s)
-    state = _R if hz < r.red_radio_hz else _A if hz < r.amber_radio_hz else _G
-    return state, f"{hz:.0f} poses a second arrive" if hz else "no pose arrives"
+    grade = conditions.at_least(hz, r.red_radio_hz, r.amber_radio_hz)
+    return grade, f"{hz:.0f} poses a second arrive" if hz else "no pose arrives"
 
 
 def _clock(now_s: float, v: FromAfar, r: FleetCheckRules) -> Found:
     if not v.clock.fresh(now_s, r.clock_silent_s):
         return _U, "it does not answer about its clock"
-    offset = v.clock.value
-    state = _R if offset.beyond(r.red_clock_s) else _A if offset.beyond(r.amber_clock_s) else _G
-    direction = "ahead of" if offset.offset_s > 0 else "behind"
-    return state, f"{abs(offset.offset_s):.3f} s {direction} the control PC's"
+    ahead_s, uncertainty_s = v.clock.value.offset_s, v.clock.value.uncertainty_s
+    found = conditions.clock(ahead_s, uncertainty_s, r.red_clock_s, r.amber_clock_s)
+    direction = "ahead of" if ahead_s > 0 else "behind"
+    return found.measured(f"{abs(ahead_s):.3f} s {direction} the control PC's")
 
 
 def _tags(now_s: float, v: FromAfar, _r: FleetCheckRules) -> Found:
@@ -178,23 +177,6 @@ def _stop_all(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
     return (_G, "it stands by") if f.stop_all.fresh(now_s, r.silent_s) else (_R, "not heard")
 
 
-def _recorder(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
-    if not f.recorder.fresh(now_s, r.slow_silent_s):
-        return _R, "not heard"
-    if f.recorder.value.problem:
-        return _R, f.recorder.value.problem
-    dropped = f.recorder.value.dropped
-    return (_A, f"{dropped} messages were dropped") if dropped else (_G, "it records")
-
-
-def _disk(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
-    if not f.disk.fresh(now_s, r.slow_silent_s):
-        return _U, "the recorder's disk is not known"
-    free_mib = f.disk.value.free_mib
-    state = _R if free_mib < r.red_disk_mib else _A if free_mib < r.amber_disk_mib else _G
-    return state, f"{free_mib / 1024:.1f} GiB free"
-
-
 def _keys(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
     return relay_keys.judge(now_s, f.keys, f.link, r.slow_silent_s)
 
@@ -209,8 +191,8 @@ CONTROL_CHECKS: Tuple[Check, ...] = (
     Check(
         "stop-all", "the node that stops everybody lives", "start control.launch again", _stop_all
     ),
-    Check("recorder", "the recorder writes", "start it again; see its log", _recorder),
-    Check("disk", "there is room for the session", "remove sessions that were gathered", _disk),
+    Check("recorder", "the recorder writes", "start it again; see its log", recorder),
+    Check("disk", "there is room for the session", "remove sessions that were gathered", disk),
     relay_keys.check(_keys),
 )
 
