@@ -218,7 +218,7 @@ def recorder(now_s: float, f, r) -> Found:
 
 
 def disk(now_s: float, f, r) -> Found:
-    """Likewise the line of its disk."""
+    """The line of its disk, likewise."""
     if not f.disk.fresh(now_s, r.slow_silent_s):
         return _U, "the recorder's disk is not known"
     free_mib, left = f.disk.value.free_mib, f.disk.value.minutes_left

@@ -18,9 +18,10 @@ from fcsv_control.guardian.rules import NEVER, GuardianRules
 from fcsv_geometry.missions import separation
 from fcsv_geometry.streams.stream import Since
 from fcsv_geometry.vehicles.modes import Mode
+from fcsv_geometry.vehicles.thresholds import OTHER_AGE_S
 
 ABOVE = "above"  # a finding about one who comes down
-_OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
+_OLD_S = OTHER_AGE_S.guardian.red  # what was heard so long ago says nothing any more
 _BELOW_M = 0.5
 _ABOVE_FLOOR_M = 0.5
 _FOUND_S = _SLOW_S = 1.0
@@ -348,6 +349,6 @@ class Monitors:
     def _silent(
         self, now_s: float, what: str, nothing: str, heard_s: float, *steps: Tuple[float, Reaction]
     ) -> Sequence[Finding]:
-        """Likewise of who was heard last at ``heard_s``, by bounds (s)."""
+        """The first step of who was heard last at ``heard_s`` and is silent for longer (s)."""
         ages = ((conditions.silence(nothing, now_s - heard_s, s), 0.0, does) for s, does in steps)
         return self._first(now_s, what, *ages)

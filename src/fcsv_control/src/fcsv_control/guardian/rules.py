@@ -59,7 +59,7 @@ class GuardianRules:
     uncontrolled_clear_m: float = LOST_CLEAR_M
     # so long one may be above or below a vehicle that is in other hands, or lost
     unruly_s: float = 1.0
-    silent_above_s: float = 1.5  # who was above and is silent for so long may come down
+    silent_above_s: float = at.OTHER_AGE_S.guardian.amber  # who was above may come down then
     aside_s: float = 15.0  # longest way aside
     obey_s: float = 1.0  # a mode that does not show by then: the next one
 

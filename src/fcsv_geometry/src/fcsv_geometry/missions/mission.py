@@ -257,6 +257,10 @@ class Mission:
             v for v in vehicles if v != self.reference
         )
 
+    def lasts_s(self, battery_share: float) -> float:
+        """How long (s) a vehicle flies until its battery is low; NaN where that is not known."""
+        return max(self.flight.endurance_s * (battery_share - self.low_battery_share), 0.0)
+
     def check_vehicles(self, vehicles: Sequence[str]) -> None:
         """Raises MissionError where the list names a vehicle that does not fly."""
         if self.reference not in vehicles or len(vehicles) < 2:

@@ -29,8 +29,13 @@ class Thresholds:
     guardian: Bounds = Bounds()  # amber: it warns or holds; red: it lands, or forbids GUIDED
     agent: Bounds = Bounds()
     mission: Bounds = Bounds()  # amber: it pauses; red: it lands all, or does not count on it
+    link: Bounds = Bounds()  # the flight link's own watch
     tello: Bounds = Bounds()  # a Tello's link
+    recorder: Bounds = Bounds()
+    calibration: Bounds = Bounds()  # red: it refuses
+    stop_all: Bounds = Bounds()  # what its report says of a vehicle
     console: Bounds = Bounds()  # shown as old
+    pilot: Bounds = Bounds()  # as people are told to, and simulated ones do: he lands
     why: str = ""
 
 
@@ -42,6 +47,7 @@ BATTERY = Thresholds(
     guardian=Bounds(0.1, 0.2),
     mission=Bounds(0.1, 0.2),
     tello=Bounds(0.1, 0.2),
+    pilot=Bounds(0.2),
     why="who takes off needs charge for the list; who flies comes down first at the check's red",
 )
 FEED_HZ = Thresholds(
@@ -64,7 +70,9 @@ APART_IN_FLIGHT_M = Thresholds(
     "m between estimate and feed in flight, over",
     check=Bounds(1.0, 0.5),
     guardian=Bounds(1.0),
-    why="the estimate is later than the feed; the guardian asks before it flies home",
+    link=Bounds(0.5),
+    why="the estimate is later than the feed: the link allows for the speed, the others do not; "
+    "the guardian asks before it flies home",
 )
 EKF_VARIANCE = Thresholds(
     "largest variance of the autopilot's filter, over",
@@ -83,12 +91,14 @@ DISK_MIB = Thresholds(
     "MiB free where the recorder writes, below",
     check=Bounds(1000.0, 8000.0),
     fleet=Bounds(1000.0, 2000.0),
-    why="the control PC records no pictures; recorders stop at 500",
+    recorder=Bounds(500.0),
+    why="the control PC records no pictures; the recorder stops",
 )
 CLOCK_S = Thresholds(
     "s between a vehicle's clock and the control PC's, over",
     fleet=Bounds(0.5, 0.02),
-    why="at 1 m/s of sway 0.02 s are 2 cm of calibration, which refuses more",
+    calibration=Bounds(0.02),
+    why="at 1 m/s of sway 0.02 s are 2 cm of calibration",
 )
 
 # ---- how old the newest word of somebody may be (s) ----------------------------------------------
@@ -97,10 +107,16 @@ POSE_AGE_S = Thresholds(
     "s without a pose of the tracker, over",
     check=Bounds(0.5),
     guardian=Bounds(0.7, 0.5),
+    link=Bounds(0.8, 0.5),
     mission=Bounds(2.0),
     tello=Bounds(3.0, 0.8),
-    why="the flight link lands soon after the guardian; over the radio poses get lost; a Tello "
+    why="the flight link is the guardian's second line; over the radio poses get lost; a Tello "
     "holds by its own flow sensor meanwhile",
+)
+OTHER_AGE_S = Thresholds(
+    "s without word of another vehicle, over",
+    guardian=Bounds(60.0, 1.5),
+    why="one that was above may come down then; after a minute its place says nothing",
 )
 OFTEN_AGE_S = Thresholds(
     "s without what comes at least twice a second, over",
@@ -114,11 +130,14 @@ SLOW_AGE_S = Thresholds(
     check=Bounds(5.0),
     fleet=Bounds(5.0),
     console=Bounds(2.5),
+    why="as above",
 )
 STATE_AGE_S = Thresholds(
     "s without the autopilot's state, over",
     mission=Bounds(3.5),
-    why="it comes with the heartbeat, once a second, and one may be lost on the radio",
+    stop_all=Bounds(3.0),
+    why="it comes with the heartbeat, once a second, and one may be lost on the radio; "
+    "stop-all asks who is silent again, which costs nothing",
 )
 BATTERY_AGE_S = Thresholds(
     "s without word of the battery, over",
@@ -153,6 +172,11 @@ MISSION_AGE_S = Thresholds(
 )
 CLOCK_AGE_S = Thresholds(
     "s without an answer about its clock, over", fleet=Bounds(10.0), console=Bounds(10.0)
+)
+DIAGNOSED_AGE_S = Thresholds(
+    "s without a vehicle's diagnostics, over",
+    console=Bounds(12.0),
+    why="they come every 5 s while all is well, and two may get lost",
 )
 TRANSMITTER_AGE_S = Thresholds(
     "s without the pilot's transmitter, over", check=Bounds(2.0), guardian=Bounds(2.0)

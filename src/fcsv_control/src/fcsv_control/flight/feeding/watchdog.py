@@ -12,6 +12,7 @@ from enum import Enum, auto
 from typing import Optional
 
 from fcsv_geometry.vehicles.modes import Mode
+from fcsv_geometry.vehicles.thresholds import POSE_AGE_S
 
 _REPEAT_S = 1.0
 
@@ -20,8 +21,8 @@ _REPEAT_S = 1.0
 class WatchdogParameters:
     """Ages of the newest pose (s). ``land_s`` 0: never land, warn only."""
 
-    warn_s: float = 0.5
-    land_s: float = 0.8
+    warn_s: float = POSE_AGE_S.link.amber
+    land_s: float = POSE_AGE_S.link.red
 
     def __post_init__(self):
         if not 0.1 <= self.warn_s <= 5.0:

@@ -214,10 +214,10 @@ def _batteries(mission: Mission, situation: Situation, flight_s: float) -> Itera
 
 
 def _battery(mission: Mission, who: str, share: float, needed_s: float) -> Iterator[str]:
-    lasts_s = mission.flight.endurance_s * (share - mission.low_battery_share)
+    lasts_s = mission.lasts_s(share)
     if lasts_s < needed_s:
         yield (
-            f"{who} flies {max(lasts_s, 0.0):.0f} s until {mission.low_battery_share:.0%} are left, the flight needs "
+            f"{who} flies {lasts_s:.0f} s until {mission.low_battery_share:.0%} are left, the flight needs "
             f"{needed_s:.0f} s ({_RESERVE:g} times its time): fewer configurations, or full batteries"
         )
 
