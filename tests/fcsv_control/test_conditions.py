@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conditions: what is known, what is not, and what stands exactly at a bound."""
 
+import doctest
 import math
 from dataclasses import fields
 
@@ -18,6 +19,7 @@ from fcsv_control.tello.rules import TelloRules
 from fcsv_geometry.missions.mission import load_mission
 from fcsv_geometry.vehicles import thresholds
 from fcsv_geometry.vehicles.thresholds import Bounds, Thresholds
+from fcsv_tracking.devices.clocks import ClockOffset
 
 NAN, INF = math.nan, math.inf
 G, A, R, U = Grade.GREEN, Grade.AMBER, Grade.RED, Grade.UNKNOWN
@@ -59,7 +61,7 @@ def test_what_is_not_known_is_neither_green_nor_red(judge, green, amber, red, bo
     "age_s, grade", [(3.5, G), (3.51, R), (0.0, G), (-0.2, G), (INF, R), (NAN, U)]
 )
 def test_an_age_of_the_future_is_fresh_and_one_of_nothing_old(age_s, grade):
-    assert conditions.silence("no state", age_s, 3.5).grade is grade
+    assert conditions.state_age(age_s, 3.5).grade is grade
     assert (
         VehicleView(state_age_s=age_s).fresh == (grade is G) == VehicleView(state_age_s=age_s).down
     )
@@ -80,7 +82,7 @@ def test_a_transmitter_is_heard_or_not(throttle, age_s, grade):
 
 @pytest.mark.parametrize("throttle, grade", [(0.25, G), (-0.26, R), (1.0, R), (NAN, U)])
 def test_a_stick_off_its_middle_to_either_side(throttle, grade):
-    assert conditions.stick(throttle, 0.25).grade is grade
+    assert conditions.stick(abs(throttle), 0.25).grade is grade
 
 
 @pytest.mark.parametrize(
@@ -95,7 +97,7 @@ def test_a_stick_off_its_middle_to_either_side(throttle, grade):
     ],
 )
 def test_a_recorder(age_s, problem, dropped, found):
-    told = conditions.recorder(age_s, problem, dropped, 5.0)
+    told = conditions.recorder(age_s, problem, 5.0, dropped)
     assert (told.grade, told.words) == found
 
 
@@ -111,11 +113,16 @@ def test_a_recorder(age_s, problem, dropped, found):
     ],
 )
 def test_clocks_that_are_apart_for_sure(offset_s, uncertainty_s, grade):
-    assert conditions.clock(offset_s, uncertainty_s, 0.5, 0.02).grade is grade
+    least_s = ClockOffset(0.0, offset_s, uncertainty_s).least_s
+    assert conditions.clock(least_s, 0.5, 0.02).grade is grade
 
 
 def test_a_vehicle_that_leans():
     assert [conditions.tilt(deg, 30.0).grade for deg in (30.0, 30.1, NAN)] == [G, R, U]
+
+
+def test_examples():
+    assert doctest.testmod(conditions).attempted > 1 and doctest.testmod(conditions).failed == 0
 
 
 # ---- the table -----------------------------------------------------------------------------------

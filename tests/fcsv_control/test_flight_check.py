@@ -179,7 +179,7 @@ def test_what_was_heard_long_ago_is_never_green():
         ({"tracker_variance_m2": 0.0}, {"tracker": A}, "tells no confidence"),
         ({"battery_share": 0.39}, {"battery": A}, "39%"),
         ({"battery_share": 0.19}, {"battery": R}, "19%"),
-        ({"battery_share": NAN}, {"battery": R}, "does not know"),
+        ({"battery_share": NAN}, {"battery": R}, "is not known"),
         (
             {"recorder": SimpleNamespace(problem="disk full", dropped=0)},
             {"recorder": R},
@@ -353,7 +353,7 @@ def test_a_tello_that_is_well_is_green_and_nothing_heard_is_not(tello):
         ),
         ({"link": {"throttle": NAN}}, {"transmitter": R}, "no transmitter", "joy_node"),
         ({"guardian": guardian(STICK, NO_POSES)}, {}, "", ""),
-        ({"battery_share": NAN}, {"battery": R}, "does not say how full", "change it"),
+        ({"battery_share": NAN}, {"battery": R}, "is not known", "change it"),
         ({"battery_share": 0.3}, {"battery": A}, "30%", "change it"),
     ],
 )
@@ -439,10 +439,6 @@ def test_reports_take_no_more_of_the_radio_than_they_may():
 )
 def test_examples(name):
     assert doctest.testmod(importlib.import_module(f"fcsv_control.flight_check.{name}")).failed == 0
-
-
-def test_example_of_the_tracker():
-    assert doctest.testmod(importlib.import_module("fcsv_control.tracker_confidence")).failed == 0
 
 
 # ---- the fleet -----------------------------------------------------------------------------------

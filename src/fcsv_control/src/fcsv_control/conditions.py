@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The conditions by which a flight is judged: facts and a user's bounds in, a grade and words out.
 
-Flight check, guardian, mission and Tello link ask the same functions with bounds of their own
-(``fcsv_geometry.vehicles.thresholds``). What is worse than a bound is red, or amber; at the bound
-it is neither. NaN is not known. Without an amber bound there is no amber.
+Flight check, guardian, mission and Tello link ask the same conditions with bounds of their own
+(``fcsv_geometry.vehicles.thresholds``). What is worse than a bound is so; at the bound it is not.
+NaN is not known; without an amber bound there is no amber.
 """
 
 import math
@@ -52,87 +52,66 @@ class Condition:
         return self.grade is Grade.RED
 
 
-def at_most(value: float, red: float, amber: float = NONE) -> Grade:
-    """Grades a value that should be small.
+@dataclass(frozen=True)
+class Measure:
+    """Judges one value. ``wrong`` has a place for the bound that is not kept; ``least``: bounds
+    are the least that is well, else the most.
 
-    >>> [at_most(v, 0.8, 0.5).word for v in (0.5, 0.6, 0.8, 0.9, math.nan)]
-    ['green', 'amber', 'amber', 'RED', 'unknown']
+    >>> [battery(share, 0.2, 0.4).words for share in (0.4, 0.3, 0.2, 0.1, math.nan)]
+    ['', 'battery below 40%', 'battery below 40%', 'battery below 20%', 'battery is not known']
     """
-    if math.isnan(value):
-        return Grade.UNKNOWN
-    return Grade.RED if value > red else Grade.AMBER if value > amber else Grade.GREEN
+
+    wrong: str
+    unknown: str = "not known"
+    least: bool = False
+
+    def __call__(self, value: float, red: float, amber: float = NONE) -> Condition:
+        if math.isnan(value):
+            return Condition(Grade.UNKNOWN, value, self.unknown)
+        if value < red if self.least else value > red:
+            return Condition(Grade.RED, value, self.wrong.format(red))
+        if value < amber if self.least else value > amber:
+            return Condition(Grade.AMBER, value, self.wrong.format(amber))
+        return Condition(Grade.GREEN, value)
 
 
-def at_least(value: float, red: float, amber: float = NONE) -> Grade:
-    """Grades a value that should be large.
+# shares, rates (Hz), MiB: too little is wrong
+battery = Measure("battery below {:.0%}", "battery is not known", least=True)
+feed_rate = Measure("fewer than {:g} poses of the tracker a second", least=True)
+rate = Measure("fewer than {:g} a second", least=True)
+disk = Measure("less than {:g} MiB are free", least=True)
+# variances, metres, degrees, the stick's way (0..1), seconds: too much is
+ekf = Measure(
+    "the autopilot's filter does not agree with its sensors", "its variances are not known"
+)
+estimate_apart = Measure(
+    "autopilot and tracker are more than {:g} m apart", "estimate or feed is not known"
+)
+tilt = Measure("it leans by more than {:g} deg")
+stick = Measure("the throttle stick is not in the middle", "no transmitter is heard")
+clock = Measure("clocks are more than {:g} s apart")
+# ages (s) of what comes again and again; one of the future, as clocks are measured, is new
+feed_age = Measure("no poses of the tracker for {:g} s")
+pose_age = Measure("no pose for {:g} s")
+state_age = Measure("no state for {:g} s")
+control_age = Measure("nothing from the control PC for {:g} s")
+agent_age = Measure("nothing from the agent for {:g} s")
+link_age = Measure("nothing from the flight link for {:g} s")
+wifi_age = Measure("its Wi-Fi has been silent for {:g} s")
 
-    >>> [at_least(v, 0.2, 0.4).word for v in (0.4, 0.3, 0.2, 0.1, math.nan)]
-    ['green', 'amber', 'amber', 'RED', 'unknown']
+
+def confidence_level(variance_m2: float) -> float:
+    """What a tracking camera thinks of its poses: 0 failed, 1 low, 2 medium, 3 high. By the variance
+    of x, into which realsense2_camera puts it: 0.01 * 10^(3 - level). NaN: it tells none (0).
+
+    >>> [confidence_level(v) for v in (0.01, 0.1, 1.0, 10.0, 1e-3, 0.0)]
+    [3.0, 2.0, 1.0, 0.0, 3.0, nan]
     """
-    return at_most(-value, -red, -amber)
-
-
-def _condition(grade: Grade, value: float, red: float, amber: float, wrong: str, unknown: str):
-    """``wrong`` has a place for the bound that is not kept."""
-    words = "" if grade is Grade.GREEN else unknown
-    if grade > Grade.GREEN:
-        words = wrong.format(red if grade is Grade.RED else amber)
-    return Condition(grade, value, words)
-
-
-def silence(what: str, age_s: float, red_s: float) -> Condition:
-    """Judges the age of what should come again and again; ``what`` is missing, as in "no pose".
-    What is of the future, by a clock that was measured a little wrong, is fresh.
-
-    >>> silence("no state", 3.6, 3.5).words, silence("no state", -1.0, 3.5).green
-    ('no state for 3.5 s', True)
-    """
-    return _condition(at_most(age_s, red_s), age_s, red_s, NONE, what + " for {:g} s", what)
-
-
-def feed_age(age_s: float, red_s: float) -> Condition:
-    """Judges the age of the tracker's newest pose."""
-    return silence("no poses of the tracker", age_s, red_s)
-
-
-def feed_rate(rate_hz: float, red_hz: float, amber_hz: float = NONE) -> Condition:
-    """Judges the rate of the tracker's poses."""
-    wrong, unknown = "fewer than {:g} poses of the tracker a second", "the feed's rate is not known"
-    grade = at_least(rate_hz, red_hz, amber_hz)
-    return _condition(grade, rate_hz, red_hz, amber_hz, wrong, unknown)
-
-
-def battery(share: float, red: float, amber: float = NONE) -> Condition:
-    """Judges the share of the charge.
-
-    >>> [battery(share, 0.2).words for share in (0.3, 0.1, math.nan)]
-    ['', 'battery below 20%', 'battery is not known']
-    """
-    grade = at_least(share, red, amber)
-    return _condition(grade, share, red, amber, "battery below {:.0%}", "battery is not known")
-
-
-def ekf(variance: float, red: float, amber: float = NONE) -> Condition:
-    """Judges the largest variance of the autopilot's filter."""
-    wrong = "the autopilot's filter does not agree with its sensors"
-    grade = at_most(variance, red, amber)
-    return _condition(grade, variance, red, amber, wrong, "its variances are not known")
-
-
-def estimate_apart(apart_m: float, red_m: float, amber_m: float = NONE) -> Condition:
-    """Judges the distance between the autopilot's estimate and the tracker's pose."""
-    wrong = "autopilot and tracker are more than {:g} m apart"
-    grade = at_most(apart_m, red_m, amber_m)
-    return _condition(grade, apart_m, red_m, amber_m, wrong, "estimate or feed is not known")
+    return min(3.0 - math.log10(variance_m2 / 0.01), 3.0) if variance_m2 > 0.0 else math.nan
 
 
 def confidence(level: float, low: float) -> Condition:
-    """Judges what a tracking camera thinks of its poses (``tracker_confidence``): up to ``low`` is
-    red; a tracker that tells none is amber.
-
-    >>> [confidence(level, 1.0).grade.word for level in (1.0, 1.1, math.nan)]
-    ['RED', 'green', 'amber']
-    """
+    """Judges this level: up to ``low`` is red; a tracker that tells none is amber."""
     if math.isnan(level):
         return Condition(Grade.AMBER, level, "it tells no confidence")
     if level <= low:
@@ -140,45 +119,16 @@ def confidence(level: float, low: float) -> Condition:
     return Condition(Grade.GREEN, level)
 
 
-def tilt(tilt_deg: float, red_deg: float) -> Condition:
-    """Judges how far a vehicle leans."""
-    wrong, unknown = "it leans by more than {:g} deg", "its attitude is not known"
-    return _condition(at_most(tilt_deg, red_deg), tilt_deg, red_deg, NONE, wrong, unknown)
-
-
 def transmitter(throttle: float, age_s: float, red_s: float) -> Condition:
     """Judges whether the pilot's transmitter is heard: ``throttle`` is NaN where it is not."""
-    heard = not math.isnan(throttle) and at_most(age_s, red_s) is Grade.GREEN
-    words = "" if heard else "no transmitter is heard"
-    return Condition(Grade.GREEN if heard else Grade.RED, age_s, words)
+    if age_s <= red_s and not math.isnan(throttle):
+        return Condition(Grade.GREEN, age_s)
+    return Condition(Grade.RED, age_s, "no transmitter is heard")
 
 
-def stick(throttle: float, red: float) -> Condition:
-    """Judges how far the throttle stick (-1..1) is off its middle; without a transmitter it is not
-    known."""
-    wrong, unknown = "the throttle stick is not in the middle", "no transmitter is heard"
-    return _condition(at_most(abs(throttle), red), throttle, red, NONE, wrong, unknown)
-
-
-def recorder(age_s: float, problem: str, dropped: int, red_s: float) -> Condition:
+def recorder(age_s: float, problem: str, red_s: float, dropped: int = 0) -> Condition:
     """Judges what a recorder tells: its age, its problem, how many messages it dropped."""
-    if at_most(age_s, red_s) is not Grade.GREEN:
-        return Condition(Grade.RED, age_s, "not heard")
-    if problem:
-        return Condition(Grade.RED, age_s, problem)
+    if problem or not age_s <= red_s:
+        return Condition(Grade.RED, age_s, problem if age_s <= red_s else "not heard")
     words = f"{dropped} messages were dropped" if dropped else ""
     return Condition(Grade.AMBER if dropped else Grade.GREEN, age_s, words)
-
-
-def disk(free_mib: float, red_mib: float, amber_mib: float = NONE) -> Condition:
-    """Judges what is free where a recorder writes."""
-    wrong, unknown = "less than {:g} MiB are free", "the recorder's disk is not known"
-    grade = at_least(free_mib, red_mib, amber_mib)
-    return _condition(grade, free_mib, red_mib, amber_mib, wrong, unknown)
-
-
-def clock(offset_s: float, uncertainty_s: float, red_s: float, amber_s: float = NONE) -> Condition:
-    """Judges how far apart two machines' clocks are for sure."""
-    grade = at_most(abs(offset_s) - uncertainty_s, red_s, amber_s)
-    wrong, unknown = "clocks are more than {:g} s apart", "the other clock is not known"
-    return _condition(grade, offset_s, red_s, amber_s, wrong, unknown)

@@ -50,6 +50,16 @@ def require_in_order(rules, *pairs: Tuple[str, str]) -> None:
             raise ValueError(f"{low}: {getattr(rules, low)} is over {high} {getattr(rules, high)}")
 
 
+def require_graded(rules) -> None:
+    """Checks, for a dataclass's ``__post_init__``: ValueError unless each ``red_x`` and ``amber_x``
+    are in the order of their defaults, or equal."""
+    for field in dataclasses.fields(rules):
+        red, amber = field.name, field.name.replace("red_", "amber_", 1)
+        if red.startswith("red_") and hasattr(rules, amber):
+            most = getattr(type(rules), red) > getattr(type(rules), amber)
+            require_in_order(rules, (amber, red) if most else (red, amber))
+
+
 def read_yaml(path) -> Any:
     """The document in a YAML file. Raises ConfigError where it cannot be read or parsed."""
     try:

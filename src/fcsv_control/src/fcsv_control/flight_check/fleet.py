@@ -12,7 +12,7 @@ from fcsv_control.flight_check import speeds
 from fcsv_control.flight_check.lines import Check, Found, Judged, Line
 from fcsv_control.flight_check.sightings import Sightings
 from fcsv_control.flight_check.vehicle import Disk, disk, recorder
-from fcsv_geometry.config import require_in_order, require_positive
+from fcsv_geometry.config import require_graded, require_positive
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.streams.stream import Stream
 from fcsv_geometry.vehicles import thresholds as at
@@ -38,12 +38,7 @@ class FleetCheckRules:
 
     def __post_init__(self):
         require_positive(self)
-        require_in_order(
-            self,
-            ("red_radio_hz", "amber_radio_hz"),
-            ("amber_clock_s", "red_clock_s"),
-            ("red_disk_mib", "amber_disk_mib"),
-        )
+        require_graded(self)
 
 
 @dataclass
@@ -105,15 +100,15 @@ def _silent(now_s: float, v: FromAfar, _r: FleetCheckRules) -> bool:
 
 def _radio(now_s: float, v: FromAfar, r: FleetCheckRules) -> Found:
     hz = v.poses.rate_hz(now_s)
-    grade = conditions.at_least(hz, r.red_radio_hz, r.amber_radio_hz)
-    return grade, f"{hz:.0f} poses a second arrive" if hz else "no pose arrives"
+    found = conditions.rate(hz, r.red_radio_hz, r.amber_radio_hz)
+    return found.grade, f"{hz:.0f} poses a second arrive" if hz else "no pose arrives"
 
 
 def _clock(now_s: float, v: FromAfar, r: FleetCheckRules) -> Found:
     if not v.clock.fresh(now_s, r.clock_silent_s):
         return _U, "it does not answer about its clock"
-    ahead_s, uncertainty_s = v.clock.value.offset_s, v.clock.value.uncertainty_s
-    found = conditions.clock(ahead_s, uncertainty_s, r.red_clock_s, r.amber_clock_s)
+    ahead_s = v.clock.value.offset_s
+    found = conditions.clock(v.clock.value.least_s, r.red_clock_s, r.amber_clock_s)
     direction = "ahead of" if ahead_s > 0 else "behind"
     return found.measured(f"{abs(ahead_s):.3f} s {direction} the control PC's")
 

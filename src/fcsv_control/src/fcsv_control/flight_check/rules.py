@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass
 
-from fcsv_geometry.config import require_in_order, require_positive
+from fcsv_geometry.config import require_graded, require_positive
 from fcsv_geometry.vehicles import thresholds as at
 
 
@@ -32,12 +32,4 @@ class VehicleCheckRules:
 
     def __post_init__(self):
         require_positive(self)
-        require_in_order(
-            self,
-            ("red_position_hz", "amber_position_hz"),
-            ("red_feed_hz", "amber_feed_hz"),
-            ("amber_ekf_variance", "red_ekf_variance"),
-            ("amber_apart_m", "red_apart_m"),
-            ("red_battery", "amber_battery"),
-            ("red_disk_mib", "amber_disk_mib"),
-        )
+        require_graded(self)

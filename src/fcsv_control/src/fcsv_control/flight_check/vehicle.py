@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, List, Optional, Sequence, Tuple
 
-from fcsv_control import conditions, tracker_confidence
+from fcsv_control import conditions
 from fcsv_control.conditions import Grade
 from fcsv_control.disk import disk_words
 from fcsv_control.flight_check import autopilot_line
@@ -69,7 +69,7 @@ class VehicleFacts:
     line: autopilot_line.AutopilotLine = field(default_factory=autopilot_line.AutopilotLine)
 
 
-def _link_now(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Optional[Any]:
+def link_now(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Optional[Any]:
     """The flight link's health where it is heard and its autopilot too."""
     fresh = f.link.fresh(now_s, r.silent_s)
     return f.link.value if fresh and f.link.value.connected else None
@@ -84,19 +84,19 @@ def _link(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 
 
 def _streams(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    if _link_now(now_s, f, r) is None:
+    if link_now(now_s, f, r) is None:
         return _U, "no autopilot"
     if not f.battery_share.fresh(now_s, r.slow_silent_s):
         return _R, "no system status of the autopilot"
     if not f.link.value.ekf_age_s <= r.slow_silent_s:
         return _R, "no report of the autopilot's filter"
     hz = f.positions.rate_hz(now_s)
-    grade = conditions.at_least(hz, r.red_position_hz, r.amber_position_hz)
-    return grade, f"{hz:.0f} positions a second"
+    found = conditions.rate(hz, r.red_position_hz, r.amber_position_hz)
+    return found.grade, f"{hz:.0f} positions a second"
 
 
 def _pre_arm(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    if not f.armed.fresh(now_s, r.slow_silent_s) or _link_now(now_s, f, r) is None:
+    if not f.armed.fresh(now_s, r.slow_silent_s) or link_now(now_s, f, r) is None:
         return _U, "no autopilot"
     if f.armed.value:
         return _G, "armed"
@@ -111,14 +111,14 @@ def _pre_arm(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 
 
 def _origin(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    link = _link_now(now_s, f, r)
+    link = link_now(now_s, f, r)
     if link is None:
         return _U, "no autopilot"
     return (_G, "set") if link.origin_set else (_R, "the autopilot has no origin")
 
 
 def _parameters(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    link = _link_now(now_s, f, r)
+    link = link_now(now_s, f, r)
     if link is None:
         return _U, "no autopilot"
     report = f.parameters.value
@@ -141,7 +141,7 @@ def _some(texts: Sequence[str]) -> str:
 
 
 def _ekf(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    link = _link_now(now_s, f, r)
+    link = link_now(now_s, f, r)
     if link is None or not link.ekf_age_s <= r.slow_silent_s:
         return _U, "no report of the filter"
     missing = [words for bit, words in _EKF_NEEDED if not link.ekf_flags & bit]
@@ -154,7 +154,7 @@ def _ekf(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 
 
 def _estimate(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    link = _link_now(now_s, f, r)
+    link = link_now(now_s, f, r)
     apart_m = math.nan if link is None else link.estimate_apart_m
     flies = link is not None and link.in_the_air == 1
     red_m, amber_m = (
@@ -179,14 +179,13 @@ def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 def _tracker(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if not f.tracker_variance_m2.fresh(now_s, r.silent_s):
         return _R, "no pose comes from it"
-    level = tracker_confidence.confidence(f.tracker_variance_m2.value)
+    level = conditions.confidence_level(f.tracker_variance_m2.value)
     found = conditions.confidence(level, at.CONFIDENCE.check.red)
-    high = level > tracker_confidence.MEDIUM + 0.5
-    return found.grade, found.words or f"{'high' if high else 'medium'} confidence"
+    return found.grade, found.words or f"{'high' if level > 2.5 else 'medium'} confidence"
 
 
 def _transmitter(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    link = _link_now(now_s, f, r)
+    link = link_now(now_s, f, r)
     if link is None:
         return _U, "no autopilot"
     found = conditions.transmitter(link.throttle, link.throttle_age_s, r.silent_s)
@@ -197,23 +196,21 @@ def _battery(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if not f.battery_share.fresh(now_s, r.slow_silent_s):
         return _U, "not heard"
     found = conditions.battery(f.battery_share.value, r.red_battery, r.amber_battery)
-    if found.grade is _U:
-        return _R, "the autopilot does not know it"
-    return found.grade, f"{found.value:.0%}"
+    return (_R, found.words) if found.grade is _U else found.measured(f"{found.value:.0%}")
 
 
 def _camera(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     hz = f.pictures.rate_hz(now_s)
     if hz == 0.0:
         return _R, "no picture comes from it"
-    return conditions.at_least(hz, 0.0, r.amber_picture_hz), f"{hz:.1f} pictures a second"
+    return conditions.rate(hz, 0.0, r.amber_picture_hz).grade, f"{hz:.1f} pictures a second"
 
 
 def recorder(now_s: float, f, r) -> Found:
     """The line of a recorder: a vehicle's, and with the control PC's facts and rules its own."""
     told, age_s = f.recorder.value, f.recorder.age_s(now_s)
     problem, dropped = ("", 0) if told is None else (told.problem, told.dropped)
-    found = conditions.recorder(age_s, problem, dropped, r.slow_silent_s)
+    found = conditions.recorder(age_s, problem, r.slow_silent_s, dropped)
     return found.grade, found.words or "it records"
 
 

@@ -94,7 +94,7 @@ class Monitors:
         ekf = conditions.ekf(link.ekf_variance, r.ekf_variance)
         apart = conditions.estimate_apart(air.apart_m, r.apart_m)
         battery = conditions.battery(air.battery_now(now_s, r.battery_old_s), r.low_battery)
-        stick = conditions.stick(link.throttle, r.throttle_middle)
+        stick = conditions.stick(abs(link.throttle), r.throttle_middle)
         confidence = conditions.confidence(air.confidence, r.confidence)
         if link.doubt:
             yield Forbidden(f"{link.doubt}; land by hand and begin anew")
@@ -234,25 +234,26 @@ class Monitors:
         return Finding("home", Reaction.HOME, f"{text}, and nothing from the control PC")
 
     def _control(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
-        r = self._rules
+        r, age_s = self._rules, now_s - air.control_s
         hold_s = math.inf if r.link_loss == NEVER else r.link_hold_s
-        steps = ((hold_s, Reaction.LAND_ASIDE), (r.link_warn_s, Reaction.SAY))
-        return self._silent(now_s, "control", "nothing from the control PC", air.control_s, *steps)
+        lands = (conditions.control_age(age_s, hold_s), 0.0, Reaction.LAND_ASIDE)
+        warns = (conditions.control_age(age_s, r.link_warn_s), 0.0, Reaction.SAY)
+        return self._first(now_s, "control", lands, warns)
 
     def _agent(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
-        r = self._rules
-        steps = ((r.agent_land_s, Reaction.LAND_ASIDE), (r.agent_silent_s, Reaction.HOLD))
-        return self._silent(now_s, "agent", "nothing from the agent", air.agent_s, *steps)
+        r, age_s = self._rules, now_s - air.agent_s
+        lands = (conditions.agent_age(age_s, r.agent_land_s), 0.0, Reaction.LAND_ASIDE)
+        holds = (conditions.agent_age(age_s, r.agent_silent_s), 0.0, Reaction.HOLD)
+        return self._first(now_s, "agent", lands, holds)
 
-    def _link(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
-        step = (self._rules.link_silent_s, Reaction.SAY)
-        found = self._silent(now_s, "link", "nothing from the flight link", air.link_s, step)
-        if found or air.link.connected:
-            return found
-        return [Finding("link", Reaction.SAY, "the flight link hears no autopilot")]
+    def _link(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
+        silent = conditions.link_age(now_s - air.link_s, self._rules.link_silent_s)
+        if silent.red or not air.link.connected:
+            text = silent.words or "the flight link hears no autopilot"
+            yield Finding("link", Reaction.SAY, text)
 
     def _stick(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        off = conditions.stick(air.link.throttle, self._rules.throttle_middle).red
+        off = conditions.stick(abs(air.link.throttle), self._rules.throttle_middle).red
         if self._lasts(now_s, "stick", off and air.mode == Mode.GUIDED, 1.0):
             yield Finding(
                 "stick", Reaction.SAY, "put the throttle stick in the middle before you take over"
@@ -345,10 +346,3 @@ class Monitors:
             if self._lasts(now_s, f"{what} {k}", found.red, seconds):
                 return [Finding(what, reaction, found.words)]
         return ()
-
-    def _silent(
-        self, now_s: float, what: str, nothing: str, heard_s: float, *steps: Tuple[float, Reaction]
-    ) -> Sequence[Finding]:
-        """The first step of who was heard last at ``heard_s`` and is silent for longer (s)."""
-        ages = ((conditions.silence(nothing, now_s - heard_s, s), 0.0, does) for s, does in steps)
-        return self._first(now_s, what, *ages)

@@ -39,7 +39,6 @@ from fcsv_geometry.vehicles.modes import Mode
 
 _STOPS_S = 0.5  # a vehicle that is told to hold comes to rest so much further
 _OURS = (GUIDED, BRAKE)
-_WIFI = "its Wi-Fi has been silent"
 _STAY_UP_TIMES = 10  # at 25 Hz: one of them may be lost in the air
 _LONGEST_STEP_S = 0.2
 
@@ -200,7 +199,7 @@ class TelloCore:
         """What is shown."""
         report = self.tracking.report
         return TelloState(
-            not conditions.silence("", now_s - self._heard_s, self._rules.silent_s).red,
+            now_s - self._heard_s <= self._rules.silent_s,
             self.flying,
             self.mode,
             None if report is None else report.in_the_air,
@@ -216,7 +215,7 @@ class TelloCore:
 
     def _watch_wifi(self, now_s: float) -> None:
         age_s, r = now_s - self._heard_s, self._rules
-        lost, gone = (conditions.silence(_WIFI, age_s, s) for s in (r.silent_s, r.silent_land_s))
+        lost, gone = (conditions.wifi_age(age_s, s) for s in (r.silent_s, r.silent_land_s))
         if lost.red and not self._silent:
             self._silent = True
             then = "it holds by itself, and lands after 15 s without sticks"

@@ -157,7 +157,10 @@ GUARDIAN_AGE_S = Thresholds(
     why="it speaks five times a second; the mission hears it by radio",
 )
 AGENT_AGE_S = Thresholds(
-    "s without word of the agent, over", check=Bounds(2.0), guardian=Bounds(15.0, 1.0)
+    "s without word of the agent, over",
+    check=Bounds(2.0),
+    guardian=Bounds(15.0, 1.0),
+    why="it speaks five times a second; aloft a hold waits for it to be started again",
 )
 LINK_AGE_S = Thresholds(
     "s without word of the flight link, over",

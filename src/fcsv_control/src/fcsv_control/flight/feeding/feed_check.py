@@ -49,9 +49,8 @@ class FeedCheckRules:
     # between estimate and feed after such a silence: more is not to be followed, but adopted
     returns_m: float = 0.3
     withheld_s: float = 0.25  # so long nothing believable came: doubt
-    apart_m: float = (
-        APART_IN_FLIGHT_M.link.red
-    )  # between estimate and feed, beyond what is flown in apart_lag_s
+    # between estimate and feed, beyond what is flown in apart_lag_s
+    apart_m: float = APART_IN_FLIGHT_M.link.red
     apart_lag_s: float = 0.2
     apart_s: float = 0.5  # for so long
     height: HeightCheckRules = field(default_factory=HeightCheckRules)

@@ -74,16 +74,9 @@ class FeedWatchdog:
         if not mode.flies_on_position or self.age_s(now_s) <= self._parameters.warn_s:
             return Alarm.NONE
         companions = mode == Mode.GUIDED or ours
-        dead = (
-            companions
-            and self._parameters.land_s > 0
-            and self.age_s(now_s) > self._parameters.land_s
-        )
-        if (
-            not dead
-            or self._obeyed
-            or (self._asked_s is not None and now_s - self._asked_s < _REPEAT_S)
-        ):
+        dead = companions and 0.0 < self._parameters.land_s < self.age_s(now_s)
+        just_asked = self._asked_s is not None and now_s - self._asked_s < _REPEAT_S
+        if not dead or self._obeyed or just_asked:
             return Alarm.WARN
         self._asked_s = now_s
         return Alarm.LAND

@@ -59,9 +59,7 @@ def found(mission: Mission, phase: str, snapshot: Snapshot) -> List[Tuple[Pause,
     for name, view in snapshot.vehicles.items():
         told += [(kind, f"{name}: {text}") for kind, text in _of_vehicle(mission, phase, view)]
     if phase in _RECORDED and snapshot.recorder is not None:
-        told += [
-            (Pause.RECORDER, f"control PC: {text}") for text in _of_recorder(snapshot.recorder)
-        ]
+        told += _of_recorder(snapshot.recorder, "control PC: ")
     if phase in FLOWN:
         told += [(Pause.LOST, text) for text in _too_near(mission, snapshot)]
     return told
@@ -83,9 +81,9 @@ def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
 
 
 def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tuple[Pause, str]]:  # noqa: C901
-    ages = [conditions.silence("no state", view.state_age_s, at.STATE_AGE_S.mission.red)]
+    ages = [conditions.state_age(view.state_age_s, at.STATE_AGE_S.mission.red)]
     if mission.tracker != GROUND or phase not in _BEFORE_SIGHT:
-        ages.append(conditions.silence("no pose", view.pose_age_s, at.POSE_AGE_S.mission.red))
+        ages.append(conditions.pose_age(view.pose_age_s, at.POSE_AGE_S.mission.red))
     silent = " and ".join(age.words for age in ages if age.red)
     if silent:
         yield Pause.LOST, f"{silent}; check the radio link"
@@ -102,8 +100,7 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
     if phase in FLOWN and view.guarded:
         yield Pause.LOST, f"its guardian: {view.guarded}"
     if phase in _RECORDED:
-        for text in _of_recorder(RecorderView(view.recorder_age_s, view.recorder_problem)):
-            yield Pause.RECORDER, text
+        yield from _of_recorder(RecorderView(view.recorder_age_s, view.recorder_problem))
     if phase in _IN_THE_AIR and not view.armed:
         yield Pause.LOST, "motors are off"
     battery = conditions.battery(view.battery_share, mission.low_battery_share)
@@ -120,11 +117,10 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
         yield Pause.LOST, "its place in home is not known; calibrate and set home again"
 
 
-def _of_recorder(recorder: RecorderView) -> Iterator[str]:
-    most_s = at.RECORDER_AGE_S.mission.red
-    found = conditions.recorder(recorder.age_s, recorder.problem, 0, most_s)
+def _of_recorder(r: RecorderView, who: str = "") -> Iterator[Tuple[Pause, str]]:
+    found = conditions.recorder(r.age_s, r.problem, at.RECORDER_AGE_S.mission.red)
     if found.red:
-        yield f"recorder: {found.words}"
+        yield Pause.RECORDER, f"{who}recorder: {found.words}"
 
 
 def _too_near(mission: Mission, snapshot: Snapshot) -> Iterator[str]:
