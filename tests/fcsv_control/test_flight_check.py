@@ -12,14 +12,13 @@ from types import SimpleNamespace
 import pytest
 
 from fcsv_control.conditions import Grade
-from fcsv_control.flight_check import table
+from fcsv_control.flight_check import speeds, table
 from fcsv_control.flight_check.acceptance import Acceptances
 from fcsv_control.flight_check.fleet import (
     CONTROL_CHECKS,
     FLEET_CHECKS,
     FleetCheckRules,
     FleetTable,
-    speed_check,
 )
 from fcsv_control.flight_check.keys import Keys
 from fcsv_control.flight_check.lines import Judged, Line, worst
@@ -671,7 +670,7 @@ def rows(root, heading):
     "heading, checks",
     [
         ("Lines of a vehicle", VEHICLE_CHECKS),
-        ("Lines about a vehicle", (*FLEET_CHECKS, speed_check(FlightBounds()))),
+        ("Lines about a vehicle", (*FLEET_CHECKS, speeds.check(FlightBounds()))),
         ("Lines of the control PC", CONTROL_CHECKS),
         ("Lines of a Tello", TELLO_CHECKS),
     ],

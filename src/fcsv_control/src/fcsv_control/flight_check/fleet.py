@@ -58,10 +58,14 @@ class FromAfar:
     calibrated: Optional[int] = None  # the epoch for which the calibration holds
     sightings: Sightings = field(default_factory=lambda: Sightings({}))
 
+    def silent(self, now_s: float) -> bool:
+        """Whether its own flight check is not heard."""
+        return not self.report.fresh(now_s, self.patience_s)
+
     def heard_lines(self, now_s: float) -> Sequence[Line]:
         """Its own lines, older by as long as its report has been here; none where it is not heard
         any more."""
-        if not self.report.fresh(now_s, self.patience_s):
+        if self.silent(now_s):
             return ()
         return [
             replace(li, since_s=li.since_s + now_s - self.report.at_s) for li in self.report.value
@@ -87,21 +91,15 @@ class ControlFacts:
 def _report(now_s: float, v: FromAfar, _r: FleetCheckRules) -> Found:
     if v.report.value is None:
         return _R, "its own flight check was never heard"
-    return (
-        (_G, "heard")
-        if v.report.fresh(now_s, v.patience_s)
-        else (_R, "its own flight check is not heard any more")
-    )
-
-
-def _silent(now_s: float, v: FromAfar, _r: FleetCheckRules) -> bool:
-    return not v.report.fresh(now_s, v.patience_s)
+    if v.silent(now_s):
+        return _R, "its own flight check is not heard any more"
+    return _G, "heard"
 
 
 def _radio(now_s: float, v: FromAfar, r: FleetCheckRules) -> Found:
     hz = v.poses.rate_hz(now_s)
     found = conditions.rate(hz, r.red_radio_hz, r.amber_radio_hz)
-    return found.grade, f"{hz:.0f} poses a second arrive" if hz else "no pose arrives"
+    return found.measured(f"{hz:.0f} poses a second arrive" if hz else "no pose arrives")
 
 
 def _clock(now_s: float, v: FromAfar, r: FleetCheckRules) -> Found:
@@ -150,12 +148,6 @@ FLEET_CHECKS: Tuple[Check, ...] = (
         _tags,
     ),
 )
-
-
-def speed_check(planned: FlightBounds) -> Check:
-    """The line that needs the mission: of a vehicle whose autopilot's parameters cross the
-    radio."""
-    return speeds.check(planned, _silent)
 
 
 GROUND_CHECKS: Tuple[Check, ...] = (replace(FLEET_CHECKS[0], remedy="start tello.launch for it"),)
@@ -217,7 +209,7 @@ class FleetTable:
             n: FromAfar(n, front, sightings=self.sightings) for n, front in zip(vehicles, fronts)
         }
         checks = GROUND_CHECKS if ground else FLEET_CHECKS
-        checks += () if ground or planned is None else (speed_check(planned),)
+        checks += () if ground or planned is None else (speeds.check(planned),)
         self._judged = {n: Judged(n, checks) for n in vehicles}
         control = [check for check in CONTROL_CHECKS if not (ground and check.name == "keys")]
         self._judged_control = Judged(CONTROL, control)

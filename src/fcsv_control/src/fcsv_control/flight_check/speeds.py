@@ -3,7 +3,7 @@
 ``flight``."""
 
 import math
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 from fcsv_control.conditions import Grade
 from fcsv_control.flight_check.lines import Check, Found
@@ -59,13 +59,12 @@ def _set(names, have: Dict[str, float], wanted: Dict[str, float]) -> str:
     return "; ".join(f"{n} is {have[n]:g}, planned {wanted[n]:g}" for n in names)
 
 
-def check(planned: FlightBounds, silent: Callable[..., bool]) -> Check:
-    """The line of one vehicle. ``silent(now_s, vehicle, rules)``: whether its own flight check is
-    not heard."""
+def check(planned: FlightBounds) -> Check:
+    """The line that needs the mission: of a vehicle whose autopilot's parameters cross the
+    radio."""
 
-    def of(now_s, vehicle, rules) -> Found:
-        report = None if silent(now_s, vehicle, rules) else vehicle.parameters
-        return judge(report, planned)
+    def of(now_s, vehicle, _rules) -> Found:
+        return judge(None if vehicle.silent(now_s) else vehicle.parameters, planned)
 
     return Check(
         "speed",

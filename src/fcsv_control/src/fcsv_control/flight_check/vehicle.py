@@ -92,7 +92,7 @@ def _streams(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
         return _R, "no report of the autopilot's filter"
     hz = f.positions.rate_hz(now_s)
     found = conditions.rate(hz, r.red_position_hz, r.amber_position_hz)
-    return found.grade, f"{hz:.0f} positions a second"
+    return found.measured(f"{hz:.0f} positions a second")
 
 
 def _pre_arm(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
@@ -156,11 +156,10 @@ def _ekf(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 def _estimate(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     link = link_now(now_s, f, r)
     apart_m = math.nan if link is None else link.estimate_apart_m
-    flies = link is not None and link.in_the_air == 1
-    red_m, amber_m = (
-        (r.red_apart_in_flight_m, r.red_apart_m) if flies else (r.red_apart_m, r.amber_apart_m)
-    )
-    found = conditions.estimate_apart(apart_m, red_m, amber_m)
+    bounds_m = r.red_apart_m, r.amber_apart_m
+    if link is not None and link.in_the_air == 1:
+        bounds_m = r.red_apart_in_flight_m, r.red_apart_m
+    found = conditions.estimate_apart(apart_m, *bounds_m)
     return found.measured(f"{apart_m:.1f} m from the tracker's pose")
 
 
@@ -203,7 +202,7 @@ def _camera(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     hz = f.pictures.rate_hz(now_s)
     if hz == 0.0:
         return _R, "no picture comes from it"
-    return conditions.rate(hz, 0.0, r.amber_picture_hz).grade, f"{hz:.1f} pictures a second"
+    return conditions.rate(hz, 0.0, r.amber_picture_hz).measured(f"{hz:.1f} pictures a second")
 
 
 def recorder(now_s: float, f, r) -> Found:

@@ -24,18 +24,18 @@ class Thresholds:
     """The bounds of one condition, by user. ``why``: what makes them differ."""
 
     what: str  # with its unit, and which side is worse
-    check: Bounds = Bounds()  # a vehicle's own flight check
+    check: Bounds = Bounds()  # a vehicle's own flight check: red forbids GUIDED
     fleet: Bounds = Bounds()  # what the control PC adds to it
     guardian: Bounds = Bounds()  # amber: it warns or holds; red: it lands, or forbids GUIDED
-    agent: Bounds = Bounds()
+    agent: Bounds = Bounds()  # red: it hands nobody over
+    link: Bounds = Bounds()  # the flight link's own watch: amber is said, red lands
     mission: Bounds = Bounds()  # amber: it pauses; red: it lands all, or does not count on it
-    link: Bounds = Bounds()  # the flight link's own watch
-    tello: Bounds = Bounds()  # a Tello's link
-    recorder: Bounds = Bounds()
+    stop_all: Bounds = Bounds()  # red: unheard, and asked again
+    tello: Bounds = Bounds()  # a Tello's link: amber holds or is said, red lands
+    recorder: Bounds = Bounds()  # red: it ends its recording
     calibration: Bounds = Bounds()  # red: it refuses
-    stop_all: Bounds = Bounds()  # what its report says of a vehicle
-    console: Bounds = Bounds()  # shown as old
-    pilot: Bounds = Bounds()  # as people are told to, and simulated ones do: he lands
+    console: Bounds = Bounds()  # red: shown as old
+    pilot: Bounds = Bounds()  # red: simulated ones land, as people are told to
     why: str = ""
 
 
