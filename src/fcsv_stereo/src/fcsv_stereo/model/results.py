@@ -12,8 +12,8 @@ from fcsv_stereo.model.inputs import NO_SHIFT
 from fcsv_stereo.model.pairs import Pair
 from fcsv_stereo.model.pictures import Reference
 
-#: what a method tells of its way: the step, how many of it are done, of how many
-Progress = Callable[[str, int, int], None]
+#: what is told of the way to a map: the step that begins, the share of the work (0 to 1) behind it
+Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -122,6 +122,7 @@ class MapResult:
     unseen: List[str] = field(default_factory=list)
     # of the orthophoto (products.holes.HoleShares); None: none was asked for
     holes: Optional[Any] = None
+    gps: Optional[Any] = None  # where on the earth (sessions.SessionGps)
     #: (3,): poses and points plus this are in home (local_origin)
     origin_m: np.ndarray = field(default_factory=NO_SHIFT.copy)
     # what the near field brought (near.join.NearJoin); None: there is none
