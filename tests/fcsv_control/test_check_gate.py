@@ -4,11 +4,12 @@ accepted by name."""
 
 import pytest
 
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 from fcsv_control.mission.watches.check_gate import CheckGate
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 
-G, A, R, U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
+G, A, R, U = Grade.GREEN, Grade.AMBER, Grade.RED, Grade.UNKNOWN
 
 
 def line(state, accepted=False, name="battery"):

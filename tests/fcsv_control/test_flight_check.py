@@ -11,18 +11,18 @@ from dataclasses import fields, replace
 import pytest
 
 from fcsv_control.agent.messages import AgentAlive
+from fcsv_control.conditions import Grade
 from fcsv_control.flight.messages import AutopilotLimits, LinkLives, ParametersChecked
-from fcsv_control.flight_check import table
+from fcsv_control.flight_check import speeds, table
 from fcsv_control.flight_check.acceptance import Acceptances
 from fcsv_control.flight_check.fleet import (
     CONTROL_CHECKS,
     FLEET_CHECKS,
     FleetCheckRules,
     FleetTable,
-    speed_check,
 )
 from fcsv_control.flight_check.keys import Keys
-from fcsv_control.flight_check.lines import Judged, Line, State, worst
+from fcsv_control.flight_check.lines import Judged, Line, worst
 from fcsv_control.flight_check.links import CHECKS, TELLO_CHECKS
 from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
@@ -35,7 +35,7 @@ from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_tracking.devices.clocks import ClockOffset
 
 NAN, INF = float("nan"), float("inf")
-G, A, R, U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
+G, A, R, U = Grade.GREEN, Grade.AMBER, Grade.RED, Grade.UNKNOWN
 
 
 def link(**changed):
@@ -191,7 +191,7 @@ def test_what_was_heard_long_ago_is_never_green():
         ({"tracker_variance_m2": 0.0}, {"tracker": A}, "tells no confidence"),
         ({"battery_share": 0.39}, {"battery": A}, "39%"),
         ({"battery_share": 0.19}, {"battery": R}, "19%"),
-        ({"battery_share": NAN}, {"battery": R}, "does not know"),
+        ({"battery_share": NAN}, {"battery": R}, "is not known"),
         ({"recorder": recorder("disk full", 0)}, {"recorder": R}, "disk full"),
         ({"recorder": recorder("", 3)}, {"recorder": A}, "3 messages"),
         ({"disk": Disk(5000.0, math.inf)}, {"disk": A}, "4.9 GiB free"),
@@ -361,7 +361,7 @@ def test_a_tello_that_is_well_is_green_and_nothing_heard_is_not(tello):
         ),
         ({"link": {"throttle": NAN}}, {"transmitter": R}, "no transmitter", "joy_node"),
         ({"guardian": guardian(STICK, NO_POSES)}, {}, "", ""),
-        ({"battery_share": NAN}, {"battery": R}, "does not say how full", "change it"),
+        ({"battery_share": NAN}, {"battery": R}, "is not known", "change it"),
         ({"battery_share": 0.3}, {"battery": A}, "30%", "change it"),
     ],
 )
@@ -446,10 +446,6 @@ def test_reports_take_no_more_of_the_radio_than_they_may():
 )
 def test_examples(name):
     assert doctest.testmod(importlib.import_module(f"fcsv_control.flight_check.{name}")).failed == 0
-
-
-def test_example_of_the_tracker():
-    assert doctest.testmod(importlib.import_module("fcsv_control.tracker_confidence")).failed == 0
 
 
 # ---- the fleet -----------------------------------------------------------------------------------
@@ -672,7 +668,7 @@ def rows(root, heading):
     "heading, checks",
     [
         ("Lines of a vehicle", VEHICLE_CHECKS),
-        ("Lines about a vehicle", (*FLEET_CHECKS, speed_check(FlightBounds()))),
+        ("Lines about a vehicle", (*FLEET_CHECKS, speeds.check(FlightBounds()))),
         ("Lines of the control PC", CONTROL_CHECKS),
         ("Lines of a Tello", TELLO_CHECKS),
     ],

@@ -7,13 +7,14 @@ import math
 import pytest
 
 from fcsv_control.agent.messages import AgentAlive
+from fcsv_control.conditions import Grade
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import AutopilotLimits, ParametersChecked
 from fcsv_control.flight_check.digest import ERROR, OK, Status
 from fcsv_control.flight_check.fleet import FleetCheckRules
 from fcsv_control.flight_check.fleet_port import FleetCheckPort
 from fcsv_control.flight_check.keys import Keys
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.flight_check.lines import Line
 from fcsv_control.flight_check.links import CHECKS, MAVLINK
 from fcsv_control.flight_check.messages import (
     Accept,
@@ -81,7 +82,7 @@ def test_a_report_comes_every_second_and_at_once_where_a_line_changes():
     v.fly(0.0, 5.0)
     assert [at_s for at_s, _ in v.said] == [0.0, 1.0, 2.0, 3.0, 4.0]
     v.fly(5.0, 6.0, lambda _: [AgentAlive("agent", 0.0, 0.0)])
-    assert v.said[-1][0] in (5.0, 5.5) and v.state("agent") is State.GREEN
+    assert v.said[-1][0] in (5.0, 5.5) and v.state("agent") is Grade.GREEN
     assert all(report.next_s == 1.0 for _, report in v.said)
 
 
@@ -107,10 +108,10 @@ def test_a_report_that_is_large_comes_less_often_and_says_when():
 def test_what_is_heard_makes_its_own_line_green(message, name):
     v = OnBoard()
     v.fly(0.0, 6.0, lambda _: [message])
-    green = {li.name for li in v.said[-1][1].lines if li.state is State.GREEN}
+    green = {li.name for li in v.said[-1][1].lines if li.state is Grade.GREEN}
     assert green == {name}
     v.fly(6.0, 20.0)
-    assert v.state(name) is not State.GREEN, "it is silent"
+    assert v.state(name) is not Grade.GREEN, "it is silent"
 
 
 def test_diagnostics_that_are_wrong_go_out_at_once_and_so_does_their_end():
@@ -130,14 +131,14 @@ def test_what_a_vehicles_check_does_not_know_is_refused():
 # ---- on the control PC ---------------------------------------------------------------------------
 
 
-def reported(name, battery=State.GREEN, named=None):
+def reported(name, battery=Grade.GREEN, named=None):
     lines = [Line(name, "battery", battery, "31%")]
     return VehicleReported(name, named or name, lines, patience_s=4.0)
 
 
-def heard(port, now_s, battery=State.GREEN):
+def heard(port, now_s, battery=Grade.GREEN):
     """A second of everything, of two vehicles that are well, but for the second's battery."""
-    for name, state in (("uav1", State.GREEN), ("uav2", battery)):
+    for name, state in (("uav1", Grade.GREEN), ("uav2", battery)):
         port.receive(now_s, reported(name, state))
         port.receive(now_s, ParametersReported(name, CHECKED))
         port.receive(now_s, ClockMeasured(name, 0.5, ClockOffset(now_s, 0.001, 0.002)))
@@ -164,7 +165,7 @@ def wrong(out):
 def port():
     tags = {"uav1": 0, "uav2": 1}
     port = FleetCheckPort(tags, FleetCheckRules(), "relay", planned=FlightBounds())
-    assert set(wrong(port.step(0.0)).values()) <= {State.RED, State.UNKNOWN, State.AMBER}
+    assert set(wrong(port.step(0.0)).values()) <= {Grade.RED, Grade.UNKNOWN, Grade.AMBER}
     for now_s in (1.0, 2.0, 3.0):
         heard(port, now_s)
     return port
@@ -178,8 +179,8 @@ def test_a_fleet_that_is_well_is_green(port):
 
 def test_what_changed_is_told_at_once_and_an_acceptance_too(port):
     port.step(4.0)
-    port.receive(4.1, reported("uav2", State.AMBER))
-    assert wrong(port.step(4.2)) == {("uav2", "battery"): State.AMBER}
+    port.receive(4.1, reported("uav2", Grade.AMBER))
+    assert wrong(port.step(4.2)) == {("uav2", "battery"): Grade.AMBER}
     answer, *out = port.serve(4.3, Accept("uav2", "battery"))
     assert answer == tm.Reply(True, "uav2 battery: accepted by the operator")
     assert wrong(out) == {}
@@ -193,7 +194,7 @@ def test_what_is_not_amber_is_not_accepted(port):
 
 def test_a_report_on_anothers_topic_is_dropped_and_named(port):
     port.step(4.0)
-    port.receive(4.1, reported("uav2", State.RED, named="uav1"))
+    port.receive(4.1, reported("uav2", Grade.RED, named="uav1"))
     (dropped,) = of(port.step(4.2), tm.Dropped)
     assert "on uav2's topic comes one of 'uav1'" in dropped.why
     assert wrong(port.step(5.0)) == {}
@@ -205,13 +206,13 @@ def test_an_odometry_that_began_anew_is_not_calibrated_any_more(port):
         return next(li for li in report.lines if (li.vehicle, li.name) == ("uav2", "tags"))
 
     port.receive(20.0, tm.OdometryEpoch("uav2", "", 7, ""))
-    assert tags(20.0).state is State.AMBER
+    assert tags(20.0).state is Grade.AMBER
     port.receive(21.0, tm.EpochsFound(tm.HOME, 21.0, {"uav2": 7}))
-    assert tags(21.0).state is State.AMBER, "home is no calibration"
+    assert tags(21.0).state is Grade.AMBER, "home is no calibration"
     port.receive(22.0, tm.EpochsFound(tm.CALIBRATION, 22.0, {"uav2": 7}))
-    assert tags(22.0).state is State.GREEN
+    assert tags(22.0).state is Grade.GREEN
     port.receive(23.0, tm.OdometryEpoch("uav2", "", 8, "it jumped"))
-    assert tags(23.0).state is State.AMBER
+    assert tags(23.0).state is Grade.AMBER
 
 
 def test_what_the_fleets_check_does_not_know_is_refused(port):

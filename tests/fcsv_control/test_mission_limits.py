@@ -90,7 +90,7 @@ def test_the_control_pc_s_own_recorder_counts_like_those_of_the_vehicles(flying)
     assert not flying.machine.problems
     flying.recorder = RecorderView(age_s=6.0)
     flying.wait(1.0)
-    assert "control PC: its recorder is not heard" in flying.machine.problems
+    assert "control PC: recorder: not heard" in flying.machine.problems
     flying.recorder = RecorderView(age_s=0.5)
     flying.wait(1.0)
     assert not flying.machine.problems, "it is up again within seconds: nothing is lost"
@@ -106,7 +106,7 @@ def test_without_the_control_pc_s_recorder_no_vehicle_is_waited_for_longer(fligh
     f.recorder = RecorderView()
     f.wait(5.0)
     assert f.machine.phase == "WAIT_VEHICLES"
-    assert f.machine.problems == ["control PC: its recorder is not heard"]
+    assert f.machine.problems == ["control PC: recorder: not heard"]
     f.recorder = RecorderView(age_s=0.5)
     f.wait(1.0)
     assert f.machine.phase != "WAIT_VEHICLES"

@@ -7,11 +7,12 @@ import math
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
 from fcsv_control.agent.messages import AgentAlive
+from fcsv_control.conditions import Grade
 from fcsv_control.flight.messages import LinkLives, ParametersChecked, TextHeard
 from fcsv_control.flight_check import keys
 from fcsv_control.flight_check.autopilot_line import AutopilotLine
 from fcsv_control.flight_check.digest import Digest, Status
-from fcsv_control.flight_check.lines import Check, Judged, Line, State, worst
+from fcsv_control.flight_check.lines import Check, Judged, Line, worst
 from fcsv_control.flight_check.messages import (
     CheckReport,
     DiagnosticsCame,
@@ -55,7 +56,7 @@ class VehicleCheckPort:
         f = self._facts = VehicleFacts(relay=relay, line=line or AutopilotLine())
         self._judged, self._pace, self._digest = Judged(vehicle, checks), Pace(), Digest(own)
         self._judged_s = -math.inf
-        self._states: Optional[List[State]] = None  # as they were reported
+        self._states: Optional[List[Grade]] = None  # as they were reported
         self._take: Dict[type, Callable[[float, Any], None]] = {
             PositionCounted: lambda now_s, _m: f.positions.tell(now_s),
             PictureCounted: lambda now_s, _m: f.pictures.tell(now_s),
@@ -103,14 +104,14 @@ class VehicleCheckPort:
         for i, line in enumerate(lines):
             if self._states is None or self._states[i] is line.state:
                 continue
-            log = _log.info if line.state is State.GREEN else _log.warning
+            log = _log.info if line.state is Grade.GREEN else _log.warning
             log("flight check of %s: %s", self._vehicle, in_words(line))
 
 
 def in_words(line: Line) -> str:
     """One line for a log.
 
-    >>> in_words(Line("uav1", "battery", State.AMBER, "31%", "change it"))
+    >>> in_words(Line("uav1", "battery", Grade.AMBER, "31%", "change it"))
     'battery amber: 31% (change it)'
     """
     return f"{line.name} {line.state.word}: {line.what}" + (

@@ -10,6 +10,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 
 from fcsv_control.agent.messages import Ack, AgentAlive, Instruction, Kind
+from fcsv_control.conditions import confidence_level
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.errors import ControlError
 from fcsv_control.flight.messages import (
@@ -24,7 +25,6 @@ from fcsv_control.flight.messages import (
 from fcsv_control.guardian.messages import Cause, Forbidden, GuardianVerdict
 from fcsv_control.guardian.port import MissionFence
 from fcsv_control.recorder_port import RecorderReport
-from fcsv_control.tracker_confidence import confidence
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, fences
 from fcsv_geometry.ros.health import Health
@@ -170,7 +170,7 @@ def fence_of(m: FenceMessage) -> MissionFence:
 
 def confidence_of(m: Odometry) -> float:
     """Gives the confidence of the tracking camera, 0 to 3; NaN where not known."""
-    return confidence(m.pose.covariance[0])
+    return confidence_level(m.pose.covariance[0])
 
 
 def verdict_of(m: GuardianState) -> GuardianVerdict:
