@@ -18,7 +18,7 @@ from typing import Dict, List, Tuple
 
 import numpy as np
 
-from fcsv_control.mission.activities.standing import CaptureWindow
+from fcsv_control.mission.activities.activity import CaptureWindow
 from fcsv_geometry import transforms
 from fcsv_geometry.home import camera_in_home, home_of
 from fcsv_geometry.missions.mission import load_mission

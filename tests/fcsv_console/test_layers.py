@@ -16,7 +16,8 @@ from rich.console import Console as Screen
 from fcsv_console.model import facts, samples
 from fcsv_console.model.console import Console
 from fcsv_console.terminal.screen import screen
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.vehicles.modes import Mode
 
@@ -353,7 +354,7 @@ def test_the_terminal_resumes_what_is_paused_and_hands_nobody_over():
     from fcsv_console.ros.status_command import press
 
     shell = Shell()
-    green = tuple(Line(name, "battery", State.GREEN, "80 %") for name in ("uav1", "uav2"))
+    green = tuple(Line(name, "battery", Grade.GREEN, "80 %") for name in ("uav1", "uav2"))
     shell.console.tell(time.monotonic(), facts.FlightCheckReport(green))
     for phase, waits_for in (("SET_HOME", "execute"), ("CONFIGURATIONS", "resume")):
         shell.console.tell(time.monotonic(), facts.MissionReport(phase, "", waits_for, 0, 2))

@@ -32,14 +32,15 @@ from fcsv_console.model.events import EventLog
 from fcsv_console.model.steady import SteadyVerdict
 from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, UNKNOWN
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 from fcsv_control.mission.activities.stages import GOES_BACK, HOLDS, MOVES, RECORDS, TURNS
 from fcsv_geometry.missions.separation import SeparationRules
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
 
 OUTDOOR = Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml"
-GREEN = (Line("uav1", "battery", State.GREEN, "80 %"), Line("uav2", "battery", State.GREEN, "80 %"))
+GREEN = (Line("uav1", "battery", Grade.GREEN, "80 %"), Line("uav2", "battery", Grade.GREEN, "80 %"))
 
 
 def console():
@@ -290,15 +291,15 @@ def test_the_reason_says_what_is_missing():
 @pytest.mark.parametrize(
     "state, accepted, first, again",
     [
-        (State.RED, False, "flight check: uav1 battery RED", "flight check: uav1 battery RED"),
+        (Grade.RED, False, "flight check: uav1 battery RED", "flight check: uav1 battery RED"),
         (
-            State.UNKNOWN,
+            Grade.UNKNOWN,
             False,
             "flight check: uav1 battery unknown",
             "flight check: uav1 battery unknown",
         ),
-        (State.AMBER, False, "flight check: uav1 battery amber", ""),
-        (State.AMBER, True, "", ""),
+        (Grade.AMBER, False, "flight check: uav1 battery amber", ""),
+        (Grade.AMBER, True, "", ""),
     ],
 )
 def test_guided_is_locked_by_the_flight_check_as_the_mission_locks_it(
@@ -319,18 +320,18 @@ def test_a_flight_check_that_is_not_heard_locks():
     c.tell(15.0, facts.MissionHeartbeat())
     assert (
         why(c, 15.0, "execute") == "the flight check is not heard"
-        and c.view(15.0).check_state is State.UNKNOWN
+        and c.view(15.0).check_state is Grade.UNKNOWN
     )
 
 
 def test_only_amber_lines_are_accepted():
-    assert actions.accept(Line("uav1", "battery", State.AMBER, "")).enabled
+    assert actions.accept(Line("uav1", "battery", Grade.AMBER, "")).enabled
     assert (
-        actions.accept(Line("uav1", "battery", State.RED, "")).why_not
+        actions.accept(Line("uav1", "battery", Grade.RED, "")).why_not
         == "it is RED: only amber lines are accepted"
     )
     assert (
-        actions.accept(Line("uav1", "battery", State.AMBER, "", accepted=True)).why_not
+        actions.accept(Line("uav1", "battery", Grade.AMBER, "", accepted=True)).why_not
         == "it is accepted"
     )
 
@@ -851,7 +852,7 @@ def test_no_number_and_no_name_ends_it(number, name):
         facts.MapReport("x", "", number),
         facts.MissionReport(name, configuration=10**6, configurations=0),
         facts.TagReport("uav1", (-5,)),
-        facts.FlightCheckReport((Line(name, "x", State.RED, ""),), 1.0),
+        facts.FlightCheckReport((Line(name, "x", Grade.RED, ""),), 1.0),
     ):
         c.tell(10.0, fact)
     assert c.view(10.1).vehicles

@@ -15,7 +15,8 @@ from fcsv_console.children.rehearse import Rehearser
 from fcsv_console.model import actions, facts, planning
 from fcsv_console.model.console import Console
 from fcsv_console.model.rehearsal import judged
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 from fcsv_stereo.equations import ErrorThreshold, farthest
 
 OUTDOOR = Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml"
@@ -33,7 +34,7 @@ def waiting(configurations=8):
     """The mission waits for execute; the flight check is green; nothing was rehearsed."""
     c = Console(["uav1", "uav2"])
     c.load(OUTDOOR)
-    c.tell(10.0, facts.FlightCheckReport((Line("uav1", "battery", State.GREEN, "80 %"),)))
+    c.tell(10.0, facts.FlightCheckReport((Line("uav1", "battery", Grade.GREEN, "80 %"),)))
     c.tell(10.0, facts.MissionReport("SET_HOME", "home is set", "execute", 0, configurations))
     return c
 

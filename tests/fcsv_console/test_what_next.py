@@ -11,12 +11,13 @@ import pytest
 from fcsv_console.model import cells, facts, guide, samples
 from fcsv_console.model.console import Console
 from fcsv_console.model.what_next import calibration_words
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 from fcsv_geometry.vehicles.modes import Mode
 
 OUTDOOR = Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml"
 NAMES = ("uav1", "uav2")
-GREEN = tuple(Line(name, "battery", State.GREEN, "80 %") for name in NAMES)
+GREEN = tuple(Line(name, "battery", Grade.GREEN, "80 %") for name in NAMES)
 
 
 def console(rehearsed=True, **more):
@@ -186,7 +187,7 @@ def test_a_calibration_that_is_refused_says_why():
 
 
 def test_amber_lines_alone_are_accepted_next():
-    amber = [Line("uav2", "disk", State.AMBER, "1.2 GB left")]
+    amber = [Line("uav2", "disk", Grade.AMBER, "1.2 GB left")]
     found = told(console(), 10.0, "WAIT_VEHICLES", lines=(*GREEN, *amber))
     assert (found.headline, found.next) == (
         "1 amber line to accept or mend: uav2 disk",
@@ -224,7 +225,7 @@ def shown(c, now_s):
 
 def test_lines_that_are_red_at_every_start_wait_for_a_minute_and_are_red_after_it():
     c = console()
-    early = told(c, 10.0, "WAIT_VEHICLES", lines=(*GREEN, *lines(State.RED, State.UNKNOWN)))
+    early = told(c, 10.0, "WAIT_VEHICLES", lines=(*GREEN, *lines(Grade.RED, Grade.UNKNOWN)))
     assert (
         early.headline
         == "Starting, normal for about a minute: 2 checks of 4 to go (uav1 line0, uav1 line1)"
@@ -237,7 +238,7 @@ def test_lines_that_are_red_at_every_start_wait_for_a_minute_and_are_red_after_i
     assert rows(c, 10.0)["diagnostics"][0] == cells.Cell("ERROR tags: no pictures", cells.QUIET)
     assert cells.problems_tone(c.view(10.0)) == cells.QUIET and c.log.events[-1].level == "info"
     late = told(
-        c, 66.0, "WAIT_VEHICLES", lines=(*GREEN, *lines(State.RED, State.UNKNOWN, since_s=61.0))
+        c, 66.0, "WAIT_VEHICLES", lines=(*GREEN, *lines(Grade.RED, Grade.UNKNOWN, since_s=61.0))
     )
     assert (
         late.headline == "Not ready: uav1 line0: not so; 2 checks of 4 left"
@@ -253,16 +254,16 @@ def test_lines_that_are_red_at_every_start_wait_for_a_minute_and_are_red_after_i
 
 def test_a_line_that_had_passed_is_red_at_once_and_nothing_waits_once_people_fly():
     c = console()
-    told(c, 10.0, "WAIT_VEHICLES", lines=lines(State.GREEN, State.RED))
-    told(c, 12.0, "WAIT_VEHICLES", lines=lines(State.RED, State.RED))
+    told(c, 10.0, "WAIT_VEHICLES", lines=lines(Grade.GREEN, Grade.RED))
+    told(c, 12.0, "WAIT_VEHICLES", lines=lines(Grade.RED, Grade.RED))
     assert shown(c, 12.0) == [("RED", cells.BAD), ("waiting", cells.QUIET)]
-    told(c, 13.0, "TAKE_OFF", lines=lines(State.RED, State.RED))
+    told(c, 13.0, "TAKE_OFF", lines=lines(Grade.RED, Grade.RED))
     assert shown(c, 13.0) == [("RED", cells.BAD)] * 2
 
 
 def test_a_window_that_is_opened_late_sees_how_long_a_line_has_been_red():
     c = console()
-    told(c, 500.0, "WAIT_VEHICLES", lines=lines(State.RED, since_s=300.0))
+    told(c, 500.0, "WAIT_VEHICLES", lines=lines(Grade.RED, since_s=300.0))
     assert shown(c, 500.0) == [("RED", cells.BAD)]
 
 

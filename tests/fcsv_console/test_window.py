@@ -16,7 +16,7 @@ from python_qt_binding.QtTest import QTest
 
 from fcsv_console.model import above_view, actions, facts, mission_file, samples
 from fcsv_console.model.console import Console
-from fcsv_control.flight_check.lines import State
+from fcsv_control.conditions import Grade
 
 OUTDOOR = str(Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml")
 KEYS = QtCore.Qt
@@ -544,7 +544,7 @@ def test_the_line_that_is_chosen_stays_chosen_where_another_comes_above_it(shown
         ]
 
     window.check.selectRow(lines().index(("uav2", "battery")))
-    slow = {("uav1", "camera"): {"state": State.AMBER, "what": "0.4 pictures a second"}}
+    slow = {("uav1", "camera"): {"state": Grade.AMBER, "what": "0.4 pictures a second"}}
     told = [
         replace(li, **slow.get((li.vehicle, li.name), {}))
         for li in console.view(samples.NOW_S).check

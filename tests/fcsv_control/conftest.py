@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fcsv_control.mission.machine import MissionMachine
+from fcsv_control.mission.operator_commands import OperatorCommands
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.modes import Mode
@@ -113,6 +114,15 @@ class Flight:
         self.lossy = 0.0  # share of commands that get lost
         self._random = random
 
+    @property
+    def machine(self) -> MissionMachine:
+        return self._machine
+
+    @machine.setter
+    def machine(self, machine: MissionMachine) -> None:
+        """The mission, or the one of a node that was restarted, and its operator."""
+        self._machine, self.operator = machine, OperatorCommands(machine)
+
     def snapshot(self) -> Snapshot:
         views = {}
         for name, v in self.fleet.items():
@@ -197,7 +207,7 @@ class Flight:
     def press(self, button: str) -> None:
         self.until(lambda: self.machine.waits_for == button, 60.0)
         self.wait(1.1)  # nobody presses twice within a second
-        assert self.machine.proceed(button) == ""
+        assert self.operator.proceed(button) == ""
 
     @property
     def captured(self):

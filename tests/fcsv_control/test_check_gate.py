@@ -4,11 +4,12 @@ accepted by name."""
 
 import pytest
 
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 from fcsv_control.mission.watches.check_gate import CheckGate
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 
-G, A, R, U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
+G, A, R, U = Grade.GREEN, Grade.AMBER, Grade.RED, Grade.UNKNOWN
 
 
 def line(state, accepted=False, name="battery"):
@@ -93,14 +94,14 @@ def test_execute_is_refused_and_taken_once_the_line_is_accepted(flown):
     flown.until(lambda: flown.machine.waits_for == "execute")
     flown.wait(1.1)
     ordered = len(flown.orders)
-    for refused in (flown.machine.proceed("execute"), flown.machine.execute([0])):
+    for refused in (flown.operator.proceed("execute"), flown.operator.execute([0])):
         assert "uav2 battery is amber (31%)" in refused
     flown.wait(3.0)
     assert flown.machine.phase == "SET_HOME" and len(flown.orders) == ordered, (
         "nobody was asked for GUIDED"
     )
     flown.say(line(A, True))
-    assert flown.machine.proceed("execute") == ""
+    assert flown.operator.proceed("execute") == ""
     flown.phase("DONE")
     assert flown.captured == [0, 1], "all, not those of the execute that was refused"
 
@@ -108,13 +109,13 @@ def test_execute_is_refused_and_taken_once_the_line_is_accepted(flown):
 def test_a_list_that_was_begun_goes_on_over_amber_and_not_over_red(flown):
     flown.say(line(G))
     flown.up_to_configurations()
-    assert flown.machine.control("pause") == ""
+    assert flown.operator.control("pause") == ""
     flown.until(lambda: flown.machine.waits_for == "resume")
     flown.wait(1.1)
     flown.say(line(R))
-    assert "abort to land" in flown.machine.control("resume")
+    assert "abort to land" in flown.operator.control("resume")
     flown.say(line(A))
-    assert flown.machine.control("resume") == ""
+    assert flown.operator.control("resume") == ""
     flown.phase("CONFIGURATIONS")
 
 
@@ -122,5 +123,5 @@ def test_a_red_line_never_keeps_anybody_from_landing(flown):
     flown.say(line(G))
     flown.up_to_configurations()
     flown.say(line(R))
-    assert flown.machine.control("abort") == ""
+    assert flown.operator.control("abort") == ""
     flown.phase("ABORTED")

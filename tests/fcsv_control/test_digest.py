@@ -126,16 +126,17 @@ def test_lines_survive_the_message():
     assert on_the_way_bytes(()) == 20 + ON_THE_WAY_BYTES
 
 
-def test_what_nodes_publish_comes_out_as_a_message(monkeypatch):
-    """The shell around the core, without a master."""
+def test_what_nodes_publish_comes_in_and_the_worst_goes_out(monkeypatch):
+    """The topics, without a master."""
     import io
 
     import rospy
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
+    from fcsv_control.flight_check.messages import DiagnosticsCame
     from fcsv_control.ros.checks import diagnostics_digest
 
-    published, heard = [], {}
+    published, heard, came = [], {}, []
 
     class Publisher:
         def __init__(self, topic, *_, **__):
@@ -149,8 +150,7 @@ def test_what_nodes_publish_comes_out_as_a_message(monkeypatch):
         rospy, "Subscriber", lambda topic, kind, call, **_: heard.update({topic: (kind, call)})
     )
     monkeypatch.setattr(rospy, "get_time", lambda: 12.0)
-    shell = diagnostics_digest.DiagnosticsDigest()
-    shell.step()
+    topics = diagnostics_digest.DiagnosticsTopics(came.append)
     kind, call = heard["/diagnostics"]
     told, buffer = kind(), io.BytesIO()
     DiagnosticArray(
@@ -158,12 +158,11 @@ def test_what_nodes_publish_comes_out_as_a_message(monkeypatch):
     ).serialize(buffer)
     told._buff = buffer.getvalue()
     call(told)
-    until(lambda: len(published) >= 2, what="the line that is wrong", meanwhile=shell.step)
-    assert [[(s.level, s.name, s.message) for s in m.status] for m in published] == [
-        [],
-        [(2, "a", "m")],
-    ]
-    assert published[1].header.stamp.to_sec() == 12.0
+    assert came == [DiagnosticsCame([Status("a", ERROR, "m"), Status("b", OK, "")])]
+    topics.publish([Status("a", ERROR, "m")])
+    (out,) = published
+    assert [(s.level, s.name, s.message) for s in out.status] == [(2, "a", "m")]
+    assert out.header.stamp.to_sec() == 12.0
 
 
 def test_examples():

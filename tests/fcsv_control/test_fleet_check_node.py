@@ -48,14 +48,15 @@ class StandIns:
         import rospy
         from nav_msgs.msg import Odometry
 
-        from fcsv_control.flight_check.lines import Line, State
+        from fcsv_control.conditions import Grade
+        from fcsv_control.flight_check.lines import Line
         from fcsv_control.ros.checks.flight_check_messages import small
         from fcsv_geometry.missions.flight_limits import FlightBounds
         from fcsv_msgs.msg import ClockOffset, ParameterReport, TagDetection, TagDetections
 
         for n in set(NAMES) - set(self.quiet):
-            battery = self.battery if n == NAMES[1] else State.GREEN
-            lines = [Line(n, "battery", State(battery), "31%"), Line(n, "feed", State.GREEN, "")]
+            battery = self.battery if n == NAMES[1] else Grade.GREEN
+            lines = [Line(n, "battery", Grade(battery), "31%"), Line(n, "feed", Grade.GREEN, "")]
             offset = ClockOffset(vehicle=n, offset_s=0.001, uncertainty_s=0.002)
             offset.header.stamp = rospy.Time.now()
             self.topics[n, "flight_check"].publish(small(n, lines, 0.2))
@@ -80,10 +81,10 @@ class StandIns:
         return {(li.vehicle, li.name): li for li in lines_of(self.table)}
 
     def wrong(self):
-        from fcsv_control.flight_check.lines import State
+        from fcsv_control.conditions import Grade
 
         return {
-            key for key, line in self.lines().items() if line.state is not State.GREEN
+            key for key, line in self.lines().items() if line.state is not Grade.GREEN
         } - LACKING
 
     def close(self):

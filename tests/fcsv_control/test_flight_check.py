@@ -6,38 +6,40 @@ import doctest
 import importlib
 import math
 import re
-from dataclasses import fields
-from types import SimpleNamespace
+from dataclasses import fields, replace
 
 import pytest
 
-from fcsv_control.flight_check import table
+from fcsv_control.agent.messages import AgentAlive
+from fcsv_control.conditions import Grade
+from fcsv_control.flight.messages import AutopilotLimits, LinkLives, ParametersChecked
+from fcsv_control.flight_check import speeds, table
 from fcsv_control.flight_check.acceptance import Acceptances
 from fcsv_control.flight_check.fleet import (
     CONTROL_CHECKS,
     FLEET_CHECKS,
     FleetCheckRules,
     FleetTable,
-    speed_check,
 )
 from fcsv_control.flight_check.keys import Keys
-from fcsv_control.flight_check.lines import Judged, Line, State, worst
+from fcsv_control.flight_check.lines import Judged, Line, worst
 from fcsv_control.flight_check.links import CHECKS, TELLO_CHECKS
 from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, Disk, VehicleFacts
-from fcsv_control.guardian.messages import Cause
+from fcsv_control.guardian.messages import Cause, Forbidden, GuardianVerdict
 from fcsv_control.guardian.rules import GuardianRules
+from fcsv_control.recorder_port import RecorderReport
 from fcsv_geometry import config
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_tracking.devices.clocks import ClockOffset
 
 NAN, INF = float("nan"), float("inf")
-G, A, R, U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
+G, A, R, U = Grade.GREEN, Grade.AMBER, Grade.RED, Grade.UNKNOWN
 
 
 def link(**changed):
-    """fcsv_msgs/LinkHealth of a vehicle that may take off."""
+    """The flight link of a vehicle that may take off."""
     well = {
         "connected": True,
         "ekf_flags": 0x33F,
@@ -50,30 +52,41 @@ def link(**changed):
         "feed_age_s": 0.03,
         "estimate_apart_m": 0.02,
         "doubt": "",
-        "in_the_air": 0,
-        "prearm": 1,
+        "in_the_air": False,
+        "prearm_ok": True,
+        "system_status": 3,
+        "parameters_ok": True,
+        "parameter": "",
+        "pid": 1,
     }
-    return SimpleNamespace(**{**well, **changed})
+    return LinkLives(**{**well, **changed})
 
 
-def parameters(**changed):
-    return SimpleNamespace(
-        **{"profile": "t265", "complete": True, "blocks": [], "advises": [], **changed}
+def parameters(limits=None, **changed):
+    told = {"profile": "t265", "firmware": "", "complete": True, "blocks": [], "advises": []}
+    return ParametersChecked(
+        **{**told, "unknown": [], "limits": AutopilotLimits(limits or {}), **changed}
     )
 
 
+def recorder(problem="", dropped=0):
+    return RecorderReport("/out/uav1.bag", False, 0, 0, dropped, NAN, problem)
+
+
+def agent(problem=""):
+    return AgentAlive("agent-1", 0.0, 0.0, problem=problem)
+
+
 STICK, NO_POSES, NO_ORIGIN = (
-    (Cause.STICK, "the throttle stick"),
-    (Cause.NO_POSES, "no poses"),
-    (Cause.OTHER, "the autopilot has no origin yet"),
+    Forbidden("the throttle stick", Cause.STICK),
+    Forbidden("no poses", Cause.NO_POSES),
+    Forbidden("the autopilot has no origin yet"),
 )
 
 
 def guardian(*forbids, **changed):
     """``forbids``: the stick, where nothing is given."""
-    causes, texts = zip(*(forbids or [STICK]))
-    told = {"action": "", "reasons": [], "forbids": texts, "causes": causes, "lost": False}
-    return SimpleNamespace(**{**told, **changed})
+    return GuardianVerdict(forbidden=forbids or (STICK,), **changed)
 
 
 class Vehicle:
@@ -95,10 +108,10 @@ class Vehicle:
             armed=False,
             battery_share=0.9,
             tracker_variance_m2=1e-3,
-            recorder=SimpleNamespace(problem="", dropped=0),
+            recorder=recorder(),
             disk=Disk(50000.0),
             guardian=guardian(),
-            agent=SimpleNamespace(problem=""),
+            agent=agent(),
             keys=Keys(False),
         )
 
@@ -136,9 +149,9 @@ def test_what_was_heard_long_ago_is_never_green():
     [
         ({"link": link(connected=False)}, {"link": R}, "no heartbeat"),
         ({"link": link(ekf_age_s=INF)}, {"streams": R, "ekf": U}, "filter"),
-        ({"link": link(prearm=2)}, {"pre-arm": R}, "not ready to arm"),
-        ({"link": link(prearm=0)}, {"pre-arm": U}, "has not said"),
-        ({"link": link(prearm=2), "armed": True}, {}, ""),
+        ({"link": link(prearm_ok=False)}, {"pre-arm": R}, "not ready to arm"),
+        ({"link": link(prearm_ok=None)}, {"pre-arm": U}, "has not said"),
+        ({"link": link(prearm_ok=False), "armed": True}, {}, ""),
         ({"link": link(origin_set=False)}, {"origin": R}, "no origin"),
         (
             {"parameters": parameters(blocks=["A is 1", "B is 2"])},
@@ -159,9 +172,9 @@ def test_what_was_heard_long_ago_is_never_green():
         ({"link": link(ekf_variance=NAN)}, {"ekf": U}, "not known"),
         ({"link": link(estimate_apart_m=0.3)}, {"estimate": A}, "0.3 m"),
         ({"link": link(estimate_apart_m=0.6)}, {"estimate": R}, "0.6 m"),
-        ({"link": link(estimate_apart_m=0.4, in_the_air=1), "armed": True}, {}, ""),
+        ({"link": link(estimate_apart_m=0.4, in_the_air=True), "armed": True}, {}, ""),
         (
-            {"link": link(estimate_apart_m=1.1, in_the_air=1), "armed": True},
+            {"link": link(estimate_apart_m=1.1, in_the_air=True), "armed": True},
             {"estimate": R},
             "1.1 m",
         ),
@@ -178,25 +191,21 @@ def test_what_was_heard_long_ago_is_never_green():
         ({"tracker_variance_m2": 0.0}, {"tracker": A}, "tells no confidence"),
         ({"battery_share": 0.39}, {"battery": A}, "39%"),
         ({"battery_share": 0.19}, {"battery": R}, "19%"),
-        ({"battery_share": NAN}, {"battery": R}, "does not know"),
-        (
-            {"recorder": SimpleNamespace(problem="disk full", dropped=0)},
-            {"recorder": R},
-            "disk full",
-        ),
-        ({"recorder": SimpleNamespace(problem="", dropped=3)}, {"recorder": A}, "3 messages"),
+        ({"battery_share": NAN}, {"battery": R}, "is not known"),
+        ({"recorder": recorder("disk full", 0)}, {"recorder": R}, "disk full"),
+        ({"recorder": recorder("", 3)}, {"recorder": A}, "3 messages"),
         ({"disk": Disk(5000.0, math.inf)}, {"disk": A}, "4.9 GiB free"),
         ({"disk": Disk(5000.0, 8561.0)}, {"disk": A}, "enough for over 99 h"),
         ({"disk": Disk(5000.0, 12.0)}, {"disk": A}, "enough for 12 min"),
         ({"disk": Disk(900.0)}, {"disk": R}, "0.9 GiB"),
         ({"guardian": guardian(STICK, NO_ORIGIN)}, {"guardian": R}, "no origin"),
         (
-            {"guardian": guardian(action="hold", reasons=["the agent is silent"])},
+            {"guardian": guardian(action="hold", reasons=("the agent is silent",))},
             {"guardian": R},
             "hold: the agent",
         ),
         ({"guardian": guardian(lost=True)}, {"guardian": R}, "lost"),
-        ({"agent": SimpleNamespace(problem="a twin lives")}, {"agent": R}, "twin"),
+        ({"agent": agent("a twin lives")}, {"agent": R}, "twin"),
         ({"keys": Keys(True)}, {}, ""),
         ({"keys": Keys(True, "they run out on 2026-12-01")}, {"keys": A}, "run out"),
         (
@@ -231,7 +240,7 @@ def test_a_low_rate_of_positions_and_pictures():
 
 def test_the_autopilots_own_words():
     v = Vehicle()
-    v.tell(link=link(prearm=2))
+    v.tell(link=link(prearm_ok=False))
     v.facts.texts.add(v.now_s - 31.0, "PreArm: RC not found")
     v.facts.texts.add(v.now_s - 1.0, "PreArm: AHRS: waiting for home")
     v.facts.texts.add(v.now_s - 0.9, "PreArm: VisOdom: not healthy")
@@ -286,7 +295,7 @@ def tello(root):
 
 
 def tello_link(**changed):
-    """As ros/tello_messages.py fills LinkHealth: there is no filter and no pre-arm state."""
+    """A Tello's has no filter and no pre-arm state."""
     return link(
         ekf_flags=0,
         ekf_variance=NAN,
@@ -295,7 +304,7 @@ def tello_link(**changed):
         feed_rate_hz=8.0,
         feed_age_s=0.4,
         estimate_apart_m=NAN,
-        prearm=0,
+        prearm_ok=None,
         **changed,
     )
 
@@ -320,45 +329,44 @@ def test_a_tello_that_is_well_is_green_and_nothing_heard_is_not(tello):
             "Wi-Fi",
         ),
         (
-            {"link": {"in_the_air": -1}},
+            {"link": {"in_the_air": None}},
             {"flight data": R},
             "does not say whether it flies",
             "firmware",
         ),
         ({"link": {"feed_rate_hz": 5.0}}, {"feed": A}, "5 poses", "tracker on the ground"),
         (
-            {"link": {"feed_rate_hz": 2.0, "in_the_air": 1}},
+            {"link": {"feed_rate_hz": 2.0, "in_the_air": True}},
             {"feed": R},
             "2 poses",
             "tracker on the ground",
         ),
         (
-            {"link": {"feed_age_s": 0.9, "in_the_air": 1}},
+            {"link": {"feed_age_s": 0.9, "in_the_air": True}},
             {"feed": R},
             "no pose",
             "tracker on the ground",
         ),
         (
-            {"link": {"feed_age_s": 0.9, "in_the_air": 0}},
+            {"link": {"feed_age_s": 0.9, "in_the_air": False}},
             {"feed": A},
             "it stands",
             "tracker on the ground",
         ),
         (
-            {"link": {"doubt": "poses that cannot be", "in_the_air": 0}},
+            {"link": {"doubt": "poses that cannot be", "in_the_air": False}},
             {"feed": R},
             "cannot be",
             "tracker on the ground",
         ),
         ({"link": {"throttle": NAN}}, {"transmitter": R}, "no transmitter", "joy_node"),
         ({"guardian": guardian(STICK, NO_POSES)}, {}, "", ""),
-        ({"battery_share": NAN}, {"battery": R}, "does not say how full", "change it"),
+        ({"battery_share": NAN}, {"battery": R}, "is not known", "change it"),
         ({"battery_share": 0.3}, {"battery": A}, "30%", "change it"),
     ],
 )
 def test_one_fault_of_a_tello(tello, told, found, words, remedy):
-    changed = {**vars(tello_link()), **told["link"]} if "link" in told else None
-    tello.tell(**({"link": SimpleNamespace(**changed)} if changed else told))
+    tello.tell(**({"link": replace(tello_link(), **told["link"])} if "link" in told else told))
     assert tello.not_green() == found
     for name in list(found)[:1]:
         line = tello.lines()[name]
@@ -366,7 +374,7 @@ def test_one_fault_of_a_tello(tello, told, found, words, remedy):
 
 
 def test_in_the_air_a_tello_that_no_tracker_sees_may_not_be_handed_over(tello):
-    tello.tell(link=tello_link(in_the_air=1), guardian=guardian(NO_POSES))
+    tello.tell(link=tello_link(in_the_air=True), guardian=guardian(NO_POSES))
     assert tello.not_green() == {"guardian": R}
 
 
@@ -440,10 +448,6 @@ def test_examples(name):
     assert doctest.testmod(importlib.import_module(f"fcsv_control.flight_check.{name}")).failed == 0
 
 
-def test_example_of_the_tracker():
-    assert doctest.testmod(importlib.import_module("fcsv_control.tracker_confidence")).failed == 0
-
-
 # ---- the fleet -----------------------------------------------------------------------------------
 
 
@@ -459,7 +463,7 @@ class Fleet:
         c = self.table.control
         c.mission.tell(self.now_s, "WAIT_VEHICLES")
         c.stop_all.tell(self.now_s, True)
-        c.recorder.tell(self.now_s, SimpleNamespace(problem="", dropped=0))
+        c.recorder.tell(self.now_s, recorder())
         c.disk.tell(self.now_s, Disk(9000.0))
         c.keys.tell(self.now_s, Keys(False))
         for v in self.table.vehicles.values():
@@ -531,7 +535,7 @@ def test_clocks_count_as_apart_where_they_are_so_for_sure(offset_s, uncertainty_
 def test_the_control_pcs_own_programs():
     fleet = Fleet()
     c = fleet.table.control
-    c.recorder.tell(fleet.now_s, SimpleNamespace(problem="disk full", dropped=0))
+    c.recorder.tell(fleet.now_s, recorder("disk full", 0))
     c.disk.tell(fleet.now_s, Disk(1500.0))
     c.link = "fkie"
     assert fleet.not_green() == {
@@ -546,10 +550,10 @@ def test_the_control_pcs_own_programs():
 
 
 def limits(**changed):
-    """fcsv_msgs/ParameterReport of an autopilot that flies as fast as missions plan with, but for
+    """The parameters of an autopilot that flies as fast as missions plan with, but for
     what is changed."""
     values = {**FlightBounds().autopilot_parameters, **changed}
-    return SimpleNamespace(complete=True, limits=list(values), limit_values=list(values.values()))
+    return parameters(values)
 
 
 @pytest.mark.parametrize(
@@ -578,18 +582,8 @@ def limits(**changed):
             "faster than planned: WPNAV_SPEED_UP is 160",
         ),
         ({}, limits(WPNAV_ACCEL_Z=NAN), A, "not known of it: WPNAV_ACCEL_Z"),
-        (
-            {},
-            SimpleNamespace(complete=True, limits=[], limit_values=[]),
-            A,
-            "WPNAV_SPEED, WPNAV_SPEED_UP",
-        ),
-        (
-            {},
-            SimpleNamespace(**{**vars(limits(WPNAV_SPEED=NAN)), "complete": False}),
-            U,
-            "being read",
-        ),
+        ({}, parameters(), A, "WPNAV_SPEED, WPNAV_SPEED_UP"),
+        ({}, replace(limits(WPNAV_SPEED=NAN), complete=False), U, "being read"),
         ({}, None, U, "not heard"),
     ],
 )
@@ -674,7 +668,7 @@ def rows(root, heading):
     "heading, checks",
     [
         ("Lines of a vehicle", VEHICLE_CHECKS),
-        ("Lines about a vehicle", (*FLEET_CHECKS, speed_check(FlightBounds()))),
+        ("Lines about a vehicle", (*FLEET_CHECKS, speeds.check(FlightBounds()))),
         ("Lines of the control PC", CONTROL_CHECKS),
         ("Lines of a Tello", TELLO_CHECKS),
     ],

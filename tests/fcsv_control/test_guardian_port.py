@@ -139,7 +139,7 @@ def test_what_the_link_tells(port):
     port.receive(
         NOW_S,
         link(
-            throttle_age_s=2.0, system_status=5, parameters_ok=False, parameter="X", connected=False
+            throttle_age_s=2.1, system_status=5, parameters_ok=False, parameter="X", connected=False
         ),
     )
     report = port.core.air.link

@@ -17,7 +17,6 @@ from fcsv_control.errors import CommandRefused, LinkError
 from fcsv_control.flight.messages import (
     AutopilotState,
     BatteryTold,
-    Diagnosis,
     EstimateMoved,
     FromAutopilot,
     LinkLives,
@@ -38,6 +37,7 @@ from fcsv_control.flight.settings.profile import NOTHING
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.modes import Mode
+from fcsv_geometry.vehicles.telemetry import Diagnosis
 
 M = mavutil.mavlink
 STABILIZE, GUIDED, LOITER, LAND, BRAKE = 0, 4, 5, 9, 17

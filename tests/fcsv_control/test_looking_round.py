@@ -183,7 +183,7 @@ def half_round(flight, **more):
 
 def test_after_a_pause_it_goes_on_from_its_heading_without_a_jump_of_the_order(flight):
     w = half_round(flight)
-    assert w.f.machine.control("pause") == ""
+    assert w.f.operator.control("pause") == ""
     w.look()
     stood_rad = w.turned_rad["uav1"]
     for _ in range(50):
@@ -212,14 +212,28 @@ def test_a_pilot_may_take_it_over_at_any_time(flight):
 
 def test_an_abort_in_the_turn_lands(flight):
     w = half_round(flight)
-    assert w.f.machine.control("abort") == ""
+    assert w.f.operator.control("abort") == ""
     w.f.phase("ABORTED", 60.0)
     assert all(not v.armed for v in w.f.fleet.values())
 
 
+def test_a_sweep_that_was_disturbed_is_flown_again_and_nobody_turns_on_its_way_back(flight):
+    swept = StereoConfiguration(sweep=Sweep("horizontal", 2.0, 6.0, 1.0))
+    w = Watched(flight, mission(swept))
+    w.until(lambda: w.f.machine.so_far)  # the mover is far from where it turned
+    w.f.clock_set += 1
+    w.until(lambda: not w.f.machine.so_far)
+    rounds = list(w.rounds)
+    w.until(lambda: w.f.machine.phase == "DONE")
+    assert w.f.captured == [0] and w.rounds == rounds
+    assert [r for r in rounds if "column" in r] == [
+        f"uav{k} looks round in the column" for k in (1, 2)
+    ]
+
+
 def test_skip_in_the_column_leaves_out_the_turn_and_no_configuration(flight):
     w = half_round(flight)
-    assert w.f.machine.control("skip") == ""
+    assert w.f.operator.control("skip") == ""
     w.until(lambda: w.f.machine.phase == "DONE")
     assert w.f.captured == [0, 1] and max(w.recorded_rad) < math.radians(3.0)
     assert (
@@ -231,7 +245,7 @@ def test_skip_in_the_column_leaves_out_the_turn_and_no_configuration(flight):
 def test_skip_at_a_place_leaves_out_its_configuration(flight):
     w = Watched(flight, mission())
     w.until(lambda: w.f.machine.detail == "uav2 looks round at horizontal 4 m")
-    assert w.f.machine.control("skip") == ""
+    assert w.f.operator.control("skip") == ""
     w.until(lambda: w.f.machine.phase == "DONE")
     assert w.f.captured == [1]
 

@@ -90,7 +90,7 @@ def test_the_control_pc_s_own_recorder_counts_like_those_of_the_vehicles(flying)
     assert not flying.machine.problems
     flying.recorder = RecorderView(age_s=6.0)
     flying.wait(1.0)
-    assert "control PC: its recorder is not heard" in flying.machine.problems
+    assert "control PC: recorder: not heard" in flying.machine.problems
     flying.recorder = RecorderView(age_s=0.5)
     flying.wait(1.0)
     assert not flying.machine.problems, "it is up again within seconds: nothing is lost"
@@ -106,7 +106,7 @@ def test_without_the_control_pc_s_recorder_no_vehicle_is_waited_for_longer(fligh
     f.recorder = RecorderView()
     f.wait(5.0)
     assert f.machine.phase == "WAIT_VEHICLES"
-    assert f.machine.problems == ["control PC: its recorder is not heard"]
+    assert f.machine.problems == ["control PC: recorder: not heard"]
     f.recorder = RecorderView(age_s=0.5)
     f.wait(1.0)
     assert f.machine.phase != "WAIT_VEHICLES"
@@ -286,11 +286,11 @@ def test_who_is_silent_since_it_stood_on_the_ground_may_fly_by_now(flight):
 
 
 def test_a_second_abort_is_not_refused(flying):
-    assert flying.machine.control("abort") == ""
+    assert flying.operator.control("abort") == ""
     flying.wait(0.3)
-    assert flying.machine.phase == "LAND" and flying.machine.control("abort") == ""
+    assert flying.machine.phase == "LAND" and flying.operator.control("abort") == ""
     flying.phase("ABORTED", 60.0)
-    assert "the mission is over" in flying.machine.control("abort")
+    assert "the mission is over" in flying.operator.control("abort")
 
 
 @pytest.mark.parametrize("field", [f.name for f in dataclasses.fields(PauseLimits)])

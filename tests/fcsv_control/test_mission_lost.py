@@ -71,14 +71,14 @@ def test_calibrate_set_home_and_execute_are_refused(flight, phase, step):
     f = up_to(flight(mission()), phase)
     f.fleet["uav2"].lost = True
     f.wait(2.0)
-    answers = [f.machine.proceed(step)] + ([f.machine.execute([])] if step == "execute" else [])
+    answers = [f.operator.proceed(step)] + ([f.operator.execute([])] if step == "execute" else [])
     for refusal in answers:
         assert "uav2 lost its position" in refusal and "abort" in refusal
         assert Mode.LOITER not in refusal and "GUIDED" not in refusal
     assert f.machine.phase == phase and not f.machine.wants
     f.fleet["uav2"].lost = False
     f.wait(2.0)
-    assert f.machine.proceed(step) == ""
+    assert f.operator.proceed(step) == ""
 
 
 @pytest.mark.parametrize("phase", _BY_HAND)
@@ -128,4 +128,4 @@ def test_who_flies_one_that_is_lost_is_not_told_to_give_it_back(flight, mode):
         and "give it back" not in told
         and "confirm" not in told
     )
-    assert f.machine.waits_for == "" and "uav2 lost its position" in f.machine.proceed("resume")
+    assert f.machine.waits_for == "" and "uav2 lost its position" in f.operator.proceed("resume")

@@ -165,7 +165,7 @@ def test_waits_for_what_people_do(flight):
     f.phase("COLUMN")
     f.fleet["uav2"].sees_front_s = 1.0  # not steady yet
     f.wait(3.0)
-    assert f.machine.waits_for == "" and "COLUMN" in f.machine.proceed("calibrate")
+    assert f.machine.waits_for == "" and "COLUMN" in f.operator.proceed("calibrate")
     f.fleet["uav2"].sees_front_s = 2.5
     f.press("calibrate")
     f.machine.answer("calibrate", False, "too few detections")
@@ -646,10 +646,10 @@ def test_two_quick_confirmations_are_one(flight):
     """Two calls at set_home used to hand over to GUIDED."""
     f = flight(mission())
     f.up_to_home()
-    assert "a moment ago" in f.machine.proceed("execute") and f.machine.phase == "SET_HOME"
+    assert "a moment ago" in f.operator.proceed("execute") and f.machine.phase == "SET_HOME"
     f.wait(1.2)
-    assert "'execute' is waited for, not 'set_home'" in f.machine.proceed("set_home")
-    assert f.machine.proceed("execute") == "" and f.machine.phase == "GUIDED"
+    assert "'execute' is waited for, not 'set_home'" in f.operator.proceed("set_home")
+    assert f.operator.proceed("execute") == "" and f.machine.phase == "GUIDED"
 
 
 def test_abort_while_they_take_off_tells_the_pilot_of_who_is_in_the_air_to_land(flight):

@@ -337,14 +337,15 @@ class Check:
     def __init__(self):
         import rospy
 
-        from fcsv_control.flight_check.lines import Line, State
+        from fcsv_control.conditions import Grade
+        from fcsv_control.flight_check.lines import Line
         from fcsv_control.ros.checks.flight_check_messages import whole
         from fcsv_geometry.ros import node
         from fcsv_msgs.msg import FlightCheck
 
         self.state, self.accepted = "RED", False
         self.topic = rospy.Publisher("/flight_check", FlightCheck, queue_size=2)
-        line = lambda: Line(NAMES[1], "battery", State[self.state], "31%", accepted=self.accepted)  # noqa: E731
+        line = lambda: Line(NAMES[1], "battery", Grade[self.state], "31%", accepted=self.accepted)  # noqa: E731
         self.timer = node.every(0.1, lambda _event: self.topic.publish(whole([line()], 0.3)))
 
     def close(self):

@@ -34,7 +34,7 @@ def until_recording(f, index):
 
 def test_a_pause_holds_until_it_is_resumed(flying):
     until_recording(flying, 0)
-    assert flying.machine.control("pause") == ""
+    assert flying.operator.control("pause") == ""
     flying.wait(1.0)
     before = {n: v.T_home_body.copy() for n, v in flying.fleet.items()}
     flying.wait(60.0)
@@ -45,7 +45,7 @@ def test_a_pause_holds_until_it_is_resumed(flying):
         flying.machine.waits_for == "resume"
         and "paused by the operator" in flying.machine.problems[0]
     )
-    assert flying.machine.control("resume") == ""
+    assert flying.operator.control("resume") == ""
     flying.phase("DONE", 200.0)
     assert flying.captured == [0, 1, 2]
 
@@ -61,11 +61,11 @@ def test_nobody_sets_out_before_all_stand(flying, change):
     flying.until(lambda: flying.machine.stage == "moves" and len(gone(flying)) == 1)
     flying.wait(0.5)
     if change == "resume":
-        flying.machine.control("pause")
+        flying.operator.control("pause")
         flying.wait(0.2)
     flying.fleet["uav2"].swings_mps = 0.5
     before, told_s = len(gone(flying)), flying.now_s
-    assert flying.machine.control(change) == ""
+    assert flying.operator.control(change) == ""
     flying.wait(3.0)
     assert len(gone(flying)) == before and flying.machine.detail == "all come to a stand"
     flying.fleet["uav2"].swings_mps = 0.1  # as it turns, and then it swings back
@@ -81,7 +81,7 @@ def test_nobody_sets_out_before_all_stand(flying, change):
 def test_who_never_stands_is_not_waited_for(flying):
     flying.until(lambda: flying.machine.stage == "moves" and len(gone(flying)) == 1)
     flying.fleet["uav1"].swings_mps = 0.5  # in gusts
-    flying.machine.control("repeat")
+    flying.operator.control("repeat")
     told_s = flying.now_s
     flying.until(lambda: len(gone(flying)) > 1)
     assert 8.0 < gone(flying)[1] - told_s < 9.0
@@ -90,14 +90,14 @@ def test_who_never_stands_is_not_waited_for(flying):
 def test_a_pause_that_the_operator_forgets_ends(flight):
     f = flight(mission(operator_s=20.0))
     f.up_to_configurations()
-    f.machine.control("pause")
+    f.operator.control("pause")
     f.phase("ABORTED", 60.0)
     assert "the operator has not confirmed for 20 s" in f.machine.detail
 
 
 def test_skip_leaves_the_running_one_out(flying):
     until_recording(flying, 1)
-    assert flying.machine.control("skip") == ""
+    assert flying.operator.control("skip") == ""
     flying.wait(0.3)
     assert not flying.fleet["uav2"].recording and flying.machine.configuration == 2
     flying.phase("DONE", 200.0)
@@ -109,7 +109,7 @@ def test_skip_leaves_the_running_one_out(flying):
 
 def test_repeat_begins_the_running_one_again(flying):
     until_recording(flying, 1)
-    assert flying.machine.control("repeat") == ""
+    assert flying.operator.control("repeat") == ""
     flying.wait(0.3)
     assert not flying.fleet["uav2"].recording
     flying.phase("DONE", 200.0)
@@ -118,35 +118,35 @@ def test_repeat_begins_the_running_one_again(flying):
 
 def test_next_puts_the_running_one_off(flying):
     until_recording(flying, 0)
-    assert flying.machine.control("next") == ""
+    assert flying.operator.control("next") == ""
     flying.phase("DONE", 200.0)
     assert flying.captured == [1, 2, 0]
 
 
 def test_previous_flies_the_one_before_again(flying):
     until_recording(flying, 1)
-    assert flying.machine.control("previous") == ""
+    assert flying.operator.control("previous") == ""
     flying.phase("DONE", 200.0)
     assert flying.captured == [0, 0, 1, 2]
 
 
 def test_on_the_last_way_back_the_last_one_can_be_repeated(flying):
     flying.until(lambda: len(flying.machine.captures) == 3)
-    assert "no configuration is left" in flying.machine.control("skip")
-    assert flying.machine.control("repeat") == ""
+    assert "no configuration is left" in flying.operator.control("skip")
+    assert flying.operator.control("repeat") == ""
     flying.phase("DONE", 200.0)
     assert flying.captured == [0, 1, 2, 2]
 
 
 def test_what_cannot_be_done_is_said(flight):
     f = flight(mission())
-    assert "is not one of pause, resume, skip" in f.machine.control("jump")
-    assert "this is WAIT_VEHICLES" in f.machine.control("pause")
-    assert "nothing is waited for" in f.machine.control("resume")
+    assert "is not one of pause, resume, skip" in f.operator.control("jump")
+    assert "this is WAIT_VEHICLES" in f.operator.control("pause")
+    assert "nothing is waited for" in f.operator.control("resume")
     f.up_to_configurations()
-    assert "no configuration was flown before" in f.machine.control("previous")
+    assert "no configuration was flown before" in f.operator.control("previous")
     f.machine.finish("enough")
-    assert "go back and land: enough" in f.machine.control("skip")
+    assert "go back and land: enough" in f.operator.control("skip")
     f.phase("ABORTED", 60.0)
 
 
@@ -154,7 +154,7 @@ def test_who_is_away_goes_back_before_another_moves(flight):
     f = flight(mission("uav2", "uav3"), ("uav1", "uav2", "uav3"))
     f.up_to_configurations()
     until_recording(f, 0)
-    f.machine.control("next")
+    f.operator.control("next")
     f.phase("DONE", 200.0)
     assert [(w.index, w.vehicle) for w in f.machine.captures] == [
         (1, "uav3"),
@@ -187,16 +187,16 @@ def test_every_change_keeps_one_vehicle_away_at_a_time():
 def test_chosen_configurations_are_flown_in_their_order(flight):
     f = flight(mission())
     f.line_up()
-    assert "'execute' is not waited for in COLUMN" in f.machine.execute([0])
+    assert "'execute' is not waited for in COLUMN" in f.operator.execute([0])
     f.press("calibrate")
     f.machine.answer("calibrate", True, "good")
     f.press("set_home")
     f.home_known = True
     f.machine.answer("set_home", True, "set")
     f.wait(1.2)
-    assert "numbered 0..2, each once; got [3]" in f.machine.execute([3])
-    assert "each once" in f.machine.execute([1, 1])
-    assert f.machine.execute([2, 0]) == ""
+    assert "numbered 0..2, each once; got [3]" in f.operator.execute([3])
+    assert "each once" in f.operator.execute([1, 1])
+    assert f.operator.execute([2, 0]) == ""
     shares = []
     f.until(lambda: shares.append(f.machine.progress) or f.machine.phase == "DONE", 200.0)
     assert (

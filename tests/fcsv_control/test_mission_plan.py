@@ -217,7 +217,7 @@ def test_execute_is_refused_from_a_home_that_is_too_high_and_home_is_set_again(f
     for v in f.fleet.values():
         v.height_m = 15.0
     f.wait(1.2)
-    refusal = f.machine.proceed("execute")
+    refusal = f.operator.proceed("execute")
     assert (
         "configurations[0] (vertical 30 m): 45 m above take-off, the fence ends at 40 m" in refusal
     )

@@ -9,12 +9,22 @@ import pytest
 #: Core -> where it may be named besides the package of its port; add a row for each port.
 CORES = {
     "MissionMachine": "fcsv_sim/rehearsal/control.py",  # to look at: a property's type
+    "OperatorCommands": "",
     "Guardian": "fcsv_sim/rehearsal/board.py",  # likewise
     "VehicleHeard": "",
     "TagInFront": "",
     "PairsSeen": "",
     "TimeOfDay": "",
+    "PairsToLookAt": "",
+    "DiskWatch": "",
+    "Drift": "",
+    "stale_reason": "",
     "StopAll": "",
+    "Judged": "",
+    "FleetTable": "",
+    "Digest": "",
+    "Pace": "",
+    "Acceptances": "",
     "AgentCore": "",
     "LinkRequests": "",
     "LinkCore": "",

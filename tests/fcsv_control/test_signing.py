@@ -16,13 +16,14 @@ from support.autopilots import Served
 from support.link_by_hand import LinkByHand
 
 from fcsv_control.commands import signing as command
+from fcsv_control.conditions import Grade
 from fcsv_control.errors import LinkError
 from fcsv_control.flight.mavlink.parser import Parser, Sender
 from fcsv_control.flight.mavlink.signing import Signing, read_key
 from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight_check.autopilot_line import AutopilotLine
-from fcsv_control.flight_check.lines import Judged, State
+from fcsv_control.flight_check.lines import Judged
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, VehicleFacts
 from fcsv_control.parameters import transfer, vehicle
@@ -201,10 +202,10 @@ def test_the_flight_check_names_a_line_that_is_not_signed():
 
     found = line(url="udpin:0.0.0.0:14550")
     assert (
-        found.state is State.AMBER and "not signed" in found.what and "signing_key" in found.remedy
+        found.state is Grade.AMBER and "not signed" in found.what and "signing_key" in found.remedy
     )
-    assert line(url="udpin:0.0.0.0:14550", signed=True).state is State.GREEN
-    assert line(url="/dev/ttyACM0:921600").state is State.GREEN
+    assert line(url="udpin:0.0.0.0:14550", signed=True).state is Grade.GREEN
+    assert line(url="/dev/ttyACM0:921600").state is Grade.GREEN
 
 
 # ---- the command that gives an autopilot its key -------------------------------------------------

@@ -172,7 +172,7 @@ def test_a_stopped_mission_orders_nothing_until_the_operator_resumes(flying, slo
     assert not moving(flying, begun) and machine.waits_for == "resume"
     assert any("everybody was stopped (by hand)" in p for p in machine.problems)
     assert not any(v.recording for v in flying.fleet.values())
-    assert machine.proceed("resume") == ""
+    assert flying.operator.proceed("resume") == ""
     flying.phase("DONE", 600.0)
     assert len(machine.captures) == 2, "BRAKE was asked for by our side: it took them again"
 
@@ -185,7 +185,7 @@ def test_after_a_stop_a_pilots_vehicle_is_waited_for(flying):
     assert flying.machine.waits_for == "" and "uav2" in " ".join(flying.machine.problems)
     flying.fleet["uav2"].mode = Mode.LOITER
     flying.wait(1.0)
-    assert flying.machine.proceed("resume") == ""
+    assert flying.operator.proceed("resume") == ""
     flying.phase("DONE", 600.0)
 
 
@@ -223,7 +223,7 @@ def test_a_landing_that_was_stopped_goes_on_when_the_operator_says_so(flying):
         and not moving(flying, begun)
         and flying.machine.waits_for == "resume"
     )
-    assert flying.machine.proceed("resume") == ""
+    assert flying.operator.proceed("resume") == ""
     flying.phase("ABORTED", 120.0)
 
 

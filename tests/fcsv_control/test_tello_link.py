@@ -107,7 +107,7 @@ def test_guided_needs_a_steady_tracker(tmp_path):
     "prepare, altitude_m, why",
     [
         (lambda link: setattr(link, "wifi", False), 1.5, "Wi-Fi"),
-        (lambda link: setattr(link, "battery_share", 0.15), 1.5, "battery at 15%"),
+        (lambda link: setattr(link, "battery_share", 0.15), 1.5, "battery below 20%"),
         (lambda link: setattr(link, "battery_share", np.nan), 1.5, "battery"),
         (lambda link: None, 30.0, "0.5..9"),
         (lambda link: None, np.nan, "0.5..9"),

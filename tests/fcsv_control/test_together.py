@@ -377,7 +377,7 @@ def test_nobody_flies_again_what_needs_one_that_dropped_out(flight):
     come_down(f, "uav3")
     f.press("resume")
     f.phase("CONFIGURATIONS")
-    assert f.machine.control("previous") == ""
+    assert f.operator.control("previous") == ""
     f.phase("DONE", 300.0)
     assert f.captured == [0, 1, 0, 2]
 

@@ -12,7 +12,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 from fcsv_geometry.missions.mission import load_mission
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.demo import demo, flights
@@ -25,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def red(vehicle, *names):
-    return [Line(vehicle, name, State.RED, f"{name} is bad", "mend it") for name in names]
+    return [Line(vehicle, name, Grade.RED, f"{name} is bad", "mend it") for name in names]
 
 
 def test_the_start_is_one_line_that_counts_the_checks_to_go():
@@ -34,7 +35,7 @@ def test_the_start_is_one_line_that_counts_the_checks_to_go():
     start.check(
         [
             *red("uav1", "origin", "ekf"),
-            Line("uav2", "feed", State.UNKNOWN, ""),
+            Line("uav2", "feed", Grade.UNKNOWN, ""),
             *red("uav3", *"abcdefg"),
         ]
     )
@@ -43,7 +44,7 @@ def test_the_start_is_one_line_that_counts_the_checks_to_go():
         "(uav1: origin, ekf; uav2: feed; uav3: a, b, c, d and 3 more)"
     )
     start.check(
-        [Line("uav1", "origin", State.GREEN, ""), Line("uav1", "disk", State.AMBER, "small")]
+        [Line("uav1", "origin", Grade.GREEN, ""), Line("uav1", "disk", Grade.AMBER, "small")]
     )
     assert start.status().endswith("every check has passed")
 

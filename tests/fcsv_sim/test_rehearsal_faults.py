@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fcsv_control.agent.messages import Ask, Kind, SetPoint
-from fcsv_control.mission.activities.standing import CaptureWindow
+from fcsv_control.mission.activities.activity import CaptureWindow
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot import modes

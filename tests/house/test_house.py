@@ -522,6 +522,73 @@ def test_what_reads_a_text_for_its_words_is_found(code, steers):
     assert steers == any(read_for_its_words(n) for n in ast.walk(ast.parse(code)))
 
 
+#: What ages and charge are called where they are compared with a bound.
+_AGES = re.compile(r"_*(\w+_)?(age_s|silent_s|battery|battery_share)")
+#: Where a number next to one is no bound of a condition.
+_NO_BOUNDS = {
+    "fcsv_console/model/hearing.py": "in which unit an age is said",
+    "fcsv_control/agent/twins.py": "which of two agents is older",
+    "fcsv_control/flight/mavlink/identity.py": "who speaks on the line, as MAVROS has it",
+    "fcsv_control/flight/mavros_watch.py": "which values a parameter takes",
+    "fcsv_control/flight/state.py": "MAVLink's own mark of what is not known",
+    "fcsv_control/guardian/room.py": "how calm the radio is, for a way",
+    "fcsv_control/mission/memory.py": "of which flight a file is",
+    "fcsv_control/ros/tello/tello_video.py": "which values a parameter takes",
+}
+
+
+def numbers_of(tree):
+    """The constants that a module's top gives a number."""
+    return {
+        target.id
+        for node in tree.body
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    }
+
+
+def judged_by_own_numbers(tree):
+    """Lines that compare an age, a silence or a battery with a number of their own."""
+    own = numbers_of(tree)
+    for node in (n for n in ast.walk(tree) if isinstance(n, ast.Compare)):
+        sides = [node.left, *node.comparators]
+        named = [getattr(s, "attr", getattr(s, "id", "")) for s in sides]
+        since = [getattr(s.right, "attr", "") for s in sides if isinstance(s, ast.BinOp)]
+        number = any(
+            isinstance(getattr(s, "value", None), (int, float)) or getattr(s, "id", "") in own
+            for s in sides
+        )
+        if number and (any(map(_AGES.fullmatch, named)) or "heard_s" in since):
+            yield node.lineno
+
+
+@pytest.mark.parametrize("package", ["fcsv_control", "fcsv_console"])
+def test_batteries_and_ages_are_judged_by_the_one_table_of_thresholds(package):
+    found = [
+        f"{path.relative_to(ROOT)}:{line}"
+        for path in modules(package)
+        if not any(str(path).endswith(name) for name in _NO_BOUNDS)
+        for line in judged_by_own_numbers(ast.parse(path.read_text()))
+    ]
+    assert not found, f"{found}: fcsv_geometry.vehicles.thresholds, fcsv_control.conditions"
+
+
+@pytest.mark.parametrize(
+    "code, own",
+    [
+        ("_OLD_S = 3.5\nview.state_age_s <= _OLD_S", True),
+        ("report.battery_share < 0.2", True),
+        ("_OLD_S = 3.0\nnow_s - seen.heard_s > _OLD_S", True),
+        ("air.silent_s > rules.link_warn_s", False),
+        ("view.pose_age_s > at.POSE_AGE_S.mission.red", False),
+        ("share < 1.0", False),
+    ],
+)
+def test_what_is_judged_by_an_own_number_is_found(code, own):
+    assert own == bool(list(judged_by_own_numbers(ast.parse(code))))
+
+
 def test_flight_modes_are_named_by_their_enumeration():
     """GUIDED and LAND are phases of a mission, too; a simulated camera or robot has none."""
     own = ROOT / "src/fcsv_geometry/src/fcsv_geometry/vehicles/modes.py"

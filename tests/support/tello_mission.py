@@ -15,6 +15,7 @@ from fcsv_control.guardian.core import Guardian
 from fcsv_control.guardian.messages import AskMode, HoldAt
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.mission.machine import MissionMachine
+from fcsv_control.mission.operator_commands import OperatorCommands
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.watches.heard import VehicleHeard
 from fcsv_geometry import config, transforms
@@ -102,6 +103,7 @@ class TelloMission(ByHand):
         self.machine = MissionMachine(
             mission, list(geometry), {n: g.radius_m for n, g in geometry.items()}
         )
+        self.operator = OperatorCommands(self.machine)
         self.boards = {n: _Board(n, one) for n, one in self.tellos.items()}
         self._heard = {n: VehicleHeard(T) for n, T in self._cameras.items()}
         self._finger, self.T_home_odom, self.nearest_m = Finger(), {}, np.inf
@@ -156,7 +158,7 @@ class TelloMission(ByHand):
         self._note(f"{m.phase}: {m.detail} {m.problems}")
         self._serve()
         if self._finger.press(now_s, m.waits_for, {n: self.screen(n) for n in self.tellos}):
-            m.proceed(m.waits_for)
+            self.operator.proceed(m.waits_for)
         for order in m.outbox.due(now_s):
             a, board = order.arguments, self.boards[order.vehicle]
             told = Instruction(

@@ -20,7 +20,7 @@ class Confirm:
 
 @dataclass(frozen=True)
 class Operate:
-    """One of mission.operated.OPERATIONS."""
+    """One of mission.operator_commands.OPERATIONS."""
 
     operation: str
 

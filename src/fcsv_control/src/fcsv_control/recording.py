@@ -8,6 +8,7 @@ from typing import List, Optional, Tuple
 
 from fcsv_geometry.bags.parts import part_number, parts_in
 from fcsv_geometry.bags.repair import ACTIVE
+from fcsv_geometry.vehicles.thresholds import DISK_MIB
 
 DIAGNOSTICS = "/diagnostics"
 PICTURES: Tuple[str, ...] = ("camera/color/image_raw", "camera/color/camera_info")
@@ -92,7 +93,7 @@ class RecorderParameters:
     topics: List[str] = field(default_factory=list)  # more topics to record always, absolute names
     pictures_on: bool = False  # before anybody said what is wanted
     no_picture_s: float = 2.0  # pictures are on, and none came for longer: said
-    least_free_mib: int = 500
+    least_free_mib: int = int(DISK_MIB.recorder.red)
     part_mib: int = 2048  # a bag that grows beyond is closed, and the next part begins
     # of messages that wait for a slow disk; beyond they are dropped and counted
     most_waiting_mib: int = 96

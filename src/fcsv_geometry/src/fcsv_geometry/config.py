@@ -8,7 +8,7 @@ import math
 import re
 import typing
 from pathlib import Path
-from typing import Any, Collection, Iterable, Mapping, Optional, Type, TypeVar
+from typing import Any, Collection, Iterable, Mapping, Optional, Tuple, Type, TypeVar
 
 import yaml
 
@@ -40,6 +40,24 @@ def require_positive(rules, but: Collection[str] = ()) -> None:
             and not 0 < value < math.inf
         ):
             raise ValueError(f"{field.name}: must be positive, got {value}")
+
+
+def require_in_order(rules, *pairs: Tuple[str, str]) -> None:
+    """Checks, for a dataclass's ``__post_init__``: ValueError unless of each pair of fields the
+    first is not over the second."""
+    for low, high in pairs:
+        if getattr(rules, low) > getattr(rules, high):
+            raise ValueError(f"{low}: {getattr(rules, low)} is over {high} {getattr(rules, high)}")
+
+
+def require_graded(rules) -> None:
+    """Checks, for a dataclass's ``__post_init__``: ValueError unless each ``red_x`` and ``amber_x``
+    are in the order of their defaults, or equal."""
+    for field in dataclasses.fields(rules):
+        red, amber = field.name, field.name.replace("red_", "amber_", 1)
+        if red.startswith("red_") and hasattr(rules, amber):
+            most = getattr(type(rules), red) > getattr(type(rules), amber)
+            require_in_order(rules, (amber, red) if most else (red, amber))
 
 
 def read_yaml(path) -> Any:

@@ -8,7 +8,8 @@ from fcsv_console.model import facts as f
 from fcsv_console.model.mission_file import MissionFile, differs
 from fcsv_console.model.rehearsal import RUNS, Rehearsal
 from fcsv_console.model.vehicles import VehicleRow
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.phases import FLOWN, OVER
 
@@ -122,7 +123,7 @@ def accept(line: Line, master_problem: str = "") -> Action:
         why = master_problem
     elif line.accepted:
         why = "it is accepted"
-    elif line.state is not State.AMBER:
+    elif line.state is not Grade.AMBER:
         why = f"it is {line.state.word}: only amber lines are accepted"
     else:
         why = ""
@@ -224,7 +225,7 @@ def locked_by(lines: Optional[Sequence[Line]], amber_too: bool) -> str:
     """Why the flight check hands over nobody, as the mission judges it; "" where it does."""
     if lines is None:
         return "the flight check is not heard"
-    wrong = [li for li in lines if not li.passes and (amber_too or li.state is not State.AMBER)]
+    wrong = [li for li in lines if not li.passes and (amber_too or li.state is not Grade.AMBER)]
     if not lines:
         return "the flight check has no lines"
     named = [f"{li.vehicle} {li.name} {li.state.word}" for li in wrong[:3]]

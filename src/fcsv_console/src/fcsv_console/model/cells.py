@@ -13,15 +13,16 @@ from fcsv_console.model.poses import Relative
 from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, PILOT, UNKNOWN, VehicleRow
 from fcsv_console.model.view import ConsoleView
+from fcsv_control.conditions import Grade
 from fcsv_control.disk import disk_words
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.flight_check.lines import Line
 
 PLAIN, QUIET, GOOD, CARE, BAD, GONE = "plain", "quiet", "good", "care", "bad", "gone"  # tones
 _OF_FLIER = {PILOT: GOOD, MISSION: GOOD, GUARDIAN: CARE, FAILSAFE: BAD, UNKNOWN: GONE}
-_OF_STATE = {State.GREEN: QUIET, State.AMBER: CARE, State.RED: BAD, State.UNKNOWN: GONE}
+_OF_STATE = {Grade.GREEN: QUIET, Grade.AMBER: CARE, Grade.RED: BAD, Grade.UNKNOWN: GONE}
 # of diagnostic_msgs/DiagnosticStatus
 _LEVELS = {1: ("WARN", CARE), 2: ("ERROR", BAD), 3: ("STALE", GONE)}
-_FROM_THE_WORST = (State.RED, State.UNKNOWN, State.AMBER, State.GREEN)
+_FROM_THE_WORST = (Grade.RED, Grade.UNKNOWN, Grade.AMBER, Grade.GREEN)
 
 
 @dataclass(frozen=True)
@@ -256,7 +257,7 @@ CHECK_HEADS = ("who", "line", "state", "found", "what to do")
 def check_lines(view: ConsoleView) -> List[Line]:
     """Gives, of the flight check what is not green, the worst first; that is what an operator must
     act on."""
-    wrong = [li for li in view.check or () if li.state is not State.GREEN]
+    wrong = [li for li in view.check or () if li.state is not Grade.GREEN]
     return sorted(wrong, key=lambda li: (view.waits(li), _FROM_THE_WORST.index(li.state)))
 
 
@@ -265,11 +266,11 @@ def check_words(view: ConsoleView) -> Cell:
     if view.check is None:
         quiet = "the flight is over" if view.over else "waiting" if view.starting else ""
         return Cell(f"flight check: {quiet or 'NOT HEARD'}", QUIET if quiet else GONE)
-    green = sum(li.state is State.GREEN for li in view.check)
+    green = sum(li.state is Grade.GREEN for li in view.check)
     if view.starts:
         return Cell(f"flight check: starting, {green} of {len(view.check)} lines green", QUIET)
     verdict = f"flight check: {view.check_state.word}, {green} of {len(view.check)} lines green"
-    return Cell(verdict, GOOD if view.check_state is State.GREEN else _OF_STATE[view.check_state])
+    return Cell(verdict, GOOD if view.check_state is Grade.GREEN else _OF_STATE[view.check_state])
 
 
 def check_cells(line: Line, waits: bool = False) -> List[Cell]:
@@ -278,7 +279,7 @@ def check_cells(line: Line, waits: bool = False) -> List[Cell]:
     word = (
         "waiting" if waits else f"{line.state.word}, accepted" if line.accepted else line.state.word
     )
-    since = "" if line.state is State.GREEN else f" ({clock_words(line.since_s)})"
+    since = "" if line.state is Grade.GREEN else f" ({clock_words(line.since_s)})"
     return [
         Cell(line.vehicle, tone),
         Cell(line.name, tone),

@@ -35,10 +35,10 @@ from fcsv_control.mission.activities.stages import GOES_BACK, TURNS
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.phases import BY_HOME, FLOWN, OVER
 from fcsv_geometry.missions.separation import SeparationRules
+from fcsv_geometry.vehicles.thresholds import MISSION_AGE_S
 
 CONTROL = "control"
 _PENDING_S = 10.0  # after it a request that was not answered may be asked for again
-_ALIVE_S = 3.0  # as the flight check has it
 
 
 class Console:
@@ -69,7 +69,7 @@ class Console:
         self._vehicles = {name: VehicleRecord(name, since_s) for name in vehicles}
         self._sightings = Sightings(dict(tags or {}))
         self._mission: AgingFact[f.MissionReport] = AgingFact(math.inf)
-        self._alive: AgingFact[f.MissionHeartbeat] = AgingFact(_ALIVE_S)
+        self._alive: AgingFact[f.MissionHeartbeat] = AgingFact(MISSION_AGE_S.console.red)
         self._check: AgingFact[f.FlightCheckReport] = AgingFact(math.inf)
         self._map: AgingFact[f.MapReport] = AgingFact(math.inf)
         self._stop: AgingFact[f.StopReport] = slow()
@@ -237,7 +237,7 @@ class Console:
         """Everything, at monotonic time ``now_s``."""
         mission = self._mission.at(now_s)
         # a bag has no sign of life but the state
-        alive = mission.age_s <= _ALIVE_S or not self._alive.at(now_s).stale
+        alive = mission.age_s <= MISSION_AGE_S.console.red or not self._alive.at(now_s).stale
         told = mission.value if alive else None
         stop = self._stop.at(now_s)
         flown = told is not None and told.phase in FLOWN
@@ -327,9 +327,7 @@ class Console:
         mission = self.file.mission
 
         def lasts(share: float) -> float:
-            if mission is None or math.isnan(share):
-                return math.nan
-            return max(0.0, mission.flight.endurance_s * (share - mission.low_battery_share))
+            return math.nan if mission is None else mission.lasts_s(share)
 
         return tuple(
             v.row(now_s, (epochs.get(n), calibrated.age_s), stop_asked, needed_s, lasts, sender)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Callable, Deque, Generic, Optional, TypeVar
 
 from fcsv_geometry.streams.stream import Stream
+from fcsv_geometry.vehicles.thresholds import OFTEN_AGE_S, SLOW_AGE_S
 
 T = TypeVar("T")
-STALE_S = 1.0  # an operator sees within this time that a stream stopped
-_SLOW_STALE_S = 2.5  # of what comes once a second
+STALE_S = OFTEN_AGE_S.console.red
 _MISSED = 2.4  # of the time between two messages: one that is lost or late is no alarm
 _INTERVALS = 5
 _WINDOW_S = 3.0
@@ -93,7 +93,7 @@ class AgingFact(Stream[T]):
 def slow() -> AgingFact:
     """Makes an entry for what may come once a second only: an operator waits for it so long only
     while it comes so seldom."""
-    return AgingFact(_SLOW_STALE_S, STALE_S)
+    return AgingFact(SLOW_AGE_S.console.red, STALE_S)
 
 
 def age_words(age_s: float) -> str:

@@ -13,7 +13,8 @@ import numpy as np
 from fcsv_console.model import facts as f
 from fcsv_console.model.after import Places
 from fcsv_console.model.console import Console
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 from fcsv_control.mission.activities.stages import RECORDS
 from fcsv_geometry.vehicles.modes import Mode
 
@@ -71,7 +72,7 @@ def console(mission: str) -> Console:
     return made
 
 
-def _lines(**wrong: Tuple[State, str, str]) -> Tuple[Line, ...]:
+def _lines(**wrong: Tuple[Grade, str, str]) -> Tuple[Line, ...]:
     """The table of both vehicles, green but for ``uavN_name=(state, what, remedy)``."""
     names = (
         "link",
@@ -94,7 +95,7 @@ def _lines(**wrong: Tuple[State, str, str]) -> Tuple[Line, ...]:
     found = []
     for vehicle in _NAMES:
         for name in names:
-            state, what, remedy = wrong.get(f"{vehicle}_{name}", (State.GREEN, "well", ""))
+            state, what, remedy = wrong.get(f"{vehicle}_{name}", (Grade.GREEN, "well", ""))
             found.append(Line(vehicle, name, state, what, remedy, 75.0))
     return tuple(found)
 
@@ -187,8 +188,8 @@ def on_the_ground(c: _Script) -> None:
     """Sets the scene before take-off: one line red, one amber."""
     places = ((0.0, 0.0, -8.0), (-3.5, 0.0, -8.0))
     _streams(c, NOW_S, Mode.STABILIZE, False, places)
-    red = (State.RED, "PreArm: Compass not calibrated", "do what the autopilot says")
-    amber = (State.AMBER, "38 %", "change it; unknown: set BATT_MONITOR")
+    red = (Grade.RED, "PreArm: Compass not calibrated", "do what the autopilot says")
+    amber = (Grade.AMBER, "38 %", "change it; unknown: set BATT_MONITOR")
     c.tell(NOW_S - 0.3, f.FlightCheckReport(_lines(uav2_battery=amber, **{"uav1_pre-arm": red})))
     c.tell(
         NOW_S - 0.1,
@@ -212,9 +213,9 @@ def on_the_ground(c: _Script) -> None:
 def starting(c: _Script) -> None:
     """Twelve seconds after the start: nothing is wrong, most is not heard yet."""
     soon = dict.fromkeys(
-        ("estimate", "feed", "clock", "tags"), (State.UNKNOWN, "not heard yet", "")
+        ("estimate", "feed", "clock", "tags"), (Grade.UNKNOWN, "not heard yet", "")
     )
-    soon["ekf"] = (State.RED, "no position yet", "wait, or look at what the autopilot says")
+    soon["ekf"] = (Grade.RED, "no position yet", "wait, or look at what the autopilot says")
     lines = _lines(**{f"{v}_{name}": told for v in _NAMES for name, told in soon.items()})
     for name in _NAMES:
         c.tell(NOW_S - 0.4, f.AutopilotReport(name, True, False, Mode.STABILIZE))
@@ -285,7 +286,7 @@ def wrong(c: _Script) -> None:
     c.tell(
         NOW_S - 0.3,
         f.FlightCheckReport(
-            _lines(uav2_radio=(State.RED, "no pose for 2.4 s", "go nearer, turn the antenna"))
+            _lines(uav2_radio=(Grade.RED, "no pose for 2.4 s", "go nearer, turn the antenna"))
         ),
     )
     c.tell(

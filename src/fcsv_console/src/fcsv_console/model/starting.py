@@ -4,7 +4,8 @@ first minute."""
 
 from typing import Dict, FrozenSet, Optional, Sequence, Set, Tuple
 
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 
 NORMAL_S = 60.0  # an autopilot's start, its filter and the clocks' agreement take about so long
 Name = Tuple[str, str]  # of a line: vehicle and name
@@ -41,7 +42,7 @@ class StartWatch:
         return frozenset(
             (li.vehicle, li.name)
             for li in lines or ()
-            if li.state in (State.RED, State.UNKNOWN)
+            if li.state in (Grade.RED, Grade.UNKNOWN)
             and (li.vehicle, li.name) not in self._passed
             and now_s - self._began_s.get(li.vehicle, now_s) < self._normal_s
         )

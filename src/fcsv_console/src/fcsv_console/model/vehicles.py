@@ -10,6 +10,7 @@ from fcsv_console.model.hearing import Aged, AgingFact, slow
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE
 from fcsv_control.guardian.messages import in_words
 from fcsv_geometry.streams.silence import Silence
+from fcsv_geometry.vehicles import thresholds as at
 from fcsv_geometry.vehicles.modes import Mode
 
 _FAILSAFE_MODES = (Mode.RTL, Mode.SMART_RTL, Mode.AUTO, Mode.FLIP)
@@ -164,9 +165,6 @@ _CROSSES = {
     f.Recorder: "recorder/status",
 }
 
-# told every 5 s while all is well (fcsv_control.flight_check.digest): two may get lost
-_DIAGNOSED_S = 12.0
-
 
 class VehicleRecord:
     """Collects what is heard of one vehicle. ``since_s`` gives from when the newest message of a
@@ -191,12 +189,12 @@ class VehicleRecord:
             f.BatteryReport: slow(),
             f.PreviewReport: slow(),
             f.Recorder: slow(),
-            f.ClockReport: AgingFact(10.0),
+            f.ClockReport: AgingFact(at.CLOCK_AGE_S.console.red),
             f.RadioReport: slow(),
             f.VehicleText: AgingFact(math.inf),
             f.PictureCaptured: slow(),
             f.TagReport: slow(),
-            f.Diagnosed: AgingFact(_DIAGNOSED_S),
+            f.Diagnosed: AgingFact(at.DIAGNOSED_AGE_S.console.red),
         }
 
     def tell(self, now_s: float, fact: Any) -> None:

@@ -21,7 +21,8 @@ from fcsv_console.model.rehearsal import Rehearsal
 from fcsv_console.model.stage import Stage
 from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import VehicleRow
-from fcsv_control.flight_check.lines import Line, State, worst
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line, worst
 from fcsv_geometry.missions.phases import OVER
 
 
@@ -80,7 +81,7 @@ class ConsoleView:
         if self.check is None:
             return self.starting
         return bool(self.waiting) and all(
-            li.passes or li.state is State.AMBER or self.waits(li) for li in self.check
+            li.passes or li.state is Grade.AMBER or self.waits(li) for li in self.check
         )
 
     def waits(self, line: Line) -> bool:
@@ -88,11 +89,11 @@ class ConsoleView:
         return (line.vehicle, line.name) in self.waiting
 
     @property
-    def check_state(self) -> State:
+    def check_state(self) -> Grade:
         """The worst line; unknown where none is heard. Amber that was accepted counts as green."""
         if not self.check:
-            return State.UNKNOWN
-        return worst([li for li in self.check if not li.passes] or [Line("", "", State.GREEN, "")])
+            return Grade.UNKNOWN
+        return worst([li for li in self.check if not li.passes] or [Line("", "", Grade.GREEN, "")])
 
     def against_others(self, name: str) -> Tuple[Relative, ...]:
         """Gives the places of one vehicle, as both places are now; of those that are not known only

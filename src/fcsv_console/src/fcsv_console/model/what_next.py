@@ -10,7 +10,8 @@ from fcsv_console.model.guide import ACCEPT, AFTER, CARE, LOST, PLAIN, WAITS, WE
 from fcsv_console.model.hearing import clock_words
 from fcsv_console.model.mission_file import seconds_left
 from fcsv_console.model.view import ConsoleView
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 from fcsv_geometry.missions.phases import OVER
 from fcsv_stereo.model.inputs import FLOWN
 
@@ -94,12 +95,12 @@ def _wait_vehicles(view: ConsoleView, m: f.MissionReport, _before: str) -> Guide
         )
     if not left:
         return Guide("; ".join(m.problems[:1]) or m.detail, _rehearse(view))
-    amber = [li for li in wrong if li.state is State.AMBER]
+    amber = [li for li in wrong if li.state is Grade.AMBER]
     if wrong and len(amber) == len(left):
         return Guide(
             f"{_many(amber, 'amber line')} to accept or mend: {_named(amber)}", ACCEPT, CARE
         )
-    red = [li for li in wrong if li.state is not State.AMBER]
+    red = [li for li in wrong if li.state is not Grade.AMBER]
     if red:
         first = max(red, key=lambda li: li.state)
         more = f"; {_many(left, 'check')} of {len(lines)} left" if len(left) > 1 else ""
@@ -191,7 +192,7 @@ def _set_home(view: ConsoleView, m: f.MissionReport, _before: str) -> Guide:
     execute, mission = view.actions["execute"], view.file.mission
     if not execute.enabled:
         amber = [li for li in view.check or () if not li.passes]
-        only_amber = amber and all(li.state is State.AMBER for li in amber)
+        only_amber = amber and all(li.state is Grade.AMBER for li in amber)
         return Guide(
             f"Home is set. Execute is locked: {execute.why_not}",
             ACCEPT if only_amber else _rehearse(view),

@@ -15,8 +15,8 @@ from fcsv_console.model.cells import check_lines
 from fcsv_console.model.hearing import Aged, clock_words
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, VehicleRow
 from fcsv_console.model.view import ConsoleView
+from fcsv_control.conditions import Grade
 from fcsv_control.disk import disk_words
-from fcsv_control.flight_check.lines import State
 
 WIDTH, HEIGHT = 80, 24
 _FLIERS = {
@@ -27,10 +27,10 @@ _FLIERS = {
     NOBODY: "",
 }
 _STATES = {
-    State.GREEN: "bold blue",
-    State.AMBER: "bold yellow",
-    State.RED: "bold white on red",
-    State.UNKNOWN: "bold magenta",
+    Grade.GREEN: "bold blue",
+    Grade.AMBER: "bold yellow",
+    Grade.RED: "bold white on red",
+    Grade.UNKNOWN: "bold magenta",
 }
 _GONE = "bold magenta"
 _TONES = {cells.GOOD: "blue", cells.CARE: "yellow", cells.BAD: "red", cells.GONE: "magenta"}

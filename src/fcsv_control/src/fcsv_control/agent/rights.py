@@ -9,8 +9,8 @@ from fcsv_control.agent.epochs import CalibratedFrame
 from fcsv_control.agent.lease import LEASE_S, Lease
 from fcsv_control.agent.messages import Instruction, Kind
 from fcsv_geometry.vehicles.modes import AGENT, Mode, ModeOwner
+from fcsv_geometry.vehicles.thresholds import GUARDIAN_AGE_S
 
-_GUARDIAN_SILENT_S = 2.0
 # a commander learns of somebody else's stop a moment after the vehicle, or before it
 _MARGIN_S = 0.5
 
@@ -71,7 +71,8 @@ class Rights:
         hands_over = (c.kind is Kind.SET_MODE and c.mode == Mode.GUIDED) or (
             c.kind is Kind.ARM and c.flag
         )
-        if hands_over and self._needs_guardian and now_s - self.guardian_s > _GUARDIAN_SILENT_S:
+        silent = now_s - self.guardian_s > GUARDIAN_AGE_S.agent.red
+        if hands_over and self._needs_guardian and silent:
             return f"{self._vehicle}: its guardian is not heard; start it before vehicles are handed over"
         if self.forbidden and hands_over:
             return f"{self._vehicle}: the guardian forbids it: {'; '.join(self.forbidden)}"

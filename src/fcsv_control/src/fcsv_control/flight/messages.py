@@ -248,14 +248,6 @@ class LinkSaid:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
-    """Is for diagnostics: problems by their key (empty: none), and values."""
-
-    problems: Dict[str, str]
-    values: Dict[str, object]
-
-
-@dataclass(frozen=True)
 class RequestOver:
     """An Ask has ended: done where ``refusal`` is empty. ``answered``: by the autopilot, or by this
     link itself."""

@@ -27,7 +27,6 @@ from fcsv_control.flight.messages import (
     BarometerHeard,
     BatteryHeard,
     BatteryTold,
-    Diagnosis,
     EstimateMoved,
     Event,
     FromAutopilot,
@@ -322,9 +321,9 @@ class FlightLinkPort:
         problem = f"{self._vehicle}: {text}" if text else ""
         if problem != self._feed_problems.get(key, ""):
             self._feed_problems[key] = problem
-            self._out.append(Diagnosis({key: problem}, {}))
+            self._out.append(tm.Diagnosis({key: problem}, {}))
 
-    def _diagnosis(self, now_s: float) -> Diagnosis:
+    def _diagnosis(self, now_s: float) -> tm.Diagnosis:
         """What changes slowly."""
         heard, s = self.core.heard, self.core.state
         wrong, weak = "; ".join(heard.parameters.problems()), "; ".join(heard.parameters.warnings())
@@ -355,7 +354,7 @@ class FlightLinkPort:
             "throttle stick": f"{s.throttle:.2f}",
             "stick heard (s ago)": f"{now_s - s.throttle_heard_s:.1f}",
         }
-        return Diagnosis(
+        return tm.Diagnosis(
             {k: f"{self._vehicle}: {text}" if text else "" for k, text in problems.items()}, values
         )
 

@@ -4,7 +4,8 @@
 from dataclasses import replace
 from typing import Dict, List, Sequence, Tuple
 
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 
 _GREEN_S = 60.0
 
@@ -13,7 +14,7 @@ class Acceptances:
     """An acceptance lasts while its line is amber: it ends where it becomes red or unknown, or was
     green for a minute.
 
-    >>> a, amber = Acceptances(), Line("uav1", "battery", State.AMBER, "31%")
+    >>> a, amber = Acceptances(), Line("uav1", "battery", Grade.AMBER, "31%")
     >>> a.accept([amber], "uav1", "battery"), [line.accepted for line in a.apply(0.0, [amber])]
     ('', [True])
     >>> a.accept([amber], "uav1", "feed")
@@ -32,7 +33,7 @@ class Acceptances:
         found = next((line for line in lines if (line.vehicle, line.name) == (vehicle, name)), None)
         if found is None:
             return f"{vehicle} has no line '{name}'; it has {', '.join(names)}"
-        if found.state is not State.AMBER:
+        if found.state is not Grade.AMBER:
             return f"{vehicle} {name} is {found.state.word}: only amber lines are accepted"
         self._green_since_s[vehicle, name] = float("inf")
         return ""
@@ -46,16 +47,16 @@ class Acceptances:
             del self._green_since_s[key]  # its vehicle is not heard
         accepted = self._green_since_s
         return [
-            replace(li, accepted=li.state is State.AMBER and (li.vehicle, li.name) in accepted)
+            replace(li, accepted=li.state is Grade.AMBER and (li.vehicle, li.name) in accepted)
             for li in lines
         ]
 
-    def _see(self, now_s: float, key: Tuple[str, str], state: State) -> None:
+    def _see(self, now_s: float, key: Tuple[str, str], state: Grade) -> None:
         if key not in self._green_since_s:
             return
-        if state is State.AMBER:
+        if state is Grade.AMBER:
             self._green_since_s[key] = float("inf")
-        elif state is State.GREEN:
+        elif state is Grade.GREEN:
             self._green_since_s[key] = min(self._green_since_s[key], now_s)
-        if state in (State.RED, State.UNKNOWN) or now_s - self._green_since_s[key] > _GREEN_S:
+        if state in (Grade.RED, Grade.UNKNOWN) or now_s - self._green_since_s[key] > _GREEN_S:
             del self._green_since_s[key]

@@ -5,7 +5,8 @@ without the key."""
 import ipaddress
 from dataclasses import dataclass
 
-from fcsv_control.flight_check.lines import Check, Found, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Check, Found
 
 _CABLE = ("/", "serial:")
 
@@ -51,15 +52,15 @@ def judge(line: AutopilotLine) -> Found:
     >>> [judge(AutopilotLine(u))[0].word for u in ("udp://127.0.0.1:14550@", "udp://:0@10.0.0.2:14550", "tcp:h:5760")]
     ['green', 'amber', 'amber']
     >>> judge(AutopilotLine("tcp:192.168.1.5:5760", signed=True))
-    (<State.GREEN: 1>, 'signed')
+    (<Grade.GREEN: 1>, 'signed')
     """
     if line.signed:
-        return State.GREEN, "signed"
+        return Grade.GREEN, "signed"
     if not line.url:
-        return State.GREEN, "it speaks no MAVLink"
+        return Grade.GREEN, "it speaks no MAVLink"
     if reached_by_nobody_else(line.url):
-        return State.GREEN, "by cable" if line.url.startswith(_CABLE) else "on loopback alone"
-    return State.AMBER, f"{line.url} is not signed: whoever reaches it flies the vehicle"
+        return Grade.GREEN, "by cable" if line.url.startswith(_CABLE) else "on loopback alone"
+    return Grade.AMBER, f"{line.url} is not signed: whoever reaches it flies the vehicle"
 
 
 def check(of) -> Check:

@@ -3,19 +3,25 @@
 its own programs."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
+from fcsv_control import conditions
+from fcsv_control.conditions import Grade
+from fcsv_control.flight.messages import ParametersChecked
 from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check import speeds
-from fcsv_control.flight_check.lines import Check, Found, Judged, Line, State
+from fcsv_control.flight_check.lines import Check, Found, Judged, Line
 from fcsv_control.flight_check.sightings import Sightings
-from fcsv_control.flight_check.vehicle import Disk
-from fcsv_geometry.config import require_positive
+from fcsv_control.flight_check.vehicle import Disk, disk, recorder
+from fcsv_control.recorder_port import RecorderReport
+from fcsv_geometry.config import require_graded, require_positive
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.streams.stream import Stream
+from fcsv_geometry.vehicles import thresholds as at
+from fcsv_tracking.devices.clocks import ClockOffset
 
 CONTROL = "control"
-_G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
+_G, _A, _R, _U = Grade.GREEN, Grade.AMBER, Grade.RED, Grade.UNKNOWN
 _WINDOW_S = 3.0
 
 
@@ -23,27 +29,19 @@ _WINDOW_S = 3.0
 class FleetCheckRules:
     """``red_*`` and ``amber_*`` are bounds; what is worse than the red one is red."""
 
-    silent_s: float = 3.0  # of what comes at least twice a second
-    slow_silent_s: float = 5.0  # of what comes once a second
-    clock_silent_s: float = 10.0
-    red_radio_hz: float = 3.0  # poses that arrive, of 30 that are sent
-    amber_radio_hz: float = 10.0
-    red_clock_s: float = 0.5  # offset between a vehicle's clock and ours
-    amber_clock_s: float = 0.02  # at 1 m/s of sway 2 cm of calibration
-    red_disk_mib: float = 1000.0
-    amber_disk_mib: float = 2000.0  # the control PC records no pictures
+    silent_s: float = at.OFTEN_AGE_S.fleet.red  # of what comes at least twice a second
+    slow_silent_s: float = at.SLOW_AGE_S.fleet.red  # of what comes once a second
+    clock_silent_s: float = at.CLOCK_AGE_S.fleet.red
+    red_radio_hz: float = at.RADIO_HZ.fleet.red  # poses that arrive, of 30 that are sent
+    amber_radio_hz: float = at.RADIO_HZ.fleet.amber
+    red_clock_s: float = at.CLOCK_S.fleet.red  # offset between a vehicle's clock and ours
+    amber_clock_s: float = at.CLOCK_S.fleet.amber  # at 1 m/s of sway 2 cm of calibration
+    red_disk_mib: float = at.DISK_MIB.fleet.red
+    amber_disk_mib: float = at.DISK_MIB.fleet.amber  # the control PC records no pictures
 
     def __post_init__(self):
         require_positive(self)
-        for low, high in (
-            ("red_radio_hz", "amber_radio_hz"),
-            ("amber_clock_s", "red_clock_s"),
-            ("red_disk_mib", "amber_disk_mib"),
-        ):
-            if getattr(self, low) > getattr(self, high):
-                raise ValueError(
-                    f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}"
-                )
+        require_graded(self)
 
 
 @dataclass
@@ -55,18 +53,21 @@ class FromAfar:
     front: Optional[str] = None
     report: Stream[Sequence[Line]] = field(default_factory=Stream)
     patience_s: float = 0.0  # of its report
-    # the newest fcsv_msgs/ParameterReport: it comes where it changes
-    parameters: Optional[Any] = None
+    parameters: Optional[ParametersChecked] = None  # the newest: it comes where it changes
     poses: Stream = field(default_factory=lambda: Stream(_WINDOW_S))
-    clock: Stream[Any] = field(default_factory=Stream)  # fcsv_tracking's ClockOffset
+    clock: Stream[ClockOffset] = field(default_factory=Stream)
     epoch: Optional[int] = None
     calibrated: Optional[int] = None  # the epoch for which the calibration holds
     sightings: Sightings = field(default_factory=lambda: Sightings({}))
 
+    def silent(self, now_s: float) -> bool:
+        """Whether its own flight check is not heard."""
+        return not self.report.fresh(now_s, self.patience_s)
+
     def heard_lines(self, now_s: float) -> Sequence[Line]:
         """Its own lines, older by as long as its report has been here; none where it is not heard
         any more."""
-        if not self.report.fresh(now_s, self.patience_s):
+        if self.silent(now_s):
             return ()
         return [
             replace(li, since_s=li.since_s + now_s - self.report.at_s) for li in self.report.value
@@ -75,13 +76,12 @@ class FromAfar:
 
 @dataclass
 class ControlFacts:
-    """The control PC's own programs. ``recorder`` holds a message of fcsv_msgs, ``mission`` the
-    mission's phase."""
+    """The control PC's own programs; ``mission`` holds the mission's phase."""
 
     link: str = relay_keys.RELAY
     mission: Stream[str] = field(default_factory=Stream)
     stop_all: Stream[bool] = field(default_factory=Stream)
-    recorder: Stream[Any] = field(default_factory=Stream)
+    recorder: Stream[RecorderReport] = field(default_factory=Stream)
     disk: Stream[Disk] = field(default_factory=Stream)
     keys: Stream[relay_keys.Keys] = field(default_factory=Stream)
 
@@ -92,30 +92,24 @@ class ControlFacts:
 def _report(now_s: float, v: FromAfar, _r: FleetCheckRules) -> Found:
     if v.report.value is None:
         return _R, "its own flight check was never heard"
-    return (
-        (_G, "heard")
-        if v.report.fresh(now_s, v.patience_s)
-        else (_R, "its own flight check is not heard any more")
-    )
-
-
-def _silent(now_s: float, v: FromAfar, _r: FleetCheckRules) -> bool:
-    return not v.report.fresh(now_s, v.patience_s)
+    if v.silent(now_s):
+        return _R, "its own flight check is not heard any more"
+    return _G, "heard"
 
 
 def _radio(now_s: float, v: FromAfar, r: FleetCheckRules) -> Found:
     hz = v.poses.rate_hz(now_s)
-    state = _R if hz < r.red_radio_hz else _A if hz < r.amber_radio_hz else _G
-    return state, f"{hz:.0f} poses a second arrive" if hz else "no pose arrives"
+    found = conditions.rate(hz, r.red_radio_hz, r.amber_radio_hz)
+    return found.measured(f"{hz:.0f} poses a second arrive" if hz else "no pose arrives")
 
 
 def _clock(now_s: float, v: FromAfar, r: FleetCheckRules) -> Found:
     if not v.clock.fresh(now_s, r.clock_silent_s):
         return _U, "it does not answer about its clock"
-    offset = v.clock.value
-    state = _R if offset.beyond(r.red_clock_s) else _A if offset.beyond(r.amber_clock_s) else _G
-    direction = "ahead of" if offset.offset_s > 0 else "behind"
-    return state, f"{abs(offset.offset_s):.3f} s {direction} the control PC's"
+    ahead_s = v.clock.value.offset_s
+    found = conditions.clock(v.clock.value.least_s, r.red_clock_s, r.amber_clock_s)
+    direction = "ahead of" if ahead_s > 0 else "behind"
+    return found.measured(f"{abs(ahead_s):.3f} s {direction} the control PC's")
 
 
 def _tags(now_s: float, v: FromAfar, _r: FleetCheckRules) -> Found:
@@ -157,12 +151,6 @@ FLEET_CHECKS: Tuple[Check, ...] = (
 )
 
 
-def speed_check(planned: FlightBounds) -> Check:
-    """The line that needs the mission: of a vehicle whose autopilot's parameters cross the
-    radio."""
-    return speeds.check(planned, _silent)
-
-
 GROUND_CHECKS: Tuple[Check, ...] = (replace(FLEET_CHECKS[0], remedy="start tello.launch for it"),)
 
 
@@ -175,23 +163,6 @@ def _mission(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
 
 def _stop_all(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
     return (_G, "it stands by") if f.stop_all.fresh(now_s, r.silent_s) else (_R, "not heard")
-
-
-def _recorder(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
-    if not f.recorder.fresh(now_s, r.slow_silent_s):
-        return _R, "not heard"
-    if f.recorder.value.problem:
-        return _R, f.recorder.value.problem
-    dropped = f.recorder.value.dropped
-    return (_A, f"{dropped} messages were dropped") if dropped else (_G, "it records")
-
-
-def _disk(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
-    if not f.disk.fresh(now_s, r.slow_silent_s):
-        return _U, "the recorder's disk is not known"
-    free_mib = f.disk.value.free_mib
-    state = _R if free_mib < r.red_disk_mib else _A if free_mib < r.amber_disk_mib else _G
-    return state, f"{free_mib / 1024:.1f} GiB free"
 
 
 def _keys(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
@@ -208,8 +179,8 @@ CONTROL_CHECKS: Tuple[Check, ...] = (
     Check(
         "stop-all", "the node that stops everybody lives", "start control.launch again", _stop_all
     ),
-    Check("recorder", "the recorder writes", "start it again; see its log", _recorder),
-    Check("disk", "there is room for the session", "remove sessions that were gathered", _disk),
+    Check("recorder", "the recorder writes", "start it again; see its log", recorder),
+    Check("disk", "there is room for the session", "remove sessions that were gathered", disk),
     relay_keys.check(_keys),
 )
 
@@ -239,7 +210,7 @@ class FleetTable:
             n: FromAfar(n, front, sightings=self.sightings) for n, front in zip(vehicles, fronts)
         }
         checks = GROUND_CHECKS if ground else FLEET_CHECKS
-        checks += () if ground or planned is None else (speed_check(planned),)
+        checks += () if ground or planned is None else (speeds.check(planned),)
         self._judged = {n: Judged(n, checks) for n in vehicles}
         control = [check for check in CONTROL_CHECKS if not (ground and check.name == "keys")]
         self._judged_control = Judged(CONTROL, control)

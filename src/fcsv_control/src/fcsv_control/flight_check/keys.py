@@ -4,7 +4,8 @@ control PC."""
 
 from dataclasses import dataclass
 
-from fcsv_control.flight_check.lines import Check, Found, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Check, Found
 from fcsv_geometry.streams.stream import Stream
 
 RELAY = "relay"
@@ -24,15 +25,15 @@ def judge(now_s: float, keys: Stream[Keys], link: str, most_s: float) -> Found:
     """``link``: which program stands between the machines; another one than the relay encrypts
     nothing."""
     if link != RELAY:
-        return State.AMBER, f"{link} encrypts nothing: fly inside a VPN only"
+        return Grade.AMBER, f"{link} encrypts nothing: fly inside a VPN only"
     if not keys.fresh(now_s, most_s):
-        return State.UNKNOWN, "the relay is not heard"
+        return Grade.UNKNOWN, "the relay is not heard"
     k = keys.value
     if k.exposed:
-        return State.RED, k.exposed
+        return Grade.RED, k.exposed
     if k.warning:
-        return State.AMBER, k.warning
-    return State.GREEN, "they last" if k.encrypted else "none: the relay speaks on loopback alone"
+        return Grade.AMBER, k.warning
+    return Grade.GREEN, "they last" if k.encrypted else "none: the relay speaks on loopback alone"
 
 
 def check(of) -> Check:

@@ -2,28 +2,12 @@
 """A line of the flight check, what it may say, and which of several is the worst."""
 
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Callable, Dict, Iterable, List, Sequence, Tuple
 
+from fcsv_control.conditions import Grade
 
-class State(IntEnum):
-    """Names the state as in fcsv_msgs/FlightCheckLine. What is not known is never green."""
-
-    UNKNOWN = 0
-    GREEN = 1
-    AMBER = 2
-    RED = 3
-
-    @property
-    def word(self) -> str:
-        """Says it for people, who may not tell colours apart."""
-        return {self.UNKNOWN: "unknown", self.GREEN: "green", self.AMBER: "amber", self.RED: "RED"}[
-            self
-        ]
-
-
-_FROM_THE_WORST = (State.RED, State.UNKNOWN, State.AMBER, State.GREEN)
-Found = Tuple[State, str]  # and what was found, for a person
+_FROM_THE_WORST = (Grade.RED, Grade.UNKNOWN, Grade.AMBER, Grade.GREEN)
+Found = Tuple[Grade, str]  # and what was found, for a person
 
 
 @dataclass(frozen=True)
@@ -44,7 +28,7 @@ class Line:
 
     vehicle: str
     name: str
-    state: State
+    state: Grade
     what: str
     remedy: str = ""
     since_s: float = 0.0
@@ -53,17 +37,17 @@ class Line:
     @property
     def passes(self) -> bool:
         """Whether it keeps nobody from flying."""
-        return self.state is State.GREEN or (self.state is State.AMBER and self.accepted)
+        return self.state is Grade.GREEN or (self.state is Grade.AMBER and self.accepted)
 
 
-def worst(lines: Iterable[Line]) -> State:
+def worst(lines: Iterable[Line]) -> Grade:
     """Gives the worst of a table; without a line it is not known.
 
-    >>> worst([Line("uav1", "link", State.GREEN, ""), Line("uav1", "feed", State.UNKNOWN, "")]).word, worst([]).word
+    >>> worst([Line("uav1", "link", Grade.GREEN, ""), Line("uav1", "feed", Grade.UNKNOWN, "")]).word, worst([]).word
     ('unknown', 'unknown')
     """
     states = {line.state for line in lines}
-    return next((s for s in _FROM_THE_WORST if s in states), State.UNKNOWN)
+    return next((s for s in _FROM_THE_WORST if s in states), Grade.UNKNOWN)
 
 
 class Judged:
@@ -72,7 +56,7 @@ class Judged:
 
     def __init__(self, vehicle: str, checks: Sequence[Check]):
         self._vehicle, self._checks = vehicle, checks
-        self._since: Dict[str, Tuple[State, float]] = {}
+        self._since: Dict[str, Tuple[Grade, float]] = {}
 
     def lines(self, now_s: float, facts, rules) -> List[Line]:
         """The table at monotonic time ``now_s``."""
@@ -80,10 +64,10 @@ class Judged:
             self._line(now_s, check, *check.judge(now_s, facts, rules)) for check in self._checks
         ]
 
-    def _line(self, now_s: float, check: Check, state: State, what: str) -> Line:
+    def _line(self, now_s: float, check: Check, state: Grade, what: str) -> Line:
         before, since_s = self._since.get(check.name, (None, now_s))
         if before is not state:
             since_s = now_s
             self._since[check.name] = (state, now_s)
-        remedy = "" if state is State.GREEN else check.remedy
+        remedy = "" if state is Grade.GREEN else check.remedy
         return Line(self._vehicle, check.name, state, what, remedy, now_s - since_s)

@@ -5,15 +5,16 @@ Tello's.
 What differs is what can be heard, how bad it is, and what to do about it.
 """
 
-import math
 from dataclasses import replace
 from typing import Dict, Tuple
 
-from fcsv_control.flight_check.lines import Check, Found, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Check, Found
 from fcsv_control.flight_check.rules import VehicleCheckRules
-from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, VehicleFacts, guardian
+from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, VehicleFacts, guardian, link_now
 from fcsv_control.guardian.messages import Cause
 
+_AS_OF_OTHERS = ("transmitter", "battery", "camera", "recorder", "disk")
 MAVLINK, MAVROS, TELLO = "mavlink", "mavros", "tello"
 _MAVROS_REMEDIES = {
     "link": "look at mavros in /diagnostics; check cable and fcu_url",
@@ -29,36 +30,30 @@ _TELLO_REMEDIES = {
 
 
 def _flight_data(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    if not f.link.fresh(now_s, r.silent_s) or not f.link.value.connected:
-        return State.UNKNOWN, "nothing is heard of the Tello"
-    if f.link.value.in_the_air < 0:
-        return State.RED, "it does not say whether it flies"
-    return State.GREEN, "it flies" if f.link.value.in_the_air else "it stands"
+    link = link_now(now_s, f, r)
+    if link is None:
+        return Grade.UNKNOWN, "nothing is heard of the Tello"
+    if link.in_the_air is None:
+        return Grade.RED, "it does not say whether it flies"
+    return Grade.GREEN, "it flies" if link.in_the_air else "it stands"
 
 
 def _stands(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> bool:
-    return (
-        f.link.fresh(now_s, r.silent_s) and f.link.value.connected and f.link.value.in_the_air == 0
-    )
+    link = link_now(now_s, f, r)
+    return link is not None and link.in_the_air is False
 
 
 def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     """A mocap looks up, and gimbals find their vehicle in the air: who stands need not be seen."""
     state, what = _OF["feed"].judge(now_s, f, r)
-    if state is State.RED and _stands(now_s, f, r) and not f.link.value.doubt:
-        return State.AMBER, f"it stands, and {what}"
+    if state is Grade.RED and _stands(now_s, f, r) and not f.link.value.doubt:
+        return Grade.AMBER, f"it stands, and {what}"
     return state, what
 
 
 def _guardian(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     no_poses = (Cause.NO_POSES,) if _stands(now_s, f, r) else ()
     return guardian(now_s, f, r, (Cause.STICK, *no_poses))
-
-
-def _battery(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    if f.battery_share.fresh(now_s, r.slow_silent_s) and math.isnan(f.battery_share.value):
-        return State.RED, "it does not say how full it is"
-    return _OF["battery"].judge(now_s, f, r)
 
 
 _OF: Dict[str, Check] = {check.name: check for check in VEHICLE_CHECKS}
@@ -88,9 +83,7 @@ TELLO_CHECKS: Tuple[Check, ...] = (
         must="the tracker's poses come, and are believed",
         judge=_feed,
     ),
-    _remedied(_OF["transmitter"], _TELLO_REMEDIES),
-    replace(_remedied(_OF["battery"], _TELLO_REMEDIES), judge=_battery),
-    *(_remedied(_OF[name], _TELLO_REMEDIES) for name in ("camera", "recorder", "disk")),
+    *(_remedied(_OF[name], _TELLO_REMEDIES) for name in _AS_OF_OTHERS),
     replace(_OF["guardian"], judge=_guardian),
     _OF["agent"],
 )

@@ -3,18 +3,14 @@
 ``flight``."""
 
 import math
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Dict, List, Mapping, Optional, Tuple
 
-from fcsv_control.flight_check.lines import Check, Found, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight.messages import ParametersChecked
+from fcsv_control.flight_check.lines import Check, Found
 from fcsv_geometry.missions.flight_limits import FlightBounds
 
 _SAME = 0.01  # of the planned value; parameters are set in whole cm/s
-
-
-def flown_with(report: Any) -> Dict[str, float]:
-    """The values (cm/s, cm/s2) of a fcsv_msgs/ParameterReport by the autopilot's names; NaN: not
-    answered."""
-    return dict(zip(report.limits, report.limit_values))
 
 
 def others(have: Mapping[str, float], wanted: Mapping[str, float]) -> Tuple[List[str], List[str]]:
@@ -29,42 +25,41 @@ def others(have: Mapping[str, float], wanted: Mapping[str, float]) -> Tuple[List
     return faster, [n for n in known if have[n] < wanted[n] * (1.0 - _SAME)]
 
 
-def judge(report: Optional[Any], planned: FlightBounds) -> Found:
-    """``report``: the newest fcsv_msgs/ParameterReport, or None. Faster is red: ways that are timed
+def judge(report: Optional[ParametersChecked], planned: FlightBounds) -> Found:
+    """``report``: the newest, or None. Faster is red: ways that are timed
     past each other are flown at other times, and nearer than planned. Slower is amber: it comes
     late.
     """
     if report is None:
-        return State.UNKNOWN, "its parameters are not heard"
-    have, wanted = flown_with(report), planned.autopilot_parameters
+        return Grade.UNKNOWN, "its parameters are not heard"
+    have, wanted = report.limits.values, planned.autopilot_parameters
     unknown = [name for name in wanted if math.isnan(have.get(name, math.nan))]
     faster, slower = others(have, wanted)
     if faster:
-        return State.RED, "faster than planned: " + _set(faster, have, wanted)
+        return Grade.RED, "faster than planned: " + _set(faster, have, wanted)
     if unknown:
         return _without(report, unknown)
     if slower:
-        return State.AMBER, "slower than planned: " + _set(slower, have, wanted)
-    return State.GREEN, f"{planned.speed_mps:g} m/s, as planned"
+        return Grade.AMBER, "slower than planned: " + _set(slower, have, wanted)
+    return Grade.GREEN, f"{planned.speed_mps:g} m/s, as planned"
 
 
-def _without(report: Any, unknown) -> Found:
+def _without(report: ParametersChecked, unknown) -> Found:
     if not report.complete:
-        return State.UNKNOWN, "its parameters are being read"
-    return State.AMBER, f"not known of it: {', '.join(unknown)}"
+        return Grade.UNKNOWN, "its parameters are being read"
+    return Grade.AMBER, f"not known of it: {', '.join(unknown)}"
 
 
 def _set(names, have: Dict[str, float], wanted: Dict[str, float]) -> str:
     return "; ".join(f"{n} is {have[n]:g}, planned {wanted[n]:g}" for n in names)
 
 
-def check(planned: FlightBounds, silent: Callable[..., bool]) -> Check:
-    """The line of one vehicle. ``silent(now_s, vehicle, rules)``: whether its own flight check is
-    not heard."""
+def check(planned: FlightBounds) -> Check:
+    """The line that needs the mission: of a vehicle whose autopilot's parameters cross the
+    radio."""
 
-    def of(now_s, vehicle, rules) -> Found:
-        report = None if silent(now_s, vehicle, rules) else vehicle.parameters
-        return judge(report, planned)
+    def of(now_s, vehicle, _rules) -> Found:
+        return judge(None if vehicle.silent(now_s) else vehicle.parameters, planned)
 
     return Check(
         "speed",

@@ -3,9 +3,10 @@
 
 from typing import List, Sequence
 
-from fcsv_control.flight_check.lines import Line, State, worst
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line, worst
 
-_COLOURS = {State.GREEN: "32", State.AMBER: "33", State.RED: "31", State.UNKNOWN: "35"}
+_COLOURS = {Grade.GREEN: "32", Grade.AMBER: "33", Grade.RED: "31", Grade.UNKNOWN: "35"}
 _STATE_WIDTH = 9
 
 
@@ -13,7 +14,7 @@ def render(lines: Sequence[Line], colours: bool = False) -> str:
     """One line each, those of a vehicle together; under what is not green its remedy. Ends with the
     verdict.
 
-    >>> print(render([Line("uav1", "battery", State.AMBER, "31%", "change it", 75.0)]))
+    >>> print(render([Line("uav1", "battery", Grade.AMBER, "31%", "change it", 75.0)]))
     uav1     battery     amber     31%  (1:15)
                                    -> change it
     flight check: amber, 1 of 1 lines not green
@@ -24,13 +25,13 @@ def render(lines: Sequence[Line], colours: bool = False) -> str:
         head = f"{line.vehicle:<{max(9, wide)}}{line.name:<12}"
         word = f"{line.state.word:<{_STATE_WIDTH}}"
         accepted = "  (accepted)" if line.accepted else ""
-        since = "" if line.state is State.GREEN else f"  ({_clock(line.since_s)})"
+        since = "" if line.state is Grade.GREEN else f"  ({_clock(line.since_s)})"
         rows.append(
             f"{head}{_painted(word, line.state, colours)} {line.what}{since}{accepted}".rstrip()
         )
         if line.remedy:
             rows.append(" " * (len(head) + _STATE_WIDTH + 1) + f"-> {line.remedy}")
-    state, wrong = worst(lines), sum(line.state is not State.GREEN for line in lines)
+    state, wrong = worst(lines), sum(line.state is not Grade.GREEN for line in lines)
     verdict = _painted(state.word, state, colours)
     return "\n".join([*rows, f"flight check: {verdict}, {wrong} of {len(lines)} lines not green"])
 
@@ -38,12 +39,12 @@ def render(lines: Sequence[Line], colours: bool = False) -> str:
 def exit_status(lines: Sequence[Line]) -> int:
     """0: green, or every amber line accepted; 1: amber; 2: red, unknown, or no line at all.
 
-    >>> [exit_status([Line("uav1", "a", s, "")]) for s in (State.GREEN, State.AMBER, State.RED, State.UNKNOWN)]
+    >>> [exit_status([Line("uav1", "a", s, "")]) for s in (Grade.GREEN, Grade.AMBER, Grade.RED, Grade.UNKNOWN)]
     [0, 1, 2, 2]
     """
     if lines and all(line.passes for line in lines):
         return 0
-    return 1 if worst(lines) is State.AMBER else 2
+    return 1 if worst(lines) is Grade.AMBER else 2
 
 
 def _clock(seconds: float) -> str:
@@ -51,5 +52,5 @@ def _clock(seconds: float) -> str:
     return f"{minutes}:{rest:02d}"
 
 
-def _painted(text: str, state: State, colours: bool) -> str:
+def _painted(text: str, state: Grade, colours: bool) -> str:
     return f"\033[{_COLOURS[state]}m{text}\033[0m" if colours else text

@@ -7,20 +7,24 @@ red itself.
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
-from fcsv_control import tracker_confidence
+from fcsv_control import conditions
+from fcsv_control.agent.messages import AgentAlive
+from fcsv_control.conditions import Grade
 from fcsv_control.disk import disk_words
+from fcsv_control.flight.messages import LinkLives, ParametersChecked
 from fcsv_control.flight_check import autopilot_line
 from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check.heard import PreArmTexts
-from fcsv_control.flight_check.lines import Check, Found, State
+from fcsv_control.flight_check.lines import Check, Found
 from fcsv_control.flight_check.rules import VehicleCheckRules
-from fcsv_control.guardian.messages import Cause
+from fcsv_control.guardian.messages import Cause, GuardianVerdict
+from fcsv_control.recorder_port import RecorderReport
 from fcsv_geometry.streams.stream import Stream
+from fcsv_geometry.vehicles import thresholds as at
 
-_G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
-PREARM_READY, PREARM_NOT_READY = 1, 2  # fcsv_msgs/LinkHealth
+_G, _A, _R, _U = Grade.GREEN, Grade.AMBER, Grade.RED, Grade.UNKNOWN
 _WINDOW_S = 3.0
 _PICTURES_S = 6.0
 # EKF_STATUS_FLAGS: attitude, both velocities, horizontal and vertical position; without a position
@@ -35,7 +39,7 @@ _EKF_NEEDED = (
 _EKF_CONSTANT_POSITION = 0x80
 
 
-@dataclass
+@dataclass(frozen=True)
 class Disk:
     """Where the recorder writes: free space, and for how long it lasts where the recorder tells
     it."""
@@ -46,19 +50,19 @@ class Disk:
 
 @dataclass
 class VehicleFacts:
-    """What was heard on board. Messages of fcsv_msgs are held as they came."""
+    """What was heard on board."""
 
-    link: Stream[Any] = field(default_factory=Stream)
+    link: Stream[LinkLives] = field(default_factory=Stream)
     # told once, and where they change
-    parameters: Stream[Any] = field(default_factory=Stream)
+    parameters: Stream[ParametersChecked] = field(default_factory=Stream)
     armed: Stream[bool] = field(default_factory=Stream)
     # with the autopilot's system status
     battery_share: Stream[float] = field(default_factory=Stream)
     tracker_variance_m2: Stream[float] = field(default_factory=Stream)
-    recorder: Stream[Any] = field(default_factory=Stream)
+    recorder: Stream[RecorderReport] = field(default_factory=Stream)
     disk: Stream[Disk] = field(default_factory=Stream)
-    guardian: Stream[Any] = field(default_factory=Stream)
-    agent: Stream[Any] = field(default_factory=Stream)
+    guardian: Stream[GuardianVerdict] = field(default_factory=Stream)
+    agent: Stream[AgentAlive] = field(default_factory=Stream)
     positions: Stream = field(default_factory=lambda: Stream(_WINDOW_S))
     pictures: Stream = field(default_factory=lambda: Stream(_PICTURES_S))
     relay: str = relay_keys.RELAY  # which program stands between the machines
@@ -67,7 +71,7 @@ class VehicleFacts:
     line: autopilot_line.AutopilotLine = field(default_factory=autopilot_line.AutopilotLine)
 
 
-def _link_now(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Optional[Any]:
+def link_now(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Optional[LinkLives]:
     """The flight link's health where it is heard and its autopilot too."""
     fresh = f.link.fresh(now_s, r.silent_s)
     return f.link.value if fresh and f.link.value.connected else None
@@ -82,40 +86,37 @@ def _link(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 
 
 def _streams(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    if _link_now(now_s, f, r) is None:
+    if link_now(now_s, f, r) is None:
         return _U, "no autopilot"
     if not f.battery_share.fresh(now_s, r.slow_silent_s):
         return _R, "no system status of the autopilot"
     if not f.link.value.ekf_age_s <= r.slow_silent_s:
         return _R, "no report of the autopilot's filter"
     hz = f.positions.rate_hz(now_s)
-    return _least(hz, r.red_position_hz, r.amber_position_hz), f"{hz:.0f} positions a second"
+    found = conditions.rate(hz, r.red_position_hz, r.amber_position_hz)
+    return found.measured(f"{hz:.0f} positions a second")
 
 
 def _pre_arm(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    if not f.armed.fresh(now_s, r.slow_silent_s) or _link_now(now_s, f, r) is None:
+    if not f.armed.fresh(now_s, r.slow_silent_s) or link_now(now_s, f, r) is None:
         return _U, "no autopilot"
     if f.armed.value:
         return _G, "armed"
-    told = f.link.value.prearm if f.battery_share.fresh(now_s, r.slow_silent_s) else 0
-    if told == PREARM_NOT_READY:
+    told = f.link.value.prearm_ok if f.battery_share.fresh(now_s, r.slow_silent_s) else None
+    if told is False:
         return _R, "; ".join(f.texts.now(now_s)) or "not ready to arm; it says why every 30 s"
-    return (
-        (_G, "ready to arm")
-        if told == PREARM_READY
-        else (_U, "it has not said whether it is ready to arm")
-    )
+    return (_G, "ready to arm") if told else (_U, "it has not said whether it is ready to arm")
 
 
 def _origin(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    link = _link_now(now_s, f, r)
+    link = link_now(now_s, f, r)
     if link is None:
         return _U, "no autopilot"
     return (_G, "set") if link.origin_set else (_R, "the autopilot has no origin")
 
 
 def _parameters(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    link = _link_now(now_s, f, r)
+    link = link_now(now_s, f, r)
     if link is None:
         return _U, "no autopilot"
     report = f.parameters.value
@@ -138,7 +139,7 @@ def _some(texts: Sequence[str]) -> str:
 
 
 def _ekf(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    link = _link_now(now_s, f, r)
+    link = link_now(now_s, f, r)
     if link is None or not link.ekf_age_s <= r.slow_silent_s:
         return _U, "no report of the filter"
     missing = [words for bit, words in _EKF_NEEDED if not link.ekf_flags & bit]
@@ -146,22 +147,18 @@ def _ekf(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
         missing.append("any movement: it assumes a constant position")
     if missing:
         return _R, f"it has no {', no '.join(missing)}"
-    if math.isnan(link.ekf_variance):
-        return _U, "its variances are not known"
-    return _most(
-        link.ekf_variance, r.amber_ekf_variance, r.red_ekf_variance
-    ), f"variance {link.ekf_variance:.1f}"
+    found = conditions.ekf(link.ekf_variance, r.red_ekf_variance, r.amber_ekf_variance)
+    return found.measured(f"variance {link.ekf_variance:.1f}")
 
 
 def _estimate(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    link = _link_now(now_s, f, r)
-    if link is None or math.isnan(link.estimate_apart_m):
-        return _U, "estimate or feed is not known"
-    red_m = r.red_apart_in_flight_m if link.in_the_air == 1 else r.red_apart_m
-    amber_m = r.red_apart_m if link.in_the_air == 1 else r.amber_apart_m
-    return _most(
-        link.estimate_apart_m, amber_m, red_m
-    ), f"{link.estimate_apart_m:.1f} m from the tracker's pose"
+    link = link_now(now_s, f, r)
+    apart_m = math.nan if link is None else link.estimate_apart_m
+    bounds_m = r.red_apart_m, r.amber_apart_m
+    if link is not None and link.in_the_air:
+        bounds_m = r.red_apart_in_flight_m, r.red_apart_m
+    found = conditions.estimate_apart(apart_m, *bounds_m)
+    return found.measured(f"{apart_m:.1f} m from the tracker's pose")
 
 
 def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
@@ -170,72 +167,58 @@ def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     link = f.link.value
     if link.doubt:
         return _R, link.doubt
-    if not link.feed_age_s <= r.red_feed_age_s:
+    if not conditions.feed_age(link.feed_age_s, r.red_feed_age_s).green:
         return _R, "no pose goes to the autopilot"
-    return _least(
-        link.feed_rate_hz, r.red_feed_hz, r.amber_feed_hz
-    ), f"{link.feed_rate_hz:.0f} poses a second"
+    found = conditions.feed_rate(link.feed_rate_hz, r.red_feed_hz, r.amber_feed_hz)
+    return found.measured(f"{link.feed_rate_hz:.0f} poses a second")
 
 
 def _tracker(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if not f.tracker_variance_m2.fresh(now_s, r.silent_s):
         return _R, "no pose comes from it"
-    level = tracker_confidence.confidence(f.tracker_variance_m2.value)
-    if math.isnan(level):
-        return _A, "it tells no confidence"
-    if level <= tracker_confidence.LOW:
-        return _R, "low confidence"
-    return _G, "high confidence" if level > tracker_confidence.MEDIUM + 0.5 else "medium confidence"
+    level = conditions.confidence_level(f.tracker_variance_m2.value)
+    found = conditions.confidence(level, at.CONFIDENCE.check.red)
+    return found.grade, found.words or f"{'high' if level > 2.5 else 'medium'} confidence"
 
 
 def _transmitter(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    link = _link_now(now_s, f, r)
+    link = link_now(now_s, f, r)
     if link is None:
         return _U, "no autopilot"
-    if math.isnan(link.throttle) or not link.throttle_age_s <= r.silent_s:
-        return _R, "no transmitter is heard"
-    return _G, "heard"
+    found = conditions.transmitter(link.throttle, link.throttle_age_s, r.silent_s)
+    return found.grade, found.words or "heard"
 
 
 def _battery(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if not f.battery_share.fresh(now_s, r.slow_silent_s):
         return _U, "not heard"
-    share = f.battery_share.value
-    if math.isnan(share):
-        return _R, "the autopilot does not know it"
-    return _least(share, r.red_battery, r.amber_battery), f"{share:.0%}"
+    found = conditions.battery(f.battery_share.value, r.red_battery, r.amber_battery)
+    return (_R, found.words) if found.grade is _U else found.measured(f"{found.value:.0%}")
 
 
 def _camera(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     hz = f.pictures.rate_hz(now_s)
     if hz == 0.0:
         return _R, "no picture comes from it"
-    return _least(hz, 0.0, r.amber_picture_hz), f"{hz:.1f} pictures a second"
+    return conditions.rate(hz, 0.0, r.amber_picture_hz).measured(f"{hz:.1f} pictures a second")
 
 
-def _recorder(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    if not f.recorder.fresh(now_s, r.slow_silent_s):
-        return _R, "not heard"
-    recorder = f.recorder.value
-    if recorder.problem:
-        return _R, recorder.problem
-    return (
-        (_A, f"{recorder.dropped} messages were dropped")
-        if recorder.dropped
-        else (_G, "it records")
-    )
+def recorder(now_s: float, f, r) -> Found:
+    """The line of a recorder: a vehicle's, and with the control PC's facts and rules its own."""
+    told, age_s = f.recorder.value, f.recorder.age_s(now_s)
+    problem, dropped = ("", 0) if told is None else (told.problem, told.dropped)
+    found = conditions.recorder(age_s, problem, r.slow_silent_s, dropped)
+    return found.grade, found.words or "it records"
 
 
-def _disk(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+def disk(now_s: float, f, r) -> Found:
+    """The line of its disk, likewise."""
     if not f.disk.fresh(now_s, r.slow_silent_s):
         return _U, "the recorder's disk is not known"
-    disk = f.disk.value
-    lasts = (
-        f", enough for {disk_words(disk.minutes_left)}" if math.isfinite(disk.minutes_left) else ""
-    )
-    return _least(
-        disk.free_mib, r.red_disk_mib, r.amber_disk_mib
-    ), f"{disk.free_mib / 1024:.1f} GiB free{lasts}"
+    free_mib, left = f.disk.value.free_mib, f.disk.value.minutes_left
+    lasts = f", enough for {disk_words(left)}" if math.isfinite(left) else ""
+    found = conditions.disk(free_mib, r.red_disk_mib, r.amber_disk_mib)
+    return found.measured(f"{free_mib / 1024:.1f} GiB free{lasts}")
 
 
 def guardian(
@@ -270,16 +253,6 @@ def _signing(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if not f.link.fresh(now_s, r.silent_s):
         return _U, "the flight link is not heard"
     return autopilot_line.judge(f.line)
-
-
-def _least(value: float, red: float, amber: float) -> State:
-    """Judges the state of a value that should be large."""
-    return _R if not value >= red else _A if value < amber else _G
-
-
-def _most(value: float, amber: float, red: float) -> State:
-    """Judges the state of a value that should be small."""
-    return _R if not value <= red else _A if value > amber else _G
 
 
 VEHICLE_CHECKS: Tuple[Check, ...] = (
@@ -347,12 +320,12 @@ VEHICLE_CHECKS: Tuple[Check, ...] = (
         _battery,
     ),
     Check("camera", "pictures come", "check the camera, its USB port and the node tags", _camera),
-    Check("recorder", "the recorder writes", "start it again; see its log", _recorder),
+    Check("recorder", "the recorder writes", "start it again; see its log", recorder),
     Check(
         "disk",
         "there is room for the flight's pictures",
         "remove sessions that were gathered",
-        _disk,
+        disk,
     ),
     Check(
         "guardian",

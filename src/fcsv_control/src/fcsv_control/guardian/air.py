@@ -139,8 +139,7 @@ class VehicleSituation:
     confidence: float = math.nan
     link: LinkReport = field(default_factory=LinkReport)
     link_s: float = -_INF
-    battery_share: float = math.nan
-    battery_s: float = -_INF
+    battery: Stream[float] = field(default_factory=Stream)  # share of the charge; NaN: not known
     control_s: float = -_INF
     agent_s: float = -_INF
     T_home_odom: Optional[np.ndarray] = None
@@ -187,12 +186,13 @@ class VehicleSituation:
     def slept(self, seconds: float) -> None:
         """This process itself did not run for so long."""
         self.feed.at_s += seconds
-        for name in ("link_s", "agent_s", "control_s", "battery_s"):
+        self.battery.at_s += seconds
+        for name in ("link_s", "agent_s", "control_s"):
             setattr(self, name, getattr(self, name) + seconds)
 
     def battery_now(self, now_s: float, old_s: float) -> float:
         """0..1; NaN where it is not known, or was last heard ``old_s`` ago."""
-        return self.battery_share if now_s - self.battery_s <= old_s else math.nan
+        return self.battery.value if self.battery.fresh(now_s, old_s) else math.nan
 
     @property
     def flying(self) -> bool:

@@ -120,7 +120,7 @@ class Guardian:
 
     def battery(self, now_s: float, share: float) -> None:
         """0..1, NaN where not known."""
-        self.air.battery_share, self.air.battery_s = share, now_s
+        self.air.battery.tell(now_s, share)
 
     def confidence(self, level: float) -> None:
         """Takes the confidence of the tracking camera, 0 (failed) to 3 (high); NaN where not

@@ -5,10 +5,12 @@ import math
 from collections import defaultdict
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Dict, Iterator, List, Optional, Tuple
+from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_control import conditions
+from fcsv_control.conditions import Condition
 from fcsv_control.guardian import room, way_home
 from fcsv_control.guardian.air import Other, VehicleSituation
 from fcsv_control.guardian.messages import Cause, Forbidden
@@ -16,12 +18,13 @@ from fcsv_control.guardian.rules import NEVER, GuardianRules
 from fcsv_geometry.missions import separation
 from fcsv_geometry.streams.stream import Since
 from fcsv_geometry.vehicles.modes import Mode
+from fcsv_geometry.vehicles.thresholds import OTHER_AGE_S
 
 ABOVE = "above"  # a finding about one who comes down
-_OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
+_OLD_S = OTHER_AGE_S.guardian.red  # what was heard so long ago says nothing any more
 _BELOW_M = 0.5
 _ABOVE_FLOOR_M = 0.5
-_FOUND_S = 1.0
+_FOUND_S = _SLOW_S = 1.0
 _ESCAPES_M = 2.0  # above the take-off place
 
 
@@ -46,6 +49,9 @@ class Finding:
     wish: Reaction
     text: str
     away_from: str = ""
+
+
+Step = Tuple[Condition, float, Reaction]  # red for so long (s): this
 
 
 class Monitors:
@@ -84,41 +90,38 @@ class Monitors:
 
     def forbids(self, now_s: float, air: VehicleSituation) -> Iterator[Forbidden]:
         """Why the vehicle must not be handed over to the mission now."""
-        r = self._rules
-        if air.link.doubt:
-            yield Forbidden(f"{air.link.doubt}; land by hand and begin anew")
-        if not air.link.origin_set:
+        r, link = self._rules, air.link
+        ekf = conditions.ekf(link.ekf_variance, r.ekf_variance)
+        apart = conditions.estimate_apart(air.apart_m, r.apart_m)
+        battery = conditions.battery(air.battery_now(now_s, r.battery_old_s), r.low_battery)
+        stick = conditions.stick(abs(link.throttle), r.throttle_middle)
+        confidence = conditions.confidence(air.confidence, r.confidence)
+        if link.doubt:
+            yield Forbidden(f"{link.doubt}; land by hand and begin anew")
+        if not link.origin_set:
             yield Forbidden("the autopilot has no origin yet")
-        if not air.link.parameters_ok:
-            wrong = air.link.parameter or "one that must fit was not read"
+        if not link.parameters_ok:
+            wrong = link.parameter or "one that must fit was not read"
             yield Forbidden(f"autopilot's parameters: {wrong}")
-        if air.link.ekf_variance > r.ekf_variance:
-            yield Forbidden("the autopilot's filter does not agree with its sensors")
-        if air.feed.age_s(now_s) > r.feed_warn_s:
-            yield Forbidden("no poses come from the tracking camera", Cause.NO_POSES)
-        if not air.flying and self._lasts(now_s, "apart", air.apart_m > r.apart_m, 0.5):
-            yield Forbidden(
-                f"autopilot and tracker are {air.apart_m:.1f} m apart; restart the autopilot"
-            )
-        share = air.battery_now(now_s, r.battery_old_s)
-        if math.isnan(share):
-            yield Forbidden("the battery is not known; see BATT_MONITOR")
-        elif share < r.low_battery:
-            yield Forbidden(f"battery below {r.low_battery:.0%}")
-        if r.transmitter and math.isnan(air.link.throttle):
-            yield Forbidden("no transmitter is heard: nobody could take over")
-        if abs(air.link.throttle) > r.throttle_middle:
-            yield Forbidden(
-                "the throttle stick is not in the middle: who takes over would climb or fall",
-                Cause.STICK,
-            )
-        if air.confidence <= r.confidence:
-            yield Forbidden("the tracking camera has low confidence")
+        if ekf.red:
+            yield Forbidden(ekf.words)
+        if not self._fed(now_s, air).green:
+            yield Forbidden(self._fed(now_s, air).words, Cause.NO_POSES)
+        if not air.flying and self._lasts(now_s, "apart", apart.red, 0.5):
+            yield Forbidden(f"{apart.words}; restart the autopilot")
+        if not battery.green:
+            yield Forbidden(battery.words + ("" if battery.red else "; see BATT_MONITOR"))
+        if stick.red:
+            yield Forbidden(f"{stick.words}: who takes over would climb or fall", Cause.STICK)
+        elif r.transmitter and not stick.green:
+            yield Forbidden(f"{stick.words}: nobody could take over")
+        if confidence.red:
+            yield Forbidden(confidence.words)
 
     def found_again(self, now_s: float, air: VehicleSituation) -> bool:
         """Whether poses of a tracker that knows places, not only ways, have come for a second."""
         r = self._rules
-        if not r.finds_again or air.feed.age_s(now_s) > r.feed_warn_s or air.link.doubt:
+        if not r.finds_again or not self._fed(now_s, air).green or air.link.doubt:
             self._unseen_s = now_s
         return now_s - self._unseen_s > _FOUND_S
 
@@ -156,82 +159,63 @@ class Monitors:
 
     # ---- the position ----------------------------------------------------------------------------
 
-    def _feed(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
+    def _fed(self, now_s: float, air: VehicleSituation) -> Condition:
+        """Whether poses of the tracker come, by the earlier of its bounds."""
+        return conditions.feed_age(air.feed.age_s(now_s), self._rules.feed_warn_s)
+
+    def _feed(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
         r, age_s, hz = self._rules, air.feed.age_s(now_s), air.feed.rate_hz(now_s)
         if not air.flying or air.feed.value is None:
-            return
-        if age_s > r.feed_land_s:
-            yield Finding("feed", Reaction.LAND, "the tracking camera is silent")
-        elif age_s > r.feed_warn_s:
-            yield Finding("feed", Reaction.SAY, "the tracking camera is late")
-        elif self._lasts(now_s, "slow", hz < r.feed_land_hz, 1.0):
-            yield Finding(
-                "rate",
-                Reaction.LAND,
-                f"the tracking camera gives fewer than {r.feed_land_hz:g} poses a second",
-            )
-        elif self._lasts(now_s, "slowish", hz < r.feed_warn_hz, 1.0):
-            yield Finding(
-                "rate",
-                Reaction.SAY,
-                f"the tracking camera gives fewer than {r.feed_warn_hz:g} poses a second",
-            )
+            return ()
+        age = (
+            (conditions.feed_age(age_s, r.feed_land_s), 0.0, Reaction.LAND),
+            (conditions.feed_age(age_s, r.feed_warn_s), 0.0, Reaction.SAY),
+        )
+        rate = (
+            (conditions.feed_rate(hz, r.feed_land_hz), _SLOW_S, Reaction.LAND),
+            (conditions.feed_rate(hz, r.feed_warn_hz), _SLOW_S, Reaction.SAY),
+        )
+        return self._first(now_s, "feed", *age) or self._first(now_s, "rate", *rate)
 
     def _doubt(self, _now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         if air.link.doubt:
             yield Finding("tracker", Reaction.LAND, air.link.doubt)
 
     def _ekf(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        if self._lasts(
-            now_s, "ekf", air.link.ekf_variance > self._rules.ekf_variance, self._rules.ekf_s
-        ):
-            yield Finding(
-                "ekf", Reaction.LAND, "the autopilot's filter does not agree with its sensors"
-            )
+        found = conditions.ekf(air.link.ekf_variance, self._rules.ekf_variance)
+        yield from self._first(now_s, "ekf", (found, self._rules.ekf_s, Reaction.LAND))
         if air.link.failsafe:
             yield Finding("failsafe", Reaction.SAY, "the autopilot has a failsafe of its own")
 
-    def _confidence(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        r, low = self._rules, air.confidence <= self._rules.confidence
-        if self._lasts(now_s, "confidence", low, r.confidence_land_s):
-            yield Finding(
-                "confidence",
-                Reaction.LAND_ASIDE,
-                "the tracking camera has had low confidence for too long",
-            )
-        elif self._lasts(now_s, "confidence", low, r.confidence_hold_s):
-            yield Finding("confidence", Reaction.HOLD, "the tracking camera has low confidence")
+    def _confidence(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
+        r = self._rules
+        low = conditions.confidence(air.confidence, r.confidence)
+        lands = (low, r.confidence_land_s, Reaction.LAND_ASIDE)
+        return self._first(now_s, "confidence", lands, (low, r.confidence_hold_s, Reaction.HOLD))
 
-    def _tilt(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
+    def _tilt(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
         r, tilt_deg = self._rules, math.degrees(air.tilt_rad())
-        if self._lasts(now_s, "tilt", tilt_deg > r.tilt_land_deg, r.tilt_s):
-            yield Finding("tilt", Reaction.LAND, f"it leans by more than {r.tilt_land_deg:g} deg")
-        elif self._lasts(now_s, "tilts", tilt_deg > r.tilt_warn_deg, r.tilt_s):
-            yield Finding("tilt", Reaction.SAY, f"it leans by more than {r.tilt_warn_deg:g} deg")
+        lands = (conditions.tilt(tilt_deg, r.tilt_land_deg), r.tilt_s, Reaction.LAND)
+        warns = (conditions.tilt(tilt_deg, r.tilt_warn_deg), r.tilt_s, Reaction.SAY)
+        return self._first(now_s, "tilt", lands, warns)
 
     # ---- what it lives on, and who flies it ------------------------------------------------------
 
     def _battery(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, share = self._rules, air.battery_now(now_s, self._rules.battery_old_s)
-        unknown = math.isnan(share)
-        text = "battery not known" if unknown else f"battery below {r.low_battery:.0%}"
-        low = unknown or share < r.low_battery
+        empty, low = (conditions.battery(share, b) for b in (r.empty_battery, r.low_battery))
         alone = (
-            low
-            and not unknown
-            and air.mode == Mode.GUIDED
-            and air.flying
-            and now_s - air.control_s > r.home_s
+            low.red and air.mode == Mode.GUIDED and air.flying and now_s - air.control_s > r.home_s
         )
         self._homeward, self._stopped = self._homeward and alone, self._stopped if alone else ""
-        if self._lasts(now_s, "empty", share < r.empty_battery, r.battery_s):
-            yield Finding("battery", Reaction.LAND_ASIDE, f"battery below {r.empty_battery:.0%}")
-        elif self._lasts(now_s, "low", low, r.low_battery_s):
-            yield Finding("battery", Reaction.LAND_ASIDE, f"{text} for too long")
-        elif self._lasts(now_s, "low", low, r.battery_s):
-            yield Finding("battery", Reaction.SAY, text)
+        if self._lasts(now_s, "empty", empty.red, r.battery_s):
+            yield Finding("battery", Reaction.LAND_ASIDE, empty.words)
+        elif self._lasts(now_s, "low", not low.green, r.low_battery_s):
+            yield Finding("battery", Reaction.LAND_ASIDE, f"{low.words} for too long")
+        elif self._lasts(now_s, "low", not low.green, r.battery_s):
+            yield Finding("battery", Reaction.SAY, low.words)
             if alone:
-                yield self._home(now_s, air, text)
+                yield self._home(now_s, air, low.words)
 
     def _home(self, now_s: float, air: VehicleSituation, text: str) -> Finding:
         """Its battery is low, and nobody is there who would bring it down."""
@@ -249,35 +233,28 @@ class Monitors:
             )
         return Finding("home", Reaction.HOME, f"{text}, and nothing from the control PC")
 
-    def _control(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        r, silent_s = self._rules, now_s - air.control_s
-        if silent_s > r.link_hold_s and r.link_loss != NEVER:
-            yield Finding(
-                "control",
-                Reaction.LAND_ASIDE,
-                f"nothing from the control PC for {r.link_hold_s:g} s",
-            )
-        elif silent_s > r.link_warn_s:
-            yield Finding("control", Reaction.SAY, "nothing from the control PC")
+    def _control(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
+        r, age_s = self._rules, now_s - air.control_s
+        hold_s = math.inf if r.link_loss == NEVER else r.link_hold_s
+        lands = (conditions.control_age(age_s, hold_s), 0.0, Reaction.LAND_ASIDE)
+        warns = (conditions.control_age(age_s, r.link_warn_s), 0.0, Reaction.SAY)
+        return self._first(now_s, "control", lands, warns)
 
-    def _agent(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        r, silent_s = self._rules, now_s - air.agent_s
-        if silent_s > r.agent_land_s:
-            yield Finding(
-                "agent", Reaction.LAND_ASIDE, f"the agent has been silent for {r.agent_land_s:g} s"
-            )
-        elif silent_s > r.agent_silent_s:
-            yield Finding("agent", Reaction.HOLD, "the agent is silent")
+    def _agent(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
+        r, age_s = self._rules, now_s - air.agent_s
+        lands = (conditions.agent_age(age_s, r.agent_land_s), 0.0, Reaction.LAND_ASIDE)
+        holds = (conditions.agent_age(age_s, r.agent_silent_s), 0.0, Reaction.HOLD)
+        return self._first(now_s, "agent", lands, holds)
 
     def _link(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        if now_s - air.link_s > self._rules.link_silent_s:
-            yield Finding("link", Reaction.SAY, "the flight link is silent")
-        elif not air.link.connected:
-            yield Finding("link", Reaction.SAY, "the flight link hears no autopilot")
+        silent = conditions.link_age(now_s - air.link_s, self._rules.link_silent_s)
+        if silent.red or not air.link.connected:
+            text = silent.words or "the flight link hears no autopilot"
+            yield Finding("link", Reaction.SAY, text)
 
     def _stick(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        off = air.mode == Mode.GUIDED and abs(air.link.throttle) > self._rules.throttle_middle
-        if self._lasts(now_s, "stick", off, 1.0):
+        off = conditions.stick(abs(air.link.throttle), self._rules.throttle_middle).red
+        if self._lasts(now_s, "stick", off and air.mode == Mode.GUIDED, 1.0):
             yield Finding(
                 "stick", Reaction.SAY, "put the throttle stick in the middle before you take over"
             )
@@ -362,3 +339,10 @@ class Monitors:
         """Whether a condition has held for some time; a name counts from the first moment it
         held."""
         return self._since[what].lasts_s(now_s, holds) >= seconds
+
+    def _first(self, now_s: float, what: str, *steps: Step) -> Sequence[Finding]:
+        """The first step whose condition has been red for so long."""
+        for k, (found, seconds, reaction) in enumerate(steps):
+            if self._lasts(now_s, f"{what} {k}", found.red, seconds):
+                return [Finding(what, reaction, found.words)]
+        return ()

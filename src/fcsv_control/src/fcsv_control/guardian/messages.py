@@ -13,7 +13,7 @@ from fcsv_geometry.vehicles.modes import Mode
 def in_words(action: str, reasons: Sequence[str]) -> str:
     """What a guardian does and why, empty where it does nothing.
 
-    >>> in_words("aside", ["uav2 comes down"]), in_words("hold", []), in_words("", ["the tracking camera is late"])
+    >>> in_words("aside", ["uav2 comes down"]), in_words("hold", []), in_words("", ["uav2 is silent"])
     ('aside: uav2 comes down', 'hold', '')
     """
     return ": ".join(filter(None, (action, "; ".join(reasons)))) if action else ""
@@ -70,6 +70,11 @@ class GuardianVerdict:
     def forbids(self) -> Tuple[str, ...]:
         """Why GUIDED is refused, in words."""
         return tuple(f.text for f in self.forbidden)
+
+    @property
+    def causes(self) -> Tuple[Cause, ...]:
+        """Why GUIDED is refused, as others excuse it."""
+        return tuple(f.cause for f in self.forbidden)
 
     @property
     def in_words(self) -> str:

@@ -7,6 +7,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
+from fcsv_control import conditions
 from fcsv_control.agent.messages import DONE, Ack, AgentAlive, Instruction, Kind
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import (
@@ -26,9 +27,9 @@ from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.streams.arrivals import Arrivals
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.modes import Mode
+from fcsv_geometry.vehicles.thresholds import TRANSMITTER_AGE_S
 
 _STATE_S = 0.2  # a verdict is told at least so often
-_THROTTLE_OLD_S = 2.0  # no transmitter is heard
 _COMMANDS_KEPT = 20  # that may still be acknowledged
 _CM = 0.01
 
@@ -135,11 +136,11 @@ class GuardianPort:
 
     def _link(self, now_s: float, m: LinkLives) -> None:
         self._link_pid = m.pid
-        throttle = m.throttle if m.throttle_age_s < _THROTTLE_OLD_S else math.nan
+        heard = conditions.transmitter(m.throttle, m.throttle_age_s, TRANSMITTER_AGE_S.guardian.red)
         report = LinkReport(
             m.doubt,
             m.ekf_variance,
-            throttle,
+            m.throttle if heard.green else math.nan,
             m.system_status in AUTOPILOT_FAILSAFE,
             m.origin_set,
             m.parameters_ok,

@@ -3,9 +3,10 @@
 
 from dataclasses import dataclass, field
 
-from fcsv_geometry.config import require_positive
+from fcsv_geometry.config import require_in_order, require_positive
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.missions.separation import LOST_CLEAR_M, SeparationRules
+from fcsv_geometry.vehicles import thresholds as at
 
 NEVER = "never"
 LINK_LOSS = ("land", NEVER)
@@ -16,36 +17,36 @@ class GuardianRules:
     """Times in s, shares of the battery, angles in degrees. ``link_loss`` "never" must be written:
     then a vehicle without its control PC holds until the battery is low."""
 
-    feed_warn_s: float = 0.5  # without a pose from the tracker: the operator is warned
-    feed_land_s: float = 0.7  # before the flight link's own watchdog, which is the second line
+    feed_warn_s: float = at.POSE_AGE_S.guardian.amber  # no pose for so long: a warning
+    feed_land_s: float = at.POSE_AGE_S.guardian.red  # LAND, before the flight link's own watchdog
     # a tracker on the ground knows a place as soon as it sees it; on board ways add up
     finds_again: bool = False
-    feed_warn_hz: float = 8.0  # fewer poses a second for 1 s: a warning
-    feed_land_hz: float = 4.0  # likewise: LAND
-    apart_m: float = 0.5  # between estimate and feed, on the ground
-    ekf_variance: float = 0.8  # ArduCopter's own bound, FS_EKF_THRESH
+    feed_warn_hz: float = at.FEED_HZ.guardian.amber  # fewer poses a second for 1 s: a warning
+    feed_land_hz: float = at.FEED_HZ.guardian.red  # likewise: LAND
+    apart_m: float = at.APART_M.guardian.red  # between estimate and feed, on the ground
+    ekf_variance: float = at.EKF_VARIANCE.guardian.red  # ArduCopter's own bound, FS_EKF_THRESH
     ekf_s: float = 0.5  # above ekf_variance for so long: LAND
-    confidence: float = 1.0  # T265: 0 failed, 1 low, 2 medium, 3 high; up to here is low
+    confidence: float = at.CONFIDENCE.guardian.red  # up to here is low: 1 of 0..3
     confidence_hold_s: float = 1.0  # low for so long: it holds
     confidence_land_s: float = 4.0  # low for so long: LAND
-    tilt_warn_deg: float = 30.0  # leans further: a warning
-    tilt_land_deg: float = 50.0  # leans further: LAND
+    tilt_warn_deg: float = at.TILT_DEG.guardian.amber  # leans further: a warning
+    tilt_land_deg: float = at.TILT_DEG.guardian.red  # leans further: LAND
     tilt_s: float = 0.3  # for so long
-    low_battery: float = 0.2  # share of the charge below which it is low
+    low_battery: float = at.BATTERY.guardian.amber  # a share below is low
     low_battery_s: float = 60.0  # so long the mission has to bring it down
-    empty_battery: float = 0.1  # share of the charge below which it lands
+    empty_battery: float = at.BATTERY.guardian.red  # a share below: LAND
     # low, and so long without the control PC: home; a mission that restarts is back by then
     home_s: float = 10.0
     battery_s: float = 2.0  # a voltage that sags for a moment is no empty battery
-    battery_old_s: float = 10.0  # what was heard of it counts for so long
-    link_warn_s: float = 2.0  # without the control PC: a warning
-    link_hold_s: float = 30.0  # without the control PC: then aside and LAND
+    battery_old_s: float = at.BATTERY_AGE_S.guardian.red  # its last word counts for so long
+    link_warn_s: float = at.CONTROL_AGE_S.guardian.amber  # without the control PC: a warning
+    link_hold_s: float = at.CONTROL_AGE_S.guardian.red  # likewise: aside, then LAND
     link_loss: str = "land"  # what follows link_hold_s; "never": it holds until the battery is low
-    agent_silent_s: float = 1.0  # its own agent is silent for so long: it holds
-    agent_land_s: float = 15.0  # and for so long: LAND
-    link_silent_s: float = 2.0  # its own flight link is silent for so long: it is started again
+    agent_silent_s: float = at.AGENT_AGE_S.guardian.amber  # its agent is silent: it holds
+    agent_land_s: float = at.AGENT_AGE_S.guardian.red  # and for so long: LAND
+    link_silent_s: float = at.LINK_AGE_S.guardian.red  # its flight link is silent: restarted
     transmitter: bool = True  # without one that is heard no hand-over: nobody could take over
-    throttle_middle: float = 0.25  # of the stick's way either side
+    throttle_middle: float = at.STICK.guardian.red  # of the stick's way either side
     # of the place, for every mission
     fence: Fence = field(default_factory=lambda: Fence(0.3, 45.0, 100.0))
     fence_land_m: float = 5.0  # further out than this: LAND
@@ -58,7 +59,7 @@ class GuardianRules:
     uncontrolled_clear_m: float = LOST_CLEAR_M
     # so long one may be above or below a vehicle that is in other hands, or lost
     unruly_s: float = 1.0
-    silent_above_s: float = 1.5  # who was above and is silent for so long may come down
+    silent_above_s: float = at.OTHER_AGE_S.guardian.amber  # who was above may come down then
     aside_s: float = 15.0  # longest way aside
     obey_s: float = 1.0  # a mode that does not show by then: the next one
 
@@ -66,13 +67,10 @@ class GuardianRules:
         require_positive(self)
         if self.link_loss not in LINK_LOSS:
             raise ValueError(f"link_loss: '{self.link_loss}' is not one of {', '.join(LINK_LOSS)}")
-        for low, high in (
+        require_in_order(
+            self,
             ("feed_warn_s", "feed_land_s"),
             ("feed_land_hz", "feed_warn_hz"),
             ("empty_battery", "low_battery"),
             ("tilt_warn_deg", "tilt_land_deg"),
-        ):
-            if getattr(self, low) > getattr(self, high):
-                raise ValueError(
-                    f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}"
-                )
+        )

@@ -6,17 +6,18 @@ import math
 
 import numpy as np
 
+from fcsv_control import conditions
 from fcsv_control.guardian import room
 from fcsv_control.guardian.air import Other, VehicleSituation
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.missions import separation
+from fcsv_geometry.vehicles import thresholds as at
 
 THERE_M = 0.4  # horizontally
 _MORE_M = 0.3  # of room, to set out: what is only just clear would stop it on the way
 _SLOWEST_MPS = 1.0  # it flies at least as fast
 _MOVES_MPS = 0.5
-_APART_M = 1.0  # of estimate and feed, in flight
 
 
 def left_m(air: VehicleSituation) -> float:
@@ -53,11 +54,13 @@ def against(now_s: float, air: VehicleSituation, rules: GuardianRules, under_way
 
 def _believed(now_s: float, air: VehicleSituation, rules: GuardianRules) -> bool:
     """Whether it knows well where it is."""
-    feed_is_good = (
-        air.feed.age_s(now_s) < rules.feed_warn_s and not air.confidence <= rules.confidence
+    asked = (
+        conditions.feed_age(air.feed.age_s(now_s), rules.feed_warn_s),
+        conditions.ekf(air.link.ekf_variance, rules.ekf_variance),
+        conditions.estimate_apart(air.apart_m, at.APART_IN_FLIGHT_M.guardian.red),
     )
-    filter_is_good = air.link.ekf_variance <= rules.ekf_variance and air.apart_m < _APART_M
-    return feed_is_good and filter_is_good and not air.link.doubt and not air.lost
+    low = conditions.confidence(air.confidence, rules.confidence).red
+    return all(c.green for c in asked) and not (low or air.link.doubt or air.lost)
 
 
 def _within_fences(air: VehicleSituation, rules: GuardianRules, p_home_there: np.ndarray) -> bool:

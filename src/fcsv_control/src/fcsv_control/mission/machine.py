@@ -5,13 +5,12 @@ no clock."""
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Set
 
 from fcsv_control.mission import restart
+from fcsv_control.mission.activities.activity import CaptureWindow
 from fcsv_control.mission.activities.flight_list import FlightList
 from fcsv_control.mission.activities.handover import Handover
 from fcsv_control.mission.activities.holding import Holding
 from fcsv_control.mission.activities.landing import Landing
-from fcsv_control.mission.activities.standing import CaptureWindow
 from fcsv_control.mission.memory import Memory, digest
-from fcsv_control.mission.operated import OperatorCommands
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.plans.plan_gate import PlanGate
 from fcsv_control.mission.snapshot import Snapshot
@@ -34,7 +33,7 @@ _LINE_UP = {
 _AIRBORNE_M = 1.5
 
 
-class MissionMachine(OperatorCommands):
+class MissionMachine:
     """``step`` advances; ``calibrate`` and ``set_home`` are asked for through ``wants`` and
     answered by ``answer``.
 
@@ -73,11 +72,17 @@ class MissionMachine(OperatorCommands):
         self._stopped = ""
         self._paused_by_operator = False
         self._snapshot: Optional[Snapshot] = None
-        self._confirmed_s = float("-inf")
-        self._indices: Optional[List[int]] = None  # of the configurations to fly; None: all
+        self._indices: Sequence[int] = ()  # of the configurations to fly; none: all
         self._memory: Optional[Memory] = None
         self.said: List[str] = []  # for the log
         self.unexplained: List[str] = []  # fly in GUIDED, and nothing is known of their mission
+
+    # ---- what it shows ---------------------------------------------------------------------------
+
+    @property
+    def now_s(self) -> float:
+        """Time of the last step."""
+        return 0.0 if self._snapshot is None else self._snapshot.now_s
 
     @property
     def over(self) -> bool:
@@ -88,24 +93,109 @@ class MissionMachine(OperatorCommands):
         """Whether it lands because the list is flown."""
         return self.phase == "LAND" and not self._aborted
 
+    @property
+    def lost(self) -> str:
+        """Who lost its position, and what to do; "" where nobody did."""
+        return watch.lost(self._snapshot)
+
+    @property
+    def configuration(self) -> int:
+        """Index of the running configuration."""
+        return 0 if self._flight_list is None else self._flight_list.index
+
+    @property
+    def progress(self) -> float:
+        """0..1 of the configurations that are recorded or left out."""
+        return 0.0 if self._flight_list is None else self._flight_list.share
+
+    @property
+    def stage(self) -> str:
+        """What is done for it now, as stages.py names it; "" where no list is flown."""
+        flown = self._flight_list
+        return "" if flown is None or self.phase != "CONFIGURATIONS" else flown.stage
+
+    @property
+    def so_far(self) -> List[CaptureWindow]:
+        """Windows of sweeps under way, for who maps meanwhile: pictures until then are taken."""
+        return [] if self._flight_list is None else self._flight_list.so_far
+
+    # ---- what people want: each answers "" when it is done, else why not -------------------------
+
+    def call(self, service: str) -> str:
+        """Asks for "calibrate" or "set_home"."""
+        self._enter({"calibrate": "CALIBRATE", "set_home": "SET_HOME"}[service], "running")
+        self.wants = service
+        return ""
+
+    def begin_list(self, indices: Sequence[int]) -> str:
+        """Hands over to the mission, which flies these configurations (none: all)."""
+        locked = self.gate.before_list(self.now_s)
+        if locked:
+            return locked
+        wrong = self._plan.from_here(self._snapshot, indices or None)
+        if wrong:
+            self._enter("MOVE_HOME", f"the list cannot be flown from here: {wrong}", "set_home")
+            return self.detail
+        self._indices = indices
+        self._take_back()
+        return ""
+
+    def resume(self) -> str:
+        """Goes on with the list, or with the landing."""
+        locked = "" if self.phase == "LAND" else self.gate.before_resuming(self.now_s)
+        if not locked:
+            self._take_back()
+        return locked
+
+    def _take_back(self) -> None:
+        """Takes the vehicles back from pilots, and from who stopped everybody."""
+        self._modes.give_back()
+        self._paused_by_operator, self._stopped, self.waits_for = False, "", ""
+        if self.phase != "LAND":
+            self._enter("GUIDED", "handing over to the mission")
+
+    def change(self, operation: str) -> str:
+        """Pauses the list, or changes it: "pause", "skip", "repeat", "next", "previous"."""
+        flown = self._flight_list
+        if flown is None or self.phase not in FLOWN:
+            return f"'{operation}' is for vehicles that fly the list; this is {self.phase}"
+        if flown.going_back:
+            return f"the list is over, the vehicles go back and land: {flown.going_back}"
+        if operation == "pause":
+            self._paused_by_operator = True
+            return ""
+        return flown.change(self._snapshot, operation)
+
+    def abort(self, reason: str) -> None:
+        """Land everybody whom the mission flies, wherever it is; who is flown by hand is told to
+        land."""
+        if not self.over:
+            self._aborted, self._stopped = True, ""
+            self._enter("LAND", reason)
+
+    def finish(self, reason: str) -> None:
+        """Fly nothing more: back to the column and land; where the list is not flown, as
+        ``abort``."""
+        if self.phase == "CONFIGURATIONS" and self._flight_list is not None:
+            self._flight_list.go_back(self._snapshot, reason)
+            self._paused_by_operator = False
+            self._patience.begin_anew()
+        else:
+            self.abort(f"{reason}: landing")
+
     # ---- what services say -----------------------------------------------------------------------
 
     def answer(self, what: str, success: bool, message: str) -> None:
         """The outcome of a service that was asked for; one that failed is waited for again."""
         if self.phase != {"calibrate": "CALIBRATE", "set_home": "SET_HOME"}[what]:
             return  # aborted meanwhile
-        lost = watch.lost(self._snapshot)
-        success, message = success and not lost, lost or message
-        if what == "calibrate":
-            self._enter(*(("MOVE_HOME", message, "set_home") if success else ("COLUMN", message)))
+        success, message = success and not self.lost, self.lost or message
+        if what == "calibrate" and not success:
+            self._enter("COLUMN", message)
+        elif what == "set_home" and success:
+            self._enter("SET_HOME", message, "execute")
         else:
-            self._enter(
-                *(
-                    ("SET_HOME", message, "execute")
-                    if success
-                    else ("MOVE_HOME", message, "set_home")
-                )
-            )
+            self._enter("MOVE_HOME", message, "set_home")
 
     # ---- over a restart --------------------------------------------------------------------------
 
@@ -259,7 +349,7 @@ class MissionMachine(OperatorCommands):
             return
         if self._flight_list is None:
             self._flight_list = FlightList.begin(
-                self.mission, self.vehicles, self.outbox, snapshot, self._indices
+                self.mission, self.vehicles, self.outbox, snapshot, self._indices or None
             )
         self._flight_list.resumed()
         self._enter("CONFIGURATIONS", "")

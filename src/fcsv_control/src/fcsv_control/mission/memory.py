@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Sequence
 
 from fcsv_control.errors import SessionError
+from fcsv_control.mission.activities.activity import CaptureWindow
 from fcsv_control.mission.activities.looking_round import Turned
-from fcsv_control.mission.activities.standing import CaptureWindow
 from fcsv_control.mission.plans.task_list import Task
 from fcsv_geometry import config
 from fcsv_geometry.missions.mission import Mission

@@ -9,9 +9,10 @@ from typing import Any, Callable, Dict, List, Optional, Sequence
 
 from fcsv_control import control_messages as told
 from fcsv_control.agent.messages import Instruction, Kind
-from fcsv_control.mission.activities.standing import CaptureWindow
+from fcsv_control.mission.activities.activity import CaptureWindow
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import Memory
+from fcsv_control.mission.operator_commands import OperatorCommands
 from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import RecorderView, Snapshot, VehicleView
 from fcsv_control.mission.time_of_day import TimeOfDay
@@ -66,6 +67,7 @@ class MissionPort:
         names = [v.name for v in column]
         self.mission, self.sender = mission, sender
         self.machine = MissionMachine(mission, names, {v.name: v.radius_m for v in column}, gate)
+        self._operator = OperatorCommands(self.machine)
         self._cameras = {v.name: v.T_body_cam for v in column}
         self._front_tags: Dict[str, Optional[int]] = dict(
             zip(names, [None, *(v.tag_id for v in column[:-1])])
@@ -223,25 +225,22 @@ class MissionPort:
         return out
 
     def _confirm(self, request: told.Confirm) -> tm.Reply:
-        refusal = self.machine.proceed(request.step)
+        refusal = self._operator.proceed(request.step)
         return tm.Reply(not refusal, refusal or f"confirmed: {request.step}")
 
     def _operate(self, request: told.Operate) -> tm.Reply:
-        refusal = self.machine.control(request.operation)
+        refusal = self._operator.control(request.operation)
         _log.info("%s: %s", request.operation, refusal or "done")
         return tm.Reply(not refusal, refusal or f"done: {request.operation}")
 
     def _execute(self, request: told.Execute) -> tm.Reply:
-        refusal = self.machine.execute(request.configurations)
+        refusal = self._operator.execute(request.configurations)
         return tm.Reply(not refusal, refusal)
 
     def _abort(self, _request: told.Abort) -> tm.Reply:
-        if self.machine.over:
-            return tm.Reply(False, f"the mission is over ({self.machine.phase})")
-        self.machine.abort("aborted by the operator: landing")
-        return tm.Reply(
-            True, "landing the vehicles that the mission flies; who is flown by hand lands by hand"
-        )
+        refusal = self._operator.control("abort")
+        landing = "landing the vehicles that the mission flies; who is flown by hand lands by hand"
+        return tm.Reply(not refusal, refusal or landing)
 
     def _cancel(self, _request: told.Cancel) -> tm.Reply:
         self.machine.finish("cancelled by who asked for it")

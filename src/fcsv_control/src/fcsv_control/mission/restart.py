@@ -9,8 +9,6 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_geometry.missions.phases import BY_HOME, FLOWN
 from fcsv_geometry.vehicles.modes import Mode
 
-_FRESH_S = 3.5  # a state that is older is none
-
 
 class RestartVerdict(Enum):
     """What becomes of the memory."""
@@ -25,7 +23,7 @@ class RestartVerdict(Enum):
 def judge(memory: Memory, snapshot: Snapshot) -> Tuple[RestartVerdict, str]:
     """What to do, and why in words. One vehicle in GUIDED is enough: nobody but this mission flies
     it."""
-    heard = [n for n, v in snapshot.vehicles.items() if v.state_age_s <= _FRESH_S]
+    heard = [n for n, v in snapshot.vehicles.items() if v.fresh]
     flying = [n for n in heard if snapshot.vehicles[n].armed]
     if memory.phase in FLOWN and in_guided(snapshot):
         return (
@@ -56,7 +54,5 @@ def judge(memory: Memory, snapshot: Snapshot) -> Tuple[RestartVerdict, str]:
 def in_guided(snapshot: Snapshot) -> List[str]:
     """Vehicles that fly in GUIDED, by a fresh state."""
     return [
-        n
-        for n, v in snapshot.vehicles.items()
-        if v.state_age_s <= _FRESH_S and v.armed and v.mode == Mode.GUIDED
+        n for n, v in snapshot.vehicles.items() if v.fresh and v.armed and v.mode == Mode.GUIDED
     ]

@@ -9,6 +9,7 @@ import numpy as np
 from fcsv_geometry.missions import separation
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.vehicles.modes import Mode
+from fcsv_geometry.vehicles.thresholds import STATE_AGE_S
 
 _INF = float("inf")
 
@@ -41,6 +42,16 @@ class VehicleView:
     # (3,) of the tag in front, as it sees it now by its own tracker
     p_home_front_tag: Optional[np.ndarray] = None
     sighted_off: str = ""  # what was seen elsewhere than trackers say (TagInFront, PairsSeen)
+
+    @property
+    def fresh(self) -> bool:
+        """Whether its state counts: what an older one says may have changed."""
+        return self.state_age_s <= STATE_AGE_S.mission.red
+
+    @property
+    def down(self) -> bool:
+        """Whether it was just heard with its motors off."""
+        return self.fresh and not self.armed
 
 
 @dataclass(frozen=True)

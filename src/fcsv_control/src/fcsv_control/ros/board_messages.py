@@ -10,6 +10,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 
 from fcsv_control.agent.messages import Ack, AgentAlive, Instruction, Kind
+from fcsv_control.conditions import confidence_level
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.errors import ControlError
 from fcsv_control.flight.messages import (
@@ -17,17 +18,26 @@ from fcsv_control.flight.messages import (
     EstimateMoved,
     HomeHeard,
     LinkLives,
+    ParametersChecked,
     PoseEstimated,
     PoseFed,
 )
 from fcsv_control.guardian.messages import Cause, Forbidden, GuardianVerdict
 from fcsv_control.guardian.port import MissionFence
-from fcsv_control.tracker_confidence import confidence
+from fcsv_control.recorder_port import RecorderReport
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, fences
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.vehicles.modes import Mode
-from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, LinkHealth, ParameterReport
+from fcsv_msgs.msg import (
+    Command,
+    CommandAck,
+    GuardianState,
+    Heartbeat,
+    LinkHealth,
+    ParameterReport,
+    RecorderStatus,
+)
 from fcsv_msgs.msg import Fence as FenceMessage
 
 _PREARM = {LinkHealth.PREARM_READY: True, LinkHealth.PREARM_NOT_READY: False}
@@ -137,6 +147,20 @@ def limits_of(m: ParameterReport) -> AutopilotLimits:
     return AutopilotLimits(dict(zip(m.limits, m.limit_values)))
 
 
+def parameters_of(m: ParameterReport) -> ParametersChecked:
+    """The autopilot's parameters against the profile."""
+    return ParametersChecked(
+        m.profile, m.firmware, m.complete, m.blocks, m.advises, m.unknown, limits_of(m)
+    )
+
+
+def recorder_report_of(m: RecorderStatus) -> RecorderReport:
+    """What a recorder tells of itself."""
+    return RecorderReport(
+        m.path, m.pictures_on, m.pictures, m.bytes, m.dropped, m.minutes_left, m.problem
+    )
+
+
 def fence_of(m: FenceMessage) -> MissionFence:
     """Raises GeometryError where it is no fence."""
     fence = fences.from_message(m)
@@ -146,7 +170,7 @@ def fence_of(m: FenceMessage) -> MissionFence:
 
 def confidence_of(m: Odometry) -> float:
     """Gives the confidence of the tracking camera, 0 to 3; NaN where not known."""
-    return confidence(m.pose.covariance[0])
+    return confidence_level(m.pose.covariance[0])
 
 
 def verdict_of(m: GuardianState) -> GuardianVerdict:

@@ -10,11 +10,12 @@ from dataclasses import dataclass, field
 from typing import Dict, List, Optional, Sequence, Set
 
 from fcsv_geometry.vehicles.modes import Mode
+from fcsv_geometry.vehicles.thresholds import STATE_AGE_S
 
 STOP, LAND = "stop", "land"
 REPEAT_S = 0.2
 _AGAIN_S = 1.0  # after an answer the mode must show within this time, or it is asked anew
-_UNHEARD_S = 3.0  # states come twice a second
+_UNHEARD_S = STATE_AGE_S.stop_all.red
 # a mission that lives shows within this time that it lands everybody, upper vehicles aside first
 _MISSION_S = 1.0
 _MODES = {STOP: Mode.BRAKE, LAND: Mode.LAND}

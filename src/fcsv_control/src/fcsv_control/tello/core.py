@@ -12,6 +12,7 @@ from typing import List, Optional
 
 import numpy as np
 
+from fcsv_control import conditions
 from fcsv_control.errors import CommandRefused
 from fcsv_control.tello.climb import Climb
 from fcsv_control.tello.messages import (
@@ -146,8 +147,9 @@ class TelloCore:
             raise CommandRefused(
                 f"{self._name}: altitude {altitude_m:g} m is not in 0.5..{r.highest_m:g}"
             )
-        if not report.battery_share > r.warn_battery:
-            raise CommandRefused(f"{self._name}: battery at {report.battery_share:.0%}: charge it")
+        battery = conditions.battery(report.battery_share, r.warn_battery)
+        if not battery.green:
+            raise CommandRefused(f"{self._name}: {battery.words}: charge it")
         if self.mode not in (PILOT, GUIDED):
             self._enter(now_s, PILOT, INFO, "taking off")
         self._pid.reset()
@@ -164,8 +166,9 @@ class TelloCore:
             raise CommandRefused(
                 f"{self._name}: GUIDED needs poses of the tracker for {r.feed_steady_s:g} s"
             )
-        if self.state(now_s).battery_share < r.land_battery:
-            raise CommandRefused(f"{self._name}: battery below {r.land_battery:.0%}")
+        empty = conditions.battery(self.state(now_s).battery_share, r.land_battery)
+        if empty.red:
+            raise CommandRefused(f"{self._name}: {empty.words}")
 
     # ---- time ------------------------------------------------------------------------------------
 
@@ -211,43 +214,37 @@ class TelloCore:
     # ---- failsafes -------------------------------------------------------------------------------
 
     def _watch_wifi(self, now_s: float) -> None:
-        silent_s, r = now_s - self._heard_s, self._rules
-        if silent_s > r.silent_s and not self._silent:
+        age_s, r = now_s - self._heard_s, self._rules
+        lost, gone = (conditions.wifi_age(age_s, s) for s in (r.silent_s, r.silent_land_s))
+        if lost.red and not self._silent:
             self._silent = True
-            self._say(
-                CRITICAL,
-                "its Wi-Fi is silent: it holds by itself, and lands after 15 s without sticks",
-            )
-        if silent_s > r.silent_land_s and self.mode != LAND:
-            self._enter(
-                now_s, LAND, ALERT, f"its Wi-Fi has been silent for {r.silent_land_s:g} s: landing"
-            )
+            then = "it holds by itself, and lands after 15 s without sticks"
+            self._say(CRITICAL, f"{lost.words}: {then}")
+        if gone.red and self.mode != LAND:
+            self._enter(now_s, LAND, ALERT, f"{gone.words}: landing")
 
     def _watch_battery(self, now_s: float) -> None:
-        r, share = (
-            self._rules,
-            self.tracking.report.battery_share if self.tracking.report else math.nan,
-        )
+        r, share = self._rules, self.state(now_s).battery_share
         for bound in (r.warn_battery, r.land_battery):
-            if share < bound < self._battery_said:
+            found = conditions.battery(share, bound)
+            if found.red and bound < self._battery_said:
                 self._battery_said = bound
-                self._say(CRITICAL, f"battery below {bound:.0%}")
-        if share < r.land_battery and self.mode in _OURS:
-            self._enter(now_s, LAND, ALERT, f"battery below {r.land_battery:.0%}: landing")
+                self._say(CRITICAL, found.words)
+        if found.red and self.mode in _OURS:
+            self._enter(now_s, LAND, ALERT, f"{found.words}: landing")
 
     def _watch_feed(self, now_s: float) -> None:
         age_s, r = min(self.tracking.age_s(now_s), now_s - self._entered_s), self._rules
-        late = self.mode in _OURS and age_s > r.feed_old_s
+        old, lost = (conditions.feed_age(age_s, s) for s in (r.feed_old_s, r.feed_land_s))
+        late = self.mode in _OURS and old.red
         if late and not self._on_flow:
             why = self.tracking.doubt(now_s) or "the tracker has lost it"
             self._say(CRITICAL, f"{why}: holding by its own flow sensor")
         elif self._on_flow and not late:
             self._pid.reset()
         self._on_flow = late
-        if late and age_s > r.feed_land_s:
-            self._enter(
-                now_s, LAND, ALERT, f"no poses of the tracker for {r.feed_land_s:g} s: landing"
-            )
+        if late and lost.red:
+            self._enter(now_s, LAND, ALERT, f"{lost.words}: landing")
 
     # ---- sticks ----------------------------------------------------------------------------------
 

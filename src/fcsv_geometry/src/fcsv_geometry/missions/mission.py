@@ -15,6 +15,7 @@ from fcsv_geometry.missions.flight_limits import FlightBounds, PauseLimits
 from fcsv_geometry.missions.look_round import LookRound
 from fcsv_geometry.missions.separation import SeparationRules
 from fcsv_geometry.missions.sweep import AXES, MOST_BASELINE_M, Sweep
+from fcsv_geometry.vehicles.thresholds import BATTERY
 
 # horizontally, of a vehicle of 0.6 m; guardians keep what is theirs of it (SeparationRules)
 AIR_M = 0.95
@@ -147,8 +148,8 @@ class Mission:
     air: SeparationRules = field(default_factory=lambda: SeparationRules(AIR_M))
     # "ground": one on the ground gives all in one frame, and no tag is needed to calibrate
     tracker: str = ON_BOARD
-    low_battery_share: float = 0.2  # below: everybody holds until the operator decides
-    empty_battery_share: float = 0.1  # below: everybody lands
+    low_battery_share: float = BATTERY.mission.amber  # below: all hold until the operator decides
+    empty_battery_share: float = BATTERY.mission.red  # below: everybody lands
     home_height_m: float = 8.0  # a hint for the operators: above the take-off place
     column_spacing_m: float = 3.5  # a hint for the operators: between vehicles in the column
     settle: SettleBounds = field(default_factory=SettleBounds)  # when a vehicle counts as standing
@@ -255,6 +256,10 @@ class Mission:
         return self.configurations[index].vehicle or next(
             v for v in vehicles if v != self.reference
         )
+
+    def lasts_s(self, battery_share: float) -> float:
+        """How long (s) a vehicle flies until its battery is low; NaN where that is not known."""
+        return max(self.flight.endurance_s * (battery_share - self.low_battery_share), 0.0)
 
     def check_vehicles(self, vehicles: Sequence[str]) -> None:
         """Raises MissionError where the list names a vehicle that does not fly."""

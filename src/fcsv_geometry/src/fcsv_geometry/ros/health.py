@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from fcsv_geometry.ros import node
 from fcsv_geometry.streams.flow import DropCounter
+from fcsv_geometry.vehicles.telemetry import Diagnosis
 
 
 class Health:
@@ -58,6 +59,13 @@ class Health:
                 self._problems[name] = text
             else:
                 self._problems.pop(name, None)
+
+    def diagnose(self, m: Diagnosis) -> None:
+        """Takes what a port says of itself."""
+        for name, text in m.problems.items():
+            self.problem(name, text)
+        for name, value in m.values.items():
+            self.value(name, value)
 
     def _report(self, status):
         with self._lock:

@@ -199,3 +199,11 @@ class Dropped:
 
     what: str
     why: str
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Is for diagnostics: problems by their key (empty: none), and values."""
+
+    problems: Dict[str, str]
+    values: Dict[str, object]

@@ -4,7 +4,8 @@ it should."""
 
 from typing import Dict, List, Sequence
 
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 
 NORMAL_S = 60.0  # an autopilot's start, its filter and the clocks' agreement take about so long
 _AGAIN_S = 15.0  # reasons are printed anew after so long
@@ -38,7 +39,7 @@ class StartUp:
         """One line: how many checks are left, and whose."""
         left: Dict[str, List[str]] = {}
         for line in self._lines:
-            if line.state in (State.RED, State.UNKNOWN):
+            if line.state in (Grade.RED, Grade.UNKNOWN):
                 left.setdefault(line.vehicle, []).append(line.name)
         if not self._lines:
             return f"{_ABOUT}: the vehicles are not heard yet"
@@ -66,7 +67,7 @@ class StartUp:
 
     def _detailed(self) -> List[str]:
         """The check's lines say what was found; the mission's own words where there are none."""
-        bad = [li for li in self._lines if li.state in (State.RED, State.UNKNOWN)]
+        bad = [li for li in self._lines if li.state in (Grade.RED, Grade.UNKNOWN)]
         found = [
             f"{li.vehicle} {li.name} is {li.state.word}: {li.what}; {li.remedy}".rstrip("; ")
             for li in bad

@@ -14,6 +14,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.modes import Mode
+from fcsv_geometry.vehicles.thresholds import BATTERY
 from fcsv_sim.people import feel
 from fcsv_sim.people.around import beside, kept_clear
 
@@ -25,7 +26,7 @@ _BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")
 _LAND_BY_HAND_S = 15.0  # a mission that lands gets so long to do it; then the pilot does
 _TOLD_S = 1.0  # who flies by hand lands when the mission says so, after a moment
 _DARK_S = 30.0  # with the control PC dead, who flies by hand lands after this
-_LOW_BATTERY, _LOW_S = 0.2, 10.0  # and with a low battery after this
+_LOW_S = 10.0  # and with a low battery after this
 _NO_MISSION_S = 60.0  # and where no mission begins
 # so long and so well he flies aside of who is beneath, before he lands
 _BESIDE_S, _BESIDE_M = 15.0, 0.6
@@ -113,7 +114,7 @@ class Pilot:
         if phase not in ("", self._phase):
             self._phase, self._phase_since_s = phase, now_s
         self._screen_s = now_s if phase else self._screen_s
-        self._full_s = self._full_s if sight.battery_share < _LOW_BATTERY else now_s
+        self._full_s = self._full_s if sight.battery_share < BATTERY.pilot.red else now_s
         sticks = self._decide(now_s, self._phase, sight)
         self._switch = sticks.mode
         return sticks

@@ -4,14 +4,12 @@ stopped, and no feed is late."""
 
 from typing import Callable, Dict
 
-from fcsv_control.guardian.rules import GuardianRules
-from fcsv_control.mission.watches.watch import POSE_STALE_S, STATE_STALE_S
 from fcsv_geometry.missions.phases import FLOWN
+from fcsv_geometry.vehicles import thresholds as at
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.rehearsal.control import ControlPc
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 
-_RULES = GuardianRules()
 POSES, CONTROL, OTHERS = (
     "poses at an autopilot",
     "control PC at a guardian",
@@ -22,10 +20,10 @@ SEEN, STATES = "poses at the mission", "states at the mission"
 #: rules of the guardian, and of the mission.
 DEADLINES_S: Dict[str, float] = {
     POSES: 0.1,
-    CONTROL: _RULES.link_warn_s,
-    OTHERS: _RULES.silent_above_s,
-    SEEN: POSE_STALE_S,
-    STATES: STATE_STALE_S,
+    CONTROL: at.CONTROL_AGE_S.guardian.amber,
+    OTHERS: at.OTHER_AGE_S.guardian.amber,
+    SEEN: at.POSE_AGE_S.mission.red,
+    STATES: at.STATE_AGE_S.mission.red,
 }
 
 

@@ -24,7 +24,7 @@ from fcsv_control.control_messages import (
 from fcsv_control.errors import SessionError
 from fcsv_control.guardian.port import MissionFence
 from fcsv_control.mission import memory as memories
-from fcsv_control.mission.activities.standing import CaptureWindow
+from fcsv_control.mission.activities.activity import CaptureWindow
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import Memory
 from fcsv_control.mission.port import MissionPort

@@ -9,7 +9,7 @@ from typing import Deque, Dict, List, Set, Tuple
 
 import numpy as np
 
-from fcsv_control.mission.activities.standing import CaptureWindow
+from fcsv_control.mission.activities.activity import CaptureWindow
 from fcsv_control.mission.ways.routes import distance_to_segments
 from fcsv_geometry.missions.mission import StereoConfiguration
 from fcsv_sim.autopilot import modes

@@ -5,17 +5,18 @@ while vehicles hold."""
 import threading
 import time
 from dataclasses import dataclass
-from typing import Dict, List, Optional
+from typing import Dict, List, Optional, Union
 
-import numpy as np
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import Image
 
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.vehicles.telemetry import CalibrationFound, HomeFound
 from fcsv_msgs.msg import Capture, MapState
 from fcsv_stereo.in_flight import monitoring
 from fcsv_stereo.in_flight.live import MapStage
@@ -26,7 +27,7 @@ from fcsv_stereo.map_files.cloud_bounds import CloudBounds, bound_cloud
 from fcsv_stereo.model import LivePicture, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
 from fcsv_stereo.refinement import KnownFeatures
-from fcsv_stereo.ros.captured_pictures import CapturedPictures
+from fcsv_stereo.ros.captured_pictures import subscribe_pictures
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME
 from fcsv_stereo.ros.map_topics import MapTopics
 from fcsv_stereo.sessions.messages import camera_covariance, window_of
@@ -87,7 +88,7 @@ class LiveNode:
     def __init__(self):
         self._parameters = node.parameters(LiveParameters)
         self._choice = self._make_choice()
-        self._changed = threading.Condition()
+        self._changed, self._in_home = threading.Condition(), HomeFrames()
         self._rate = monitoring.ImageRate()
         self._state = MapState(
             state=MapStage.WAITING.value, detail="waiting for the first configuration"
@@ -98,7 +99,7 @@ class LiveNode:
         self._monitor = rospy.Publisher("/map/monitor", Image, **latched)
         self._states = rospy.Publisher("/map/state", MapState, **latched)
         self._timer = node.every(_STATE_PERIOD_S, lambda _event: self._say())
-        CapturedPictures(self._parameters.vehicles, self._health, self._on_picture, self._on_frames)
+        subscribe_pictures(self._parameters.vehicles, self._receive, self._health)
         rospy.Subscriber("/mission/capture", Capture, self._on_capture, queue_size=50)
         for name in self._parameters.vehicles:
             rospy.Subscriber(
@@ -118,19 +119,25 @@ class LiveNode:
 
     # ---- what comes in ---------------------------------------------------------------------------
 
-    def _on_frames(self, T_home_odom: Dict[str, np.ndarray]) -> None:
+    def _receive(self, data: object) -> None:
         with self._changed:
-            self._choice.on_frames(T_home_odom)
+            if isinstance(data, LivePicture):
+                self._choice.on_picture(data)
+            else:
+                self._on_frames(data)
             self._changed.notify()
+
+    def _on_frames(self, data: Union[CalibrationFound, HomeFound]) -> None:
+        if isinstance(data, CalibrationFound):
+            self._in_home.calibrate(data.links)
+        else:
+            self._in_home.set_home(data.reference, data.T_odom_home)
+        if self._in_home.places:
+            self._choice.on_frames(self._in_home.T_home_odom)
 
     def _on_capture(self, message: Capture) -> None:
         with self._changed:
             self._choice.on_window(window_of(message))
-            self._changed.notify()
-
-    def _on_picture(self, picture: LivePicture) -> None:
-        with self._changed:
-            self._choice.on_picture(picture)
             self._changed.notify()
 
     def _on_pose(self, message: PoseWithCovarianceStamped, name: str) -> None:

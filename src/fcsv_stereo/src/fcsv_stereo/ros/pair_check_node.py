@@ -5,19 +5,19 @@ record."""
 import threading
 import time
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Tuple
+from typing import List
 
-import numpy as np
 import rospy
 
-from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import PairLook
 from fcsv_stereo.in_flight import pair_check
-from fcsv_stereo.model import LivePicture, Picture
+from fcsv_stereo.in_flight.pair_check_port import LookAt, PairCheckPort, PairSeen
 from fcsv_stereo.refinement import KnownFeatures
-from fcsv_stereo.ros.captured_pictures import CapturedPictures
+from fcsv_stereo.ros.captured_pictures import subscribe_pictures
+
+_WAIT_S = 0.1  # at most, for what comes, or for the end of a rest
 
 
 @dataclass(frozen=True)
@@ -41,63 +41,46 @@ class PairCheckParameters:
 
 
 class PairCheckNode:
-    """Callbacks file what comes in; ``spin`` looks."""
+    """Callbacks tell the port; ``spin`` looks."""
 
     def __init__(self):
         p = node.parameters(PairCheckParameters)
-        self._rests = 1.0 / p.most_share - 1.0  # times as long as it looked
-        self._pairs = pair_check.PairsToLookAt(p.vehicles, 0.9 / p.rate_hz)
-        self._known = KnownFeatures()
-        self._T_home_odom: Dict[str, np.ndarray] = {}
-        self._changed = threading.Condition()
+        self._port = PairCheckPort(p.vehicles, p.rate_hz, p.most_share)
+        self._changed, self._known = threading.Condition(), KnownFeatures()
         self._health = Health("pair_check", {"pictures": 0.0})
         self._looks = rospy.Publisher("/pair_check", PairLook, queue_size=10)
-        CapturedPictures(p.vehicles, self._health, self._on_picture, self._on_frames)
+        subscribe_pictures(p.vehicles, self._receive, self._health)
 
-    def _on_frames(self, T_home_odom: Dict[str, np.ndarray]) -> None:
+    def _receive(self, data: object) -> None:
         with self._changed:
-            self._T_home_odom = T_home_odom
-
-    def _on_picture(self, picture: LivePicture) -> None:
-        with self._changed:
-            self._pairs.add(picture)
+            self._port.receive(time.monotonic(), data)
             self._changed.notify()
 
     def spin(self) -> None:
         """Looks at what comes until ROS shuts the node down."""
         while not rospy.is_shutdown():
-            started_s = time.monotonic()
-            posed = self._next()
-            if posed is not None:
-                self._publish(*posed, pair_check.look(*posed, self._known))
-                time.sleep(self._rests * (time.monotonic() - started_s))
+            with self._changed:
+                outputs = self._port.step(time.monotonic())
+                if not outputs:
+                    self._changed.wait(_WAIT_S)
+            for output in outputs:
+                self._do(output)
 
-    def _next(self) -> Optional[Tuple[Picture, Picture]]:
-        with self._changed:
-            pair = self._pairs.next_pair() if self._T_home_odom else None
-            if pair is None:
-                self._changed.wait(0.2)
-                return None
-            T_home_odom = self._T_home_odom
-        unknown = [p.vehicle for p in pair if p.vehicle not in T_home_odom]
-        if unknown:
-            self._health.drop(
-                "picture", f"where {unknown[0]} is in home is not known: calibrate, then set home"
-            )
-            return None
-        try:
-            a, b = (p.picture(T_home_odom[p.vehicle]) for p in pair)
-        except FcsvError as error:
-            self._health.drop("picture", str(error))
-            return None
-        return a, b
+    def _do(self, output: object) -> None:
+        if isinstance(output, LookAt):
+            a, b = output.a, output.b
+            seen = pair_check.look(a, b, self._known)
+            self._receive(PairSeen(a.vehicle, b.vehicle, b.stamp_s, seen))
+        elif isinstance(output, PairSeen):
+            self._publish(output)
+        else:
+            self._health.drop(output.what, output.why)
 
-    def _publish(self, a: Picture, b: Picture, seen: pair_check.PairLook) -> None:
-        said = f"the pictures of {a.vehicle} and {b.vehicle} show another place than their trackers"
-        self._health.problem(f"pair {b.vehicle}", said if seen.off else "")
-        header = conversions.header(b.stamp_s, "")
-        figures = (seen.matches, seen.agree, seen.off_m, seen.surprise, seen.off)
-        self._looks.publish(PairLook(header, a.vehicle, b.vehicle, *figures))
+    def _publish(self, m: PairSeen) -> None:
+        self._health.problem(f"pair {m.vehicle}", m.problem)
+        header = conversions.header(m.stamp_s, "")
+        figures = (m.look.matches, m.look.agree, m.look.off_m, m.look.surprise, m.look.off)
+        self._looks.publish(PairLook(header, m.reference, m.vehicle, *figures))
 
 
 def main() -> int:

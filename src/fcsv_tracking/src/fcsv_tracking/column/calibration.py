@@ -19,6 +19,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.home import OdomLink
+from fcsv_geometry.vehicles.thresholds import CLOCK_S
 from fcsv_tracking.column.detection import Detection
 from fcsv_tracking.column.link_model import LinkNoise
 from fcsv_tracking.column.link_solver import LinkSolution, solve_link
@@ -39,7 +40,7 @@ class CalibrationRules(LinkNoise):
     most_distance_m: float = 8.0
     most_speed_mps: float = 1.5
     most_oblique_deg: float = 55.0  # between the tag's normal and the line of sight
-    most_clock_offset_s: float = 0.02  # between two machines: at 1 m/s of sway 2 cm
+    most_clock_offset_s: float = CLOCK_S.calibration.red  # between two machines
 
 
 @dataclass(frozen=True)

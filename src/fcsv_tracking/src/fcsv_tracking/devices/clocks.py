@@ -18,9 +18,14 @@ class ClockOffset:
     offset_s: float
     uncertainty_s: float
 
+    @property
+    def least_s(self) -> float:
+        """How far the clocks are apart for sure; under 0 where they may agree."""
+        return abs(self.offset_s) - self.uncertainty_s
+
     def beyond(self, bound_s: float) -> bool:
         """Whether the clocks differ by more than a bound, for sure."""
-        return abs(self.offset_s) - self.uncertainty_s > bound_s
+        return self.least_s > bound_s
 
 
 @dataclass(frozen=True)

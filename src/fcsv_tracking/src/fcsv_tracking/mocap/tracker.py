@@ -63,12 +63,19 @@ class MocapTracker:
         self._number = 0
         self._coming: Deque[Tuple[float, VehicleSample, bool]] = deque()
         self._newest = {"mocap": -np.inf, "vehicle": -np.inf}
-        self._odometry = Trajectory(gap_s=0.2, keep_s=2.0)
-        self._anchor = Anchor()
+        self._odometry = _newest_poses()
+        self._anchor, self._blend = Anchor(), _blend(rules)
         self._disputes = Disputes(rules, self.counts)
         # of an odometry that went silent after its heading was proven
         self._proven_R_M_O: Optional[np.ndarray] = None
-        self._forget("not seen yet: fly it into the mocap's view")
+        self._filter: Optional[MocapFilter] = None  # None: not anchored
+        self._imu: Optional[VehicleSample] = None  # of the last packet, and its moment
+        self._vehicle_s = -np.inf
+        # the filter's moment, and that of the last pose that it took
+        self._time_s = self._mocap_s = -np.inf
+        self._began_p_M = np.zeros(3)  # where it was anchored
+        self._heading_confirmed = self._coasting = False
+        self.absent_because = "not seen yet: fly it into the mocap's view"
 
     # -- samples
     # ----------------------------------------------------------------------------------------------------
@@ -87,7 +94,7 @@ class MocapTracker:
         )
         if not continues:
             self.counts.count("odometry: began anew")
-            self._odometry = Trajectory(gap_s=0.2, keep_s=2.0)
+            self._odometry = _newest_poses()
             self._anchor.clear()
             self._proven_R_M_O = None
         delay_s = self._filter.state.delay_s if self._filter else self._rules.odometry_latency_s
@@ -119,7 +126,7 @@ class MocapTracker:
         self._queue.clear()
         self._coming.clear()
         self._newest = {"mocap": -np.inf, "vehicle": -np.inf}
-        self._odometry = Trajectory(gap_s=0.2, keep_s=2.0)
+        self._odometry = _newest_poses()
         self._vehicle_s, self._imu = -np.inf, None
         self._forget("the clock was set back")
 
@@ -269,12 +276,10 @@ class MocapTracker:
             self._proven_R_M_O = None
         elif self._filter is not None and self._heading_confirmed:
             self._proven_R_M_O = self._filter.state.R_M_O
-        self._filter: Optional[MocapFilter] = None
+        self._filter = None
         self._anchor.clear()
         self._time_s = self._mocap_s = -np.inf
-        self._vehicle_s = getattr(self, "_vehicle_s", -np.inf)
-        self._imu: Optional[VehicleSample] = getattr(self, "_imu", None)
-        self._blend = Blend(self._rules.blend_mps, np.radians(self._rules.blend_degps))
+        self._blend = _blend(self._rules)
         self._heading_confirmed = self._coasting = False
         self._disputes.clear()
         self.absent_because = why
@@ -328,3 +333,11 @@ class MocapTracker:
         return TrackedPose(
             self._time_s, T_M_D, T_M_D @ T_D_O, covariance, in_view, self._heading_confirmed
         )
+
+
+def _newest_poses() -> Trajectory:
+    return Trajectory(gap_s=0.2, keep_s=2.0)
+
+
+def _blend(rules: TrackerRules) -> Blend:
+    return Blend(rules.blend_mps, np.radians(rules.blend_degps))

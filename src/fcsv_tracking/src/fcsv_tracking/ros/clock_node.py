@@ -10,6 +10,7 @@ import rospy
 from fcsv_geometry.config import ConfigError
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.vehicles.thresholds import CLOCK_S
 from fcsv_msgs.msg import ClockEcho
 from fcsv_msgs.msg import ClockOffset as ClockOffsetMessage
 from fcsv_tracking.devices.clocks import ClockExchange, ClockOffset, in_words
@@ -26,7 +27,7 @@ class ClockParameters:
     name: str = "control"
     vehicles: List[str] = field(default_factory=list)
     period_s: float = 1.0
-    most_offset_s: float = 0.02  # what is a problem: at 1 m/s of sway 2 cm of calibration
+    most_offset_s: float = CLOCK_S.fleet.amber  # a problem: 2 cm of calibration at 1 m/s of sway
 
     def __post_init__(self):
         if self.role not in ("control", "vehicle"):

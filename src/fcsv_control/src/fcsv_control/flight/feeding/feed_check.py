@@ -20,6 +20,7 @@ from fcsv_control.flight.feeding.estimate import apart_m
 from fcsv_control.flight.feeding.height_check import HeightCheck, HeightCheckRules
 from fcsv_control.flight.feeding.scene_check import SceneCheck, SceneCheckRules
 from fcsv_geometry.config import require_positive
+from fcsv_geometry.vehicles.thresholds import APART_IN_FLIGHT_M
 
 _CLOCK_STEP_S = 0.15  # between the sender's clock and ours
 _GAP_S = 0.5  # silence after which nothing of before counts
@@ -48,7 +49,8 @@ class FeedCheckRules:
     # between estimate and feed after such a silence: more is not to be followed, but adopted
     returns_m: float = 0.3
     withheld_s: float = 0.25  # so long nothing believable came: doubt
-    apart_m: float = 0.5  # between estimate and feed, beyond what is flown in apart_lag_s
+    # between estimate and feed, beyond what is flown in apart_lag_s
+    apart_m: float = APART_IN_FLIGHT_M.link.red
     apart_lag_s: float = 0.2
     apart_s: float = 0.5  # for so long
     height: HeightCheckRules = field(default_factory=HeightCheckRules)

@@ -12,6 +12,7 @@ from enum import Enum, auto
 from typing import Optional
 
 from fcsv_geometry.vehicles.modes import Mode
+from fcsv_geometry.vehicles.thresholds import POSE_AGE_S
 
 _REPEAT_S = 1.0
 
@@ -20,8 +21,8 @@ _REPEAT_S = 1.0
 class WatchdogParameters:
     """Ages of the newest pose (s). ``land_s`` 0: never land, warn only."""
 
-    warn_s: float = 0.5
-    land_s: float = 0.8
+    warn_s: float = POSE_AGE_S.link.amber
+    land_s: float = POSE_AGE_S.link.red
 
     def __post_init__(self):
         if not 0.1 <= self.warn_s <= 5.0:
@@ -73,16 +74,9 @@ class FeedWatchdog:
         if not mode.flies_on_position or self.age_s(now_s) <= self._parameters.warn_s:
             return Alarm.NONE
         companions = mode == Mode.GUIDED or ours
-        dead = (
-            companions
-            and self._parameters.land_s > 0
-            and self.age_s(now_s) > self._parameters.land_s
-        )
-        if (
-            not dead
-            or self._obeyed
-            or (self._asked_s is not None and now_s - self._asked_s < _REPEAT_S)
-        ):
+        dead = companions and 0.0 < self._parameters.land_s < self.age_s(now_s)
+        just_asked = self._asked_s is not None and now_s - self._asked_s < _REPEAT_S
+        if not dead or self._obeyed or just_asked:
             return Alarm.WARN
         self._asked_s = now_s
         return Alarm.LAND

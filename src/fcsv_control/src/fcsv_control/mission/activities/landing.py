@@ -16,7 +16,6 @@ from fcsv_geometry.vehicles.modes import Mode
 _REPEAT_S = 3.0
 _ASIDE_REPEAT_S = 1.0
 _GUIDED_TRIES = 3  # to take a vehicle that was stopped (BRAKE) aside; then it lands where it is
-_FRESH_S = 3.5  # what an older state says may have changed
 
 
 class Landing:
@@ -63,7 +62,7 @@ class Landing:
         view = snapshot.vehicles[name]
         if view.armed:
             self._down.discard(name)
-        elif view.state_age_s <= _FRESH_S:
+        elif view.down:
             self._down.add(name)
 
     def _switch_off(self, snapshot: Snapshot, name: str) -> None:

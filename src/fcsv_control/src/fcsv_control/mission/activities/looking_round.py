@@ -12,6 +12,8 @@ from typing import List, Mapping, Optional, Sequence
 
 import numpy as np
 
+from fcsv_control.mission.activities.activity import Activity, Progress
+from fcsv_control.mission.activities.stages import TURNS
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.ways.journey import go_to_body
@@ -158,84 +160,87 @@ class Turn:
         self._order = go_to_body(self._outbox, snapshot, self.name, self._body(snapshot, angle_rad))
 
 
-class LookingRound:
-    """All turns of a list. ``turned``: those of before a restart."""
+class LookRoundAtPlaces(Activity):
+    """Movers turn at their places (T_home_cam by vehicle), which ``where`` names; who has
+    ``turned`` there already does not, and who turns is added to it."""
 
-    def __init__(self, mission: Mission, outbox: Outbox, turned: Sequence[Turned] = ()):
+    stage = TURNS
+
+    def __init__(
+        self,
+        mission: Mission,
+        outbox: Outbox,
+        places: Mapping[str, np.ndarray],
+        where: str,
+        turned: List[Turned],
+    ):
+        super().__init__()
         self._how, self._bounds, self._outbox = mission.look_round, mission.settle, outbox
-        self._reference = mission.reference
-        self.turned = list(turned)
+        self._wanted = self._how is not None and self._how.places
+        self._places, self._where, self._turned = places, where, turned
         self._turn: Optional[Turn] = None
-        self.detail = ""
-        self._notes: List[str] = []
 
-    def in_column(
-        self, snapshot: Snapshot, parked: Mapping[str, np.ndarray], names: Sequence[str]
-    ) -> bool:
-        """Whether nobody of ``names`` has to turn (any more) where it stands: the reference at
-        home, the others with their headings of ``parked`` (T_home_cam)."""
-        if self._how is None or not self._how.column:
-            return True
-        places = {self._reference: T_HOME_CAM_AT_HOME}
-        for name in names:
-            here = transforms.transform(parked[name][:3, :3], snapshot.p_home_cam(name))
-            places.setdefault(name, here)
-        return self._step(snapshot, places, "in the column")
-
-    def at_places(self, snapshot: Snapshot, places: Mapping[str, np.ndarray], where: str) -> bool:
-        """Whether no mover has to turn (any more) at its place (T_home_cam); ``where`` in words."""
-        if self._how is None or not self._how.places:
-            return True
-        return self._step(snapshot, places, f"at {where}")
-
-    def _left(self, places: Mapping[str, np.ndarray]) -> List[str]:
-        """Who has still to turn, in this order."""
-        return [n for n, T in places.items() if is_new(self.turned, n, T[:3, 3])]
-
-    def most_s(self, turns: int) -> float:
-        """How long (s) so many turns take at most."""
-        return (
-            0.0
-            if self._how is None
-            else turns * (2.0 * self._how.turn_s + 2.0 * self._bounds.timeout_s)
-        )
-
-    def _step(self, snapshot: Snapshot, places: Mapping[str, np.ndarray], where: str) -> bool:
+    def step(self, snapshot: Snapshot, guided: Sequence[str]) -> Progress:
+        places = self._now(snapshot) if self._wanted else {}
         left = self._left(places)
         if not left:
-            return True
+            return Progress.DONE
         name = left[0]
         if self._turn is None or self._turn.name != name:
             self._turn = Turn(self._outbox, name, places[name], self._how, self._bounds)
-        self.detail = f"{name} looks round {where}"
+        self.detail = f"{name} looks round {self._where}"
         if self._turn.step(snapshot):
             if self._turn.why:
-                self._notes.append(f"{name} {self._turn.why}: it did not look round {where}")
-            self.leave_out()
-        return not self._left(places)
+                self._notes.append(f"{name} {self._turn.why}: it did not look round {self._where}")
+            self._leave_out()
+        return Progress.UNDER_WAY if self._left(places) else Progress.DONE
 
-    def leave_out(self) -> bool:
+    def _now(self, _snapshot: Snapshot) -> Mapping[str, np.ndarray]:
+        return self._places
+
+    def _left(self, places: Mapping[str, np.ndarray]) -> List[str]:
+        """Who has still to turn, in this order."""
+        return [n for n, T in places.items() if is_new(self._turned, n, T[:3, 3])]
+
+    def _leave_out(self) -> bool:
         """The running turn is over, flown or not; whether there was one."""
         if self._turn is None:
             return False
-        self.turned.append(Turned(self._turn.name, self._turn.p_home_m.tolist()))
+        self._turned.append(Turned(self._turn.name, self._turn.p_home_m.tolist()))
         self._turn = None
         return True
 
-    def take_notes(self) -> List[str]:
-        """Turns that were left out, and why, each told once."""
-        notes, self._notes = self._notes, []
-        return notes
 
-    @property
-    def running(self) -> bool:
-        """Whether somebody turns."""
-        return self._turn is not None
+class LookRoundInColumn(LookRoundAtPlaces):
+    """All turn where they stand: the reference at home, the others with their headings of
+    ``parked`` (T_home_cam)."""
 
-    def begin_again(self) -> None:
-        """The running turn was interrupted: it is flown again, from whatever heading the vehicle
-        has then."""
-        self._turn = None
+    def __init__(
+        self,
+        mission: Mission,
+        outbox: Outbox,
+        parked: Mapping[str, np.ndarray],
+        turned: List[Turned],
+    ):
+        super().__init__(mission, outbox, parked, "in the column", turned)
+        self._wanted = self._how is not None and self._how.column
+        self._reference = mission.reference
+
+    def _now(self, snapshot: Snapshot) -> Mapping[str, np.ndarray]:
+        places = {self._reference: T_HOME_CAM_AT_HOME}
+        for name, T_home_cam in self._places.items():
+            here = transforms.transform(T_home_cam[:3, :3], snapshot.p_home_cam(name))
+            places.setdefault(name, here)
+        return places
+
+    def skip(self) -> bool:
+        return self._leave_out()
+
+
+def turn_most_s(mission: Mission) -> float:
+    """How long (s) a turn takes at most."""
+    how = mission.look_round
+    return 0.0 if how is None else 2.0 * how.turn_s + 2.0 * mission.settle.timeout_s
 
 
 def turns_s(mission: Mission, indices: Sequence[int], in_column: int) -> float:

@@ -2,12 +2,11 @@
 """Standing at the places of configurations that are flown at once: become calm, record on every
 vehicle of them, watch that all hold still."""
 
-from dataclasses import dataclass
-from enum import Enum, auto
-from typing import Dict, List, Mapping, Optional, Tuple
+from typing import Dict, Mapping, Optional, Sequence
 
 import numpy as np
 
+from fcsv_control.mission.activities.activity import Activity, CaptureWindow, Progress
 from fcsv_control.mission.activities.recorders import FIRST_PICTURE_S, LAST_PICTURE_S, Recorders
 from fcsv_control.mission.activities.stages import HOLDS, RECORDS
 from fcsv_control.mission.outbox import Outbox
@@ -19,30 +18,9 @@ from fcsv_geometry.streams.stream import Since
 _LONGEST = 4.0  # times the wanted recording, where pictures come in slowly
 
 
-@dataclass(frozen=True)
-class CaptureWindow:
-    """A recording window that counts: pictures stamped within it (s) belong to configuration
-    ``index``."""
-
-    index: int
-    vehicle: str
-    start_s: float
-    stop_s: float
-    position_error_m: float  # largest distance of mover or reference from its place, by odometry
-
-
-class Progress(Enum):
-    """How far an attempt is."""
-
-    UNDER_WAY = auto()
-    DONE = auto()  # with its window
-    AGAIN = auto()  # it was disturbed
-    GIVEN_UP = auto()  # the vehicles do not become calm, or a recorder refuses for too long
-
-
-class Standing:
-    """One attempt; ``step`` answers how far it is. ``movers``: index of its configuration by
-    vehicle."""
+class Standing(Activity):
+    """One attempt. ``movers``: index of its configuration by vehicle. GIVEN_UP: the vehicles do not
+    become calm, or a recorder refuses for too long."""
 
     def __init__(
         self,
@@ -52,6 +30,7 @@ class Standing:
         outbox: Outbox,
         last: bool,
     ):
+        super().__init__()
         self._bounds = mission.settle
         self._movers = dict(movers)
         listed = [mission.configurations[i] for i in self._movers.values()]
@@ -67,8 +46,6 @@ class Standing:
         self._lacking = False  # pictures, when the wanted time was over
         self._clock_set = 0  # as it began
         self._worst_m = 0.0
-        self.detail = ""
-        self.why = ""  # it was given up
 
     @property
     def stage(self) -> str:
@@ -79,14 +56,13 @@ class Standing:
         """Pictures off, where they are on."""
         self._recorders.stop(snapshot)
 
-    def step(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
-        """Settle, switch the recorders on, watch, switch them off; the windows, one per
-        configuration, once."""
+    def step(self, snapshot: Snapshot, guided: Sequence[str]) -> Progress:
+        """Settle, switch the recorders on, watch, switch them off."""
         started_s = self._started.lasts_s(snapshot.now_s)
         if not self._recorders.on:
-            return self._settle(snapshot, started_s), []
+            return self._settle(snapshot, started_s)
         if self._start_s is None:
-            return self._await_recorders(snapshot), []
+            return self._await_recorders(snapshot)
         return self._watch(snapshot)
 
     def _settle(self, snapshot: Snapshot, started_s: float) -> Progress:
@@ -107,7 +83,7 @@ class Standing:
         return Progress.UNDER_WAY
 
     def _give_up(self, why: str) -> Progress:
-        self.why = why
+        self._notes.append(f"{self._title} left out, {why}")
         return Progress.GIVEN_UP
 
     def _await_recorders(self, snapshot: Snapshot) -> Progress:
@@ -123,7 +99,7 @@ class Standing:
                 return self._give_up(f"recorders do not start: {recorders.refused}")
         return Progress.UNDER_WAY
 
-    def _watch(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
+    def _watch(self, snapshot: Snapshot) -> Progress:
         if self._stop_s is None:
             self._worst_m = max(self._worst_m, self._calm.error_m(snapshot))
             self.detail = f"recording {self._title}"
@@ -131,12 +107,13 @@ class Standing:
         gust = self._worst_m > self._bounds.hold_m and not self._last
         if gust or snapshot.clock_set != self._clock_set:  # no time of day tells such a window
             self.stop(snapshot)
-            return Progress.AGAIN, []
+            return Progress.AGAIN
         if self._stop_s is None or snapshot.now_s < self._stop_s + LAST_PICTURE_S:
-            return Progress.UNDER_WAY, []
+            return Progress.UNDER_WAY
         self.stop(snapshot)
         window = (self._start_s, self._stop_s, self._worst_m)
-        return Progress.DONE, [CaptureWindow(i, n, *window) for n, i in self._movers.items()]
+        self.windows = [CaptureWindow(i, n, *window) for n, i in self._movers.items()]
+        return Progress.DONE
 
     def _ended_s(self, snapshot: Snapshot) -> Optional[float]:
         """When the recording ended: at the wanted time, later where a vehicle did not have its

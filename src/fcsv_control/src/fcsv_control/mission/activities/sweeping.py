@@ -6,9 +6,9 @@ from typing import List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_control.mission.activities.activity import Activity, CaptureWindow, Progress
 from fcsv_control.mission.activities.recorders import FIRST_PICTURE_S, LAST_PICTURE_S, Recorders
 from fcsv_control.mission.activities.stages import MOVES, RECORDS
-from fcsv_control.mission.activities.standing import CaptureWindow, Progress
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.ways.journey import go_to
@@ -28,11 +28,12 @@ _END = 1e-3  # of the way
 _TOLD_EVERY_S = 2.0  # what is recorded so far: for the map that grows meanwhile
 
 
-class Sweeping:
-    """One attempt; ``step`` answers how far it is. ``movers``: index of its configuration by
+class Sweeping(Activity):
+    """One attempt. ``movers``: index of its configuration by
     vehicle. ``last``: there is no further attempt, and what was recorded counts."""
 
     def __init__(self, mission: Mission, movers: Mapping[str, int], outbox: Outbox, last: bool):
+        super().__init__()
         self._mission, self._movers, self._outbox, self._last = mission, dict(movers), outbox, last
         self._of = {n: mission.configurations[i] for n, i in self._movers.items()}
         names = [*self._movers, mission.reference]
@@ -47,10 +48,6 @@ class Sweeping:
         self._stop_s: Optional[float] = None
         self._clock_set = 0  # as it began
         self._worst_m = 0.0
-        self.detail = ""
-        self.why = ""  # it was given up
-        # the windows as long as they are already; replaced every two seconds
-        self.so_far: List[CaptureWindow] = []
 
     @property
     def stage(self) -> str:
@@ -60,18 +57,19 @@ class Sweeping:
     def stop(self, snapshot: Snapshot) -> None:
         """Pictures off, where they are on."""
         self._recorders.stop(snapshot)
+        self.so_far = []
 
-    def step(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
-        """Recorders on, along the way, recorders off; the windows, one per configuration, once.
-        Raises MissionError where a vehicle does not follow."""
+    def step(self, snapshot: Snapshot, guided: Sequence[str]) -> Progress:
+        """Recorders on, along the way, recorders off. Raises MissionError where a vehicle does not
+        follow."""
         if self._start_s is None:
-            return self._await_recorders(snapshot), []
+            return self._await_recorders(snapshot)
         if snapshot.clock_set != self._clock_set:  # no time of day tells its window
             self.stop(snapshot)
-            return Progress.AGAIN, []
+            return Progress.AGAIN
         if self._stop_s is None:
             self._glide(snapshot)
-            return Progress.UNDER_WAY, []
+            return Progress.UNDER_WAY
         return self._end(snapshot)
 
     def _await_recorders(self, snapshot: Snapshot) -> Progress:
@@ -89,7 +87,8 @@ class Sweeping:
         elif recorders.refused:
             self.detail = f"recorders do not start for {self._title}: {recorders.refused}"
             if recorders.given_up:
-                self.why = f"recorders do not start: {recorders.refused}"
+                why = f"recorders do not start: {recorders.refused}"
+                self._notes.append(f"{self._title} left out, {why}")
                 return Progress.GIVEN_UP
         return Progress.UNDER_WAY
 
@@ -149,15 +148,16 @@ class Sweeping:
             )
         return max(off)
 
-    def _end(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
+    def _end(self, snapshot: Snapshot) -> Progress:
         if snapshot.now_s < self._stop_s + LAST_PICTURE_S:
-            return Progress.UNDER_WAY, []
+            return Progress.UNDER_WAY
         least = max(c.least_pictures for c in self._of.values())
         again = not self._last and not self._recorders.enough(snapshot, least)
         self.stop(snapshot)
         if again:
-            return Progress.AGAIN, []
-        return Progress.DONE, self._windows(self._stop_s)
+            return Progress.AGAIN
+        self.windows = self._windows(self._stop_s)
+        return Progress.DONE
 
 
 class _Rates:

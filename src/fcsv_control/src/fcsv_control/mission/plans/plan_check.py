@@ -205,21 +205,15 @@ def _standing_s(mission: Mission, task: Task) -> float:
 
 def _batteries(mission: Mission, situation: Situation, flight_s: float) -> Iterator[str]:
     needed_s = _RESERVE * (situation.before_s + flight_s + _AFTER_S)
-    for name, share in {
-        n: 1.0 for n in situation.places if n not in situation.battery_share
-    }.items():
-        yield from _battery(mission, f"{name} with a full battery", share, needed_s)
-    for name, share in situation.battery_share.items():
-        yield from _battery(mission, f"{name} with {share:.0%} of its battery", share, needed_s)
-
-
-def _battery(mission: Mission, who: str, share: float, needed_s: float) -> Iterator[str]:
-    lasts_s = mission.flight.endurance_s * (share - mission.low_battery_share)
-    if lasts_s < needed_s:
-        yield (
-            f"{who} flies {max(lasts_s, 0.0):.0f} s until {mission.low_battery_share:.0%} are left, the flight needs "
-            f"{needed_s:.0f} s ({_RESERVE:g} times its time): fewer configurations, or full batteries"
-        )
+    full = {n: 1.0 for n in situation.places if n not in situation.battery_share}
+    for name, share in {**full, **situation.battery_share}.items():
+        lasts_s, words = mission.lasts_s(share), f"{share:.0%} of its"
+        if lasts_s < needed_s:
+            yield (
+                f"{name} with {'a full' if name in full else words} battery flies {lasts_s:.0f} s until "
+                f"{mission.low_battery_share:.0%} are left, the flight needs {needed_s:.0f} s "
+                f"({_RESERVE:g} times its time): fewer configurations, or full batteries"
+            )
 
 
 def _named(mission: Mission, moment: Sequence[Task]) -> str:

@@ -4,7 +4,8 @@ accepted by name."""
 
 from typing import List, Sequence
 
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 
 REQUIRED, OFF = "required", "off"
 CHOICES = (REQUIRED, OFF)
@@ -52,18 +53,18 @@ class CheckGate(OpenGate):
         return [
             f"flight check: {_words(li)}"
             for li in self._lines
-            if li.state in (State.RED, State.UNKNOWN)
+            if li.state in (Grade.RED, Grade.UNKNOWN)
         ]
 
     def before_list(self, now_s: float) -> str:
         """Red, not known, or amber and not accepted."""
         locked = [li for li in self._lines if not li.passes]
-        amber = any(li.state is State.AMBER for li in locked)
+        amber = any(li.state is Grade.AMBER for li in locked)
         return self._locked(now_s, locked, _ACCEPT if amber else "mend it")
 
     def before_resuming(self, now_s: float) -> str:
         """Red, or not known."""
-        locked = [li for li in self._lines if li.state in (State.RED, State.UNKNOWN)]
+        locked = [li for li in self._lines if li.state in (Grade.RED, Grade.UNKNOWN)]
         return self._locked(now_s, locked, "mend it, or abort to land")
 
     def _locked(self, now_s: float, lines: Sequence[Line], remedy: str) -> str:

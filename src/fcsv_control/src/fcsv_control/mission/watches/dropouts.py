@@ -5,9 +5,7 @@ can go on."""
 import dataclasses
 from typing import List, Sequence, Set
 
-from fcsv_control.mission.snapshot import Snapshot, VehicleView
-
-_FRESH_S = 3.5  # what an older state says may have changed
+from fcsv_control.mission.snapshot import Snapshot
 
 
 class Dropouts:
@@ -22,7 +20,7 @@ class Dropouts:
     def see(self, snapshot: Snapshot, working: Sequence[str]) -> List[str]:
         """Those that are down since the last step. ``working``: those with configurations left to
         fly."""
-        down = [n for n in self._movers if n not in self.out and _is_down(snapshot.vehicles[n])]
+        down = [n for n in self._movers if n not in self.out and snapshot.vehicles[n].down]
         lost = any(snapshot.vehicles[n].lost for n in down)
         if not down or lost or not set(working) - set(down):
             return []
@@ -43,7 +41,3 @@ class Dropouts:
             for n in self._movers
             if n in self.out and snapshot.vehicles[n].armed
         ]
-
-
-def _is_down(view: VehicleView) -> bool:
-    return view.state_age_s <= _FRESH_S and not view.armed

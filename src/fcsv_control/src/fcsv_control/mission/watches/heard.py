@@ -9,16 +9,14 @@ from typing import Callable, Optional, Sequence
 import numpy as np
 
 from fcsv_control.mission.snapshot import VehicleView
-from fcsv_control.mission.watches.watch import POSE_STALE_S
 from fcsv_geometry import transforms
 from fcsv_geometry.home import camera_in_home
 from fcsv_geometry.missions import separation
+from fcsv_geometry.vehicles import thresholds as at
 from fcsv_geometry.vehicles.modes import Mode
 
 _TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
 _SIGHT_OLD_S = 0.5  # where it was seen longer ago it may not be any more
-_GUARDIAN_OLD_S = 3.0  # it speaks five times a second
-_BATTERY_OLD_S = 10.0  # before the last state: it is told once a second
 _NEVER_S = -math.inf
 # topics whose age counts
 ODOMETRY, STATE, BATTERY = "odometry/state", "mavros/state", "mavros/battery"
@@ -129,7 +127,7 @@ class VehicleHeard:
         """Where one was heard it must go on being heard."""
         silent = (
             self._guarded_s != _NEVER_S
-            and now_s - self._since_s(GUARDIAN, self._guarded_s) > _GUARDIAN_OLD_S
+            and now_s - self._since_s(GUARDIAN, self._guarded_s) > at.GUARDIAN_AGE_S.mission.red
         )
         return "it is silent" if silent else self._guarded
 
@@ -141,7 +139,8 @@ class VehicleHeard:
             silent_s = now_s - self._since_s(GUARDIAN, self._guarded_s) if self._armed else 0.0
             return separation.lost_reach_m(self._lost_s + silent_s)
         silent_s = now_s - self._since_s(ODOMETRY, self._odometry_s)
-        return separation.SILENT_REACH_M if self._armed and silent_s > POSE_STALE_S else 0.0
+        silent = self._armed and silent_s > at.POSE_AGE_S.mission.red
+        return separation.SILENT_REACH_M if silent else 0.0
 
     def view(self, now_s: float, T_home_odom: Optional[np.ndarray]) -> VehicleView:
         """The vehicle now; its place in home where ``T_home_odom`` is known."""
@@ -172,7 +171,7 @@ class VehicleHeard:
             if known
             else None,
             battery_share=self._battery_share
-            if state_s - battery_s <= _BATTERY_OLD_S
+            if state_s - battery_s <= at.BATTERY_AGE_S.mission.red
             else math.nan,
             recorder_age_s=now_s - self._since_s(RECORDER, self._recorder_s),
             recorder_problem=self._problem,

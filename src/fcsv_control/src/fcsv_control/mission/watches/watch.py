@@ -5,8 +5,7 @@ until they change."""
 from itertools import combinations
 from typing import Iterator, List, Optional, Tuple
 
-import numpy as np
-
+from fcsv_control import conditions
 from fcsv_control.mission.snapshot import RecorderView, Snapshot, VehicleView
 from fcsv_control.mission.watches.patience import Pause
 from fcsv_control.mission.ways.routes import Keep
@@ -15,10 +14,8 @@ from fcsv_geometry.missions import separation
 from fcsv_geometry.missions.mission import AIR_M, GROUND, Mission
 from fcsv_geometry.missions.phases import FLOWN
 from fcsv_geometry.missions.separation import SeparationRules
+from fcsv_geometry.vehicles import thresholds as at
 
-POSE_STALE_S = 2.0
-STATE_STALE_S = 3.5  # it comes with the heartbeat, once a second, and one may be lost on the radio
-_RECORDER_STALE_S = 5.0
 _TOO_NEAR = 0.6  # of the minimum separation: nearer than any noise of the poses explains
 # of the air that the mission keeps, guardians keep so much
 _GUARDED = SeparationRules().horizontal_m / AIR_M
@@ -62,9 +59,7 @@ def found(mission: Mission, phase: str, snapshot: Snapshot) -> List[Tuple[Pause,
     for name, view in snapshot.vehicles.items():
         told += [(kind, f"{name}: {text}") for kind, text in _of_vehicle(mission, phase, view)]
     if phase in _RECORDED and snapshot.recorder is not None:
-        told += [
-            (Pause.RECORDER, f"control PC: {text}") for text in _of_recorder(snapshot.recorder)
-        ]
+        told += _of_recorder(snapshot.recorder, "control PC: ")
     if phase in FLOWN:
         told += [(Pause.LOST, text) for text in _too_near(mission, snapshot)]
     return told
@@ -74,26 +69,24 @@ def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
     """Raises MissionError where all must land: an empty battery, or a vehicle that is down
     already."""
     for name, view in snapshot.vehicles.items():
-        if phase in _IN_THE_AIR and view.battery_share < mission.empty_battery_share:
-            raise MissionError(
-                f"{name}: battery below {mission.empty_battery_share:.0%}: landing everybody"
-            )
-        down = view.state_age_s <= STATE_STALE_S and not view.armed
-        if phase == "CONFIGURATIONS" and down:
+        empty = conditions.battery(view.battery_share, mission.empty_battery_share)
+        if phase in _IN_THE_AIR and empty.red:
+            raise MissionError(f"{name}: {empty.words}: landing everybody")
+        if phase == "CONFIGURATIONS" and view.down:
             raise MissionError(f"{name}: motors are off: landing everybody")
-        if phase in _IN_THE_AIR and down and view.lost:
+        if phase in _IN_THE_AIR and view.down and view.lost:
             raise MissionError(f"{name}: lost its position and is down: landing everybody")
         if phase in FLOWN and view.sighted_off:
             raise MissionError(f"{name}: {view.sighted_off}: landing everybody")
 
 
 def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tuple[Pause, str]]:  # noqa: C901
-    ages_s = [("state", view.state_age_s, STATE_STALE_S)]
+    ages = [conditions.state_age(view.state_age_s, at.STATE_AGE_S.mission.red)]
     if mission.tracker != GROUND or phase not in _BEFORE_SIGHT:
-        ages_s.append(("pose", view.pose_age_s, POSE_STALE_S))
-    silent = [f"no {what} for {most_s:g} s" for what, age_s, most_s in ages_s if age_s > most_s]
+        ages.append(conditions.pose_age(view.pose_age_s, at.POSE_AGE_S.mission.red))
+    silent = " and ".join(age.words for age in ages if age.red)
     if silent:
-        yield Pause.LOST, f"{' and '.join(silent)}; check the radio link"
+        yield Pause.LOST, f"{silent}; check the radio link"
         return
     if not view.connected:
         yield Pause.LOST, "no flight controller"
@@ -107,14 +100,15 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
     if phase in FLOWN and view.guarded:
         yield Pause.LOST, f"its guardian: {view.guarded}"
     if phase in _RECORDED:
-        for text in _of_recorder(RecorderView(view.recorder_age_s, view.recorder_problem)):
-            yield Pause.RECORDER, text
+        yield from _of_recorder(RecorderView(view.recorder_age_s, view.recorder_problem))
     if phase in _IN_THE_AIR and not view.armed:
         yield Pause.LOST, "motors are off"
-    if view.battery_share < mission.low_battery_share:
-        yield Pause.BATTERY, f"battery below {mission.low_battery_share:.0%}; abort to land"
-    elif phase in _BATTERY_KNOWN and np.isnan(view.battery_share):
-        yield Pause.BATTERY, "battery is not known; no GUIDED before its flight controller tells it"
+    battery = conditions.battery(view.battery_share, mission.low_battery_share)
+    if battery.red:
+        yield Pause.BATTERY, f"{battery.words}; abort to land"
+    elif phase in _BATTERY_KNOWN and not battery.green:
+        told = "no GUIDED before its flight controller tells it"
+        yield Pause.BATTERY, f"{battery.words}; {told}"
     if phase in _CALIBRATED and view.frame_problem:
         yield Pause.LOST, view.frame_problem
     if phase in _CALIBRATED and view.sighted_off:
@@ -123,11 +117,10 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
         yield Pause.LOST, "its place in home is not known; calibrate and set home again"
 
 
-def _of_recorder(recorder: RecorderView) -> Iterator[str]:
-    if recorder.age_s > _RECORDER_STALE_S:
-        yield "its recorder is not heard"
-    elif recorder.problem:
-        yield f"recorder: {recorder.problem}"
+def _of_recorder(r: RecorderView, who: str = "") -> Iterator[Tuple[Pause, str]]:
+    found = conditions.recorder(r.age_s, r.problem, at.RECORDER_AGE_S.mission.red)
+    if found.red:
+        yield Pause.RECORDER, f"{who}recorder: {found.words}"
 
 
 def _too_near(mission: Mission, snapshot: Snapshot) -> Iterator[str]:

@@ -2,24 +2,23 @@
 """/diagnostics of this machine to `diagnostics/worst`, which crosses the radio."""
 
 import io
-import threading
-import time
-from typing import Sequence
+from typing import Callable, Sequence
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from fcsv_control.flight_check.digest import Digest, Status
+from fcsv_control.flight_check.digest import Status
+from fcsv_control.flight_check.messages import DiagnosticsCame
 from fcsv_geometry.ros import conversions
 
 ON_THE_WAY_BYTES = 80  # headers of the relay, UDP and IP
 
 
-class DiagnosticsDigest:
-    """``step`` often besides: what fell silent tells nothing. ``own`` as Digest's."""
+class DiagnosticsTopics:
+    """``receive`` gets DiagnosticsCame with each message."""
 
-    def __init__(self, own: str = ""):
-        self._digest, self._lock = Digest(own), threading.Lock()
+    def __init__(self, receive: Callable[[DiagnosticsCame], None]):
+        self._receive = receive
         self._publisher = rospy.Publisher(
             "diagnostics/worst", DiagnosticArray, queue_size=2, latch=True
         )
@@ -28,17 +27,11 @@ class DiagnosticsDigest:
     def _on_diagnostics(self, message: rospy.AnyMsg) -> None:
         """Takes the message as AnyMsg: a second subscriber of this topic in one process must have
         the first one's type."""
-        heard = DiagnosticArray().deserialize(message._buff)
-        with self._lock:
-            self._digest.tell(time.monotonic(), statuses_of(heard))
-        self.step()
+        self._receive(DiagnosticsCame(statuses_of(DiagnosticArray().deserialize(message._buff))))
 
-    def step(self) -> None:
-        """Publish what is due."""
-        with self._lock:
-            lines = self._digest.due(time.monotonic(), on_the_way_bytes)
-            if lines is not None:
-                self._publisher.publish(array(lines, rospy.get_time()))
+    def publish(self, lines: Sequence[Status]) -> None:
+        """What goes over the radio."""
+        self._publisher.publish(array(lines, rospy.get_time()))
 
 
 def statuses_of(message: DiagnosticArray) -> Sequence[Status]:

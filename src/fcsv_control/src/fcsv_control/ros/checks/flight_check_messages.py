@@ -6,7 +6,8 @@ from typing import Dict, List, Sequence
 
 import rospy
 
-from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.conditions import Grade
+from fcsv_control.flight_check.lines import Line
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import FlightCheck, FlightCheckLine
@@ -18,11 +19,11 @@ _REMEDIES: Dict[str, str] = {check.name: check.remedy for check in VEHICLE_CHECK
 def small(vehicle: str, lines: Sequence[Line], next_s: float) -> FlightCheck:
     """A vehicle's report as it crosses the radio: of green lines the name, of the others no
     remedy."""
-    green = " ".join(line.name for line in lines if line.state is State.GREEN)
+    green = " ".join(line.name for line in lines if line.state is Grade.GREEN)
     others = [
         FlightCheckLine(name=li.name, state=li.state, what=li.what[:MOST_TEXT], since_s=li.since_s)
         for li in lines
-        if li.state is not State.GREEN
+        if li.state is not Grade.GREEN
     ]
     return FlightCheck(conversions.header(rospy.get_time(), ""), vehicle, green, others, next_s)
 
@@ -38,15 +39,15 @@ def whole(lines: Sequence[Line], next_s: float) -> FlightCheck:
 
 def lines_of(message: FlightCheck) -> List[Line]:
     """Gives the lines of either kind. A state that this version does not know counts as unknown."""
-    green = [Line(message.vehicle, name, State.GREEN, "") for name in message.green.split()]
-    known = {s.value for s in State}
+    green = [Line(message.vehicle, name, Grade.GREEN, "") for name in message.green.split()]
+    known = {s.value for s in Grade}
     return green + [
         Line(
             m.vehicle or message.vehicle,
             m.name,
-            State(m.state) if m.state in known else State.UNKNOWN,
+            Grade(m.state) if m.state in known else Grade.UNKNOWN,
             m.what,
-            m.remedy or (_REMEDIES.get(m.name, "") if m.state != State.GREEN else ""),
+            m.remedy or (_REMEDIES.get(m.name, "") if m.state != Grade.GREEN else ""),
             m.since_s,
             m.accepted,
         )

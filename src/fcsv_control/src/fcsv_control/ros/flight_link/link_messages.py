@@ -10,13 +10,7 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 from fcsv_control.flight import messages
 from fcsv_control.flight.link import FlightLink
-from fcsv_control.flight.messages import (
-    Diagnosis,
-    EstimateMoved,
-    LinkLives,
-    ParametersChecked,
-    PosePassed,
-)
+from fcsv_control.flight.messages import EstimateMoved, LinkLives, ParametersChecked, PosePassed
 from fcsv_control.ros.flight_link.posed import pose_in
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions
@@ -46,7 +40,7 @@ class LinkMessages:
             "flight_link/mode_asked", ModeAsked, queue_size=10, tcp_nodelay=True
         )
         self._publish: Dict[type, Callable[[Any], None]] = {
-            Diagnosis: self._diagnose,
+            tm.Diagnosis: health.diagnose,
             EstimateMoved: self._estimate_moved,
             LinkLives: self._live,
             ParametersChecked: self._parameters_checked,
@@ -103,12 +97,6 @@ class LinkMessages:
         message = Vector3Stamped(header=conversions.header(rospy.get_time(), self._odom))
         message.vector.x, message.vector.y, message.vector.z = map(float, m.step_m)
         self._moved.publish(message)
-
-    def _diagnose(self, m: Diagnosis) -> None:
-        for key, text in m.problems.items():
-            self._health.problem(key, text)
-        for key, value in m.values.items():
-            self._health.value(key, value)
 
 
 def header():

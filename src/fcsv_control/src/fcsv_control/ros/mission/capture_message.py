@@ -3,7 +3,7 @@
 
 import rospy
 
-from fcsv_control.mission.activities.standing import CaptureWindow
+from fcsv_control.mission.activities.activity import CaptureWindow
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Capture, Configuration

@@ -4,25 +4,34 @@
 import shutil
 import threading
 import time
-from functools import partial
 from pathlib import Path
-from typing import Callable, Type
+from typing import Any, Callable, Dict, Type
 
 import rospy
 from genpy import Message
 from std_msgs.msg import Bool
 
-from fcsv_control.disk import DiskWatch
+from fcsv_control.agent.messages import Pictures
 from fcsv_control.errors import SessionError
+from fcsv_control.recorder_port import (
+    EndRecording,
+    PartWritten,
+    PictureCame,
+    RecorderPort,
+    RecorderReport,
+    SaveSession,
+    SessionSaved,
+    Written,
+)
 from fcsv_control.recording import RecorderParameters, keep_earlier, plan
 from fcsv_control.ros.recording.bag_writer import BagWriter
-from fcsv_control.session import FILE, Session, new_session, save_session, utc_now, with_part
+from fcsv_control.session import FILE, Session, new_session, save_session, utc_now
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.missions.mission import Mission, load_mission
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.streams.silence import Silence, in_steps
+from fcsv_geometry.vehicles.telemetry import Diagnosis
 from fcsv_msgs.msg import RecorderStatus
 
 
@@ -32,23 +41,30 @@ class RecorderNode:
 
     def __init__(self):
         p = self._parameters = node.parameters(RecorderParameters)
-        self._folder, self._listing = _made(Path(p.folder).expanduser()), threading.Lock()
-        self._health, self._silence = Health(p.name), Silence(p.no_picture_s)
-        self._want_pictures(p.pictures_on)
-        self._disk = DiskWatch(p.least_free_mib << 20)
+        self._folder, self._lock = _made(Path(p.folder).expanduser()), threading.RLock()
+        self._health = Health(p.name)
         mission = load_mission(p.mission) if p.role == "control" else None
         self._writer = _opened(self._folder, p)
         rospy.on_shutdown(self._close)
-        self._session = None if mission is None else self._described(mission)
+        session = None if mission is None else self._described(mission)
+        self._port = RecorderPort(p, time.monotonic(), session)
+        self._do: Dict[type, Callable[[Any], None]] = {
+            PictureCame: lambda o: self._on_message(o.message, o.topic),
+            SaveSession: self._save,
+            EndRecording: lambda o: self._writer.fail(o.why),
+            Diagnosis: self._health.diagnose,
+            RecorderReport: self._publish,
+        }
         topics = plan(p)
         status = "recorder/status" if p.role == "vehicle" else f"/{p.name}/recorder/status"
         self._status = rospy.Publisher(status, RecorderStatus, queue_size=2)
-        self._timer = node.every(1.0, self._publish_status)
-        rospy.Subscriber(
-            "recorder/pictures", rospy.AnyMsg, self._taken(Bool, self._on_pictures), queue_size=1
-        )
+        self._timer = node.every(1.0, self._step)
+        on_pictures = self._taken(Bool, lambda m: Pictures(m.data))
+        rospy.Subscriber("recorder/pictures", rospy.AnyMsg, on_pictures, queue_size=1)
         for vehicle in p.vehicles if p.role == "control" else ():
-            on_other = self._taken(RecorderStatus, partial(self._on_other, vehicle))
+            on_other = self._taken(
+                RecorderStatus, lambda m, v=vehicle: PartWritten(v, Path(m.path).name)
+            )
             rospy.Subscriber(f"/{vehicle}/recorder/status", rospy.AnyMsg, on_other, queue_size=5)
         for topic in topics.always:
             rospy.Subscriber(
@@ -73,7 +89,7 @@ class RecorderNode:
         return session
 
     def _taken(
-        self, kind: Type[Message], tell: Callable[[Message], None]
+        self, kind: Type[Message], take: Callable[[Message], object]
     ) -> Callable[[rospy.AnyMsg], None]:
         """What this node hears for itself comes serialized, too.
 
@@ -81,74 +97,44 @@ class RecorderNode:
         heard as messages cannot be recorded.
         """
 
-        def take(message: rospy.AnyMsg) -> None:
+        def came(message: rospy.AnyMsg) -> None:
             try:
-                tell(decoded(message, kind))
+                data = take(decoded(message, kind))
             except SessionError as error:
                 self._health.drop("message of another kind", str(error))
-
-        return take
-
-    def _on_other(self, vehicle: str, message: RecorderStatus) -> None:
-        self._list(vehicle, Path(message.path).name)
-
-    def _list(self, machine: str, bag: str) -> None:
-        """A further part of a machine's recording belongs into session.yaml."""
-        with self._listing:
-            session = with_part(self._session, machine, bag)
-            if session is self._session:
                 return
-            try:
-                save_session(self._folder, session)
-                self._session = session
-            except SessionError as error:  # the bags go on; it is tried again
-                rospy.logerr_throttle(10.0, f"{error}")
+            self._receive(data)
 
-    def _on_pictures(self, message: Bool) -> None:
-        self._want_pictures(message.data)
+        return came
 
-    def _want_pictures(self, wanted: bool) -> None:
-        self._pictures_on = wanted
-        self._silence.want(time.monotonic(), wanted)
+    def _receive(self, data: object) -> None:
+        now_s = time.monotonic()
+        with self._lock:
+            self._port.receive(now_s, data)
+            for output in self._port.step(now_s):
+                self._do[type(output)](output)
 
     def _on_picture(self, message: rospy.AnyMsg, topic: str) -> None:
-        if self._pictures_on:
-            if topic.endswith("image_raw"):
-                self._silence.came(time.monotonic())
-            self._on_message(message, topic)
+        self._receive(PictureCame(topic, message, topic.endswith("image_raw")))
 
     def _on_message(self, message: rospy.AnyMsg, topic: str) -> None:
         if not self._writer.put(topic, message, rospy.Time.now()):
             self._health.drop("message", self._writer.problem or "the disk is too slow")
 
-    def _publish_status(self, _event) -> None:
-        w, least = self._writer, self._parameters.least_free_mib
-        self._disk.see(time.monotonic(), w.bytes, shutil.disk_usage(self._folder).free)
-        if self._disk.full:
-            w.fail(
-                f"less than {least} MiB are free on the disk of {self._folder}; make room and start again"
-            )
-        if self._session is not None:
-            self._list(self._parameters.name, w.path.name)
-        self._health.problem("disk", w.problem)
-        lasts_s = in_steps(self._silence.lasts_s(time.monotonic()))
-        self._health.problem(
-            "pictures", f"{self._parameters.name}: no picture for {lasts_s} s" if lasts_s else ""
-        )
-        self._health.value("minutes left", f"{self._disk.minutes_left:.0f}")
-        self._health.value("pictures", w.pictures)
-        self._health.value("MB", w.bytes // 10**6)
+    def _step(self, _event) -> None:
+        w, free_bytes = self._writer, shutil.disk_usage(self._folder).free
+        self._receive(Written(str(w.path), w.pictures, w.bytes, w.dropped, w.problem, free_bytes))
+
+    def _save(self, output: SaveSession) -> None:
+        try:
+            save_session(self._folder, output.session)
+            self._port.receive(time.monotonic(), SessionSaved(output.session))
+        except SessionError as error:  # the bags go on; it is tried again
+            rospy.logerr_throttle(10.0, f"{error}")
+
+    def _publish(self, m: RecorderReport) -> None:
         self._status.publish(
-            RecorderStatus(
-                header=conversions.header(rospy.get_time(), ""),
-                path=str(w.path),
-                pictures_on=self._pictures_on,
-                pictures=w.pictures,
-                bytes=w.bytes,
-                dropped=w.dropped,
-                minutes_left=self._disk.minutes_left,
-                problem=w.problem,
-            )
+            RecorderStatus(header=conversions.header(rospy.get_time(), ""), **vars(m))
         )
 
     def _close(self) -> None:
