@@ -74,6 +74,52 @@ def test_pictures_without_anything_in_common_say_nothing():
         assert math.isnan(measured_px(LEFT, right)[0])
 
 
+def spoilt(change):
+    """The right picture, with something wrong with its camera."""
+    right = seen((0.0, -2.0, 0.0))
+    pixels = cv2.imdecode(np.frombuffer(right.data, np.uint8), cv2.IMREAD_COLOR)
+    data = cv2.imencode(".png", np.ascontiguousarray(change(pixels)))[1].tobytes()
+    return EpipolarPicture(1.0, data, CAMERA, right.T_home_cam)
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (lambda p: p // 60, "picture of uav2 shows nothing to compare: dark, out of focus"),
+        (lambda p: cv2.GaussianBlur(p, (0, 0), 8.0), "picture of uav2 shows nothing to compare"),
+        (lambda p: p[:, ::-1], "too little in common"),
+        (lambda p: p, ""),
+    ],
+)
+def test_a_camera_that_is_covered_blurred_or_looks_elsewhere_is_named(change, words):
+    told = measured(PAIR, LEFT, spoilt(change))
+    assert words in told.unlike and bool(words) == math.isnan(told.error_px)
+    dark = measured(PAIR, spoilt(lambda p: p // 60), LEFT).unlike
+    assert "picture of uav1 shows nothing" in dark
+    plain = spoilt(lambda p: p // 60)
+    assert measured(PAIR, plain, plain).unlike == "", "both show little: that is the scene"
+
+
+def test_a_camera_that_gives_one_picture_again_and_again_is_named():
+    watch, right = EpipolarWatch(["uav1", "uav2"]), seen((0.0, -2.0, 0.0))
+    for k in range(4):
+        for name, one in zip(PAIR, (LEFT, right)):
+            noise = bytes([k]) if name == "uav1" else b""
+            watch.tell_picture(name, 10.0 + k, one.data + noise, one.camera)
+            watch.tell_pose(name, 10.0 + k, one.T_home_cam)
+        told = watch.measure(PAIR)
+        assert bool(told.unlike) == (k == 3)
+    assert told.unlike == "the camera of uav2 gives one picture again and again"
+
+
+def test_what_cannot_be_compared_is_no_go():
+    c = samples.console("config/missions/outdoor.yaml")
+    samples.flying(c)
+    c.tell(samples.NOW_S - 0.5, facts.EpipolarReport(PAIR, math.nan, 3, unlike="covered"))
+    judged = c.view(samples.NOW_S).stereo
+    assert not judged.go and "covered" in judged.words
+
+
 @pytest.mark.parametrize(
     "data, words",
     [

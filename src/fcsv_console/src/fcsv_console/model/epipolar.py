@@ -24,6 +24,10 @@ from fcsv_stereo.model.inputs import FLOWN
 _FEATURES, _LEAST = 800, 25
 # of the second best; of the matches, less is a geometry that chance has found
 _RATIO, _SHARE = 0.85, 0.5
+# features of a picture that shows enough: where fewer than _LEAST match, it shows something else
+_ENOUGH = 4 * _LEAST
+# the same octets so often in a row: a camera has noise, and a vehicle moves
+_FROZEN = 4
 # of matches with a geometry of their own: it sorts out wrong ones, whatever the places say
 _AGREE_PX = 2.0
 # of the baseline: cameras one before the other, as in the column; no configuration stands so
@@ -58,9 +62,11 @@ def measured(pair: Tuple[str, str], a: EpipolarPicture, b: EpipolarPicture) -> E
     from fcsv_stereo.refinement.geometry import epipolar_error
 
     (gray_a, a), (gray_b, b) = _read(a), _read(b)
-    uv_a, uv_b = _matches(gray_a, gray_b)
+    features = _features(gray_a), _features(gray_b)
+    uv_a, uv_b = _matches(*features)
     if len(uv_a) < _LEAST:
-        return EpipolarReport(pair, math.nan, len(uv_a))
+        shown = [len(points) for points, _ in features]
+        return EpipolarReport(pair, math.nan, len(uv_a), unlike=_unlike(pair, shown, len(uv_a)))
     rays_a, rays_b = (
         np.column_stack([s.camera.normalize(uv), np.ones(len(uv))])
         for s, uv in ((a, uv_a), (b, uv_b))
@@ -76,7 +82,9 @@ def measured(pair: Tuple[str, str], a: EpipolarPicture, b: EpipolarPicture) -> E
     )
     kept = np.zeros(len(rays_a), bool) if kept is None else kept.ravel().astype(bool)
     if kept.sum() < max(_LEAST, _SHARE * len(kept)):
-        return EpipolarReport(pair, math.nan, int(kept.sum()))
+        agreeing = int(kept.sum())
+        shown = [len(points) for points, _ in features]
+        return EpipolarReport(pair, math.nan, agreeing, unlike=_unlike(pair, shown, agreeing))
     T_a_b = transforms.invert(a.T_home_cam) @ b.T_home_cam
     error, _ = epipolar_error(T_a_b, rays_a[kept], rays_b[kept])
     error_px, fitted = (
@@ -125,13 +133,28 @@ def _read(seen: EpipolarPicture) -> Tuple[np.ndarray, EpipolarPicture]:
     return gray, seen
 
 
-def _matches(a: np.ndarray, b: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+def _unlike(pair: Tuple[str, str], shown: Sequence[int], agreeing: int) -> str:
+    """Why pictures with so many features each tell nothing of each other; empty where both show
+    little, as plain ground does."""
+    least, most = sorted(range(2), key=lambda i: shown[i])
+    if shown[most] < _ENOUGH:
+        return ""
+    if shown[least] < _LEAST:
+        return (
+            f"the picture of {pair[least]} shows nothing to compare: dark, out of focus or covered"
+        )
+    if shown[least] < _ENOUGH:
+        return ""
+    return f"the pictures have too little in common: {agreeing} features agree, {_LEAST} are needed"
+
+
+def _features(gray: np.ndarray):
+    return cv2.ORB_create(_FEATURES).detectAndCompute(gray, None)
+
+
+def _matches(a, b) -> Tuple[np.ndarray, np.ndarray]:
     """Pixels (N, 2) of features that are each other's best, by far (Lowe's ratio)."""
-    orb = cv2.ORB_create(_FEATURES)
-    (points_a, of_a), (points_b, of_b) = (
-        orb.detectAndCompute(a, None),
-        orb.detectAndCompute(b, None),
-    )
+    (points_a, of_a), (points_b, of_b) = a, b
     if of_a is None or of_b is None:
         return np.empty((0, 2)), np.empty((0, 2))
     forth, back = (_best(x, y) for x, y in ((of_a, of_b), (of_b, of_a)))
@@ -157,7 +180,7 @@ class EpipolarWatch:
         self._poses: Dict[str, Deque[Tuple[float, np.ndarray]]] = {
             n: deque(maxlen=_POSES) for n in vehicles
         }
-        self._pictures: Dict[str, Deque[Picture]] = {n: deque(maxlen=4) for n in vehicles}
+        self._pictures: Dict[str, Deque[Picture]] = {n: deque(maxlen=_FROZEN) for n in vehicles}
         self._cameras: Dict[str, PinholeCamera] = {}
         self._measured: Tuple[float, float] = (math.nan, math.nan)
         self._lock = threading.Lock()
@@ -189,10 +212,19 @@ class EpipolarWatch:
             return None
         with self._lock:
             a, b = (self._seen(name) for name in pair)
+            frozen = [name for name in pair if self._frozen(name)]
         if a is None or b is None or (a.stamp_s, b.stamp_s) == self._measured:
             return None
         self._measured = (a.stamp_s, b.stamp_s)
-        return measured(pair, a, b)
+        told = measured(pair, a, b)
+        if frozen:
+            unlike = f"the camera of {' and of '.join(frozen)} gives one picture again and again"
+            told = replace(told, unlike=unlike)
+        return told
+
+    def _frozen(self, name: str) -> bool:
+        kept = self._pictures[name]
+        return len(kept) == _FROZEN and len({data for _, data, _ in kept}) == 1
 
     def _seen(self, name: str) -> Optional[EpipolarPicture]:
         for stamp_s, data, camera in reversed(self._pictures[name]):

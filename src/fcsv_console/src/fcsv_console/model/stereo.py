@@ -109,6 +109,7 @@ def assess(
         )
     apart = _apart_in_time(skew_s)
     reasons += _wrong(overlap, target_m, turn_deg, apart_m) + _disagree(told, optics)
+    reasons += [told.unlike] if told is not None and told.unlike else []
     reasons += apart if at_once else []
     return StereoHealth(
         pair,

@@ -23,7 +23,8 @@ class EpipolarReport:
 
     ``refined_px``: what is left of it once the pair is fitted as the map fits it, ``surprise``: how
     far that pose is from the trackers' (standard deviations of the map's prior); NaN: not fitted.
-    ``picture_focal_px``: of the picture.
+    ``picture_focal_px``: of the picture. ``unlike``: why the pictures tell nothing of each other, in
+    words; empty where they do, or too few of them were seen yet.
     """
 
     pair: Tuple[str, str]
@@ -32,6 +33,7 @@ class EpipolarReport:
     refined_px: float = math.nan
     surprise: float = math.nan
     picture_focal_px: float = math.nan
+    unlike: str = ""
 
 
 @dataclass(frozen=True)
