@@ -5,7 +5,7 @@ import math
 from collections import defaultdict
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Dict, Hashable, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -60,7 +60,7 @@ class Monitors:
 
     def __init__(self, rules: GuardianRules):
         self._rules = rules
-        self._since: Dict[str, Since] = defaultdict(Since)
+        self._since: Dict[Hashable, Since] = defaultdict(Since)
         self._took_off = self._homeward = False
         self._stopped = ""  # why, on the way home
         self._unseen_s = float("-inf")  # when the tracker last did not see it
@@ -335,7 +335,7 @@ class Monitors:
         silent = silent_s > r.silent_above_s and offset_m[2] > _BELOW_M
         return offset_m[2] > 0.0 and away_m < r.clear_m and (other.mode == Mode.LAND or silent)
 
-    def _lasts(self, now_s: float, what: str, holds: bool, seconds: float) -> bool:
+    def _lasts(self, now_s: float, what: Hashable, holds: bool, seconds: float) -> bool:
         """Whether a condition has held for some time; a name counts from the first moment it
         held."""
         return self._since[what].lasts_s(now_s, holds) >= seconds
@@ -343,6 +343,6 @@ class Monitors:
     def _first(self, now_s: float, what: str, *steps: Step) -> Sequence[Finding]:
         """The first step whose condition has been red for so long."""
         for k, (found, seconds, reaction) in enumerate(steps):
-            if self._lasts(now_s, f"{what} {k}", found.red, seconds):
+            if self._lasts(now_s, (what, k), found.red, seconds):
                 return [Finding(what, reaction, found.words)]
         return ()
