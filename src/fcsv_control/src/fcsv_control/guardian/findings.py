@@ -134,7 +134,9 @@ class Monitors:
                 doubt_m = separation.doubt_m((air.sigma_m, other.sigma_m), age_s, other.speed_mps)
                 yield (
                     name,
-                    float(separation.share(here - other.p_home_m, self._rules.separation, doubt_m)),
+                    separation.share(
+                        (here - other.p_home_m).tolist(), self._rules.separation, doubt_m
+                    ),
                 )
 
     def beneath(self, now_s: float, air: VehicleSituation) -> Optional[str]:
