@@ -5,10 +5,12 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
+STEP=""
+step() { STEP=$1; say "$1"; }
 say()  { if [ -t 1 ]; then printf '\033[1m[setup]\033[0m %s\n' "$*"; else printf '[setup] %s\n' "$*"; fi; }
 fail() { printf '[setup] ERROR: %s\n' "$*" >&2; exit 1; }
 
-quietly() {  # quietly LOG COMMAND...: its output into LOG, and every few seconds a sign that it works
+quietly() {  # quietly LOG COMMAND...: its output into LOG, and every few seconds the step with its seconds
   local log=$1 began=$SECONDS child status shown=0 every=15; shift
   [ -t 1 ] && every=1
   "$@" >"$log" 2>&1 &
@@ -18,7 +20,7 @@ quietly() {  # quietly LOG COMMAND...: its output into LOG, and every few second
     sleep 0.2
     [ $((SECONDS - began)) -ge $((shown + every)) ] || continue
     shown=$((SECONDS - began))
-    if [ -t 1 ]; then printf '\r\033[K[setup]   ... %d s' $shown; else say "  ... $shown s"; fi
+    if [ -t 1 ]; then printf '\r\033[K[setup]   %s: %d s' "${STEP:0:60}" $shown; else say "  ${STEP:0:60}: $shown s"; fi
   done
   [ -t 1 ] && printf '\r\033[K'
   wait $child && status=0 || status=$?
@@ -72,7 +74,7 @@ system_packages() {
   local lacking sudo=""
   lacking=$(missing_packages)
   [ -z "$lacking" ] && return
-  say "installing system packages: $(tr '\n' ' ' <<<"$lacking")"
+  step "installing system packages: $(tr '\n' ' ' <<<"$lacking")"
   if [ "$(id -u)" -ne 0 ]; then
     command -v sudo >/dev/null || fail "these packages are missing and there is no sudo; install them as root: $(tr '\n' ' ' <<<"$lacking")"
     sudo="sudo"
@@ -88,7 +90,7 @@ virtual_environment() {
   local want
   want=$(sha256sum requirements.txt | cut -d' ' -f1)
   if [ -x .venv/bin/python ] && [ "$(cat .venv/fcsv-requirements 2>/dev/null)" = "$want" ]; then return; fi
-  say "installing pinned Python packages into .venv"
+  step "installing pinned Python packages into .venv"
   [ -x .venv/bin/python ] || "$PYTHON" -m venv --system-site-packages .venv
   quietly build/pip.log .venv/bin/python -m pip install -q --disable-pip-version-check -r requirements.txt ||
     { tail -5 build/pip.log >&2; fail "pip could not install requirements.txt (whole log: build/pip.log)"; }
@@ -114,7 +116,7 @@ workspace() {  # configure and build catkin; nothing to do when no message, node
   want=$( { find src -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -path '*/msg/*' -o -path '*/srv/*' -o -path '*/action/*' -o -name '*.c' -o -name '*.cmake' -o -name CATKIN_IGNORE -o -path '*/nodes/*' -type f
             echo CMakeLists.txt; } | LC_ALL=C sort | while read -r f; do [ -f "$f" ] && case "$f" in */nodes/*) echo "$f" ;; *) sha256sum "$f" ;; esac; done; pwd )
   [ -f devel/setup.sh ] && [ "$(cat $stamp 2>/dev/null)" = "$want" ] && return
-  say "building the catkin workspace"
+  step "building the catkin workspace"
   [ "$DISTRO" = noetic ] && . /opt/ros/noetic/setup.sh
   # no client library but C++ and Python is used, so the others are not generated
   quietly build/cmake.log env ROS_LANG_DISABLE=geneus:genlisp:gennodejs cmake -S . -B build -DPYTHON_EXECUTABLE="$PWD/.venv/bin/python" ||
@@ -128,7 +130,7 @@ kernels() {  # numba's cache lies beside the sources; compile where they changed
   local want
   want=$(find src/fcsv_stereo/src/fcsv_stereo/joint -name '*.py' -print0 | LC_ALL=C sort -z | xargs -0 cat | sha256sum | cut -d' ' -f1)
   [ "$(cat build/fcsv-kernels 2>/dev/null)" = "$want" ] && return
-  say "compiling kernels"
+  step "compiling kernels"
   quietly build/kernels.log bash -c '. devel/setup.sh && exec .venv/bin/python -m fcsv_stereo.in_flight.warm_up' ||
     { tail -5 build/kernels.log >&2; fail "the kernels could not be compiled (whole log: build/kernels.log)"; }
   echo "$want" >build/fcsv-kernels

@@ -42,6 +42,20 @@ def test_a_session_becomes_a_map(tmp_path):
     pipeline.run(pipeline.MapRequest(session, out, "thesis", OPTIONS))  # an earlier map is replaced
 
 
+def test_who_waits_for_a_map_sees_it_come_on_step_by_step(tmp_path):
+    steps = []
+    request = pipeline.MapRequest(write_session(tmp_path / "session"), tmp_path / "map")
+    document = pipeline.run(request, lambda step, share: steps.append((step, share)))
+    shares = [share for _, share in steps]
+    words = [step for step, _ in steps]
+    assert shares == sorted(shares) and shares[0] == 0.0 and shares[-1] < 1.0
+    assert np.max(np.diff([*shares, 1.0])) < 0.35, "stands for long at one percentage"
+    assert len(set(words)) == len(words) >= 7 and words[-1] == "drawing the report"
+    seconds = dict(document["timing_s"])
+    total_s = seconds.pop("total")
+    assert "report" in seconds and sum(seconds.values()) <= total_s + 1e-3
+
+
 def half_truth(folder, files):
     """truth/ as an interrupted simulation leaves it."""
     (folder / "truth").mkdir()

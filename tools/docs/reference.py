@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Callable, Dict, List, Optional, Tuple
 
 import files_page
+import ways_page
 from field_notes import notes_of
 from node_topics import ends_of_node, module_file, ros_modules
 
@@ -344,6 +345,7 @@ def pages() -> Dict[str, str]:
         "packages.md": packages_page(),
         "launch.md": launch_page(),
         "files.md": files_page.page(_HEAD),
+        "ways.md": ways_page.page(_HEAD, ROOT),
     }
 
 

@@ -49,7 +49,6 @@ _OPTIONS_OF = {
         "refine_time_offset",
     ),
 }
-_MAPPED = 0.9  # of a map's time; the rest is its files and its report
 _EXAMPLES = """examples:
   map out/demo/session -o out/map
   map photos/ -o out/photos --reference 0003.jpg --method thesis --matcher sgbm --disparity 16 256
@@ -95,12 +94,7 @@ def _map(args, command: str) -> None:
         robot=args.robot,
     )
     with Steps(LiveLine(sys.stderr), "reading pictures").shown() as steps:
-
-        def progress(name: str, done: int, total: int) -> None:
-            ended = done == total
-            steps.begin("writing the map and its report" if ended else name, _MAPPED * done / total)
-
-        document = pipeline.run(request, progress)
+        document = pipeline.run(request, steps.begin)
     print(demo_table(document))
     written = ["map.ply", "depth.npy", "sigma.npy", "kind.npy", "report.json", "report.html"]
     print(f"wrote {args.out}: {', '.join(written + [f for p in products for f in PRODUCTS[p]])}")

@@ -24,14 +24,17 @@ from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
 from fcsv_stereo.joint.tuning import EVIDENCE, FAR_REMATCH, MATCH, RESIDUALS
 from fcsv_stereo.joint.views import Views, colours, seen_by_any
 from fcsv_stereo.joint.volume.far_rematch import sharpened
+from fcsv_stereo.joint.volume.pair_costs import must_compile
 from fcsv_stereo.joint.volume.winner import (
     VolumeMatch,
     highest_level,
     match_volume,
     nearest_inverse_depth,
 )
-from fcsv_stereo.model import Picture, PoseUncertainty
+from fcsv_stereo.model import Picture, PoseUncertainty, Progress, silent
 from fcsv_stereo.model.kinds import DepthKind, supported
+
+_COMPILES = ": compiled for this machine, once, a minute or two"
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,7 @@ def match_jointly(
     others: Sequence[Picture],
     options: Optional[MatchOptions] = None,
     poses: Optional[Sequence[PoseUncertainty]] = None,
+    progress: Progress = silent,
 ) -> JointDepth:
     """Depth of ``reference`` from all ``others``; ``poses`` says how well each pose is known (None:
     exactly).
@@ -142,15 +146,20 @@ def match_jointly(
         reference, [others[i] for i in used], known_poses, options.adjust_poses
     )
     first, *between = _scales(pictures.shape[0] * pictures.shape[1], options)
+    progress(f"matching roughly{_COMPILES if must_compile() else ''}", 0.0)
     with ThreadPoolExecutor(options.threads) as pool:
         pictures, rough = _match_roughly(pictures, first / 2.0, options, pool)
+        progress("matching every distance", 0.09)
         pictures, surfaces, levels = _match_in_volume(pictures, rough, first, options, pool)
         known = _enlarged(surfaces.known, reference)
         for scale in between:
+            progress("choosing surfaces", 0.48)
             surfaces = _surfaces_between(pictures, surfaces, levels, scale, options, pool)
+        progress("matching at full size", 0.53)
         pictures, fine = _at_full_size(pictures, surfaces, levels, known, options, pool)
     del surfaces
     geometry, pose_sigma_share, shared = _by_poses(pictures, fine, suspicion, known_poses, used)
+    progress("judging each depth", 0.92)
     own_w = matching_sigma(fine, known)
     fine = fine.without_slopes()
     sigma_w = np.hypot(own_w, geometry, out=geometry)

@@ -33,6 +33,7 @@ from fcsv_stereo.model import (
     PoseUncertainty,
     Progress,
     Reference,
+    part,
     silent,
 )
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
@@ -179,13 +180,12 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     warnings = list(given.warnings)
 
     started = time.perf_counter()
-    progress("refining poses", 0, 3)
+    progress("refining poses", 0.0)
     reference, refined, unseen = _refine(reference, others, options, warnings)
     unseen = [*unseen, *hint]
     timing_s = {"refine": time.perf_counter() - started}
 
     started = time.perf_counter()
-    progress("matching", 1, 3)
     left_out = _unfit_to_match(refined)
     kept = [i for i in range(len(refined)) if i not in left_out]
     warnings += [f"left out: {refined[i].picture.name}: {reason}" for i, reason in left_out.items()]
@@ -197,7 +197,13 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     scale = options.scale_of(reference.image.shape[0] * reference.image.shape[1])
     if scale < 1.0:
         reference, pictures = reference.shrunk(scale), [p.shrunk(scale) for p in pictures]
-    found = match_jointly(reference, pictures, matching, [refined[i].uncertainty for i in kept])
+    found = match_jointly(
+        reference,
+        pictures,
+        matching,
+        [refined[i].uncertainty for i in kept],
+        part(progress, 0.22, 0.98),
+    )
     for i, picture in zip(found.used, found.pictures):
         pictures[i] = picture
         refined[kept[i]] = replace(refined[kept[i]], picture=picture)
@@ -206,7 +212,7 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     timing_s["match"] = time.perf_counter() - started
 
     started = time.perf_counter()
-    progress("fusing", 2, 3)
+    progress("fusing", 0.98)
     cloud = cloud_of(reference, found.depth, found.sigma, found.strongest)
     if not len(cloud):
         why = why_no_depth(reference, pictures, unit_m)
@@ -218,7 +224,6 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
         configurations, given.kind is InputKind.SESSION, reference, pictures, found, options
     )
     timing_s["fuse"] = time.perf_counter() - started
-    progress("fusing", 3, 3)
     view, images = Reference.of(reference), _images(reference, others, refined, left_out)
     return MapResult(
         "joint",

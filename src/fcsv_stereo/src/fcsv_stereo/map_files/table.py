@@ -25,9 +25,7 @@ def demo_table(document: dict) -> str:
             f"left out of the cloud: {cut['beyond_range']} points too far, {cut['beyond_sigma']} too unsure"
         )
     timing = document["timing_s"]
-    steps = ", ".join(
-        f"{k} {timing[k]:.1f}" for k in ("load", "refine", "match", "fuse", "write") if k in timing
-    )
+    steps = ", ".join(f"{k} {seconds:.1f}" for k, seconds in timing.items() if k != "total")
     lines.append(
         f"coverage {document['coverage']:.0%} of the picture; processed in {timing['total']:.1f} s ({steps})"
     )

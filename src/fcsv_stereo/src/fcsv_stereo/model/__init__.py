@@ -4,7 +4,7 @@ anything."""
 
 from fcsv_stereo.model.configuration import Configuration
 from fcsv_stereo.model.inputs import FLOWN, RIG, ConfigurationInput, MapInput, PosePrior
-from fcsv_stereo.model.method import Method, silent
+from fcsv_stereo.model.method import Method, part, silent
 from fcsv_stereo.model.pairs import Pair, PairResult
 from fcsv_stereo.model.pictures import LivePicture, Picture, Reference, as_grey, as_rgb
 from fcsv_stereo.model.pose_uncertainty import PoseUncertainty
@@ -37,5 +37,6 @@ __all__ = [
     "as_grey",
     "as_rgb",
     "concatenate",
+    "part",
     "silent",
 ]

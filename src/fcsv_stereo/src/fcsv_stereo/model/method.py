@@ -8,8 +8,13 @@ from fcsv_stereo.model.inputs import MapInput
 from fcsv_stereo.model.results import MapResult, Progress
 
 
-def silent(_step: str, _done: int, _total: int) -> None:
+def silent(_step: str, _share: float) -> None:
     """Progress that nobody looks at."""
+
+
+def part(progress: Progress, begins: float, ends: float) -> Progress:
+    """Progress of a part of the work, which begins and ends at these shares of the whole."""
+    return lambda step, share: progress(step, begins + (ends - begins) * share)
 
 
 class Method(ABC):

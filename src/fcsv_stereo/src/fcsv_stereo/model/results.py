@@ -12,8 +12,8 @@ from fcsv_stereo.model.inputs import NO_SHIFT
 from fcsv_stereo.model.pairs import Pair
 from fcsv_stereo.model.pictures import Reference
 
-#: what a method tells of its way: the step, how many of it are done, of how many
-Progress = Callable[[str, int, int], None]
+#: what is told of the way to a map: the step that begins, the share of the work (0 to 1) behind it
+Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

@@ -78,15 +78,15 @@ def table(plan: Plan) -> str:
         f"focal length {request.camera.fx:.1f} px, disparity error {request.disparity_error_px:g} px, accepted {share}"
     ]
     lines.append(
-        f"{'axis':<11}{'baseline':>10}{'tilt':>8}{'effective range':>20}{'farthest (3.1)':>16}"
-        f"{'error there':>13}{'views meet':>12}{'not shared near / far':>23}"
+        f"{'axis':<11}{'baseline':>10}{'tilt':>8}{'effective range':>20}{'limit (eq. 3.1)':>17}"
+        f"{'error at its end':>18}{'views overlap from':>20}{'seen by one, near / far':>25}"
     )
     for b in plan.baselines:
         span = f"{_metres(b.range_m[0])} to {_metres(b.range_m[1])} m"
         unshared = f"{b.non_overlap[0]:.0%} / {b.non_overlap[1]:.0%}"
         lines.append(
             f"{b.axis:<11}{f'{b.baseline_m:.2f} m':>10}{f'{np.degrees(b.tilt_rad):.1f} deg':>8}{span:>20}"
-            f"{f'{b.farthest_m:.1f} m':>16}{f'{b.error_m:.2f} m':>13}{f'{b.overlap_starts_m:.1f} m':>12}{unshared:>23}"
+            f"{f'{b.farthest_m:.1f} m':>17}{f'{b.error_m:.2f} m':>18}{f'{b.overlap_starts_m:.1f} m':>20}{unshared:>25}"
         )
     return "\n".join([*lines, *(f"note: {n}" for n in plan.notes)])
 

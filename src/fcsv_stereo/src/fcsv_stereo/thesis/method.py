@@ -164,7 +164,7 @@ def _match_all(
             tried = []
             for other, pair, disparity in pool.map(attempt, others):
                 done += 1
-                progress(what.name, done, total)
+                progress(f"matching {what.name}", done / total)
                 if disparity is None:
                     warnings.append(f"left out: {pair}")
                 else:

@@ -5,6 +5,8 @@ Kernels are handed a row of arrays to write on (``scratch``): allocated once for
 every plane.
 """
 
+from pathlib import Path
+
 import numpy as np
 from numba import njit
 
@@ -15,6 +17,14 @@ from fcsv_stereo.joint.volume.intrinsics import quarters_that_differ, whole_16
 QUARTERS = VOLUME.quarters
 _BLOCK = VOLUME.block_columns
 _MOST_DRIFT = np.float32(2.0 * VOLUME.most_drift_px)  # from one end of a block to the other
+
+
+def must_compile() -> bool:
+    """Whether this machine has not compiled the kernels since they changed: the next map waits for
+    that."""
+    kept = Path(rank.stats.cache_path).glob("pair_costs.rank-*.nbi")
+    written = Path(__file__).stat().st_mtime
+    return not any(index.stat().st_mtime > written for index in kept)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
