@@ -11,6 +11,7 @@ from fcsv_control.flight.feeding.estimate import apart_m
 from fcsv_control.recent_way import RecentWay
 from fcsv_geometry import transforms
 from fcsv_geometry.missions import separation
+from fcsv_geometry.missions.airspace import Occupant
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.streams.stream import Stream
@@ -82,11 +83,6 @@ class Other:
         """How far from where it was last known it may lie, of one that is lost."""
         return separation.lost_reach_m(self.lost_s + (now_s - self.heard_s if self.armed else 0.0))
 
-    @property
-    def lies(self) -> bool:
-        """Whether it is on the ground, not known where: its height counts for nothing."""
-        return self.lost and not self.armed
-
     def places_m(self, now_s: float, silent_s: float) -> List[np.ndarray]:
         """Where to look for it: one that has been silent for longer than ``silent_s`` may have
         flown on to where it was sent, and one that comes down as it flies goes on that way, if it
@@ -100,6 +96,16 @@ class Other:
             if float(np.linalg.norm(level_mps)) > _FLIES_MPS:
                 places += [self.p_home_m + s * level_mps for s in _GOES_ON_S]
         return places
+
+    def occupant(self, now_s: float, silent_s: float) -> Occupant:
+        """What it occupies; one that lies on the ground, lost, has no height."""
+        return Occupant(
+            self.places_m(now_s, silent_s),
+            None,
+            self.astray,
+            self.reach_m(now_s) if self.lost else 0.0,
+            self.lost and not self.armed,
+        )
 
 
 @dataclass
