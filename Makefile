@@ -8,6 +8,7 @@ RVIZ ?=
 LIVE ?=
 MOVERS ?=
 NEAR ?=
+GPS ?=
 CAMERA ?=
 START ?=
 SPEED ?= auto
@@ -15,7 +16,7 @@ OUT ?= out/demo
 OVERWRITE ?=
 OPERATOR ?=
 AUTOPILOT ?=
-export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR CAMERA START SPEED OUT OVERWRITE OPERATOR AUTOPILOT
+export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR GPS CAMERA START SPEED OUT OVERWRITE OPERATOR AUTOPILOT
 
 .PHONY: setup build demo play test bench bench-tracking bench-gimbal bench-link bench-sigma bench-survey rehearse study docs fresh
 setup build:

@@ -19,6 +19,7 @@ from fcsv_control.ros.flight_link.mavros_process import MavrosProcess
 from fcsv_geometry import transforms
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.vehicles.modes import Mode
+from fcsv_sim.autopilot.gps import geographic
 from fcsv_sim.machines.machines import free_port
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -104,6 +105,13 @@ class ControlPc:
         heard.unregister()
         return reports[-1]
 
+    def fix(self):
+        import rospy
+        from sensor_msgs.msg import NavSatFix
+
+        topic = f"/{NAME}/mavros/global_position/raw/fix"
+        return rospy.wait_for_message(topic, NavSatFix, 20.0)
+
     def found(self, name):
         """(state, what) of a line of the flight check, as it crosses the radio."""
         from fcsv_control.ros.checks.flight_check_messages import lines_of
@@ -151,7 +159,7 @@ def vehicle(request, root, start_node, ros_master, tmp_path):
         "fcsv_sim",
         "vehicle",
         ns=NAME,
-        params={**simulated, "mavlink_port": port, "rc_port": 0, "ready_s": 2.0},
+        params={**simulated, "mavlink_port": port, "rc_port": 0, "ready_s": 2.0, "gps": True},
     )
     tracker = start_node("fcsv_sim", "t265", ns=NAME, params=simulated)
     start_node(
@@ -241,6 +249,12 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle,
     report = pc.parameters()
     assert report.profile == PROFILE.name and not report.blocks and not report.advises
     assert dict(zip(report.limits, report.limit_values)) == FlightBounds().autopilot_parameters
+    if not pc.by_mavros:  # the double of MAVROS tells no fixes
+        fix = pc.fix()
+        place = geographic((0.0, 0.0, 0.0))
+        assert (fix.latitude, fix.longitude) == pytest.approx(place[:2], abs=2e-4)
+        assert fix.altitude == pytest.approx(place[2], abs=30.0) and fix.status.status == 0
+        assert fix.position_covariance[0] == 4.0 and fix.position_covariance_type == 2
     # not in GUIDED: refused, not queued
     assert pc.command("GOTO", target=target(0, 0, 3, 0.0))[0] == 1
     assert "GUIDED" in pc.acks[pc.number][-1].reason

@@ -15,7 +15,14 @@ from fcsv_control.errors import CommandRefused, LinkError
 from fcsv_control.flight.core import STOP_REPEAT_S, LinkCore, LinkParameters
 from fcsv_control.flight.mavlink.listener import STREAMS_HZ
 from fcsv_control.flight.mavlink.requests import Outcome
-from fcsv_control.flight.messages import BarometerHeard, PoseHeard, StateHeard, TextHeard
+from fcsv_control.flight.messages import (
+    BarometerHeard,
+    FixHeard,
+    FixStatus,
+    PoseHeard,
+    StateHeard,
+    TextHeard,
+)
 from fcsv_control.flight.settings.profile import NOTHING
 from fcsv_geometry.vehicles.modes import Mode
 
@@ -290,7 +297,7 @@ def test_only_streams_that_stop_are_asked_for_again(line):
         # 0: the heartbeat
         return {int(m.param1) for m in sent if m.command == M.MAV_CMD_SET_MESSAGE_INTERVAL} - {0}
 
-    assert len(asked()) == 7
+    assert len(asked()) == 8
     again = []
     for second in range(1, 13):
         line.hear("attitude", 1000 * second, *[0.0] * 6)
@@ -301,6 +308,7 @@ def test_only_streams_that_stop_are_asked_for_again(line):
         line.hear("ekf_status_report", 0, *[0.0] * 5)
         line.hear("extended_sys_state", 0, 1)
         line.hear("scaled_pressure", 1000 * second, 1013.25, 0.0, 2500)
+        line.hear("gps_raw_int", 0, 0, 0, 0, 0, *[65535] * 4, 0)  # without a receiver
         line.beat(STABILIZE)
         again.append(asked())
     assert set().union(*again) == {M.MAVLINK_MSG_ID_LOCAL_POSITION_NED} and not any(
@@ -375,6 +383,29 @@ def test_streams_are_asked_for_in_one_order_in_every_process():
     assert len(asked) >= 6 and asked == [
         getattr(M, f"MAVLINK_MSG_ID_{name}") for name in sorted(STREAMS_HZ)
     ]
+
+
+@pytest.mark.parametrize(
+    "fix_type, status",
+    [(3, FixStatus.ALONE), (4, FixStatus.SATELLITES), (5, FixStatus.GROUND), (6, FixStatus.GROUND)],
+)
+def test_a_gps_fix_is_told_as_it_came(line, fix_type, status):
+    before = (0, fix_type, 481000000, 116000000, 514000, 80, 120, 0, 65535, 14)
+    line.hear("gps_raw_int", *before, 560000, 2000, 4000)
+    (fix,) = [e for e in line.core.events() if isinstance(e, FixHeard)]
+    assert fix.status is status and (fix.sigma_m, fix.height_sigma_m) == (2.0, 4.0)
+    assert (fix.latitude_deg, fix.longitude_deg) == pytest.approx((48.1, 11.6), abs=1e-9)
+    assert fix.height_m == 560.0  # above the ellipsoid, not above the sea
+
+
+def test_a_fix_of_old_firmware_has_neither_height_nor_accuracy_and_none_is_told_without_a_fix(line):
+    before = (481000000, 116000000, 514000, 80, 120, 0, 65535, 14)
+    line.hear("gps_raw_int", 0, 3, *before)
+    (fix,) = [e for e in line.core.events() if isinstance(e, FixHeard)]
+    assert np.isnan([fix.height_m, fix.sigma_m, fix.height_sigma_m]).all()
+    for fix_type in (0, 1, 2):
+        line.hear("gps_raw_int", 0, fix_type, *before)
+    assert not [e for e in line.core.events() if isinstance(e, FixHeard)]
 
 
 ALL_KNOWN, NOTHING_KNOWN = (True, True, True), (False, False, None)

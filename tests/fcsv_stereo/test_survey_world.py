@@ -291,7 +291,7 @@ def test_gps_of_photographs_alone_places_the_site():
     )
     views = [replace(v, gps=Gps(p[1], p[0], p[2], 0.02, 0.04)) for v, p in zip(views_of(), at)]
     adjusted, found, world = georeference.place(views, edges_of(true), WorldOptions().read())
-    assert world.crs == "EPSG:32633" and "above sea level by EXIF" in world.heights
+    assert world.crs == "EPSG:32633" and "by EXIF above sea level" in world.heights
     assert len(world.fit.gps) == 6 and all(r.used for r in world.fit.gps)
     places = np.array([similarity.place(p.S_site_cam) for p in adjusted.placed.values()])
     back = found.to_projected(places)
@@ -302,6 +302,23 @@ def test_gps_of_photographs_alone_places_the_site():
         views, edges_of(true), WorldOptions(gps=False, crs="EPSG:25833").read()
     )
     assert without[2] is None and any("--crs has no effect" in r for r in without[0].remarks)
+
+
+def test_fixes_of_flights_are_where_the_vehicles_were_not_the_camera():
+    """A session's GPS is that of its vehicles' middle, here 5 m beside and 3 m behind each
+    camera."""
+    true, off_cam = dict.fromkeys(NAMES, 1.0), np.array([5.0, 0.0, -3.0])
+    frame = EarthFrame.about(MIDDLE, None)
+    there = np.array([transforms.apply(POSES[n], off_cam[None])[0] for n in NAMES])
+    at = earth.to_geographic(frame.crs, frame.to_projected(there))
+    views = [
+        replace(v, gps=Gps(p[1], p[0], p[2], 0.02, 0.04), gps_cam_m=off_cam)
+        for v, p in zip(views_of(), at)
+    ]
+    adjusted, found, _ = georeference.place(views, edges_of(true), WorldOptions().read())
+    places = np.array([similarity.place(p.S_site_cam) for p in adjusted.placed.values()])
+    cameras = np.array([POSES[n][:3, 3] for n in NAMES])
+    assert np.allclose(found.to_projected(places), frame.to_projected(cameras), atol=0.3)
 
 
 def test_statements_take_the_points_by_name(tmp_path):

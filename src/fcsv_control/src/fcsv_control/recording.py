@@ -31,6 +31,7 @@ _VEHICLE: Tuple[str, ...] = (
     "mavros/local_position/pose",
     "mavros/rc/in",
     "mavros/battery",
+    "mavros/global_position/raw/fix",
     "recorder/status",
     "flight_check",
     "tello/odom",

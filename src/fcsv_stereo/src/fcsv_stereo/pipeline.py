@@ -110,6 +110,7 @@ def run(request: MapRequest, progress: Progress = silent) -> dict:
         clocks=given.clocks,
         spare=spare(given, result),
         origin_m=given.origin_m,
+        gps=given.gps,
         timing_s={"load": loaded - started, **result.timing_s},
     )
     result = bound_cloud(result, request.bounds)

@@ -2,6 +2,7 @@
 """What a flight link hears of its autopilot, tells, and is told, as data."""
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Dict, Optional, Sequence, Tuple, Union
 
 import numpy as np
@@ -37,6 +38,27 @@ class BarometerHeard:
     mean something."""
 
     height_m: float
+
+
+class FixStatus(IntEnum):
+    """What a GPS fix was helped by, as in sensor_msgs/NavSatStatus."""
+
+    ALONE = 0
+    SATELLITES = 1
+    GROUND = 2
+
+
+@dataclass(frozen=True)
+class FixHeard:
+    """A three-dimensional GPS fix (WGS 84): degrees, m above the ellipsoid, standard deviations per
+    axis (m); NaN: not told. The vehicle is not flown by it."""
+
+    status: FixStatus
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+    sigma_m: float
+    height_sigma_m: float
 
 
 @dataclass(frozen=True)
@@ -81,6 +103,7 @@ Event = Union[
     BatteryHeard,
     PoseHeard,
     BarometerHeard,
+    FixHeard,
     TextHeard,
     RcHeard,
     EstimateMoved,

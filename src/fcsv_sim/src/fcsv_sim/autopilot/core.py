@@ -12,6 +12,7 @@ from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.barometer import Barometer
 from fcsv_sim.autopilot.controller import Controller
 from fcsv_sim.autopilot.estimator import Estimator
+from fcsv_sim.autopilot.gps import GpsReceiver
 from fcsv_sim.autopilot.ground import READY_S, LandDetector, PreArmTalk, StickArming
 from fcsv_sim.autopilot.laws import FlightLaws
 from fcsv_sim.autopilot.origin import EkfOrigin
@@ -33,6 +34,7 @@ class Autopilot(FlightLaws):
         self.boots = 1  # how often it was started: whoever speaks for it begins anew
         self._origin = EkfOrigin()
         self.barometer = Barometer(seed)
+        self.gps: Optional[GpsReceiver] = None
         self.battery_v = 16.8
         self.battery_share = 1.0
         self.texts: List[Tuple[int, str]] = []

@@ -12,13 +12,14 @@ from typing import Callable, Dict, List, Optional, Tuple
 from pymavlink import mavutil
 
 from fcsv_geometry import rotations
-from fcsv_sim.autopilot import modes, parameters
+from fcsv_sim.autopilot import gps, modes, parameters
 from fcsv_sim.autopilot.core import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Autopilot
 from fcsv_sim.autopilot.fields import heading, ned, usable, whole
 
 _M = mavutil.mavlink
 _PREARM_BIT = 0x10000000
 _FLAGS_OK, _UNINITIALISED = 0x33F, 0x400
+_GEOID_M = 46.0  # above the ellipsoid, where the simulated worlds lie
 _LOCAL, _IGNORE_XYZ, _IGNORE_V, _IGNORE_A, _IGNORE_YAW = 1, 0x007, 0x038, 0x1C0, 0x400
 
 
@@ -32,6 +33,8 @@ class MavlinkServer:
         self._encoder = _M.MAVLink(None)
         self._out: List[object] = []
         self._parameters = dict(parameters.DEFAULTS, SYSID_THISMAV=(system_id, parameters.INT16))
+        if autopilot.gps is not None:
+            self._parameters["GPS_TYPE"] = (1, parameters.INT8)
         self._boots = autopilot.boots
         # key, and the time (10 us) from which it counts; it is kept
         self.signing: Optional[Tuple[bytes, int]] = None
@@ -52,6 +55,7 @@ class MavlinkServer:
             _M.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_state,
             _M.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
             _M.MAVLINK_MSG_ID_SCALED_PRESSURE: self._pressure,
+            _M.MAVLINK_MSG_ID_GPS_RAW_INT: self._gps_raw,
         }
 
     def _start(self) -> None:
@@ -353,6 +357,31 @@ class MavlinkServer:
     def _pressure(self) -> None:
         hpa = self._pilot.barometer.pressure_hpa(self._now_s, self._pilot.armed)
         self._send("scaled_pressure", self._milliseconds(), hpa, 0.0, 2500)
+
+    def _gps_raw(self) -> None:
+        """The receiver's fix; an autopilot without one says so, as ArduCopter does."""
+        time_us, nothing = int(self._now_s * 1e6), 65535
+        if self._pilot.gps is None:
+            self._send("gps_raw_int", time_us, 0, 0, 0, 0, nothing, nothing, nothing, nothing, 0)
+            return
+        latitude_deg, longitude_deg, height_m = self._pilot.gps.fix(self._now_s)
+        place = round(1e7 * latitude_deg), round(1e7 * longitude_deg)
+        sea_mm, ellipsoid_mm = round(1e3 * (height_m - _GEOID_M)), round(1e3 * height_m)
+        accuracy_mm = int(1e3 * gps.SIGMA_M), int(1e3 * gps.HEIGHT_SIGMA_M)
+        self._send(
+            "gps_raw_int",
+            time_us,
+            _M.GPS_FIX_TYPE_3D_FIX,
+            *place,
+            sea_mm,
+            80,
+            120,
+            0,
+            nothing,
+            gps.SATELLITES,
+            ellipsoid_mm,
+            *accuracy_mm,
+        )
 
     def _origin(self) -> None:
         if self._pilot.origin is not None:

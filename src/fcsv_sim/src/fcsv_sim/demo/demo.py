@@ -317,6 +317,7 @@ def _plan(system: System, args) -> FleetPlan:
         looks=looks,
         rviz=rviz,
         near=args.near == "1",
+        gps=args.gps == "1",
         live=live and not monitor,
         monitor=monitor,
         movers=tuple(through_town),
@@ -418,6 +419,8 @@ def _parse(argv):
     )
     near = "system tags: 1 records depth cameras, for the near field (docs/user/maps.md)"
     parser.add_argument("--near", default="", help=near)
+    gps = "system tags: 1 gives autopilots a GPS receiver, which they do not fly by (docs/user/survey.md)"
+    parser.add_argument("--gps", default="", help=gps)
     parser.add_argument(
         "--speed",
         default=slow_motion.AUTO,

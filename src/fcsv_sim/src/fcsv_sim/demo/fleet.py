@@ -64,6 +64,7 @@ class FleetPlan:
     start_xy_m: Tuple[float, float] = (0.0, 0.0)  # of the first vehicle, in the world
     looks: str = ""  # where it looks from, in words, where that was chosen
     near: bool = False  # depth cameras are recorded
+    gps: bool = False  # autopilots have a receiver: the map knows where on the earth it lies
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
     ready_s: float = READY_S  # until a simulated autopilot may be armed
     # tcp:HOST:PORT of ArduCopters that fly in place of the simulated ones
@@ -230,6 +231,7 @@ class SimulatedFleet(Machines):
             "uav": vehicle,
             "world": self.plan.world,
             "near": self.plan.near,
+            "sim_gps": self.plan.gps,
             "sim_movers": bool(self.plan.movers),
             **({"captures_hz": MONITORED_HZ} if self.plan.monitor else {}),
             **self._camera_args(),

@@ -26,6 +26,7 @@ class VehicleNodeParameters:
     start_xyz_yaw: Tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     wind_mps: float = 1.0
     signing_key: str = ""
+    gps: bool = False
     ready_s: float = READY_S
 
 
@@ -47,6 +48,7 @@ class VehicleNode:
             p.wind_mps,
             p.ready_s,
             signing_key=p.signing_key,
+            gps=p.gps,
         )
         self._vehicle = SimulatedVehicle(parameters, time.time())
 

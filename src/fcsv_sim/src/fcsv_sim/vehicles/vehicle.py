@@ -11,6 +11,7 @@ import numpy as np
 from fcsv_control.flight.mavlink.signing import read_key
 from fcsv_geometry import rotations, transforms
 from fcsv_sim.autopilot.core import Autopilot
+from fcsv_sim.autopilot.gps import GpsReceiver
 from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.autopilot.udp import AutopilotUdp
@@ -38,6 +39,7 @@ class VehicleParameters:
     ready_s: float = READY_S  # until the autopilot may be armed
     airframe: Airframe = field(default_factory=Airframe)
     signing_key: str = ""  # file of the key with which its autopilot signs
+    gps: bool = False  # its autopilot has a receiver, and does not fly by it
 
 
 class SteppedBody:
@@ -102,6 +104,8 @@ class Piloted:
         )
         self._v_before = v
         self._autopilot.barometer.feel(s[2], math.dist(v, s[14:17]))
+        if self._autopilot.gps is not None:
+            self._autopilot.gps.feel(s[:3])
         self._autopilot.estimator.predict(now_s, PASS_S, acc, rpy_rad[2], s[12], s[2])
         return rpy_rad
 
@@ -120,6 +124,7 @@ class SimulatedVehicle(SteppedBody):
         body = Quadrotor(parameters.airframe, T_world_body, seed, parameters.wind_mps)
         super().__init__(body, TruthWriter(parameters.sim_dir, parameters.name), now_s)
         self.autopilot = Autopilot(self.body.hover_thrust, seed, parameters.ready_s)
+        self.autopilot.gps = GpsReceiver(seed) if parameters.gps else None
         self._rc = RcReceiver(parameters.rc_port)
         server = MavlinkServer(self.autopilot, parameters.system_id)
         key = read_key(parameters.signing_key) if parameters.signing_key else None

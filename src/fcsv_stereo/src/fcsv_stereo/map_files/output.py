@@ -195,6 +195,8 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
     }
     if result.is_shifted:
         document["origin_m"] = result.origin_m.tolist()
+    if result.gps is not None:
+        document["gps"] = result.gps.to_dict()
     if result.clocks:
         document["time_offsets"] = {
             vehicle: clock.to_dict() for vehicle, clock in result.clocks.items()

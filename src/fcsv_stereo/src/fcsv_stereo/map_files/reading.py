@@ -4,6 +4,7 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Optional
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from fcsv_stereo.errors import InputError
 class ReadMap:
     """``depth`` and ``sigma`` (H,W) m, NaN where none; ``kind`` (H,W) uint8 of ``model.kinds``;
     ``K`` 3x3 px; ``T_home_cam`` 4x4; ``stamp_s`` NaN where the map does not say it (before version
-    0.3); ``reference`` as report.json has it."""
+    0.3); ``reference`` as report.json has it, and ``gps``, where it has it."""
 
     depth: np.ndarray
     sigma: np.ndarray
@@ -23,13 +24,15 @@ class ReadMap:
     T_home_cam: np.ndarray
     stamp_s: float
     reference: dict
+    gps: Optional[dict] = None
 
 
 def read_map_folder(folder) -> ReadMap:
     """Reads the folder that ``map`` wrote. Raises InputError naming folder and file."""
     folder = Path(folder)
     try:
-        reference = json.loads((folder / "report.json").read_text())["reference"]
+        document = json.loads((folder / "report.json").read_text())
+        reference = document["reference"]
         fx, fy, cx, cy = (float(reference[name]) for name in ("fx", "fy", "cx", "cy"))
         return ReadMap(
             *(np.load(folder / f"{name}.npy") for name in ("depth", "sigma", "kind")),
@@ -37,6 +40,7 @@ def read_map_folder(folder) -> ReadMap:
             T_home_cam=np.array(reference["T_home_cam"], float),
             stamp_s=float(reference.get("stamp_s", np.nan)),
             reference=reference,
+            gps=document.get("gps"),
         )
     except FileNotFoundError as error:
         raise InputError(

@@ -121,6 +121,8 @@ class MapInput:
     # (3,): poses plus this are in home (local_origin)
     origin_m: np.ndarray = field(default_factory=NO_SHIFT.copy)
     rig: str = ""
+    # where on the earth (sessions.SessionGps); None: nothing says it
+    gps: Optional[Any] = None
 
     def __post_init__(self):
         object.__setattr__(self, "kind", InputKind(self.kind))

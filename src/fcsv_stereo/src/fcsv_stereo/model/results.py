@@ -122,6 +122,7 @@ class MapResult:
     unseen: List[str] = field(default_factory=list)
     # of the orthophoto (products.holes.HoleShares); None: none was asked for
     holes: Optional[Any] = None
+    gps: Optional[Any] = None  # where on the earth (sessions.SessionGps)
     #: (3,): poses and points plus this are in home (local_origin)
     origin_m: np.ndarray = field(default_factory=NO_SHIFT.copy)
     # what the near field brought (near.join.NearJoin); None: there is none

@@ -16,6 +16,7 @@ from fcsv_stereo.pose_covariance import turned, unknown_warning
 from fcsv_stereo.sessions.broadcasts import CALIBRATION, CAPTURE, HOME, TYPES
 from fcsv_stereo.sessions.depth import RecordedDepth
 from fcsv_stereo.sessions.files import bags_of
+from fcsv_stereo.sessions.fixes import session_gps
 from fcsv_stereo.sessions.messages import window_of
 from fcsv_stereo.sessions.pictures import PictureSource, PicturesSeen, read_pictures
 from fcsv_stereo.sessions.reasons import why_no_pictures
@@ -38,7 +39,10 @@ def read_session(path: Path) -> MapInput:
     warnings += recorded.left_out.warnings()
     truth = path / "truth" if path.is_dir() and (path / "truth").is_dir() else None
     near = _near(recorded, T_home_odom)
-    return MapInput(InputKind.SESSION, spread(configurations), truth, warnings, FLOWN, clocks, near)
+    gps = session_gps(recorded.fixes, recorded.tracks, T_home_odom)
+    return MapInput(
+        InputKind.SESSION, spread(configurations), truth, warnings, FLOWN, clocks, near, gps=gps
+    )
 
 
 def _near(recorded: Recorded, T_home_odom) -> Optional[RecordedDepth]:

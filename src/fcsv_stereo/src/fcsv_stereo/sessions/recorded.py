@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the bags of a session hold but for pictures, in one pass, without single wrong messages."""
 
+import operator
 from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +20,7 @@ from fcsv_stereo.pose_covariance import KnownCovariances, turned
 from fcsv_stereo.sessions.broadcasts import TYPES, BroadcastRecords
 from fcsv_stereo.sessions.cameras import CameraTimeline, timeline
 from fcsv_stereo.sessions.depth import DEPTH_INFO
+from fcsv_stereo.sessions.fixes import FIXES, Fix, fix_of
 from fcsv_stereo.sessions.left_out import LeftOut
 from fcsv_stereo.sessions.messages import camera_covariance
 from fcsv_stereo.sessions.stamped import Stamped
@@ -33,6 +35,7 @@ _VEHICLE_TYPES = {
     ODOMETRY: "nav_msgs/Odometry",
     _CAMERA_POSE: "geometry_msgs/PoseWithCovarianceStamped",
     DEPTH_INFO: "sensor_msgs/CameraInfo",
+    FIXES: "sensor_msgs/NavSatFix",
 }
 _SAME_MOUNT = 1e-6
 
@@ -52,6 +55,7 @@ class Recorded:
     covariances: Dict[str, KnownCovariances] = field(
         default_factory=lambda: defaultdict(KnownCovariances)
     )
+    fixes: Dict[str, List[Tuple[float, Fix]]] = field(default_factory=dict)
     topics: Set[str] = field(default_factory=set)
     left_out: LeftOut = field(default_factory=LeftOut)
 
@@ -106,6 +110,8 @@ class _Pass:
                     np.array_equal, left_out, self.warnings
                 ):
                     recorded.covariances[vehicle].add(stamp_s, covariance)
+            elif name == FIXES:
+                recorded.fixes[vehicle] = samples.in_order(operator.eq, left_out, self.warnings)
             else:
                 cameras = recorded.cameras if name == INFO else recorded.depth_cameras
                 cameras.update((vehicle, c) for c in timeline(samples, left_out, self.warnings))
@@ -145,6 +151,8 @@ class _Pass:
             value = pose_to_transform(message.pose.pose)
         elif name == _CAMERA_POSE:
             value = self._covariance(message, vehicle)
+        elif name == FIXES:
+            value = fix_of(message)
         else:
             value = self._camera(message)
         if value is not None:

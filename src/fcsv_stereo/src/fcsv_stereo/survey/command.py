@@ -161,7 +161,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="SURFACE",
         help="what given heights count from: ellipsoid or geoid; it is passed on, nothing is converted",
     )
-    world.add_argument("--no-gps", action="store_true", help="GPS of photographs does not count")
+    world.add_argument(
+        "--no-gps", action="store_true", help="GPS of photographs and flights does not count"
+    )
     work = parser.add_argument_group("who computes")
     work.add_argument(
         "--workers",

@@ -29,7 +29,7 @@ class WorldOptions:
     """``control``: gcp_list.txt; ``checks``: names after commas or a share of its points; ``crs``
     of the output (empty: that of the control points where it is projected, else UTM's zone);
     ``sigma_m`` of control points per axis; ``heights``: the surface that heights count from, where
-    the user says it; ``gps``: whether GPS of photographs counts.
+    the user says it; ``gps``: whether GPS counts.
 
     Raises SurveyError on a wrong one.
     """
@@ -82,6 +82,7 @@ def place(
     """The adjustment in the earth's coordinates, the frame it is in and what is said of it; None
     where neither control points nor GPS fix it."""
     fixes = {v.name: v.gps for v in views if v.gps is not None and given.options.gps}
+    cam_m = {v.name: v.gps_cam_m for v in views}
     if given.control is None and not fixes:
         return adjust_without(views, edges, given), None, None
     seen, remarks = sights(given.control, views) if given.control else ([], [])
@@ -91,7 +92,8 @@ def place(
     points = {n: places["point", n] for n in (given.control.points if given.control else ())}
     statements = statements_of(seen, points, given.options.sigma_m)
     statements += [
-        _fix(n, g, places["view", n], heights=not points) for n, g in sorted(fixes.items())
+        _fix(n, g, cam_m[n], places["view", n], heights=not points)
+        for n, g in sorted(fixes.items())
     ]
     adjusted, fit = adjust_world(views, edges, statements, given.checks)
     unseen = [n for n in points if n not in {s.point for s in seen}]
@@ -108,7 +110,7 @@ def adjust_without(views, edges, given: WorldInput) -> Adjusted:
     adjusted = adjust(views, edges)
     if not given.options.crs:
         return adjusted
-    said = "--crs has no effect: neither control points nor GPS of photographs say where the site is on the earth"
+    said = "--crs has no effect: neither control points nor GPS say where the site is on the earth"
     return replace(adjusted, remarks=[*adjusted.remarks, said])
 
 
@@ -133,13 +135,13 @@ def _crs(given: WorldInput):
     return None
 
 
-def _fix(view: str, gps: Gps, p: np.ndarray, heights: bool) -> Statement:
-    """GPS of a view's camera; beside control points its height has no say: the two may count from
+def _fix(view: str, gps: Gps, p_cam: np.ndarray, p: np.ndarray, heights: bool) -> Statement:
+    """GPS of a view; beside control points its height has no say: the two may count from
     surfaces 100 m apart."""
     up = float(np.hypot(gps.height_sigma_m, gps.height_step_m)) if heights else tuning.FREE_M
     across = float(np.hypot(gps.sigma_m, gps.step_m))
     sigma = np.array([across, across, up])
-    return Statement(view, np.zeros(3), np.zeros((3, 3)), p, sigma)
+    return Statement(view, p_cam, np.zeros((3, 3)), p, sigma)
 
 
 def _heights(given: WorldInput, fixes: Dict[str, Gps]) -> str:
@@ -148,7 +150,7 @@ def _heights(given: WorldInput, fixes: Dict[str, Gps]) -> str:
     if given.control is not None:
         return f"as {given.control.path.name} has them, which does not say above what"
     return (
-        "as the photographs have them: above sea level by EXIF, above the ellipsoid by most RTK"
+        "as GPS has them: of flights and most RTK above the ellipsoid, by EXIF above sea level"
         if fixes
         else ""
     )

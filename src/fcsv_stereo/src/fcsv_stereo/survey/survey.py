@@ -239,7 +239,7 @@ def _view(source: Source, folder: Path) -> View:
     """The view of a map, with what its photograph says besides."""
     view = read_view(folder, source.name, str(source.path), _prior(source))
     taken_with, gps = inputs.photograph_of(source, view.picture)
-    return replace(view, taken_with=taken_with, gps=gps)
+    return replace(view, taken_with=taken_with, gps=gps or view.gps)
 
 
 def _prior(source: Source):

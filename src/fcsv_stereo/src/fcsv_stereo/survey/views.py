@@ -2,7 +2,7 @@
 """A view: the map of one reference picture, with what is known of its place before views are
 compared."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Optional
@@ -18,6 +18,7 @@ from fcsv_stereo.errors import InputError, SurveyError
 from fcsv_stereo.map_files.reading import read_map_folder
 from fcsv_stereo.model.kinds import supported
 from fcsv_stereo.photos.gps import Gps
+from fcsv_stereo.sessions.fixes import cam_place
 from fcsv_stereo.survey import tuning
 from fcsv_stereo.survey.station import Prior
 
@@ -28,7 +29,8 @@ class View:
     where none; ``kind`` (H,W) uint8 of ``model.kinds``; ``T_home_cam`` 4x4 of the map.
 
     ``picture``: the reference picture's name; of a photograph also the camera that took it,
-    distortion included, and its GPS, where these are known.
+    distortion included. ``gps``: of the photograph, or of a session's vehicles; ``gps_cam_m`` (3,):
+    where in the camera's frame.
 
     Raises SurveyError, which names the view, where these do not belong together.
     """
@@ -45,6 +47,7 @@ class View:
     picture: str = ""
     taken_with: Optional[PinholeCamera] = None
     gps: Optional[Gps] = None
+    gps_cam_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self):
         size = (self.camera.height, self.camera.width)
@@ -97,6 +100,8 @@ def read_view(folder: Path, name: str, source: str, prior) -> View:
         size = (int(read.reference[n]) for n in ("width", "height"))
         K = read.K
         camera = PinholeCamera(*size, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+        gps = _gps(read.gps) if read.gps else None
+        at = cam_place(read.gps, T_home_cam) if read.gps else np.zeros(3)
         image = cv2.cvtColor(read_picture(folder / "reference.png").pixels, cv2.COLOR_BGR2RGB)
     except (FcsvError, KeyError, TypeError, ValueError, OSError, cv2.error) as error:
         raise SurveyError(f"{folder}: is not a map of this program ({error})") from error
@@ -111,4 +116,15 @@ def read_view(folder: Path, name: str, source: str, prior) -> View:
         T_home_cam,
         prior(T_home_cam, name),
         str(read.reference.get("image", "")),
+        gps=gps,
+        gps_cam_m=at,
     )
+
+
+def _gps(told: dict) -> Gps:
+    """Raises KeyError, TypeError or ValueError where report.json does not tell a place."""
+    height_m, height_sigma_m = told["height_m"], told["height_sigma_m"]
+    if height_m is None:
+        height_m, height_sigma_m = 0.0, tuning.FREE_M
+    numbers = (told["latitude_deg"], told["longitude_deg"], height_m, told["sigma_m"])
+    return Gps(*map(float, numbers), float(height_sigma_m))

@@ -34,7 +34,7 @@ _REWEIGHTS = 3  # covariances of statements follow the views' scales
 @dataclass(frozen=True)
 class Statement:
     """Point ``p_cam`` (3,) m of a view's camera and map, with ``covariance`` (3,3), lies at ``p``
-    (3,) m of the earth's frame with ``sigma`` (3,) m per axis. GPS is one of the camera itself.
+    (3,) m of the earth's frame with ``sigma`` (3,) m per axis. GPS is one, too.
 
     ``word`` names it for people; ``point`` is a control point's name, empty for GPS.
     """

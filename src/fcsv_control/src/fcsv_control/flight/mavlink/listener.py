@@ -20,6 +20,8 @@ from fcsv_control.flight.messages import (
     BarometerHeard,
     BatteryHeard,
     Event,
+    FixHeard,
+    FixStatus,
     PoseHeard,
     RcHeard,
     StateHeard,
@@ -42,6 +44,7 @@ STREAMS_HZ = {
     "RC_CHANNELS": 5.0,
     "HEARTBEAT": 2.0,
     "SCALED_PRESSURE": 5.0,
+    "GPS_RAW_INT": 1.0,
 }
 
 
@@ -194,6 +197,22 @@ class Listener:
         if self._rpy_ned is not None and all(map(math.isfinite, numbers)):
             T_odom_body = conversion.pose_from_ned((m.x, m.y, m.z), self._rpy_ned)
             self._events.append(PoseHeard(T_odom_body, (m.vy, m.vx, -m.vz)))
+
+    def _on_gps_raw_int(self, _now_s: float, m) -> None:
+        """Poses come without it; a map may say by it where on the earth it lies."""
+        if m.fix_type < _M.GPS_FIX_TYPE_3D_FIX:
+            return  # an autopilot without a receiver says so again and again
+        augmented = (
+            FixStatus.GROUND
+            if m.fix_type >= _M.GPS_FIX_TYPE_RTK_FLOAT
+            else FixStatus.SATELLITES
+            if m.fix_type == _M.GPS_FIX_TYPE_DGPS
+            else FixStatus.ALONE
+        )
+        told = (m.alt_ellipsoid, m.h_acc, m.v_acc)  # mm, 0: not known
+        height_m, sigma_m, height_sigma_m = (1e-3 * v if v else math.nan for v in told)
+        place_deg = 1e-7 * m.lat, 1e-7 * m.lon
+        self._events.append(FixHeard(augmented, *place_deg, height_m, sigma_m, height_sigma_m))
 
     def _on_scaled_pressure(self, _now_s: float, m) -> None:
         if math.isfinite(m.press_abs) and m.press_abs > 0.0:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The flight link as a node, in MAVROS's topic layout and semantics, around its port."""
 
+import math
 import os
 import time
 from dataclasses import astuple, dataclass, field
@@ -8,7 +9,7 @@ from typing import Any, Callable, Dict
 
 import rospy
 from geometry_msgs.msg import PoseStamped
-from sensor_msgs.msg import BatteryState
+from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
 
 from fcsv_control.agent.messages import Kind, SetPoint
 from fcsv_control.flight.feeding.feed import FeedParameters
@@ -21,6 +22,7 @@ from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_control.flight.messages import (
     AutopilotState,
     BatteryTold,
+    FixHeard,
     LinkSaid,
     PoseEstimated,
     TextHeard,
@@ -74,9 +76,11 @@ class FlightLinkNode:
         self._battery = rospy.Publisher("mavros/battery", BatteryState, queue_size=2)
         self._texts = rospy.Publisher("mavros/statustext/recv", StatusText, queue_size=20)
         self._rc = rospy.Publisher("mavros/rc/in", RCIn, queue_size=5)
+        self._fix = rospy.Publisher("mavros/global_position/raw/fix", NavSatFix, queue_size=5)
         self._send: Dict[type, Callable[[Any], None]] = {
             AutopilotState: lambda m: self._state.publish(State(header(), *astuple(m))),
             BatteryTold: self._tell_battery,
+            FixHeard: self._tell_fix,
             LinkSaid: lambda m: self._say(m.severity, m.text),
             PoseEstimated: self._tell_pose,
             TextHeard: lambda m: self._say(m.severity, m.text),
@@ -122,6 +126,19 @@ class FlightLinkNode:
         message.charge = message.capacity = message.design_capacity = float("nan")
         message.power_supply_technology = BatteryState.POWER_SUPPLY_TECHNOLOGY_LIPO
         self._battery.publish(message)
+
+    def _tell_fix(self, m: FixHeard) -> None:
+        message = NavSatFix(
+            header=conversions.header(rospy.get_time(), frames.base_link(self._name))
+        )
+        message.status.status, message.status.service = m.status, NavSatStatus.SERVICE_GPS
+        message.latitude, message.longitude = m.latitude_deg, m.longitude_deg
+        message.altitude = m.height_m
+        if math.isfinite(m.sigma_m) and math.isfinite(m.height_sigma_m):
+            across, up = m.sigma_m**2, m.height_sigma_m**2
+            message.position_covariance = [across, 0, 0, 0, across, 0, 0, 0, up]
+            message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN
+        self._fix.publish(message)
 
     def _say(self, severity: int, text: str) -> None:
         log = rospy.loginfo if severity >= StatusText.NOTICE else rospy.logwarn
