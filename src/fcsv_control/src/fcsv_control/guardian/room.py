@@ -9,14 +9,14 @@ import numpy as np
 from fcsv_control.guardian.air import VehicleSituation
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry.missions import airspace
-from fcsv_geometry.missions.airspace import Clearance, Occupant
+from fcsv_geometry.missions.airspace import HorizontalClearance, Occupant
 
 _UNHEARD_S = 0.5  # in calm flights 0.4 at most
 
 
-def clearance(rules: GuardianRules) -> Clearance:
+def clearance(rules: GuardianRules) -> HorizontalClearance:
     """How far away horizontally other vehicles must be: one without a position drifts."""
-    return Clearance(rules.clear_m, rules.uncontrolled_clear_m)
+    return HorizontalClearance(rules.clear_m, rules.uncontrolled_clear_m)
 
 
 def others(now_s: float, air: VehicleSituation, rules: GuardianRules) -> Dict[str, Occupant]:

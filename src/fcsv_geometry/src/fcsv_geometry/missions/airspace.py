@@ -40,12 +40,12 @@ class Occupant:
 
 
 @dataclass(frozen=True)
-class Clearance:
+class HorizontalClearance:
     """How far away horizontally (m) others must be for one to come down: those that are known, and
     those without a position.
 
     >>> lost = Occupant([np.zeros(3)], astray=True, reach_m=9.0)
-    >>> Clearance(2.5).of(lost), Clearance(2.5).to_land(lost)
+    >>> HorizontalClearance(2.5).of(lost), HorizontalClearance(2.5).to_land(lost)
     (6.0, 9.0)
     """
 
@@ -101,7 +101,7 @@ def aside(
     own: Occupant,
     others: Mapping[str, Occupant],
     away_from: str,
-    clearance: Clearance,
+    clearance: HorizontalClearance,
     lands: bool = True,
     side: Optional[np.ndarray] = None,
     agreed: bool = False,

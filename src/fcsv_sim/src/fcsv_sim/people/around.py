@@ -7,7 +7,7 @@ from typing import Optional, Sequence
 import numpy as np
 
 from fcsv_geometry.missions import airspace
-from fcsv_geometry.missions.airspace import Clearance, Occupant
+from fcsv_geometry.missions.airspace import HorizontalClearance, Occupant
 
 CLEAR_M = 2.5  # horizontally
 _HEIGHT_M = 3.0  # and above or below: nearer than both is too near
@@ -56,4 +56,4 @@ def beside(p_m: np.ndarray, others: Sequence[np.ndarray]) -> Optional[np.ndarray
     if not below:
         return None
     left = np.array([0.0, 1.0])
-    return airspace.aside(own, seen, below[0], Clearance(CLEAR_M), side=left)
+    return airspace.aside(own, seen, below[0], HorizontalClearance(CLEAR_M), side=left)

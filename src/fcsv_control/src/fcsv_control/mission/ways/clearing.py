@@ -9,7 +9,7 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.ways.places import level_camera
 from fcsv_geometry import transforms
 from fcsv_geometry.missions import airspace
-from fcsv_geometry.missions.airspace import Clearance, Occupant
+from fcsv_geometry.missions.airspace import HorizontalClearance, Occupant
 from fcsv_geometry.vehicles.modes import Mode
 
 
@@ -55,12 +55,12 @@ def aside(
     """T_home_cam at the same height, clear of everybody: away from a vehicle, else right, left,
     back, front; ``within`` the fence, where that can be."""
     own, others = _known(snapshot, name)
-    best = airspace.aside(own, others, away_from, Clearance(clear_m), within=within)
+    best = airspace.aside(own, others, away_from, HorizontalClearance(clear_m), within=within)
     return transforms.transform(level_camera(snapshot.vehicles[name].T_home_cam)[:3, :3], best)
 
 
 def _stands_above(upper: Occupant, lower: Occupant, clear_m: float) -> bool:
-    clear_m = max(Clearance(clear_m).of(vehicle) for vehicle in (upper, lower))
+    clear_m = max(HorizontalClearance(clear_m).of(vehicle) for vehicle in (upper, lower))
     return airspace.comes_down_on(upper, lower, clear_m)
 
 
