@@ -4,11 +4,15 @@
 pairs.
 
     python tools/bench_verdict.py SESSION=MAP ...
+    python tools/bench_verdict.py --spoil OUT SESSION ...
 
 SESSION is a flight's folder of bags, MAP the folder of its map. The bags are played into the
 window's model by their own times. A verdict flips where GO and NO-GO change places while one
 configuration is recorded. The map accepts a pair whose refined pictures miss their epipolar lines
 by no more than the report's bound.
+
+With --spoil copies of the flights are written to OUT, in each of which something is wrong with the
+last vehicle's camera (tools/spoil.py), and mapped.
 """
 
 import argparse
@@ -22,6 +26,7 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import rosbag
 import rospy
+from spoil import SPOILS, spoilt
 from tqdm import tqdm
 
 from fcsv_console.model.console import Console
@@ -32,6 +37,8 @@ from fcsv_geometry.config import read_yaml
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.vehicles.vehicle import load_vehicles
+from fcsv_stereo import pipeline
+from fcsv_stereo.errors import StereoError
 from fcsv_stereo.report.plain_words import MOST_EPIPOLAR_PX
 
 _ROOT = Path(__file__).resolve().parents[1]
@@ -57,14 +64,18 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     """Exit status 1 where a verdict flipped."""
     parser = argparse.ArgumentParser(prog="bench_verdict", description=__doc__.split("\n\n")[0])
     parser.add_argument("flights", nargs="+", metavar="SESSION=MAP")
+    parser.add_argument("--spoil", type=Path, metavar="OUT", help="folder for spoilt copies")
     args = parser.parse_args(argv)
+    if args.spoil:
+        flights = (f for s in args.flights for f in spoilt_flights(Path(s), args.spoil))
+    else:
+        flights = (_flight(words) for words in args.flights)
     flips = agreeing = compared = 0
     print("| flight | configuration | verdicts | flips | window at its end | map |")
     print("|---" * 6 + "|")
-    for flight in args.flights:
-        session, _, folder = flight.partition("=")
-        accepted = of_map(Path(folder)) if folder else {}
-        for k, recording in enumerate(recordings(Path(session))):
+    for title, session, folder in flights:
+        accepted = of_map(folder) if folder else {}
+        for k, recording in enumerate(recordings(session)):
             if not recording.verdicts:
                 continue
             go, of_pair = recording.verdicts[-1], accepted.get(recording.name)
@@ -72,7 +83,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
             if of_pair is not None:
                 compared, agreeing = compared + 1, agreeing + (of_pair == go)
             cells = (
-                Path(session).parent.name,
+                title,
                 f"{k + 1} {recording.name}",
                 len(recording.verdicts),
                 recording.flips,
@@ -83,6 +94,30 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     share = f"{agreeing / compared:.0%}" if compared else "-"
     print(f"\nflips: {flips}; the map agrees with {agreeing} of {compared} ({share})")
     return 1 if flips else 0
+
+
+def _flight(words: str) -> Tuple[str, Path, Optional[Path]]:
+    """Title, session and map of SESSION=MAP."""
+    session, _, folder = words.partition("=")
+    return Path(session).parent.name, Path(session), Path(folder) if folder else None
+
+
+def spoilt_flights(session: Path, out: Path) -> Iterator[Tuple[str, Path, Optional[Path]]]:
+    """Title, session and map of each way to spoil a flight; without a map where none could be
+    made."""
+    vehicle = read_yaml(session / "session.yaml")["vehicles"][-1]
+    for what in SPOILS:
+        folder = out / f"{session.parent.name} {what}".replace(" ", "-").replace("%", "percent")
+        copy = folder / "session"
+        if not copy.exists():
+            spoilt(session, vehicle, what, copy)
+        try:
+            pipeline.run(pipeline.MapRequest(copy, folder / "map"))
+        except StereoError as error:
+            print(f"{what}: no map: {error}", file=sys.stderr)
+            yield what, copy, None
+            continue
+        yield what, copy, folder / "map"
 
 
 def of_map(folder: Path) -> Dict[str, bool]:
