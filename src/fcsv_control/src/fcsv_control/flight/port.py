@@ -239,7 +239,8 @@ class FlightLinkPort:
     def _mind_feed(self, now_s: float) -> None:
         s, ours = self.core.state, self.core.mode_is_ours
         alarm = self._watchdog.check(now_s, s.armed, s.mode, ours)
-        late, age = alarm is not Alarm.NONE, f"pose feed is {self._watchdog.age_s(now_s):.1f} s old"
+        late = alarm is not Alarm.NONE
+        age = f"pose feed is {self._watchdog.age_s(now_s):.1f} s old" if late else ""
         self._problem("feed", f"{age} while flying in {s.mode}" if late else "")
         if late and not self._warned:
             by_hand = (

@@ -3,7 +3,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from fcsv_control.flight.feeding.estimate import apart_m
 from fcsv_control.recent_way import RecentWay
 from fcsv_geometry import transforms
 from fcsv_geometry.missions import separation
+from fcsv_geometry.missions.airspace import Occupant
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.streams.stream import Stream
@@ -78,30 +79,9 @@ class Other:
         """Whether what it says of its place counts for nothing."""
         return self.uncontrolled or self.lost
 
-    def guarded(self, told) -> "Other":
-        """Gives the vehicle with what its guardian tells of it: ``told`` has ``uncontrolled``,
-        ``lost``, ``lost_s`` and ``taken``."""
-        return replace(
-            self,
-            uncontrolled=told.uncontrolled,
-            lost=told.lost,
-            lost_s=told.lost_s,
-            taken=told.taken,
-        )
-
     def reach_m(self, now_s: float) -> float:
         """How far from where it was last known it may lie, of one that is lost."""
         return separation.lost_reach_m(self.lost_s + (now_s - self.heard_s if self.armed else 0.0))
-
-    @property
-    def lies(self) -> bool:
-        """Whether it is on the ground, not known where: its height counts for nothing."""
-        return self.lost and not self.armed
-
-    def sent(self, T_home_odom: np.ndarray, to_odom_m: Optional[Sequence[float]]) -> "Other":
-        """Gives the vehicle with where it flies, (3,) in its odometry frame; None: not known."""
-        there = None if to_odom_m is None else transforms.apply(T_home_odom, np.array(to_odom_m))
-        return replace(self, going_to_m=there)
 
     def places_m(self, now_s: float, silent_s: float) -> List[np.ndarray]:
         """Where to look for it: one that has been silent for longer than ``silent_s`` may have
@@ -110,11 +90,22 @@ class Other:
         flew_on = (
             self.going_to_m is not None and now_s - self.heard_s > silent_s and not self.astray
         )
-        level_mps = self.v_home_mps * [1.0, 1.0, 0.0]
-        falls = self.armed and (self.uncontrolled or self.mode == Mode.LAND)
-        goes_on = _GOES_ON_S if falls and float(np.linalg.norm(level_mps)) > _FLIES_MPS else ()
-        there = [self.going_to_m] if flew_on else []
-        return [self.p_home_m, *there, *(self.p_home_m + s * level_mps for s in goes_on)]
+        places = [self.p_home_m, self.going_to_m] if flew_on else [self.p_home_m]
+        if self.armed and (self.uncontrolled or self.mode == Mode.LAND):
+            level_mps = self.v_home_mps * [1.0, 1.0, 0.0]
+            if float(np.linalg.norm(level_mps)) > _FLIES_MPS:
+                places += [self.p_home_m + s * level_mps for s in _GOES_ON_S]
+        return places
+
+    def occupant(self, now_s: float, silent_s: float) -> Occupant:
+        """What it occupies; one that lies on the ground, lost, has no height."""
+        return Occupant(
+            self.places_m(now_s, silent_s),
+            None,
+            self.astray,
+            self.reach_m(now_s) if self.lost else 0.0,
+            self.lost and not self.armed,
+        )
 
 
 @dataclass

@@ -15,7 +15,8 @@ from fcsv_control.guardian import room, way_home
 from fcsv_control.guardian.air import Other, VehicleSituation
 from fcsv_control.guardian.messages import Cause, Forbidden
 from fcsv_control.guardian.rules import NEVER, GuardianRules
-from fcsv_geometry.missions import separation
+from fcsv_geometry.missions import airspace, separation
+from fcsv_geometry.missions.airspace import Occupant
 from fcsv_geometry.streams.stream import Since
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.thresholds import OTHER_AGE_S
@@ -125,36 +126,16 @@ class Monitors:
             self._unseen_s = now_s
         return now_s - self._unseen_s > _FOUND_S
 
-    def separations(self, now_s: float, air: VehicleSituation) -> Iterator[Tuple[str, float]]:
-        """Says, of the distance to each other vehicle whose place is known, how much is kept
-        (separation.share)."""
-        here = air.p_home_m
-        if here is None:
-            return
-        for name, other in air.others.items():
-            age_s = now_s - other.heard_s
-            if other.armed and age_s < _OLD_S:
-                doubt_m = separation.doubt_m((air.sigma_m, other.sigma_m), age_s, other.speed_mps)
-                yield (
-                    name,
-                    float(separation.share(here - other.p_home_m, self._rules.separation, doubt_m)),
-                )
-
     def beneath(self, now_s: float, air: VehicleSituation) -> Optional[str]:
         """A vehicle upon which this one would come down, flying or not, from where it is or on its
         way to a stand, or close beside which it would, from the same height."""
-        here, stop = air.p_home_m, air.p_home_stop_m
-        if here is None:
+        if air.p_home_m is None:
             return None
-        for name, places in room.places_m(now_s, air, self._rules).items():
-            other = air.others[name]
-            clear_m = room.landing_clear_m(now_s, self._rules, other)
-            for p in places:
-                drop_m = here[2] - p[2]
-                below, beside = other.lies or drop_m > _BELOW_M, drop_m > -_BELOW_M
-                needed_m = clear_m if below else self._rules.beside_m if beside else 0.0
-                if separation.passes_m(here, stop, p) < needed_m:
-                    return name
+        own, clearance = Occupant([air.p_home_m], air.p_home_stop_m), room.clearance(self._rules)
+        for name, other in room.others(now_s, air, self._rules).items():
+            down = (clearance.to_land(other), _BELOW_M, self._rules.beside_m)
+            if airspace.comes_down_on(own, other, *down) or airspace.may_lie_beneath(own, other):
+                return name
         return None
 
     # ---- the position ----------------------------------------------------------------------------
@@ -281,13 +262,19 @@ class Monitors:
             yield Finding("fence", Reaction.BRAKE, "it is outside the fence")
 
     def _others(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        for name, share in self.separations(now_s, air):
-            if share < 1.0 and air.flying:
-                yield Finding("separation", Reaction.ASIDE, f"too near to {name}", name)
-        here, places = air.p_home_m, room.places_m(now_s, air, self._rules)
-        for name, other in air.others.items() if here is not None and air.flying else ():
+        here = air.p_home_m
+        if here is None or not air.flying:
+            return
+        own, occupants = Occupant([here]), room.others(now_s, air, self._rules)
+        for name, other in air.others.items():
+            age_s = now_s - other.heard_s
+            if other.armed and age_s < _OLD_S:
+                doubt_m = separation.doubt_m((air.sigma_m, other.sigma_m), age_s, other.speed_mps)
+                if airspace.conflicts(own, occupants[name], self._rules.separation, doubt_m):
+                    yield Finding("separation", Reaction.ASIDE, f"too near to {name}", name)
+        for name, other in air.others.items():
             offset_m = other.p_home_m - here
-            if any(self._comes_down(now_s, other, p - here) for p in places[name]):
+            if self._comes_down(now_s, other, occupants[name], own):
                 lands = other.uncontrolled and air.mode == Mode.LAND and self._high(air)
                 yield Finding(
                     ABOVE, Reaction.ESCAPE if lands else Reaction.ASIDE, f"{name} comes down", name
@@ -318,22 +305,25 @@ class Monitors:
         that is lost."""
         if now_s - other.heard_s > _OLD_S or not (other.astray or (other.taken and other.armed)):
             return False
-        return abs(offset_m[2]) > _BELOW_M and math.hypot(offset_m[0], offset_m[1]) < room.clear_m(
-            self._rules, other
+        r, away_m = self._rules, math.hypot(offset_m[0], offset_m[1])
+        return abs(offset_m[2]) > _BELOW_M and away_m < (
+            r.uncontrolled_clear_m if other.astray else r.clear_m
         )
 
-    def _comes_down(self, now_s: float, other: Other, offset_m: np.ndarray) -> bool:
+    def _comes_down(self, now_s: float, other: Other, upper: Occupant, own: Occupant) -> bool:
         """Whether another vehicle may come down on this one."""
         r, silent_s = self._rules, now_s - other.heard_s
-        if not other.armed or silent_s > _OLD_S or offset_m[2] < -_BELOW_M:
+        if not other.armed or silent_s > _OLD_S:
             return False
-        away_m = math.hypot(offset_m[0], offset_m[1])
         if other.uncontrolled:
-            return away_m < r.uncontrolled_clear_m
+            clear_m = r.uncontrolled_clear_m
+            return airspace.comes_down_on(upper, own, clear_m, _BELOW_M, clear_m)
+        if other.mode == Mode.LAND:
+            return airspace.comes_down_on(upper, own, r.clear_m)
         # of two at one height neither falls on the other: a radio that is gone must not send both
         # aside
-        silent = silent_s > r.silent_above_s and offset_m[2] > _BELOW_M
-        return offset_m[2] > 0.0 and away_m < r.clear_m and (other.mode == Mode.LAND or silent)
+        silent = silent_s > r.silent_above_s
+        return silent and airspace.comes_down_on(upper, own, r.clear_m, _BELOW_M)
 
     def _lasts(self, now_s: float, what: Hashable, holds: bool, seconds: float) -> bool:
         """Whether a condition has held for some time; a name counts from the first moment it

@@ -7,6 +7,8 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
+import numpy as np
+
 from fcsv_control import conditions
 from fcsv_control.agent.messages import DONE, Ack, AgentAlive, Instruction, Kind
 from fcsv_control.control_messages import MissionAlive
@@ -22,7 +24,7 @@ from fcsv_control.guardian.core import Guardian
 from fcsv_control.guardian.messages import GuardianVerdict, Output, RestartLink
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
-from fcsv_geometry.home import HomeFrames
+from fcsv_geometry.home import HomeFrames, Place
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.streams.arrivals import Arrivals
 from fcsv_geometry.vehicles import telemetry as tm
@@ -60,11 +62,13 @@ class OtherGuarded:
 class _Heard:
     """Another vehicle, as it told of itself; one that has not told its mode counts as flying."""
 
+    topic: str  # of its odometry
     odometry: Optional[tm.VehicleOdometry] = None
     came_s: float = -math.inf
     armed: bool = True
     mode: Mode = Mode.UNHEARD
     verdict: GuardianVerdict = GuardianVerdict()
+    placed: Optional[Tuple] = None  # by what it was placed last
 
 
 class GuardianPort:
@@ -174,11 +178,11 @@ class GuardianPort:
     # ---- the others ------------------------------------------------------------------------------
 
     def _other(self, name: str) -> _Heard:
-        return self._others.setdefault(name, _Heard())
+        return self._others.setdefault(name, _Heard(_topic(name)))
 
     def _odometry(self, now_s: float, m: tm.VehicleOdometry) -> None:
-        self._arrivals.came(_topic(m.vehicle), m.publisher)
         other = self._other(m.vehicle)
+        self._arrivals.came(other.topic, m.publisher)
         other.odometry, other.came_s = m, now_s
 
     def _place(self) -> None:
@@ -191,17 +195,32 @@ class GuardianPort:
             self.core.home(own.T_a_b, own.sigma_m(self.core.air.p_odom_m))
         for name, heard in self._others.items():
             if name in places and heard.odometry is not None:
-                self.core.other(name, self._in_the_air(heard, places[name]))
+                self._place_other(name, heard, places[name])
 
-    def _in_the_air(self, heard: _Heard, place) -> Other:
-        p_odom_m = heard.odometry.T_odom_body[:3, 3]
-        heard_s = self._arrivals.since_s(_topic(heard.odometry.vehicle), heard.came_s)
-        speed_mps = math.hypot(*heard.odometry.v_body_mps)
-        p_home_m = transforms.apply(place.T_a_b, p_odom_m)
+    def _place_other(self, name: str, heard: _Heard, place: Place) -> None:
+        """Places another vehicle where it was heard to be, where that is news."""
+        odometry, told = heard.odometry, heard.verdict
+        heard_s = self._arrivals.since_s(heard.topic, heard.came_s)
+        news = (odometry, heard_s, heard.armed, heard.mode, told, place)
+        if heard.placed is not None and all(a is b for a, b in zip(news, heard.placed)):
+            return
+        heard.placed = news
+        p_odom_m, T_home_odom = odometry.T_odom_body[:3, 3], place.T_a_b
+        to_m = told.going_to_m
         other = Other(
-            p_home_m, heard_s, speed_mps, heard.armed, heard.mode, sigma_m=place.sigma_m(p_odom_m)
+            transforms.apply(T_home_odom, p_odom_m),
+            heard_s,
+            math.hypot(*odometry.v_body_mps),
+            heard.armed,
+            heard.mode,
+            told.uncontrolled,
+            place.sigma_m(p_odom_m),
+            told.lost,
+            told.lost_s,
+            told.taken,
+            None if to_m is None else transforms.apply(T_home_odom, np.array(to_m)),
         )
-        return other.guarded(heard.verdict).sent(place.T_a_b, heard.verdict.going_to_m)
+        self.core.other(name, other)
 
     def _addressed(self, output: Output) -> Output:
         return replace(output, pid=self._link_pid) if isinstance(output, RestartLink) else output

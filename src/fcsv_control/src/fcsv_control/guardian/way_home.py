@@ -38,6 +38,7 @@ def against(now_s: float, air: VehicleSituation, rules: GuardianRules, under_way
     p_home_there = transforms.apply(air.T_home_odom, T_odom_there[:3, 3])
     if not _within_fences(air, rules, p_home_there):
         return "the way leaves the fence"
+    occupants = room.others(now_s, air, rules)
     for name, other in air.others.items():
         if now_s - other.heard_s > rules.silent_above_s:
             return f"{name} is not heard"
@@ -45,7 +46,9 @@ def against(now_s: float, air: VehicleSituation, rules: GuardianRules, under_way
             (air.sigma_m, other.sigma_m), now_s - other.heard_s, other.speed_mps
         )
         needed_m = (
-            room.landing_clear_m(now_s, rules, other) + doubt_m + (0.0 if under_way else _MORE_M)
+            room.clearance(rules).to_land(occupants[name])
+            + doubt_m
+            + (0.0 if under_way else _MORE_M)
         )
         if not _clear(air, rules, other, needed_m, p_home_there):
             return f"{name} is too near to the way, or to the take-off place"

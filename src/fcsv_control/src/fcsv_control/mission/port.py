@@ -5,7 +5,7 @@ recordings out."""
 import logging
 import math
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Optional, Sequence
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from fcsv_control import control_messages as told
 from fcsv_control.agent.messages import Instruction, Kind
@@ -277,6 +277,11 @@ class MissionPort:
     def view(self, now_s: float, name: str) -> VehicleView:
         """What is known of a vehicle."""
         return self._heard[name].view(now_s, self._in_home.T_home_odom.get(name))
+
+    def ages_s(self, now_s: float, name: str) -> Tuple[float, float]:
+        """Says how old the newest pose and state of a vehicle are."""
+        heard = self._heard[name]
+        return heard.pose_age_s(now_s), heard.state_age_s(now_s)
 
     def _snapshot(self, now_s: float) -> Snapshot:
         T_home_odom, clock_set = self._in_home.T_home_odom, self._time_of_day.times_set

@@ -7,6 +7,7 @@ from typing import Dict, Optional
 import numpy as np
 
 from fcsv_geometry.missions import separation
+from fcsv_geometry.missions.airspace import Occupant
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.thresholds import STATE_AGE_S
@@ -80,9 +81,9 @@ class Snapshot:
         """Position (m) of a vehicle's camera in home; only where it is known."""
         return self.vehicles[name].T_home_cam[:3, 3]
 
-    def p_home_stop(self, name: str) -> np.ndarray:
-        """Where it comes to a stand that is told now to stop or to land; only where its place is
-        known."""
-        return separation.stop_m(
-            self.p_home_cam(name), self.vehicles[name].v_home_mps, self.slows_mps2
-        )
+    def occupant(self, name: str) -> Occupant:
+        """What a vehicle occupies in home; only where its place is known."""
+        here, view = self.p_home_cam(name), self.vehicles[name]
+        stop = separation.stop_m(here, view.v_home_mps, self.slows_mps2)
+        lies = not (view.lost and view.armed)  # as far as it is astray at all
+        return Occupant([here], stop, view.lost, view.astray_m, lies)

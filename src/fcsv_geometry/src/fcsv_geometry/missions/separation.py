@@ -7,6 +7,7 @@ says for all of them whether two vehicles are far enough apart. Positions are (3
 level frame with z up.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Callable, Optional, Sequence, Union
 
@@ -55,7 +56,8 @@ def flat(points_m: np.ndarray, vertical_factor: float) -> np.ndarray:
 
 
 def distance_m(
-    offset_m: np.ndarray, vertical_factor: float = SeparationRules.vertical_factor
+    offset_m: Union[Sequence[float], np.ndarray],
+    vertical_factor: float = SeparationRules.vertical_factor,
 ) -> Union[float, np.ndarray]:
     """Distance (m) of two vehicles in which height counts for ``1 / vertical_factor``; (N,) of
     offsets (N, 3).
@@ -63,7 +65,8 @@ def distance_m(
     >>> distance_m(np.array([0.0, 0.0, 3.0]), 3.0), distance_m(np.array([0.0, 3.0, 0.0]), 3.0)
     (1.0, 3.0)
     """
-    x, y, z = np.asarray(offset_m).T
+    # plain numbers stay so: vehicles in flight ask for one offset at a time
+    x, y, z = offset_m if isinstance(offset_m, (list, tuple)) else offset_m.T
     return (x * x + y * y + (z / vertical_factor) ** 2) ** 0.5
 
 
@@ -77,13 +80,13 @@ def doubt_m(sigmas_m: Sequence[float] = (), age_s: float = 0.0, speed_mps: float
     >>> round(doubt_m([0.12], age_s=0.75, speed_mps=1.0), 3)
     0.89
     """
-    sigma_m = float(np.sqrt(_TRACKERS_SIGMA_M**2 + sum(s * s for s in sigmas_m)))
+    sigma_m = math.sqrt(_TRACKERS_SIGMA_M**2 + sum(s * s for s in sigmas_m))
     unusual_s = min(max(0.0, age_s - _USUAL_AGE_S), _MOST_AGE_S)
     return _SIGMAS * sigma_m + unusual_s * min(speed_mps, _MOST_SPEED_MPS)
 
 
 def share(
-    offset_m: np.ndarray, rules: SeparationRules, doubt: float = 0.0
+    offset_m: Union[Sequence[float], np.ndarray], rules: SeparationRules, doubt: float = 0.0
 ) -> Union[float, np.ndarray]:
     """Says, of the distance that two vehicles must keep, how much they keep: from 1 on it is
     enough; (N,) of offsets (N, 3). ``doubt`` (m) is ``doubt_m``, where places were heard and are

@@ -3,6 +3,7 @@
 carries."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Dict, Iterable, Tuple
 
@@ -24,7 +25,7 @@ class Mount:
 
     @property
     def T_body_part(self) -> np.ndarray:
-        return transforms.from_xyz_rpy(self.xyz_m, np.radians(self.rpy_deg))
+        return _mounted(self).copy()
 
     @property
     def T_body_tag(self) -> np.ndarray:
@@ -32,6 +33,11 @@ class Mount:
         frame: seen from its front x right, y down, z into the tag."""
         R_flu_tag = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
         return self.T_body_part @ transforms.transform(R_flu_tag, np.zeros(3))
+
+
+@lru_cache(maxsize=None)
+def _mounted(mount: Mount) -> np.ndarray:
+    return transforms.from_xyz_rpy(mount.xyz_m, np.radians(mount.rpy_deg))
 
 
 @dataclass(frozen=True)

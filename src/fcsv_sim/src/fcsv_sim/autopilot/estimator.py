@@ -9,7 +9,7 @@ Frames: ``ext`` is the feed's frame, ENU (z up); yaw counter-clockwise from its 
 """
 
 import math
-from typing import Optional, Tuple
+from typing import Iterator, Optional, Tuple
 
 import numba
 import numpy as np
@@ -42,6 +42,12 @@ def _fly_on(p_m, v_mps, bias_mps2, acc_mps2, turn_rad, dt_s):
         v_mps[k] += step_mps
 
 
+def _drawn(random: np.random.Generator, sigma: float) -> Iterator[float]:
+    """Errors of one standard deviation, drawn a second ahead: a hundred take as long as one."""
+    while True:
+        yield from random.normal(0.0, sigma, 100).tolist()
+
+
 class Estimator:
     """Fed with the inertial truth (as an IMU would sense it) and external navigation."""
 
@@ -50,7 +56,7 @@ class Estimator:
     ):
         random = np.random.default_rng([seed, 2])
         self._acc_bias = random.normal(0.0, 0.005, 3)
-        self._random = random
+        self._noises = _drawn(random, 0.01)
         self.ready_s, self._reset_ignored_s = ready_s, reset_ignored_s
         self.baro_m = 0.0
         self.resets = 0  # position adopted with a step; the GUIDED target does not follow
@@ -90,7 +96,7 @@ class Estimator:
         self.yaw_ext_rad = wrap(self.yaw_ext_rad + yaw_rate_rps * dt_s)
         turn_rad = self.yaw_ext_rad - yaw_world_rad
         _fly_on(self.p_ext_m, self.v_ext_mps, self._acc_bias, acc_world_mps2, turn_rad, dt_s)
-        self.baro_m = z_m + self._random.normal(0.0, 0.01)
+        self.baro_m = z_m + next(self._noises)
 
     def vision(self, now_s: float, p_ext_m, yaw_ext_rad: float, reset_counter: int) -> None:
         """A message of the external navigation; one that holds NaN is dropped."""

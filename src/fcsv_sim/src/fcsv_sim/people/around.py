@@ -6,7 +6,8 @@ from typing import Optional, Sequence
 
 import numpy as np
 
-from fcsv_geometry.missions import separation
+from fcsv_geometry.missions import airspace
+from fcsv_geometry.missions.airspace import HorizontalClearance, Occupant
 
 CLEAR_M = 2.5  # horizontally
 _HEIGHT_M = 3.0  # and above or below: nearer than both is too near
@@ -50,7 +51,9 @@ def kept_clear(
 def beside(p_m: np.ndarray, others: Sequence[np.ndarray]) -> Optional[np.ndarray]:
     """(3,) a place beside somebody on whom he would come down, in the air or on the ground; None:
     nobody."""
-    below = [o for o in others if p_m[2] - o[2] > _BELOW_M and np.hypot(*(o - p_m)[:2]) < CLEAR_M]
+    own, seen = Occupant([p_m]), {str(k): Occupant([o]) for k, o in enumerate(others)}
+    below = [n for n, o in seen.items() if airspace.comes_down_on(own, o, CLEAR_M, _BELOW_M)]
     if not below:
         return None
-    return separation.aside(p_m, others, CLEAR_M, below[0], np.array([0.0, 1.0]))
+    left = np.array([0.0, 1.0])
+    return airspace.aside(own, seen, below[0], HorizontalClearance(CLEAR_M), side=left)

@@ -76,15 +76,16 @@ class Calm:
             )
 
     def _ages(self, now_s: float, name: str, vehicle: RehearsedVehicle) -> None:
-        air, view = vehicle.guardian.air, self._control.view(now_s, name)
+        air = vehicle.guardian.air
+        pose_age_s, state_age_s = self._control.ages_s(now_s, name)
         ages = [
             (CONTROL, air.control_s),
             *((OTHERS, other.heard_s) for other in air.others.values()),
         ]
         for feed, heard_s in ages:
             self._silent(now_s, name, feed, now_s - heard_s)
-        self._silent(now_s, name, SEEN, view.pose_age_s)
-        self._silent(now_s, name, STATES, view.state_age_s)
+        self._silent(now_s, name, SEEN, pose_age_s)
+        self._silent(now_s, name, STATES, state_age_s)
         self._silent(now_s, name, POSES, now_s - self._posed_s.get(name, now_s))
 
     def _silent(self, now_s: float, name: str, feed: str, silent_s: float) -> None:

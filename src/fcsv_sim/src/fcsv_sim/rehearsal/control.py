@@ -87,6 +87,8 @@ class ControlPc:
         }
         self._pair_check = PairCheck(fleet, radios, mission.reference, seed)
         self._due_s = {n: [0.0, 0.0, 0.0] for n in fleet}
+        # by the mission's clock, and by the rehearsal's
+        self._recorded: Tuple[List[CaptureWindow], List[CaptureWindow]] = ([], [])
         # when what arrived last was sent, by vehicle and kind
         self._newest_s: Dict[Tuple[str, type], float] = {}
         self._shown: Dict[str, Tuple] = {}  # of each vehicle's state, as it arrived
@@ -112,10 +114,13 @@ class ControlPc:
     def captures(self) -> List[CaptureWindow]:
         """Recordings so far, by the rehearsal's time."""
         own = self.machine.captures
-        return [
-            dataclasses.replace(w, start_s=w.start_s - _ZERO_S, stop_s=w.stop_s - _ZERO_S)
-            for w in own
-        ]
+        if own != self._recorded[0]:
+            shifted = [
+                dataclasses.replace(w, start_s=w.start_s - _ZERO_S, stop_s=w.stop_s - _ZERO_S)
+                for w in own
+            ]
+            self._recorded = (list(own), shifted)
+        return self._recorded[1]
 
     @property
     def sender(self) -> str:
@@ -130,6 +135,10 @@ class ControlPc:
     def view(self, now_s: float, name: str) -> VehicleView:
         """What the mission knows of a vehicle."""
         return self.mission_port.view(_clock_s(now_s), name)
+
+    def ages_s(self, now_s: float, name: str) -> Tuple[float, float]:
+        """Says how old the pose and the state are that the mission has of a vehicle."""
+        return self.mission_port.ages_s(_clock_s(now_s), name)
 
     # ---- what the vehicles tell ------------------------------------------------------------------
 

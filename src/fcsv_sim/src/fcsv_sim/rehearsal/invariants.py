@@ -9,9 +9,11 @@ from typing import Deque, Dict, List, Set, Tuple
 
 import numpy as np
 
+from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.mission.activities.activity import CaptureWindow
 from fcsv_control.mission.ways.routes import distance_to_segments
 from fcsv_geometry.missions.mission import StereoConfiguration
+from fcsv_geometry.missions.separation import SeparationRules, share
 from fcsv_sim.autopilot import modes
 
 CONTACT, DOWNWASH, BENEATH, TOUCH_DOWN = "contact", "downwash", "beneath", "touch-down"
@@ -32,12 +34,12 @@ KINDS = (
     LATE_FEED,
 )
 
-_CONTACT_M = 0.6  # between centres of two 250 mm vehicles
-_DOWNWASH = 3.0  # vertical over horizontal semi-axis of the ellipsoid about a vehicle
+_TOUCH = SeparationRules(0.6, 1.0)  # of the centres of two 250 mm vehicles
+_AIR = SeparationRules(0.6, 3.0)
 _BENEATH_M, _SAME_HEIGHT_M = 1.5, 0.3
 _TOUCH_DOWN_MPS = 1.0
 _IN_THE_AIR_M = 0.3
-_FENCE_RADIUS_M, _CEILING_M, _FENCE_S = 100.0, 45.0, 1.0
+_FENCE, _FENCE_S = GuardianRules().fence, 1.0
 # standard deviations: of a link (docs/lab/tracking.md), of odometry since then
 _LINK_M, _WALK_M = 0.03, 0.1
 _REMEMBERED = 4000  # moments
@@ -106,18 +108,17 @@ class Invariants:
     # ---- one by one ------------------------------------------------------------------------------
 
     def _pair(self, now_s: float, a: str, b: str, p_a: Place, p_b: Place, both_up: bool) -> None:
-        dx, dy, dz = p_a[0] - p_b[0], p_a[1] - p_b[1], p_a[2] - p_b[2]
-        level_m = math.hypot(dx, dy)
+        offset_m = (p_a[0] - p_b[0], p_a[1] - p_b[1], p_a[2] - p_b[2])
         if both_up:
-            distance_m = math.hypot(level_m, dz)
+            distance_m = math.hypot(*offset_m)
             self.nearest_m = min(self.nearest_m, distance_m)
-            if distance_m < _CONTACT_M:
+            if share(offset_m, _TOUCH) < 1.0:
                 self.tell(CONTACT, f"{a} {b}", now_s, f"{a} and {b} touched: {distance_m:.2f} m")
-            if math.hypot(level_m, dz / _DOWNWASH) < _CONTACT_M:
+            if share(offset_m, _AIR) < 1.0:
                 self.tell(
                     DOWNWASH, f"{a} {b}", now_s, f"{a} and {b} stand in each other's downwash"
                 )
-        self._crossing(now_s, a, b, level_m, abs(dz))
+        self._crossing(now_s, a, b, math.hypot(*offset_m[:2]), abs(offset_m[2]))
 
     def _crossing(self, now_s: float, a: str, b: str, level_m: float, height_m: float) -> None:
         if height_m > _SAME_HEIGHT_M:
@@ -141,11 +142,9 @@ class Invariants:
 
     def _fence(self, now_s: float, name: str, p: Place) -> None:
         vehicle, begun = self._flight.fleet[name], self._begun[name]
-        inside = (
-            math.hypot(p[0] - begun[0], p[1] - begun[1]) < _FENCE_RADIUS_M and p[2] < _CEILING_M
-        )
+        from_begun, height_m = (p[0] - begun[0], p[1] - begun[1]), max(p[2], _FENCE.floor_m)
         answered = vehicle.flown_by_hand or vehicle.autopilot.mode in (modes.LAND, modes.BRAKE)
-        if inside or answered:
+        if answered or not _FENCE.outside_m(from_begun, height_m):
             self._out_s.pop(name, None)
         elif now_s - self._out_s.setdefault(name, now_s) > _FENCE_S:
             self.tell(FENCE, name, now_s, f"{name} flies on outside the fence")

@@ -2,6 +2,7 @@
 """One vehicle of a rehearsal: airframe, autopilot, tracker and transmitter of the simulation, and
 what is on board."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Optional, Sequence, Tuple
 
@@ -63,7 +64,7 @@ class RehearsedVehicle(OnBoard):
         self._scene_epoch = 0
         super().__init__(geometry, start.tracker, start.rules, start.guardian)
         self.by_hand: Optional[Tuple[float, int]] = None  # when its transmitter chose which mode
-        self._switch_at = ""
+        self._switch_at, self._confidence = "", TrackerConfidence(math.nan)  # as it was told
         self._command = (0.0, 0.0, 0.0, 0.0)
         self._piloted = Piloted(self.body, self.autopilot)
 
@@ -118,7 +119,9 @@ class RehearsedVehicle(OnBoard):
         """A sample of the tracker, which has a clock of its own; its driver stamps it by the
         computer's time of day."""
         stamp_s = self._wall_s(now_s)
-        self.guardian_port.receive(now_s, TrackerConfidence(self.tracker.confidence))
+        if self._confidence.level != self.tracker.confidence:
+            self._confidence = TrackerConfidence(self.tracker.confidence)
+            self.guardian_port.receive(now_s, self._confidence)
         T_world_body = self.body.T_world_body
         self._sampled(now_s, stamp_s, *self.tracker.odometry(now_s, T_world_body))
         if (

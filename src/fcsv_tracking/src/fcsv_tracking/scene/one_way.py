@@ -8,6 +8,8 @@ points best is taken back first. What is left then of a tracker that tells the t
 of following points, which are as large across any way as along it.
 """
 
+import math
+
 import numpy as np
 
 from fcsv_tracking.scene.epipolar import Lines
@@ -92,11 +94,12 @@ def _without_turn(lines: Lines, xy_now: np.ndarray, sigma_rad: float) -> np.ndar
     A, turn, off = _turns(xy_now), np.zeros(3), lines.off(xy_now)
     flat = A.reshape(-1, 3)
     prior = _PRIOR_WEIGHT * len(xy_now) * _SHARP_RAD / sigma_rad**2
+    priors = prior * np.eye(3)
     for _ in range(_ROUNDS):
         weight = 1.0 / np.maximum(np.sqrt(np.einsum("ij,ij->i", off, off)), _SHARP_RAD)
-        weighted = flat * np.repeat(weight, 2)[:, None]
-        normal = weighted.T @ flat + prior * np.eye(3)
+        weighted = (A * weight[:, None, None]).reshape(-1, 3)
+        normal = weighted.T @ flat + priors
         turn = turn + np.linalg.solve(normal, off.ravel() @ weighted - prior * turn)
-        turn *= min(1.0, _MOST_TURN * sigma_rad / max(float(np.linalg.norm(turn)), 1e-12))
+        turn *= min(1.0, _MOST_TURN * sigma_rad / max(math.sqrt(turn @ turn), 1e-12))
         off = lines.off(xy_now - A @ turn)
     return off

@@ -19,6 +19,8 @@ class ParameterCheck:
     def begin(self) -> None:
         """Read all again: the autopilot may have been changed or restarted."""
         self._values: Dict[str, float] = {}
+        self._complaints: Dict[str, str] = {}  # about what was answered, by name
+        self._unread = {rule.name for rule in self.profile if rule.must}
         ordered = sorted(self.profile, key=lambda rule: not rule.must)  # those that block first
         self._asked: Dict[str, int] = {rule.name: 0 for rule in ordered}
 
@@ -38,7 +40,12 @@ class ParameterCheck:
         if rule is None:
             return None
         self._values[name] = value
-        return rule if rule.must and rule.complaint(value) else None
+        self._unread.discard(name)
+        self._complaints.pop(name, None)
+        complaint = rule.complaint(value)
+        if complaint:
+            self._complaints[name] = complaint
+        return rule if rule.must and complaint else None
 
     def value(self, name: str) -> float:
         """What the autopilot answered; NaN where it has not, or where the profile has no such
@@ -48,7 +55,7 @@ class ParameterCheck:
     @property
     def known(self) -> bool:
         """Whether all that must be so was answered."""
-        return all(rule.name in self._values for rule in self.profile if rule.must)
+        return not self._unread
 
     @property
     def complete(self) -> bool:
@@ -57,7 +64,7 @@ class ParameterCheck:
 
     def wrong(self) -> List[str]:
         """One line for each parameter that must be otherwise."""
-        return self._complaints(must=True)
+        return self._told(must=True)
 
     def unknown(self) -> List[str]:
         """Names that the autopilot did not answer."""
@@ -71,14 +78,8 @@ class ParameterCheck:
 
     def warnings(self) -> List[str]:
         """One line for each parameter that should be otherwise."""
-        return self._complaints(must=False)
+        return self._told(must=False)
 
-    def _complaints(self, must: bool) -> List[str]:
-        known = [
-            (rule, self._values[rule.name]) for rule in self.profile if rule.name in self._values
-        ]
-        return [
-            rule.complaint(value)
-            for rule, value in known
-            if rule.must == must and rule.complaint(value)
-        ]
+    def _told(self, must: bool) -> List[str]:
+        told = self._complaints
+        return [told[r.name] for r in self.profile if r.must == must and r.name in told]

@@ -138,9 +138,16 @@ class VehicleHeard:
         if self._lost:
             silent_s = now_s - self._since_s(GUARDIAN, self._guarded_s) if self._armed else 0.0
             return separation.lost_reach_m(self._lost_s + silent_s)
-        silent_s = now_s - self._since_s(ODOMETRY, self._odometry_s)
-        silent = self._armed and silent_s > at.POSE_AGE_S.mission.red
+        silent = self._armed and self.pose_age_s(now_s) > at.POSE_AGE_S.mission.red
         return separation.SILENT_REACH_M if silent else 0.0
+
+    def pose_age_s(self, now_s: float) -> float:
+        """Since its newest pose was sent."""
+        return now_s - self._since_s(ODOMETRY, self._odometry_s)
+
+    def state_age_s(self, now_s: float) -> float:
+        """Since its newest state was sent."""
+        return now_s - self._since_s(STATE, self._state_s)
 
     def view(self, now_s: float, T_home_odom: Optional[np.ndarray]) -> VehicleView:
         """The vehicle now; its place in home where ``T_home_odom`` is known."""
@@ -154,7 +161,7 @@ class VehicleHeard:
             self._since_s(BATTERY, self._battery_s),
         )
         return VehicleView(
-            pose_age_s=now_s - self._since_s(ODOMETRY, self._odometry_s),
+            pose_age_s=self.pose_age_s(now_s),
             speed_mps=math.inf
             if self._v_odom_mps is None
             else float(np.linalg.norm(self._v_odom_mps)),

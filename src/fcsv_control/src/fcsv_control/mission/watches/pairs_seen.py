@@ -64,5 +64,6 @@ class PairsSeen:
                 if not any(v.frame_problem or v.lost for v in both):
                     said = f"pictures of it and {off.reference} show another place than their trackers: one drifts"
                     self._said.say(name, T_home_odom[name], said)
-            out[name] = replace(views[name], sighted_off=views[name].sighted_off or said)
+            if said and not views[name].sighted_off:
+                out[name] = replace(views[name], sighted_off=said)
         return out

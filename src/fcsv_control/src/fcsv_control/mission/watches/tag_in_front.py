@@ -51,7 +51,8 @@ class TagInFront:
             if not said and self._lasts(now_s, rear, self._off_m(views[front], views[rear])):
                 said = f"it does not see {front} where their trackers say: one of them drifts"
                 self._said.say(rear, T_home_odom[rear], said)
-            out[rear] = replace(views[rear], sighted_off=said)
+            if said:
+                out[rear] = replace(views[rear], sighted_off=said)
         return out
 
     def _off_m(self, front: VehicleView, rear: VehicleView) -> Optional[float]:
