@@ -254,7 +254,8 @@ def test_what_is_not_known_or_old_or_of_another_pair_decides_nothing():
         (flying(math.nan), samples.NOW_S),
         (flying(50.0, pair=("uav2", "uav1")), samples.NOW_S),
     ):
-        assert c.view(now_s).stereo.go and math.isnan(c.view(now_s).stereo.epipolar_px)
+        judged = c.view(now_s).stereo
+        assert not judged.judged and not judged.go and math.isnan(judged.epipolar_px)
     late = flying(50.0)
     samples.flying(late)
     assert math.isnan(late.view(samples.NOW_S + 5.0).stereo.epipolar_px)

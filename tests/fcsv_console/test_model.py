@@ -551,11 +551,19 @@ def test_a_recording_that_was_interrupted_begins_anew():
 # ---- stereo and air ------------------------------------------------------------------------------
 
 
+def compared(c, now_s):
+    """Its pictures fit their places."""
+    c.tell(now_s, facts.EpipolarReport(("uav1", "uav2"), 0.6, 200, 0.4, 1.0))
+    return c
+
+
 def test_stereo_health_says_go_and_why_not():
     c = flying(console(), 10.0)  # configuration 1: horizontal 4 m
     h = c.view(10.1).stereo
-    assert h.go and h.baseline_m == pytest.approx(4.0)
-    assert h.words == "GO: the pair is as planned; its pictures were not compared yet"
+    assert not h.judged and h.baseline_m == pytest.approx(4.0), "a place alone is no GO"
+    assert h.words == "stereo: the pair is as planned; its pictures are not compared yet"
+    h = compared(c, 10.1).view(10.1).stereo
+    assert h.go and h.words == "GO: the pair is as planned"
     assert h.error_m == pytest.approx(depth_error(h.target_m, 4.0, 602.0))
     c.tell(10.1, facts.CameraPoseReport("uav2", (0.3, -4.0, 0.0), math.radians(5.0)))
     h = c.view(10.2).stereo
@@ -596,8 +604,9 @@ def test_pictures_of_a_pair_that_is_flown_at_once_are_of_one_instant():
     row_ = console().file.rows[0]
     moving = hearing.Aged(facts.CameraPoseReport("uav2", row_.goal_m, 0.0), 0.1, 30.0, False)
     given = (row_, ("uav1", "uav2"), aged, moving, 0.05, 100.0, mission_file.Optics())
-    assert stereo.assess(*given).go
-    h = stereo.assess(*given, at_once=True)
+    fits = facts.EpipolarReport(("uav1", "uav2"), 0.6, 200, 0.4, 1.0)
+    assert stereo.assess(*given, fits).go
+    h = stereo.assess(*given, fits, at_once=True)
     assert h.words == ("NO-GO: what moves may be mapped wrongly: pictures are 50 ms apart")
 
 
@@ -613,7 +622,8 @@ def test_the_first_pictures_of_a_recording_that_come_late_are_no_verdict():
     doing(c, 20.0, RECORDS)
     c.tell(20.0, facts.TagReport("uav1", (), stamp_s=20.0))
     c.tell(20.0, facts.TagReport("uav2", (1,), stamp_s=19.716))
-    assert c.view(20.0).stereo.go, "and there when it records"
+    assert not c.view(20.0).stereo.judged, "there when it records, and no picture is compared"
+    assert compared(c, 20.1).view(20.1).stereo.go
     assert c.view(recorded(c, 20.2, 0.0)).stereo.go
 
 
@@ -685,7 +695,8 @@ def test_lean_is_shown_and_a_camera_that_looks_elsewhere_takes_the_overlap():
         facts.CameraPoseReport("uav2", (0.0, -4.0, 0.0), 0.0, math.radians(4.0), math.radians(8.0)),
     )
     h = c.view(10.1).stereo
-    assert h.go and (h.turn_deg, h.pitch_deg, h.roll_deg) == pytest.approx((0.0, 4.0, 8.0))
+    assert h.reasons and not h.judged
+    assert (h.turn_deg, h.pitch_deg, h.roll_deg) == pytest.approx((0.0, 4.0, 8.0))
     assert h.overlap < level.overlap - 0.02
     assert "turned 0.0°, pitched 4.0°, rolled 8.0°" in cells.stereo_cell(c.view(10.1)).text
     c.tell(10.1, facts.CameraPoseReport("uav2", (0.0, -4.0, 0.0), math.radians(-60.0)))

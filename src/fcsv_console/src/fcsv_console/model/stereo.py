@@ -25,6 +25,9 @@ MOST_CORRECTED_RAD = math.radians(1.0)
 # of pictures that cannot be fitted: as far as the map trusts the trackers
 MOST_TRACKED_RAD = FLOWN.rotation_rad
 
+_NOT_COMPARED = "the pair is as planned; its pictures are not compared yet"
+_SHOW_LITTLE = "the pair is as planned; its pictures show too little to compare"
+
 
 @dataclass(frozen=True)
 class StereoHealth:
@@ -64,8 +67,7 @@ class StereoHealth:
             return f"NO-GO: {'; '.join(self.reasons)}"
         if self.before:
             return "; ".join(["GO so far: pictures agree with the places", *self.remarks])
-        compared = ["its pictures were not compared yet"] if math.isnan(self.epipolar_px) else []
-        return "; ".join(["GO: the pair is as planned", *compared, *self.remarks])
+        return "; ".join(["GO: the pair is as planned", *self.remarks])
 
 
 def assess(
@@ -111,6 +113,8 @@ def assess(
     reasons += _wrong(overlap, target_m, turn_deg, apart_m) + _disagree(told, optics)
     reasons += [told.unlike] if told is not None and told.unlike else []
     reasons += apart if at_once else []
+    judged = bool(reasons) or (told is not None and not math.isnan(told.error_px))
+    unknown = () if judged else (_NOT_COMPARED if told is None else _SHOW_LITTLE,)
     return StereoHealth(
         pair,
         overlap,
@@ -121,9 +125,9 @@ def assess(
         baseline_m,
         error_m,
         target_m,
-        not reasons,
-        tuple(reasons),
-        True,
+        judged and not reasons,
+        tuple(reasons) or unknown,
+        judged,
         pitch_deg=pitch_deg,
         roll_deg=roll_deg,
         remarks=() if at_once else tuple(apart),
