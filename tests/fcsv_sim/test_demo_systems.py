@@ -119,6 +119,13 @@ def test_a_wrong_choice_is_one_line_and_starts_nothing(arguments, words, tmp_pat
     )
 
 
+def test_what_an_interrupted_start_left_is_no_flight(tmp_path, monkeypatch):
+    (tmp_path / "session" / "truth").mkdir(parents=True)
+    (tmp_path / "session" / "truth" / "scene.ply").write_text("built")
+    monkeypatch.setattr(demo, "run", lambda *_, **__: 0)
+    assert demo.main(["--out", str(tmp_path), "--speed", "1"]) == 0
+
+
 def test_a_recorded_flight_is_not_removed_unasked(tmp_path, capsys, monkeypatch):
     out = tmp_path / "out"
     (out / "session").mkdir(parents=True)

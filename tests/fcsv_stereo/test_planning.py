@@ -277,6 +277,7 @@ def test_what_follows_a_plan_is_printed_as_whole_commands(tmp_path, capsys):
     path = tmp_path / "mine.yaml"
     assert command.main(f"--range-m 100 --error 5% --baselines 2 3 4 --mission {path}".split()) == 0
     said = capsys.readouterr().out.splitlines()
-    commands = [line.partition(": ")[2].strip() for line in said if ": " in line][-4:]
-    assert [c.split()[0] for c in commands] == ["rosrun", "make", "roslaunch", "rosrun"]
+    commands = [line.partition(": ")[2].strip() for line in said if ": " in line][-5:]
+    first = ["rosrun", "make", "docs/user/flying.md,", "rosrun", "rosrun"]
+    assert [c.split()[0] for c in commands] == first and commands[1].endswith("OUT=out/mine")
     assert all(str(path) in c for c in commands[:3]) and commands[2].endswith(f"mission:={path}")

@@ -54,7 +54,9 @@ def parse_endpoint(text: str) -> Endpoint:
     except ValueError:
         urgent_port = bulk_port = 0
     if not colon or not host or not (0 < urgent_port < 65536 and 0 < bulk_port < 65536):
-        raise EndpointError(f"'{text}' is not an address; write HOST:PORT or HOST:PORT/PORT")
+        raise EndpointError(
+            f"'{text}' is not an address; write HOST:PORT or HOST:PORT/PORT, as in listen:=192.168.8.10:7447"
+        )
     if urgent_port == bulk_port:
         raise EndpointError(f"'{text}' names one port for two links; give two")
     return Endpoint(host, urgent_port, bulk_port)

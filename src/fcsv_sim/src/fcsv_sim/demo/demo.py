@@ -76,7 +76,7 @@ def main(argv: Optional[List[str]] = None) -> int:
         return run(system, plan, say, fly_only=args.fly_only, method=args.method)
     except interrupt.Interrupted:
         print(
-            "\ndemo: interrupted; vehicles landed, bags closed, all processes stopped",
+            "\ndemo: interrupted; what flew has landed, bags are closed, all processes stopped",
             file=sys.stderr,
         )
         return 130
@@ -348,7 +348,8 @@ def _require_free(out: Path, overwrite: bool) -> None:
     """Raises MachineError where a flight is recorded already, or where no folder can be."""
     if any(p.exists() and not p.is_dir() for p in (out, *out.parents)):
         raise MachineError(f"{out}: a file stands there, not a folder; choose another with OUT=")
-    if (out / "session").exists() and not overwrite:
+    recorded = [p for pattern in ("*.bag", "*.bag.active") for p in (out / "session").glob(pattern)]
+    if recorded and not overwrite:
         raise MachineError(
             f"{out} holds a recorded flight: OVERWRITE=1 replaces it, OUT=FOLDER flies into another"
         )

@@ -62,16 +62,17 @@ def _next_commands(mission: Path, plan: Plan) -> List[str]:
     return [
         f"wrote {mission}",
         f"rehearse it:            rosrun fcsv_sim rehearse {mission}",
-        f"fly it in simulation:   make demo MISSION={mission}",
-        f"fly it:                 roslaunch fcsv_bringup control.launch mission:={mission.resolve()}",
-        f"the thesis's map of it: rosrun fcsv_stereo map SESSION -o OUT --method thesis {trim}",
+        f"fly it in simulation:   make demo MISSION={mission} OUT=out/{mission.stem}",
+        f"fly it with vehicles:   docs/user/flying.md, with mission:={mission.resolve()}",
+        "map what was flown:     rosrun fcsv_stereo map SESSION -o OUT",
+        f"as the thesis maps:     rosrun fcsv_stereo map SESSION -o OUT --method thesis {trim}",
     ]
 
 
 def table(plan: Plan) -> str:
     """Text: one line per configuration, then what to know before flying it."""
     request = plan.request
-    share = f"{request.threshold.value:.4g} m"
+    share = f"{request.threshold.value:.4g} m at every distance (10% is a share of it)"
     if request.threshold.relative:
         share = f"{request.threshold.value * 100:.4g} % of the distance"
     lines = [
