@@ -61,8 +61,10 @@ def flight():
 
 def test_busy_loops_of_others_are_seen_and_named(loops, flight):
     watch = CrowdWatch(flight.pid, QUICK)
+    said = []
     with pytest.raises(MachineTooBusy, match=r"too busy to fly: other programs .*python"):
-        watch.look_before(time.sleep)
+        watch.look_before(said.append, time.sleep)
+    assert len(said) == 1 and "waiting for them" in said[0]
 
 
 def test_loops_of_its_own_are_no_crowd(loops):

@@ -26,7 +26,7 @@ from fcsv_stereo.evaluating.truth import Truth
 @pytest.fixture(autouse=True)
 def free_processors(monkeypatch):
     """Tests that run beside these take nothing from a demo: tests/fcsv_sim/test_crowd.py."""
-    monkeypatch.setattr(demo.CrowdWatch, "look_before", lambda self: None)
+    monkeypatch.setattr(demo.CrowdWatch, "look_before", lambda self, say: None)
 
 
 def mission(axis, baseline_m, height_m=1.7):

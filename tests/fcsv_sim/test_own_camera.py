@@ -36,7 +36,7 @@ RATIONAL = (1.0, 0.3, 0.0, 0.0, 0.01, 1.4, 0.6, 0.05)
 @pytest.fixture(autouse=True)
 def free_processors(monkeypatch):
     """Tests that run beside these take nothing from a demo: tests/fcsv_sim/test_crowd.py."""
-    monkeypatch.setattr(demo.CrowdWatch, "look_before", lambda self: None)
+    monkeypatch.setattr(demo.CrowdWatch, "look_before", lambda self, say: None)
 
 
 def camera(focal_px, distortion, width=640, height=480):

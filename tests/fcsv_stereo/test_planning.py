@@ -273,6 +273,21 @@ def test_a_camera_that_cannot_be_planned_for_is_named(tmp_path, capsys, more, wo
     assert said.startswith("plan: ") and said.count("\n") == 1 and words in said
 
 
+def test_a_list_of_its_own_leaves_out_what_is_too_short_to_be_flown(tmp_path, capsys):
+    """By 3.3 alone 150 m would begin with 0.62 m; who names a number gets that number."""
+    plan = f"--range-m 150 --error 10% --mission {tmp_path / 'mine.yaml'}".split()
+    assert command.main(plan) == 0
+    flown = load_mission(tmp_path / "mine.yaml").configurations
+    assert [round(c.baseline_m, 2) for c in flown] == [1.87, 2.49]
+    assert "left out, as nearer than two vehicles may fly (1.5 m): 0.62, 1.25 m" in (
+        capsys.readouterr().out
+    )
+    assert command.main("--range-m 150 --error 10% --number 4".split()) == 0
+    assert capsys.readouterr().out.count("horizontal  ") == 4
+    assert command.main("--range-m 40 --error 10%".split()) == 0
+    assert capsys.readouterr().out.count("horizontal  ") == 4, "none can be flown: all are shown"
+
+
 def test_what_follows_a_plan_is_printed_as_whole_commands(tmp_path, capsys):
     path = tmp_path / "mine.yaml"
     assert command.main(f"--range-m 100 --error 5% --baselines 2 3 4 --mission {path}".split()) == 0

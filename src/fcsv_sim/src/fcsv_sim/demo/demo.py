@@ -72,7 +72,7 @@ def main(argv: Optional[List[str]] = None) -> int:
             return _tilt(args, say)
         system = _system(args.system)
         plan = _plan(system, args)
-        CrowdWatch().look_before()
+        CrowdWatch().look_before(say)
         return run(system, plan, say, fly_only=args.fly_only, method=args.method)
     except interrupt.Interrupted:
         print(

@@ -100,14 +100,18 @@ class CrowdWatch:
         if words:
             raise MachineTooBusy(words)
 
-    def look_before(self, sleep: Callable[[float], None] = time.sleep) -> None:
-        """Looks once before a flight begins, and as long as others take too much. Raises
-        MachineTooBusy."""
-        while True:
+    def look_before(
+        self, say: Callable[[str], None], sleep: Callable[[float], None] = time.sleep
+    ) -> None:
+        """Looks once before a flight begins, and as long as others take too much, which it says.
+        Raises MachineTooBusy."""
+        sleep(self._rules.every_s)
+        self.look()
+        if self.crowded:
+            say(f"other programs use the processors: waiting for them, {self._rules.lasting_s:g} s")
+        while self.crowded:
             sleep(self._rules.every_s)
             self.look()
-            if not self.crowded:
-                return
 
     def _sample(self) -> "_Sample":
         ours = {self._root.pid, *(p.pid for p in self._root.children(recursive=True))}

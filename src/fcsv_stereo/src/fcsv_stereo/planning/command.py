@@ -183,7 +183,12 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--nearest-m", type=float, default=0.0, help="smallest distance (m) of interest (default 0)"
     )
-    add("--number", "-n", type=int, help="how many baselines (default 4)")
+    add(
+        "--number",
+        "-n",
+        type=int,
+        help="how many baselines (default 4, without those that are too short to be flown)",
+    )
     add(
         "--whole",
         action="store_true",

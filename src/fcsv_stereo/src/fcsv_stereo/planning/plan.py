@@ -140,16 +140,27 @@ def _baselines(request: PlanRequest, notes: List[str]) -> List[float]:
         return [float(b) for b in request.baselines_m]
     # the coarser axis must reach it too
     focal_px = min(along(request.camera, axis)[0] for axis in request.axes)
+
     count = request.count or _DEFAULT_COUNT
     ends_m = segment_ends(request.nearest_m, request.range_m, count)
     found = [
         baseline_for(z, focal_px, request.threshold, request.disparity_error_px) for z in ends_m
     ]
-    if not request.whole:
+    if request.whole:
+        found = _in_whole_metres(found, notes)
+    least_m = Mission.min_separation_m
+    if request.count is not None or found[-1] < least_m:
         return found
+    short = ", ".join(f"{b:.2f}" for b in found if b < least_m)
+    if short:
+        notes.append(f"left out, as nearer than two vehicles may fly ({least_m:g} m): {short} m")
+    return [b for b in found if b >= least_m]
+
+
+def _in_whole_metres(found: List[float], notes: List[str]) -> List[float]:
     whole = sorted({float(np.ceil(b - 1e-9)) for b in found})
-    if len(whole) < count:
-        notes.append(f"rounded up to whole metres, {count} baselines became {len(whole)}")
+    if len(whole) < len(found):
+        notes.append(f"rounded up to whole metres, {len(found)} baselines became {len(whole)}")
     return whole
 
 
