@@ -211,6 +211,7 @@ def test_what_refinement_cannot_know_is_told(result):
         (1.0, 50.0, "sigma is too large"),
         (1.0, 1e-3, "sigma is too small"),
         (1.2, 50.0, "wrong by more than 10 %"),
+        (1.06, 1.0, "% too far, more than sigma says"),
     ],
 )
 def test_what_truth_says_against_a_map_is_said(result, factor, times, words):

@@ -55,7 +55,8 @@ class Evaluation:
     reference.
 
     ``metrics``: those of the field, of the pixels up to ``most_m`` that have a depth and a sigma;
-    None where there is none.
+    None where there is none. ``scale``: depth over truth, the median of the answered pixels;
+    ``within_2_sigma_scaled``: the share within two sigma once all depths are divided by it.
     """
 
     most_m: float
@@ -66,6 +67,8 @@ class Evaluation:
     pose_errors: Dict[str, Tuple[float, float]]
     moving: Tuple[Moving, ...] = ()
     metrics: Optional[DepthMetrics] = None
+    scale: float = 1.0
+    within_2_sigma_scaled: Optional[float] = None
 
     def to_dict(self) -> dict:
         """Gives the figures for report.json, with the main figures on top."""
@@ -77,6 +80,8 @@ class Evaluation:
             "median_relative_error": self.overall.median_relative_error,
             "within_1_sigma": self.within_1_sigma,
             "within_2_sigma": self.within_2_sigma,
+            "scale": self.scale,
+            "within_2_sigma_scaled": self.within_2_sigma_scaled,
             "metrics": None if self.metrics is None else self.metrics.to_dict(),
             "bands": [asdict(b) for b in self.bands],
             "pose_errors": {
@@ -101,6 +106,11 @@ def evaluate(
     sigma = np.maximum(result.sigma, 1e-6)
     error = np.abs(result.depth[judged] - true_depth[judged]) / sigma[judged]
     shares = [float((error <= k).mean()) if error.size else 0.0 for k in (1.0, 2.0)]
+    answered, true, spread = result.depth[judged], true_depth[judged], sigma[judged]
+    scale = float(np.median(answered / true)) if answered.size else 1.0
+    scaled = (
+        float((np.abs(answered / scale - true) <= 2.0 * spread).mean()) if answered.size else None
+    )
     stated = judged & np.isfinite(sigma)
     depth, sigma, true = (a[stated] for a in (result.depth, sigma, true_depth))
     metrics = depth_metrics(depth, sigma, true, by_distance(true, most_m))
@@ -108,7 +118,7 @@ def evaluate(
     if truth is not None:
         poses = {i.name: truth.relative_errors(result.reference, i) for i in result.images}
     on_movers = moving(result.depth, true_depth, on or {})
-    return Evaluation(most_m, overall, bands, *shares, poses, on_movers, metrics)
+    return Evaluation(most_m, overall, bands, *shares, poses, on_movers, metrics, scale, scaled)
 
 
 def by_distance(true_depth: np.ndarray, most_m: float) -> Dict[str, np.ndarray]:

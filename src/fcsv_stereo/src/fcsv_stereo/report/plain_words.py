@@ -144,7 +144,14 @@ def _of_truth(e: Evaluation) -> List[str]:
             f"Against truth {e.overall.wrong_of_answered:.0%} of the depths are wrong by more than 10 %: do not rely "
             "on this map."
         )
-    if e.within_2_sigma < LEAST_WITHIN_2:
+    off = e.scale - 1.0
+    if e.within_2_sigma < LEAST_WITHIN_2 <= (e.within_2_sigma_scaled or 0.0):
+        found.append(
+            f"Against truth the whole map is {abs(off):.1%} too {'far' if off > 0 else 'near'}, more than sigma says "
+            f"of the trackers' scale; but for that {e.within_2_sigma_scaled:.0%} of the errors lie within two "
+            "standard deviations, where 95 % would be right."
+        )
+    elif e.within_2_sigma < LEAST_WITHIN_2:
         found.append(
             f"Against truth only {e.within_2_sigma:.0%} of the errors lie within two standard deviations, "
             "where 95 % would be right: sigma is too small, most likely because poses are worse than it assumes."
