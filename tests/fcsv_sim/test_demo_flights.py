@@ -42,6 +42,24 @@ class Clock:
         self.now_s += seconds
 
 
+class Said(list):
+    """Stands in for a Narrator: its lines, and what it showed meanwhile."""
+
+    def __init__(self):
+        super().__init__()
+        self.shown_words = []
+
+    __call__ = list.append
+
+    def status(self, words):
+        self.shown_words.append(words)
+
+    @contextlib.contextmanager
+    def shown(self, words):
+        self.shown_words.append(words)
+        yield
+
+
 class Story(list):
     """What was done, in order; and the stand-ins that write it down."""
 
@@ -65,7 +83,7 @@ class Story(list):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("moment", ["start", "follow"])
 def test_an_interrupted_flight_lands_and_stops_everything(tmp_path, number, moment):
-    story, said = Story(), []
+    story, said = Story(), Said()
 
     def interrupted():
         story.append(moment)
@@ -73,7 +91,7 @@ def test_an_interrupted_flight_lands_and_stops_everything(tmp_path, number, mome
 
     machines = story.machines(tmp_path, start=interrupted if moment == "start" else lambda: None)
     with pytest.raises(Interrupted):
-        flights._fly(machines, interrupted, story.doing("landed"), said.append)
+        flights._fly(machines, interrupted, story.doing("landed"), said)
     assert story == [moment, "landed", "stopped"] and "landing the vehicles" in said[-1]
 
 
@@ -81,14 +99,11 @@ def test_an_interrupted_flight_lands_and_stops_everything(tmp_path, number, mome
     "error, words", [(Interrupted(), "at once"), (MachineError("not landed; logs: x"), "logs: x")]
 )
 def test_a_landing_that_fails_or_is_interrupted_itself_stops_everything(tmp_path, error, words):
-    story, said = Story(), []
+    story, said = Story(), Said()
     with pytest.raises(Interrupted):
         machines = story.machines(tmp_path)
         flights._fly(
-            machines,
-            story.doing("flown", Interrupted()),
-            story.doing("landing", error),
-            said.append,
+            machines, story.doing("flown", Interrupted()), story.doing("landing", error), said
         )
     assert story == ["flown", "landing", "stopped"] and words in said[-1]
 
@@ -97,13 +112,13 @@ def test_a_flight_that_fails_stops_everything_and_says_why(tmp_path):
     story = Story()
     with pytest.raises(MachineError, match="uav1 stopped by itself"):
         failing = story.doing("flown", MachineError("uav1 stopped by itself"))
-        flights._fly(story.machines(tmp_path), failing, story.doing("landed"), story.append)
+        flights._fly(story.machines(tmp_path), failing, story.doing("landed"), Said())
     assert story[-2:] == ["flown", "stopped"]
 
 
 @pytest.mark.parametrize("lands_after_s, words", [(3.0, "landed"), (1e9, "not landed after 45 s")])
 def test_landing_a_fleet_is_asked_for_once_and_waited_for(monkeypatch, lands_after_s, words):
-    clock, said, asked_s = Clock(), [], []
+    clock, said, asked_s = Clock(), Said(), []
     monkeypatch.setattr(flights, "time", clock)
 
     class Watch:
@@ -112,11 +127,15 @@ def test_landing_a_fleet_is_asked_for_once_and_waited_for(monkeypatch, lands_aft
         def abort(self):
             asked_s.append(clock.now_s)
 
-    flights._land_fleet(Watch(), said.append)
+        def vehicles_line(self):
+            return "uav1 LAND, 2.0 m"
+
+    flights._land_fleet(Watch(), said)
     assert len(asked_s) == 1 and said == [words] and clock.now_s <= 1046.0
+    assert set(said.shown_words) == {"landing: uav1 LAND, 2.0 m"}
     if words == "landed":
-        flights._land_fleet(Watch(), said.append)  # on the ground already
-    flights._land_fleet(None, said.append)  # interrupted before there was a mission
+        flights._land_fleet(Watch(), said)  # on the ground already
+    flights._land_fleet(None, said)  # interrupted before there was a mission
     assert len(asked_s) == 1 and said == [words]
 
 
@@ -150,7 +169,7 @@ def test_a_mission_node_that_ends_at_its_start_ends_the_demo_at_once_with_what_i
 
 
 def test_a_machine_that_gets_too_busy_in_flight_lands_everybody_and_says_why(monkeypatch):
-    clock, said = Clock(), []
+    clock, said = Clock(), Said()
     monkeypatch.setattr(flights, "time", clock)
 
     def crowded(_watch):
@@ -162,7 +181,7 @@ def test_a_machine_that_gets_too_busy_in_flight_lands_everybody_and_says_why(mon
     watch = SimpleNamespace(over=False, landed=False, phase=5, states={}, starting=False)
     watch.abort = lambda: setattr(watch, "landed", True)
     with pytest.raises(MachineTooBusy, match="too busy to fly"):
-        flights._follow(machines, watch, said.append)
+        flights._follow(machines, watch, said)
     assert watch.landed and said == ["landed"] and clock.now_s < 1006.0
 
 
@@ -174,7 +193,7 @@ def test_tellos_are_flown_by_the_mission_where_they_are_and_said_where_that_is_n
     monkeypatch, otherwise
 ):
     """Their places outlive the flight, whatever becomes of it."""
-    story, said = Story(), []
+    story, said = Story(), Said()
 
     @contextlib.contextmanager
     def places(vehicles):
@@ -192,7 +211,7 @@ def test_tellos_are_flown_by_the_mission_where_they_are_and_said_where_that_is_n
     monkeypatch.setattr(flights, "SimulatedTellos", lambda _plan, site, where: (site, where))
     monkeypatch.setattr(flights, "_fly_mission", fly)
     with pytest.raises(MachineError, match="aborted"):
-        flights.fly_tellos("site", SimpleNamespace(vehicles=("tello1",)), said.append)
+        flights.fly_tellos("site", SimpleNamespace(vehicles=("tello1",)), said)
     assert story == [("tello1",), ("site", {"tello1": "there"}), "gone"]
     assert said == ([f"Tellos: {otherwise}"] if otherwise else [])
 

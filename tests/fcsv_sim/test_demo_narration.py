@@ -7,6 +7,8 @@ import os
 import shlex
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -88,6 +90,16 @@ def test_a_quiet_program_is_waited_for_with_a_sign_of_life():
     )
     assert wait(child, Narrator(out, terminal=True), "building the world") == 3
     assert "building the world: 1 s" in out.getvalue()
+
+
+def test_long_work_shows_what_it_does_until_it_is_over():
+    out = io.StringIO()
+    with Narrator(out, terminal=True).shown("closing the bags"):
+        time.sleep(1.3)
+    assert "closing the bags: 1 s" in out.getvalue()
+    with pytest.raises(ValueError), Narrator(out, terminal=True).shown("that fails"):
+        raise ValueError
+    assert "narration" not in {t.name for t in threading.enumerate()}
 
 
 def test_while_it_starts_the_checks_are_shown_then_the_vehicles():

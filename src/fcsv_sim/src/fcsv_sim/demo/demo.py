@@ -124,20 +124,15 @@ def _run(
     begun = slow_motion.both_clocks()
     flight_s, moved_m = system.fly(plan, say)
     speed = slow_motion.share_of_real_time(begun)
-    truth = export_truth(
-        plan.sim_folder, plan.session_folder, plan.vehicles, system.stamps and system.stamps(plan)
-    )
-    if plan.movers:
-        export_movers(truth, plan.movers)
+    with say.shown("writing the truth beside the session"):
+        stamps = system.stamps and system.stamps(plan)
+        truth = export_truth(plan.sim_folder, plan.session_folder, plan.vehicles, stamps)
+        if plan.movers:
+            export_movers(truth, plan.movers)
     if system.T_world_odom is not None:
-        T_body_cam = {
-            n: v.T_body_cam for n, v in load_vehicles(vehicles_folder(), plan.vehicles).items()
-        }
-        say(
-            held_in_words(
-                held(plan.session_folder, plan.sim_folder, T_body_cam, system.T_world_odom)
-            )
-        )
+        with say.shown("comparing the flight with the truth"):
+            words = _held(system, plan)
+        say(words)
     say(f"session: {plan.session_folder}")
     if plan.monitor:
         _evaluate_monitoring(plan)
@@ -152,6 +147,16 @@ def _run(
     write_play(plan)
     look(plan)
     return status
+
+
+def _held(system: System, plan: FleetPlan) -> str:
+    """How well set-points were held, by the truth."""
+    T_body_cam = {
+        n: v.T_body_cam for n, v in load_vehicles(vehicles_folder(), plan.vehicles).items()
+    }
+    return held_in_words(
+        held(plan.session_folder, plan.sim_folder, T_body_cam, system.T_world_odom)
+    )
 
 
 def _maps(system: System, plan: FleetPlan, method: Optional[str]) -> List[MapRun]:

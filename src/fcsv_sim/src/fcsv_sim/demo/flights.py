@@ -81,7 +81,12 @@ def _fly(
             say(str(error))
         raise
     finally:
-        uninterrupted(machines.stop)
+        uninterrupted(lambda: _stop(machines, say))
+
+
+def _stop(machines: Machines, say: Narrator) -> None:
+    with say.shown("closing the bags, stopping the machines"):
+        machines.stop()
 
 
 def _follow(fleet: Machines, watch, say: Narrator) -> None:
@@ -127,4 +132,5 @@ def _land_fleet(watch, say: Narrator) -> None:
     deadline = time.monotonic() + _LAND_TIMEOUT_S
     while not watch.landed and time.monotonic() < deadline:
         time.sleep(0.2)
+        say.status(f"landing: {watch.vehicles_line()}")
     say("landed" if watch.landed else f"not landed after {_LAND_TIMEOUT_S:.0f} s")

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the demo prints: lines with the flight's time, and one line that shows what goes on now."""
 
+import contextlib
 import subprocess
 import sys
-from typing import Callable, Optional, TextIO, Tuple
+import threading
+from typing import Callable, Iterator, Optional, TextIO, Tuple
 
 from fcsv_geometry.programs.live_line import IN_PLACE_S, LiveLine
 from fcsv_sim.machines import slow_motion
@@ -38,6 +40,24 @@ class Narrator:
     def status(self, line: str) -> None:
         """Shows what goes on now, in one line; call it as often as you like."""
         self._live.status(f"{self._times()} {line}")
+
+    @contextlib.contextmanager
+    def shown(self, words: str) -> Iterator[None]:
+        """While the body runs, the status says what it does, and for how long."""
+        began_s, ended = self._clocks()[1], threading.Event()
+
+        def renew() -> None:
+            while not ended.wait(IN_PLACE_S):
+                self.status(f"{words}: {self._clocks()[1] - began_s:.0f} s")
+
+        thread = threading.Thread(target=renew, name="narration", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
+            self.clear()
 
     def clear(self) -> None:
         """Removes the status, so that another program may print."""
