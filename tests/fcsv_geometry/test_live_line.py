@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The line that shows what a long command does: in place on a terminal, now and then elsewhere."""
 
+import contextlib
 import io
+import sys
 import time
 
 import pytest
 
-from fcsv_geometry.programs.live_line import IN_PLACE_S, LOGGED_S, LiveLine, Steps
+from fcsv_geometry.programs.live_line import IN_PLACE_S, LOGGED_S, Counter, LiveLine, Steps
 
 
 class Clock:
@@ -73,3 +75,17 @@ def test_steps_are_shown_while_their_body_is_busy():
             pass
     assert "  0%| reading pictures, " in out.getvalue() and " 30%| matching, " in out.getvalue()
     assert out.getvalue().endswith("\r\x1b[K")
+
+
+def test_a_counter_goes_on_while_nothing_is_done(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    out = Terminal()
+    monkeypatch.setattr(sys, "stderr", out)
+    with contextlib.closing(Counter(3, "flight", "flights")) as counter:
+        counter.show(1)
+        before = len(out.getvalue())
+        time.sleep(1.3)
+        assert len(out.getvalue()) > before and "1/3" in out.getvalue()

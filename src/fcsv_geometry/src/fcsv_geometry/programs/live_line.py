@@ -72,24 +72,36 @@ class LiveLine:
 class Counter:
     """A bar of what is done on a terminal, a line from time to time elsewhere; to standard error.
 
-    ``unit``: of the bar; ``words`` follow the numbers of the line.
+    ``unit``: of the bar; ``words`` follow the numbers of the line. A thread renews both, so that the
+    time goes on where nothing is done for long.
     """
 
     def __init__(self, total: int, unit: str, words: str):
         self._total, self._words, self._live = total, words, LiveLine(sys.stderr)
         self._terminal = sys.stderr.isatty()
         self._bar = tqdm(total=total, unit=unit, disable=not self._terminal)
+        self._done, self._ended = 0, threading.Event()
+        self._thread = threading.Thread(target=self._renew, name="counter", daemon=True)
+        self._thread.start()
 
     def show(self, done: int) -> None:
         """So many of ``total`` are done; it may be called as often as you like."""
-        if not self._terminal:
-            self._live.status(f"{done} of {self._total} {self._words}")
-        elif done > self._bar.n:
+        self._done = done
+        if self._terminal and done > self._bar.n:
             self._bar.update(done - self._bar.n)
 
     def close(self) -> None:
         """Leaves the bar as it is."""
+        self._ended.set()
+        self._thread.join()
         self._bar.close()
+
+    def _renew(self) -> None:
+        while not self._ended.wait(IN_PLACE_S):
+            if self._terminal:
+                self._bar.refresh()
+            else:
+                self._live.status(f"{self._done} of {self._total} {self._words}")
 
 
 class Steps:

@@ -2,6 +2,7 @@
 """The command ``rosrun fcsv_stereo plan --range-m 400 --error 10% ...``."""
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import List, Optional, Sequence
@@ -59,8 +60,10 @@ def main(argv: Optional[List[str]] = None) -> int:
 def _next_commands(mission: Path, plan: Plan) -> List[str]:
     """What to do with a mission that was written, as commands to paste."""
     trim = " ".join(map_arguments(plan))
+    workspace = os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep)[0]
     return [
         f"wrote {mission}",
+        *([f"in a new terminal, first: . {workspace}/setup.sh"] if workspace else []),
         f"rehearse it:            rosrun fcsv_sim rehearse {mission}",
         f"fly it in simulation:   make demo MISSION={mission} OUT=out/{mission.stem}",
         f"fly it with vehicles:   docs/user/flying.md, with mission:={mission.resolve()}",
