@@ -79,7 +79,11 @@ class Counter:
     def __init__(self, total: int, unit: str, words: str):
         self._total, self._words, self._live = total, words, LiveLine(sys.stderr)
         self._terminal = sys.stderr.isatty()
-        self._bar = tqdm(total=total, unit=unit, disable=not self._terminal)
+        # a terminal that does not tell its size gets no bar otherwise
+        ncols, nrows = shutil.get_terminal_size()
+        self._bar = tqdm(
+            total=total, unit=unit, disable=not self._terminal, ncols=ncols, nrows=nrows
+        )
         self._done, self._ended = 0, threading.Event()
         self._thread = threading.Thread(target=self._renew, name="counter", daemon=True)
         self._thread.start()
