@@ -152,7 +152,9 @@ def watched(phase="CONFIGURATIONS"):
     seen = SimpleNamespace(pose_age_s=0.1, state_age_s=0.5)
     mission = SimpleNamespace(configurations=[None])
     machine = SimpleNamespace(phase=phase, problems=[], captures=[1], detail="", mission=mission)
-    control = SimpleNamespace(machine=machine, view=lambda *_: seen)
+    control = SimpleNamespace(
+        machine=machine, ages_s=lambda *_: (seen.pose_age_s, seen.state_age_s)
+    )
     calm = Calm(
         {"uav1": vehicle},
         control,
