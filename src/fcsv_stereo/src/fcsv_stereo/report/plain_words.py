@@ -16,6 +16,7 @@ MOST_EPIPOLAR_PX, MOST_CORRECTION_DEG, MOST_SEAM, MOST_APART_S = 1.0, 1.0, 0.05,
 WIDE_SIGMA, MOST_WIDE = 0.1, 0.25
 # against truth; 68 % and 95 % would be right
 MOST_WRONG, LEAST_WITHIN_2, MOST_WITHIN_1 = 0.1, 0.8, 0.9
+_LEAST_OFF = 0.01  # of the map's scale, that trackers are taken for
 
 
 def warnings(
@@ -145,7 +146,8 @@ def _of_truth(e: Evaluation) -> List[str]:
             "on this map."
         )
     off = e.scale - 1.0
-    if e.within_2_sigma < LEAST_WITHIN_2 <= (e.within_2_sigma_scaled or 0.0):
+    alike = abs(off) > _LEAST_OFF and (e.within_2_sigma_scaled or 0.0) >= LEAST_WITHIN_2
+    if e.within_2_sigma < LEAST_WITHIN_2 and alike:
         found.append(
             f"Against truth the whole map is {abs(off):.1%} too {'far' if off > 0 else 'near'}, more than sigma says "
             f"of the trackers' scale; but for that {e.within_2_sigma_scaled:.0%} of the errors lie within two "
