@@ -99,7 +99,7 @@ def test_long_work_shows_what_it_does_until_it_is_over():
     assert "closing the bags: 1 s" in out.getvalue()
     with pytest.raises(ValueError), Narrator(out, terminal=True).shown("that fails"):
         raise ValueError
-    assert "narration" not in {t.name for t in threading.enumerate()}
+    assert "renewed line" not in {t.name for t in threading.enumerate()}
 
 
 def test_while_it_starts_the_checks_are_shown_then_the_vehicles():

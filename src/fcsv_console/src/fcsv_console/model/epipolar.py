@@ -64,9 +64,13 @@ def measured(pair: Tuple[str, str], a: EpipolarPicture, b: EpipolarPicture) -> E
     (gray_a, a), (gray_b, b) = _read(a), _read(b)
     features = _features(gray_a), _features(gray_b)
     uv_a, uv_b = _matches(*features)
-    if len(uv_a) < _LEAST:
+
+    def too_few(agreeing: int) -> EpipolarReport:
         shown = [len(points) for points, _ in features]
-        return EpipolarReport(pair, math.nan, len(uv_a), unlike=_unlike(pair, shown, len(uv_a)))
+        return EpipolarReport(pair, math.nan, agreeing, unlike=_unlike(pair, shown, agreeing))
+
+    if len(uv_a) < _LEAST:
+        return too_few(len(uv_a))
     rays_a, rays_b = (
         np.column_stack([s.camera.normalize(uv), np.ones(len(uv))])
         for s, uv in ((a, uv_a), (b, uv_b))
@@ -82,9 +86,7 @@ def measured(pair: Tuple[str, str], a: EpipolarPicture, b: EpipolarPicture) -> E
     )
     kept = np.zeros(len(rays_a), bool) if kept is None else kept.ravel().astype(bool)
     if kept.sum() < max(_LEAST, _SHARE * len(kept)):
-        agreeing = int(kept.sum())
-        shown = [len(points) for points, _ in features]
-        return EpipolarReport(pair, math.nan, agreeing, unlike=_unlike(pair, shown, agreeing))
+        return too_few(int(kept.sum()))
     T_a_b = transforms.invert(a.T_home_cam) @ b.T_home_cam
     error, _ = epipolar_error(T_a_b, rays_a[kept], rays_b[kept])
     error_px, fitted = (

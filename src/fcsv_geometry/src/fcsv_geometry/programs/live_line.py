@@ -69,6 +69,24 @@ class LiveLine:
         self._written_s = self._clock()
 
 
+@contextlib.contextmanager
+def renewed(show: Callable[[], None]) -> Iterator[None]:
+    """While the body runs, a thread shows anew every half a second, however busy the body is."""
+    ended = threading.Event()
+
+    def renew() -> None:
+        while not ended.wait(IN_PLACE_S):
+            show()
+
+    thread = threading.Thread(target=renew, name="renewed line", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
 class Counter:
     """A bar of what is done on a terminal, a line from time to time elsewhere; to standard error.
 
@@ -84,9 +102,8 @@ class Counter:
         self._bar = tqdm(
             total=total, unit=unit, disable=not self._terminal, ncols=ncols, nrows=nrows
         )
-        self._done, self._ended = 0, threading.Event()
-        self._thread = threading.Thread(target=self._renew, name="counter", daemon=True)
-        self._thread.start()
+        self._done, self._renewed = 0, contextlib.ExitStack()
+        self._renewed.enter_context(renewed(self._renew))
 
     def show(self, done: int) -> None:
         """So many of ``total`` are done; it may be called as often as you like."""
@@ -96,16 +113,14 @@ class Counter:
 
     def close(self) -> None:
         """Leaves the bar as it is."""
-        self._ended.set()
-        self._thread.join()
+        self._renewed.close()
         self._bar.close()
 
     def _renew(self) -> None:
-        while not self._ended.wait(IN_PLACE_S):
-            if self._terminal:
-                self._bar.refresh()
-            else:
-                self._live.status(f"{self._done} of {self._total} {self._words}")
+        if self._terminal:
+            self._bar.refresh()
+        else:
+            self._live.status(f"{self._done} of {self._total} {self._words}")
 
 
 class Steps:
@@ -114,7 +129,7 @@ class Steps:
 
     def __init__(self, live: LiveLine, first: str, clock: Callable[[], float] = time.monotonic):
         self._live, self._clock, self._began_s = live, clock, clock()
-        self._step, self._ended = (first, 0.0), threading.Event()
+        self._step = first, 0.0
 
     def begin(self, step: str, share: float) -> None:
         """Another step begins; ``share`` of the work, 0 to 1, is behind it."""
@@ -127,17 +142,9 @@ class Steps:
 
     @contextlib.contextmanager
     def shown(self) -> Iterator["Steps"]:
-        """While the body runs, a thread renews the line, however busy the body is."""
-
-        def renew() -> None:
-            while not self._ended.wait(IN_PLACE_S):
-                self.show()
-
-        thread = threading.Thread(target=renew, name="steps", daemon=True)
-        thread.start()
+        """While the body runs, the line is renewed."""
         try:
-            yield self
+            with renewed(self.show):
+                yield self
         finally:
-            self._ended.set()
-            thread.join()
             self._live.clear()

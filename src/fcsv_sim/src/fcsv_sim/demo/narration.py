@@ -4,10 +4,9 @@
 import contextlib
 import subprocess
 import sys
-import threading
 from typing import Callable, Iterator, Optional, TextIO, Tuple
 
-from fcsv_geometry.programs.live_line import IN_PLACE_S, LiveLine
+from fcsv_geometry.programs.live_line import LiveLine, renewed
 from fcsv_sim.machines import slow_motion
 
 _CLOCKS_APART_S = 1.0
@@ -44,19 +43,11 @@ class Narrator:
     @contextlib.contextmanager
     def shown(self, words: str) -> Iterator[None]:
         """While the body runs, the status says what it does, and for how long."""
-        began_s, ended = self._clocks()[1], threading.Event()
-
-        def renew() -> None:
-            while not ended.wait(IN_PLACE_S):
-                self.status(f"{words}: {self._clocks()[1] - began_s:.0f} s")
-
-        thread = threading.Thread(target=renew, name="narration", daemon=True)
-        thread.start()
+        began_s = self._clocks()[1]
         try:
-            yield
+            with renewed(lambda: self.status(f"{words}: {self._clocks()[1] - began_s:.0f} s")):
+                yield
         finally:
-            ended.set()
-            thread.join()
             self.clear()
 
     def clear(self) -> None:
@@ -72,12 +63,8 @@ class Narrator:
 
 def wait(child: subprocess.Popen, narrator: Narrator, words: str) -> int:
     """Waits for a quiet program and shows how long it has taken; returns its exit status."""
-    began_s = slow_motion.both_clocks()[1]
-    while True:
-        try:
-            return child.wait(timeout=IN_PLACE_S)
-        except subprocess.TimeoutExpired:
-            narrator.status(f"{words}: {slow_motion.both_clocks()[1] - began_s:.0f} s")
+    with narrator.shown(words):
+        return child.wait()
 
 
 def in_minutes(seconds: float) -> str:

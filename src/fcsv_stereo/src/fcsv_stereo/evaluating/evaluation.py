@@ -104,9 +104,9 @@ def evaluate(
     bands = [band(result.depth, true_depth, r) for r in BANDS_M if r[0] < most_m]
     judged = np.isfinite(result.depth) & (true_depth <= most_m)
     sigma = np.maximum(result.sigma, 1e-6)
-    error = np.abs(result.depth[judged] - true_depth[judged]) / sigma[judged]
-    shares = [float((error <= k).mean()) if error.size else 0.0 for k in (1.0, 2.0)]
     answered, true, spread = result.depth[judged], true_depth[judged], sigma[judged]
+    error = np.abs(answered - true) / spread
+    shares = [float((error <= k).mean()) if error.size else 0.0 for k in (1.0, 2.0)]
     scale = float(np.median(answered / true)) if answered.size else 1.0
     scaled = (
         float((np.abs(answered / scale - true) <= 2.0 * spread).mean()) if answered.size else None

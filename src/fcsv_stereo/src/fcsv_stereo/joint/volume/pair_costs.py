@@ -22,6 +22,8 @@ _MOST_DRIFT = np.float32(2.0 * VOLUME.most_drift_px)  # from one end of a block 
 def must_compile() -> bool:
     """Whether this machine has not compiled the kernels since they changed: the next map waits for
     that."""
+    if rank.signatures:
+        return False  # this process has them: maps in flight follow one another
     kept = Path(rank.stats.cache_path).glob("pair_costs.rank-*.nbi")
     written = Path(__file__).stat().st_mtime
     return not any(index.stat().st_mtime > written for index in kept)
