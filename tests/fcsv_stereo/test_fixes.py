@@ -16,7 +16,8 @@ from fcsv_geometry.ros import conversions
 from fcsv_stereo import pipeline
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.sessions.fixes import FIXES, Fix, fix_of, session_gps
+from fcsv_stereo.photos.gps import Gps
+from fcsv_stereo.sessions.fixes import FIXES, fix_of, session_gps
 from fcsv_stereo.sessions.read import read_session
 from fcsv_stereo.survey.station import Prior
 from fcsv_stereo.survey.views import read_view
@@ -61,7 +62,7 @@ def joined(told, tracks=None):
 
 def told(count=5, sigma_m=2.0, step_deg=0.0, start_s=0.0):
     return [
-        (start_s + i, Fix(48.1 + i * step_deg, 11.6, 560.0, sigma_m, 4.0)) for i in range(count)
+        (start_s + i, Gps(48.1 + i * step_deg, 11.6, 560.0, sigma_m, 4.0)) for i in range(count)
     ]
 
 
@@ -72,7 +73,7 @@ def test_fixes_of_one_flight_err_alike_so_that_their_middle_is_no_surer_than_one
 
 
 def test_a_fix_that_jumps_away_and_those_before_or_after_the_poses_do_not_count():
-    jumped = (2.5, Fix(48.1 + 0.01, 11.6, 560.0, 2.0, 4.0))  # by a kilometre
+    jumped = (2.5, Gps(48.1 + 0.01, 11.6, 560.0, 2.0, 4.0))  # by a kilometre
     found = joined([*told(), jumped, *told(start_s=200.0)])
     assert found.fixes == {"uav1": 5} and found.fix.latitude_deg == pytest.approx(48.1, abs=1e-9)
     assert joined(told(start_s=200.0)) is None and joined([]) is None
@@ -82,11 +83,11 @@ def test_a_fix_that_jumps_away_and_those_before_or_after_the_poses_do_not_count(
 @pytest.mark.parametrize(
     "message, expected",
     [
-        (fix(), Fix(*PLACE, 2.0, 4.0)),
+        (fix(), Gps(*PLACE, 2.0, 4.0)),
         (fix(status=-1), None),
-        (fix(known=0), Fix(*PLACE, 2.0, 4.0)),
-        (fix(sigma_m=float("nan")), Fix(*PLACE, 2.0, 4.0)),
-        (fix(sigma_m=0.02, status=2), Fix(*PLACE, 0.02, 4.0)),
+        (fix(known=0), Gps(*PLACE, 2.0, 4.0)),
+        (fix(sigma_m=float("nan")), Gps(*PLACE, 2.0, 4.0)),
+        (fix(sigma_m=0.02, status=2), Gps(*PLACE, 0.02, 4.0)),
     ],
 )
 def test_what_a_message_says(message, expected):

@@ -2,7 +2,7 @@
 """Where on the earth a session was flown, by the GPS fixes of its vehicles."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Dict, List, Mapping, Optional
 
 import numpy as np
@@ -10,32 +10,25 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError, PoseUnavailable
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_stereo.photos.gps import GPS_HEIGHT_SIGMA_M, GPS_SIGMA_M
+from fcsv_stereo.photos.earth import east_north_up_m
+from fcsv_stereo.photos.gps import Gps
 
 FIXES = "mavros/global_position/raw/fix"
-_M_PER_DEGREE = 111_320.0
 _FAR_SIGMAS = 6.0  # a fix that is further from the others than this, and than the vehicle flew
 
 
-@dataclass(frozen=True)
-class Fix:
-    """WGS 84: degrees, m above the ellipsoid (NaN: not told), standard deviations per axis (m)."""
-
-    latitude_deg: float
-    longitude_deg: float
-    height_m: float
-    sigma_m: float
-    height_sigma_m: float
+_NUMBERS = ("latitude_deg", "longitude_deg", "height_m", "sigma_m", "height_sigma_m")
 
 
 @dataclass(frozen=True)
 class SessionGps:
-    """The middle of a session's fixes, and of where the vehicles were then: ``place_home_m`` (3,).
+    """The middle of a session's fixes (heights above the ellipsoid, NaN: not told), and of where the
+    vehicles were then: ``place_home_m`` (3,).
 
     Fixes of one flight err alike, by orbits, clocks and air: their mean is no surer than one.
     """
 
-    fix: Fix
+    fix: Gps
     place_home_m: np.ndarray
     fixes: Mapping[str, int]  # how many, by vehicle
 
@@ -43,13 +36,13 @@ class SessionGps:
         """Is for report.json; a height that is not known is null."""
         known = math.isfinite(self.fix.height_m)
         return {
-            **{k: v if known or "height" not in k else None for k, v in vars(self.fix).items()},
+            **{n: getattr(self.fix, n) if known or "height" not in n else None for n in _NUMBERS},
             "place_home_m": self.place_home_m.tolist(),
             "fixes": dict(self.fixes),
         }
 
 
-def fix_of(message) -> Optional[Fix]:
+def fix_of(message) -> Optional[Gps]:
     """Reads sensor_msgs/NavSatFix; None where the receiver has no fix. Raises GeometryError where
     it is none of a place."""
     if message.status.status < 0:
@@ -57,19 +50,19 @@ def fix_of(message) -> Optional[Fix]:
     latitude_deg, longitude_deg = message.latitude, message.longitude
     if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
         raise GeometryError(f"GPS fix at {latitude_deg}, {longitude_deg} is no place on the earth")
-    sigma_m, height_sigma_m = GPS_SIGMA_M, GPS_HEIGHT_SIGMA_M
+    fix = Gps(latitude_deg, longitude_deg, message.altitude)
     if message.position_covariance_type > 0:
         east, _, _, _, north, *_, up = (float(v) for v in message.position_covariance)
         across, height = math.sqrt(max(east, north, 0.0)), math.sqrt(max(up, 0.0))
-        sigma_m = across if 0.0 < across < math.inf else sigma_m
-        height_sigma_m = height if 0.0 < height < math.inf else height_sigma_m
-    return Fix(latitude_deg, longitude_deg, message.altitude, sigma_m, height_sigma_m)
+        fix = replace(fix, sigma_m=across) if 0.0 < across < math.inf else fix
+        fix = replace(fix, height_sigma_m=height) if 0.0 < height < math.inf else fix
+    return fix
 
 
 def session_gps(
     fixes: Mapping[str, List], tracks: Mapping[str, Trajectory], T_home_odom: Mapping
 ) -> Optional[SessionGps]:
-    """Joins the fixes (by vehicle, [(stamp_s, Fix)]) whose vehicle's place in home is known; None
+    """Joins the fixes (by vehicle, [(stamp_s, Gps)]) whose vehicle's place in home is known; None
     where there are none."""
     of: Dict[str, np.ndarray] = {}
     for vehicle, told in sorted(fixes.items()):
@@ -81,7 +74,7 @@ def session_gps(
                 T_home_body = T_home_odom[vehicle] @ tracks[vehicle].at(stamp_s)
             except PoseUnavailable:
                 continue
-            rows.append((*vars(fix).values(), *T_home_body[:3, 3]))
+            rows.append((*(getattr(fix, n) for n in _NUMBERS), *T_home_body[:3, 3]))
         rows = _without_far(np.array(rows)) if rows else rows
         if len(rows):
             of[vehicle] = rows
@@ -89,15 +82,16 @@ def session_gps(
         return None
     means = np.array([rows.mean(axis=0) for rows in of.values()])
     latitude, longitude, height, sigma, height_sigma, *place = means.mean(axis=0)
-    fix = Fix(latitude, longitude, height, sigma, height_sigma)
+    fix = Gps(latitude, longitude, height, sigma, height_sigma)
     return SessionGps(fix, np.array(place), {v: len(rows) for v, rows in of.items()})
 
 
 def _without_far(rows: np.ndarray) -> np.ndarray:
     """Rows (N,8) of fix and place (m) without fixes that jumped away."""
-    east = _M_PER_DEGREE * math.cos(math.radians(float(np.median(rows[:, 0]))))
-    from_middle = rows[:, :2] - np.median(rows[:, :2], axis=0)
-    off_m = np.hypot(from_middle[:, 0] * _M_PER_DEGREE, from_middle[:, 1] * east)
+    middle = Gps(*np.median(rows[:, :2], axis=0), 0.0)
+    off_m = np.linalg.norm(
+        east_north_up_m([Gps(*place, 0.0) for place in rows[:, :2]], middle)[:, :2], axis=1
+    )
     flown_m = float(np.linalg.norm(np.ptp(rows[:, 5:7], axis=0)))
     return rows[off_m <= _FAR_SIGMAS * np.median(rows[:, 3]) + flown_m]
 

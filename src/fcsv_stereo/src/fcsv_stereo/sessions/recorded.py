@@ -16,11 +16,12 @@ from fcsv_geometry.errors import BagError, GeometryError
 from fcsv_geometry.messages import camera_from_info, pose_to_transform, seconds, transform_from_msg
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.photos.gps import Gps
 from fcsv_stereo.pose_covariance import KnownCovariances, turned
 from fcsv_stereo.sessions.broadcasts import TYPES, BroadcastRecords
 from fcsv_stereo.sessions.cameras import CameraTimeline, timeline
 from fcsv_stereo.sessions.depth import DEPTH_INFO
-from fcsv_stereo.sessions.fixes import FIXES, Fix, fix_of
+from fcsv_stereo.sessions.fixes import FIXES, fix_of
 from fcsv_stereo.sessions.left_out import LeftOut
 from fcsv_stereo.sessions.messages import camera_covariance
 from fcsv_stereo.sessions.stamped import Stamped
@@ -55,7 +56,7 @@ class Recorded:
     covariances: Dict[str, KnownCovariances] = field(
         default_factory=lambda: defaultdict(KnownCovariances)
     )
-    fixes: Dict[str, List[Tuple[float, Fix]]] = field(default_factory=dict)
+    fixes: Dict[str, List[Tuple[float, Gps]]] = field(default_factory=dict)
     topics: Set[str] = field(default_factory=set)
     left_out: LeftOut = field(default_factory=LeftOut)
 
