@@ -10,6 +10,7 @@ from fcsv_control.agent.messages import Pictures
 from fcsv_control.disk import DiskWatch
 from fcsv_control.recording import RecorderParameters
 from fcsv_control.session import Session, with_part
+from fcsv_geometry.streams.dispatch import by_type
 from fcsv_geometry.streams.silence import Silence, in_steps
 from fcsv_geometry.vehicles.telemetry import Diagnosis
 
@@ -103,10 +104,7 @@ class RecorderPort:
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        take = self._take.get(type(message))
-        if take is None:
-            raise TypeError(f"a recorder takes no {type(message).__name__}")
-        take(now_s, message)
+        by_type(self._take, message, "a recorder takes no")(now_s, message)
 
     def step(self, _now_s: float) -> Sequence[object]:
         """What is to be done now."""

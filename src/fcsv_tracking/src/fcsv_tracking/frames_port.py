@@ -10,6 +10,7 @@ import numpy as np
 
 from fcsv_geometry import frames
 from fcsv_geometry.home import HomeFrames, Place, camera_in_home
+from fcsv_geometry.streams.dispatch import by_type
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.tracker import TrackerProfile
@@ -88,10 +89,7 @@ class FramesPort:
 
     def receive(self, _now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        take = self._take.get(type(message))
-        if take is None:
-            raise TypeError(f"the frames take no {type(message).__name__}")
-        take(message)
+        by_type(self._take, message, "the frames take no")(message)
 
     def step(self, now_s: float) -> Sequence[object]:
         """What is to be told now."""

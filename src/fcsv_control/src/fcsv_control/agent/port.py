@@ -19,6 +19,7 @@ from fcsv_control.flight.messages import (
     TextHeard,
 )
 from fcsv_control.guardian.messages import GuardianVerdict
+from fcsv_geometry.streams.dispatch import by_type
 from fcsv_geometry.vehicles import telemetry as tm
 
 _ALIVE_S = 0.2
@@ -56,10 +57,7 @@ class AgentPort:
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        take = self._take.get(type(message))
-        if take is None:
-            raise TypeError(f"an agent takes no {type(message).__name__}")
-        take(now_s, message)
+        by_type(self._take, message, "an agent takes no")(now_s, message)
 
     def step(self, now_s: float) -> Sequence[object]:
         """What is due, in its order, and a sign of life at 5 Hz."""

@@ -49,6 +49,7 @@ from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import Profile
 from fcsv_control.flight.take_off import TakeOff
 from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.streams.dispatch import by_type
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.modes import Mode
@@ -111,10 +112,7 @@ class FlightLinkPort:
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        take = self._take.get(type(message))
-        if take is None:
-            raise TypeError(f"a flight link takes no {type(message).__name__}")
-        take(now_s, message)
+        by_type(self._take, message, "a flight link takes no")(now_s, message)
 
     def step(self, now_s: float) -> Sequence[object]:
         """Time passes: what goes to the autopilot, what it said, what became of requests, and of

@@ -24,6 +24,7 @@ from fcsv_control.flight_check.messages import (
 from fcsv_control.flight_check.vehicle import Disk
 from fcsv_control.recorder_port import RecorderReport
 from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.streams.dispatch import by_type
 from fcsv_geometry.vehicles import telemetry as tm
 
 _log = logging.getLogger(__name__)
@@ -74,10 +75,7 @@ class FleetCheckPort:
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        take = self._take.get(type(message))
-        if take is None:
-            raise TypeError(f"the fleet's check takes no {type(message).__name__}")
-        take(now_s, message)
+        by_type(self._take, message, "the fleet's check takes no")(now_s, message)
 
     def _reported(self, now_s: float, m: VehicleReported) -> None:
         if m.named != m.vehicle:

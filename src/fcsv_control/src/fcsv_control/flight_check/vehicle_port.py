@@ -26,6 +26,7 @@ from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import Disk, VehicleFacts
 from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_control.recorder_port import RecorderReport
+from fcsv_geometry.streams.dispatch import by_type
 from fcsv_geometry.vehicles import telemetry as tm
 
 _log = logging.getLogger(__name__)
@@ -76,10 +77,7 @@ class VehicleCheckPort:
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        take = self._take.get(type(message))
-        if take is None:
-            raise TypeError(f"a vehicle's check takes no {type(message).__name__}")
-        take(now_s, message)
+        by_type(self._take, message, "a vehicle's check takes no")(now_s, message)
 
     def step(self, now_s: float) -> Sequence[object]:
         """What is to be told now."""

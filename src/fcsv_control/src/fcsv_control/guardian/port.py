@@ -27,6 +27,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.home import HomeFrames, Place
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.streams.arrivals import Arrivals
+from fcsv_geometry.streams.dispatch import by_type
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.thresholds import TRANSMITTER_AGE_S
@@ -110,10 +111,7 @@ class GuardianPort:
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        take = self._take.get(type(message))
-        if take is None:
-            raise TypeError(f"a guardian takes no {type(message).__name__}")
-        take(now_s, message)
+        by_type(self._take, message, "a guardian takes no")(now_s, message)
 
     def step(self, now_s: float) -> Sequence[object]:
         """Look at everything; what is to be done, and the verdict where it is another one or 0.2 s

@@ -26,6 +26,7 @@ from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.phases import BY_HOME
 from fcsv_geometry.streams.arrivals import Arrivals
+from fcsv_geometry.streams.dispatch import by_type
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
@@ -126,10 +127,7 @@ class MissionPort:
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known here."""
-        take = self._take.get(type(message))
-        if take is None:
-            raise TypeError(f"the mission does not hear {type(message).__name__}")
-        take(now_s, message)
+        by_type(self._take, message, "the mission does not hear")(now_s, message)
 
     def _of(self, message) -> VehicleHeard:
         self._arrivals.came(f"/{message.vehicle}/{message.topic}", message.publisher)

@@ -8,6 +8,7 @@ from typing import Any, Callable, Dict, List, Sequence
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames
+from fcsv_geometry.streams.dispatch import by_type
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_stereo.in_flight.pair_check import PairLook, PairsToLookAt
 from fcsv_stereo.model import LivePicture, Picture
@@ -62,10 +63,7 @@ class PairCheckPort:
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        take = self._take.get(type(message))
-        if take is None:
-            raise TypeError(f"a pair check takes no {type(message).__name__}")
-        take(now_s, message)
+        by_type(self._take, message, "a pair check takes no")(now_s, message)
 
     def _seen(self, now_s: float, m: PairSeen) -> None:
         self._looks = False

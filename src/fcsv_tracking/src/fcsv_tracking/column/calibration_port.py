@@ -10,6 +10,7 @@ import numpy as np
 from fcsv_geometry.errors import FcsvError, PoseUnavailable
 from fcsv_geometry.home import home_of
 from fcsv_geometry.missions.phases import BY_HOME
+from fcsv_geometry.streams.dispatch import by_type
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
@@ -74,10 +75,7 @@ class CalibrationPort:
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known here."""
-        take = self._take.get(type(message))
-        if take is None:
-            raise TypeError(f"the calibration does not hear {type(message).__name__}")
-        take(now_s, message)
+        by_type(self._take, message, "the calibration does not hear")(now_s, message)
 
     def _odometry(self, now_s: float, m: tm.VehicleOdometry) -> None:
         if self._track(m.vehicle, m.stamp_s).add(m.stamp_s, m.T_odom_body):
