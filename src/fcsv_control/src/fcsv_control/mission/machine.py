@@ -107,7 +107,7 @@ class MissionMachine:
 
     @property
     def viewpoint(self) -> Viewpoint:
-        """From where the running configuration is flown."""
+        """Viewpoint of the running configuration."""
         return self.mission.viewpoint(self.configuration)
 
     @property

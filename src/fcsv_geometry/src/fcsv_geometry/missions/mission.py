@@ -194,7 +194,7 @@ class Mission:
         return tuple(found)
 
     def viewpoint(self, index: int) -> Viewpoint:
-        """From where configuration ``index`` is flown."""
+        """Viewpoint from which configuration ``index`` is flown."""
         return self.viewpoints[self.configurations[index].view]
 
     def title(self, index: int) -> str:

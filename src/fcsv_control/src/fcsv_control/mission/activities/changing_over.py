@@ -55,7 +55,7 @@ class ChangeOver(Activity):
         self._ordered_s = float("-inf")
 
     def step(self, snapshot: Snapshot, guided: Sequence[str]) -> Progress:
-        """Into the figure where the leader is, then along the legs. Raises MissionError where a
+        """Takes the figure where the leader is, then flies the legs. Raises MissionError where a
         vehicle does not follow."""
         if not self._targets:
             self._begin(snapshot)

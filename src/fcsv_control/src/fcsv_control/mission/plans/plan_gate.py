@@ -52,7 +52,7 @@ class PlanGate:
         return [i for view in reached for i in view.configurations], words
 
     def _here(self, snapshot: Snapshot) -> Optional[plan_check.Situation]:
-        """From where the vehicles hang now; None where a place is not known."""
+        """Situation as the vehicles hang now; None where a place is not known."""
         views = snapshot.vehicles
         if any(v.T_home_cam is None for v in views.values()):
             return None

@@ -59,7 +59,7 @@ def frame_of(T_home_cam: np.ndarray, T_view_cam: np.ndarray) -> np.ndarray:
 def formation_legs(
     T_from: np.ndarray, T_to: np.ndarray, figure: Figure, flight: FlightBounds
 ) -> List[FormationLeg]:
-    """From one frame (T_home_view, level) to another; none where they are the same."""
+    """Legs from one frame (T_home_view, level) to another; none where they are the same."""
     legs = []
     shift_m = T_to[:3, 3] - T_from[:3, 3]
     length_m = float(np.linalg.norm(shift_m))
