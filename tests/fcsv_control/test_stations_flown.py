@@ -11,7 +11,7 @@ import pytest
 
 from fcsv_control.mission import memory as memories
 from fcsv_control.mission.machine import MissionMachine
-from fcsv_control.mission.plans import plan_check
+from fcsv_control.mission.plans import plan_check, plan_words
 from fcsv_control.mission.plans.task_list import TaskList, tasks
 from fcsv_control.mission.ways import formation, gliding
 from fcsv_control.mission.ways.formation import formation_legs
@@ -205,6 +205,19 @@ def test_batteries_say_after_which_station_to_come_back():
     assert "the flight needs" in plan_check.check_plan(m, on_the_ground(m, 0.4))[0]
 
 
+def test_check_says_when_each_station_is_flown():
+    assert (
+        plan_words.stations_in_words(Mission("a", [StereoConfiguration("vertical", 5.0)]), PAIR)
+        == ""
+    )
+    words = plan_words.stations_in_words(mission(), PAIR)
+    assert (
+        words.startswith("east at 0 deg 0:10 to 0:22, east at 90 deg 0:33") and "home 1:26" in words
+    )
+    short = mission(flight=FlightBounds(endurance_s=400.0))
+    assert "full batteries reach to east at 90 deg" in plan_words.stations_in_words(short, PAIR)
+
+
 def test_a_flight_that_batteries_cut_short_says_so(flight):
     f = flight(mission(flight=FlightBounds(endurance_s=400.0)))
     f.up_to_home()
@@ -261,6 +274,6 @@ def test_the_figure_stays_rigid_and_turns_the_short_way():
     )
 
 
-@pytest.mark.parametrize("module", [formation, gliding])
+@pytest.mark.parametrize("module", [formation, gliding, plan_words])
 def test_examples(module):
     assert doctest.testmod(module).failed == 0

@@ -7,6 +7,7 @@ from typing import Any, Callable, Iterator, List, Sequence
 
 from fcsv_control.file_check.kinds import KINDS, MISSION, PARAMETER_SUFFIXES, FileKind, recognised
 from fcsv_control.mission.plans.plan_check import require_flyable
+from fcsv_control.mission.plans.plan_words import stations_in_words
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError, FcsvError
 from fcsv_geometry.missions.mission import Mission
@@ -19,7 +20,7 @@ _VEHICLES = "vehicles"
 @dataclass(frozen=True)
 class Finding:
     """``kind``: "" where it was not recognised; ``problem``: "" where the file is good; ``line``: 0
-    where no line is known; ``note``: what was not checked."""
+    where no line is known; ``note``: what was not checked, or when stations are flown."""
 
     path: Path
     kind: str = ""
@@ -63,7 +64,7 @@ def check(
     ``vehicles_dir``, by default the folder vehicles/ beside the mission's own, else the
     workspace's.
     """
-    name, problem = kind, None
+    name, problem, times = kind, None, ""
     try:
         found = KINDS[kind] if kind else recognised(path)
         name = found.name
@@ -71,10 +72,11 @@ def check(
         if name == MISSION and vehicles:
             folder = Path(vehicles_dir) if vehicles_dir else _vehicles_folder(path)
             _require_fleet(read, vehicles, folder)
+            times = stations_in_words(read, vehicles)
     except FcsvError as error:
         problem = error
     if problem is None:
-        return Finding(path, name, note=_not_checked(found))
+        return Finding(path, name, note=times or _not_checked(found))
     return Finding(path, name, _without(path, str(problem)), _line(path, problem))
 
 

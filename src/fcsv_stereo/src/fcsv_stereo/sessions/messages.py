@@ -42,7 +42,7 @@ def window_of(capture) -> RecordingWindow:
 
 
 def view_of(capture) -> str:
-    """From which station and heading a recording is, in words; empty: from home, or of a bag that
+    """Station and heading of a recording, in words; empty: it is from home, or of a bag that
     knows no stations."""
     station = getattr(capture, "station", "")
     return f"{station} at {math.degrees(capture.heading_rad):.6g} deg" if station else ""

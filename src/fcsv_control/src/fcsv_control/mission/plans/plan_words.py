@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A plan in words: when each station is flown, and how far the batteries reach."""
+
+from typing import Sequence
+
+from fcsv_control.mission.plans.plan_check import fly_on_paper, on_the_ground, reached
+from fcsv_geometry.missions.mission import Mission
+
+
+def stations_in_words(mission: Mission, vehicles: Sequence[str]) -> str:
+    """When, from the beginning of the list, each station is flown with full batteries, and after
+    which to come back; "" for a mission without stations."""
+    if not mission.stations:
+        return ""
+    situation = on_the_ground(mission, vehicles, {})
+    flight = fly_on_paper(mission, situation)
+    words = [
+        f"{mission.viewpoints[v.view].title} {_clock(v.begins_s)} to {_clock(v.ends_s)}"
+        for v in flight.views
+    ]
+    words.append(f"home {_clock(flight.flight_s)}")
+    within = reached(mission, situation, flight)
+    if 0 < len(within) < len(flight.views):
+        last = mission.viewpoints[within[-1].view].title
+        words.append(f"full batteries reach to {last}: the rest is another flight's")
+    return ", ".join(words)
+
+
+def _clock(seconds_s: float) -> str:
+    """
+    >>> _clock(125.4)
+    '2:05'
+    """
+    return f"{int(seconds_s) // 60}:{int(seconds_s) % 60:02d}"
