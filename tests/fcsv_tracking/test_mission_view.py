@@ -139,3 +139,10 @@ def test_what_both_see_is_drawn_while_both_poses_are_of_one_moment(root):
     lost = camera(camera_place(mission.configurations[0]), 11.5)
     for cameras in ({"uav1": own, "uav2": lost}, {"uav2": other}, {"uav1": own}):
         assert not [m for m in markers_of(mission, None, cameras) if m.ns == "overlap"]
+
+
+def test_places_of_stations_are_in_home():
+    text = "name: a\nconfigurations: [{axis: horizontal, baseline_m: 4.0}]\n"
+    text += "stations: [{place_m: [10.0, 0.0], headings_deg: [90.0]}]\n"
+    (planned,) = mission_view.planned_places(mission_view.read_mission(text))
+    assert np.allclose(planned.T_home_cam[:3, 3], [14.0, 0.0, 0.0])

@@ -9,7 +9,7 @@ import yaml
 
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError
-from fcsv_geometry.missions.camera_places import camera_place, last_place
+from fcsv_geometry.missions.camera_places import mover_end, mover_place
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.missions.mission import Mission
 
@@ -76,6 +76,8 @@ def planned_places(mission: Mission) -> List[PlannedPlace]:
     [(0, [0.0, -4.0, 0.0])]
     """
     return [
-        PlannedPlace(i, camera_place(c), None if c.sweep is None else last_place(c)[:3, 3])
+        PlannedPlace(
+            i, mover_place(mission, i), None if c.sweep is None else mover_end(mission, i)[:3, 3]
+        )
         for i, c in enumerate(mission.configurations)
     ]

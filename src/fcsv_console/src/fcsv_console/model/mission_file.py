@@ -14,7 +14,7 @@ from fcsv_control.mission.activities.looking_round import turns_s
 from fcsv_control.mission.ways.places import heading_rad
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError
-from fcsv_geometry.missions.camera_places import camera_place
+from fcsv_geometry.missions.camera_places import mover_end, mover_place
 from fcsv_geometry.missions.mission import Mission
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
 from fcsv_stereo.planning.overlap import non_overlap, overlap_starts_m
@@ -158,15 +158,15 @@ def _row(i: int, mission: Mission, optics: Optics) -> ConfigurationRow:
     error_m = float(
         depth_error(far_m, c.baseline_m, optics.focal_along(c.axis), optics.disparity_error_px)
     )
-    T_home_cam = camera_place(c)
+    T_home_cam = mover_place(mission, i)
     x, y, z = (float(v) for v in T_home_cam[:3, 3])
     settle_s, record_s, way_m = mission.settle.time_s, c.record_s, None
     if c.sweep is not None:
         settle_s, record_s = 0.0, round(c.sweep.takes_s(mission.flight), 1)
-        way_m = ((x, y, z), tuple(c.sweep.place_m(1.0).tolist()))
+        way_m = ((x, y, z), tuple(mover_end(mission, i)[:3, 3].tolist()))
     return ConfigurationRow(
         i,
-        c.title,
+        mission.title(i),
         c.axis,
         c.baseline_m,
         c.tilt_deg,
@@ -247,6 +247,8 @@ def changed(
     why: it could not be flown."""
     if file.mission is None or not 0 <= index < len(file.rows):
         return file, "there is no such configuration"
+    if file.mission.stations:
+        return file, "its list is flown at several stations: change it in the file"
     found = parse(with_value(file.text, index, field, value), file.source, optics)
     return (file, found.error.text) if found.error else (found, "")
 
