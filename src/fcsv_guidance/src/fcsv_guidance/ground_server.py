@@ -164,6 +164,11 @@ class GroundServer:
         else:
             raise TypeError(f"a ground server does not know {type(message).__name__}")
 
+    def pending(self) -> Sequence[Said]:
+        """What is to be published before a route is planned: the robot stops by it."""
+        out, self._out = self._out, []
+        return out
+
     def step(self, now_s: float) -> Sequence[Said]:
         """What is to be published now."""
         if self._goal is not None and self._wants_plan(now_s):
@@ -173,8 +178,7 @@ class GroundServer:
                 self._out.append(said)
             self._none_said = said.reason if isinstance(said, NoRouteSaid) else ""
         self._hold(now_s)
-        out, self._out = self._out, []
-        return out
+        return self.pending()
 
     def plan(self, start_m, goal_m, tolerance_m: float = 0.0) -> Union[Route, NoRoute]:
         """A route between two places of home, or why there is none; the goal may move by
@@ -298,7 +302,9 @@ class GroundServer:
             return False
         place = self._place
         if self._route is None:
-            changed = version != self._known.version or (place is not None and self._waits_for_place)
+            changed = version != self._known.version or (
+                place is not None and self._waits_for_place
+            )
             return (
                 changed or now_s - planned_s > self._rules.retry_s
             )  # its place may be known better

@@ -112,11 +112,7 @@ class KnownGround:
         return ClearanceMap(stamp_s, self.grid, self.clear_m)
 
     def moving(
-        self,
-        now_s: float,
-        place: RobotPlace,
-        nearer_m: float = MOVING_M,
-        still_s: float = STILL_S,
+        self, now_s: float, place: RobotPlace, nearer_m: float = MOVING_M, still_s: float = STILL_S
     ) -> str:
         """What has just come nearer to the robot than that; empty where nothing has."""
         if now_s - self.came_s >= still_s:

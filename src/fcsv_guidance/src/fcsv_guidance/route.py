@@ -71,9 +71,11 @@ def route_over(
     goal_m,
     through_unknown: Optional[float] = None,
     dearer: Optional[np.ndarray] = None,
+    explains: bool = True,
 ):
     """The same over probabilities ``p`` (rows, columns) that are known already; ``dearer`` (rows,
-    columns), 1 and more, multiplies the cost of a metre."""
+    columns), 1 and more, multiplies the cost of a metre. ``explains``: a NoRoute names the cells,
+    which takes as long again."""
     ends = [
         _end(grid, p, xy, name, through_unknown)
         for xy, name in ((start_m, "start"), (goal_m, "goal"))
@@ -82,7 +84,7 @@ def route_over(
     cost = cost if dearer is None else cost * dearer
     way = cheapest(cost, *ends)
     if way is None:
-        return _no_route(p, ends)
+        return _no_route(p, ends) if explains else NoRoute(NO_ROUTE_KNOWN, np.empty((0, 2), int))
     corners = _straightened(cost, way)
     points = grid.middle_of(*corners.T)
     points[0], points[-1] = start_m, goal_m

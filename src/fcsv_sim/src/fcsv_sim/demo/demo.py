@@ -46,6 +46,7 @@ _CORES_FOR_LIVE = 3  # on two, simulated cameras and a growing map slow each oth
 _LEAST_MIB = 800  # recorders stop below 500 MiB; a mission's pictures
 _FOLDERS = ("run", "session", "map", "map_instant", "map_thesis", "monitor", "guide")
 _ROBOT_MISSION = "guide"  # where a robot is guided over the map
+_WATCHED_MISSION = "guide_watched"  # the same, with vehicles that hold and watch at its end
 _REAL_TIME = 0.97  # of it, or more: not worth a word
 _AROUND_S, _CHANGE_S = 85.0, 8.0  # of a flight: what is not configurations; from one to the next
 
@@ -265,8 +266,7 @@ def _tilt(args, say) -> int:
 
 
 def _plan(system: System, args) -> FleetPlan:
-    default = _ROBOT_MISSION if args.world in PLACES else system.mission
-    mission = mission_file(args.mission or default)
+    mission = mission_file(_mission_name(system, args))
     # a list that cannot be flown is refused before anything is started
     flown = load_mission(mission)
     vehicles = system.fleet(flown)
@@ -290,9 +290,14 @@ def _plan(system: System, args) -> FleetPlan:
             f"--operator you: in system {args.system} the buttons are pressed by its simulated pilots"
         )
     monitor = args.live == "monitor"
+    if monitor and args.world in PLACES:
+        raise MachineError(
+            f"--live monitor: a robot in world {args.world} is watched with --movers 1 (MOVERS=1)"
+        )
     if monitor and args.system != "tags":
         raise MachineError(f"--live monitor: system {args.system} has no live map that monitors")
-    moving = _chosen(
+    watch = args.world in PLACES and args.movers == "1"
+    moving = not watch and _chosen(
         args.movers, args.world == "street" and any(c.at_once for c in flown.configurations)
     )
     if moving and args.system != "tags":
@@ -323,7 +328,8 @@ def _plan(system: System, args) -> FleetPlan:
         rviz=rviz,
         near=args.near == "1",
         gps=args.gps == "1",
-        live=live and not monitor,
+        live=(live or watch) and not monitor,
+        watch=watch,
         monitor=monitor,
         movers=tuple(through_town),
         flight_link=args.flight_link,
@@ -333,6 +339,14 @@ def _plan(system: System, args) -> FleetPlan:
         camera=camera,
         window=OperatorWindow() if screen and (rviz or args.system == "tags") else None,
     )
+
+
+def _mission_name(system: System, args) -> str:
+    """What is flown: where a robot is watched, the mission that ends with that."""
+    if args.world not in PLACES:
+        return args.mission or system.mission
+    robots = _WATCHED_MISSION if args.movers == "1" else _ROBOT_MISSION
+    return robots if args.mission in ("", _ROBOT_MISSION) else args.mission
 
 
 def _start(args) -> Tuple[float, float]:
