@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from fcsv_guidance import tuning
-from fcsv_guidance.errors import RouteError
+from fcsv_guidance.errors import EndNotSeenError, RouteError
 from fcsv_guidance.ground import Grid, Ground, stand_probability
 from fcsv_guidance.robot import Robot
 
@@ -107,8 +107,9 @@ def _end(grid: Grid, p: np.ndarray, xy, name: str, through_unknown) -> Tuple[int
         raise RouteError(f"{where} lies outside of what was mapped; map it first")
     if not np.isfinite(p[cell]):
         if through_unknown is None:
-            raise RouteError(
-                f"{where} is not known: it, or ground below the robot's footprint, was not seen"
+            raise EndNotSeenError(
+                f"{where} is not known: it, or ground below the robot's footprint, was not seen",
+                cell,
             )
     elif p[cell] < tuning.FREE_P:
         words = "is at an obstacle" if p[cell] <= tuning.OBSTACLE_P else "is not surely free"
