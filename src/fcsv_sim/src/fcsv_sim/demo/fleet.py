@@ -22,7 +22,8 @@ from fcsv_sim.world.movers import Mover
 CONTROL = "control"
 _TOLD_LINES = 6
 MONITORED_HZ = 5.0  # pictures a second that are sent for monitoring
-WATCHED_HZ = 3.0  # and to watch a robot
+# and to watch a robot: all that cameras take, so that both vehicles send those of one instant
+WATCHED_HZ, _WATCHING_CAMERA_HZ = 5.0, 2.5
 _SLOW_NOTE = (
     "LD_PRELOAD and FCSV_SLOW_MOTION make a program share the flight's clock, which may be slower than real time: "
     "set them for one command (run/on_NAME COMMAND does), not for a shell"
@@ -254,7 +255,9 @@ class SimulatedFleet(Machines):
 
     def _camera_args(self) -> Dict[str, object]:
         own = self.plan.camera
-        return {} if own is None else {"sim_camera": own.file, "camera_rate_hz": own.rate_hz}
+        if own is not None:
+            return {"sim_camera": own.file, "camera_rate_hz": own.rate_hz}
+        return {"camera_rate_hz": _WATCHING_CAMERA_HZ} if self.plan.watch else {}
 
     def _control_args(self) -> Dict[str, object]:
         return {
