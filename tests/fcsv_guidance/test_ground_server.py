@@ -18,9 +18,9 @@ from fcsv_guidance.ground_server import (
     GridSaid,
     GroundRules,
     GroundServer,
-    HoldSaid,
     MapSeen,
     NoRouteSaid,
+    RobotHold,
     RouteSaid,
 )
 from fcsv_guidance.live_views import LiveViews
@@ -134,7 +134,7 @@ def test_a_live_map_changes_cells_and_the_route(server, scene):
     server.receive(7.2, MapSeen(scene([BOX, thing]).view(stamp_s=7.0, name="live"), live=True))
     changed, said, held = server.step(7.2)
     assert isinstance(changed, GridChanged) and changed.stamp_s == 7.0 == server.said.stamp_s
-    assert held == HoldSaid("something moves 2.7 m from the robot")
+    assert held == RobotHold("something moves 2.7 m from the robot")
     rows, columns = changed.stands.percents.shape
     whole = server.said.stands[changed.stands.row :, changed.stands.column :][:rows, :columns]
     assert (
@@ -145,7 +145,7 @@ def test_a_live_map_changes_cells_and_the_route(server, scene):
         isinstance(said, RouteSaid)
         and np.hypot(*np.diff(said.points_home_m, axis=0).T).sum() > straight + 0.5
     )
-    assert server.step(9.6) == [HoldSaid("")]  # nothing new came
+    assert server.step(9.6) == [RobotHold("")]  # nothing new came
     server.receive(9.9, MapSeen(scene([BOX]).view(stamp_s=9.8, name="live"), live=True))  # it went
     server.step(9.9)
     assert 0 <= server.said.stands[server.said.grid.cell_of(12.8, 3.0)] <= FREE_PERCENT

@@ -17,6 +17,7 @@ import rospy
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import PoseUnavailable
+from fcsv_geometry.ros import node
 from fcsv_guidance.views import DepthView
 from fcsv_sim.robot.things import Box, Watcher
 from fcsv_sim.truth import TruthReader
@@ -42,7 +43,7 @@ def boxes(readers, stamp_s):
 
 def main(world, seed, x, y, z, yaw, file, sim_dir):
     """Publishes until it is stopped."""
-    rospy.init_node("watching_vehicles")
+    node.begin("watching_vehicles")
     T_world_home = transforms.from_xyz_yaw([float(x), float(y), float(z)], float(yaw))
     stored = np.load(file)
     arrays = [stored[name] for name in ("depth", "sigma", "kind", "K")]

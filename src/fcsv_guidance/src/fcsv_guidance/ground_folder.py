@@ -95,8 +95,8 @@ def write_ground(
 
 
 def _route(ground: Ground, robot: Robot, asked: RouteAsked) -> Union[Route, NoRoute]:
-    """As plan_route; where a mission shall say where to look from, an end that was not seen is a
-    cell to see."""
+    """Plans as plan_route; where a mission shall say where to look from, an end that was not seen
+    is a cell to see."""
     try:
         return plan_route(
             ground, robot, asked.start_m, asked.goal_m, asked.place_sigma_m, asked.through_unknown

@@ -82,7 +82,7 @@ class NoRouteSaid:
 
 
 @dataclass(frozen=True)
-class HoldSaid:
+class RobotHold:
     """The robot shall stand where it is for this reason, and keep its route; empty: no more."""
 
     reason: str
@@ -109,7 +109,7 @@ class GroundRules:
     route: RouteRules = field(default_factory=RouteRules)
 
 
-Said = Union[GridSaid, GridChanged, RouteSaid, NoRouteSaid, HoldSaid]
+Said = Union[GridSaid, GridChanged, RouteSaid, NoRouteSaid, RobotHold]
 
 
 class GroundServer:
@@ -227,7 +227,7 @@ class GroundServer:
         return self._ground.grid if self._ground is not None and not self._views else None
 
     def _on_watch(self, view: DepthView) -> None:
-        """Until the robot's place is known it would be taken for a thing that came."""
+        """Compares it with the maps. Until the robot's place is known it would be taken for a thing that came."""
         if self._known.grid is None:
             raise GroundError(f"{view.name}: watches a place that has no map yet")
         if not self._places:
@@ -294,7 +294,7 @@ class GroundServer:
             reason = self._known.moving(now_s, self._place, rules.moving_m, rules.still_s)
         if bool(reason) != bool(self._held):
             self._held = reason
-            self._out.append(HoldSaid(reason))
+            self._out.append(RobotHold(reason))
 
     def _wants_plan(self, now_s: float) -> bool:
         version, planned_s = self._planned

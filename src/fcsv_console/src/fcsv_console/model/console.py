@@ -214,7 +214,7 @@ class Console:
             self._rehearsals.tell(fact)
         elif isinstance(fact, f.SeenFrom):
             self._ground_views.tell(now_s, fact)
-        elif isinstance(fact, (f.RobotGround, f.RobotRoute, f.RobotSeen, f.RobotSaid)):
+        elif isinstance(fact, (f.RobotGround, f.RobotRoute, f.RobotSeen, f.RobotStatus)):
             self._robot.tell(now_s, fact)
         elif isinstance(fact, (f.JobProgress, f.PlacesFound)):
             self.after.tell(fact)

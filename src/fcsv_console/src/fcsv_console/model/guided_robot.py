@@ -21,11 +21,6 @@ class GuidedRobot:
     words: str = ""
 
     @property
-    def is_heard(self) -> bool:
-        """Whether anybody guides a robot."""
-        return self.ground is not None or self.robot.value is not None
-
-    @property
     def points_m(self) -> Tuple[Tuple[float, float], ...]:
         """Places (x, y) in home that the picture has to hold."""
         seen = self.robot.value
@@ -37,7 +32,7 @@ class GuidedRobot:
         return f"robot, {self.robot.words} old" if self.robot.stale else "robot"
 
 
-RobotFact = Union[f.RobotGround, f.RobotRoute, f.RobotSeen, f.RobotSaid]
+RobotFact = Union[f.RobotGround, f.RobotRoute, f.RobotSeen, f.RobotStatus]
 
 
 class GuidedRobotWatch:

@@ -360,8 +360,8 @@ def guided_robot(c: _Script) -> None:
     c.tell(NOW_S - 5.0, f.RobotGround(4.0, -9.0, cell_m, rows, columns, percents.tobytes()))
     c.tell(NOW_S - 4.0, f.RobotRoute(((7.0, 1.0), (14.5, -3.2), (17.5, -3.0), (23.0, 2.0))))
     c.tell(NOW_S - 0.1, f.RobotSeen(9.0, -0.1, -0.5))
-    c.tell(NOW_S - 4.0, f.RobotSaid("ground", "a route of 4 corners leads to the goal"))
-    c.tell(NOW_S - 4.0, f.RobotSaid("follower", "the robot drives"))
+    c.tell(NOW_S - 4.0, f.RobotStatus("ground", "a route of 4 corners leads to the goal"))
+    c.tell(NOW_S - 4.0, f.RobotStatus("follower", "the robot drives"))
 
 
 def _seen(

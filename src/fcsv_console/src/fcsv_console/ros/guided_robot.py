@@ -28,21 +28,21 @@ class GuidedRobotHearing:
         self._percents: Optional[np.ndarray] = None
         large = {"queue_size": 2, "buff_size": 1 << 24}
         self._subscribers: List[rospy.Subscriber] = [
-            self._heard(GRID, OccupancyGrid, self._on_grid, **large),
-            self._heard(UPDATES, OccupancyGridUpdate, self._on_update, **large),
-            self._heard(PATH, Path, self._on_path, queue_size=2),
-            self._heard(POSE, PoseWithCovarianceStamped, self._on_pose, queue_size=1),
+            self._subscribe(GRID, OccupancyGrid, self._on_grid, **large),
+            self._subscribe(UPDATES, OccupancyGridUpdate, self._on_update, **large),
+            self._subscribe(PATH, Path, self._on_path, queue_size=2),
+            self._subscribe(POSE, PoseWithCovarianceStamped, self._on_pose, queue_size=1),
         ]
         for topic, source in STATUS.items():
-            said = lambda m, source=source: put(f.RobotSaid(source, m.data))  # noqa: E731
-            self._subscribers.append(self._heard(topic, String, said, queue_size=5))
+            said = lambda m, source=source: put(f.RobotStatus(source, m.data))  # noqa: E731
+            self._subscribers.append(self._subscribe(topic, String, said, queue_size=5))
 
     def close(self) -> None:
         """End the subscriptions."""
         for subscriber in self._subscribers:
             subscriber.unregister()
 
-    def _heard(self, topic: str, kind, take: Callable, **how) -> rospy.Subscriber:
+    def _subscribe(self, topic: str, kind, take: Callable, **how) -> rospy.Subscriber:
         def on_message(message) -> None:
             try:
                 take(message)

@@ -28,9 +28,9 @@ from fcsv_guidance.ground_server import (
     GridSaid,
     GroundRules,
     GroundServer,
-    HoldSaid,
     MapSeen,
     NoRouteSaid,
+    RobotHold,
     RouteSaid,
 )
 from fcsv_guidance.live_views import LiveViews
@@ -133,7 +133,7 @@ class GroundNode:
     # ---- live maps -------------------------------------------------------------------------------
 
     def _listen(self, topic: str, frame: str) -> None:
-        """To the parts of depth views on topics below ``topic``, of a camera in ``frame``."""
+        """Subscribes to the parts of depth views on topics below ``topic``, of a camera in ``frame``."""
         views = LiveViews("live map" if topic == MAP else "watch")
 
         def take(message, part: str, convert: Callable[[], np.ndarray]) -> None:
@@ -262,7 +262,7 @@ class GroundNode:
             self._path.publish(messages.path_message(np.empty((0, 2)), now_s))
             self._cells(said.to_see_m)
             self._say(said.reason, wrong=True)
-        elif isinstance(said, HoldSaid):
+        elif isinstance(said, RobotHold):
             self._held.publish(String(said.reason))
 
     def _whole(self, now_s: float) -> List[OccupancyGrid]:

@@ -290,10 +290,6 @@ def _plan(system: System, args) -> FleetPlan:
             f"--operator you: in system {args.system} the buttons are pressed by its simulated pilots"
         )
     monitor = args.live == "monitor"
-    if monitor and args.world in PLACES:
-        raise MachineError(
-            f"--live monitor: a robot in world {args.world} is watched with --movers 1 (MOVERS=1)"
-        )
     if monitor and args.system != "tags":
         raise MachineError(f"--live monitor: system {args.system} has no live map that monitors")
     watch = args.world in PLACES and args.movers == "1"
@@ -304,12 +300,7 @@ def _plan(system: System, args) -> FleetPlan:
         raise MachineError(f"--movers 1: in system {args.system} nothing moves through the town")
     # refused without a street
     through_town = movers(Town.generate(args.seed, args.world).plan) if moving else ()
-    start_xy_m, looks = _start(args), ""
-    if args.world in PLACES:
-        if args.system != "tags":
-            raise MachineError(f"--world {args.world}: system {args.system} guides no robot")
-        if not args.start:
-            start_xy_m, looks = start_for(args.world, args.seed, flown.home_height_m)
+    start_xy_m, looks = _looks_from(args, flown.home_height_m)
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
     screen = bool(os.environ.get("DISPLAY"))
     rviz = _chosen(args.rviz, screen)
@@ -347,6 +338,21 @@ def _mission_name(system: System, args) -> str:
         return args.mission or system.mission
     robots = _WATCHED_MISSION if args.movers == "1" else _ROBOT_MISSION
     return robots if args.mission in ("", _ROBOT_MISSION) else args.mission
+
+
+def _looks_from(args, height_m: float) -> Tuple[Tuple[float, float], str]:
+    """Where the column is to stand, and why there where that was chosen for a robot. Raises
+    MachineError."""
+    start_xy_m = _start(args)
+    if args.world not in PLACES:
+        return start_xy_m, ""
+    if args.system != "tags":
+        raise MachineError(f"--world {args.world}: system {args.system} guides no robot")
+    if args.live == "monitor":
+        raise MachineError(
+            f"--live monitor: a robot in world {args.world} is watched with --movers 1 (MOVERS=1)"
+        )
+    return (start_xy_m, "") if args.start else start_for(args.world, args.seed, height_m)
 
 
 def _start(args) -> Tuple[float, float]:

@@ -27,7 +27,7 @@ class WayClosed:
 
     @property
     def answer_s(self) -> Optional[float]:
-        """From the picture to the new route, or to the word that there is none; None without."""
+        """Time from the picture to the new route, or to the word that there is none; None without."""
         answers = [s for s in (self.route_s, self.none_s) if s is not None]
         return None if self.picture_s is None or not answers else min(answers) - self.picture_s
 

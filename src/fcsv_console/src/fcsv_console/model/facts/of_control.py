@@ -155,7 +155,7 @@ class RobotSeen:
 
 
 @dataclass(frozen=True)
-class RobotSaid:
+class RobotStatus:
     """What a node of guidance says: ``source`` is "ground" or "follower"."""
 
     source: str
