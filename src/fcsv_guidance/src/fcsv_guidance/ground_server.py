@@ -227,7 +227,8 @@ class GroundServer:
         return self._ground.grid if self._ground is not None and not self._views else None
 
     def _on_watch(self, view: DepthView) -> None:
-        """Compares it with the maps. Until the robot's place is known it would be taken for a thing that came."""
+        """Compares a view with the maps; a robot whose place is not known would be a thing that
+        came."""
         if self._known.grid is None:
             raise GroundError(f"{view.name}: watches a place that has no map yet")
         if not self._places:
