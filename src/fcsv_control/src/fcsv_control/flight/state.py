@@ -2,11 +2,12 @@
 """What the flight controller says of itself."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Optional, Tuple
 
 from pymavlink import mavutil
 
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.vehicles.modes import Mode
 
 _M = mavutil.mavlink
@@ -24,7 +25,7 @@ _MODES = {number: Mode(name) for number, name in mavutil.mode_mapping_acm.items(
 MODES = {mode: number for number, mode in _MODES.items()}
 
 
-@dataclass(frozen=True)
+@frozen
 class FlightState:
     """Replaced as a whole on every message, so that a reader in another thread sees one moment."""
 
