@@ -10,6 +10,7 @@ from fcsv_sim.world.town import Town
 
 _AT_ONCE = 4096
 
+
 def build_tables(town: Town, cast) -> Tables:
     """``cast`` takes origins and directions (N,3) and gives distances to the town (N): for the
     shadows."""
