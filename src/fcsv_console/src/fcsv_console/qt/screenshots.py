@@ -9,9 +9,8 @@ import time
 from pathlib import Path
 from typing import Optional, Sequence, Tuple
 
-import rospkg
-
 from fcsv_console.model import samples
+from fcsv_geometry.programs.workspace import bringup
 
 _ROUNDS = 5  # until everything has its size
 #: file, situation, theme, size (px)
@@ -67,7 +66,7 @@ def made(situation: str, size: Tuple[int, int]):
     with them; "indoors": with cameras on the ground."""
     from fcsv_console.qt.window import ConsoleWindow
 
-    mission = Path(rospkg.RosPack().get_path("fcsv_bringup")) / "config/missions/outdoor.yaml"
+    mission = bringup() / "config/missions/outdoor.yaml"
     console = samples.console(str(mission))
     samples.SAMPLES[
         {"error": "ready", "pictures": "flying", "indoors": "flying"}.get(situation, situation)

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Deque, Dict, List, Optional, Sequence, Tuple
 
 import rosgraph
-import rospkg
 import rospy
 
 from fcsv_console.children.after import AfterRunner
@@ -29,6 +28,7 @@ from fcsv_console.ros.goal_markers import GoalMarkers
 from fcsv_console.ros.ground_views import GroundViewHearing
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
 from fcsv_console.ros.window_turns import WindowTurns
+from fcsv_geometry.programs.workspace import bringup
 from fcsv_geometry.ros import node
 from fcsv_geometry.streams.arrivals import Arrivals
 from fcsv_geometry.vehicles.vehicle import load_vehicles
@@ -55,7 +55,7 @@ def fleet(vehicles: Sequence[str] = (), mission: str = "", vehicles_dir: str = "
     names = list(vehicles) or list(told.get("vehicles", ())) or ["uav1", "uav2"]
     folder = vehicles_dir or told.get("vehicles_dir", "")
     if not folder:
-        folder = str(Path(rospkg.RosPack().get_path("fcsv_bringup")) / "config/vehicles")
+        folder = str(bringup() / "config/vehicles")
     tags = {name: v.tag_id for name, v in load_vehicles(folder, names).items()}
     return Fleet(
         names, tags, mission or str(told.get("mission", "")), str(told.get("memory_dir", ""))
