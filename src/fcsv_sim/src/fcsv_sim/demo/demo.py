@@ -47,6 +47,7 @@ _LEAST_MIB = 800  # recorders stop below 500 MiB; a mission's pictures
 _SITE = "site"
 _FOLDERS = ("run", "session", "map", "map_instant", "map_thesis", "monitor", "guide", _SITE)
 _ROBOT_MISSION = "guide"  # where a robot is guided over the map
+_WATCHED_MISSION = "guide_watched"  # the same, with vehicles that hold and watch at its end
 _REAL_TIME = 0.97  # of it, or more: not worth a word
 _AROUND_S, _CHANGE_S = 85.0, 8.0  # of a flight: what is not configurations; from one to the next
 _CHANGE_OVER_S = 15.0  # to the next viewpoint
@@ -289,8 +290,7 @@ def _tilt(args, say) -> int:
 
 
 def _plan(system: System, args) -> FleetPlan:
-    default = _ROBOT_MISSION if args.world in PLACES else system.mission
-    mission = mission_file(args.mission or default)
+    mission = mission_file(_mission_name(system, args))
     # a list that cannot be flown is refused before anything is started
     flown = load_mission(mission)
     vehicles = system.fleet(flown)
@@ -316,19 +316,15 @@ def _plan(system: System, args) -> FleetPlan:
     monitor = args.live == "monitor"
     if monitor and args.system != "tags":
         raise MachineError(f"--live monitor: system {args.system} has no live map that monitors")
-    moving = _chosen(
+    watch = args.world in PLACES and args.movers == "1"
+    moving = not watch and _chosen(
         args.movers, args.world == "street" and any(c.at_once for c in flown.configurations)
     )
     if moving and args.system != "tags":
         raise MachineError(f"--movers 1: in system {args.system} nothing moves through the town")
     # refused without a street
     through_town = movers(Town.generate(args.seed, args.world).plan) if moving else ()
-    start_xy_m, looks = _start(args), ""
-    if args.world in PLACES:
-        if args.system != "tags":
-            raise MachineError(f"--world {args.world}: system {args.system} guides no robot")
-        if not args.start:
-            start_xy_m, looks = start_for(args.world, args.seed, flown.home_height_m)
+    start_xy_m, looks = _looks_from(args, flown.home_height_m)
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
     screen = bool(os.environ.get("DISPLAY"))
     rviz = _chosen(args.rviz, screen)
@@ -347,7 +343,8 @@ def _plan(system: System, args) -> FleetPlan:
         rviz=rviz,
         near=args.near == "1",
         gps=args.gps == "1",
-        live=live and not monitor,
+        live=(live or watch) and not monitor,
+        watch=watch,
         monitor=monitor,
         movers=tuple(through_town),
         flight_link=args.flight_link,
@@ -357,6 +354,29 @@ def _plan(system: System, args) -> FleetPlan:
         camera=camera,
         window=OperatorWindow() if screen and (rviz or args.system == "tags") else None,
     )
+
+
+def _mission_name(system: System, args) -> str:
+    """What is flown: where a robot is watched, the mission that ends with that."""
+    if args.world not in PLACES:
+        return args.mission or system.mission
+    robots = _WATCHED_MISSION if args.movers == "1" else _ROBOT_MISSION
+    return robots if args.mission in ("", _ROBOT_MISSION) else args.mission
+
+
+def _looks_from(args, height_m: float) -> Tuple[Tuple[float, float], str]:
+    """Where the column is to stand, and why there where that was chosen for a robot. Raises
+    MachineError."""
+    start_xy_m = _start(args)
+    if args.world not in PLACES:
+        return start_xy_m, ""
+    if args.system != "tags":
+        raise MachineError(f"--world {args.world}: system {args.system} guides no robot")
+    if args.live == "monitor":
+        raise MachineError(
+            f"--live monitor: a robot in world {args.world} is watched with --movers 1 (MOVERS=1)"
+        )
+    return (start_xy_m, "") if args.start else start_for(args.world, args.seed, height_m)
 
 
 def _start(args) -> Tuple[float, float]:
