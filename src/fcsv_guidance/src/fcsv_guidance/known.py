@@ -18,6 +18,7 @@ _SIGMAS = 4.0  # a height that differs by so much, and by CHANGED_M, is another
 # below the smallest step that stops a robot for System III; noise of one cell stays below
 CHANGED_M = 0.12
 _MOVES_CELLS = 4  # fewer that change are noise
+_STIRS_M = 0.25  # beside what has changed before: the edge of a thing that stands, no motion
 # beyond a footprint: how far a cell has to do with its probability (standing.features)
 _JUDGED_M = 0.8
 _OWN_M = 0.15  # beside the footprint: what is seen there may be the robot itself
@@ -162,7 +163,8 @@ class KnownGround:
         if last is not None:  # beyond the maps it is compared with itself
             moved = ground.known & last.known & ~mapped & ~_agrees(ground, last)
             cells |= moved & ~_lone(moved)
-        came = changed & ~self._changed
+        stirs = standing.disk(_STIRS_M, grid.cell_m)
+        came = changed & ~(standing.most(self._changed, stirs) > 0)
         if came.sum() >= _MOVES_CELLS:
             self.came_s, self.came_m = seen.stamp_s, grid.middle_of(*np.nonzero(came))
         self._changed = changed
