@@ -33,6 +33,25 @@ def test_more_of_what_is_against_a_place_never_raises_its_probability():
     assert all(weight <= 0 for weight in STAND_WEIGHTS[standing.FREE_SIGN :])
 
 
+@pytest.mark.parametrize(
+    "slope_deg, limit_deg, free", [(6, 25, True), (6, 4, False), (30, 25, False)]
+)
+def test_ground_steeper_than_the_robot_climbs_is_not_free(
+    scene, rescue, slope_deg, limit_deg, free
+):
+    """Also for a robot whose step is higher than what the slope rises below it."""
+    level = ground_from([scene().view()], grid=GRID)
+    up_m = (
+        np.float32(np.tan(np.radians(slope_deg))) * GRID.middle_of(*np.indices(GRID.shape))[..., 0]
+    )
+    sloped = replace(
+        level, **{n: getattr(level, n) + up_m for n in ("height_m", "low_m", "high_m")}
+    )
+    robot = replace(rescue, largest_slope_deg=limit_deg, largest_step_m=0.8)
+    p = stand_probability(sloped, robot)[GRID.cell_of(12, 0)]
+    assert (p >= FREE_P) == free and (p <= OBSTACLE_P) == (not free)
+
+
 def test_a_second_map_that_lies_higher_takes_no_freedom(scene, rescue):
     """Heights of two maps differ by errors of pose: 0.12 m is no step, as each map alone shows
     level ground."""

@@ -255,12 +255,11 @@ def cell_probability(ground: Ground, robot: Robot) -> np.ndarray:
     """
     step, step_sigma = _largest_step(ground.height_m, ground.sigma_m)
     half = max(robot.radius_m, 1.5 * ground.grid.cell_m)
-    slope_sigma = ground.sigma_m * np.sqrt(12.0) / (2 * half) / np.sqrt(2.0)
     within = ground.high_m - ground.low_m
     parts = [
         _below(step, robot.largest_step_m, step_sigma),
         _below(within, robot.largest_step_m, np.sqrt(2.0) * ground.sigma_m),
-        _below(ground.slope(half), robot.largest_slope, slope_sigma),
+        _below(ground.slope(half), robot.largest_slope, standing.slope_sigma(ground, half)),
         _below(-ground.free_height_m, -robot.height_m, np.sqrt(2.0) * ground.sigma_m),
     ]
     p = np.nanmin(np.where(ground.known, parts, 0.0), axis=0) * ground.trust

@@ -8,6 +8,7 @@ tables do not use.
 
 import cv2
 import numpy as np
+from scipy.special import ndtr
 
 from fcsv_guidance import tuning
 
@@ -70,10 +71,32 @@ def probability(ground, robot, margin_m: float = 0.0) -> np.ndarray:
             -(features(ground, robot, margin_m) @ np.asarray(tuning.STAND_WEIGHTS, np.float32))
         )
     )
+    p = np.minimum(p, beyond_limits(ground, robot, inner))
     touched = most(ground.known, inner) > 0
     return np.where(
         seen_below(ground, robot, margin_m) | (touched & (p <= tuning.OBSTACLE_P)), p, np.nan
     )
+
+
+def beyond_limits(ground, robot, inner: np.ndarray) -> np.ndarray:
+    """(rows, columns), at most 0.5 where the plane below the robot is steeper than it climbs, or
+    where something hangs lower over its footprint ``inner`` than it is high; 1 elsewhere. A bound:
+    the places that the weights were learnt on have neither slopes nor beams."""
+    half_m = max(robot.radius_m, 1.5 * ground.grid.cell_m)
+    sigma_m = np.where(ground.known, ground.sigma_m, 0.0)
+    room_m = np.where(ground.known, ground.free_height_m, np.inf) - robot.height_m
+    with np.errstate(invalid="ignore", divide="ignore"):
+        room = least(np.minimum(room_m, _FAR), inner) / (np.sqrt(2.0) * most(sigma_m, inner))
+        climb = (robot.largest_slope - ground.slope(half_m)) / slope_sigma(ground, half_m)
+    z = np.fmin(climb, room)
+    return np.where(z < 0.0, ndtr(z), 1.0).astype(np.float32)
+
+
+def slope_sigma(ground, half_m: float) -> np.ndarray:
+    """(rows, columns): standard deviation of the slope of the plane through cells within
+    ``half_m``."""
+    sigma: np.ndarray = ground.sigma_m * np.sqrt(12.0) / (2 * half_m) / np.sqrt(2.0)
+    return sigma
 
 
 def seen_below(ground, robot, margin_m: float = 0.0) -> np.ndarray:

@@ -11,7 +11,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Optional, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 from fcsv_control.mission.plans.plan_check import require_flyable
 from fcsv_geometry.errors import FcsvError
@@ -44,11 +44,13 @@ from fcsv_stereo.evaluating.truth import load_truth
 _FURTHEST_START_M = 500.0  # from the middle of a world
 _CORES_FOR_LIVE = 3  # on two, simulated cameras and a growing map slow each other down
 _LEAST_MIB = 800  # recorders stop below 500 MiB; a mission's pictures
-_FOLDERS = ("run", "session", "map", "map_instant", "map_thesis", "monitor", "guide")
+_SITE = "site"
+_FOLDERS = ("run", "session", "map", "map_instant", "map_thesis", "monitor", "guide", _SITE)
 _ROBOT_MISSION = "guide"  # where a robot is guided over the map
 _WATCHED_MISSION = "guide_watched"  # the same, with vehicles that hold and watch at its end
 _REAL_TIME = 0.97  # of it, or more: not worth a word
 _AROUND_S, _CHANGE_S = 85.0, 8.0  # of a flight: what is not configurations; from one to the next
+_CHANGE_OVER_S = 15.0  # to the next viewpoint
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -139,14 +141,18 @@ def _run(
         _evaluate_monitoring(plan)
     if fly_only:
         return 0
-    for each in _maps(system, plan, method):
-        _map(plan, each, say)
-        _print_end(plan, plan.folder / each.folder)
+    shown = "map"
+    if load_mission(plan.mission_file).stations:
+        shown = _survey(plan, say)
+    else:
+        for each in _maps(system, plan, method):
+            _map(plan, each, say)
+            _print_end(plan, plan.folder / each.folder)
     slowly = "" if speed > _REAL_TIME else f" (at {speed:.2f} of real time)"
     print(f"flown {flight_s:.0f} s{slowly}, moved {moved_m:.1f} m while configurations were flown")
     status = drive_robot(plan, say) if plan.world in PLACES else 0
-    write_play(plan)
-    look(plan)
+    write_play(plan, shown)
+    look(plan, shown)
     return status
 
 
@@ -174,11 +180,15 @@ def _what_comes(mission: Mission, fly_only: bool, robot: bool = False) -> str:
     """One line at the start: the steps, and about how long each takes on a machine with two free
     cores."""
     flight_s = _AROUND_S + sum(_CHANGE_S + c.record_s for c in mission.configurations)
+    flight_s += _CHANGE_OVER_S * (len(mission.viewpoints) - 1)
+    maps = "map what was seen, one to two minutes"
+    if mission.stations:
+        maps = f"map {len(mission.viewpoints) - 1} views and join them, five to ten minutes"
     steps = [
         "build the world, half a minute",
         f"fly mission '{mission.name}', about {in_minutes(flight_s)}",
     ]
-    steps += [] if fly_only else ["map what was seen, one to two minutes"]
+    steps += [] if fly_only else [maps]
     steps += ["guide a robot over the map, one to three minutes"] if robot and not fly_only else []
     return f"what comes: {'; '.join(steps)} (longer on a busy machine); Ctrl-C lands and stops all"
 
@@ -206,31 +216,45 @@ def build_world(plan: FleetPlan, say: Narrator) -> None:
 
 def _map(plan: FleetPlan, each: MapRun, say: Narrator) -> None:
     say(" ".join(["mapping", *each.arguments]))
-    command = [
-        "rosrun",
-        "fcsv_stereo",
-        "map",
-        str(plan.session_folder),
-        "-o",
-        str(plan.folder / each.folder),
-    ]
+    status = _stereo(plan, "map", each.folder, each.arguments)
+    if status != 0:
+        raise MachineError(
+            f"the map could not be made from {plan.session_folder} (exit status {status})"
+        )
+
+
+def _survey(plan: FleetPlan, say: Narrator) -> str:
+    """A map of each view, joined to one site; the folder of the first view's map."""
+    say("mapping every view, and joining them to a site")
+    status = _stereo(plan, "survey", _SITE)
+    out = plan.folder / _SITE
+    if status != 0:
+        raise MachineError(
+            f"the site could not be joined from {plan.session_folder} (exit status {status}); {out / 'site.html'} "
+            "says what is missing"
+        )
+    print(f"site:   {out / 'site.ply'}\nreport: {out / 'site.html'}")
+    views = json.loads((out / "site.json").read_text())["views"]
+    return f"{_SITE}/views/{views[0]['name']}"
+
+
+def _stereo(plan: FleetPlan, program: str, folder: str, arguments: Sequence[str] = ()) -> int:
+    """Runs a command on the session; its exit status."""
+    command = ["rosrun", "fcsv_stereo", program, str(plan.session_folder)]
+    command += ["-o", str(plan.folder / folder)]
     env = slow_motion.in_real_time(dict(os.environ))
     # the window makes no map there meanwhile
-    being_made = plan.folder / f".{each.folder}.being_made"
+    being_made = plan.folder / f".{folder}.being_made"
     being_made.touch()
-    child = subprocess.Popen([*command, *each.arguments], preexec_fn=os.setpgrp, env=env)
+    child = subprocess.Popen([*command, *arguments], preexec_fn=os.setpgrp, env=env)
     try:
-        status = child.wait()
+        return child.wait()
     except interrupt.Interrupted:
         child.send_signal(signal.SIGINT)
         child.wait()
         raise
     finally:
         being_made.unlink()
-    if status != 0:
-        raise MachineError(
-            f"the map could not be made from {plan.session_folder} (exit status {status})"
-        )
 
 
 def _print_end(plan: FleetPlan, out: Path) -> None:
