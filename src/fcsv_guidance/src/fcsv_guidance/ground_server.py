@@ -265,10 +265,10 @@ class GroundServer:
         self._ground = replace(self._mapped, **layers)
         with np.errstate(invalid="ignore"):
             other = (self._ground.height_m != was) & (changed | np.isfinite(was))
-        self._judge_alone(other | changed)
+        self._renew_obstacles(other | changed)
         self._take()
 
-    def _judge_alone(self, cells: np.ndarray) -> None:
+    def _renew_obstacles(self, cells: np.ndarray) -> None:
         """Obstacles anew, where ``cells`` (rows, columns) matter."""
         if not cells.any():
             return
