@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fcsv_guidance import grid_regions, ground_server
+from fcsv_guidance import grid_regions, ground, ground_server, standing
 from fcsv_guidance.errors import GroundError, RouteError
 from fcsv_guidance.following import Goal, RobotPlace
 from fcsv_guidance.grid_regions import Region, changed_region, clearance_map, with_region
-from fcsv_guidance.ground import Grid
+from fcsv_guidance.ground import Grid, cell_probability
 from fcsv_guidance.ground_server import (
     GoalDropped,
     GridChanged,
@@ -52,7 +52,7 @@ def at(x_m, y_m, stamp_s=0.0):
     return RobotPlace(stamp_s, x_m, y_m, 0.0, 0.05)
 
 
-@pytest.mark.parametrize("module", [grid_regions, ground_server])
+@pytest.mark.parametrize("module", [ground, grid_regions, ground_server])
 def test_names(module):
     done = doctest.testmod(module)
     assert done.attempted and not done.failed
@@ -313,3 +313,22 @@ def test_parts_of_a_live_map_become_a_view_by_their_stamp(scene):
         ]
     with pytest.raises(ValueError, match="has no part 'colour'"):
         views.add(1.0, "colour", None)
+
+
+def test_what_is_judged_in_a_window_is_what_the_whole_grid_gives(server, scene, rescue):
+    """The time to the answer hangs on it: only cells near a change are judged anew."""
+    server.receive(1.0, at(10.0, 3.0))
+    server.receive(1.0, MapSeen(scene([BOX]).view(stamp_s=1.0, name="live"), watching=True))
+    thing = (15.0, 15.6, 2.0, 4.0, 0.0, 0.8)
+    view = scene([BOX, thing]).view(stamp_s=2.0, name="live")
+    server.receive(2.0, MapSeen(view, watching=True))
+    whole = cell_probability(server.ground, rescue)
+    assert np.allclose(server._alone, whole, equal_nan=True)
+    near = standing.most(server._known.changed, standing.disk(0.6, 0.1)) > 0
+    seen = server._known._watching["live"].ground
+    p, below = server._known._stands["live"]
+    assert near.sum() > 100
+    assert np.allclose(p[near], standing.probability(seen, rescue)[near], equal_nan=True, atol=1e-5)
+    assert np.array_equal(below[near], standing.seen_below(seen, rescue)[near])
+    server.receive(3.0, MapSeen(scene([BOX]).view(stamp_s=3.0, name="live"), watching=True))
+    assert np.allclose(server._alone, cell_probability(server.ground, rescue), equal_nan=True)

@@ -157,6 +157,16 @@ class Ground:
         """Largest difference of height to one of eight known neighbours; NaN where unknown."""
         return _largest_step(self.height_m, self.sigma_m)[0]
 
+    def part(self, window: Tuple[slice, slice]) -> "Ground":
+        """The ground of a window (rows, columns) of its grid, without maps."""
+        rows, columns = window
+        grid, cell_m = self.grid, self.grid.cell_m
+        size = rows.stop - rows.start, columns.stop - columns.start
+        x0_m, y0_m = grid.x0_m + columns.start * cell_m, grid.y0_m + rows.start * cell_m
+        names = (*LAYERS, "seen_s", "seen_by")
+        layers = {name: getattr(self, name)[window] for name in names}
+        return replace(self, grid=Grid(x0_m, y0_m, cell_m, *size), maps=(), **layers)
+
     def slope(self, radius_m: float = 0.0) -> np.ndarray:
         """Rise over run of the plane through the known cells within ``radius_m``; NaN where they
         span no plane."""
@@ -214,6 +224,28 @@ def renewed(ground: Ground, view: DepthView) -> Ground:
         seen_s=seen_s,
         seen_by=seen_by,
     )
+
+
+def window_of(cells: np.ndarray, more: int) -> Tuple[slice, slice]:
+    """Rows and columns of the smallest window that holds all ``cells`` (bool), at least one, and
+    ``more`` cells around, cut at the edges.
+
+    >>> window_of(np.eye(9, dtype=bool)[:, ::-1] & (np.arange(9) == 4), 2)
+    (slice(2, 7, None), slice(2, 7, None))
+    """
+    found = []
+    for axis in (1, 0):
+        at = np.flatnonzero(cells.any(axis))
+        found.append(
+            slice(max(0, int(at[0]) - more), min(cells.shape[1 - axis], int(at[-1]) + more + 1))
+        )
+    return found[0], found[1]
+
+
+def within(outer: Tuple[slice, slice], inner: Tuple[slice, slice]) -> Tuple[slice, slice]:
+    """The ``inner`` window as counted from the first row and column of the ``outer``."""
+    rows, columns = (slice(i.start - o.start, i.stop - o.start) for o, i in zip(outer, inner))
+    return rows, columns
 
 
 def cell_probability(ground: Ground, robot: Robot) -> np.ndarray:

@@ -16,7 +16,15 @@ from fcsv_guidance import tuning
 from fcsv_guidance.errors import GroundError, RouteError
 from fcsv_guidance.following import Goal, Polyline, RobotPlace
 from fcsv_guidance.grid_regions import Region, changed_region, percents_of
-from fcsv_guidance.ground import LAYERS, Grid, Ground, ground_from
+from fcsv_guidance.ground import (
+    LAYERS,
+    Grid,
+    Ground,
+    cell_probability,
+    ground_from,
+    window_of,
+    within,
+)
 from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, KnownGround
 from fcsv_guidance.map_files import occupancy
 from fcsv_guidance.planning import RouteRules, plan_clear
@@ -25,6 +33,7 @@ from fcsv_guidance.route import NO_ROUTE_KNOWN, NoRoute, Route
 from fcsv_guidance.views import DepthView
 
 _MOST_NAMED = 5  # cells in a sentence
+_JUDGED_M = 0.4  # beyond a radius: how far a cell has to do with whether another is an obstacle
 _STANDS_M = 0.15  # a place that moves by less may be noise
 
 
@@ -123,6 +132,7 @@ class GroundServer:
         # what the maps show together, and the same with what watching views show in its place
         self._mapped: Optional[Ground] = None
         self._ground: Optional[Ground] = None
+        self._alone: Optional[np.ndarray] = None  # cell_probability of that
         self._stands: Optional[np.ndarray] = None
         self._said: Optional[GridSaid] = None
         self._place: Optional[RobotPlace] = None
@@ -218,6 +228,7 @@ class GroundServer:
             known.receive(GroundSeen(stamp_s, view.name, each), None)
         self._views, self._live, self._known = views, live, known
         self._mapped = self._ground = ground
+        self._alone = cell_probability(ground, self._robot)
         self._take()
 
     def _grid(self) -> Optional[Grid]:
@@ -246,13 +257,26 @@ class GroundServer:
             self._out.append(GridChanged(self._said.stamp_s, same, stands))
             return
         changed = self._known.changed
-        shown = changed & new.known
+        shown, was = changed & new.known, self._ground.height_m
         layers = {}
         for name in LAYERS:
             before = np.where(changed, getattr(self._ground, name), getattr(self._mapped, name))
             layers[name] = np.where(shown, getattr(new, name), before)
         self._ground = replace(self._mapped, **layers)
+        with np.errstate(invalid="ignore"):
+            other = (self._ground.height_m != was) & (changed | np.isfinite(was))
+        self._renew_obstacles(other | changed)
         self._take()
+
+    def _renew_obstacles(self, cells: np.ndarray) -> None:
+        """Obstacles anew, where ``cells`` (rows, columns) matter."""
+        if not cells.any():
+            return
+        reach = int(np.ceil((self._robot.radius_m + _JUDGED_M) / self._ground.grid.cell_m))
+        inner, outer = window_of(cells, reach), window_of(cells, 2 * reach)
+        new = cell_probability(self._ground.part(outer), self._robot)
+        self._alone = self._alone.copy()
+        self._alone[inner] = new[within(outer, inner)]
 
     def _stamp_s(self) -> float:
         """When the grids were seen last."""
@@ -265,7 +289,10 @@ class GroundServer:
     def _take(self) -> None:
         ground, stands, stamp_s = self._ground, self._known.stands, self._stamp_s()
         now = GridSaid(
-            stamp_s, ground.grid, occupancy(ground, self._robot, stands), percents_of(stands)
+            stamp_s,
+            ground.grid,
+            occupancy(ground, self._robot, stands, self._alone),
+            percents_of(stands),
         )
         before, self._said, self._stands = self._said, now, stands
         if before is None or before.grid != now.grid:

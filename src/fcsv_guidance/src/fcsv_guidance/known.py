@@ -11,13 +11,16 @@ import numpy as np
 from fcsv_guidance import standing, tuning
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.following import ClearanceMap, RobotPlace
-from fcsv_guidance.ground import LAYERS, Grid, Ground
+from fcsv_guidance.ground import LAYERS, Grid, Ground, window_of, within
 from fcsv_guidance.robot import Robot
 
 _SIGMAS = 4.0  # a height that differs by so much, and by CHANGED_M, is another
 # below the smallest step that stops a robot for System III; noise of one cell stays below
 CHANGED_M = 0.12
 _MOVES_CELLS = 4  # fewer that change are noise
+_STIRS_M = 0.25  # beside what has changed before: the edge of a thing that stands, no motion
+# beyond a footprint: how far a cell has to do with its probability (standing.features)
+_JUDGED_M = 0.8
 _OWN_M = 0.15  # beside the footprint: what is seen there may be the robot itself
 #: The robot stands while something came nearer than this (m) in the last STILL_S: what walks at
 #: 1.5 m/s comes so far until a picture shows it and the robot stands.
@@ -101,8 +104,9 @@ class KnownGround:
                 )
             self._changed = np.zeros(seen.ground.grid.shape, bool)
         if seen.watching:
+            last = self._watching.get(seen.source)
             self._watching[seen.source] = seen
-            return self._watched(seen, place)
+            return self._watched(seen, place, None if last is None else last.ground)
         self._maps[seen.source] = seen
         self._stands[seen.source] = self._judged(seen.ground)
         return self._weighed()
@@ -140,7 +144,9 @@ class KnownGround:
         rest = xy - np.clip(along, 0.0, hides_m)[..., None] * (away / max(far_m, 1e-6))
         return np.hypot(rest[..., 0], rest[..., 1]) < own_m
 
-    def _watched(self, seen: GroundSeen, place: Optional[RobotPlace]) -> bool:
+    def _watched(
+        self, seen: GroundSeen, place: Optional[RobotPlace], last: Optional[Ground]
+    ) -> bool:
         ground, grid = seen.ground, self.grid
         if place is not None:
             own = self._own(seen, place)
@@ -153,17 +159,35 @@ class KnownGround:
         differs = ground.known & mapped & ~same
         changed = np.where(ground.known & mapped, differs, self._changed)
         changed = changed & ~_lone(changed)
-        news = (changed != self._changed).any()
-        came = changed & ~self._changed
+        cells = changed | self._changed
+        if last is not None:  # beyond the maps it is compared with itself
+            moved = ground.known & last.known & ~mapped & ~_agrees(ground, last)
+            cells |= moved & ~_lone(moved)
+        stirs = standing.disk(_STIRS_M, grid.cell_m)
+        came = changed & ~(standing.most(self._changed, stirs) > 0)
         if came.sum() >= _MOVES_CELLS:
             self.came_s, self.came_m = seen.stamp_s, grid.middle_of(*np.nonzero(came))
         self._changed = changed
         before = self._stands.get(seen.source)
-        if changed.any() or before is None:
+        if before is None:
             self._stands[seen.source] = self._judged(ground)
-        elif not news:
+        elif not cells.any():
             return False
+        else:
+            self._stands[seen.source] = self._judged_near(ground, cells, before)
         return self._weighed()
+
+    def _judged_near(self, ground: Ground, cells: np.ndarray, before) -> Tuple:
+        """What was judged ``before``, anew where ``cells`` (rows, columns) matter."""
+        reach = int(
+            np.ceil(_JUDGED_M / ground.grid.cell_m + self._robot.radius_m / ground.grid.cell_m)
+        )
+        inner, outer = window_of(cells, reach), window_of(cells, 2 * reach)
+        part = within(outer, inner)
+        judged = tuple(old.copy() for old in before)
+        for new, old in zip(self._judged(ground.part(outer)), judged):
+            old[inner] = new[part]
+        return judged
 
     def _judged(self, ground: Ground) -> Tuple[np.ndarray, np.ndarray]:
         return standing.probability(ground, self._robot), standing.seen_below(ground, self._robot)

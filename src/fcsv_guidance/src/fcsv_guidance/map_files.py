@@ -2,7 +2,7 @@
 """The ground in files that robots and GIS read: map_server's pair, and layers as GeoTIFF."""
 
 from pathlib import Path
-from typing import List
+from typing import List, Optional
 
 import cv2
 import numpy as np
@@ -23,17 +23,20 @@ _TRINARY = {"free": 254, "unknown": 205, "occupied": 0}  # map_saver's greys
 _LAYERS = ("height_m", "sigma_m", "roughness_m", "distance_m")
 
 
-def occupancy(ground: Ground, robot: Robot, stands: np.ndarray) -> np.ndarray:
+def occupancy(
+    ground: Ground, robot: Robot, stands: np.ndarray, alone: Optional[np.ndarray] = None
+) -> np.ndarray:
     """(rows, columns) int8 of nav_msgs/OccupancyGrid: -1 where unknown, else 100 times 1 - p.
 
     A cell is free (at most FREE_PERCENT) where the robot can stand somewhere with it below its
     footprint: p is the best of ``stands`` (stand_probability) there. It is occupied (at least
     OCCUPIED_PERCENT) where it is not free and an obstacle itself. A planner inflates by the
-    footprint, as ``move_base`` does, and so finds again where it can stand.
+    footprint, as ``move_base`` does, and so finds again where it can stand. ``alone``:
+    cell_probability, where it is known already.
     """
     covering = standing.disk(robot.radius_m, ground.grid.cell_m)
     p = standing.most(np.where(np.isfinite(stands), stands, -1.0), covering)
-    alone = cell_probability(ground, robot)
+    alone = cell_probability(ground, robot) if alone is None else alone
     with np.errstate(invalid="ignore"):
         obstacle = (p < tuning.FREE_P) & (alone <= tuning.OBSTACLE_P)
     # rounded up: what is below FREE_P stays above FREE_PERCENT

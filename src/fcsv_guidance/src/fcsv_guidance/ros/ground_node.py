@@ -136,19 +136,19 @@ class GroundNode:
         """Subscribes to the parts of depth views on topics below ``topic``, of a camera in ``frame``."""
         views = LiveViews("live map" if topic == MAP else "watch")
 
-        def take(message, part: str, convert: Callable[[], np.ndarray]) -> None:
+        def add(message, part: str, convert: Callable[[], np.ndarray]) -> None:
             self._on_part(topic, views, message, part, convert)
 
         def on_static(message: TFMessage) -> None:
             for t in message.transforms:
                 if t.child_frame_id == frame and t.header.frame_id == frames.HOME:
-                    take(t, "T_home_cam", lambda t=t: conversions.transform_from_msg(t.transform))
+                    add(t, "T_home_cam", lambda t=t: conversions.transform_from_msg(t.transform))
 
         for part, encoding in (("depth", "32FC1"), ("sigma", "32FC1"), ("kind", "mono8")):
             rospy.Subscriber(
                 f"{topic}/{part}",
                 Image,
-                lambda m, part=part, encoding=encoding: take(
+                lambda m, part=part, encoding=encoding: add(
                     m, part, lambda: conversions.image_to_array(m, encoding)
                 ),
                 queue_size=2,
@@ -157,7 +157,7 @@ class GroundNode:
         rospy.Subscriber(
             f"{topic}/camera_info",
             CameraInfo,
-            lambda m: take(m, "K", lambda: conversions.camera_from_info(m).K),
+            lambda m: add(m, "K", lambda: conversions.camera_from_info(m).K),
             queue_size=2,
         )
         rospy.Subscriber("/tf_static", TFMessage, on_static, queue_size=20)
