@@ -6,6 +6,7 @@ from typing import List, Sequence
 from fcsv_control.agent.messages import Ack
 from fcsv_control.flight_check.lines import Line
 from fcsv_geometry.frozen import frozen
+from fcsv_geometry.missions.stations import HOME_VIEW
 from fcsv_geometry.vehicles.telemetry import MissionPhase
 
 # ---- requests ------------------------------------------------------------------------------------
@@ -126,7 +127,7 @@ class MissionAlive:
 @frozen
 class MissionStatus(MissionPhase):
     """Where the mission is; ``captured``: indices of configurations that are recorded, ``progress``
-    0..1."""
+    0..1; ``station`` and ``heading_rad``: from where the running configuration is flown."""
 
     detail: str
     waits_for: str
@@ -136,6 +137,8 @@ class MissionStatus(MissionPhase):
     over: bool
     progress: float
     captured: List[int]
+    station: str = HOME_VIEW.station
+    heading_rad: float = HOME_VIEW.heading_rad
 
 
 @frozen

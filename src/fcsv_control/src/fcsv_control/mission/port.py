@@ -268,6 +268,8 @@ class MissionPort:
                 m.over,
                 m.progress,
                 list(dict.fromkeys(w.index for w in m.captures)),
+                m.viewpoint.station,
+                m.viewpoint.heading_rad,
             )
         )
         if now_s - self._alive_s >= _ALIVE_S - 1e-3:
