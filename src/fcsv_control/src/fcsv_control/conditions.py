@@ -83,7 +83,7 @@ class Measure:
 
 
 class _UpTo(Measure):
-    """At the bound it is wrong already."""
+    """Is wrong at the bound already."""
 
     def breaks(self, value: float, bound: float) -> bool:
         """Says that a value is the bound or less."""

@@ -54,7 +54,7 @@ class Finding:
 
 
 @dataclass
-class Step:
+class TimedBound:
     """Asks for a reaction where a measure has been worse than a bound for so long (s)."""
 
     measure: Measure
@@ -328,33 +328,35 @@ class Monitors:
         return ()
 
 
-def _steps(r: GuardianRules) -> Dict[str, Sequence[Step]]:
+def _steps(r: GuardianRules) -> Dict[str, Sequence[TimedBound]]:
     """What is measured again and again, the worst first."""
     control_s = math.inf if r.link_loss == NEVER else r.link_hold_s
     return {
         "feed": (
-            Step(conditions.feed_age, r.feed_land_s, 0.0, Reaction.LAND),
-            Step(conditions.feed_age, r.feed_warn_s, 0.0, Reaction.SAY),
+            TimedBound(conditions.feed_age, r.feed_land_s, 0.0, Reaction.LAND),
+            TimedBound(conditions.feed_age, r.feed_warn_s, 0.0, Reaction.SAY),
         ),
         "rate": (
-            Step(conditions.feed_rate, r.feed_land_hz, _SLOW_S, Reaction.LAND),
-            Step(conditions.feed_rate, r.feed_warn_hz, _SLOW_S, Reaction.SAY),
+            TimedBound(conditions.feed_rate, r.feed_land_hz, _SLOW_S, Reaction.LAND),
+            TimedBound(conditions.feed_rate, r.feed_warn_hz, _SLOW_S, Reaction.SAY),
         ),
-        "ekf": (Step(conditions.ekf, r.ekf_variance, r.ekf_s, Reaction.LAND),),
+        "ekf": (TimedBound(conditions.ekf, r.ekf_variance, r.ekf_s, Reaction.LAND),),
         "confidence": (
-            Step(conditions.low_confidence, r.confidence, r.confidence_land_s, Reaction.LAND_ASIDE),
-            Step(conditions.low_confidence, r.confidence, r.confidence_hold_s, Reaction.HOLD),
+            TimedBound(
+                conditions.low_confidence, r.confidence, r.confidence_land_s, Reaction.LAND_ASIDE
+            ),
+            TimedBound(conditions.low_confidence, r.confidence, r.confidence_hold_s, Reaction.HOLD),
         ),
         "tilt": (
-            Step(conditions.tilt, r.tilt_land_deg, r.tilt_s, Reaction.LAND),
-            Step(conditions.tilt, r.tilt_warn_deg, r.tilt_s, Reaction.SAY),
+            TimedBound(conditions.tilt, r.tilt_land_deg, r.tilt_s, Reaction.LAND),
+            TimedBound(conditions.tilt, r.tilt_warn_deg, r.tilt_s, Reaction.SAY),
         ),
         "control": (
-            Step(conditions.control_age, control_s, 0.0, Reaction.LAND_ASIDE),
-            Step(conditions.control_age, r.link_warn_s, 0.0, Reaction.SAY),
+            TimedBound(conditions.control_age, control_s, 0.0, Reaction.LAND_ASIDE),
+            TimedBound(conditions.control_age, r.link_warn_s, 0.0, Reaction.SAY),
         ),
         "agent": (
-            Step(conditions.agent_age, r.agent_land_s, 0.0, Reaction.LAND_ASIDE),
-            Step(conditions.agent_age, r.agent_silent_s, 0.0, Reaction.HOLD),
+            TimedBound(conditions.agent_age, r.agent_land_s, 0.0, Reaction.LAND_ASIDE),
+            TimedBound(conditions.agent_age, r.agent_silent_s, 0.0, Reaction.HOLD),
         ),
     }

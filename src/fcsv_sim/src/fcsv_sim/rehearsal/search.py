@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A search for flights in which vehicles come near to each other: kinds, moments and sizes of one or
-two faults are varied by differential evolution (Storn and Price 1997), with one seed for all
+"""A search for flights in which vehicles come near to each other: kinds, moments and sizes of one
+or two faults are varied by differential evolution (Storn and Price 1997), with one seed for all
 else."""
 
 import json
@@ -101,7 +101,7 @@ def table(found: Dict[Varied, Found], seed: int, rows: int) -> List[str]:
 
 
 def found_in(nearest_m: float, broke: Iterable[str]) -> Found:
-    """Of one flight."""
+    """Makes it of what one flight tells."""
     return Found(min(nearest_m, _APART_M), tuple(dict.fromkeys(broke)))
 
 
