@@ -97,6 +97,8 @@ def test_a_beam_is_an_obstacle_only_to_the_high_robot(scene, rescue, small):
     assert seen.sum() > 20 and abs(np.median(free_height[seen]) - 0.5) < 0.1
     assert (cell_probability(ground, rescue)[below][seen] < OBSTACLE_P).all()
     assert np.median(cell_probability(ground, small)[below][seen]) > OBSTACLE_P
+    assert not (stand_probability(ground, rescue)[below][seen] > OBSTACLE_P).any()
+    assert np.median(stand_probability(ground, small)[below][seen]) > OBSTACLE_P
 
 
 def test_an_instant_renews_what_it_sees_and_leaves_the_rest(scene, rescue):

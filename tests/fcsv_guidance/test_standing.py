@@ -33,6 +33,25 @@ def test_more_of_what_is_against_a_place_never_raises_its_probability():
     assert all(weight <= 0 for weight in STAND_WEIGHTS[standing.FREE_SIGN :])
 
 
+@pytest.mark.parametrize(
+    "slope_deg, limit_deg, free", [(6, 25, True), (6, 4, False), (30, 25, False)]
+)
+def test_ground_steeper_than_the_robot_climbs_is_not_free(
+    scene, rescue, slope_deg, limit_deg, free
+):
+    """Also for a robot whose step is higher than what the slope rises below it."""
+    level = ground_from([scene().view()], grid=GRID)
+    up_m = (
+        np.float32(np.tan(np.radians(slope_deg))) * GRID.middle_of(*np.indices(GRID.shape))[..., 0]
+    )
+    sloped = replace(
+        level, **{n: getattr(level, n) + up_m for n in ("height_m", "low_m", "high_m")}
+    )
+    robot = replace(rescue, largest_slope_deg=limit_deg, largest_step_m=0.8)
+    p = stand_probability(sloped, robot)[GRID.cell_of(12, 0)]
+    assert (p >= FREE_P) == free and (p <= OBSTACLE_P) == (not free)
+
+
 def test_a_second_map_that_lies_higher_takes_no_freedom(scene, rescue):
     """Heights of two maps differ by errors of pose: 0.12 m is no step, as each map alone shows
     level ground."""
@@ -52,13 +71,17 @@ def test_what_one_map_contradicts_is_not_free(scene, rescue):
 
 
 def test_what_several_maps_say_together():
-    nan = np.nan
-    each = [[nan, 0.99, 0.99, 0.99, 0.90, nan], [nan, nan, 0.90, 0.30, 0.20, 0.97]]
-    p = standing.together(np.array(each)[:, None])[0]
-    assert (
-        np.isnan(p[0])
-        and p[1] >= FREE_P
-        and p[2] >= FREE_P
-        and OBSTACLE_P < p[3] == np.float32(CONTRADICTED_P)
-    )
-    assert p[4] <= OBSTACLE_P and p[5] == np.float32(0.97)
+    nan, around = np.nan, np.ones((1, 1), np.uint8)
+    each = [[nan, 0.99, 0.99, 0.99, 0.90, nan, 0.99], [nan, nan, 0.90, 0.30, 0.20, 0.97, 0.30]]
+    whole = np.ones((2, 1, 7), bool)
+    whole[1, 0, 6] = False  # it knows a part of the footprint
+    p = standing.weighed(np.array(each)[:, None], whole, around)[0]
+    assert np.isnan(p[0]) and p[1] >= FREE_P and p[2] >= FREE_P
+    assert OBSTACLE_P < p[3] == np.float32(CONTRADICTED_P)
+    assert p[4] <= OBSTACLE_P and p[5] == np.float32(0.97) and p[6] >= FREE_P
+
+
+def test_two_maps_outvote_a_third():
+    around, whole = np.ones((1, 1), np.uint8), np.ones((3, 1, 1), bool)
+    votes = np.array([0.99, 0.99, 0.30])[:, None, None]
+    assert standing.weighed(votes, whole, around)[0, 0] >= FREE_P

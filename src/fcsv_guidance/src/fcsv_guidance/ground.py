@@ -223,12 +223,11 @@ def cell_probability(ground: Ground, robot: Robot) -> np.ndarray:
     """
     step, step_sigma = _largest_step(ground.height_m, ground.sigma_m)
     half = max(robot.radius_m, 1.5 * ground.grid.cell_m)
-    slope_sigma = ground.sigma_m * np.sqrt(12.0) / (2 * half) / np.sqrt(2.0)
     within = ground.high_m - ground.low_m
     parts = [
         _below(step, robot.largest_step_m, step_sigma),
         _below(within, robot.largest_step_m, np.sqrt(2.0) * ground.sigma_m),
-        _below(ground.slope(half), robot.largest_slope, slope_sigma),
+        _below(ground.slope(half), robot.largest_slope, standing.slope_sigma(ground, half)),
         _below(-ground.free_height_m, -robot.height_m, np.sqrt(2.0) * ground.sigma_m),
     ]
     p = np.nanmin(np.where(ground.known, parts, 0.0), axis=0) * ground.trust
@@ -241,11 +240,14 @@ def stand_probability(ground: Ground, robot: Robot, margin_m: float = 0.0) -> np
     NaN where unknown.
 
     The footprint is grown by ``margin_m``. It is unknown where no map knows all cells below the
-    footprint, unless one shows an obstacle there. What one map calls free and another does not is
-    uncertain.
+    footprint, unless one shows an obstacle there, or free footprints cover it. What one map calls
+    free and another does not is weighed by number (standing.weighed).
     """
-    each = [standing.probability(alone, robot, margin_m) for alone in ground.maps or (ground,)]
-    return standing.together(each)
+    maps = ground.maps or (ground,)
+    each = [standing.probability(alone, robot, margin_m) for alone in maps]
+    whole = [standing.seen_below(alone, robot, margin_m) for alone in maps]
+    around = standing.disk(robot.radius_m + margin_m, ground.grid.cell_m)
+    return standing.weighed(each, whole, around)
 
 
 def _without(ground: Ground, cells: np.ndarray) -> Ground:

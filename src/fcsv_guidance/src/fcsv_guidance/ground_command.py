@@ -7,7 +7,8 @@ from typing import List, Optional
 
 from fcsv_geometry.programs.commands import run
 from fcsv_guidance.errors import GroundError
-from fcsv_guidance.ground_folder import GroundOptions, RouteAsked, write_ground
+from fcsv_guidance.ground_folder import GroundOptions, GroundWritten, RouteAsked, write_ground
+from fcsv_guidance.look_from import next_commands
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route import NoRoute
 from fcsv_guidance.views import read_map
@@ -16,6 +17,7 @@ _EXAMPLES = """examples:
   ground out/map --robot config/robots/rescue.yaml -o out/ground
   ground out/map1 out/map2 --robot config/robots/small.yaml --cell-m 0.05 -o out/ground
   ground out/map --robot config/robots/rescue.yaml --route 20 0 38 4 -o out/ground
+  ground out/map --robot config/robots/rescue.yaml --route 20 0 38 4 --look-from out/look.yaml -o out/ground
   ground out/map --robot config/robots/rescue.yaml --octomap 0.2 -o out/ground
 """
 
@@ -34,8 +36,14 @@ def _ground(args: argparse.Namespace) -> int:
     asked = None
     if args.route:
         asked = RouteAsked(
-            tuple(args.route[:2]), tuple(args.route[2:]), args.place_sigma_m, args.through_unknown
+            tuple(args.route[:2]),
+            tuple(args.route[2:]),
+            args.place_sigma_m,
+            args.through_unknown,
+            Path(args.look_from) if args.look_from else None,
         )
+    elif args.look_from:
+        raise GroundError("--look-from: says where to look for a route; give --route, too")
     written = write_ground(
         views, robot, out, GroundOptions(args.cell_m, args.reach_m, args.octomap), asked
     )
@@ -43,12 +51,22 @@ def _ground(args: argparse.Namespace) -> int:
     print(written.summary)
     if isinstance(found, NoRoute):
         print(f"{found.reason}; ground.json lists them")
+        if args.look_from:
+            _print_look_from(written, Path(args.look_from))
     elif found is not None:
         print(
             f"route of {found.length_m:.1f} m, {len(found.points_home_m)} corners, worst cell's risk {found.risk:.3f}"
         )
     print(f"wrote {len(written.paths)} files to {out}")
     return 1 if isinstance(found, NoRoute) else 0
+
+
+def _print_look_from(written: GroundWritten, mission: Path) -> None:
+    if written.looks is None:
+        why = "no place shows a cell that must be seen"
+        print(f"{mission}: not written: {why}" if len(written.found.to_see) else "nothing to see")
+        return
+    print("\n".join([written.looks.in_words(), f"wrote {mission}", *next_commands(mission)]))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -81,6 +99,11 @@ def _parser() -> argparse.ArgumentParser:
         nargs=4,
         metavar=("X0", "Y0", "X1", "Y1"),
         help="from start to goal, home (m)",
+    )
+    add(
+        "--look-from",
+        metavar="MISSION",
+        help="where no route is known: a mission file of the place that shows most of what lacks",
     )
     add(
         "--place-sigma-m",

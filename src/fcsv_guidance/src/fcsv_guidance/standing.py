@@ -8,6 +8,7 @@ tables do not use.
 
 import cv2
 import numpy as np
+from scipy.special import ndtr
 
 from fcsv_guidance import tuning
 
@@ -70,10 +71,32 @@ def probability(ground, robot, margin_m: float = 0.0) -> np.ndarray:
             -(features(ground, robot, margin_m) @ np.asarray(tuning.STAND_WEIGHTS, np.float32))
         )
     )
+    p = np.minimum(p, beyond_limits(ground, robot, inner))
     touched = most(ground.known, inner) > 0
     return np.where(
         seen_below(ground, robot, margin_m) | (touched & (p <= tuning.OBSTACLE_P)), p, np.nan
     )
+
+
+def beyond_limits(ground, robot, inner: np.ndarray) -> np.ndarray:
+    """(rows, columns), at most 0.5 where the plane below the robot is steeper than it climbs, or
+    where something hangs lower over its footprint ``inner`` than it is high; 1 elsewhere. A bound:
+    the places that the weights were learnt on have neither slopes nor beams."""
+    half_m = max(robot.radius_m, 1.5 * ground.grid.cell_m)
+    sigma_m = np.where(ground.known, ground.sigma_m, 0.0)
+    room_m = np.where(ground.known, ground.free_height_m, np.inf) - robot.height_m
+    with np.errstate(invalid="ignore", divide="ignore"):
+        room = least(np.minimum(room_m, _FAR), inner) / (np.sqrt(2.0) * most(sigma_m, inner))
+        climb = (robot.largest_slope - ground.slope(half_m)) / slope_sigma(ground, half_m)
+    z = np.fmin(climb, room)
+    return np.where(z < 0.0, ndtr(z), 1.0).astype(np.float32)
+
+
+def slope_sigma(ground, half_m: float) -> np.ndarray:
+    """(rows, columns): standard deviation of the slope of the plane through cells within
+    ``half_m``."""
+    sigma: np.ndarray = ground.sigma_m * np.sqrt(12.0) / (2 * half_m) / np.sqrt(2.0)
+    return sigma
 
 
 def seen_below(ground, robot, margin_m: float = 0.0) -> np.ndarray:
@@ -81,43 +104,33 @@ def seen_below(ground, robot, margin_m: float = 0.0) -> np.ndarray:
     return least(ground.known, disk(robot.radius_m + margin_m, ground.grid.cell_m), 0.0) > 0
 
 
-def together(each) -> np.ndarray:
-    """Weighs the probabilities of several maps, (N, rows, columns) each with NaN where unknown: the
-    most that one says, but no more than OBSTACLE_P < p < FREE_P where another contradicts it; NaN
-    where none knows."""
-    each = np.asarray(each)
-    known = np.isfinite(each)
-    best = np.where(known, each, -1.0).max(0)
-    worst = np.where(known, each, 2.0).min(0)
-    p = np.where(
-        (best >= tuning.FREE_P) & (worst < tuning.CONTRADICTED_P), tuning.CONTRADICTED_P, best
-    )
-    p = np.where((best < tuning.FREE_P) & (worst <= tuning.OBSTACLE_P), worst, p)
-    return np.where(known.any(0), p, np.nan).astype(np.float32)
-
-
 def weighed(each, whole, around: np.ndarray) -> np.ndarray:
-    """Weighs the probabilities of many maps as ``together``, for a footprint ``around`` a cell, but
-    by number: those that know the ``whole`` (N, rows, columns) bool footprint and call it free must
-    be twice as many as those that do not. A map that knows part of a footprint is no witness
-    against one that knows it whole.
+    """Weighs the probabilities of maps, (N, rows, columns) each with NaN where unknown, for a
+    footprint ``around`` a cell; NaN where none knows.
 
-    A footprint of whose every part a free footprint was found is free, too: between two maps' edges
-    no gap stays.
+    By number: maps that know the ``whole`` (N, rows, columns) bool footprint and call it free must
+    be twice as many as those that know it and contradict them. A map that knows part of a footprint
+    is no witness against one that knows it whole. What is contradicted is no more than
+    CONTRADICTED_P, and OBSTACLE_P and less where none calls it free and one an obstacle. A
+    footprint of whose every part a free footprint was found is free, too, where no map contradicts:
+    between two maps' edges no gap stays, and no way leads across a step, whose both sides are free.
     """
     each, whole = np.asarray(each), np.asarray(whole)
+    known = np.isfinite(each)
     with np.errstate(invalid="ignore"):
         free, against = (
             (whole & said).sum(0) for said in (each >= tuning.FREE_P, each < tuning.CONTRADICTED_P)
         )
-    n = max(around.shape)
-    found = np.pad(((free >= 1) & (free >= 2 * against)).astype(np.uint8), n)
-    found = cv2.morphologyEx(found, cv2.MORPH_CLOSE, around)[n:-n, n:-n] > 0
-    best = np.where(whole & np.isfinite(each), each, 0.0).max(0)
-    p = np.where(
-        found, np.maximum(best, tuning.FREE_P), np.minimum(together(each), tuning.CONTRADICTED_P)
-    )
-    return p.astype(np.float32)
+    best = np.where(known, each, -1.0).max(0)
+    worst = np.where(known, each, 2.0).min(0)
+    n, found = max(around.shape), (free >= 1) & (free >= 2 * against)
+    covered = cv2.morphologyEx(np.pad(found.astype(np.uint8), n), cv2.MORPH_CLOSE, around)
+    found |= (covered[n:-n, n:-n] > 0) & (worst >= tuning.CONTRADICTED_P)
+    p = np.where(best >= tuning.FREE_P, tuning.CONTRADICTED_P, best)
+    p = np.where((best < tuning.FREE_P) & (worst <= tuning.OBSTACLE_P), worst, p)
+    p = np.where(known.any(0), p, np.nan)
+    best = np.where(whole & known, each, 0.0).max(0)
+    return np.where(found, np.maximum(best, tuning.FREE_P), p).astype(np.float32)
 
 
 def most(values: np.ndarray, around: np.ndarray) -> np.ndarray:

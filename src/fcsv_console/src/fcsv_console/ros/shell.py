@@ -26,6 +26,7 @@ from fcsv_console.ros.epipolar import EpipolarHearing
 from fcsv_console.ros.event_file import EventFile
 from fcsv_console.ros.goal_markers import GoalMarkers
 from fcsv_console.ros.ground_views import GroundViewHearing
+from fcsv_console.ros.guided_robot import GuidedRobotHearing
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
 from fcsv_console.ros.window_turns import WindowTurns
 from fcsv_geometry.programs.workspace import bringup
@@ -87,6 +88,7 @@ class ConsoleShell:
         self._goals: Optional[GoalMarkers] = None
         self._turns: Optional[WindowTurns] = None
         self._ground_views: Optional[GroundViewHearing] = None
+        self._robot: Optional[GuidedRobotHearing] = None
         self._hearing, self._commands = Hearing(console.names, recorded, arrivals), None
         self._rehearser = Rehearser(self._hearing.put, console.names)
         self.events: Optional[EventFile] = None
@@ -116,6 +118,7 @@ class ConsoleShell:
             self._turns = WindowTurns(self._hearing.put)
             self._goals = GoalMarkers(self._hearing.put)
             self._ground_views = GroundViewHearing(self._hearing.put)
+            self._robot = GuidedRobotHearing(self._hearing.put)
         self._hearing.put(f.MasterReport())
 
     def view(self) -> ConsoleView:
@@ -226,6 +229,8 @@ class ConsoleShell:
             self._turns.close()
         if self._ground_views is not None:
             self._ground_views.close()
+        if self._robot is not None:
+            self._robot.close()
         self._hearing.close()
         rospy.signal_shutdown("the console was closed")
 
