@@ -7,14 +7,13 @@ import time
 
 import numpy as np
 import pytest
+from support.towns import street_renderer
 from support.waiting import within
 
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.vehicle import load_vehicles
-from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.truth import TruthWriter
-from fcsv_sim.world.town import Town
 
 until = within(60.0)
 
@@ -24,7 +23,7 @@ ABOVE_FIELD = transforms.from_xyz_rpy([1, 0, 8], [0, 0, 0])
 
 @pytest.fixture(scope="module")
 def renderer():
-    return Renderer(Town.generate(1))
+    return street_renderer()
 
 
 def shoot(renderer, seed=1, count=1, **parameters):

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.towns import street_renderer
 from support.waiting import within
 
 from fcsv_geometry import transforms
@@ -19,9 +20,7 @@ from fcsv_sim.demo.fleet import SimulatedFleet
 from fcsv_sim.demo.own_camera import own_camera
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.render import lens
-from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
-from fcsv_sim.world.town import Town
 
 until = within(60.0)
 
@@ -91,7 +90,7 @@ def test_pixels_without_a_ray_are_black_and_without_depth():
     T_world_cam = transforms.from_xyz_rpy([1, 0, 8], [0, 0, 0]) @ transforms.transform(
         transforms.R_FLU_OPTICAL, np.zeros(3)
     )
-    renderer = Renderer(Town.generate(1))
+    renderer = street_renderer()
     rgb, depth = renderer.render(T_world_cam, c, samples=1)
     assert not seen.all() and (rgb[~seen] == 0).all() and np.isnan(depth[~seen]).all()
     assert rgb[seen].mean() > 40 and np.isfinite(depth[seen]).mean() > 0.3
@@ -109,7 +108,7 @@ def test_a_point_is_where_the_camera_model_says(root):
     T_world_cam = transforms.from_xyz_rpy([1, 0, 8], [0, 0, 0]) @ transforms.transform(
         transforms.R_FLU_OPTICAL, np.zeros(3)
     )
-    renderer = Renderer(Town.generate(1))
+    renderer = street_renderer()
     straight = c.undistort(renderer.render(T_world_cam, c)[0]).astype(float)
     wanted = renderer.render(T_world_cam, c.undistorted())[0].astype(float)
     inside = np.ones(straight.shape[:2], bool) if c.blank() is None else ~c.blank()
@@ -264,7 +263,7 @@ def test_the_simulated_camera_takes_its_lens(tmp_path):
     parameters = CameraParameters(lens=read_camera(tmp_path / "own.yaml")[1])
     assert parameters.model == OWN
     c = SimulatedCamera(
-        Renderer(Town.generate(1)),
+        street_renderer(),
         transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3)),
         parameters,
         1,

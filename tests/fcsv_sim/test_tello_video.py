@@ -15,15 +15,14 @@ import numpy as np
 import psutil
 import pytest
 from support.tello_air import free_udp_port, until
+from support.towns import street_renderer
 
 from fcsv_geometry import transforms
-from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters
 from fcsv_sim.tello.encoder import Encoder
 from fcsv_sim.tello.pictures import SimulatedVideoParameters
 from fcsv_sim.tello.radio import WifiParameters
 from fcsv_sim.tello.video import MOST_PACKETS, Packets, units
-from fcsv_sim.world.town import Town
 
 SMALL = CameraParameters(width=480, height=360, horizontal_fov_deg=70.1)
 FIRST_S = 120.0  # a machine that has not compiled the renderer yet
@@ -163,7 +162,7 @@ def test_tellopys_video_stream_shows_the_world_from_where_it_is(
     until(lambda: len(watcher.pictures) > begun + 8, 60.0, "pictures")
     pictures, poses = list(watcher.pictures), notes(tmp_path)
     assert pictures[0].shape == (360, 480, 3) and not client.tello.video_data_loss
-    renderer = Renderer(Town.generate(1, "street"))
+    renderer = street_renderer()
     seen = [renderer.render(pose, SMALL.model, samples=1)[0] for pose in poses]
     # of the noted poses that pictures show: a busy decoder leaves some out, so counting does not
     # tell

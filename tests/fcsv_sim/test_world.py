@@ -4,6 +4,7 @@
 import numpy as np
 import open3d as o3d
 import pytest
+from support.towns import street_renderer
 
 from fcsv_geometry import transforms
 from fcsv_sim.errors import SimulationError
@@ -58,10 +59,9 @@ def test_worlds_differ_in_texture():
     """The plain world is the one with little: less than half of the street's contrast on the ground
     and walls."""
     contrast = {}
-    for world in ("street", "plain"):
-        picture, depth = Renderer(Town.generate(1, world)).render(
-            forward(1, 0, 8), CameraParameters().model
-        )
+    worlds = {"street": street_renderer(), "plain": Renderer(Town.generate(1, "plain"))}
+    for world, renderer in worlds.items():
+        picture, depth = renderer.render(forward(1, 0, 8), CameraParameters().model)
         grey = picture.mean(2)
         steps = np.abs(np.diff(grey, axis=1))[np.isfinite(depth[:, 1:])]
         contrast[world] = np.median(steps)

@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Slerp
 from scipy.stats import chi2
 
 from fcsv_geometry import transforms as tf
@@ -58,11 +59,24 @@ def take(tracker, message, now_s=None):
     return True
 
 
+def from_truth(poses, truth):
+    """Of each pose the distance (m) from the truth, and the normalised error squared. All at once:
+    one by one they took half of these tests' time."""
+    t_s = np.clip([p.stamp_s for p in poses], truth.t_s[0], truth.t_s[-1])
+    R_world_body = Slerp(truth.t_s, tf.Rotation.from_matrix(truth.R))(t_s).as_matrix()
+    p_world_body = np.column_stack([np.interp(t_s, truth.t_s, truth.p[:, i]) for i in range(3)])
+    T_M_world = tf.invert(mocap_flight.T_WORLD_MOCAP)
+    T_M_D = np.array([p.T_M_D for p in poses])
+    turns = T_M_D[:, :3, :3] @ np.swapaxes(T_M_world[:3, :3] @ R_world_body, 1, 2)
+    off = T_M_D[:, :3, 3] - tf.apply(T_M_world, p_world_body)
+    error = np.concatenate([off, tf.Rotation.from_matrix(turns).as_rotvec()], axis=1)[..., None]
+    weighted = np.linalg.solve(np.array([p.covariance for p in poses]), error)
+    return np.linalg.norm(off, axis=1), (error * weighted).sum(axis=(1, 2))
+
+
 def normalised(pose, truth):
-    T = tf.invert(mocap_flight.T_WORLD_MOCAP) @ truth.at(pose.stamp_s)
-    turn = tf.Rotation.from_matrix(pose.T_M_D[:3, :3] @ T[:3, :3].T).as_rotvec()
-    error = np.concatenate([pose.T_M_D[:3, 3] - T[:3, 3], turn])
-    return np.linalg.norm(error[:3]), float(error @ np.linalg.solve(pose.covariance, error))
+    (off_m,), (squared,) = from_truth([pose], truth)
+    return off_m, squared
 
 
 def run(messages, truth, change=lambda m: [m]):
@@ -79,7 +93,7 @@ def run(messages, truth, change=lambda m: [m]):
         pose = tracker.pose(message.arrival_s)
         if pose is not None and (not poses or pose.stamp_s > poses[-1].stamp_s):
             poses.append(pose)
-            assert normalised(pose, truth)[1] < chi2.ppf(1 - 1e-6, 6)
+    assert not poses or from_truth(poses, truth)[1].max() < chi2.ppf(1 - 1e-6, 6)
     return tracker, poses
 
 
@@ -309,7 +323,7 @@ def test_odometry_silent_in_view_the_mocap_carries_on(in_view):
 
     tracker, poses = run(messages, truth, silent)
     during = [p for p in poses if 9.0 < p.stamp_s - evaluation.START_S < 12.5]
-    assert len(during) > 100 and max(normalised(p, truth)[0] for p in during) < 0.01
+    assert len(during) > 100 and from_truth(during, truth)[0].max() < 0.01
     assert tracker.counts["anchored"] == 1
 
 
@@ -330,7 +344,7 @@ def test_odometry_silent_out_of_view_the_pose_is_absent_until_seen_again():
 
 def test_an_old_pose_streamed_while_hidden_is_not_believed():
     truths = {"a": evaluation.truths(5)["a"]}
-    tracker, worst = MocapTracker(), 0.0
+    tracker, poses = MocapTracker(), []
     hidden = lambda t_s: ("a",) if 18.0 < t_s - evaluation.START_S < 26.0 else ()  # noqa: E731
     for now_s, _, message in mocap_flight.messages(truths, FlightErrors(), 5, hidden):
         take(tracker, message)
@@ -339,8 +353,9 @@ def test_an_old_pose_streamed_while_hidden_is_not_believed():
             break
         if 19.0 < t_s < 25.9:
             assert tracker.old_pose and not pose.in_view
-            worst = max(worst, normalised(pose, truths["a"])[1])
-    assert worst < chi2.ppf(1 - 1e-6, 6) and tracker.counts["mocap: old pose streamed on"] > 1000
+            poses.append(pose)
+    assert from_truth(poses, truths["a"])[1].max() < chi2.ppf(1 - 1e-6, 6)
+    assert tracker.counts["mocap: old pose streamed on"] > 1000
     assert pose.in_view and not tracker.old_pose
 
 
@@ -355,7 +370,7 @@ def test_swapped_markers_and_turned_bodies_do_no_harm(seed):
     tracker, poses = run(messages, truth)
     assert len(poses) > 300 and poses[-1].stamp_s > evaluation.START_S + 29.5
     sure = [p for p in poses if p.stamp_s > evaluation.START_S + 12.0]
-    assert max(normalised(p, truth)[0] for p in sure) < 0.05
+    assert from_truth(sure, truth)[0].max() < 0.05
 
 
 @pytest.mark.parametrize("seed", [5, 8])
@@ -413,14 +428,14 @@ def test_messages_that_come_in_bursts(longest_s, seed):
     """A frame that comes a little after the filter went on without it is of its own moment, not of
     now."""
     messages, truth = to_and_fro(2.5, seed)
-    tracker, last_s = MocapTracker(), 0.0
+    tracker, poses = MocapTracker(), []
     for now_s, message in kept_waiting(messages, longest_s, seed):
         take(tracker, message, now_s)
         pose = tracker.pose(now_s)
-        if pose is not None and pose.stamp_s > last_s:
-            assert normalised(pose, truth)[1] < chi2.ppf(1 - 1e-6, 6)
-            last_s = pose.stamp_s
-    assert last_s > messages[-1].arrival_s - 0.5
+        if pose is not None and (not poses or pose.stamp_s > poses[-1].stamp_s):
+            poses.append(pose)
+    assert from_truth(poses, truth)[1].max() < chi2.ppf(1 - 1e-6, 6)
+    assert poses[-1].stamp_s > messages[-1].arrival_s - 0.5
     assert tracker.counts["anchored"] == 1 and 0 < tracker.counts["too late"] < 500
 
 
@@ -445,13 +460,13 @@ def test_begun_in_motion(seed):
     """What is anchored at 0.5 m/s knows its speed at once; else the delay is learned wrong, and the
     place with it."""
     messages, truth = to_and_fro(1.5, seed)
-    tracker, worst_m = MocapTracker(), 0.0
+    tracker, poses = MocapTracker(), []
     for message in messages:
         take(tracker, message)
         pose = tracker.pose(message.arrival_s)
-        worst_m = worst_m if pose is None else max(worst_m, normalised(pose, truth)[0])
+        poses += [] if pose is None else [pose]
     # 0.06 where it begins as if it stood
-    assert tracker.counts["anchored"] == 1 and 0.0 < worst_m < 0.03
+    assert tracker.counts["anchored"] == 1 and from_truth(poses, truth)[0].max() < 0.03
 
 
 def test_a_body_taken_the_wrong_way_round_from_the_start_has_no_pose(in_view):
@@ -482,7 +497,7 @@ def test_odometry_that_begins_anew_in_view(in_view):
     tracker, poses = run(messages, truth, restarted)
     after = [p for p in poses if p.stamp_s - evaluation.START_S > 9.5]
     assert tracker.counts["odometry: began anew"] == 1 and tracker.counts["anchored"] == 1
-    assert max(normalised(p, truth)[0] for p in after) < 0.01
+    assert from_truth(after, truth)[0].max() < 0.01
 
 
 def test_another_vehicles_pose_is_not_taken():

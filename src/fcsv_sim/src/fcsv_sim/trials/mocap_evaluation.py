@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Dict, List, Optional, Tuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from fcsv_geometry import transforms
+from fcsv_geometry import rotations, transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_sim.trials import mocap_flight
 from fcsv_sim.trials.mocap_flight import T_WORLD_MOCAP, FlightErrors, TrueTrack
@@ -207,7 +206,7 @@ class _Watch:
         if pose is None or (self.records and pose.stamp_s <= self.records[-1].stamp_s):
             return
         T_M_D = transforms.invert(T_WORLD_MOCAP) @ self._truth.at(pose.stamp_s)
-        turn = Rotation.from_matrix(pose.T_M_D[:3, :3] @ T_M_D[:3, :3].T).as_rotvec()
+        turn = rotations.log(pose.T_M_D[:3, :3] @ T_M_D[:3, :3].T)
         settled = self._left is None and pose.stamp_s - self._entered_s > SETTLED_S
         away_m = raw_m = 0.0
         if self._left is not None:
@@ -253,7 +252,7 @@ def _look_at_both(flight: EvaluatedFlight, now_s: float) -> None:
     T_true = equations.relative_in_view(
         *(flight.truths[n].at(p.stamp_s) for n, p in zip(("a", "b"), poses))
     )
-    turn = Rotation.from_matrix(T_Da_Db[:3, :3] @ T_true[:3, :3].T).as_rotvec()
+    turn = rotations.log(T_Da_Db[:3, :3] @ T_true[:3, :3].T)
     error = np.concatenate([T_Da_Db[:3, 3] - T_true[:3, 3], turn])
     flight.relative.append(
         (

@@ -12,7 +12,7 @@ from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fcsv_geometry import transforms
+from fcsv_geometry import rotations, transforms
 from fcsv_sim.sensors.tello_sensors import TelloErrors, TelloSample, TelloSensors
 from fcsv_sim.sensors.v120_duo import V120Duo, V120DuoErrors
 
@@ -38,9 +38,9 @@ class TrueTrack:
         """T_world_body between two steps."""
         x = (stamp_s - self.t_s[0]) * STEP_HZ
         i = int(np.clip(np.floor(x), 0, len(self.t_s) - 2))
-        return transforms.interpolate(
-            self.pose(i), self.pose(i + 1), float(np.clip(x - i, 0.0, 1.0))
-        )
+        share = float(np.clip(x - i, 0.0, 1.0))
+        R = self.R[i] @ rotations.exp(share * rotations.log(self.R[i].T @ self.R[i + 1]))
+        return transforms.transform(R, (1.0 - share) * self.p[i] + share * self.p[i + 1])
 
 
 @dataclass(frozen=True)
