@@ -26,6 +26,9 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # a shell began it in the background: what tests start would not be ended by SIGINT
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     tiers.register(config)
     if config.getoption("--write-wrong-inputs") and not hasattr(config, "workerinput"):
         config.pluginmanager.register(wrong_inputs.Writer())

@@ -33,9 +33,9 @@ from scipy.spatial import cKDTree
 
 from fcsv_geometry import transforms
 from fcsv_geometry.home import Place
+from fcsv_geometry.programs.workspace import bringup
 from fcsv_geometry.vehicles.tracker import T265_PROFILE
 from fcsv_geometry.vehicles.vehicle import load_vehicles
-from fcsv_sim.bringup import bringup
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.sensors.depth_camera import DepthParameters, SimulatedDepth

@@ -1008,6 +1008,21 @@ def test_what_cameras_on_the_ground_see_is_shown_as_long_as_it_is_heard():
     assert c.view(3.0).ground_views == ()
 
 
+def test_a_guided_robot_is_shown_with_its_ground_and_route():
+    c = console()
+    assert c.view(0.0).guided_robot.ground is None
+    cells = np.full((2, 3), -1, np.int8)
+    c.tell(0.0, facts.RobotGround(5.0, -1.0, 0.5, 2, 3, cells.tobytes()))
+    c.tell(0.0, facts.RobotRoute(((5.0, -1.0), (40.0, 2.0))))
+    c.tell(0.1, facts.RobotSeen(5.5, -0.5, 0.3))
+    c.tell(0.1, facts.RobotStatus("follower", "the robot drives"))
+    shown = c.view(0.2).guided_robot
+    assert shown.name == "robot" and shown.words == "the robot drives"
+    assert above_view.fitted(c.view(0.2), 400.0, 400.0).px_per_m < 12.0, "the route is in it"
+    late = c.view(9.0).guided_robot
+    assert late.ground is not None and late.name == "robot, 8.9 s old"
+
+
 def test_a_camera_that_looks_straight_up_is_a_square_about_its_eye():
     up = tuple((x, y, 4.0) for x, y in ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)))
     c = console()

@@ -29,7 +29,7 @@ def doubted(seed, drift_m=lambda since_s: 0.0, seconds=60.0):
     for k in range(int((CALM_S + seconds) * HZ)):
         since_s = k / HZ
         z_m = float(height_flown(since_s))
-        barometer.feel(z_m, 2.0 + np.sin(0.3 * since_s))
+        barometer.feel(z_m, (2.0 + np.sin(0.3 * since_s), 0.0, 0.0), (0.0, 0.0, 0.0))
         baro_m = height_m(barometer.pressure_hpa(100.0 + since_s, motors=True))
         off_m = check.barometer(100.0 + since_s, baro_m, z_m + drift_m(max(0.0, since_s - CALM_S)))
         if check.doubt(off_m):

@@ -10,6 +10,7 @@ import pytest
 from fcsv_guidance.errors import RouteError
 from fcsv_guidance.following import (
     ClearanceMap,
+    HoldRobot,
     RobotPlace,
     RouteFollower,
     RouteToFollow,
@@ -154,3 +155,14 @@ def test_wrong_messages_are_refused(rescue):
         follower.receive(0.0, RouteToFollow(np.array([[0.0, np.nan], [1, 1]])))
     with pytest.raises(TypeError, match="does not know str"):
         follower.receive(0.0, "stop")
+
+
+def test_who_is_held_keeps_the_route(rescue):
+    drive = Drive(rescue)
+    drive.run(2.0)
+    drive.follower.receive(drive.now_s, HoldRobot("something moves 1.0 m from the robot"))
+    (command,) = drive.follower.step(drive.now_s)
+    assert command.speed_mps == 0.0 and command.reason.startswith("something moves")
+    drive.follower.receive(drive.now_s, HoldRobot(""))
+    (command,) = drive.follower.step(drive.now_s + 0.1)
+    assert command.speed_mps > 0.0 and not command.reason

@@ -20,6 +20,7 @@ from fcsv_guidance.ground_server import (
     GroundServer,
     MapSeen,
     NoRouteSaid,
+    RobotHold,
     RouteSaid,
 )
 from fcsv_guidance.live_views import LiveViews
@@ -130,9 +131,10 @@ def test_a_live_map_changes_cells_and_the_route(server, scene):
     (first,) = server.step(1.0)
     straight = np.hypot(*np.diff(first.points_home_m, axis=0).T).sum()
     thing = (13.0, 14.0, 2.0, 5.0, 0.0, 0.8)
-    server.receive(2.5, MapSeen(scene([BOX, thing]).view(stamp_s=7.0, name="live"), live=True))
-    changed, said = server.step(2.5)
+    server.receive(7.2, MapSeen(scene([BOX, thing]).view(stamp_s=7.0, name="live"), live=True))
+    changed, said, held = server.step(7.2)
     assert isinstance(changed, GridChanged) and changed.stamp_s == 7.0 == server.said.stamp_s
+    assert held == RobotHold("something moves 2.7 m from the robot")
     rows, columns = changed.stands.percents.shape
     whole = server.said.stands[changed.stands.row :, changed.stands.column :][:rows, :columns]
     assert (
@@ -143,24 +145,49 @@ def test_a_live_map_changes_cells_and_the_route(server, scene):
         isinstance(said, RouteSaid)
         and np.hypot(*np.diff(said.points_home_m, axis=0).T).sum() > straight + 0.5
     )
-    server.receive(4.0, MapSeen(scene([BOX]).view(stamp_s=8.0, name="live"), live=True))  # it went
-    server.step(4.0)
+    assert server.step(9.6) == [RobotHold("")]  # nothing new came
+    server.receive(9.9, MapSeen(scene([BOX]).view(stamp_s=9.8, name="live"), live=True))  # it went
+    server.step(9.9)
     assert 0 <= server.said.stands[server.said.grid.cell_of(12.8, 3.0)] <= FREE_PERCENT
 
 
-def test_many_live_states_are_one_map_and_the_same_says_only_its_time(server, scene):
-    for k in range(4):
+def test_a_watch_that_shows_the_same_says_only_its_time(server, scene):
+    server.receive(1.0, at(10.0, 3.0))
+    for k in range(3):
         view = scene([BOX]).view(stamp_s=10.0 + k, name="live")
-        server.receive(1.0 + k, MapSeen(view, live=True))
-        server.step(1.0 + k)
-        assert len(server.ground.maps) == 2 and server.ground.views == ("drawn", "live")
-        assert server.ground.seen_by.max() <= 1
-    server.receive(9.0, MapSeen(replace(view, stamp_s=20.0), live=True))
-    (said,) = server.step(9.0)
-    assert said.stamp_s == 20.0 and said.stands.percents.shape == said.occupied.percents.shape == (
-        1,
-        1,
-    )
+        server.receive(10.0 + k, MapSeen(view, watching=True))
+        (said,) = server.step(10.0 + k)
+        one = (1, 1)
+        assert said.stamp_s == 10.0 + k == server.said.stamp_s
+        assert said.stands.percents.shape == said.occupied.percents.shape == one
+
+
+def test_who_must_be_watched_gets_grids_as_old_as_the_watch(rescue, scene):
+    server = GroundServer(rescue, replace(RULES, watched=True))
+    view = scene([BOX]).view(stamp_s=100.0)
+    with pytest.raises(GroundError, match="watches a place that has no map"):
+        server.receive(0.0, MapSeen(view, watching=True))
+    server.receive(0.0, MapSeen(view))
+    assert server.said.stamp_s == 0.0  # nobody watches
+    with pytest.raises(GroundError, match="the robot's place is not known"):
+        server.receive(1.0, MapSeen(view, watching=True))
+    server.receive(2.0, at(10.0, 3.0))
+    server.receive(2.0, MapSeen(replace(view, stamp_s=102.0), watching=True))
+    server.step(2.0)
+    assert server.said.stamp_s == 102.0
+
+
+def test_the_robot_and_what_it_hides_are_no_thing_that_came(server, scene):
+    """The edge of the robot lies in the picture where the ground behind it would be."""
+    server.receive(1.0, at(10.0, 3.0, 2.0))
+    server.receive(1.0, Goal(18.0, 3.0))
+    server.step(1.0)
+    itself = (9.7, 10.3, 2.7, 3.3, 0.0, 0.7)
+    view = scene([BOX, itself]).view(stamp_s=2.0, name="live")
+    server.receive(2.2, MapSeen(view, watching=True))
+    (said,) = server.step(2.2)
+    assert isinstance(said, GridChanged)
+    assert 0 <= server.said.stands[server.said.grid.cell_of(10.0, 3.0)] <= FREE_PERCENT
 
 
 def test_a_live_map_alone_is_enough(rescue, scene):
@@ -169,10 +196,10 @@ def test_a_live_map_alone_is_enough(rescue, scene):
         server.receive(k, MapSeen(scene([BOX]).view(stamp_s=k, name="live"), live=True))
     whole, changed = server.step(2.0)
     assert isinstance(whole, GridSaid) and isinstance(changed, GridChanged)
-    assert len(server.ground.maps) == 1 and server.ground.views == ("live",)
+    assert server.ground.views == ("live",)
     server.receive(3.0, MapSeen(scene([BOX]).view(stamp_s=0.5)))  # a finished one comes, too
     server.step(3.0)
-    assert server.ground.views == ("drawn", "live") and server.said.stamp_s == 2.0
+    assert server.ground.views == ("drawn",) and server.said.stamp_s == 2.0
 
 
 def test_where_there_is_no_route_its_cells_are_named(rescue, scene):
@@ -222,6 +249,7 @@ def test_a_goal_that_is_dropped_ends_its_route_and_wrong_ones_are_refused(server
 def test_a_map_without_ground_leaves_what_is_known(server, scene):
     before = server.said
     view = scene([BOX]).view()
+    server.receive(1.0, at(10.0, 3.0))
     with pytest.raises(GroundError, match="no pixel has a depth"):
         server.receive(
             1.0, MapSeen(replace(view, sigma=np.full_like(view.sigma, np.nan)), live=True)

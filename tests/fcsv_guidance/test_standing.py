@@ -71,13 +71,17 @@ def test_what_one_map_contradicts_is_not_free(scene, rescue):
 
 
 def test_what_several_maps_say_together():
-    nan = np.nan
-    each = [[nan, 0.99, 0.99, 0.99, 0.90, nan], [nan, nan, 0.90, 0.30, 0.20, 0.97]]
-    p = standing.together(np.array(each)[:, None])[0]
-    assert (
-        np.isnan(p[0])
-        and p[1] >= FREE_P
-        and p[2] >= FREE_P
-        and OBSTACLE_P < p[3] == np.float32(CONTRADICTED_P)
-    )
-    assert p[4] <= OBSTACLE_P and p[5] == np.float32(0.97)
+    nan, around = np.nan, np.ones((1, 1), np.uint8)
+    each = [[nan, 0.99, 0.99, 0.99, 0.90, nan, 0.99], [nan, nan, 0.90, 0.30, 0.20, 0.97, 0.30]]
+    whole = np.ones((2, 1, 7), bool)
+    whole[1, 0, 6] = False  # it knows a part of the footprint
+    p = standing.weighed(np.array(each)[:, None], whole, around)[0]
+    assert np.isnan(p[0]) and p[1] >= FREE_P and p[2] >= FREE_P
+    assert OBSTACLE_P < p[3] == np.float32(CONTRADICTED_P)
+    assert p[4] <= OBSTACLE_P and p[5] == np.float32(0.97) and p[6] >= FREE_P
+
+
+def test_two_maps_outvote_a_third():
+    around, whole = np.ones((1, 1), np.uint8), np.ones((3, 1, 1), bool)
+    votes = np.array([0.99, 0.99, 0.30])[:, None, None]
+    assert standing.weighed(votes, whole, around)[0, 0] >= FREE_P

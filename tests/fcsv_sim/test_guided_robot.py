@@ -2,6 +2,7 @@
 """A simulated robot that the real nodes guide through a maze, over a map that was drawn."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -80,3 +81,37 @@ def test_the_real_nodes_guide_it_through_a_maze(town, robot_file, tmp_path):
         topics = bag.get_type_and_topic_info().topics
     for topic in ("/ground/map", "/ground/path", "/robot_pose", "/odom", "/cmd_vel", "/robot_fix"):
         assert topics[topic].message_count > 0, topic
+
+
+def test_a_way_that_closes_is_answered_within_a_second(root, town, robot_file, tmp_path):
+    """Vehicles that hold show the crate 0.3 s late, twice a second; the machine may be slow: the
+    answer counts from when their depth is there."""
+    folder, sim_dir = draw_map(town, tmp_path / "map"), tmp_path / "sim"
+    reference = json.loads((folder / "report.json").read_text())["reference"]
+    K = np.array(
+        [[reference["fx"], 0, reference["cx"]], [0, reference["fy"], reference["cy"]], [0, 0, 1.0]]
+    )
+    arrays = {name: np.load(folder / f"{name}.npy") for name in ("depth", "sigma", "kind")}
+    np.savez(tmp_path / "view.npz", K=K, T_home_cam=np.array(reference["T_home_cam"]), **arrays)
+    home = [*map(str, T_WORLD_HOME[:3, 3]), str(transforms.yaw(T_WORLD_HOME))]
+    script = root / "tests" / "support" / "watching_vehicles.py"
+    with Machine("guidance", tmp_path) as machine:
+        arguments = [WORLD, str(SEED), *home, str(tmp_path / "view.npz"), str(sim_dir)]
+        machine.run([sys.executable, str(script), *arguments], "watching")
+        drive = GuidedDrive(
+            (folder,),
+            WORLD,
+            SEED,
+            robot_file,
+            T_WORLD_HOME,
+            tmp_path / "drive",
+            longest_s=150.0,
+            sim_dir=sim_dir,
+        )
+        result = drive_guided(drive, machine, print)
+    print("\n".join(in_words(result)))
+    closed = result.sent.way_closed
+    assert result.sent.ended == ARRIVED and result.is_sound and not result.touched
+    assert closed is not None and closed.answer_s is not None
+    answered_s = closed.picture_s + closed.answer_s
+    assert answered_s - closed.depth_s < 1.0 and closed.stood_s is not None

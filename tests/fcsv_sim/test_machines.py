@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ports of machines that share a computer, and the end of what was started on them."""
 
+import signal
 import socket
 import subprocess
 import sys
@@ -47,6 +48,17 @@ def test_what_a_process_started_in_a_session_of_its_own_ends_with_it(tmp_path, e
     psutil.wait_procs(children, timeout=5.0)
     assert not [c for c in children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE]
     process.stop()  # safe to call again
+
+
+def test_what_a_program_in_the_background_starts_is_ended_by_sigint(tmp_path):
+    """A shell starts it with SIGINT ignored, which its programs would inherit."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    process = machines.Process(["sleep", "60"], tmp_path / "log")
+    try:
+        process.signal(signal.SIGINT)
+        assert process.wait(10.0) == -signal.SIGINT
+    finally:
+        process.kill()
 
 
 def test_a_node_of_a_machine_is_found_by_its_name_and_the_machines_folder(tmp_path):

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated robot in its place, without ROS, and whoever sends it to a goal."""
 
+import doctest
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,12 @@ from fcsv_geometry import transforms
 from fcsv_guidance.following import DriveCommand
 from fcsv_guidance.robot import load_robot
 from fcsv_sim.errors import SimulationError
+from fcsv_sim.robot import reaction
+from fcsv_sim.robot.closing import ClosingRules, WayCloser
 from fcsv_sim.robot.placed import PlacedRobot
+from fcsv_sim.robot.reaction import WayClosed
 from fcsv_sim.robot.sent import ARRIVED, CONTACT, NO_ROUTE, STANDS, DriveLimits, SentRobot
+from fcsv_sim.robot.things import Box
 from fcsv_sim.world.town import Town
 
 SEED, WORLD = 29, "low_maze"
@@ -120,3 +126,56 @@ def test_nothing_is_sent_before_a_grid_and_a_place_are_there():
     sent.port.on_grid()
     drive = sent.until(60.0, moves=False)
     assert not sent.goals and drive.ended == STANDS and "place is not known" in drive.text
+
+
+def test_a_crate_comes_across_the_way_once_and_goes(town):
+    T_world_home = transforms.from_xyz_yaw([3.0, -2.0, 9.0], 0.0)
+    closer = WayCloser(town.plan, T_world_home, SEED, ClosingRules(share=0.2, stays_s=5.0))
+    closer.on_route(np.empty((0, 2)))
+    assert closer.step(0.0, 23.0, -2.0) == ""
+    closer.on_route(np.array([[20.0, 0.0], [40.0, 0.0]]))  # in home
+    changes = {}
+    for k in range(200):  # 0.1 m a step along the world's x
+        change = closer.step(0.1 * k, 23.0 + 0.1 * k, -2.0)
+        if change:
+            changes[change] = (0.1 * k, closer.box, 23.0 + 0.1 * k)
+    begun_s, box, x_m = changes["closed"]
+    assert begun_s == pytest.approx(4.0, abs=0.11) and 4.4 < box.x_m - x_m < 7.6
+    assert box.y_m == pytest.approx(-2.0) and box.yaw_rad == pytest.approx(0.0)
+    assert changes["opened"][0] == pytest.approx(begun_s + 5.0, abs=0.11)
+    assert changes["opened"][1] is None
+
+
+def test_no_crate_comes_where_too_little_of_the_way_is_left(town):
+    closer = WayCloser(town.plan, np.eye(4), SEED)
+    closer.on_route(np.array([[20.0, 0.0], [26.0, 0.0]]))
+    assert all(closer.step(0.1 * k, 20.0 + 0.03 * k, 0.0) == "" for k in range(200))
+
+
+def test_what_came_into_the_way_is_touched_too(town, robot_file):
+    robot = PlacedRobot(load_robot(robot_file), town, np.eye(4), SEED)
+    x, y, _ = robot.step(0.05).at
+    apart = Box(x + 1.0, y, 0.0, (0.3, 0.3), 1.0)
+    assert robot.step(0.1, apart).room_m == pytest.approx(0.3, abs=0.05)
+    assert robot.step(0.15, Box(x + 0.5, y, 0.0, (0.3, 0.3), 1.0)).touched_m
+
+
+def test_the_answer_to_a_way_that_closes_counts_from_the_first_picture_that_can_show_it():
+    assert doctest.testmod(reaction).failed == 0
+    sent = Sent()
+    sent.set_out()
+    way = sent.port.way
+    way.on_way("closed 20.000")
+    way.on_depth(20.2, 19.8)  # taken before
+    way.on_route(20.3, True)  # by older pictures
+    way.on_depth(20.9, 20.3)
+    way.on_hold(21.0, "something moves 3.0 m from the robot")
+    way.on_route(21.1, False)
+    way.on_command(21.2, False)
+    way.on_way("opened 45.000")
+    way.on_route(46.0, True)
+    way.on_command(46.1, True)
+    sent.port.on_place(4.9, 0.0)
+    closed = sent.until(60.0, moves=False).way_closed
+    assert closed == WayClosed(0.3, 0.9, 1.0, 26.0, 1.1, 1.2, 25.0, 26.1)
+    assert closed.answer_s == pytest.approx(0.8)

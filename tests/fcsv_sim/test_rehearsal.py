@@ -13,6 +13,7 @@ import pytest
 
 from fcsv_geometry.missions.flight_limits import PauseLimits
 from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration, load_mission
+from fcsv_geometry.missions.stations import MissionStation
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.rehearsal import command, takeover
 from fcsv_sim.rehearsal.command import Job, main, on_all_cores, prepare, rehearse
@@ -70,6 +71,30 @@ def test_a_sweep_flies_its_line_without_a_stop(root):
         start == whole[i].start_s and start + 1.9 < stop < whole[i].stop_s
         for i, start, stop in so_far
     )
+
+
+def test_a_column_changes_over_between_stations_and_nobody_is_stopped():
+    """As one body, with a turn; pictures of both stations; everybody lands where the flight
+    began."""
+    listed = [StereoConfiguration("horizontal", 2.5, record_s=1.0, least_pictures=3)]
+    stations = [
+        MissionStation([40.0], (6.0, 0.0), name="east"),
+        MissionStation([-20.0], (6.0, 6.0), name="north", height_m=9.0),
+    ]
+    flight = Flight(Mission("stations", listed, stations=stations), 2, 3)
+    flight.expect_calm()
+    result = flight.run()
+    assert (result.phase, result.captures, result.violations) == ("DONE", 2, [])
+    assert 0.0 < result.off_m < 0.5
+    for vehicle, x in (("uav1", 0.0), ("uav2", -3.5)):
+        assert np.linalg.norm(flight.fleet[vehicle].p_world_m[:2] - [x, 0.0]) < 2.0
+
+
+@pytest.mark.slow
+def test_the_site_that_comes_along_is_flown_by_three(root):
+    flight = Flight(load_mission(root / "config" / "missions" / "site.yaml"), 3, 2)
+    result = flight.run()
+    assert (result.phase, result.captures, result.violations) == ("DONE", 12, [])
 
 
 def test_the_same_seed_gives_the_same_flight(mission):

@@ -47,6 +47,14 @@ def test_pictures_before_and_after_the_end_of_a_window_is_said(session):
     assert np.allclose(c.others[0].T_home_cam[:3, 3], [1.0, 0.0, 0.0])  # T_home_odom @ T_odom_cam
 
 
+def test_another_station_begins_another_map(session):
+    session.add_window(window(0, 9.0, 11.0))
+    session.add_window(replace(window(1, 19.0, 21.0), view="north at 0 deg"))
+    assert list(session.windows) == [1]
+    session.add_window(replace(window(2, 29.0, 31.0), view="north at 0 deg"))
+    assert list(session.windows) == [1, 2]
+
+
 def test_a_sweep_grows_while_it_is_flown(session):
     """Its window is told again as it gets longer; pictures that it had are kept though newer ones
     push them out."""

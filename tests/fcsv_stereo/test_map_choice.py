@@ -8,7 +8,7 @@ from support.live_pictures import picture, window
 
 from fcsv_geometry import transforms
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.in_flight.map_choice import MapKind, MissionMaps, Monitoring
+from fcsv_stereo.in_flight.map_choice import MapKind, MissionMaps, Monitoring, WatchedMaps
 from fcsv_stereo.model import ImageEntry
 
 FRAMES = {"uav1": np.eye(4), "uav2": transforms.from_xyz_yaw([1.0, 0.0, 0.0], 0.0)}
@@ -128,3 +128,23 @@ def test_pictures_that_are_never_of_one_instant_are_named_after_a_while():
     assert instant(choice, 12.0, 0.2) is None
     with pytest.raises(InputError, match=r"200 ms apart \(apart_s:=0.02\): trigger the cameras"):
         instant(choice, 14.0, 0.2)
+
+
+def test_who_watches_maps_first_and_then_takes_the_newest_instants():
+    choice = WatchedMaps(["uav1", "uav2"], refines_poses=False)
+    choice.on_frames(FRAMES)
+    recorded(choice, 0, 10.0)
+    assert choice.next().kind is MapKind.FIRST_LOOK
+    choice.on_picture(picture("uav1", 20.0))
+    choice.on_picture(picture("uav2", 20.0, y_m=-2.0))
+    whole = choice.next()
+    assert whole.kind is MapKind.WHOLE, "no map is whole yet: nothing is watched"
+    choice.learn(whole, None)
+    for stamp_s in (21.0, 22.0):
+        choice.on_picture(picture("uav1", stamp_s))
+        choice.on_picture(picture("uav2", stamp_s, y_m=-2.0))
+        task = choice.next()
+        assert task.kind is MapKind.INSTANT and task.newest_s == stamp_s
+        assert choice.next() is None, "nothing new"
+    recorded(choice, 1, 30.0)
+    assert choice.next().kind is MapKind.FIRST_LOOK, "a map that is due comes first"

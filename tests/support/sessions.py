@@ -62,7 +62,8 @@ def write_session(
     depth=None,
     heard=None,
 ):
-    """A session of one configuration, or of as many as ``windows``; ``drop`` leaves topics out (by
+    """A session of one configuration, or of as many as ``windows`` (start_s, stop_s, and where there
+    are stations name and heading_rad); ``drop`` leaves topics out (by
     their end).
 
     ``odometry_s``: from one pose to the next.
@@ -195,5 +196,7 @@ def write_control(bag, drop, windows, stamp_s=T0):
         )
         name = f"horizontal 0.8 m{f' ({index})' if index else ''}"
         capture.configuration = Configuration(name, Configuration.HORIZONTAL, 0.8, 0.0, 1.0)
-        capture.start, capture.stop = (rospy.Time.from_sec(t) for t in window)
+        capture.start, capture.stop = (rospy.Time.from_sec(t) for t in window[:2])
+        if len(window) > 2:
+            capture.station, capture.heading_rad = window[2:]
         put(bag, "/mission/capture", capture, stamp_s, drop)

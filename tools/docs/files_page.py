@@ -24,8 +24,15 @@ from fcsv_multimaster.links import SECTIONS, RuleEntry, TrafficClass, parse_link
 ROOT = Path(__file__).resolve().parents[2]
 _POI = {"points_of_interest": [{"name": "roof", "u_px": 320.0, "v_px": 240.0}]}
 #: By kind good files, beside an empty one: into the first that has the place a value is put.
+_PLACE = {"latitude_deg": 48.0, "longitude_deg": 11.0}
+_ON_EARTH = {
+    "name": "site",
+    "configurations": [{"axis": "vertical", "baseline_m": 4.0}],
+    "home_fix": {**_PLACE, "course_deg": 0.0},
+    "stations": [{**_PLACE, "headings_deg": [0.0]}],
+}
 _EXAMPLES: Dict[str, Sequence[Any]] = {
-    "mission": ("missions/short", "missions/sweep", "missions/near"),
+    "mission": ("missions/short", "missions/sweep", "missions/near", _ON_EARTH),
     "vehicle": ("vehicles/uav1",),
     "robot": ("robots/small",),
     "gimbals": ("gimbal/ground_robot",),
@@ -129,9 +136,12 @@ def _others() -> List[str]:
 # ---- rows ----------------------------------------------------------------------------------------
 
 
-def _rows(cls, at: str, standard: Optional[Any], takes: Takes) -> Iterator[Row]:
+def _rows(
+    cls, at: str, standard: Optional[Any], takes: Takes, above: Tuple[type, ...] = ()
+) -> Iterator[Row]:
     """Of a class's fields, nested ones below theirs; ``standard``: an instance with the defaults
-    that count here."""
+    that count here; ``above``: classes whose keys stand above already."""
+    listed: List[type] = [*above]
     hints, notes = typing.get_type_hints(cls), notes_of(cls)
     for field in (f for f in dataclasses.fields(cls) if f.init):
         path, kind = f"{at}{field.name}", hints[field.name]
@@ -153,8 +163,11 @@ def _rows(cls, at: str, standard: Optional[Any], takes: Takes) -> Iterator[Row]:
             continue
         span = "list" if many else ""
         yield path, "", "" if dataclasses.is_dataclass(default) else _shown(default), span, meaning
+        if many and inner in listed:
+            continue
+        listed.append(inner)
         base = default if dataclasses.is_dataclass(default) else None
-        yield from _rows(inner, f"{path}[]." if many else f"{path}.", base, takes)
+        yield from _rows(inner, f"{path}[]." if many else f"{path}.", base, takes, tuple(listed))
 
 
 def _inner(kind: Any) -> Tuple[Optional[type], bool]:

@@ -68,14 +68,26 @@ class Measure:
     unknown: str = "not known"
     least: bool = False
 
+    def breaks(self, value: float, bound: float) -> bool:
+        """Says that a value is worse than a bound; one that is not known is not."""
+        return value < bound if self.least else value > bound
+
     def __call__(self, value: float, red: float, amber: float = NONE) -> Condition:
-        if value < red if self.least else value > red:
+        if self.breaks(value, red):
             return Condition(_RED, value, self.wrong.format(red))
-        if value < amber if self.least else value > amber:
+        if self.breaks(value, amber):
             return Condition(Grade.AMBER, value, self.wrong.format(amber))
         if math.isnan(value):
             return Condition(Grade.UNKNOWN, value, self.unknown)
         return Condition(_GREEN, value)
+
+
+class _UpTo(Measure):
+    """At the bound it is wrong already."""
+
+    def breaks(self, value: float, bound: float) -> bool:
+        """Says that a value is the bound or less."""
+        return value <= bound
 
 
 # shares, rates (Hz), MiB: too little is wrong
@@ -101,6 +113,7 @@ control_age = Measure("nothing from the control PC for {:g} s")
 agent_age = Measure("nothing from the agent for {:g} s")
 link_age = Measure("nothing from the flight link for {:g} s")
 wifi_age = Measure("its Wi-Fi has been silent for {:g} s")
+low_confidence = _UpTo("the tracking camera has low confidence")
 
 
 def confidence_level(variance_m2: float) -> float:
@@ -117,8 +130,8 @@ def confidence(level: float, low: float) -> Condition:
     """Judges this level: up to ``low`` is red; a tracker that tells none is amber."""
     if math.isnan(level):
         return Condition(Grade.AMBER, level, "it tells no confidence")
-    if level <= low:
-        return Condition(Grade.RED, level, "the tracking camera has low confidence")
+    if low_confidence.breaks(level, low):
+        return Condition(_RED, level, low_confidence.wrong)
     return Condition(Grade.GREEN, level)
 
 

@@ -1,48 +1,49 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the control PC's processes tell each other, and are asked, as data."""
 
-from dataclasses import dataclass
 from typing import List, Sequence
 
 from fcsv_control.agent.messages import Ack
 from fcsv_control.flight_check.lines import Line
+from fcsv_geometry.frozen import frozen
+from fcsv_geometry.missions.stations import HOME_VIEW
 from fcsv_geometry.vehicles.telemetry import MissionPhase
 
 # ---- requests ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@frozen
 class Confirm:
     """The operator confirms a step of the mission."""
 
     step: str
 
 
-@dataclass(frozen=True)
+@frozen
 class Operate:
     """One of mission.operator_commands.OPERATIONS."""
 
     operation: str
 
 
-@dataclass(frozen=True)
+@frozen
 class Execute:
     """Fly these configurations (none: all)."""
 
     configurations: Sequence[int]
 
 
-@dataclass(frozen=True)
+@frozen
 class Abort:
     """The operator lands everybody whom the mission flies."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Cancel:
     """Who asked for configurations does not want them any more."""
 
 
-@dataclass(frozen=True)
+@frozen
 class StopCalled:
     """Somebody calls to stop or to land everybody (``asked``: stopping.STOP or LAND)."""
 
@@ -53,7 +54,7 @@ class StopCalled:
 # ---- messages ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@frozen
 class CommandAnswered:
     """A vehicle's agent answered a command."""
 
@@ -66,7 +67,7 @@ class CommandAnswered:
         return "" if self.ack.result == 0 else self.ack.reason or "refused without a reason"
 
 
-@dataclass(frozen=True)
+@frozen
 class WallClock:
     """The time of day ``wall_s``, read between two looks at the monotonic clock."""
 
@@ -75,7 +76,7 @@ class WallClock:
     after_s: float
 
 
-@dataclass(frozen=True)
+@frozen
 class CheckTable:
     """The fleet's flight check; it counts for ``patience_s``."""
 
@@ -83,7 +84,7 @@ class CheckTable:
     patience_s: float
 
 
-@dataclass(frozen=True)
+@frozen
 class PairLooked:
     """Whether the pictures of two vehicles show another place than their trackers."""
 
@@ -92,21 +93,21 @@ class PairLooked:
     off: bool
 
 
-@dataclass(frozen=True)
+@frozen
 class StopOver:
     """The operator goes on after everybody was stopped."""
 
     reason: str
 
 
-@dataclass(frozen=True)
+@frozen
 class ServiceWanted:
     """The mission calls "calibrate" or "set_home"."""
 
     name: str
 
 
-@dataclass(frozen=True)
+@frozen
 class ServiceAnswered:
     """How that ended."""
 
@@ -115,7 +116,7 @@ class ServiceAnswered:
     text: str
 
 
-@dataclass(frozen=True)
+@frozen
 class MissionAlive:
     """The mission lives and commands as ``sender``, whose monotonic clock says ``sent_s``."""
 
@@ -123,10 +124,10 @@ class MissionAlive:
     sent_s: float
 
 
-@dataclass(frozen=True)
+@frozen
 class MissionStatus(MissionPhase):
     """Where the mission is; ``captured``: indices of configurations that are recorded, ``progress``
-    0..1."""
+    0..1; ``station`` and ``heading_rad``: from where the running configuration is flown."""
 
     detail: str
     waits_for: str
@@ -136,9 +137,11 @@ class MissionStatus(MissionPhase):
     over: bool
     progress: float
     captured: List[int]
+    station: str = HOME_VIEW.station
+    heading_rad: float = HOME_VIEW.heading_rad
 
 
-@dataclass(frozen=True)
+@frozen
 class FramesJudged:
     """Whether calibration and home of before a restart count: the mission goes on by them, or
     begins anew."""

@@ -4,13 +4,13 @@ and told out."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, Sequence
+from typing import Any, List, Optional, Sequence
 
 from fcsv_control.agent.messages import Pictures
 from fcsv_control.disk import DiskWatch
 from fcsv_control.recording import RecorderParameters
 from fcsv_control.session import Session, with_part
-from fcsv_geometry.streams.dispatch import by_type
+from fcsv_geometry.streams.dispatch import Takers
 from fcsv_geometry.streams.silence import Silence, in_steps
 from fcsv_geometry.vehicles.telemetry import Diagnosis
 
@@ -93,18 +93,21 @@ class RecorderPort:
         self._silence, self._disk = Silence(p.no_picture_s), DiskWatch(p.least_free_mib << 20)
         self._pictures_on = False
         self._out: List[object] = []
-        self._take: Dict[type, Callable[[float, Any], None]] = {
-            Pictures: self._wanted,
-            PictureCame: self._picture,
-            PartWritten: lambda _now_s, m: self._list(m.machine, m.bag),
-            SessionSaved: lambda _now_s, m: setattr(self, "_saved", m.session),
-            Written: self._written,
-        }
+        self._take = Takers(
+            {
+                Pictures: self._wanted,
+                PictureCame: self._picture,
+                PartWritten: lambda _now_s, m: self._list(m.machine, m.bag),
+                SessionSaved: lambda _now_s, m: setattr(self, "_saved", m.session),
+                Written: self._written,
+            },
+            "a recorder takes no",
+        )
         self._wanted(now_s, Pictures(p.pictures_on))
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        by_type(self._take, message, "a recorder takes no")(now_s, message)
+        self._take[type(message)](now_s, message)
 
     def step(self, _now_s: float) -> Sequence[object]:
         """What is to be done now."""

@@ -204,14 +204,17 @@ def quaternion_of_matrix(R_a_b: np.ndarray) -> Quaternion:
 
 def matrix_of_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> np.ndarray:
     """R_a_b (3, 3) from roll, pitch, yaw (rad) about fixed x, y, z: R = Rz Ry Rx."""
+    return np.array(rows_of_rpy(roll_rad, pitch_rad, yaw_rad))
+
+
+def rows_of_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Tuple[Vector, Vector, Vector]:
+    """matrix_of_rpy() in plain numbers."""
     sr, cr, sp = math.sin(roll_rad), math.cos(roll_rad), math.sin(pitch_rad)
     cp, sy, cy = math.cos(pitch_rad), math.sin(yaw_rad), math.cos(yaw_rad)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
+    return (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
     )
 
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of guidance: one line that names what is wrong and what to do."""
 
+from typing import Tuple
+
 from fcsv_geometry.errors import FcsvError
 
 
@@ -18,3 +20,11 @@ class RouteError(GuidanceError):
 
 class PlaceError(GuidanceError):
     """A pose that does not tell where the robot is."""
+
+
+class EndNotSeenError(RouteError):
+    """Start or goal lies in ``cell`` (row, column), which was not seen."""
+
+    def __init__(self, words: str, cell: Tuple[int, int]):
+        super().__init__(words)
+        self.cell = cell

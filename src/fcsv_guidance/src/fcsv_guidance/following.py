@@ -90,6 +90,13 @@ class StopRobot:
 
 
 @dataclass(frozen=True)
+class HoldRobot:
+    """The robot stands for this reason and keeps its route; an empty one lets it drive on."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
 class DriveCommand:
     """Forward speed and turning rate; ``reason`` says why the robot stands, empty where it
     drives."""
@@ -115,7 +122,7 @@ class FollowerRules:
     lateral_mps2: float = 0.5
 
 
-Message = Union[RobotPlace, RouteToFollow, ClearanceMap, StopRobot]
+Message = Union[RobotPlace, RouteToFollow, ClearanceMap, StopRobot, HoldRobot]
 
 
 class RouteFollower:
@@ -127,7 +134,7 @@ class RouteFollower:
         self._map: Optional[ClearanceMap] = None
         self._route: Optional[Polyline] = None
         self._reached_m, self._speed_mps, self._stepped_s = 0.0, 0.0, None
-        self._standing = "no route has come"
+        self._standing, self._held = "no route has come", ""
 
     def receive(self, now_s: float, message: Message) -> None:
         """A message came. Raises TypeError where its type is not known, RouteError where a route is
@@ -138,6 +145,8 @@ class RouteFollower:
             self._route, self._reached_m, self._standing = message.polyline(), 0.0, ""
         elif isinstance(message, ClearanceMap):
             self._map = message
+        elif isinstance(message, HoldRobot):
+            self._held = message.reason
         elif isinstance(message, StopRobot):
             # a lost route takes no operator's stop back
             if self._route is not None or message == StopRobot():
@@ -186,7 +195,7 @@ class RouteFollower:
         if np.hypot(*(self._route.points[-1] - [place.x_m, place.y_m])) <= rules.goal_m:
             self._route, self._standing = None, GOAL_REACHED
             return self._standing
-        return ""
+        return self._held
 
     def _pursued(self, now_s: float) -> DriveCommand:
         """Pure pursuit: the arc through a point of the route that lies ahead by a distance that

@@ -240,11 +240,14 @@ def stand_probability(ground: Ground, robot: Robot, margin_m: float = 0.0) -> np
     NaN where unknown.
 
     The footprint is grown by ``margin_m``. It is unknown where no map knows all cells below the
-    footprint, unless one shows an obstacle there. What one map calls free and another does not is
-    uncertain.
+    footprint, unless one shows an obstacle there, or free footprints cover it. What one map calls
+    free and another does not is weighed by number (standing.weighed).
     """
-    each = [standing.probability(alone, robot, margin_m) for alone in ground.maps or (ground,)]
-    return standing.together(each)
+    maps = ground.maps or (ground,)
+    each = [standing.probability(alone, robot, margin_m) for alone in maps]
+    whole = [standing.seen_below(alone, robot, margin_m) for alone in maps]
+    around = standing.disk(robot.radius_m + margin_m, ground.grid.cell_m)
+    return standing.weighed(each, whole, around)
 
 
 def _without(ground: Ground, cells: np.ndarray) -> Ground:

@@ -9,7 +9,8 @@ from typing import List, Optional
 from fcsv_geometry.programs.commands import run
 from fcsv_geometry.programs.live_line import LiveLine, Steps
 from fcsv_guidance.errors import GroundError
-from fcsv_guidance.ground_folder import GroundOptions, RouteAsked, write_ground
+from fcsv_guidance.ground_folder import GroundOptions, GroundWritten, RouteAsked, write_ground
+from fcsv_guidance.look_from import next_commands
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route import NoRoute
 from fcsv_guidance.views import read_map, require_different
@@ -18,6 +19,7 @@ _EXAMPLES = """examples:
   ground out/map --robot config/robots/rescue.yaml -o out/ground
   ground out/map1 out/map2 --robot config/robots/small.yaml --cell-m 0.05 -o out/ground
   ground out/map --robot config/robots/rescue.yaml --route 20 0 38 4 -o out/ground
+  ground out/map --robot config/robots/rescue.yaml --route 20 0 38 4 --look-from out/look.yaml -o out/ground
   ground out/map --robot config/robots/rescue.yaml --octomap 0.2 -o out/ground
 """
 
@@ -42,6 +44,8 @@ def _ground(args: argparse.Namespace) -> int:
     print(written.summary)
     if isinstance(found, NoRoute):
         print(f"{found.reason}; ground.json lists them")
+        if args.look_from:
+            _print_look_from(written, Path(args.look_from))
     elif found is not None:
         print(
             f"route of {found.length_m:.1f} m, {len(found.points_home_m)} corners, worst cell's risk {found.risk:.3f}"
@@ -54,8 +58,14 @@ def _route(args: argparse.Namespace) -> Optional[RouteAsked]:
     """What is asked for; None: no route. Raises GroundError on an option that would be ignored."""
     if args.route:
         return RouteAsked(
-            tuple(args.route[:2]), tuple(args.route[2:]), args.place_sigma_m, args.through_unknown
+            tuple(args.route[:2]),
+            tuple(args.route[2:]),
+            args.place_sigma_m,
+            args.through_unknown,
+            Path(args.look_from) if args.look_from else None,
         )
+    if args.look_from:
+        raise GroundError("--look-from: says where to look for a route; give --route, too")
     for option, given in (
         ("--place-sigma-m", args.place_sigma_m != 0.0),
         ("--through-unknown", args.through_unknown is not None),
@@ -63,6 +73,14 @@ def _route(args: argparse.Namespace) -> Optional[RouteAsked]:
         if given:
             raise GroundError(f"{option} is of --route X0 Y0 X1 Y1, which is not given")
     return None
+
+
+def _print_look_from(written: GroundWritten, mission: Path) -> None:
+    if written.looks is None:
+        why = "no place shows a cell that must be seen"
+        print(f"{mission}: not written: {why}" if len(written.found.to_see) else "nothing to see")
+        return
+    print("\n".join([written.looks.in_words(), f"wrote {mission}", *next_commands(mission)]))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -95,6 +113,11 @@ def _parser() -> argparse.ArgumentParser:
         nargs=4,
         metavar=("X0", "Y0", "X1", "Y1"),
         help="from start to goal, home (m)",
+    )
+    add(
+        "--look-from",
+        metavar="MISSION",
+        help="where no route is known: a mission file of the place that shows most of what lacks",
     )
     add(
         "--place-sigma-m",

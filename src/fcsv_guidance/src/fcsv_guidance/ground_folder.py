@@ -10,13 +10,14 @@ from typing import Callable, List, Optional, Sequence, Tuple, Union
 import numpy as np
 
 from fcsv_guidance import tuning
-from fcsv_guidance.errors import GroundError
+from fcsv_guidance.errors import EndNotSeenError, GroundError
 from fcsv_guidance.ground import Ground, ground_from, stand_probability
+from fcsv_guidance.look_from import LookFrom, look_from, write_look_from
 from fcsv_guidance.map_files import occupancy, write_layers, write_map_server
 from fcsv_guidance.octomap_files import write_octomap
 from fcsv_guidance.picture import draw
 from fcsv_guidance.robot import Robot
-from fcsv_guidance.route import NoRoute, Route, plan_route
+from fcsv_guidance.route import NO_ROUTE_KNOWN, NoRoute, Route, plan_route
 from fcsv_guidance.views import DepthView
 
 PICTURE = "ground.png"
@@ -48,22 +49,25 @@ class GroundOptions:
 
 @dataclass(frozen=True)
 class RouteAsked:
-    """A route from ``start_m`` to ``goal_m`` (x, y in home), as plan_route takes it."""
+    """A route from ``start_m`` to ``goal_m`` (x, y in home), as plan_route takes it; ``mission``:
+    the file that says where to look from where none is known."""
 
     start_m: Tuple[float, float]
     goal_m: Tuple[float, float]
     place_sigma_m: float = 0.0
     through_unknown: Optional[float] = None
+    mission: Optional[Path] = None
 
 
 @dataclass(frozen=True)
 class GroundWritten:
     """``summary``: one line on the ground; ``found``: a Route or a NoRoute where one was asked
-    for."""
+    for; ``looks``: where to look from, where that was asked for and a place shows what lacks."""
 
     paths: Sequence[Path]
     summary: str
     found: Union[Route, NoRoute, None]
+    looks: Optional[LookFrom] = None
 
 
 def write_ground(
@@ -84,12 +88,14 @@ def write_ground(
     ground = ground_from(views, options.cell_m, reach_m=options.reach_m)
     begin("where the robot can stand", 0.4)
     stands = stand_probability(ground, robot)
-    found = None
+    found, looks = None, None
     if asked is not None:
         begin("the route", 0.5)
-        found = plan_route(
-            ground, robot, asked.start_m, asked.goal_m, asked.place_sigma_m, asked.through_unknown
-        )
+        found = _route(ground, robot, asked)
+        if asked.mission is not None and isinstance(found, NoRoute) and len(found.to_see):
+            looks = look_from(ground, robot, found.to_see, views[0])
+            if looks is not None:
+                write_look_from(looks, asked.mission, ground.views)
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     paths: List[Path] = []
@@ -103,7 +109,22 @@ def write_ground(
     paths += write_layers(ground, stands, out)
     draw(ground, robot, stands, out / PICTURE, found if isinstance(found, Route) else None)
     (out / DOCUMENT).write_text(json.dumps(_document(ground, stands, robot.name, found), indent=1))
-    return GroundWritten([*paths, out / PICTURE, out / DOCUMENT], _summary(ground, stands), found)
+    return GroundWritten(
+        [*paths, out / PICTURE, out / DOCUMENT], _summary(ground, stands), found, looks
+    )
+
+
+def _route(ground: Ground, robot: Robot, asked: RouteAsked) -> Union[Route, NoRoute]:
+    """Plans as plan_route; where a mission shall say where to look from, an end that was not seen
+    is a cell to see."""
+    try:
+        return plan_route(
+            ground, robot, asked.start_m, asked.goal_m, asked.place_sigma_m, asked.through_unknown
+        )
+    except EndNotSeenError as error:
+        if asked.mission is None:
+            raise
+        return NoRoute(f"{NO_ROUTE_KNOWN}: {error}", np.array([error.cell]))
 
 
 def _summary(ground: Ground, stands: np.ndarray) -> str:

@@ -2,20 +2,22 @@
 """What others are told of the ground: grids and what changed in them, routes, and why there is
 none.
 
-A port: messages and time in, what is to be published out. It takes maps as they come, and a live
-map in their place where that shows more.
+A port: messages and time in, what is to be published out. It takes maps as they come; views that
+watch the place take their freedom back where something changed.
 """
 
+from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import List, Optional, Sequence, Tuple, Union
+from typing import Deque, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from fcsv_guidance import tuning
-from fcsv_guidance.errors import RouteError
-from fcsv_guidance.following import Goal, RobotPlace
+from fcsv_guidance.errors import GroundError, RouteError
+from fcsv_guidance.following import Goal, Polyline, RobotPlace
 from fcsv_guidance.grid_regions import Region, changed_region, percents_of
-from fcsv_guidance.ground import LAYERS, Grid, Ground, ground_from, renewed, stand_probability
+from fcsv_guidance.ground import LAYERS, Grid, Ground, ground_from
+from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, KnownGround
 from fcsv_guidance.map_files import occupancy
 from fcsv_guidance.planning import RouteRules, plan_clear
 from fcsv_guidance.robot import Robot
@@ -28,10 +30,12 @@ _STANDS_M = 0.15  # a place that moves by less may be noise
 
 @dataclass(frozen=True)
 class MapSeen:
-    """A finished map, or with ``live`` the newest state of one that still grows or watches."""
+    """A finished map, or with ``live`` the newest state of one that grows: it watches the place where
+    there are finished maps. ``watching``: what vehicles that hold see now."""
 
     view: DepthView
     live: bool = False
+    watching: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,8 +82,17 @@ class NoRouteSaid:
 
 
 @dataclass(frozen=True)
+class RobotHold:
+    """The robot shall stand where it is for this reason, and keep its route; empty: no more."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
 class GroundRules:
-    """How the ground is laid, and when a route is planned anew."""
+    """How the ground is laid, and when a route is planned anew. ``watched``: the grids are as old as
+    the last view that watches, not as their maps. The robot is held while something came nearer
+    than ``moving_m`` in the last ``still_s``."""
 
     cell_m: float = 0.1
     reach_m: float = 60.0  # of the grid, from the first maps' cameras
@@ -90,10 +103,13 @@ class GroundRules:
     goal_m: float = 0.3  # so near the goal it is reached
     # until another plan, of a robot that stands on its route or has none: its place changes, too
     retry_s: float = 5.0
+    watched: bool = False
+    moving_m: float = MOVING_M
+    still_s: float = STILL_S
     route: RouteRules = field(default_factory=RouteRules)
 
 
-Said = Union[GridSaid, GridChanged, RouteSaid, NoRouteSaid]
+Said = Union[GridSaid, GridChanged, RouteSaid, NoRouteSaid, RobotHold]
 
 
 class GroundServer:
@@ -103,17 +119,21 @@ class GroundServer:
         self._robot, self._rules = robot, rules
         self._views: List[DepthView] = []
         self._live: Optional[DepthView] = None
+        self._known = KnownGround(robot)
+        # what the maps show together, and the same with what watching views show in its place
+        self._mapped: Optional[Ground] = None
         self._ground: Optional[Ground] = None
         self._stands: Optional[np.ndarray] = None
         self._said: Optional[GridSaid] = None
         self._place: Optional[RobotPlace] = None
+        self._places: Deque[RobotPlace] = deque(maxlen=200)
         # where it was when it last moved, and since when it stands there
         self._stood: Tuple[float, float, float] = (np.inf, np.inf, -np.inf)
         self._goal: Optional[Goal] = None
         self._route: Optional[Route] = None
-        # of the ground; ground and time of the last plan
-        self._version, self._planned = 0, (-1, -np.inf)
-        self._waits_for_place, self._none_said = False, ""
+        # freedom and time of the last plan
+        self._planned = (-1, -np.inf)
+        self._waits_for_place, self._none_said, self._held = False, "", ""
         self._out: List[Said] = []
 
     @property
@@ -144,16 +164,21 @@ class GroundServer:
         else:
             raise TypeError(f"a ground server does not know {type(message).__name__}")
 
+    def pending(self) -> Sequence[Said]:
+        """What is to be published before a route is planned: the robot stops by it."""
+        out, self._out = self._out, []
+        return out
+
     def step(self, now_s: float) -> Sequence[Said]:
         """What is to be published now."""
         if self._goal is not None and self._wants_plan(now_s):
-            self._planned = (self._version, now_s)
+            self._planned = (self._known.version, now_s)
             said = self._planned_route()
             if isinstance(said, RouteSaid) or said.reason != self._none_said:
                 self._out.append(said)
             self._none_said = said.reason if isinstance(said, NoRouteSaid) else ""
-        out, self._out = self._out, []
-        return out
+        self._hold(now_s)
+        return self.pending()
 
     def plan(self, start_m, goal_m, tolerance_m: float = 0.0) -> Union[Route, NoRoute]:
         """A route between two places of home, or why there is none; the goal may move by
@@ -177,18 +202,23 @@ class GroundServer:
     # ---- maps ------------------------------------------------------------------------------------
 
     def _on_map(self, seen: MapSeen) -> None:
-        if seen.live and self._ground is not None:
-            ground = _with_live(self._ground, seen.view, len(self._views))
-            self._live = seen.view
-        elif seen.live:
-            ground = ground_from([seen.view], self._rules.cell_m, self._grid(), self._rules.reach_m)
-            self._live = seen.view
-        else:
-            views = [*self._views, seen.view]
-            ground = ground_from(views, self._rules.cell_m, self._grid(), self._rules.reach_m)
-            self._views = views
-            ground = ground if self._live is None else _with_live(ground, self._live, len(views))
-        self._take(ground)
+        if seen.watching or (seen.live and self._views):
+            self._on_watch(seen.view)
+            return
+        views = self._views if seen.live else [*self._views, seen.view]
+        live = seen.view if seen.live else self._live
+        taken = views or [live]
+        ground = ground_from(taken, self._rules.cell_m, self._grid(), self._rules.reach_m)
+        known = self._known
+        if not seen.live or known.grid is None or known.grid != ground.grid:
+            known = KnownGround(self._robot)
+        alone = ground.maps or (ground,)
+        for view, each in zip(taken, alone):
+            stamp_s = view.stamp_s if np.isfinite(view.stamp_s) else 0.0
+            known.receive(GroundSeen(stamp_s, view.name, each), None)
+        self._views, self._live, self._known = views, live, known
+        self._mapped = self._ground = ground
+        self._take()
 
     def _grid(self) -> Optional[Grid]:
         if self._rules.area_m is not None:
@@ -196,15 +226,48 @@ class GroundServer:
             return Grid.around((x0, y0), (x1, y1), self._rules.cell_m)
         return self._ground.grid if self._ground is not None and not self._views else None
 
-    def _take(self, ground: Ground) -> None:
-        stands = stand_probability(ground, self._robot)
+    def _on_watch(self, view: DepthView) -> None:
+        """Compares a view with the maps; a robot whose place is not known would be a thing that
+        came."""
+        if self._known.grid is None:
+            raise GroundError(f"{view.name}: watches a place that has no map yet")
+        if not self._places:
+            raise GroundError(f"{view.name}: the robot's place is not known, which it may show")
+        near = min(self._places, key=lambda p: abs(p.stamp_s - view.stamp_s))
+        new = ground_from([view], grid=self._known.grid)
+        seen = GroundSeen(view.stamp_s, view.name, new, True, view.T_home_cam[:3, 3])
+        freedom = self._known.version
+        self._known.receive(seen, near)
+        self._live = view
+        if self._known.version == freedom:
+            self._said = replace(self._said, stamp_s=self._stamp_s())
+            same = Region(0, 0, self._said.occupied[:1, :1])
+            stands = Region(0, 0, self._said.stands[:1, :1])
+            self._out.append(GridChanged(self._said.stamp_s, same, stands))
+            return
+        changed = self._known.changed
+        shown = changed & new.known
+        layers = {}
+        for name in LAYERS:
+            before = np.where(changed, getattr(self._ground, name), getattr(self._mapped, name))
+            layers[name] = np.where(shown, getattr(new, name), before)
+        self._ground = replace(self._mapped, **layers)
+        self._take()
+
+    def _stamp_s(self) -> float:
+        """When the grids were seen last."""
+        if self._rules.watched:
+            watch_s = self._known.oldest_watch_s
+            return watch_s if np.isfinite(watch_s) else 0.0
         stamps = [view.stamp_s for view in (*self._views, self._live) if view is not None]
-        stamp_s = max([s for s in stamps if np.isfinite(s)], default=0.0)
+        return max([s for s in stamps if np.isfinite(s)], default=0.0)
+
+    def _take(self) -> None:
+        ground, stands, stamp_s = self._ground, self._known.stands, self._stamp_s()
         now = GridSaid(
             stamp_s, ground.grid, occupancy(ground, self._robot, stands), percents_of(stands)
         )
-        before, self._ground, self._said, self._stands = self._said, ground, now, stands
-        self._version += 1
+        before, self._said, self._stands = self._said, now, stands
         if before is None or before.grid != now.grid:
             self._out.append(now)
             return
@@ -223,6 +286,16 @@ class GroundServer:
         if not np.hypot(place.x_m - x_m, place.y_m - y_m) <= _STANDS_M:
             self._stood = (place.x_m, place.y_m, now_s)
         self._place = place
+        self._places.append(place)
+
+    def _hold(self, now_s: float) -> None:
+        """Whether the robot has to stand, where that is another than before."""
+        reason, rules = "", self._rules
+        if self._goal is not None and self._place is not None:
+            reason = self._known.moving(now_s, self._place, rules.moving_m, rules.still_s)
+        if bool(reason) != bool(self._held):
+            self._held = reason
+            self._out.append(RobotHold(reason))
 
     def _wants_plan(self, now_s: float) -> bool:
         version, planned_s = self._planned
@@ -230,7 +303,9 @@ class GroundServer:
             return False
         place = self._place
         if self._route is None:
-            changed = version != self._version or (place is not None and self._waits_for_place)
+            changed = version != self._known.version or (
+                place is not None and self._waits_for_place
+            )
             return (
                 changed or now_s - planned_s > self._rules.retry_s
             )  # its place may be known better
@@ -240,7 +315,7 @@ class GroundServer:
             return True
         if now_s - max(planned_s, self._stood[2]) > self._rules.retry_s:
             return True  # it stands: what its place allows is another than when it was planned
-        return version != self._version and not self._is_free(self._route.points_home_m)
+        return version != self._known.version and not self._is_clear(place)
 
     def _planned_route(self) -> Union[RouteSaid, NoRouteSaid]:
         place = self._place
@@ -258,14 +333,16 @@ class GroundServer:
         self._route = found
         return RouteSaid(found.points_home_m)
 
-    def _is_free(self, points: np.ndarray) -> bool:
-        row, column, inside = self._said.grid.cells_of(
-            *densely(points, 0.5 * self._said.grid.cell_m).T
-        )
-        percents = self._said.stands[row, column]
-        return bool(
-            (inside & (percents >= 0) & (percents <= round(100 * (1 - tuning.FREE_P)))).all()
-        )
+    def _is_clear(self, place: RobotPlace) -> bool:
+        """Whether what is left of the route keeps clear of what is known now; near the robot it may
+        be as near as the robot already is."""
+        route = Polyline.of(self._route.points_home_m)
+        along = np.append(np.arange(0.0, route.length_m, 0.05), route.length_m)
+        points = route.at(along)
+        at = int(np.argmin(np.hypot(*(points - [place.x_m, place.y_m]).T)))
+        row, column, inside = self._said.grid.cells_of(*points[at + 6 :].T)
+        clear_m = np.where(inside, self._known.clear_m[row, column], 0.0)
+        return bool((clear_m > self._rules.route.sigmas * place.sigma_m).all())
 
     def _stands_near(self, goal_m, tolerance_m: float, sigma_m: float) -> Tuple[float, float]:
         """The goal, or the middle of the nearest cell within the tolerance in which the robot can
@@ -310,17 +387,3 @@ def _in_words(reason: str, to_see_m: np.ndarray) -> NoRouteSaid:
     named = ", ".join(f"({x:.1f}, {y:.1f})" for x, y in to_see_m[:_MOST_NAMED])
     more = f" and {len(to_see_m) - _MOST_NAMED} more" if len(to_see_m) > _MOST_NAMED else ""
     return NoRouteSaid(f"{reason}; look at {named}{more}", to_see_m)
-
-
-def _with_live(ground: Ground, view: DepthView, finished: int) -> Ground:
-    """The ground with the live map's newest state in it; the live states before are one map, not
-    one more each."""
-    if view.name in ground.views[finished:]:
-        ground = replace(ground, views=(*ground.views[:finished], *ground.views[finished + 1 :]))
-    new = renewed(ground, view)
-    kept, states = new.maps[:finished], new.maps[finished:]
-    live = states[-1]
-    for older in states[-2::-1]:
-        layers = {n: np.where(live.known, getattr(live, n), getattr(older, n)) for n in LAYERS}
-        live = replace(live, **layers)
-    return replace(new, maps=(*kept, live), seen_by=np.minimum(new.seen_by, finished))

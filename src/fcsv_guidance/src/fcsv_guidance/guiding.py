@@ -23,7 +23,7 @@ from fcsv_guidance.following import (
     RouteToFollow,
     StopRobot,
 )
-from fcsv_guidance.known import GroundSeen, KnownGround
+from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, KnownGround
 from fcsv_guidance.place import PlaceState
 from fcsv_guidance.planning import RouteRules, plan_clear
 from fcsv_guidance.robot import Robot
@@ -58,16 +58,15 @@ class GuideRules:
     ``oldest_watch_s``; else maps serve for ``oldest_map_s``. A route crosses steps up to
     ``step_share`` of what the robot climbs: little more is hardly seen. Two plans are ``replan_s``
     apart at least. The robot stands while something came nearer than ``moving_m`` in the last
-    ``still_s``: what walks at 1.5 m/s comes so far until a picture shows it and the robot
-    stands."""
+    ``still_s``."""
 
     watched: bool = False
     oldest_map_s: float = 1800.0
     oldest_watch_s: float = 3.0
     oldest_radio_s: float = 0.5
     step_share: float = 0.8
-    moving_m: float = 4.0
-    still_s: float = 2.5
+    moving_m: float = MOVING_M
+    still_s: float = STILL_S
     replan_s: float = 1.0
     retry_s: float = 5.0
     route: RouteRules = field(default_factory=RouteRules)
@@ -138,7 +137,8 @@ class RobotGuide:
                 else (NO_ROUTE, self._none.reason)
             )
             return [self._standing(state, reason)]
-        moves = self._moving(now_s)
+        rules = self._rules
+        moves = self.known.moving(now_s, self._place.place, rules.moving_m, rules.still_s)
         if moves:
             return [self._standing(WAITING, moves)]
         state = WAITING if command.reason else DRIVING
@@ -177,20 +177,6 @@ class RobotGuide:
                 else f"the place was seen {age_s:.1f} s ago"
             )
         return "the maps are too old; look at the place again" if age_s > rules.oldest_map_s else ""
-
-    def _moving(self, now_s: float) -> str:
-        """What has just come near the robot; empty where nothing has."""
-        rules, place, known = self._rules, self._place.place, self.known
-        if now_s - known.came_s >= rules.still_s:
-            return ""
-        off_m = (
-            float(np.hypot(*(known.came_m - [place.x_m, place.y_m]).T).min()) - self._robot.radius_m
-        )
-        return (
-            ""
-            if off_m >= rules.moving_m
-            else f"something moves {max(off_m, 0.0):.1f} m from the robot"
-        )
 
     def _wants_plan(self, now_s: float, command: Optional[DriveCommand]) -> bool:
         """Where there is no route, or the one there is closed or cannot be followed; ``command``:

@@ -19,17 +19,22 @@ _SIGMAS = 4.0  # a height that differs by so much, and by CHANGED_M, is another
 CHANGED_M = 0.12
 _MOVES_CELLS = 4  # fewer that change are noise
 _OWN_M = 0.15  # beside the footprint: what is seen there may be the robot itself
+#: The robot stands while something came nearer than this (m) in the last STILL_S: what walks at
+#: 1.5 m/s comes so far until a picture shows it and the robot stands.
+MOVING_M, STILL_S = 4.0, 2.5
 
 
 @dataclass(frozen=True)
 class GroundSeen:
     """What one view shows of the ground, on the grid that all share. ``source``: its station; the
-    newest of a source counts. ``watching``: it is one of a series that shows what changes."""
+    newest of a source counts. ``watching``: it is one of a series that shows what changes.
+    ``eye_m`` (3,) in home: of its camera, where the robot may stand in the picture."""
 
     stamp_s: float
     source: str
     ground: Ground
     watching: bool = False
+    eye_m: Optional[np.ndarray] = None
 
 
 class KnownGround:
@@ -59,6 +64,11 @@ class KnownGround:
         return next((seen.ground.grid for seen in self._maps.values()), None)
 
     @property
+    def changed(self) -> np.ndarray:
+        """(rows, columns) bool: cells in which something else was seen than the maps show."""
+        return self._changed
+
+    @property
     def newest_map_s(self) -> float:
         """-inf before the first map."""
         return max((seen.stamp_s for seen in self._maps.values()), default=-np.inf)
@@ -80,9 +90,10 @@ class KnownGround:
             raise GroundError(
                 f"{seen.source}: its grid is not that of the maps before; make it on the same grid"
             )
-        kept = self._watching if seen.watching else self._maps
-        if seen.source in kept and kept[seen.source].stamp_s >= seen.stamp_s:
-            return False
+        before = (self._watching if seen.watching else self._maps).get(seen.source)
+        newer_s = np.inf if before is None else seen.stamp_s - before.stamp_s
+        if newer_s < 0 or (seen.watching and newer_s == 0):
+            return False  # a map that grows may keep its reference
         if self._changed is None:
             if seen.watching:
                 raise GroundError(
@@ -100,12 +111,39 @@ class KnownGround:
         """Gives the map as a follower takes it."""
         return ClearanceMap(stamp_s, self.grid, self.clear_m)
 
+    def moving(
+        self, now_s: float, place: RobotPlace, nearer_m: float = MOVING_M, still_s: float = STILL_S
+    ) -> str:
+        """What has just come nearer to the robot than that; empty where nothing has."""
+        if now_s - self.came_s >= still_s:
+            return ""
+        off_m = float(np.hypot(*(self.came_m - [place.x_m, place.y_m]).T).min())
+        off_m = max(off_m - self._robot.radius_m, 0.0)
+        return "" if off_m >= nearer_m else f"something moves {off_m:.1f} m from the robot"
+
+    def _own(self, seen: GroundSeen, place: RobotPlace) -> np.ndarray:
+        """(rows, columns) bool: cells in which a view may show the robot, or its edge above what it
+        hides."""
+        grid, robot = self.grid, self._robot
+        xy = grid.middle_of(*np.indices(grid.shape)) - [place.x_m, place.y_m]
+        own_m = robot.radius_m + _OWN_M + 2 * place.sigma_m
+        if seen.eye_m is None:
+            return np.hypot(xy[..., 0], xy[..., 1]) < own_m
+        away = np.array([place.x_m, place.y_m]) - seen.eye_m[:2]
+        far_m = float(np.hypot(*away))
+        row, column, inside = grid.cells_of(place.x_m, place.y_m)
+        heights = [s.ground.height_m[row, column] for s in self._maps.values()] if inside else []
+        low_m = float(np.nanmedian(heights)) if np.isfinite(heights).any() else 0.0
+        above_m = max(float(seen.eye_m[2]) - low_m - robot.height_m, robot.height_m)
+        along = xy @ (away / max(far_m, 1e-6))
+        hides_m = min(far_m, far_m * robot.height_m / above_m)
+        rest = xy - np.clip(along, 0.0, hides_m)[..., None] * (away / max(far_m, 1e-6))
+        return np.hypot(rest[..., 0], rest[..., 1]) < own_m
+
     def _watched(self, seen: GroundSeen, place: Optional[RobotPlace]) -> bool:
         ground, grid = seen.ground, self.grid
         if place is not None:
-            xy = grid.middle_of(*np.indices(grid.shape))
-            own_m = self._robot.radius_m + _OWN_M + 2 * place.sigma_m
-            own = np.hypot(xy[..., 0] - place.x_m, xy[..., 1] - place.y_m) < own_m
+            own = self._own(seen, place)
             nothing = {name: np.where(own, np.nan, getattr(ground, name)) for name in LAYERS}
             ground = replace(ground, maps=(), **nothing)
         mapped, same = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)

@@ -46,12 +46,13 @@ def plan_clear(
     route_over.
     """
     free = stands >= tuning.FREE_P
-    found = _over(grid, stands, grid.clear_m(free), start_m, goal_m, place_sigma_m, rules)
+    ends = start_m, goal_m, place_sigma_m, rules
+    found = _over(grid, stands, grid.clear_m(free), *ends, explains=False)
     if isinstance(found, Route):
         return found
     # where unknown cells need no room, a way ends at those that would have to be seen
     open_ = free | ~np.isfinite(stands)
-    nearer = _over(grid, stands, grid.clear_m(open_), start_m, goal_m, place_sigma_m, rules)
+    nearer = _over(grid, stands, grid.clear_m(open_), *ends)
     if isinstance(nearer, NoRoute):
         return nearer
     to_see = _unknown_beside(grid, stands, nearer, rules.keeps_m(place_sigma_m))
@@ -59,14 +60,14 @@ def plan_clear(
     return NoRoute(reason, to_see)
 
 
-def _over(grid, stands, clear_m, start_m, goal_m, place_sigma_m, rules: RouteRules):
+def _over(grid, stands, clear_m, start_m, goal_m, place_sigma_m, rules, explains=True):
     keep_m = rules.keeps_m(place_sigma_m)
     xy = grid.middle_of(*np.indices(grid.shape))
     leaving = np.hypot(xy[..., 0] - start_m[0], xy[..., 1] - start_m[1]) < keep_m + grid.cell_m
     allowed = (clear_m > keep_m) | leaving
     p = np.where((stands >= tuning.FREE_P) & ~allowed, _UNSURE_P, stands)
     lacking = np.clip(1.0 - (clear_m - keep_m) / rules.comfort_m, 0.0, 1.0)
-    return route_over(grid, p, start_m, goal_m, dearer=1.0 + rules.comfort_cost * lacking)
+    return route_over(grid, p, start_m, goal_m, None, 1.0 + rules.comfort_cost * lacking, explains)
 
 
 def _unknown_beside(grid: Grid, stands: np.ndarray, way: Route, reach_m: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from fcsv_guidance import tuning
-from fcsv_guidance.errors import RouteError
+from fcsv_guidance.errors import EndNotSeenError, RouteError
 from fcsv_guidance.ground import Grid, Ground, stand_probability
 from fcsv_guidance.robot import Robot
 
@@ -77,9 +77,11 @@ def route_over(
     goal_m,
     through_unknown: Optional[float] = None,
     dearer: Optional[np.ndarray] = None,
+    explains: bool = True,
 ):
     """The same over probabilities ``p`` (rows, columns) that are known already; ``dearer`` (rows,
-    columns), 1 and more, multiplies the cost of a metre."""
+    columns), 1 and more, multiplies the cost of a metre. ``explains``: a NoRoute names the cells,
+    which takes as long again."""
     ends = [
         _end(grid, p, xy, name, through_unknown)
         for xy, name in ((start_m, "start"), (goal_m, "goal"))
@@ -88,7 +90,7 @@ def route_over(
     cost = cost if dearer is None else cost * dearer
     way = cheapest(cost, *ends)
     if way is None:
-        return _no_route(p, ends)
+        return _no_route(p, ends) if explains else NoRoute(NO_ROUTE_KNOWN, np.empty((0, 2), int))
     corners = _straightened(cost, way)
     points = grid.middle_of(*corners.T)
     points[0], points[-1] = start_m, goal_m
@@ -114,8 +116,9 @@ def _end(grid: Grid, p: np.ndarray, xy, name: str, through_unknown) -> Tuple[int
         )
     if not np.isfinite(p[cell]):
         if through_unknown is None:
-            raise RouteError(
-                f"{where} is not known: it, or ground below the robot's footprint, was not seen"
+            raise EndNotSeenError(
+                f"{where} is not known: it, or ground below the robot's footprint, was not seen",
+                cell,
             )
     elif p[cell] < tuning.FREE_P:
         words = "is at an obstacle" if p[cell] <= tuning.OBSTACLE_P else "is not surely free"

@@ -104,43 +104,33 @@ def seen_below(ground, robot, margin_m: float = 0.0) -> np.ndarray:
     return least(ground.known, disk(robot.radius_m + margin_m, ground.grid.cell_m), 0.0) > 0
 
 
-def together(each) -> np.ndarray:
-    """Weighs the probabilities of several maps, (N, rows, columns) each with NaN where unknown: the
-    most that one says, but no more than OBSTACLE_P < p < FREE_P where another contradicts it; NaN
-    where none knows."""
-    each = np.asarray(each)
-    known = np.isfinite(each)
-    best = np.where(known, each, -1.0).max(0)
-    worst = np.where(known, each, 2.0).min(0)
-    p = np.where(
-        (best >= tuning.FREE_P) & (worst < tuning.CONTRADICTED_P), tuning.CONTRADICTED_P, best
-    )
-    p = np.where((best < tuning.FREE_P) & (worst <= tuning.OBSTACLE_P), worst, p)
-    return np.where(known.any(0), p, np.nan).astype(np.float32)
-
-
 def weighed(each, whole, around: np.ndarray) -> np.ndarray:
-    """Weighs the probabilities of many maps as ``together``, for a footprint ``around`` a cell, but
-    by number: those that know the ``whole`` (N, rows, columns) bool footprint and call it free must
-    be twice as many as those that do not. A map that knows part of a footprint is no witness
-    against one that knows it whole.
+    """Weighs the probabilities of maps, (N, rows, columns) each with NaN where unknown, for a
+    footprint ``around`` a cell; NaN where none knows.
 
-    A footprint of whose every part a free footprint was found is free, too: between two maps' edges
-    no gap stays.
+    By number: maps that know the ``whole`` (N, rows, columns) bool footprint and call it free must
+    be twice as many as those that know it and contradict them. A map that knows part of a footprint
+    is no witness against one that knows it whole. What is contradicted is no more than
+    CONTRADICTED_P, and OBSTACLE_P and less where none calls it free and one an obstacle. A
+    footprint of whose every part a free footprint was found is free, too, where no map contradicts:
+    between two maps' edges no gap stays, and no way leads across a step, whose both sides are free.
     """
     each, whole = np.asarray(each), np.asarray(whole)
+    known = np.isfinite(each)
     with np.errstate(invalid="ignore"):
         free, against = (
             (whole & said).sum(0) for said in (each >= tuning.FREE_P, each < tuning.CONTRADICTED_P)
         )
-    n = max(around.shape)
-    found = np.pad(((free >= 1) & (free >= 2 * against)).astype(np.uint8), n)
-    found = cv2.morphologyEx(found, cv2.MORPH_CLOSE, around)[n:-n, n:-n] > 0
-    best = np.where(whole & np.isfinite(each), each, 0.0).max(0)
-    p = np.where(
-        found, np.maximum(best, tuning.FREE_P), np.minimum(together(each), tuning.CONTRADICTED_P)
-    )
-    return p.astype(np.float32)
+    best = np.where(known, each, -1.0).max(0)
+    worst = np.where(known, each, 2.0).min(0)
+    n, found = max(around.shape), (free >= 1) & (free >= 2 * against)
+    covered = cv2.morphologyEx(np.pad(found.astype(np.uint8), n), cv2.MORPH_CLOSE, around)
+    found |= (covered[n:-n, n:-n] > 0) & (worst >= tuning.CONTRADICTED_P)
+    p = np.where(best >= tuning.FREE_P, tuning.CONTRADICTED_P, best)
+    p = np.where((best < tuning.FREE_P) & (worst <= tuning.OBSTACLE_P), worst, p)
+    p = np.where(known.any(0), p, np.nan)
+    best = np.where(whole & known, each, 0.0).max(0)
+    return np.where(found, np.maximum(best, tuning.FREE_P), p).astype(np.float32)
 
 
 def most(values: np.ndarray, around: np.ndarray) -> np.ndarray:

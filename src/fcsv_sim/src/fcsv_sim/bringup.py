@@ -1,17 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the workspace's configuration is: the package whose folders are the top-level config/ and
-launch/."""
+"""Files of the workspace's configuration, by name."""
 
 from pathlib import Path
 
+from fcsv_geometry.programs.workspace import bringup
 from fcsv_sim.errors import SimulationError
-
-
-def bringup() -> Path:
-    """The package's folder."""
-    import rospkg
-
-    return Path(rospkg.RosPack().get_path("fcsv_bringup"))
 
 
 def vehicles_folder() -> Path:

@@ -85,6 +85,7 @@ def _map(args, command: str) -> None:
         args.method,
         options,
         reference=args.reference,
+        view=args.view,
         poi=poi,
         products=products,
         instant=instant,
@@ -195,6 +196,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--reference",
         help="photographs: name of the reference picture (default: first in images.txt)",
+    )
+    parser.add_argument(
+        "--view",
+        default="",
+        metavar="NAME",
+        help="sessions with stations: which is mapped, such as 'north at 30 deg' (all of them: survey)",
     )
     parser.add_argument(
         "--instant",

@@ -39,9 +39,9 @@ _LEAST_MIB = 20  # a small map's
 _MAPPED, _WRITTEN = 0.72, 0.77  # of a map's time, for those who wait
 
 
-def load(path: Path, reference: Optional[str] = None) -> MapInput:
-    """A session folder, a bag, or posed photographs, these near a local origin. Raises
-    InputError."""
+def load(path: Path, reference: Optional[str] = None, view: str = "") -> MapInput:
+    """A session folder, a bag, or posed photographs, these near a local origin; ``view``: of a
+    session with several. Raises InputError."""
     if not path.exists():
         raise InputError(f"{path}: does not exist")
     if is_session(path):
@@ -49,7 +49,9 @@ def load(path: Path, reference: Optional[str] = None) -> MapInput:
             raise InputError(
                 "--reference chooses among photographs; a session has its reference vehicle"
             )
-        return read_session(path)
+        return read_session(path, view)
+    if view:
+        raise InputError("--view chooses among a session's views; photographs have --reference")
     if path.is_dir() and colmap.is_model(path):
         return with_local_origin(colmap.read_photographs(path, reference))
     raise InputError(
@@ -62,11 +64,11 @@ class MapRequest:
     """What is mapped, how, and what is written.
 
     ``options`` are of the method's ``options`` class (None: its defaults). ``reference`` names the
-    reference picture of photographs. ``poi`` is a file of points of interest; a session may hold
-    one (poi.yaml). ``products`` are written besides. ``instant``: only pictures of one, ``last`` or
-    a stamp (s). ``bounds`` are those of the cloud. ``near``: join what depth cameras saw, where a
-    session holds it (docs/user/maps.md). ``command``: what the user gave, for the report.
-    ``robot``: a robot's file, for the product ground.
+    reference picture of photographs, ``view`` one of a session's views. ``poi`` is a file of points
+    of interest; a session may hold one (poi.yaml). ``products`` are written besides. ``instant``:
+    only pictures of one, ``last`` or a stamp (s). ``bounds`` are those of the cloud. ``near``: join
+    what depth cameras saw, where a session holds it (docs/user/maps.md). ``command``: what the user
+    gave, for the report. ``robot``: a robot's file, for the product ground.
     """
 
     path: Path
@@ -74,6 +76,7 @@ class MapRequest:
     method: str = DEFAULT_METHOD
     options: Any = None
     reference: Optional[str] = None
+    view: str = ""
     poi: Optional[Path] = None
     products: Sequence[str] = ()
     instant: Optional[str] = None
@@ -97,7 +100,7 @@ def run(request: MapRequest, progress: Progress = silent) -> dict:
     check_robot(request.products, request.robot)
     require_folder(out.absolute().parent, _LEAST_MIB)
     points = request.points_of_interest()
-    given = load(request.path, request.reference)
+    given = load(request.path, request.reference, request.view)
     if request.instant is not None:
         given = instants.of_one_instant(
             given, None if request.instant == "last" else float(request.instant)

@@ -4,13 +4,13 @@ frames in home, and cameras in home with how well they are known, out."""
 
 import math
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_geometry import frames
 from fcsv_geometry.home import HomeFrames, Place, camera_in_home
-from fcsv_geometry.streams.dispatch import by_type
+from fcsv_geometry.streams.dispatch import Takers
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.tracker import TrackerProfile
@@ -81,15 +81,18 @@ class FramesPort:
         self._gates = {n: RateGate(rate_hz) for n in vehicles}
         self._home_s = -math.inf
         self._out: List[object] = []
-        self._take: Dict[type, Callable[[Any], None]] = {
-            OdometryCame: self._odometry,
-            tm.CalibrationFound: self._calibration,
-            tm.HomeFound: lambda m: self._in_home.set_home(m.reference, m.T_odom_home),
-        }
+        self._take = Takers(
+            {
+                OdometryCame: self._odometry,
+                tm.CalibrationFound: self._calibration,
+                tm.HomeFound: lambda m: self._in_home.set_home(m.reference, m.T_odom_home),
+            },
+            "the frames take no",
+        )
 
     def receive(self, _now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        by_type(self._take, message, "the frames take no")(message)
+        self._take[type(message)](message)
 
     def step(self, now_s: float) -> Sequence[object]:
         """What is to be told now."""

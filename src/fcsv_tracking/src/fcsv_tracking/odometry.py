@@ -17,6 +17,7 @@ import numpy as np
 
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.config import require_positive
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.rotations import Quaternion, Vector
 from fcsv_geometry.streams.flow import DropCounter
 from fcsv_geometry.vehicles.tracker import T265_PROFILE, TrackerProfile
@@ -45,7 +46,7 @@ class GateParameters:
         require_positive(self)
 
 
-@dataclass(frozen=True)
+@frozen
 class BodyPose:
     """Body in uavN/odom; velocities in the body frame (m/s, rad/s)."""
 

@@ -10,6 +10,7 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry import frames
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.rotations import Quaternion, Vector
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_geometry.vehicles import telemetry as tm
@@ -21,7 +22,7 @@ _LOG = logging.getLogger(__name__)
 _FIRST = EpochBegan()
 
 
-@dataclass(frozen=True)
+@frozen
 class TrackerSample:
     """A pose of the tracking camera in its own odometry frame, velocities (m/s, rad/s) in its own;
     ``frames`` are the names of both, ``covariance`` (36,) is passed on as it is."""
@@ -35,7 +36,7 @@ class TrackerSample:
     covariance: Sequence[float]
 
 
-@dataclass(frozen=True)
+@frozen
 class BodySample:
     """The body's pose of one sample; ``goes_on``: it is one of those for autopilot and radio."""
 

@@ -51,8 +51,8 @@ class ViewScale:
 def fitted(
     view: ConsoleView, width: float, height: float, zoom: float = 1.0, fov_rad: float = 0.0
 ) -> ViewScale:
-    """Goals, home, vehicles with what they see, and what cameras on the ground see, in the
-    picture."""
+    """Goals, home, vehicles with what they see, what cameras on the ground see, and a robot with
+    its route, in the picture."""
     points = [(0.0, 0.0), *((p[0], p[1]) for r in view.file.rows for p in r.way_m or [r.goal_m])]
     points += [
         (v.place.value.p_home_m[0], v.place.value.p_home_m[1])
@@ -63,6 +63,7 @@ def fitted(
         p for v in view.vehicles if v.place.value and fov_rad for p in sight(v.place.value, fov_rad)
     ]
     points += [p for seen in view.ground_views for p in seen.outline_m]
+    points += view.guided_robot.points_m
     xs, ys = [p[0] for p in points], [p[1] for p in points]
     high_m, wide_m = (max(_LEAST_M, _MARGIN * (max(s) - min(s))) for s in (xs, ys))
     per_m = min(height / (high_m + 2.0), width / (wide_m + 2.0)) * zoom

@@ -16,6 +16,7 @@ from fcsv_console.model.chronicle import Chronicle
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.goals import GoalEnabled, GoalMoved, Goals, GoalsElsewhere
 from fcsv_console.model.ground_views import GroundViews
+from fcsv_console.model.guided_robot import GuidedRobotWatch
 from fcsv_console.model.hearing import AgingFact, slow
 from fcsv_console.model.own_optics import OwnOptics
 from fcsv_console.model.pair import PairWatch
@@ -85,6 +86,7 @@ class Console:
         self._home: AgingFact[f.HomeSet] = AgingFact(math.inf)
         self._flown: Optional[Mission] = None
         self._goals, self._ground_views = Goals(), GroundViews()
+        self._robot = GuidedRobotWatch()
         self._rehearsals, self._pictures, self.after = Rehearsals(), NewestPictures(), AfterFlight()
         self._master_problem = ""
         self._pending: Dict[str, Tuple[float, int]] = {}  # action -> when asked, event
@@ -212,6 +214,8 @@ class Console:
             self._rehearsals.tell(fact)
         elif isinstance(fact, f.SeenFrom):
             self._ground_views.tell(now_s, fact)
+        elif isinstance(fact, (f.RobotGround, f.RobotRoute, f.RobotSeen, f.RobotStatus)):
+            self._robot.tell(now_s, fact)
         elif isinstance(fact, (f.JobProgress, f.PlacesFound)):
             self.after.tell(fact)
         elif isinstance(fact, GoalEnabled):
@@ -293,6 +297,7 @@ class Console:
             master_problem=self._master_problem,
             stage=stage,
             ground_views=self._ground_views.shown(now_s),
+            guided_robot=self._robot.shown(now_s),
             recorded=self._recorded,
             calibration=self._calibration,
             starting=self._start.starting(now_s),

@@ -350,6 +350,20 @@ def ground_cameras(c: _Script) -> None:
         )
 
 
+def guided_robot(c: _Script) -> None:
+    """Adds a robot on the ground, besides ``flying``: a wall with a gap, and its route through it."""
+    rows, columns, cell_m = 90, 120, 0.2
+    y, x = (cell_m * (k + 0.5) for k in np.indices((rows, columns)))
+    percents = np.where(np.hypot(x - 12.0, 1.4 * (y - 9.0)) < 11.5, 0, -1).astype(np.int8)
+    percents[(abs(x - 12.0) < 0.4) & (abs(y - 6.0) > 1.5) & (percents == 0)] = 100
+    percents[(x > 17.0) & (y > 12.0) & (percents == 0)] = 30
+    c.tell(NOW_S - 5.0, f.RobotGround(4.0, -9.0, cell_m, rows, columns, percents.tobytes()))
+    c.tell(NOW_S - 4.0, f.RobotRoute(((7.0, 1.0), (14.5, -3.2), (17.5, -3.0), (23.0, 2.0))))
+    c.tell(NOW_S - 0.1, f.RobotSeen(9.0, -0.1, -0.5))
+    c.tell(NOW_S - 4.0, f.RobotStatus("ground", "a route of 4 corners leads to the goal"))
+    c.tell(NOW_S - 4.0, f.RobotStatus("follower", "the robot drives"))
+
+
 def _seen(
     gimbal_of: str,
     eye_m: Tuple[float, float, float],

@@ -13,6 +13,7 @@ from fcsv_console.model.events import Event
 from fcsv_console.model.goals import BaselineGoal
 from fcsv_console.model.ground_views import GroundView
 from fcsv_console.model.guide import Guide
+from fcsv_console.model.guided_robot import GuidedRobot
 from fcsv_console.model.hearing import Aged
 from fcsv_console.model.mission_file import USUAL, MissionFile, Optics
 from fcsv_console.model.pictures import CameraPicture, MapPictures
@@ -60,6 +61,7 @@ class ConsoleView:
     master_problem: str = ""
     stage: Stage = Stage()
     ground_views: Tuple[GroundView, ...] = ()
+    guided_robot: GuidedRobot = GuidedRobot()
     recorded: bool = False
     optics: Optics = USUAL
     calibration: Optional[f.CalibrationReport] = None

@@ -10,6 +10,8 @@ _DARK = {cells.GOOD: "#56B4E9", cells.CARE: "#E69F00", cells.BAD: "#FF7F45", cel
 _LIGHT = {cells.GOOD: "#005A8C", cells.CARE: "#8A5A00", cells.BAD: "#B03A00", cells.GONE: "#8E3A6B"}
 VEHICLES = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#0072B2")
 STOP = "#C62828"
+# of a guided robot: cells by how surely it can be there, its route
+GROUND_FREE, GROUND_OBSTACLE, ROUTE = "#009E73", "#D55E00", "#0072B2"
 
 
 def is_dark(palette: QPalette) -> bool:

@@ -1,13 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the view from above is painted: rings, fence, what cameras on the ground see, goals, vehicles
-with names, where one would fall, height bar."""
+"""How the view from above is painted: ground and route of a robot, rings, fence, what cameras on the
+ground see, goals, vehicles with names, where one would fall, height bar."""
 
 import math
 from dataclasses import dataclass
 from typing import List, Optional, Tuple
 
+import numpy as np
 from python_qt_binding.QtCore import QPointF, QRectF, QSizeF, Qt
-from python_qt_binding.QtGui import QColor, QPainter, QPainterPath, QPalette, QPen, QPolygonF
+from python_qt_binding.QtGui import (
+    QColor,
+    QImage,
+    QPainter,
+    QPainterPath,
+    QPalette,
+    QPen,
+    QPolygonF,
+)
 
 from fcsv_console.model import above_view as geometry
 from fcsv_console.model import cells
@@ -18,6 +27,7 @@ from fcsv_console.qt import colours, gauges
 
 BAR_PX = 64.0
 _LEAST_RADIUS_PX = 9.0
+_GROUND_ALPHA = 110
 _RINGS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
 
@@ -59,10 +69,12 @@ class PlanPicture:
 
     def paint(self) -> None:
         """Everything, from the ground up."""
+        self._robot_ground()
         self._grid()
         self._fence()
         self._ground_views()
         self._goals()
+        self._robot()
         for k, vehicle in enumerate(self._view.vehicles):
             self._vehicle(vehicle, k)
         self._names()
@@ -128,6 +140,51 @@ class PlanPicture:
             self._painter.drawRect(
                 QRectF(self._at(*seen.eye_m) - QPointF(4.0, 4.0), QSizeF(8.0, 8.0))
             )
+
+    def _robot_ground(self) -> None:
+        """Paints the cells of a guided robot: known ones by how surely it can be there."""
+        ground = self._view.guided_robot.ground
+        if ground is None:
+            return
+        percents = np.frombuffer(ground.percents, np.int8).reshape(ground.rows, ground.columns)
+        table = [QColor(colours.GROUND_FREE), QColor(colours.GROUND_OBSTACLE)]
+        free, obstacle = (np.array([c.blue(), c.green(), c.red()], float) for c in table)
+        share = np.clip(percents, 0, 100)[..., None] / 100.0
+        argb = np.empty((*percents.shape, 4), np.uint8)
+        argb[..., :3] = (1.0 - share) * free + share * obstacle
+        argb[..., 3] = np.where(percents < 0, 0, _GROUND_ALPHA)
+        # x up, y to the left
+        turned = np.ascontiguousarray(argb.transpose(1, 0, 2)[::-1, ::-1])
+        high, wide = turned.shape[:2]
+        image = QImage(turned.data, wide, high, 4 * wide, QImage.Format_ARGB32)
+        x1_m = ground.x0_m + ground.columns * ground.cell_m
+        y1_m = ground.y0_m + ground.rows * ground.cell_m
+        box = QRectF(self._at(x1_m, y1_m), self._at(ground.x0_m, ground.y0_m))
+        self._painter.drawImage(box, image)
+
+    def _robot(self) -> None:
+        """Paints a guided robot and its route."""
+        guided = self._view.guided_robot
+        self._painter.setBrush(Qt.NoBrush)
+        if guided.route_m:
+            self._painter.setPen(QPen(QColor(colours.ROUTE), 2.5))
+            self._painter.drawPolyline(QPolygonF([self._at(x, y) for x, y in guided.route_m]))
+        seen = guided.robot.value
+        if seen is None:
+            return
+        at = self._at(seen.x_m, seen.y_m)
+        colour = self._gone() if guided.robot.stale else QColor(colours.ROUTE)
+        self._painter.setPen(QPen(colour, 2.0))
+        self._painter.setBrush(Qt.NoBrush if guided.robot.stale else colour)
+        ahead = QPointF(-math.sin(seen.yaw_rad), -math.cos(seen.yaw_rad))
+        aside = QPointF(-ahead.y(), ahead.x())
+        corners = (
+            at + 11.0 * ahead,
+            at - 7.0 * ahead + 7.0 * aside,
+            at - 7.0 * ahead - 7.0 * aside,
+        )
+        self._painter.drawPolygon(QPolygonF(list(corners)))
+        self.taken.append((at.x() - 9.0, at.y() - 9.0, 18.0, 18.0))
 
     def _goals(self) -> None:
         for row in self._view.file.rows:
@@ -206,6 +263,9 @@ class PlanPicture:
         self.label(self._at(0.0, 0.0), "home")
         for seen in self._view.ground_views:
             self.label(self._at(*seen.eye_m), seen.words)
+        guided = self._view.guided_robot
+        if guided.robot.value is not None:
+            self.label(self._at(guided.robot.value.x_m, guided.robot.value.y_m), guided.name)
 
     def label(self, at: QPointF, words: str) -> QRectF:
         """Beside ``at``, on a ground of its own, so that it can be read over rings; where it was

@@ -41,6 +41,7 @@ class PlanView(QWidget):
         words = [a.words for a in view.above] or ["nobody is above another"]
         words += [g.words for g in gauges_of(view)]
         words += [f"what the {seen.words} sees is drawn" for seen in view.ground_views]
+        words += [f"robot: {view.guided_robot.words}"] if view.guided_robot.words else []
         row = self._row(self._chosen)
         words += [] if row is None else [f"goal {row.index + 1} is chosen: {row.title}"]
         self.setAccessibleDescription("; ".join(words))

@@ -9,9 +9,8 @@ import time
 from pathlib import Path
 from typing import Optional, Sequence, Tuple
 
-import rospkg
-
 from fcsv_console.model import samples
+from fcsv_geometry.programs.workspace import bringup
 
 _ROUNDS = 5  # until everything has its size
 #: file, situation, theme, size (px)
@@ -23,6 +22,7 @@ PICTURES = (
     ("flying", "flying", "dark", (1366, 740)),
     ("pictures", "pictures", "dark", (1366, 740)),
     ("indoors", "indoors", "light", (1366, 740)),
+    ("robot", "robot", "light", (1366, 740)),
     ("wrong", "wrong", "dark", (1366, 740)),
     ("silent", "silent", "light", (1366, 740)),
     ("landed", "landed", "light", (1366, 740)),
@@ -64,14 +64,18 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 def made(situation: str, size: Tuple[int, int]):
     """A shown window with a scripted situation; "error": a file that cannot be flown; "pictures":
-    with them; "indoors": with cameras on the ground."""
+    with them; "indoors": with cameras on the ground; "robot": with one that is guided."""
     from fcsv_console.qt.window import ConsoleWindow
 
-    mission = Path(rospkg.RosPack().get_path("fcsv_bringup")) / "config/missions/outdoor.yaml"
+    mission = bringup() / "config/missions/outdoor.yaml"
     console = samples.console(str(mission))
     samples.SAMPLES[
-        {"error": "ready", "pictures": "flying", "indoors": "flying"}.get(situation, situation)
+        {"error": "ready", "pictures": "flying", "indoors": "flying", "robot": "flying"}.get(
+            situation, situation
+        )
     ](console)
+    if situation == "robot":
+        samples.guided_robot(console)
     if situation == "indoors":
         samples.ground_cameras(console)
     if situation == "error":

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Deque, Dict, List, Optional, Sequence, Tuple
 
 import rosgraph
-import rospkg
 import rospy
 
 from fcsv_console.children.after import AfterRunner
@@ -27,8 +26,10 @@ from fcsv_console.ros.epipolar import EpipolarHearing
 from fcsv_console.ros.event_file import EventFile
 from fcsv_console.ros.goal_markers import GoalMarkers
 from fcsv_console.ros.ground_views import GroundViewHearing
+from fcsv_console.ros.guided_robot import GuidedRobotHearing
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
 from fcsv_console.ros.window_turns import WindowTurns
+from fcsv_geometry.programs.workspace import bringup
 from fcsv_geometry.ros import node
 from fcsv_geometry.streams.arrivals import Arrivals
 from fcsv_geometry.vehicles.vehicle import load_vehicles
@@ -55,7 +56,7 @@ def fleet(vehicles: Sequence[str] = (), mission: str = "", vehicles_dir: str = "
     names = list(vehicles) or list(told.get("vehicles", ())) or ["uav1", "uav2"]
     folder = vehicles_dir or told.get("vehicles_dir", "")
     if not folder:
-        folder = str(Path(rospkg.RosPack().get_path("fcsv_bringup")) / "config/vehicles")
+        folder = str(bringup() / "config/vehicles")
     tags = {name: v.tag_id for name, v in load_vehicles(folder, names).items()}
     return Fleet(
         names, tags, mission or str(told.get("mission", "")), str(told.get("memory_dir", ""))
@@ -87,6 +88,7 @@ class ConsoleShell:
         self._goals: Optional[GoalMarkers] = None
         self._turns: Optional[WindowTurns] = None
         self._ground_views: Optional[GroundViewHearing] = None
+        self._robot: Optional[GuidedRobotHearing] = None
         self._hearing, self._commands = Hearing(console.names, recorded, arrivals), None
         self._rehearser = Rehearser(self._hearing.put, console.names)
         self.events: Optional[EventFile] = None
@@ -116,6 +118,7 @@ class ConsoleShell:
             self._turns = WindowTurns(self._hearing.put)
             self._goals = GoalMarkers(self._hearing.put)
             self._ground_views = GroundViewHearing(self._hearing.put)
+            self._robot = GuidedRobotHearing(self._hearing.put)
         self._hearing.put(f.MasterReport())
 
     def view(self) -> ConsoleView:
@@ -226,6 +229,8 @@ class ConsoleShell:
             self._turns.close()
         if self._ground_views is not None:
             self._ground_views.close()
+        if self._robot is not None:
+            self._robot.close()
         self._hearing.close()
         rospy.signal_shutdown("the console was closed")
 

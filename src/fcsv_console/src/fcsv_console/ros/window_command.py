@@ -10,7 +10,6 @@ import time
 from pathlib import Path
 from typing import Optional, Sequence
 
-import rospkg
 import rospy
 from python_qt_binding.QtCore import QTimer, QUrl
 from python_qt_binding.QtGui import QDesktopServices
@@ -22,6 +21,7 @@ from fcsv_console.qt import colours
 from fcsv_console.qt.window import ConsoleWindow
 from fcsv_console.ros.shell import ConsoleShell, open_shell
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.programs.workspace import bringup
 
 _REFRESH_MS = 100
 THEMES = {"dark": colours.dark, "light": colours.light}
@@ -96,7 +96,7 @@ def application(theme: str = "system") -> QApplication:
 def connected(shell: ConsoleShell, app: QApplication) -> ConsoleWindow:
     """A window that shows what the shell hears, and asks it for what the operator asks for."""
     console = shell.console
-    config = Path(rospkg.RosPack().get_path("fcsv_bringup")) / "rviz/map.rviz"
+    config = bringup() / "rviz/map.rviz"
     window = ConsoleWindow(shell.view(), str(config))
     app.installEventFilter(window.keys)
 

@@ -7,7 +7,7 @@ No ROS, no thread, no clock. ``now_s`` is monotonic time; no wall clock is ever 
 
 import math
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Deque, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -33,6 +33,7 @@ from fcsv_control.agent.sender_clocks import SenderClocks
 from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import frames
+from fcsv_geometry.frozen import changed
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_geometry.vehicles.modes import Mode
 
@@ -121,7 +122,7 @@ class AgentCore:
     def take(self, now_s: float, c: Instruction) -> None:
         """A command came, perhaps again."""
         sent_s = self._clocks.sent_here_s(now_s, c.sender, c.sent_s)
-        c = replace(c, sent_s=sent_s, ordered_s=sent_s - max(0.0, c.sent_s - c.ordered_s))
+        c = changed(c, sent_s=sent_s, ordered_s=sent_s - max(0.0, c.sent_s - c.ordered_s))
         if self._mute(now_s, c):
             return
         moves = c.kind is not Kind.RECORD

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the agent is told and what it wants done."""
 
-from dataclasses import dataclass
 from enum import Enum
 from typing import Optional, Union
 
 import numpy as np
 
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.vehicles.modes import Mode
 
 DONE, REFUSED, TOO_LATE, BY_HAND = 0, 1, 2, 3  # CommandAck.result
@@ -24,7 +24,7 @@ class Kind(Enum):
     TAKEOFF = 7
 
 
-@dataclass(frozen=True)
+@frozen
 class Instruction:
     """A numbered command. Which of the last fields count depends on the kind.
 
@@ -60,7 +60,7 @@ class Instruction:
         return self.kind is not Kind.RECORD and not self.stops
 
 
-@dataclass(frozen=True)
+@frozen
 class Ask:
     """A request to the flight link, by a service. The core is told of its end, the port of each
     answer."""
@@ -72,7 +72,7 @@ class Ask:
     number: int = 0
 
 
-@dataclass(frozen=True)
+@frozen
 class AskAnswered:
     """The flight link's service answered an Ask: whether it ``took`` it. ``error``: why it did not
     answer at all."""
@@ -82,7 +82,7 @@ class AskAnswered:
     error: str = ""
 
 
-@dataclass(frozen=True)
+@frozen
 class Ack:
     """The answer to a command."""
 
@@ -92,28 +92,28 @@ class Ack:
     reason: str
 
 
-@dataclass(frozen=True)
+@frozen
 class SetPoint:
     """Where to hold: T_odom_body."""
 
     T_odom_body: np.ndarray
 
 
-@dataclass(frozen=True)
+@frozen
 class Pictures:
     """Whether the recorder writes pictures."""
 
     on: bool
 
 
-@dataclass(frozen=True)
+@frozen
 class AgentText:
     """Something that the log and the operator should know."""
 
     text: str
 
 
-@dataclass(frozen=True)
+@frozen
 class AgentAlive:
     """A sign of life of an agent of this vehicle, by its own monotonic clock. ``commander``: who
     may move the vehicle now; ``problem``: why it does nothing, empty where it does."""

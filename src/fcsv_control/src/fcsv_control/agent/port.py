@@ -3,7 +3,7 @@
 answers out."""
 
 import math
-from typing import Any, Callable, Dict, List, Sequence
+from typing import List, Sequence
 
 from fcsv_control.agent.core import AgentCore, AgentRules
 from fcsv_control.agent.link_requests import LinkRequests
@@ -19,7 +19,7 @@ from fcsv_control.flight.messages import (
     TextHeard,
 )
 from fcsv_control.guardian.messages import GuardianVerdict
-from fcsv_geometry.streams.dispatch import by_type
+from fcsv_geometry.streams.dispatch import Takers
 from fcsv_geometry.vehicles import telemetry as tm
 
 _ALIVE_S = 0.2
@@ -35,29 +35,32 @@ class AgentPort:
         self._core = core = AgentCore(vehicle, rules, DuplicateAgentGuard(instance, now_s))
         self._requests = requests = LinkRequests()
         self._alive_s = -math.inf
-        self._take: Dict[type, Callable[[float, Any], None]] = {
-            AgentAlive: lambda now_s, m: core.twins.heard(
-                now_s, m.instance, m.sent_s - m.started_s
-            ),
-            AskAnswered: requests.answered,
-            EstimateMoved: lambda now_s, m: core.estimate_moved(now_s, m.step_m),
-            HomeHeard: lambda _now_s, m: requests.home(m.above_origin_m),
-            Instruction: core.take,
-            MissionAlive: lambda now_s, m: core.control_heard(now_s, m.sender, m.sent_s),
-            PoseEstimated: lambda now_s, m: core.pose(now_s, m.T_odom_body),
-            Refused: lambda _now_s, m: requests.shown.refused(m.reason),
-            TextHeard: requests.said,
-            GuardianVerdict: lambda now_s, m: core.guarded(
-                now_s, m.action, m.holds, "; ".join(m.reasons), m.forbids
-            ),
-            tm.EpochsFound: self._calibrated,
-            tm.OdometryEpoch: lambda _now_s, m: core.epoch(m.number, m.reason),
-            tm.VehicleState: self._state,
-        }
+        self._take = Takers(
+            {
+                AgentAlive: lambda now_s, m: core.twins.heard(
+                    now_s, m.instance, m.sent_s - m.started_s
+                ),
+                AskAnswered: requests.answered,
+                EstimateMoved: lambda now_s, m: core.estimate_moved(now_s, m.step_m),
+                HomeHeard: lambda _now_s, m: requests.home(m.above_origin_m),
+                Instruction: core.take,
+                MissionAlive: lambda now_s, m: core.control_heard(now_s, m.sender, m.sent_s),
+                PoseEstimated: lambda now_s, m: core.pose(now_s, m.T_odom_body),
+                Refused: lambda _now_s, m: requests.shown.refused(m.reason),
+                TextHeard: requests.said,
+                GuardianVerdict: lambda now_s, m: core.guarded(
+                    now_s, m.action, m.holds, "; ".join(m.reasons), m.forbids
+                ),
+                tm.EpochsFound: self._calibrated,
+                tm.OdometryEpoch: lambda _now_s, m: core.epoch(m.number, m.reason),
+                tm.VehicleState: self._state,
+            },
+            "an agent takes no",
+        )
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        by_type(self._take, message, "an agent takes no")(now_s, message)
+        self._take[type(message)](now_s, message)
 
     def step(self, now_s: float) -> Sequence[object]:
         """What is due, in its order, and a sign of life at 5 Hz."""

@@ -3,13 +3,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, Optional, Sequence
+from typing import Any, Callable, Iterator, List, Sequence
 
 from fcsv_control.file_check.kinds import KINDS, MISSION, PARAMETER_SUFFIXES, FileKind, recognised
 from fcsv_control.mission.plans.plan_check import require_flyable
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError, FcsvError
 from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.programs.workspace import find_bringup
 from fcsv_geometry.vehicles.vehicle import load_vehicles
 
 _VEHICLES = "vehicles"
@@ -83,25 +84,12 @@ def _vehicles_folder(mission: Path) -> Path:
     beside = mission.resolve().parent.parent / _VEHICLES
     if beside.is_dir():
         return beside
-    workspace = _workspace()
+    workspace = find_bringup()
     if workspace is None:
         raise ConfigError(
             f"{mission}: no vehicle files are in {beside}: name their folder with --vehicles-dir"
         )
     return workspace / "config" / _VEHICLES
-
-
-def _workspace() -> Optional[Path]:
-    """The folder of launch and configuration files; None without ROS, or where this shell does not
-    know the workspace."""
-    try:
-        import rospkg
-    except ImportError:
-        return None
-    try:
-        return Path(rospkg.RosPack().get_path("fcsv_bringup"))
-    except rospkg.ResourceNotFound:
-        return None
 
 
 def _require_fleet(mission: Mission, vehicles: Sequence[str], folder: Path) -> None:

@@ -112,16 +112,16 @@ class LinkCore:
     def take(self, now_s: float, message) -> None:
         """One message from the line."""
         self._heard.take(now_s, message)
-        first = not self._owner.mode
+        state, first = self._heard.state, not self._owner.mode
         # what was asked before he took it counts no more
-        if self._owner.shows(self.state.mode) and not first:
+        if self._owner.shows(state.mode) and not first:
             self._requests.withdraw(
-                _M.MAV_CMD_DO_SET_MODE, f"{self.state.mode} showed, which was not asked here"
+                _M.MAV_CMD_DO_SET_MODE, f"{state.mode} showed, which was not asked here"
             )
         for event in self._heard.events():
             self._events.append(event)
             if isinstance(event, PoseHeard):
-                step_m = self._watch.estimate(now_s, event.T_odom_body[:3, 3], self.state.armed)
+                step_m = self._watch.estimate(now_s, event.T_odom_body[:3, 3], state.armed)
                 if step_m is not None:
                     self._events.append(EstimateMoved(step_m))
 

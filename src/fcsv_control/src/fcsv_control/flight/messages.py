@@ -1,29 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a flight link hears of its autopilot, tells, and is told, as data."""
 
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Dict, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from fcsv_control.errors import CommandRefused, LinkError
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.vehicles.modes import Mode
 
 # ---- what the autopilot says ---------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@frozen
 class StateHeard:
     """A heartbeat came: the state may have changed."""
 
 
-@dataclass(frozen=True)
+@frozen
 class BatteryHeard:
     """The state's battery fields were told."""
 
 
-@dataclass(frozen=True)
+@frozen
 class PoseHeard:
     """The autopilot's estimate of the body (4x4) and its velocity (m/s) in its external
     navigation's frame (ENU)."""
@@ -32,7 +32,7 @@ class PoseHeard:
     v_odom_mps: Tuple[float, float, float]
 
 
-@dataclass(frozen=True)
+@frozen
 class BarometerHeard:
     """The autopilot's first barometer, as a height in the standard atmosphere: only differences
     mean something."""
@@ -48,7 +48,7 @@ class FixStatus(IntEnum):
     GROUND = 2
 
 
-@dataclass(frozen=True)
+@frozen
 class FixHeard:
     """A three-dimensional GPS fix (WGS 84): degrees, m above the ellipsoid, standard deviations per
     axis (m); NaN: not told. The vehicle is not flown by it."""
@@ -61,7 +61,7 @@ class FixHeard:
     height_sigma_m: float
 
 
-@dataclass(frozen=True)
+@frozen
 class TextHeard:
     """A whole status text and its MAV_SEVERITY."""
 
@@ -69,12 +69,12 @@ class TextHeard:
     text: str
 
 
-@dataclass(frozen=True)
+@frozen
 class RcHeard:
     """The state's transmitter fields were told."""
 
 
-@dataclass(frozen=True)
+@frozen
 class EstimateMoved:
     """The autopilot's estimate moved by ``step_m`` (3,) (odometry frame) against the world: it
     adopted a jump of the external navigation, at once or over many messages. A target has to move
@@ -84,14 +84,14 @@ class EstimateMoved:
     step_m: np.ndarray
 
 
-@dataclass(frozen=True)
+@frozen
 class Refused:
     """The autopilot refused what another component of this computer (MAVROS) asked for."""
 
     reason: str
 
 
-@dataclass(frozen=True)
+@frozen
 class HomeHeard:
     """How far the autopilot's home is above its origin."""
 
@@ -115,14 +115,14 @@ Event = Union[
 # ---- the line ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@frozen
 class FromAutopilot:
     """A MAVLink message came."""
 
     message: object
 
 
-@dataclass(frozen=True)
+@frozen
 class ToAutopilot:
     """A MAVLink message is to be sent."""
 
@@ -132,7 +132,7 @@ class ToAutopilot:
 # ---- what processes on board tell each other -----------------------------------------------------
 
 
-@dataclass(frozen=True)
+@frozen
 class PoseFed:
     """T_odom_body of the odometry, as it goes to the autopilot; ``stamp_s`` by this computer's time
     of day."""
@@ -141,24 +141,24 @@ class PoseFed:
     stamp_s: float
 
 
-@dataclass(frozen=True)
+@frozen
 class PosePassed:
     """A pose of the odometry was believed, and went to the autopilot."""
 
 
-@dataclass(frozen=True)
+@frozen
 class OdometryReset:
     """The odometry's frame was begun anew: the next pose is adopted at once."""
 
 
-@dataclass(frozen=True)
+@frozen
 class PoseEstimated:
     """T_odom_body by the autopilot's estimate."""
 
     T_odom_body: np.ndarray
 
 
-@dataclass(frozen=True)
+@frozen
 class AutopilotState:
     """What the autopilot shows; fields as in mavros_msgs/State."""
 
@@ -170,7 +170,7 @@ class AutopilotState:
     system_status: int
 
 
-@dataclass(frozen=True)
+@frozen
 class BatteryTold:
     """The autopilot's battery monitor: share of the charge 0..1, voltage, current; NaN: not
     known."""
@@ -180,7 +180,7 @@ class BatteryTold:
     current_a: float
 
 
-@dataclass(frozen=True)
+@frozen
 class TransmitterTold:
     """The pilot's transmitter: pulse widths (us), signal strength 0..254 (255: not known)."""
 
@@ -188,7 +188,7 @@ class TransmitterTold:
     rssi: int
 
 
-@dataclass(frozen=True)
+@frozen
 class LinkLives:
     """What the flight link tells of itself; fields as in fcsv_msgs/LinkHealth, None: the autopilot
     has not said."""
@@ -212,14 +212,14 @@ class LinkLives:
     prearm_ok: Optional[bool]
 
 
-@dataclass(frozen=True)
+@frozen
 class AutopilotLimits:
     """The autopilot's parameters that limit how it flies, in its units; NaN: not read yet."""
 
     values: Dict[str, float]
 
 
-@dataclass(frozen=True)
+@frozen
 class ParametersChecked:
     """The autopilot's parameters against the profile; fields as in fcsv_msgs/ParameterReport."""
 
@@ -232,14 +232,14 @@ class ParametersChecked:
     limits: AutopilotLimits
 
 
-@dataclass(frozen=True)
+@frozen
 class ModeAsked:
     """A process on board asks the autopilot for a mode."""
 
     mode: Mode
 
 
-@dataclass(frozen=True)
+@frozen
 class LinkSaid:
     """The flight link's own words to people, and their MAV_SEVERITY."""
 
@@ -247,7 +247,7 @@ class LinkSaid:
     text: str
 
 
-@dataclass(frozen=True)
+@frozen
 class RequestOver:
     """An Ask has ended: done where ``refusal`` is empty. ``answered``: by the autopilot, or by this
     link itself."""

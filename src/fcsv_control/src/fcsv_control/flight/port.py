@@ -9,7 +9,7 @@ here, for our own link and beside MAVROS.
 import logging
 import math
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, List, Optional, Sequence, Union
+from typing import Dict, List, Optional, Sequence, Union
 
 from fcsv_control.agent.messages import Ask, Kind, SetPoint
 from fcsv_control.errors import CommandRefused, ControlError
@@ -49,7 +49,7 @@ from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import Profile
 from fcsv_control.flight.take_off import TakeOff
 from fcsv_geometry.missions.flight_limits import FlightBounds
-from fcsv_geometry.streams.dispatch import by_type
+from fcsv_geometry.streams.dispatch import Takers
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.modes import Mode
@@ -98,21 +98,24 @@ class FlightLinkPort:
         self._parameters: Optional[ParametersChecked] = None
         self._feed_problems: Dict[str, str] = {}
         self._out: List[object] = []
-        self._take: Dict[type, Callable[[float, Any], None]] = {
-            Ask: self._ask,
-            FromAutopilot: lambda now_s, m: core.take(now_s, m.message),
-            ModeAsked: lambda _now_s, m: core.mode_asked(m.mode),
-            OdometryReset: self._begin_again,
-            PoseFed: self._fed,
-            SetPoint: lambda _now_s, m: core.send_set_point(m.T_odom_body),
-            tm.SceneLook: lambda now_s, m: self.check.scene(
-                now_s, m.span_s, m.off_rad, m.turn_rad, m.points, m.one_way
-            ),
-        }
+        self._take = Takers(
+            {
+                Ask: self._ask,
+                FromAutopilot: lambda now_s, m: core.take(now_s, m.message),
+                ModeAsked: lambda _now_s, m: core.mode_asked(m.mode),
+                OdometryReset: self._begin_again,
+                PoseFed: self._fed,
+                SetPoint: lambda _now_s, m: core.send_set_point(m.T_odom_body),
+                tm.SceneLook: lambda now_s, m: self.check.scene(
+                    now_s, m.span_s, m.off_rad, m.turn_rad, m.points, m.one_way
+                ),
+            },
+            "a flight link takes no",
+        )
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        by_type(self._take, message, "a flight link takes no")(now_s, message)
+        self._take[type(message)](now_s, message)
 
     def step(self, now_s: float) -> Sequence[object]:
         """Time passes: what goes to the autopilot, what it said, what became of requests, and of

@@ -2,11 +2,11 @@
 """What the flight controller says of itself."""
 
 import math
-from dataclasses import dataclass, replace
 from typing import Optional, Tuple
 
 from pymavlink import mavutil
 
+from fcsv_geometry.frozen import changed, frozen
 from fcsv_geometry.vehicles.modes import Mode
 
 _M = mavutil.mavlink
@@ -24,7 +24,7 @@ _MODES = {number: Mode(name) for number, name in mavutil.mode_mapping_acm.items(
 MODES = {mode: number for number, mode in _MODES.items()}
 
 
-@dataclass(frozen=True)
+@frozen
 class FlightState:
     """Replaced as a whole on every message, so that a reader in another thread sees one moment."""
 
@@ -76,7 +76,7 @@ class FlightState:
 
     def with_ekf(self, now_s: float, m) -> "FlightState":
         """Gives the state after an EKF_STATUS_REPORT."""
-        return replace(
+        return changed(
             self,
             ekf_flags=m.flags,
             velocity_variance=m.velocity_variance,
@@ -94,7 +94,7 @@ class FlightState:
         heard = 800 <= pulse <= 2200
         throttle = max(-1.0, min(1.0, (pulse - 1500) / 500.0)) if heard else float("nan")
         heard_s = now_s if heard else self.throttle_heard_s
-        return replace(
+        return changed(
             self, throttle=throttle, throttle_heard_s=heard_s, rc_channels=channels, rc_rssi=m.rssi
         )
 
@@ -105,7 +105,7 @@ class FlightState:
 
     def with_heartbeat(self, m) -> "FlightState":
         """Gives the state after a HEARTBEAT of the autopilot."""
-        return replace(
+        return changed(
             self,
             armed=bool(m.base_mode & _M.MAV_MODE_FLAG_SAFETY_ARMED),
             guided=bool(m.base_mode & _M.MAV_MODE_FLAG_GUIDED_ENABLED),
@@ -116,7 +116,7 @@ class FlightState:
 
     def with_sys_status(self, m) -> "FlightState":
         """Gives the state after a SYS_STATUS; what it does not know is NaN."""
-        return replace(
+        return changed(
             self,
             prearm_ok=None
             if self.booting
@@ -128,4 +128,4 @@ class FlightState:
 
     def with_extended(self, m) -> "FlightState":
         """Gives the state after an EXTENDED_SYS_STATE."""
-        return replace(self, landed=_LANDED.get(m.landed_state))
+        return changed(self, landed=_LANDED.get(m.landed_state))

@@ -4,7 +4,7 @@ table out."""
 
 import logging
 import math
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
+from typing import List, Mapping, Optional, Sequence
 
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight_check.acceptance import Acceptances
@@ -24,7 +24,7 @@ from fcsv_control.flight_check.messages import (
 from fcsv_control.flight_check.vehicle import Disk
 from fcsv_control.recorder_port import RecorderReport
 from fcsv_geometry.missions.flight_limits import FlightBounds
-from fcsv_geometry.streams.dispatch import by_type
+from fcsv_geometry.streams.dispatch import Takers
 from fcsv_geometry.vehicles import telemetry as tm
 
 _log = logging.getLogger(__name__)
@@ -53,29 +53,32 @@ class FleetCheckPort:
         self._shown_s, self._phase = -math.inf, ""
         self._out: List[object] = []
         vehicles, control = self._table.vehicles, self._table.control
-        self._take: Dict[type, Callable[[float, Any], None]] = {
-            VehicleReported: self._reported,
-            ParametersReported: lambda _now_s, m: setattr(
-                vehicles[m.vehicle], "parameters", m.checked
-            ),
-            PositionCounted: lambda now_s, m: vehicles[m.vehicle].poses.tell(now_s),
-            ClockMeasured: lambda now_s, m: vehicles[m.vehicle].clock.tell(
-                now_s - m.age_s, m.offset
-            ),
-            tm.OdometryEpoch: lambda _now_s, m: setattr(vehicles[m.vehicle], "epoch", m.number),
-            tm.EpochsFound: self._epochs,
-            TagsCame: lambda now_s, m: self._table.sightings.saw(now_s, m.vehicle, m.ids),
-            MissionAlive: lambda now_s, _m: control.mission.tell(now_s, self._phase),
-            tm.MissionPhase: lambda _now_s, m: setattr(self, "_phase", m.phase),
-            StopStandsBy: lambda now_s, _m: control.stop_all.tell(now_s, True),
-            RecorderReport: control.recorder.tell,
-            Disk: control.disk.tell,
-            Keys: control.keys.tell,
-        }
+        self._take = Takers(
+            {
+                VehicleReported: self._reported,
+                ParametersReported: lambda _now_s, m: setattr(
+                    vehicles[m.vehicle], "parameters", m.checked
+                ),
+                PositionCounted: lambda now_s, m: vehicles[m.vehicle].poses.tell(now_s),
+                ClockMeasured: lambda now_s, m: vehicles[m.vehicle].clock.tell(
+                    now_s - m.age_s, m.offset
+                ),
+                tm.OdometryEpoch: lambda _now_s, m: setattr(vehicles[m.vehicle], "epoch", m.number),
+                tm.EpochsFound: self._epochs,
+                TagsCame: lambda now_s, m: self._table.sightings.saw(now_s, m.vehicle, m.ids),
+                MissionAlive: lambda now_s, _m: control.mission.tell(now_s, self._phase),
+                tm.MissionPhase: lambda _now_s, m: setattr(self, "_phase", m.phase),
+                StopStandsBy: lambda now_s, _m: control.stop_all.tell(now_s, True),
+                RecorderReport: control.recorder.tell,
+                Disk: control.disk.tell,
+                Keys: control.keys.tell,
+            },
+            "the fleet's check takes no",
+        )
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        by_type(self._take, message, "the fleet's check takes no")(now_s, message)
+        self._take[type(message)](now_s, message)
 
     def _reported(self, now_s: float, m: VehicleReported) -> None:
         if m.named != m.vehicle:

@@ -4,7 +4,7 @@ and the worst diagnostics out."""
 
 import logging
 import math
-from typing import Any, Callable, Dict, List, Optional, Sequence
+from typing import Callable, List, Optional, Sequence
 
 from fcsv_control.agent.messages import AgentAlive
 from fcsv_control.conditions import Grade
@@ -26,7 +26,7 @@ from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import Disk, VehicleFacts
 from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_control.recorder_port import RecorderReport
-from fcsv_geometry.streams.dispatch import by_type
+from fcsv_geometry.streams.dispatch import Takers
 from fcsv_geometry.vehicles import telemetry as tm
 
 _log = logging.getLogger(__name__)
@@ -58,26 +58,29 @@ class VehicleCheckPort:
         self._judged, self._pace, self._digest = Judged(vehicle, checks), Pace(), Digest(own)
         self._judged_s = -math.inf
         self._states: Optional[List[Grade]] = None  # as they were reported
-        self._take: Dict[type, Callable[[float, Any], None]] = {
-            PositionCounted: lambda now_s, _m: f.positions.tell(now_s),
-            PictureCounted: lambda now_s, _m: f.pictures.tell(now_s),
-            TrackerTrusts: lambda now_s, m: f.tracker_variance_m2.tell(now_s, m.variance_m2),
-            LinkLives: f.link.tell,
-            ParametersChecked: f.parameters.tell,
-            tm.VehicleState: lambda now_s, m: f.armed.tell(now_s, m.armed),
-            tm.BatteryCharge: lambda now_s, m: f.battery_share.tell(now_s, m.share),
-            TextHeard: lambda now_s, m: f.texts.add(now_s, m.text),
-            GuardianVerdict: f.guardian.tell,
-            AgentAlive: f.agent.tell,
-            RecorderReport: f.recorder.tell,
-            Disk: f.disk.tell,
-            keys.Keys: f.keys.tell,
-            DiagnosticsCame: lambda now_s, m: self._digest.tell(now_s, m.statuses),
-        }
+        self._take = Takers(
+            {
+                PositionCounted: lambda now_s, _m: f.positions.tell(now_s),
+                PictureCounted: lambda now_s, _m: f.pictures.tell(now_s),
+                TrackerTrusts: lambda now_s, m: f.tracker_variance_m2.tell(now_s, m.variance_m2),
+                LinkLives: f.link.tell,
+                ParametersChecked: f.parameters.tell,
+                tm.VehicleState: lambda now_s, m: f.armed.tell(now_s, m.armed),
+                tm.BatteryCharge: lambda now_s, m: f.battery_share.tell(now_s, m.share),
+                TextHeard: lambda now_s, m: f.texts.add(now_s, m.text),
+                GuardianVerdict: f.guardian.tell,
+                AgentAlive: f.agent.tell,
+                RecorderReport: f.recorder.tell,
+                Disk: f.disk.tell,
+                keys.Keys: f.keys.tell,
+                DiagnosticsCame: lambda now_s, m: self._digest.tell(now_s, m.statuses),
+            },
+            "a vehicle's check takes no",
+        )
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        by_type(self._take, message, "a vehicle's check takes no")(now_s, message)
+        self._take[type(message)](now_s, message)
 
     def step(self, now_s: float) -> Sequence[object]:
         """What is to be told now."""

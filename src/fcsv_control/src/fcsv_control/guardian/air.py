@@ -10,6 +10,7 @@ import numpy as np
 from fcsv_control.flight.feeding.estimate import apart_m
 from fcsv_control.recent_way import RecentWay
 from fcsv_geometry import transforms
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.missions import separation
 from fcsv_geometry.missions.airspace import Occupant
 from fcsv_geometry.missions.fence import Fence
@@ -24,7 +25,7 @@ _SMOOTH_S, _SAME_S = 0.3, 0.005  # of how another moves; less apart it is the sa
 _GOES_ON_S, _FLIES_MPS = (1.0, 2.0, 3.0), 0.5  # of one that comes down on its way
 
 
-@dataclass(frozen=True)
+@frozen
 class LinkReport:
     """What the flight link says of the autopilot and of the feed; ``throttle`` -1..1, NaN without a
     transmitter."""

@@ -3,18 +3,19 @@
 
 import math
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Dict, Hashable, Iterator, List, Optional, Sequence, Tuple
+from typing import Dict, Iterator, List, Optional, Sequence
 
 import numpy as np
 
 from fcsv_control import conditions
-from fcsv_control.conditions import Condition
+from fcsv_control.conditions import Condition, Measure
 from fcsv_control.guardian import room, way_home
 from fcsv_control.guardian.air import Other, VehicleSituation
 from fcsv_control.guardian.messages import Cause, Forbidden
 from fcsv_control.guardian.rules import NEVER, GuardianRules
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.missions import airspace, separation
 from fcsv_geometry.missions.airspace import Occupant
 from fcsv_geometry.streams.stream import Since
@@ -42,7 +43,7 @@ class Reaction(IntEnum):
     LAND = 8  # at once: the position cannot be relied on
 
 
-@dataclass(frozen=True)
+@frozen
 class Finding:
     """``what`` names it and stays the same while it lasts; ``away_from`` is a vehicle."""
 
@@ -52,7 +53,15 @@ class Finding:
     away_from: str = ""
 
 
-Step = Tuple[Condition, float, Reaction]  # red for so long (s): this
+@dataclass
+class Step:
+    """Asks for a reaction where a measure has been worse than a bound for so long (s)."""
+
+    measure: Measure
+    bound: float
+    seconds: float
+    reaction: Reaction
+    since: Since = field(default_factory=Since)
 
 
 class Monitors:
@@ -61,10 +70,11 @@ class Monitors:
 
     def __init__(self, rules: GuardianRules):
         self._rules = rules
-        self._since: Dict[Hashable, Since] = defaultdict(Since)
+        self._since: Dict[str, Since] = defaultdict(Since)
         self._took_off = self._homeward = False
         self._stopped = ""  # why, on the way home
         self._unseen_s = float("-inf")  # when the tracker last did not see it
+        self._steps = _steps(rules)
         self._watches = (
             self._feed,
             self._doubt,
@@ -145,40 +155,25 @@ class Monitors:
         return conditions.feed_age(air.feed.age_s(now_s), self._rules.feed_warn_s)
 
     def _feed(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
-        r, age_s, hz = self._rules, air.feed.age_s(now_s), air.feed.rate_hz(now_s)
+        age_s, hz = air.feed.age_s(now_s), air.feed.rate_hz(now_s)
         if not air.flying or air.feed.value is None:
             return ()
-        age = (
-            (conditions.feed_age(age_s, r.feed_land_s), 0.0, Reaction.LAND),
-            (conditions.feed_age(age_s, r.feed_warn_s), 0.0, Reaction.SAY),
-        )
-        rate = (
-            (conditions.feed_rate(hz, r.feed_land_hz), _SLOW_S, Reaction.LAND),
-            (conditions.feed_rate(hz, r.feed_warn_hz), _SLOW_S, Reaction.SAY),
-        )
-        return self._first(now_s, "feed", *age) or self._first(now_s, "rate", *rate)
+        return self._first(now_s, "feed", age_s) or self._first(now_s, "rate", hz)
 
     def _doubt(self, _now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         if air.link.doubt:
             yield Finding("tracker", Reaction.LAND, air.link.doubt)
 
     def _ekf(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        found = conditions.ekf(air.link.ekf_variance, self._rules.ekf_variance)
-        yield from self._first(now_s, "ekf", (found, self._rules.ekf_s, Reaction.LAND))
+        yield from self._first(now_s, "ekf", air.link.ekf_variance)
         if air.link.failsafe:
             yield Finding("failsafe", Reaction.SAY, "the autopilot has a failsafe of its own")
 
     def _confidence(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
-        r = self._rules
-        low = conditions.confidence(air.confidence, r.confidence)
-        lands = (low, r.confidence_land_s, Reaction.LAND_ASIDE)
-        return self._first(now_s, "confidence", lands, (low, r.confidence_hold_s, Reaction.HOLD))
+        return self._first(now_s, "confidence", air.confidence)
 
     def _tilt(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
-        r, tilt_deg = self._rules, math.degrees(air.tilt_rad())
-        lands = (conditions.tilt(tilt_deg, r.tilt_land_deg), r.tilt_s, Reaction.LAND)
-        warns = (conditions.tilt(tilt_deg, r.tilt_warn_deg), r.tilt_s, Reaction.SAY)
-        return self._first(now_s, "tilt", lands, warns)
+        return self._first(now_s, "tilt", math.degrees(air.tilt_rad()))
 
     # ---- what it lives on, and who flies it ------------------------------------------------------
 
@@ -215,17 +210,10 @@ class Monitors:
         return Finding("home", Reaction.HOME, f"{text}, and nothing from the control PC")
 
     def _control(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
-        r, age_s = self._rules, now_s - air.control_s
-        hold_s = math.inf if r.link_loss == NEVER else r.link_hold_s
-        lands = (conditions.control_age(age_s, hold_s), 0.0, Reaction.LAND_ASIDE)
-        warns = (conditions.control_age(age_s, r.link_warn_s), 0.0, Reaction.SAY)
-        return self._first(now_s, "control", lands, warns)
+        return self._first(now_s, "control", now_s - air.control_s)
 
     def _agent(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
-        r, age_s = self._rules, now_s - air.agent_s
-        lands = (conditions.agent_age(age_s, r.agent_land_s), 0.0, Reaction.LAND_ASIDE)
-        holds = (conditions.agent_age(age_s, r.agent_silent_s), 0.0, Reaction.HOLD)
-        return self._first(now_s, "agent", lands, holds)
+        return self._first(now_s, "agent", now_s - air.agent_s)
 
     def _link(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         silent = conditions.link_age(now_s - air.link_s, self._rules.link_silent_s)
@@ -325,14 +313,48 @@ class Monitors:
         silent = silent_s > r.silent_above_s
         return silent and airspace.comes_down_on(upper, own, r.clear_m, _BELOW_M)
 
-    def _lasts(self, now_s: float, what: Hashable, holds: bool, seconds: float) -> bool:
+    def _lasts(self, now_s: float, what: str, holds: bool, seconds: float) -> bool:
         """Whether a condition has held for some time; a name counts from the first moment it
         held."""
         return self._since[what].lasts_s(now_s, holds) >= seconds
 
-    def _first(self, now_s: float, what: str, *steps: Step) -> Sequence[Finding]:
-        """The first step whose condition has been red for so long."""
-        for k, (found, seconds, reaction) in enumerate(steps):
-            if self._lasts(now_s, (what, k), found.red, seconds):
-                return [Finding(what, reaction, found.words)]
+    def _first(self, now_s: float, what: str, value: float) -> Sequence[Finding]:
+        """The first step of a thing whose bound has not been kept for so long."""
+        for step in self._steps[what]:
+            measure = step.measure
+            worse = measure.breaks(value, step.bound)
+            if step.since.lasts_s(now_s, worse) >= step.seconds:
+                return [Finding(what, step.reaction, measure.wrong.format(step.bound))]
         return ()
+
+
+def _steps(r: GuardianRules) -> Dict[str, Sequence[Step]]:
+    """What is measured again and again, the worst first."""
+    control_s = math.inf if r.link_loss == NEVER else r.link_hold_s
+    return {
+        "feed": (
+            Step(conditions.feed_age, r.feed_land_s, 0.0, Reaction.LAND),
+            Step(conditions.feed_age, r.feed_warn_s, 0.0, Reaction.SAY),
+        ),
+        "rate": (
+            Step(conditions.feed_rate, r.feed_land_hz, _SLOW_S, Reaction.LAND),
+            Step(conditions.feed_rate, r.feed_warn_hz, _SLOW_S, Reaction.SAY),
+        ),
+        "ekf": (Step(conditions.ekf, r.ekf_variance, r.ekf_s, Reaction.LAND),),
+        "confidence": (
+            Step(conditions.low_confidence, r.confidence, r.confidence_land_s, Reaction.LAND_ASIDE),
+            Step(conditions.low_confidence, r.confidence, r.confidence_hold_s, Reaction.HOLD),
+        ),
+        "tilt": (
+            Step(conditions.tilt, r.tilt_land_deg, r.tilt_s, Reaction.LAND),
+            Step(conditions.tilt, r.tilt_warn_deg, r.tilt_s, Reaction.SAY),
+        ),
+        "control": (
+            Step(conditions.control_age, control_s, 0.0, Reaction.LAND_ASIDE),
+            Step(conditions.control_age, r.link_warn_s, 0.0, Reaction.SAY),
+        ),
+        "agent": (
+            Step(conditions.agent_age, r.agent_land_s, 0.0, Reaction.LAND_ASIDE),
+            Step(conditions.agent_age, r.agent_silent_s, 0.0, Reaction.HOLD),
+        ),
+    }

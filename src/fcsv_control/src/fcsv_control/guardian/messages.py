@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a guardian wants done, and what it tells."""
 
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.vehicles.modes import Mode
 
 
@@ -19,14 +19,14 @@ def in_words(action: str, reasons: Sequence[str]) -> str:
     return ": ".join(filter(None, (action, "; ".join(reasons)))) if action else ""
 
 
-@dataclass(frozen=True)
+@frozen
 class AskMode:
     """A mode command for the autopilot."""
 
     mode: Mode
 
 
-@dataclass(frozen=True)
+@frozen
 class HoldAt:
     """Where to be: T_odom_body, streamed while the guardian holds."""
 
@@ -41,7 +41,7 @@ class Cause(IntEnum):
     NO_POSES = 2
 
 
-@dataclass(frozen=True)
+@frozen
 class Forbidden:
     """One reason why GUIDED is refused, and its words."""
 
@@ -49,7 +49,7 @@ class Forbidden:
     cause: Cause = Cause.OTHER
 
 
-@dataclass(frozen=True)
+@frozen
 class GuardianVerdict:
     """``holds``: the agent must be quiet, why in ``reasons``; ``forbidden``: why GUIDED is refused;
     ``uncontrolled``: the vehicle comes down without a position; ``lost``: so it did, and nobody
@@ -82,7 +82,7 @@ class GuardianVerdict:
         return in_words(self.action, self.reasons)
 
 
-@dataclass(frozen=True)
+@frozen
 class Warned:
     """A text for people; ``acts`` where the guardian does something."""
 
@@ -90,7 +90,7 @@ class Warned:
     acts: bool
 
 
-@dataclass(frozen=True)
+@frozen
 class RestartLink:
     """The flight link's process ``pid`` hangs: end it, so that it is started again. Without it the
     autopilot gets no poses."""

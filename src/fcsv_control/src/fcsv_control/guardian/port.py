@@ -5,7 +5,7 @@ verdicts out."""
 import math
 from collections import OrderedDict
 from dataclasses import dataclass, replace
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -24,10 +24,11 @@ from fcsv_control.guardian.core import Guardian
 from fcsv_control.guardian.messages import GuardianVerdict, Output, RestartLink
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.home import HomeFrames, Place
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.streams.arrivals import Arrivals
-from fcsv_geometry.streams.dispatch import by_type
+from fcsv_geometry.streams.dispatch import Takers
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.thresholds import TRANSMITTER_AGE_S
@@ -37,7 +38,7 @@ _COMMANDS_KEPT = 20  # that may still be acknowledged
 _CM = 0.01
 
 
-@dataclass(frozen=True)
+@frozen
 class TrackerConfidence:
     """Holds the confidence of the tracking camera, 0 (failed) to 3 (high); NaN where not known."""
 
@@ -51,7 +52,7 @@ class MissionFence:
     fence: Fence
 
 
-@dataclass(frozen=True)
+@frozen
 class OtherGuarded:
     """What the guardian of another vehicle tells."""
 
@@ -84,34 +85,39 @@ class GuardianPort:
         self._link_pid = 0
         self._told, self._told_s = GuardianVerdict(), -math.inf
         core = self.core
-        self._take: Dict[type, Callable[[float, Any], None]] = {
-            PoseFed: lambda now_s, m: core.feed(now_s, m.T_odom_body),
-            PoseEstimated: lambda now_s, m: core.estimate(now_s, m.T_odom_body),
-            TrackerConfidence: lambda _now_s, m: core.confidence(m.level),
-            LinkLives: self._link,
-            AutopilotLimits: lambda _now_s, m: core.slows(
-                m.values.get("WPNAV_ACCEL", math.nan) * _CM
-            ),
-            ModeAsked: lambda now_s, m: core.mode_asked(now_s, m.mode),
-            AgentAlive: lambda now_s, _m: core.agent_lives(now_s),
-            MissionAlive: lambda now_s, _m: core.control_heard(now_s),
-            MissionFence: lambda _now_s, m: core.mission_fence(m.fence),
-            Instruction: self._command,
-            Ack: self._answered,
-            OtherGuarded: lambda _now_s, m: setattr(self._other(m.vehicle), "verdict", m.verdict),
-            tm.VehicleOdometry: self._odometry,
-            tm.VehicleState: self._state,
-            tm.BatteryCharge: lambda now_s, m: core.battery(now_s, m.share),
-            tm.OdometryEpoch: lambda _now_s, m: core.epoch(m.number),
-            tm.EpochsFound: self._epochs,
-            tm.CalibrationFound: lambda _now_s, m: self._in_home.calibrate(m.links),
-            tm.HomeFound: lambda _now_s, m: self._in_home.set_home(m.reference, m.T_odom_home),
-            tm.RelayAges: lambda _now_s, m: self._arrivals.on_sent(m.topics, m.sent_s),
-        }
+        self._take = Takers(
+            {
+                PoseFed: lambda now_s, m: core.feed(now_s, m.T_odom_body),
+                PoseEstimated: lambda now_s, m: core.estimate(now_s, m.T_odom_body),
+                TrackerConfidence: lambda _now_s, m: core.confidence(m.level),
+                LinkLives: self._link,
+                AutopilotLimits: lambda _now_s, m: core.slows(
+                    m.values.get("WPNAV_ACCEL", math.nan) * _CM
+                ),
+                ModeAsked: lambda now_s, m: core.mode_asked(now_s, m.mode),
+                AgentAlive: lambda now_s, _m: core.agent_lives(now_s),
+                MissionAlive: lambda now_s, _m: core.control_heard(now_s),
+                MissionFence: lambda _now_s, m: core.mission_fence(m.fence),
+                Instruction: self._command,
+                Ack: self._answered,
+                OtherGuarded: lambda _now_s, m: setattr(
+                    self._other(m.vehicle), "verdict", m.verdict
+                ),
+                tm.VehicleOdometry: self._odometry,
+                tm.VehicleState: self._state,
+                tm.BatteryCharge: lambda now_s, m: core.battery(now_s, m.share),
+                tm.OdometryEpoch: lambda _now_s, m: core.epoch(m.number),
+                tm.EpochsFound: self._epochs,
+                tm.CalibrationFound: lambda _now_s, m: self._in_home.calibrate(m.links),
+                tm.HomeFound: lambda _now_s, m: self._in_home.set_home(m.reference, m.T_odom_home),
+                tm.RelayAges: lambda _now_s, m: self._arrivals.on_sent(m.topics, m.sent_s),
+            },
+            "a guardian takes no",
+        )
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        by_type(self._take, message, "a guardian takes no")(now_s, message)
+        self._take[type(message)](now_s, message)
 
     def step(self, now_s: float) -> Sequence[object]:
         """Look at everything; what is to be done, and the verdict where it is another one or 0.2 s

@@ -22,6 +22,7 @@ from fcsv_control.mission.watches.patience import BACK, LAND, Pause, PauseTimers
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import GROUND, ON_BOARD, Mission
 from fcsv_geometry.missions.phases import BY_HOME, FLOWN, OVER
+from fcsv_geometry.missions.stations import Viewpoint
 from fcsv_geometry.vehicles.modes import Mode
 
 _BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")  # people fly
@@ -73,6 +74,7 @@ class MissionMachine:
         self._paused_by_operator = False
         self._snapshot: Optional[Snapshot] = None
         self._indices: Sequence[int] = ()  # of the configurations to fly; none: all
+        self._not_reached = ""  # stations that are left to another flight, and why
         self._memory: Optional[Memory] = None
         self.said: List[str] = []  # for the log
         self.unexplained: List[str] = []  # fly in GUIDED, and nothing is known of their mission
@@ -102,6 +104,11 @@ class MissionMachine:
     def configuration(self) -> int:
         """Index of the running configuration."""
         return 0 if self._flight_list is None else self._flight_list.index
+
+    @property
+    def viewpoint(self) -> Viewpoint:
+        """From where the running configuration is flown."""
+        return self.mission.viewpoint(self.configuration)
 
     @property
     def progress(self) -> float:
@@ -136,7 +143,10 @@ class MissionMachine:
         if wrong:
             self._enter("MOVE_HOME", f"the list cannot be flown from here: {wrong}", "set_home")
             return self.detail
-        self._indices = indices
+        self._indices, self._not_reached = indices, ""
+        if not indices:
+            within, self._not_reached = self._plan.within_batteries(self._snapshot)
+            self._indices = within or ()
         self._take_back()
         return ""
 
@@ -351,6 +361,7 @@ class MissionMachine:
             self._flight_list = FlightList.begin(
                 self.mission, self.vehicles, self.outbox, snapshot, self._indices or None
             )
+            self._flight_list.notes += filter(None, [self._not_reached])
         self._flight_list.resumed()
         self._enter("CONFIGURATIONS", "")
 

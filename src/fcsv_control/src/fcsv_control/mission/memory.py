@@ -32,6 +32,7 @@ class RememberedList:
     going_back: str = ""
     away: List[str] = field(default_factory=list)  # out of the column
     turned: List[Turned] = field(default_factory=list)  # who has looked round where
+    at: Optional[int] = 0  # of the mission's viewpoints, where the column is; none: under way
 
     def __post_init__(self):
         bad = [n for n, T in self.parked.items() if len(T) != _POSE_NUMBERS]
@@ -113,8 +114,11 @@ def _require_fitting(
         return
     indices = [*known.flown, *(t.index for t in known.left if t.index is not None)]
     names = [*(t.vehicle for t in known.left), *known.parked, *known.away]
-    if any(not 0 <= i < len(mission.configurations) for i in indices) or set(known.parked) != set(
-        vehicles
+    views = [known.at or 0, *(t.view for t in known.left)]
+    if (
+        any(not 0 <= i < len(mission.configurations) for i in indices)
+        or any(not 0 <= v < len(mission.viewpoints) for v in views)
+        or set(known.parked) != set(vehicles)
     ):
         raise SessionError(f"{source}: names configurations or places that this mission lacks")
     if not set(names) <= set(vehicles):

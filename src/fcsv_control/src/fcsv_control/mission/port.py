@@ -26,7 +26,7 @@ from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.phases import BY_HOME
 from fcsv_geometry.streams.arrivals import Arrivals
-from fcsv_geometry.streams.dispatch import by_type
+from fcsv_geometry.streams.dispatch import Takers
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
@@ -90,26 +90,29 @@ class MissionPort:
         if memory is not None:
             _log.info("found the memory of a mission in %s", memory.phase)
             self.machine.restore(memory)
-        self._take: Dict[type, Callable[[float, Any], None]] = {
-            tm.VehicleOdometry: self._odometry,
-            tm.OdometryEpoch: self._epoch,
-            tm.VehicleHeight: self._height,
-            tm.VehicleState: self._state,
-            tm.GuardianStatus: self._guardian,
-            tm.BatteryCharge: self._battery,
-            tm.RecorderState: self._recorder_state,
-            tm.SeenTags: self._tags,
-            tm.RelayAges: self._ages,
-            tm.CalibrationFound: self._calibration,
-            tm.HomeFound: self._home,
-            tm.EpochsFound: self._epochs,
-            told.CommandAnswered: self._answer,
-            told.WallClock: self._wall,
-            told.CheckTable: self._check,
-            told.PairLooked: self._pair,
-            told.StopCalled: self._stop,
-            told.ServiceAnswered: self._service,
-        }
+        self._take = Takers(
+            {
+                tm.VehicleOdometry: self._odometry,
+                tm.OdometryEpoch: self._epoch,
+                tm.VehicleHeight: self._height,
+                tm.VehicleState: self._state,
+                tm.GuardianStatus: self._guardian,
+                tm.BatteryCharge: self._battery,
+                tm.RecorderState: self._recorder_state,
+                tm.SeenTags: self._tags,
+                tm.RelayAges: self._ages,
+                tm.CalibrationFound: self._calibration,
+                tm.HomeFound: self._home,
+                tm.EpochsFound: self._epochs,
+                told.CommandAnswered: self._answer,
+                told.WallClock: self._wall,
+                told.CheckTable: self._check,
+                told.PairLooked: self._pair,
+                told.StopCalled: self._stop,
+                told.ServiceAnswered: self._service,
+            },
+            "the mission does not hear",
+        )
         self._serve: Dict[type, Callable[[Any], tm.Reply]] = {
             told.Confirm: self._confirm,
             told.Operate: self._operate,
@@ -127,7 +130,7 @@ class MissionPort:
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known here."""
-        by_type(self._take, message, "the mission does not hear")(now_s, message)
+        self._take[type(message)](now_s, message)
 
     def _of(self, message) -> VehicleHeard:
         self._arrivals.came(f"/{message.vehicle}/{message.topic}", message.publisher)
@@ -265,6 +268,8 @@ class MissionPort:
                 m.over,
                 m.progress,
                 list(dict.fromkeys(w.index for w in m.captures)),
+                m.viewpoint.station,
+                m.viewpoint.heading_rad,
             )
         )
         if now_s - self._alive_s >= _ALIVE_S - 1e-3:

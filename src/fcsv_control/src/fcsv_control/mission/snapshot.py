@@ -6,6 +6,7 @@ from typing import Dict, Optional
 
 import numpy as np
 
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.missions import separation
 from fcsv_geometry.missions.airspace import Occupant
 from fcsv_geometry.missions.flight_limits import FlightBounds
@@ -55,7 +56,7 @@ class VehicleView:
         return self.fresh and not self.armed
 
 
-@dataclass(frozen=True)
+@frozen
 class RecorderView:
     """The control PC's own recorder: age (s) of what it said last, and what is wrong with it."""
 

@@ -13,11 +13,12 @@ from typing import Callable, Mapping, Optional, Sequence
 
 import numpy as np
 
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.missions import separation
 from fcsv_geometry.missions.separation import LOST_CLEAR_M, SeparationRules
 
 
-@dataclass(frozen=True)
+@frozen
 class Occupant:
     """One vehicle in the airspace; the status of one that is flown, stands or lands: the defaults.
 

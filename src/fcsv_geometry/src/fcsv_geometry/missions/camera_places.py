@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a mission's configurations have their cameras, in home."""
+"""Where a mission's configurations have their cameras: in the frame of their viewpoint, and in
+home."""
 
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_geometry.missions.mission import StereoConfiguration
+from fcsv_geometry.missions.configuration import StereoConfiguration
+from fcsv_geometry.missions.mission import Mission
 
 #: T_home_cam of the reference: position zero, level, looking along home's x.
 T_HOME_CAM_AT_HOME = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
@@ -39,3 +41,25 @@ def last_place(configuration: StereoConfiguration) -> np.ndarray:
         if configuration.sweep is None
         else sweep_place(configuration, 1.0)
     )
+
+
+def in_home(mission: Mission, view: int, T_view_cam: np.ndarray) -> np.ndarray:
+    """T_home_cam of a camera whose place is known in the frame of a viewpoint."""
+    return T_view_cam if view == 0 else mission.viewpoints[view].T_home_view @ T_view_cam
+
+
+def mover_place(mission: Mission, index: int) -> np.ndarray:
+    """T_home_cam of the moving camera of configuration ``index``; of a sweep where it begins."""
+    configuration = mission.configurations[index]
+    return in_home(mission, configuration.view, camera_place(configuration))
+
+
+def mover_end(mission: Mission, index: int) -> np.ndarray:
+    """T_home_cam of the moving camera when configuration ``index`` is done."""
+    configuration = mission.configurations[index]
+    return in_home(mission, configuration.view, last_place(configuration))
+
+
+def reference_place(mission: Mission, view: int) -> np.ndarray:
+    """T_home_cam of the reference while it holds at a viewpoint."""
+    return in_home(mission, view, T_HOME_CAM_AT_HOME)

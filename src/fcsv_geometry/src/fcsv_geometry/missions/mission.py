@@ -2,118 +2,32 @@
 """The mission file, config/missions/NAME.yaml: what the planner writes and the mission flies, with
 all its rules."""
 
-import math
-from dataclasses import dataclass, field
-from typing import Dict, List, Optional, Sequence
-
-import numpy as np
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Dict, List, Optional, Sequence, Tuple
 
 from fcsv_geometry import config
 from fcsv_geometry.errors import MissionError
+from fcsv_geometry.missions.configuration import StereoConfiguration, moment_of
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.missions.flight_limits import FlightBounds, PauseLimits
 from fcsv_geometry.missions.look_round import LookRound
 from fcsv_geometry.missions.separation import SeparationRules
-from fcsv_geometry.missions.sweep import AXES, MOST_BASELINE_M, Sweep
+from fcsv_geometry.missions.stations import (
+    HOME_VIEW,
+    HomeFix,
+    MissionStation,
+    Viewpoint,
+    viewpoints_of,
+)
 from fcsv_geometry.vehicles.thresholds import BATTERY
 
 # horizontally, of a vehicle of 0.6 m; guardians keep what is theirs of it (SeparationRules)
 AIR_M = 0.95
 ON_BOARD, GROUND = "on_board", "ground"
 TRACKERS = (ON_BOARD, GROUND)
-_RECORD_S = (0.5, 600.0)
-_MOST_PICTURES = 1000
-_MOST_TILT_DEG = 30.0
 _COLUMN_SPACING_M = (1.0, 8.0)  # further away the tag is not seen
 _LEAST_HOME_M = 1.0  # above the minimum separation
-
-
-@dataclass(frozen=True)
-class StereoConfiguration:
-    """One place of the moving camera: right of the reference (horizontal) or above it (vertical).
-
-    ``tilt_deg`` turns it inward: for a horizontal baseline by yaw to the left. A vertical baseline
-    would need pitch down, which a fixed camera on a hovering multirotor cannot have; so there it
-    must be 0.
-
-    With ``sweep`` it is no place but a way, along which pictures are taken without a stop; ``axis``
-    and ``baseline_m`` (the longest) are then the sweep's.
-    """
-
-    # must be given but for a sweep; horizontal: to the right of the reference, vertical: above it
-    axis: str = ""
-    baseline_m: float = math.nan  # must be given but for a sweep; between both cameras
-    tilt_deg: float = 0.0  # inwards, of horizontal baselines
-    record_s: float = 5.0  # so long pictures are taken
-    # of each vehicle; a slow camera is waited for, up to four times ``record_s``
-    least_pictures: int = 6
-    name: Optional[str] = None  # in reports and messages; default: axis and baseline
-    vehicle: Optional[str] = None  # who moves; default: the first that is not the reference
-    # flown and recorded at the same time as the one before, by another vehicle
-    at_once: bool = False
-    sweep: Optional[Sweep] = None  # a way in place of a place
-
-    def __post_init__(self):
-        if self.sweep is not None:
-            self._apply_sweep(self.sweep)
-        for name, missing in (
-            ("axis", self.axis == ""),
-            ("baseline_m", math.isnan(self.baseline_m)),
-        ):
-            if missing:
-                raise ValueError(f"{name}: is missing")
-        if self.axis not in AXES:
-            raise ValueError(f"axis: '{self.axis}' is not one of {', '.join(AXES)}")
-        if not self.baseline_m > 0:
-            raise ValueError(
-                f"baseline_m: {self.baseline_m} must be positive; the axis says the direction"
-            )
-        if self.baseline_m > MOST_BASELINE_M:
-            raise ValueError(
-                f"baseline_m: {self.baseline_m} is over {MOST_BASELINE_M:g} m; give metres"
-            )
-        if not _RECORD_S[0] <= self.record_s <= _RECORD_S[1]:
-            raise ValueError(
-                f"record_s: {self.record_s} is not in {_RECORD_S[0]:g}..{_RECORD_S[1]:g} s"
-            )
-        if not 1 <= self.least_pictures <= _MOST_PICTURES:
-            raise ValueError(f"least_pictures: {self.least_pictures} is not in 1..{_MOST_PICTURES}")
-        if abs(self.tilt_deg) > _MOST_TILT_DEG:
-            raise ValueError(
-                f"tilt_deg: {self.tilt_deg} is beyond {_MOST_TILT_DEG:g} degrees; the pictures would hardly overlap"
-            )
-        if self.axis == "vertical" and self.tilt_deg:
-            raise ValueError(
-                "tilt_deg: a hovering multirotor cannot pitch a fixed camera; set it to 0 for vertical"
-            )
-
-    def _apply_sweep(self, sweep: Sweep) -> None:
-        if self.axis not in ("", sweep.axis):
-            raise ValueError(f"axis: '{self.axis}' is not that of the sweep; leave it out")
-        if not (
-            math.isnan(self.baseline_m)
-            or math.isclose(self.baseline_m, sweep.longest_m, abs_tol=1e-6)
-        ):
-            raise ValueError(
-                f"baseline_m: {self.baseline_m} is beside a sweep, which has no single one; leave it out"
-            )
-        if self.record_s != StereoConfiguration.record_s:
-            raise ValueError("record_s: a sweep is recorded for as long as it flies; leave it out")
-        object.__setattr__(self, "axis", sweep.axis)
-        object.__setattr__(self, "baseline_m", sweep.longest_m)
-
-    @property
-    def title(self) -> str:
-        """Its name, or what it is in words."""
-        if self.sweep is not None:
-            return self.name or self.sweep.title
-        tilt = f" tilt {self.tilt_deg:g} deg" if self.tilt_deg else ""
-        return self.name or f"{self.axis} {self.baseline_m:g} m{tilt}"
-
-    @property
-    def tilt_rad(self) -> float:
-        """Inward tilt (rad)."""
-        return float(np.radians(self.tilt_deg))
 
 
 @dataclass(frozen=True)
@@ -158,9 +72,13 @@ class Mission:
     flight: FlightBounds = field(default_factory=FlightBounds)  # by which ways are planned
     # vehicles that stand turn about themselves; none: nobody turns
     look_round: Optional[LookRound] = None
+    # places from which the list is flown, with their headings; none: from home alone
+    stations: List[MissionStation] = field(default_factory=list)
+    home_fix: Optional[HomeFix] = None  # where on the earth home will be
 
     def __post_init__(self):
-        if not self.configurations:
+        own = [s.configurations for s in self.stations]
+        if not self.configurations and not (own and all(own)):
             raise ValueError(
                 "configurations: the list is empty; give at least one {axis, baseline_m}"
             )
@@ -168,9 +86,10 @@ class Mission:
             raise ValueError(f"tracker: '{self.tracker}' is not one of {', '.join(TRACKERS)}")
         if not self.min_separation_m > 0:
             raise ValueError(f"min_separation_m: {self.min_separation_m} must be positive")
-        for i, c in enumerate(self.configurations):
-            self._check_configuration(f"configurations[{i}]", c)
-        self._check_moments()
+        self._check_list("configurations", self.configurations)
+        for i, listed in enumerate(own):
+            self._check_list(f"stations[{i}].configurations", listed)
+        self._fly_from_stations()
         low, high = _COLUMN_SPACING_M
         if not low <= self.column_spacing_m <= high:
             raise ValueError(
@@ -210,35 +129,83 @@ class Mission:
                 f"{where}.vehicle: {c.vehicle} is the reference and holds at home; name another"
             )
 
-    def _check_moments(self) -> None:
-        if self.configurations[0].at_once:
-            raise ValueError("configurations[0].at_once: there is none before it")
-        for moment in self.moments():
-            of = [self.configurations[i] for i in moment]
-            if len(moment) > 1 and (
-                any(c.vehicle is None for c in of) or len({c.vehicle for c in of}) < len(of)
-            ):
+    def _check_list(self, where: str, listed: Sequence[StereoConfiguration]) -> None:
+        for i, c in enumerate(listed):
+            self._check_configuration(f"{where}[{i}]", c)
+        if listed and listed[0].at_once:
+            raise ValueError(f"{where}[0].at_once: there is none before it")
+        for first in (i for i, c in enumerate(listed) if not c.at_once):
+            self._check_moment(where, listed, moment_of(listed, first))
+
+    def _check_moment(
+        self, where: str, listed: Sequence[StereoConfiguration], moment: Sequence[int]
+    ) -> None:
+        of = [listed[i] for i in moment]
+        if len(moment) > 1 and (
+            any(c.vehicle is None for c in of) or len({c.vehicle for c in of}) < len(of)
+        ):
+            raise ValueError(
+                f"{where}[{moment[0]}..{moment[-1]}].vehicle: those at once each need a vehicle of their own"
+            )
+        if len({c.sweep is None for c in of}) > 1:
+            raise ValueError(
+                f"{where}[{moment[-1]}].at_once: at once all sweep or all stand; "
+                f"{where}[{moment[0]}] does the other"
+            )
+        if len({c.record_s for c in of}) > 1:
+            raise ValueError(
+                f"{where}[{moment[-1]}].record_s: must be that of {where}[{moment[0]}]"
+            )
+
+    def _fly_from_stations(self) -> None:
+        """Makes ``configurations`` what is flown: the list of each station at each of its headings.
+        A list that says its viewpoints was made so before."""
+        names = [s.name or f"station {i + 1}" for i, s in enumerate(self.stations)]
+        for i, name in enumerate(names):
+            if name in (HOME_VIEW.station, *names[:i]):
+                raise ValueError(f"stations[{i}].name: '{name}' is another's; names are unique")
+        most, made = len(self.viewpoints) - 1, any(c.view for c in self.configurations)
+        for i, c in enumerate(self.configurations):
+            if not (1 if made else 0) <= c.view <= most:
                 raise ValueError(
-                    f"configurations[{moment[0]}..{moment[-1]}].vehicle: those at once each need a vehicle of their own"
+                    f"configurations[{i}].view: is {c.view}; leave it out, stations say it"
                 )
-            if len({c.sweep is None for c in of}) > 1:
-                raise ValueError(
-                    f"configurations[{moment[-1]}].at_once: at once all sweep or all stand; "
-                    f"configurations[{moment[0]}] does the other"
-                )
-            if len({c.record_s for c in of}) > 1:
-                raise ValueError(
-                    f"configurations[{moment[-1]}].record_s: must be that of configurations[{moment[0]}]"
-                )
+        if not self.stations or made:
+            return
+        flown, view = [], 0
+        for station in self.stations:
+            for _ in station.headings_deg:
+                view += 1
+                listed = station.configurations or self.configurations
+                flown += [replace(c, view=view) for c in listed]
+        object.__setattr__(self, "configurations", flown)
+
+    @cached_property
+    def viewpoints(self) -> Tuple[Viewpoint, ...]:
+        """Home, then each heading of each station, in the order of flight; ``view`` of a
+        configuration counts them."""
+        found = [HOME_VIEW]
+        for i, station in enumerate(self.stations):
+            name = station.name or f"station {i + 1}"
+            try:
+                found += viewpoints_of(station, name, self.home_height_m, self.home_fix)
+            except ValueError as error:
+                raise ValueError(f"stations[{i}].{error}") from error
+        return tuple(found)
+
+    def viewpoint(self, index: int) -> Viewpoint:
+        """From where configuration ``index`` is flown."""
+        return self.viewpoints[self.configurations[index].view]
+
+    def title(self, index: int) -> str:
+        """Configuration ``index`` in words, with its station and heading where there are
+        stations."""
+        title = self.configurations[index].title
+        return f"{title}, {self.viewpoint(index).title}" if self.stations else title
 
     def moment_of(self, index: int) -> List[int]:
         """Indices of the configurations that are flown at the same time as ``index``, with it."""
-        first, last = index, index + 1
-        while self.configurations[first].at_once:
-            first -= 1
-        while last < len(self.configurations) and self.configurations[last].at_once:
-            last += 1
-        return list(range(first, last))
+        return moment_of(self.configurations, index)
 
     def moments(self, indices: Optional[Sequence[int]] = None) -> List[List[int]]:
         """Chosen configurations (None: all) in their order, those together that are flown at the

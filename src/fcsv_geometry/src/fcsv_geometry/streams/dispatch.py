@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which function takes a message: by its type, as ports are told everything through one door."""
 
-from typing import Callable, Mapping
+from typing import Any, Callable, Dict, Mapping
 
 
-def by_type(takers: Mapping[type, Callable], message: object, refusal: str) -> Callable:
-    """Gives the taker of a message. Raises TypeError that begins with ``refusal`` where its type
-    has none.
+class Takers(Dict[type, Callable[..., Any]]):
+    """The takers of messages by their types; a type that has none raises TypeError, which begins
+    with ``refusal``.
 
-    >>> by_type({int: abs}, -3, "a clock takes no")(-3)
+    >>> takers = Takers({int: abs}, "a clock takes no")
+    >>> takers[type(-3)](-3)
     3
-    >>> by_type({int: abs}, "noon", "a clock takes no")
+    >>> takers[type("noon")]
     Traceback (most recent call last):
     TypeError: a clock takes no str
     """
-    taker = takers.get(type(message))
-    if taker is None:
-        raise TypeError(f"{refusal} {type(message).__name__}")
-    return taker
+
+    def __init__(self, takers: Mapping[type, Callable[..., Any]], refusal: str):
+        super().__init__(takers)
+        self._refusal = refusal
+
+    def __missing__(self, kind: type) -> Callable[..., Any]:
+        raise TypeError(f"{self._refusal} {kind.__name__}")

@@ -7,16 +7,16 @@ it came to this machine (a relay where it crossed the radio; empty: not known), 
 below the vehicle's name.
 """
 
-from dataclasses import dataclass
 from typing import ClassVar, Dict, Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.home import OdomLink
 from fcsv_geometry.vehicles.modes import Mode
 
 
-@dataclass(frozen=True)
+@frozen
 class VehicleOdometry:
     """Its place T_odom_body (4, 4) in its own odometry frame, its velocity (3,) m/s in the body's
     axes; ``stamp_s`` is by the time of day of its computer."""
@@ -29,7 +29,7 @@ class VehicleOdometry:
     v_body_mps: Tuple[float, float, float]
 
 
-@dataclass(frozen=True)
+@frozen
 class OdometryEpoch:
     """Its odometry began for the ``number``-th time, for a reason."""
 
@@ -40,7 +40,7 @@ class OdometryEpoch:
     reason: str
 
 
-@dataclass(frozen=True)
+@frozen
 class VehicleHeight:
     """Its height (m) by the autopilot's estimate, in the odometry frame."""
 
@@ -50,7 +50,7 @@ class VehicleHeight:
     z_m: float
 
 
-@dataclass(frozen=True)
+@frozen
 class VehicleState:
     """What its autopilot shows; ``mode`` empty: its flight link hears no autopilot."""
 
@@ -62,7 +62,7 @@ class VehicleState:
     connected: bool
 
 
-@dataclass(frozen=True)
+@frozen
 class GuardianStatus:
     """What its guardian does, and why, in words; ``lost``: nobody knows where it is, ``lost_s``: so
     long it flew on."""
@@ -75,7 +75,7 @@ class GuardianStatus:
     lost_s: float
 
 
-@dataclass(frozen=True)
+@frozen
 class BatteryCharge:
     """The share of its charge that is left, 0..1; NaN: not known."""
 
@@ -85,7 +85,7 @@ class BatteryCharge:
     share: float
 
 
-@dataclass(frozen=True)
+@frozen
 class RecorderState:
     """What is wrong with its recorder (empty: nothing), and how many pictures it has recorded."""
 
@@ -96,7 +96,7 @@ class RecorderState:
     pictures: int
 
 
-@dataclass(frozen=True)
+@frozen
 class SeenTag:
     """A tag in a picture: corners (4, 2) as undistorted x/z, y/z in the detector's order;
     ``p_cam_tag_m`` (3,) in the camera's optical frame, None where its pose is none."""
@@ -107,7 +107,7 @@ class SeenTag:
     p_cam_tag_m: Optional[np.ndarray]
 
 
-@dataclass(frozen=True)
+@frozen
 class SeenTags:
     """The tags in one picture of a vehicle; T_odom_cam (4, 4) of its camera at ``stamp_s``, None
     where it is none."""
@@ -126,7 +126,7 @@ class SeenTags:
         return self.T_odom_cam is None or any(t.p_cam_tag_m is None for t in self.tags)
 
 
-@dataclass(frozen=True)
+@frozen
 class SceneLook:
     """What two pictures of a vehicle say of its tracker's motion between them: see
     SceneMotion.msg."""
@@ -138,7 +138,7 @@ class SceneLook:
     one_way: float
 
 
-@dataclass(frozen=True)
+@frozen
 class RelayAges:
     """A relay measured when the newest messages of topics were sent, by this machine's monotonic
     clock (s)."""
@@ -147,7 +147,7 @@ class RelayAges:
     sent_s: Sequence[float]
 
 
-@dataclass(frozen=True)
+@frozen
 class CalibrationFound:
     """The links of a calibration, for the moment ``stamp_s``."""
 
@@ -155,7 +155,7 @@ class CalibrationFound:
     links: Sequence[OdomLink]
 
 
-@dataclass(frozen=True)
+@frozen
 class HomeFound:
     """T_odom_home (4, 4) in the odometry of ``reference``."""
 
@@ -167,7 +167,7 @@ class HomeFound:
 CALIBRATION, HOME = "calibration", "home"
 
 
-@dataclass(frozen=True)
+@frozen
 class EpochsFound:
     """Says for which epochs of the vehicles' odometry a CALIBRATION or HOME (``of``) holds."""
 
@@ -176,14 +176,14 @@ class EpochsFound:
     epochs: Dict[str, int]
 
 
-@dataclass(frozen=True)
+@frozen
 class MissionPhase:
     """The mission is in this phase."""
 
     phase: str
 
 
-@dataclass(frozen=True)
+@frozen
 class Reply:
     """Answers to who called a service: whether it is done, and what to read; ``clocks_apart``: it
     is not done because two clocks differ."""
@@ -193,7 +193,7 @@ class Reply:
     clocks_apart: bool = False
 
 
-@dataclass(frozen=True)
+@frozen
 class Dropped:
     """Something that was heard is of no use: what, for counts, and why."""
 
@@ -201,7 +201,7 @@ class Dropped:
     why: str
 
 
-@dataclass(frozen=True)
+@frozen
 class Diagnosis:
     """Is for diagnostics: problems by their key (empty: none), and values."""
 

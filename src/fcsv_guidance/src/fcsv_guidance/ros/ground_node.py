@@ -3,8 +3,9 @@
 routes."""
 
 import threading
+from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Callable, List, Tuple
+from typing import Callable, Deque, Dict, List
 
 import numpy as np
 import rospy
@@ -29,6 +30,7 @@ from fcsv_guidance.ground_server import (
     GroundServer,
     MapSeen,
     NoRouteSaid,
+    RobotHold,
     RouteSaid,
 )
 from fcsv_guidance.live_views import LiveViews
@@ -37,9 +39,10 @@ from fcsv_guidance.ros import ground_messages as messages
 from fcsv_guidance.ros.place_source import PlaceParameters, PlaceSource
 from fcsv_guidance.route import NoRoute
 from fcsv_guidance.views import read_map
-from fcsv_stereo.ros.map_messages import REFERENCE_FRAME
+from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, WATCH_FRAME
 
 _PERIOD_S = 0.2
+MAP, WATCH = "/map", "/map/watch"  # topics below which depth views come in parts
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,7 @@ class GroundParameters:
     robot: str  # its file, config/robots/NAME.yaml
     maps: List[str] = field(default_factory=list)  # folders that map wrote
     live: bool = False  # take /map/depth with sigma and kind as they come, too
+    watch: bool = False  # take /map/watch/depth likewise: what vehicles that hold see now
     # maps of folders count as of now, not of their pictures: only where nothing has moved since
     fresh: bool = False
     ground: GroundRules = field(default_factory=GroundRules)
@@ -83,8 +87,8 @@ class GroundNode:
         self._port = GroundServer(load_robot(p.robot), p.ground)
         self._lock, self._health = threading.RLock(), Health("ground")
         self._due = threading.Condition()
-        self._views: List[MapSeen] = []
-        self._live = LiveViews()
+        self._views: Dict[str, MapSeen] = {}  # the newest of map and watch
+        self._places: Deque[RobotPlace] = deque(maxlen=200)
         for folder in p.maps:
             self._port.receive(rospy.get_time(), MapSeen(self._as_of(read_map(folder))))
         latched = {"queue_size": 1, "latch": True}
@@ -101,15 +105,19 @@ class GroundNode:
         self._path = rospy.Publisher("path", Path, **latched)
         self._to_see = rospy.Publisher("to_see", GridCells, **latched)
         self._status = rospy.Publisher("status", String, **latched)
+        self._held = rospy.Publisher("hold", String, **latched)
+        self._held.publish(String(""))
         self._say("a map is here; no goal was given" if p.maps else "no map has come")
         self._publish()
         self._timer = node.every(_PERIOD_S, lambda _event: self._publish())
         rospy.Service("make_plan", GetPlan, self._on_plan)
         rospy.Subscriber("move_base_simple/goal", PoseStamped, self._on_goal, queue_size=1)
         rospy.Subscriber("/stop_all", String, self._on_stop, queue_size=5)
-        self._place = PlaceSource(p.place, self._receive, self._health)
+        self._place = PlaceSource(p.place, self._places.append, self._health)
         if p.live:
-            self._listen()
+            self._listen(MAP, REFERENCE_FRAME)
+        if p.watch:
+            self._listen(WATCH, WATCH_FRAME)
 
     def _as_of(self, view):
         """The view with the time for which it counts; one that nobody knows is the oldest of
@@ -124,44 +132,45 @@ class GroundNode:
 
     # ---- live maps -------------------------------------------------------------------------------
 
-    def _listen(self) -> None:
+    def _listen(self, topic: str, frame: str) -> None:
+        """Subscribes to the parts of depth views on topics below ``topic``, of a camera in ``frame``."""
+        views = LiveViews("live map" if topic == MAP else "watch")
+
+        def take(message, part: str, convert: Callable[[], np.ndarray]) -> None:
+            self._on_part(topic, views, message, part, convert)
+
+        def on_static(message: TFMessage) -> None:
+            for t in message.transforms:
+                if t.child_frame_id == frame and t.header.frame_id == frames.HOME:
+                    take(t, "T_home_cam", lambda t=t: conversions.transform_from_msg(t.transform))
+
         for part, encoding in (("depth", "32FC1"), ("sigma", "32FC1"), ("kind", "mono8")):
             rospy.Subscriber(
-                f"/map/{part}",
+                f"{topic}/{part}",
                 Image,
-                self._on_picture,
-                (part, encoding),
+                lambda m, part=part, encoding=encoding: take(
+                    m, part, lambda: conversions.image_to_array(m, encoding)
+                ),
                 queue_size=2,
                 buff_size=1 << 24,
             )
-        rospy.Subscriber("/map/camera_info", CameraInfo, self._on_camera, queue_size=2)
-        rospy.Subscriber("/tf_static", TFMessage, self._on_static, queue_size=20)
+        rospy.Subscriber(
+            f"{topic}/camera_info",
+            CameraInfo,
+            lambda m: take(m, "K", lambda: conversions.camera_from_info(m).K),
+            queue_size=2,
+        )
+        rospy.Subscriber("/tf_static", TFMessage, on_static, queue_size=20)
 
-    def _on_picture(self, message: Image, what: Tuple[str, str]) -> None:
-        part, encoding = what
-        self._on_part(message, part, lambda: conversions.image_to_array(message, encoding))
-
-    def _on_camera(self, message: CameraInfo) -> None:
-        self._on_part(message, "K", lambda: conversions.camera_from_info(message).K)
-
-    def _on_static(self, message: TFMessage) -> None:
-        for each in message.transforms:
-            if each.child_frame_id == REFERENCE_FRAME and each.header.frame_id == frames.HOME:
-                self._on_part(
-                    each, "T_home_cam", lambda t=each.transform: conversions.transform_from_msg(t)
-                )
-
-    def _on_part(self, message, part: str, convert: Callable[[], np.ndarray]) -> None:
+    def _on_part(self, topic: str, views: LiveViews, message, part: str, convert) -> None:
         try:
-            with self._lock:
-                view = self._live.add(messages.stamp_of(message), part, convert())
+            with self._due:
+                view = views.add(messages.stamp_of(message), part, convert())
+                if view is not None:  # the newest is enough
+                    self._views[topic] = MapSeen(view, topic == MAP, topic == WATCH)
+                    self._due.notify()
         except FcsvError as error:
-            self._health.drop(f"/map/{part}", str(error))
-            return
-        if view is not None:
-            with self._due:  # the newest is enough
-                self._views = [MapSeen(view, live=True)]
-                self._due.notify()
+            self._health.drop(f"{topic}/{part}", str(error))
 
     def spin(self) -> None:
         """Takes live maps until ROS shuts the node down."""
@@ -169,10 +178,10 @@ class GroundNode:
             with self._due:
                 if not self._views:
                     self._due.wait(0.2)
-                views, self._views = self._views, []
-            for view in views:
+                views, self._views = self._views, {}
+            for topic, view in views.items():
                 self._receive(view)
-                self._health.tick("live maps")
+                self._health.tick(f"{topic}/depth")
                 self._publish()
 
     # ---- goals and routes ------------------------------------------------------------------------
@@ -211,17 +220,28 @@ class GroundNode:
     def _receive(self, message: object) -> None:
         try:
             with self._lock:
+                self._receive_places()
                 self._port.receive(rospy.get_time(), message)
         except FcsvError as error:
-            self._say(str(error), wrong=True)
+            if isinstance(message, MapSeen) and message.watching:
+                self._health.drop(WATCH, str(error))  # the next may do
+            else:
+                self._say(str(error), wrong=True)
             return
-        if not isinstance(message, RobotPlace):
-            self._publish()
+        self._publish()
+
+    def _receive_places(self) -> None:
+        """Those that came while a map was laid, too: a view needs the robot's place of its time."""
+        while self._places:
+            self._port.receive(rospy.get_time(), self._places.popleft())
 
     # ---- what goes out ---------------------------------------------------------------------------
 
     def _publish(self) -> None:
         with self._lock:
+            self._receive_places()
+            for said in self._port.pending():
+                self._show(said)
             for said in self._port.step(rospy.get_time()):
                 self._show(said)
 
@@ -242,6 +262,8 @@ class GroundNode:
             self._path.publish(messages.path_message(np.empty((0, 2)), now_s))
             self._cells(said.to_see_m)
             self._say(said.reason, wrong=True)
+        elif isinstance(said, RobotHold):
+            self._held.publish(String(said.reason))
 
     def _whole(self, now_s: float) -> List[OccupancyGrid]:
         """Both grids as they are now, which new listeners get from here on."""

@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import DriveCommand, FollowerRules, RouteFollower
+from fcsv_guidance.following import DriveCommand, FollowerRules, HoldRobot, RouteFollower
 from fcsv_guidance.grid_regions import clearance_map, with_region
 from fcsv_guidance.ground import Grid
 from fcsv_guidance.robot import load_robot
@@ -36,7 +36,7 @@ class FollowerParameters:
 
 
 class RouteFollowerNode:
-    """path, stand, robot_pose -> cmd_vel at 20 Hz, zero where the robot shall stand."""
+    """path, stand, hold, robot_pose -> cmd_vel at 20 Hz, zero where the robot shall stand."""
 
     def __init__(self):
         p = node.parameters(FollowerParameters)
@@ -52,6 +52,13 @@ class RouteFollowerNode:
         rospy.Subscriber("stand", OccupancyGrid, self._on_grid, queue_size=1, buff_size=1 << 24)
         rospy.Subscriber(
             "stand_updates", OccupancyGridUpdate, self._on_update, queue_size=10, buff_size=1 << 24
+        )
+        rospy.Subscriber(
+            "hold",
+            String,
+            lambda m: self._receive(HoldRobot(m.data)),
+            queue_size=5,
+            tcp_nodelay=True,
         )
         self._source = RouteSource(p.place, self._receive, self._health)
 

@@ -3,6 +3,7 @@
 outdoors."""
 
 import math
+from typing import Sequence
 
 import numpy as np
 
@@ -20,22 +21,22 @@ class Barometer:
     def __init__(self, seed: int):
         self._random = np.random.default_rng([seed, 7])
         self._read_s = math.nan
-        self._walk_m = self._gust_m = self._z_m = self._air_mps = 0.0
+        self._walk_m = self._gust_m = self._z_m = 0.0
+        self._v_mps = self._wind_mps = (0.0, 0.0, 0.0)
 
-    def feel(self, z_m: float, air_mps: float) -> None:
-        """Height over the ground, and speed through the air."""
-        self._z_m, self._air_mps = z_m, air_mps
+    def feel(self, z_m: float, v_mps: Sequence[float], wind_mps: Sequence[float]) -> None:
+        """Height over the ground; velocities of vehicle and wind (3,)."""
+        self._z_m, self._v_mps, self._wind_mps = z_m, v_mps, wind_mps
 
     def pressure_hpa(self, now_s: float, motors: bool) -> float:
         """A sample."""
         passed_s = 0.0 if math.isnan(self._read_s) else now_s - self._read_s
         self._read_s = now_s
+        air_mps = math.dist(self._v_mps, self._wind_mps)
         noise, walk, gust = self._random.standard_normal(3)
         keep = math.exp(-passed_s / _GUST_S)
         self._walk_m += _WALK_M * math.sqrt(passed_s) * walk
         self._gust_m = keep * self._gust_m + math.sqrt(1.0 - keep**2) * _GUST_M * gust
         wash_m = _WASH_M * math.exp(-max(0.0, self._z_m) / _WASH_HEIGHT_M) if motors else 0.0
-        wrong_m = (
-            _NOISE_M * noise + self._walk_m + self._gust_m + _PER_SPEED2 * self._air_mps**2 - wash_m
-        )
+        wrong_m = _NOISE_M * noise + self._walk_m + self._gust_m + _PER_SPEED2 * air_mps**2 - wash_m
         return _SEA_HPA * (1.0 - (self._z_m + wrong_m) / _SCALE_M) ** _EXPONENT

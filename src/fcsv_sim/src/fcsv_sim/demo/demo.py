@@ -11,7 +11,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Optional, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 from fcsv_control.mission.plans.plan_check import require_flyable
 from fcsv_geometry.errors import FcsvError
@@ -44,10 +44,13 @@ from fcsv_stereo.evaluating.truth import load_truth
 _FURTHEST_START_M = 500.0  # from the middle of a world
 _CORES_FOR_LIVE = 3  # on two, simulated cameras and a growing map slow each other down
 _LEAST_MIB = 800  # recorders stop below 500 MiB; a mission's pictures
-_FOLDERS = ("run", "session", "map", "map_instant", "map_thesis", "monitor", "guide")
+_SITE = "site"
+_FOLDERS = ("run", "session", "map", "map_instant", "map_thesis", "monitor", "guide", _SITE)
 _ROBOT_MISSION = "guide"  # where a robot is guided over the map
+_WATCHED_MISSION = "guide_watched"  # the same, with vehicles that hold and watch at its end
 _REAL_TIME = 0.97  # of it, or more: not worth a word
 _AROUND_S, _CHANGE_S = 85.0, 8.0  # of a flight: what is not configurations; from one to the next
+_CHANGE_OVER_S = 15.0  # to the next viewpoint
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -138,14 +141,18 @@ def _run(
         _evaluate_monitoring(plan)
     if fly_only:
         return 0
-    for each in _maps(system, plan, method):
-        _map(plan, each, say)
-        _print_end(plan, plan.folder / each.folder)
+    shown = "map"
+    if load_mission(plan.mission_file).stations:
+        shown = _survey(plan, say)
+    else:
+        for each in _maps(system, plan, method):
+            _map(plan, each, say)
+            _print_end(plan, plan.folder / each.folder)
     slowly = "" if speed > _REAL_TIME else f" (at {speed:.2f} of real time)"
     print(f"flown {flight_s:.0f} s{slowly}, moved {moved_m:.1f} m while configurations were flown")
     status = drive_robot(plan, say) if plan.world in PLACES else 0
-    write_play(plan)
-    look(plan)
+    write_play(plan, shown)
+    look(plan, shown)
     return status
 
 
@@ -173,11 +180,15 @@ def _what_comes(mission: Mission, fly_only: bool, robot: bool = False) -> str:
     """One line at the start: the steps, and about how long each takes on a machine with two free
     cores."""
     flight_s = _AROUND_S + sum(_CHANGE_S + c.record_s for c in mission.configurations)
+    flight_s += _CHANGE_OVER_S * (len(mission.viewpoints) - 1)
+    maps = "map what was seen, one to two minutes"
+    if mission.stations:
+        maps = f"map {len(mission.viewpoints) - 1} views and join them, five to ten minutes"
     steps = [
         "build the world, half a minute",
         f"fly mission '{mission.name}', about {in_minutes(flight_s)}",
     ]
-    steps += [] if fly_only else ["map what was seen, one to two minutes"]
+    steps += [] if fly_only else [maps]
     steps += ["guide a robot over the map, one to three minutes"] if robot and not fly_only else []
     return f"what comes: {'; '.join(steps)} (longer on a busy machine); Ctrl-C lands and stops all"
 
@@ -205,31 +216,45 @@ def build_world(plan: FleetPlan, say: Narrator) -> None:
 
 def _map(plan: FleetPlan, each: MapRun, say: Narrator) -> None:
     say(" ".join(["mapping", *each.arguments]))
-    command = [
-        "rosrun",
-        "fcsv_stereo",
-        "map",
-        str(plan.session_folder),
-        "-o",
-        str(plan.folder / each.folder),
-    ]
+    status = _stereo(plan, "map", each.folder, each.arguments)
+    if status != 0:
+        raise MachineError(
+            f"the map could not be made from {plan.session_folder} (exit status {status})"
+        )
+
+
+def _survey(plan: FleetPlan, say: Narrator) -> str:
+    """A map of each view, joined to one site; the folder of the first view's map."""
+    say("mapping every view, and joining them to a site")
+    status = _stereo(plan, "survey", _SITE)
+    out = plan.folder / _SITE
+    if status != 0:
+        raise MachineError(
+            f"the site could not be joined from {plan.session_folder} (exit status {status}); {out / 'site.html'} "
+            "says what is missing"
+        )
+    print(f"site:   {out / 'site.ply'}\nreport: {out / 'site.html'}")
+    views = json.loads((out / "site.json").read_text())["views"]
+    return f"{_SITE}/views/{views[0]['name']}"
+
+
+def _stereo(plan: FleetPlan, program: str, folder: str, arguments: Sequence[str] = ()) -> int:
+    """Runs a command on the session; its exit status."""
+    command = ["rosrun", "fcsv_stereo", program, str(plan.session_folder)]
+    command += ["-o", str(plan.folder / folder)]
     env = slow_motion.in_real_time(dict(os.environ))
     # the window makes no map there meanwhile
-    being_made = plan.folder / f".{each.folder}.being_made"
+    being_made = plan.folder / f".{folder}.being_made"
     being_made.touch()
-    child = subprocess.Popen([*command, *each.arguments], preexec_fn=os.setpgrp, env=env)
+    child = subprocess.Popen([*command, *arguments], preexec_fn=os.setpgrp, env=env)
     try:
-        status = child.wait()
+        return child.wait()
     except interrupt.Interrupted:
         child.send_signal(signal.SIGINT)
         child.wait()
         raise
     finally:
         being_made.unlink()
-    if status != 0:
-        raise MachineError(
-            f"the map could not be made from {plan.session_folder} (exit status {status})"
-        )
 
 
 def _print_end(plan: FleetPlan, out: Path) -> None:
@@ -265,8 +290,7 @@ def _tilt(args, say) -> int:
 
 
 def _plan(system: System, args) -> FleetPlan:
-    default = _ROBOT_MISSION if args.world in PLACES else system.mission
-    mission = mission_file(args.mission or default)
+    mission = mission_file(_mission_name(system, args))
     # a list that cannot be flown is refused before anything is started
     flown = load_mission(mission)
     vehicles = system.fleet(flown)
@@ -292,19 +316,15 @@ def _plan(system: System, args) -> FleetPlan:
     monitor = args.live == "monitor"
     if monitor and args.system != "tags":
         raise MachineError(f"--live monitor: system {args.system} has no live map that monitors")
-    moving = _chosen(
+    watch = args.world in PLACES and args.movers == "1"
+    moving = not watch and _chosen(
         args.movers, args.world == "street" and any(c.at_once for c in flown.configurations)
     )
     if moving and args.system != "tags":
         raise MachineError(f"--movers 1: in system {args.system} nothing moves through the town")
     # refused without a street
     through_town = movers(Town.generate(args.seed, args.world).plan) if moving else ()
-    start_xy_m, looks = _start(args), ""
-    if args.world in PLACES:
-        if args.system != "tags":
-            raise MachineError(f"--world {args.world}: system {args.system} guides no robot")
-        if not args.start:
-            start_xy_m, looks = start_for(args.world, args.seed, flown.home_height_m)
+    start_xy_m, looks = _looks_from(args, flown.home_height_m)
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
     screen = bool(os.environ.get("DISPLAY"))
     rviz = _chosen(args.rviz, screen)
@@ -323,7 +343,8 @@ def _plan(system: System, args) -> FleetPlan:
         rviz=rviz,
         near=args.near == "1",
         gps=args.gps == "1",
-        live=live and not monitor,
+        live=(live or watch) and not monitor,
+        watch=watch,
         monitor=monitor,
         movers=tuple(through_town),
         flight_link=args.flight_link,
@@ -333,6 +354,29 @@ def _plan(system: System, args) -> FleetPlan:
         camera=camera,
         window=OperatorWindow() if screen and (rviz or args.system == "tags") else None,
     )
+
+
+def _mission_name(system: System, args) -> str:
+    """What is flown: where a robot is watched, the mission that ends with that."""
+    if args.world not in PLACES:
+        return args.mission or system.mission
+    robots = _WATCHED_MISSION if args.movers == "1" else _ROBOT_MISSION
+    return robots if args.mission in ("", _ROBOT_MISSION) else args.mission
+
+
+def _looks_from(args, height_m: float) -> Tuple[Tuple[float, float], str]:
+    """Where the column is to stand, and why there where that was chosen for a robot. Raises
+    MachineError."""
+    start_xy_m = _start(args)
+    if args.world not in PLACES:
+        return start_xy_m, ""
+    if args.system != "tags":
+        raise MachineError(f"--world {args.world}: system {args.system} guides no robot")
+    if args.live == "monitor":
+        raise MachineError(
+            f"--live monitor: a robot in world {args.world} is watched with --movers 1 (MOVERS=1)"
+        )
+    return (start_xy_m, "") if args.start else start_for(args.world, args.seed, height_m)
 
 
 def _start(args) -> Tuple[float, float]:

@@ -22,6 +22,8 @@ from fcsv_sim.world.movers import Mover
 CONTROL = "control"
 _TOLD_LINES = 6
 MONITORED_HZ = 5.0  # pictures a second that are sent for monitoring
+# and to watch a robot: all that cameras take, so that both vehicles send those of one instant
+WATCHED_HZ, _WATCHING_CAMERA_HZ = 5.0, 2.5
 _SLOW_NOTE = (
     "LD_PRELOAD and FCSV_SLOW_MOTION make a program share the flight's clock, which may be slower than real time: "
     "set them for one command (run/on_NAME COMMAND does), not for a shell"
@@ -61,6 +63,8 @@ class FleetPlan:
     live: bool = False
     monitor: bool = False  # instead of the map in flight: depth of the newest instant
     movers: Tuple[Mover, ...] = ()  # what moves through the town
+    # a robot is guided in flight, while the vehicles watch; a crate closes its way
+    watch: bool = False
     start_xy_m: Tuple[float, float] = (0.0, 0.0)  # of the first vehicle, in the world
     looks: str = ""  # where it looks from, in words, where that was chosen
     near: bool = False  # depth cameras are recorded
@@ -90,6 +94,11 @@ class FleetPlan:
     def monitor_folder(self) -> Path:
         """Depth images of live monitoring."""
         return self.folder / "monitor"
+
+    @property
+    def captures_hz(self) -> Optional[float]:
+        """Pictures a second that are sent while recording; None: as the launch file says."""
+        return MONITORED_HZ if self.monitor else WATCHED_HZ if self.watch else None
 
     @property
     def sim_folder(self) -> Path:
@@ -232,8 +241,8 @@ class SimulatedFleet(Machines):
             "world": self.plan.world,
             "near": self.plan.near,
             "sim_gps": self.plan.gps,
-            "sim_movers": bool(self.plan.movers),
-            **({"captures_hz": MONITORED_HZ} if self.plan.monitor else {}),
+            "sim_movers": bool(self.plan.movers) or self.plan.watch,
+            **({"captures_hz": self.plan.captures_hz} if self.plan.captures_hz else {}),
             **self._camera_args(),
             "flight_link": self.plan.flight_link,
             "fcu_url": f"udpin:127.0.0.1:{self._mavlink_ports[vehicle]}",
@@ -246,7 +255,9 @@ class SimulatedFleet(Machines):
 
     def _camera_args(self) -> Dict[str, object]:
         own = self.plan.camera
-        return {} if own is None else {"sim_camera": own.file, "camera_rate_hz": own.rate_hz}
+        if own is not None:
+            return {"sim_camera": own.file, "camera_rate_hz": own.rate_hz}
+        return {"camera_rate_hz": _WATCHING_CAMERA_HZ} if self.plan.watch else {}
 
     def _control_args(self) -> Dict[str, object]:
         return {
@@ -257,6 +268,7 @@ class SimulatedFleet(Machines):
             "console": False,  # the demo's own stays when this launch is stopped
             "live": self.plan.live,
             "monitor": self.plan.monitor,
+            "watch": self.plan.watch,
             "rviz_config": "monitor" if self.plan.monitor else "map",
             "sim_buttons": self.plan.buttons,
             "sim_start_xy": ", ".join(map(str, self.plan.start_xy_m)),

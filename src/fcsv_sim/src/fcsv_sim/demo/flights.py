@@ -46,7 +46,12 @@ def _fly_mission(machines: Machines, say: Narrator) -> Tuple[float, float]:
             from fcsv_sim.demo.ros.monitor_watch import MonitorWatch
 
             MonitorWatch(machines.plan.monitor_folder, machines.plan.vehicles[0], say)
-        _follow(machines, watch, say)
+        along = None
+        if machines.plan.watch:
+            from fcsv_sim.demo.ros.drive_along import DriveAlong
+
+            along = DriveAlong(machines.plan, machines.control, say)
+        _follow(machines, watch, say, along)
         mapped = watch.maps.in_words()
         if mapped:
             say(mapped)
@@ -89,7 +94,7 @@ def _stop(machines: Machines, say: Narrator) -> None:
         machines.stop()
 
 
-def _follow(fleet: Machines, watch, say: Narrator) -> None:
+def _follow(fleet: Machines, watch, say: Narrator, along=None) -> None:
     deadline, crowd = time.monotonic() + _MISSION_TIMEOUT_S, CrowdWatch()
     while not watch.over:
         time.sleep(0.2)
@@ -102,6 +107,8 @@ def _follow(fleet: Machines, watch, say: Narrator) -> None:
         if watch.phase is None:
             fleet.require_begun(CONTROL, "mission")
         fleet.meanwhile(watch.phase)
+        if along is not None:
+            along.step()
         if time.monotonic() > deadline:
             _land_fleet(watch, say)
             raise MachineError(

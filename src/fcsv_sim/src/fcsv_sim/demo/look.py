@@ -37,11 +37,11 @@ def playback(plan: FleetPlan, map_folder: str = "map") -> List[str]:
     ]
 
 
-def write_play(plan: FleetPlan) -> None:
+def write_play(plan: FleetPlan, map_folder: str = "map") -> None:
     """Writes the script that plays the flight back: ``make play OUT=FOLDER`` runs it."""
     script = _script(plan)
     script.write_text(
-        _PLAY.format(words=assignments(workspace()), command=shlex.join(playback(plan)))
+        _PLAY.format(words=assignments(workspace()), command=shlex.join(playback(plan, map_folder)))
     )
     script.chmod(0o755)
 
@@ -50,12 +50,12 @@ def _script(plan: FleetPlan) -> Path:
     return plan.folder / "play"
 
 
-def look(plan: FleetPlan) -> None:
+def look(plan: FleetPlan, map_folder: str = "map") -> None:
     """Prints the command; where rviz was asked for by somebody at a terminal, runs it until he closes rviz."""
     print(f"again:  {shlex.quote(str(_script(plan)))}")
     if plan.rviz and sys.stdin.isatty():
         print("rviz shows the flight and its map: close it, or press Ctrl-C, to end", flush=True)
-        _play(plan)
+        _play(plan, map_folder)
 
 
 def stay(plan: FleetPlan) -> None:
@@ -73,14 +73,14 @@ def stay(plan: FleetPlan) -> None:
         interrupt.uninterrupted(window.close)
 
 
-def _play(plan: FleetPlan) -> None:
+def _play(plan: FleetPlan, map_folder: str) -> None:
     port = free_port()
     env = {
         **slow_motion.in_real_time(dict(os.environ)),
         "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
     }
     own = ["console:=false"] if plan.window is not None and plan.window.is_open else []
-    command = [*playback(plan), *own, "-p", str(port)]
+    command = [*playback(plan, map_folder), *own, "-p", str(port)]
     with open(plan.run_folder / "playback.log", "w") as log:
         child = subprocess.Popen(
             command, env=env, preexec_fn=os.setpgrp, stdout=log, stderr=subprocess.STDOUT

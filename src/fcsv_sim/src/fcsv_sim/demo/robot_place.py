@@ -12,9 +12,9 @@ from fcsv_sim.bringup import robot_file
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.narration import Narrator
 from fcsv_sim.demo.pose_errors import true_pose
-from fcsv_sim.machines.machines import Machine
+from fcsv_sim.machines.machines import Machine, MachineError
 from fcsv_sim.people.operator import Field
-from fcsv_sim.robot.guided import GuidedDrive, drive_guided, in_words
+from fcsv_sim.robot.guided import GuidedDrive, GuidedResult, drive_guided, drive_result, in_words
 from fcsv_sim.robot.looking import first_look
 from fcsv_sim.robot.placed import place_of
 from fcsv_sim.world.footing import Footing
@@ -22,6 +22,7 @@ from fcsv_sim.world.town import Town
 from fcsv_stereo.evaluating.truth import load_truth
 
 ROBOT = "rescue"
+_HOME = "T_world_home.npy"
 
 
 def start_for(world: str, seed: int, height_m: float) -> Tuple[Tuple[float, float], str]:
@@ -36,24 +37,50 @@ def start_for(world: str, seed: int, height_m: float) -> Tuple[Tuple[float, floa
     return start, f"the vehicles look into the {world} from {place}, along x: {seen}"
 
 
-def drive_robot(plan: FleetPlan, say: Narrator) -> int:
-    """Guides a robot over the map of the flight; exit status 1 where it touched something, or did
-    not arrive and nobody said why."""
-    reference = json.loads((plan.folder / "map" / "report.json").read_text())["reference"]
-    truth = load_truth(plan.session_folder / "truth")
-    T_world_home = true_pose(truth, reference["image"]) @ transforms.invert(
-        np.array(reference["T_home_cam"])
-    )
-    drive = GuidedDrive(
-        (plan.folder / "map",),
+def write_home(plan: FleetPlan, T_world_home: np.ndarray) -> None:
+    """Where home truly is, for the drive's picture after the flight."""
+    plan.guide_folder.mkdir(parents=True, exist_ok=True)
+    np.save(plan.guide_folder / _HOME, T_world_home)
+
+
+def guided_drive(plan: FleetPlan, T_world_home: np.ndarray) -> GuidedDrive:
+    """The drive of a demo: over the map of its flight, or while its vehicles watch."""
+    return GuidedDrive(
+        () if plan.watch else (plan.folder / "map",),
         plan.world,
         plan.seed,
         robot_file(ROBOT),
         T_world_home,
         plan.guide_folder,
+        sim_dir=plan.sim_folder if plan.watch else None,
+    )
+
+
+def drive_robot(plan: FleetPlan, say: Narrator) -> int:
+    """Guides a robot over the map of the flight, or tells of its drive in flight; exit status 1
+    where it touched something, or did not arrive and nobody said why."""
+    if plan.watch:
+        result = _driven_in_flight(plan, say)
+    else:
+        result = _driven_afterwards(plan, say)
+    print("\n" + "\n".join(in_words(result)))
+    return 0 if result.is_sound else 1
+
+
+def _driven_in_flight(plan: FleetPlan, say: Narrator) -> GuidedResult:
+    home = plan.guide_folder / _HOME
+    if not home.is_file():
+        raise MachineError("no robot was guided: the vehicles had no map before they held")
+    drive = guided_drive(plan, np.load(home))
+    return drive_result(drive, (plan.folder / "map",), say)
+
+
+def _driven_afterwards(plan: FleetPlan, say: Narrator) -> GuidedResult:
+    reference = json.loads((plan.folder / "map" / "report.json").read_text())["reference"]
+    truth = load_truth(plan.session_folder / "truth")
+    T_world_home = true_pose(truth, reference["image"]) @ transforms.invert(
+        np.array(reference["T_home_cam"])
     )
     say("a robot is guided over the map, by the nodes of guidance.launch")
     with Machine("guidance", plan.run_folder) as machine:
-        result = drive_guided(drive, machine, say)
-    print("\n" + "\n".join(in_words(result)))
-    return 0 if result.is_sound else 1
+        return drive_guided(guided_drive(plan, T_world_home), machine, say)

@@ -12,8 +12,9 @@ from fcsv_control.flight_check import speeds
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.programs.workspace import bringup
 from fcsv_sim.autopilot.parameters import DEFAULTS
-from fcsv_sim.bringup import bringup, vehicles_folder
+from fcsv_sim.bringup import vehicles_folder
 from fcsv_sim.demo import flights, reach
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.narration import Narrator

@@ -10,8 +10,8 @@ from typing import Callable, Optional, Sequence
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.programs.workspace import bringup
 from fcsv_geometry.programs.writing import require_folder
-from fcsv_sim.bringup import bringup
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.tilting.calibrated import calibrate_simulated
 from fcsv_sim.tilting.live import live_depths, write_live

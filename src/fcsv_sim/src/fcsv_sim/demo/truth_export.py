@@ -12,6 +12,8 @@ from fcsv_geometry import transforms
 from fcsv_sim.world.export import write_mesh
 from fcsv_sim.world.movers import Mover, mesh
 
+_SAME_S = 1e-3  # stamps of one picture
+
 
 def export_truth(
     sim_folder: Path,
@@ -42,6 +44,17 @@ def export_truth(
                     writer.writeheader()
                 writer.writerow(row)
     return truth
+
+
+def true_camera(sim_folder: Path, vehicle: str, stamp_s: float) -> Optional[np.ndarray]:
+    """T_world_cam of the picture of a stamp, by the camera's own notes; None where they have
+    none."""
+    with open(Path(sim_folder) / f"truth_cameras_{vehicle}.csv", newline="") as notes:
+        for row in csv.DictReader(notes):
+            if None not in row.values() and abs(float(row["stamp_s"]) - stamp_s) < _SAME_S:
+                q = [float(row[k]) for k in ("qx", "qy", "qz", "qw")]
+                return transforms.from_xyz_quaternion([float(row[k]) for k in "xyz"], q)
+    return None
 
 
 def export_movers(truth: Path, moving: Sequence[Mover]) -> None:

@@ -71,7 +71,7 @@ class Process:
                 stderr=subprocess.STDOUT,
                 env=env,
                 start_new_session=True,
-                preexec_fn=lambda: _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT),
+                preexec_fn=_begin,
             )
 
     @property
@@ -123,6 +123,13 @@ class Process:
     def tail(self, lines: int = 12) -> str:
         """The end of its log."""
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
+
+
+def _begin() -> None:
+    """Runs in the child before its program: SIGINT ends it, also where a shell started this process
+    in the background with SIGINT ignored; it is sent when this process dies."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 def _kill(tree: Sequence[psutil.Process]) -> None:

@@ -13,6 +13,7 @@ from typing import Deque, Dict, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.thresholds import BATTERY
 from fcsv_sim.people import feel
@@ -40,7 +41,7 @@ _CALM_MPS = 0.25
 _AGAINST = 0.7  # of the sway of those who sway against the one in front: its tag stays in view
 
 
-@dataclass(frozen=True)
+@frozen
 class TransmitterSticks:
     """-1..1: roll right, pitch forward, throttle up, yaw right; and the mode switch."""
 
@@ -51,7 +52,7 @@ class TransmitterSticks:
     mode: Mode = Mode.LOITER
 
 
-@dataclass(frozen=True)
+@frozen
 class PilotSight:
     """What a pilot sees: T_world_body, velocity (m/s, world), and on the screen armed, mode and the
     battery's share (NaN: not known); ``others`` are (3,) places of the other vehicles (world,

@@ -45,13 +45,13 @@ from fcsv_control.guardian.messages import AskMode, GuardianVerdict, HoldAt
 from fcsv_control.guardian.port import GuardianPort, OtherGuarded
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
+from fcsv_geometry.programs.workspace import bringup
 from fcsv_geometry.streams.arrivals import RELAY
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.tracker import TrackerProfile
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
-from fcsv_sim.bringup import bringup
 from fcsv_sim.rehearsal.processes import RehearsedProcess
 from fcsv_tracking.odometry import BodyPose, EpochBegan
 from fcsv_tracking.odometry_port import BodySample, OdometryPort, TrackerSample

@@ -11,7 +11,7 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import Callable, Iterable, Iterator, List, Optional, Sequence, Tuple
@@ -25,8 +25,11 @@ from fcsv_geometry.programs.writing import require_file
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.rehearsal import takeover, trace
-from fcsv_sim.rehearsal.faults import FAULTS, NONE, faults_of, make_faults
+from fcsv_sim.rehearsal.draws import Draws, from_text
+from fcsv_sim.rehearsal.faults import ALL, FAULTS, NONE, PAIRS, faults_of, make_faults
 from fcsv_sim.rehearsal.flight import LONGEST_S, Flight, Result
+from fcsv_sim.rehearsal.search import Found, Varied, found_in, search
+from fcsv_sim.rehearsal.search import table as table_of_worst
 from fcsv_sim.rehearsal.tables import feeds_lines, speed_line, table, verdict_line
 
 _HELP = """examples:
@@ -35,6 +38,7 @@ _HELP = """examples:
   rosrun fcsv_sim rehearse short --faults "radio cut,tracker gone+abort" --flights 50
   rosrun fcsv_sim rehearse short --seed 17 --trace seed17.png
   rosrun fcsv_sim rehearse short --faults takeover-table
+  rosrun fcsv_sim rehearse short --search 500 --log out/search.jsonl
 """
 _TAKEOVER_TABLE = "takeover-table"
 _UNFLYABLE = 3  # exit status; fcsv_console knows it
@@ -42,13 +46,15 @@ _UNFLYABLE = 3  # exit status; fcsv_console knows it
 
 @dataclass(frozen=True)
 class Job:
-    """One flight to rehearse; ``faults`` as --faults takes them."""
+    """One flight to rehearse; ``faults`` as --faults takes them, ``draws`` of them that were
+    chosen."""
 
     mission: Mission
     vehicles: int
     seed: int
     faults: str = NONE
     longest_s: float = LONGEST_S
+    draws: Tuple[Draws, ...] = ()
 
     @property
     def name(self) -> str:
@@ -59,7 +65,7 @@ class Job:
 def rehearse(job: Job, watched: Optional[Callable[[Flight], None]] = None) -> Result:
     """Fly it. The same job gives the same flight. ``watched`` is told of the flight before it
     begins."""
-    faults = make_faults(faults_of(job.faults, job.seed), job.seed)
+    faults = make_faults(faults_of(job.faults, job.seed), job.seed, job.draws)
     mission = job.mission
     for fault in faults:
         mission = fault.adapt(mission)
@@ -85,6 +91,8 @@ def _rehearse(args) -> int:
         return _UNFLYABLE
     if args.faults == _TAKEOVER_TABLE:
         return _takeover_table(args, jobs[0].mission)
+    if args.search is not None:
+        return _search(args, jobs[0])
     if args.trace is not None:
         require_file(args.trace)
         return _trace(jobs[0], args.trace)
@@ -104,6 +112,24 @@ def _rehearse(args) -> int:
         print(f"and {len(broken) - args.show} more flights with violations (--show {len(broken)})")
     print(verdict_line([(job.name, r) for job, r in results]))
     return int(bool(broken))
+
+
+def _search(args, job: Job) -> int:
+    """Flights that are varied until vehicles come near to each other."""
+    every = args.faults in (NONE, ALL, PAIRS)
+    kinds = list(FAULTS) if every else [kind.strip() for kind in args.faults.split(",")]
+
+    def fly(varied: List[Varied]) -> List[Found]:
+        jobs = [replace(job, faults=v.faults, draws=v.draws) for v in varied]
+        results = on_all_cores(rehearse, jobs, args.jobs)
+        return [found_in(r.nearest_m, (v.kind for v in r.violations)) for r in results]
+
+    log = None if args.log is None else Path(args.log)
+    found = search(kinds, args.search, args.seed, fly, log)
+    broken = sum(bool(how.broke) for how in found.values())
+    print("\n".join(table_of_worst(found, args.seed, args.show)))
+    print(f"{len(found)} flights, {broken} of them broke")
+    return int(broken > 0)
 
 
 def _what_comes(jobs: Sequence[Job]) -> str:
@@ -150,6 +176,8 @@ def on_all_cores(work: Callable, jobs: List, processes: int) -> Iterable:
     Raises SimulationError where a process is killed.
     """
     prepare()
+    if not jobs:
+        return []
     if work is rehearse and len(jobs) == 1:
         return [_one(jobs[0])]
     if processes == 1 or len(jobs) == 1:
@@ -225,8 +253,9 @@ def _jobs(args) -> List[Job]:
     faults = NONE if args.faults == _TAKEOVER_TABLE else args.faults
     for k in range(faults.count(",") + 1):
         faults_of(faults, k)
+    chosen = from_text(args.draws)
     return [
-        Job(mission, args.vehicles, args.seed + i, faults, args.longest)
+        Job(mission, args.vehicles, args.seed + i, faults, args.longest, chosen)
         for i in range(args.flights)
     ]
 
@@ -272,5 +301,17 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE.png",
         help="fly the flight of --seed and draw it",
     )
+    parser.add_argument(
+        "--search",
+        type=int,
+        metavar="N",
+        help="vary one or two of --faults (by default of all) in N flights, so that vehicles come near to each other",
+    )
+    parser.add_argument(
+        "--log",
+        metavar="FILE",
+        help="of --search: keeps each flight; the same search goes on where it was",
+    )
+    parser.add_argument("--draws", help="of --faults, as a table of --search tells them")
     parser.add_argument("--json", metavar="FILE", help="write how every flight went, for programs")
     return parser

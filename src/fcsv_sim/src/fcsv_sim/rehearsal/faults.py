@@ -9,6 +9,7 @@ import numpy as np
 
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.rehearsal.board_faults import BOARD_FAULTS
+from fcsv_sim.rehearsal.draws import ChosenDraws, Draws
 from fcsv_sim.rehearsal.fault import Fault
 from fcsv_sim.rehearsal.people_faults import PEOPLE_FAULTS
 from fcsv_sim.rehearsal.tracker_faults import TRACKER_FAULTS
@@ -40,11 +41,13 @@ def faults_of(names: str, seed: int) -> Tuple[str, ...]:
     return listed[seed % len(listed)]
 
 
-def make_faults(names: Sequence[str], seed: int) -> List[Fault]:
-    """The faults themselves; each draws from a source of its own."""
-    return [
-        FAULTS[name](np.random.default_rng([seed, 23, zlib.crc32(name.encode())])) for name in names
-    ]
+def make_faults(names: Sequence[str], seed: int, chosen: Sequence[Draws] = ()) -> List[Fault]:
+    """The faults themselves; each draws from a source of its own, or first what was ``chosen`` for
+    it."""
+    sources = [np.random.default_rng([seed, 23, zlib.crc32(name.encode())]) for name in names]
+    for k, draws in enumerate(chosen[: len(names)]):
+        sources[k] = ChosenDraws(draws, sources[k])
+    return [FAULTS[name](source) for name, source in zip(names, sources)]
 
 
 def _pair(seed: int) -> Tuple[str, ...]:

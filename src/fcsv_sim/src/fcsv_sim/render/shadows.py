@@ -17,6 +17,7 @@ _REGIONS = (  # lowest and highest corner (m), texel (m)
     ((-10.0, -60.0, -2.0), (120.0, 60.0, 25.0), 0.12),
     ((-40.0, -330.0, -2.0), (640.0, 330.0, 130.0), 0.5),
 )
+_ROWS = 64  # of a map that are cast together
 _R0, _R1, _R2 = (float(v) for v in _RIGHT)
 _U0, _U1, _U2 = (float(v) for v in _UP)
 _S0, _S1, _S2 = (float(v) for v in SUN)
@@ -34,9 +35,13 @@ def shadow_maps(cast) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         a = np.arange(origin[0], end[0], texel)
         b = np.arange(origin[1], end[1], texel)
         top = end[2] + 200.0
-        origins = a[:, None] * _RIGHT + b[:, None, None] * _UP + top * SUN
-        distance = cast(origins.reshape(-1, 3), np.broadcast_to(-SUN, (origins.size // 3, 3)))
-        maps.append((top - distance).reshape(len(b), len(a)).astype(np.float32))
+        height = np.empty((len(b), len(a)), np.float32)
+        for first in range(0, len(b), _ROWS):  # few at a time: they stay in the processor's cache
+            rows = b[first : first + _ROWS, None, None]
+            origins = (a[:, None] * _RIGHT + rows * _UP + top * SUN).reshape(-1, 3)
+            distance = cast(origins, np.broadcast_to(-SUN, origins.shape))
+            height[first : first + _ROWS] = (top - distance).reshape(-1, len(a))
+        maps.append(height)
         windows.append([origin[0], origin[1], texel])
     return maps[0], maps[1], np.array(windows)
 

@@ -5,7 +5,7 @@ came of it."""
 import csv
 import json
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Callable, List, Optional, Sequence, Tuple
 
@@ -21,19 +21,22 @@ from fcsv_sim.machines.machines import Machine, MachineError
 from fcsv_sim.robot.above_picture import FromAbove, draw_from_above
 from fcsv_sim.robot.placed import place_of
 from fcsv_sim.robot.sent import ARRIVED, SentDrive
+from fcsv_sim.robot.things import Box
 from fcsv_sim.world.footing import Footing
 from fcsv_sim.world.town import Town
 
 PICTURE, BAG = "drive.png", "guidance.bag"
-_DOCUMENT, _TRUTH = "drive.json", "truth_robot.csv"
+_DOCUMENT, _TRUTH, _THINGS = "drive.json", "truth_robot.csv", "things.json"
 _LAUNCHES_S = 90.0  # for nodes to come up and to end, beside the drive's own longest time
+_WAITS_S = 45.0  # for a way that closed to open again
 _MAP_S = 3600.0  # nothing but the robot moves in the place: its map stays true
 
 
 @dataclass(frozen=True)
 class GuidedDrive:
-    """What is driven: ``maps`` are folders that map wrote; ``T_world_home`` 4x4 of their home;
-    ``goal_m`` x, y in the world, the place's own where None."""
+    """What is driven: ``maps`` are folders that map wrote, none where the live map is driven on;
+    ``T_world_home`` 4x4 of their home; ``goal_m`` x, y in the world, the place's own where None.
+    Where it is watched a crate closes its way once."""
 
     maps: Tuple[Path, ...]
     world: str
@@ -43,6 +46,7 @@ class GuidedDrive:
     folder: Path
     goal_m: Optional[Tuple[float, float]] = None
     longest_s: float = 300.0
+    sim_dir: Optional[Path] = None  # of vehicles that watch it drive; None: nobody does
 
     @property
     def town(self) -> Town:
@@ -81,43 +85,73 @@ def drive_guided(drive: GuidedDrive, machine: Machine, say: Callable[[str], None
     """Launches guidance and the simulated robot on ``machine``, which has a master, until the drive
     is over; writes a picture from above into the drive's folder. Raises MachineError where a launch
     does not come up."""
-    town, robot = drive.town, load_robot(drive.robot_file)
-    drive.folder.mkdir(parents=True, exist_ok=True)
-    T_home_world = transforms.invert(transforms.level(drive.T_world_home))
-    goal = transforms.apply(T_home_world, np.array([*(drive.goal_m or town.plan.goal_m), 0.0]))
-    home = [*drive.T_world_home[:3, 3], transforms.yaw(drive.T_world_home)]
-    guidance = machine.launch(
-        "fcsv_bringup",
-        "guidance.launch",
-        maps=",".join(f"'{folder}'" for folder in drive.maps),
-        robot=drive.robot_file,
-        drive="cmd_vel",
-        fresh=True,
-        oldest_map_s=_MAP_S,
-        fixes="/robot_fix",
-    )
-    simulated = machine.launch(
-        "fcsv_bringup",
-        "sim_robot.launch",
-        robot=drive.robot_file,
-        world=drive.world,
-        seed=drive.seed,
-        home=_listed(home),
-        goal=_listed(goal[:2]),
-        folder=drive.folder,
-        longest_s=drive.longest_s,
-    )
-    over_s = time.monotonic() + drive.longest_s + _LAUNCHES_S
-    while simulated.wait(0.5) is None:
-        if guidance.returncode is not None or time.monotonic() > over_s:
-            raise MachineError(
-                f"guidance did not run to its end: {guidance.log}\n{guidance.tail()}"
-            )
-    if not (drive.folder / _DOCUMENT).is_file():
-        raise MachineError(f"the drive has no end: {simulated.log}\n{simulated.tail()}")
-    known = KnownPlace(drive, robot)
+    run = DriveRun(drive, machine)
+    while not run.over:
+        run.wait(0.5)
+    return drive_result(drive, drive.maps, say)
+
+
+class DriveRun:
+    """The nodes of a drive, launched on ``machine``."""
+
+    def __init__(self, drive: GuidedDrive, machine: Machine):
+        self._drive = drive
+        town, watched = drive.town, drive.sim_dir is not None
+        drive.folder.mkdir(parents=True, exist_ok=True)
+        T_home_world = transforms.invert(transforms.level(drive.T_world_home))
+        goal = transforms.apply(T_home_world, np.array([*(drive.goal_m or town.plan.goal_m), 0.0]))
+        home = [*drive.T_world_home[:3, 3], transforms.yaw(drive.T_world_home)]
+        ages = {"watch": True, "live": True} if watched else {"oldest_map_s": _MAP_S}
+        shown = {"sim_dir": drive.sim_dir, "closes": True, "waits_s": _WAITS_S} if watched else {}
+        self._guidance = machine.launch(
+            "fcsv_bringup",
+            "guidance.launch",
+            maps=",".join(f"'{folder}'" for folder in drive.maps),
+            robot=drive.robot_file,
+            drive="cmd_vel",
+            fresh=True,
+            fixes="/robot_fix",
+            **ages,
+        )
+        self._simulated = machine.launch(
+            "fcsv_bringup",
+            "sim_robot.launch",
+            robot=drive.robot_file,
+            world=drive.world,
+            seed=drive.seed,
+            home=_listed(home),
+            goal=_listed(goal[:2]),
+            folder=drive.folder,
+            longest_s=drive.longest_s,
+            **shown,
+        )
+        self._over_s = time.monotonic() + drive.longest_s + _LAUNCHES_S
+
+    def wait(self, most_s: float) -> None:
+        """Waits for the drive's end."""
+        self._simulated.wait(most_s)
+
+    @property
+    def over(self) -> bool:
+        """Whether the drive is over. Raises MachineError where it has no end."""
+        if self._simulated.returncode is None:
+            if self._guidance.returncode is not None or time.monotonic() > self._over_s:
+                log, tail = self._guidance.log, self._guidance.tail()
+                raise MachineError(f"guidance did not run to its end: {log}\n{tail}")
+            return False
+        if not (self._drive.folder / _DOCUMENT).is_file():
+            log, tail = self._simulated.log, self._simulated.tail()
+            raise MachineError(f"the drive has no end: {log}\n{tail}")
+        return True
+
+
+def drive_result(
+    drive: GuidedDrive, maps: Sequence[Path], say: Callable[[str], None]
+) -> GuidedResult:
+    """What came of a drive that is over, with its picture from above over folders ``maps``."""
+    known = KnownPlace(drive, maps, load_robot(drive.robot_file))
     result = _result(drive, known)
-    _draw(drive, town, robot, known, result)
+    _draw(drive, known, result)
     say(f"the robot's drive from above: {drive.folder / PICTURE}")
     return result
 
@@ -134,6 +168,13 @@ def in_words(result: GuidedResult) -> List[str]:
         ("of the way, known free beforehand", f"{result.known_share:.0%}"),
         ("routes planned", str(len(sent.routes))),
     ]
+    closed = sent.way_closed
+    if closed is not None:
+        answer = "none" if closed.answer_s is None else f"{closed.answer_s:.2f} s"
+        rows += [
+            ("a way closed, since then", closed.in_words()),
+            ("from its picture to the answer", answer),
+        ]
     wide = max(len(name) for name, _ in rows)
     return [f"{name:<{wide}}  {value}" for name, value in rows] + [f"guidance: {sent.text}"]
 
@@ -155,8 +196,9 @@ def _result(drive: GuidedDrive, known: "KnownPlace") -> GuidedResult:
 class KnownPlace:
     """What the maps of a drive show beforehand: ``stands`` (rows, columns) of ``grid``, in home."""
 
-    def __init__(self, drive: GuidedDrive, robot: Robot):
-        ground = ground_from([read_map(folder) for folder in drive.maps])
+    def __init__(self, drive: GuidedDrive, maps: Sequence[Path], robot: Robot):
+        self.robot = robot
+        ground = ground_from([read_map(folder) for folder in maps])
         self.grid, self.stands = ground.grid, stand_probability(ground, robot)
         self._T_world_home = transforms.level(drive.T_world_home)
 
@@ -170,6 +212,18 @@ class KnownPlace:
         xy = self.grid.middle_of(*np.indices(self.grid.shape))
         return transforms.apply(self._T_world_home, np.pad(xy, ((0, 0), (0, 0), (0, 1))))[..., :2]
 
+    def boxes_in_home(self, file: Path) -> List[Box]:
+        """What came into the way, of a file that the simulated robot wrote; none without one."""
+        if not file.is_file():
+            return []
+        boxes = [Box(**dict(b, half_m=tuple(b["half_m"]))) for b in json.loads(file.read_text())]
+        yaw_rad = transforms.yaw(self._T_world_home)
+        at = [self.in_home([(b.x_m, b.y_m)])[0] for b in boxes]
+        return [
+            replace(b, x_m=float(x), y_m=float(y), yaw_rad=b.yaw_rad - yaw_rad)
+            for b, (x, y) in zip(boxes, at)
+        ]
+
     def share(self, way_m: np.ndarray) -> float:
         """Share of a way (N,2), world, that is known as free; NaN where nothing was driven."""
         if len(way_m) < 2:
@@ -180,10 +234,9 @@ class KnownPlace:
         return float((inside & (self.stands[row, column] >= tuning.FREE_P)).mean())
 
 
-def _draw(
-    drive: GuidedDrive, town: Town, robot: Robot, known: KnownPlace, result: GuidedResult
-) -> None:
-    clear, world = Footing.of(town.plan).clearance(robot), known.in_world()
+def _draw(drive: GuidedDrive, known: KnownPlace, result: GuidedResult) -> None:
+    town = drive.town
+    clear, world = Footing.of(town.plan).clearance(known.robot), known.in_world()
     inside = clear.grid.cells_of(world[..., 0], world[..., 1])[2]
     way, sent = known.in_home(result.way_m), result.sent
     x0, x1, y0, y1 = town.plan.area_m
@@ -197,6 +250,7 @@ def _draw(
         way,
         known.in_home(town.plan.start_m)[0],
         sent.goal_m,
+        known.boxes_in_home(drive.folder / _THINGS),
         contact_m=way[-1] if result.touched and len(way) else None,
         within_m=(low_x, high_x, low_y, high_y),
     )

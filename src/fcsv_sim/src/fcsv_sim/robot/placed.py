@@ -5,7 +5,7 @@ A port: commands and monotonic time in, a RobotSense out.
 """
 
 from dataclasses import dataclass, replace
-from typing import List, Tuple
+from typing import List, Optional, Tuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from fcsv_sim.errors import SimulationError
 from fcsv_sim.robot.contact import TrueGround
 from fcsv_sim.robot.drive import SimulatedRobot, WheelFlaws
 from fcsv_sim.robot.fixes import DELAY_S, EVERY_S, TagReader
+from fcsv_sim.robot.things import Box
 from fcsv_sim.world.footing import Footing
 from fcsv_sim.world.place import PlacePlan
 from fcsv_sim.world.town import PLACES, Town
@@ -59,12 +60,14 @@ class PlacedRobot:
         if not self._touched_m:
             self._machine.command(now_s, command)
 
-    def step(self, now_s: float) -> RobotSense:
-        """Drive until a time."""
+    def step(self, now_s: float, box: Optional[Box] = None) -> RobotSense:
+        """Drive until a time; ``box`` is what stands in the way then."""
         machine = self._machine
         machine.step(now_s)
         at = machine.x_m, machine.y_m, machine.yaw_rad
         room_m = self._true.room_m(*at[:2])
+        if box is not None:
+            room_m = min(room_m, float(box.gap_m(*at[:2])) - machine.robot.radius_m)
         if room_m < 0.0 and not self._touched_m:
             self._touched_m = at[:2]
             machine.command(now_s, DriveCommand(0.0, 0.0))

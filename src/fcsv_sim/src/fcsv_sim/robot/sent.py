@@ -4,10 +4,12 @@
 A port: what guidance publishes and monotonic time in; the goal, and at the end a SentDrive out.
 """
 
-from dataclasses import dataclass
-from typing import List, Optional, Tuple
+from dataclasses import asdict, dataclass, replace
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
+
+from fcsv_sim.robot.reaction import WayClosed, WayWatch
 
 ARRIVED, CONTACT, NO_ROUTE, STANDS, TIME = (
     "arrived",
@@ -34,7 +36,8 @@ class DriveLimits:
 @dataclass(frozen=True)
 class SentDrive:
     """How it ended, one of the words above, and why: the last words of guidance. ``routes``: each
-    (N,2) in home; ``words``: what was said, with s since the goal was given."""
+    (N,2) in home; ``words``: what was said, with s since the goal was given; ``closed``: fields of
+    the WayClosed, None where no way closed."""
 
     ended: str
     text: str
@@ -43,11 +46,17 @@ class SentDrive:
     drove_s: float
     routes: List[List[Tuple[float, float]]]
     words: List[Tuple[float, str, str]]
+    closed: Optional[Dict[str, Optional[float]]] = None
 
     @property
     def says_why(self) -> bool:
         """Whether the robot arrived, or guidance gave a reason for which it did not."""
         return self.ended == ARRIVED or (self.ended in (NO_ROUTE, STANDS) and bool(self.text))
+
+    @property
+    def way_closed(self) -> Optional[WayClosed]:
+        """How a way that closed was answered; None where none closed."""
+        return None if self.closed is None else WayClosed(**self.closed)
 
 
 class SentRobot:
@@ -65,6 +74,7 @@ class SentRobot:
         self._routes: List[List[Tuple[float, float]]] = []
         self._words: List[Tuple[float, str, str]] = []
         self._touched = ""
+        self.way = WayWatch()
 
     def on_grid(self) -> None:
         """A grid came."""
@@ -76,6 +86,7 @@ class SentRobot:
 
     def on_command(self, now_s: float, speed_mps: float, turning_radps: float) -> None:
         """A command to the robot was heard."""
+        self.way.on_command(now_s, bool(speed_mps or turning_radps))
         if speed_mps or turning_radps:
             self._stood_s = None
         elif self._stood_s is None:
@@ -85,6 +96,7 @@ class SentRobot:
         """A route came; an empty one says that there is none."""
         if self._given_s is None:
             return
+        self.way.on_route(now_s, len(points_home_m) > 0)
         if len(points_home_m):
             self._routes.append([(float(x), float(y)) for x, y in points_home_m])
             self._none_s = None
@@ -133,6 +145,8 @@ class SentRobot:
 
     def _drive(self, now_s: float, ended: str, text: str) -> SentDrive:
         given_s = now_s if self._given_s is None else self._given_s
-        return SentDrive(
+        drive = SentDrive(
             ended, text, self._goal_m, given_s, now_s - given_s, self._routes, self._words
         )
+        closed = self.way.closed
+        return drive if closed is None else replace(drive, closed=asdict(closed))

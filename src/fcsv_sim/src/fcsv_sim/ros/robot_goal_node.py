@@ -13,6 +13,7 @@ import rospy
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.msg import Path as RosPath
+from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import String
 
 from fcsv_geometry import frames, transforms
@@ -46,6 +47,9 @@ class RobotGoalNode:
         rospy.Subscriber("path", RosPath, self._on_path, queue_size=5)
         for topic in ("status", "follower/status"):
             rospy.Subscriber(topic, String, self._on_words, topic, queue_size=20)
+        rospy.Subscriber("/robot/way", String, self._on_way, queue_size=5)
+        rospy.Subscriber("hold", String, self._on_hold, queue_size=5)
+        rospy.Subscriber("/map/watch/camera_info", CameraInfo, self._on_depth, queue_size=5)
         rospy.Subscriber("/robot/touched", String, self._on_touched, queue_size=1)
 
     def _on_grid(self, _message: OccupancyGrid) -> None:
@@ -68,6 +72,18 @@ class RobotGoalNode:
     def _on_words(self, message: String, topic: str) -> None:
         with self._lock:
             self._port.on_words(time.time(), topic, message.data)
+
+    def _on_way(self, message: String) -> None:
+        with self._lock:
+            self._port.way.on_way(message.data)
+
+    def _on_hold(self, message: String) -> None:
+        with self._lock:
+            self._port.way.on_hold(time.time(), message.data)
+
+    def _on_depth(self, message: CameraInfo) -> None:
+        with self._lock:
+            self._port.way.on_depth(time.time(), messages.stamp_of(message))
 
     def _on_touched(self, message: String) -> None:
         with self._lock:

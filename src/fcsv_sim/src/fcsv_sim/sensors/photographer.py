@@ -6,15 +6,17 @@ from pathlib import Path
 from typing import List, Sequence
 
 import cv2
+import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.vehicles.vehicle import load_vehicles
-from fcsv_sim.render.bodies import RenderedBody
+from fcsv_sim.render.bodies import BoxedThing, RenderedBody
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, Shot, SimulatedCamera
 from fcsv_sim.truth import TruthReader
-from fcsv_sim.world.movers import movers, things
+from fcsv_sim.world.movers import movers, placed_boxes, things
+from fcsv_sim.world.place import PlacePlan
 from fcsv_sim.world.town import Town
 
 _HEADER = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
@@ -22,7 +24,7 @@ _HEADER = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
 
 class Photographer:
     """The camera of ``vehicle``; ``vehicles`` are seen where they are, and, where ``moving``, a car
-    and a walker.
+    and a walker, in a place that a robot drives through the robot and what comes into its way.
 
     Raises ConfigError where a file is wrong, SimulationError where nothing can move in this town.
     """
@@ -43,7 +45,12 @@ class Photographer:
         self._others: List = [
             (g, TruthReader(sim_dir, n)) for n, g in geometries.items() if n != vehicle
         ]
-        self._movers = movers(town.plan) if moving else []
+        is_place = isinstance(town.plan, PlacePlan)
+        self._movers = movers(town.plan) if moving and not is_place else []
+        self._placed = [
+            (boxes, TruthReader(sim_dir, name)) for name, boxes in placed_boxes().items()
+        ]
+        self._placed = self._placed if moving and is_place else []
         self._truth = TruthReader(sim_dir, vehicle)
         cv2.setNumThreads(1)  # the machine is shared with everything that flies
         own = geometries[vehicle]
@@ -62,6 +69,7 @@ class Photographer:
         flies."""
         T_world_body = self._truth.wait_for(stamp_s)
         bodies = [*self._others_at(stamp_s), *things(self._movers, stamp_s)]
+        bodies += self._placed_at(stamp_s)
         shot = self._camera.shoot(stamp_s, T_world_body, bodies, samples)
         self._note(shot)
         return shot
@@ -74,6 +82,18 @@ class Photographer:
                 bodies.append(RenderedBody(geometry, truth.wait_for(stamp_s)))
             except PoseUnavailable:
                 continue
+        return bodies
+
+    def _placed_at(self, stamp_s: float) -> List[BoxedThing]:
+        """The robot and the crate, once they are there."""
+        bodies = []
+        for boxes, truth in self._placed:
+            try:
+                T_world_thing = truth.wait_for(stamp_s)
+            except PoseUnavailable:
+                continue
+            radius_m = float(np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1).max())
+            bodies.append(BoxedThing(boxes, T_world_thing, radius_m))
         return bodies
 
     def _note(self, shot: Shot) -> None:

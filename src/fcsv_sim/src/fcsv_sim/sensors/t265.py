@@ -58,14 +58,15 @@ def _sample(
     R_level,
     sigma,
     profile,
+    sample,
 ):
-    """Yaw, T_odom_t265, linear and angular velocity of the next sample; moves T_before, p_odom and
-    noise along.
+    """Yaw of the next sample; fills ``sample``, T_odom_t265 (4, 4) and the twist (6,), linear and
+    angular, and moves T_before, p_odom and noise along. (To return arrays takes longer.)
 
     The position drifts with the way flown and the heading with its root; the noise is of first
     order, because neighbouring samples of a tracker are not independent.
     """
-    scale, heading_rad, walk_m, correlation_s = profile
+    (scale, heading_rad, walk_m, correlation_s), (T_odom_t265, twist) = profile, sample
     T = _times(T_world_body, T_body_t265, 4)
     step = T[:3, 3] - T_before[:3, 3]
     root = math.sqrt(math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2))
@@ -79,16 +80,15 @@ def _sample(
     for k in range(6):
         noise[k] = keep * noise[k] + math.sqrt(1.0 - keep**2) * sigma[k] * drawn[4 + k]
     R_noisy = _times(_times(R_level, _exp(noise[3], noise[4], noise[5]), 3), R_odom_world, 3)
-    T_odom_t265 = np.eye(4)
+    T_odom_t265[3, :] = (0.0, 0.0, 0.0, 1.0)
     T_odom_t265[:3, :3] = _times(R_noisy, T, 3)
     T_odom_t265[:3, 3] = p_odom + noise[:3]
-    linear = np.zeros(3)
     for k in range(3):
-        linear[k] = (T[0, k] * step[0] + T[1, k] * step[1] + T[2, k] * step[2]) / dt_s
+        twist[k] = (T[0, k] * step[0] + T[1, k] * step[1] + T[2, k] * step[2]) / dt_s
     turn = _times(T_before.T, T, 3)  # a few ms: the skew part is the rotation vector
     skew = np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))
-    T_before[:] = T
-    return yaw_rad, T_odom_t265, linear, 0.5 * skew / dt_s
+    T_before[:], twist[3:] = T, 0.5 * skew / dt_s
+    return yaw_rad
 
 
 class T265:
@@ -137,7 +137,8 @@ class T265:
             self._start_z, self._stamp_s = self._T_before[2, 3], stamp_s
         dt_s = max(stamp_s - self._stamp_s, 1e-4)
         self._stamp_s = stamp_s
-        self._yaw_rad, *sample = _sample(
+        T_odom_t265, twist = np.empty((4, 4)), np.empty(6)
+        self._yaw_rad = _sample(
             T_world_body,
             self._T_body_t265,
             self._T_before,
@@ -149,9 +150,10 @@ class T265:
             self._R_level,
             self._noise_sigma,
             self._profile_numbers,
+            (T_odom_t265, twist),
         )
         if self._jump_left_m and self._T_before[2, 3] - self._start_z > _TAKEOFF_HEIGHT_M:
             self._p_odom[2] -= self._jump_left_m
-            sample[0][2, 3] -= self._jump_left_m
+            T_odom_t265[2, 3] -= self._jump_left_m
             self._jump_left_m = 0.0
-        return tuple(sample)
+        return T_odom_t265, twist[:3], twist[3:]

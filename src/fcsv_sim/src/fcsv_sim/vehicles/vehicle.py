@@ -2,7 +2,6 @@
 """Bodies stepped in real time; among them a vehicle: airframe, autopilot, RC receiver and MAVLink
 link."""
 
-import math
 from dataclasses import dataclass, field
 from typing import Tuple
 
@@ -103,7 +102,7 @@ class Piloted:
             (v[2] - before[2]) / PASS_S,
         )
         self._v_before = v
-        self._autopilot.barometer.feel(s[2], math.dist(v, s[14:17]))
+        self._autopilot.barometer.feel(s[2], v, s[14:17])
         if self._autopilot.gps is not None:
             self._autopilot.gps.feel(s[:3])
         self._autopilot.estimator.predict(now_s, PASS_S, acc, rpy_rad[2], s[12], s[2])

@@ -4,7 +4,7 @@ kerb."""
 
 import math
 from dataclasses import dataclass
-from typing import List, Sequence, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 
@@ -14,6 +14,11 @@ from fcsv_sim.render.bodies import BoxedThing
 from fcsv_sim.world.plan import TownPlan
 
 _PANEL_M = 0.45  # of a car's livery
+#: Things of a place that a robot drives through, by the name under which their truth is shared.
+ROBOT, CRATE = "robot", "crate"
+CRATE_HALF_M = (0.3, 1.0, 0.55)
+ROBOT_HALF_M = (0.27, 0.25, 0.35)
+_COLOURS = ((0.75, 0.75, 0.72), (0.45, 0.04, 0.03), (0.05, 0.10, 0.30), (0.30, 0.28, 0.05))
 _FROM_MIDDLE_M = {"car": -0.4, "walker": -2.6}  # of the crossing street, towards the vehicles
 
 
@@ -76,6 +81,32 @@ def mesh(boxes: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     return (turned + boxes[:, None, :3]).reshape(-1, 3), (faces + first).reshape(-1, 3)
 
 
+def placed_boxes() -> Dict[str, np.ndarray]:
+    """Boxes (K, 11) of the robot and of the crate, by name; they stand on their origin."""
+    return {
+        ROBOT: _panelled(ROBOT_HALF_M, 0.14, np.random.default_rng(5)),
+        CRATE: _panelled(CRATE_HALF_M, 0.2, np.random.default_rng(6)),
+    }
+
+
+def _panelled(half_m, panel_m: float, random: np.random.Generator) -> np.ndarray:
+    """A block of panels in several colours: something to be matched on every side."""
+    counts = [max(1, int(round(2 * h / panel_m))) for h in half_m]
+    size = [h / n for h, n in zip(half_m, counts)]
+    rows = []
+    for i, j, k in np.ndindex(*counts):
+        if all(0 < n < count - 1 for n, count in zip((i, j, k), counts)):
+            continue  # inside
+        centre = [
+            -half_m[0] + (2 * i + 1) * size[0],
+            -half_m[1] + (2 * j + 1) * size[1],
+            (2 * k + 1) * size[2],
+        ]
+        colour = np.array(_COLOURS[random.integers(4)]) * random.uniform(0.6, 1.2)
+        rows.append(_row(centre, size, colour))
+    return np.array(rows)
+
+
 def movers(plan: TownPlan) -> List[Mover]:
     """Makes the movers of a town; they keep to the road, clear of the cars that are parked at its
     far side.
@@ -104,10 +135,9 @@ def _car() -> np.ndarray:
     side."""
     # panels that repeated themselves would match at other depths, too
     rows, random = [], np.random.default_rng(4)
-    colours = ((0.75, 0.75, 0.72), (0.45, 0.04, 0.03), (0.05, 0.10, 0.30), (0.30, 0.28, 0.05))
     for x in np.arange(-2.1 + _PANEL_M / 2, 2.1, _PANEL_M):
         for z in np.arange(0.30 + _PANEL_M / 2, 1.9 if x < 1.0 else 1.2, _PANEL_M):
-            colour = np.array(colours[random.integers(4)]) * random.uniform(0.6, 1.2)
+            colour = np.array(_COLOURS[random.integers(4)]) * random.uniform(0.6, 1.2)
             rows.append(_row((x, 0.0, z), (_PANEL_M / 2, 0.88, _PANEL_M / 2), colour))
     for x in (-1.35, 1.35):
         for y in (-0.85, 0.85):

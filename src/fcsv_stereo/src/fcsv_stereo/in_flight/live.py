@@ -43,7 +43,8 @@ class MapStage(Word):
 
 @dataclass(frozen=True)
 class RecordingWindow:
-    """The recording of one configuration: pictures with start_s <= stamp <= stop_s."""
+    """The recording of one configuration: pictures with start_s <= stamp <= stop_s. ``view``: from
+    which station and heading it was taken, in words; empty: from home."""
 
     index: int
     configuration: Configuration
@@ -51,6 +52,7 @@ class RecordingWindow:
     vehicle: str
     start_s: float
     stop_s: float
+    view: str = ""
 
     def holds(self, stamp_s: float) -> bool:
         """Whether a stamp belongs to it."""
@@ -90,7 +92,10 @@ class LiveSession:
         )
 
     def add_window(self, window: RecordingWindow) -> None:
-        """A recording ended; said again with the same index it is replaced."""
+        """A recording ended; said again with the same index it is replaced. One from another
+        station or heading begins another map."""
+        if any(w.view != window.view for w in self.windows.values()):
+            self.windows, self._kept = {}, {}
         before = self._kept.get(window.index, {})  # of a sweep that was shorter then
         self.windows[window.index] = window
         self._kept[window.index] = {}

@@ -25,6 +25,10 @@ class MapKind(Word):
     INSTANT_CORRECTED = "instant, corrected"  # poses corrected by what was found before
 
 
+#: What shows what vehicles see now.
+WATCHING = (MapKind.INSTANT, MapKind.INSTANT_CORRECTED)
+
+
 @dataclass(frozen=True)
 class MapTask:
     """Holds what to map, and the stamp (s) of the newest picture that it takes into account."""
@@ -119,6 +123,39 @@ class MissionMaps(MapChoice):
         return MapTask(MapKind.FIRST_LOOK, given, self.session.last_picture_s())
 
 
+class WatchedMaps(MissionMaps):
+    """Chooses maps of a mission, and once one is whole, between them the newest instant of what
+    vehicles that hold see: it watches the place."""
+
+    def __init__(
+        self,
+        vehicles: Sequence[str],
+        apart_s: float = MOST_SKEW_S,
+        refine_every: int = 1,
+        refines_poses: bool = True,
+    ):
+        super().__init__()
+        self._watch = Monitoring(vehicles, apart_s, refine_every, refines_poses)
+        self._watch.session = self.session
+        self._is_mapped = False
+
+    def next(self) -> Optional[MapTask]:
+        """A map that is due, else the newest instant."""
+        news = self._news
+        task = super().next()
+        if task is not None or not (news and self._is_mapped):
+            return task
+        self._watch.look_again()
+        return self._watch.next()
+
+    def learn(self, task: MapTask, result: MapResult) -> None:
+        """Takes what a map found for the next one."""
+        if task.kind is MapKind.WHOLE:
+            self._is_mapped = True
+        elif task.kind in WATCHING:
+            self._watch.learn(task, result)
+
+
 class Monitoring(MapChoice):
     """Chooses, while vehicles hold (3.6), the newest instant that all of them saw.
 
@@ -139,6 +176,10 @@ class Monitoring(MapChoice):
         self._apart_s, self._refine_every = apart_s, refine_every
         self._refines_poses, self._corrections = refines_poses, Corrections()
         self._count, self._last_s = 0, float("-inf")  # of maps; stamp of the last reference
+
+    def look_again(self) -> None:
+        """Something came into the session that is shared."""
+        self._news = True
 
     def next(self) -> Optional[MapTask]:
         """The newest instant; None: nothing new. Raises InputError, also where pictures come, and

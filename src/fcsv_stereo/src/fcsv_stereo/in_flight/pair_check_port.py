@@ -4,11 +4,11 @@ at and what they show out."""
 
 import math
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Sequence
+from typing import List, Sequence
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames
-from fcsv_geometry.streams.dispatch import by_type
+from fcsv_geometry.streams.dispatch import Takers
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_stereo.in_flight.pair_check import PairLook, PairsToLookAt
 from fcsv_stereo.model import LivePicture, Picture
@@ -54,16 +54,19 @@ class PairCheckPort:
         self._in_home = HomeFrames()
         self._looks, self._began_s, self._rests_until_s = False, 0.0, -math.inf
         self._out: List[object] = []
-        self._take: Dict[type, Callable[[float, Any], None]] = {
-            LivePicture: lambda _now_s, m: self._pairs.add(m),
-            tm.CalibrationFound: lambda _now_s, m: self._in_home.calibrate(m.links),
-            tm.HomeFound: lambda _now_s, m: self._in_home.set_home(m.reference, m.T_odom_home),
-            PairSeen: self._seen,
-        }
+        self._take = Takers(
+            {
+                LivePicture: lambda _now_s, m: self._pairs.add(m),
+                tm.CalibrationFound: lambda _now_s, m: self._in_home.calibrate(m.links),
+                tm.HomeFound: lambda _now_s, m: self._in_home.set_home(m.reference, m.T_odom_home),
+                PairSeen: self._seen,
+            },
+            "a pair check takes no",
+        )
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known."""
-        by_type(self._take, message, "a pair check takes no")(now_s, message)
+        self._take[type(message)](now_s, message)
 
     def _seen(self, now_s: float, m: PairSeen) -> None:
         self._looks = False

@@ -20,7 +20,15 @@ from fcsv_geometry.vehicles.telemetry import CalibrationFound, HomeFound
 from fcsv_msgs.msg import Capture, MapState
 from fcsv_stereo.in_flight import monitoring
 from fcsv_stereo.in_flight.live import MapStage
-from fcsv_stereo.in_flight.map_choice import MapChoice, MapKind, MapTask, MissionMaps, Monitoring
+from fcsv_stereo.in_flight.map_choice import (
+    WATCHING,
+    MapChoice,
+    MapKind,
+    MapTask,
+    MissionMaps,
+    Monitoring,
+    WatchedMaps,
+)
 from fcsv_stereo.in_flight.warm_up import warm_up
 from fcsv_stereo.instants import MOST_SKEW_S
 from fcsv_stereo.map_files.cloud_bounds import CloudBounds, bound_cloud
@@ -39,6 +47,8 @@ _STATE_PERIOD_S = 1.0
 class LiveParameters:
     """Parameters of the node; ``vehicles`` with the reference first.
 
+    ``watch``: between the maps of a mission, once one is whole, depth of what the vehicles see now
+    on /map/watch, for a robot that is guided over the map.
     ``monitor``: instead of one map of a mission, depth of what the vehicles see now, at most
     ``monitor_rate_hz`` times a second, from pictures at most ``apart_s`` apart (vehicles hold, the
     scene may move); ``joint`` makes larger pictures as small as 640 x 480, with the camera_info of
@@ -52,6 +62,7 @@ class LiveParameters:
     vehicles: List[str]
     method: str = "joint"
     monitor: bool = False
+    watch: bool = False
     monitor_rate_hz: float = 5.0
     apart_s: float = MOST_SKEW_S
     refine_every: int = 1
@@ -64,6 +75,8 @@ class LiveParameters:
             raise ValueError(
                 f"vehicles: {self.vehicles} are not two or more; name them, the reference first"
             )
+        if self.watch and self.monitor:
+            raise ValueError("watch: is beside maps, which monitor makes none of; set one of them")
         if self.method not in METHODS:
             raise ValueError(f"method: '{self.method}' is not one of {', '.join(METHODS)}")
         if self.bars and not METHODS[self.method].matches_bars:
@@ -112,10 +125,11 @@ class LiveNode:
 
     def _make_choice(self) -> MapChoice:
         p = self._parameters
-        if not p.monitor:
+        if not (p.monitor or p.watch):
             return MissionMaps()
+        choice = Monitoring if p.monitor else WatchedMaps
         refines = METHODS[p.method].refines_poses
-        return Monitoring(p.vehicles, p.apart_s, p.refine_every, refines)
+        return choice(p.vehicles, p.apart_s, p.refine_every, refines)
 
     # ---- what comes in ---------------------------------------------------------------------------
 
@@ -164,7 +178,7 @@ class LiveNode:
             task = self._next()
             if task is None:
                 continue
-            if p.monitor:
+            if task.kind in WATCHING:
                 next_s = time.monotonic() + 1.0 / p.monitor_rate_hz
             result = self._map(method, options[task.kind], task)
             if result is not None:
@@ -174,16 +188,19 @@ class LiveNode:
         """The method's options for each kind of map."""
         p, known = self._parameters, KnownFeatures()
         method = METHODS[p.method]
+        maps = {}
         if not p.monitor:
             whole = method.remembering(method.options(), known)
-            return {
+            maps = {
                 MapKind.FIRST_LOOK: method.remembering(method.quick, known),
                 MapKind.WHOLE: method.with_bars(whole) if p.bars else whole,
             }
+        if not (p.monitor or p.watch):
+            return maps
         now = method.remembering(method.monitor, known)
         now = method.with_bars(now) if p.bars else now
         trusting = method.trusting_poses(now) if method.refines_poses else now
-        return {MapKind.INSTANT: now, MapKind.INSTANT_CORRECTED: trusting}
+        return {**maps, MapKind.INSTANT: now, MapKind.INSTANT_CORRECTED: trusting}
 
     def _next(self) -> Optional[MapTask]:
         with self._changed:
@@ -197,7 +214,8 @@ class LiveNode:
 
     def _map(self, method: Method, options, task: MapTask) -> Optional[MapResult]:
         given, names = task.given, task.names
-        if not self._parameters.monitor:
+        watches = self._parameters.watch and task.kind in WATCHING
+        if not (self._parameters.monitor or watches):
             self._say(MapStage.MAPPING, names)
         started = time.monotonic()
         try:
@@ -209,6 +227,11 @@ class LiveNode:
         except Exception as error:
             self._say(MapStage.FAILED, node.defect(error), given.warnings)
             return None
+        if watches:
+            self._topics.publish_watch(result)
+            self._health.problem("map", "")
+            self._health.value("watch", f"{time.monotonic() - started:.2f} s")
+            return result
         self._topics.publish(result)
         state = self._state
         state.configurations, state.points, state.coverage = (

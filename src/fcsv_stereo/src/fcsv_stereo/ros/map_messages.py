@@ -13,6 +13,8 @@ from fcsv_stereo.model import Cloud
 #: Optical frame of the reference picture that depth belongs to, published as a static transform
 #: from home.
 REFERENCE_FRAME = "map/reference_optical"
+#: The same of the picture by which vehicles watch the place.
+WATCH_FRAME = "map/watch_optical"
 #: Frame of a map that is far from home's origin: its points plus the shift are in home.
 LOCAL_FRAME = "map/local"
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("sigma", "<f4")])
@@ -51,6 +53,6 @@ def cloud_message(
     return message
 
 
-def depth_message(depth: np.ndarray, stamp_s: float) -> Image:
+def depth_message(depth: np.ndarray, stamp_s: float, frame: str = REFERENCE_FRAME) -> Image:
     """32FC1, metres along the optical axis, NaN where there is none (REP 118); sigma likewise."""
-    return conversions.array_to_image(depth.astype(np.float32), "32FC1", stamp_s, REFERENCE_FRAME)
+    return conversions.array_to_image(depth.astype(np.float32), "32FC1", stamp_s, frame)

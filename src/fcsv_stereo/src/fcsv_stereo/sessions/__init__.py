@@ -4,5 +4,6 @@
 
 from fcsv_stereo.sessions.files import is_session
 from fcsv_stereo.sessions.read import read_session
+from fcsv_stereo.sessions.views import session_views
 
-__all__ = ["is_session", "read_session"]
+__all__ = ["is_session", "read_session", "session_views"]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the control PC says of a recording (/mission/capture), for bags and for live maps."""
 
+import math
 from typing import Tuple
 
 import numpy as np
@@ -30,5 +31,18 @@ def window_of(capture) -> RecordingWindow:
     configuration = Configuration(axis, c.baseline_m, c.tilt_rad, c.name)
     start_s, stop_s = seconds(capture.start), seconds(capture.stop)
     return RecordingWindow(
-        capture.index, configuration, capture.reference, capture.vehicle, start_s, stop_s
+        capture.index,
+        configuration,
+        capture.reference,
+        capture.vehicle,
+        start_s,
+        stop_s,
+        view_of(capture),
     )
+
+
+def view_of(capture) -> str:
+    """From which station and heading a recording is, in words; empty: from home, or of a bag that
+    knows no stations."""
+    station = getattr(capture, "station", "")
+    return f"{station} at {math.degrees(capture.heading_rad):.6g} deg" if station else ""

@@ -21,16 +21,18 @@ from fcsv_stereo.sessions.messages import window_of
 from fcsv_stereo.sessions.pictures import PictureSource, PicturesSeen, read_pictures
 from fcsv_stereo.sessions.reasons import why_no_pictures
 from fcsv_stereo.sessions.recorded import ODOMETRY, Recorded, lacks, read_recorded
+from fcsv_stereo.sessions.views import of_view
 from fcsv_stereo.sweeps import on_time, spread
 
 
-def read_session(path: Path) -> MapInput:
-    """Pictures of every recording window with their poses in home. Raises InputError naming file,
-    topic and remedy."""
+def read_session(path: Path, view: str = "") -> MapInput:
+    """Pictures of every recording window with their poses in home; of a session with several views
+    those of ``view``. Raises InputError naming file, topic and remedy."""
     warnings: List[str] = []
     recorded = read_recorded(bags_of(path, warnings), warnings)
     _require_own(path, recorded)
     _require(path, recorded, warnings)
+    recorded.captures = of_view(path, recorded.captures, view)
     T_home_odom = _odoms_in_home(path, recorded)
     configurations, clocks = _pictures(path, recorded, T_home_odom, warnings)
     warnings += unknown_warning(

@@ -3,6 +3,7 @@
 
 import hashlib
 import itertools
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
@@ -14,7 +15,7 @@ from fcsv_stereo.photos.gps import Gps
 from fcsv_stereo.photos.tags import read_tags
 from fcsv_stereo.posed import colmap
 from fcsv_stereo.posed.posed_pictures import find_files
-from fcsv_stereo.sessions import is_session
+from fcsv_stereo.sessions import is_session, session_views
 from fcsv_stereo.survey import station
 from fcsv_stereo.survey.station import Station
 
@@ -36,13 +37,20 @@ class SourceKind(Word):
 class Source:
     """An input: its folder (or bag), the name of its view, what it is, and where its reference
     camera stood, where it says so; ``reference``: of photographs the reference picture, empty for
-    the first."""
+    the first.
+
+    ``view``: of a session with several views, which; ``leads``: it is the first of its input;
+    ``in_site``: home of its flight is the site's frame.
+    """
 
     path: Path
     name: str
     kind: SourceKind
     station: Optional[Station]
     reference: str = ""
+    view: str = ""
+    leads: bool = True
+    in_site: bool = False
 
     @property
     def level(self) -> bool:
@@ -62,9 +70,41 @@ def sources_of(paths: Sequence[Path], every: int = 0) -> List[Source]:
     found: List[Source] = []
     for path, name, kind in zip(paths, names, kinds):
         source = Source(path, name, kind, station.load_station(path))
-        several = every > 0 and kind is SourceKind.PHOTOGRAPHS
-        found += references_of(source, every) if several else [source]
-    return [replace(s, name=n) for s, n in zip(found, different([s.name for s in found]))]
+        if kind is SourceKind.SESSION:
+            found += views_of(source)
+        else:
+            several = every > 0 and kind is SourceKind.PHOTOGRAPHS
+            found += references_of(source, every) if several else [source]
+    names = different([s.name for s in found])
+    return _in_one_site([replace(s, name=n) for s, n in zip(found, names)])
+
+
+def views_of(source: Source) -> List[Source]:
+    """A view for each station and heading of a session; the session itself where it has one.
+    Raises InputError."""
+    views = session_views(source.path)
+    if len(views) < 2:
+        return [source]
+    return [
+        replace(source, name=f"{source.name}-{_file_name(view)}", view=view, leads=i == 0)
+        for i, view in enumerate(views)
+    ]
+
+
+def _in_one_site(sources: List[Source]) -> List[Source]:
+    """Where no input says its station, the first flight from stations gives the site its frame."""
+    flights = [s.path for s in sources if s.view]
+    if not flights or any(s.station for s in sources):
+        return sources
+    return [replace(s, in_site=bool(s.view) and s.path == flights[0]) for s in sources]
+
+
+def _file_name(view: str) -> str:
+    """
+    >>> _file_name("north gate at -30 deg")
+    'north-gate-at--30-deg'
+    """
+    return re.sub(r"[^\w.-]+", "-", view)
 
 
 def references_of(source: Source, every: int) -> List[Source]:
@@ -91,8 +131,10 @@ def source_keys(sources: Sequence[Source]) -> Dict[str, str]:
 
 
 def source_key(source: Source, content: str) -> str:
-    """Key of a view's content: that of its input, and of its reference where one is named."""
-    return f"{content} {source.reference}" if source.reference else content
+    """Key of a view's content: that of its input, and of its reference or view where one is
+    named."""
+    part = source.reference or source.view
+    return f"{content} {part}" if part else content
 
 
 def kind_of(path: Path) -> SourceKind:

@@ -85,7 +85,7 @@ def make_map(
 def _request(source: Source, folder: Path, options: MapOptions) -> pipeline.MapRequest:
     reference = source.reference or None
     return pipeline.MapRequest(
-        source.path, folder, options.method, options.made(), reference=reference
+        source.path, folder, options.method, options.made(), reference=reference, view=source.view
     )
 
 

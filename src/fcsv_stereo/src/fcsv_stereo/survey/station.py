@@ -89,6 +89,29 @@ def prior_of(station: Optional[Station], T_home_cam: np.ndarray, level: bool, na
     return Prior(T_site_cam, tuning.LEVEL_RAD, yaw_rad, station.place_sigma_m, station.scale_sigma)
 
 
+def flown_prior(
+    station: Optional[Station], in_site: bool, T_home_cam: np.ndarray, name: str
+) -> Prior:
+    """The prior of one view of a flight from stations: its trackers know ``T_home_cam``, and err
+    with the distance from home. ``station``: where home is; without one home is the site's frame
+    (``in_site``), or not known. Raises SurveyError as prior_of."""
+    away_m = float(np.linalg.norm(T_home_cam[:3, 3]))
+    place_m = float(np.hypot(tuning.FLOWN_M, tuning.FLOWN_SHARE * away_m))
+    if station is not None:
+        home = prior_of(
+            station, transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3)), True, name
+        )
+        T_site_home = home.T_site_cam @ transforms.invert(
+            transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
+        )
+        place_m = float(np.hypot(np.hypot(place_m, home.place_m), home.yaw_rad * away_m))
+        yaw_rad = float(np.hypot(home.yaw_rad, tuning.FLOWN_RAD))
+        return Prior(T_site_home @ T_home_cam, tuning.LEVEL_RAD, yaw_rad, place_m, home.scale)
+    if not in_site:
+        return prior_of(None, T_home_cam, True, name)
+    return Prior(T_home_cam, tuning.LEVEL_RAD, tuning.FLOWN_RAD, place_m, tuning.SCALE)
+
+
 def heading_rad(T_home_cam: np.ndarray) -> float:
     """Which way the optical axis looks, to the left of x; of a camera that looks down, the
     picture's top.

@@ -35,7 +35,7 @@ from fcsv_stereo.survey.matching import may_overlap
 from fcsv_stereo.survey.octree import write_copc
 from fcsv_stereo.survey.page import write_page
 from fcsv_stereo.survey.rasters import surface_of, write_surface
-from fcsv_stereo.survey.station import prior_of
+from fcsv_stereo.survey.station import flown_prior, prior_of
 from fcsv_stereo.survey.views import View, read_view
 from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions
 
@@ -172,8 +172,8 @@ def edges_between(
 
 
 def with_posed(edges: List[Edge], views: Sequence[View]) -> List[Edge]:
-    """Edges, and those that the poses of a folder of photographs state where features gave none:
-    from each of its references to the next."""
+    """Edges, and those that the poses of a folder of photographs or of one flight state where
+    features gave none: from each of its references to the next, unless their priors state it."""
     by_folder: Dict[str, List[View]] = {}
     for v in views:
         by_folder.setdefault(v.source, []).append(v)
@@ -181,6 +181,7 @@ def with_posed(edges: List[Edge], views: Sequence[View]) -> List[Edge]:
         (a.name, b.name): posed_edge(a, b)
         for of in by_folder.values()
         for a, b in zip(of[:-1], of[1:])
+        if not (a.prior.placed and b.prior.placed)
     }
     kept = {(e.a, e.b) for e in edges if e.kept}
     return [e for e in edges if e.kept or (e.a, e.b) not in posed] + [
@@ -259,10 +260,13 @@ def _view(source: Source, folder: Path) -> View:
     """The view of a map, with what its photograph says besides."""
     view = read_view(folder, source.name, str(source.path), _prior(source))
     taken_with, gps = inputs.photograph_of(source, view.picture)
-    return replace(view, taken_with=taken_with, gps=gps or view.gps)
+    flown = view.gps if source.leads else None  # the fixes of one flight count once
+    return replace(view, taken_with=taken_with, gps=gps or flown)
 
 
 def _prior(source: Source):
+    if source.view:
+        return lambda T, name: flown_prior(source.station, source.in_site, T, name)
     return lambda T_home_cam, name: prior_of(source.station, T_home_cam, source.level, name)
 
 

@@ -7,6 +7,9 @@ LEVEL_RAD = 0.01
 #: Share: scale of a map whose input says nothing of it. Flown maps have 1.0 to 1.7 % rms
 #: (docs/lab/sigma.md).
 SCALE = 0.02
+#: m, share of the distance from home, rad: how well the trackers of a flight from stations know where
+#: a reference was. Trackers drift by 0.05 m about home and 1 % of the way; heading as POSED_RAD.
+FLOWN_M, FLOWN_SHARE, FLOWN_RAD = 0.05, 0.01, 0.0052
 #: m, rad: what holds the first view where no view has a place: small against every edge.
 ANCHOR_M, ANCHOR_RAD = 1e-3, 1e-5
 #: m, rad: instead of "unknown" in a prior that starts at the place that the edges gave.

@@ -3,14 +3,14 @@
 
 import logging
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set
+from typing import Dict, List, Mapping, Optional, Sequence, Set
 
 import numpy as np
 
 from fcsv_geometry.errors import FcsvError, PoseUnavailable
 from fcsv_geometry.home import home_of
 from fcsv_geometry.missions.phases import BY_HOME
-from fcsv_geometry.streams.dispatch import by_type
+from fcsv_geometry.streams.dispatch import Takers
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
@@ -58,13 +58,16 @@ class CalibrationPort:
         self._epochs_begun: Dict[str, int] = {}  # as the session began
         self._calibrated: Set[str] = set()
         self._dropped: List[tm.Dropped] = []
-        self._take: Dict[type, Callable[[float, Any], None]] = {
-            tm.VehicleOdometry: self._odometry,
-            tm.SeenTags: self._tags,
-            tm.OdometryEpoch: self._epoch,
-            tm.MissionPhase: self._mission,
-            VehicleClock: self._clock,
-        }
+        self._take = Takers(
+            {
+                tm.VehicleOdometry: self._odometry,
+                tm.SeenTags: self._tags,
+                tm.OdometryEpoch: self._epoch,
+                tm.MissionPhase: self._mission,
+                VehicleClock: self._clock,
+            },
+            "the calibration does not hear",
+        )
 
     @property
     def collects(self) -> bool:
@@ -75,7 +78,7 @@ class CalibrationPort:
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known here."""
-        by_type(self._take, message, "the calibration does not hear")(now_s, message)
+        self._take[type(message)](now_s, message)
 
     def _odometry(self, now_s: float, m: tm.VehicleOdometry) -> None:
         if self._track(m.vehicle, m.stamp_s).add(m.stamp_s, m.T_odom_body):

@@ -123,3 +123,40 @@ class SeenFrom:
     eye_m: Tuple[float, float, float]
     corners_m: Tuple[Tuple[float, float, float], ...]
     age_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class RobotGround:
+    """Cells that a guided robot drives on: outer corner ``x0_m``, ``y0_m`` in home, ``percents``
+    int8 of nav_msgs/OccupancyGrid, row 0 at the smallest y: -1 unknown, 0 free, 100 an obstacle."""
+
+    x0_m: float
+    y0_m: float
+    cell_m: float
+    rows: int
+    columns: int
+    percents: bytes
+
+
+@dataclass(frozen=True)
+class RobotRoute:
+    """Its route, (x, y) in home; empty where there is none."""
+
+    points_m: Tuple[Tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class RobotSeen:
+    """Where it is in home, and its yaw."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+
+@dataclass(frozen=True)
+class RobotStatus:
+    """What a node of guidance says: ``source`` is "ground" or "follower"."""
+
+    source: str
+    text: str

@@ -36,6 +36,6 @@ def ned_from_pose(T_odom_body: np.ndarray):
 def pose_from_ned(p_ned, rpy_ned_rad) -> np.ndarray:
     """The inverse of ned_from_pose: T_odom_body."""
     roll, pitch, yaw = rpy_ned_rad
-    return transforms.transform(
-        rotations.matrix_of_rpy(roll, -pitch, swap_yaw(yaw)), swap_ned_enu(p_ned)
+    return transforms.of_rows(
+        rotations.rows_of_rpy(roll, -pitch, swap_yaw(yaw)), swap_ned_enu(p_ned)
     )

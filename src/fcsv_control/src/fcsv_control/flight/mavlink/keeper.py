@@ -130,21 +130,22 @@ class ConnectionKeeper:
         due = [
             name
             for name, next_s in self._next_s.items()
-            if now_s >= next_s and self._wanted(now_s, name)
+            if now_s >= next_s and not self._known(now_s, name)
         ]
         for name in due:
             self._next_s[name] = now_s + _PERIOD_S[name]
         return due
 
-    def _wanted(self, now_s: float, name: str) -> bool:
+    def _known(self, now_s: float, name: str) -> bool:
+        """Whether there is no need to ask: what was answered, for as long as that lasts."""
+        if (
+            (name == PARAMETER and self.parameters_read)
+            or (name == VERSION and self.version_known)
+            or (name == SET_ORIGIN and self.origin_set(now_s))
+        ):
+            return True
         if name == HEARTBEAT:
-            return True  # also before anything is heard: on some links it must speak first
+            return False  # also before anything is heard: on some links it must speak first
         if not self.connected(now_s) or (self._booting and name in _ONCE_STARTED):
-            return False
-        if name == STREAMS:
-            return bool(self._stopped(now_s))
-        if name == SET_ORIGIN:
-            return not self.origin_set(now_s)
-        if name == PARAMETER:
-            return not self.parameters_read
-        return name != VERSION or not self.version_known
+            return True
+        return name == STREAMS and not self._stopped(now_s)

@@ -7,6 +7,7 @@ from typing import Any, Callable, Collection, Dict, List, Sequence, Tuple, Type
 import numpy as np
 
 from fcsv_control.mission.activities.activity import Activity, CaptureWindow, Progress
+from fcsv_control.mission.activities.changing_over import ChangeOver
 from fcsv_control.mission.activities.looking_round import (
     LookRoundAtPlaces,
     LookRoundInColumn,
@@ -24,7 +25,7 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.ways.destinations import Destinations
 from fcsv_control.mission.ways.places import level_camera
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME
+from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME, in_home, reference_place
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.streams.stream import Since
 from fcsv_geometry.vehicles.modes import Mode
@@ -70,6 +71,7 @@ class FlightList:
             Standing: lambda _: self._next_task(),
             Sweeping: lambda _: self._next_task(),
             Return: lambda _: self._next_task(),
+            ChangeOver: lambda _: self._next_task(),
         }
         self._activity = self._holding(restarted) if restarted else self._opening()
 
@@ -100,7 +102,7 @@ class FlightList:
             mission,
             outbox,
             parked,
-            TaskList(mission, vehicles, memory.left, memory.flown, memory.away),
+            TaskList(mission, vehicles, memory.left, memory.flown, memory.away, memory.at),
             memory.turned,
             restarted=True,
         )
@@ -119,6 +121,7 @@ class FlightList:
             self.going_back,
             list(self._list.away),
             list(self._turned),
+            self._list.at,
         )
 
     @property
@@ -134,7 +137,7 @@ class FlightList:
 
     @property
     def _goes_back(self) -> bool:
-        """Whether the running tasks lead back to the column."""
+        """Whether the running tasks lead back to the column, or change over to another place."""
         return self._list.moment[0].index is None
 
     @property
@@ -190,7 +193,7 @@ class FlightList:
         if operation == "skip" and self._activity.skip():
             self._hold(snapshot)
             return ""
-        titles = " and ".join(self._mission.configurations[i].title for i in self._list.coming)
+        titles = " and ".join(self._mission.title(i) for i in self._list.coming)
         change = {
             "skip": self._list.skip,
             "repeat": self._list.again,
@@ -219,9 +222,7 @@ class FlightList:
         self._vehicles = [n for n in self._vehicles if n != name]
         self._attempts = {}
         self._task.end()
-        self.notes += [
-            f"{self._mission.configurations[i].title} left out, {name} is down" for i in lost
-        ]
+        self.notes += [f"{self._mission.title(i)} left out, {name} is down" for i in lost]
 
     # ---- its steps -------------------------------------------------------------------------------
 
@@ -249,7 +250,7 @@ class FlightList:
         for name in {t.vehicle for t in self._list.left} & set(taken):
             self._list.leave(name)
             self._task.end()
-            if isinstance(self._activity, Travel) and not self.finished:
+            if isinstance(self._activity, (Travel, ChangeOver)) and not self.finished:
                 self._activity = self._way()
 
     def _watch_time(self, snapshot: Snapshot, moment: Sequence[Task]) -> None:
@@ -263,7 +264,7 @@ class FlightList:
             most_s += turn_most_s(self._mission) * (len(self._vehicles) + len(moment))
         if task_s > most_s:
             who, where = self._goals.in_words(moment)
-            verb = "are" if len(moment) > 1 else "is"
+            verb = "are" if len(moment) > 1 and not moment[0].changes else "is"
             raise MissionError(f"{who} {verb} not done with {where} after {most_s:g} s: landing")
 
     # ---- the activities, and what follows each ---------------------------------------------------
@@ -271,6 +272,8 @@ class FlightList:
     def _following(self, activity: Activity, progress: Progress) -> Activity:
         """What follows an activity that is over; a sweep that was disturbed is flown from its
         beginning."""
+        if isinstance(activity, ChangeOver) and progress is Progress.AGAIN:
+            return self._holding()
         if progress is Progress.AGAIN:
             return self._way() if isinstance(activity, Sweeping) else self._attempt()
         return self._follows[type(activity)](activity)
@@ -280,20 +283,43 @@ class FlightList:
 
     def _opening(self) -> Activity:
         """The reference home, where it has to be before others move."""
-        if self.going_back:
+        moment = self._list.moment
+        if self.going_back or moment[0].changes:
             return self._way()
-        others = self._others([self._mission.reference])
-        return BringHome(self._mission, self._outbox, others, self._way())
+        others, T_home_cam = (
+            self._others([self._mission.reference]),
+            reference_place(self._mission, moment[0].view),
+        )
+        return BringHome(self._mission, self._outbox, others, self._way(), T_home_cam)
 
     def _departure(self) -> Activity:
         """All look round in the column first, where nobody has left it yet."""
-        if self.going_back or self._list.flown or self._list.away:
+        first = self._list.moment[0]
+        if self.going_back or self._list.flown or self._list.away or first.changes:
             return self._way()
-        parked = {n: self._parked[n] for n in self._vehicles}
+        parked = {n: in_home(self._mission, first.view, self._figure[n]) for n in self._vehicles}
         return LookRoundInColumn(self._mission, self._outbox, parked, self._turned)
 
-    def _way(self) -> Travel:
-        """The running tasks' movers to their places."""
+    @property
+    def _figure(self) -> Dict[str, np.ndarray]:
+        """T_view_cam of each vehicle in the column, the one that leads first."""
+        reference = self._mission.reference
+        figure = {n: self._parked[n] for n in self._vehicles}
+        if reference in figure:
+            figure = {
+                reference: T_HOME_CAM_AT_HOME,
+                **{n: figure[n] for n in self._others([reference])},
+            }
+        return figure
+
+    def _way(self) -> Activity:
+        """The running tasks' movers to their places, or the column to another viewpoint."""
+        first = self._list.moment[0]
+        if first.changes:
+            self._list.depart()
+            flying = {t.vehicle for t in self._list.moment}
+            figure = {n: T for n, T in self._figure.items() if n in flying}
+            return ChangeOver(self._mission, self._outbox, figure, first.view)
         kind = Return if self._goes_back else Travel
         places, where = self._places()
         return kind(self._mission, self._outbox, places, where, self._others(places))
@@ -316,7 +342,7 @@ class FlightList:
         if self._mission.configurations[index].sweep is not None:
             return Sweeping(self._mission, movers, self._outbox, last)
         places = self._goals.places(moment)
-        places[self._mission.reference] = T_HOME_CAM_AT_HOME
+        places[self._mission.reference] = reference_place(self._mission, moment[0].view)
         return Standing(self._mission, movers, places, self._outbox, last)
 
     def _next_task(self) -> Activity:

@@ -19,7 +19,7 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.ways.journey import go_to_body
 from fcsv_control.mission.ways.places import body_set_point, heading_error_rad, heading_rad
 from fcsv_geometry import rotations, transforms
-from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME, camera_place
+from fcsv_geometry.missions.camera_places import mover_place
 from fcsv_geometry.missions.look_round import LookRound
 from fcsv_geometry.missions.mission import Mission, SettleBounds
 
@@ -212,8 +212,8 @@ class LookRoundAtPlaces(Activity):
 
 
 class LookRoundInColumn(LookRoundAtPlaces):
-    """All turn where they stand: the reference at home, the others with their headings of
-    ``parked`` (T_home_cam)."""
+    """All turn where they stand, with their headings of ``parked`` (T_home_cam): the reference at
+    its place, the others where they are."""
 
     def __init__(
         self,
@@ -227,7 +227,7 @@ class LookRoundInColumn(LookRoundAtPlaces):
         self._reference = mission.reference
 
     def _now(self, snapshot: Snapshot) -> Mapping[str, np.ndarray]:
-        places = {self._reference: T_HOME_CAM_AT_HOME}
+        places = {self._reference: self._places[self._reference]}
         for name, T_home_cam in self._places.items():
             here = transforms.transform(T_home_cam[:3, :3], snapshot.p_home_cam(name))
             places.setdefault(name, here)
@@ -250,8 +250,8 @@ def turns_s(mission: Mission, indices: Sequence[int], in_column: int) -> float:
     if how is None:
         return 0.0
     turned: List[Turned] = []
-    for configuration in [mission.configurations[i] for i in indices] if how.places else []:
-        p_home_m, name = camera_place(configuration)[:3, 3], configuration.vehicle or ""
+    for i in indices if how.places else []:
+        p_home_m, name = mover_place(mission, i)[:3, 3], mission.configurations[i].vehicle or ""
         if is_new(turned, name, p_home_m):
             turned.append(Turned(name, p_home_m.tolist()))
     return how.turn_s * (len(turned) + in_column * how.column)

@@ -15,7 +15,6 @@ from fcsv_control.mission.ways.convoy import Convoy
 from fcsv_control.mission.ways.journey import Journey
 from fcsv_control.mission.ways.routes import Keep
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME
 from fcsv_geometry.missions.mission import Mission
 
 
@@ -68,14 +67,22 @@ class Return(Travel):
 
 
 class BringHome(Activity):
-    """The reference goes home and stays; nobody else moves before, unless one is where it must go:
-    blown there, or put there by a pilot. Then ``travel`` comes first."""
+    """The reference goes to ``T_home_cam``, home or its place at a station, and stays; nobody else
+    moves before, unless one is where it must go: blown there, or put there by a pilot. Then
+    ``travel`` comes first."""
 
-    def __init__(self, mission: Mission, outbox: Outbox, others: Sequence[str], travel: Travel):
+    def __init__(
+        self,
+        mission: Mission,
+        outbox: Outbox,
+        others: Sequence[str],
+        travel: Travel,
+        T_home_cam: np.ndarray,
+    ):
         super().__init__()
         self._name, self._others = mission.reference, others
         self._home = Journey(
-            outbox, self._name, T_HOME_CAM_AT_HOME, Keep.of(mission), mission.settle.timeout_s
+            outbox, self._name, T_home_cam, Keep.of(mission), mission.settle.timeout_s
         )
         self._travel, self._makes_room = travel, False
         self.travelled: Optional[Travel] = None  # the others are on their way already

@@ -36,7 +36,7 @@ class Standing(Activity):
         listed = [mission.configurations[i] for i in self._movers.values()]
         self._record_s = max(c.record_s for c in listed)
         self._least_pictures = max(c.least_pictures for c in listed)
-        self._title = " and ".join(c.title for c in listed)
+        self._title = " and ".join(mission.title(i) for i in self._movers.values())
         self._calm = CalmCheck(mission.settle, places)
         self._recorders = Recorders(outbox, list(places), mission.limits.recorder_s)
         self._last = last  # a disturbed recording counts: there is no further attempt

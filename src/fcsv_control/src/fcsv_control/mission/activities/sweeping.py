@@ -11,10 +11,12 @@ from fcsv_control.mission.activities.recorders import FIRST_PICTURE_S, LAST_PICT
 from fcsv_control.mission.activities.stages import MOVES, RECORDS
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot
+from fcsv_control.mission.ways.gliding import GlideRate
 from fcsv_control.mission.ways.journey import go_to
 from fcsv_control.mission.ways.routes import distance_to_segments
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME, sweep_place
+from fcsv_geometry.missions.camera_places import in_home, reference_place, sweep_place
+from fcsv_geometry.missions.configuration import StereoConfiguration
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.sweep import Sweep
@@ -24,7 +26,6 @@ _ORDER_EVERY_S = 0.2  # set-points: one that is lost on the radio is followed by
 _LAG_S, _LAG_M = 2.0, 0.5
 _THERE_M = 0.5
 _LONGEST_STEP_S = 0.5  # after a pause of the mission's own process the set-point does not jump
-_END = 1e-3  # of the way
 _TOLD_EVERY_S = 2.0  # what is recorded so far: for the map that grows meanwhile
 
 
@@ -38,8 +39,8 @@ class Sweeping(Activity):
         self._of = {n: mission.configurations[i] for n, i in self._movers.items()}
         names = [*self._movers, mission.reference]
         self._recorders = Recorders(outbox, names, mission.limits.recorder_s)
-        self._title = " and ".join(c.title for c in self._of.values())
-        self._rates = _Rates([c.sweep for c in self._of.values()], mission.flight)
+        self._title = " and ".join(mission.title(i) for i in self._movers.values())
+        self._rates = _rate_of([c.sweep for c in self._of.values()], mission.flight)
         self._share = self._rate = 0.0  # of the way, and of it per second
         self._now_s: Optional[float] = None
         self._ordered_s = float("-inf")
@@ -111,7 +112,7 @@ class Sweeping(Activity):
         if now_s - self._ordered_s >= _ORDER_EVERY_S - 1e-6:
             self._ordered_s = now_s
             for name, configuration in self._of.items():
-                go_to(self._outbox, snapshot, name, sweep_place(configuration, self._share))
+                go_to(self._outbox, snapshot, name, self._place(configuration, self._share))
         self._tell_so_far(now_s - LAST_PICTURE_S)
         away = {n: self._lag_m(snapshot, n) for n in self._movers}
         if self._share >= 1.0 and max(away.values()) < _THERE_M:
@@ -134,15 +135,21 @@ class Sweeping(Activity):
         ]
 
     def _lag_m(self, snapshot: Snapshot, name: str) -> float:
-        place_m = self._of[name].sweep.place_m(self._share)
+        place_m = self._place(self._of[name], self._share)[:3, 3]
         return float(np.linalg.norm(snapshot.p_home_cam(name) - place_m))
+
+    def _place(self, configuration: StereoConfiguration, share: float) -> np.ndarray:
+        """T_home_cam on a mover's way."""
+        return in_home(self._mission, configuration.view, sweep_place(configuration, share))
 
     def _off_m(self, snapshot: Snapshot) -> float:
         """Largest distance (m) of a mover from its line, or of the reference from its place."""
-        home_m = snapshot.p_home_cam(self._mission.reference) - T_HOME_CAM_AT_HOME[:3, 3]
+        view = next(iter(self._of.values())).view
+        T_home_reference = reference_place(self._mission, view)
+        home_m = snapshot.p_home_cam(self._mission.reference) - T_home_reference[:3, 3]
         off = [float(np.linalg.norm(home_m))]
         for name, configuration in self._of.items():
-            start_m, end_m = (configuration.sweep.place_m(share) for share in (0.0, 1.0))
+            start_m, end_m = (self._place(configuration, share)[:3, 3] for share in (0.0, 1.0))
             off.append(
                 float(distance_to_segments(snapshot.p_home_cam(name), start_m, end_m[None])[0])
             )
@@ -160,21 +167,12 @@ class Sweeping(Activity):
         return Progress.DONE
 
 
-class _Rates:
-    """Shares of the way per second, the same for all movers: none is faster than its sweep or than
-    it can brake."""
-
-    def __init__(self, sweeps: Sequence[Sweep], flight: FlightBounds):
-        self.most = min(s.bounds(flight).along(*_level_up(s))[0] / s.length_m for s in sweeps)
-        self.ramp = min(flight.along(*_level_up(s))[1] / s.length_m for s in sweeps)
-
-    def advanced(self, share: float, rate: float, dt_s: float, wait: bool) -> Tuple[float, float]:
-        """Share and rate after ``dt_s``; ``wait``: somebody is behind."""
-        brakes_in_time = float(np.sqrt(2.0 * self.ramp * max(1.0 - share, 0.0)))
-        wanted = 0.0 if wait else min(self.most, brakes_in_time)
-        rate = float(np.clip(wanted, rate - self.ramp * dt_s, rate + self.ramp * dt_s))
-        share = min(1.0, share + rate * dt_s)
-        return (1.0, 0.0) if 1.0 - share < _END else (share, rate)
+def _rate_of(sweeps: Sequence[Sweep], flight: FlightBounds) -> GlideRate:
+    """The same for all movers: none is faster than its sweep or than it can brake."""
+    return GlideRate(
+        min(s.bounds(flight).along(*_level_up(s))[0] / s.length_m for s in sweeps),
+        min(flight.along(*_level_up(s))[1] / s.length_m for s in sweeps),
+    )
 
 
 def _level_up(sweep: Sweep) -> Tuple[float, float]:

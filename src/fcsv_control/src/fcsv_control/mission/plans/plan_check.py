@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A mission's list flown on paper before anybody takes off: separation, fence, battery."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
@@ -10,10 +10,18 @@ import numpy as np
 from fcsv_control.mission.activities.looking_round import turns_s
 from fcsv_control.mission.plans.task_list import Task, TaskList, tasks
 from fcsv_control.mission.ways import traffic
+from fcsv_control.mission.ways.formation import Figure, formation_legs
 from fcsv_control.mission.ways.routes import Keep, route
 from fcsv_control.mission.ways.timed_way import TimedWay, timed_way
+from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError, PlanRefused
-from fcsv_geometry.missions.camera_places import camera_place, last_place
+from fcsv_geometry.missions.camera_places import (
+    T_HOME_CAM_AT_HOME,
+    in_home,
+    mover_end,
+    mover_place,
+    sweep_place,
+)
 from fcsv_geometry.missions.mission import Mission
 
 RADIUS_M = 0.25  # of a vehicle whose file says nothing else
@@ -24,6 +32,9 @@ _AFTER_S = 30.0  # landing
 _RECORDERS_S = 1.0  # on and off
 _NEAREST = 1.0 - 1e-6  # share of what is to be kept, of vehicles that stand while others sweep
 _EVERY_STEPS = 2  # of a way, each 0.1 s, is compared with the fence
+_EVERY_S = 0.25  # of a way of the column is compared with the fence
+_GATHER_S = 4.0  # the column takes its figure, and stands at the end of its way
+_SHAPE_M = 0.5  # vehicles of a column that flies may be nearer to each other by so much
 
 
 @dataclass(frozen=True)
@@ -53,6 +64,28 @@ def on_the_ground(
     return Situation(mission.home_height_m, places, battery_share)
 
 
+@dataclass
+class PlannedView:
+    """One viewpoint on paper, in s from the list's beginning: when its list begins and when all are
+    back in the column, how long the way home takes from there, and the last configuration."""
+
+    view: int
+    begins_s: float
+    ends_s: float
+    home_s: float
+    configurations: List[int] = field(default_factory=list)
+
+
+@dataclass
+class PaperFlight:
+    """A list as it was flown on paper: ``wrong``: a line for each leg that cannot be flown;
+    ``views`` in their order; ``flight_s`` until all may land."""
+
+    wrong: List[str]
+    views: List[PlannedView]
+    flight_s: float
+
+
 def check_plan(
     mission: Mission,
     situation: Situation,
@@ -62,23 +95,50 @@ def check_plan(
     """Why the list cannot be flown, a line per leg with the leg's name; empty where it can.
 
     ``radius_m`` of each vehicle (default: 0.25 m), ``indices`` of the configurations to fly
-    (default: all).
+    (default: all; of stations as many as the batteries allow, at least one).
     """
+    flight = fly_on_paper(mission, situation, radius_m, indices)
+    some = indices is None and mission.stations and reached(mission, situation, flight)
+    batteries = [] if some else _batteries(mission, situation, flight)
+    return flight.wrong + list(batteries)
+
+
+def fly_on_paper(
+    mission: Mission,
+    situation: Situation,
+    radius_m: Optional[Mapping[str, float]] = None,
+    indices: Optional[Sequence[int]] = None,
+) -> PaperFlight:
+    """The list leg by leg, with all that is wrong with its ways, and its times."""
     vehicles = list(situation.places)
     found = list(_too_little_room(mission, dict.fromkeys(vehicles, RADIUS_M), radius_m or {}))
     chosen = range(len(mission.configurations)) if indices is None else indices
     places, flight_s = dict(situation.places), turns_s(mission, chosen, len(vehicles))
     left = TaskList(mission, vehicles, tasks(mission, vehicles, indices))
+    views: List[PlannedView] = []
     while left.left:
-        moment = left.moment
+        moment, at = left.moment, left.at or 0
+        left.done()
+        if moment[0].changes:
+            column = _Column.of(mission, situation)
+            wrong, way_s = column.change_over(at, moment[0].view)
+            found += (
+                [f"way of the column to {mission.viewpoints[moment[0].view].title}: {wrong}"]
+                if wrong
+                else []
+            )
+            places, flight_s = column.places(moment[0].view), flight_s + way_s
+            continue
         goals = {
-            t.vehicle: situation.places[t.vehicle]
+            t.vehicle: _Column.of(mission, situation).place(t.vehicle, t.view)
             if t.index is None
-            else camera_place(mission.configurations[t.index])[:3, 3]
+            else mover_place(mission, t.index)[:3, 3]
             for t in moment
         }
         wrong, legs_s = _legs(mission, goals, places, situation.home_height_m)
-        left.done()
+        if moment[0].index is not None and (not views or views[-1].view != moment[0].view):
+            home_s = _Column.of(mission, situation).change_over(moment[0].view, 0)[1]
+            views.append(PlannedView(moment[0].view, flight_s, flight_s, home_s))
         if wrong:  # the legs after it are judged as if it were left out
             found.append(f"{_named(mission, moment)}: {wrong}")
             continue
@@ -86,15 +146,71 @@ def check_plan(
         wrong, sweeps_s = _sweeps(mission, moment, places, situation.home_height_m)
         if wrong:
             found.append(f"{_named(mission, moment)}: {wrong}")
-        places.update(
-            {
-                t.vehicle: last_place(mission.configurations[t.index])[:3, 3]
-                for t in moment
-                if t.index is not None
-            }
-        )
+        flown = {t.vehicle: t.index for t in moment if t.index is not None}
+        places.update({n: mover_end(mission, i)[:3, 3] for n, i in flown.items()})
         flight_s += legs_s + sweeps_s + _standing_s(mission, moment[0])
-    return found + list(_batteries(mission, situation, flight_s))
+        if views:
+            views[-1].ends_s = flight_s
+            views[-1].configurations += flown.values()
+    return PaperFlight(found, views, flight_s)
+
+
+def reached(mission: Mission, situation: Situation, flight: PaperFlight) -> List[PlannedView]:
+    """The viewpoints that the batteries allow, with the way home after the last of them."""
+    lasts_s = min(lasts for _, lasts in _lasting(mission, situation))
+    found = []
+    for view in flight.views:
+        if _needed_s(situation, view.ends_s + view.home_s) > lasts_s:
+            break
+        found.append(view)
+    return found
+
+
+@dataclass(frozen=True)
+class _Column:
+    """The column as it stands at home, to be flown as one body."""
+
+    mission: Mission
+    home_height_m: float
+    figure: Figure
+
+    @classmethod
+    def of(cls, mission: Mission, situation: Situation) -> "_Column":
+        figure = {
+            n: T_HOME_CAM_AT_HOME
+            if n == mission.reference and mission.stations
+            else transforms.transform(T_HOME_CAM_AT_HOME[:3, :3], p)
+            for n, p in situation.places.items()
+        }
+        return cls(mission, situation.home_height_m, figure)
+
+    def place(self, name: str, view: int) -> np.ndarray:
+        """(3,) of a vehicle in the column at a viewpoint."""
+        return in_home(self.mission, view, self.figure[name])[:3, 3]
+
+    def places(self, view: int) -> Dict[str, np.ndarray]:
+        """All of them."""
+        return {n: self.place(n, view) for n in self.figure}
+
+    def change_over(self, at: int, view: int) -> Tuple[str, float]:
+        """(what is wrong with the way from one viewpoint to another, time in s)."""
+        T_from, T_to = (in_home(self.mission, v, np.eye(4)) for v in (at, view))
+        legs = formation_legs(T_from, T_to, self.figure, self.mission.flight)
+        takes_s = _GATHER_S + sum(leg.rate.takes_s for leg in legs)
+        least_m = self.mission.min_separation_m + _SHAPE_M
+        for a, b in combinations(self.figure, 2):
+            away_m = float(np.linalg.norm(self.figure[a][:3, 3] - self.figure[b][:3, 3]))
+            if away_m < least_m:
+                wrong = f"{a} and {b} are {away_m:.1f} m apart in the column, it flies with {least_m:g} m"
+                return wrong, takes_s
+        for leg in legs:
+            steps = max(int(leg.rate.takes_s / _EVERY_S), 1)
+            for share in np.linspace(0.0, 1.0, steps + 1):
+                for T_home_cam in leg.places(self.figure, float(share)).values():
+                    wrong = self.mission.fence.outside(T_home_cam[:3, 3], self.home_height_m)
+                    if wrong:
+                        return wrong, takes_s
+        return "", takes_s
 
 
 def require_flyable(
@@ -159,29 +275,28 @@ def _sweeps(
     mission: Mission, moment: Sequence[Task], places: Mapping[str, np.ndarray], home_height_m: float
 ):
     """(what is wrong with the sweeps that begin at once, time in s)."""
-    sweeps = {
-        t.vehicle: c.sweep
+    swept = {
+        t.vehicle: mission.configurations[t.index]
         for t in moment
-        if t.index is not None
-        for c in [mission.configurations[t.index]]
-        if c.sweep is not None
+        if t.index is not None and mission.configurations[t.index].sweep is not None
     }
-    if not sweeps:
+    if not swept:
         return "", 0.0
     keep = Keep.of(mission)
-    ways = {
-        n: timed_way(s.place_m(0.0), [s.place_m(1.0)], s.bounds(mission.flight))
-        for n, s in sweeps.items()
+    lines = {
+        n: [in_home(mission, c.view, sweep_place(c, share))[:3, 3] for share in (0.0, 1.0)]
+        for n, c in swept.items()
     }
-    for name, sweep in sweeps.items():
+    ways = {
+        n: timed_way(start_m, [end_m], swept[n].sweep.bounds(mission.flight))
+        for n, (start_m, end_m) in lines.items()
+    }
+    for name, (start_m, end_m) in lines.items():
         for other, place in places.items():
-            if (
-                other not in sweeps
-                and keep.shares(place, sweep.place_m(0.0), sweep.place_m(1.0)[None])[0] < _NEAREST
-            ):
+            if other not in swept and keep.shares(place, start_m, end_m[None])[0] < _NEAREST:
                 return f"comes too near to {other}: {_needed(keep, ways[name], place)}", 0.0
     for a, b in combinations(ways, 2):
-        ends = keep.share(sweeps[a].place_m(1.0) - sweeps[b].place_m(1.0))
+        ends = keep.share(lines[a][1] - lines[b][1])
         if ends < _NEAREST or not traffic.clear(ways[a], ways[b], keep):
             return f"{a} and {b} come too near to each other", 0.0
     outside = _outside(mission, ways.values(), home_height_m)
@@ -203,22 +318,31 @@ def _standing_s(mission: Mission, task: Task) -> float:
     return mission.settle.time_s + configuration.record_s + _RECORDERS_S
 
 
-def _batteries(mission: Mission, situation: Situation, flight_s: float) -> Iterator[str]:
-    needed_s = _RESERVE * (situation.before_s + flight_s + _AFTER_S)
-    full = {n: 1.0 for n in situation.places if n not in situation.battery_share}
-    for name, share in {**full, **situation.battery_share}.items():
-        lasts_s, words = mission.lasts_s(share), f"{share:.0%} of its"
+def _batteries(mission: Mission, situation: Situation, flight: PaperFlight) -> Iterator[str]:
+    needed_s = _needed_s(situation, flight.flight_s)
+    for name, lasts_s in _lasting(mission, situation):
+        share = situation.battery_share.get(name)
+        words = "a full" if share is None else f"{share:.0%} of its"
         if lasts_s < needed_s:
             yield (
-                f"{name} with {'a full' if name in full else words} battery flies {lasts_s:.0f} s until "
+                f"{name} with {words} battery flies {lasts_s:.0f} s until "
                 f"{mission.low_battery_share:.0%} are left, the flight needs {needed_s:.0f} s "
                 f"({_RESERVE:g} times its time): fewer configurations, or full batteries"
             )
 
 
+def _needed_s(situation: Situation, flight_s: float) -> float:
+    return _RESERVE * (situation.before_s + flight_s + _AFTER_S)
+
+
+def _lasting(mission: Mission, situation: Situation) -> List[Tuple[str, float]]:
+    """How long (s) each vehicle's battery lasts; those that are not known count as full."""
+    full = {n: 1.0 for n in situation.places if n not in situation.battery_share}
+    shares = {**full, **situation.battery_share}
+    return [(name, mission.lasts_s(share)) for name, share in shares.items()]
+
+
 def _named(mission: Mission, moment: Sequence[Task]) -> str:
     if moment[0].index is None:
         return f"way of {' and '.join(t.vehicle for t in moment)} back to the column"
-    return " and ".join(
-        f"configurations[{t.index}] ({mission.configurations[t.index].title})" for t in moment
-    )
+    return " and ".join(f"configurations[{t.index}] ({mission.title(t.index)})" for t in moment)

@@ -31,13 +31,34 @@ class PlanGate:
     def from_here(self, snapshot: Snapshot, indices: Optional[Sequence[int]]) -> str:
         """Why the list cannot be flown from where the vehicles hang now, "" where it can or places
         are not known."""
+        situation = self._here(snapshot)
+        if situation is None:
+            return ""  # GUIDED waits for it
+        return "; ".join(plan_check.check_plan(self._mission, situation, self._radius_m, indices))
+
+    def within_batteries(self, snapshot: Snapshot) -> Tuple[Optional[List[int]], str]:
+        """The configurations of the stations that the batteries allow, and in words after which one
+        to come back; None and "" where they allow all, or places are not known."""
+        situation = self._here(snapshot)
+        if situation is None or not self._mission.stations:
+            return None, ""
+        flight = plan_check.fly_on_paper(self._mission, situation, self._radius_m)
+        reached = plan_check.reached(self._mission, situation, flight)
+        if len(reached) == len(flight.views):
+            return None, ""
+        last = self._mission.viewpoints[reached[-1].view].title
+        missing = [self._mission.viewpoints[v.view].title for v in flight.views[len(reached) :]]
+        words = f"the batteries reach to {last} and back, left out: {', '.join(missing)}"
+        return [i for view in reached for i in view.configurations], words
+
+    def _here(self, snapshot: Snapshot) -> Optional[plan_check.Situation]:
+        """From where the vehicles hang now; None where a place is not known."""
         views = snapshot.vehicles
         if any(v.T_home_cam is None for v in views.values()):
-            return ""  # GUIDED waits for it
+            return None
         places = {n: snapshot.p_home_cam(n) for n in self._vehicles}
         height_m = views[self._mission.reference].height_m
-        situation = plan_check.Situation(height_m, places, _shares(snapshot), before_s=0.0)
-        return "; ".join(plan_check.check_plan(self._mission, situation, self._radius_m, indices))
+        return plan_check.Situation(height_m, places, _shares(snapshot), before_s=0.0)
 
 
 def _shares(snapshot: Snapshot) -> Dict[str, float]:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is flown in which order, and how the operator changes it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Collection, List, Optional, Sequence, Set
 
 from fcsv_geometry.missions.mission import Mission
@@ -9,12 +9,15 @@ from fcsv_geometry.missions.mission import Mission
 
 @dataclass(frozen=True)
 class Task:
-    """A vehicle's place: that of a configuration, or (None) where it was parked when the list
-    began. ``joins``: it moves at the same time as the task before."""
+    """A vehicle's place: that of a configuration, or (None) its place in the column. ``joins``: it
+    moves at the same time as the task before. ``view``: at which of the mission's viewpoints;
+    ``changes``: the column flies there."""
 
     vehicle: str
     index: Optional[int] = None
     joins: bool = False
+    view: int = 0
+    changes: bool = False
 
 
 def tasks(
@@ -22,26 +25,55 @@ def tasks(
     vehicles: Sequence[str],
     indices: Optional[Sequence[int]] = None,
     away: Collection[str] = (),
+    at: Optional[int] = 0,
+    gone: Collection[str] = (),
 ) -> List[Task]:
     """What is flown in order. A vehicle that has done its part goes back to its place in the column
     before others move and before all land, so that no vehicle comes down on another. ``away`` are
-    out of the column already."""
+    out of the column already. The column is at viewpoint ``at`` (None: under way), changes over to
+    each one's viewpoint, and ends at home; ``gone`` take no part."""
     found: List[Task] = []
+    flying = [n for n in vehicles if n not in gone]
+
+    def change_over(view: int) -> List[Task]:
+        back = _at_once([Task(n, view=at or 0) for n in away])
+        return back + _at_once([Task(n, view=view, changes=True) for n in flying])
+
     for moment in mission.moments(indices):
+        view = mission.configurations[moment[0]].view
+        if view != at:
+            found += change_over(view)
+            away, at = (), view
         movers = [mission.mover(i, vehicles) for i in moment]
-        found += _at_once([Task(n) for n in away if n not in movers])
-        found += _at_once([Task(n, i) for n, i in zip(movers, moment)])
+        found += _at_once([Task(n, view=view) for n in away if n not in movers])
+        found += _at_once([Task(n, i, view=view) for n, i in zip(movers, moment)])
         away = movers
+    if at != 0:
+        return found + change_over(0)
     return found + _at_once([Task(n) for n in away])
 
 
 def _at_once(moves: Sequence[Task]) -> List[Task]:
-    return [Task(t.vehicle, t.index, joins=k > 0) for k, t in enumerate(moves)]
+    return [replace(t, joins=k > 0) for k, t in enumerate(moves)]
+
+
+def _without(left: Sequence[Task], vehicle: str) -> List[Task]:
+    """The tasks of the others; each moment stays one."""
+    kept: List[Task] = []
+    orphaned = False  # the first of its moment was the vehicle's
+    for task in left:
+        if task.vehicle == vehicle:
+            orphaned = orphaned if task.joins else True
+            continue
+        kept.append(replace(task, joins=task.joins and not orphaned))
+        orphaned = False
+    return kept
 
 
 class TaskList:
     """The tasks that are left, the running ones first. Changes answer "" or why they cannot be
-    made. ``away``: who is out of the column."""
+    made. ``away``: who is out of the column; ``at``: the viewpoint where that is, None where it is
+    under way."""
 
     def __init__(
         self,
@@ -50,11 +82,12 @@ class TaskList:
         left: Sequence[Task],
         flown: Sequence[int] = (),
         away: Collection[str] = (),
+        at: Optional[int] = 0,
     ):
         self._mission, self._vehicles = mission, list(vehicles)
         self.left = list(left)
         self.flown = list(flown)  # configurations that are behind, recorded or left out
-        self.away = list(away)
+        self.away, self.at = list(away), at
         self._gone: Set[str] = set()  # take no part any more
         self._last = next((t.index for t in self.left if t.index is not None), 0)
 
@@ -88,10 +121,16 @@ class TaskList:
         indices = self._indices()
         return self._mission.moments(indices)[0] if indices else []
 
+    def depart(self) -> None:
+        """The column leaves for another viewpoint."""
+        self.at = None
+
     def done(self) -> None:
         """The running tasks are done."""
         moment = self.moment
         self.left = self.left[len(moment) :]
+        if moment[0].changes:
+            self.at = moment[0].view
         for task in moment:
             self.away = [n for n in self.away if n != task.vehicle]
             if task.index is not None:
@@ -101,7 +140,7 @@ class TaskList:
 
     def go_back(self) -> None:
         """Nothing more is flown but the way back."""
-        self.left = _at_once([Task(n) for n in self._out()])
+        self.left = self._tasks([], self._out())
 
     @property
     def working(self) -> List[str]:
@@ -116,11 +155,9 @@ class TaskList:
         self.flown += lost
         self.away = [n for n in self.away if n != vehicle]
         if any(t.index is not None for t in self.left):
-            self.left = tasks(
-                self._mission, self._vehicles, [i for i in self._indices() if i not in lost], away
-            )
+            self.left = self._tasks([i for i in self._indices() if i not in lost], away)
         else:
-            self.left = _at_once([t for t in self.left if t.vehicle != vehicle])
+            self.left = _without(self.left, vehicle)
         return lost
 
     def skip(self) -> str:
@@ -158,7 +195,8 @@ class TaskList:
 
     def _out(self) -> List[str]:
         """Who is out of the column, or on its way."""
-        return list(dict.fromkeys([*self.away, *(t.vehicle for t in self.moment)]))
+        moving = [t.vehicle for t in self.moment if not t.changes]
+        return list(dict.fromkeys([*self.away, *moving]))
 
     def _indices(self) -> List[int]:
         return [t.index for t in self.left if t.index is not None]
@@ -167,4 +205,7 @@ class TaskList:
         return self._indices()[len(self.coming) :]
 
     def _order(self, indices: Sequence[int]) -> None:
-        self.left = tasks(self._mission, self._vehicles, indices, self._out())
+        self.left = self._tasks(indices, self._out())
+
+    def _tasks(self, indices: Sequence[int], away: Collection[str]) -> List[Task]:
+        return tasks(self._mission, self._vehicles, indices, away, self.at, self._gone)

@@ -6,12 +6,12 @@ from typing import Dict, Mapping, Sequence, Tuple
 import numpy as np
 
 from fcsv_control.mission.plans.task_list import Task
-from fcsv_geometry.missions.camera_places import camera_place
+from fcsv_geometry.missions.camera_places import in_home, mover_place
 from fcsv_geometry.missions.mission import Mission
 
 
 class Destinations:
-    """``parked`` is each vehicle's T_home_cam in the column, level."""
+    """``parked`` is each vehicle's T_home_cam in the column, level, as it stands at home."""
 
     def __init__(self, mission: Mission, parked: Mapping[str, np.ndarray]):
         self._mission, self._parked = mission, parked
@@ -19,9 +19,9 @@ class Destinations:
     def place(self, task: Task) -> Tuple[np.ndarray, str]:
         """T_home_cam, and its name."""
         if task.index is None:
-            return self._parked[task.vehicle], "its place in the column"
-        configuration = self._mission.configurations[task.index]
-        return camera_place(configuration), configuration.title
+            T_home_cam = in_home(self._mission, task.view, self._parked[task.vehicle])
+            return T_home_cam, "its place in the column"
+        return mover_place(self._mission, task.index), self._mission.title(task.index)
 
     def places(self, moment: Sequence[Task]) -> Dict[str, np.ndarray]:
         """T_home_cam by vehicle of tasks at once."""
@@ -29,6 +29,8 @@ class Destinations:
 
     def in_words(self, moment: Sequence[Task]) -> Tuple[str, str]:
         """(who, where to)."""
+        if moment[0].changes:
+            return "the column", self._mission.viewpoints[moment[0].view].title
         names = [self.place(t)[1] for t in moment]
         where = (
             "their places in the column"

@@ -13,6 +13,7 @@ def capture_message(mission: Mission, window: CaptureWindow, wall_offset_s: floa
     """What /mission/capture says of a recording window: in the time of day, by which pictures are
     stamped, minus the clock of the window ``wall_offset_s``."""
     c = mission.configurations[window.index]
+    viewpoint = mission.viewpoint(window.index)
     axis = Configuration.HORIZONTAL if c.axis == "horizontal" else Configuration.VERTICAL
     return Capture(
         header=conversions.header(rospy.get_time(), ""),
@@ -22,5 +23,7 @@ def capture_message(mission: Mission, window: CaptureWindow, wall_offset_s: floa
         vehicle=window.vehicle,
         start=rospy.Time.from_sec(window.start_s + wall_offset_s),
         stop=rospy.Time.from_sec(window.stop_s + wall_offset_s),
+        station=viewpoint.station if mission.stations else "",
+        heading_rad=viewpoint.heading_rad,
         position_error_m=window.position_error_m,
     )

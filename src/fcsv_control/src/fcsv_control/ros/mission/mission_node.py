@@ -241,6 +241,8 @@ class MissionNode:
                 stage=m.stage,
                 configuration=m.configuration,
                 configurations=len(self._mission.configurations),
+                station=m.station,
+                heading_rad=m.heading_rad,
                 problems=m.problems,
             )
         )

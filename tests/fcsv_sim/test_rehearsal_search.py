@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The search for flights in which vehicles come near to each other."""
+
+import numpy as np
+import pytest
+
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_sim.errors import SimulationError
+from fcsv_sim.rehearsal.command import Job, main, rehearse
+from fcsv_sim.rehearsal.draws import from_text
+from fcsv_sim.rehearsal.search import Found, found_in, search, table
+
+KINDS = ("radio cut", "abort", "battery")
+
+
+class Valley:
+    """Stands in for flights: nearest where the first draw of the first fault is 0.7."""
+
+    def __init__(self):
+        self.flown = []
+
+    def fly(self, varied):
+        self.flown += varied
+        return [
+            Found(abs(v.draws[0][0] - 0.7), ("contact",) if "abort" in v.faults else ())
+            for v in varied
+        ]
+
+
+def test_a_search_goes_where_vehicles_come_near_and_flies_one_or_two_faults():
+    valley = Valley()
+    found = search(KINDS, 240, 1, valley.fly)
+    early, late = (
+        [abs(v.draws[0][0] - 0.7) for v in part] for part in (valley.flown[:24], valley.flown[-24:])
+    )
+    assert np.median(late) < 0.5 * np.median(early) and len(found) <= 240
+    assert {len(v.draws) for v in found} == {1, 2}
+    assert all(len(v.draws) == v.faults.count("+") + 1 for v in found)
+
+
+def test_a_search_that_was_stopped_goes_on_and_ends_as_one_that_was_not(tmp_path):
+    log, whole = tmp_path / "search.jsonl", search(KINDS, 96, 3, Valley().fly)
+    search(KINDS, 48, 3, Valley().fly, log)
+    rest = Valley()
+    assert search(KINDS, 96, 3, rest.fly, log) == whole and 0 < len(rest.flown) <= 48
+    again = Valley()
+    assert search(KINDS, 96, 3, again.fly, log) == whole and not again.flown
+
+
+def test_its_table_shows_the_worst_of_each_pair_and_how_to_see_it():
+    found = search(KINDS, 48, 1, Valley().fly)
+    lines = table(found, 1, 3)
+    assert len(lines) == 5 and len({line.split("|")[2] for line in lines[2:]}) == 3
+    nearest = [float(line.split("|")[1]) for line in lines[2:]]
+    assert nearest == sorted(nearest) and "--seed 1 --faults '" in lines[2]
+
+
+def test_it_says_what_is_wrong(tmp_path, capsys):
+    with pytest.raises(SimulationError, match="4 flights are too few, 5 at least"):
+        search(KINDS, 4, 1, Valley().fly)
+    log = tmp_path / "no.jsonl"
+    log.write_text("what")
+    with pytest.raises(SimulationError, match="is no log of a search"):
+        search(KINDS, 5, 1, Valley().fly, log)
+    assert main(["short", "--faults", "abort", "--draws", "0.5 2"]) == 2
+    assert "numbers from 0 to 1" in capsys.readouterr().err
+    assert found_in(float("inf"), ["fence", "fence"]) == Found(99.0, ("fence",))
+
+
+def test_chosen_draws_say_when_and_whom_a_fault_befalls():
+    mission = Mission("drawn", [StereoConfiguration("horizontal", 2.0, record_s=1.0)])
+    # any phase, the first (take-off); half of it; the second vehicle; for good
+    job = Job(mission, 2, 4, "radio cut", 12.0, from_text("0.9 0 0.5 0.9 0.9 0 0.1"))
+    befallen = []
+
+    def watched(flight):
+        flight.recorder = lambda f: befallen.append([n for n, r in f.radios.items() if r.cut])
+
+    result = rehearse(job, watched)
+    assert result.began == ["radio cut"] and befallen[-1] == ["uav2"]
+
+
+@pytest.mark.slow
+def test_a_few_flights_are_searched_by_the_command(tmp_path, capsys):
+    log = tmp_path / "search.jsonl"
+    args = ["short", "--search", "5", "--seed", "3", "--longest", "25", "--log", str(log)]
+    status = main([*args, "--faults", "radio cut,abort"])
+    told = capsys.readouterr().out
+    assert "5 flights, 5 of them broke" in told and status == 1  # none ended within 25 s
+    assert len(log.read_text().splitlines()) == 5

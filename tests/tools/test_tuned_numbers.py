@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bench that varies tuned numbers: what it varies, which kernels it compiles anew, what it
+says of a change."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from bench import tuned_numbers as tool
+
+
+def rows(*shares):
+    return {str(n): [*shares, 1.0] for n in tool.SCENES}
+
+
+def test_every_number_is_varied_to_other_values_and_back_from_json():
+    found = list(tool.variations())
+    assert {(v.stage, v.number) for v in found} == {
+        (type(s).__name__, f.name) for s in tool.STAGES for f in fields(s) if getattr(s, f.name)
+    }
+    for v in found:
+        stage = next(s for s in tool.STAGES if type(s).__name__ == v.stage)
+        assert json.loads(json.dumps(v.value)) == v.value != getattr(stage, v.number)
+    assert len({v.key for v in found}) == len(found)
+
+
+def test_only_kernels_that_a_stage_reaches_are_compiled_anew(tmp_path):
+    reached = tool.reached("Select")
+    assert "select" in reached and not {"census", "sgm", "moved", "data_cost"} & reached
+    assert "select" in tool.reached("DataCost")
+    kernels = [
+        tmp_path / "surfaces_1" / f"{m}.k-1.py311.nb{e}" for m in ("select", "sgm") for e in "ic"
+    ]
+    kernels[0].parent.mkdir()
+    for path in kernels:
+        path.touch()
+    tool._forget(tmp_path, reached)
+    assert [p for p in kernels if p.exists()] == kernels[2:]
+
+
+def test_what_a_change_means():
+    base = rows(90.0, 10.0, 95.0)
+    same, less, none = (tool.change(base, rows(90.0 - d, 10.0, 95.0)) for d in (0.1, 2.0, 0.0))
+    error = np.full(3, 0.2)
+    assert tool.verdict([none, none], error) == "not reached"
+    assert tool.verdict([none, same], error) == "same"
+    assert tool.verdict([less, same], error) == "matters"
+
+
+def test_a_line_that_a_stop_cut_off_is_measured_again(tmp_path):
+    tool._keep(tool._kept(tmp_path), "Select.p1=1.0", {"street 1": [1.0]})
+    with tool._kept(tmp_path).open("a") as f:
+        f.write('{"key": "Select.p2=')
+    assert list(tool._read(tmp_path)) == ["Select.p1=1.0"]
+    with pytest.raises(SystemExit):
+        tool.main([str(tmp_path / "empty"), "--show"])
+
+
+def test_the_number_is_changed_before_joint_freezes_it():
+    program = (
+        "from bench.one_variation import _set_before_joint as put\n"
+        "put({'stage': 'Sky', 'number': 'bins', 'value': 7})\n"
+        "from fcsv_stereo.joint.checks import sky\n"
+        "print(sky._BINS)"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ended.stdout.strip() == "7"
