@@ -146,3 +146,34 @@ def test_the_command_refuses_a_map_that_lacks_a_file(
     call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
     assert ground_command.main(call) == 2
     assert words in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        (["--cell-m", "0"], "--cell-m: must be above 0 m, got 0.0"),
+        (["--cell-m", "nan"], "--cell-m: must be above 0 m, got nan"),
+        (["--reach-m=-5"], "--reach-m: must be above 0 m"),
+        (["--octomap", "0"], "--octomap: must be above 0 m"),
+        (["--octomap", "0.0001"], "take larger voxels"),
+        (["--through-unknown", "2"], "--through-unknown is of --route X0 Y0 X1 Y1"),
+        (["--place-sigma-m", "2"], "--place-sigma-m is of --route X0 Y0 X1 Y1"),
+    ],
+)
+def test_the_command_refuses_a_wrong_option_and_leaves_nothing(
+    scene, write_map, root, tmp_path, capsys, options, words
+):
+    write_map(scene().view(), tmp_path / "map")
+    call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
+    assert ground_command.main([*call, *options]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+
+
+def test_the_same_map_twice_is_no_second_witness(scene, write_map, root, tmp_path, capsys):
+    for name in ("map", "copy"):
+        write_map(scene().view(), tmp_path / name)
+    maps = [str(tmp_path / name) for name in ("map", "copy")]
+    call = [*maps, "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
+    assert ground_command.main(call) == 2
+    assert "copy: is the same map as" in capsys.readouterr().err

@@ -70,7 +70,7 @@ def test_a_goal_beyond_closed_walls_has_no_route_and_nothing_to_see(scene, rescu
 @pytest.mark.parametrize(
     "goal, words",
     [
-        ((60.0, 0.0), "outside of what was mapped"),
+        ((60.0, 0.0), r"outside of what was mapped \(x [-0-9.]+ to [0-9.]+, y "),
         ((13.2, 0.0), "at an obstacle"),
         ((14.6, -0.5), "not known|at an obstacle"),
         ((np.nan, 0.0), "not finite"),
@@ -79,6 +79,11 @@ def test_a_goal_beyond_closed_walls_has_no_route_and_nothing_to_see(scene, rescu
 def test_a_goal_where_no_robot_can_stand_is_refused(ground, rescue, goal, words):
     with pytest.raises(RouteError, match=words):
         plan_route(ground, rescue, (10.0, 0.0), goal)
+
+
+def test_a_place_that_is_known_worse_than_the_map_is_wide_is_refused_at_once(ground, rescue):
+    with pytest.raises(RouteError, match="wider than what was mapped"):
+        plan_route(ground, rescue, (10.0, 0.0), (18.0, 0.0), place_sigma_m=50.0)
 
 
 def test_a_cost_below_that_of_known_ground_is_refused(ground, rescue):

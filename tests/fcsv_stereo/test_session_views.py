@@ -75,7 +75,7 @@ def test_a_survey_takes_each_view_by_itself(session, plain):
     assert [s.view for s in sources] == [*VIEWS, ""]
     assert [s.leads for s in sources] == [True, False, False, True]
     assert [s.in_site for s in sources] == [True, True, True, False]
-    keys = [inputs.source_key(s) for s in sources]
+    keys = list(inputs.source_keys(sources).values())
     assert len(set(keys)) == 4 and inputs.copies(dict(zip("abcd", keys))) == {}
 
 

@@ -279,6 +279,7 @@ def test_views_that_do_not_overlap_stay_at_their_stations(maps, tmp_path, capsys
     (maps[1] / "station.yaml").write_text(STATION.replace("heading_deg: 10", "heading_deg: 190"))
     assert survey(*maps[:2], "-o", tmp_path / "out") == 0
     said, found = capsys.readouterr().out, document(tmp_path / "out")
+    assert "no other view sees what m1, m2 sees" in said
     assert "no two views were joined" in said and "overlaps no other: stays at its station" in said
     assert found["edges"] == [] and [v["overlaps"] for v in found["views"]] == [[], []]
     assert np.allclose(np.array(found["views"][1]["T_site_home"])[:3, 3], [1, 2, 3], atol=0.05)
@@ -304,6 +305,7 @@ def test_views_without_station_and_overlap_are_missing(maps, tmp_path):
         (STATION.replace("[1, 2, 3]", "[1, 2, .nan]"), "'place_m[2]' must be finite"),
         (STATION.replace("[1, 2, 3]", "[1, 2]"), "'place_m' must have 3 values"),
         (STATION + "heading: 3\n", "unknown key 'heading'"),
+        (STATION.replace("0.5", "5e-1"), "got str '5e-1': write 0.5"),
         (STATION.replace("place_sigma_m: 0.5\n", ""), "'place_sigma_m' is missing"),
         (STATION.replace("0.5", "-1"), "place_sigma_m: must be positive"),
         (STATION + "scale_sigma: 3\n", "scale_sigma: is a share of the scale"),
@@ -317,6 +319,29 @@ def test_a_wrong_station_is_refused_before_any_map_by_file_and_field(
     assert survey(*maps, "-o", tmp_path / "out") == 2
     error = capsys.readouterr().err
     assert "m2/station.yaml" in error and said in error and not (tmp_path / "out").exists()
+
+
+def test_a_station_whose_file_is_named_nearly_right_is_refused(maps, tmp_path, capsys):
+    (maps[1] / "station.yaml").rename(maps[1] / "station.yml")
+    assert survey(*maps, "-o", tmp_path / "out") == 2
+    assert "m2/station.yml: would not be read; name it station.yaml" in capsys.readouterr().err
+
+
+def test_names_that_collide_are_told_apart(maps, tmp_path, capsys):
+    """A copy of m1 gets the name m1-2, which is that of another input."""
+    maps[1].rename(tmp_path / "m1-2")
+    assert survey(maps[0], maps[0], tmp_path / "m1-2", maps[2], "-o", tmp_path / "out") == 1
+    found = document(tmp_path / "out")
+    assert [v["name"] for v in found["views"]] == ["m1", "m1-2", "m3"]
+    assert [m["name"] for m in found["missing"]] == ["m1-3"]
+
+
+def test_a_view_without_any_sure_depth_is_missing(maps, tmp_path, capsys):
+    np.save(maps[1] / "depth.npy", np.full_like(np.load(maps[1] / "depth.npy"), np.nan))
+    assert survey(*maps, "-o", tmp_path / "out") == 1
+    assert "MISSING m2: " in (said := capsys.readouterr().out) and "no depth that is sure" in said
+    assert survey(maps[1], "-o", tmp_path / "none") == 2
+    assert "no view could be mapped" in capsys.readouterr().err
 
 
 def test_inputs_that_are_none_are_refused(maps, tmp_path, capsys):

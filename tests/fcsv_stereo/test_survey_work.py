@@ -185,7 +185,7 @@ def test_every_second_photograph_is_the_reference_of_a_view(tmp_path):
     assert [s.name for s in found] == ["walk-p0", "walk-p2", "walk-p4"]
     assert [s.reference for s in found] == ["p0.jpg", "p2.jpg", "p4.jpg"]
     assert [s.station is not None for s in found] == [True, False, False]
-    keys = {s.name: inputs.source_key(s) for s in found}
+    keys = inputs.source_keys(found)
     assert inputs.copies(keys) == {} and len(inputs.sources_of([folder])) == 1
     with pytest.raises(InputError, match="--every: is 1 or more"):
         inputs.sources_of([folder], every=-1)

@@ -230,6 +230,9 @@ def test_a_control_list_is_read_as_odm_writes_it(tmp_path):
         ("EPSG:2225\n1 2 3 4 5 a.jpg\n", "has not metres"),
         ("EPSG:4979\n1 2 3 4 5 a.jpg\n", "has 3 axes"),
         (GOOD + "391001 5817000 80 1 2 b.jpg north\n", "line 5: north is at"),
+        (GOOD + "391001 5817000 80 1 2 DJI 0001.JPG\n", "blanks into double quotes"),
+        ("EPSG:32633\n5817000 391000 3 4 5 a.jpg\n", "are x and y exchanged"),
+        ("EPSG:4326\n391000 5817000 3 4 5 a.jpg p\n", "p: coordinates lie outside of EPSG:4326"),
     ],
 )
 def test_a_wrong_control_list_is_refused_by_line(tmp_path, text, said):
@@ -238,8 +241,19 @@ def test_a_wrong_control_list_is_refused_by_line(tmp_path, text, said):
     assert "gcp_list.txt" in str(error.value)
 
 
+def test_a_control_list_of_other_programs_is_read(tmp_path):
+    """A byte order mark, ends of lines as Windows has them, a name with blanks."""
+    path = gcp_file(tmp_path, "")
+    text = GOOD.replace("a.jpg", '"DJI 0001.JPG"').replace("\n", "\r\n")
+    path.write_bytes(text.encode("utf-8-sig"))
+    assert read_control_points(path).marks[0].picture == "DJI 0001.JPG"
+    path.write_bytes("EPSG:32633\n# Süd\n".encode("latin-1"))
+    with pytest.raises(InputError, match="is not text in UTF-8; save it so"):
+        read_control_points(path)
+
+
 def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(InputError, match="none.txt: cannot be read"):
+    with pytest.raises(InputError, match="none.txt: does not exist"):
         read_control_points(tmp_path / "none.txt")
 
 

@@ -180,10 +180,27 @@ def _convert(value: Any, kind: Any, source: str, at: str, base: Any = None) -> A
     if kind is Any:
         return value
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-        raise _wrong(source, at, f"must be {kind.__name__}, got {_kind(value)}")
+        hint = _yaml_number(value) if kind is float else ""
+        raise _wrong(source, at, f"must be {kind.__name__}, got {_kind(value)}{hint}")
     if isinstance(value, float) and not math.isfinite(value):
         raise _wrong(source, at, f"must be finite, got {value}")
     return value
+
+
+def _yaml_number(value: Any) -> str:
+    """How to write a number that YAML takes for a word.
+
+    >>> _yaml_number("1e-3"), _yaml_number("5 m")
+    (': write 0.001', '')
+    >>> _yaml_number("1e-12")
+    ': write 1.0e-12'
+    """
+    try:
+        number = repr(float(value)) if isinstance(value, str) else ""
+    except ValueError:
+        return ""
+    number = number if "." in number else number.replace("e", ".0e")
+    return f": write {number}" if number else ""
 
 
 def _convert_sequence(value, origin, args, source, at):

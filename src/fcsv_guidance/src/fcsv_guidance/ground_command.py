@@ -2,16 +2,18 @@
 """The command ``rosrun fcsv_guidance ground MAP... --robot NAME -o OUT``."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import List, Optional
 
 from fcsv_geometry.programs.commands import run
+from fcsv_geometry.programs.live_line import LiveLine, Steps
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.ground_folder import GroundOptions, GroundWritten, RouteAsked, write_ground
 from fcsv_guidance.look_from import next_commands
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route import NoRoute
-from fcsv_guidance.views import read_map
+from fcsv_guidance.views import read_map, require_different
 
 _EXAMPLES = """examples:
   ground out/map --robot config/robots/rescue.yaml -o out/ground
@@ -32,21 +34,12 @@ def _ground(args: argparse.Namespace) -> int:
     robot, out = load_robot(args.robot), Path(args.out)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise GroundError(f"{out}: exists and is not an empty folder; give another with -o")
-    views = [read_map(folder) for folder in args.maps]
-    asked = None
-    if args.route:
-        asked = RouteAsked(
-            tuple(args.route[:2]),
-            tuple(args.route[2:]),
-            args.place_sigma_m,
-            args.through_unknown,
-            Path(args.look_from) if args.look_from else None,
-        )
-    elif args.look_from:
-        raise GroundError("--look-from: says where to look for a route; give --route, too")
-    written = write_ground(
-        views, robot, out, GroundOptions(args.cell_m, args.reach_m, args.octomap), asked
-    )
+    options = GroundOptions(args.cell_m, args.reach_m, args.octomap)
+    asked = _route(args)
+    with Steps(LiveLine(sys.stderr), "reading maps").shown() as steps:
+        views = [read_map(folder) for folder in args.maps]
+        require_different(views)
+        written = write_ground(views, robot, out, options, asked, steps.begin)
     found = written.found
     print(written.summary)
     if isinstance(found, NoRoute):
@@ -59,6 +52,27 @@ def _ground(args: argparse.Namespace) -> int:
         )
     print(f"wrote {len(written.paths)} files to {out}")
     return 1 if isinstance(found, NoRoute) else 0
+
+
+def _route(args: argparse.Namespace) -> Optional[RouteAsked]:
+    """What is asked for; None: no route. Raises GroundError on an option that would be ignored."""
+    if args.route:
+        return RouteAsked(
+            tuple(args.route[:2]),
+            tuple(args.route[2:]),
+            args.place_sigma_m,
+            args.through_unknown,
+            Path(args.look_from) if args.look_from else None,
+        )
+    if args.look_from:
+        raise GroundError("--look-from: says where to look for a route; give --route, too")
+    for option, given in (
+        ("--place-sigma-m", args.place_sigma_m != 0.0),
+        ("--through-unknown", args.through_unknown is not None),
+    ):
+        if given:
+            raise GroundError(f"{option} is of --route X0 Y0 X1 Y1, which is not given")
+    return None
 
 
 def _print_look_from(written: GroundWritten, mission: Path) -> None:

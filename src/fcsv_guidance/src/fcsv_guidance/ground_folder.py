@@ -5,12 +5,12 @@ forms."""
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Optional, Sequence, Tuple, Union
+from typing import Callable, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from fcsv_guidance import tuning
-from fcsv_guidance.errors import EndNotSeenError
+from fcsv_guidance.errors import EndNotSeenError, GroundError
 from fcsv_guidance.ground import Ground, ground_from, stand_probability
 from fcsv_guidance.look_from import LookFrom, look_from, write_look_from
 from fcsv_guidance.map_files import occupancy, write_layers, write_map_server
@@ -22,16 +22,29 @@ from fcsv_guidance.views import DepthView
 
 PICTURE = "ground.png"
 DOCUMENT = "ground.json"
+Begin = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class GroundOptions:
     """Side of a cell, how far from a camera the grid reaches, and the voxels of an OctoMap (None:
-    none is written)."""
+    none is written).
+
+    Raises GroundError on one that is not positive.
+    """
 
     cell_m: float = 0.1
     reach_m: float = 60.0
     voxel_m: Optional[float] = None
+
+    def __post_init__(self):
+        for option, value in (
+            ("--cell-m", self.cell_m),
+            ("--reach-m", self.reach_m),
+            ("--octomap", self.voxel_m),
+        ):
+            if value is not None and not 0.0 < value < np.inf:
+                raise GroundError(f"{option}: must be above 0 m, got {value}")
 
 
 @dataclass(frozen=True)
@@ -63,6 +76,7 @@ def write_ground(
     out: Path,
     options: GroundOptions = GroundOptions(),
     asked: Optional[RouteAsked] = None,
+    begin: Begin = lambda step, share: None,
 ) -> GroundWritten:
     """All files of the ground that ``views`` show, and the route that is ``asked`` for, into folder
     ``out``.
@@ -70,10 +84,13 @@ def write_ground(
     Raises GuidanceError where there is no ground or the route cannot be asked for; then nothing is
     written.
     """
+    begin("the ground", 0.2)
     ground = ground_from(views, options.cell_m, reach_m=options.reach_m)
+    begin("where the robot can stand", 0.4)
     stands = stand_probability(ground, robot)
     found, looks = None, None
     if asked is not None:
+        begin("the route", 0.5)
         found = _route(ground, robot, asked)
         if asked.mission is not None and isinstance(found, NoRoute) and len(found.to_see):
             looks = look_from(ground, robot, found.to_see, views[0])
@@ -81,12 +98,15 @@ def write_ground(
                 write_look_from(looks, asked.mission, ground.views)
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
+    paths: List[Path] = []
+    if options.voxel_m is not None:  # first: it may be refused
+        begin("the OctoMap", 0.6)
+        paths += write_octomap(views, out, "map", options.voxel_m, options.reach_m)
+    begin("writing", 0.8)
     occupied = occupancy(ground, robot, stands)
-    paths: List[Path] = write_map_server(occupied, ground.grid, out, "map")
+    paths += write_map_server(occupied, ground.grid, out, "map")
     paths += write_map_server(occupied, ground.grid, out, "map_scaled", scaled=True)
     paths += write_layers(ground, stands, out)
-    if options.voxel_m is not None:
-        paths += write_octomap(views, out, "map", options.voxel_m, options.reach_m)
     draw(ground, robot, stands, out / PICTURE, found if isinstance(found, Route) else None)
     (out / DOCUMENT).write_text(json.dumps(_document(ground, stands, robot.name, found), indent=1))
     return GroundWritten(

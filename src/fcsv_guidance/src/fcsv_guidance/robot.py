@@ -8,6 +8,8 @@ import numpy as np
 from fcsv_geometry.config import load, require_positive
 
 _STEEPEST_DEG = 60.0  # no wheeled robot holds a steeper slope
+_FLATTEST_DEG = 1.05  # 60 degrees in radians
+_LARGEST_M = 10.0  # of radius and height
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,15 @@ class Robot:
             raise ValueError(
                 f"largest_slope_deg: at most {_STEEPEST_DEG:.0f}, got {self.largest_slope_deg}"
             )
+        if self.largest_slope_deg < _FLATTEST_DEG:
+            raise ValueError(
+                f"largest_slope_deg: at least {_FLATTEST_DEG}, got {self.largest_slope_deg}; is it in radians?"
+            )
+        for name in ("radius_m", "height_m"):
+            if getattr(self, name) > _LARGEST_M:
+                raise ValueError(
+                    f"{name}: at most {_LARGEST_M:.0f} m, got {getattr(self, name)}; is it in cm or mm?"
+                )
         if self.clearance_m >= self.height_m:
             raise ValueError(
                 f"clearance_m: must be below height_m ({self.height_m}), got {self.clearance_m}"

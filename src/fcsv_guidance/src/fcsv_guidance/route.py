@@ -60,6 +60,12 @@ def plan_route(
         )
     if not 0 <= place_sigma_m < np.inf:
         raise RouteError(f"the sigma of the robot's place must be 0 m or more, got {place_sigma_m}")
+    across_m = ground.grid.cell_m * min(ground.grid.shape)
+    if 2 * (robot.radius_m + 2 * place_sigma_m) > across_m:
+        raise RouteError(
+            f"{robot.name} and two sigma ({place_sigma_m:g} m) of its place on each side are wider than what was "
+            f"mapped, {across_m:.0f} m: tell its place better, or map more"
+        )
     p = stand_probability(ground, robot, 2 * place_sigma_m)
     return route_over(ground.grid, p, start_m, goal_m, through_unknown)
 
@@ -104,7 +110,10 @@ def _end(grid: Grid, p: np.ndarray, xy, name: str, through_unknown) -> Tuple[int
     cell = grid.cell_of(*xy)
     where = f"the {name} ({xy[0]:.2f}, {xy[1]:.2f}) m"
     if cell is None:
-        raise RouteError(f"{where} lies outside of what was mapped; map it first")
+        x0, x1, y0, y1 = grid.extent_m
+        raise RouteError(
+            f"{where} lies outside of what was mapped (x {x0:.1f} to {x1:.1f}, y {y0:.1f} to {y1:.1f}); map it first"
+        )
     if not np.isfinite(p[cell]):
         if through_unknown is None:
             raise EndNotSeenError(

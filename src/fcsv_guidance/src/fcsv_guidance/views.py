@@ -3,6 +3,7 @@
 place."""
 
 from dataclasses import dataclass
+from typing import Sequence
 
 import numpy as np
 
@@ -52,6 +53,18 @@ class DepthView:
                 f"{self.name}: its camera is more than {_FARTHEST_M:.0f} m from home's origin (UTM?), where no robot's "
                 "map has coordinates; map it in a home near the robot"
             )
+
+
+def require_different(views: Sequence[DepthView]) -> None:
+    """Raises GroundError where two views show the same: a copy would count as a second witness."""
+    for i, view in enumerate(views):
+        for other in views[:i]:
+            if np.array_equal(view.T_home_cam, other.T_home_cam) and np.array_equal(
+                view.depth, other.depth, equal_nan=True
+            ):
+                raise GroundError(
+                    f"{view.name}: is the same map as {other.name}, and tells nothing new; give each once"
+                )
 
 
 def read_map(folder) -> DepthView:

@@ -42,7 +42,7 @@ def _survey(args: argparse.Namespace) -> int:
             every=args.every,
         )
     print("\n".join(summary(site)))
-    print(f"wrote {args.out}: {', '.join(FILES)}")
+    print(f"wrote {args.out}: {', '.join(f for f in FILES if (Path(args.out) / f).exists())}")
     return 1 if site.missing else 0
 
 

@@ -2,9 +2,11 @@
 """Ground control points: ODM's ``gcp_list.txt``, and what a view's depth says of them.
 
 The first line names the reference system; each further one is ``x y z pixel_x pixel_y picture
-[name]``; ``#`` begins a comment. Pixels count as OpenCV's: the middle of the first one is (0, 0).
+[name]``; ``#`` begins a comment; double quotes hold a name with blanks. Pixels count as OpenCV's:
+the middle of the first one is (0, 0).
 """
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
@@ -12,12 +14,16 @@ from typing import Dict, List, Optional, Sequence, Tuple
 import numpy as np
 from pyproj import CRS
 
+from fcsv_geometry.programs.writing import in_words
 from fcsv_stereo.errors import InputError, SurveyError
 from fcsv_stereo.survey import earth, tuning
 from fcsv_stereo.survey.features import located
 from fcsv_stereo.survey.views import View
 
 REFERENCE = "reference.png"
+_WORD = re.compile(r'"[^"]*"|\S+')
+_PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+_FAR_OUTSIDE_DEG = 10.0
 
 
 @dataclass(frozen=True)
@@ -43,9 +49,11 @@ class ControlList:
 def read_control_points(path: Path) -> ControlList:
     """Reads ``gcp_list.txt``. Raises InputError naming file and line."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from error
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise InputError(in_words(error, path)) from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not text in UTF-8; save it so") from error
     told = [(n, s.strip()) for n, s in enumerate(lines, 1) if s.strip() and s.strip()[0] != "#"]
     if not told:
         raise InputError(f"{path}: is empty; its first line names the reference system")
@@ -60,17 +68,42 @@ def read_control_points(path: Path) -> ControlList:
     marks = [_mark(path, number, text, points) for number, text in told[1:]]
     if not marks:
         raise InputError(f"{path}: holds no control point")
-    earth.to_geographic(crs, np.array(list(points.values())))
+    for name, xyz in points.items():
+        _require_place(path, crs, name, xyz)
     return ControlList(path, crs, points, marks)
+
+
+def _require_place(path: Path, crs: CRS, name: str, xyz: np.ndarray) -> None:
+    """Raises InputError where a point is no place, or is far outside of where its reference system
+    is used, as one whose x and y are exchanged."""
+    try:
+        longitude, latitude, _ = earth.to_geographic(crs, xyz[None])[0]
+    except SurveyError as error:
+        raise InputError(f"{path}: {name}: {error}; are x and y exchanged?") from error
+    area = crs.area_of_use
+    if area is None or area.west > area.east:  # not told, or across the date line
+        return
+    over = max(
+        area.west - longitude, longitude - area.east, area.south - latitude, latitude - area.north
+    )
+    if over > _FAR_OUTSIDE_DEG:
+        raise InputError(
+            f"{path}: {name}: {xyz[0]:g} {xyz[1]:g} is at {latitude:.1f}, {longitude:.1f} degrees, far outside of "
+            f"{earth.name_of(crs)}: are x and y exchanged, or is it another system?"
+        )
 
 
 def _mark(path: Path, number: int, text: str, points: Dict[str, np.ndarray]) -> Mark:
     """A line; its point is put into ``points``."""
-    words = text.split()
+    words = [w.strip('"') for w in _WORD.findall(text)]
     where = f"{path}, line {number}"
     if len(words) < 6:
         raise InputError(
             f"{where}: has {len(words)} words; x y z pixel_x pixel_y picture [name] are needed"
+        )
+    if len(words) > 6 and Path(words[6]).suffix.lower() in _PICTURES:
+        raise InputError(
+            f"{where}: '{words[5]}' and '{words[6]}' are two words; put a picture's name with blanks into double quotes"
         )
     try:
         values = [float(w) for w in words[:5]]

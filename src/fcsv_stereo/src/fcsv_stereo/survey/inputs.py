@@ -2,6 +2,7 @@
 """The inputs of a survey: what each is, its name, its station, and the key of its content."""
 
 import hashlib
+import itertools
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -74,7 +75,8 @@ def sources_of(paths: Sequence[Path], every: int = 0) -> List[Source]:
         else:
             several = every > 0 and kind is SourceKind.PHOTOGRAPHS
             found += references_of(source, every) if several else [source]
-    return _in_one_site(found)
+    names = different([s.name for s in found])
+    return _in_one_site([replace(s, name=n) for s, n in zip(found, names)])
 
 
 def views_of(source: Source) -> List[Source]:
@@ -122,10 +124,16 @@ def references_of(source: Source, every: int) -> List[Source]:
     ]
 
 
-def source_key(source: Source) -> str:
+def source_keys(sources: Sequence[Source]) -> Dict[str, str]:
+    """Keys of views by name; a folder of many references is read once."""
+    contents = {path: content_key(path) for path in {s.path for s in sources}}
+    return {s.name: source_key(s, contents[s.path]) for s in sources}
+
+
+def source_key(source: Source, content: str) -> str:
     """Key of a view's content: that of its input, and of its reference or view where one is
     named."""
-    content, part = content_key(source.path), source.reference or source.view
+    part = source.reference or source.view
     return f"{content} {part}" if part else content
 
 
@@ -150,8 +158,8 @@ def names_of(paths: Sequence[Path]) -> List[str]:
 
     >>> names_of([Path("a/session"), Path("b/session"), Path("north")])
     ['a-session', 'b-session', 'north']
-    >>> names_of([Path("north"), Path("north")])
-    ['north', 'north-2']
+    >>> names_of([Path("north"), Path("north"), Path("north-2")])
+    ['north', 'north-3', 'north-2']
     """
     parts = [tuple(w for w in p.absolute().resolve().parts if w != "/") or ("view",) for p in paths]
     depth = dict.fromkeys(parts, 1)
@@ -166,9 +174,22 @@ def names_of(paths: Sequence[Path]) -> List[str]:
             break
         for words in alike:
             depth[words] += 1
-    given = [names[words] for words in parts]
-    before = [given[:i].count(name) for i, name in enumerate(given)]  # the same folder again
-    return [name if n == 0 else f"{name}-{n + 1}" for name, n in zip(given, before)]
+    return different([names[words] for words in parts])  # the same folder may stand there again
+
+
+def different(names: Sequence[str]) -> List[str]:
+    """The names, of which those that stood before get the next number that none has.
+
+    >>> different(["photos-1", "a", "photos-1"])
+    ['photos-1', 'a', 'photos-1-2']
+    """
+    found: List[str] = []
+    for name in names:
+        free = (f"{name}-{n}" for n in itertools.count(2))
+        found.append(
+            next(f for f in free if f not in names and f not in found) if name in found else name
+        )
+    return found
 
 
 def content_key(path: Path) -> str:

@@ -12,7 +12,7 @@ from fcsv_geometry.programs.writing import write_whole
 from fcsv_geometry.version import VERSION
 from fcsv_stereo import pipeline
 from fcsv_stereo.model import Progress, silent
-from fcsv_stereo.survey.inputs import Source, SourceKind, source_key
+from fcsv_stereo.survey.inputs import Source, SourceKind, content_key, source_key
 
 VIEWS = "views"
 _THREADS = re.compile(r",? ?threads=\d+")  # a machine's, and no matter to the map
@@ -75,7 +75,8 @@ def make_map(
     folder, note = _places(source, out)
     note.unlink(missing_ok=True)  # a map without a note is made again
     pipeline.run(_request(source, folder, options), progress)
-    content = source_key(source)  # bags may have been repaired meanwhile
+    if source.kind is SourceKind.SESSION:  # bags may have been repaired meanwhile
+        content = source_key(source, content_key(source.path))
     document = {**_key(content, options), "input": str(source.path)}
     write_whole(note, json.dumps(document, indent=1))
     return folder

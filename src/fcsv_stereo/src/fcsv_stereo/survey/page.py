@@ -178,6 +178,7 @@ def _coverage(site: Site):
             )
             figure.colorbar(drawn, ax=axes, label=label, shrink=0.7)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", aspect="equal")
+        axes.locator_params(axis="x", nbins=4)  # numbers of the world are long
     return figure
 
 

@@ -8,6 +8,7 @@ from typing import Optional, Tuple
 import numpy as np
 
 from fcsv_geometry import config, transforms
+from fcsv_geometry.errors import ConfigError
 from fcsv_stereo.errors import SurveyError
 from fcsv_stereo.model.pictures import is_level
 from fcsv_stereo.survey import tuning
@@ -39,8 +40,12 @@ class Station:
 
 def load_station(folder: Path) -> Optional[Station]:
     """The station of an input's folder, None where it brings none. Raises ConfigError naming file
-    and field."""
+    and field, or a file whose name is nearly right."""
     path = Path(folder) / FILE
+    beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
+    for name in beside:
+        if name != FILE and name.lower() in (FILE, "station.yml"):
+            raise ConfigError(f"{path.with_name(name)}: would not be read; name it {FILE}")
     return config.load(path, Station) if path.is_file() else None
 
 

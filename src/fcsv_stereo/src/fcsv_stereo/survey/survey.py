@@ -16,6 +16,7 @@ from fcsv_stereo.map_files.output import write_ply
 from fcsv_stereo.model import concatenate
 from fcsv_stereo.products.clouds import write_laz
 from fcsv_stereo.survey import inputs, merge
+from fcsv_stereo.survey.adjust import Adjusted
 from fcsv_stereo.survey.document import (
     CLOUDS,
     RASTERS,
@@ -117,6 +118,7 @@ def site_of(
     if len(views) > 1 and not any(e.kept for e in adjusted.edges):
         said = "no two views were joined: each that has a place stays at its station, and errors of scale stay"
         adjusted = replace(adjusted, remarks=[*adjusted.remarks, said])
+    adjusted = replace(adjusted, remarks=[*adjusted.remarks, *_uncompared(adjusted)])
     begin("joining depths", 0.8)
     origin_m = origin_of(list(adjusted.placed.values()))
     placed = [v for v in views if v.name in adjusted.placed]
@@ -126,6 +128,19 @@ def site_of(
         cloud = concatenate([p.cloud for p in parts])
     joined = {v.name: p for v, p in zip(placed, parts)}
     return Site(views, adjusted, cloud, joined, origin_m, missing, world)
+
+
+def _uncompared(adjusted: Adjusted) -> List[str]:
+    """A remark on views that were compared with none: a wrong station looks like this."""
+    compared = {name for e in adjusted.edges for name in (e.a, e.b)}
+    apart = [name for name in adjusted.placed if name not in compared]
+    if len(adjusted.placed) < 2 or not apart:
+        return []
+    named = ", ".join(apart)
+    return [
+        f"by the stations no other view sees what {named} sees, so nothing was compared; if one does, correct "
+        "place_m, heading_deg or their sigmas"
+    ]
 
 
 def edges_between(
@@ -187,7 +202,7 @@ def _mapped(
     sources: List[Source], out: Path, options: MapOptions, crew: Crew, begin: Begin
 ) -> _Mapped:
     """A view of each source, by maps that are there or that the crew makes."""
-    keys = {s.name: inputs.source_key(s) for s in sources}
+    keys = inputs.source_keys(sources)
     same = inputs.copies(keys)
     paths: Dict[str, Path] = {s.name: s.path for s in sources}
     errors: Dict[str, str] = {
@@ -215,7 +230,12 @@ def _mapped(
     for source in (s for s in own if s.name not in errors):
         try:
             folder = Path(str(folders[source.name]))
-            views.append(_view(source, folder))
+            view = _view(source, folder)
+            if not view.known.any():
+                raise SurveyError(
+                    f"{folder}: its map shows no depth that is sure enough for a cloud"
+                )
+            views.append(view)
             files.append(view_file(views[-1], folder, f"{keys[source.name]} {options.words()}"))
         except (FcsvError, ValueError) as error:
             errors[source.name] = str(error)

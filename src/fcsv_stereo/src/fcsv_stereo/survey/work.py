@@ -9,7 +9,10 @@ one thread of linear algebra.
 import contextlib
 import logging
 import os
+import signal
+import threading
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
 
 import cv2
@@ -197,22 +200,50 @@ class Crew:
             dask.config.set({"distributed.scheduler.allowed-failures": _FAILURES})
             o = self._options
             try:
-                address: Any = o.scheduler or self._open.enter_context(
-                    LocalCluster(
-                        n_workers=o.processes,
-                        threads_per_worker=1,
-                        memory_limit=o.memory_bytes(),
-                        dashboard_address=None,
-                        silence_logs=logging.CRITICAL,
+                with _interrupted_later():
+                    address: Any = o.scheduler or self._open.enter_context(
+                        LocalCluster(
+                            n_workers=o.processes,
+                            threads_per_worker=1,
+                            memory_limit=o.memory_bytes(),
+                            dashboard_address="127.0.0.1:0",  # any port that is free
+                            silence_logs=logging.CRITICAL,
+                        )
                     )
-                )
-                self._client = self._open.enter_context(Client(address, timeout=10))
+                    self._client = self._open.enter_context(Client(address, timeout=10))
             except (OSError, NoAnswer) as error:
                 where = o.scheduler or "this machine"
                 raise SurveyError(
                     f"no Dask scheduler at {where} ({error}); start it, or leave --scheduler away"
                 ) from error
         return self._client
+
+
+@contextlib.contextmanager
+def _interrupted_later() -> Iterator[None]:
+    """Ctrl-C counts when the block is left, a second one at once. Threads that begin in the block,
+    and their processes, never get it: this process ends them."""
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
+        return
+    pressed: List[int] = []
+
+    def remember(number: int, frame: Any) -> None:
+        if pressed:
+            before(number, frame)
+        pressed.append(number)
+
+    signal.signal(signal.SIGINT, remember)
+    resource_tracker.ensure_running()  # a thread that starts it unblocks the signal
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        signal.signal(signal.SIGINT, before)
+    if pressed:
+        before(pressed[0], None)
 
 
 def _died(name: str) -> str:
