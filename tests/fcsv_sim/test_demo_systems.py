@@ -107,7 +107,7 @@ def test_the_view_that_is_checked_is_that_of_the_simulated_mocap():
         (["--system", "mocap", "--movers", "1"], ["--movers 1", "system mocap"]),
         (["--world", "field", "--movers", "1"], ["a street that crosses"]),
         (["--system", "mocap", "--mission", "mocap", "--world", "maze"], ["guides no robot"]),
-        (["--world", "maze", "--movers", "1"], ["a street that crosses"]),
+        (["--world", "maze", "--live", "monitor"], ["is watched with --movers 1"]),
         (["--system", "mocap", "--operator", "you"], ["--operator you", "system mocap"]),
     ],
 )
@@ -154,6 +154,13 @@ def test_who_guides_a_robot_looks_from_where_its_way_is_seen(more, start, tmp_pa
     assert bool(plan.looks) == (not more)
     (map_run,) = demo._maps(SYSTEMS["tags"], plan, None)
     assert map_run.arguments[:2] == ("--products", "ground")
+
+
+def test_where_something_moves_the_robot_is_watched_in_flight(tmp_path):
+    wanted = ["--world", "low_maze", "--seed", "29", "--movers", "1", "--mission", "guide"]
+    plan = demo._plan(SYSTEMS["tags"], demo._parse([*wanted, "--out", str(tmp_path / "out")]))
+    assert plan.mission_file.stem == "guide_watched" and plan.watch and plan.live
+    assert not plan.movers and plan.captures_hz > 2.5
 
 
 @pytest.mark.parametrize(
