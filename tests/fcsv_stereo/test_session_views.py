@@ -67,12 +67,13 @@ def test_a_session_without_stations_has_no_view_to_choose(plain, tmp_path):
 def test_a_survey_takes_each_view_by_itself(session, plain):
     sources = inputs.sources_of([session, plain])
     assert [s.name for s in sources] == [
-        "session-south-at-0-deg",
-        "session-south-at-30-deg",
-        "session-north-gate-at--30-deg",
+        "session-south_at_0_deg",
+        "session-south_at_30_deg",
+        "session-north_gate_at_-30_deg",
         "plain",
     ]
     assert [s.view for s in sources] == [*VIEWS, ""]
+    assert inputs.sources_of([session])[0].name == "south_at_0_deg"  # one session names nobody
     assert [s.leads for s in sources] == [True, False, False, True]
     assert [s.in_site for s in sources] == [True, True, True, False]
     keys = list(inputs.source_keys(sources).values())

@@ -71,7 +71,7 @@ def sources_of(paths: Sequence[Path], every: int = 0) -> List[Source]:
     for path, name, kind in zip(paths, names, kinds):
         source = Source(path, name, kind, station.load_station(path))
         if kind is SourceKind.SESSION:
-            found += views_of(source)
+            found += views_of(source, alone=len(paths) == 1)
         else:
             several = every > 0 and kind is SourceKind.PHOTOGRAPHS
             found += references_of(source, every) if several else [source]
@@ -79,14 +79,15 @@ def sources_of(paths: Sequence[Path], every: int = 0) -> List[Source]:
     return _in_one_site([replace(s, name=n) for s, n in zip(found, names)])
 
 
-def views_of(source: Source) -> List[Source]:
-    """A view for each station and heading of a session; the session itself where it has one.
-    Raises InputError."""
+def views_of(source: Source, alone: bool) -> List[Source]:
+    """A view for each station and heading of a session; the session itself where it has one. Its
+    name stands before theirs, unless it is ``alone``. Raises InputError."""
     views = session_views(source.path)
     if len(views) < 2:
         return [source]
+    before = "" if alone else f"{source.name}-"
     return [
-        replace(source, name=f"{source.name}-{_file_name(view)}", view=view, leads=i == 0)
+        replace(source, name=before + _file_name(view), view=view, leads=i == 0)
         for i, view in enumerate(views)
     ]
 
@@ -102,9 +103,9 @@ def _in_one_site(sources: List[Source]) -> List[Source]:
 def _file_name(view: str) -> str:
     """
     >>> _file_name("north gate at -30 deg")
-    'north-gate-at--30-deg'
+    'north_gate_at_-30_deg'
     """
-    return re.sub(r"[^\w.-]+", "-", view)
+    return re.sub(r"[^\w.-]+", "_", view)
 
 
 def references_of(source: Source, every: int) -> List[Source]:

@@ -3,10 +3,11 @@
 loops."""
 
 from pathlib import Path
-from typing import List
+from typing import Dict, List
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patheffects import withStroke
 
 from fcsv_stereo.report.page import Section, render
 from fcsv_stereo.report.parts import Paragraph, Part, Table, Tone, image, note, number
@@ -73,8 +74,8 @@ def _summary(site: Site) -> List[Part]:
 
 def _plan_words() -> Part:
     return note(
-        "x to the right, y upwards (m). Wedges: where each view looks. Lines: edges that count, "
-        "with their residual; dotted red: thrown out."
+        "x to the right, y upwards (m). Wedges: where each view looks, with its number in the "
+        "table of views. Lines: edges that count, with their residual; dotted red: thrown out."
     )
 
 
@@ -138,19 +139,22 @@ def _plan(site: Site):
         colour = "tab:red" if p.alone else "tab:blue"
         axes.fill(*np.vstack([at[view.name], ends]).T, color=colour, alpha=0.25)
         axes.plot(*at[view.name], "o", color=colour, ms=4)
-        back = np.sign(at[view.name] - ends.mean(axis=0))
         axes.annotate(
-            view.name,
-            at[view.name],
-            fontsize=9,
+            _numbers(site)[view.name],
+            at[view.name] + 1.15 * (ends.mean(axis=0) - at[view.name]),
+            fontsize=13,
             weight="bold",
-            xytext=5 * back,
-            textcoords="offset points",
-            ha="left" if back[0] > 0 else "right",
-            va="bottom" if back[1] > 0 else "top",
+            ha="center",
+            va="center",
+            path_effects=[withStroke(linewidth=3, foreground="white")],
         )
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x (m)", ylabel="y (m)", aspect="equal")
     return figure
+
+
+def _numbers(site: Site) -> Dict[str, str]:
+    """Numbers of the placed views, from 1 on, by name."""
+    return {name: str(i) for i, name in enumerate(site.adjusted.placed, 1)}
 
 
 def _coverage(site: Site):
@@ -223,22 +227,25 @@ def _world(site: Site) -> List[Part]:
 
 
 def _views(site: Site) -> List[Part]:
-    rows = []
+    rows, numbers = [], _numbers(site)
     for name, p in site.adjusted.placed.items():
         joined = site.joined[name]
+        others = [numbers[n] for n in overlaps(site.adjusted, name)]
         rows.append(
             (
+                numbers[name],
                 name,
                 f"{p.scale:.4f} ± {p.sigma_scale:.4f}",
                 f"{p.sigma_m:.2f} m",
                 f"{np.degrees(p.sigma_yaw_rad):.2f}°",
-                ", ".join(overlaps(site.adjusted, name)) or "none",
+                ", ".join(others) or "none",
                 f"{len(joined.cloud):,}",
                 f"{joined.agreed:,}",
                 f"{joined.seen_through:,}",
             )
         )
     head = (
+        "",
         "view",
         "scale",
         "place ±",
@@ -252,9 +259,10 @@ def _views(site: Site) -> List[Part]:
 
 
 def _edges(site: Site) -> List[Part]:
+    numbers = _numbers(site)
     rows = [
         (
-            f"{e.a} – {e.b}",
+            " – ".join(numbers.get(n, n) for n in (e.a, e.b)),
             "yes" if e.kept else "no",
             f"{e.matches}",
             number(e.residual_m, "{:.2f} m"),
@@ -266,9 +274,10 @@ def _edges(site: Site) -> List[Part]:
 
 
 def _loops(site: Site) -> List[Part]:
+    numbers = _numbers(site)
     rows = [
         (
-            ", ".join(p.views),
+            " – ".join(numbers[n] for n in p.views),
             f"{p.closing_m:.2f} m",
             f"{p.closing_deg:.2f}°",
             f"{p.closing_scale:.2%}",
