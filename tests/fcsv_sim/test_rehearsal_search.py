@@ -64,6 +64,9 @@ def test_it_says_what_is_wrong(tmp_path, capsys):
         search(KINDS, 5, 1, Valley().fly, log)
     assert main(["short", "--faults", "abort", "--draws", "0.5 2"]) == 2
     assert "numbers from 0 to 1" in capsys.readouterr().err
+    for faults in ("none", "abort,battery", "abort+battery"):
+        assert main(["short", "--faults", faults, "--draws", "0.5 0.2"]) == 2
+        assert "numbers of 1, but --faults names" in capsys.readouterr().err
     assert found_in(float("inf"), ["fence", "fence"]) == Found(99.0, ("fence",))
 
 

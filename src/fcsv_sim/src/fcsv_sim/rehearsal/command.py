@@ -254,6 +254,12 @@ def _jobs(args) -> List[Job]:
     for k in range(faults.count(",") + 1):
         faults_of(faults, k)
     chosen = from_text(args.draws)
+    named = [] if "," in faults else faults_of(faults, args.seed)
+    if chosen and len(chosen) != len(named):
+        raise SimulationError(
+            f"--draws: numbers of {len(chosen)}, but --faults names {len(named)}; give both as the "
+            "table of --search has them"
+        )
     return [
         Job(mission, args.vehicles, args.seed + i, faults, args.longest, chosen)
         for i in range(args.flights)
