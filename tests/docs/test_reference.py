@@ -122,7 +122,7 @@ def test_every_kind_of_file_stands_in_the_page():
         ("Mission", "configurations[].axis", ["", "none", "horizontal, vertical"]),
         ("Mission", "fence.floor_m", ["m", "`0.5`", "over 0, under 40"]),
         ("Vehicle", "system_id", ["", "must be given", "1 to 255"]),
-        ("Robot", "largest_slope_deg", ["degrees", "must be given", "over 0, at most 60"]),
+        ("Robot", "largest_slope_deg", ["degrees", "must be given", "1.05 to 60"]),
         ("Gimbals", "gimbals[].servo.pan_sign", ["", "`1`", "-1, 1"]),
         ("Guardian", "fence.ceiling_m", ["m", "`45`", "over 0.3"]),
         ("Links", "classes.NAME.max_age_s", ["s", "none", "over 0"]),

@@ -34,7 +34,7 @@ def test_more_of_what_is_against_a_place_never_raises_its_probability():
 
 
 @pytest.mark.parametrize(
-    "slope_deg, limit_deg, free", [(6, 25, True), (6, 4, False), (30, 25, False)]
+    "slope_deg, limit_deg, free", [(6, 25, True), (9, 2, False), (10, 4, False), (35, 25, False)]
 )
 def test_ground_steeper_than_the_robot_climbs_is_not_free(
     scene, rescue, slope_deg, limit_deg, free
@@ -85,3 +85,12 @@ def test_two_maps_outvote_a_third():
     around, whole = np.ones((1, 1), np.uint8), np.ones((3, 1, 1), bool)
     votes = np.array([0.99, 0.99, 0.30])[:, None, None]
     assert standing.weighed(votes, whole, around)[0, 0] >= FREE_P
+
+
+def test_a_gap_between_two_maps_closes_and_a_step_does_not():
+    """Each map calls its side free; what lies between is narrower than the footprint."""
+    around, whole = np.ones((1, 3), np.uint8), np.ones((2, 1, 7), bool)
+    gap = np.array([[0.99, 0.99, 0.99, 0.9, 0.9, 0.9, 0.9], [0.9, 0.9, 0.9, 0.9, 0.99, 0.99, 0.99]])
+    assert standing.weighed(gap[:, None], whole, around)[0, 3] >= FREE_P
+    step = np.array([[0.99, 0.99, 0.99, 0.1, 0.99, 0.99, 0.99]] * 2)
+    assert standing.weighed(step[:, None], whole, around)[0, 3] <= OBSTACLE_P

@@ -254,7 +254,7 @@ def test_the_command_says_what_broke(
     out = capsys.readouterr().out
     assert (
         "places to look from" in out
-        and "Verdict: nothing touched and nothing untrue said in 1 drives" in out
+        and "Verdict: nothing touched and nothing untrue said in 1 drives; 1 of 1 arrived" in out
     )
     assert command.main([*given, "--seed", "2"]) == 1
     out = capsys.readouterr().out

@@ -79,9 +79,9 @@ def probability(ground, robot, margin_m: float = 0.0) -> np.ndarray:
 
 
 def beyond_limits(ground, robot, inner: np.ndarray) -> np.ndarray:
-    """(rows, columns), at most 0.5 where the plane below the robot is steeper than it climbs, or
-    where something hangs lower over its footprint ``inner`` than it is high; 1 elsewhere. A bound:
-    the places that the weights were learnt on have neither slopes nor beams."""
+    """(rows, columns), near to 0 where the plane below the robot is surely steeper than it climbs, or
+    where something surely hangs lower over its footprint ``inner`` than it is high; 1 elsewhere. A
+    bound: the places that the weights were learnt on have neither slopes nor beams."""
     half_m = max(robot.radius_m, 1.5 * ground.grid.cell_m)
     sigma_m = np.where(ground.known, ground.sigma_m, 0.0)
     room_m = np.where(ground.known, ground.free_height_m, np.inf) - robot.height_m
@@ -89,7 +89,7 @@ def beyond_limits(ground, robot, inner: np.ndarray) -> np.ndarray:
         room = least(np.minimum(room_m, _FAR), inner) / (np.sqrt(2.0) * most(sigma_m, inner))
         climb = (robot.largest_slope - ground.slope(half_m)) / slope_sigma(ground, half_m)
     z = np.fmin(climb, room)
-    return np.where(z < 0.0, ndtr(z), 1.0).astype(np.float32)
+    return np.where(z < -tuning.BEYOND_SIGMAS, ndtr(z), 1.0).astype(np.float32)
 
 
 def slope_sigma(ground, half_m: float) -> np.ndarray:
@@ -112,20 +112,27 @@ def weighed(each, whole, around: np.ndarray) -> np.ndarray:
     be twice as many as those that know it and contradict them. A map that knows part of a footprint
     is no witness against one that knows it whole. What is contradicted is no more than
     CONTRADICTED_P, and OBSTACLE_P and less where none calls it free and one an obstacle. A
-    footprint of whose every part a free footprint was found is free, too, where no map contradicts:
-    between two maps' edges no gap stays, and no way leads across a step, whose both sides are free.
+    footprint of whose every part a free footprint was found is free, too, where more maps show these
+    than call it an obstacle: between two maps' edges no gap stays, and no way leads across a step,
+    whose both sides are free.
     """
     each, whole = np.asarray(each), np.asarray(whole)
     known = np.isfinite(each)
     with np.errstate(invalid="ignore"):
-        free, against = (
-            (whole & said).sum(0) for said in (each >= tuning.FREE_P, each < tuning.CONTRADICTED_P)
+        free, against, obstacle = (
+            (whole & said).sum(0)
+            for said in (
+                each >= tuning.FREE_P,
+                each < tuning.CONTRADICTED_P,
+                each <= tuning.OBSTACLE_P,
+            )
         )
     best = np.where(known, each, -1.0).max(0)
     worst = np.where(known, each, 2.0).min(0)
     n, found = max(around.shape), (free >= 1) & (free >= 2 * against)
     covered = cv2.morphologyEx(np.pad(found.astype(np.uint8), n), cv2.MORPH_CLOSE, around)
-    found |= (covered[n:-n, n:-n] > 0) & (worst >= tuning.CONTRADICTED_P)
+    near = cv2.dilate(free.astype(np.float32), around)  # maps that call a part of it free
+    found |= (covered[n:-n, n:-n] > 0) & (near > obstacle)
     p = np.where(best >= tuning.FREE_P, tuning.CONTRADICTED_P, best)
     p = np.where((best < tuning.FREE_P) & (worst <= tuning.OBSTACLE_P), worst, p)
     p = np.where(known.any(0), p, np.nan)

@@ -41,6 +41,9 @@ STAND_WEIGHTS = (
 #: A known cell below this probability is an obstacle; between the two it is uncertain, and no route
 #: crosses it.
 OBSTACLE_P = 0.5
+#: Standard deviations by which a slope or a beam must be beyond what a robot can: at 0 the noise of
+#: far heights made half of the mazes' routes vanish (rehearse_robot, mazes 101 and 102).
+BEYOND_SIGMAS = 2.0
 #: Points in a cell without which it stays unknown. One wrong pixel must not make a cell. Assumed.
 LEAST_POINTS = 2
 #: m: a vertical gap of so much ends the lowest layer; what lies above it hangs over. Assumed: rows

@@ -74,9 +74,15 @@ def stations_line(place: MappedPlace) -> str:
 
 
 def verdict_line(results: Sequence[DriveResult]) -> str:
-    """Says, in one sentence: whether a robot touched anything, and what else must not be."""
+    """Says, in one sentence: whether a robot touched anything, what else must not be, and whether it
+    arrived where it could."""
     broken = [r for r in results if r.broke]
     if not broken:
-        return f"Verdict: nothing touched and nothing untrue said in {len(results)} drives"
+        able = [r for r in results if r.expected == ARRIVES]
+        return (
+            f"Verdict: nothing touched and nothing untrue said in {len(results)} drives; "
+            f"{sum(r.ended == 'arrived' for r in able)} of {len(able)} arrived where the truth has a "
+            "seen way"
+        )
     contacts = sum(bool(r.contact) for r in broken)
     return f"Verdict: {len(broken)} of {len(results)} drives broke, {contacts} of them by a contact"
