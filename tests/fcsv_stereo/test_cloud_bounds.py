@@ -125,7 +125,7 @@ def test_bounds_that_are_none_are_refused_by_name(range_m, sigma, words):
 
 
 def test_the_command_bounds_the_cloud_and_every_product(scene, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(pipeline, "load", lambda path, reference: scene)
+    monkeypatch.setattr(pipeline, "load", lambda path, reference, view: scene)
     near_m = (DEPTH_M + 12.0) / 2
     sizes = {}
     for name, words in (("all", ("none", "none")), ("near", (f"{near_m}", "none"))):

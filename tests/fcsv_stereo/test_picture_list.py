@@ -111,7 +111,7 @@ def test_the_command_counts_what_a_recording_holds_beyond(scene, tmp_path, monke
     monkeypatch.setattr(
         pipeline,
         "load",
-        lambda path, reference: replace(scene, configurations=[replace(first, others=more)]),
+        lambda path, reference, view: replace(scene, configurations=[replace(first, others=more)]),
     )
     options = ThesisOptions(threshold=ErrorThreshold(5.0, False))
     document = pipeline.run(pipeline.MapRequest(tmp_path, tmp_path / "out", "thesis", options))

@@ -234,7 +234,7 @@ def test_a_pair_that_cannot_be_rectified_is_left_out_and_said(scene, result, tmp
 
 
 def test_the_command_writes_products_all_or_nothing(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr(pipeline, "load", lambda path, reference: scene)
+    monkeypatch.setattr(pipeline, "load", lambda path, reference, view: scene)
     options = ThesisOptions(threshold=ErrorThreshold(5.0, False))
     out = tmp_path / "map"
     for products in (list(ALL), []):  # the second run takes the first one's place, products and all
@@ -255,7 +255,7 @@ def test_the_command_writes_products_all_or_nothing(scene, tmp_path, monkeypatch
 
 
 def test_the_ground_of_a_map_lies_in_its_folder_and_report(root, scene, tmp_path, monkeypatch):
-    monkeypatch.setattr(pipeline, "load", lambda path, reference: scene)
+    monkeypatch.setattr(pipeline, "load", lambda path, reference, view: scene)
     options, robot = (
         ThesisOptions(threshold=ErrorThreshold(5.0, False)),
         root / "config/robots/rescue.yaml",

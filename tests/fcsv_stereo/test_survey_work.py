@@ -194,13 +194,14 @@ def test_every_second_photograph_is_the_reference_of_a_view(tmp_path):
 def test_poses_of_one_folder_join_views_that_features_do_not():
     views = [replace(view(f"v{i}", camera_at(0, 3.0 * i)), source="walk") for i in range(3)]
     views = [replace(v, T_home_cam=camera_at(0, 3.0 * i)) for i, v in enumerate(views)]
+    assert survey.with_posed([], views) == []  # their priors state it
+    views = [replace(v, prior=unplaced(v.T_home_cam)) for v in views]
     lone = replace(view("lone", camera_at(50, 0)), source="other")
     refused = Edge("v0", "v1", matches=3, reason="3 features are alike")
     found = survey.with_posed([refused], [*views, lone])
     assert [(e.a, e.b, e.kept) for e in found] == [("v0", "v1", True), ("v1", "v2", True)]
     assert np.allclose(similarity.place(found[0].S_a_b), [-3.0, 0.0, 0.0])
-    unknown = [replace(v, prior=unplaced(v.T_home_cam)) for v in views]
-    placed = adjust(unknown, found).placed
+    placed = adjust(views, found).placed
     assert len(placed) == 3
     good = replace(found[0], matches=20, residual_m=0.1)
     assert survey.with_posed([good], views)[0] is good

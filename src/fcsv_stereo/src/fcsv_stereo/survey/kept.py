@@ -5,7 +5,7 @@ survey goes on, and another view costs its own edges alone."""
 import hashlib
 import json
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Optional
 
@@ -85,17 +85,17 @@ def make_edge(a: ViewFile, b: ViewFile, out: Path) -> None:
 _FEATURES: "OrderedDict[str, tuple]" = OrderedDict()
 
 
-def _with_features(of: ViewFile):
+def _with_features(of: ViewFile) -> tuple:
     """The view and its features; a worker keeps those of the views that it met last, without their
-    pixels."""
+    pixels. What is kept goes by content, which may have another name in another survey."""
     if of.key not in _FEATURES:
         view = of.load()
         _FEATURES[of.key] = (_light(view), features_of(view))
         while len(_FEATURES) > _MOST_FEATURES_KEPT:
             _FEATURES.popitem(last=False)
     _FEATURES.move_to_end(of.key)
-    found: tuple = _FEATURES[of.key]
-    return found
+    view, features = _FEATURES[of.key]
+    return replace(view, name=of.name), features
 
 
 @dataclass(frozen=True)
