@@ -3,12 +3,13 @@
 size.
 
     tools/run tuned-numbers FOLDER                 goes on where it was stopped
-    tools/run tuned-numbers FOLDER --stage SGM     one stage's numbers
+    tools/run tuned-numbers FOLDER --stage Sgm     one stage's numbers
     tools/run tuned-numbers FOLDER --show          the table of what is there
 
 FOLDER keeps the drawn scenes, the compiled kernels and a line of JSON per variation
-(``varied.jsonl``). Kernels freeze their numbers when they are compiled, so every variation runs in
-a process of its own, with the kernels that its stage reaches compiled anew.
+(``varied.jsonl``); all of it takes about five hours of one core. Kernels freeze their numbers when
+they are compiled, so every variation runs in a process of its own, with the kernels that its stage
+reaches compiled anew.
 
 A change counts where its mean over the scenes is larger than twice the standard error of the same
 mean between two draws of the poses' noise.
@@ -37,7 +38,7 @@ from harness import show
 SIZE = (320, 240)
 #: Of the number's value, down and up.
 FACTORS = (0.7, 1.3)
-LIST = "and V 5, 7, 10 m"
+LIST = "H 2, 4, 6, 8 m"
 #: In points (per cent) of a scene's pixels; after them the map's seconds of the processor.
 FIGURES = ("within 10 %", "wrong of answered", "within 2 sigma")
 _PACKAGE = Path(tuning.__file__).resolve().parents[3]
@@ -60,7 +61,8 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     """Varies what is not yet in the folder; prints a line a variation, at the end the table."""
     parser = argparse.ArgumentParser(prog="tuned-numbers", description=__doc__.split("\n\n")[0])
     parser.add_argument("folder", type=Path, help="keeps scenes, kernels and results")
-    parser.add_argument("--stage", help="only this stage's numbers, e.g. SelectTuning")
+    stages = [type(stage).__name__ for stage in STAGES]
+    parser.add_argument("--stage", choices=stages, help="only this stage's numbers")
     parser.add_argument("--show", action="store_true", help="only the table of what is there")
     args = parser.parse_args(argv)
     if args.show and not _kept(args.folder).exists():
