@@ -134,7 +134,11 @@ def test_the_clouds_hold_the_same_points_with_sigma_and_views(site):
 def test_the_page_shows_plan_and_edges(site):
     page = (site / "out/site.html").read_text()
     assert "Site of 3 views" in page and page.count("data:image/jpeg;base64,") == 2
-    assert "view01 – view02" in page and "nothing stands out as wrong" in page
+    views, edges = (
+        re.sub(r"<[^>]+>", " ", page.split(f">{title}</h2>")[1]) for title in ("Views", "Edges")
+    )
+    assert views.index("1 ") < views.index("view01") < views.index("2 ") < views.index("view02")
+    assert "1 – 2" in edges and "nothing stands out as wrong" in page
 
 
 def control_file(site, path, picture="{name}/00.png"):
