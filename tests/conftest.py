@@ -2,7 +2,6 @@
 """What all tests share: where things are, real data that may be absent, and a ROS master of their
 own."""
 
-import logging
 import os
 import signal
 import subprocess
@@ -49,16 +48,6 @@ def pytest_collection_modifyitems(config, items):
     tiers.share_out(config, items)
     yield
     in_slow_motion(items)
-
-
-@pytest.fixture(autouse=True)
-def log_levels_as_they_were():
-    """Rehearsals silence the loggers of the process that they run in."""
-    loggers = [logging.getLogger(name) for name in ("fcsv_control", "fcsv_stereo")]
-    levels = [logger.level for logger in loggers]
-    yield
-    for logger, level in zip(loggers, levels):
-        logger.setLevel(level)
 
 
 def in_slow_motion(items):

@@ -13,11 +13,11 @@ from support.gps_tags import FOCAL_35_MM, ORIGIN, PLACES_M, flown_photographs, g
 from support.scenes import CAMERA, camera_pose
 
 from fcsv_geometry import transforms
+from fcsv_geometry.earth import east_north_up_m
 from fcsv_stereo import fcsv_command
 from fcsv_stereo.errors import InputError, OutputError
 from fcsv_stereo.photos import ImportOptions, import_photos
 from fcsv_stereo.photos.command import main
-from fcsv_stereo.photos.earth import east_north_up_m
 from fcsv_stereo.photos.models import read_model
 from fcsv_stereo.photos.similarity import fit
 from fcsv_stereo.photos.tags import read_tags

@@ -131,7 +131,7 @@ def test_pictures_that_are_never_of_one_instant_are_named_after_a_while():
 
 
 def test_who_watches_maps_first_and_then_takes_the_newest_instants():
-    choice = WatchedMaps(["uav1", "uav2"], refines_poses=False)
+    choice = WatchedMaps(Monitoring(["uav1", "uav2"], refines_poses=False))
     choice.on_frames(FRAMES)
     recorded(choice, 0, 10.0)
     assert choice.next().kind is MapKind.FIRST_LOOK

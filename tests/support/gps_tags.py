@@ -7,7 +7,7 @@ from PIL import Image, TiffImagePlugin
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
-from fcsv_stereo.photos.earth import east_north_up_m
+from fcsv_geometry.earth import east_north_up_m
 from fcsv_stereo.photos.models import write_model
 from fcsv_stereo.photos.tags import Gps
 from fcsv_stereo.posed import colmap

@@ -254,7 +254,7 @@ def cell_probability(ground: Ground, robot: Robot) -> np.ndarray:
     A lone cell, whose slope nothing tells, is unknown unless what is seen of it is an obstacle.
     """
     step, step_sigma = _largest_step(ground.height_m, ground.sigma_m)
-    half = max(robot.radius_m, 1.5 * ground.grid.cell_m)
+    half = standing.slope_radius_m(ground, robot)
     within = ground.high_m - ground.low_m
     parts = [
         _below(step, robot.largest_step_m, step_sigma),

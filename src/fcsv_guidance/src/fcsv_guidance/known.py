@@ -104,9 +104,8 @@ class KnownGround:
                 )
             self._changed = np.zeros(seen.ground.grid.shape, bool)
         if seen.watching:
-            last = self._watching.get(seen.source)
             self._watching[seen.source] = seen
-            return self._watched(seen, place, None if last is None else last.ground)
+            return self._watched(seen, place, None if before is None else before.ground)
         self._maps[seen.source] = seen
         self._stands[seen.source] = self._judged(seen.ground)
         return self._weighed()

@@ -27,17 +27,24 @@ def disk(radius_m: float, cell_m: float) -> np.ndarray:
     return (np.hypot(x, y) * cell_m <= radius_m + 0.5 * cell_m).astype(np.uint8)
 
 
-def features(ground, robot, margin_m: float = 0.0) -> np.ndarray:
+def slope_radius_m(ground, robot) -> float:
+    """Radius of the plane whose slope counts for a robot: its footprint, and cells enough."""
+    return max(robot.radius_m, 1.5 * ground.grid.cell_m)
+
+
+def features(ground, robot, margin_m: float = 0.0, slopes=None) -> np.ndarray:
     """(rows, columns, FEATURES) float32 of the footprint with its middle in each cell of a Ground
     of one map, as shares of the robot's limits; the first is 1. Only where the whole footprint is
-    known do they mean anything."""
+    known do they mean anything. ``slopes`` (rows, columns) within slope_radius_m, where they are
+    there already."""
+    slopes = ground.slope(slope_radius_m(ground, robot)) if slopes is None else slopes
     known, cell_m = ground.known, ground.grid.cell_m
     step_m, slope = robot.largest_step_m, robot.largest_slope
     inner = disk(robot.radius_m + margin_m, cell_m)
     outer = disk(robot.radius_m + margin_m + _AROUND_M, cell_m)
     high, low = np.where(known, ground.high_m, -_FAR), np.where(known, ground.low_m, _FAR)
     edges = np.where(known, most(high, _SIDE) - least(low, _SIDE), 0.0)
-    plane = np.nan_to_num(ground.slope(max(robot.radius_m, 1.5 * cell_m)))
+    plane = np.nan_to_num(slopes)
     room = np.where(known, np.minimum(ground.free_height_m, 5.0), 5.0) - robot.height_m
 
     edge = most(edges, inner) / step_m
@@ -64,30 +71,34 @@ def _pieces(values: np.ndarray) -> list:
 def probability(ground, robot, margin_m: float = 0.0) -> np.ndarray:
     """(rows, columns) float32 of a Ground of one map; NaN where a cell below the footprint is
     unknown, unless what is known there is an obstacle."""
+    slopes = ground.slope(slope_radius_m(ground, robot))
     inner = disk(robot.radius_m + margin_m, ground.grid.cell_m)
     p = 1.0 / (
         1.0
         + np.exp(
-            -(features(ground, robot, margin_m) @ np.asarray(tuning.STAND_WEIGHTS, np.float32))
+            -(
+                features(ground, robot, margin_m, slopes)
+                @ np.asarray(tuning.STAND_WEIGHTS, np.float32)
+            )
         )
     )
-    p = np.minimum(p, beyond_limits(ground, robot, inner))
+    p = np.minimum(p, beyond_limits(ground, robot, inner, slopes))
     touched = most(ground.known, inner) > 0
     return np.where(
         seen_below(ground, robot, margin_m) | (touched & (p <= tuning.OBSTACLE_P)), p, np.nan
     )
 
 
-def beyond_limits(ground, robot, inner: np.ndarray) -> np.ndarray:
-    """(rows, columns), near to 0 where the plane below the robot is surely steeper than it climbs, or
-    where something surely hangs lower over its footprint ``inner`` than it is high; 1 elsewhere. A
+def beyond_limits(ground, robot, inner: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """(rows, columns), near to 0 where the plane below the robot is surely steeper (``slopes``) than it
+    climbs, or where something surely hangs lower over its footprint ``inner`` than it is high; 1 elsewhere. A
     bound: the places that the weights were learnt on have neither slopes nor beams."""
-    half_m = max(robot.radius_m, 1.5 * ground.grid.cell_m)
     sigma_m = np.where(ground.known, ground.sigma_m, 0.0)
     room_m = np.where(ground.known, ground.free_height_m, np.inf) - robot.height_m
     with np.errstate(invalid="ignore", divide="ignore"):
         room = least(np.minimum(room_m, _FAR), inner) / (np.sqrt(2.0) * most(sigma_m, inner))
-        climb = (robot.largest_slope - ground.slope(half_m)) / slope_sigma(ground, half_m)
+        sigma = slope_sigma(ground, slope_radius_m(ground, robot))
+        climb = (robot.largest_slope - slopes) / sigma
     z = np.fmin(climb, room)
     return np.where(z < -tuning.BEYOND_SIGMAS, ndtr(z), 1.0).astype(np.float32)
 

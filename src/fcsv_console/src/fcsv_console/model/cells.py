@@ -7,7 +7,7 @@ from typing import List, Sequence, Tuple
 
 from fcsv_console.model import guide, rehearsal
 from fcsv_console.model.chronicle import node_of
-from fcsv_console.model.hearing import Aged, clock_words
+from fcsv_console.model.hearing import Aged
 from fcsv_console.model.mission_file import ConfigurationRow
 from fcsv_console.model.poses import Relative
 from fcsv_console.model.stereo import StereoHealth
@@ -16,6 +16,7 @@ from fcsv_console.model.view import ConsoleView
 from fcsv_control.conditions import Grade
 from fcsv_control.disk import disk_words
 from fcsv_control.flight_check.lines import Line
+from fcsv_geometry.programs.durations import clock_words
 
 PLAIN, QUIET, GOOD, CARE, BAD, GONE = "plain", "quiet", "good", "care", "bad", "gone"  # tones
 _OF_FLIER = {PILOT: GOOD, MISSION: GOOD, GUARDIAN: CARE, FAILSAFE: BAD, UNKNOWN: GONE}

@@ -105,15 +105,3 @@ def age_words(age_s: float) -> str:
     if age_s < 60.0:
         return f"{age_s:.1f} s"
     return f"{age_s / 60.0:.0f} min" if age_s < 5400.0 else f"{age_s / 3600.0:.1f} h"
-
-
-def clock_words(seconds: float) -> str:
-    """Minutes and seconds.
-
-    >>> clock_words(75.2), clock_words(math.nan)
-    ('1:15', '-')
-    """
-    if not math.isfinite(seconds):
-        return "-"
-    minutes, rest = divmod(int(max(seconds, 0.0)), 60)
-    return f"{minutes}:{rest:02d}"

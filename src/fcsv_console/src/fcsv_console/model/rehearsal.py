@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Dict, Optional, Sequence, Set
 
 from fcsv_console.model import facts as f
+from fcsv_geometry.programs.durations import clock_words
 
 NONE, RUNS, PASSED, BROKEN, IMPOSSIBLE, STOPPED = (
     "none",
@@ -123,10 +124,8 @@ def judged(
             text, BROKEN, words="; ".join(violations[:3] + short) or f"exit status {status}"
         )
     one = flown[0]
-    minutes, seconds = divmod(int(round(one["flown_s"])), 60)
+    took = clock_words(round(one["flown_s"]))
     near = "" if one["nearest_m"] is None else f", never nearer than {one['nearest_m']:.1f} m"
     return f.RehearsalProgress(
-        text,
-        PASSED,
-        words=f"{one['captures']} of {one['wanted']} recorded in {minutes}:{seconds:02d}{near}",
+        text, PASSED, words=f"{one['captures']} of {one['wanted']} recorded in {took}{near}"
     )

@@ -7,12 +7,12 @@ from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
 from fcsv_console.model import facts as f
 from fcsv_console.model.guide import ACCEPT, AFTER, CARE, LOST, PLAIN, WAITS, WELL, Guide
-from fcsv_console.model.hearing import clock_words
 from fcsv_console.model.mission_file import seconds_left
 from fcsv_console.model.view import ConsoleView
 from fcsv_control.conditions import Grade
 from fcsv_control.flight_check.lines import Line
 from fcsv_geometry.missions.phases import OVER
+from fcsv_geometry.programs.durations import clock_words
 from fcsv_stereo.model.inputs import FLOWN
 
 _MOST_NAMES = 3

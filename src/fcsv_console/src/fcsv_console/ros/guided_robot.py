@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What guidance publishes of a robot on the ground, for the plan view."""
 
+from dataclasses import replace
 from typing import Callable, List, Optional
 
 import numpy as np
@@ -69,9 +70,7 @@ class GuidedRobotHearing:
             self._put_grid()
 
     def _put_grid(self) -> None:
-        g = self._grid
-        cells = self._percents.tobytes()
-        self._put(f.RobotGround(g.x0_m, g.y0_m, g.cell_m, g.rows, g.columns, cells))
+        self._put(replace(self._grid, percents=self._percents.tobytes()))
 
     def _on_path(self, message: Path) -> None:
         if message.poses:

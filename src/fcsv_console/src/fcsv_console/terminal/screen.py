@@ -12,11 +12,12 @@ from rich.text import Text
 
 from fcsv_console.model import cells
 from fcsv_console.model.cells import check_lines
-from fcsv_console.model.hearing import Aged, clock_words
+from fcsv_console.model.hearing import Aged
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, VehicleRow
 from fcsv_console.model.view import ConsoleView
 from fcsv_control.conditions import Grade
 from fcsv_control.disk import disk_words
+from fcsv_geometry.programs.durations import clock_words
 
 WIDTH, HEIGHT = 80, 24
 _FLIERS = {

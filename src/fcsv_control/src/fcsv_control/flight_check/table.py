@@ -5,6 +5,7 @@ from typing import List, Sequence
 
 from fcsv_control.conditions import Grade
 from fcsv_control.flight_check.lines import Line, worst
+from fcsv_geometry.programs.durations import clock_words
 
 _COLOURS = {Grade.GREEN: "32", Grade.AMBER: "33", Grade.RED: "31", Grade.UNKNOWN: "35"}
 _STATE_WIDTH = 9
@@ -25,7 +26,7 @@ def render(lines: Sequence[Line], colours: bool = False) -> str:
         head = f"{line.vehicle:<{max(9, wide)}}{line.name:<12}"
         word = f"{line.state.word:<{_STATE_WIDTH}}"
         accepted = "  (accepted)" if line.accepted else ""
-        since = "" if line.state is Grade.GREEN else f"  ({_clock(line.since_s)})"
+        since = "" if line.state is Grade.GREEN else f"  ({clock_words(line.since_s)})"
         rows.append(
             f"{head}{_painted(word, line.state, colours)} {line.what}{since}{accepted}".rstrip()
         )
@@ -45,11 +46,6 @@ def exit_status(lines: Sequence[Line]) -> int:
     if lines and all(line.passes for line in lines):
         return 0
     return 1 if worst(lines) is Grade.AMBER else 2
-
-
-def _clock(seconds: float) -> str:
-    minutes, rest = divmod(int(seconds), 60)
-    return f"{minutes}:{rest:02d}"
 
 
 def _painted(text: str, state: Grade, colours: bool) -> str:

@@ -9,10 +9,9 @@ from typing import List, Optional, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.earth import EarthPlace, east_north_up_m
 from fcsv_geometry.missions.configuration import StereoConfiguration
 
-# WGS 84: semi-major axis (m) and squared eccentricity
-_AXIS_M, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3
 _LEAST_TURN_DEG = 1.0  # headings nearer to each other are one
 
 
@@ -30,22 +29,17 @@ class HomeFix:
             raise ValueError(f"course_deg: {self.course_deg} is not in -360..360")
 
     def in_home_m(self, latitude_deg: float, longitude_deg: float) -> Tuple[float, float]:
-        """x, y (m) in home of a place on the earth, in the plane that touches the ellipsoid at
-        home: right to 1 mm within 1 km (WGS 84's radii of curvature).
+        """x, y (m) in home of a place on the earth, in the plane that touches the ellipsoid there.
 
         >>> x, y = HomeFix(48.0, 11.0, 0.0).in_home_m(48.001, 11.0)
-        >>> round(x, 2), y
+        >>> round(x, 2), abs(round(y, 2))
         (111.19, 0.0)
         """
-        sine2 = math.sin(math.radians(self.latitude_deg)) ** 2
-        across_m = _AXIS_M / math.sqrt(1.0 - _ECCENTRICITY2 * sine2)
-        along_m = across_m * (1.0 - _ECCENTRICITY2) / (1.0 - _ECCENTRICITY2 * sine2)
-        north_m = along_m * math.radians(latitude_deg - self.latitude_deg)
-        turn_deg = (longitude_deg - self.longitude_deg + 180.0) % 360.0 - 180.0
-        east_m = across_m * math.cos(math.radians(self.latitude_deg)) * math.radians(turn_deg)
+        home = EarthPlace(self.latitude_deg, self.longitude_deg)
+        east_m, north_m, _ = east_north_up_m([EarthPlace(latitude_deg, longitude_deg)], home)[0]
         course_rad = math.radians(self.course_deg)
         c, s = math.cos(course_rad), math.sin(course_rad)
-        return c * north_m + s * east_m, s * north_m - c * east_m
+        return float(c * north_m + s * east_m), float(s * north_m - c * east_m)
 
 
 @dataclass(frozen=True)

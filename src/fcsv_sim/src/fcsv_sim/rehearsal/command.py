@@ -21,6 +21,7 @@ from fcsv_geometry.errors import PlanRefused
 from fcsv_geometry.missions.mission import Mission, load_mission
 from fcsv_geometry.programs import commands
 from fcsv_geometry.programs.live_line import Counter
+from fcsv_geometry.programs.quiet import quiet
 from fcsv_geometry.programs.writing import require_file
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.errors import SimulationError
@@ -40,6 +41,7 @@ _HELP = """examples:
   rosrun fcsv_sim rehearse short --faults takeover-table
   rosrun fcsv_sim rehearse short --search 500 --log out/search.jsonl
 """
+_SAYS_RESTARTS = "fcsv_control"  # logger of links
 _TAKEOVER_TABLE = "takeover-table"
 _UNFLYABLE = 3  # exit status; fcsv_console knows it
 
@@ -175,21 +177,22 @@ def on_all_cores(work: Callable, jobs: List, processes: int) -> Iterable:
 
     Raises SimulationError where a process is killed.
     """
-    prepare()
     if not jobs:
         return []
-    if work is rehearse and len(jobs) == 1:
-        return [_one(jobs[0])]
-    if processes == 1 or len(jobs) == 1:
-        return list(_counted(map(work, jobs), len(jobs)))
-    # a Pool waits for ever for a process that died
-    with ProcessPoolExecutor(processes, initializer=prepare) as pool:
-        try:
-            return list(_counted(pool.map(work, jobs), len(jobs)))
-        except BrokenProcessPool:
-            raise SimulationError(
-                f"one of {processes} processes was killed, as where memory runs out: ask for fewer (--jobs)"
-            ) from None
+    with quiet(_SAYS_RESTARTS):
+        prepare()
+        if work is rehearse and len(jobs) == 1:
+            return [_one(jobs[0])]
+        if processes == 1 or len(jobs) == 1:
+            return list(_counted(map(work, jobs), len(jobs)))
+        # a Pool waits for ever for a process that died
+        with ProcessPoolExecutor(processes, initializer=prepare) as pool:
+            try:
+                return list(_counted(pool.map(work, jobs), len(jobs)))
+            except BrokenProcessPool:
+                raise SimulationError(
+                    f"one of {processes} processes was killed, as where memory runs out: ask for fewer (--jobs)"
+                ) from None
 
 
 def _counted(results: Iterable, count: int) -> Iterator:
@@ -216,7 +219,7 @@ def prepare() -> None:
     them hide the progress. What is loaded now stays: a flight drops so many messages that the
     collector would look through all of it several times a second.
     """
-    logging.getLogger("fcsv_control").setLevel(logging.ERROR)
+    logging.getLogger(_SAYS_RESTARTS).setLevel(logging.ERROR)
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)

@@ -3,7 +3,6 @@
 what broke."""
 
 import argparse
-import logging
 import os
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
@@ -15,6 +14,7 @@ from typing import Iterator, List, Optional, Tuple
 from tqdm import tqdm
 
 from fcsv_geometry.programs import commands
+from fcsv_geometry.programs.quiet import quiet
 from fcsv_geometry.programs.writing import require_folder
 from fcsv_guidance.robot import Robot, load_robot
 from fcsv_sim.bringup import robot_file
@@ -93,10 +93,14 @@ def _rehearse(args: argparse.Namespace) -> int:
 
 def _all(jobs: List[PlaceJob], processes: int) -> Iterator[Tuple[str, List[DriveResult]]]:
     """Runs all in order. Raises SimulationError where a process is killed."""
-    logging.getLogger("fcsv_stereo").setLevel(logging.ERROR)
-    if processes == 1 or len(jobs) == 1:
-        yield from map(rehearse_place, jobs)
-        return
+    with quiet("fcsv_stereo"):
+        if processes == 1 or len(jobs) == 1:
+            yield from map(rehearse_place, jobs)
+        else:
+            yield from _by_processes(jobs, processes)
+
+
+def _by_processes(jobs: List[PlaceJob], processes: int) -> Iterator[Tuple[str, List[DriveResult]]]:
     with ProcessPoolExecutor(processes) as pool:
         try:
             yield from pool.map(rehearse_place, jobs)

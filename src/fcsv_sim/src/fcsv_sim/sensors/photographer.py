@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import List, Sequence
 
 import cv2
-import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
@@ -15,7 +14,7 @@ from fcsv_sim.render.bodies import BoxedThing, RenderedBody
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, Shot, SimulatedCamera
 from fcsv_sim.truth import TruthReader
-from fcsv_sim.world.movers import movers, placed_boxes, things
+from fcsv_sim.world.movers import ball_radius_m, movers, placed_boxes, things
 from fcsv_sim.world.place import PlacePlan
 from fcsv_sim.world.town import Town
 
@@ -48,7 +47,8 @@ class Photographer:
         is_place = isinstance(town.plan, PlacePlan)
         self._movers = movers(town.plan) if moving and not is_place else []
         self._placed = [
-            (boxes, TruthReader(sim_dir, name)) for name, boxes in placed_boxes().items()
+            (boxes, ball_radius_m(boxes), TruthReader(sim_dir, name))
+            for name, boxes in placed_boxes().items()
         ]
         self._placed = self._placed if moving and is_place else []
         self._truth = TruthReader(sim_dir, vehicle)
@@ -87,12 +87,11 @@ class Photographer:
     def _placed_at(self, stamp_s: float) -> List[BoxedThing]:
         """The robot and the crate, once they are there."""
         bodies = []
-        for boxes, truth in self._placed:
+        for boxes, radius_m, truth in self._placed:
             try:
                 T_world_thing = truth.wait_for(stamp_s)
             except PoseUnavailable:
                 continue
-            radius_m = float(np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1).max())
             bodies.append(BoxedThing(boxes, T_world_thing, radius_m))
         return bodies
 

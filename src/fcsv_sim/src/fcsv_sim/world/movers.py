@@ -38,7 +38,7 @@ class Mover:
     @property
     def radius_m(self) -> float:
         """Gives the radius of a ball about its origin that holds it."""
-        return float(np.linalg.norm(np.abs(self.boxes[:, :3]) + self.boxes[:, 3:6], axis=1).max())
+        return ball_radius_m(self.boxes)
 
     def y_m(self, stamp_s: float) -> Tuple[float, float]:
         """Where it is along y, and which way (-1 or 1) it goes."""
@@ -53,6 +53,11 @@ class Mover:
         """Its place on the ground at a time; its x points to where it goes."""
         y, way = self.y_m(stamp_s)
         return transforms.from_xyz_yaw([self.x_m, y, self.z_m], way * np.pi / 2)
+
+
+def ball_radius_m(boxes: np.ndarray) -> float:
+    """Gives the radius of a ball about the origin that holds boxes (K, 11)."""
+    return float(np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1).max())
 
 
 def things(moving: Sequence[Mover], stamp_s: float) -> List[BoxedThing]:

@@ -123,39 +123,6 @@ class MissionMaps(MapChoice):
         return MapTask(MapKind.FIRST_LOOK, given, self.session.last_picture_s())
 
 
-class WatchedMaps(MissionMaps):
-    """Chooses maps of a mission, and once one is whole, between them the newest instant of what
-    vehicles that hold see: it watches the place."""
-
-    def __init__(
-        self,
-        vehicles: Sequence[str],
-        apart_s: float = MOST_SKEW_S,
-        refine_every: int = 1,
-        refines_poses: bool = True,
-    ):
-        super().__init__()
-        self._watch = Monitoring(vehicles, apart_s, refine_every, refines_poses)
-        self._watch.session = self.session
-        self._is_mapped = False
-
-    def next(self) -> Optional[MapTask]:
-        """A map that is due, else the newest instant."""
-        news = self._news
-        task = super().next()
-        if task is not None or not (news and self._is_mapped):
-            return task
-        self._watch.look_again()
-        return self._watch.next()
-
-    def learn(self, task: MapTask, result: MapResult) -> None:
-        """Takes what a map found for the next one."""
-        if task.kind is MapKind.WHOLE:
-            self._is_mapped = True
-        elif task.kind in WATCHING:
-            self._watch.learn(task, result)
-
-
 class Monitoring(MapChoice):
     """Chooses, while vehicles hold (3.6), the newest instant that all of them saw.
 
@@ -210,3 +177,30 @@ class Monitoring(MapChoice):
             said = f"{1e3 * apart_s:.0f} ms apart" if apart_s < 1e6 else "of one vehicle only"
             limit = f"apart_s:={self._apart_s:g}"
             raise InputError(f"newest pictures are {said} ({limit}): trigger the cameras together")
+
+
+class WatchedMaps(MissionMaps):
+    """Chooses maps of a mission, and once one is whole, between them what ``watch`` chooses of what
+    vehicles that hold see: it watches the place."""
+
+    def __init__(self, watch: Monitoring):
+        super().__init__()
+        self._watch = watch
+        self.session = watch.session
+        self._is_mapped = False
+
+    def next(self) -> Optional[MapTask]:
+        """A map that is due, else the newest instant."""
+        news = self._news
+        task = super().next()
+        if task is not None or not (news and self._is_mapped):
+            return task
+        self._watch.look_again()
+        return self._watch.next()
+
+    def learn(self, task: MapTask, result: MapResult) -> None:
+        """Takes what a map found for the next one."""
+        if task.kind is MapKind.WHOLE:
+            self._is_mapped = True
+        elif task.kind in WATCHING:
+            self._watch.learn(task, result)

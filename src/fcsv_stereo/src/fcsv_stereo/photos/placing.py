@@ -6,8 +6,8 @@ from typing import Dict, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
+from fcsv_geometry.earth import east_north_up_m, from_centre_m
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.photos.earth import east_north_up_m, from_centre_m
 from fcsv_stereo.photos.evidence import MODEL_SHARE
 from fcsv_stereo.photos.gps import Gps, with_steps
 from fcsv_stereo.photos.similarity import ContradictionError, Similarity, fit

@@ -127,9 +127,9 @@ class LiveNode:
         p = self._parameters
         if not (p.monitor or p.watch):
             return MissionMaps()
-        choice = Monitoring if p.monitor else WatchedMaps
         refines = METHODS[p.method].refines_poses
-        return choice(p.vehicles, p.apart_s, p.refine_every, refines)
+        newest = Monitoring(p.vehicles, p.apart_s, p.refine_every, refines)
+        return newest if p.monitor else WatchedMaps(newest)
 
     # ---- what comes in ---------------------------------------------------------------------------
 

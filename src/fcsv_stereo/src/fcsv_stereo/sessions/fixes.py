@@ -8,9 +8,9 @@ from typing import Dict, List, Mapping, Optional
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.earth import east_north_up_m
 from fcsv_geometry.errors import GeometryError, PoseUnavailable
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_stereo.photos.earth import east_north_up_m
 from fcsv_stereo.photos.gps import Gps
 
 FIXES = "mavros/global_position/raw/fix"

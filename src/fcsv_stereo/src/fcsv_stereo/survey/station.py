@@ -9,6 +9,7 @@ import numpy as np
 
 from fcsv_geometry import config, transforms
 from fcsv_geometry.errors import ConfigError
+from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME
 from fcsv_stereo.errors import SurveyError
 from fcsv_stereo.model.pictures import is_level
 from fcsv_stereo.survey import tuning
@@ -98,12 +99,8 @@ def flown_prior(
     away_m = float(np.linalg.norm(T_home_cam[:3, 3]))
     place_m = float(np.hypot(tuning.FLOWN_M, tuning.FLOWN_SHARE * away_m))
     if station is not None:
-        home = prior_of(
-            station, transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3)), True, name
-        )
-        T_site_home = home.T_site_cam @ transforms.invert(
-            transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
-        )
+        home = prior_of(station, T_HOME_CAM_AT_HOME, True, name)
+        T_site_home = home.T_site_cam @ transforms.invert(T_HOME_CAM_AT_HOME)
         place_m = float(np.hypot(np.hypot(place_m, home.place_m), home.yaw_rad * away_m))
         yaw_rad = float(np.hypot(home.yaw_rad, tuning.FLOWN_RAD))
         return Prior(T_site_home @ T_home_cam, tuning.LEVEL_RAD, yaw_rad, place_m, home.scale)

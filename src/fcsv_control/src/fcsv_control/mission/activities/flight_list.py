@@ -286,10 +286,8 @@ class FlightList:
         moment = self._list.moment
         if self.going_back or moment[0].changes:
             return self._way()
-        others, T_home_cam = (
-            self._others([self._mission.reference]),
-            reference_place(self._mission, moment[0].view),
-        )
+        others = self._others([self._mission.reference])
+        T_home_cam = reference_place(self._mission, moment[0].view)
         return BringHome(self._mission, self._outbox, others, self._way(), T_home_cam)
 
     def _departure(self) -> Activity:

@@ -116,28 +116,26 @@ def fly_on_paper(
     places, flight_s = dict(situation.places), turns_s(mission, chosen, len(vehicles))
     left = TaskList(mission, vehicles, tasks(mission, vehicles, indices))
     views: List[PlannedView] = []
+    column = _Column.of(mission, situation)
     while left.left:
         moment, at = left.moment, left.at or 0
         left.done()
         if moment[0].changes:
-            column = _Column.of(mission, situation)
             wrong, way_s = column.change_over(at, moment[0].view)
-            found += (
-                [f"way of the column to {mission.viewpoints[moment[0].view].title}: {wrong}"]
-                if wrong
-                else []
-            )
+            if wrong:
+                where = mission.viewpoints[moment[0].view].title
+                found.append(f"way of the column to {where}: {wrong}")
             places, flight_s = column.places(moment[0].view), flight_s + way_s
             continue
         goals = {
-            t.vehicle: _Column.of(mission, situation).place(t.vehicle, t.view)
+            t.vehicle: column.place(t.vehicle, t.view)
             if t.index is None
             else mover_place(mission, t.index)[:3, 3]
             for t in moment
         }
         wrong, legs_s = _legs(mission, goals, places, situation.home_height_m)
         if moment[0].index is not None and (not views or views[-1].view != moment[0].view):
-            home_s = _Column.of(mission, situation).change_over(moment[0].view, 0)[1]
+            home_s = column.change_over(moment[0].view, 0)[1]
             views.append(PlannedView(moment[0].view, flight_s, flight_s, home_s))
         if wrong:  # the legs after it are judged as if it were left out
             found.append(f"{_named(mission, moment)}: {wrong}")

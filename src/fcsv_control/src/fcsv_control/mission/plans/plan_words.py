@@ -5,6 +5,7 @@ from typing import Sequence
 
 from fcsv_control.mission.plans.plan_check import fly_on_paper, on_the_ground, reached
 from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.programs.durations import clock_words
 
 
 def stations_in_words(mission: Mission, vehicles: Sequence[str]) -> str:
@@ -15,20 +16,12 @@ def stations_in_words(mission: Mission, vehicles: Sequence[str]) -> str:
     situation = on_the_ground(mission, vehicles, {})
     flight = fly_on_paper(mission, situation)
     words = [
-        f"{mission.viewpoints[v.view].title} {_clock(v.begins_s)} to {_clock(v.ends_s)}"
+        f"{mission.viewpoints[v.view].title} {clock_words(v.begins_s)} to {clock_words(v.ends_s)}"
         for v in flight.views
     ]
-    words.append(f"home {_clock(flight.flight_s)}")
+    words.append(f"home {clock_words(flight.flight_s)}")
     within = reached(mission, situation, flight)
     if 0 < len(within) < len(flight.views):
         last = mission.viewpoints[within[-1].view].title
         words.append(f"full batteries reach to {last}: the rest is another flight's")
     return ", ".join(words)
-
-
-def _clock(seconds_s: float) -> str:
-    """
-    >>> _clock(125.4)
-    '2:05'
-    """
-    return f"{int(seconds_s) // 60}:{int(seconds_s) % 60:02d}"

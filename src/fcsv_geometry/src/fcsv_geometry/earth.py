@@ -2,20 +2,26 @@
 """Places on the earth in metres east, north and up of one of them."""
 
 import math
-from typing import Sequence
+from typing import NamedTuple, Sequence
 
 import numpy as np
-
-from fcsv_stereo.photos.gps import Gps
 
 _EQUATOR_M, _FLATTENING = 6378137.0, 1.0 / 298.257223563  # WGS 84
 _ECCENTRICITY_2 = _FLATTENING * (2.0 - _FLATTENING)
 
 
-def from_centre_m(place: Gps) -> np.ndarray:
+class EarthPlace(NamedTuple):
+    """WGS 84, height (m) above the ellipsoid; what has these fields serves as well."""
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float = 0.0
+
+
+def from_centre_m(place: EarthPlace) -> np.ndarray:
     """(3,) about the earth's centre: x towards latitude and longitude 0, z to the north pole.
 
-    >>> from_centre_m(Gps(0.0, 0.0, 10.0)).tolist()
+    >>> from_centre_m(EarthPlace(0.0, 0.0, 10.0)).tolist()
     [6378147.0, 0.0, 0.0]
     """
     lat, lon = math.radians(place.latitude_deg), math.radians(place.longitude_deg)
@@ -25,10 +31,10 @@ def from_centre_m(place: Gps) -> np.ndarray:
     return np.array([across_m * math.cos(lon), across_m * math.sin(lon), z_m])
 
 
-def east_north_up_m(places: Sequence[Gps], origin: Gps) -> np.ndarray:
+def east_north_up_m(places: Sequence[EarthPlace], origin: EarthPlace) -> np.ndarray:
     """(N, 3) in the level plane that touches the ellipsoid's normal at ``origin``.
 
-    >>> east_north_up_m([Gps(48.0, 11.001, 5.0)], Gps(48.0, 11.0, 0.0)).round(2).tolist()
+    >>> east_north_up_m([EarthPlace(48.0, 11.001, 5.0)], EarthPlace(48.0, 11.0)).round(2).tolist()
     [[74.63, 0.0, 5.0]]
     """
     lat, lon = math.radians(origin.latitude_deg), math.radians(origin.longitude_deg)
