@@ -63,7 +63,7 @@ class Aloft:
         g, now_s = self.guardian, self.now_s
         T = transforms.from_xyz_rpy(self.p, [self.lean_rad, 0.0, 0.0])
         if "feed" not in self.silent and self.steps % self.feed_every == 0:
-            g.feed(now_s, transforms.from_xyz_yaw(self.p + self.feed_off, 0.0))
+            g.pose(now_s, transforms.from_xyz_yaw(self.p + self.feed_off, 0.0))
         g.estimate(now_s, T)
         g.state(now_s, self.mode, self.armed)
         if "link" not in self.silent:
@@ -74,7 +74,7 @@ class Aloft:
         if "agent" not in self.silent:
             g.agent_lives(now_s)
         if "control" not in self.silent:
-            g.control_heard(now_s)
+            g.control_lives(now_s)
         g.home(self.T_home_odom)
         for name, fields in self.others.items():
             if name not in self.silent:

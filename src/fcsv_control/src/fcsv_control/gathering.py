@@ -144,7 +144,7 @@ class Gatherer:
             self.gathered.problems.append(f"{source.machine}: {error}")
         self._set_aside(there)
         for name in there:
-            self._take(source.machine, name)
+            self._accept(source.machine, name)
 
     def fetch_description(self, source: Source) -> None:
         """What the control PC keeps beside its bag, where it does: session.yaml, and the events of
@@ -177,7 +177,7 @@ class Gatherer:
 
     # ---- parts of it -----------------------------------------------------------------------------
 
-    def _take(self, machine: str, name: str) -> None:
+    def _accept(self, machine: str, name: str) -> None:
         """A bag that has come: it can be read, or is repaired, or is a problem."""
         path = self.folder / name
         if not path.exists():

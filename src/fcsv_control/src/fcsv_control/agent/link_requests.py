@@ -10,7 +10,7 @@ from fcsv_control.agent.asking import Asking, Shown
 from fcsv_control.agent.messages import Ask, AskAnswered, Kind
 from fcsv_control.errors import ControlError
 from fcsv_control.flight.mavlink.texts import WARNING
-from fcsv_control.flight.messages import TextHeard
+from fcsv_control.flight.messages import TextReceived
 
 _REASON_WAIT_S = 0.5  # the reason and the service's answer come by different ways
 _NO_REASON = "the flight link refused without a reason"
@@ -40,7 +40,7 @@ class LinkRequests:
         self._texts: List[Tuple[float, str]] = []
         self._home_m = 0.0
 
-    def said(self, now_s: float, m: TextHeard) -> None:
+    def status_text(self, now_s: float, m: TextReceived) -> None:
         """The autopilot said something, which may be why it refuses."""
         if m.severity <= WARNING:
             self._texts = [*self._texts[-10:], (now_s, m.text)]

@@ -76,7 +76,7 @@ class Monitors:
         self._unseen_s = float("-inf")  # when the tracker last did not see it
         self._steps = _steps(rules)
         self._watches = (
-            self._feed,
+            self._poses,
             self._doubt,
             self._ekf,
             self._confidence,
@@ -154,7 +154,7 @@ class Monitors:
         """Whether poses of the tracker come, by the earlier of its bounds."""
         return conditions.feed_age(air.feed.age_s(now_s), self._rules.feed_warn_s)
 
-    def _feed(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
+    def _poses(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
         age_s, hz = air.feed.age_s(now_s), air.feed.rate_hz(now_s)
         if not air.flying or air.feed.value is None:
             return ()

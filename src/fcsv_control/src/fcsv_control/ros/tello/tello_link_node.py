@@ -111,13 +111,13 @@ class TelloLinkNode:
 
     def _on_packet(self, now_s: float) -> None:
         with self._lock:
-            self._core.heard(now_s)
+            self._core.tello_lives(now_s)
 
     def _on_flight(self, now_s: float, data: Any) -> None:
         report = flight_report(data)
         with self._lock:
             if report is None:
-                self._core.heard(now_s)
+                self._core.tello_lives(now_s)
                 self._unread_since_s = self._unread_since_s or now_s
                 return
             self._unread_since_s = None
@@ -129,7 +129,7 @@ class TelloLinkNode:
         with self._lock:
             motion = self._own.imu(now_s, record)
             if motion is None:
-                self._core.heard(now_s)
+                self._core.tello_lives(now_s)
             else:
                 self._core.log(now_s, motion.report)
         if motion is None:
