@@ -17,7 +17,7 @@ _NO_REASON = "the flight link refused without a reason"
 
 
 @dataclass
-class _Open:
+class _OpenRequest:
     """A request that is not over. ``waits``: for the answer to a call; ``refusals``: that came
     before that call."""
 
@@ -36,7 +36,7 @@ class LinkRequests:
 
     def __init__(self):
         self.shown = Shown()
-        self._open: Dict[int, _Open] = {}
+        self._open: Dict[int, _OpenRequest] = {}
         self._texts: List[Tuple[float, str]] = []
         self._home_m = 0.0
 
@@ -63,7 +63,7 @@ class LinkRequests:
 
     def begin(self, now_s: float, ask: Ask) -> None:
         """Ask for this from now on; ``due`` gives its first call."""
-        self._open[ask.number] = _Open(
+        self._open[ask.number] = _OpenRequest(
             ask, Asking.of(self.shown, now_s, ask), now_s, self.shown.refusals
         )
 
@@ -84,7 +84,7 @@ class LinkRequests:
             over.append((request.ask, refusal))
         return calls, over
 
-    def _calls(self, now_s: float, request: _Open) -> bool:
+    def _calls(self, now_s: float, request: _OpenRequest) -> bool:
         """Whether to call for it now. Raises ControlError where it ends."""
         if request.refused_s < math.inf:
             reason = request.error or self.shown.refusal(request.refusals)
@@ -93,7 +93,7 @@ class LinkRequests:
             return False
         return not request.waits and request.asking.step(now_s)
 
-    def _call(self, now_s: float, request: _Open) -> Ask:
+    def _call(self, now_s: float, request: _OpenRequest) -> Ask:
         request.waits, request.called_s, request.refusals = True, now_s, self.shown.refusals
         if request.ask.kind is Kind.TAKEOFF:
             return replace(request.ask, altitude_m=request.ask.altitude_m - self._home_m)

@@ -20,7 +20,7 @@ from fcsv_control.ros.tello.tello_video import TelloVideo, VideoParameters
 from fcsv_control.tello.core import TelloCore
 from fcsv_control.tello.library import Hears, RadioParameters, TelloRadio, where
 from fcsv_control.tello.messages import (
-    EstimateMoved,
+    FrameMoved,
     GiveSticks,
     LandNow,
     Output,
@@ -81,7 +81,7 @@ class TelloLinkNode:
             LandNow: lambda _o: self._radio.land(),
             StayUp: lambda _o: self._radio.stay_up(),
             TelloText: lambda o: self._out.text(o.severity, o.text),
-            EstimateMoved: lambda o: self._out.moved(o.step_m),
+            FrameMoved: lambda o: self._out.moved(o.step_m),
         }
         self._video = (
             TelloVideo(p.vehicle, p.video, self._health, self._key_picture)
