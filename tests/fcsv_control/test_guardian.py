@@ -990,6 +990,33 @@ def test_near_the_ground_it_is_sooner_down_than_away():
     assert not air.run(3.0).asked
 
 
+def lying(x_m, y_m):
+    return {"uav2": {"p_home_m": np.array([x_m, y_m, 0.0]), "armed": False}}
+
+
+def test_a_land_that_came_above_one_that_lies_is_left_for_a_place_aside():
+    air = landing(6.0)
+    air.others = lying(0.0, 0.3)
+    air.run(6.0)
+    assert air.modes[0] == Mode.GUIDED and air.mode == Mode.LAND
+    assert np.hypot(*(air.p[:2] - [0.0, 0.3])) > 2.1  # clear_m less what counts as there
+    assert "uav1: uav2 is beneath" in air.texts
+
+
+@pytest.mark.parametrize("height_m, x_m", [(6.0, 2.0), (1.5, 0.3)])
+def test_a_land_beside_one_that_lies_or_near_the_ground_goes_on(height_m, x_m):
+    air = landing(height_m)
+    air.others = lying(x_m, 0.0)
+    assert not air.run(3.0).asked and not air.held
+
+
+def test_a_pilots_land_above_one_that_lies_is_only_told():
+    air = Aloft()
+    air.mode, air.others = Mode.LAND, lying(0.0, 0.3)
+    air.run(3.0)
+    assert not air.asked and not air.held and "uav1: uav2 is beneath" in air.texts
+
+
 def test_a_landing_beside_another_that_lands_goes_on():
     air = landing(6.0)
     air.others = {"uav2": {"p_home_m": np.array([2.0, 0.0, 7.0]), "mode": Mode.LAND}}

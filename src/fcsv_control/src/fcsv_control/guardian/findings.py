@@ -38,7 +38,8 @@ class Reaction(IntEnum):
     HOME = 3  # to above the take-off place
     ASIDE = 4  # out of another's way, then hold
     BRAKE = 5
-    ESCAPE = 6  # out of LAND, out of the way of one that comes down without control, then LAND
+    # out of LAND, aside of one beneath or that comes down without control, then LAND
+    ESCAPE = 6
     LAND_ASIDE = 7  # LAND, first out of the way of who is beneath
     LAND = 8  # at once: the position cannot be relied on
 
@@ -88,6 +89,7 @@ class Monitors:
             self._stick,
             self._fence,
             self._others,
+            self._lands_on,
         )
 
     def findings(self, now_s: float, air: VehicleSituation) -> List[Finding]:
@@ -277,6 +279,17 @@ class Monitors:
                     f"{name}, which {why}, is {self._where(offset_m)}",
                     name,
                 )
+
+    def _lands_on(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
+        """A LAND that came where another is beneath: who ordered it did not know this place, or
+        that one's (silent until then)."""
+        high = air.mode == Mode.LAND and air.flying and self._high(air)
+        if not high or air.lost or air.p_home_m is None:
+            return
+        own = Occupant([air.p_home_m], air.p_home_stop_m)
+        for name, other in room.others(now_s, air, self._rules).items():
+            if airspace.comes_down_on(own, other, self._rules.beside_m, _BELOW_M):
+                yield Finding("beneath", Reaction.ESCAPE, f"{name} is beneath", name)
 
     @staticmethod
     def _where(offset_m: np.ndarray) -> str:
