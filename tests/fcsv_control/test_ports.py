@@ -33,7 +33,7 @@ CORES = {
     "PoseCheck": "",
     "PoseWatchdog": "",
     "BodyOdometry": "",
-    "Twins": "",
+    "DuplicateAgentGuard": "",
     "CalibrationSession": "",
     "calibrate_link": "",
     "merge_loops": "",
