@@ -186,7 +186,7 @@ class CooperativeTracker:
     def step(self, now_s: float) -> CooperativeState:
         """The robot as of its last wheels, the vehicles as of ``lag_s`` before."""
         while self._queue and self._queue[0][0] <= now_s - self._rules.lag_s:
-            self._take(heapq.heappop(self._queue)[2])
+            self._process(heapq.heappop(self._queue)[2])
         return CooperativeState(self._robot(now_s), self._places())
 
     def _robot(self, now_s: float) -> PlaceState:
@@ -229,7 +229,7 @@ class CooperativeTracker:
 
     # ---- the filter ------------------------------------------------------------------------------
 
-    def _take(self, message: Message) -> None:
+    def _process(self, message: Message) -> None:
         if not self._begun or message.stamp_s < self._until_s:
             return
         self._until_s = message.stamp_s

@@ -53,15 +53,15 @@ class CooperativePlaceNode:
             "robot_pose", PoseWithCovarianceStamped, queue_size=1, tcp_nodelay=True
         )
         self._status = rospy.Publisher("place/status", String, queue_size=1, latch=True)
-        self._hear("odom", Odometry, "odom", messages.wheels_of)
+        self._subscribe("odom", Odometry, "odom", messages.wheels_of)
         for name in p.vehicles:
             seen, own = f"/{name}/odometry/body", f"/{name}/{p.own_odometry}"
-            self._hear(seen, Odometry, f"{name} seen", messages.sighting_of, name)
-            self._hear(own, Odometry, f"{name} odometry", messages.vehicle_odometry_of, name)
-        self._hear("/home", Home, "home", messages.robot_start_of, p.start_m, p.start_deg)
+            self._subscribe(seen, Odometry, f"{name} seen", messages.sighting_of, name)
+            self._subscribe(own, Odometry, f"{name} odometry", messages.vehicle_odometry_of, name)
+        self._subscribe("/home", Home, "home", messages.robot_start_of, p.start_m, p.start_deg)
         self._timer = node.every(_PERIOD_S, lambda _event: self._step())
 
-    def _hear(self, topic: str, kind: type, flow: str, convert: Callable, *more) -> None:
+    def _subscribe(self, topic: str, kind: type, flow: str, convert: Callable, *more) -> None:
         def receive(message) -> None:
             try:
                 converted = convert(message, *more)
