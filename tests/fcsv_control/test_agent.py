@@ -27,58 +27,58 @@ def log():
 
 
 def test_a_command_is_executed_once_and_its_answer_repeated(log):
-    assert log.judge(10.0, "uav1", "mission", 1, True, 15.0) == (CommandVerdict.EXECUTE, None)
-    assert log.judge(10.3, "uav1", "mission", 1, True, 15.0) == (CommandVerdict.WAIT, None)
+    assert log.decide(10.0, "uav1", "mission", 1, True, 15.0) == (CommandVerdict.EXECUTE, None)
+    assert log.decide(10.3, "uav1", "mission", 1, True, 15.0) == (CommandVerdict.WAIT, None)
     log.answered("mission", 1, Answer(0, ""))
-    assert log.judge(10.6, "uav1", "mission", 1, True, 15.0) == (
+    assert log.decide(10.6, "uav1", "mission", 1, True, 15.0) == (
         CommandVerdict.REPEAT,
         Answer(0, ""),
     )
     # done in time: not expired
-    assert log.judge(99.0, "uav1", "mission", 1, True, 15.0) == (
+    assert log.decide(99.0, "uav1", "mission", 1, True, 15.0) == (
         CommandVerdict.REPEAT,
         Answer(0, ""),
     )
 
 
 def test_another_vehicles_command_is_ignored_and_another_senders_is_another(log):
-    assert log.judge(10.0, "uav2", "mission", 1, True, 15.0)[0] == CommandVerdict.IGNORE
-    assert log.judge(10.0, "uav1", "mission", 1, True, 15.0)[0] == CommandVerdict.EXECUTE
-    assert log.judge(10.0, "uav1", "mission-restarted", 1, True, 15.0)[0] == CommandVerdict.EXECUTE
+    assert log.decide(10.0, "uav2", "mission", 1, True, 15.0)[0] == CommandVerdict.IGNORE
+    assert log.decide(10.0, "uav1", "mission", 1, True, 15.0)[0] == CommandVerdict.EXECUTE
+    assert log.decide(10.0, "uav1", "mission-restarted", 1, True, 15.0)[0] == CommandVerdict.EXECUTE
 
 
 def test_a_late_command_is_never_executed(log):
-    assert log.judge(15.1, "uav1", "mission", 1, True, 15.0)[0] == CommandVerdict.EXPIRED
+    assert log.decide(15.1, "uav1", "mission", 1, True, 15.0)[0] == CommandVerdict.EXPIRED
     log.answered("mission", 1, Answer(2, "late"))
-    assert log.judge(15.2, "uav1", "mission", 1, True, 15.0)[0] == CommandVerdict.REPEAT
+    assert log.decide(15.2, "uav1", "mission", 1, True, 15.0)[0] == CommandVerdict.REPEAT
 
 
 def test_a_move_that_a_newer_one_overtook_is_not_made(log):
     """Number 1 was lost, number 2 arrived, then the repetition of number 1."""
-    assert log.judge(10.0, "uav1", "mission", 2, True, 15.0)[0] == CommandVerdict.EXECUTE
-    assert log.judge(10.1, "uav1", "mission", 1, True, 15.0)[0] == CommandVerdict.EXPIRED
-    assert log.judge(10.1, "uav1", "mission", 3, True, 15.0)[0] == CommandVerdict.EXECUTE
+    assert log.decide(10.0, "uav1", "mission", 2, True, 15.0)[0] == CommandVerdict.EXECUTE
+    assert log.decide(10.1, "uav1", "mission", 1, True, 15.0)[0] == CommandVerdict.EXPIRED
+    assert log.decide(10.1, "uav1", "mission", 3, True, 15.0)[0] == CommandVerdict.EXECUTE
 
 
 @pytest.mark.parametrize("clock_s", [21.0, 3600.0])
 def test_a_command_to_stop_is_never_late_by_the_clock(log, clock_s):
     """The control PC's clock is seconds behind: it used to be answered with "expired"."""
     assert (
-        log.judge(clock_s, "uav1", "mission", 1, True, 15.0, stops=True)[0]
+        log.decide(clock_s, "uav1", "mission", 1, True, 15.0, stops=True)[0]
         is CommandVerdict.EXECUTE
     )
-    assert log.judge(clock_s, "uav1", "mission", 2, True, 15.0)[0] is CommandVerdict.EXPIRED
+    assert log.decide(clock_s, "uav1", "mission", 2, True, 15.0)[0] is CommandVerdict.EXPIRED
 
 
 def test_recording_is_not_overtaken_by_moves(log):
-    assert log.judge(10.0, "uav1", "mission", 5, True, 15.0)[0] == CommandVerdict.EXECUTE
-    assert log.judge(10.1, "uav1", "mission", 4, False, 15.0)[0] == CommandVerdict.EXECUTE
-    assert log.judge(10.2, "uav1", "mission", 6, False, 15.0)[0] == CommandVerdict.EXECUTE
+    assert log.decide(10.0, "uav1", "mission", 5, True, 15.0)[0] == CommandVerdict.EXECUTE
+    assert log.decide(10.1, "uav1", "mission", 4, False, 15.0)[0] == CommandVerdict.EXECUTE
+    assert log.decide(10.2, "uav1", "mission", 6, False, 15.0)[0] == CommandVerdict.EXECUTE
 
 
 def test_the_memory_is_bounded(log):
     for number in range(1, 1000):
-        log.judge(10.0, "uav1", "mission", number, True, 15.0)
+        log.decide(10.0, "uav1", "mission", number, True, 15.0)
     assert len(log._answers) == 200
 
 

@@ -49,7 +49,7 @@ class Board:
 
     def tell(self, kind, **fields):
         """A new command; its number."""
-        self.core.take(self.now_s, self.order(kind, **fields))
+        self.core.receive(self.now_s, self.order(kind, **fields))
         return self.number
 
     def answer(self, kind, **fields):
@@ -199,7 +199,7 @@ def test_brake_of_anybody_holds_at_once_and_asks_for_the_mode():
     board.tell(Kind.GOTO, target=transforms.from_xyz_yaw([9.0, 0.0, 3.0], 0.0), frame="uav1/odom")
     board.run(1.0)
     board.core.pose(board.now_s, transforms.from_xyz_yaw([2.0, 0.0, 3.0], 0.0))
-    board.core.take(board.now_s, board.order(Kind.SET_MODE, sender="stop_all", mode=Mode.BRAKE))
+    board.core.receive(board.now_s, board.order(Kind.SET_MODE, sender="stop_all", mode=Mode.BRAKE))
     out = board.core.outgoing()
     [point], [ask] = of(out, SetPoint), of(out, Ask)
     assert ask.mode == Mode.BRAKE and np.allclose(point.T_odom_body[:3, 3], [2.0, 0.0, 3.0])
@@ -214,9 +214,9 @@ def test_what_was_ordered_before_a_stop_of_somebody_else_is_not_done_after_it(ki
     board = Board()
     before = board.order(kind, **fields)
     board.run(1.0)
-    board.core.take(board.now_s, board.order(Kind.SET_MODE, sender="stop_all", mode=Mode.BRAKE))
+    board.core.receive(board.now_s, board.order(Kind.SET_MODE, sender="stop_all", mode=Mode.BRAKE))
     board.run(0.1)
-    board.core.take(board.now_s, before)
+    board.core.receive(board.now_s, before)
     out = board.run()
     [ack] = of(out, Ack)
     assert ack.result == REFUSED and "was stopped by stop_all" in ack.reason and not of(out, Ask)
@@ -297,10 +297,10 @@ def test_the_lease_lasts_as_long_as_its_holder_is_heard():
     assert board.answer(Kind.GOTO, sender="mission-123", **AHEAD) == (DONE, "")
     for _ in range(50):
         board.run(0.2)
-        board.core.control_heard(board.now_s, "mission-123", SENDER_S + board.now_s)
+        board.core.sender_lives(board.now_s, "mission-123", SENDER_S + board.now_s)
     assert board.answer(Kind.GOTO, sender="mission-124", **AHEAD)[0] == REFUSED
     # it is not the holder
-    board.core.control_heard(board.now_s, "mission-124", SENDER_S + board.now_s)
+    board.core.sender_lives(board.now_s, "mission-124", SENDER_S + board.now_s)
     board.run(1.9)
     assert board.answer(Kind.GOTO, sender="mission-124", **AHEAD)[0] == REFUSED
     board.run(0.2)
@@ -314,15 +314,15 @@ def test_what_comes_without_a_name_does_not_renew_the_lease_of_a_mission_that_is
     assert board.answer(Kind.GOTO, sender="mission-123", **AHEAD) == (DONE, "")
     for _ in range(12):
         board.run(0.2)
-        board.core.control_heard(board.now_s, "", SENDER_S + board.now_s)
+        board.core.sender_lives(board.now_s, "", SENDER_S + board.now_s)
     assert board.answer(Kind.GOTO, sender="mission-124", **AHEAD) == (DONE, "")
 
 
 def test_of_two_agents_the_younger_does_nothing_until_the_older_is_gone():
     board = Board(twins=DuplicateAgentGuard("agent-2", 100.0))
-    board.core.twins.heard(100.2, "agent-1", 60.0)
+    board.core.twins.agent_lives(100.2, "agent-1", 60.0)
     assert board.answer(Kind.GOTO, **AHEAD) is None, "the older one answers"
-    board.core.twins.heard(board.now_s, "agent-1", 60.0)
+    board.core.twins.agent_lives(board.now_s, "agent-1", 60.0)
     board.tell(Kind.LAND)
     assert not board.run(0.9)
     board.run(0.5)
@@ -343,8 +343,8 @@ def test_of_two_agents_that_were_started_together_one_acts():
     acting = []
     for mine, other in (("agent-1", "agent-2"), ("agent-2", "agent-1")):
         twins = DuplicateAgentGuard(mine, 50.0)
-        twins.heard(60.0, other, 10.1)
-        twins.heard(60.0, mine, 10.0)  # itself
+        twins.agent_lives(60.0, other, 10.1)
+        twins.agent_lives(60.0, mine, 10.0)  # itself
         acting.append(not twins.older(60.1))
     assert sorted(acting) == [False, True]
 
@@ -356,10 +356,10 @@ def test_a_way_point_that_the_radio_held_up_is_not_flown_to():
     """Its sender was heard before, so that it is known how late it comes, whatever anybody's clock
     says."""
     board = Board()
-    board.core.control_heard(board.now_s, "mission", SENDER_S + board.now_s)
+    board.core.sender_lives(board.now_s, "mission", SENDER_S + board.now_s)
     late = board.order(Kind.GOTO, lifetime_s=2.0, **AHEAD)
     board.run(2.5)
-    board.core.take(board.now_s, late)
+    board.core.receive(board.now_s, late)
     assert [a.result for a in of(board.run(), Ack)] == [TOO_LATE]
 
 
@@ -369,16 +369,16 @@ def test_repetitions_of_an_old_order_are_not_flown_to_although_they_come_at_once
     order = board.order(Kind.GOTO, lifetime_s=2.0, **AHEAD)
     board.run(2.5)
     copy = Instruction(**{**vars(order), "sent_s": SENDER_S + board.now_s})
-    board.core.take(board.now_s, copy)
+    board.core.receive(board.now_s, copy)
     assert [a.result for a in of(board.run(), Ack)] == [TOO_LATE]
 
 
 def test_a_stop_is_obeyed_however_late_it_comes():
     board = Board()
-    board.core.control_heard(board.now_s, "stop_all", SENDER_S + board.now_s)
+    board.core.sender_lives(board.now_s, "stop_all", SENDER_S + board.now_s)
     late = board.order(Kind.SET_MODE, sender="stop_all", lifetime_s=2.0, mode=Mode.BRAKE)
     board.run(60.0)
-    board.core.take(board.now_s, late)
+    board.core.receive(board.now_s, late)
     assert [a.mode for a in of(board.run(), Ask)] == [Mode.BRAKE]
 
 

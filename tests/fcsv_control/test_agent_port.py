@@ -21,11 +21,11 @@ from fcsv_control.agent.port import AgentPort
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import (
     EstimateMoved,
-    HomeHeard,
+    HomeReceived,
     ModeAsked,
     PoseEstimated,
     Refused,
-    TextHeard,
+    TextReceived,
 )
 from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_geometry import transforms
@@ -121,7 +121,7 @@ def test_without_a_reason_the_autopilots_last_warning_is_one(board):
         board.tell(Kind.ARM, flag=True)
         board.show("GUIDED", False)
         [call] = of(board.run(), Ask)
-        board.hear(TextHeard(severity, "PreArm: compass"), AskAnswered(call.number, False))
+        board.hear(TextReceived(severity, "PreArm: compass"), AskAnswered(call.number, False))
         [ack] = of(board.run(0.6), Ack)
         assert (ack.result, ack.reason) == (REFUSED, reason)
 
@@ -166,7 +166,7 @@ def test_a_landing_ends_the_mode_before_it_once_that_call_returns(board):
 
 
 def test_a_take_off_counts_from_the_home_that_mavros_tells(board):
-    board.hear(HomeHeard(0.75))
+    board.hear(HomeReceived(0.75))
     number = board.tell(Kind.TAKEOFF, altitude_m=5.0)
     [call] = of(board.run(0.3), Ask)
     assert call.altitude_m == pytest.approx(4.25)

@@ -9,7 +9,7 @@ import pytest
 
 from fcsv_control import conditions
 from fcsv_control.conditions import Grade
-from fcsv_control.flight.feeding.feed_check import FeedCheckRules
+from fcsv_control.flight.feeding.feed_check import PoseCheckRules
 from fcsv_control.flight.feeding.watchdog import WatchdogParameters
 from fcsv_control.flight_check.fleet import FleetCheckRules
 from fcsv_control.flight_check.rules import VehicleCheckRules
@@ -165,5 +165,5 @@ def test_rules_have_the_tables_numbers_as_defaults(root):
     assert (guardian.feed_warn_s, guardian.feed_land_s) == (0.5, 0.7)
     assert (guardian.link_warn_s, guardian.link_hold_s) == (2.0, 30.0)
     assert (WatchdogParameters().warn_s, WatchdogParameters().land_s) == (0.5, 0.8)
-    assert (FeedCheckRules().apart_m, guardian.apart_m, check.red_apart_m) == (0.5, 0.5, 0.5)
+    assert (PoseCheckRules().apart_m, guardian.apart_m, check.red_apart_m) == (0.5, 0.5, 0.5)
     assert (FleetCheckRules().amber_clock_s, FleetCheckRules().silent_s) == (0.02, 3.0)

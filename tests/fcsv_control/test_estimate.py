@@ -34,7 +34,7 @@ def told(watch, seconds, flown, jumped, moved, armed=True, hz=30.0, lag_s=0.05):
     total, at_s = np.zeros(3), []
     for k in range(int(seconds * hz)):
         t = k / hz
-        watch.feed(t, t, flown(t) + jumped(t), False)
+        watch.pose_sent(t, t, flown(t) + jumped(t), False)
         step = watch.estimate(t, flown(max(0.0, t - lag_s)) + moved(t), armed)
         if step is not None:
             total, at_s = total + step, [*at_s, t]
@@ -84,12 +84,12 @@ def test_disarmed_the_estimate_may_move_and_nobody_is_told():
 def test_after_a_gap_of_the_feed_the_estimate_is_the_better_witness():
     watch = EstimateWatch()
     for k in range(60):
-        watch.feed(k / 30, k / 30, np.zeros(3), False)
+        watch.pose_sent(k / 30, k / 30, np.zeros(3), False)
         watch.estimate(k / 30, np.zeros(3), True)
     assert np.isnan(watch.apart_m(5.0))
     for k in range(150, 200):
         watch.estimate(k / 30, np.array([3.0, 0, 0]), True)
-        watch.feed(k / 30, k / 30, np.array([3.0, 0, 0]), False)
+        watch.pose_sent(k / 30, k / 30, np.array([3.0, 0, 0]), False)
         assert watch.estimate(k / 30, np.array([3.0, 0, 0]), True) is None
 
 
@@ -113,20 +113,20 @@ def test_an_origin_at_altitude_zero_does_not_count():
     loop.run(2.5)
     loop.pilot._origin.set((1, 1, 0), True)
     loop.run(5.0)
-    assert not loop.core.origin_set(loop.t) and loop.core.heard.origin_at_zero
+    assert not loop.core.origin_set(loop.t) and loop.core.listener.origin_at_zero
     with pytest.raises(ValueError, match="origin_alt_m"):
         LinkParameters(origin_alt_m=0.0)
 
 
 def test_rate_and_age_of_the_feed():
     loop = SimulatedLoop().run(4.0)
-    assert loop.core.feed_rate_hz(loop.t) == pytest.approx(30.0, abs=2.0)
+    assert loop.core.pose_rate_hz(loop.t) == pytest.approx(30.0, abs=2.0)
     loop.feed_hz = 0.0
     loop.run(1.0)
-    assert loop.core.feed_age_s(loop.t) > 0.9
+    assert loop.core.pose_age_s(loop.t) > 0.9
     loop.feed_hz = 30.0
     loop.run(0.1)
-    assert loop.core.feed_age_s(loop.t) < 0.1
+    assert loop.core.pose_age_s(loop.t) < 0.1
 
 
 def test_stamps_to_the_autopilot_only_rise():
@@ -169,7 +169,7 @@ def test_two_autopilots_on_a_line_without_a_target_are_refused():
     stranger = MavlinkServer(Autopilot(0.4, 5, 2.0), 7)
     stranger.step(loop.t, (0.0, 0.0, 0.0))
     for message in stranger.outgoing():
-        loop.core.take(loop.t, message)
+        loop.core.receive(loop.t, message)
     with pytest.raises(CommandRefused, match="autopilots 1, 7 are on one line; set target_system"):
         loop.core.set_mode(loop.t, Mode.GUIDED)
     with pytest.raises(CommandRefused, match="set target_system"):

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from fcsv_control.flight.feeding.feed_check import FeedCheck, FeedCheckRules
+from fcsv_control.flight.feeding.feed_check import PoseCheck, PoseCheckRules
 from fcsv_geometry import transforms
 
 HZ = 30.0
@@ -15,7 +15,7 @@ class Air:
 
     def __init__(self, seed=1):
         self.random = np.random.default_rng(seed)
-        self.check = FeedCheck()
+        self.check = PoseCheck()
         self.now_s, self.p, self.v = 100.0, np.zeros(3), np.zeros(3)
 
     def run(self, seconds, acc=(0.0, 0.0), tracker=lambda p, since_s: p):
@@ -40,7 +40,7 @@ class Air:
             T = transforms.from_xyz_rpy(p + noise_m, np.array(lean) + noise_rad)
             if p is FROZEN:
                 T = np.eye(4)
-            self.check.judge(self.now_s, 1.7e9 + self.now_s, T)
+            self.check.passes_in_flight(self.now_s, 1.7e9 + self.now_s, T)
             if self.check.doubt:
                 return self.now_s - begun_s
         return None
@@ -100,7 +100,7 @@ def test_a_clock_that_is_set_raises_no_doubt():
             [2.0 * k / HZ, 0.0, 3.0], np.radians(air.random.normal(0.0, 0.1, 3))
         )
         air.check.estimate(k / HZ, T, air.v)
-        air.check.judge(
+        air.check.passes_in_flight(
             k / HZ, 1.7e9 + k / HZ + (0.4 if k > 40 else 0.0) - (2.0 if k > 70 else 0.0), T
         )
         assert air.check.doubt == ""
@@ -109,7 +109,7 @@ def test_a_clock_that_is_set_raises_no_doubt():
 @pytest.mark.parametrize("name", ["frozen_s", "noise_m", "apart_m"])
 def test_rules_out_of_range_are_refused(name):
     with pytest.raises(ValueError, match=name):
-        FeedCheckRules(**{name: -1.0})
+        PoseCheckRules(**{name: -1.0})
 
 
 def test_a_tracker_that_comes_and_goes_is_doubted():
@@ -136,7 +136,7 @@ def test_a_tracker_that_returns_elsewhere_is_told_as_a_reset(gap_s, sunk_m, tell
     for k in range(60):
         air.check.estimate(air.now_s, transforms.from_xyz_yaw(air.p, 0.0), np.zeros(3))
         T = transforms.from_xyz_yaw(air.p + [0.001 * (k % 2), 0.0, sunk_m], 0.001 * (k % 3))
-        if air.check.judge(air.now_s, 1.7e9 + air.now_s, T) and air.check.came_back:
+        if air.check.passes_in_flight(air.now_s, 1.7e9 + air.now_s, T) and air.check.came_back:
             told.append(k)
         air.now_s += 1.0 / HZ
     assert told == ([0] if tells else [])
@@ -145,19 +145,23 @@ def test_a_tracker_that_returns_elsewhere_is_told_as_a_reset(gap_s, sunk_m, tell
 @pytest.mark.parametrize("ground_seen", [True, False])
 def test_a_link_that_starts_in_flight_tells_a_reset_where_the_place_is_another(ground_seen):
     """Nobody fed while its process was gone, and the tracker drifts."""
-    check = FeedCheck()
+    check = PoseCheck()
     if ground_seen:
         check.on_ground()
     check.estimate(50.0, transforms.from_xyz_yaw([0.0, 0.0, 8.0], 0.0), np.zeros(3))
     told = []
     for k in range(20):
         T = transforms.from_xyz_yaw([0.8 + 0.001 * (k % 2), 0.0, 8.0], 0.001 * (k % 3))
-        told += [k] if check.judge(50.0 + k / HZ, 1.7e9 + k / HZ, T) and check.came_back else []
+        told += (
+            [k]
+            if check.passes_in_flight(50.0 + k / HZ, 1.7e9 + k / HZ, T) and check.came_back
+            else []
+        )
     assert told == ([] if ground_seen else [0])
 
 
 def test_a_link_that_just_started_holds_poses_back_until_it_knows_whether_it_flies():
-    check = FeedCheck()
+    check = PoseCheck()
     assert check.waits(50.0, None) and check.waits(50.1, True)
     assert not check.waits(50.1, False)
     check.estimate(50.2, np.eye(4), np.zeros(3))

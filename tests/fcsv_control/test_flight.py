@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support.autopilots import MUST, PROFILE
 
-from fcsv_control.flight.feeding.feed import FeedParameters, FeedVerdict, VisionFeed
-from fcsv_control.flight.feeding.watchdog import Alarm, FeedWatchdog, WatchdogParameters
+from fcsv_control.flight.feeding.feed import PoseGate, PoseGateParameters, PoseVerdict
+from fcsv_control.flight.feeding.watchdog import Alarm, PoseWatchdog, WatchdogParameters
 from fcsv_control.flight.mavlink import conversion, keeper
 from fcsv_control.flight.mavlink.commands import ACCEPTED, FAILED, IN_PROGRESS, PendingCommand
 from fcsv_control.flight.mavlink.keeper import ConnectionKeeper
@@ -284,13 +284,13 @@ def test_the_clocks_are_compared_by_the_quickest_answer():
     for k, late_s in enumerate((0.020, 0.004, 0.150)):
         tc1, ts1 = sync.ask(10.0 + k)
         assert tc1 == 0
-        assert sync.take(10.0 + k + late_s, int((110.0 + k + 0.002) * 1e9), ts1) is None
+        assert sync.receive(10.0 + k + late_s, int((110.0 + k + 0.002) * 1e9), ts1) is None
     assert sync.round_trip_s == pytest.approx(0.004) and sync.offset_s == pytest.approx(
         100.0, abs=1e-6
     )
     # somebody else's
-    assert sync.take(13.0, 5, 77) is None and sync.offset_s == pytest.approx(100.0, abs=1e-6)
-    assert sync.take(14.0, 0, 99) == (14_000_000_000, 99)  # the autopilot asks
+    assert sync.receive(13.0, 5, 77) is None and sync.offset_s == pytest.approx(100.0, abs=1e-6)
+    assert sync.receive(14.0, 0, 99) == (14_000_000_000, 99)  # the autopilot asks
 
 
 # ---- feed ----------------------------------------------------------------------------------------
@@ -301,28 +301,28 @@ def test_the_clocks_are_compared_by_the_quickest_answer():
 )
 def test_the_feed_passes_thirty_a_second_at_most(rate_in, passed):
     rng = np.random.default_rng(1)
-    feed = VisionFeed(FeedParameters())
+    feed = PoseGate(PoseGateParameters())
     stamps = (
         1000.0
         + np.arange(0.0, 10.0, 1.0 / rate_in)
         + rng.uniform(0, 0.1 / rate_in, int(math.ceil(10.0 * rate_in)))
     )
-    assert sum(feed.judge(s + 0.004, s)[0] is FeedVerdict.SEND for s in stamps) == pytest.approx(
+    assert sum(feed.decide(s + 0.004, s)[0] is PoseVerdict.SEND for s in stamps) == pytest.approx(
         passed, rel=0.02
     )
 
 
 def dropped(feed, now_s, stamp_s, why):
-    verdict, text = feed.judge(now_s, stamp_s)
-    return verdict is FeedVerdict.DROP and why in text
+    verdict, text = feed.decide(now_s, stamp_s)
+    return verdict is PoseVerdict.DROP and why in text
 
 
 def test_the_feed_drops_what_is_no_news():
-    feed = VisionFeed(FeedParameters(stale_s=0.3))
-    assert feed.judge(10.0, 9.99)[0] is FeedVerdict.SEND
+    feed = PoseGate(PoseGateParameters(stale_s=0.3))
+    assert feed.decide(10.0, 9.99)[0] is PoseVerdict.SEND
     assert dropped(feed, 10.02, 9.99, "not newer")
     assert dropped(feed, 11.0, 10.5, "0.49 s older")
-    assert feed.judge(11.1, 11.09)[0] is FeedVerdict.SEND
+    assert feed.decide(11.1, 11.09)[0] is PoseVerdict.SEND
 
 
 def fed(feed, seconds, here_s, wall_s, late=lambda t: 0.004):
@@ -330,17 +330,17 @@ def fed(feed, seconds, here_s, wall_s, late=lambda t: 0.004):
     drops, stamps = [], []
     for k in range(int(seconds * 200)):
         t = k / 200.0
-        verdict, why = feed.judge(here_s + t + late(t), wall_s + t)
-        if verdict is FeedVerdict.SEND:
+        verdict, why = feed.decide(here_s + t + late(t), wall_s + t)
+        if verdict is PoseVerdict.SEND:
             stamps.append(feed.stamp_s)
-        elif verdict is FeedVerdict.DROP:
+        elif verdict is PoseVerdict.DROP:
             drops.append(why)
     return drops, stamps
 
 
 @pytest.mark.parametrize("step_s", [0.4, -0.4, 2.0, -2.0, 60.0, -60.0, 0.05, -0.05])
 def test_a_clock_that_is_set_drops_two_poses_at_most_and_the_stamps_go_on_rising(step_s):
-    feed = VisionFeed(FeedParameters())
+    feed = PoseGate(PoseGateParameters())
     _, before = fed(feed, 3.0, 100.0, 1.7e9)
     drops, after = fed(feed, 3.0, 103.0, 1.7e9 + 3.0 + step_s)
     stamps = np.array(before + after)
@@ -352,7 +352,7 @@ def test_a_clock_that_is_set_drops_two_poses_at_most_and_the_stamps_go_on_rising
 
 
 def test_a_clock_that_is_set_while_poses_are_held_up_costs_a_tenth_of_a_second():
-    feed = VisionFeed(FeedParameters())
+    feed = PoseGate(PoseGateParameters())
     fed(feed, 1.0, 100.0, 1.7e9)
     drops, stamps = fed(feed, 1.0, 101.4, 1.7e9 + 1.0 - 2.0)
     assert len(drops) <= 0.1 * 200 + 1 and len(stamps) > 25
@@ -360,7 +360,7 @@ def test_a_clock_that_is_set_while_poses_are_held_up_costs_a_tenth_of_a_second()
 
 def test_poses_that_are_held_up_are_dropped_until_they_are_fresh_again():
     """Half a second without any, then all that waited in a burst."""
-    feed = VisionFeed(FeedParameters())
+    feed = PoseGate(PoseGateParameters())
     fed(feed, 1.0, 100.0, 1.7e9)
     drops, stamps = fed(feed, 1.0, 101.0, 1.7e9 + 1.0, late=lambda t: max(0.004, 0.5 - t))
     assert 30 <= len(drops) <= 50 and all("older than fresh ones" in why for why in drops)
@@ -378,21 +378,21 @@ def verdicts(dog, times, armed=True, mode=Mode.GUIDED):
 
 
 def test_the_watchdog_warns_then_lands_once_it_is_obeyed():
-    dog = FeedWatchdog(WatchdogParameters(), 0.0)
-    dog.feed(10.0)
+    dog = PoseWatchdog(WatchdogParameters(), 0.0)
+    dog.pose_sent(10.0)
     assert verdicts(dog, [10.4, 10.6, 10.75]) == [NONE, WARN, WARN]
     assert verdicts(dog, [10.85, 10.9, 11.5]) == [LAND, WARN, WARN]
     assert dog.check(11.9, True, Mode.GUIDED) is LAND  # not seen in LAND yet: again
     assert dog.check(12.2, True, Mode.LAND) is NONE
     # the pilot took over: no fight
     assert verdicts(dog, [13.5, 15.0], mode=Mode.LOITER) == [WARN, WARN]
-    dog.feed(20.0)
+    dog.pose_sent(20.0)
     assert verdicts(dog, [20.1, 20.9]) == [NONE, LAND]  # a second death
 
 
 def test_the_watchdog_leaves_others_alone():
-    dog = FeedWatchdog(WatchdogParameters(), 0.0)
-    dog.feed(1.0)
+    dog = PoseWatchdog(WatchdogParameters(), 0.0)
+    dog.pose_sent(1.0)
     assert verdicts(dog, [5.0], armed=False) == [NONE]
     assert verdicts(dog, [5.0], mode=Mode.ALT_HOLD) == [NONE] and verdicts(
         dog, [5.0], mode=Mode.STABILIZE
@@ -401,31 +401,31 @@ def test_the_watchdog_leaves_others_alone():
 
 @pytest.mark.parametrize("mode", [Mode.LOITER, Mode.POSHOLD, Mode.BRAKE, Mode.RTL])
 def test_in_a_mode_that_the_pilot_chose_the_watchdog_only_speaks(mode):
-    dog = FeedWatchdog(WatchdogParameters(), 0.0)
-    dog.feed(1.0)
+    dog = PoseWatchdog(WatchdogParameters(), 0.0)
+    dog.pose_sent(1.0)
     assert verdicts(dog, np.arange(1.0, 30.0, 0.1), mode=mode).count(LAND) == 0
     assert verdicts(dog, [30.0], mode=mode) == [WARN]
     assert dog.check(30.1, True, mode, ours=True) is LAND  # one that the companion commanded
 
 
 def test_time_in_which_nobody_could_watch_is_no_silence():
-    dog = FeedWatchdog(WatchdogParameters(), 0.0)
-    dog.feed(10.0)
+    dog = PoseWatchdog(WatchdogParameters(), 0.0)
+    dog.pose_sent(10.0)
     dog.slept(11.5, 1.4)  # the computer stood still from 10.1 to 11.5
     assert verdicts(dog, [11.5, 12.0, 12.25]) == [NONE, WARN, LAND]
-    dog.feed(20.0)
+    dog.pose_sent(20.0)
     dog.slept(20.01, 3.0)  # the feed was read first
     assert dog.age_s(20.01) == 0.0
 
 
 def test_a_feed_that_never_began_is_dead():
     """The link was restarted in flight while the odometry was gone."""
-    dog = FeedWatchdog(WatchdogParameters(), 100.0)
+    dog = PoseWatchdog(WatchdogParameters(), 100.0)
     assert verdicts(dog, [100.3, 100.9]) == [NONE, LAND]
 
 
 def test_the_watchdog_may_be_told_to_warn_only():
-    dog = FeedWatchdog(WatchdogParameters(land_s=0.0), 0.0)
+    dog = PoseWatchdog(WatchdogParameters(land_s=0.0), 0.0)
     assert verdicts(dog, [0.6, 3.0]) == [WARN, WARN]
 
 

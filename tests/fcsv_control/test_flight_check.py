@@ -387,7 +387,7 @@ def test_mavros_has_the_same_lines_with_remedies_of_its_own(root):
     )
     said = dict(re.findall(r"^\| `([a-z]+)` \| (.+) \|$", text, re.M))
     ours, theirs = ({c.name: c for c in CHECKS[kind]} for kind in ("mavlink", "mavros"))
-    assert list(ours) == list(theirs) and all(ours[n].judge is theirs[n].judge for n in ours)
+    assert list(ours) == list(theirs) and all(ours[n].grade is theirs[n].grade for n in ours)
     assert {n: c.remedy for n, c in theirs.items() if c.remedy != ours[n].remedy} == said
     assert "does not sign" in said["signing"]
 

@@ -20,11 +20,11 @@ import pytest
 from pymavlink import mavutil
 
 from fcsv_control.flight.core import LinkCore, LinkParameters
-from fcsv_control.flight.feeding.feed_check import FeedCheck
+from fcsv_control.flight.feeding.feed_check import PoseCheck
 from fcsv_control.flight.mavlink.parser import Parser
 from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_control.flight.mavros import MavrosCore
-from fcsv_control.flight.messages import BarometerHeard, PoseHeard
+from fcsv_control.flight.messages import BarometerReceived, PoseReceived
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
@@ -151,7 +151,7 @@ def flown(core, vehicle):
     for k in range(800):
         vehicle.step()
         for message in vehicle.server.outgoing():
-            core.take(vehicle.now_s, message)
+            core.receive(vehicle.now_s, message)
         if k % 2:
             core.send_pose(vehicle.now_s, np.eye(4))
         core.step(vehicle.now_s)
@@ -169,24 +169,24 @@ def test_ten_thousand_strange_inputs_end_no_link(kind):
     """Also what the guardian's feed check is given of it: numbers alone, so that it goes on
     checking."""
     random_, line, vehicle = random.Random(1), Parser(), Vehicle()
-    core, check, heard = kind(LinkParameters(target_system=1)), FeedCheck(), 0
+    core, check, heard = kind(LinkParameters(target_system=1)), PoseCheck(), 0
     packer = M.MAVLink(None)
     for k in range(INPUTS):
         vehicle.now_s += 0.005
         if k % 5 == 0:
             # or it would be another firmware to it, and not be heard at all
-            core.take(vehicle.now_s, beat())
+            core.receive(vehicle.now_s, beat())
         for message in line.messages(garbage(random_)):
-            core.take(vehicle.now_s, message)
+            core.receive(vehicle.now_s, message)
         if k % 4 == 0:
             core.step(vehicle.now_s)
             core.send_pose(vehicle.now_s, np.eye(4))
         for event in core.events():
             heard += 1
-            if isinstance(event, PoseHeard):
+            if isinstance(event, PoseReceived):
                 assert np.isfinite(event.T_odom_body).all() and np.isfinite(event.v_odom_mps).all()
                 check.estimate(vehicle.now_s, event.T_odom_body, event.v_odom_mps)
-            if isinstance(event, BarometerHeard):
+            if isinstance(event, BarometerReceived):
                 assert math.isfinite(event.height_m)
         for message in core.outgoing():
             message.pack(packer)  # whatever it answers can be sent

@@ -21,7 +21,7 @@ from support.autopilots import PROFILE
 from support.link_by_hand import LinkByHand
 
 from fcsv_control.errors import CommandRefused, LinkError
-from fcsv_control.flight.messages import AutopilotState, PoseEstimated, TextHeard
+from fcsv_control.flight.messages import AutopilotState, PoseEstimated, TextReceived
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.modes import Mode
@@ -196,7 +196,7 @@ class Both:
 
     @property
     def texts(self):
-        return [(m.severity, m.text) for m in self.link.of(TextHeard)]
+        return [(m.severity, m.text) for m in self.link.of(TextReceived)]
 
     def close(self):
         self.link.close()

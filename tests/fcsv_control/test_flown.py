@@ -48,7 +48,7 @@ def second():
 
 def test_connecting_and_standing(loop):
     loop.ready()
-    parameters = loop.core.heard.parameters
+    parameters = loop.core.listener.parameters
     assert loop.until(lambda: parameters.known, 10.0) and not parameters.problems()
     loop.run(10.0)
     assert loop.core.estimate_apart_m(loop.t) < 0.15 and not any(
@@ -77,7 +77,7 @@ def test_it_holds_on_feeds_of_any_rate(loop, hz):
     loop.hover()
     loop.feed_hz = hz
     loop.run(2.0)
-    assert loop.furthest_m(6.0) < 0.4 and loop.core.feed_rate_hz(loop.t) == pytest.approx(
+    assert loop.furthest_m(6.0) < 0.4 and loop.core.pose_rate_hz(loop.t) == pytest.approx(
         hz, rel=0.15
     )
 
@@ -184,10 +184,10 @@ def test_from_the_first_heartbeat_of_a_restarted_autopilot_nothing_of_before_cou
     """Before, origin and parameters of before were believed for 1.3 s: GUIDED was done, and arming
     reached it."""
     loop.ready()
-    assert loop.until(lambda: loop.core.heard.parameters.known, 10.0)
+    assert loop.until(lambda: loop.core.listener.parameters.known, 10.0)
     loop.reboot()
     assert loop.until(lambda: loop.core.state.booting, 15.0)
-    assert not loop.core.origin_set(loop.t) and not loop.core.heard.parameters.known
+    assert not loop.core.origin_set(loop.t) and not loop.core.listener.parameters.known
     assert loop.core.state.prearm_ok is None and not loop.core.state.filter_runs
     for ask in (
         lambda: loop.core.set_mode(loop.t, Mode.GUIDED),
@@ -197,7 +197,7 @@ def test_from_the_first_heartbeat_of_a_restarted_autopilot_nothing_of_before_cou
             ask()
     assert not loop.core.state.armed
     loop.ready()
-    assert loop.until(lambda: loop.core.heard.parameters.known, 10.0)
+    assert loop.until(lambda: loop.core.listener.parameters.known, 10.0)
 
 
 def test_in_a_mode_that_somebody_else_set_set_points_are_not_flown(loop):
@@ -221,9 +221,9 @@ def test_a_link_that_starts_anew_in_flight_goes_on(loop):
     assert loop.until(lambda: loop.core.connected(loop.t) and loop.core.origin_set(loop.t), 5.0)
     assert loop.core.state.mode == Mode.GUIDED and loop.core.state.armed
     assert loop.furthest_m(4.0) < 0.4
-    fed = lambda: loop.core.feed_rate_hz(loop.t) == pytest.approx(30.0, rel=0.15)  # noqa: E731
+    fed = lambda: loop.core.pose_rate_hz(loop.t) == pytest.approx(30.0, rel=0.15)  # noqa: E731
     assert loop.until(fed, 5.0)  # in real time a busy machine makes gaps
-    assert loop.until(lambda: loop.core.heard.parameters.known, 10.0)
+    assert loop.until(lambda: loop.core.listener.parameters.known, 10.0)
 
 
 def test_two_vehicles_fly_by_their_own_system_ids(loop, second):
@@ -231,7 +231,7 @@ def test_two_vehicles_fly_by_their_own_system_ids(loop, second):
     loop.hover()
     loop.beside, second.beside = None, loop
     second.hover()
-    assert (loop.core.heard.target, second.core.heard.target) == (1, 2)
+    assert (loop.core.listener.target, second.core.listener.target) == (1, 2)
     loop.target[0, 3] += 2.0
     stood = second.furthest_m(6.0)
     assert stood < 0.4 and np.linalg.norm(loop.estimate[:3, 3] - loop.target[:3, 3]) < 0.3

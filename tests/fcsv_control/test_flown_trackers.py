@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.flown import flown_link
 
-from fcsv_control.flight.feeding.feed_check import FeedCheck
+from fcsv_control.flight.feeding.feed_check import PoseCheck
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.modes import Mode
 
@@ -14,7 +14,7 @@ from fcsv_geometry.vehicles.modes import Mode
 @pytest.fixture
 def loop():
     loop = flown_link()
-    loop.check, loop.tracker = FeedCheck(), lambda T, _s: loop.noisy(T)
+    loop.check, loop.tracker = PoseCheck(), lambda T, _s: loop.noisy(T)
     yield loop
     loop.target, loop.line_up, loop.check = None, True, None
     loop.tracker = lambda T, _s: loop.noisy(T)
@@ -26,14 +26,14 @@ def loop():
 
 def test_hovering_and_a_square_raise_no_doubt(loop):
     loop.hover()
-    withheld, judge = [], loop.check.judge
+    withheld, judge = [], loop.check.passes_in_flight
 
     def judged(*arguments):
         believed = judge(*arguments)
         withheld.append(not believed)
         return believed
 
-    loop.check.judge = judged
+    loop.check.passes_in_flight = judged
     home = loop.target.copy()
     for x, y, z, yaw in (
         (6.0, 0.0, 0.0, 0.3),

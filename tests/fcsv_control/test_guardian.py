@@ -63,7 +63,7 @@ class Aloft:
         g, now_s = self.guardian, self.now_s
         T = transforms.from_xyz_rpy(self.p, [self.lean_rad, 0.0, 0.0])
         if "feed" not in self.silent and self.steps % self.feed_every == 0:
-            g.feed(now_s, transforms.from_xyz_yaw(self.p + self.feed_off, 0.0))
+            g.pose(now_s, transforms.from_xyz_yaw(self.p + self.feed_off, 0.0))
         g.estimate(now_s, T)
         g.state(now_s, self.mode, self.armed)
         if "link" not in self.silent:
@@ -74,7 +74,7 @@ class Aloft:
         if "agent" not in self.silent:
             g.agent_lives(now_s)
         if "control" not in self.silent:
-            g.control_heard(now_s)
+            g.control_lives(now_s)
         g.home(self.T_home_odom)
         for name, fields in self.others.items():
             if name not in self.silent:
@@ -988,6 +988,33 @@ def test_near_the_ground_it_is_sooner_down_than_away():
         "uav2": {"p_home_m": np.array([3.0, 0.0, 7.0]), "mode": Mode.LAND, "uncontrolled": True}
     }
     assert not air.run(3.0).asked
+
+
+def lying(x_m, y_m):
+    return {"uav2": {"p_home_m": np.array([x_m, y_m, 0.0]), "armed": False}}
+
+
+def test_a_land_that_came_above_one_that_lies_is_left_for_a_place_aside():
+    air = landing(6.0)
+    air.others = lying(0.0, 0.3)
+    air.run(6.0)
+    assert air.modes[0] == Mode.GUIDED and air.mode == Mode.LAND
+    assert np.hypot(*(air.p[:2] - [0.0, 0.3])) > 2.1  # clear_m less what counts as there
+    assert "uav1: uav2 is beneath" in air.texts
+
+
+@pytest.mark.parametrize("height_m, x_m", [(6.0, 2.0), (1.5, 0.3)])
+def test_a_land_beside_one_that_lies_or_near_the_ground_goes_on(height_m, x_m):
+    air = landing(height_m)
+    air.others = lying(x_m, 0.0)
+    assert not air.run(3.0).asked and not air.held
+
+
+def test_a_pilots_land_above_one_that_lies_is_only_told():
+    air = Aloft()
+    air.mode, air.others = Mode.LAND, lying(0.0, 0.3)
+    air.run(3.0)
+    assert not air.asked and not air.held and "uav1: uav2 is beneath" in air.texts
 
 
 def test_a_landing_beside_another_that_lands_goes_on():

@@ -5,7 +5,7 @@ wash move."""
 import numpy as np
 import pytest
 
-from fcsv_control.flight.feeding.feed_check import FeedCheck
+from fcsv_control.flight.feeding.feed_check import PoseCheck
 from fcsv_control.flight.feeding.height_check import HeightCheck, height_m
 from fcsv_geometry import transforms
 from fcsv_sim.autopilot.barometer import Barometer
@@ -74,7 +74,7 @@ def feed(check, now_s, z_m):
     # the filter follows
     check.estimate(now_s, transforms.from_xyz_yaw([0.0, 0.0, z_m], 0.0), (0.0, 0.0, 0.0))
     p_m = [0.001 * np.sin(9.0 * now_s), 0.001 * np.cos(7.0 * now_s), z_m]
-    return check.judge(
+    return check.passes_in_flight(
         now_s, 1.7e9 + now_s, transforms.from_xyz_yaw(p_m, 0.001 * np.sin(5.0 * now_s))
     )
 
@@ -82,7 +82,7 @@ def feed(check, now_s, z_m):
 @pytest.mark.parametrize("gap_s", [0.0, 1.0])
 def test_the_feed_is_doubted_where_barometer_and_tracker_part(gap_s):
     """Also after a gap of the tracker, which begins all anew but what the ground's height was."""
-    check, now_s = FeedCheck(), 50.0
+    check, now_s = PoseCheck(), 50.0
     check.on_ground()
     for k in range(1200):
         now_s += 1.0 / 30.0 + (gap_s if k == 300 else 0.0)
@@ -101,7 +101,7 @@ def test_the_feed_is_doubted_where_barometer_and_tracker_part(gap_s):
 
 def test_a_link_that_starts_in_flight_compares_heights_all_the_same():
     """It never saw the ground, and the vehicle climbs no more."""
-    check = FeedCheck()
+    check = PoseCheck()
     for k in range(1200):
         now_s = 50.0 + k / 30.0
         drift_m = 0.0 if k < 600 else 0.004 * (k - 600)
@@ -114,7 +114,7 @@ def test_a_link_that_starts_in_flight_compares_heights_all_the_same():
 
 
 def test_an_odometry_that_begins_anew_in_flight_keeps_the_height_of_the_ground():
-    check = FeedCheck()
+    check = PoseCheck()
     check.on_ground()
     for k in range(1500):
         now_s = 50.0 + k / 30.0

@@ -16,12 +16,12 @@ from fcsv_control.flight.core import STOP_REPEAT_S, LinkCore, LinkParameters
 from fcsv_control.flight.mavlink.listener import STREAMS_HZ
 from fcsv_control.flight.mavlink.requests import Outcome
 from fcsv_control.flight.messages import (
-    BarometerHeard,
-    FixHeard,
+    BarometerReceived,
+    FixReceived,
     FixStatus,
-    PoseHeard,
-    StateHeard,
-    TextHeard,
+    PoseReceived,
+    StateReceived,
+    TextReceived,
 )
 from fcsv_control.flight.settings.profile import NOTHING
 from fcsv_geometry.vehicles.modes import Mode
@@ -44,7 +44,7 @@ class Line:
         message = getattr(self.encoder, kind + "_encode")(*fields)
         header = message.get_header()
         header.srcSystem, header.srcComponent = 1, 1
-        self.core.take(self.now_s, message)
+        self.core.receive(self.now_s, message)
 
     def beat(self, mode, armed=False, status=M.MAV_STATE_STANDBY):
         base = (M.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0) | M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -64,7 +64,7 @@ class Line:
     @property
     def known(self):
         core = self.core
-        return core.origin_set(self.now_s), core.heard.parameters.known, core.state.prearm_ok
+        return core.origin_set(self.now_s), core.listener.parameters.known, core.state.prearm_ok
 
     def acknowledge(self, message, result=0):
         self.hear(
@@ -254,8 +254,8 @@ def test_what_is_heard_comes_back_as_events_once(line):
     line.hear("statustext", 6, b"Arming motors")
     line.beat(GUIDED, armed=True)
     pose, text, state = line.core.events()
-    assert isinstance(pose, PoseHeard) and np.allclose(pose.T_odom_body[:3, 3], [2.0, 1.0, 3.0])
-    assert text == TextHeard(6, "Arming motors") and state == StateHeard()
+    assert isinstance(pose, PoseReceived) and np.allclose(pose.T_odom_body[:3, 3], [2.0, 1.0, 3.0])
+    assert text == TextReceived(6, "Arming motors") and state == StateReceived()
     assert line.core.events() == [] and line.core.state.armed
 
 
@@ -327,7 +327,7 @@ def test_version_and_clock_are_asked_for_until_they_are_known(line):
     assert len(version) == 2 and len(questions) == 3
     line.hear("autopilot_version", 0, 0x040602FF, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
     line.beat(STABILIZE)
-    assert line.core.heard.version == "4.6.2"
+    assert line.core.listener.version == "4.6.2"
     sent = line.run(2.5)
     assert not [
         m
@@ -368,7 +368,7 @@ def test_the_barometer_is_heard_as_a_height(line):
     line.core.events()
     for hpa in (1013.25, 1001.3, float("nan"), 0.0):
         line.hear("scaled_pressure", 1000, hpa, 0.0, 2500)
-    heard = [e.height_m for e in line.core.events() if isinstance(e, BarometerHeard)]
+    heard = [e.height_m for e in line.core.events() if isinstance(e, BarometerReceived)]
     assert heard == pytest.approx([0.0, 100.0], abs=0.1)
 
 
@@ -392,7 +392,7 @@ def test_streams_are_asked_for_in_one_order_in_every_process():
 def test_a_gps_fix_is_told_as_it_came(line, fix_type, status):
     before = (0, fix_type, 481000000, 116000000, 514000, 80, 120, 0, 65535, 14)
     line.hear("gps_raw_int", *before, 560000, 2000, 4000)
-    (fix,) = [e for e in line.core.events() if isinstance(e, FixHeard)]
+    (fix,) = [e for e in line.core.events() if isinstance(e, FixReceived)]
     assert fix.status is status and (fix.sigma_m, fix.height_sigma_m) == (2.0, 4.0)
     assert (fix.latitude_deg, fix.longitude_deg) == pytest.approx((48.1, 11.6), abs=1e-9)
     assert fix.height_m == 560.0  # above the ellipsoid, not above the sea
@@ -401,11 +401,11 @@ def test_a_gps_fix_is_told_as_it_came(line, fix_type, status):
 def test_a_fix_of_old_firmware_has_neither_height_nor_accuracy_and_none_is_told_without_a_fix(line):
     before = (481000000, 116000000, 514000, 80, 120, 0, 65535, 14)
     line.hear("gps_raw_int", 0, 3, *before)
-    (fix,) = [e for e in line.core.events() if isinstance(e, FixHeard)]
+    (fix,) = [e for e in line.core.events() if isinstance(e, FixReceived)]
     assert np.isnan([fix.height_m, fix.sigma_m, fix.height_sigma_m]).all()
     for fix_type in (0, 1, 2):
         line.hear("gps_raw_int", 0, fix_type, *before)
-    assert not [e for e in line.core.events() if isinstance(e, FixHeard)]
+    assert not [e for e in line.core.events() if isinstance(e, FixReceived)]
 
 
 ALL_KNOWN, NOTHING_KNOWN = (True, True, True), (False, False, None)
@@ -490,12 +490,12 @@ def test_foreign_heartbeats_with_the_autopilots_ids_change_nothing(
         line.hear("local_position_ned", 5, 1.0, 2.0, -3.0, 0, 0, 0)
     state = line.core.state
     assert state.armed and state.mode == Mode.GUIDED and state.system_status == 3
-    assert not line.core.heard.foreigner and not line.core.heard.strangers
-    assert sum(isinstance(e, PoseHeard) for e in line.core.events()) == 8
+    assert not line.core.listener.foreigner and not line.core.listener.strangers
+    assert sum(isinstance(e, PoseReceived) for e in line.core.events()) == 8
     line.core.set_mode(line.now_s, Mode.LAND)
     [told] = [r.getMessage() for r in caplog.records if "autopilot's ids" in r.getMessage()]
-    assert line.core.heard.identities.imitated(line.now_s, 1) == told
-    assert line.core.heard.identities.imitated(line.now_s + 6.0, 1) == ""
+    assert line.core.listener.identities.imitated(line.now_s, 1) == told
+    assert line.core.listener.identities.imitated(line.now_s + 6.0, 1) == ""
     wrong_input(
         "Autopilot",
         f"heartbeat of another program with the autopilot's ids: {name}",
@@ -520,7 +520,9 @@ def test_a_script_that_speaks_before_the_autopilot_is_not_taken_for_it(kind, aut
     line.beat(GUIDED, armed=True)
     line.hear("heartbeat", kind, autopilot, 0, STABILIZE, 0)
     assert (
-        line.core.connected(line.now_s) and line.core.state.armed and not line.core.heard.foreigner
+        line.core.connected(line.now_s)
+        and line.core.state.armed
+        and not line.core.listener.foreigner
     )
 
 
@@ -532,15 +534,15 @@ def test_heartbeats_of_other_components_and_systems_change_nothing(line, system,
     for kind, autopilot in ((2, 3), (18, 3), (26, 8), (6, 8), (2, 12)):
         message = line.encoder.heartbeat_encode(kind, autopilot, 0, STABILIZE, 0)
         message.get_header().srcSystem, message.get_header().srcComponent = system, component
-        line.core.take(line.now_s, message)
+        line.core.receive(line.now_s, message)
     assert line.core.state.armed and line.core.state.mode == Mode.GUIDED
-    assert not line.core.heard.foreigner and not line.core.heard.strangers
+    assert not line.core.listener.foreigner and not line.core.listener.strangers
 
 
 def test_a_vehicle_that_was_flashed_is_met_again_after_its_silence(line):
     line.beat(GUIDED)
     line.now_s += 3.5
     line.hear("heartbeat", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_PX4, 0, 0, 3)
-    assert line.core.heard.foreigner.startswith("PX4 with system id 1 speaks")
+    assert line.core.listener.foreigner.startswith("PX4 with system id 1 speaks")
     line.beat(STABILIZE)
-    assert not line.core.heard.foreigner and line.core.connected(line.now_s)
+    assert not line.core.listener.foreigner and line.core.connected(line.now_s)

@@ -16,11 +16,11 @@ from fcsv_control.agent.messages import Ack, Ask, Kind, SetPoint
 from fcsv_control.errors import CommandRefused, LinkError
 from fcsv_control.flight.messages import (
     AutopilotState,
-    BatteryTold,
+    BatteryReading,
     EstimateMoved,
     FromAutopilot,
     LinkLives,
-    LinkSaid,
+    LinkText,
     ModeAsked,
     OdometryReset,
     ParametersChecked,
@@ -28,10 +28,10 @@ from fcsv_control.flight.messages import (
     PoseFed,
     PosePassed,
     RequestOver,
-    TextHeard,
+    TextReceived,
     ToAutopilot,
 )
-from fcsv_control.flight.port import FeedRules, FlightLinkPort
+from fcsv_control.flight.port import ExternalNavigationRules, FlightLinkPort
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import NOTHING
 from fcsv_geometry import transforms
@@ -55,7 +55,12 @@ class Link:
         self.mode, self.armed = STABILIZE, False
         self.encoder = M.MAVLink(None)
         self.port = FlightLinkPort(
-            "uav1", LinkParameters(target_system=1), NOTHING, FeedRules(), 17, self.now_s
+            "uav1",
+            LinkParameters(target_system=1),
+            NOTHING,
+            ExternalNavigationRules(),
+            17,
+            self.now_s,
         )
 
     def tell(self, *messages):
@@ -158,7 +163,7 @@ def test_a_dead_feed_lands_who_is_flown_by_the_companion_and_tells_others_so(lin
     assert modes(link.run(0.7)) == []
     out = link.run(0.4)
     assert of(out, ModeAsked) == [ModeAsked(Mode.LAND)] and set(modes(out)) == {LAND}
-    assert any(o.text.endswith("landing") and o.severity == 1 for o in of(out, LinkSaid))
+    assert any(o.text.endswith("landing") and o.severity == 1 for o in of(out, LinkText))
     out = link.run(2.5)
     assert not of(out, ModeAsked), "not again while it is still asked for"
 
@@ -178,7 +183,7 @@ def test_a_dead_feed_in_a_brake_of_the_companion_lands_but_in_the_pilots_loiter_
     other.fed = False
     out = other.run(3.0)
     assert modes(out) == [] and not of(out, ModeAsked)
-    [said] = of(out, LinkSaid)
+    [said] = of(out, LinkText)
     assert said.severity == 2 and said.text.endswith("in LOITER: fly in ALT_HOLD, or land")
 
 
@@ -316,8 +321,8 @@ def test_words_battery_and_estimates_are_passed_on(link):
     link.hear("statustext", 4, b"PreArm: compass")
     link.hear("sys_status", 0, 0, 0x10000000, 0, 15800, 1200, 77, *[0] * 6)
     out = link.run(0.1)
-    assert of(out, TextHeard) == [TextHeard(4, "PreArm: compass")]
-    assert of(out, BatteryTold) == [BatteryTold(0.77, 15.8, 12.0)]
+    assert of(out, TextReceived) == [TextReceived(4, "PreArm: compass")]
+    assert of(out, BatteryReading) == [BatteryReading(0.77, 15.8, 12.0)]
     assert np.allclose(
         of(out, PoseEstimated)[-1].T_odom_body[:3, 3], [link.x_m, 0.0, 3.0], atol=0.02
     )

@@ -13,7 +13,7 @@ from pymavlink import mavutil
 from fcsv_control.errors import LinkError
 from fcsv_control.flight.mavlink import frame_bytes
 from fcsv_control.flight.mavros import COMPONENT, MavrosCore, mavros_url
-from fcsv_control.flight.messages import HomeHeard, Refused
+from fcsv_control.flight.messages import HomeReceived, Refused
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_geometry.vehicles.modes import Mode
 
@@ -36,7 +36,7 @@ class Beside:
         message = getattr(self.encoder, kind + "_encode")(*fields)
         header = message.get_header()
         header.srcSystem, header.srcComponent = 1, by
-        self.core.take(self.now_s, message)
+        self.core.receive(self.now_s, message)
 
     def beat(self, mode, armed=True):
         base = (M.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0) | M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -142,11 +142,11 @@ def home(beside, altitude_mm):
 def test_home_is_told_above_the_origin_and_asked_for_on_the_ground_only(beside):
     home(beside, 10_300)
     beside.run(0.1)
-    assert not beside.of(HomeHeard)  # the origin is not known yet
+    assert not beside.of(HomeReceived)  # the origin is not known yet
     beside.hear("gps_global_origin", 350000000, 1350000000, 10_000)
     home(beside, 10_300)
     beside.run(3.0)
-    assert beside.of(HomeHeard) == [HomeHeard(pytest.approx(0.3))]
+    assert beside.of(HomeReceived) == [HomeReceived(pytest.approx(0.3))]
     asks = lambda: [m for m in beside.out if m.get_type() == "COMMAND_LONG" and m.param1 == 242]  # noqa: E731
     assert 3 <= len(asks()) <= 5  # HOME_POSITION, once a second
     beside.beat(LOITER)

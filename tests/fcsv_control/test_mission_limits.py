@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fcsv_control.mission.snapshot import RecorderView
-from fcsv_control.mission.watches.heard import VehicleHeard
+from fcsv_control.mission.watches.heard import VehicleTelemetry
 from fcsv_geometry.missions.flight_limits import PauseLimits
 from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration
 from fcsv_geometry.vehicles.modes import Mode
@@ -113,7 +113,7 @@ def test_without_the_control_pc_s_recorder_no_vehicle_is_waited_for_longer(fligh
 
 
 def test_pictures_are_counted_over_the_restart_of_a_recorder():
-    heard, counted = VehicleHeard(np.eye(4)), []
+    heard, counted = VehicleTelemetry(np.eye(4)), []
     for now_s, pictures in enumerate((0, 10, 25, 0, 5, 2, 9)):
         heard.recorder(now_s, "", pictures)
         counted.append(heard.view(now_s, None).pictures)
@@ -121,7 +121,7 @@ def test_pictures_are_counted_over_the_restart_of_a_recorder():
 
 
 def test_a_battery_that_is_not_told_any_more_is_not_known_while_its_vehicle_is_heard():
-    heard = VehicleHeard(np.eye(4))
+    heard = VehicleTelemetry(np.eye(4))
     heard.battery(0.0, 0.7)
     heard.state(9.0, Mode.GUIDED, True, True)
     assert heard.view(30.0, None).battery_share == 0.7, "a cut radio is another pause"
@@ -307,7 +307,7 @@ def test_height_of_one_that_flew_before_anything_was_heard_is_that_of_its_estima
     heard_first, height_m
 ):
     """Its estimate began at 0.3 m on the ground where it was heard there."""
-    heard = VehicleHeard(np.eye(4))
+    heard = VehicleTelemetry(np.eye(4))
     if heard_first == "disarmed":
         heard.state(0.0, Mode.LOITER, False, True)
         heard.position(0.3)

@@ -12,7 +12,7 @@ from fcsv_control.mission.activities.landing import Landing
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_control.mission.watches.fleet_modes import FleetModes
-from fcsv_control.mission.watches.heard import VehicleHeard
+from fcsv_control.mission.watches.heard import VehicleTelemetry
 from fcsv_control.mission.ways import clearing, places, routes
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
@@ -256,7 +256,7 @@ def test_who_lands_by_hand_is_told_that_one_lies_somewhere():
 def test_nobody_lands_where_a_silent_one_may_have_gone():
     """Its radio is gone: its guardian moves it 5 m aside of who was above, and lands it. Rehearsed,
     seed 520121."""
-    heard = VehicleHeard(np.eye(4))
+    heard = VehicleTelemetry(np.eye(4))
     heard.state(0.0, Mode.GUIDED, True, True)
     heard.odometry(0.0, np.eye(4), (0.0, 0.0, 0.0))
     other = seen_at(0.0, -5.5, 2.0, armed=True, mode=Mode.GUIDED)

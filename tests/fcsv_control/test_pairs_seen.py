@@ -27,7 +27,7 @@ class Told:
 
     @property
     def said(self):
-        judged = self.pairs.judge(self.views, self.home)
+        judged = self.pairs.check_views(self.views, self.home)
         assert not judged["uav1"].sighted_off and not judged["uav3"].sighted_off
         return judged["uav2"].sighted_off
 
@@ -63,7 +63,7 @@ def test_what_says_nothing(what):
         told.home.clear()
     elif what == "gone":
         del told.views["uav2"], told.home["uav2"]
-        assert told.pairs.judge(told.views, told.home) == told.views
+        assert told.pairs.check_views(told.views, told.home) == told.views
         return
     vehicle, after_s = (
         ("uav3" if what == "another pair" else "uav2"),

@@ -50,7 +50,7 @@ def test_a_whole_list_comes_over_a_line_that_loses(seed):
             i for i in indices if line.gets_through()
         ]:
             if line.gets_through():
-                reading.take(now_s, f"P{index}", stored[f"P{index}"], 9, 300, index)
+                reading.receive(now_s, f"P{index}", stored[f"P{index}"], 9, 300, index)
     assert reading.complete and {n: v for n, (v, _) in reading.values.items()} == stored
 
 
@@ -69,7 +69,7 @@ def test_values_are_set_and_heard_back_and_what_is_not_taken_is_named(seed):
             if line.gets_through() and name in stored:
                 stored[name] = float(np.float32(value)) if name == "A" else stored[name]
                 if line.gets_through():
-                    writing.take(name, stored[name])
+                    writing.receive(name, stored[name])
     assert set(writing.failed) == {"FIXED 6: it keeps 5", "NONE 1: no answer"}
 
 
@@ -78,7 +78,7 @@ def test_a_name_that_is_not_known_ends_the_reading():
     for now_s in line.run(reading):
         for name in reading.due(now_s):
             if name == "A":
-                reading.take(name, 1.0, 9)
+                reading.receive(name, 1.0, 9)
     assert reading.values == {"A": (1.0, 9)} and reading.unknown == ["NONE"]
 
 

@@ -11,7 +11,7 @@ CORES = {
     "MissionMachine": "fcsv_sim/rehearsal/control.py",  # to look at: a property's type
     "OperatorCommands": "",
     "Guardian": "fcsv_sim/rehearsal/board.py",  # likewise
-    "VehicleHeard": "",
+    "VehicleTelemetry": "",
     "TagInFront": "",
     "PairsSeen": "",
     "TimeOfDay": "",
@@ -29,11 +29,11 @@ CORES = {
     "LinkRequests": "",
     "LinkCore": "",
     "MavrosCore": "",
-    "VisionFeed": "",
-    "FeedCheck": "",
-    "FeedWatchdog": "",
+    "PoseGate": "",
+    "PoseCheck": "",
+    "PoseWatchdog": "",
     "BodyOdometry": "",
-    "Twins": "",
+    "DuplicateAgentGuard": "",
     "CalibrationSession": "",
     "calibrate_link": "",
     "merge_loops": "",
@@ -87,6 +87,7 @@ def test_no_adapter_calls_a_core(root):
 
 def test_a_call_on_a_core_is_found():
     assert called_on_a_core(ast.parse("flight.control.machine.abort('now')")) == ["machine.abort"]
-    assert called_on_a_core(ast.parse("vehicle.link.port.core.take(now_s, m)")) == ["core.take"]
+    call = ast.parse("vehicle.link.port.core.receive(now_s, m)")
+    assert called_on_a_core(call) == ["core.receive"]
     assert called_on_a_core(ast.parse("flight.control.machine.problems.copy()")) == []
     assert called_on_a_core(ast.parse("rospy.core.is_shutdown_requested()")) == []

@@ -7,7 +7,7 @@ import os
 import numpy as np
 import pytest
 
-from fcsv_control.flight.feeding.feed_check import FeedCheck, FeedCheckRules
+from fcsv_control.flight.feeding.feed_check import PoseCheck, PoseCheckRules
 from fcsv_control.flight.feeding.scene_check import SceneCheck, SceneCheckRules
 from fcsv_geometry import transforms
 from fcsv_geometry.transforms import R_FLU_OPTICAL
@@ -49,11 +49,11 @@ def test_the_bounds_must_be_positive():
 
 
 def test_only_the_feed_of_a_flying_vehicle_is_doubted():
-    check, T = FeedCheck(FeedCheckRules(scene=SceneCheckRules(lands=True))), np.eye(4)
+    check, T = PoseCheck(PoseCheckRules(scene=SceneCheckRules(lands=True))), np.eye(4)
     for k in range(6):
         check.scene(LOOK_S * k, 1.0, 0.1, 0.0, 40)
     assert not check.doubt  # on the ground it may be carried about
-    check.judge(10.0, 10.0, T)
+    check.passes_in_flight(10.0, 10.0, T)
     for k in range(3):
         check.scene(10.0 + LOOK_S * k, 1.0, 0.1, 0.0, 40)
     assert "drifts" in check.doubt
@@ -62,8 +62,8 @@ def test_only_the_feed_of_a_flying_vehicle_is_doubted():
 
 
 def test_it_is_only_said_where_nobody_asked_for_more():
-    check = FeedCheck()
-    check.judge(10.0, 10.0, np.eye(4))
+    check = PoseCheck()
+    check.passes_in_flight(10.0, 10.0, np.eye(4))
     for k in range(3):
         check.scene(10.0 + LOOK_S * k, 1.0, 0.1, 0.0, 40)
     assert "drifts" in check.scene_says and not check.doubt
@@ -95,9 +95,9 @@ def test_a_ratio_or_a_height_that_is_no_number_is_no_doubt():
 def test_points_that_went_one_way_land_a_flying_vehicle():
     said = []
     for lands in (True, False):
-        check = FeedCheck(FeedCheckRules(scene=SceneCheckRules(one_way_lands=lands)))
+        check = PoseCheck(PoseCheckRules(scene=SceneCheckRules(one_way_lands=lands)))
         check.on_ground()
-        check.judge(10.0, 10.0, np.eye(4))
+        check.passes_in_flight(10.0, 10.0, np.eye(4))
         for k, height_m in enumerate((0.0, 6.0, 6.0)):  # the barometer says how high it is
             check.barometer(10.0 + LOOK_S * k, height_m)
             check.scene(10.0 + LOOK_S * k, 1.0, 0.0, 0.0, 40, 5.0)

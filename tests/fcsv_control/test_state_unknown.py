@@ -5,15 +5,15 @@ autopilot: that says nothing of the motors."""
 import numpy as np
 import pytest
 
-from fcsv_control.mission.watches.heard import VehicleHeard
+from fcsv_control.mission.watches.heard import VehicleTelemetry
 from fcsv_control.stopping.core import STOP, StopAll
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.rehearsal.flight import Flight
 
 
-def flying() -> VehicleHeard:
-    heard = VehicleHeard(np.eye(4))
+def flying() -> VehicleTelemetry:
+    heard = VehicleTelemetry(np.eye(4))
     heard.state(1.0, Mode.LOITER, False, True)
     heard.position(0.2)
     heard.state(2.0, Mode.GUIDED, True, True)
@@ -35,7 +35,7 @@ def test_a_vehicle_whose_link_begins_anew_is_not_taken_to_stand_on_the_ground():
 
 
 def test_what_was_never_known_of_a_vehicle_is_no_ground():
-    heard = VehicleHeard(np.eye(4))
+    heard = VehicleTelemetry(np.eye(4))
     heard.state(1.0, "", False, False)
     heard.position(8.2)
     heard.state(2.0, Mode.GUIDED, True, True)

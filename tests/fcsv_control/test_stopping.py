@@ -4,7 +4,7 @@ told to."""
 
 import pytest
 
-from fcsv_control.mission.watches.heard import FrameEpochs, VehicleHeard
+from fcsv_control.mission.watches.heard import FrameEpochs, VehicleTelemetry
 from fcsv_control.stopping.core import LAND, STOP, StopAll
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_geometry.vehicles.modes import Mode
@@ -268,7 +268,7 @@ def test_an_odometry_that_began_anew_holds_everybody_at_once_and_is_named(flying
 def test_ages_are_counted_from_when_a_message_came():
     import numpy as np
 
-    heard = VehicleHeard(np.eye(4))
+    heard = VehicleTelemetry(np.eye(4))
     assert heard.view(5.0, None).pose_age_s == float("inf")
     heard.odometry(10.0, np.eye(4), (0.1, 0.0, 0.0))
     heard.state(10.5, Mode.GUIDED, True, True)

@@ -7,7 +7,7 @@ import pytest
 
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_control.mission.watches import watch
-from fcsv_control.mission.watches.heard import VehicleHeard
+from fcsv_control.mission.watches.heard import VehicleTelemetry
 from fcsv_control.mission.watches.patience import Pause
 from fcsv_control.mission.watches.tag_in_front import TagInFront, TagInFrontRules
 from fcsv_geometry import transforms
@@ -36,7 +36,7 @@ class Column:
             {},
         )
         self.home, self.tag_in_front = dict(T_HOME_ODOM), TagInFront()
-        self.heard = {n: VehicleHeard(np.eye(4), T_body_tag=T_BODY_TAG) for n in T_HOME_ODOM}
+        self.heard = {n: VehicleTelemetry(np.eye(4), T_body_tag=T_BODY_TAG) for n in T_HOME_ODOM}
 
     def _told(self, name):
         T_home_body = T_HOME_BODY[name].copy()
@@ -56,7 +56,7 @@ class Column:
                     self.now_s, (self._told("uav2") @ T_uav2_uav1 @ T_BODY_TAG)[:3, 3]
                 )
             views = {n: h.view(self.now_s, self.home.get(n)) for n, h in self.heard.items()}
-            self.views = self.tag_in_front.judge(self.now_s, views, self.home)
+            self.views = self.tag_in_front.check_views(self.now_s, views, self.home)
         assert not self.views["uav1"].sighted_off, "nobody is in front of the first"
         return self.views["uav2"].sighted_off
 

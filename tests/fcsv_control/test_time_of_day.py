@@ -12,7 +12,7 @@ from fcsv_control.mission.time_of_day import TimeOfDay
 
 def read(day, at_s, offset_s, delay_s=0.0):
     """The time of day is read at ``at_s``; the process then does not run for ``delay_s``."""
-    day.see(at_s, at_s + offset_s, at_s + delay_s)
+    day.update(at_s, at_s + offset_s, at_s + delay_s)
 
 
 def test_examples_hold():

@@ -403,7 +403,7 @@ def test_one_that_lost_its_position_and_is_down_ends_the_flight():
     for lost, out in ((False, {"uav3"}), (True, set())):
         drops = Dropouts("uav1", NAMES)
         others = dict.fromkeys(("uav1", "uav2"), dataclasses.replace(view, armed=True))
-        drops.see(
+        drops.update(
             Snapshot(0.0, {**others, "uav3": dataclasses.replace(view, lost=lost)}),
             ["uav2", "uav3"],
         )

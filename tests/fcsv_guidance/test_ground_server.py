@@ -15,13 +15,13 @@ from fcsv_guidance.ground import Grid, cell_probability
 from fcsv_guidance.ground_server import (
     GoalDropped,
     GridChanged,
-    GridSaid,
+    GridMessage,
     GroundRules,
     GroundServer,
     MapSeen,
-    NoRouteSaid,
+    NoRouteMessage,
     RobotHold,
-    RouteSaid,
+    RouteMessage,
 )
 from fcsv_guidance.live_views import LiveViews
 from fcsv_guidance.map_files import FREE_PERCENT
@@ -44,7 +44,7 @@ def server(rescue, scene):
     made = GroundServer(rescue, RULES)
     made.receive(0.0, MapSeen(scene([BOX]).view(stamp_s=5.0)))
     (said,) = made.step(0.0)
-    assert isinstance(said, GridSaid)
+    assert isinstance(said, GridMessage)
     return made
 
 
@@ -59,7 +59,7 @@ def test_names(module):
 
 
 def test_the_grid_of_a_map_says_free_obstacle_and_unknown(server):
-    said = server.said
+    said = server.whole_grid
     assert said.stamp_s == 5.0 and said.grid == Grid.around((5, -6), (22, 6), 0.1)
     cell = said.grid.cell_of
     assert (
@@ -75,13 +75,13 @@ def test_a_goal_becomes_a_route_once_the_robots_place_is_known(server):
     server.receive(1.0, Goal(18.0, 0.0))
     (said,) = server.step(1.0)
     assert (
-        isinstance(said, NoRouteSaid)
+        isinstance(said, NoRouteMessage)
         and said.reason == "no safe route is known: the robot's place is not known"
     )
     assert not server.step(2.5)  # said once
     server.receive(3.0, at(10.0, 0.0))
     (said,) = server.step(3.0)
-    assert isinstance(said, RouteSaid) and np.allclose(
+    assert isinstance(said, RouteMessage) and np.allclose(
         said.points_home_m[[0, -1]], [(10, 0), (18, 0)]
     )
     assert not server.step(5.0)
@@ -104,12 +104,12 @@ def test_who_has_no_route_gets_one_once_the_place_is_known_better(server):
     server.receive(1.0, doubtful)
     server.receive(1.0, Goal(18.0, 0.0))
     (said,) = server.step(1.0)
-    assert isinstance(said, NoRouteSaid)
+    assert isinstance(said, NoRouteMessage)
     assert not server.step(3.0) and not server.step(6.5)  # planned again, and nothing new to say
     server.receive(7.0, at(10.0, 0.0))
     assert not server.step(7.0)
     (said,) = server.step(12.0)
-    assert isinstance(said, RouteSaid)
+    assert isinstance(said, RouteMessage)
 
 
 def test_who_stands_on_the_route_gets_another(server):
@@ -119,7 +119,7 @@ def test_who_stands_on_the_route_gets_another(server):
     server.receive(5.0, at(10.05, 0.0))  # noise
     assert not server.step(5.0)
     (said,) = server.step(6.5)
-    assert isinstance(said, RouteSaid)
+    assert isinstance(said, RouteMessage)
     a, b = said.points_home_m[:2]
     server.receive(8.0, at(*(a + 0.6 * (b - a) / np.hypot(*(b - a)))))  # it drives
     assert not server.step(12.0)
@@ -133,22 +133,22 @@ def test_a_live_map_changes_cells_and_the_route(server, scene):
     thing = (13.0, 14.0, 2.0, 5.0, 0.0, 0.8)
     server.receive(7.2, MapSeen(scene([BOX, thing]).view(stamp_s=7.0, name="live"), live=True))
     changed, said, held = server.step(7.2)
-    assert isinstance(changed, GridChanged) and changed.stamp_s == 7.0 == server.said.stamp_s
+    assert isinstance(changed, GridChanged) and changed.stamp_s == 7.0 == server.whole_grid.stamp_s
     assert held == RobotHold("something moves 2.7 m from the robot")
     rows, columns = changed.stands.percents.shape
-    whole = server.said.stands[changed.stands.row :, changed.stands.column :][:rows, :columns]
+    whole = server.whole_grid.stands[changed.stands.row :, changed.stands.column :][:rows, :columns]
     assert (
         np.array_equal(whole, changed.stands.percents)
-        and rows * columns < 0.7 * server.said.stands.size
+        and rows * columns < 0.7 * server.whole_grid.stands.size
     )
     assert (
-        isinstance(said, RouteSaid)
+        isinstance(said, RouteMessage)
         and np.hypot(*np.diff(said.points_home_m, axis=0).T).sum() > straight + 0.5
     )
     assert server.step(9.6) == [RobotHold("")]  # nothing new came
     server.receive(9.9, MapSeen(scene([BOX]).view(stamp_s=9.8, name="live"), live=True))  # it went
     server.step(9.9)
-    assert 0 <= server.said.stands[server.said.grid.cell_of(12.8, 3.0)] <= FREE_PERCENT
+    assert 0 <= server.whole_grid.stands[server.whole_grid.grid.cell_of(12.8, 3.0)] <= FREE_PERCENT
 
 
 def test_a_watch_that_shows_the_same_says_only_its_time(server, scene):
@@ -158,7 +158,7 @@ def test_a_watch_that_shows_the_same_says_only_its_time(server, scene):
         server.receive(10.0 + k, MapSeen(view, watching=True))
         (said,) = server.step(10.0 + k)
         one = (1, 1)
-        assert said.stamp_s == 10.0 + k == server.said.stamp_s
+        assert said.stamp_s == 10.0 + k == server.whole_grid.stamp_s
         assert said.stands.percents.shape == said.occupied.percents.shape == one
 
 
@@ -168,13 +168,13 @@ def test_who_must_be_watched_gets_grids_as_old_as_the_watch(rescue, scene):
     with pytest.raises(GroundError, match="watches a place that has no map"):
         server.receive(0.0, MapSeen(view, watching=True))
     server.receive(0.0, MapSeen(view))
-    assert server.said.stamp_s == 0.0  # nobody watches
+    assert server.whole_grid.stamp_s == 0.0  # nobody watches
     with pytest.raises(GroundError, match="the robot's place is not known"):
         server.receive(1.0, MapSeen(view, watching=True))
     server.receive(2.0, at(10.0, 3.0))
     server.receive(2.0, MapSeen(replace(view, stamp_s=102.0), watching=True))
     server.step(2.0)
-    assert server.said.stamp_s == 102.0
+    assert server.whole_grid.stamp_s == 102.0
 
 
 def test_the_robot_and_what_it_hides_are_no_thing_that_came(server, scene):
@@ -187,7 +187,7 @@ def test_the_robot_and_what_it_hides_are_no_thing_that_came(server, scene):
     server.receive(2.2, MapSeen(view, watching=True))
     (said,) = server.step(2.2)
     assert isinstance(said, GridChanged)
-    assert 0 <= server.said.stands[server.said.grid.cell_of(10.0, 3.0)] <= FREE_PERCENT
+    assert 0 <= server.whole_grid.stands[server.whole_grid.grid.cell_of(10.0, 3.0)] <= FREE_PERCENT
 
 
 def test_a_live_map_alone_is_enough(rescue, scene):
@@ -195,11 +195,11 @@ def test_a_live_map_alone_is_enough(rescue, scene):
     for k in (1, 2):
         server.receive(k, MapSeen(scene([BOX]).view(stamp_s=k, name="live"), live=True))
     whole, changed = server.step(2.0)
-    assert isinstance(whole, GridSaid) and isinstance(changed, GridChanged)
+    assert isinstance(whole, GridMessage) and isinstance(changed, GridChanged)
     assert server.ground.views == ("live",)
     server.receive(3.0, MapSeen(scene([BOX]).view(stamp_s=0.5)))  # a finished one comes, too
     server.step(3.0)
-    assert server.ground.views == ("drawn",) and server.said.stamp_s == 2.0
+    assert server.ground.views == ("drawn",) and server.whole_grid.stamp_s == 2.0
 
 
 def test_where_there_is_no_route_its_cells_are_named(rescue, scene):
@@ -208,10 +208,10 @@ def test_where_there_is_no_route_its_cells_are_named(rescue, scene):
     server.receive(0.0, at(10.0, 0.0))
     server.receive(0.0, Goal(18.0, 0.0))
     said = server.step(0.0)[-1]
-    assert isinstance(said, NoRouteSaid) and len(said.to_see_m) and "; look at (1" in said.reason
+    assert isinstance(said, NoRouteMessage) and len(said.to_see_m) and "; look at (1" in said.reason
     assert said.to_see_m[:, 0].min() > 12 and said.to_see_m[:, 0].max() < 16
     server.receive(2.0, MapSeen(scene().view(name="second")))  # another map shows them
-    assert isinstance(server.step(2.0)[-1], RouteSaid)
+    assert isinstance(server.step(2.0)[-1], RouteMessage)
 
 
 def test_a_service_gets_a_route_a_goal_nearby_or_a_sentence(server):
@@ -247,7 +247,7 @@ def test_a_goal_that_is_dropped_ends_its_route_and_wrong_ones_are_refused(server
 
 
 def test_a_map_without_ground_leaves_what_is_known(server, scene):
-    before = server.said
+    before = server.whole_grid
     view = scene([BOX]).view()
     server.receive(1.0, at(10.0, 3.0))
     with pytest.raises(GroundError, match="no pixel has a depth"):
@@ -256,7 +256,7 @@ def test_a_map_without_ground_leaves_what_is_known(server, scene):
         )
     with pytest.raises(GroundError, match="no pixel has a depth"):
         server.receive(1.0, MapSeen(replace(view, sigma=np.full_like(view.sigma, np.nan))))
-    assert server.said is before and not server.step(1.0)
+    assert server.whole_grid is before and not server.step(1.0)
     server.receive(2.0, MapSeen(scene([BOX]).view(name="good")))
     assert server.ground.views == ("drawn", "good")
 

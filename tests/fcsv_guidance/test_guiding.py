@@ -19,8 +19,8 @@ from fcsv_guidance.guiding import (
     WAITING,
     Goal,
     GuideRules,
+    RobotContact,
     RobotGuide,
-    RobotHeard,
 )
 from fcsv_guidance.known import GroundSeen, KnownGround
 from fcsv_guidance.place import PlaceState
@@ -63,7 +63,7 @@ class Drive:
         for _ in range(int(round(seconds / STEP_S))):
             self.now_s += STEP_S
             if self.radio:
-                self.guide.receive(self.now_s, RobotHeard(self.now_s))
+                self.guide.receive(self.now_s, RobotContact(self.now_s))
             place = RobotPlace(self.now_s, *self.at, self.sigma_m) if self.placed else None
             self.guide.receive(
                 self.now_s, PlaceState(place, "" if self.placed else "no fix", 0.05, 9, 0, "")

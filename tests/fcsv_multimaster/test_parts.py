@@ -474,7 +474,7 @@ def test_ages_survive_restarts_and_a_relay_that_says_nothing():
 
 def test_the_missions_view_is_as_old_as_the_relay_measured():
     known = arrivals.Arrivals()
-    vehicle = heard.VehicleHeard(
+    vehicle = heard.VehicleTelemetry(
         np.eye(4), lambda topic, came_s: known.since_s(f"/uav2/{topic}", came_s)
     )
     topics = [f"/uav2/{t}" for t in (heard.ODOMETRY, heard.STATE, heard.BATTERY, heard.RECORDER)]

@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 
-from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration, load_mission
+from fcsv_sim.bringup import mission_file
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.rehearsal.command import Job, main, rehearse
 from fcsv_sim.rehearsal.draws import from_text
@@ -81,6 +82,18 @@ def test_chosen_draws_say_when_and_whom_a_fault_befalls():
 
     result = rehearse(job, watched)
     assert result.began == ["radio cut"] and befallen[-1] == ["uav2"]
+
+
+@pytest.mark.slow
+def test_a_land_that_comes_with_the_radio_goes_aside_of_who_lies_beneath():
+    """The search's find: without radio it flew its leg on, to above the one that landed."""
+    draws = (
+        "0.198 0.648 0.006 0.482 0.401 0.853 0.241 0.15,"
+        "0.483 0.734 0.926 0.83 0.204 0.771 0.847 0.359"
+    )
+    mission = load_mission(mission_file("short"))
+    result = rehearse(Job(mission, 2, 7, "battery+radio cut", draws=from_text(draws)))
+    assert result.began == ["battery", "radio cut"] and result.violations == []
 
 
 @pytest.mark.slow

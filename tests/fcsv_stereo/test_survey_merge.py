@@ -136,7 +136,7 @@ def test_only_views_that_may_see_it_are_asked():
         v = view("b", T)
         other = merge.site_view(v, placed(v, T), np.zeros(3))
         sees = other.look(own.points()[0])[0].any()
-        asked += merge.may_see(other, corners)
-        assert merge.may_see(other, corners) or not sees
+        asked += merge.may_contain(other, corners)
+        assert merge.may_contain(other, corners) or not sees
     assert 5 < asked < 18
-    assert not merge.may_see(own, np.zeros((0, 3)))
+    assert not merge.may_contain(own, np.zeros((0, 3)))

@@ -19,10 +19,10 @@ from pymavlink import mavutil
 
 from fcsv_control.errors import CommandRefused
 from fcsv_control.flight.core import LinkCore, LinkParameters
-from fcsv_control.flight.feeding.feed_check import FeedCheck
+from fcsv_control.flight.feeding.feed_check import PoseCheck
 from fcsv_control.flight.mavlink.signing import read_key
 from fcsv_control.flight.mavlink.transport import Transport
-from fcsv_control.flight.messages import EstimateMoved, PoseHeard, TextHeard
+from fcsv_control.flight.messages import EstimateMoved, PoseReceived, TextReceived
 from fcsv_control.flight.state import MODES
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.modes import Mode
@@ -61,7 +61,7 @@ class Loop:
         self.t, self.offset_m, self.feed_hz, self.target = 0.0, np.zeros(3), 30.0, None
         self.beside = None  # a loop for which time passes as well
         self.moved, self.texts, self.estimate = [], [], None
-        # and ``check``, a FeedCheck, between the tracker's poses and the core
+        # and ``check``, a PoseCheck, between the tracker's poses and the core
         self.tracker = lambda T, _s: T
         self._random = np.random.default_rng(5)
         self._feed_s = self._aimed_s = -math.inf
@@ -69,7 +69,7 @@ class Loop:
     def restart(self):
         """As a link that was killed and started again: it knows nothing of before."""
         self.core = LinkCore(self._parameters, PROFILE)
-        self.check = None if self.check is None else FeedCheck()
+        self.check = None if self.check is None else PoseCheck()
 
     def pilot_sets(self, mode):
         """A mode that somebody else asks for: the ground station, which is heard whatever
@@ -95,11 +95,11 @@ class Loop:
                 self.moved.append(event.step_m)
                 if self.target is not None:
                     self.target[:3, 3] += event.step_m
-            elif isinstance(event, PoseHeard):
+            elif isinstance(event, PoseReceived):
                 self.estimate = event.T_odom_body
                 if self.check is not None:
                     self.check.estimate(self.t, event.T_odom_body, event.v_odom_mps)
-            elif isinstance(event, TextHeard):
+            elif isinstance(event, TextReceived):
                 self.texts.append(event.text)
 
     def fed(self):
@@ -128,7 +128,7 @@ class Loop:
     def checked(self):
         """With the feed check in the loop, as the flight link has it, and a tracker with a T265's
         noise."""
-        self.check, self.tracker = FeedCheck(), lambda T, _s: self.noisy(T)
+        self.check, self.tracker = PoseCheck(), lambda T, _s: self.noisy(T)
         return self
 
     @property
@@ -241,7 +241,7 @@ class SimulatedLoop(Loop):
             self.server.step(self.t, rpy)
             for message in self.server.outgoing():
                 if self.line_up:
-                    self.core.take(self.t, _received(message))
+                    self.core.receive(self.t, _received(message))
             self.minded()
             self.fed()
             self.core.step(self.t)
@@ -284,7 +284,7 @@ class AddressLoop(Loop):
             message = self._line.receive(0.005)
             self.t = time.monotonic()
             if message is not None and self.line_up:
-                self.core.take(self.t, message)
+                self.core.receive(self.t, message)
             self.minded()
             self.fed()
             self.core.step(self.t)

@@ -5,7 +5,7 @@ import time
 
 from fcsv_control.agent.messages import Kind
 from fcsv_control.flight.link import FlightLink
-from fcsv_control.flight.port import FeedRules, FlightLinkPort
+from fcsv_control.flight.port import ExternalNavigationRules, FlightLinkPort
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import NOTHING
 
@@ -17,7 +17,12 @@ class LinkByHand(FlightLink):
     def __init__(self, line, parameters=None, profile=NOTHING):
         self.told = []
         port = FlightLinkPort(
-            "uav1", parameters or LinkParameters(), profile, FeedRules(), 1, time.monotonic()
+            "uav1",
+            parameters or LinkParameters(),
+            profile,
+            ExternalNavigationRules(),
+            1,
+            time.monotonic(),
         )
         self.core = port.core
         super().__init__(line, port, lambda output: self.tell(output))
@@ -42,15 +47,15 @@ class LinkByHand(FlightLink):
 
     @property
     def parameters(self):
-        return self.core.heard.parameters
+        return self.core.listener.parameters
 
     @property
     def strangers(self):
-        return self.core.heard.strangers
+        return self.core.listener.strangers
 
     @property
     def imitated(self):
-        return self.core.heard.identities.imitated(time.monotonic(), self.core.heard.target)
+        return self.core.listener.identities.imitated(time.monotonic(), self.core.listener.target)
 
     @property
     def firmware(self):

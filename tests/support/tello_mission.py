@@ -17,7 +17,7 @@ from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.operator_commands import OperatorCommands
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_control.mission.watches.heard import VehicleHeard
+from fcsv_control.mission.watches.heard import VehicleTelemetry
 from fcsv_geometry import config, transforms
 from fcsv_geometry.rotations import wrap
 from fcsv_sim.people.tello_hands import Finger
@@ -105,7 +105,7 @@ class TelloMission(ByHand):
         )
         self.operator = OperatorCommands(self.machine)
         self.boards = {n: _Board(n, one) for n, one in self.tellos.items()}
-        self._heard = {n: VehicleHeard(T) for n, T in self._cameras.items()}
+        self._heard = {n: VehicleTelemetry(T) for n, T in self._cameras.items()}
         self._finger, self.T_home_odom, self.nearest_m = Finger(), {}, np.inf
         self.held: Dict[str, List] = {n: [] for n in geometry}
         self.phases: List[str] = []
@@ -132,7 +132,7 @@ class TelloMission(ByHand):
     def _seen(self, name: str, T_odom_body: np.ndarray, v_mps: np.ndarray) -> None:
         board, heard = self.boards[name], self._heard[name]
         board.T_odom_body, board.v_mps = T_odom_body, v_mps
-        board.guardian.feed(self.now_s, T_odom_body)
+        board.guardian.pose(self.now_s, T_odom_body)
         heard.odometry(self.now_s, T_odom_body, T_odom_body[:3, :3].T @ v_mps)
 
     def _mission_step(self) -> None:
@@ -151,8 +151,8 @@ class TelloMission(ByHand):
             for ack in board.acks:
                 m.outbox.acknowledged(name, ack.number, "" if ack.result == 0 else ack.reason)
             board.acks = []
-            board.agent.control_heard(now_s, _SENDER, now_s)
-            board.guardian.control_heard(now_s)
+            board.agent.sender_lives(now_s, _SENDER, now_s)
+            board.guardian.control_lives(now_s)
         views = {n: h.view(now_s, self.T_home_odom.get(n)) for n, h in self._heard.items()}
         m.step(Snapshot(now_s, views, dict(self.T_home_odom), self._cameras))
         self._note(f"{m.phase}: {m.detail} {m.problems}")
@@ -177,7 +177,7 @@ class TelloMission(ByHand):
             )
             if told.kind in (Kind.GOTO, Kind.HOLD):
                 board.guardian.moved(now_s, told.target)
-            board.agent.take(now_s, told)
+            board.agent.receive(now_s, told)
 
     def _note(self, line: str) -> None:
         if not self.phases or self.phases[-1] != line:

@@ -17,7 +17,7 @@ class DiskWatch:
         self._highest_bytes_per_s = 0.0
         self._room_bytes = 0
 
-    def see(self, now_s: float, written_bytes: int, free_bytes: int) -> None:
+    def update(self, now_s: float, written_bytes: int, free_bytes: int) -> None:
         """Takes the counts at least every few seconds: bytes written since the start, bytes that
         are free."""
         self._room_bytes = max(free_bytes - self._least_free_bytes, 0)
@@ -39,7 +39,7 @@ class DiskWatch:
         """Says how long it is until the disk is full; infinite where no rate is known yet.
 
         >>> watch = DiskWatch(least_free_bytes=100)
-        >>> watch.see(0.0, 0, 10_000); watch.see(10.0, 1000, 9100); watch.see(20.0, 1000, 9100)
+        >>> watch.update(0.0, 0, 10_000); watch.update(10.0, 1000, 9100); watch.update(20.0, 1000, 9100)
         >>> watch.minutes_left
         1.5
         """

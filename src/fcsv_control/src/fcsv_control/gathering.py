@@ -31,7 +31,7 @@ Told = Callable[[int], None]
 
 
 @dataclass(frozen=True)
-class Source:
+class BagSource:
     """A machine's folder, as rsync names it: HOST:FOLDER over ssh, or a folder of this computer."""
 
     machine: str
@@ -46,16 +46,16 @@ class Gathered:
     problems: List[str] = field(default_factory=list)
 
 
-def parse_source(text: str) -> Source:
+def parse_source(text: str) -> BagSource:
     """NAME=PLACE. Raises SessionError.
 
     >>> parse_source("uav1=pilot@192.168.8.11:fcsv/session")
-    Source(machine='uav1', place='pilot@192.168.8.11:fcsv/session')
+    BagSource(machine='uav1', place='pilot@192.168.8.11:fcsv/session')
     """
     machine, equals, place = text.partition("=")
     if not equals or not machine.isidentifier() or not place or place.startswith("-"):
         raise SessionError(f"'{text}' is not NAME=HOST:FOLDER or NAME=FOLDER")
-    return Source(machine, place.rstrip("/") + "/")
+    return BagSource(machine, place.rstrip("/") + "/")
 
 
 def bags_in(listing: str, machine: str) -> Dict[str, int]:
@@ -83,7 +83,7 @@ class Gatherer:
         folder.mkdir(parents=True, exist_ok=True)
         self.gathered = Gathered()
 
-    def list(self, source: Source) -> Dict[str, int]:
+    def list(self, source: BagSource) -> Dict[str, int]:
         """What a machine has; a machine that does not answer is a problem, and not the end."""
         try:
             listing = self._rsync("--list-only", "--no-h", source.place)
@@ -117,7 +117,7 @@ class Gatherer:
                 f"{self.folder}: {need >> 20} MiB are needed, {free >> 20} are free; make room first"
             )
 
-    def fetch(self, source: Source, there: Dict[str, int], told: Told) -> None:
+    def fetch(self, source: BagSource, there: Dict[str, int], told: Told) -> None:
         """Transfer, compare by checksum, repair what was not closed. ``told``: bytes that have
         come."""
         wanted = self.lacking(there)
@@ -144,9 +144,9 @@ class Gatherer:
             self.gathered.problems.append(f"{source.machine}: {error}")
         self._set_aside(there)
         for name in there:
-            self._take(source.machine, name)
+            self._accept(source.machine, name)
 
-    def fetch_description(self, source: Source) -> None:
+    def fetch_description(self, source: BagSource) -> None:
         """What the control PC keeps beside its bag, where it does: session.yaml, and the events of
         its windows."""
         try:
@@ -177,7 +177,7 @@ class Gatherer:
 
     # ---- parts of it -----------------------------------------------------------------------------
 
-    def _take(self, machine: str, name: str) -> None:
+    def _accept(self, machine: str, name: str) -> None:
         """A bag that has come: it can be read, or is repaired, or is a problem."""
         path = self.folder / name
         if not path.exists():
@@ -202,7 +202,7 @@ class Gatherer:
             if not name.endswith(ACTIVE) and early.exists():
                 early.rename(early.with_name(early.name + ".early"))
 
-    def _these(self, source: Source, names: Dict[str, int]) -> List[str]:
+    def _these(self, source: BagSource, names: Dict[str, int]) -> List[str]:
         return [
             "--recursive",
             *(f"--include=/{n}" for n in names),

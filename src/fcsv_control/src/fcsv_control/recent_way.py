@@ -18,7 +18,7 @@ class RecentWay:
     def __init__(self):
         self._way: Deque[Tuple[float, np.ndarray]] = deque()  # time, position
 
-    def see(self, now_s: float, p_m: np.ndarray) -> None:
+    def add(self, now_s: float, p_m: np.ndarray) -> None:
         """The estimate came, (3,) m."""
         self._way.append((now_s, p_m))
         while self._way[0][0] < now_s - _WAY_S:

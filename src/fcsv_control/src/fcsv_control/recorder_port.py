@@ -133,7 +133,7 @@ class RecorderPort:
             self._out.append(SaveSession(self._session))
 
     def _written(self, now_s: float, m: Written) -> None:
-        self._disk.see(now_s, m.bytes, m.free_bytes)
+        self._disk.update(now_s, m.bytes, m.free_bytes)
         if self._disk.full and not m.problem:
             mib = f"less than {self._least_mib} MiB are free"
             why = f"{mib} on the disk of {self._folder}; make room and start again"

@@ -55,7 +55,7 @@ class GoalDropped:
 
 
 @dataclass(frozen=True)
-class GridSaid:
+class GridMessage:
     """The whole grid: percents (rows, columns) int8 of ``map_files.occupancy``, and of where the
     robot can stand with its middle. ``stamp_s``: of the newest picture in it."""
 
@@ -75,14 +75,14 @@ class GridChanged:
 
 
 @dataclass(frozen=True)
-class RouteSaid:
+class RouteMessage:
     """A route from where the robot is to its goal, (N,2) in home."""
 
     points_home_m: np.ndarray
 
 
 @dataclass(frozen=True)
-class NoRouteSaid:
+class NoRouteMessage:
     """There is none: the reason, and the middles (N,2) in home of the cells that would have to be
     seen first."""
 
@@ -118,7 +118,7 @@ class GroundRules:
     route: RouteRules = field(default_factory=RouteRules)
 
 
-Said = Union[GridSaid, GridChanged, RouteSaid, NoRouteSaid, RobotHold]
+GroundMessage = Union[GridMessage, GridChanged, RouteMessage, NoRouteMessage, RobotHold]
 
 
 class GroundServer:
@@ -134,7 +134,7 @@ class GroundServer:
         self._ground: Optional[Ground] = None
         self._alone: Optional[np.ndarray] = None  # cell_probability of that
         self._stands: Optional[np.ndarray] = None
-        self._said: Optional[GridSaid] = None
+        self._whole_grid: Optional[GridMessage] = None
         self._place: Optional[RobotPlace] = None
         self._places: Deque[RobotPlace] = deque(maxlen=200)
         # where it was when it last moved, and since when it stands there
@@ -143,13 +143,13 @@ class GroundServer:
         self._route: Optional[Route] = None
         # freedom and time of the last plan
         self._planned = (-1, -np.inf)
-        self._waits_for_place, self._none_said, self._held = False, "", ""
-        self._out: List[Said] = []
+        self._waits_for_place, self._none_reason, self._held = False, "", ""
+        self._out: List[GroundMessage] = []
 
     @property
-    def said(self) -> Optional[GridSaid]:
+    def whole_grid(self) -> Optional[GridMessage]:
         """The whole grid as it is now; None before the first map."""
-        return self._said
+        return self._whole_grid
 
     @property
     def ground(self) -> Optional[Ground]:
@@ -166,27 +166,27 @@ class GroundServer:
         elif isinstance(message, Goal):
             message.require_finite()
             self._goal, self._route, self._planned = message, None, (-1, -np.inf)
-            self._none_said = ""
+            self._none_reason = ""
         elif isinstance(message, GoalDropped):
             if self._goal is not None:
-                self._out.append(NoRouteSaid(message.reason, np.empty((0, 2))))
+                self._out.append(NoRouteMessage(message.reason, np.empty((0, 2))))
             self._goal = self._route = None
         else:
             raise TypeError(f"a ground server does not know {type(message).__name__}")
 
-    def pending(self) -> Sequence[Said]:
+    def pending(self) -> Sequence[GroundMessage]:
         """What is to be published before a route is planned: the robot stops by it."""
         out, self._out = self._out, []
         return out
 
-    def step(self, now_s: float) -> Sequence[Said]:
+    def step(self, now_s: float) -> Sequence[GroundMessage]:
         """What is to be published now."""
         if self._goal is not None and self._wants_plan(now_s):
             self._planned = (self._known.version, now_s)
             said = self._planned_route()
-            if isinstance(said, RouteSaid) or said.reason != self._none_said:
+            if isinstance(said, RouteMessage) or said.reason != self._none_reason:
                 self._out.append(said)
-            self._none_said = said.reason if isinstance(said, NoRouteSaid) else ""
+            self._none_reason = said.reason if isinstance(said, NoRouteMessage) else ""
         self._hold(now_s)
         return self.pending()
 
@@ -205,7 +205,7 @@ class GroundServer:
         grid, rules = self._ground.grid, self._rules.route
         return plan_clear(grid, self._stands, tuple(start_m), tuple(goal_m), sigma_m, rules)
 
-    def in_words(self, found: NoRoute) -> NoRouteSaid:
+    def in_words(self, found: NoRoute) -> NoRouteMessage:
         """Its reason with the first of the cells that would have to be seen, and all of them."""
         return _in_words(found.reason, self._ground.grid.middle_of(*found.to_see.T))
 
@@ -229,7 +229,7 @@ class GroundServer:
         self._views, self._live, self._known = views, live, known
         self._mapped = self._ground = ground
         self._alone = cell_probability(ground, self._robot)
-        self._take()
+        self._update_grid()
 
     def _grid(self) -> Optional[Grid]:
         if self._rules.area_m is not None:
@@ -251,10 +251,10 @@ class GroundServer:
         self._known.receive(seen, near)
         self._live = view
         if self._known.version == freedom:
-            self._said = replace(self._said, stamp_s=self._stamp_s())
-            same = Region(0, 0, self._said.occupied[:1, :1])
-            stands = Region(0, 0, self._said.stands[:1, :1])
-            self._out.append(GridChanged(self._said.stamp_s, same, stands))
+            self._whole_grid = replace(self._whole_grid, stamp_s=self._stamp_s())
+            same = Region(0, 0, self._whole_grid.occupied[:1, :1])
+            stands = Region(0, 0, self._whole_grid.stands[:1, :1])
+            self._out.append(GridChanged(self._whole_grid.stamp_s, same, stands))
             return
         changed = self._known.changed
         shown, was = changed & new.known, self._ground.height_m
@@ -266,7 +266,7 @@ class GroundServer:
         with np.errstate(invalid="ignore"):
             other = (self._ground.height_m != was) & (changed | np.isfinite(was))
         self._renew_obstacles(other | changed)
-        self._take()
+        self._update_grid()
 
     def _renew_obstacles(self, cells: np.ndarray) -> None:
         """Obstacles anew, where ``cells`` (rows, columns) matter."""
@@ -286,15 +286,15 @@ class GroundServer:
         stamps = [view.stamp_s for view in (*self._views, self._live) if view is not None]
         return max([s for s in stamps if np.isfinite(s)], default=0.0)
 
-    def _take(self) -> None:
+    def _update_grid(self) -> None:
         ground, stands, stamp_s = self._ground, self._known.stands, self._stamp_s()
-        now = GridSaid(
+        now = GridMessage(
             stamp_s,
             ground.grid,
             occupancy(ground, self._robot, stands, self._alone),
             percents_of(stands),
         )
-        before, self._said, self._stands = self._said, now, stands
+        before, self._whole_grid, self._stands = self._whole_grid, now, stands
         if before is None or before.grid != now.grid:
             self._out.append(now)
             return
@@ -344,7 +344,7 @@ class GroundServer:
             return True  # it stands: what its place allows is another than when it was planned
         return version != self._known.version and not self._is_clear(place)
 
-    def _planned_route(self) -> Union[RouteSaid, NoRouteSaid]:
+    def _planned_route(self) -> Union[RouteMessage, NoRouteMessage]:
         place = self._place
         self._route, self._waits_for_place = None, place is None
         try:
@@ -354,11 +354,11 @@ class GroundServer:
                 raise RouteError("no map has come")
             found = self.plan((place.x_m, place.y_m), (self._goal.x_m, self._goal.y_m))
         except RouteError as error:
-            return NoRouteSaid(f"{NO_ROUTE_KNOWN}: {error}", np.empty((0, 2)))
+            return NoRouteMessage(f"{NO_ROUTE_KNOWN}: {error}", np.empty((0, 2)))
         if isinstance(found, NoRoute):
             return self.in_words(found)
         self._route = found
-        return RouteSaid(found.points_home_m)
+        return RouteMessage(found.points_home_m)
 
     def _is_clear(self, place: RobotPlace) -> bool:
         """Whether what is left of the route keeps clear of what is known now; near the robot it may
@@ -367,7 +367,7 @@ class GroundServer:
         along = np.append(np.arange(0.0, route.length_m, 0.05), route.length_m)
         points = route.at(along)
         at = int(np.argmin(np.hypot(*(points - [place.x_m, place.y_m]).T)))
-        row, column, inside = self._said.grid.cells_of(*points[at + 6 :].T)
+        row, column, inside = self._whole_grid.grid.cells_of(*points[at + 6 :].T)
         clear_m = np.where(inside, self._known.clear_m[row, column], 0.0)
         return bool((clear_m > self._rules.route.sigmas * place.sigma_m).all())
 
@@ -408,9 +408,9 @@ def _off_m(points: np.ndarray, xy) -> float:
     return float(np.hypot(*(densely(points, 0.1) - np.asarray(xy)).T).min())
 
 
-def _in_words(reason: str, to_see_m: np.ndarray) -> NoRouteSaid:
+def _in_words(reason: str, to_see_m: np.ndarray) -> NoRouteMessage:
     if not len(to_see_m):
-        return NoRouteSaid(reason, to_see_m)
+        return NoRouteMessage(reason, to_see_m)
     named = ", ".join(f"({x:.1f}, {y:.1f})" for x, y in to_see_m[:_MOST_NAMED])
     more = f" and {len(to_see_m) - _MOST_NAMED} more" if len(to_see_m) > _MOST_NAMED else ""
-    return NoRouteSaid(f"{reason}; look at {named}{more}", to_see_m)
+    return NoRouteMessage(f"{reason}; look at {named}{more}", to_see_m)

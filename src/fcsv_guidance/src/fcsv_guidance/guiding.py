@@ -34,7 +34,7 @@ STATES = (IDLE, WAITING, DRIVING, NO_ROUTE, ARRIVED)
 
 
 @dataclass(frozen=True)
-class RobotHeard:
+class RobotContact:
     """Something came from the robot over the radio, sent at ``stamp_s``."""
 
     stamp_s: float
@@ -73,7 +73,7 @@ class GuideRules:
     follower: FollowerRules = field(default_factory=FollowerRules)
 
 
-Message = Union[GroundSeen, PlaceState, Goal, StopRobot, RobotHeard]
+Message = Union[GroundSeen, PlaceState, Goal, StopRobot, RobotContact]
 
 
 class RobotGuide:
@@ -102,7 +102,7 @@ class RobotGuide:
                 self._follower.receive(now_s, message.place)
         elif isinstance(message, GroundSeen):
             self._on_view(now_s, message)
-        elif isinstance(message, RobotHeard):
+        elif isinstance(message, RobotContact):
             self._heard_s = max(self._heard_s, message.stamp_s)
         elif isinstance(message, Goal):
             message.require_finite()

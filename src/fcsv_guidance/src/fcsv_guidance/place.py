@@ -82,7 +82,7 @@ class PlaceRules:
 Message = Union[PlaceFix, WheelOdometry]
 
 
-class _Moment(NamedTuple):
+class _FilterState(NamedTuple):
     """The filter right after the wheels were read."""
 
     wheels: WheelOdometry
@@ -95,7 +95,7 @@ class RobotTracker:
 
     def __init__(self, rules: PlaceRules = PlaceRules()):
         self._rules = rules
-        self._history: Deque[_Moment] = deque()
+        self._history: Deque[_FilterState] = deque()
         self._fixes: Deque[PlaceFix] = deque()  # used, as old as the history
         self._waiting: List[PlaceFix] = []  # newer than the wheels
         self._candidates: List[PlaceFix] = []  # not used, while the wheels stood
@@ -160,7 +160,7 @@ class RobotTracker:
         if self._history and self._history[-1].wheels is not wheels:
             before = self._history[-1]
             self._history.append(
-                _Moment(wheels, *self._moved(before.x, before.P, before.wheels, wheels))
+                _FilterState(wheels, *self._moved(before.x, before.P, before.wheels, wheels))
             )
             self._forget(wheels.stamp_s)
         waiting, self._waiting = self._waiting, []
@@ -194,7 +194,7 @@ class RobotTracker:
             self._refuse("a fix is older than the last one")
             return
         self._history = deque(
-            [_Moment(WheelOdometry(fix.stamp_s, 0.0, 0.0, 0.0), *self._begun(fix))]
+            [_FilterState(WheelOdometry(fix.stamp_s, 0.0, 0.0, 0.0), *self._begun(fix))]
         )
         self._common[:] = 0.0
         self._fixed_s, self._used = fix.stamp_s, self._used + 1
@@ -242,7 +242,7 @@ class RobotTracker:
                 x, P = _updated(x, P, later.pop(0))
             x, P = self._moved(x, P, at, moment.wheels)
             at = moment.wheels
-            again.append(_Moment(at, x, P))
+            again.append(_FilterState(at, x, P))
         self._history = deque(again)
 
     def _at(self, stamp_s: float) -> Tuple[np.ndarray, np.ndarray]:
@@ -283,7 +283,7 @@ class RobotTracker:
         x, P = self._begun(self._candidates[0])
         for other in self._candidates[1:]:
             x, P = _updated(x, P, other)
-        self._history = deque([_Moment(self._wheels, x, P)])
+        self._history = deque([_FilterState(self._wheels, x, P)])
         self._fixes.clear()
         self._common = rules.common_share * np.asarray(fix.covariance, float)
         self._used, self._fixed_s = self._used + len(self._candidates), fix.stamp_s

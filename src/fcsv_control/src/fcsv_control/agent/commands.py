@@ -36,7 +36,7 @@ class CommandLog:
         self._answers: OrderedDict[Tuple[str, int], Optional[Answer]] = OrderedDict()
         self._newest: Dict[str, int] = {}  # number of the last move of each sender
 
-    def judge(
+    def decide(
         self,
         now_s: float,
         vehicle: str,

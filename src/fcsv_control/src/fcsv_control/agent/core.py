@@ -114,12 +114,12 @@ class AgentCore:
             self._holder.stay()
         self.rights.guarded, self.rights.forbidden = (why or "it holds") if holds else "", forbids
 
-    def control_heard(self, now_s: float, sender: str, sent_s: float) -> None:
+    def sender_lives(self, now_s: float, sender: str, sent_s: float) -> None:
         """A sign of life of ``sender`` came, who sent it at ``sent_s`` by his monotonic clock."""
-        self.rights.lease.heard(now_s, sender)
+        self.rights.lease.sender_lives(now_s, sender)
         self._clocks.sent_here_s(now_s, sender, sent_s)
 
-    def take(self, now_s: float, c: Instruction) -> None:
+    def receive(self, now_s: float, c: Instruction) -> None:
         """A command came, perhaps again."""
         sent_s = self._clocks.sent_here_s(now_s, c.sender, c.sent_s)
         c = changed(c, sent_s=sent_s, ordered_s=sent_s - max(0.0, c.sent_s - c.ordered_s))
@@ -127,7 +127,7 @@ class AgentCore:
             return
         moves = c.kind is not Kind.RECORD
         expires_s = c.ordered_s + c.lifetime_s
-        verdict, answer = self._log.judge(
+        verdict, answer = self._log.decide(
             now_s, c.vehicle, c.sender, c.number, moves, expires_s, c.stops
         )
         if verdict is CommandVerdict.IGNORE:

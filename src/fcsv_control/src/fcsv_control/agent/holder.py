@@ -87,7 +87,7 @@ class Holder:
         mostly 0."""
         before, before_s = self._here, self._here_s
         self._here, self._here_s = T_odom_body, now_s
-        self._way.see(now_s, T_odom_body[:3, 3])
+        self._way.add(now_s, T_odom_body[:3, 3])
         if self._armed is False:
             self._ground_m = float(T_odom_body[2, 3])
         self._watch_take_off(now_s)

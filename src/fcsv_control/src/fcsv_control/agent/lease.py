@@ -11,9 +11,9 @@ class Lease:
     ``lease_s``.
 
     >>> lease = Lease()
-    >>> lease.take(10.0, "mission-1"), lease.take(11.0, "mission-2")
+    >>> lease.request(10.0, "mission-1"), lease.request(11.0, "mission-2")
     ('', 'mission-1')
-    >>> lease.heard(11.5, "mission-1"), lease.take(13.0, "mission-2"), lease.take(14.0, "mission-2")
+    >>> lease.sender_lives(11.5, "mission-1"), lease.request(13.0, "mission-2"), lease.request(14.0, "mission-2")
     (None, 'mission-1', '')
     """
 
@@ -25,12 +25,12 @@ class Lease:
         """Who commands now; empty: nobody."""
         return self._holder if now_s - self._heard_s < self._lease_s else ""
 
-    def heard(self, now_s: float, sender: str) -> None:
+    def sender_lives(self, now_s: float, sender: str) -> None:
         """A sign of life of a sender."""
         if sender and sender == self.holder(now_s):  # no name renews no lease that has run out
             self._heard_s = now_s
 
-    def take(self, now_s: float, sender: str) -> str:
+    def request(self, now_s: float, sender: str) -> str:
         """A moving command came of ``sender``: "" where he holds the lease now, else who does."""
         holder = self.holder(now_s)
         if holder and holder != sender:

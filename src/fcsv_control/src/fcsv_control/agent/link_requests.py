@@ -10,14 +10,14 @@ from fcsv_control.agent.asking import Asking, Shown
 from fcsv_control.agent.messages import Ask, AskAnswered, Kind
 from fcsv_control.errors import ControlError
 from fcsv_control.flight.mavlink.texts import WARNING
-from fcsv_control.flight.messages import TextHeard
+from fcsv_control.flight.messages import TextReceived
 
 _REASON_WAIT_S = 0.5  # the reason and the service's answer come by different ways
 _NO_REASON = "the flight link refused without a reason"
 
 
 @dataclass
-class _Open:
+class _OpenRequest:
     """A request that is not over. ``waits``: for the answer to a call; ``refusals``: that came
     before that call."""
 
@@ -36,11 +36,11 @@ class LinkRequests:
 
     def __init__(self):
         self.shown = Shown()
-        self._open: Dict[int, _Open] = {}
+        self._open: Dict[int, _OpenRequest] = {}
         self._texts: List[Tuple[float, str]] = []
         self._home_m = 0.0
 
-    def said(self, now_s: float, m: TextHeard) -> None:
+    def status_text(self, now_s: float, m: TextReceived) -> None:
         """The autopilot said something, which may be why it refuses."""
         if m.severity <= WARNING:
             self._texts = [*self._texts[-10:], (now_s, m.text)]
@@ -63,7 +63,7 @@ class LinkRequests:
 
     def begin(self, now_s: float, ask: Ask) -> None:
         """Ask for this from now on; ``due`` gives its first call."""
-        self._open[ask.number] = _Open(
+        self._open[ask.number] = _OpenRequest(
             ask, Asking.of(self.shown, now_s, ask), now_s, self.shown.refusals
         )
 
@@ -84,7 +84,7 @@ class LinkRequests:
             over.append((request.ask, refusal))
         return calls, over
 
-    def _calls(self, now_s: float, request: _Open) -> bool:
+    def _calls(self, now_s: float, request: _OpenRequest) -> bool:
         """Whether to call for it now. Raises ControlError where it ends."""
         if request.refused_s < math.inf:
             reason = request.error or self.shown.refusal(request.refusals)
@@ -93,7 +93,7 @@ class LinkRequests:
             return False
         return not request.waits and request.asking.step(now_s)
 
-    def _call(self, now_s: float, request: _Open) -> Ask:
+    def _call(self, now_s: float, request: _OpenRequest) -> Ask:
         request.waits, request.called_s, request.refusals = True, now_s, self.shown.refusals
         if request.ask.kind is Kind.TAKEOFF:
             return replace(request.ask, altitude_m=request.ask.altitude_m - self._home_m)

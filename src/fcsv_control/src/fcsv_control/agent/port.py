@@ -12,11 +12,11 @@ from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import (
     EstimateMoved,
-    HomeHeard,
+    HomeReceived,
     ModeAsked,
     PoseEstimated,
     Refused,
-    TextHeard,
+    TextReceived,
 )
 from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_geometry.streams.dispatch import Takers
@@ -37,17 +37,17 @@ class AgentPort:
         self._alive_s = -math.inf
         self._take = Takers(
             {
-                AgentAlive: lambda now_s, m: core.twins.heard(
+                AgentAlive: lambda now_s, m: core.twins.agent_lives(
                     now_s, m.instance, m.sent_s - m.started_s
                 ),
                 AskAnswered: requests.answered,
                 EstimateMoved: lambda now_s, m: core.estimate_moved(now_s, m.step_m),
-                HomeHeard: lambda _now_s, m: requests.home(m.above_origin_m),
-                Instruction: core.take,
-                MissionAlive: lambda now_s, m: core.control_heard(now_s, m.sender, m.sent_s),
+                HomeReceived: lambda _now_s, m: requests.home(m.above_origin_m),
+                Instruction: core.receive,
+                MissionAlive: lambda now_s, m: core.sender_lives(now_s, m.sender, m.sent_s),
                 PoseEstimated: lambda now_s, m: core.pose(now_s, m.T_odom_body),
                 Refused: lambda _now_s, m: requests.shown.refused(m.reason),
-                TextHeard: requests.said,
+                TextReceived: requests.status_text,
                 GuardianVerdict: lambda now_s, m: core.guarded(
                     now_s, m.action, m.holds, "; ".join(m.reasons), m.forbids
                 ),

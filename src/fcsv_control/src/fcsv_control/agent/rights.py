@@ -55,7 +55,7 @@ class Rights:
             return ""
         if c.sender != self._stopped_by and c.ordered_s < self._stopped_s + _MARGIN_S:
             return f"{self._vehicle} was stopped by {self._stopped_by} after this was ordered"
-        holder = self.lease.take(now_s, c.sender)
+        holder = self.lease.request(now_s, c.sender)
         if holder:
             return (
                 f"{self._vehicle} is commanded by {holder}; end it, or wait until it is silent for {LEASE_S:g} s: "

@@ -15,7 +15,7 @@ class DuplicateAgentGuard:
         # (when it was heard, whether it goes first)
         self._others: Dict[str, Tuple[float, bool]] = {}
 
-    def heard(self, now_s: float, instance: str, age_s: float) -> None:
+    def agent_lives(self, now_s: float, instance: str, age_s: float) -> None:
         """A heartbeat of an agent of this vehicle, which lives for ``age_s``."""
         if instance == self._instance:
             return

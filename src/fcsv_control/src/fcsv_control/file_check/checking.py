@@ -18,7 +18,7 @@ _VEHICLES = "vehicles"
 
 
 @dataclass(frozen=True)
-class Finding:
+class FileFinding:
     """``kind``: "" where it was not recognised; ``problem``: "" where the file is good; ``line``: 0
     where no line is known; ``note``: what was not checked, or when stations are flown."""
 
@@ -32,7 +32,7 @@ class Finding:
     def words(self) -> str:
         """One line for a person.
 
-        >>> Finding(Path("a.yaml"), "mission", "'name' is missing", 3).words
+        >>> FileFinding(Path("a.yaml"), "mission", "'name' is missing", 3).words
         "a.yaml: mission: error in line 3: 'name' is missing"
         """
         kind = f"{self.kind}: " if self.kind else ""
@@ -57,7 +57,7 @@ def _below(folder: Path) -> Iterator[Path]:
 
 def check(
     path: Path, kind: str = "", vehicles: Sequence[str] = (), vehicles_dir: str = ""
-) -> Finding:
+) -> FileFinding:
     """The finding on a file. ``kind``: one of KINDS, "" finds it out.
 
     ``vehicles``: the column that is to fly a mission, front first; their files stand in
@@ -76,8 +76,8 @@ def check(
     except FcsvError as error:
         problem = error
     if problem is None:
-        return Finding(path, name, note=times or _not_checked(found))
-    return Finding(path, name, _without(path, str(problem)), _line(path, problem))
+        return FileFinding(path, name, note=times or _not_checked(found))
+    return FileFinding(path, name, _without(path, str(problem)), _line(path, problem))
 
 
 def _vehicles_folder(mission: Path) -> Path:

@@ -21,7 +21,7 @@ from fcsv_control.flight.feeding.estimate import EstimateWatch
 from fcsv_control.flight.mavlink import conversion, keeper
 from fcsv_control.flight.mavlink.listener import STREAMS_HZ, Listener
 from fcsv_control.flight.mavlink.requests import COMPANION, Outcome, Request, Requests
-from fcsv_control.flight.messages import EstimateMoved, Event, PoseHeard
+from fcsv_control.flight.messages import EstimateMoved, Event, PoseReceived
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import NOTHING, Profile, Rule
 from fcsv_control.flight.state import MODES, FlightState
@@ -63,7 +63,7 @@ class LinkCore:
         self._mode_request: Optional[Request] = None
         self._events: List[Event] = []
         self._requests = Requests(parameters.command_timeout_s, parameters.command_tries)
-        self._heard = Listener(parameters.target_system, self._requests, profile)
+        self._listener = Listener(parameters.target_system, self._requests, profile)
         self._encoder = _M.MAVLink(None)
         self._out: List[object] = []
         self._take_off: List[TakeOff] = []
@@ -73,16 +73,16 @@ class LinkCore:
     @property
     def state(self) -> FlightState:
         """What the autopilot says of itself."""
-        return self._heard.state
+        return self._listener.state
 
     @property
-    def heard(self) -> Listener:
+    def listener(self) -> Listener:
         """Origin, parameters, strangers."""
-        return self._heard
+        return self._listener
 
     def connected(self, now_s: float) -> bool:
         """Whether a heartbeat came within the last 3 s."""
-        return self._heard.keeper.connected(now_s)
+        return self._listener.keeper.connected(now_s)
 
     @property
     def mode_is_ours(self) -> bool:
@@ -93,13 +93,13 @@ class LinkCore:
     def origin_set(self, now_s: float) -> bool:
         """Whether the autopilot goes on reporting an origin since its filter began, and it is not
         at altitude 0."""
-        return self._heard.keeper.origin_set(now_s)
+        return self._listener.keeper.origin_set(now_s)
 
-    def feed_rate_hz(self, now_s: float) -> float:
+    def pose_rate_hz(self, now_s: float) -> float:
         """Poses per second that go to the autopilot, over the last two seconds."""
         return self._fed.rate_hz(now_s)
 
-    def feed_age_s(self, now_s: float) -> float:
+    def pose_age_s(self, now_s: float) -> float:
         """Since the last pose went to the autopilot; infinite before the first."""
         return self._fed.age_s(now_s)
 
@@ -109,18 +109,18 @@ class LinkCore:
 
     # ---- messages and time -----------------------------------------------------------------------
 
-    def take(self, now_s: float, message) -> None:
+    def receive(self, now_s: float, message) -> None:
         """One message from the line."""
-        self._heard.take(now_s, message)
-        state, first = self._heard.state, not self._owner.mode
+        self._listener.receive(now_s, message)
+        state, first = self._listener.state, not self._owner.mode
         # what was asked before he took it counts no more
         if self._owner.shows(state.mode) and not first:
             self._requests.withdraw(
                 _M.MAV_CMD_DO_SET_MODE, f"{state.mode} showed, which was not asked here"
             )
-        for event in self._heard.events():
+        for event in self._listener.events():
             self._events.append(event)
-            if isinstance(event, PoseHeard):
+            if isinstance(event, PoseReceived):
                 step_m = self._watch.estimate(now_s, event.T_odom_body[:3, 3], state.armed)
                 if step_m is not None:
                     self._events.append(EstimateMoved(step_m))
@@ -129,12 +129,12 @@ class LinkCore:
         """Time passes: whatever is due is sent."""
         self._woke_s = now_s if now_s - self._stepped_s > _STOOD_STILL_S else self._woke_s
         self._stepped_s = now_s
-        self._heard.overdue(now_s)
-        for wanted in self._heard.keeper.due(now_s):
+        self._listener.overdue(now_s)
+        for wanted in self._listener.keeper.due(now_s):
             self._ask(now_s, wanted)
-        while self._heard.timesync_answers:
-            self._send("timesync", *self._heard.timesync_answers.pop(0))
-        for wrong in self._heard.wrong_parameters():
+        while self._listener.timesync_answers:
+            self._send("timesync", *self._listener.timesync_answers.pop(0))
+        for wrong in self._listener.wrong_parameters():
             self._correct(*wrong)
         for take_off in self._take_off:
             take_off.step(now_s)
@@ -150,7 +150,7 @@ class LinkCore:
 
     def events(self) -> List[Event]:
         """What was heard since the last call."""
-        events, self._events = [*self._events, *self._heard.events()], []
+        events, self._events = [*self._events, *self._listener.events()], []
         return events
 
     # ---- what a caller may ask -------------------------------------------------------------------
@@ -161,7 +161,7 @@ class LinkCore:
         """External navigation: body pose in the odometry frame (ENU/FLU). ``stamp_s`` on any clock
         that only rises; ``now_s`` where that is not the core's own."""
         now_s = stamp_s if now_s is None else now_s
-        self._watch.feed(now_s, stamp_s, T_odom_body[:3, 3], self._begun_anew)
+        self._watch.pose_sent(now_s, stamp_s, T_odom_body[:3, 3], self._begun_anew)
         self._begun_anew = False
         ned, rpy = conversion.ned_from_pose(T_odom_body)
         usec = int(stamp_s * 1e6) if self._fed.value is None else self._fed.value + 1
@@ -191,7 +191,7 @@ class LinkCore:
         self._send(
             "set_position_target_local_ned",
             0,
-            self._heard.target,
+            self._listener.target,
             _AUTOPILOT,
             _M.MAV_FRAME_LOCAL_NED,
             _POSITION_AND_YAW,
@@ -228,8 +228,8 @@ class LinkCore:
             raise CommandRefused(
                 f"mode '{name}' is not known; ArduCopter has {', '.join(sorted(MODES))}"
             )
-        if self._heard.foreigner:  # its modes have other numbers: not even LAND is one
-            raise CommandRefused(f"mode {name} refused: {self._heard.foreigner}")
+        if self._listener.foreigner:  # its modes have other numbers: not even LAND is one
+            raise CommandRefused(f"mode {name} refused: {self._listener.foreigner}")
         if not name.stops:
             self._require_ready(now_s, f"mode {name}")
         if name == Mode.GUIDED:
@@ -252,8 +252,8 @@ class LinkCore:
     def arm(self, now_s: float, value: bool) -> Request:
         """Arm or disarm and see it in the heartbeat."""
         what = "arming" if value else "disarming"
-        if self._heard.foreigner:
-            raise CommandRefused(f"{what} refused: {self._heard.foreigner}")
+        if self._listener.foreigner:
+            raise CommandRefused(f"{what} refused: {self._listener.foreigner}")
         if value:
             self._require_ready(now_s, what)
         number = _M.MAV_CMD_COMPONENT_ARM_DISARM
@@ -271,7 +271,7 @@ class LinkCore:
         for message in (_M.MAVLINK_MSG_ID_HOME_POSITION, _M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN):
             self._long(_M.MAV_CMD_REQUEST_MESSAGE, [message])
         take_off = TakeOff(
-            now_s, altitude_m, self._heard, self._requests, self._parameters.command_timeout_s
+            now_s, altitude_m, self._listener, self._requests, self._parameters.command_timeout_s
         )
         self._take_off.append(take_off)
         return take_off
@@ -286,9 +286,9 @@ class LinkCore:
 
     def _require_one_autopilot(self, what: str) -> None:
         """Raises CommandRefused where it is not said which of several autopilots is ours."""
-        others = self._heard.strangers
+        others = self._listener.strangers
         if others and not self._parameters.target_system:
-            ids = ", ".join(map(str, (self._heard.target, *others)))
+            ids = ", ".join(map(str, (self._listener.target, *others)))
             raise CommandRefused(
                 f"{what} refused: autopilots {ids} are on one line; set target_system"
             )
@@ -303,7 +303,7 @@ class LinkCore:
 
     def _require_parameters(self) -> None:
         """Raises CommandRefused where a parameter is known not to be what it must."""
-        wrong = self._heard.parameters.wrong()
+        wrong = self._listener.parameters.wrong()
         if wrong:
             raise CommandRefused(f"mode GUIDED refused: parameter {'; '.join(wrong)}")
 
@@ -324,21 +324,23 @@ class LinkCore:
                 int(self._parameters.origin_lon_deg * 1e7),
             )
             altitude_mm = int(self._parameters.origin_alt_m * 1000)
-            self._send("set_gps_global_origin", self._heard.target, *place, altitude_mm)
+            self._send("set_gps_global_origin", self._listener.target, *place, altitude_mm)
         elif wanted == keeper.PARAMETER:
-            name = self._heard.parameters.next()
-            self._heard.keeper.parameters_read = name is None
+            name = self._listener.parameters.next()
+            self._listener.keeper.parameters_read = name is None
             if name is not None:
-                self._send("param_request_read", self._heard.target, _AUTOPILOT, name.encode(), -1)
+                self._send(
+                    "param_request_read", self._listener.target, _AUTOPILOT, name.encode(), -1
+                )
 
         elif wanted == keeper.VERSION:
             self._long(_M.MAV_CMD_REQUEST_MESSAGE, [_M.MAVLINK_MSG_ID_AUTOPILOT_VERSION])
         elif wanted == keeper.TIMESYNC:
-            self._send("timesync", *self._heard.timesync.ask(now_s))
+            self._send("timesync", *self._listener.timesync.ask(now_s))
 
     def _request_streams(self, now_s: float) -> None:
         # in one order in every process
-        for name in sorted({*self._heard.keeper.streams_to_ask(now_s), "HEARTBEAT"}):
+        for name in sorted({*self._listener.keeper.streams_to_ask(now_s), "HEARTBEAT"}):
             message = getattr(_M, f"MAVLINK_MSG_ID_{name}")
             hz = STREAMS_HZ[name] or self._parameters.position_rate_hz
             self._long(_M.MAV_CMD_SET_MESSAGE_INTERVAL, [message, 1e6 / hz])
@@ -355,7 +357,7 @@ class LinkCore:
             _LOG.warning(
                 "setting %s from %g to %g, as asked; VISO_TYPE needs a restart", name, value, needed
             )
-            self._send("param_set", self._heard.target, _AUTOPILOT, name.encode(), needed, kind)
+            self._send("param_set", self._listener.target, _AUTOPILOT, name.encode(), needed, kind)
 
     def _long(
         self,
@@ -367,7 +369,7 @@ class LinkCore:
         padded = [*values, *[0.0] * (7 - len(values))]
         self._send(
             "command_long",
-            self._heard.target,
+            self._listener.target,
             _AUTOPILOT,
             number,
             confirmation,
@@ -376,10 +378,10 @@ class LinkCore:
         )
 
     def _send(self, kind: str, *fields, component: int = COMPANION) -> None:
-        if self._heard.foreigner and kind != "heartbeat":
+        if self._listener.foreigner and kind != "heartbeat":
             return
         message = getattr(self._encoder, kind + "_encode")(*fields)
         header = message.get_header()
         # a companion has its vehicle's id
-        header.srcSystem, header.srcComponent = self._heard.target or 1, component
+        header.srcSystem, header.srcComponent = self._listener.target or 1, component
         self._out.append(message)

@@ -88,9 +88,9 @@ class FlightLink:
                 self._over[output.number] = output
                 self._changed.notify_all()
             else:
-                self._told(output)
+                self._on_output(output)
 
-    def _told(self, output: object) -> None:
+    def _on_output(self, output: object) -> None:
         try:
             self._tell(output)
         except Exception:  # a node that is going down must not end the link of a flying vehicle

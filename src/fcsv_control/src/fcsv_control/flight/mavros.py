@@ -16,7 +16,7 @@ from fcsv_control.errors import LinkError
 from fcsv_control.flight.core import LinkCore
 from fcsv_control.flight.mavlink import commands
 from fcsv_control.flight.mavlink.texts import WARNING, Reasons
-from fcsv_control.flight.messages import HomeHeard, Refused, TextHeard
+from fcsv_control.flight.messages import HomeReceived, Refused, TextReceived
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import NOTHING, Profile
 from fcsv_geometry.vehicles.modes import Mode
@@ -48,28 +48,28 @@ class MavrosCore(LinkCore):
         self._refused: List[Tuple[float, int, int]] = []  # when, what was asked, MAV_RESULT
         self._home_asked_s = float("-inf")
 
-    def take(self, now_s: float, message) -> None:
+    def receive(self, now_s: float, message) -> None:
         """One message that MAVROS heard."""
         heard = len(self._events)
-        super().take(now_s, message)
+        super().receive(now_s, message)
         for event in self._events[heard:]:
-            if isinstance(event, TextHeard):
-                self._said(now_s, event)
+            if isinstance(event, TextReceived):
+                self._status_text(now_s, event)
         if (message.get_srcSystem(), message.get_srcComponent()) != (
-            self._heard.target,
+            self._listener.target,
             _M.MAV_COMP_ID_AUTOPILOT1,
         ):
             return
         if message.get_type() == "COMMAND_ACK" and message.target_component == self._component:
             self._answered(now_s, message.command, message.result)
-        elif message.get_type() == "HOME_POSITION" and len(self._heard.altitudes_mm) == 2:
-            told = self._heard.altitudes_mm
-            self._events.append(HomeHeard((told["home"] - told["origin"]) / 1000.0))
+        elif message.get_type() == "HOME_POSITION" and len(self._listener.altitudes_mm) == 2:
+            told = self._listener.altitudes_mm
+            self._events.append(HomeReceived((told["home"] - told["origin"]) / 1000.0))
 
     def step(self, now_s: float) -> None:
         """Time passes."""
         super().step(now_s)
-        self._refused = [r for r in self._refused if not self._told(now_s, *r)]
+        self._refused = [r for r in self._refused if not self._explain(now_s, *r)]
         if (
             self.connected(now_s)
             and not self.state.in_the_air
@@ -87,7 +87,7 @@ class MavrosCore(LinkCore):
         else:
             self._owner.asked(mode)
 
-    def _said(self, now_s: float, text: TextHeard) -> None:
+    def _status_text(self, now_s: float, text: TextReceived) -> None:
         if text.severity <= WARNING and text.text.startswith(_MODE_REFUSED):
             self._events.append(Refused(text.text))
             self._owner.refused()
@@ -100,7 +100,7 @@ class MavrosCore(LinkCore):
         if command in _ASKED and result not in (commands.ACCEPTED, commands.IN_PROGRESS):
             self._refused.append((now_s, command, result))
 
-    def _told(self, now_s: float, at_s: float, command: int, result: int) -> bool:
+    def _explain(self, now_s: float, at_s: float, command: int, result: int) -> bool:
         reason = self._reasons.since(at_s - _REASON_BEFORE_S)
         if not reason and now_s - at_s < _REASON_AFTER_S:
             return False

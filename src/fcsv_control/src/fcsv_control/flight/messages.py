@@ -14,17 +14,17 @@ from fcsv_geometry.vehicles.modes import Mode
 
 
 @frozen
-class StateHeard:
+class StateReceived:
     """A heartbeat came: the state may have changed."""
 
 
 @frozen
-class BatteryHeard:
+class BatteryReceived:
     """The state's battery fields were told."""
 
 
 @frozen
-class PoseHeard:
+class PoseReceived:
     """The autopilot's estimate of the body (4x4) and its velocity (m/s) in its external
     navigation's frame (ENU)."""
 
@@ -33,7 +33,7 @@ class PoseHeard:
 
 
 @frozen
-class BarometerHeard:
+class BarometerReceived:
     """The autopilot's first barometer, as a height in the standard atmosphere: only differences
     mean something."""
 
@@ -49,7 +49,7 @@ class FixStatus(IntEnum):
 
 
 @frozen
-class FixHeard:
+class FixReceived:
     """A three-dimensional GPS fix (WGS 84): degrees, m above the ellipsoid, standard deviations per
     axis (m); NaN: not told. The vehicle is not flown by it."""
 
@@ -62,7 +62,7 @@ class FixHeard:
 
 
 @frozen
-class TextHeard:
+class TextReceived:
     """A whole status text and its MAV_SEVERITY."""
 
     severity: int
@@ -70,7 +70,7 @@ class TextHeard:
 
 
 @frozen
-class RcHeard:
+class RcReceived:
     """The state's transmitter fields were told."""
 
 
@@ -92,23 +92,23 @@ class Refused:
 
 
 @frozen
-class HomeHeard:
+class HomeReceived:
     """How far the autopilot's home is above its origin."""
 
     above_origin_m: float
 
 
 Event = Union[
-    StateHeard,
-    BatteryHeard,
-    PoseHeard,
-    BarometerHeard,
-    FixHeard,
-    TextHeard,
-    RcHeard,
+    StateReceived,
+    BatteryReceived,
+    PoseReceived,
+    BarometerReceived,
+    FixReceived,
+    TextReceived,
+    RcReceived,
     EstimateMoved,
     Refused,
-    HomeHeard,
+    HomeReceived,
 ]
 
 
@@ -171,7 +171,7 @@ class AutopilotState:
 
 
 @frozen
-class BatteryTold:
+class BatteryReading:
     """The autopilot's battery monitor: share of the charge 0..1, voltage, current; NaN: not
     known."""
 
@@ -181,7 +181,7 @@ class BatteryTold:
 
 
 @frozen
-class TransmitterTold:
+class TransmitterReading:
     """The pilot's transmitter: pulse widths (us), signal strength 0..254 (255: not known)."""
 
     channels: Tuple[int, ...]
@@ -240,7 +240,7 @@ class ModeAsked:
 
 
 @frozen
-class LinkSaid:
+class LinkText:
     """The flight link's own words to people, and their MAV_SEVERITY."""
 
     severity: int

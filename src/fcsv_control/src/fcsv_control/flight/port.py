@@ -14,9 +14,9 @@ from typing import Dict, List, Optional, Sequence, Union
 from fcsv_control.agent.messages import Ask, Kind, SetPoint
 from fcsv_control.errors import CommandRefused, ControlError
 from fcsv_control.flight.core import LinkCore
-from fcsv_control.flight.feeding.feed import FeedParameters, FeedVerdict, VisionFeed
-from fcsv_control.flight.feeding.feed_check import FeedCheck, FeedCheckRules
-from fcsv_control.flight.feeding.watchdog import Alarm, FeedWatchdog, WatchdogParameters
+from fcsv_control.flight.feeding.feed import PoseGate, PoseGateParameters, PoseVerdict
+from fcsv_control.flight.feeding.feed_check import PoseCheck, PoseCheckRules
+from fcsv_control.flight.feeding.watchdog import Alarm, PoseWatchdog, WatchdogParameters
 from fcsv_control.flight.mavlink.firmware import COPTER
 from fcsv_control.flight.mavlink.requests import Request
 from fcsv_control.flight.mavlink.texts import ALERT, CRITICAL
@@ -24,26 +24,26 @@ from fcsv_control.flight.mavros import MavrosCore
 from fcsv_control.flight.messages import (
     AutopilotLimits,
     AutopilotState,
-    BarometerHeard,
-    BatteryHeard,
-    BatteryTold,
+    BarometerReceived,
+    BatteryReading,
+    BatteryReceived,
     EstimateMoved,
     Event,
     FromAutopilot,
     LinkLives,
-    LinkSaid,
+    LinkText,
     ModeAsked,
     OdometryReset,
     ParametersChecked,
     PoseEstimated,
     PoseFed,
-    PoseHeard,
     PosePassed,
-    RcHeard,
+    PoseReceived,
+    RcReceived,
     RequestOver,
-    StateHeard,
+    StateReceived,
     ToAutopilot,
-    TransmitterTold,
+    TransmitterReading,
 )
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import Profile
@@ -62,12 +62,12 @@ _LIMITS = tuple(FlightBounds().autopilot_parameters)
 
 
 @dataclass(frozen=True)
-class FeedRules:
+class ExternalNavigationRules:
     """Which poses go on, which are believed, and what follows where they stop."""
 
-    feed: FeedParameters = field(default_factory=FeedParameters)
+    feed: PoseGateParameters = field(default_factory=PoseGateParameters)
     watchdog: WatchdogParameters = field(default_factory=WatchdogParameters)
-    check: FeedCheckRules = field(default_factory=FeedCheckRules)
+    check: PoseCheckRules = field(default_factory=PoseCheckRules)
 
 
 class FlightLinkPort:
@@ -80,15 +80,15 @@ class FlightLinkPort:
         vehicle: str,
         link: LinkParameters,
         profile: Profile,
-        rules: FeedRules,
+        rules: ExternalNavigationRules,
         pid: int,
         now_s: float,
         mavros: Optional[int] = None,
     ):
         core = LinkCore(link, profile) if mavros is None else MavrosCore(link, profile, mavros)
-        self.core, self.check = core, FeedCheck(rules.check)  # to look at
+        self.core, self.check = core, PoseCheck(rules.check)  # to look at
         self._vehicle, self._pid = vehicle, pid
-        self._feed, self._watchdog = VisionFeed(rules.feed), FeedWatchdog(rules.watchdog, now_s)
+        self._feed, self._watchdog = PoseGate(rules.feed), PoseWatchdog(rules.watchdog, now_s)
         self._watched_s, self._warned = now_s, False
         self._landing: Optional[Request] = None
         self._asked: Dict[int, Union[Request, TakeOff]] = {}
@@ -101,7 +101,7 @@ class FlightLinkPort:
         self._take = Takers(
             {
                 Ask: self._ask,
-                FromAutopilot: lambda now_s, m: core.take(now_s, m.message),
+                FromAutopilot: lambda now_s, m: core.receive(now_s, m.message),
                 ModeAsked: lambda _now_s, m: core.mode_asked(m.mode),
                 OdometryReset: self._begin_again,
                 PoseFed: self._fed,
@@ -122,7 +122,7 @@ class FlightLinkPort:
         the feed."""
         self.core.step(now_s)
         for event in self.core.events():
-            self._heard(now_s, event)
+            self._on_event(now_s, event)
         if now_s - self._watched_s >= _WATCH_S:
             self._watch(now_s)
         self._end_requests()
@@ -132,19 +132,19 @@ class FlightLinkPort:
 
     # ---- from the autopilot ----------------------------------------------------------------------
 
-    def _heard(self, now_s: float, event: Event) -> None:
+    def _on_event(self, now_s: float, event: Event) -> None:
         s = self.core.state
-        if isinstance(event, StateHeard):
+        if isinstance(event, StateReceived):
             self._show(now_s)
-        elif isinstance(event, PoseHeard):
+        elif isinstance(event, PoseReceived):
             self.check.estimate(now_s, event.T_odom_body, event.v_odom_mps)
             self._out.append(PoseEstimated(event.T_odom_body))
-        elif isinstance(event, BarometerHeard):
+        elif isinstance(event, BarometerReceived):
             self.check.barometer(now_s, event.height_m)
-        elif isinstance(event, BatteryHeard):
-            self._out.append(BatteryTold(s.battery_share, s.voltage_v, s.current_a))
-        elif isinstance(event, RcHeard):
-            self._out.append(TransmitterTold(s.rc_channels, s.rc_rssi))
+        elif isinstance(event, BatteryReceived):
+            self._out.append(BatteryReading(s.battery_share, s.voltage_v, s.current_a))
+        elif isinstance(event, RcReceived):
+            self._out.append(TransmitterReading(s.rc_channels, s.rc_rssi))
         else:
             if isinstance(event, EstimateMoved):
                 moved_m = math.hypot(*event.step_m)
@@ -196,16 +196,16 @@ class FlightLinkPort:
         self.check.begin_again()
 
     def _fed(self, now_s: float, m: PoseFed) -> None:
-        verdict, why = self._feed.judge(now_s, m.stamp_s)
-        if verdict is FeedVerdict.DROP:
+        verdict, why = self._feed.decide(now_s, m.stamp_s)
+        if verdict is PoseVerdict.DROP:
             self._out.append(tm.Dropped("late pose", why))
-        if verdict is not FeedVerdict.SEND:
+        if verdict is not PoseVerdict.SEND:
             return
         if self.check.waits(now_s, self.core.state.in_the_air):
-            self._watchdog.feed(now_s)
+            self._watchdog.pose_sent(now_s)
         elif self._believed(now_s, m):
             self.core.send_pose(self._feed.stamp_s, m.T_odom_body, now_s)
-            self._watchdog.feed(now_s)
+            self._watchdog.pose_sent(now_s)
             self._out.append(PosePassed())
 
     def _believed(self, now_s: float, m: PoseFed) -> bool:
@@ -229,7 +229,7 @@ class FlightLinkPort:
                 pause_s,
             )
             self._watchdog.slept(now_s, pause_s - _WATCH_S)
-        self._mind_feed(now_s)
+        self._watch_poses(now_s)
         self._show(now_s)
         self._live(now_s)
         if now_s - self._diagnosed_s >= _DIAGNOSE_S or not self.core.connected(now_s):
@@ -237,7 +237,7 @@ class FlightLinkPort:
             self._check_parameters()
             self._out.append(self._diagnosis(now_s))
 
-    def _mind_feed(self, now_s: float) -> None:
+    def _watch_poses(self, now_s: float) -> None:
         s, ours = self.core.state, self.core.mode_is_ours
         alarm = self._watchdog.check(now_s, s.armed, s.mode, ours)
         late = alarm is not Alarm.NONE
@@ -247,10 +247,10 @@ class FlightLinkPort:
             by_hand = (
                 "" if s.mode == Mode.GUIDED or ours else f" in {s.mode}: fly in ALT_HOLD, or land"
             )
-            self._out.append(LinkSaid(CRITICAL, f"{self._vehicle}: {age}{by_hand}"))
+            self._out.append(LinkText(CRITICAL, f"{self._vehicle}: {age}{by_hand}"))
         self._warned = late
         if alarm is Alarm.LAND and self._landing is None:
-            self._out.append(LinkSaid(ALERT, f"{self._vehicle}: {age}, landing"))
+            self._out.append(LinkText(ALERT, f"{self._vehicle}: {age}, landing"))
             self._out.append(ModeAsked(Mode.LAND))  # else it is a pilot's
             try:
                 self._landing = self.core.set_mode(now_s, Mode.LAND)
@@ -263,7 +263,7 @@ class FlightLinkPort:
     def _live(self, now_s: float) -> None:
         """Tells that it lives, at 5 Hz, and at once where there is another doubt of the poses, or
         where it is no longer known whether the autopilot may be flown."""
-        core, s, parameters = self.core, self.core.state, self.core.heard.parameters
+        core, s, parameters = self.core, self.core.state, self.core.listener.parameters
         connected, origin_set, doubt = (
             core.connected(now_s),
             core.origin_set(now_s),
@@ -289,8 +289,8 @@ class FlightLinkPort:
                 self._pid,
                 s.ekf_flags,
                 now_s - s.ekf_heard_s,
-                core.feed_rate_hz(now_s),
-                core.feed_age_s(now_s),
+                core.pose_rate_hz(now_s),
+                core.pose_age_s(now_s),
                 core.estimate_apart_m(now_s),
                 s.prearm_ok,
             )
@@ -298,7 +298,7 @@ class FlightLinkPort:
 
     def _check_parameters(self) -> None:
         """What the autopilot's parameters are against the profile, where that is news."""
-        check = self.core.heard.parameters
+        check = self.core.listener.parameters
         limits = AutopilotLimits({name: check.value(name) for name in _LIMITS})
         found = ParametersChecked(
             check.profile.name,
@@ -316,7 +316,7 @@ class FlightLinkPort:
     @property
     def _firmware(self) -> str:
         """Names the firmware, as "ArduCopter 4.6.2"; empty before it was told."""
-        return f"{COPTER} {self.core.heard.version}" if self.core.heard.version else ""
+        return f"{COPTER} {self.core.listener.version}" if self.core.listener.version else ""
 
     def _problem(self, key: str, text: str) -> None:
         """Keeps a problem of the feed: told at once."""
@@ -327,7 +327,7 @@ class FlightLinkPort:
 
     def _diagnosis(self, now_s: float) -> tm.Diagnosis:
         """What changes slowly."""
-        heard, s = self.core.heard, self.core.state
+        heard, s = self.core.listener, self.core.state
         wrong, weak = "; ".join(heard.parameters.problems()), "; ".join(heard.parameters.warnings())
         imitated = heard.identities.imitated(now_s, heard.target)
         silent = heard.foreigner or "no heartbeat of the autopilot"

@@ -43,7 +43,7 @@ class TakeOff:
         if self._request is None:
             self._command(now_s)
         elif self._request.over:
-            self._judge(now_s)
+            self._end(now_s)
 
     def _command(self, now_s: float) -> None:
         told = self._heard.altitudes_mm
@@ -61,7 +61,7 @@ class TakeOff:
             now_s, mavutil.mavlink.MAV_CMD_NAV_TAKEOFF, values, "take-off"
         )
 
-    def _judge(self, now_s: float) -> None:
+    def _end(self, now_s: float) -> None:
         """A refusal of a repeated command may mean that the first one's acknowledgement was lost:
         does it climb?"""
         request = self._request

@@ -41,7 +41,7 @@ class Acceptances:
     def apply(self, now_s: float, lines: Sequence[Line]) -> List[Line]:
         """The lines with what is accepted; call it for each table."""
         for line in lines:
-            self._see(now_s, (line.vehicle, line.name), line.state)
+            self._update(now_s, (line.vehicle, line.name), line.state)
         gone = set(self._green_since_s) - {(line.vehicle, line.name) for line in lines}
         for key in gone:
             del self._green_since_s[key]  # its vehicle is not heard
@@ -51,7 +51,7 @@ class Acceptances:
             for li in lines
         ]
 
-    def _see(self, now_s: float, key: Tuple[str, str], state: Grade) -> None:
+    def _update(self, now_s: float, key: Tuple[str, str], state: Grade) -> None:
         if key not in self._green_since_s:
             return
         if state is Grade.AMBER:

@@ -45,13 +45,13 @@ def _on_loopback(end: str) -> bool:
         return False
 
 
-def judge(line: AutopilotLine) -> Found:
+def grade(line: AutopilotLine) -> Found:
     """
-    >>> [judge(AutopilotLine(u))[0].word for u in ("/dev/ttyACM0:115200", "udpin:127.0.0.1:1455", "udpin:0.0.0.0:1455")]
+    >>> [grade(AutopilotLine(u))[0].word for u in ("/dev/ttyACM0:115200", "udpin:127.0.0.1:1455", "udpin:0.0.0.0:1455")]
     ['green', 'green', 'amber']
-    >>> [judge(AutopilotLine(u))[0].word for u in ("udp://127.0.0.1:14550@", "udp://:0@10.0.0.2:14550", "tcp:h:5760")]
+    >>> [grade(AutopilotLine(u))[0].word for u in ("udp://127.0.0.1:14550@", "udp://:0@10.0.0.2:14550", "tcp:h:5760")]
     ['green', 'amber', 'amber']
-    >>> judge(AutopilotLine("tcp:192.168.1.5:5760", signed=True))
+    >>> grade(AutopilotLine("tcp:192.168.1.5:5760", signed=True))
     (<Grade.GREEN: 1>, 'signed')
     """
     if line.signed:

@@ -64,7 +64,7 @@ class FromAfar:
         """Whether its own flight check is not heard."""
         return not self.report.fresh(now_s, self.patience_s)
 
-    def heard_lines(self, now_s: float) -> Sequence[Line]:
+    def reported_lines(self, now_s: float) -> Sequence[Line]:
         """Its own lines, older by as long as its report has been here; none where it is not heard
         any more."""
         if self.silent(now_s):
@@ -166,7 +166,7 @@ def _stop_all(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
 
 
 def _keys(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
-    return relay_keys.judge(now_s, f.keys, f.link, r.slow_silent_s)
+    return relay_keys.grade(now_s, f.keys, f.link, r.slow_silent_s)
 
 
 CONTROL_CHECKS: Tuple[Check, ...] = (
@@ -220,5 +220,5 @@ class FleetTable:
         lines = self._judged_control.lines(now_s, self.control, self._rules)
         for name, vehicle in self.vehicles.items():
             lines += self._judged[name].lines(now_s, vehicle, self._rules)
-            lines += vehicle.heard_lines(now_s)
+            lines += vehicle.reported_lines(now_s)
         return lines

@@ -21,7 +21,7 @@ class Keys:
     exposed: str = ""
 
 
-def judge(now_s: float, keys: Stream[Keys], link: str, most_s: float) -> Found:
+def grade(now_s: float, keys: Stream[Keys], link: str, most_s: float) -> Found:
     """``link``: which program stands between the machines; another one than the relay encrypts
     nothing."""
     if link != RELAY:

@@ -13,12 +13,12 @@ Found = Tuple[Grade, str]  # and what was found, for a person
 @dataclass(frozen=True)
 class Check:
     """One line of the table: ``must`` says what must be true, ``remedy`` what to do where it is
-    not; ``judge`` is given the monotonic time (s), what was heard, and the rules."""
+    not; ``grade`` is given the monotonic time (s), what was heard, and the rules."""
 
     name: str
     must: str
     remedy: str
-    judge: Callable[..., Found]
+    grade: Callable[..., Found]
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Judged:
     def lines(self, now_s: float, facts, rules) -> List[Line]:
         """The table at monotonic time ``now_s``."""
         return [
-            self._line(now_s, check, *check.judge(now_s, facts, rules)) for check in self._checks
+            self._line(now_s, check, *check.grade(now_s, facts, rules)) for check in self._checks
         ]
 
     def _line(self, now_s: float, check: Check, state: Grade, what: str) -> Line:

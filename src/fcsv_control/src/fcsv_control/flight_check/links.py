@@ -43,9 +43,9 @@ def _stands(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> bool:
     return link is not None and link.in_the_air is False
 
 
-def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+def _poses(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     """A mocap looks up, and gimbals find their vehicle in the air: who stands need not be seen."""
-    state, what = _OF["feed"].judge(now_s, f, r)
+    state, what = _OF["feed"].grade(now_s, f, r)
     if state is Grade.RED and _stands(now_s, f, r) and not f.link.value.doubt:
         return Grade.AMBER, f"it stands, and {what}"
     return state, what
@@ -70,7 +70,7 @@ TELLO_CHECKS: Tuple[Check, ...] = (
         "link",
         "packets come from the Tello",
         "is it on? look at its Wi-Fi, and network:= of tello.launch",
-        _OF["link"].judge,
+        _OF["link"].grade,
     ),
     Check(
         "flight data",
@@ -81,10 +81,10 @@ TELLO_CHECKS: Tuple[Check, ...] = (
     replace(
         _remedied(_OF["feed"], _TELLO_REMEDIES),
         must="the tracker's poses come, and are believed",
-        judge=_feed,
+        grade=_poses,
     ),
     *(_remedied(_OF[name], _TELLO_REMEDIES) for name in _AS_OF_OTHERS),
-    replace(_OF["guardian"], judge=_guardian),
+    replace(_OF["guardian"], grade=_guardian),
     _OF["agent"],
 )
 CHECKS: Dict[str, Tuple[Check, ...]] = {

@@ -25,7 +25,7 @@ def others(have: Mapping[str, float], wanted: Mapping[str, float]) -> Tuple[List
     return faster, [n for n in known if have[n] < wanted[n] * (1.0 - _SAME)]
 
 
-def judge(report: Optional[ParametersChecked], planned: FlightBounds) -> Found:
+def grade(report: Optional[ParametersChecked], planned: FlightBounds) -> Found:
     """``report``: the newest, or None. Faster is red: ways that are timed
     past each other are flown at other times, and nearer than planned. Slower is amber: it comes
     late.
@@ -59,7 +59,7 @@ def check(planned: FlightBounds) -> Check:
     radio."""
 
     def of(now_s, vehicle, _rules) -> Found:
-        return judge(None if vehicle.silent(now_s) else vehicle.parameters, planned)
+        return grade(None if vehicle.silent(now_s) else vehicle.parameters, planned)
 
     return Check(
         "speed",

@@ -161,7 +161,7 @@ def _estimate(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     return found.measured(f"{apart_m:.1f} m from the tracker's pose")
 
 
-def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+def _poses(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if not f.link.fresh(now_s, r.silent_s):
         return _U, "the flight link is not heard"
     link = f.link.value
@@ -246,13 +246,13 @@ def _agent(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 
 
 def _keys(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
-    return relay_keys.judge(now_s, f.keys, f.relay, r.slow_silent_s)
+    return relay_keys.grade(now_s, f.keys, f.relay, r.slow_silent_s)
 
 
 def _signing(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if not f.link.fresh(now_s, r.silent_s):
         return _U, "the flight link is not heard"
-    return autopilot_line.judge(f.line)
+    return autopilot_line.grade(f.line)
 
 
 VEHICLE_CHECKS: Tuple[Check, ...] = (
@@ -299,7 +299,7 @@ VEHICLE_CHECKS: Tuple[Check, ...] = (
         "feed",
         "poses go to the autopilot at 30 Hz",
         "check the tracking camera and its USB port",
-        _feed,
+        _poses,
     ),
     Check(
         "tracker",

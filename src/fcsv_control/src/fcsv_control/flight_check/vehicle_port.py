@@ -8,7 +8,7 @@ from typing import Callable, List, Optional, Sequence
 
 from fcsv_control.agent.messages import AgentAlive
 from fcsv_control.conditions import Grade
-from fcsv_control.flight.messages import LinkLives, ParametersChecked, TextHeard
+from fcsv_control.flight.messages import LinkLives, ParametersChecked, TextReceived
 from fcsv_control.flight_check import keys
 from fcsv_control.flight_check.autopilot_line import AutopilotLine
 from fcsv_control.flight_check.digest import Digest, Status
@@ -67,7 +67,7 @@ class VehicleCheckPort:
                 ParametersChecked: f.parameters.tell,
                 tm.VehicleState: lambda now_s, m: f.armed.tell(now_s, m.armed),
                 tm.BatteryCharge: lambda now_s, m: f.battery_share.tell(now_s, m.share),
-                TextHeard: lambda now_s, m: f.texts.add(now_s, m.text),
+                TextReceived: lambda now_s, m: f.texts.add(now_s, m.text),
                 GuardianVerdict: f.guardian.tell,
                 AgentAlive: f.agent.tell,
                 RecorderReport: f.recorder.tell,

@@ -30,7 +30,7 @@ class LinkReport:
     """What the flight link says of the autopilot and of the feed; ``throttle`` -1..1, NaN without a
     transmitter."""
 
-    doubt: str = ""  # FeedCheck's
+    doubt: str = ""  # PoseCheck's
     ekf_variance: float = 0.0  # the largest
     throttle: float = math.nan
     failsafe: bool = False
@@ -160,7 +160,7 @@ class VehicleSituation:
     def estimated(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate came."""
         self.estimate = T_odom_body
-        self.way.see(now_s, T_odom_body[:3, 3])
+        self.way.add(now_s, T_odom_body[:3, 3])
 
     def lose(self, now_s: float, blind: bool, found: bool) -> None:
         """It is lost from when it is ``blind`` until its next take-off, or until it is ``found``;

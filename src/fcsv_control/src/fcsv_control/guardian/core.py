@@ -88,7 +88,7 @@ class Guardian:
             self.air.lost = False
         self.air.mode, self.air.armed, self.air.state_s = mode, armed, now_s
 
-    def feed(self, now_s: float, T_odom_body: np.ndarray) -> None:
+    def pose(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """A pose of the odometry, as it goes to the autopilot."""
         self.air.fed(now_s, T_odom_body)
 
@@ -131,7 +131,7 @@ class Guardian:
         """A heartbeat of the agent."""
         self.air.agent_s = now_s
 
-    def control_heard(self, now_s: float) -> None:
+    def control_lives(self, now_s: float) -> None:
         """Something came from the control PC."""
         self.air.control_s = now_s
 

@@ -38,7 +38,8 @@ class Reaction(IntEnum):
     HOME = 3  # to above the take-off place
     ASIDE = 4  # out of another's way, then hold
     BRAKE = 5
-    ESCAPE = 6  # out of LAND, out of the way of one that comes down without control, then LAND
+    # out of LAND, aside of one beneath or that comes down without control, then LAND
+    ESCAPE = 6
     LAND_ASIDE = 7  # LAND, first out of the way of who is beneath
     LAND = 8  # at once: the position cannot be relied on
 
@@ -76,7 +77,7 @@ class Monitors:
         self._unseen_s = float("-inf")  # when the tracker last did not see it
         self._steps = _steps(rules)
         self._watches = (
-            self._feed,
+            self._poses,
             self._doubt,
             self._ekf,
             self._confidence,
@@ -88,6 +89,7 @@ class Monitors:
             self._stick,
             self._fence,
             self._others,
+            self._lands_on,
         )
 
     def findings(self, now_s: float, air: VehicleSituation) -> List[Finding]:
@@ -154,7 +156,7 @@ class Monitors:
         """Whether poses of the tracker come, by the earlier of its bounds."""
         return conditions.feed_age(air.feed.age_s(now_s), self._rules.feed_warn_s)
 
-    def _feed(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
+    def _poses(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
         age_s, hz = air.feed.age_s(now_s), air.feed.rate_hz(now_s)
         if not air.flying or air.feed.value is None:
             return ()
@@ -277,6 +279,17 @@ class Monitors:
                     f"{name}, which {why}, is {self._where(offset_m)}",
                     name,
                 )
+
+    def _lands_on(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
+        """A LAND that came where another is beneath: who ordered it did not know this place, or
+        that one's (silent until then)."""
+        high = air.mode == Mode.LAND and air.flying and self._high(air)
+        if not high or air.lost or air.p_home_m is None:
+            return
+        own = Occupant([air.p_home_m], air.p_home_stop_m)
+        for name, other in room.others(now_s, air, self._rules).items():
+            if airspace.comes_down_on(own, other, self._rules.beside_m, _BELOW_M):
+                yield Finding("beneath", Reaction.ESCAPE, f"{name} is beneath", name)
 
     @staticmethod
     def _where(offset_m: np.ndarray) -> str:

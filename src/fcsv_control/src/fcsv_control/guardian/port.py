@@ -61,7 +61,7 @@ class OtherGuarded:
 
 
 @dataclass
-class _Heard:
+class _Neighbour:
     """Another vehicle, as it told of itself; one that has not told its mode counts as flying."""
 
     topic: str  # of its odometry
@@ -80,14 +80,14 @@ class GuardianPort:
         self.core = Guardian(vehicle, rules, now_s)
         self._vehicle = vehicle
         self._in_home, self._arrivals = HomeFrames(), Arrivals()
-        self._others: Dict[str, _Heard] = {}
+        self._others: Dict[str, _Neighbour] = {}
         self._commands: OrderedDict[Tuple[str, int], Instruction] = OrderedDict()
         self._link_pid = 0
         self._told, self._told_s = GuardianVerdict(), -math.inf
         core = self.core
         self._take = Takers(
             {
-                PoseFed: lambda now_s, m: core.feed(now_s, m.T_odom_body),
+                PoseFed: lambda now_s, m: core.pose(now_s, m.T_odom_body),
                 PoseEstimated: lambda now_s, m: core.estimate(now_s, m.T_odom_body),
                 TrackerConfidence: lambda _now_s, m: core.confidence(m.level),
                 LinkLives: self._link,
@@ -96,7 +96,7 @@ class GuardianPort:
                 ),
                 ModeAsked: lambda now_s, m: core.mode_asked(now_s, m.mode),
                 AgentAlive: lambda now_s, _m: core.agent_lives(now_s),
-                MissionAlive: lambda now_s, _m: core.control_heard(now_s),
+                MissionAlive: lambda now_s, _m: core.control_lives(now_s),
                 MissionFence: lambda _now_s, m: core.mission_fence(m.fence),
                 Instruction: self._command,
                 Ack: self._answered,
@@ -163,7 +163,7 @@ class GuardianPort:
             self.core.calibrated(m.epochs[self._vehicle])
 
     def _command(self, now_s: float, command: Instruction) -> None:
-        self.core.control_heard(now_s)
+        self.core.control_lives(now_s)
         if command.kind is Kind.SET_MODE:
             self.core.mode_asked(now_s, command.mode)
         elif command.kind is Kind.LAND:
@@ -181,8 +181,8 @@ class GuardianPort:
 
     # ---- the others ------------------------------------------------------------------------------
 
-    def _other(self, name: str) -> _Heard:
-        return self._others.setdefault(name, _Heard(_topic(name)))
+    def _other(self, name: str) -> _Neighbour:
+        return self._others.setdefault(name, _Neighbour(_topic(name)))
 
     def _odometry(self, now_s: float, m: tm.VehicleOdometry) -> None:
         other = self._other(m.vehicle)
@@ -201,7 +201,7 @@ class GuardianPort:
             if name in places and heard.odometry is not None:
                 self._place_other(name, heard, places[name])
 
-    def _place_other(self, name: str, heard: _Heard, place: Place) -> None:
+    def _place_other(self, name: str, heard: _Neighbour, place: Place) -> None:
         """Places another vehicle where it was heard to be, where that is news."""
         odometry, told = heard.odometry, heard.verdict
         heard_s = self._arrivals.since_s(heard.topic, heard.came_s)

@@ -147,17 +147,17 @@ class MissionMachine:
         if not indices:
             within, self._not_reached = self._plan.within_batteries(self._snapshot)
             self._indices = within or ()
-        self._take_back()
+        self._regain_control()
         return ""
 
     def resume(self) -> str:
         """Goes on with the list, or with the landing."""
         locked = "" if self.phase == "LAND" else self.gate.before_resuming(self.now_s)
         if not locked:
-            self._take_back()
+            self._regain_control()
         return locked
 
-    def _take_back(self) -> None:
+    def _regain_control(self) -> None:
         """Takes the vehicles back from pilots, and from who stopped everybody."""
         self._modes.give_back()
         self._paused_by_operator, self._stopped, self.waits_for = False, "", ""
@@ -233,7 +233,7 @@ class MissionMachine:
         )
 
     def _recall(self, snapshot: Snapshot) -> None:
-        memory, (what, why) = self._memory, restart.judge(self._memory, snapshot)
+        memory, (what, why) = self._memory, restart.decide(self._memory, snapshot)
         self.detail = why
         if what is restart.RestartVerdict.WAIT:
             return
@@ -309,7 +309,7 @@ class MissionMachine:
         others."""
         flown = self._flight_list
         if self.phase in FLOWN and flown is not None and not flown.going_back:
-            for name in self._dropouts.see(snapshot, flown.working):
+            for name in self._dropouts.update(snapshot, flown.working):
                 flown.leave(snapshot, name)
                 self.said.append(f"{name} is down and takes no part any more")
                 self._paused_by_operator = True
@@ -434,9 +434,9 @@ class MissionMachine:
             else what_follows(self.phase, going_back, by_hand)
         )
         pauses = self._pauses | ({Pause.OPERATOR} if by_hand else set())
-        ended = self._patience.see(snapshot.now_s, pauses & set(then))
+        ended = self._patience.update(snapshot.now_s, pauses & set(then))
         if ended is None:
-            self.problems += self._patience.told(snapshot.now_s, then)
+            self.problems += self._patience.announcements(snapshot.now_s, then)
         elif then[ended] == BACK:
             self.finish(self._patience.ended(ended))
         else:

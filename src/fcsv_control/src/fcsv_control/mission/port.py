@@ -17,7 +17,7 @@ from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import RecorderView, Snapshot, VehicleView
 from fcsv_control.mission.time_of_day import TimeOfDay
 from fcsv_control.mission.watches.check_gate import OpenGate
-from fcsv_control.mission.watches.heard import VehicleHeard
+from fcsv_control.mission.watches.heard import VehicleTelemetry
 from fcsv_control.mission.watches.pairs_seen import PairsSeen
 from fcsv_control.mission.watches.tag_in_front import TagInFront
 from fcsv_control.stopping.core import STOP
@@ -74,7 +74,7 @@ class MissionPort:
             zip(names, [None, *(v.tag_id for v in column[:-1])])
         )
         self._arrivals, self._in_home = Arrivals(), HomeFrames()
-        self._heard = {v.name: self._nothing_heard(v) for v in column}
+        self._heard = {v.name: self._no_telemetry(v) for v in column}
         self._tag_in_front, self._pairs_seen, self._time_of_day = (
             TagInFront(),
             PairsSeen(),
@@ -121,8 +121,8 @@ class MissionPort:
             told.Cancel: self._cancel,
         }
 
-    def _nothing_heard(self, v: VehicleGeometry) -> VehicleHeard:
-        return VehicleHeard(
+    def _no_telemetry(self, v: VehicleGeometry) -> VehicleTelemetry:
+        return VehicleTelemetry(
             v.T_body_cam, lambda t, s: self._arrivals.since_s(f"/{v.name}/{t}", s), v.T_body_tag
         )
 
@@ -132,7 +132,7 @@ class MissionPort:
         """A message came. Raises TypeError where its type is not known here."""
         self._take[type(message)](now_s, message)
 
-    def _of(self, message) -> VehicleHeard:
+    def _of(self, message) -> VehicleTelemetry:
         self._arrivals.came(f"/{message.vehicle}/{message.topic}", message.publisher)
         return self._heard[message.vehicle]
 
@@ -190,7 +190,7 @@ class MissionPort:
             self.machine.outbox.acknowledged(m.vehicle, m.ack.number, m.outcome)
 
     def _wall(self, _now_s: float, m: told.WallClock) -> None:
-        self._time_of_day.see(m.before_s, m.wall_s, m.after_s)
+        self._time_of_day.update(m.before_s, m.wall_s, m.after_s)
 
     def _check(self, now_s: float, m: told.CheckTable) -> None:
         self.machine.gate.tell(now_s, m.lines, m.patience_s)
@@ -255,7 +255,7 @@ class MissionPort:
         m.step(self._snapshot(now_s))
         if m.phase != phase:
             _log.info("%s -> %s: %s", phase, m.phase, m.detail)
-        out = self._judge(now_s)
+        out = self._end_restoring(now_s)
         out += [self._instruction(order, now_s) for order in m.outbox.due(now_s)]
         out.append(
             told.MissionStatus(
@@ -291,13 +291,13 @@ class MissionPort:
         heard_s, problem = self._recorder_heard
         recorder = RecorderView(now_s - heard_s, problem) if self._recorder else None
         views = {n: h.view(now_s, T_home_odom.get(n)) for n, h in self._heard.items()}
-        views = self._pairs_seen.judge(
-            self._tag_in_front.judge(now_s, views, T_home_odom), T_home_odom
+        views = self._pairs_seen.check_views(
+            self._tag_in_front.check_views(now_s, views, T_home_odom), T_home_odom
         )
         slows_mps2 = self.mission.flight.acceleration_mps2
         return Snapshot(now_s, views, T_home_odom, self._cameras, recorder, clock_set, slows_mps2)
 
-    def _judge(self, now_s: float) -> List[object]:
+    def _end_restoring(self, now_s: float) -> List[object]:
         """Once the machine knows whether the last run's memory counts: its calibration and home
         count, or do not."""
         for text in self.machine.said:

@@ -20,7 +20,7 @@ class RestartVerdict(Enum):
     LAND = auto()
 
 
-def judge(memory: Memory, snapshot: Snapshot) -> Tuple[RestartVerdict, str]:
+def decide(memory: Memory, snapshot: Snapshot) -> Tuple[RestartVerdict, str]:
     """What to do, and why in words. One vehicle in GUIDED is enough: nobody but this mission flies
     it."""
     heard = [n for n, v in snapshot.vehicles.items() if v.fresh]

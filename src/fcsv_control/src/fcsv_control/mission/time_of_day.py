@@ -17,13 +17,13 @@ class TimeOfDay:
         self._least_s, self._most_s = -math.inf, math.inf
         self.times_set = 0
 
-    def see(self, before_s: float, wall_s: float, after_s: float) -> None:
+    def update(self, before_s: float, wall_s: float, after_s: float) -> None:
         """The time of day was read, between two looks at the monotonic clock. A process that did
         not run in between knows less, and takes nothing for a step.
 
         >>> day = TimeOfDay()
         >>> for before_s, wall_s, after_s in [(10.0, 110.0, 10.0), (11.0, 114.0, 15.0), (16.0, 116.4, 16.0)]:
-        ...     day.see(before_s, wall_s, after_s)
+        ...     day.update(before_s, wall_s, after_s)
         >>> day.times_set, round(day.offset_s, 3)
         (1, 100.4)
         """

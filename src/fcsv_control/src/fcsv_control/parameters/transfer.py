@@ -56,7 +56,7 @@ class NamedRead:
         self._asker: Asker[str] = Asker(names, tries)
         self.values: Dict[str, Value] = {}
 
-    def take(self, name: str, value: float, kind: int) -> None:
+    def receive(self, name: str, value: float, kind: int) -> None:
         """A PARAM_VALUE came."""
         self.values[name] = (value, kind)
         self._asker.answered(name)
@@ -83,7 +83,7 @@ class WholeRead:
         self._asker: Optional[Asker[int]] = None
         self._list_tries, self._heard_s = 0, -math.inf
 
-    def take(
+    def receive(
         self, now_s: float, name: str, value: float, kind: int, count: int, index: int
     ) -> None:
         """A PARAM_VALUE came; one outside of the list has another count or index."""
@@ -124,7 +124,7 @@ class Write:
         self._asker: Asker[str] = Asker(values)
         self.kept: Dict[str, float] = {}  # what the autopilot answered instead
 
-    def take(self, name: str, value: float) -> None:
+    def receive(self, name: str, value: float) -> None:
         """A PARAM_VALUE came."""
         wanted = self._wanted.get(name)
         if wanted is None:

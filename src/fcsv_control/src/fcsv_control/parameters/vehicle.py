@@ -46,7 +46,7 @@ class Vehicle:
         until_s = time.monotonic() + patience_s
         while self.firmware != firmware.COPTER and time.monotonic() < until_s:
             before = self.firmware
-            self._hear()
+            self._poll()
             if self.firmware and not before:
                 until_s = min(until_s, time.monotonic() + _SECOND_S)
         if self.firmware != firmware.COPTER:
@@ -65,8 +65,8 @@ class Vehicle:
         while not reading.over(time.monotonic()):
             for name in reading.due(time.monotonic()):
                 self._send("param_request_read", self.system, _AUTOPILOT, name.encode(), -1)
-            for m in self._heard():
-                reading.take(m.param_id, m.param_value, m.param_type)
+            for m in self._new_values():
+                reading.receive(m.param_id, m.param_value, m.param_type)
         return reading.values, reading.unknown
 
     def read_all(self, progress: Progress) -> Dict[str, Value]:
@@ -78,8 +78,8 @@ class Vehicle:
                 self._send("param_request_list", self.system, _AUTOPILOT)
             for index in indices:
                 self._send("param_request_read", self.system, _AUTOPILOT, b"", index)
-            for m in self._heard():
-                reading.take(
+            for m in self._new_values():
+                reading.receive(
                     time.monotonic(),
                     m.param_id,
                     m.param_value,
@@ -104,8 +104,8 @@ class Vehicle:
                 )
             for name, value in writing.due(time.monotonic()):
                 self._send("param_set", self.system, _AUTOPILOT, name.encode(), value, _ANY)
-            for m in self._heard():
-                writing.take(m.param_id, m.param_value)
+            for m in self._new_values():
+                writing.receive(m.param_id, m.param_value)
         return writing.failed
 
     def set_up_signing(self, key: Optional[bytes]) -> None:
@@ -118,7 +118,7 @@ class Vehicle:
         self._send("setup_signing", self.system, _AUTOPILOT, list(key or bytes(32)), stamp)
         until_s = time.monotonic() + _COMPLAINS_S
         while time.monotonic() < until_s:
-            self._hear()
+            self._poll()
 
     def close(self) -> None:
         self._line.close()
@@ -129,20 +129,20 @@ class Vehicle:
     def __exit__(self, *_raised) -> None:
         self.close()
 
-    def _heard(self) -> List[object]:
-        self._hear()
+    def _new_values(self) -> List[object]:
+        self._poll()
         values, self._values = self._values, []
         return values
 
-    def _hear(self) -> None:
+    def _poll(self) -> None:
         """What comes within a moment."""
         m = self._line.receive(_POLL_S)
         while m is not None:
             if m.get_type() != "BAD_DATA" and m.get_srcComponent() == _AUTOPILOT:
-                self._take(m)
+                self._receive(m)
             m = self._line.receive(0.0)
 
-    def _take(self, m) -> None:
+    def _receive(self, m) -> None:
         system = m.get_srcSystem()
         if (
             m.get_type() == "HEARTBEAT"

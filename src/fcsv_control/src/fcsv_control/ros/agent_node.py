@@ -101,22 +101,26 @@ class AgentNode:
         self._subscribe()
 
     def _subscribe(self) -> None:
-        def hear(topic, kind, take):
+        def subscribe(topic, kind, take):
             taking = convert.taking(topic, take, self._receive, self._health)
             rospy.Subscriber(topic, kind, taking, queue_size=20, tcp_nodelay=True)
 
-        hear("agent/alive", Heartbeat, convert.agent_alive_of)
-        hear("flight_link/estimate_moved", Vector3Stamped, convert.moved_of)
-        hear("flight_link/home", PointStamped, convert.home_above_of)
-        hear("flight_link/refusal", Refusal, lambda m: messages.Refused(m.reason))
-        hear("mavros/statustext/recv", StatusText, lambda m: messages.TextHeard(m.severity, m.text))
-        hear("guardian/state", GuardianState, convert.verdict_of)
-        hear("mavros/state", State, self._state)
-        hear("mavros/local_position/pose", PoseStamped, convert.estimated_of)
-        hear("/mission/alive", Heartbeat, convert.mission_alive_of)
+        subscribe("agent/alive", Heartbeat, convert.agent_alive_of)
+        subscribe("flight_link/estimate_moved", Vector3Stamped, convert.moved_of)
+        subscribe("flight_link/home", PointStamped, convert.home_above_of)
+        subscribe("flight_link/refusal", Refusal, lambda m: messages.Refused(m.reason))
+        subscribe(
+            "mavros/statustext/recv",
+            StatusText,
+            lambda m: messages.TextReceived(m.severity, m.text),
+        )
+        subscribe("guardian/state", GuardianState, convert.verdict_of)
+        subscribe("mavros/state", State, self._state)
+        subscribe("mavros/local_position/pose", PoseStamped, convert.estimated_of)
+        subscribe("/mission/alive", Heartbeat, convert.mission_alive_of)
         telemetry.subscribe(self._name, [tm.OdometryEpoch], self._receive, self._health)
         telemetry.subscribe_epochs(self._receive)
-        hear("command", Command, self._command)
+        subscribe("command", Command, self._command)
 
     def _state(self, m: State) -> tm.VehicleState:
         self._health.problem("link", "" if m.connected else f"{self._name}: no autopilot")

@@ -16,7 +16,7 @@ from fcsv_control.errors import ControlError
 from fcsv_control.flight.messages import (
     AutopilotLimits,
     EstimateMoved,
-    HomeHeard,
+    HomeReceived,
     LinkLives,
     ParametersChecked,
     PoseEstimated,
@@ -114,9 +114,9 @@ def moved_of(m: Vector3Stamped) -> EstimateMoved:
     return EstimateMoved(np.array([m.vector.x, m.vector.y, m.vector.z]))
 
 
-def home_above_of(m: PointStamped) -> HomeHeard:
+def home_above_of(m: PointStamped) -> HomeReceived:
     """Where the autopilot's home is."""
-    return HomeHeard(m.point.z)
+    return HomeReceived(m.point.z)
 
 
 def link_lives_of(m: LinkHealth) -> LinkLives:

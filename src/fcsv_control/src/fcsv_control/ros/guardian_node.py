@@ -98,33 +98,33 @@ class GuardianNode:
     def _subscribe(self, others: List[str]) -> None:
         own = self._name
 
-        def hear(topic, kind, take):
+        def subscribe(topic, kind, take):
             taking = convert.taking(topic, take, self._receive, self._health)
             rospy.Subscriber(topic, kind, taking, queue_size=20, tcp_nodelay=True)
 
-        hear("mavros/vision_pose/pose", PoseStamped, convert.fed_of)
-        hear("mavros/local_position/pose", PoseStamped, convert.estimated_of)
-        hear("odometry/state", Odometry, lambda m: TrackerConfidence(convert.confidence_of(m)))
-        hear(
+        subscribe("mavros/vision_pose/pose", PoseStamped, convert.fed_of)
+        subscribe("mavros/local_position/pose", PoseStamped, convert.estimated_of)
+        subscribe("odometry/state", Odometry, lambda m: TrackerConfidence(convert.confidence_of(m)))
+        subscribe(
             "mavros/state",
             State,
             lambda m: tm.VehicleState(own, "", Mode(m.mode), m.armed, m.connected),
         )
-        hear(
+        subscribe(
             "mavros/battery",
             BatteryState,
             lambda m: tm.BatteryCharge(own, "", conversions.battery_share(m)),
         )
-        hear("flight_link/health", LinkHealth, convert.link_lives_of)
-        hear("flight_link/parameters", ParameterReport, convert.limits_of)
-        hear("flight_link/mode_asked", ModeAsked, self._asked_by_others)
-        hear("agent/alive", Heartbeat, convert.agent_alive_of)
-        hear("command", Command, convert.instruction_of)
-        hear("command_ack", CommandAck, convert.ack_of)
-        hear("/mission/fence", FenceMessage, convert.fence_of)
-        hear("/mission/alive", Heartbeat, convert.mission_alive_of)
-        hear("/calibration", Calibration, telemetry.calibration_of)
-        hear("/home", Home, telemetry.home_of)
+        subscribe("flight_link/health", LinkHealth, convert.link_lives_of)
+        subscribe("flight_link/parameters", ParameterReport, convert.limits_of)
+        subscribe("flight_link/mode_asked", ModeAsked, self._asked_by_others)
+        subscribe("agent/alive", Heartbeat, convert.agent_alive_of)
+        subscribe("command", Command, convert.instruction_of)
+        subscribe("command_ack", CommandAck, convert.ack_of)
+        subscribe("/mission/fence", FenceMessage, convert.fence_of)
+        subscribe("/mission/alive", Heartbeat, convert.mission_alive_of)
+        subscribe("/calibration", Calibration, telemetry.calibration_of)
+        subscribe("/home", Home, telemetry.home_of)
         telemetry.subscribe(own, [tm.OdometryEpoch], self._receive, self._health)
         telemetry.subscribe_epochs(self._receive)
         telemetry.subscribe_relay(self._receive, f"/{own}")
@@ -133,7 +133,7 @@ class GuardianNode:
                 name, [tm.VehicleOdometry, tm.VehicleState], self._receive, self._health, TOPICS
             )
             guarded = lambda m, name=name: OtherGuarded(name, convert.verdict_of(m))  # noqa: E731
-            hear(f"/{name}/guardian/state", GuardianState, guarded)
+            subscribe(f"/{name}/guardian/state", GuardianState, guarded)
 
     def _receive(self, data: object) -> None:
         with self._lock:

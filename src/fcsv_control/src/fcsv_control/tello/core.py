@@ -66,7 +66,7 @@ class TelloCore:
 
     # ---- what is heard ---------------------------------------------------------------------------
 
-    def heard(self, now_s: float) -> None:
+    def tello_lives(self, now_s: float) -> None:
         """Any packet of the Tello."""
         if self._silent:
             self._say(NOTICE, f"the Wi-Fi is back after {now_s - self._heard_s:.1f} s")
@@ -76,7 +76,7 @@ class TelloCore:
 
     def flight(self, now_s: float, report: FlightReport) -> None:
         """Flight data."""
-        self.heard(now_s)
+        self.tello_lives(now_s)
         first, landed = self.tracking.report is None, self.flying and not report.in_the_air
         self.tracking.report = report
         if first and report.in_the_air:
@@ -87,7 +87,7 @@ class TelloCore:
 
     def log(self, now_s: float, report: LogReport) -> None:
         """A log packet: its own odometry."""
-        self.heard(now_s)
+        self.tello_lives(now_s)
         self.tracking.log(now_s, report)
 
     def pose(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> None:
@@ -180,7 +180,7 @@ class TelloCore:
         if self.flying or self._climb is not None:
             self._watch_wifi(now_s)
             self._watch_battery(now_s)
-            self._watch_feed(now_s)
+            self._watch_poses(now_s)
         self._stay_up()
         self._sticks = self._decide(now_s, dt_s)
         self._out.append(GiveSticks(self._sticks))
@@ -233,7 +233,7 @@ class TelloCore:
         if found.red and self.mode in _OURS:
             self._enter(now_s, LAND, ALERT, f"{found.words}: landing")
 
-    def _watch_feed(self, now_s: float) -> None:
+    def _watch_poses(self, now_s: float) -> None:
         age_s, r = min(self.tracking.age_s(now_s), now_s - self._entered_s), self._rules
         old, lost = (conditions.feed_age(age_s, s) for s in (r.feed_old_s, r.feed_land_s))
         late = self.mode in _OURS and old.red

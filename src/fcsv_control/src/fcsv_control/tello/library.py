@@ -86,11 +86,11 @@ class TelloRadio:
             self.close()
             raise
         t = self._tello
-        self._hear(t.EVENT_FLIGHT_DATA, hears.flight)
-        self._hear(t.EVENT_SAMPLE_IMU, hears.imu)
-        self._hear(t.EVENT_VIDEO_DATA, hears.video)
+        self._subscribe(t.EVENT_FLIGHT_DATA, hears.flight)
+        self._subscribe(t.EVENT_SAMPLE_IMU, hears.imu)
+        self._subscribe(t.EVENT_VIDEO_DATA, hears.video)
         for other in (t.EVENT_WIFI, t.EVENT_LIGHT, t.EVENT_LOG_DATA):
-            self._hear(other, lambda now_s, _data: hears.packet(now_s))
+            self._subscribe(other, lambda now_s, _data: hears.packet(now_s))
         t.connect()
 
     @property
@@ -167,7 +167,7 @@ class TelloRadio:
         except OSError as error:
             raise ControlError(f"{self._name}: interface {interface}: {error.strerror}") from error
 
-    def _hear(self, event: Any, tell: Callable[[float, Any], None]) -> None:
+    def _subscribe(self, event: Any, tell: Callable[[float, Any], None]) -> None:
         """tellopy would only print what a handler raises."""
 
         def handler(event, sender, data, **_):

@@ -64,14 +64,14 @@ class TelloText:
 
 
 @dataclass(frozen=True)
-class EstimateMoved:
+class FrameMoved:
     """The estimate's frame changed: from the vehicle's own odometry to the tracker's. ``step_m``
     (3,)."""
 
     step_m: np.ndarray
 
 
-Output = Union[GiveSticks, TakeOffNow, LandNow, StayUp, TelloText, EstimateMoved]
+Output = Union[GiveSticks, TakeOffNow, LandNow, StayUp, TelloText, FrameMoved]
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ class ObserverRules:
 
 
 @dataclass
-class _Moment:
+class _PastEstimate:
     """Estimate at a time: position (3,), velocity (3,) without drift, yaw (rad)."""
 
     now_s: float
@@ -63,7 +63,7 @@ class Observer:
 
     def __init__(self, rules: ObserverRules, sticks: StickModel):
         self._rules, self._model = rules, sticks
-        self._moments: Deque[_Moment] = deque(maxlen=200)
+        self._moments: Deque[_PastEstimate] = deque(maxlen=200)
         self._drift = np.zeros(3)  # m/s2, vertically m/s
         self._given: Deque[Tuple[float, Sticks]] = deque(maxlen=20)
         self._stamp_s = -math.inf
@@ -123,7 +123,7 @@ class Observer:
         )
         p = last.p_m + (0.5 * (last.v_mps + v) + self._drift * _CLIMB) * dt_s
         turn_rps = math.radians(m.turn_dps) * m.share(s.turn)
-        self._moments.append(_Moment(now_s, p, v, wrap(last.yaw_rad + turn_rps * dt_s)))
+        self._moments.append(_PastEstimate(now_s, p, v, wrap(last.yaw_rad + turn_rps * dt_s)))
 
     def pose(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
         """A pose of the tracker, measured at ``stamp_s``. Whether it was taken."""
@@ -133,7 +133,7 @@ class Observer:
             return False
         p, yaw = T_odom_body[:3, 3], transforms.yaw(T_odom_body)
         if not self._moments:
-            self._moments.append(_Moment(now_s, p.copy(), np.zeros(3), yaw))
+            self._moments.append(_PastEstimate(now_s, p.copy(), np.zeros(3), yaw))
         else:
             self._correct(now_s, stamp_s, p, yaw)
         self._stamp_s = stamp_s
@@ -200,14 +200,14 @@ class Observer:
             if m.now_s >= stamp_s:
                 m.v_mps = m.v_mps + dv * (1.0 - _CLIMB)
 
-    def _at(self, stamp_s: float) -> _Moment:
+    def _at(self, stamp_s: float) -> _PastEstimate:
         """The estimate of a moment in between."""
-        moments: List[_Moment] = list(self._moments)
-        later: Optional[_Moment] = None
+        moments: List[_PastEstimate] = list(self._moments)
+        later: Optional[_PastEstimate] = None
         for m in reversed(moments):
             if m.now_s <= stamp_s:
                 if later is None:
-                    return _Moment(
+                    return _PastEstimate(
                         stamp_s, m.p_m + self.v_mps * (stamp_s - m.now_s), m.v_mps, m.yaw_rad
                     )
                 share = (stamp_s - m.now_s) / (later.now_s - m.now_s)
@@ -215,9 +215,9 @@ class Observer:
                     m.p_m + share * (later.p_m - m.p_m),
                     m.v_mps + share * (later.v_mps - m.v_mps),
                 )
-                return _Moment(
+                return _PastEstimate(
                     stamp_s, p, v, wrap(m.yaw_rad + share * wrap(later.yaw_rad - m.yaw_rad))
                 )
             later = m
         first = moments[0]
-        return _Moment(stamp_s, first.p_m, first.v_mps, first.yaw_rad)
+        return _PastEstimate(stamp_s, first.p_m, first.v_mps, first.yaw_rad)

@@ -7,7 +7,7 @@ from typing import Optional
 
 import numpy as np
 
-from fcsv_control.tello.messages import EstimateMoved, FlightReport, LogReport
+from fcsv_control.tello.messages import FlightReport, FrameMoved, LogReport
 from fcsv_control.tello.observer import Observer, ObserverRules
 from fcsv_control.tello.pid import StickModel
 from fcsv_geometry import transforms
@@ -62,7 +62,7 @@ class Tracking:
 
     def pose(
         self, now_s: float, stamp_s: float, T_odom_body: np.ndarray, gap_s: float
-    ) -> Optional[EstimateMoved]:
+    ) -> Optional[FrameMoved]:
         """A pose of the tracker came; the first one moves the estimate's frame."""
         before = self.T_odom_body if not self.observer.known else None
         if not self.observer.pose(now_s, stamp_s, T_odom_body):
@@ -76,7 +76,7 @@ class Tracking:
         self._fed.tell(now_s)
         if before is None:
             return None
-        return EstimateMoved(T_odom_body[:3, 3] - before[:3, 3])
+        return FrameMoved(T_odom_body[:3, 3] - before[:3, 3])
 
     def log(self, now_s: float, log: LogReport) -> None:
         """A log packet came."""

@@ -20,7 +20,7 @@ _LEAST = 3  # bytes of a datagram
 
 
 @dataclass(frozen=True)
-class Picture:
+class DecodedPicture:
     """``rgb`` (H,W,3) uint8; ``arrived_s``: when its first packet came, monotonic."""
 
     arrived_s: float
@@ -64,7 +64,7 @@ class Video:
         begins = kinds(self._pieces.get(0, b"")) if self._number is not None else Counter()
         return not (begins[_PARAMETERS] or begins[_KEY])
 
-    def add(self, now_s: float, datagram: bytes) -> Optional[Picture]:
+    def add(self, now_s: float, datagram: bytes) -> Optional[DecodedPicture]:
         """A picture, with its last datagram."""
         if len(datagram) < _LEAST:
             self.dropped["datagrams that are none"] += 1
@@ -89,7 +89,7 @@ class Video:
             self._lost("pictures with lost packets")
         self._number, self._arrived_s, self._pieces, self._end = number, now_s, {}, None
 
-    def _picture(self, stream: bytes) -> Optional[Picture]:
+    def _picture(self, stream: bytes) -> Optional[DecodedPicture]:
         found = kinds(stream)
         if not found[_SLICE] and not found[_KEY]:
             if found[_PARAMETERS]:  # they came by themselves: of the next key picture
@@ -112,7 +112,7 @@ class Video:
             self._codec = self._opened()
             return None
         self._whole, self._broken = True, False
-        return Picture(self._arrived_s, shown[-1].to_ndarray(format="rgb24"))
+        return DecodedPicture(self._arrived_s, shown[-1].to_ndarray(format="rgb24"))
 
     def _lost(self, why: str) -> None:
         self.dropped[why] += 1

@@ -25,13 +25,13 @@ from fcsv_guidance.following import Goal, RobotPlace
 from fcsv_guidance.ground_server import (
     GoalDropped,
     GridChanged,
-    GridSaid,
+    GridMessage,
     GroundRules,
     GroundServer,
     MapSeen,
-    NoRouteSaid,
+    NoRouteMessage,
     RobotHold,
-    RouteSaid,
+    RouteMessage,
 )
 from fcsv_guidance.live_views import LiveViews
 from fcsv_guidance.robot import load_robot
@@ -193,8 +193,8 @@ class GroundNode:
             self._say(str(error), wrong=True)
             return
         with self._lock:
-            if self._port.said is not None:  # a bag has the grid of each route, whole
-                self._show(self._port.said)
+            if self._port.whole_grid is not None:  # a bag has the grid of each route, whole
+                self._show(self._port.whole_grid)
         self._receive(Goal(x_m, y_m))
 
     def _on_stop(self, _message: String) -> None:
@@ -247,18 +247,18 @@ class GroundNode:
 
     def _show(self, said: object) -> None:
         now_s = rospy.get_time()
-        if isinstance(said, GridSaid):
+        if isinstance(said, GridMessage):
             for publisher, message in zip(self._grids, self._whole(now_s)):
                 publisher.publish(message)
         elif isinstance(said, GridChanged):
             self._whole(now_s)
             for publisher, region in zip(self._updates, (said.occupied, said.stands)):
                 publisher.publish(messages.update_message(region, said.stamp_s))
-        elif isinstance(said, RouteSaid):
+        elif isinstance(said, RouteMessage):
             self._path.publish(messages.path_message(said.points_home_m, now_s))
             self._cells(np.empty((0, 2)))
             self._say(f"a route of {len(said.points_home_m)} corners leads to the goal")
-        elif isinstance(said, NoRouteSaid):
+        elif isinstance(said, NoRouteMessage):
             self._path.publish(messages.path_message(np.empty((0, 2)), now_s))
             self._cells(said.to_see_m)
             self._say(said.reason, wrong=True)
@@ -267,13 +267,13 @@ class GroundNode:
 
     def _whole(self, now_s: float) -> List[OccupancyGrid]:
         """Both grids as they are now, which new listeners get from here on."""
-        said = self._port.said
+        said = self._port.whole_grid
         for newest, percents in zip(self._newest, (said.occupied, said.stands)):
             newest.message = messages.grid_message(said.grid, percents, said.stamp_s, now_s)
         return [newest.message for newest in self._newest]
 
     def _cells(self, to_see_m: np.ndarray) -> None:
-        cell_m = 0.1 if self._port.said is None else self._port.said.grid.cell_m
+        cell_m = 0.1 if self._port.whole_grid is None else self._port.whole_grid.grid.cell_m
         self._to_see.publish(messages.cells_message(to_see_m, cell_m, rospy.get_time()))
 
     def _say(self, text: str, wrong: bool = False) -> None:

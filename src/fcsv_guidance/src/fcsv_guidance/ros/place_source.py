@@ -71,7 +71,7 @@ class PlaceSource:
         pose = message.pose if stamped else message.pose.pose
         covariance = None if stamped else message.pose.covariance
         try:
-            self._take(message.header, conversions.pose_to_transform(pose), covariance)
+            self._receive_pose(message.header, conversions.pose_to_transform(pose), covariance)
         except FcsvError as error:
             self._health.drop("robot_pose", str(error))
 
@@ -82,11 +82,11 @@ class PlaceSource:
             )
             if found.header.stamp.to_sec() > self._last_s:
                 self._last_s = found.header.stamp.to_sec()
-                self._take(found.header, transform_from_msg(found.transform), None)
+                self._receive_pose(found.header, transform_from_msg(found.transform), None)
         except (FcsvError, tf2_ros.TransformException) as error:
             self._health.drop("tf of the robot", str(error))
 
-    def _take(self, header, T_home_robot, covariance) -> None:
+    def _receive_pose(self, header, T_home_robot, covariance) -> None:
         sigma_m = self._parameters.sigma_m
         stamp_s = header.stamp.to_sec()
         place = robot_place(

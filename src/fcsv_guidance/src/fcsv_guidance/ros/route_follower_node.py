@@ -68,7 +68,7 @@ class RouteFollowerNode:
         except FcsvError as error:
             self._health.drop("stand", str(error))
             return
-        self._take(messages.stamp_of(message), grid, stands)
+        self._set_grid(messages.stamp_of(message), grid, stands)
 
     def _on_update(self, message: OccupancyGridUpdate) -> None:
         try:
@@ -76,11 +76,11 @@ class RouteFollowerNode:
                 if self._stands is None:
                     return  # the whole grid comes to who begins to listen
                 stands = with_region(self._stands, messages.region_of(message))
-                self._take(messages.stamp_of(message), self._grid, stands)
+                self._set_grid(messages.stamp_of(message), self._grid, stands)
         except FcsvError as error:
             self._health.drop("stand_updates", str(error))
 
-    def _take(self, stamp_s: float, grid: Grid, stands: np.ndarray) -> None:
+    def _set_grid(self, stamp_s: float, grid: Grid, stands: np.ndarray) -> None:
         with self._lock:
             self._grid, self._stands = grid, stands
             self._receive(clearance_map(stamp_s, grid, stands))

@@ -24,7 +24,7 @@ from fcsv_control.agent.port import AgentPort
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import (
     AutopilotState,
-    BatteryTold,
+    BatteryReading,
     EstimateMoved,
     FromAutopilot,
     LinkLives,
@@ -34,10 +34,10 @@ from fcsv_control.flight.messages import (
     PoseFed,
     Refused,
     RequestOver,
-    TextHeard,
+    TextReceived,
     ToAutopilot,
 )
-from fcsv_control.flight.port import FeedRules, FlightLinkPort
+from fcsv_control.flight.port import ExternalNavigationRules, FlightLinkPort
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import Profile, load_profile
 from fcsv_control.guardian.core import Guardian
@@ -132,7 +132,7 @@ class OnBoard:
             Ask: self._agent_asks,
             AskMode: self._guardian_asks,
             AutopilotState: self._shown,
-            BatteryTold: self._battery,
+            BatteryReading: self._battery,
             BodySample: self._on_body,
             EstimateMoved: self.agent.receive,
             HoldAt: self._hold,
@@ -143,7 +143,7 @@ class OnBoard:
             PoseEstimated: self._estimated,
             RequestOver: self._request_over,
             SetPoint: self._tell_link,
-            TextHeard: self.agent.receive,
+            TextReceived: self.agent.receive,
             ToAutopilot: self._to_autopilot,
             GuardianVerdict: self._judged,
             tm.OdometryEpoch: self._began,
@@ -153,7 +153,7 @@ class OnBoard:
     def _new_link(self, now_s: float) -> FlightLinkPort:
         """A flight link's process as it begins, with the parameters that an autopilot must have."""
         link = LinkParameters(target_system=self.geometry.system_id)
-        return FlightLinkPort(self.name, link, _profile(), FeedRules(), 0, now_s)
+        return FlightLinkPort(self.name, link, _profile(), ExternalNavigationRules(), 0, now_s)
 
     # ---- the radio -------------------------------------------------------------------------------
 
@@ -257,7 +257,7 @@ class OnBoard:
         self.state, self.state_s = s, now_s
         self._deliver(now_s, tm.VehicleState(self.name, "", s.mode, s.armed, s.connected))
 
-    def _battery(self, now_s: float, m: BatteryTold) -> None:
+    def _battery(self, now_s: float, m: BatteryReading) -> None:
         self.battery_share = m.share if self.battery_said is None else self.battery_said
         self.guardian_port.receive(now_s, tm.BatteryCharge(self.name, "", self.battery_share))
 

@@ -18,8 +18,8 @@ from fcsv_guidance.guiding import (
     Goal,
     Guidance,
     GuideRules,
+    RobotContact,
     RobotGuide,
-    RobotHeard,
     plan_over,
 )
 from fcsv_guidance.known import GroundSeen
@@ -242,7 +242,7 @@ class RobotDrive:
         machine, cut = self.machine, self._during("radio cut", now_s)
         if not cut:
             self._post.append((now_s + RADIO_S, machine.odometry()))
-            self._post.append((now_s + RADIO_S, RobotHeard(now_s)))
+            self._post.append((now_s + RADIO_S, RobotContact(now_s)))
         if _every(now_s, EVERY_S):
             fix = self._reader.read(now_s, machine.x_m, machine.y_m, machine.yaw_rad)
             if fix is not None and self._fixes is not None:
@@ -267,7 +267,7 @@ class RobotDrive:
         for what in arrived:
             to = (
                 self._guide
-                if isinstance(what, (GroundSeen, RobotHeard, Goal, StopRobot))
+                if isinstance(what, (GroundSeen, RobotContact, Goal, StopRobot))
                 else self._tracker
             )
             to.receive(now_s, what)

@@ -158,7 +158,7 @@ def corners_of(own: SiteView) -> np.ndarray:
     )
 
 
-def may_see(other: SiteView, corners: np.ndarray) -> bool:
+def may_contain(other: SiteView, corners: np.ndarray) -> bool:
     """Whether a view may have something of a box (8,3) in its picture: False is certain, as all
     corners are then beyond one side of it."""
     if not len(corners):
@@ -183,7 +183,7 @@ def join(
     in_site = [site_view(v, placed[v.name], origin_m) for v in views if v.name in placed]
     boxes = [corners_of(own) for own in in_site]
     parts = [
-        join_view(own, [o for o in in_site if o is not own and may_see(o, box)])
+        join_view(own, [o for o in in_site if o is not own and may_contain(o, box)])
         for own, box in zip(in_site, boxes)
     ]
     return concatenate([p.cloud for p in parts]), parts

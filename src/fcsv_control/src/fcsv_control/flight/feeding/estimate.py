@@ -50,7 +50,7 @@ class EstimateWatch:
         self._moved = _ZERO
         self._estimate: Optional[Vector] = None
 
-    def feed(self, now_s: float, stamp_s: float, p: np.ndarray, begun_anew: bool) -> None:
+    def pose_sent(self, now_s: float, stamp_s: float, p: np.ndarray, begun_anew: bool) -> None:
         """A pose that went to the autopilot. ``begun_anew``: its frame is another than before."""
         dt_s = stamp_s - self._stamp_s
         before, self._p = self._p, tuple(p.tolist())

@@ -14,7 +14,7 @@ from fcsv_geometry.streams.flow import RateGate
 
 
 @dataclass(frozen=True)
-class FeedParameters:
+class PoseGateParameters:
     """ArduCopter flies well on 30 Hz, needs 10 Hz; a pose older than ``stale_s`` is no news."""
 
     rate_hz: float = 30.0
@@ -27,7 +27,7 @@ class FeedParameters:
             raise ValueError(f"stale_s: {self.stale_s} is not in (0, 1]")
 
 
-class FeedVerdict(Enum):
+class PoseVerdict(Enum):
     """What becomes of a pose."""
 
     SEND = auto()
@@ -35,7 +35,7 @@ class FeedVerdict(Enum):
     DROP = auto()
 
 
-class VisionFeed:
+class PoseGate:
     """Never lets a pose pass twice. ``stamp_s`` is the last passed one's, on the receiver's clock:
     it only rises."""
 
@@ -48,7 +48,7 @@ class VisionFeed:
     _LEAST_S = 1e-4  # between two stamps
     _EARLY = 0.3  # share of a period by which a pose may come early and pass: jitter of the sender
 
-    def __init__(self, parameters: FeedParameters):
+    def __init__(self, parameters: PoseGateParameters):
         self._parameters = parameters
         self._gate = RateGate(parameters.rate_hz, self._EARLY)
         self._before: Optional[Tuple[float, float]] = None  # arrival and stamp of the pose before
@@ -56,25 +56,25 @@ class VisionFeed:
         self._late = (float("-inf"), float("-inf"))  # since when poses are late, and by how much
         self.stamp_s = float("-inf")
 
-    def judge(self, now_s: float, stamp_s: float) -> Tuple[FeedVerdict, str]:
+    def decide(self, now_s: float, stamp_s: float) -> Tuple[PoseVerdict, str]:
         """What to do with a pose that arrived at ``now_s`` (monotonic), and why it is dropped where
         it is."""
         before, self._before = self._before, (now_s, stamp_s)
         if before is not None and stamp_s == before[1]:
-            return FeedVerdict.DROP, "pose is not newer than the last"
+            return PoseVerdict.DROP, "pose is not newer than the last"
         self._follow(now_s, stamp_s, before)
         age_s = now_s - stamp_s - self._offset_s
         if age_s > self._parameters.stale_s and not self._steadily_late(now_s, age_s):
-            return FeedVerdict.DROP, f"pose is {age_s:.2f} s older than fresh ones are"
+            return PoseVerdict.DROP, f"pose is {age_s:.2f} s older than fresh ones are"
         self._late = (float("-inf"), float("-inf"))
         here_s = stamp_s + self._offset_s
         # taken in another order, or the clock was set by less than is noticed
         if here_s <= self.stamp_s:
-            return FeedVerdict.DROP, "pose is not newer than the last"
+            return PoseVerdict.DROP, "pose is not newer than the last"
         if not self._gate.passes(here_s):
-            return FeedVerdict.THIN_OUT, ""
+            return PoseVerdict.THIN_OUT, ""
         self.stamp_s = here_s
-        return FeedVerdict.SEND, ""
+        return PoseVerdict.SEND, ""
 
     def _steadily_late(self, now_s: float, age_s: float) -> bool:
         """A clock that was set while poses were held up: what was held up comes fresher and

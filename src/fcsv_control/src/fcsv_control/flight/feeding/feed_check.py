@@ -33,7 +33,7 @@ Vector = Tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class FeedCheckRules:
+class PoseCheckRules:
     """Bounds. In hover a T265's noise moves its pose by some millimetres and hundredths of a degree
     in 0.3 s."""
 
@@ -60,12 +60,12 @@ class FeedCheckRules:
         require_positive(self)
 
 
-class FeedCheck:
+class PoseCheck:
     """``doubt`` says why the feed of a flying vehicle is not to be believed; it stays until the
     vehicle is on the ground, because a tracker that comes to itself again has lost its place."""
 
-    def __init__(self, rules: Optional[FeedCheckRules] = None):
-        self._rules = rules or FeedCheckRules()
+    def __init__(self, rules: Optional[PoseCheckRules] = None):
+        self._rules = rules or PoseCheckRules()
         # time, way by velocity (m, odom), velocity
         self._way: Deque[Tuple[float, Vector, Vector]] = deque()
         self._estimate: Optional[Vector] = None
@@ -167,12 +167,12 @@ class FeedCheck:
         """Whether a pose may go to the autopilot. On the ground there is nothing to feel;
         ``in_the_air`` None: the autopilot has not said."""
         if armed and in_the_air:
-            return self.judge(now_s, stamp_s, T_odom_body)
+            return self.passes_in_flight(now_s, stamp_s, T_odom_body)
         self.came_back = False
         (self._clear if in_the_air is None else self.on_ground)()
         return True
 
-    def judge(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
+    def passes_in_flight(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
         """Whether a pose of a flying vehicle may go to the autopilot. ``came_back``: it is the
         first after a silence and elsewhere, so that the autopilot must be told of a reset. It would
         take the step for flight, and meet the ground too fast.

@@ -39,7 +39,7 @@ class Alarm(Enum):
     LAND = auto()  # it is dead while the companion flies
 
 
-class FeedWatchdog:
+class PoseWatchdog:
     """``check`` says what the age of the newest pose asks for."""
 
     def __init__(self, parameters: WatchdogParameters, now_s: float):
@@ -48,7 +48,7 @@ class FeedWatchdog:
         self._asked_s: Optional[float] = None
         self._obeyed = False
 
-    def feed(self, now_s: float) -> None:
+    def pose_sent(self, now_s: float) -> None:
         """A pose went to the autopilot."""
         self._last_s, self._asked_s, self._obeyed = now_s, None, False
 

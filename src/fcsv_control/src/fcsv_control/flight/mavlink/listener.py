@@ -17,15 +17,15 @@ from fcsv_control.flight.mavlink.requests import Requests
 from fcsv_control.flight.mavlink.texts import TextJoiner
 from fcsv_control.flight.mavlink.timesync import TimeSync
 from fcsv_control.flight.messages import (
-    BarometerHeard,
-    BatteryHeard,
+    BarometerReceived,
+    BatteryReceived,
     Event,
-    FixHeard,
+    FixReceived,
     FixStatus,
-    PoseHeard,
-    RcHeard,
-    StateHeard,
-    TextHeard,
+    PoseReceived,
+    RcReceived,
+    StateReceived,
+    TextReceived,
 )
 from fcsv_control.flight.settings.parameters import ParameterCheck
 from fcsv_control.flight.settings.profile import Profile, Rule
@@ -94,7 +94,7 @@ class Listener:
         wrong, self._wrong = self._wrong, []
         return wrong
 
-    def take(self, now_s: float, m) -> None:
+    def receive(self, now_s: float, m) -> None:
         """One message; those of other systems and components are passed over."""
         kind = m.get_type()
         if kind == "BAD_DATA" or m.get_srcComponent() != _M.MAV_COMP_ID_AUTOPILOT1:
@@ -119,7 +119,7 @@ class Listener:
         """Time passed: texts whose end got lost are passed on, and what was known of an autopilot
         that has fallen silent counts no more."""
         for text in self._texts.overdue(now_s):
-            self._said(now_s, *text)
+            self._status_text(now_s, *text)
         if self.keeper.fell_silent(now_s):
             self._forget()
 
@@ -160,21 +160,21 @@ class Listener:
         if self.keeper.heartbeat(now_s, self.state.booting):
             _LOG.info("flight controller %d is there", self.target)
             self._forget()
-        self._events.append(StateHeard())
+        self._events.append(StateReceived())
 
     def _on_extended_sys_state(self, _now_s: float, m) -> None:
         self.state = self.state.with_extended(m)
 
     def _on_sys_status(self, _now_s: float, m) -> None:
         self.state = self.state.with_sys_status(m)
-        self._events.append(BatteryHeard())
+        self._events.append(BatteryReceived())
 
     def _on_ekf_status_report(self, now_s: float, m) -> None:
         self.state = self.state.with_ekf(now_s, m)
 
     def _on_rc_channels(self, now_s: float, m) -> None:
         self.state = self.state.with_rc(now_s, m)
-        self._events.append(RcHeard())
+        self._events.append(RcReceived())
 
     def _on_command_ack(self, now_s: float, m) -> None:
         if m.target_system in (0, self.target):
@@ -183,11 +183,11 @@ class Listener:
     def _on_statustext(self, now_s: float, m) -> None:
         whole = self._texts.add(now_s, m.severity, m.text, m.id, m.chunk_seq)
         if whole is not None:
-            self._said(now_s, *whole)
+            self._status_text(now_s, *whole)
 
-    def _said(self, now_s: float, severity: int, text: str) -> None:
-        self._requests.said(now_s, severity, text)
-        self._events.append(TextHeard(severity, text))
+    def _status_text(self, now_s: float, severity: int, text: str) -> None:
+        self._requests.status_text(now_s, severity, text)
+        self._events.append(TextReceived(severity, text))
 
     def _on_attitude(self, _now_s: float, m) -> None:
         self._rpy_ned = (m.roll, m.pitch, m.yaw)
@@ -196,7 +196,7 @@ class Listener:
         numbers = (m.x, m.y, m.z, m.vx, m.vy, m.vz, *(self._rpy_ned or ()))
         if self._rpy_ned is not None and all(map(math.isfinite, numbers)):
             T_odom_body = conversion.pose_from_ned((m.x, m.y, m.z), self._rpy_ned)
-            self._events.append(PoseHeard(T_odom_body, (m.vy, m.vx, -m.vz)))
+            self._events.append(PoseReceived(T_odom_body, (m.vy, m.vx, -m.vz)))
 
     def _on_gps_raw_int(self, _now_s: float, m) -> None:
         """Poses come without it; a map may say by it where on the earth it lies."""
@@ -212,11 +212,11 @@ class Listener:
         told = (m.alt_ellipsoid, m.h_acc, m.v_acc)  # mm, 0: not known
         height_m, sigma_m, height_sigma_m = (1e-3 * v if v else math.nan for v in told)
         place_deg = 1e-7 * m.lat, 1e-7 * m.lon
-        self._events.append(FixHeard(augmented, *place_deg, height_m, sigma_m, height_sigma_m))
+        self._events.append(FixReceived(augmented, *place_deg, height_m, sigma_m, height_sigma_m))
 
     def _on_scaled_pressure(self, _now_s: float, m) -> None:
         if math.isfinite(m.press_abs) and m.press_abs > 0.0:
-            self._events.append(BarometerHeard(height_m(m.press_abs)))
+            self._events.append(BarometerReceived(height_m(m.press_abs)))
 
     def _on_gps_global_origin(self, now_s: float, m) -> None:
         self.altitudes_mm["origin"] = m.altitude
@@ -232,7 +232,7 @@ class Listener:
         self.version, self.keeper.version_known = firmware.version_of(m), True
 
     def _on_timesync(self, now_s: float, m) -> None:
-        answer = self.timesync.take(now_s, m.tc1, m.ts1)
+        answer = self.timesync.receive(now_s, m.tc1, m.ts1)
         if answer is not None:
             self.timesync_answers.append(answer)
 

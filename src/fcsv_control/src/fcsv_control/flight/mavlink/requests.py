@@ -193,7 +193,7 @@ class Requests:
             if request.number == number and component in (0, request.component):
                 request.pending.acknowledge(now_s, result)
 
-    def said(self, now_s: float, severity: int, text: str) -> None:
+    def status_text(self, now_s: float, severity: int, text: str) -> None:
         """The autopilot said something, which may be a reason."""
         self._reasons.add(now_s, severity, text)
 

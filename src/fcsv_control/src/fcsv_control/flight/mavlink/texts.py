@@ -26,7 +26,7 @@ def severity_name(severity: int) -> str:
 
 
 @dataclass
-class _Open:
+class _PartialText:
     severity: int
     since_s: float
     pieces: Dict[int, str] = field(default_factory=dict)
@@ -42,7 +42,7 @@ class TextJoiner:
     mark."""
 
     def __init__(self):
-        self._open: Dict[int, _Open] = {}
+        self._open: Dict[int, _PartialText] = {}
 
     def add(
         self, now_s: float, severity: int, text: str, text_id: int = 0, piece: int = 0
@@ -52,7 +52,7 @@ class TextJoiner:
             return severity, text
         if piece == 0:
             self._open.pop(text_id, None)  # the id is used again: its last text lost its end
-        growing = self._open.setdefault(text_id, _Open(severity, now_s))
+        growing = self._open.setdefault(text_id, _PartialText(severity, now_s))
         growing.pieces[piece] = text
         if len(text) >= PIECE:
             return None

@@ -25,7 +25,7 @@ class TimeSync:
         self._asked_ns.append(int(now_s * 1e9))
         return 0, self._asked_ns[-1]
 
-    def take(self, now_s: float, tc1: int, ts1: int) -> Optional[Tuple[int, int]]:
+    def receive(self, now_s: float, tc1: int, ts1: int) -> Optional[Tuple[int, int]]:
         """A TIMESYNC came: tc1 and ts1 of the answer where it is a question; answers to others are
         passed over."""
         if tc1 == 0:

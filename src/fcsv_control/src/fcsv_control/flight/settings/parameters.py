@@ -64,7 +64,7 @@ class ParameterCheck:
 
     def wrong(self) -> List[str]:
         """One line for each parameter that must be otherwise."""
-        return self._told(must=True)
+        return self._complaints_of(must=True)
 
     def unknown(self) -> List[str]:
         """Names that the autopilot did not answer."""
@@ -78,8 +78,8 @@ class ParameterCheck:
 
     def warnings(self) -> List[str]:
         """One line for each parameter that should be otherwise."""
-        return self._told(must=False)
+        return self._complaints_of(must=False)
 
-    def _told(self, must: bool) -> List[str]:
+    def _complaints_of(self, must: bool) -> List[str]:
         told = self._complaints
         return [told[r.name] for r in self.profile if r.must == must and r.name in told]

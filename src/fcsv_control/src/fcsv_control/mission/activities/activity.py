@@ -56,7 +56,7 @@ class Activity:
         """Leaves out what is no configuration, for the operator; whether there was such."""
         return False
 
-    def take_notes(self) -> List[str]:
+    def pop_notes(self) -> List[str]:
         """What was left out, and why, each told once."""
         notes, self._notes = self._notes, []
         return notes

@@ -238,7 +238,7 @@ class FlightList:
             activity = self._activity
             progress = activity.step(snapshot, guided)
             self.detail = activity.detail or self.detail
-            self.notes += activity.take_notes()
+            self.notes += activity.pop_notes()
             if progress is Progress.UNDER_WAY:
                 return []
             self._activity = self._following(activity, progress)

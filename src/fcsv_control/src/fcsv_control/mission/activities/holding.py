@@ -61,15 +61,15 @@ class Holding:
             upper = clearing.coming_down_on(snapshot, name, self._clear_m)
             if upper is not None:
                 self._dodge(snapshot, name, upper)
-            elif name not in self._dodging and _to_be_told(self._orders.get(name)):
+            elif name not in self._dodging and _needs_order(self._orders.get(name)):
                 self._orders[name] = self._outbox.order(snapshot.now_s, name, "HOLD")
 
     def _dodge(self, snapshot: Snapshot, name: str, upper: str) -> None:
-        if _to_be_told(self._dodging.get(name)):
+        if _needs_order(self._dodging.get(name)):
             self._orders.pop(name, None)
             place = clearing.aside(snapshot, name, upper, self._clear_m)
             self._dodging[name] = go_to(self._outbox, snapshot, name, place)
 
 
-def _to_be_told(order: Optional[Order]) -> bool:
+def _needs_order(order: Optional[Order]) -> bool:
     return order is None or order.failed

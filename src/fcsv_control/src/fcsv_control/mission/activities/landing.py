@@ -40,7 +40,7 @@ class Landing:
         """Whether every vehicle was heard to be on the ground with motors off."""
         self.problems = []
         for name in self._vehicles:
-            self._hear(snapshot, name)
+            self._note_down(snapshot, name)
         flying = [n for n in self._vehicles if snapshot.vehicles[n].armed]
         unheard = [n for n in self._vehicles if n not in self._down and n not in flying]
         self.problems += [
@@ -52,13 +52,13 @@ class Landing:
                 self.problems.append(f"{text}; who lands by hand looks for it")
         for name in flying:
             self._switch_off(snapshot, name)
-            self._see_to(snapshot, name)
+            self._land(snapshot, name)
         return not flying and not unheard
 
     def _within(self, p_home_m: np.ndarray) -> bool:
         return not self._mission.fence.outside(p_home_m, self._mission.home_height_m)
 
-    def _hear(self, snapshot: Snapshot, name: str) -> None:
+    def _note_down(self, snapshot: Snapshot, name: str) -> None:
         view = snapshot.vehicles[name]
         if view.armed:
             self._down.discard(name)
@@ -72,7 +72,7 @@ class Landing:
                 snapshot.now_s, name, "RECORD", flag=False
             )
 
-    def _see_to(self, snapshot: Snapshot, name: str) -> None:
+    def _land(self, snapshot: Snapshot, name: str) -> None:
         mode = snapshot.vehicles[name].mode
         if mode == Mode.LAND:
             return

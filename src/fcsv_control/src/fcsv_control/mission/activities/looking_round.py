@@ -96,7 +96,7 @@ class Turn:
             self.why = "does not turn" if self._angle_rad < _WHOLE_RAD else "is not calm after it"
             self._set(snapshot, 0.0)
             return True
-        if now_s - self._ordered_s >= _ORDER_EVERY_S - 1e-6 and not self._told_the_end:
+        if now_s - self._ordered_s >= _ORDER_EVERY_S - 1e-6 and not self._end_acknowledged:
             self._set(snapshot, self._angle_rad)
         return False
 
@@ -135,10 +135,10 @@ class Turn:
             b.heading_deg
         )
         calm = view.speed_mps < b.speed_mps and self._off_m(snapshot, _WHOLE_RAD) < _OFF_M
-        return turned_back and calm and self._told_the_end and self._order.done
+        return turned_back and calm and self._end_acknowledged and self._order.done
 
     @property
-    def _told_the_end(self) -> bool:
+    def _end_acknowledged(self) -> bool:
         return self._end_ordered and not self._order.failed
 
     def _off_m(self, snapshot: Snapshot, angle_rad: float) -> float:

@@ -17,7 +17,7 @@ class Dropouts:
         self._movers = [n for n in vehicles if n != reference]
         self.out: Set[str] = set()
 
-    def see(self, snapshot: Snapshot, working: Sequence[str]) -> List[str]:
+    def update(self, snapshot: Snapshot, working: Sequence[str]) -> List[str]:
         """Those that are down since the last step. ``working``: those with configurations left to
         fly."""
         down = [n for n in self._movers if n not in self.out and snapshot.vehicles[n].down]

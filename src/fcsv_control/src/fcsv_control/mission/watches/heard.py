@@ -51,7 +51,7 @@ class FrameEpochs:
         return f"its odometry began anew ({self.reason}): calibrate and set home again"
 
 
-class VehicleHeard:
+class VehicleTelemetry:
     """``now_s`` is monotonic time of this machine. ``since_s`` gives from when the newest message
     of a topic counts that came at some time: Arrivals.since_s, where a relay is between."""
 

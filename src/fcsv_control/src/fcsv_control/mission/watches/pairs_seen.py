@@ -50,7 +50,7 @@ class PairsSeen:
             goes_on = before is not None and now_s - before.last_s <= self._rules.gap_s
             self._off[vehicle] = _Off(before.looks + 1 if goes_on else 1, now_s, reference)
 
-    def judge(
+    def check_views(
         self, views: Mapping[str, VehicleView], T_home_odom: Mapping[str, np.ndarray]
     ) -> Dict[str, VehicleView]:
         """One whose odometry began anew, or that is lost, is known not to be where its tracker

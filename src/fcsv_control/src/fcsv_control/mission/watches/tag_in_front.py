@@ -38,7 +38,7 @@ class TagInFront:
         self._off_since_s: Dict[str, Tuple[float, float]] = {}  # by the rear one: first and last
         self._said = LatchedDriftWarning()
 
-    def judge(
+    def check_views(
         self, now_s: float, views: Mapping[str, VehicleView], T_home_odom: Mapping[str, np.ndarray]
     ) -> Dict[str, VehicleView]:
         """``views`` in the order of the column, the front one first; ``now_s`` monotonic."""

@@ -81,7 +81,7 @@ class FleetCheckNode:
     def _subscribe(self, vehicles: Iterable[str]) -> None:
         health = self._health
 
-        def hear(topic: str, kind: type, take: Callable[[Any], object]) -> None:
+        def subscribe(topic: str, kind: type, take: Callable[[Any], object]) -> None:
             taking = convert.taking(topic, take, self._receive, health)
             rospy.Subscriber(topic, kind, taking, queue_size=10)
 
@@ -89,17 +89,17 @@ class FleetCheckNode:
             parameters = lambda m, n=n: ParametersReported(n, convert.parameters_of(m))  # noqa: E731
             clock = lambda m, n=n: ClockMeasured(n, _age_s(m), from_message(m))  # noqa: E731
             tags = lambda m, n=n: TagsCame(n, [d.id for d in m.detections])  # noqa: E731
-            hear(f"/{n}/flight_check", FlightCheck, lambda m, n=n: reported_of(n, m))
-            hear(f"/{n}/flight_link/parameters", ParameterReport, parameters)
-            hear(f"/{n}/odometry/state", rospy.AnyMsg, lambda _m, n=n: PositionCounted(n))
-            hear(f"/{n}/clock/offset", ClockOffset, clock)
-            hear(f"/{n}/tags/detections", TagDetections, tags)
+            subscribe(f"/{n}/flight_check", FlightCheck, lambda m, n=n: reported_of(n, m))
+            subscribe(f"/{n}/flight_link/parameters", ParameterReport, parameters)
+            subscribe(f"/{n}/odometry/state", rospy.AnyMsg, lambda _m, n=n: PositionCounted(n))
+            subscribe(f"/{n}/clock/offset", ClockOffset, clock)
+            subscribe(f"/{n}/tags/detections", TagDetections, tags)
             telemetry.subscribe(n, [tm.OdometryEpoch], self._receive, health)
-        hear("/mission/alive", Heartbeat, convert.mission_alive_of)
-        hear("/mission/state", MissionState, telemetry.phase_of)
-        hear("/stop_all/report", StopReport, lambda _m: StopStandsBy())
-        hear("/control/recorder/status", RecorderStatus, convert.recorder_report_of)
-        hear("/control/recorder/status", RecorderStatus, lambda m: disk_of(m, health))
+        subscribe("/mission/alive", Heartbeat, convert.mission_alive_of)
+        subscribe("/mission/state", MissionState, telemetry.phase_of)
+        subscribe("/stop_all/report", StopReport, lambda _m: StopStandsBy())
+        subscribe("/control/recorder/status", RecorderStatus, convert.recorder_report_of)
+        subscribe("/control/recorder/status", RecorderStatus, lambda m: disk_of(m, health))
 
     def _receive(self, data: object) -> None:
         with self._lock:

@@ -13,7 +13,7 @@ import rospy
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 
-from fcsv_control.flight.messages import TextHeard
+from fcsv_control.flight.messages import TextReceived
 from fcsv_control.flight_check import keys
 from fcsv_control.flight_check.autopilot_line import AutopilotLine
 from fcsv_control.flight_check.lines import Line
@@ -99,30 +99,30 @@ class VehicleCheckNode:
     def _subscribe(self) -> None:
         name = self._name
 
-        def hear(topic: str, kind: type, take: Callable[[Any], object]) -> None:
+        def subscribe(topic: str, kind: type, take: Callable[[Any], object]) -> None:
             taking = convert.taking(topic, take, self._receive, self._health)
             rospy.Subscriber(topic, kind, taking, queue_size=5, tcp_nodelay=True)
 
-        hear("mavros/local_position/pose", rospy.AnyMsg, lambda _m: PositionCounted())
-        hear("odometry/state", rospy.AnyMsg, lambda m: setattr(self, "_odometry", m))
-        hear(self._pictures, rospy.AnyMsg, lambda _m: PictureCounted())
-        hear("flight_link/health", LinkHealth, convert.link_lives_of)
-        hear("flight_link/parameters", ParameterReport, convert.parameters_of)
-        hear(
+        subscribe("mavros/local_position/pose", rospy.AnyMsg, lambda _m: PositionCounted())
+        subscribe("odometry/state", rospy.AnyMsg, lambda m: setattr(self, "_odometry", m))
+        subscribe(self._pictures, rospy.AnyMsg, lambda _m: PictureCounted())
+        subscribe("flight_link/health", LinkHealth, convert.link_lives_of)
+        subscribe("flight_link/parameters", ParameterReport, convert.parameters_of)
+        subscribe(
             "mavros/state",
             FlightState,
             lambda m: tm.VehicleState(name, "", Mode(m.mode), m.armed, m.connected),
         )
-        hear(
+        subscribe(
             "mavros/battery",
             BatteryState,
             lambda m: tm.BatteryCharge(name, "", conversions.battery_share(m)),
         )
-        hear("mavros/statustext/recv", StatusText, lambda m: TextHeard(m.severity, m.text))
-        hear("guardian/state", GuardianState, convert.verdict_of)
-        hear("agent/alive", Heartbeat, convert.agent_alive_of)
-        hear("recorder/status", RecorderStatus, convert.recorder_report_of)
-        hear("recorder/status", RecorderStatus, lambda m: disk_of(m, self._health))
+        subscribe("mavros/statustext/recv", StatusText, lambda m: TextReceived(m.severity, m.text))
+        subscribe("guardian/state", GuardianState, convert.verdict_of)
+        subscribe("agent/alive", Heartbeat, convert.agent_alive_of)
+        subscribe("recorder/status", RecorderStatus, convert.recorder_report_of)
+        subscribe("recorder/status", RecorderStatus, lambda m: disk_of(m, self._health))
         self._keys = RelayKeys(name, "relay", self._receive)
 
     def _receive(self, data: object) -> None:

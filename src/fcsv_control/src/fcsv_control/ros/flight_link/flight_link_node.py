@@ -12,8 +12,8 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
 
 from fcsv_control.agent.messages import Kind, SetPoint
-from fcsv_control.flight.feeding.feed import FeedParameters
-from fcsv_control.flight.feeding.feed_check import FeedCheckRules
+from fcsv_control.flight.feeding.feed import PoseGateParameters
+from fcsv_control.flight.feeding.feed_check import PoseCheckRules
 from fcsv_control.flight.feeding.watchdog import WatchdogParameters
 from fcsv_control.flight.link import FlightLink
 from fcsv_control.flight.mavlink.signing import read_key
@@ -21,12 +21,12 @@ from fcsv_control.flight.mavlink.texts import severity_name
 from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_control.flight.messages import (
     AutopilotState,
-    BatteryTold,
-    FixHeard,
-    LinkSaid,
+    BatteryReading,
+    FixReceived,
+    LinkText,
     PoseEstimated,
-    TextHeard,
-    TransmitterTold,
+    TextReceived,
+    TransmitterReading,
 )
 from fcsv_control.flight.port import FlightLinkPort
 from fcsv_control.flight.settings.link_parameters import LinkParameters
@@ -55,9 +55,9 @@ class FlightLinkNodeParameters:
     signing_key: str = ""
     autopilot_port: int = -1
     link: LinkParameters = field(default_factory=LinkParameters)
-    feed: FeedParameters = field(default_factory=FeedParameters)
+    feed: PoseGateParameters = field(default_factory=PoseGateParameters)
     watchdog: WatchdogParameters = field(default_factory=WatchdogParameters)
-    feed_check: FeedCheckRules = field(default_factory=FeedCheckRules)
+    feed_check: PoseCheckRules = field(default_factory=PoseCheckRules)
 
 
 class FlightLinkNode:
@@ -79,12 +79,12 @@ class FlightLinkNode:
         self._fix = rospy.Publisher("mavros/global_position/raw/fix", NavSatFix, queue_size=5)
         self._send: Dict[type, Callable[[Any], None]] = {
             AutopilotState: lambda m: self._state.publish(State(header(), *astuple(m))),
-            BatteryTold: self._tell_battery,
-            FixHeard: self._tell_fix,
-            LinkSaid: lambda m: self._say(m.severity, m.text),
+            BatteryReading: self._tell_battery,
+            FixReceived: self._tell_fix,
+            LinkText: lambda m: self._say(m.severity, m.text),
             PoseEstimated: self._tell_pose,
-            TextHeard: lambda m: self._say(m.severity, m.text),
-            TransmitterTold: lambda m: self._rc.publish(header(), m.rssi, m.channels),
+            TextReceived: lambda m: self._say(m.severity, m.text),
+            TransmitterReading: lambda m: self._rc.publish(header(), m.rssi, m.channels),
         }
         link = self._link = FlightLink(
             Transport(p.fcu_url, read_key(p.signing_key) if p.signing_key else None),
@@ -98,7 +98,7 @@ class FlightLinkNode:
             lambda altitude_m: link.ask(Kind.TAKEOFF, altitude_m=altitude_m),
         )
         self._services = CommandServices(commands, self._say)
-        self._messages.hear(link)
+        self._messages.subscribe(link)
         rospy.Subscriber(
             "mavros/setpoint_position/local",
             PoseStamped,
@@ -120,14 +120,14 @@ class FlightLinkNode:
         self._health.tick("autopilot")
         self._pose.publish(conversions.pose_stamped(m.T_odom_body, rospy.get_time(), self._odom))
 
-    def _tell_battery(self, m: BatteryTold) -> None:
+    def _tell_battery(self, m: BatteryReading) -> None:
         message = BatteryState(header=header(), voltage=m.voltage_v, present=True)
         message.percentage, message.current = m.share, -m.current_a
         message.charge = message.capacity = message.design_capacity = float("nan")
         message.power_supply_technology = BatteryState.POWER_SUPPLY_TECHNOLOGY_LIPO
         self._battery.publish(message)
 
-    def _tell_fix(self, m: FixHeard) -> None:
+    def _tell_fix(self, m: FixReceived) -> None:
         message = NavSatFix(
             header=conversions.header(rospy.get_time(), frames.base_link(self._name))
         )

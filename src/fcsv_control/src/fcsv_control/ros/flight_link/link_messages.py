@@ -26,7 +26,7 @@ _PREARM = {
 
 
 class LinkMessages:
-    """``publish`` gives out what a port gave, where it knows its type; ``hear`` makes a link hear
+    """``publish`` gives out what a port gave, where it knows its type; ``subscribe`` makes a link hear
     the odometry."""
 
     def __init__(self, name: str, health: Health):
@@ -56,7 +56,7 @@ class LinkMessages:
             publish(output)
         return publish is not None
 
-    def hear(self, link: FlightLink) -> None:
+    def subscribe(self, link: FlightLink) -> None:
         """The odometry's poses, what pictures say of them, and the word that their frame was begun
         anew."""
 

@@ -12,13 +12,13 @@ import rospy
 from geometry_msgs.msg import PointStamped
 
 from fcsv_control.flight import messages
-from fcsv_control.flight.feeding.feed import FeedParameters
-from fcsv_control.flight.feeding.feed_check import FeedCheckRules
+from fcsv_control.flight.feeding.feed import PoseGateParameters
+from fcsv_control.flight.feeding.feed_check import PoseCheckRules
 from fcsv_control.flight.feeding.watchdog import WatchdogParameters
 from fcsv_control.flight.link import FlightLink
 from fcsv_control.flight.mavros import COMPONENT
 from fcsv_control.flight.mavros_watch import MavrosWatch, MavrosWatchRules
-from fcsv_control.flight.messages import HomeHeard, LinkSaid, PoseEstimated, Refused
+from fcsv_control.flight.messages import HomeReceived, LinkText, PoseEstimated, Refused
 from fcsv_control.flight.port import FlightLinkPort
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.ros.flight_link.link_messages import LinkMessages, header
@@ -48,9 +48,9 @@ class MavrosCompanionParameters:
     fcu_url: str = ""
     autopilot_port: int = -1
     link: LinkParameters = field(default_factory=LinkParameters)
-    feed: FeedParameters = field(default_factory=FeedParameters)
+    feed: PoseGateParameters = field(default_factory=PoseGateParameters)
     watchdog: WatchdogParameters = field(default_factory=WatchdogParameters)
-    feed_check: FeedCheckRules = field(default_factory=FeedCheckRules)
+    feed_check: PoseCheckRules = field(default_factory=PoseCheckRules)
     mavros_watch: MavrosWatchRules = field(default_factory=MavrosWatchRules)
 
 
@@ -67,8 +67,8 @@ class MavrosCompanionNode:
         self._home = rospy.Publisher("flight_link/home", PointStamped, queue_size=2, latch=True)
         self._messages = LinkMessages(self._name, self._health)
         self._send: Dict[type, Callable[[Any], None]] = {
-            HomeHeard: self._tell_home,
-            LinkSaid: lambda m: self._say(m.severity, m.text),
+            HomeReceived: self._tell_home,
+            LinkText: lambda m: self._say(m.severity, m.text),
             PoseEstimated: lambda _m: self._health.tick("autopilot"),
             Refused: self._refuse,
         }  # the rest MAVROS tells itself
@@ -82,7 +82,7 @@ class MavrosCompanionNode:
         rospy.Subscriber(
             "flight_link/mode_asked", ModeAsked, asked, queue_size=10, tcp_nodelay=True
         )
-        self._messages.hear(self._link)
+        self._messages.subscribe(self._link)
         self._process = MavrosProcess(rospy.resolve_name("mavros"))
         self._hang = MavrosWatch(p.mavros_watch, time.monotonic())
         self._timers = node.every(_SLOW_S, self._slowly), node.every(_ASK_S, self._watch_mavros)
@@ -110,7 +110,7 @@ class MavrosCompanionNode:
         rospy.logwarn("%s: %s", self._name, m.reason)
         self._refusals.publish(Refusal(header(), m.reason))
 
-    def _tell_home(self, m: HomeHeard) -> None:
+    def _tell_home(self, m: HomeReceived) -> None:
         """Only its height is known."""
         message = PointStamped(header=conversions.header(rospy.get_time(), self._odom))
         message.point.x, message.point.y, message.point.z = math.nan, math.nan, m.above_origin_m

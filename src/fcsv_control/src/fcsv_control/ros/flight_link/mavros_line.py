@@ -30,7 +30,7 @@ class MavrosLine:
         self._parser, self._packer = mavutil.mavlink.MAVLink(None), mavutil.mavlink.MAVLink(None)
         self._to = rospy.Publisher("mavlink/to", Mavlink, queue_size=100, tcp_nodelay=True)
         self._from = rospy.Subscriber(
-            "mavlink/from", Mavlink, self._hear, queue_size=_MOST, tcp_nodelay=True
+            "mavlink/from", Mavlink, self._on_message, queue_size=_MOST, tcp_nodelay=True
         )
 
     @property
@@ -78,7 +78,7 @@ class MavrosLine:
         self._from.unregister()
         self._to.unregister()
 
-    def _hear(self, message: Mavlink) -> None:
+    def _on_message(self, message: Mavlink) -> None:
         self.heard_s = time.monotonic()
         try:
             self._came.put_nowait(message)

@@ -54,7 +54,7 @@ class MissionMemory:
                 rospy.logerr("%s. %s", error, failed)
             return None
 
-    def heard(self, kind: str, message) -> None:
+    def remember(self, kind: str, message) -> None:
         """This calibration or home is flown by from now on."""
         self._messages[kind] = _packed(message)
 
@@ -99,7 +99,7 @@ class Restored:
             self._publishers[kind].publish(message)
         self.messages = {}
 
-    def told_by(self, kind: str, node: str) -> bool:
+    def published_by(self, kind: str, node: str) -> bool:
         """Somebody published this kind: whether it was another node. Then ours is not latched (any
         longer)."""
         if node == rospy.get_name():

@@ -167,7 +167,7 @@ class MissionNode:
 
     def _on_frames(self, kind: str, message) -> None:
         with self._lock:
-            if self._restored is None or self._restored.told_by(
+            if self._restored is None or self._restored.published_by(
                 kind, message._connection_header["callerid"]
             ):
                 self._compose(kind, message)
@@ -178,7 +178,7 @@ class MissionNode:
         except FcsvError as error:
             self._health.drop("calibration or home", str(error))
             return
-        self._memory.heard(kind, message)
+        self._memory.remember(kind, message)
         self._receive(found)
 
     def _on_flight_check(self, m: FlightCheck) -> None:

@@ -96,7 +96,7 @@ class BagWriter:
             if item is None:
                 break
             if item:
-                self._guarded(self._take, item)
+                self._guarded(self._store, item)
                 with self._lock:
                     self._waiting_bytes -= len(item[1]._buff)
             if time.monotonic() >= flush_s:
@@ -122,7 +122,7 @@ class BagWriter:
             )
             self._bag = None
 
-    def _take(self, item: _Item) -> None:
+    def _store(self, item: _Item) -> None:
         topic, message, _ = item
         if (
             self._file.tell() + len(message._buff) > self._part_bytes

@@ -20,7 +20,7 @@ from fcsv_control.ros.tello.tello_video import TelloVideo, VideoParameters
 from fcsv_control.tello.core import TelloCore
 from fcsv_control.tello.library import Hears, RadioParameters, TelloRadio, where
 from fcsv_control.tello.messages import (
-    EstimateMoved,
+    FrameMoved,
     GiveSticks,
     LandNow,
     Output,
@@ -81,7 +81,7 @@ class TelloLinkNode:
             LandNow: lambda _o: self._radio.land(),
             StayUp: lambda _o: self._radio.stay_up(),
             TelloText: lambda o: self._out.text(o.severity, o.text),
-            EstimateMoved: lambda o: self._out.moved(o.step_m),
+            FrameMoved: lambda o: self._out.moved(o.step_m),
         }
         self._video = (
             TelloVideo(p.vehicle, p.video, self._health, self._key_picture)
@@ -111,13 +111,13 @@ class TelloLinkNode:
 
     def _on_packet(self, now_s: float) -> None:
         with self._lock:
-            self._core.heard(now_s)
+            self._core.tello_lives(now_s)
 
     def _on_flight(self, now_s: float, data: Any) -> None:
         report = flight_report(data)
         with self._lock:
             if report is None:
-                self._core.heard(now_s)
+                self._core.tello_lives(now_s)
                 self._unread_since_s = self._unread_since_s or now_s
                 return
             self._unread_since_s = None
@@ -129,7 +129,7 @@ class TelloLinkNode:
         with self._lock:
             motion = self._own.imu(now_s, record)
             if motion is None:
-                self._core.heard(now_s)
+                self._core.tello_lives(now_s)
             else:
                 self._core.log(now_s, motion.report)
         if motion is None:
