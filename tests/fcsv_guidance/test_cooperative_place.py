@@ -10,7 +10,7 @@ import pytest
 from fcsv_guidance.cooperative_place import (
     CooperativeTracker,
     RobotStart,
-    VehicleOdometry,
+    UntrackedOdometry,
     VehicleSighting,
 )
 from fcsv_guidance.place import WheelOdometry
@@ -58,7 +58,7 @@ class Place:
             for name, place in self.vehicles.items():
                 place[:2] += STEP_S * self.drift[name]
                 if self.with_odometry:
-                    self._send(VehicleOdometry(self.now_s, name, 3.0, -1.0, 0.7), 0.05)
+                    self._send(UntrackedOdometry(self.now_s, name, 3.0, -1.0, 0.7), 0.05)
                 if name in seen:
                     self._send(self.sighting(name, off), self.late_s)
             for _, message in [m for m in self.coming if m[0] <= self.now_s + 1e-9]:
@@ -166,7 +166,7 @@ def test_a_robot_that_stands_is_not_averaged_into_certainty():
     [
         (WheelOdometry(1.0, np.nan, 0.0, 0.0), "not finite"),
         (replace(START, yaw_rad=np.inf), "not finite"),
-        (VehicleOdometry(np.nan, "left", 0.0, 0.0, 0.0), "not finite"),
+        (UntrackedOdometry(np.nan, "left", 0.0, 0.0, 0.0), "not finite"),
         (VehicleSighting(1.0, "left", 1.0, 0.0, 0.0, np.zeros((3, 3))), "covariance that is none"),
         (VehicleSighting(1.0, "left", 1.0, 0.0, 0.0, np.eye(2)), "covariance that is none"),
         (

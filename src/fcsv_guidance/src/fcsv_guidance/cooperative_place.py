@@ -68,7 +68,7 @@ class VehicleSighting:
 
 
 @dataclass(frozen=True)
-class VehicleOdometry:
+class UntrackedOdometry:
     """Where a vehicle's own odometry says that it is, in a level frame of its own."""
 
     stamp_s: float
@@ -125,7 +125,7 @@ class CooperativeState:
     vehicles: Mapping[str, VehiclePlace]
 
 
-Message = Union[RobotStart, WheelOdometry, VehicleOdometry, VehicleSighting]
+Message = Union[RobotStart, WheelOdometry, UntrackedOdometry, VehicleSighting]
 
 
 class _Tracked(NamedTuple):
@@ -134,7 +134,7 @@ class _Tracked(NamedTuple):
 
     at: int
     moved_s: float
-    odometry: Optional[VehicleOdometry]
+    odometry: Optional[UntrackedOdometry]
 
 
 class CooperativeTracker:
@@ -155,7 +155,7 @@ class CooperativeTracker:
         self._wheels: Optional[WheelOdometry] = None
         self._newest: Deque[WheelOdometry] = deque(maxlen=200)
         self._vehicles: Dict[str, _Tracked] = {}
-        self._odometry: Dict[str, VehicleOdometry] = {}
+        self._odometry: Dict[str, UntrackedOdometry] = {}
         self._sighted_s: Dict[str, float] = {}
         self._in_a_row = 0
         if start is not None:
@@ -168,7 +168,7 @@ class CooperativeTracker:
     def receive(self, now_s: float, message: Message) -> None:
         """A message came. Raises TypeError where its type is not known; one that is not finite,
         comes too late or lies in the future is refused."""
-        if not isinstance(message, (RobotStart, WheelOdometry, VehicleOdometry, VehicleSighting)):
+        if not isinstance(message, (RobotStart, WheelOdometry, UntrackedOdometry, VehicleSighting)):
             raise TypeError(f"a robot among vehicles does not know {type(message).__name__}")
         refusal = _refusal(now_s, message)
         if refusal:
@@ -235,7 +235,7 @@ class CooperativeTracker:
         self._until_s = message.stamp_s
         if isinstance(message, WheelOdometry):
             self._on_wheels(message)
-        elif isinstance(message, VehicleOdometry):
+        elif isinstance(message, UntrackedOdometry):
             self._on_odometry(message)
         else:
             self._on_sighting(message)
@@ -246,14 +246,16 @@ class CooperativeTracker:
             self._move(slice(0, STATES), x, F, Q)
         self._wheels = wheels
 
-    def _on_odometry(self, odometry: VehicleOdometry) -> None:
+    def _on_odometry(self, odometry: UntrackedOdometry) -> None:
         self._odometry[odometry.vehicle] = odometry
         vehicle = self._vehicles.get(odometry.vehicle)
         if vehicle is not None:
             self._move_vehicle(odometry.vehicle, odometry.stamp_s, odometry)
 
-    def _move_vehicle(self, name: str, until_s: float, odometry: Optional[VehicleOdometry]) -> None:
-        """By its odometry and drift; one without odometry holds and wanders."""
+    def _move_vehicle(
+        self, name: str, until_s: float, odometry: Optional[UntrackedOdometry]
+    ) -> None:
+        """The vehicle moves by its odometry and drift; without odometry it holds and wanders."""
         at, since_s, before = self._vehicles[name]
         dt_s = until_s - since_s
         own = slice(at, at + _OF_VEHICLE)
@@ -342,8 +344,8 @@ class CooperativeTracker:
 def _moved_vehicle(
     x: np.ndarray,
     dt_s: float,
-    before: Optional[VehicleOdometry],
-    after: Optional[VehicleOdometry],
+    before: Optional[UntrackedOdometry],
+    after: Optional[UntrackedOdometry],
     rules: CooperativeRules,
 ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A vehicle's part of the state after ``dt_s``, its Jacobian and noise (5,5)."""

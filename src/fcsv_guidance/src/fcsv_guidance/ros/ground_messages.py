@@ -19,7 +19,7 @@ from nav_msgs.msg import GridCells, MapMetaData, OccupancyGrid, Odometry, Path
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.messages import seconds
 from fcsv_geometry.ros import conversions
-from fcsv_guidance.cooperative_place import RobotStart, VehicleOdometry, VehicleSighting
+from fcsv_guidance.cooperative_place import RobotStart, UntrackedOdometry, VehicleSighting
 from fcsv_guidance.errors import GroundError, PlaceError, RouteError
 from fcsv_guidance.following import DriveCommand
 from fcsv_guidance.grid_regions import Region
@@ -188,11 +188,11 @@ def sighting_of(message: Odometry, vehicle: str) -> VehicleSighting:
     return VehicleSighting.of_pose(stamp_of(message), vehicle, T_robot_body, covariance)
 
 
-def vehicle_odometry_of(message: Odometry, vehicle: str) -> VehicleOdometry:
+def vehicle_odometry_of(message: Odometry, vehicle: str) -> UntrackedOdometry:
     """What a vehicle says of its own way. Raises GeometryError where its pose is none."""
     T_odom_body = conversions.pose_to_transform(message.pose.pose)
     x_m, y_m = map(float, T_odom_body[:2, 3])
-    return VehicleOdometry(stamp_of(message), vehicle, x_m, y_m, transforms.yaw(T_odom_body))
+    return UntrackedOdometry(stamp_of(message), vehicle, x_m, y_m, transforms.yaw(T_odom_body))
 
 
 def robot_start_of(message: Home, sigma_m: float, sigma_deg: float) -> RobotStart:

@@ -16,7 +16,7 @@ from fcsv_guidance.cooperative_place import (
     CooperativeTracker,
     Message,
     RobotStart,
-    VehicleOdometry,
+    UntrackedOdometry,
     VehicleSighting,
 )
 from fcsv_guidance.following import DriveCommand
@@ -61,7 +61,7 @@ class Drive:
 
 
 @dataclass
-class Judged:
+class JudgedPlace:
     """One place that was given out: errors in home (m, degrees), what it said of them, and how far
     each vehicle was."""
 
@@ -74,10 +74,10 @@ class Judged:
 
 
 @dataclass
-class Outcome:
+class DriveOutcome:
     """All that one drive gave."""
 
-    judged: List[Judged] = field(default_factory=list)
+    judged: List[JudgedPlace] = field(default_factory=list)
     unknown: int = 0
     way_m: float = 0.0
     drifted_m: Tuple[float, ...] = ()
@@ -131,11 +131,11 @@ class _Vehicle:
             xyz, self._rpy[i] + share * (self._rpy[i + 1] - self._rpy[i])
         )
 
-    def odometry(self, name: str, stamp_s: float) -> VehicleOdometry:
-        """In a frame of its own, begun with a heading of its own."""
+    def odometry(self, name: str, stamp_s: float) -> UntrackedOdometry:
+        """What it says of its way, in a frame of its own with a heading of its own."""
         i = int(round((stamp_s - START_S) / _STEP_S))
         x, y, yaw = self._said[i]
-        return VehicleOdometry(stamp_s, name, float(x), float(y), float(yaw + self._turn_rad))
+        return UntrackedOdometry(stamp_s, name, float(x), float(y), float(yaw + self._turn_rad))
 
 
 class _FromRobot:
@@ -158,7 +158,7 @@ def drive(
     plan: Drive = Drive(),
     setup: Optional[Setup] = None,
     rules: Optional[CooperativeRules] = None,
-) -> Outcome:
+) -> DriveOutcome:
     """One drive past vehicles that hold, one gimbal for each; somebody who sees the truth
     steers. Without a ``setup`` no pictures are drawn: corners have the noise that the detector
     leaves on drawn ones."""
@@ -169,7 +169,7 @@ def drive(
         g.vehicle: _Vehicle(v, duration_s, 10 * seed + k)
         for k, (g, v) in enumerate(zip(gimbals, vehicles))
     }
-    outcome = Outcome(drifted_m=tuple(v.drifted_m for v in held.values()))
+    outcome = DriveOutcome(drifted_m=tuple(v.drifted_m for v in held.values()))
     tracker = CooperativeTracker(rules)
     tracker.receive(START_S, _start(ground, plan, seed))
     messages = _messages(gimbals, ground, held, wheels, seed, setup, duration_s)
@@ -257,7 +257,7 @@ def _newest(wheels: Sequence[WheelOdometry], now_s: float) -> Tuple[float, np.nd
     return w.stamp_s, transforms.from_xyz_yaw([w.x_m, w.y_m, 0.0], w.yaw_rad)
 
 
-def _judged(state, ground: _Ground, held: Dict[str, _Vehicle]) -> Judged:
+def _judged(state, ground: _Ground, held: Dict[str, _Vehicle]) -> JudgedPlace:
     place = state.place
     x, y, yaw = ground.at(place.stamp_s)
     turned = np.degrees(np.arctan2(np.sin(place.yaw_rad - yaw), np.cos(place.yaw_rad - yaw)))
@@ -265,7 +265,7 @@ def _judged(state, ground: _Ground, held: Dict[str, _Vehicle]) -> Judged:
         float(np.linalg.norm(v.T_world_body(place.stamp_s)[:3, 3] - [x, y, 0.4]))
         for v in held.values()
     ]
-    return Judged(
+    return JudgedPlace(
         place.stamp_s,
         float(np.hypot(place.x_m - x, place.y_m - y)),
         float(turned),

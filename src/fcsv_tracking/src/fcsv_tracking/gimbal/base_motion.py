@@ -18,7 +18,7 @@ _STEP_S = 0.1  # over which velocities in G are taken
 
 
 class BaseMotion:
-    """Without odometry the robot stands, as one that only watches does."""
+    """Wheel odometry of the last seconds. Where none came the robot stands."""
 
     def __init__(self):
         self._track = Trajectory(_BRIDGED_S, _AHEAD_S, _KEPT_S)
