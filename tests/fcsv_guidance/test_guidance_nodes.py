@@ -438,6 +438,72 @@ def test_a_robot_with_move_base_is_given_goals_along_the_route(ground, heard, ro
     said.close()
 
 
+def test_a_robot_is_located_by_the_vehicles_that_its_gimbals_see(ros_master, start_node):
+    """Home is set while it stands; it drives 1 m by its wheels and sees one vehicle that holds."""
+    import rospy
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+    from nav_msgs.msg import Odometry
+    from std_msgs.msg import String
+
+    from fcsv_geometry import transforms
+    from fcsv_geometry.ros import conversions
+    from fcsv_guidance.place import WheelOdometry
+    from fcsv_guidance.ros import ground_messages as messages
+    from fcsv_msgs.msg import Home
+
+    start_node("fcsv_guidance", "cooperative_place", params={"vehicles": ["tello1"]})
+    poses, words = [], []
+    heard = [
+        rospy.Subscriber("/robot_pose", PoseWithCovarianceStamped, poses.append, queue_size=50),
+        rospy.Subscriber("/place/status", String, words.append, queue_size=50),
+    ]
+    wheels, seen, own = (
+        rospy.Publisher(topic, Odometry, queue_size=5)
+        for topic in ("/odom", "/tello1/odometry/body", "/tello1/tello/odom")
+    )
+    home = rospy.Publisher("/home", Home, queue_size=1, latch=True)
+    until(lambda: all(p.get_num_connections() for p in (wheels, seen, own, home)), what="the node")
+    until(lambda: words, what="what is missing")
+    assert "set home" in words[0].data
+    # home: 2 m before the robot, looking to its left
+    T_robot_home = transforms.from_xyz_yaw([2.0, 0.0, 1.5], np.pi / 2)
+
+    def odometry(publisher, T, frame, child, covariance=None):
+        message = Odometry(header=conversions.header(time.time(), frame), child_frame_id=child)
+        message.pose.pose = conversions.transform_to_pose(T)
+        if covariance is not None:
+            message.pose.covariance = covariance.ravel().tolist()
+        publisher.publish(message)
+
+    def turn(x_m):
+        now = WheelOdometry(time.time(), x_m, 0.0, 0.0)
+        wheels.publish(messages.odometry_message(now, "robot/odom", "robot/base_link"))
+        T = transforms.from_xyz_yaw([3.0 - x_m, 0.5, 1.6], 0.2)
+        odometry(seen, T, "tello1/odom", "tello1/base_link", np.eye(6) * 1e-4)
+        odometry(own, np.eye(4), "tello1/own", "tello1/base_link")
+        time.sleep(0.05)
+
+    home.publish(
+        Home(
+            conversions.header(time.time(), "tello1/odom"),
+            "tello1",
+            conversions.transform_to_pose(T_robot_home),
+        )
+    )
+    until(lambda: turn(0.0) or poses, what="a pose")
+    at = poses[-1].pose.pose.position
+    assert poses[-1].header.frame_id == "home" and abs(at.x) < 0.05 and abs(at.y - 2.0) < 0.05
+    for k in range(21):
+        turn(0.05 * k)
+    until(lambda: poses[-1].pose.pose.position.y < 1.1, what="the way of the wheels")
+    at, spread = poses[-1].pose.pose.position, poses[-1].pose.covariance
+    assert abs(at.x) < 0.1 and abs(at.y - 1.0) < 0.1 and 0.0 < spread[0] == spread[7] < 0.1**2
+    seen.publish(Odometry())  # no pose: dropped and said, nothing is lost
+    until(lambda: turn(1.0) or len(poses) > 40, what="that it goes on")
+    for each in heard:
+        each.unregister()
+
+
 def test_fixes_and_wheels_become_one_pose(ros_master, start_node):
     """The robot stands, then drives 2 m by its wheels without a fix; a fix elsewhere is refused."""
     import rospy
@@ -488,6 +554,7 @@ def test_fixes_and_wheels_become_one_pose(ros_master, start_node):
     [
         ("ground_map", {"robot": "no.yaml", "maps": ["x"]}, "no.yaml"),
         ("ground_map", {"robot": "no.yaml"}, "maps: is empty"),
+        ("cooperative_place", {"vehicles": []}, "vehicles: is empty"),
         (
             "route_follower",
             {"robot": "no.yaml", "place": {"source": "pose"}},

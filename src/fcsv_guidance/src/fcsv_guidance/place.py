@@ -14,9 +14,10 @@ from typing import Deque, List, NamedTuple, Optional, Tuple, Union
 import numpy as np
 from scipy.stats import chi2
 
+from fcsv_geometry import rotations
 from fcsv_guidance.following import RobotPlace
 
-_STATES = 6  # x, y, yaw, scale of distances, scale of turns, yaw per metre
+STATES = 6  # x, y, yaw, scale of distances, scale of turns, yaw per metre
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,9 @@ class RobotTracker:
         wheels, x, P = self._history[-1]
         P = P[:3, :3] + self._common
         sigma_m = float(np.sqrt(P[0, 0] + P[1, 1]))
-        place = RobotPlace(wheels.stamp_s, float(x[0]), float(x[1]), _wrapped(float(x[2])), sigma_m)
+        place = RobotPlace(
+            wheels.stamp_s, float(x[0]), float(x[1]), rotations.wrap(float(x[2])), sigma_m
+        )
         return self._state(place, "", float(np.sqrt(P[2, 2])))
 
     def _state(
@@ -151,7 +154,7 @@ class RobotTracker:
         moved_m = np.hypot(wheels.x_m - stood.x_m, wheels.y_m - stood.y_m)
         if (
             moved_m > self._rules.stands_m
-            or abs(_wrapped(wheels.yaw_rad - stood.yaw_rad)) > self._rules.stands_m
+            or abs(rotations.wrap(wheels.yaw_rad - stood.yaw_rad)) > self._rules.stands_m
         ):
             self._candidates, self._stood = [], wheels
         if self._history and self._history[-1].wheels is not wheels:
@@ -233,9 +236,9 @@ class RobotTracker:
         for moment in moments[start:]:
             while later and later[0].stamp_s <= moment.wheels.stamp_s:
                 if later[0].stamp_s > at.stamp_s:
-                    between = _between(at, moment.wheels, later[0].stamp_s)
-                    x, P = self._moved(x, P, at, between)
-                    at = between
+                    middle = between(at, moment.wheels, later[0].stamp_s)
+                    x, P = self._moved(x, P, at, middle)
+                    at = middle
                 x, P = _updated(x, P, later.pop(0))
             x, P = self._moved(x, P, at, moment.wheels)
             at = moment.wheels
@@ -251,7 +254,7 @@ class RobotTracker:
                     before.x,
                     before.P,
                     before.wheels,
-                    _between(before.wheels, moment.wheels, stamp_s),
+                    between(before.wheels, moment.wheels, stamp_s),
                 )
             before = moment
         return before.x, before.P
@@ -287,7 +290,7 @@ class RobotTracker:
         self._candidates, self._in_a_row, self._doubted = [], 0, False
 
     def _agree(self, a: PlaceFix, b: PlaceFix) -> bool:
-        off = np.array([a.x_m - b.x_m, a.y_m - b.y_m, _wrapped(a.yaw_rad - b.yaw_rad)])
+        off = np.array([a.x_m - b.x_m, a.y_m - b.y_m, rotations.wrap(a.yaw_rad - b.yaw_rad)])
         S = np.asarray(a.covariance) + b.covariance
         return bool(off @ np.linalg.solve(S, off) <= chi2.ppf(self._rules.gate, 3))
 
@@ -299,32 +302,40 @@ class RobotTracker:
 
     def _moved(self, x, P, a: WheelOdometry, b: WheelOdometry) -> Tuple[np.ndarray, np.ndarray]:
         """The state after the wheels turned from reading to reading."""
-        c, s = np.cos(a.yaw_rad), np.sin(a.yaw_rad)
-        dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
-        ahead = np.array([c * dx + s * dy, c * dy - s * dx])
-        turned = _wrapped(b.yaw_rad - a.yaw_rad)
-        far = abs(float(ahead[0]))
-        turn = (1.0 + x[4]) * turned + x[5] * ahead[0]
-        # ``ahead`` is a chord: it holds half of the turn as measured
-        heading = x[2] + 0.5 * (turn - turned)
-        ch, sh = np.cos(heading), np.sin(heading)
-        way = np.array([ch * ahead[0] - sh * ahead[1], sh * ahead[0] + ch * ahead[1]])
-        across = (1.0 + x[3]) * np.array([-way[1], way[0]])
-        new = np.array(x)
-        new[:2] += (1.0 + x[3]) * way
-        new[2] += turn
-        F = np.eye(_STATES)
-        F[:2, 2], F[:2, 3] = across, way
-        F[:2, 4], F[:2, 5] = 0.5 * turned * across, 0.5 * ahead[0] * across
-        F[2, 4], F[2, 5] = turned, ahead[0]
-        r = self._rules
-        Q = np.zeros((_STATES, _STATES))
-        Q[0, 0] = Q[1, 1] = r.distance_noise_m**2 * far
-        Q[2, 2] = r.yaw_noise_radpm**2 * far + r.turn_noise_rad**2 * abs(turned)
+        new, F, Q = moved_by_wheels(x, a, b, self._rules)
         return new, F @ P @ F.T + Q
 
     def _refuse(self, why: str) -> None:
         self._refused, self._why = self._refused + 1, why
+
+
+def moved_by_wheels(
+    x: np.ndarray, a: WheelOdometry, b: WheelOdometry, rules: PlaceRules
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The robot's state (6,) after its wheels turned from reading ``a`` to ``b``, the Jacobian
+    (6,6) to the state before, and the motion's noise (6,6)."""
+    c, s = np.cos(a.yaw_rad), np.sin(a.yaw_rad)
+    dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
+    ahead = np.array([c * dx + s * dy, c * dy - s * dx])
+    turned = rotations.wrap(b.yaw_rad - a.yaw_rad)
+    far = abs(float(ahead[0]))
+    turn = (1.0 + x[4]) * turned + x[5] * ahead[0]
+    # ``ahead`` is a chord: it holds half of the turn as measured
+    heading = x[2] + 0.5 * (turn - turned)
+    ch, sh = np.cos(heading), np.sin(heading)
+    way = np.array([ch * ahead[0] - sh * ahead[1], sh * ahead[0] + ch * ahead[1]])
+    across = (1.0 + x[3]) * np.array([-way[1], way[0]])
+    new = np.array(x)
+    new[:2] += (1.0 + x[3]) * way
+    new[2] += turn
+    F = np.eye(STATES)
+    F[:2, 2], F[:2, 3] = across, way
+    F[:2, 4], F[:2, 5] = 0.5 * turned * across, 0.5 * ahead[0] * across
+    F[2, 4], F[2, 5] = turned, ahead[0]
+    Q = np.zeros((STATES, STATES))
+    Q[0, 0] = Q[1, 1] = rules.distance_noise_m**2 * far
+    Q[2, 2] = rules.yaw_noise_radpm**2 * far + rules.turn_noise_rad**2 * abs(turned)
+    return new, F, Q
 
 
 def _refusal(now_s: float, fix: PlaceFix) -> str:
@@ -349,37 +360,29 @@ def _innovation(x: np.ndarray, fix: PlaceFix) -> Tuple[np.ndarray, np.ndarray, n
     R = np.asarray(fix.covariance, float)
     size = 3 if np.isfinite(R[2, 2]) else 2
     off = np.array(
-        [fix.x_m - x[0], fix.y_m - x[1], _wrapped(fix.yaw_rad - x[2]) if size == 3 else 0.0]
+        [fix.x_m - x[0], fix.y_m - x[1], rotations.wrap(fix.yaw_rad - x[2]) if size == 3 else 0.0]
     )
-    return np.eye(_STATES)[:size], off[:size], R[:size, :size]
+    return np.eye(STATES)[:size], off[:size], R[:size, :size]
 
 
 def _updated(x: np.ndarray, P: np.ndarray, fix: PlaceFix) -> Tuple[np.ndarray, np.ndarray]:
     """Updates the state by Joseph's form, which keeps the covariance positive."""
     H, off, R = _innovation(x, fix)
     K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
-    keep = np.eye(_STATES) - K @ H
+    keep = np.eye(STATES) - K @ H
     return x + K @ off, keep @ P @ keep.T + K @ R @ K.T
 
 
-def _between(a: WheelOdometry, b: WheelOdometry, stamp_s: float) -> WheelOdometry:
+def between(a: WheelOdometry, b: WheelOdometry, stamp_s: float) -> WheelOdometry:
+    """A reading between two, as if the wheels had turned evenly."""
     share = (stamp_s - a.stamp_s) / (b.stamp_s - a.stamp_s)
-    yaw = a.yaw_rad + share * _wrapped(b.yaw_rad - a.yaw_rad)
+    yaw = a.yaw_rad + share * rotations.wrap(b.yaw_rad - a.yaw_rad)
     return WheelOdometry(
         stamp_s, a.x_m + share * (b.x_m - a.x_m), a.y_m + share * (b.y_m - a.y_m), yaw
     )
 
 
 def _padded(C: np.ndarray) -> np.ndarray:
-    whole = np.zeros((_STATES, _STATES))
+    whole = np.zeros((STATES, STATES))
     whole[:3, :3] = C
     return whole
-
-
-def _wrapped(angle_rad: float) -> float:
-    """-pi to pi.
-
-    >>> round(_wrapped(3.5), 4)
-    -2.7832
-    """
-    return float(np.arctan2(np.sin(angle_rad), np.cos(angle_rad)))

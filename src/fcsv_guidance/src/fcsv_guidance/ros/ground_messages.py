@@ -19,12 +19,14 @@ from nav_msgs.msg import GridCells, MapMetaData, OccupancyGrid, Odometry, Path
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.messages import seconds
 from fcsv_geometry.ros import conversions
+from fcsv_guidance.cooperative_place import RobotStart, UntrackedOdometry, VehicleSighting
 from fcsv_guidance.errors import GroundError, PlaceError, RouteError
 from fcsv_guidance.following import DriveCommand
 from fcsv_guidance.grid_regions import Region
 from fcsv_guidance.ground import Grid
 from fcsv_guidance.ground_server import densely
 from fcsv_guidance.place import PlaceFix, PlaceState, WheelOdometry
+from fcsv_msgs.msg import Home
 
 _POSES_APART_M = 0.2
 _XY_YAW = (0, 1, 5)  # of x, y, z, roll, pitch, yaw, as ROS orders a covariance
@@ -176,6 +178,30 @@ def wheels_of(message: Odometry) -> WheelOdometry:
     T_odom_robot = conversions.pose_to_transform(message.pose.pose)
     x_m, y_m = map(float, T_odom_robot[:2, 3])
     return WheelOdometry(stamp_of(message), x_m, y_m, transforms.yaw(T_odom_robot))
+
+
+def sighting_of(message: Odometry, vehicle: str) -> VehicleSighting:
+    """A vehicle in the robot's frame, as the tracker on the robot says it. Raises GeometryError
+    where its pose is none."""
+    T_robot_body = conversions.pose_to_transform(message.pose.pose)
+    covariance = np.reshape(message.pose.covariance, (6, 6))
+    return VehicleSighting.of_pose(stamp_of(message), vehicle, T_robot_body, covariance)
+
+
+def vehicle_odometry_of(message: Odometry, vehicle: str) -> UntrackedOdometry:
+    """What a vehicle says of its own way. Raises GeometryError where its pose is none."""
+    T_odom_body = conversions.pose_to_transform(message.pose.pose)
+    x_m, y_m = map(float, T_odom_body[:2, 3])
+    return UntrackedOdometry(stamp_of(message), vehicle, x_m, y_m, transforms.yaw(T_odom_body))
+
+
+def robot_start_of(message: Home, sigma_m: float, sigma_deg: float) -> RobotStart:
+    """Where the robot stands in a home that was set in its own frame. Raises GeometryError where
+    its pose is none."""
+    T_home_robot = transforms.invert(conversions.pose_to_transform(message.home_in_odom))
+    x_m, y_m = map(float, T_home_robot[:2, 3])
+    covariance = np.diag([sigma_m**2, sigma_m**2, np.radians(sigma_deg) ** 2])
+    return RobotStart(stamp_of(message), x_m, y_m, transforms.yaw(T_home_robot), covariance)
 
 
 def odometry_message(wheels: WheelOdometry, odom: str, base: str) -> Odometry:

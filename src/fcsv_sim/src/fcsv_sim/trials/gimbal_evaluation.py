@@ -5,7 +5,7 @@ truth."""
 
 import heapq
 from dataclasses import dataclass, field
-from typing import List, Optional, Tuple
+from typing import Callable, List, Optional, Protocol, Tuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,6 +15,7 @@ from fcsv_sim.gimbal.gimbal import MountErrors, ServoErrors, SimulatedGimbal
 from fcsv_sim.gimbal.gimbal_camera import GimbalCamera, GimbalCameraParameters, facing
 from fcsv_sim.trials.mocap_flight import STEP_HZ, TrueTrack, attitudes, vibration
 from fcsv_tracking.errors import SampleRejected
+from fcsv_tracking.gimbal.base_motion import BaseMotion
 from fcsv_tracking.gimbal.config import Gimbal
 from fcsv_tracking.gimbal.looking import look
 from fcsv_tracking.gimbal.tracker import GimbalRules, GimbalTracker, GroundPose
@@ -52,6 +53,13 @@ class Setup:
     corners_px: float = 0.0
 
 
+class BodyTrack(Protocol):
+    """A vehicle's true motion in the ground robot's frame."""
+
+    def at(self, stamp_s: float) -> np.ndarray:
+        """T_G_D at a moment."""
+
+
 @dataclass(frozen=True)
 class PoseRecord:
     """One pose given out, against the truth at its stamp: errors along and across the line of
@@ -73,10 +81,12 @@ class PoseRecord:
 
 @dataclass
 class Run:
-    """All that one run gave: poses, and looked at once per period of the camera, whether a tag was
-    in the picture and the gimbal still."""
+    """All that one run gave: poses against the truth, every pose as it was given and when (s), and
+    looked at once per period of the camera, whether a tag was in the picture and the gimbal
+    still."""
 
     poses: List[PoseRecord] = field(default_factory=list)
+    given: List[Tuple[float, GroundPose]] = field(default_factory=list)
     in_picture: List[bool] = field(default_factory=list)
     still: List[bool] = field(default_factory=list)
     pictures: int = 0
@@ -129,24 +139,41 @@ def run(
     gimbal: Gimbal, seed: int, scenario: Optional[Scenario] = None, setup: Optional[Setup] = None
 ) -> Run:
     """Follow one flight in simulated time."""
-    scenario, setup = scenario or Scenario(), setup or Setup()
+    scenario = scenario or Scenario()
+    return follow(gimbal, fly(gimbal, scenario, seed), scenario.duration_s, seed, setup or Setup())
+
+
+def follow(
+    gimbal: Gimbal,
+    truth: BodyTrack,
+    duration_s: float,
+    seed: int,
+    setup: Setup,
+    wheels: Optional[Callable[[float], Tuple[float, np.ndarray]]] = None,
+) -> Run:
+    """Follow a vehicle that moves as ``truth`` says from START_S on, in simulated time.
+
+    ``wheels(now_s)``: the newest odometry of a robot that moves, (stamp, T_O_G).
+    """
     camera = setup.camera
-    truth = fly(gimbal, scenario, seed)
     now = [START_S]
     start = gimbal.geometry.aim(truth.at(START_S)[:3, 3])  # an operator shows it where to begin
     servos = SimulatedGimbal(gimbal.geometry, seed, lambda: now[0], setup.servo, setup.mount)
     eye = GimbalCamera(gimbal.tags, camera, seed)
     model = camera.model
     detector = TagDetector({t.id: t.size_m for t in gimbal.tags}, setup.decimate)
-    tracker = GimbalTracker(gimbal.geometry, gimbal.tags, model, setup.rules, start)
+    base = BaseMotion()
+    tracker = GimbalTracker(gimbal.geometry, gimbal.tags, model, setup.rules, start, base)
     servos.turn(start)
     hear = _Ear(tracker, detector, eye, servos, truth, setup, seed)
     result = Run(tracker=tracker)
     waiting: List[tuple] = []
     ticks_per_picture = int(round(READ_HZ / camera.rate_hz)) or 1
-    for tick in range(int(scenario.duration_s * READ_HZ)):
+    for tick in range(int(duration_s * READ_HZ)):
         now[0] = START_S + tick / READ_HZ
         _read(tracker, servos)
+        if wheels is not None:
+            base.add(*wheels(now[0]))
         if tick % ticks_per_picture == 0 and tick > 10:
             true_s = now[0] - 0.5 * camera.exposure_s - 0.005
             heapq.heappush(waiting, (eye.arrival_s(true_s) + DETECTION_S, true_s))
@@ -155,6 +182,8 @@ def run(
             true_s = heapq.heappop(waiting)[1]
             pose = hear(true_s, now[0])
             result.pictures += 1
+            if pose is not None:
+                result.given.append((now[0], pose))
             if pose is not None and true_s > START_S + SETTLE_S:
                 result.poses.append(_record(pose, truth, servos))
         goal = tracker.command(now[0])
@@ -211,7 +240,7 @@ def _read(tracker: GimbalTracker, servos: SimulatedGimbal) -> None:
 
 
 def _look(
-    result: Run, eye: GimbalCamera, servos: SimulatedGimbal, truth: TrueTrack, true_s: float
+    result: Run, eye: GimbalCamera, servos: SimulatedGimbal, truth: BodyTrack, true_s: float
 ) -> None:
     if true_s > START_S + SETTLE_S:
         T_cam_body = transforms.invert(servos.T_ground_cam(true_s)) @ truth.at(true_s)
@@ -219,7 +248,7 @@ def _look(
         result.still.append(servos.still)
 
 
-def _record(pose, truth: TrueTrack, servos: SimulatedGimbal) -> PoseRecord:
+def _record(pose, truth: BodyTrack, servos: SimulatedGimbal) -> PoseRecord:
     """Errors at the stamp that the pose bears: a stamp that is wrong is an error of the pose."""
     T = truth.at(pose.stamp_s)
     off = pose.T_G_D[:3, 3] - T[:3, 3]

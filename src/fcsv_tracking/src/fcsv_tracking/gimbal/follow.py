@@ -66,11 +66,17 @@ class FollowRules:
 
 @dataclass(frozen=True)
 class Target:
-    """Where the target was at a stamp, and how it moves; ground robot's frame."""
+    """Where the target was at a stamp, and how it moves; ground robot's frame. ``sighted_s``: its
+    last sight, where that was before."""
 
     stamp_s: float
     p_ground_m: np.ndarray
     v_ground_mps: np.ndarray
+    sighted_s: Optional[float] = None
+
+    @property
+    def last_sight_s(self) -> float:
+        return self.stamp_s if self.sighted_s is None else self.sighted_s
 
     def at(self, stamp_s: float) -> np.ndarray:
         return self.p_ground_m + self.v_ground_mps * (stamp_s - self.stamp_s)
@@ -158,8 +164,8 @@ class Follower:
         return self.goal
 
     def _lost(self, now_s: float, target: Target, looked_s: float) -> bool:
-        silent_s = now_s - target.stamp_s
-        in_vain = looked_s > target.stamp_s or silent_s > self._rules.search_patience_s
+        silent_s = now_s - target.last_sight_s
+        in_vain = looked_s > target.last_sight_s or silent_s > self._rules.search_patience_s
         return silent_s > self._rules.lost_s and in_vain
 
     def _search(self, now_s: float, target: Optional[Target], looked_s: float) -> Optional[Angles]:
@@ -167,7 +173,7 @@ class Follower:
             lost_at = self.goal
             if target is not None:  # on along its last velocity, for a bounded time
                 lost_at = self._geometry.aim(
-                    target.at(min(now_s, target.stamp_s + self._rules.lost_s))
+                    target.at(min(now_s, target.last_sight_s + self._rules.lost_s))
                 )
             self._places, self._there_s, self._next_s = self._around(lost_at), -np.inf, now_s
         behind = looked_s < self._there_s and now_s < self._there_s + self._rules.search_patience_s

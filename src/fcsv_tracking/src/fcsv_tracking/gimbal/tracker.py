@@ -19,6 +19,7 @@ from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.streams.flow import DropCounter
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.angles import AngleTrack
+from fcsv_tracking.gimbal.base_motion import BaseMotion
 from fcsv_tracking.gimbal.config import BodyTag
 from fcsv_tracking.gimbal.follow import Follower, FollowRules, Target
 from fcsv_tracking.gimbal.geometry import Angles, GimbalGeometry
@@ -73,7 +74,10 @@ class GroundPose:
 
 class GimbalTracker:
     """add_angles() and add_tags() as they come; command() says where to turn. What is rejected is
-    counted."""
+    counted.
+
+    ``base``: how the robot moves meanwhile; what was seen is remembered in its wheels' frame.
+    """
 
     def __init__(
         self,
@@ -82,12 +86,13 @@ class GimbalTracker:
         camera: PinholeCamera,
         rules: GimbalRules,
         start: Optional[Angles] = None,
+        base: Optional[BaseMotion] = None,
     ):
         self._geometry, self._rules, self._camera = geometry, rules, camera
         self._tags: Mapping[int, BodyTag] = {t.id: t for t in tags}
         #: What is kept in the picture: the middle of the tags, in the body.
         self._centre_D = np.mean([t.T_body_tag[:3, 3] for t in tags], axis=0)
-        self._angles = AngleTrack()
+        self._angles, self._base = AngleTrack(), base or BaseMotion()
         self.follower = Follower(geometry, camera, rules.follow, start or Angles(0.0, 0.35))
         self.counts = DropCounter()
         self._start_over()
@@ -183,10 +188,10 @@ class GimbalTracker:
         prior = (
             None
             if self._lost(stamp_s) or self.latest is None
-            else T_G_C[:3, :3].T @ self.latest.T_G_D[:3, :3]
+            else T_G_C[:3, :3].T @ self._carried(self.latest, stamp_s)
         )
         return TagPicture(
-            stamp_s, own, angles, rates, T_G_C, prior, self._blur_px(own, T_G_C, turning)
+            stamp_s, own, angles, rates, T_G_C, prior, self._blur_px(stamp_s, own, T_G_C, turning)
         )
 
     def _pose(self, picture: TagPicture, seen: Seen) -> GroundPose:
@@ -202,18 +207,21 @@ class GimbalTracker:
             raise seen.rejected
         if np.degrees(picture.turning_radps) > self._rules.still_degps:
             raise SampleRejected("gimbal turning", "the gimbal turned while the picture was taken")
-        covariance = self._covariance(
-            picture.angles, picture.rates_radps, picture.T_G_C, seen.T_G_D, seen.sight
-        )
+        covariance = self._covariance(picture, seen.T_G_D, seen.sight)
         self.latest = GroundPose(picture.stamp_s, seen.T_G_D, covariance, seen.sight)
         return self.latest
 
+    def _carried(self, pose: GroundPose, stamp_s: float) -> np.ndarray:
+        """R_G_D of an earlier pose as the robot has it now, if the body has not turned."""
+        moved = transforms.invert(self._base.at(stamp_s)) @ self._base.at(pose.stamp_s)
+        return moved[:3, :3] @ pose.T_G_D[:3, :3]
+
     def _blur_px(
-        self, own: Sequence[TagObservation], T_G_C: np.ndarray, turning_radps: float
+        self, stamp_s: float, own: Sequence[TagObservation], T_G_C: np.ndarray, turning_radps: float
     ) -> float:
         """How far the body moved in the picture while the shutter was open, by its last
         velocity."""
-        target = self.target()
+        target = self._target_in_ground(stamp_s)
         if not own or target is None:
             return 0.0
         across = T_G_C[:3, :2].T @ target.v_ground_mps / max(float(own[0].T_cam_tag[2, 3]), 0.1)
@@ -223,16 +231,16 @@ class GimbalTracker:
             * (float(np.linalg.norm(across)) + turning_radps)
         )
 
-    def _covariance(self, angles: Angles, rates, T_G_C, T_G_D, sight: BodySight) -> np.ndarray:
+    def _covariance(self, picture: TagPicture, T_G_D, sight: BodySight) -> np.ndarray:
         """What tags, readings, mounting and stamps leave open, about G's axes."""
-        r = self._rules
+        r, angles, rates, T_G_C = self._rules, picture.angles, picture.rates_radps, picture.T_G_C
         turn = np.kron(np.eye(2), T_G_C[:3, :3])
         total = turn @ sight.covariance @ turn.T
         M = self._geometry.motions(angles, T_G_D[:3, 3])
         total += M @ np.diag(np.radians(r.angle_deg) ** 2 + (rates * r.stamp_s) ** 2) @ M.T
         mount = np.diag([r.mount_m**2] * 3 + [np.radians(r.mount_deg) ** 2] * 3)
         total += moved_covariance(mount, np.eye(3), T_G_D[:3, 3] - T_G_C[:3, 3])
-        target = self.target()
+        target = self._target_in_ground(picture.stamp_s)
         if target is not None:
             total[:3, :3] += r.stamp_s**2 * np.outer(target.v_ground_mps, target.v_ground_mps)
         return total
@@ -244,26 +252,27 @@ class GimbalTracker:
         return not self._seen or stamp_s - self._seen[-1][0] > self._rules.follow.lost_s
 
     def _remember(self, stamp_s: float, p_G: np.ndarray, turning_radps: float) -> None:
+        p_O = transforms.apply(self._base.at(stamp_s), p_G)
         if self._lost(stamp_s):
             self._seen.clear()
         else:
             last_s, last_p, _ = self._seen[-1]
             most_m = 0.15 + self._rules.most_speed_mps * (stamp_s - last_s)
-            if np.linalg.norm(p_G - last_p) > most_m:
+            if np.linalg.norm(p_O - last_p) > most_m:
                 raise SampleRejected(
                     "jump",
-                    f"{np.linalg.norm(p_G - last_p):.2f} m from the last place: not the vehicle",
+                    f"{np.linalg.norm(p_O - last_p):.2f} m from the last place: not the vehicle",
                 )
         distance_m = float(np.linalg.norm(p_G - self._geometry.base.xyz_m))
         self._seen.append(
-            (stamp_s, p_G, _POSITION_M + turning_radps * 2 * self._rules.stamp_s * distance_m)
+            (stamp_s, p_O, _POSITION_M + turning_radps * 2 * self._rules.stamp_s * distance_m)
         )
         while self._seen[0][0] < stamp_s - self._rules.velocity_over_s:
             self._seen.popleft()
 
     def target(self) -> Optional[Target]:
-        """Place and velocity of the tags' middle by a straight line through the last sights; None
-        before the first."""
+        """Place and velocity of the tags' middle by a straight line through the last sights, in
+        the frame of the robot's wheels; None before the first."""
         if not self._seen:
             return None
         t, p, sigma = (np.array(column) for column in zip(*self._seen))
@@ -273,6 +282,13 @@ class GimbalTracker:
         A = np.stack([np.ones_like(t), t - end_s], axis=1) / sigma[:, None]
         line = np.linalg.lstsq(A, p / sigma[:, None], rcond=None)[0]
         return Target(end_s, line[0], line[1])
+
+    def _target_in_ground(self, stamp_s: float) -> Optional[Target]:
+        """The same as the robot has it at a moment."""
+        target = self.target()
+        if target is None:
+            return None
+        return self._base.in_ground(target, stamp_s, self._rules.follow.lost_s)
 
     def turning(self, stamp_s: float) -> bool:
         """Whether the gimbal turned so fast then that looking at the picture is of no use
@@ -292,19 +308,19 @@ class GimbalTracker:
         Also for a while after it was lost: where the whole picture takes longer than that, it would
         stay lost else.
         """
-        target = self.target()
-        if target is None or abs(stamp_s - target.stamp_s) > _EXPECTED_S:
+        target = self._target_in_ground(stamp_s)
+        if target is None or abs(stamp_s - target.last_sight_s) > _EXPECTED_S:
             return None
         try:
             T_G_C = self._geometry.T_ground_cam(self._angles.at(stamp_s)[0])
         except PoseUnavailable:
             return None
-        age_s = abs(stamp_s - target.stamp_s)
+        age_s = abs(stamp_s - target.last_sight_s)
         strayed_m = min(
             0.05 + _SPEED_MPS * age_s + 0.5 * _ACCELERATION_MPS2 * age_s**2, _MOST_STRAYED_M
         )
         radius_m = self._rules.follow.target_radius_m + strayed_m
-        p_ground_m = target.at(min(stamp_s, target.stamp_s + self._rules.follow.lost_s))
+        p_ground_m = target.at(min(stamp_s, target.last_sight_s + self._rules.follow.lost_s))
         return window_about(transforms.invert(T_G_C), p_ground_m, radius_m, self._camera)
 
     def command(self, now_s: float) -> Optional[Angles]:
@@ -312,5 +328,4 @@ class GimbalTracker:
         target = self.target()
         if target is not None and target.stamp_s > now_s + self._rules.oldest_s:
             self._start_over()  # the clock was set back
-            target = None
-        return self.follower.command(now_s, target, self._stamp_s)
+        return self.follower.command(now_s, self._target_in_ground(now_s), self._stamp_s)

@@ -5,6 +5,7 @@ import threading
 import time
 from typing import Callable, Optional
 
+import numpy as np
 import rospy
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
@@ -14,6 +15,7 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_tracking.errors import SampleRejected
+from fcsv_tracking.gimbal.base_motion import BaseMotion
 from fcsv_tracking.gimbal.config import Gimbal
 from fcsv_tracking.gimbal.looking import look
 from fcsv_tracking.gimbal.tracker import GimbalRules, GimbalTracker, GroundPose
@@ -41,6 +43,7 @@ class GimbalChannel:
         self.lock = threading.Lock()
         self._rules, self._health = rules, health
         self._on_tracker, self._on_pose = on_tracker, on_pose
+        self._base = BaseMotion()
         self._detector = TagDetector({t.id: t.size_m for t in gimbal.tags}, decimate)
         self._camera: Optional[PinholeCamera] = None
         self._picture: Optional[Image] = None
@@ -61,6 +64,11 @@ class GimbalChannel:
         self._thread.start()
         self._timer = node.every(1.0 / _COMMAND_HZ, self._follow)
 
+    def base_moved(self, stamp_s: float, T_O_G: np.ndarray) -> None:
+        """What the wheels below the gimbal say."""
+        with self.lock:
+            self._base.add(stamp_s, T_O_G)
+
     def _on_info(self, message: CameraInfo) -> None:
         try:
             camera = conversions.camera_from_info(message)
@@ -72,7 +80,9 @@ class GimbalChannel:
             self._camera = camera
             with self.lock:
                 g = self.gimbal
-                self.tracker = GimbalTracker(g.geometry, g.tags, camera, self._rules, g.start)
+                self.tracker = GimbalTracker(
+                    g.geometry, g.tags, camera, self._rules, g.start, self._base
+                )
             self._on_tracker(self.name, self.tracker)
 
     def _on_joints(self, message: JointState) -> None:

@@ -11,9 +11,10 @@ import numpy as np
 import rospy
 import tf2_ros
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
-from fcsv_geometry.errors import ConfigError, PoseUnavailable
+from fcsv_geometry.errors import ConfigError, FcsvError, PoseUnavailable
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_tracking.gimbal.config import load_ground_robot
@@ -28,11 +29,13 @@ from fcsv_tracking.ros.static_frames import fixed_parts
 
 @dataclass(frozen=True)
 class GimbalTrackerParameters:
-    """Parameters of the node. ``decimate`` shrinks pictures before quads are sought in them."""
+    """Parameters of the node. ``decimate`` shrinks pictures before quads are sought in them.
+    ``base_odometry``: topic of the wheels below the gimbals; empty: they stand."""
 
     vehicles: List[str]
     vehicles_dir: str
     robot_file: str
+    base_odometry: str = ""
     decimate: float = 2.0
     rules: GimbalRules = field(default_factory=GimbalRules)
 
@@ -80,12 +83,25 @@ class GimbalTrackerNode:
             )
             for n in p.vehicles
         ]
+        if p.base_odometry:
+            rospy.Subscriber(
+                p.base_odometry, Odometry, self._on_base, queue_size=20, tcp_nodelay=True
+            )
         self._view_timer = node.every(0.1, self._publish_gimbals)
         self._slow_timer = node.every(1.0, self._report)
 
     def _on_tracker(self, name: str, tracker: GimbalTracker) -> None:
         with self._lock:
             self._system.trackers[name] = tracker
+
+    def _on_base(self, message: Odometry) -> None:
+        try:
+            T_O_G = conversions.pose_to_transform(message.pose.pose)
+        except FcsvError as error:
+            self._health.drop("base odometry", str(error))
+            return
+        for channel in self._channels:
+            channel.base_moved(message.header.stamp.to_sec(), T_O_G)
 
     def _on_pose(self, name: str, pose: GroundPose) -> None:
         with self._lock:
