@@ -21,7 +21,15 @@ from fcsv_stereo.joint.refine.residuals import detail, residuals, support_bits, 
 from fcsv_stereo.joint.refine.subpixel import Fine, refine
 from fcsv_stereo.joint.surfaces.colour import settled
 from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
-from fcsv_stereo.joint.tuning import EVIDENCE, FAR_REMATCH, MATCH, RESIDUALS
+from fcsv_stereo.joint.tuning import (
+    EVIDENCE,
+    FAR_REMATCH,
+    LEAST_LEVELS,
+    MATCH,
+    REFERENCE_SIZE_PX,
+    RESIDUALS,
+    SHARED,
+)
 from fcsv_stereo.joint.views import Views, colours, seen_by_any
 from fcsv_stereo.joint.volume.far_rematch import sharpened
 from fcsv_stereo.joint.volume.pair_costs import must_compile
@@ -56,12 +64,12 @@ class MatchOptions:
     def __post_init__(self):
         if (
             self.volume_pixels < 1000
-            or self.most_levels < 8
+            or self.most_levels < LEAST_LEVELS
             or self.iterations < 1
             or self.threads < 1
         ):
             raise InputError(
-                "joint matching needs 1000 pixels, 8 levels, 1 iteration and 1 thread at least"
+                f"joint matching needs 1000 pixels, {LEAST_LEVELS} levels, 1 iteration and 1 thread at least"
             )
         if not 0.0 < self.most_relative_sigma <= 1.0:
             raise InputError(
@@ -152,9 +160,13 @@ def match_jointly(
         progress("matching every distance", 0.09)
         pictures, surfaces, levels = _match_in_volume(pictures, rough, first, options, pool)
         known = _enlarged(surfaces.known, reference)
-        for scale in between:
+        for left, scale in zip(reversed(range(len(between))), between):
             progress("choosing surfaces", 0.48)
-            surfaces = _surfaces_between(pictures, surfaces, levels, scale, options, pool)
+            # the last is half the full size at least: precise enough to choose among surfaces by
+            iterations = min(left, 1)
+            surfaces = _surfaces_between(
+                pictures, surfaces, levels, scale, iterations, options, pool
+            )
         progress("matching at full size", 0.53)
         pictures, fine = _at_full_size(pictures, surfaces, levels, known, options, pool)
     del surfaces
@@ -214,7 +226,9 @@ def _judged(
     tell it. ``pose_sigma_share`` (HxW) is what the suspected poses make of the depth, as a share of
     it."""
     full = fine.w.shape
-    small = pictures.views(min(1.0, max(EVIDENCE.scale, EVIDENCE.least_width_px / full[1])))
+    small = pictures.views(
+        min(1.0, max(EVIDENCE.scale, EVIDENCE.scale * REFERENCE_SIZE_PX[0] / full[1]))
+    )
     w = cv2.resize(fine.w, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
     here = residuals(small, w, pool)
     colour, seeing = colours(pictures.reference, small.shape), (here.seen > 0).sum(axis=0)
@@ -225,7 +239,7 @@ def _judged(
     bright = grey > np.median(grey)
     contrast = without_mean(grey)
     del grey
-    contrast = cv2.blur(np.abs(contrast, out=contrast), (RESIDUALS.window_px,) * 2)
+    contrast = cv2.blur(np.abs(contrast, out=contrast), (SHARED.window_px,) * 2)
     columns = features(fine, sigma_w, known, out, contrast)
     kept = np.stack(list(columns), axis=-1) if options.keep_features else None
     doubts = doubt(columns if kept is None else np.moveaxis(kept, -1, 0))
@@ -302,14 +316,15 @@ def _surfaces_between(
     coarser: Map,
     levels: np.ndarray,
     scale: float,
+    iterations: int,
     options: MatchOptions,
     pool: ThreadPoolExecutor,
 ) -> Map:
-    """Surfaces chosen at a size between, and what of them the pictures confirm."""
+    """Surfaces chosen at a size between, with ``iterations`` of the sub-pixel step, and what of them
+    the pictures confirm."""
     found = pictures.views(scale)
     w = _finer(pictures, found, coarser, options.stretch, pool)
-    # half the size is precise enough to choose among surfaces by
-    fine = refine(found, w, _level_sizes(w, levels), int(scale < MATCH.precise_scale), pool)
+    fine = refine(found, w, _level_sizes(w, levels), iterations, pool)
     return Map(found, fine.w, *relied_on(found, fine.w, fine.residuals))
 
 

@@ -16,12 +16,13 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
-from fcsv_stereo.joint.tuning import MOVED
+from fcsv_stereo.joint.tuning import MOVED, SHARED
 from fcsv_stereo.model import ConfigurationInput, MapInput, MapResult, Picture, Reference, as_grey
 from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.refinement.features import corners
 
-_WINDOW = (MOVED.window_px,) * 2
+_WINDOW = (SHARED.window_px,) * 2
+_SAMPLES = 5000  # px that tell the exposure: time alone
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,6 @@ def _aligned(reference: Reference, later: Picture, still: _Still) -> Optional[np
         uv.astype(np.float32).reshape(-1, 1, 2),
         start,
         winSize=(MOVED.track_px,) * 2,
-        maxLevel=MOVED.track_levels,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     good = status.ravel() > 0
@@ -193,7 +193,6 @@ def _aligned(reference: Reference, later: Picture, still: _Still) -> Optional[np
         rotation,
         position,
         useExtrinsicGuess=True,
-        iterationsCount=MOVED.ransac_rounds,
         reprojectionError=MOVED.most_off_px,
     )
     if (
@@ -221,13 +220,13 @@ def _same_exposure(here: np.ndarray, there: np.ndarray, comparable: np.ndarray) 
     out = np.empty_like(there)
     for i in range(here.shape[2]):
         a, b = (
-            x[..., i][comparable][:: max(1, int(comparable.sum()) // MOVED.samples)]
+            x[..., i][comparable][:: max(1, int(comparable.sum()) // _SAMPLES)]
             for x in (here, there)
         )
         gain, offset = 1.0, 0.0
         for _ in range(MOVED.exposure_rounds if len(a) > MOVED.least_samples else 0):
             off = np.abs(gain * b + offset - a)
-            usual = off <= MOVED.unusual * np.median(off) + 1.0
+            usual = off <= MOVED.noise * np.median(off) + 1.0
             gain, offset = np.polyfit(b[usual], a[usual], 1) if b[usual].std() > 1.0 else (1.0, 0.0)
         out[..., i] = gain * there[..., i] + offset
     return out
