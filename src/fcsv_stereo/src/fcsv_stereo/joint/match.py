@@ -42,6 +42,8 @@ from fcsv_stereo.joint.volume.winner import (
 from fcsv_stereo.model import Picture, PoseUncertainty, Progress, silent
 from fcsv_stereo.model.kinds import DepthKind, supported
 
+# a level of the far rematch, in levels of the volume: what that match leaves uncertain
+_FINER = FAR_REMATCH.step_px * MATCH.largest_volume
 _COMPILES = ": compiled for this machine, once, a minute or two"
 
 
@@ -323,7 +325,7 @@ def _surfaces_between(
     """Surfaces chosen at a size between, with ``iterations`` of the sub-pixel step, and what of them
     the pictures confirm."""
     found = pictures.views(scale)
-    w = _finer(pictures, found, coarser, options.stretch, pool)
+    w = _finer(pictures, found, coarser, options, pool)
     fine = refine(found, w, _level_sizes(w, levels), iterations, pool)
     return Map(found, fine.w, *relied_on(found, fine.w, fine.residuals))
 
@@ -339,14 +341,14 @@ def _at_full_size(
     """Surfaces chosen, what is far matched again, poses adjusted, and inverse depth between the
     levels."""
     found = pictures.views(1.0)
-    w, rematched = _finer(pictures, found, coarser, options.stretch, pool), np.False_
+    w, rematched = _finer(pictures, found, coarser, options, pool), np.False_
     if not options.stretch:
         w, rematched = sharpened(found, w, options.volume_pixels * options.most_levels, pool)
     if pictures.prior:
         certain = known & is_certain(found, w, residuals(found, w, pool))
         pictures, w = _with_adjusted_poses(pictures, detail(found), w, certain, pool)
         found = found.with_poses(pictures.reference, pictures.others)
-    step = _level_sizes(w, levels) * np.where(rematched, np.float32(FAR_REMATCH.finer), 1.0)
+    step = _level_sizes(w, levels) * np.where(rematched, np.float32(_FINER), 1.0)
     return pictures, refine(found, w, step, options.iterations, pool)
 
 
@@ -374,17 +376,21 @@ def _with_adjusted_poses(
 
 
 def _finer(
-    pictures: MatchPictures, found: Views, coarser: Map, stretch: bool, pool: ThreadPoolExecutor
+    pictures: MatchPictures,
+    found: Views,
+    coarser: Map,
+    options: MatchOptions,
+    pool: ThreadPoolExecutor,
 ) -> np.ndarray:
     """Inverse depth (HxW, 1/m) in the finer pictures ``found``: surfaces chosen, or interpolated
     and settled."""
     image = colours(pictures.reference, found.shape, np.int16)  # half the memory
-    if not stretch:
+    if not options.stretch:
         return choose_surfaces(found, coarser, image, pool)
     w = stretched(coarser.w, found.shape)
     full = found.shape == pictures.shape
     # at a large full size it costs more than it mends
-    settles = not full or w.size <= MATCH.settled_pixels
+    settles = not full or w.size <= options.volume_pixels
     return settled(image, w, pool) if settles else w
 
 

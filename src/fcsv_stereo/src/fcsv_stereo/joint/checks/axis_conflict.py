@@ -12,7 +12,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
-from fcsv_stereo.joint.tuning import AXIS_CONFLICT, SHARED
+from fcsv_stereo.joint.tuning import AXIS_CONFLICT, MOVED, SHARED
 from fcsv_stereo.model import MapInput, MapResult
 
 _MARGIN = np.ones((SHARED.around_px,) * 2, np.uint8)
@@ -79,7 +79,7 @@ def _denied(result: MapResult, step: int) -> np.ndarray:
     _, labels = cv2.connectedComponents(denied.astype(np.uint8), connectivity=8)
     large = (
         np.bincount(labels[sure & denied], minlength=labels.max() + 1)
-        >= AXIS_CONFLICT.least_share * labels.size
+        >= 3 * MOVED.least_share * labels.size  # smaller spots are edges and noise
     )
     large[0] = False
     return cv2.dilate(large[labels].astype(np.uint8), _MARGIN) > 0

@@ -115,7 +115,7 @@ def changes(reference: Reference, later: Picture, still: _Still) -> Optional[Mom
     explained = MOVED.noise * noise + cv2.blur(
         slope * _off_px(reference, T_later_ref, still), _WINDOW
     )
-    unlike = (cv2.blur(difference, _WINDOW) > MOVED.changed * explained) & comparable
+    unlike = (cv2.blur(difference, _WINDOW) > SHARED.beyond * explained) & comparable
     return Moment(later.stamp_s, _spots(unlike), comparable)
 
 
@@ -224,7 +224,7 @@ def _same_exposure(here: np.ndarray, there: np.ndarray, comparable: np.ndarray) 
             for x in (here, there)
         )
         gain, offset = 1.0, 0.0
-        for _ in range(MOVED.exposure_rounds if len(a) > MOVED.least_samples else 0):
+        for _ in range(MOVED.exposure_rounds if len(a) > SHARED.least_pixels else 0):
             off = np.abs(gain * b + offset - a)
             usual = off <= MOVED.noise * np.median(off) + 1.0
             gain, offset = np.polyfit(b[usual], a[usual], 1) if b[usual].std() > 1.0 else (1.0, 0.0)

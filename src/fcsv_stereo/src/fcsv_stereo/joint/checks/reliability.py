@@ -16,11 +16,11 @@ from fcsv_stereo.joint.projecting import place, ray
 from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.surfaces.data_cost import SEEN_THROUGH
 from fcsv_stereo.joint.surfaces.thin_uprights import thin_uprights
-from fcsv_stereo.joint.tuning import RELIABILITY
+from fcsv_stereo.joint.tuning import RELIABILITY, SHARED
 from fcsv_stereo.joint.views import Views
 from fcsv_stereo.joint.volume.winner import VolumeMatch, well_matched
 
-_TOLERANCE, _CERTAIN, _BETTER = RELIABILITY.tolerance, RELIABILITY.certain, RELIABILITY.tells
+_CERTAIN, _BETTER, _TOLERANCE = RELIABILITY.certain, RELIABILITY.tells, SHARED.one_surface
 _PARTS = 16  # of a level, for OpenCV's whole numbers
 
 

@@ -27,6 +27,7 @@ from fcsv_stereo.joint.tuning import (
     RESIDUALS,
     SCALE_HELD,
     SHARED,
+    SUBPIXEL,
 )
 from fcsv_stereo.joint.views import Views, camera_matrix, projection
 from fcsv_stereo.model import Picture
@@ -40,6 +41,7 @@ _LOOSENED = np.repeat([POSE_ALIGNMENT.loosened_turns, 1.0], 3)
 _BEHIND = np.float32(-1e6)  # px: far outside of every picture
 # px about a cell that its windows and slopes reach
 _MARGIN = max(SHARED.window_px // 2, 1)
+_ROUNDING = 1 / 12  # grey levels squared: variance of whole grey levels
 _BAND = 256  # rows that are changed at a time
 # as many as in the pictures that the method was made on; of larger ones evenly spread
 _MOST_CELLS = REFERENCE_SIZE_PX[0] * REFERENCE_SIZE_PX[1] // _CELL**2
@@ -157,11 +159,7 @@ def _smooth_change(
 
     at = tuple(corners.T + _CELL // 2)
     change, weight = (after - before)[at], np.sqrt(weight)
-    at_most = (
-        POSE_ALIGNMENT.outlier * np.median(np.abs(change[weight > 0]))
-        if (weight > 0).any()
-        else 0.0
-    )
+    at_most = SHARED.beyond * np.median(np.abs(change[weight > 0])) if (weight > 0).any() else 0.0
     weight[np.abs(change) > at_most] = 0.0
     factors = np.linalg.lstsq(
         basis(*at, before[at]) * weight[:, None], change * weight, rcond=None
@@ -264,7 +262,7 @@ def _pair(
     unlike = cv2.blur(np.abs(difference), _WINDOW) / contrast / RESIDUALS.unlike
     inside = known & (x >= 1) & (y >= 1) & (x <= width - 2) & (y <= height - 2)
     weight = inside / np.square(1.0 + np.square(unlike))
-    weight *= np.minimum(1.0, POSE_ALIGNMENT.huber_grey / np.maximum(np.abs(difference), 1e-6))
+    weight *= np.minimum(1.0, SUBPIXEL.huber_grey / np.maximum(np.abs(difference), 1e-6))
     H, g, cells, sums = np.zeros((6, 6)), np.zeros(6), np.zeros((len(sample.cells), 8)), np.zeros(2)
     _sum(
         sample.corners,
@@ -299,7 +297,7 @@ def _reduced(pairs, w: np.ndarray):
     weight = sum(cells[:, 0] for _, _, cells, _ in pairs)
     push = sum(cells[:, 1] for _, _, cells, _ in pairs)
     mixed = np.concatenate([cells[:, 2:] for _, _, cells, _ in pairs], axis=1)
-    energy = squares / max(weights, 1.0) + POSE_ALIGNMENT.energy_least
+    energy = squares / max(weights, 1.0) + _ROUNDING
     own = weight + LEAST_WEIGHT * float(np.mean(weight))
     own = own + energy / np.square(
         POSE_ALIGNMENT.loose * np.maximum(w, POSE_ALIGNMENT.farthest_1_m)

@@ -31,7 +31,8 @@ _DIRECTIONS = np.array(
 )
 _INWARD = CANDIDATES.mixed_px
 _ALIKE = SHARED.same
-_STRETCH, _FAR_STRETCH = CANDIDATES.stretch, CANDIDATES.far_stretch
+#: Times inverse depth, by which a plane may change over a ring, and over the way to what is not known.
+_STRETCH, _FAR_STRETCH = 1.0 + 3 * SHARED.step, CANDIDATES.far_stretch
 _LEAST_PLANE_PX = 4  # one more than a plane has unknowns
 _FARTHEST = np.float32(FARTHEST_1_M)
 #: A plane's surroundings (px about it), what share of inverse depth is still the same surface, and

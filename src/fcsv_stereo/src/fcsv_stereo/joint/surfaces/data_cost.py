@@ -17,7 +17,7 @@ from fcsv_stereo.joint.surfaces.candidates import Candidates
 from fcsv_stereo.joint.surfaces.colour import alike_bits
 from fcsv_stereo.joint.tuning import DATA_COST, FARTHEST_1_M, SELECT, SHARED
 from fcsv_stereo.joint.views import Views
-from fcsv_stereo.joint.volume.census import census
+from fcsv_stereo.joint.volume.census import CUT, census
 from fcsv_stereo.joint.volume.cost_volume import pair_weights
 from fcsv_stereo.joint.volume.intrinsics import differing_bits
 
@@ -28,8 +28,10 @@ SEEN_THROUGH = 1.0 + 2 * SHARED.step
 _MOST_GREY = 3 * SHARED.surface_grey
 _BITS, _BRIGHTNESS = DATA_COST.per_bit, DATA_COST.unseen / _MOST_GREY
 # denied outweighs the largest jump: 30 to 120 give the same map within 0.3 points
-_CUT, _UNSEEN, _DENIED = DATA_COST.cut, DATA_COST.unseen, 3 * SELECT.p2 / 2
-_FRONT, _FRONT_1_M = DATA_COST.front, 10 * FARTHEST_1_M
+_UNSEEN, _DENIED = DATA_COST.unseen, 3 * SELECT.p2 / 2
+# a pair objects at most as much as unrelated places differ, in bits and in brightness
+_CUT = _BITS * CUT + _UNSEEN
+_FRONT, _FRONT_1_M = 1.0 + SHARED.step, 10 * FARTHEST_1_M
 
 
 def evidence(

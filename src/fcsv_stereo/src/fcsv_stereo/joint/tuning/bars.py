@@ -18,7 +18,6 @@ class Bars(Tuned):
         RIG,
         "3: a third of the lines at 6 m, else within 3 points",
     )
-    least_piece_px: float = tuned(6.0, "px", "shorter pieces of edges are noise; time", RIG)
     least_length_px: float = tuned(
         30.0, "px", "shorter edges are no line: twigs against stripes on fields", RIG
     )
@@ -66,7 +65,6 @@ class Bars(Tuned):
     most_denied: float = tuned(
         0.2, "of a bar's pixels", "at which the map has another depth: a stripe on that", RIG
     )
-    agree: float = tuned(3.0, "standard deviations", "the map has the bar already", RIG)
     sigma_px: float = tuned(0.5, "px of disparity", "of a bar: its error's standard deviation", RIG)
 
     @property
@@ -99,6 +97,16 @@ class Bars(Tuned):
         """Difference of colour (grey levels) beside an edge, on the side that is more alike: more,
         as each picture has its own exposure."""
         return 3.0 * SHARED.surface_grey
+
+    @property
+    def agree(self) -> float:
+        """Standard deviations within which the map has the bar already."""
+        return SHARED.beyond
+
+    @property
+    def least_piece_px(self) -> float:
+        """Length (px) of a piece of an edge at least: a fifth of the shortest edge."""
+        return 0.2 * self.least_length_px
 
 
 BARS = Bars()

@@ -28,7 +28,6 @@ class Reliability(Tuned):
     speckle_levels: int = tuned(
         3, "levels of the volume", "neighbours that differ by no more are of one part"
     )
-    tolerance: float = tuned(0.06, "share of inverse depth", "the same surface")
     certain: float = tuned(
         0.5, "trust, 0 to 1", "of the best pair: what may hide things behind it", SIX
     )
@@ -110,10 +109,6 @@ class Sky(Tuned):
     growth_px: int = tuned(
         12, "px of the volume's scale", "by which the match makes what is before the sky too large"
     )
-    skyline_grey: float = tuned(12.0, "grey levels", "a step of colour at which it stops")
-    likeness_grey: float = tuned(
-        25.0, "grey levels, mean of colours", "by which it may differ from the sky about it"
-    )
     about_px: int = tuned(
         25,
         "px of the volume's scale, of the full picture for gaps of a skyline",
@@ -159,18 +154,18 @@ class Moved(Tuned):
     )
     unknown_1_m: float = tuned(0.05, "1/m", "uncertainty of inverse depth where there is none", CAR)
     noise: float = tuned(2.0, "times the median difference", "what noise explains", CAR)
-    changed: float = tuned(
-        3.0, "times what noise and alignment explain", "something moved: misses against alarms", CAR
-    )
     least_share: float = tuned(1e-4, "share of the picture", "smaller spots are noise", CAR)
     least_spot_px: int = tuned(9, "px of the full picture", "and never fewer", CAR)
     margin_px: int = tuned(3, "px of the full picture", "about a spot", CAR)
-    least_samples: int = tuned(100, "px", "with fewer it is taken as the same")
     exposure_rounds: int = tuned(3, "rounds", "in which what is unusual is left out")
     apart_s: float = tuned(
         2.0, "s", "a picture nearer in time does not tell that something stands: a walker goes 3 m"
     )
-    said_share: float = tuned(5e-4, "share of the picture left out", "is worth a warning")
+
+    @property
+    def said_share(self) -> float:
+        """Share of the picture left out that is worth a warning: five of the smallest spots."""
+        return 5.0 * self.least_share
 
 
 @dataclass(frozen=True)
@@ -186,9 +181,6 @@ class AxisConflict(Tuned):
     share: float = tuned(0.7, "share of them", "that must be denied", CAR)
     apart_s: float = tuned(
         0.5, "s", "a picture no further from a reference picture is of its moment"
-    )
-    least_share: float = tuned(
-        3e-4, "share of the picture", "smaller spots are edges and noise", CAR
     )
 
 

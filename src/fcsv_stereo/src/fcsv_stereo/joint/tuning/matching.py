@@ -49,9 +49,6 @@ class Match(Tuned):
         "1: 0.6 points fewer within 10 %; 3, or twice at full size: 0.1 more at most",
     )
     pose_steps: int = tuned(4, "Gauss-Newton steps", "time against digits of the poses")
-    settled_pixels: int = tuned(
-        100000, "px of the full picture", "a larger one that is only stretched does not settle"
-    )
 
 
 @dataclass(frozen=True)

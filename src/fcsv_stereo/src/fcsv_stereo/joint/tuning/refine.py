@@ -38,7 +38,7 @@ class Subpixel(Tuned):
     """``refine.subpixel``."""
 
     huber_grey: float = tuned(
-        4.0, "grey levels", "beyond it differences count less: outliers against precision"
+        3.0, "grey levels", "beyond it differences count less: outliers against precision", BENCH
     )
     same_steps: float = tuned(
         0.7, "levels of the volume", "still one surface: noise against small steps"
@@ -55,7 +55,6 @@ class PoseAlignment(Tuned):
     cell_px: int = tuned(
         4, "px of this scale", "one correction of inverse depth each: detail against time", BENCH
     )
-    huber_grey: float = tuned(3.0, "grey levels", "beyond it differences count less", BENCH)
     correlated: float = tuned(
         8.0, "px", "that count as one: interpolation, blur, cells that straddle surfaces", BENCH
     )
@@ -70,10 +69,6 @@ class PoseAlignment(Tuned):
         "are they other evidence than the pixels",
         BENCH,
     )
-    outlier: float = tuned(
-        3.0, "medians", "a cell that changes by more has no part in the smooth change"
-    )
-    energy_least: float = tuned(0.1, "grey levels squared", "variance of pictures without noise")
 
 
 RESIDUALS, PLANE_FIT = ResidualTuning(), PlaneFit()

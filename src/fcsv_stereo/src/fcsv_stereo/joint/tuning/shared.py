@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 from fcsv_stereo.joint.tuning.recorded import (
     BENCH,
+    CAR,
     FOURTEEN,
+    RIG,
     SEED_3,
     SEED_3_AND_PLAIN_1,
     Tuned,
@@ -66,9 +68,16 @@ class Shared(Tuned):
         "px of the full picture",
         "surroundings whose trust and steps of depth tell how sure a depth is",
         FOURTEEN,
+        RIG,
     )
     least_pixels: int = tuned(
         200, "px or cells", "fewer tell nothing of a picture, a band or its poses"
+    )
+    beyond: float = tuned(
+        3.0,
+        "times what is usual (a standard deviation, a median, what noise explains)",
+        "what differs by more is no noise: misses against alarms",
+        f"{BENCH}; of what moved {CAR}; of bars {RIG}",
     )
 
 

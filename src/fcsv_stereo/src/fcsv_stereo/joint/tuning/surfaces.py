@@ -24,11 +24,11 @@ class CandidateTuning(Tuned):
     alike_px: float = tuned(
         0.6, "px of this scale, fastest pair", "and by this movement besides: time"
     )
-    stretch: float = tuned(
-        1.33, "times inverse depth", "by which a plane may change over a ring", SEED_3
-    )
     far_stretch: float = tuned(
-        3.0, "times inverse depth", "and over the way to what is not known", SEED_3
+        3.0,
+        "times inverse depth",
+        "by which a plane may change over the way to what is not known",
+        SEED_3,
     )
     near_stiffness: float = tuned(
         0.3, "times the window's pixels", "few pixels have no slope of their own"
@@ -90,9 +90,7 @@ class DataCost(Tuned):
     per_bit: float = tuned(
         0.75, "cost units per census bit of 32", "windows against brightness and prices", SEED_3
     )
-    cut: float = tuned(18.0, "cost units", "the most that one pair objects")
     unseen: float = tuned(8.0, "cost units", "what a pair counts that cannot see the place")
-    front: float = tuned(1.08, "times inverse depth", "what is nearer than this hides the place")
 
 
 @dataclass(frozen=True)

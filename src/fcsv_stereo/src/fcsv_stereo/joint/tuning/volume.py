@@ -77,7 +77,6 @@ class Sgm(Tuned):
         FIVE,
         "250 to 500: within 0.3 points",
     )
-    least_p2: float = tuned(1.5, "times p1", "p2 on the largest step of grey")
 
 
 @dataclass(frozen=True)
@@ -99,26 +98,14 @@ class Winner(Tuned):
         FIVE,
         "0.07 and 0.12: 0.1 points more on streets, 1.5 fewer on plains",
     )
-    confident_cost: int = tuned(
-        60, "volume units", "a match of the rough volume that bounds the nearest depth"
-    )
     least_bits: int = tuned(5, "bits of 32", "and the bits that are set in its census code")
-    least_good: int = tuned(
-        50, "px of the rough scale", "fewer bound nothing: every depth is tried"
-    )
     nearest_percentile: float = tuned(
         99.8, "percentile of inverse depth", "what of the picture bounds every row"
-    )
-    nearest_picture: float = tuned(
-        1.3, "times that inverse depth", "room for what is nearer and matched badly: time"
     )
     reach: float = tuned(
         0.08,
         "share of the picture's height",
         "things stand higher than where they are matched well",
-    )
-    clear_fall: float = tuned(
-        0.05, "of a ray, per metre of depth", "rows whose rays fall more tell the ground's height"
     )
     low_percentile: float = tuned(
         25.0, "percentile of a row's inverse depths", "what lies low in it"
@@ -157,11 +144,6 @@ class FarRematch(Tuned):
     )
     least_share: float = tuned(
         0.01, "share of a row", "a row with less that is far is left as it is: time alone"
-    )
-    finer: float = tuned(
-        0.4,
-        "of a level of the smaller volume",
-        "what the match leaves uncertain: the sub-pixel step looks less far",
     )
 
     @property

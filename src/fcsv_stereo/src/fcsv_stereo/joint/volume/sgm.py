@@ -14,13 +14,13 @@ import numpy as np
 from numba import njit
 
 from fcsv_stereo.joint.bands import for_rows
-from fcsv_stereo.joint.tuning import SGM, SHARED, VOLUME
+from fcsv_stereo.joint.tuning import SHARED, VOLUME
 
 #: Largest price (volume units) that path costs have room for.
 MOST_PRICE = 600
 _FAR = np.int16(1000)  # above every path cost: a cell's (255) and the largest price
 _LEVEL = np.int16(VOLUME.unlikely)
-_PER_GREY, _LEAST_P2 = np.float32(1.0 / SHARED.surface_grey), np.float32(SGM.least_p2)
+_PER_GREY = np.float32(1.0 / SHARED.surface_grey)
 _PARTS = 6  # bits of a level's parts, in 16
 _HALF = np.int16(1 << (_PARTS - 1))
 # step whose product with a part has room in sixteen bits
@@ -135,7 +135,7 @@ def _nothing(values, y, x, count):
 @njit(cache=True, nogil=True)
 def _price(p1, p2, step):
     """P2 on a step of grey: a jump of depth is likely there."""
-    price = max(p2 / (np.float32(1.0) + abs(step) * _PER_GREY), _LEAST_P2 * p1)
+    price = max(p2 / (np.float32(1.0) + abs(step) * _PER_GREY), np.float32(p1))
     return np.int16(price + np.float32(0.5))
 
 

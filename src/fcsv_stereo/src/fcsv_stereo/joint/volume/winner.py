@@ -58,7 +58,8 @@ def highest_level(found: VolumeMatch, small: Views) -> float:
     half as high again as what lies lowest in a smaller picture's rows, inf where no row is below
     the horizon."""
     falls = small.falls
-    below = falls > WINNER.clear_fall
+    # well below the horizon: the rows that tell the ground's height
+    below = falls > 5 * VIEWS.least_fall
     if not below.any():
         return np.inf
     low = np.percentile(found.w[below], WINNER.low_percentile, axis=1)
@@ -95,12 +96,12 @@ def nearest_inverse_depth(found: VolumeMatch, grey: np.ndarray, height: int) -> 
         axis=2
     )
     tells = (variance > _TEXTURE) & (brighter >= WINNER.least_bits)
-    good = steady & (found.cost <= WINNER.confident_cost) & tells
-    if good.sum() < WINNER.least_good:
+    good = steady & (found.cost <= WINNER.most_cost // 2) & tells
+    if good.sum() < SHARED.least_pixels:
         return np.full(height, found.levels[-1])
     least = found.levels[min(LEAST_LEVELS, len(found.levels) - 1)]
     nearest = np.percentile(found.w[good], WINNER.nearest_percentile)
-    whole = float(np.clip(WINNER.nearest_picture * nearest, least, found.levels[-1]))
+    whole = float(np.clip(WINNER.room * nearest, least, found.levels[-1]))
     rows = np.clip(WINNER.room * np.where(good, found.w, 0.0).max(axis=1), least, whole).astype(
         np.float32
     )
