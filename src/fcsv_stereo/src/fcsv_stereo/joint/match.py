@@ -162,10 +162,10 @@ def match_jointly(
         progress("matching every distance", 0.09)
         pictures, surfaces, levels = _match_in_volume(pictures, rough, first, options, pool)
         known = _enlarged(surfaces.known, reference)
-        for left, scale in zip(reversed(range(len(between))), between):
+        for number, scale in enumerate(between, 1):
             progress("choosing surfaces", 0.48)
             # the last is half the full size at least: precise enough to choose among surfaces by
-            iterations = min(left, 1)
+            iterations = int(number < len(between))
             surfaces = _surfaces_between(
                 pictures, surfaces, levels, scale, iterations, options, pool
             )

@@ -263,7 +263,7 @@ def _without(result: MapResult, changed: Dict[int, np.ndarray], moves: np.ndarra
     longest = np.float32(max(p.configuration.baseline_m for p in result.pairs))
     sigma = np.where(somewhere, result.sigma * longest / np.maximum(unchanged, 1e-3), result.sigma)
     warnings = list(result.warnings)
-    if gone.mean() >= MOVED.said_share:
+    if gone.mean() >= MOVED.warning_share:
         names = ", ".join(result.pairs[k].configuration.name for k in changed)
         warnings.append(
             f"left out: {gone.mean():.1%} of the picture, where something moved between the recordings (the reference "

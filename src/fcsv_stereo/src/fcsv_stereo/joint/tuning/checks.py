@@ -163,7 +163,7 @@ class Moved(Tuned):
     )
 
     @property
-    def said_share(self) -> float:
+    def warning_share(self) -> float:
         """Share of the picture left out that is worth a warning: five of the smallest spots."""
         return 5.0 * self.least_share
 
