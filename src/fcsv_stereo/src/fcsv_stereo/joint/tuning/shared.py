@@ -68,7 +68,6 @@ class Shared(Tuned):
         "px of the full picture",
         "surroundings whose trust and steps of depth tell how sure a depth is",
         FOURTEEN,
-        RIG,
     )
     least_pixels: int = tuned(
         200, "px or cells", "fewer tell nothing of a picture, a band or its poses"
