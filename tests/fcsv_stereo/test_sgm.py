@@ -36,7 +36,7 @@ def by_formula(volume, counts, grey, drift):
 
 
 def ways(before, step, count, drift, dy):
-    jump = before.min() + max(P2 / (1.0 + 0.1 * abs(step)), 1.5 * P1)
+    jump = before.min() + max(P2 / (1.0 + 0.1 * abs(step)), P1)
 
     def at(d):
         return before[d] if 0 <= d < len(before) else np.inf

@@ -29,9 +29,7 @@ def sky(w: np.ndarray, r: Residuals, colour: np.ndarray, blind: np.ndarray) -> n
     still = cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_CLOSE, steady) > 0
     out = _joined(still | blind, _top_rows(still.shape)) & still
     kernel = np.ones((3, 3), np.uint8)
-    smooth = (
-        np.max(cv2.morphologyEx(colour, cv2.MORPH_GRADIENT, kernel), axis=2) < SHARED.surface_grey
-    )
+    smooth = np.max(cv2.morphologyEx(colour, cv2.MORPH_GRADIENT, kernel), axis=2) < SKY.skyline_grey
     about = (SKY.about_px,) * 2
     share = cv2.blur(out.astype(np.float32), about)
     mean = cv2.blur(colour * out[..., None], about) / np.maximum(share, 1e-3)[..., None]
@@ -91,9 +89,7 @@ def moved_clouds(kind: np.ndarray, seeing: np.ndarray, colour: np.ndarray) -> np
     kind = cv2.resize(kind, shape[::-1], interpolation=cv2.INTER_NEAREST)
     told, agreed = supported(kind), (kind > 1) & (kind <= MOST_PAIRS)
     kernel = np.ones((3, 3), np.uint8)
-    soft = (
-        np.max(cv2.morphologyEx(colour, cv2.MORPH_GRADIENT, kernel), axis=2) < SHARED.surface_grey
-    )
+    soft = np.max(cv2.morphologyEx(colour, cv2.MORPH_GRADIENT, kernel), axis=2) < SKY.skyline_grey
     soft = (
         cv2.morphologyEx(
             (soft | (kind == DepthKind.SKY)).astype(np.uint8),

@@ -109,6 +109,12 @@ class Sky(Tuned):
     growth_px: int = tuned(
         12, "px of the volume's scale", "by which the match makes what is before the sky too large"
     )
+    skyline_grey: float = tuned(
+        12.0,
+        "grey levels",
+        "a step of colour at which it stops",
+        same="10: noise on soft clouds stops it",
+    )
     about_px: int = tuned(
         25,
         "px of the volume's scale, of the full picture for gaps of a skyline",
