@@ -101,7 +101,7 @@ def nearest_inverse_depth(found: VolumeMatch, grey: np.ndarray, height: int) -> 
         return np.full(height, found.levels[-1])
     least = found.levels[min(LEAST_LEVELS, len(found.levels) - 1)]
     nearest = np.percentile(found.w[good], WINNER.nearest_percentile)
-    whole = float(np.clip(WINNER.room * nearest, least, found.levels[-1]))
+    whole = float(np.clip(WINNER.nearest_picture * nearest, least, found.levels[-1]))
     rows = np.clip(WINNER.room * np.where(good, found.w, 0.0).max(axis=1), least, whole).astype(
         np.float32
     )
