@@ -109,11 +109,7 @@ def test_cells_are_bounded_and_reach_everywhere(shape):
 def test_cells_that_lie_apart_are_compared_as_in_the_whole_picture(most_cells, pool, monkeypatch):
     """Of a large picture only the cells and the windows about them are looked at."""
     reference, _, given, w = scene()
-    monkeypatch.setattr(
-        pose_alignment,
-        "POSE_ALIGNMENT",
-        replace(pose_alignment.POSE_ALIGNMENT, most_cells=most_cells),
-    )
+    monkeypatch.setattr(pose_alignment, "_MOST_CELLS", most_cells)
     pictures, covariances, now = adjusted(reference, given, w, pool)
     cells = _corners(w.shape)
     whole = pose_alignment._Sample(*map(np.arange, w.shape), cells, cells, True)

@@ -4,8 +4,7 @@
 import numpy as np
 import pytest
 
-from fcsv_stereo.joint.tuning import SGM
-from fcsv_stereo.joint.volume.sgm import aggregate
+from fcsv_stereo.joint.volume.sgm import MOST_PRICE, aggregate
 
 P1, P2, LEVEL = 40.0, 330.0, 5.0
 SHAPE = 7, 9, 12
@@ -37,7 +36,7 @@ def by_formula(volume, counts, grey, drift):
 
 
 def ways(before, step, count, drift, dy):
-    jump = before.min() + max(P2 / (1.0 + 0.1 * abs(step)), 1.5 * P1)
+    jump = before.min() + max(P2 / (1.0 + 0.1 * abs(step)), P1)
 
     def at(d):
         return before[d] if 0 <= d < len(before) else np.inf
@@ -79,7 +78,7 @@ def test_the_sums_are_those_of_the_formula(drifts, same, pool):
 def test_a_price_beyond_what_sixteen_bits_hold_is_refused(pool):
     volume, drift = np.zeros(SHAPE, np.uint8), np.zeros((2, SHAPE[0], SHAPE[2]), np.float32)
     with pytest.raises(ValueError, match="price"):
-        prices = P1, SGM.most_price + 1.0
+        prices = P1, MOST_PRICE + 1.0
         aggregate(
             volume, np.full(SHAPE[0], 3), np.zeros(SHAPE[:2], np.float32), prices, drift, pool
         )

@@ -309,7 +309,7 @@ def test_every_tuned_number_says_its_unit_and_what_it_trades():
     unrecorded, unvaried = (
         sum(f.metadata[key] == value for f in numbers) for key, value in _UNKNOWN.items()
     )
-    assert len(numbers) <= 273 and unrecorded <= 164 and unvaried <= 252, (
+    assert len(numbers) <= 146 and unrecorded <= 70 and unvaried <= 127, (
         "a new number says where it was chosen"
     )
 

@@ -18,21 +18,53 @@ def rows(*shares):
     return {str(n): [*shares, 1.0] for n in tool.SCENES}
 
 
-def test_every_number_is_varied_to_other_values_and_back_from_json():
-    found = list(tool.variations())
-    assert {(v.stage, v.number) for v in found} == {
+@pytest.mark.parametrize("most", [1, 9])
+def test_every_number_is_varied_to_other_values_and_back_from_json(most):
+    found = list(tool.groups(most))
+    assert sorted((g.stage, n) for g in found for n in g.numbers) == sorted(
         (type(s).__name__, f.name) for s in tool.STAGES for f in fields(s) if getattr(s, f.name)
+    )
+    assert max(len(g.numbers) for g in found) <= most
+    for group in found:
+        stage = next(s for s in tool.STAGES if type(s).__name__ == group.stage)
+        one, other = group.both()
+        assert one.key != other.key
+        for (name, value), (_, other_value) in zip(one.values, other.values):
+            assert json.loads(json.dumps(value)) == value
+            now = getattr(stage, name)
+            assert sorted([value, other_value]) == sorted(tool.varied(now)) and value != now
+
+
+def kept(tmp_path, changes):
+    """Results by group: its change of the first figure in its two runs."""
+    for label, points in (("as it is", 90.0), ("drawn again", 90.1)):
+        tool._keep(tool._kept(tmp_path), label, rows(points, 10.0, 95.0))
+    for group, points in changes.items():
+        for variation, p in zip(group.both(), points):
+            tool._keep(tool._kept(tmp_path), variation.key, rows(90.0 + p, 10.0, 95.0))
+    return tool._read(tmp_path)
+
+
+def test_a_group_that_changes_nothing_speaks_for_its_numbers_and_another_is_halved(tmp_path):
+    group = next(g for g in tool.groups(4) if len(g.numbers) == 4)
+    left, right = group.cut(2)
+    assert (*left.numbers, *right.numbers) == group.numbers
+    alone = right.cut(2)[0]
+    done = kept(tmp_path, {group: (0.0, 2.0), left: (0.0, 0.0), right: (3.0, 1.0), alone: (3.0, 0)})
+    verdicts = {number: word for (_, number), (word, _) in tool.measured(done).items()}
+    first, second, third, fourth = group.numbers
+    assert verdicts == {
+        first: "not reached",
+        second: "not reached",
+        third: "matters",
+        fourth: "open",
     }
-    for v in found:
-        stage = next(s for s in tool.STAGES if type(s).__name__ == v.stage)
-        assert json.loads(json.dumps(v.value)) == v.value != getattr(stage, v.number)
-    assert len({v.key for v in found}) == len(found)
 
 
 def test_only_kernels_that_a_stage_reaches_are_compiled_anew(tmp_path):
     reached = tool.reached("Select")
-    assert "select" in reached and not {"census", "sgm", "moved", "data_cost"} & reached
-    assert "select" in tool.reached("DataCost")
+    assert "select" in reached and not {"census", "sgm", "moved", "winner"} & reached
+    assert {"select", "reliability"} <= tool.reached("DataCost")
     kernels = [
         tmp_path / "surfaces_1" / f"{m}.k-1.py311.nb{e}" for m in ("select", "sgm") for e in "ic"
     ]
@@ -64,7 +96,7 @@ def test_a_line_that_a_stop_cut_off_is_measured_again(tmp_path):
 def test_the_number_is_changed_before_joint_freezes_it(root):
     program = (
         "from bench.one_variation import _set_before_joint as put\n"
-        "put({'stage': 'Sky', 'number': 'bins', 'value': 7})\n"
+        "put({'stage': 'Sky', 'values': {'bins': 7}})\n"
         "from fcsv_stereo.joint.checks import sky\n"
         "print(sky._BINS)"
     )

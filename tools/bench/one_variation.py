@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bench's scenes mapped with one tuned number changed: the process that ``tuned-numbers``
-starts for each variation.
+"""The bench's scenes mapped with tuned numbers changed: the process that ``tuned-numbers`` starts for
+each variation.
 
-    python -m bench.one_variation FOLDER '{"noise": 0, "stage": ..., "number": ..., "value": ...}'
+    python -m bench.one_variation FOLDER '{"noise": 0, "stage": ..., "values": {NUMBER: VALUE}}'
 
 It prints ``{scene: [within 10 %, wrong of answered, within 2 sigma, seconds of the processor]}``.
 """
@@ -42,7 +42,7 @@ def main(folder: Path, one: Dict[str, Any]) -> Dict[str, List[float]]:
 
 
 def _set_before_joint(one: Dict[str, Any]) -> None:
-    """Puts the value into its stage while nothing of ``joint`` but ``joint.tuning`` is imported."""
+    """Puts the values into their stage while nothing of ``joint`` but ``joint.tuning`` is imported."""
     spec = importlib.util.find_spec("fcsv_stereo.joint")
     package = importlib.util.module_from_spec(spec)
     sys.modules["fcsv_stereo.joint"] = package  # known, but its own imports wait
@@ -50,10 +50,9 @@ def _set_before_joint(one: Dict[str, Any]) -> None:
     early = [m for m in sys.modules if m.startswith("fcsv_stereo.joint.") and ".tuning" not in m]
     if early:
         raise RuntimeError(f"imported before the number was set: {', '.join(sorted(early))}")
-    if "number" in one:
+    for number, value in one.get("values", {}).items():
         owner = next(s for s in tuning.STAGES if type(s).__name__ == one["stage"])
-        value = one["value"]
-        object.__setattr__(owner, one["number"], tuple(value) if isinstance(value, list) else value)
+        object.__setattr__(owner, number, tuple(value) if isinstance(value, list) else value)
     spec.loader.exec_module(package)
 
 

@@ -21,7 +21,15 @@ from fcsv_stereo.joint.refine.residuals import detail, residuals, support_bits, 
 from fcsv_stereo.joint.refine.subpixel import Fine, refine
 from fcsv_stereo.joint.surfaces.colour import settled
 from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
-from fcsv_stereo.joint.tuning import EVIDENCE, FAR_REMATCH, MATCH, RESIDUALS
+from fcsv_stereo.joint.tuning import (
+    EVIDENCE,
+    FAR_REMATCH,
+    LEAST_LEVELS,
+    MATCH,
+    REFERENCE_SIZE_PX,
+    RESIDUALS,
+    SHARED,
+)
 from fcsv_stereo.joint.views import Views, colours, seen_by_any
 from fcsv_stereo.joint.volume.far_rematch import sharpened
 from fcsv_stereo.joint.volume.pair_costs import must_compile
@@ -34,6 +42,8 @@ from fcsv_stereo.joint.volume.winner import (
 from fcsv_stereo.model import Picture, PoseUncertainty, Progress, silent
 from fcsv_stereo.model.kinds import DepthKind, supported
 
+# a level of the far rematch, in levels of the volume: what that match leaves uncertain
+_FINER = FAR_REMATCH.step_px * MATCH.largest_volume
 _COMPILES = ": compiled for this machine, once, a minute or two"
 
 
@@ -56,12 +66,12 @@ class MatchOptions:
     def __post_init__(self):
         if (
             self.volume_pixels < 1000
-            or self.most_levels < 8
+            or self.most_levels < LEAST_LEVELS
             or self.iterations < 1
             or self.threads < 1
         ):
             raise InputError(
-                "joint matching needs 1000 pixels, 8 levels, 1 iteration and 1 thread at least"
+                f"joint matching needs 1000 pixels, {LEAST_LEVELS} levels, 1 iteration and 1 thread at least"
             )
         if not 0.0 < self.most_relative_sigma <= 1.0:
             raise InputError(
@@ -152,9 +162,13 @@ def match_jointly(
         progress("matching every distance", 0.09)
         pictures, surfaces, levels = _match_in_volume(pictures, rough, first, options, pool)
         known = _enlarged(surfaces.known, reference)
-        for scale in between:
+        for number, scale in enumerate(between, 1):
             progress("choosing surfaces", 0.48)
-            surfaces = _surfaces_between(pictures, surfaces, levels, scale, options, pool)
+            # the last is half the full size at least: precise enough to choose among surfaces by
+            iterations = int(number < len(between))
+            surfaces = _surfaces_between(
+                pictures, surfaces, levels, scale, iterations, options, pool
+            )
         progress("matching at full size", 0.53)
         pictures, fine = _at_full_size(pictures, surfaces, levels, known, options, pool)
     del surfaces
@@ -214,7 +228,9 @@ def _judged(
     tell it. ``pose_sigma_share`` (HxW) is what the suspected poses make of the depth, as a share of
     it."""
     full = fine.w.shape
-    small = pictures.views(min(1.0, max(EVIDENCE.scale, EVIDENCE.least_width_px / full[1])))
+    small = pictures.views(
+        min(1.0, max(EVIDENCE.scale, EVIDENCE.scale * REFERENCE_SIZE_PX[0] / full[1]))
+    )
     w = cv2.resize(fine.w, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
     here = residuals(small, w, pool)
     colour, seeing = colours(pictures.reference, small.shape), (here.seen > 0).sum(axis=0)
@@ -225,7 +241,7 @@ def _judged(
     bright = grey > np.median(grey)
     contrast = without_mean(grey)
     del grey
-    contrast = cv2.blur(np.abs(contrast, out=contrast), (RESIDUALS.window_px,) * 2)
+    contrast = cv2.blur(np.abs(contrast, out=contrast), (SHARED.window_px,) * 2)
     columns = features(fine, sigma_w, known, out, contrast)
     kept = np.stack(list(columns), axis=-1) if options.keep_features else None
     doubts = doubt(columns if kept is None else np.moveaxis(kept, -1, 0))
@@ -302,14 +318,15 @@ def _surfaces_between(
     coarser: Map,
     levels: np.ndarray,
     scale: float,
+    iterations: int,
     options: MatchOptions,
     pool: ThreadPoolExecutor,
 ) -> Map:
-    """Surfaces chosen at a size between, and what of them the pictures confirm."""
+    """Surfaces chosen at a size between, with ``iterations`` of the sub-pixel step, and what of them
+    the pictures confirm."""
     found = pictures.views(scale)
-    w = _finer(pictures, found, coarser, options.stretch, pool)
-    # half the size is precise enough to choose among surfaces by
-    fine = refine(found, w, _level_sizes(w, levels), int(scale < MATCH.precise_scale), pool)
+    w = _finer(pictures, found, coarser, options, pool)
+    fine = refine(found, w, _level_sizes(w, levels), iterations, pool)
     return Map(found, fine.w, *relied_on(found, fine.w, fine.residuals))
 
 
@@ -324,14 +341,14 @@ def _at_full_size(
     """Surfaces chosen, what is far matched again, poses adjusted, and inverse depth between the
     levels."""
     found = pictures.views(1.0)
-    w, rematched = _finer(pictures, found, coarser, options.stretch, pool), np.False_
+    w, rematched = _finer(pictures, found, coarser, options, pool), np.False_
     if not options.stretch:
         w, rematched = sharpened(found, w, options.volume_pixels * options.most_levels, pool)
     if pictures.prior:
         certain = known & is_certain(found, w, residuals(found, w, pool))
         pictures, w = _with_adjusted_poses(pictures, detail(found), w, certain, pool)
         found = found.with_poses(pictures.reference, pictures.others)
-    step = _level_sizes(w, levels) * np.where(rematched, np.float32(FAR_REMATCH.finer), 1.0)
+    step = _level_sizes(w, levels) * np.where(rematched, np.float32(_FINER), 1.0)
     return pictures, refine(found, w, step, options.iterations, pool)
 
 
@@ -359,17 +376,21 @@ def _with_adjusted_poses(
 
 
 def _finer(
-    pictures: MatchPictures, found: Views, coarser: Map, stretch: bool, pool: ThreadPoolExecutor
+    pictures: MatchPictures,
+    found: Views,
+    coarser: Map,
+    options: MatchOptions,
+    pool: ThreadPoolExecutor,
 ) -> np.ndarray:
     """Inverse depth (HxW, 1/m) in the finer pictures ``found``: surfaces chosen, or interpolated
     and settled."""
     image = colours(pictures.reference, found.shape, np.int16)  # half the memory
-    if not stretch:
+    if not options.stretch:
         return choose_surfaces(found, coarser, image, pool)
     w = stretched(coarser.w, found.shape)
     full = found.shape == pictures.shape
     # at a large full size it costs more than it mends
-    settles = not full or w.size <= MATCH.settled_pixels
+    settles = not full or w.size <= options.volume_pixels
     return settled(image, w, pool) if settles else w
 
 

@@ -9,7 +9,7 @@ from typing import Any, Callable, ClassVar, Dict, List, Optional, Tuple, TypeVar
 import cv2
 import numpy as np
 
-from fcsv_stereo.joint.tuning import PAIRS
+from fcsv_stereo.joint.tuning import PAIRS, SHARED
 from fcsv_stereo.model import Configuration, Picture
 from fcsv_stereo.rectify import RectifiedPair, bouguet, home
 
@@ -195,7 +195,7 @@ class NearestUseful:
             return 0.0
         edges, of = self._edges, self._of
         agreeing = self._counted(self._band[(agrees & sees)[self._known]])
-        enough = of >= PAIRS.least_pixels
+        enough = of >= SHARED.least_pixels
         if not enough.any():
             return float(edges[-1])
         share = agreeing / np.maximum(of, 1.0)

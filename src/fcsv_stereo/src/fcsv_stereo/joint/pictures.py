@@ -6,11 +6,12 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_stereo.joint.tuning import MATCH
-from fcsv_stereo.joint.views import Views, grey, inverse_depths, views
+from fcsv_stereo.joint.tuning import MATCH, NO_BASELINE_M
+from fcsv_stereo.joint.views import Views, grey, nearest_in_view, views
 from fcsv_stereo.model import Picture, PoseUncertainty
 
 Exposure = Tuple[float, float]
+_LEAST_SIDE_PX = 16  # windows of 9 px have no room in less
 
 
 @dataclass(frozen=True)
@@ -72,22 +73,21 @@ def usable(reference: Picture, others: Sequence[Picture]) -> Tuple[List[int], Di
     left_out: Dict[int, str] = {}
     for i, other in enumerate(others):
         baseline_m = float(np.linalg.norm(other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]))
-        if min(*reference.image.shape[:2], *other.image.shape[:2]) < MATCH.least_side_px:
+        if min(*reference.image.shape[:2], *other.image.shape[:2]) < _LEAST_SIDE_PX:
             left_out[i] = (
-                f"{other.name} or {reference.name} is smaller than {MATCH.least_side_px} px: nothing to match"
+                f"{other.name} or {reference.name} is smaller than {_LEAST_SIDE_PX} px: nothing to match"
             )
-        elif baseline_m < MATCH.least_baseline_m:
+        elif baseline_m < NO_BASELINE_M:
             left_out[i] = (
                 f"{other.name} and {reference.name} were taken from one place: no baseline"
             )
     some = [i for i in range(len(others)) if i not in left_out]
     if some:
         pictures = [others[i] for i in some]
-        found = views(reference, pictures, MATCH.overlap_scale, map(grey, (reference, *pictures)))
-        for pair, i in enumerate(some):
-            if (
-                len(inverse_depths(found.only(pair), MATCH.overlap_step_px, MATCH.overlap_levels))
-                < MATCH.least_levels
-            ):
+        # no precision is asked for: the rough match's size will do
+        scale = MATCH.largest_volume / 2.0
+        found = views(reference, pictures, scale, map(grey, (reference, *pictures)))
+        for i, nearest in zip(some, nearest_in_view(found)):
+            if nearest <= 0.0:
                 left_out[i] = f"{others[i].name} does not overlap {reference.name}"
     return [i for i in range(len(others)) if i not in left_out], dict(sorted(left_out.items()))

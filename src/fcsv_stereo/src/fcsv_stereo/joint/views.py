@@ -4,7 +4,7 @@ inverse depth."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Callable, Dict, Iterable, Sequence, Tuple
+from typing import Callable, Dict, Iterable, List, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -13,6 +13,9 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.joint.tuning import VIEWS
 from fcsv_stereo.model import Picture, as_grey, as_rgb
+
+# how finely what is smooth is sampled: points across and down, inverse depths
+_GRID, _SAMPLES, _TOP_SAMPLES = (17, 13), 192, 128
 
 
 @dataclass(frozen=True)
@@ -139,18 +142,24 @@ def inverse_depths(found: Views, step_px: float, most: int, nearest: float = np.
     None is above ``nearest`` (1/m). Steps are widened where there would be more than ``most``.
     Inverse depths that no pair sees are left out.
     """
-    grid = _grid(found.shape)
-    tops = [_top(p, grid, s) for p, s in zip(found.projections, found.sizes)]
+    grid, tops = _grid(found.shape), nearest_in_view(found)
     top = min(max(tops), nearest)
     if top <= 0:
         return np.zeros(1, np.float32)
-    samples = top * np.linspace(0.0, 1.0, VIEWS.samples) ** 2
+    samples = top * np.linspace(0.0, 1.0, _SAMPLES) ** 2
     rate = np.max(
         [_rate(p, grid, s, samples) for p, s in zip(found.projections, found.sizes)], axis=0
     )
     moved = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(samples))])
     count = int(np.clip(np.ceil(moved[-1] / step_px), 2, most))
     return np.interp(np.linspace(0.0, moved[-1], count + 1), moved, samples).astype(np.float32)
+
+
+def nearest_in_view(found: Views) -> List[float]:
+    """The largest inverse depth (1/m) at which each pair sees enough of the picture, 0 where at
+    none."""
+    grid = _grid(found.shape)
+    return [_top(p, grid, s) for p, s in zip(found.projections, found.sizes)]
 
 
 def seen_by_any(found: Views, w: float) -> np.ndarray:
@@ -178,7 +187,7 @@ def camera_matrix(camera: PinholeCamera, shape: Tuple[int, int]) -> np.ndarray:
 
 
 def _grid(shape: Tuple[int, int]) -> np.ndarray:
-    across, down = VIEWS.grid
+    across, down = _GRID
     u, v = np.meshgrid(np.linspace(0, shape[1] - 1, across), np.linspace(0, shape[0] - 1, down))
     return np.stack([u.ravel(), v.ravel(), np.ones(u.size)])
 
@@ -206,7 +215,7 @@ def _top(p: np.ndarray, grid: np.ndarray, size: np.ndarray) -> float:
     # p[9:] is K t: in units of pixels times metres; a point nearer than half the baseline is no
     # stereo
     top = 2.0 * size.max() / np.linalg.norm(p[9:])
-    w = top * np.linspace(0.0, 1.0, VIEWS.top_samples)
+    w = top * np.linspace(0.0, 1.0, _TOP_SAMPLES)
     enough = _inside(_project(p, grid, w), size).mean(axis=-1) >= VIEWS.least_seen
     return float(w[enough].max()) if enough.any() else 0.0
 

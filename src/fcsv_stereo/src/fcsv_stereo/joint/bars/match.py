@@ -107,7 +107,7 @@ def _value(
     unlike = np.abs(one.colours[:, None] - other.colours[None]).mean(axis=3).min(axis=2)
     fits = (unlike < rules.colours_differ) & (inverse.max(axis=2) < 1.0 / rules.nearest_m)
     fits &= inverse.min(axis=2) * speed > -rules.behind_px
-    fits &= shared_px > rules.least_shared * np.minimum(one.lengths[:, None], other.lengths)
+    fits &= shared_px > 0.5 * np.minimum(one.lengths[:, None], other.lengths)
     fits &= shared_px > 0.5 * rules.least_length_px
     return np.where(fits, shared_px * np.exp(-unlike / rules.colours_differ), 0.0)
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
-from fcsv_stereo.joint.tuning import AXIS_CONFLICT
+from fcsv_stereo.joint.tuning import AXIS_CONFLICT, MOVED, SHARED
 from fcsv_stereo.model import MapInput, MapResult
 
-_MARGIN = np.ones((AXIS_CONFLICT.margin_px,) * 2, np.uint8)
+_MARGIN = np.ones((SHARED.around_px,) * 2, np.uint8)
 
 
 def doubt_contradicted(given: MapInput, result: MapResult) -> MapResult:
@@ -79,7 +79,7 @@ def _denied(result: MapResult, step: int) -> np.ndarray:
     _, labels = cv2.connectedComponents(denied.astype(np.uint8), connectivity=8)
     large = (
         np.bincount(labels[sure & denied], minlength=labels.max() + 1)
-        >= AXIS_CONFLICT.least_share * labels.size
+        >= 3 * MOVED.least_share * labels.size  # smaller spots are edges and noise
     )
     large[0] = False
     return cv2.dilate(large[labels].astype(np.uint8), _MARGIN) > 0
@@ -93,4 +93,4 @@ def _by_one_axis(seen: Dict[str, np.ndarray], agreed: Dict[str, np.ndarray]) -> 
 
 def _dense(denied: np.ndarray) -> np.ndarray:
     """HxW bool: most of the surroundings are denied."""
-    return cv2.blur(denied.astype(np.float32), (AXIS_CONFLICT.window_px,) * 2) > AXIS_CONFLICT.share
+    return cv2.blur(denied.astype(np.float32), (SHARED.window_px,) * 2) > AXIS_CONFLICT.share

@@ -16,10 +16,11 @@ from scipy.special import erfc
 
 from fcsv_stereo.joint.refine.residuals import Residuals, mean_unlike, unlike
 from fcsv_stereo.joint.refine.subpixel import Fine
-from fcsv_stereo.joint.tuning import EVIDENCE, RESIDUALS
+from fcsv_stereo.joint.tuning import EVIDENCE, PLANE_FIT, RESIDUALS, SHARED, SIGMA, WRONG
 from fcsv_stereo.joint.views import Views
 
 _BAND = 64  # rows at a time: large pictures
+_NEAR_PX = 2 * PLANE_FIT.radius_px + 1  # as a depth's plane
 #: What is looked at, in the order of the weights.
 FEATURES = (
     "log relative sigma",
@@ -61,7 +62,7 @@ def standing_out(
             )
 
     list(pool.map(probe, range(len(small))))
-    noise = np.float32(EVIDENCE.noise_grey)
+    noise = np.float32(SHARED.noise_grey)
     ratio = np.where(np.isfinite(others), (others + noise) / (at_w + noise), 0.0).astype(np.float32)
     return np.stack([cv2.resize(x, shape[::-1], interpolation=cv2.INTER_LINEAR) for x in ratio])
 
@@ -91,7 +92,7 @@ def features(
         step = cv2.dilate(fine.w, window)  # in place: large pictures
         step -= cv2.erode(fine.w, window)
         step /= w
-        step += np.float32(EVIDENCE.least_step)
+        step += np.float32(SIGMA.steps[0])
         return np.clip(np.log(step, out=step), -6.0, 1.0, out=step)
 
     yield np.log(np.clip(sigma_w / w, 1e-3, 3.0))
@@ -104,13 +105,13 @@ def features(
     )
     del agrees
     yield trusted
-    yield about(stands, EVIDENCE.near_px)
-    yield about(stands, EVIDENCE.far_px)
-    yield about(trust, EVIDENCE.patch_px)
-    yield about(trusted, EVIDENCE.patch_px)
-    yield about(trusted, EVIDENCE.far_px)
-    yield step(EVIDENCE.step_px)
-    yield step(EVIDENCE.far_step_px)
+    yield about(stands, _NEAR_PX)
+    yield about(stands, 3 * _NEAR_PX)
+    yield about(trust, SHARED.around_px)
+    yield about(trusted, SHARED.around_px)
+    yield about(trusted, 3 * _NEAR_PX)
+    yield step(SHARED.window_px)
+    yield step(3 * SHARED.window_px)
     yield np.log(contrast + np.float32(1.0))
     yield seen / np.float32(len(r.seen))
 
@@ -156,6 +157,4 @@ def chance_of_wrong(pose_sigma_share: np.ndarray) -> np.ndarray:
     >>> chance_of_wrong(np.array([0.0, 0.05, 0.1])).astype(float).round(3).tolist()
     [0.0, 0.046, 0.317]
     """
-    return erfc(EVIDENCE.wrong / (np.sqrt(2.0) * np.maximum(pose_sigma_share, 1e-6))).astype(
-        np.float32
-    )
+    return erfc(WRONG / (np.sqrt(2.0) * np.maximum(pose_sigma_share, 1e-6))).astype(np.float32)

@@ -13,6 +13,8 @@ from fcsv_stereo.joint.tuning import EVIDENCE, RESIDUALS
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.model.kinds import MOST_PAIRS, DepthKind, supported
 
+_STEPS = 600  # up to ``EVIDENCE.sure_doubt``, in which the share is summed
+
 
 def kinds(
     doubt: np.ndarray,
@@ -52,7 +54,7 @@ def sure_limit(doubts: np.ndarray) -> float:
     >>> [round(sure_limit(np.array(doubts)), 3) for doubts in ([0.001, 0.001, 0.03], [0.001, 0.03, 0.03])]
     [0.06, 0.03]
     """
-    counts, edges = np.histogram(doubts, EVIDENCE.sure_steps, (0.0, EVIDENCE.sure_doubt))
+    counts, edges = np.histogram(doubts, _STEPS, (0.0, EVIDENCE.sure_doubt))
     wrong = np.cumsum(counts * 0.5 * (edges[:-1] + edges[1:]))
     few = wrong <= EVIDENCE.sure_share * np.cumsum(counts)
     return float(edges[1:][few].max(initial=0.0))

@@ -16,12 +16,13 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
-from fcsv_stereo.joint.tuning import MOVED
+from fcsv_stereo.joint.tuning import MOVED, SHARED
 from fcsv_stereo.model import ConfigurationInput, MapInput, MapResult, Picture, Reference, as_grey
 from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.refinement.features import corners
 
-_WINDOW = (MOVED.window_px,) * 2
+_WINDOW = (SHARED.window_px,) * 2
+_SAMPLES = 5000  # px that tell the exposure: time alone
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ def changes(reference: Reference, later: Picture, still: _Still) -> Optional[Mom
     explained = MOVED.noise * noise + cv2.blur(
         slope * _off_px(reference, T_later_ref, still), _WINDOW
     )
-    unlike = (cv2.blur(difference, _WINDOW) > MOVED.changed * explained) & comparable
+    unlike = (cv2.blur(difference, _WINDOW) > SHARED.beyond * explained) & comparable
     return Moment(later.stamp_s, _spots(unlike), comparable)
 
 
@@ -179,7 +180,6 @@ def _aligned(reference: Reference, later: Picture, still: _Still) -> Optional[np
         uv.astype(np.float32).reshape(-1, 1, 2),
         start,
         winSize=(MOVED.track_px,) * 2,
-        maxLevel=MOVED.track_levels,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     good = status.ravel() > 0
@@ -193,7 +193,6 @@ def _aligned(reference: Reference, later: Picture, still: _Still) -> Optional[np
         rotation,
         position,
         useExtrinsicGuess=True,
-        iterationsCount=MOVED.ransac_rounds,
         reprojectionError=MOVED.most_off_px,
     )
     if (
@@ -221,13 +220,13 @@ def _same_exposure(here: np.ndarray, there: np.ndarray, comparable: np.ndarray) 
     out = np.empty_like(there)
     for i in range(here.shape[2]):
         a, b = (
-            x[..., i][comparable][:: max(1, int(comparable.sum()) // MOVED.samples)]
+            x[..., i][comparable][:: max(1, int(comparable.sum()) // _SAMPLES)]
             for x in (here, there)
         )
         gain, offset = 1.0, 0.0
-        for _ in range(MOVED.exposure_rounds if len(a) > MOVED.least_samples else 0):
+        for _ in range(MOVED.exposure_rounds if len(a) > SHARED.least_pixels else 0):
             off = np.abs(gain * b + offset - a)
-            usual = off <= MOVED.unusual * np.median(off) + 1.0
+            usual = off <= MOVED.noise * np.median(off) + 1.0
             gain, offset = np.polyfit(b[usual], a[usual], 1) if b[usual].std() > 1.0 else (1.0, 0.0)
         out[..., i] = gain * there[..., i] + offset
     return out
@@ -264,7 +263,7 @@ def _without(result: MapResult, changed: Dict[int, np.ndarray], moves: np.ndarra
     longest = np.float32(max(p.configuration.baseline_m for p in result.pairs))
     sigma = np.where(somewhere, result.sigma * longest / np.maximum(unchanged, 1e-3), result.sigma)
     warnings = list(result.warnings)
-    if gone.mean() >= MOVED.said_share:
+    if gone.mean() >= MOVED.warning_share:
         names = ", ".join(result.pairs[k].configuration.name for k in changed)
         warnings.append(
             f"left out: {gone.mean():.1%} of the picture, where something moved between the recordings (the reference "

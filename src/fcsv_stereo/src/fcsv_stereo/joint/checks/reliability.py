@@ -14,13 +14,13 @@ from numba import njit
 
 from fcsv_stereo.joint.projecting import place, ray
 from fcsv_stereo.joint.refine.residuals import Residuals
+from fcsv_stereo.joint.surfaces.data_cost import SEEN_THROUGH
 from fcsv_stereo.joint.surfaces.thin_uprights import thin_uprights
-from fcsv_stereo.joint.tuning import DATA_COST, RELIABILITY
+from fcsv_stereo.joint.tuning import RELIABILITY, SHARED
 from fcsv_stereo.joint.views import Views
 from fcsv_stereo.joint.volume.winner import VolumeMatch, well_matched
 
-_TOLERANCE, _CERTAIN, _BETTER = RELIABILITY.tolerance, RELIABILITY.certain, RELIABILITY.better
-_SEEN_THROUGH = DATA_COST.seen_through
+_CERTAIN, _BETTER, _TOLERANCE = RELIABILITY.certain, RELIABILITY.tells, SHARED.one_surface
 _PARTS = 16  # of a level, for OpenCV's whole numbers
 
 
@@ -42,7 +42,7 @@ def relied_on(
     ``confirmed``."""
     unique, best = consistent(found, w, r), r.trust.max(axis=0)
     certain = unique & (best > _CERTAIN)
-    return unique & (best > RELIABILITY.known) | thin_uprights(w), certain, confirmed(certain, r)
+    return unique & (best > RELIABILITY.tells) | thin_uprights(w), certain, confirmed(certain, r)
 
 
 def is_certain(found: Views, w: np.ndarray, r: Residuals) -> np.ndarray:
@@ -53,7 +53,7 @@ def is_certain(found: Views, w: np.ndarray, r: Residuals) -> np.ndarray:
 def confirmed(certain: np.ndarray, r: Residuals) -> np.ndarray:
     """NxHxW bool: where pair i itself agrees with what is ``certain`` (HxW bool), at the pixel and
     all about it."""
-    about = np.ones((RELIABILITY.about_px,) * 2, np.uint8)
+    about = np.ones((3, 3), np.uint8)
     return np.stack(
         [cv2.erode((certain & (t > _CERTAIN)).astype(np.uint8), about) > 0 for t in r.trust]
     )
@@ -94,6 +94,6 @@ def _claim(w, projections, i, size, trust, seen, unique, seen_through):
                 other, own = winner[y, x], w[v, u]
                 if abs(other - own) <= np.float32(_TOLERANCE) * max(other, own):
                     unique[v, u] = True
-                elif other * np.float32(_SEEN_THROUGH) < own:
+                elif other * np.float32(SEEN_THROUGH) < own:
                     least = max(trust[v, u] + np.float32(_BETTER), np.float32(_CERTAIN))
                     seen_through[v, u] |= best[y, x] > least

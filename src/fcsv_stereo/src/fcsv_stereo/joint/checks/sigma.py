@@ -10,13 +10,14 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.refine.subpixel import Fine
-from fcsv_stereo.joint.tuning import RESIDUALS, SIGMA
+from fcsv_stereo.joint.tuning import RESIDUALS, SHARED, SIGMA
 from fcsv_stereo.model import Picture
 
 # px (slope: grey levels) per 1/m: beside a camera it has no end, and its square no float
 _MOST_SPEED = np.float32(1e9)
 _BAND = 128  # rows at a time: large pictures
-_STEP_WINDOW = np.ones((SIGMA.step_px,) * 2, np.uint8)
+_CELL_PX = 16  # of the poses' part, which is smooth: time alone
+_STEP_WINDOW = np.ones((SHARED.around_px,) * 2, np.uint8)
 
 
 class PixelEvidence(IntEnum):
@@ -141,7 +142,7 @@ def _geometry_sigma(
 def _weight(trust: np.ndarray, slope: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """HxW: how much a pair counts at a pixel and about it."""
     slope, speed = np.clip(slope, -_MOST_SPEED, _MOST_SPEED), np.minimum(speed, _MOST_SPEED)
-    return cv2.blur(trust * np.square(slope) + 1e-9 * np.square(speed), (SIGMA.share_px,) * 2)
+    return cv2.blur(trust * np.square(slope) + 1e-9 * np.square(speed), (SHARED.around_px,) * 2)
 
 
 def _pose_terms(
@@ -153,7 +154,7 @@ def _pose_terms(
     A pose that is off by (dtheta, dp) moves the homogeneous image q = R^T (ray + w (c_ref - p)) by
     [q]x dtheta - w R^T dp; only the part along the epipolar line looks like depth.
     """
-    grid_v, grid_u = (np.linspace(0, n - 1, max(2, n // SIGMA.cell_px)) for n in shape)
+    grid_v, grid_u = (np.linspace(0, n - 1, max(2, n // _CELL_PX)) for n in shape)
     u, v = np.meshgrid(grid_u, grid_v)
     camera = reference.camera
     rays = np.stack(

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from fcsv_stereo.joint.refine.residuals import Residuals
-from fcsv_stereo.joint.tuning import SKY
+from fcsv_stereo.joint.tuning import SHARED, SKY
 from fcsv_stereo.model.kinds import MOST_PAIRS, DepthKind, supported
 
 _BINS = SKY.bins
@@ -22,9 +22,9 @@ def sky(w: np.ndarray, r: Residuals, colour: np.ndarray, blind: np.ndarray) -> n
     blind, colour alone decides, but never below what stands: a strip of bright ground at the lower
     edge is no sky.
     """
-    steady = np.ones((SKY.steady_px,) * 2, np.uint8)
+    steady = np.ones((SHARED.window_px,) * 2, np.uint8)
     still = (
-        cv2.medianBlur(w.astype(np.float32), SKY.steady_px) * r.speed.max(axis=0) < SKY.most_px
+        cv2.medianBlur(w.astype(np.float32), SHARED.window_px) * r.speed.max(axis=0) < SKY.most_px
     ) & ~blind
     still = cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_CLOSE, steady) > 0
     out = _joined(still | blind, _top_rows(still.shape)) & still
@@ -33,7 +33,9 @@ def sky(w: np.ndarray, r: Residuals, colour: np.ndarray, blind: np.ndarray) -> n
     about = (SKY.about_px,) * 2
     share = cv2.blur(out.astype(np.float32), about)
     mean = cv2.blur(colour * out[..., None], about) / np.maximum(share, 1e-3)[..., None]
-    alike = (np.abs(colour - mean).mean(axis=2) < SKY.likeness_grey) & (share > SKY.least_share)
+    alike = (np.abs(colour - mean).mean(axis=2) < 2.0 * SHARED.surface_grey) & (
+        share > SKY.least_share
+    )
     for _ in range(SKY.growth_px):
         out = out | (cv2.dilate(out.astype(np.uint8), kernel) > 0) & smooth & alike
     below = np.logical_or.accumulate(~blind & ~out, axis=0)
@@ -54,7 +56,7 @@ def in_the_skyline(
     found = told & _dilated(is_sky, SKY.beside_px) & (moves_px < SKY.far_px)
     if not found.any():
         return found
-    margin, window = SKY.beside_about_px // 2, (SKY.beside_about_px,) * 2
+    margin, window = SKY.about_px // 2, (SKY.about_px,) * 2
     here = tuple(slice(max(x.min() - margin, 0), x.max() + margin + 1) for x in np.nonzero(found))
     colour = np.atleast_3d(image)[here].astype(np.float32)
 
@@ -101,7 +103,7 @@ def moved_clouds(kind: np.ndarray, seeing: np.ndarray, colour: np.ndarray) -> np
     told_about, agreed_about = (
         cv2.blur((m & joined).astype(np.float32), about) for m in (told, agreed)
     )
-    found = joined & (agreed_about < SKY.most_agreed * told_about) & (seeing >= SKY.least_pairs)
+    found = joined & (agreed_about < SKY.most_agreed * told_about) & (seeing >= 2)
     found = (
         cv2.resize(found.astype(np.uint8), whole.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
     )
@@ -148,7 +150,7 @@ def _coloured_like(some: np.ndarray, all_known: np.ndarray, colour: np.ndarray) 
             .reshape(_BINS, _BINS, _BINS)
             .astype(np.float32)
         )
-        return gaussian_filter(counts, SKY.bin_sigma)
+        return gaussian_filter(counts, 1.0)
 
     share = histogram(some & all_known) / np.maximum(histogram(all_known), 1e-3)
-    return cv2.medianBlur((share.ravel()[codes] > SKY.mostly).astype(np.uint8), SKY.steady_px) > 0
+    return cv2.medianBlur((share.ravel()[codes] > 0.5).astype(np.uint8), SHARED.window_px) > 0

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.joint.tuning import VISIBILITY
+from fcsv_stereo.joint.tuning import FARTHEST_1_M, SHARED, VISIBILITY
 
 
 def seen_from(
@@ -21,7 +21,7 @@ def seen_from(
     depth there."""
     v, u = np.indices(depth.shape, dtype=np.float32)[:, ::step, ::step]
     z = depth[::step, ::step]
-    z = np.where(np.isfinite(z), z, np.float32(VISIBILITY.far_m)).astype(np.float32)
+    z = np.where(np.isfinite(z), z, np.float32(1.0 / FARTHEST_1_M)).astype(np.float32)
     rays = np.stack(
         [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1
     )
@@ -47,5 +47,5 @@ def visible(
     np.minimum.at(nearest, at, z[inside])
     nearest = cv2.erode(nearest.reshape(height, width), np.ones((3, 3), np.uint8)).ravel()
     out = np.zeros(z.shape, bool)
-    out[inside] = z[inside] <= VISIBILITY.hidden * nearest[at]
+    out[inside] = z[inside] <= (1.0 + SHARED.one_surface) * nearest[at]
     return out

@@ -7,8 +7,9 @@ from typing import List, Optional, Tuple
 import numpy as np
 
 from fcsv_stereo.joint.refine.residuals import Residuals, differences
-from fcsv_stereo.joint.tuning import EXPOSURE, RESIDUALS
+from fcsv_stereo.joint.tuning import RESIDUALS, SHARED
 from fcsv_stereo.joint.views import Views
+from fcsv_stereo.joint.volume.census import MOST_GAIN
 
 
 def same_exposure(
@@ -22,13 +23,9 @@ def same_exposure(
     out: List[Optional[Tuple[float, float]]] = [None] * (1 + len(found))
     for i, (trust, difference) in enumerate(zip(r.trust, differences(found, w, pool))):
         good = trust > RESIDUALS.least_trust
-        if good.sum() < EXPOSURE.least_pixels:
+        if good.sum() < SHARED.least_pixels:
             continue
         here, there = found.reference[good], (found.reference - difference)[good]
-        gain = float(
-            np.clip(
-                here.std() / max(there.std(), 1e-3), 1.0 / EXPOSURE.most_gain, EXPOSURE.most_gain
-            )
-        )
+        gain = float(np.clip(here.std() / max(there.std(), 1e-3), 1.0 / MOST_GAIN, MOST_GAIN))
         out[i + 1] = gain, float(np.median(here - gain * there))
     return out

@@ -19,20 +19,32 @@ from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.projecting import place, ray
-from fcsv_stereo.joint.tuning import POSE_ALIGNMENT
+from fcsv_stereo.joint.refine.residuals import NOISE_GREY
+from fcsv_stereo.joint.tuning import (
+    LEAST_WEIGHT,
+    POSE_ALIGNMENT,
+    REFERENCE_SIZE_PX,
+    RESIDUALS,
+    SCALE_HELD,
+    SHARED,
+    SUBPIXEL,
+)
 from fcsv_stereo.joint.views import Views, camera_matrix, projection
 from fcsv_stereo.model import Picture
 
 _CELL = POSE_ALIGNMENT.cell_px
-_WINDOW = (POSE_ALIGNMENT.contrast_px,) * 2
+_WINDOW = (SHARED.window_px,) * 2
 #: Features determine a turn that grows with the baseline badly, and alike in every picture, which
 #: covariances picture by picture cannot say; nor are they other evidence than the pixels. So their
 #: turns weigh little here.
 _LOOSENED = np.repeat([POSE_ALIGNMENT.loosened_turns, 1.0], 3)
 _BEHIND = np.float32(-1e6)  # px: far outside of every picture
 # px about a cell that its windows and slopes reach
-_MARGIN = max(POSE_ALIGNMENT.contrast_px // 2, 1)
+_MARGIN = max(SHARED.window_px // 2, 1)
+_ROUNDING = 1 / 12  # grey levels squared: variance of whole grey levels
 _BAND = 256  # rows that are changed at a time
+# as many as in the pictures that the method was made on; of larger ones evenly spread
+_MOST_CELLS = REFERENCE_SIZE_PX[0] * REFERENCE_SIZE_PX[1] // _CELL**2
 
 
 @dataclass(frozen=True)
@@ -98,12 +110,12 @@ def adjust(
     prior, scale, scale_variance = _prior(reference, others, covariances, pixel_errors)
     start, total = list(others), np.zeros(6 * len(others))
     pictures, out, now = start, list(covariances), w.astype(np.float32)
-    if known.sum() < POSE_ALIGNMENT.least_cells * _CELL**2:
+    if known.sum() < SHARED.least_pixels * _CELL**2:
         return pictures, out, now
     corners = _corners(w.shape)
     sample = _Sample.of(corners, w.shape)
     here = sample(found.reference)
-    contrast, known = cv2.blur(np.abs(here), _WINDOW) + POSE_ALIGNMENT.noise_grey, sample(known)
+    contrast, known = cv2.blur(np.abs(here), _WINDOW) + NOISE_GREY, sample(known)
     for _ in range(iterations):
         at = sample(now)
         jobs = [
@@ -126,7 +138,7 @@ def _corners(shape: Tuple[int, int]) -> np.ndarray:
     """(N,2) row and column of the cells' first pixels, evenly spread where there would be too
     many."""
     rows, columns = (_CELL * np.arange(n // _CELL) for n in shape)
-    every = int(np.ceil(np.sqrt(len(rows) * len(columns) / POSE_ALIGNMENT.most_cells)))
+    every = int(np.ceil(np.sqrt(len(rows) * len(columns) / _MOST_CELLS)))
     return np.stack(np.meshgrid(rows[::every], columns[::every], indexing="ij"), axis=-1).reshape(
         -1, 2
     )
@@ -147,11 +159,7 @@ def _smooth_change(
 
     at = tuple(corners.T + _CELL // 2)
     change, weight = (after - before)[at], np.sqrt(weight)
-    at_most = (
-        POSE_ALIGNMENT.outlier * np.median(np.abs(change[weight > 0]))
-        if (weight > 0).any()
-        else 0.0
-    )
+    at_most = SHARED.beyond * np.median(np.abs(change[weight > 0])) if (weight > 0).any() else 0.0
     weight[np.abs(change) > at_most] = 0.0
     factors = np.linalg.lstsq(
         basis(*at, before[at]) * weight[:, None], change * weight, rcond=None
@@ -210,7 +218,7 @@ def _prior(
     variances = [a @ c[3:, 3:] @ a for a, c in zip(along, covariances)]
     scale = scale.ravel()
     held = scale / (scale @ scale)
-    return prior + np.outer(held, held) / POSE_ALIGNMENT.scale_held**2, scale, float(min(variances))
+    return prior + np.outer(held, held) / SCALE_HELD**2, scale, float(min(variances))
 
 
 def _other(found: Views, i: int) -> np.ndarray:
@@ -251,10 +259,10 @@ def _pair(
     there = (cv2.remap(s, x, y, cv2.INTER_LINEAR) for s in _slopes(image))
     slopes = [0.5 * (a + b) for a, b in zip(there, _slopes(warped))]
     difference = here - warped
-    unlike = cv2.blur(np.abs(difference), _WINDOW) / contrast / POSE_ALIGNMENT.unlike
+    unlike = cv2.blur(np.abs(difference), _WINDOW) / contrast / RESIDUALS.unlike
     inside = known & (x >= 1) & (y >= 1) & (x <= width - 2) & (y <= height - 2)
     weight = inside / np.square(1.0 + np.square(unlike))
-    weight *= np.minimum(1.0, POSE_ALIGNMENT.huber_grey / np.maximum(np.abs(difference), 1e-6))
+    weight *= np.minimum(1.0, SUBPIXEL.huber_grey / np.maximum(np.abs(difference), 1e-6))
     H, g, cells, sums = np.zeros((6, 6)), np.zeros(6), np.zeros((len(sample.cells), 8)), np.zeros(2)
     _sum(
         sample.corners,
@@ -289,8 +297,8 @@ def _reduced(pairs, w: np.ndarray):
     weight = sum(cells[:, 0] for _, _, cells, _ in pairs)
     push = sum(cells[:, 1] for _, _, cells, _ in pairs)
     mixed = np.concatenate([cells[:, 2:] for _, _, cells, _ in pairs], axis=1)
-    energy = squares / max(weights, 1.0) + POSE_ALIGNMENT.energy_least
-    own = weight + POSE_ALIGNMENT.weight_least * float(np.mean(weight))
+    energy = squares / max(weights, 1.0) + _ROUNDING
+    own = weight + LEAST_WEIGHT * float(np.mean(weight))
     own = own + energy / np.square(
         POSE_ALIGNMENT.loose * np.maximum(w, POSE_ALIGNMENT.farthest_1_m)
     )

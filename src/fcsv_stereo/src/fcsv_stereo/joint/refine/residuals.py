@@ -11,11 +11,15 @@ import numpy as np
 from numba import njit
 
 from fcsv_stereo.joint.projecting import motion, place, ray
-from fcsv_stereo.joint.tuning import RESIDUALS
+from fcsv_stereo.joint.tuning import RESIDUALS, SHARED
 from fcsv_stereo.joint.views import Views
 
-_WINDOW = (RESIDUALS.window_px,) * 2
-_BAND = RESIDUALS.band_rows
+_WINDOW = (SHARED.window_px,) * 2
+#: Contrast (grey levels) below it tells nothing: both pixels of a difference have noise.
+NOISE_GREY = 2.0 * SHARED.noise_grey
+# a box about as wide (its standard deviation) as the bell by which a picture's mean is taken
+_MEAN_PX = 2 * round(3**0.5 * RESIDUALS.mean_sigma_px) - 1
+_BAND = 64  # rows at a time: time alone
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,7 @@ def _trust(
 
 
 def _contrast(image: np.ndarray) -> np.ndarray:
-    return cv2.blur(np.abs(without_mean(image)), _WINDOW) + RESIDUALS.noise_grey
+    return cv2.blur(np.abs(without_mean(image)), _WINDOW) + NOISE_GREY
 
 
 def unlike(found: Views, i: int, w: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
@@ -134,11 +138,11 @@ def _compare(found: Views, i: int, w: np.ndarray, *arrays: np.ndarray) -> None:
 def _local_mean(difference: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """HxW float32, grey levels: by how much exposures differ there. What differs much more than
     most tells less of it: it is another surface."""
-    weight = difference / np.float32(RESIDUALS.exposure_grey)
+    weight = difference / np.float32(SHARED.surface_grey)
     np.square(weight, out=weight)  # in place: large pictures
     weight += np.float32(1.0)
     np.divide(seen, weight, out=weight)
-    window = (RESIDUALS.mean_px,) * 2
+    window = (_MEAN_PX,) * 2
     mean = cv2.blur(weight * difference, window)
     weight = cv2.blur(weight, window)
     mean /= np.maximum(weight, np.float32(1e-3), out=weight)

@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_stereo.joint.bands import for_rows
 from fcsv_stereo.joint.refine.plane_fit import fit_band
 from fcsv_stereo.joint.refine.residuals import Residuals, residuals
-from fcsv_stereo.joint.tuning import SUBPIXEL
+from fcsv_stereo.joint.tuning import LEAST_INFORMATION, PLANE_FIT, SHARED, SUBPIXEL
 from fcsv_stereo.joint.views import Views
 
 
@@ -47,7 +47,7 @@ def refine(
     for _ in range(iterations):
         information, push, energy = _sums(residuals(found, w, pool), pool)
         prior = _prior(information)
-        tau = (np.float32(SUBPIXEL.same_steps) * step + np.float32(SUBPIXEL.same) * w).astype(
+        tau = (np.float32(SUBPIXEL.same_steps) * step + np.float32(SHARED.same) * w).astype(
             np.float32
         )
         out = np.empty_like(w)
@@ -64,8 +64,8 @@ def refine(
 
 def _prior(information: np.ndarray) -> np.ndarray:
     """HxW float32: information by which a pixel stays where it is."""
-    about = cv2.blur(information, (SUBPIXEL.prior_px,) * 2)
-    return (np.float32(SUBPIXEL.prior_share) * about + np.float32(SUBPIXEL.prior_least)).astype(
+    about = cv2.blur(information, (2 * PLANE_FIT.radius_px + 1,) * 2)
+    return (np.float32(SUBPIXEL.prior_share) * about + np.float32(LEAST_INFORMATION)).astype(
         np.float32
     )
 

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from fcsv_stereo.joint.bands import for_rows
-from fcsv_stereo.joint.tuning import CANDIDATES
+from fcsv_stereo.joint.tuning import CANDIDATES, FARTHEST_1_M, PLANE_FIT, SHARED
 
 MOST = CANDIDATES.most
 _DIRECTIONS = np.array(
@@ -29,15 +29,16 @@ _DIRECTIONS = np.array(
     ],
     np.int64,
 )
-_INWARD = CANDIDATES.inward_px
-_ALIKE = CANDIDATES.alike
-_STRETCH, _FAR_STRETCH = CANDIDATES.stretch, CANDIDATES.far_stretch
-_LEAST_PLANE_PX = CANDIDATES.least_plane_px
-_FARTHEST = np.float32(CANDIDATES.farthest_1_m)
+_INWARD = CANDIDATES.mixed_px
+_ALIKE = SHARED.same
+#: Times inverse depth, by which a plane may change over a ring, and over the way to what is not known.
+_STRETCH, _FAR_STRETCH = 1.0 + 3 * SHARED.step, CANDIDATES.far_stretch
+_LEAST_PLANE_PX = 4  # one more than a plane has unknowns
+_FARTHEST = np.float32(FARTHEST_1_M)
 #: A plane's surroundings (px about it), what share of inverse depth is still the same surface, and
 #: its stiffness.
-_NEAR_FIT = CANDIDATES.near_radius_px, CANDIDATES.near_same, CANDIDATES.near_stiffness
-_FAR_FIT = CANDIDATES.far_radius_px, CANDIDATES.far_same, CANDIDATES.far_stiffness
+_NEAR_FIT = PLANE_FIT.radius_px, SHARED.one_surface, CANDIDATES.near_stiffness
+_FAR_FIT = CANDIDATES.far_radius_px, 3 * SHARED.one_surface, CANDIDATES.far_stiffness
 #: What a plane at a pixel is written down as, in this order.
 _VALUE, _SLOPE_X, _SLOPE_Y, _SOURCE = range(4)
 
@@ -120,9 +121,9 @@ def _ring_offsets() -> np.ndarray:
 
 def _undecided(w: np.ndarray, known: np.ndarray) -> np.ndarray:
     """HxW bool: where more than one surface is possible."""
-    near = np.ones((2 * CANDIDATES.by_a_step_px + 1,) * 2, np.uint8)
-    far = np.maximum(cv2.erode(w, near), CANDIDATES.farthest_1_m)
-    return ~known | (cv2.dilate(w, near) > (1.0 + CANDIDATES.step) * far)
+    near = np.ones((2 * CANDIDATES.mixed_px + 1,) * 2, np.uint8)
+    far = np.maximum(cv2.erode(w, near), FARTHEST_1_M)
+    return ~known | (cv2.dilate(w, near) > (1.0 + SHARED.step) * far)
 
 
 def _met(known: np.ndarray) -> np.ndarray:

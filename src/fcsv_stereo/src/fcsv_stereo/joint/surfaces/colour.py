@@ -10,14 +10,18 @@ from numba import njit
 
 from fcsv_stereo.joint.bands import for_rows
 from fcsv_stereo.joint.surfaces.candidates import Candidates
-from fcsv_stereo.joint.tuning import COLOUR
+from fcsv_stereo.joint.tuning import COLOUR, FARTHEST_1_M, SHARED
 from fcsv_stereo.joint.volume.census import OFFSETS
 
-_COLOUR, _MOST_COLOUR, _NO_COLOUR = COLOUR.per_grey, COLOUR.most_grey, COLOUR.none_grey
-_ALIKE, _LEAST_ALIKE = COLOUR.alike_grey, COLOUR.least_alike
+# grey levels: what counts where a plane has no place of its own is that of another surface; census
+# bits beyond twice that are of another one for certain; more than four times tells no more
+_COLOUR, _NO_COLOUR = COLOUR.per_grey, SHARED.surface_grey
+_ALIKE, _MOST_COLOUR = 2 * SHARED.surface_grey, 4 * SHARED.surface_grey
+_LEAST_ALIKE = COLOUR.least_alike
 _SETTLE_PX = COLOUR.settle_px
-_LIKENESS_SHIFT, _LIKENESS_BINS = COLOUR.likeness_shift, COLOUR.likeness_bins
-_OTHER = COLOUR.other
+# a table of weights by squared distance, as far as they count
+_LIKENESS_SHIFT, _LIKENESS_BINS = 4, 512
+_OTHER = 1.0 + SHARED.step
 
 
 def alike_bits(
@@ -70,7 +74,7 @@ def _of_its_colour(image: np.ndarray, w: np.ndarray, pool: ThreadPoolExecutor) -
     (OpenCV has this filter, of the whole picture on one core; where two threads call it, it writes
     beyond its memory.)
     """
-    log_w = np.maximum(w, COLOUR.farthest_1_m)
+    log_w = np.maximum(w, FARTHEST_1_M)
     np.log(log_w, out=log_w)  # in place: large pictures
     low, scale = log_w.min(), 255.0 / max(float(np.ptp(log_w)), 1e-6)
     about = np.ones((2 * _SETTLE_PX + 1,) * 2, np.uint8)

@@ -21,10 +21,10 @@ from fcsv_stereo.joint.surfaces.candidates import MOST, Candidates, candidates
 from fcsv_stereo.joint.surfaces.colour import add_likeness, settle
 from fcsv_stereo.joint.surfaces.data_cost import evidence, fronts
 from fcsv_stereo.joint.surfaces.thin_uprights import add_leaving, thin_uprights
-from fcsv_stereo.joint.tuning import SELECT
+from fcsv_stereo.joint.tuning import SELECT, SHARED
 from fcsv_stereo.joint.views import Views
 
-_P1, _P2, _EDGE, _MEET = SELECT.p1, SELECT.p2, SELECT.edge_grey, SELECT.meet
+_P1, _P2, _EDGE, _MEET = SELECT.p1, SELECT.p2, SHARED.surface_grey, SHARED.same
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def stretched(w: np.ndarray, shape: Tuple[int, int]) -> np.ndarray:
     near, far = (cv2.resize(f(w, np.ones((3, 3), np.uint8)), size) for f in (cv2.dilate, cv2.erode))
     own = cv2.resize(w, size, interpolation=cv2.INTER_NEAREST)
     return np.where(
-        near - far > SELECT.stretch_step * near,
+        near - far > SHARED.one_surface * near,
         own,
         cv2.resize(w, size, interpolation=cv2.INTER_LINEAR),
     )

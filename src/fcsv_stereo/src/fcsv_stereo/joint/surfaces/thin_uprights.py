@@ -11,18 +11,19 @@ import numpy as np
 from numba import njit
 
 from fcsv_stereo.joint.surfaces.candidates import Candidates
-from fcsv_stereo.joint.tuning import THIN_UPRIGHTS
+from fcsv_stereo.joint.tuning import FARTHEST_1_M, SHARED, THIN_UPRIGHTS
 
 _LEAVE = np.float32(THIN_UPRIGHTS.leave)
+_NEARER = 1.0 + 3 * SHARED.step  # times inverse depth, than what is about it
 
 
 def thin_uprights(w: np.ndarray) -> np.ndarray:
     """HxW bool: pixels of inverse depth ``w`` (HxW, 1/m) that belong to one."""
-    widest, tall = THIN_UPRIGHTS.widest_px, THIN_UPRIGHTS.tall_px
-    about = cv2.morphologyEx(w, cv2.MORPH_OPEN, np.ones((widest, widest), np.uint8))
-    narrow = w > THIN_UPRIGHTS.nearer * np.maximum(about, THIN_UPRIGHTS.farthest_1_m)
+    size = THIN_UPRIGHTS.size_px
+    about = cv2.morphologyEx(w, cv2.MORPH_OPEN, np.ones((size, size), np.uint8))
+    narrow = w > _NEARER * np.maximum(about, 10 * FARTHEST_1_M)
     return (
-        cv2.morphologyEx(narrow.astype(np.uint8), cv2.MORPH_OPEN, np.ones((tall, 1), np.uint8)) > 0
+        cv2.morphologyEx(narrow.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size, 1), np.uint8)) > 0
     )
 
 

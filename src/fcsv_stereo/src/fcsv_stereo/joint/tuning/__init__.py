@@ -23,12 +23,29 @@ from fcsv_stereo.joint.tuning.checks import (
 )
 from fcsv_stereo.joint.tuning.evidence import EVIDENCE
 from fcsv_stereo.joint.tuning.matching import MATCH, PAIRS, VIEWS
-from fcsv_stereo.joint.tuning.recorded import REFERENCE_FOCAL_PX, Tuned, beyond_reference, table
-from fcsv_stereo.joint.tuning.refine import EXPOSURE, PLANE_FIT, POSE_ALIGNMENT, RESIDUALS, SUBPIXEL
+from fcsv_stereo.joint.tuning.recorded import (
+    REFERENCE_FOCAL_PX,
+    REFERENCE_SIZE_PX,
+    Tuned,
+    beyond_reference,
+    table,
+)
+from fcsv_stereo.joint.tuning.refine import PLANE_FIT, POSE_ALIGNMENT, RESIDUALS, SUBPIXEL
+from fcsv_stereo.joint.tuning.shared import (
+    FARTHEST_1_M,
+    LEAST_INFORMATION,
+    LEAST_LEVELS,
+    LEAST_WEIGHT,
+    NO_BASELINE_M,
+    SCALE_HELD,
+    SHARED,
+    WRONG,
+)
 from fcsv_stereo.joint.tuning.surfaces import CANDIDATES, COLOUR, DATA_COST, SELECT, THIN_UPRIGHTS
 from fcsv_stereo.joint.tuning.volume import CENSUS, FAR_REMATCH, SGM, VOLUME, WINNER
 
 STAGES = (
+    SHARED,
     VIEWS,
     MATCH,
     PAIRS,
@@ -43,7 +60,6 @@ STAGES = (
     THIN_UPRIGHTS,
     SELECT,
     RESIDUALS,
-    EXPOSURE,
     PLANE_FIT,
     SUBPIXEL,
     POSE_ALIGNMENT,
@@ -68,18 +84,25 @@ __all__ = [
     "DATA_COST",
     "ENOUGH_EVIDENCE",
     "EVIDENCE",
-    "EXPOSURE",
+    "FARTHEST_1_M",
     "FAR_REMATCH",
+    "LEAST_INFORMATION",
+    "LEAST_LEVELS",
+    "LEAST_WEIGHT",
     "MATCH",
     "MOVED",
+    "NO_BASELINE_M",
     "PAIRS",
     "PLANE_FIT",
     "POSE_ALIGNMENT",
     "REFERENCE_FOCAL_PX",
+    "REFERENCE_SIZE_PX",
     "RELIABILITY",
     "RESIDUALS",
+    "SCALE_HELD",
     "SELECT",
     "SGM",
+    "SHARED",
     "SIGMA",
     "SKY",
     "STAGES",
@@ -90,6 +113,7 @@ __all__ = [
     "VISIBILITY",
     "VOLUME",
     "WINNER",
+    "WRONG",
     "beyond_reference",
     "table",
 ]

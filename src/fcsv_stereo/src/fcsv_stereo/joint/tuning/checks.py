@@ -28,22 +28,15 @@ class Reliability(Tuned):
     speckle_levels: int = tuned(
         3, "levels of the volume", "neighbours that differ by no more are of one part"
     )
-    tolerance: float = tuned(0.06, "share of inverse depth", "the same surface")
-    known: float = tuned(
-        0.2, "trust, 0 to 1", "of the best pair: what its surroundings may take over", SIX
-    )
     certain: float = tuned(
         0.5, "trust, 0 to 1", "of the best pair: what may hide things behind it", SIX
     )
-    better: float = tuned(
-        0.2, "trust, 0 to 1", "by which what is seen behind must agree better to deny", FOUR_DENIED
-    )
-    about_px: int = tuned(
-        3,
-        "px of this scale",
-        "all of it must agree to confirm a place",
-        FOUR_DENIED,
-        "1: within 0.3 points",
+    tells: float = tuned(
+        0.2,
+        "trust, 0 to 1",
+        "by which a match must agree better: than nothing, so that its surroundings may take it "
+        "over, and than what it is seen behind, to deny that",
+        f"{SIX}; to deny {FOUR_DENIED}",
     )
 
 
@@ -84,9 +77,6 @@ class Sigma(Tuned):
         "errors outside of every other picture",
         FOURTEEN,
     )
-    step_px: int = tuned(
-        9, "px of the full picture", "the surroundings that a step is looked for in", FOURTEEN
-    )
     correlated: float = tuned(
         1.8,
         "times",
@@ -102,12 +92,6 @@ class Sigma(Tuned):
     )
     least_speed: float = tuned(
         0.25, "of the fastest pair's", "speed that counts where only slow pairs agree"
-    )
-    share_px: int = tuned(
-        9, "px of the full picture", "over which the pairs' shares in a depth are made smooth"
-    )
-    cell_px: int = tuned(
-        16, "px of the full picture", "of the poses' part, which is smooth: time alone"
     )
 
 
@@ -125,31 +109,26 @@ class Sky(Tuned):
     growth_px: int = tuned(
         12, "px of the volume's scale", "by which the match makes what is before the sky too large"
     )
-    skyline_grey: float = tuned(12.0, "grey levels", "a step of colour at which it stops")
-    likeness_grey: float = tuned(
-        25.0, "grey levels, mean of colours", "by which it may differ from the sky about it"
+    skyline_grey: float = tuned(
+        12.0,
+        "grey levels",
+        "a step of colour at which it stops",
+        same="10: noise on soft clouds stops it",
     )
-    about_px: int = tuned(25, "px of the volume's scale", "what is about it")
+    about_px: int = tuned(
+        25,
+        "px of the volume's scale, of the full picture for gaps of a skyline",
+        "what is about it",
+    )
     least_share: float = tuned(0.02, "share of that", "sky that there must be about it")
-    steady_px: int = tuned(
-        5, "px of the volume's scale", "medians and closing: noise against wires and twigs"
-    )
     top_rows: int = tuned(2, "rows of the volume's scale", "the sky begins in them")
     bins: int = tuned(16, "of each colour", "precision of colours' shares against noise", TILTED)
-    bin_sigma: float = tuned(1.0, "bins", "by which the shares are smoothed", TILTED)
-    mostly: float = tuned(
-        0.5, "share of a colour's pixels", "a colour that is sky more often is", TILTED
-    )
     beside_px: int = tuned(
         8, "px of the full picture", "from the sky: gaps of a skyline", LIT, SKYLINE_SAME
-    )
-    beside_about_px: int = tuned(
-        25, "px of the full picture", "whose colours tell such gaps", LIT, SKYLINE_SAME
     )
     far_px: float = tuned(
         12.0, "px of the full picture, fastest pair", "nearer skylines have none: fog", LIT
     )
-    least_pairs: int = tuned(2, "pairs", "that must see what is said to be clouds that moved")
     known_share: float = tuned(
         0.2, "share of what is joined by soft edges", "sky that is known otherwise, at least"
     )
@@ -173,8 +152,6 @@ class Moved(Tuned):
     track_px: int = tuned(
         15, "px of the full picture", "window of the tracking (Lucas and Kanade)", CAR
     )
-    track_levels: int = tuned(3, "halvings", "and how far it looks", CAR)
-    ransac_rounds: int = tuned(100, "rounds", "time against certainty", CAR)
     off_px: float = tuned(
         0.35,
         "px of the full picture",
@@ -183,21 +160,18 @@ class Moved(Tuned):
     )
     unknown_1_m: float = tuned(0.05, "1/m", "uncertainty of inverse depth where there is none", CAR)
     noise: float = tuned(2.0, "times the median difference", "what noise explains", CAR)
-    changed: float = tuned(
-        3.0, "times what noise and alignment explain", "something moved: misses against alarms", CAR
-    )
-    window_px: int = tuned(5, "px of the full picture", "over which differences are averaged", CAR)
     least_share: float = tuned(1e-4, "share of the picture", "smaller spots are noise", CAR)
     least_spot_px: int = tuned(9, "px of the full picture", "and never fewer", CAR)
     margin_px: int = tuned(3, "px of the full picture", "about a spot", CAR)
-    samples: int = tuned(5000, "px", "that tell the exposure: time alone")
-    least_samples: int = tuned(100, "px", "with fewer it is taken as the same")
     exposure_rounds: int = tuned(3, "rounds", "in which what is unusual is left out")
-    unusual: float = tuned(2.0, "medians", "what is unusual, one grey level besides")
     apart_s: float = tuned(
         2.0, "s", "a picture nearer in time does not tell that something stands: a walker goes 3 m"
     )
-    said_share: float = tuned(5e-4, "share of the picture left out", "is worth a warning")
+
+    @property
+    def warning_share(self) -> float:
+        """Share of the picture left out that is worth a warning: five of the smallest spots."""
+        return 5.0 * self.least_share
 
 
 @dataclass(frozen=True)
@@ -210,14 +184,9 @@ class AxisConflict(Tuned):
     pixels: float = tuned(
         8e4, "px", "that are looked at: places that are denied are larger than pixels", CAR
     )
-    window_px: int = tuned(5, "of those px", "surroundings that a place is denied with", CAR)
     share: float = tuned(0.7, "share of them", "that must be denied", CAR)
     apart_s: float = tuned(
         0.5, "s", "a picture no further from a reference picture is of its moment"
-    )
-    margin_px: int = tuned(9, "of those px", "about what is denied: width of the window", CAR)
-    least_share: float = tuned(
-        3e-4, "share of the picture", "smaller spots are edges and noise", CAR
     )
 
 
@@ -234,8 +203,6 @@ class EnoughEvidence(Tuned):
 class Visibility(Tuned):
     """``checks.visibility``."""
 
-    far_m: float = tuned(1e5, "m", "what has no depth")
-    hidden: float = tuned(1.05, "times nearer", "what lies before a place hides it")
     border_px: int = tuned(2, "px of the full picture", "of the other picture that does not count")
 
 

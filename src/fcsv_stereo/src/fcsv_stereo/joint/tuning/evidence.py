@@ -16,24 +16,13 @@ class Evidence(Tuned):
     scale: float = tuned(
         0.5, "of the full size", "at which other depths are tried: time against small things"
     )
-    least_width_px: int = tuned(320, "px of that scale", "or the full size, where that is smaller")
     probes_px: Tuple[float, ...] = tuned(
         (2.5, 5.0, 12.0), "px of that scale, either way", "other depths that are tried"
     )
-    wrong: float = tuned(
-        0.1, "share of the depth", "larger errors are what the doubt is the probability of"
-    )
-    noise_grey: float = tuned(0.75, "grey levels", "differences below it tell nothing")
     stands_out: float = tuned(1.2, "times worse at other depths", "from it on a match stands out")
     plain_grey: float = tuned(
         2.5, "grey levels, mean difference from what is about it", "below it there is no texture"
     )
-    near_px: int = tuned(7, "px of the full picture", "about it")
-    far_px: int = tuned(21, "px of the full picture", "further about it")
-    patch_px: int = tuned(9, "px of the full picture", "about it, of trust")
-    step_px: int = tuned(5, "px of the full picture", "steps of depth about it")
-    far_step_px: int = tuned(15, "px of the full picture", "steps of depth further about it")
-    least_step: float = tuned(0.003, "share of inverse depth", "steps below it are none")
     nothing: float = tuned(
         0.3, "times worse", "added to how far a match stands out, so that none has a logarithm"
     )
@@ -45,9 +34,6 @@ class Evidence(Tuned):
     )
     sure_share: float = tuned(
         0.0125, "share, by the doubts", "of what is said to agree may be wrong", LIT
-    )
-    sure_steps: int = tuned(
-        600, "steps up to sure_doubt", "in which that share is summed: time alone"
     )
     most_doubt: float = tuned(
         0.15, "probability of an error above a tenth", "from it on nothing is answered"

@@ -25,27 +25,12 @@ class ViewTuning(Tuned):
     fast_share: float = tuned(
         0.9, "share of grid points", "how many may move by more than a level: time against depth"
     )
-    grid: tuple = tuned((17, 13), "points across and down", "precision of the levels against time")
-    samples: int = tuned(192, "inverse depths", "precision of the levels against time")
-    top_samples: int = tuned(128, "inverse depths", "precision of the nearest depth against time")
 
 
 @dataclass(frozen=True)
 class Match(Tuned):
     """``match`` and ``pictures``: sizes, steps, and which pictures are matched at all."""
 
-    least_side_px: int = tuned(
-        16, "px of the full picture", "smaller ones are left out: windows of 9 px have no room"
-    )
-    least_baseline_m: float = tuned(1e-6, "m", "nearer ones are copies of the reference")
-    overlap_scale: float = tuned(
-        0.25, "share of the full size", "precision of the overlap against time"
-    )
-    overlap_step_px: float = tuned(1.0, "px at that size", "precision of the overlap against time")
-    overlap_levels: int = tuned(64, "levels", "precision of the overlap against time")
-    least_levels: int = tuned(
-        3, "levels of the overlap", "a picture with fewer has nothing to match"
-    )
     largest_volume: float = tuned(
         0.6,
         "share of the full size",
@@ -63,15 +48,7 @@ class Match(Tuned):
         SIX,
         "1: 0.6 points fewer within 10 %; 3, or twice at full size: 0.1 more at most",
     )
-    precise_scale: float = tuned(
-        0.5,
-        "share of the full size",
-        "from it on surfaces are chosen among without a sub-pixel step before: time",
-    )
     pose_steps: int = tuned(4, "Gauss-Newton steps", "time against digits of the poses")
-    settled_pixels: int = tuned(
-        100000, "px of the full picture", "a larger one that is only stretched does not settle"
-    )
 
 
 @dataclass(frozen=True)
@@ -84,7 +61,6 @@ class Pairs(Tuned):
     least_share: float = tuned(
         0.6, "share of a pair's usual agreement", "below it the pair stops being useful"
     )
-    least_pixels: int = tuned(200, "px of the full picture", "a band with fewer tells nothing")
     usual_percentile: float = tuned(
         75.0, "percentile of the bands' agreement", "what is usual of a pair"
     )

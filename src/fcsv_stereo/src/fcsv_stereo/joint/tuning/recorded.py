@@ -4,9 +4,10 @@
 from dataclasses import dataclass, field, fields
 from typing import Any, Iterator
 
-#: Focal length (px) of the bench's pictures: 640x480, 56 degrees wide, noise of the simulated
+#: Focal length and size (px) of the bench's pictures: 640x480, 56 degrees wide, noise of the simulated
 #: cameras.
 REFERENCE_FOCAL_PX = 602.0
+REFERENCE_SIZE_PX = 640, 480
 
 #: Sets of scenes: kind of world and seed; H are baselines of 2, 4, 6 and 8 m, V of 5, 7 and 10 m.
 SEED_3_AND_PLAIN_1 = "seed 3 of each world, plain 1 (H)"

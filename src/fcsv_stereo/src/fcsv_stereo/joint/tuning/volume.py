@@ -10,24 +10,6 @@ from fcsv_stereo.joint.tuning.recorded import FIVE, SEED_3_AND_PLAIN_1, SIX, Tun
 class Census(Tuned):
     """``volume.census``."""
 
-    radius_px: int = tuned(4, "px of this scale", "windows of 9x9: weak texture against edges")
-    steps: int = tuned(
-        32,
-        "parts of a grey level",
-        "precision in 16 bits against room for an exposure that is doubled",
-    )
-    noise_grey: float = tuned(
-        0.75,
-        "grey levels",
-        "a smaller step is no texture: less lets noise in, more loses pale ground",
-        SEED_3_AND_PLAIN_1,
-        "0.5 and less are worse on some world; 1.5: 4 points fewer on plains",
-    )
-    cut_bits: float = tuned(
-        16.0,
-        "bits of 32, after weighing",
-        "the most that a depth costs; half of them differ between unrelated places",
-    )
     unseen_bits: float = tuned(
         9.0,
         "bits of 32",
@@ -41,24 +23,12 @@ class Census(Tuned):
         "draws such pixels to depths that few pairs see",
         FIVE,
     )
-    flip_grey: float = tuned(
-        1.5,
-        "grey levels",
-        "by which a step differs from the noise that make its bit e times as sure",
-        FIVE,
-    )
 
 
 @dataclass(frozen=True)
 class Volume(Tuned):
     """``volume.cost_volume`` and ``volume.pair_costs``."""
 
-    units_per_bit: float = tuned(
-        10.0, "volume units", "precision of a cost against its room of 8 bits"
-    )
-    quarters: float = tuned(
-        4.0, "parts of a bit", "precision of a pair's cost against its room of 8 bits"
-    )
     level_price: float = tuned(
         8.0,
         "volume units",
@@ -71,21 +41,21 @@ class Volume(Tuned):
         "px per row of this scale, fastest pair",
         "a level plane that shears less is not tried: time",
     )
-    no_sky: int = tuned(
-        5,
-        "volume units",
-        "what a depth costs above the horizon: without it grey skies have depths",
-        "the tests' boards under a grey sky",
-        "0: 13 % of their answers wrong; as it is 0.1 %",
-    )
-    infinite_levels: int = tuned(2, "levels", "as good as infinite: they do not cost it")
-    band_rows: int = tuned(40, "rows of this scale", "time alone")
-    block_levels: int = tuned(32, "levels", "time alone")
-    block_columns: int = tuned(32, "px of this scale", "time, against the drift within a block")
     most_drift_px: float = tuned(
         0.5,
         "px of the other picture",
         "beyond the two pixels that one is sampled from: time against precision",
+    )
+    unlikely: int = tuned(
+        5,
+        "volume units",
+        "price of what is unlikely where pictures say nothing: a depth above the horizon, and to go "
+        "on level",
+        f"{SEED_3_AND_PLAIN_1}, and the tests' boards under a grey sky",
+        "0: 13 % of the boards' answers are wrong; as it is 0.1 %",
+    )
+    alike_levels: int = tuned(
+        2, "levels", "no further apart two depths are as good as one, and as infinite"
     )
 
 
@@ -106,27 +76,6 @@ class Sgm(Tuned):
         "price of a larger step: more closes gaps, less scatters",
         FIVE,
         "250 to 500: within 0.3 points",
-    )
-    most_price: int = tuned(
-        600, "volume units", "room of 16 bits for path costs; no larger price is allowed"
-    )
-    far_cost: int = tuned(
-        1000,
-        "volume units",
-        "above every path cost: those of a cell (255) and of the largest price",
-    )
-    level_price: int = tuned(
-        5,
-        "volume units",
-        "price of going on level: where nothing is known, an upright surface is likelier",
-        SEED_3_AND_PLAIN_1,
-    )
-    edge_per_grey: float = tuned(
-        0.1, "per grey level", "by which a step of grey lowers p2: one of 10 grey levels halves it"
-    )
-    least_p2: float = tuned(1.5, "times p1", "p2 on the largest step of grey")
-    parts_bits: int = tuned(
-        6, "bits of a level", "precision of a level surface's drift against room of 16 bits"
     )
 
 
@@ -149,46 +98,28 @@ class Winner(Tuned):
         FIVE,
         "0.07 and 0.12: 0.1 points more on streets, 1.5 fewer on plains",
     )
-    beside_levels: int = tuned(2, "levels", "what is no further from the best is not the next best")
-    confident_cost: int = tuned(
-        60, "volume units", "a match of the rough volume that bounds the nearest depth"
-    )
-    texture: float = tuned(
-        9.0, "grey levels squared, variance in 5x5", "and the texture that it needs"
-    )
     least_bits: int = tuned(5, "bits of 32", "and the bits that are set in its census code")
-    steady: float = tuned(
-        0.05, "share of inverse depth", "and how near it must be to the median about it"
-    )
-    steady_px: int = tuned(
-        5, "px of the rough scale", "size of that median and of the texture's window"
-    )
-    least_good: int = tuned(
-        50, "px of the rough scale", "fewer bound nothing: every depth is tried"
-    )
-    least_levels: int = tuned(8, "levels of the rough volume", "never fewer are tried")
     nearest_percentile: float = tuned(
         99.8, "percentile of inverse depth", "what of the picture bounds every row"
     )
     nearest_picture: float = tuned(
-        1.3, "times that inverse depth", "room for what is nearer and matched badly: time"
+        1.3,
+        "times that inverse depth",
+        "room for what is nearer and matched badly: time",
+        same="1.5: with other changes 5 % more time",
     )
-    nearest_row: float = tuned(1.5, "times the largest of a row", "the same for each row: time")
     reach: float = tuned(
         0.08,
         "share of the picture's height",
         "things stand higher than where they are matched well",
     )
-    clear_fall: float = tuned(
-        0.05, "of a ray, per metre of depth", "rows whose rays fall more tell the ground's height"
-    )
     low_percentile: float = tuned(
         25.0, "percentile of a row's inverse depths", "what lies low in it"
     )
-    above_ground: float = tuned(
+    room: float = tuned(
         1.5,
-        "times the ground's inverse height",
-        "level planes are tried up to half as high again: time",
+        "times what was found",
+        "room for what is nearer than what was matched well in a row, and above the ground: time",
     )
 
 
@@ -210,15 +141,6 @@ class FarRematch(Tuned):
     step_px: float = tuned(
         0.5, "px of the full picture, fastest pair", "depth of far things against time", SIX
     )
-    overlap_rows: int = tuned(
-        16, "rows of the full picture", "of strips, for windows and paths: time alone"
-    )
-    margin: float = tuned(
-        0.9,
-        "share of the nearest inverse depth",
-        "a match above it does not count: the volume's end draws what is beyond it",
-        SIX,
-    )
     same: float = tuned(
         0.25,
         "share of inverse depth",
@@ -228,14 +150,6 @@ class FarRematch(Tuned):
     )
     least_share: float = tuned(
         0.01, "share of a row", "a row with less that is far is left as it is: time alone"
-    )
-    highest_1_m: float = tuned(
-        0.0, "1/m", "inverse height of level planes: 0, windows in them change nothing here", SIX
-    )
-    finer: float = tuned(
-        0.4,
-        "of a level of the smaller volume",
-        "what the match leaves uncertain: the sub-pixel step looks less far",
     )
 
     @property

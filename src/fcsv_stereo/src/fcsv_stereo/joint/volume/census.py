@@ -4,19 +4,23 @@
 import numpy as np
 from numba import njit
 
-from fcsv_stereo.joint.tuning import CENSUS
+from fcsv_stereo.joint.tuning import CENSUS, SHARED
 from fcsv_stereo.joint.volume.intrinsics import or_if_above
 
-RADIUS = CENSUS.radius_px
 #: (dy, dx) that the centre is compared with: 5x5, and eight further out.
 OFFSETS = np.array(
     [(y, x) for y in range(-2, 3) for x in range(-2, 3) if (y, x) != (0, 0)]
     + [(-4, 0), (4, 0), (0, -4), (0, 4), (-3, -3), (-3, 3), (3, -3), (3, 3)],
     np.int64,
 )
-CUT = CENSUS.cut_bits
-STEPS = CENSUS.steps
-_LEAST_STEP = np.int16(CENSUS.noise_grey * CENSUS.steps)
+RADIUS = int(np.abs(OFFSETS).max())
+#: Parts of a grey level: 16 bits hold a picture whose exposure is doubled.
+STEPS = 32
+MOST_GAIN = 2.0
+#: The most that a depth costs: half of the bits differ between unrelated places.
+CUT = len(OFFSETS) / 2
+_LEAST_STEP = np.int16(SHARED.noise_grey * STEPS)
+_FLIP_GREY = 2.0 * SHARED.noise_grey  # both pixels of a step have noise
 
 
 def census(image: np.ndarray) -> np.ndarray:
@@ -39,7 +43,7 @@ def unseen_bits(image: np.ndarray) -> np.ndarray:
     for dy, dx in OFFSETS + RADIUS:
         step = padded[dy : dy + height, dx : dx + width] - image
         match += 0.5 * np.exp(
-            np.abs(step - np.float32(CENSUS.noise_grey)) / np.float32(-CENSUS.flip_grey)
+            np.abs(step - np.float32(SHARED.noise_grey)) / np.float32(-_FLIP_GREY)
         )
     beyond = np.float32(CENSUS.beyond_match) * (np.float32(CUT) - match)
     return np.maximum(np.float32(CENSUS.unseen_bits), match + beyond)

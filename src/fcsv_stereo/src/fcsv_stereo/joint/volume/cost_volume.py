@@ -20,10 +20,10 @@ from fcsv_stereo.joint.views import Views
 from fcsv_stereo.joint.volume.census import CUT, OFFSETS, census, unseen_bits
 from fcsv_stereo.joint.volume.pair_costs import QUARTERS, rank, scratch, weigh
 
-_SCALE = VOLUME.units_per_bit
+_SCALE = 10  # volume units of a bit: 16 bits of 32 have room in 8
 _LEVEL_PRICE = VOLUME.level_price
 _LEAST_FALL = VIEWS.least_fall
-_BLOCK = VOLUME.block_levels
+_BLOCK, _BAND = 32, 40  # levels, rows: time alone
 
 
 def cost_volume(
@@ -64,7 +64,7 @@ def cost_volume(
         )
         counts[y0:y1] = count
         for y in np.flatnonzero(found.falls[y0:y1] <= 0.0) + y0:
-            volume[y, :, VOLUME.infinite_levels : count] += np.uint8(VOLUME.no_sky)
+            volume[y, :, VOLUME.alike_levels : count] += np.uint8(VOLUME.unlikely)
         _sweep_level(
             codes,
             found.others,
@@ -81,7 +81,7 @@ def cost_volume(
             volume,
         )
 
-    for_rows(pool, height, run, VOLUME.band_rows)
+    for_rows(pool, height, run, _BAND)
     return volume, counts
 
 

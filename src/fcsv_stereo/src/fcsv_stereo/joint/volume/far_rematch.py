@@ -10,11 +10,11 @@ from numba import njit
 
 from fcsv_stereo.joint.bands import for_rows
 from fcsv_stereo.joint.projecting import place, ray
-from fcsv_stereo.joint.tuning import FAR_REMATCH
+from fcsv_stereo.joint.tuning import FAR_REMATCH, SHARED
 from fcsv_stereo.joint.views import Views
 from fcsv_stereo.joint.volume.winner import match_volume, well_matched
 
-_OVERLAP = FAR_REMATCH.overlap_rows
+_OVERLAP = 16  # rows of strips, for windows and paths
 
 
 def sharpened(
@@ -41,7 +41,7 @@ def sharpened(
         match = match_volume(
             found.rows(around),
             nearest[around],
-            FAR_REMATCH.highest_1_m,
+            0.0,  # no level planes: they change nothing here
             FAR_REMATCH.levels,
             pool,
             step_px,
@@ -49,7 +49,8 @@ def sharpened(
         inner = slice(rows.start - around.start, rows.stop - around.start)
         again, matched = match.w[inner], well_matched(match)[inner]
         alike = np.abs(again - w[rows]) < FAR_REMATCH.same * w[rows]
-        good[rows] = alike & matched & far[rows] & (again < FAR_REMATCH.margin * limit)
+        # above the limit's margin a match may be the volume's end, which draws what is nearer
+        good[rows] = alike & matched & far[rows] & (again < (1.0 - SHARED.step) * limit)
         out[rows] = np.where(good[rows], again, w[rows])
     return out, good
 

@@ -14,8 +14,8 @@ from fcsv_stereo.joint.tuning import VOLUME
 from fcsv_stereo.joint.volume.census import RADIUS, STEPS, census_row, whole_code
 from fcsv_stereo.joint.volume.intrinsics import quarters_that_differ, whole_16
 
-QUARTERS = VOLUME.quarters
-_BLOCK = VOLUME.block_columns
+QUARTERS = 4  # of a bit: 32 of them have room in 8
+_BLOCK = 32  # columns: time alone
 _MOST_DRIFT = np.float32(2.0 * VOLUME.most_drift_px)  # from one end of a block to the other
 
 

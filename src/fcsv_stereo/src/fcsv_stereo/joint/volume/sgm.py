@@ -14,12 +14,14 @@ import numpy as np
 from numba import njit
 
 from fcsv_stereo.joint.bands import for_rows
-from fcsv_stereo.joint.tuning import SGM
+from fcsv_stereo.joint.tuning import SHARED, VOLUME
 
-_FAR = np.int16(SGM.far_cost)
-_LEVEL = np.int16(SGM.level_price)
-_PER_GREY, _LEAST_P2 = np.float32(SGM.edge_per_grey), np.float32(SGM.least_p2)
-_PARTS = SGM.parts_bits
+#: Largest price (volume units) that path costs have room for.
+MOST_PRICE = 600
+_FAR = np.int16(1000)  # above every path cost: a cell's (255) and the largest price
+_LEVEL = np.int16(VOLUME.unlikely)
+_PER_GREY = np.float32(1.0 / SHARED.surface_grey)
+_PARTS = 6  # bits of a level's parts, in 16
 _HALF = np.int16(1 << (_PARTS - 1))
 # step whose product with a part has room in sixteen bits
 _DEEPEST = np.int16(1 - (1 << (15 - _PARTS)))
@@ -36,14 +38,12 @@ def aggregate(
     """Sums of the path costs (HxWxD uint16) of a volume (HxWxD uint8) over a float32 picture.
 
     Row y has ``counts[y]`` levels; what is beyond is not looked at. ``prices``: of a step of one
-    level, and of any larger one (at most ``SGM.most_price``), lowered where the picture has an
+    level, and of any larger one (at most ``MOST_PRICE``), lowered where the picture has an
     edge. ``drift`` (2xHxD) is by how many levels a level surface differs in the row above, and in
     the row below.
     """
-    if prices[1] > SGM.most_price:
-        raise ValueError(
-            f"a jump's price is {prices[1]}; path costs have room for {SGM.most_price}"
-        )
+    if prices[1] > MOST_PRICE:
+        raise ValueError(f"a jump's price is {prices[1]}; path costs have room for {MOST_PRICE}")
     height, _, _ = volume.shape
     # not zeros: two threads that first touch pages of those wait for each other longer than all
     # else takes
@@ -135,7 +135,7 @@ def _nothing(values, y, x, count):
 @njit(cache=True, nogil=True)
 def _price(p1, p2, step):
     """P2 on a step of grey: a jump of depth is likely there."""
-    price = max(p2 / (np.float32(1.0) + abs(step) * _PER_GREY), _LEAST_P2 * p1)
+    price = max(p2 / (np.float32(1.0) + abs(step) * _PER_GREY), np.float32(p1))
     return np.int16(price + np.float32(0.5))
 
 

@@ -9,13 +9,14 @@ import cv2
 import numpy as np
 from numba import njit
 
-from fcsv_stereo.joint.tuning import SGM, VIEWS, WINNER
+from fcsv_stereo.joint.tuning import LEAST_LEVELS, SGM, SHARED, VIEWS, VOLUME, WINNER
 from fcsv_stereo.joint.views import Views, inverse_depths
 from fcsv_stereo.joint.volume.census import census
 from fcsv_stereo.joint.volume.cost_volume import cost_volume
 from fcsv_stereo.joint.volume.sgm import aggregate
 
-_BESIDE = WINNER.beside_levels
+_BESIDE = VOLUME.alike_levels
+_TEXTURE = (4 * SHARED.noise_grey) ** 2  # grey levels squared: far above noise
 
 
 @dataclass(frozen=True)
@@ -57,11 +58,12 @@ def highest_level(found: VolumeMatch, small: Views) -> float:
     half as high again as what lies lowest in a smaller picture's rows, inf where no row is below
     the horizon."""
     falls = small.falls
-    below = falls > WINNER.clear_fall
+    # well below the horizon: the rows that tell the ground's height
+    below = falls > 5 * VIEWS.least_fall
     if not below.any():
         return np.inf
     low = np.percentile(found.w[below], WINNER.low_percentile, axis=1)
-    return float(WINNER.above_ground * np.median(low / falls[below]))
+    return float(WINNER.room * np.median(low / falls[below]))
 
 
 def level_drift(found: Views, levels: np.ndarray) -> np.ndarray:
@@ -85,22 +87,24 @@ def level_drift(found: Views, levels: np.ndarray) -> np.ndarray:
 def nearest_inverse_depth(found: VolumeMatch, grey: np.ndarray, height: int) -> np.ndarray:
     """(height,) upper bounds of the inverse depth in the rows of the picture, from what has texture
     and was matched well in a smaller one."""
-    window = (WINNER.steady_px,) * 2
-    steady = np.abs(found.w - cv2.medianBlur(found.w, WINNER.steady_px)) <= WINNER.steady * found.w
+    window = (SHARED.window_px,) * 2
+    steady = (
+        np.abs(found.w - cv2.medianBlur(found.w, SHARED.window_px)) <= SHARED.one_surface * found.w
+    )
     variance = cv2.blur(np.square(grey), window) - np.square(cv2.blur(grey, window))
     brighter = np.unpackbits(census(grey).view(np.uint8).reshape(*grey.shape, 4), axis=2).sum(
         axis=2
     )
-    tells = (variance > WINNER.texture) & (brighter >= WINNER.least_bits)
-    good = steady & (found.cost <= WINNER.confident_cost) & tells
-    if good.sum() < WINNER.least_good:
+    tells = (variance > _TEXTURE) & (brighter >= WINNER.least_bits)
+    good = steady & (found.cost <= WINNER.most_cost // 2) & tells
+    if good.sum() < SHARED.least_pixels:
         return np.full(height, found.levels[-1])
-    least = found.levels[min(WINNER.least_levels, len(found.levels) - 1)]
+    least = found.levels[min(LEAST_LEVELS, len(found.levels) - 1)]
     nearest = np.percentile(found.w[good], WINNER.nearest_percentile)
     whole = float(np.clip(WINNER.nearest_picture * nearest, least, found.levels[-1]))
-    rows = np.clip(
-        WINNER.nearest_row * np.where(good, found.w, 0.0).max(axis=1), least, whole
-    ).astype(np.float32)
+    rows = np.clip(WINNER.room * np.where(good, found.w, 0.0).max(axis=1), least, whole).astype(
+        np.float32
+    )
     reach = int(WINNER.reach * len(rows))  # things stand higher than where they are matched well
     rows = cv2.dilate(rows[:, None], np.ones((2 * reach + 1, 1), np.uint8))[:, 0]
     return np.interp(np.linspace(0.0, len(rows) - 1.0, height), np.arange(len(rows)), rows)
