@@ -279,6 +279,11 @@ def content_of(out: Path) -> Dict[str, str]:
     return {n: hashlib.sha256((out / n).read_bytes()).hexdigest() for n in FILES}
 
 
+def written(folder: Path) -> Dict[Path, int]:
+    """When (ns) each note of a map, or edge, was written; they are written when all else is."""
+    return {p: p.stat().st_mtime_ns for p in folder.glob("*.json")}
+
+
 def scaling(folders: List[Path], out: Path, kills: int, seed: int) -> Dict[str, str]:
     """Seconds without and with one and two processes, whether all write the same, and what a run
     that was killed at random moments writes."""
@@ -291,19 +296,23 @@ def scaling(folders: List[Path], out: Path, kills: int, seed: int) -> Dict[str, 
             raise SystemExit(f"--workers {workers} ended with an error")
         took[workers] = time.perf_counter() - started
         contents[workers] = content_of(out / workers)
-    made, lost = [], 0
+    made, lost, kept = [], 0, {}
     for _ in range(kills):
         process = survey_process(folders, out / "killed", "--workers", "2")
         try:
-            process.wait(float(random.uniform(0.1, 0.6)) * took["2"])
+            process.wait(float(random.uniform(0.1, 0.7)) * took["2"])
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
             lost += 1
-        made.append(len(list((out / "killed/views").glob("*.json"))))
+        maps, edges = written(out / "killed/views"), written(out / "killed/edges")
+        made.append(f"{len(maps)}+{len(edges)}")
+        kept = {**maps, **edges, **kept}  # by the first time that it was there
     if survey_process(folders, out / "killed", "--workers", "2").wait() != 0:
         raise SystemExit("what was killed did not go on")
     contents["killed"] = content_of(out / "killed")
+    now = {**written(out / "killed/views"), **written(out / "killed/edges")}
+    again = [path.name for path, stamp in kept.items() if now[path] != stamp]
     differ = {
         name: [n for n in FILES if contents["0"][n] != of[n]] or "nothing"
         for name, of in contents.items()
@@ -314,7 +323,8 @@ def scaling(folders: List[Path], out: Path, kills: int, seed: int) -> Dict[str, 
         ),
         "two processes against one": f"{took['1'] / took['2']:.2f}",
         "differs from the plain loop: one, two processes": f"{differ['1']}, {differ['2']}",
-        f"killed {lost} times, maps that were there then": ", ".join(map(str, made)),
+        f"killed {lost} times, maps + edges that were there then": ", ".join(made),
+        "of these computed again": ", ".join(again) or "none",
         "differs from the plain loop: after the kills": str(differ["killed"]),
     }
 
