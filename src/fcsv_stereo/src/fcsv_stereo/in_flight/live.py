@@ -104,6 +104,11 @@ class LiveSession:
                 if window.holds(picture.stamp_s):
                     self._keep(window, picture)
 
+    @property
+    def view(self) -> str:
+        """From which station and heading the windows are; empty: from home, or there are none."""
+        return next((w.view for w in self.windows.values()), "")
+
     def complete(self, index: int) -> bool:
         """Whether both vehicles' pictures of a window have come."""
         return len(self._kept.get(index, {})) == 2
