@@ -136,10 +136,10 @@ def test_progress_of_maps_in_words():
     progress = MapsProgress(["a", "b"], lambda *words: said.append(words), 0.7, lambda: now[0])
     progress.begin(True)
     now[0] = 10.0
-    progress.told(1, "matching roughly", 0.5)
-    progress.told(0, "refining poses", 0.0)
+    progress.advance(1, "matching roughly", 0.5)
+    progress.advance(0, "refining poses", 0.0)
     progress.ended(1)
-    progress.told(1, "fusing", 0.98)  # late
+    progress.advance(1, "fusing", 0.98)  # late
     progress.ended(0)
     assert [words for words, _ in said] == [
         "0 of 2 maps, starting workers",

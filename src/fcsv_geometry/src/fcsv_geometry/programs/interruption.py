@@ -69,7 +69,7 @@ def ended_soon(
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    watch = _Watch(limit_s, say, give_up)
+    watch = _InterruptWatch(limit_s, say, give_up)
     before = signal.set_wakeup_fd(watch.fileno(), warn_on_full_buffer=False)
     try:
         yield
@@ -87,7 +87,7 @@ def ended_soon(
         watch.close()
 
 
-class _Watch:
+class _InterruptWatch:
     """A thread that waits for numbers of signals, as Python's own handler writes them."""
 
     def __init__(self, limit_s: float, say: Callable[[], None], give_up: Callable[[], None]):

@@ -106,7 +106,7 @@ class LiveSession:
 
     @property
     def view(self) -> str:
-        """From which station and heading the windows are; empty: from home, or there are none."""
+        """Station and heading of the windows, in words; empty: home, or there are no windows."""
         return next((w.view for w in self.windows.values()), "")
 
     def complete(self, index: int) -> bool:

@@ -36,7 +36,7 @@ class MapsProgress:
         starting = ", starting workers" if by_workers else ""
         self._begin(f"0 of {len(self._names)} maps{starting}", 0.0)
 
-    def told(self, number: int, step: str, share: float) -> None:
+    def advance(self, number: int, step: str, share: float) -> None:
         """Hears that a map begins a ``step``, with ``share`` of it (0 to 1) done."""
         with self._lock:
             if share >= self._shares[number] and self._shares[number] < 1.0:

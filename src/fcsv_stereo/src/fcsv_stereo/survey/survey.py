@@ -229,7 +229,7 @@ def _mapped(
         tasks = [_map_task(s, keys[s.name], out, options.on_one_core()) for s in new]
     progress = MapsProgress([s.name for s in new], begin, _MAPPED)
     progress.begin(crew.elsewhere(tasks))
-    for outcome in crew.run(tasks, progress.told):
+    for outcome in crew.run(tasks, progress.advance):
         name = new[outcome.number].name
         if outcome.error:
             errors[name] = outcome.error
