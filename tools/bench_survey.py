@@ -4,7 +4,8 @@ docs/lab/survey.md.
 
 python tools/bench_survey.py [--world village] [--seed 1] [--views 6] [--step-deg 15] [--radius-m
 90] [--control 5] [--kills 0] [--small]
-[-o out/site] A site that was drawn in OUT/drawn is taken as it is.
+[--workers 2] [-o out/site] Views that were drawn in OUT/drawn are taken as they are; what was
+stopped goes on.
 """
 
 import argparse
@@ -31,6 +32,7 @@ from fcsv_stereo.survey.earth import EarthFrame
 from fcsv_stereo.survey.georeference import WorldOptions
 from fcsv_stereo.survey.survey import FILES, run
 from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.work import WorkOptions
 
 _HEAD = ("figure", "as flown", "joined")
 _ONE_SURFACE = 1.03  # ratio of the depths of four pixels
@@ -279,6 +281,11 @@ def content_of(out: Path) -> Dict[str, str]:
     return {n: hashlib.sha256((out / n).read_bytes()).hexdigest() for n in FILES}
 
 
+def written(folder: Path) -> Dict[Path, int]:
+    """When (ns) each note of a map, or edge, was written; they are written when all else is."""
+    return {p: p.stat().st_mtime_ns for p in folder.glob("*.json")}
+
+
 def scaling(folders: List[Path], out: Path, kills: int, seed: int) -> Dict[str, str]:
     """Seconds without and with one and two processes, whether all write the same, and what a run
     that was killed at random moments writes."""
@@ -291,19 +298,23 @@ def scaling(folders: List[Path], out: Path, kills: int, seed: int) -> Dict[str, 
             raise SystemExit(f"--workers {workers} ended with an error")
         took[workers] = time.perf_counter() - started
         contents[workers] = content_of(out / workers)
-    made, lost = [], 0
+    made, lost, kept = [], 0, {}
     for _ in range(kills):
         process = survey_process(folders, out / "killed", "--workers", "2")
         try:
-            process.wait(float(random.uniform(0.1, 0.6)) * took["2"])
+            process.wait(float(random.uniform(0.1, 0.7)) * took["2"])
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
             lost += 1
-        made.append(len(list((out / "killed/views").glob("*.json"))))
+        maps, edges = written(out / "killed/views"), written(out / "killed/edges")
+        made.append(f"{len(maps)}+{len(edges)}")
+        kept = {**maps, **edges, **kept}  # by the first time that it was there
     if survey_process(folders, out / "killed", "--workers", "2").wait() != 0:
         raise SystemExit("what was killed did not go on")
     contents["killed"] = content_of(out / "killed")
+    now = {**written(out / "killed/views"), **written(out / "killed/edges")}
+    again = [path.name for path, stamp in kept.items() if now[path] != stamp]
     differ = {
         name: [n for n in FILES if contents["0"][n] != of[n]] or "nothing"
         for name, of in contents.items()
@@ -314,7 +325,8 @@ def scaling(folders: List[Path], out: Path, kills: int, seed: int) -> Dict[str, 
         ),
         "two processes against one": f"{took['1'] / took['2']:.2f}",
         "differs from the plain loop: one, two processes": f"{differ['1']}, {differ['2']}",
-        f"killed {lost} times, maps that were there then": ", ".join(map(str, made)),
+        f"killed {lost} times, maps + edges that were there then": ", ".join(made),
+        "of these computed again": ", ".join(again) or "none",
         "differs from the plain loop: after the kills": str(differ["killed"]),
     }
 
@@ -342,10 +354,11 @@ def main(argv=None) -> int:
     parser.add_argument(
         "--kills", type=int, default=0, help="times processes, too, and kills a run so often"
     )
+    parser.add_argument("--workers", type=int, help="processes (one a core)")
     parser.add_argument("-o", "--out", type=Path, default=Path("out/bench_survey"))
     args = parser.parse_args(argv)
     drawn = args.out / "drawn"
-    if not drawn.is_dir():
+    if len(list(drawn.glob(f"view*/{TRUTH}"))) < args.views:
         town = Town.generate(args.seed, args.world)
         height_m = float(town.plan.height(args.middle_m, 0.0)) + args.height_m
         step_rad = np.radians(args.step_deg)
@@ -361,8 +374,10 @@ def main(argv=None) -> int:
         for name, value in scaling(folders, args.out, args.kills, args.seed).items():
             print(f"| {name} | {value} |")
         return 0
-    started = time.perf_counter()
-    site = run(folders, args.out / "site")
+    started, work = time.perf_counter(), WorkOptions(args.workers)
+    site = run(
+        folders, args.out / "site", begin=lambda *said: print(*said, file=sys.stderr), work=work
+    )
     took_s = time.perf_counter() - started
     truth = {f.name: TrueView.of(f) for f in folders}
     placed = site.adjusted.placed
@@ -390,7 +405,7 @@ def main(argv=None) -> int:
         frame = write_control(folders, args.out / "gcp_list.txt", args.seed, args.control + 10)
         checks = ",".join(f"point{i}" for i in range(args.control + 1, args.control + 11))
         world = WorldOptions(args.out / "gcp_list.txt", checks)
-        site = run(folders, args.out / "site", world=world)
+        site = run(folders, args.out / "site", world=world, work=work)
         for name, value in control_figures(site, truth, frame).items():
             print(f"| {name} | | {value if isinstance(value, str) else format(value, '.2f')} |")
         print("\n".join(site.adjusted.remarks))

@@ -18,6 +18,7 @@ from fcsv_console.model import above_view, actions, facts, mission_file, samples
 from fcsv_console.model.console import Console
 from fcsv_control.conditions import Grade
 
+SITE = str(Path(__file__).resolve().parents[2] / "config/missions/site.yaml")
 OUTDOOR = str(Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml")
 KEYS = QtCore.Qt
 STEP_S = 0.005
@@ -43,8 +44,8 @@ def buttons_by_the_clock(monkeypatch):
 def shown(app, opened):
     """shown(situation) -> (window, console, what it asked for)."""
 
-    def show(situation):
-        console = samples.console(OUTDOOR)
+    def show(situation, mission=OUTDOOR):
+        console = samples.console(mission)
         samples.SAMPLES[situation](console)
         window, asked = opened(console), []
         window.asked.connect(lambda name, given: asked.append((name, given)))
@@ -439,6 +440,36 @@ def test_a_goal_is_turned_by_its_knob_and_by_keys_only_while_it_is_allowed(shown
     assert console.file.rows[5].axis == "vertical" and console.file.rows[5].tilt_deg == 0.0
     QTest.keyClick(plan, KEYS.Key_Up)
     assert console.file.rows[5].baseline_m == pytest.approx(5.1)
+
+
+def test_stations_are_drawn_named_and_chosen_by_a_click(shown, app):
+    window, console, asked = shown("flying", SITE)
+    view = console.view(samples.NOW_S)
+    marks = above_view.stations(view)
+    assert [m.name for m in marks] == ["south", "middle", "north"]
+    assert [m.running for m in marks].count(True) == 1 and marks[1].rows == (4, 5, 6, 7)
+    assert math.isclose(marks[2].headings_rad[0], math.radians(-30.0))
+    assert "station middle" in window.plan.accessibleDescription()
+    scale = window.plan.scale
+    for mark in marks:
+        u, v = scale.to_px(*mark.place_m)
+        assert 0.0 < u < scale.width and 0.0 < v < scale.height
+    at = QtCore.QPoint(*map(round, scale.to_px(*marks[1].place_m)))
+    QTest.mouseClick(window.plan, KEYS.LeftButton, pos=at)
+    assert window.mission.table.chosen() == [4, 5, 6, 7]
+    assert window.plan.grab().toImage().width() > 0
+    for name, key in (("skip_station", KEYS.Key_J), ("repeat_station", KEYS.Key_T)):
+        assert window.buttons[name].isVisible()
+        window.setFocus()
+        hold(app, window, key, 0.05)
+        assert asked[-1] == (name, {})
+
+
+def test_without_stations_there_are_no_buttons_of_them(shown):
+    window, console, _ = shown("flying")
+    assert above_view.stations(console.view(samples.NOW_S)) == []
+    for name in actions.OF_STATIONS:
+        assert not window.buttons[name].isVisible() and not window.buttons[name].isEnabled()
 
 
 def test_gauges_tell_how_far_who_flies_is_from_its_place(shown):

@@ -93,6 +93,18 @@ def test_a_mission_that_is_restarted_on_the_way_goes_on(flying):
     assert off_m(flying, "uav1", T_HOME_CAM_AT_HOME) < 0.5
 
 
+def test_the_operator_skips_a_station_and_repeats_one(flying):
+    flying.until(lambda: flying.machine.configuration == 1 and flying.fleet["uav2"].recording)
+    assert flying.operator.control("repeat_station") == ""
+    flying.until(lambda: len(flying.machine.captures) == 2, 200.0)
+    assert [c.index for c in flying.machine.captures] == [0, 0]
+    assert flying.operator.control("skip_station") == ""
+    flying.phase("LAND", 400.0)
+    assert flying.captured == [0, 0, 2]
+    said = flying.machine.detail
+    assert "east at 90 deg left out by the operator" in said and "north" not in said
+
+
 def test_nothing_more_is_flown_but_the_way_home(flying):
     flying.until(lambda: flying.machine.configuration == 1 and flying.fleet["uav2"].recording)
     flying.machine.finish("cancelled")
@@ -154,6 +166,40 @@ def test_skipping_on_the_way_leads_to_the_next_station():
     assert left.before() == "" and told(left.left)[:3] == ["uav2 at 2", "uav1 to 1", "+uav2 to 1"]
     left.go_back()
     assert told(left.left) == ["uav2 at 2", "uav1 to 0", "+uav2 to 0"]
+
+
+def test_a_station_is_skipped_with_all_its_headings():
+    left = TaskList(mission(), PAIR, tasks(mission(), PAIR))
+    assert left.skip_station() == "" and left.flown == [0, 1]
+    assert told(left.left)[:3] == ["uav1 to 3", "+uav2 to 3", "uav2 at 3 for 2"]
+    assert left.skip_station() == "" and told(left.left) == []
+    assert left.skip_station() == "no station is left that could be skipped"
+
+
+def test_a_station_is_flown_again_with_all_its_headings():
+    left = TaskList(mission(), PAIR, tasks(mission(), PAIR))
+    for _ in range(3):  # to the first heading, its list, back to the column
+        left.done()
+    left.depart()
+    left.done()
+    assert left.at == 2 and left.flown == [0]
+    assert left.station_again() == "" and left.flown == []
+    assert told(left.left)[:3] == ["uav2 at 2", "uav1 to 1", "+uav2 to 1"]
+    assert [t.index for t in left.left if t.index is not None] == [0, 1, 2]
+
+
+def test_on_the_last_way_back_the_last_station_is_flown_again():
+    left = TaskList(mission(), PAIR, tasks(mission(), PAIR, [0, 2]))
+    while left.running is not None:
+        left.done()
+    assert left.station_again() == "" and left.flown == [0]
+    assert [t.index for t in left.left if t.index is not None] == [2]
+
+
+def test_without_stations_there_is_none_to_skip_or_repeat():
+    plain = Mission("plain", [StereoConfiguration("horizontal", 4.0)])
+    left = TaskList(plain, PAIR, tasks(plain, PAIR))
+    assert left.skip_station() == left.station_again() == "the mission has no stations"
 
 
 def test_one_of_three_that_is_down_leaves_a_column_of_two():

@@ -90,6 +90,28 @@ def test_a_column_changes_over_between_stations_and_nobody_is_stopped():
         assert np.linalg.norm(flight.fleet[vehicle].p_world_m[:2] - [x, 0.0]) < 2.0
 
 
+def test_a_station_is_repeated_and_another_skipped_by_the_operator():
+    """What he says comes in flight; nobody is stopped by it, and all land where they began."""
+    listed = [StereoConfiguration("horizontal", 2.5, record_s=1.0, least_pictures=3)]
+    stations = [
+        MissionStation([40.0, 10.0], (6.0, 0.0), name="east"),
+        MissionStation([-20.0], (6.0, 6.0), name="north"),
+    ]
+    flight = Flight(Mission("stations", listed, stations=stations), 2, 3)
+    said = ["repeat_station", "skip_station"]
+
+    def operator(flight):
+        machine = flight.control.machine
+        if said and len(machine.captures) == 3 - len(said):
+            assert flight.control.operate(flight.now_s, said.pop(0)) == ""
+
+    flight.recorder = operator
+    result = flight.run()
+    assert (result.phase, result.violations, said) == ("DONE", [], [])
+    assert [c.index for c in flight.control.machine.captures] == [0, 0, 2]
+    assert "left out by the operator" in result.detail
+
+
 @pytest.mark.slow
 def test_the_site_that_comes_along_is_flown_whole(root):
     """By two, as in the demo; three, whose trackers part further, stop now and then by a drift

@@ -25,15 +25,16 @@ class Fleet(RadioPictures):
 
         super().__init__()
         self.captures = rospy.Publisher("/mission/capture", Capture, queue_size=5, latch=True)
-        self.states, self.clouds, self.depths, self.shown = [], [], [], []
+        self.states, self.clouds, self.depths, self.shown, self.sites = [], [], [], [], []
         self.heard = [
             rospy.Subscriber("/map/state", MapState, self.states.append),
             rospy.Subscriber("/map/points", PointCloud2, self.clouds.append),
             rospy.Subscriber("/map/depth", Image, self.depths.append),
             rospy.Subscriber("/map/monitor", Image, self.shown.append),
+            rospy.Subscriber("/map/site", PointCloud2, self.sites.append),
         ]
 
-    def capture(self, index, vehicle, start_s, stop_s):
+    def capture(self, index, vehicle, start_s, stop_s, station=""):
         import rospy
 
         from fcsv_msgs.msg import Capture, Configuration
@@ -48,6 +49,7 @@ class Fleet(RadioPictures):
                 vehicle=vehicle,
                 start=rospy.Time.from_sec(start_s),
                 stop=rospy.Time.from_sec(stop_s),
+                station=station,
             )
         )
 
@@ -124,6 +126,22 @@ def test_each_configuration_adds_to_the_map(fleet):
     until(lambda: all(f.of_baselines.values()), what="both baselines' points")
     widths = [clouds[-1].width for clouds in f.of_baselines.values()]
     assert min(widths) > 100 and sum(widths) <= f.clouds[-1].width  # thinned, each
+
+
+def test_stations_are_joined_as_they_come(fleet):
+    f = fleet()
+    f.frames()
+    now = time.time()
+    for k, (vehicle, station) in enumerate((("l_two", "south"), ("l_three", "north"))):
+        at_s = now + 10.0 * k
+        f.picture("l_one", at_s)
+        f.picture(vehicle, at_s)
+        f.capture(k, vehicle, at_s - 1.0, at_s + 1.0, station)
+        until(lambda k=k: len([s for s in f.states if s.state == "ready"]) > k, what="a whole map")
+        assert not f.sites or k, "one station is no site"
+    until(lambda: f.sites, what="the joined stations")
+    assert f.sites[-1].header.frame_id == "home" and f.sites[-1].width > 1000
+    assert "sigma" in [field.name for field in f.sites[-1].fields]
 
 
 def test_a_broken_picture_is_named_and_the_next_one_serves(fleet):

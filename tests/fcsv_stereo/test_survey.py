@@ -4,10 +4,15 @@
 import json
 import re
 import shutil
+import signal
+import subprocess
+import sys
+import time
 
 import cv2
 import laspy
 import numpy as np
+import psutil
 import pytest
 from support.photographs import model
 
@@ -19,6 +24,7 @@ from fcsv_stereo.map_files import output
 from fcsv_stereo.posed import colmap
 from fcsv_stereo.survey import inputs
 from fcsv_stereo.survey.earth import EarthFrame
+from fcsv_stereo.survey.lock import LOCK, alone_in
 from fcsv_stereo.survey.station import Station, heading_rad, load_station, prior_of
 
 KEYS = {
@@ -185,6 +191,25 @@ def test_control_points_bring_the_site_into_their_reference_system(site, tmp_pat
     assert "EPSG:32633" in page and "view01-0" in page
 
 
+def test_a_check_point_that_is_far_off_is_marked(site, tmp_path, capsys):
+    control_file(site, tmp_path / "gcp_list.txt")
+    head, *lines = (tmp_path / "gcp_list.txt").read_text().splitlines()
+    named = lines[0].split()[-1]
+    moved = [
+        " ".join([f"{float(s.split()[0]) + 20.0}", *s.split()[1:]]) if s.endswith(named) else s
+        for s in lines
+    ]
+    (tmp_path / "gcp_list.txt").write_text("\n".join([head, *moved]) + "\n")
+    shutil.copytree(site / "out", tmp_path / "out")
+    world = ("--gcp", tmp_path / "gcp_list.txt", "--check-points", named)
+    assert survey(*sorted((site / "drawn").iterdir()), "-o", tmp_path / "out", *world) == 0
+    said, page = capsys.readouterr().out, (tmp_path / "out/site.html").read_text()
+    (line,) = [s for s in said.splitlines() if s.startswith(f"check point {named}: ")]
+    assert -21.0 < float(line.split()[3]) < -19.0 and line.endswith("MORE THAN 3 SIGMA OFF")
+    assert f"off by more than 3 of their sigmas: check point {named} (" in said
+    assert "more than 3 of their sigmas" in page and ">more than 3 sigma<" in page
+
+
 def test_control_points_that_no_view_tells_are_missing_and_the_rest_is_there(
     maps, site, tmp_path, capsys
 ):
@@ -215,6 +240,34 @@ def test_a_survey_that_was_stopped_goes_on(site, tmp_path, monkeypatch):
     assert survey(*sorted((site / "drawn").iterdir()), "-o", tmp_path / "out") == 0
     assert made == ["view02"]
     assert (tmp_path / "out/site.ply").read_bytes() == (site / "out/site.ply").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after_s", [3.0, 14.0])
+def test_ctrl_c_is_answered_at_once_and_leaves_no_process(site, tmp_path, after_s):
+    """While workers start, and while they make maps."""
+    words = map(
+        str, [*sorted((site / "drawn").iterdir()), "-o", tmp_path / "out", "--workers", "2"]
+    )
+    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    program += "from fcsv_stereo.survey import command; import sys; sys.exit(command.main())"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, *words], stderr=subprocess.PIPE, text=True
+    )
+    ends = time.monotonic() + 60.0
+    while not (tmp_path / "out" / LOCK).exists() and time.monotonic() < ends:
+        time.sleep(0.05)
+    time.sleep(after_s)
+    children = psutil.Process(process.pid).children(recursive=True)
+    process.send_signal(signal.SIGINT)
+    assert "survey: stopping" in next(s for s in process.stderr if "maps" not in s)
+    pressed = time.monotonic()
+    assert process.wait(20.0) == 130 and time.monotonic() - pressed < 10.0
+    assert "survey: interrupted; what was finished is kept in OUT" in process.stderr.read()
+    gone, alive = psutil.wait_procs(children, 10.0)
+    assert not [p for p in alive if p.status() != psutil.STATUS_ZOMBIE]
+    with alone_in(tmp_path / "out"):
+        pass  # nobody holds it
 
 
 def test_a_station_that_moves_costs_no_map(site, tmp_path, monkeypatch):

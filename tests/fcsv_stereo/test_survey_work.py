@@ -3,6 +3,10 @@
 
 import json
 import os
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 
 import cv2
@@ -12,11 +16,13 @@ from support import tasks
 from support.photographs import model
 from support.survey_views import camera_at, unplaced, view
 
-from fcsv_stereo.errors import InputError, SurveyError
+from fcsv_stereo.errors import InputError, OutputError, SurveyError
 from fcsv_stereo.survey import inputs, kept, similarity, survey
 from fcsv_stereo.survey.adjust import adjust
 from fcsv_stereo.survey.edges import Edge
 from fcsv_stereo.survey.kept import kept_edge, make_edge, view_file
+from fcsv_stereo.survey.lock import LOCK, alone_in
+from fcsv_stereo.survey.progress import MapsProgress
 from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions
 
 pytestmark = pytest.mark.xdist_group("survey_work")
@@ -63,6 +69,110 @@ def test_a_task_that_hangs_is_tried_again_by_a_new_worker(tmp_path):
         waiting = [SurveyTask("slow", tasks.hang_once, (tmp_path / "hung",), long=True)]
         found = [o.result for o in crew.run([*waiting, *squares(2)])]
     assert sorted(map(str, found)) == ["4", "done"]
+
+
+@pytest.mark.slow
+def test_a_task_whose_worker_is_killed_is_done_by_another(tmp_path):
+    with Crew(WorkOptions(2)) as crew:
+        killed = [SurveyTask("killed", tasks.die_once, (tmp_path / "once",), long=True)]
+        found = {o.number: o for o in crew.run([*killed, *squares(2, 5)])}
+    assert [found[i].result for i in range(3)] == ["done", 4, 25]
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_is_said_and_the_same_work_goes_on_at_another(tmp_path):
+    """Workers and scheduler of the cluster are killed while it works."""
+    program = """
+import sys
+from distributed import LocalCluster
+if __name__ == "__main__":
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster:
+        print(cluster.scheduler_address, flush=True)
+        sys.stdin.read()
+"""
+    (tmp_path / "cluster.py").write_text(program)
+    cluster = subprocess.Popen(
+        [sys.executable, str(tmp_path / "cluster.py")],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        start_new_session=True,
+    )
+    address = cluster.stdout.readline().strip()
+    begun = [
+        SurveyTask(str(i), tasks.wait_a_little, (tmp_path / f"{i}.begun",), long=True)
+        for i in range(9)
+    ]
+    try:
+        with pytest.raises(SurveyError, match="the scheduler is gone.*the same command goes on"):
+            with Crew(WorkOptions(scheduler=address)) as crew:
+                for _ in crew.run(begun):
+                    os.killpg(cluster.pid, signal.SIGKILL)
+    finally:
+        cluster.stdin.close()
+        cluster.wait()
+    assert 1 <= len(list(tmp_path.glob("*.ended"))) < 9
+    left = [t for t in begun if not t.args[0].with_suffix(".ended").exists()]
+    with Crew(WorkOptions(2)) as crew:
+        assert all(not o.error for o in crew.run(left))
+    assert len(list(tmp_path.glob("*.ended"))) == 9
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_tasks_tell_how_far_they_are(workers):
+    told = []
+    telling = [SurveyTask("tells", tasks.tell, (), long=True, tells=True), *squares(2)]
+    with Crew(WorkOptions(workers)) as crew:
+        list(crew.run(telling, lambda *said: told.append(said)))
+        ends = time.monotonic() + 10.0
+        while len(told) < 2 and time.monotonic() < ends:  # an event may come after the result
+            time.sleep(0.05)
+    assert told == [(0, "first", 0.0), (0, "second", 0.5)]
+
+
+def test_progress_of_maps_in_words():
+    said, now = [], [0.0]
+    progress = MapsProgress(["a", "b"], lambda *words: said.append(words), 0.7, lambda: now[0])
+    progress.begin(True)
+    now[0] = 10.0
+    progress.advance(1, "matching roughly", 0.5)
+    progress.advance(0, "refining poses", 0.0)
+    progress.ended(1)
+    progress.advance(1, "fusing", 0.98)  # late
+    progress.ended(0)
+    assert [words for words, _ in said] == [
+        "0 of 2 maps, starting workers",
+        "0 of 2 maps, about 30 s for the others, b: matching roughly",
+        "0 of 2 maps, about 30 s for the others, a: refining poses, b: matching roughly",
+        "1 of 2 maps, about 10 s for the others, a: refining poses",
+        "2 of 2 maps",
+    ]
+    assert np.allclose([share for _, share in said], [0.0, 0.175, 0.175, 0.35, 0.7])
+
+
+def test_one_survey_at_a_time_writes_to_a_folder_and_it_is_said_which(tmp_path):
+    with alone_in(tmp_path / "out"):
+        assert (tmp_path / "out" / LOCK).exists()
+        with pytest.raises(
+            OutputError, match=f"another survey writes there .process {os.getpid()}"
+        ):
+            with alone_in(tmp_path / "out"):
+                pass
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_dead_survey_holds_nothing(tmp_path):
+    program = f"""
+import os, pathlib, signal
+from fcsv_stereo.survey.lock import alone_in
+with alone_in(pathlib.Path({str(tmp_path)!r})):
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    assert subprocess.run([sys.executable, "-c", program]).returncode == -signal.SIGKILL
+    assert (tmp_path / LOCK).exists()
+    with alone_in(tmp_path):
+        assert json.loads((tmp_path / LOCK).read_text())["process"] == os.getpid()
 
 
 def test_a_scheduler_that_is_not_there_is_said():

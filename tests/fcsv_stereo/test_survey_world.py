@@ -16,7 +16,7 @@ from fcsv_stereo.survey import earth, georeference, inputs, similarity
 from fcsv_stereo.survey.control_points import check_names, read_control_points, sights
 from fcsv_stereo.survey.earth import EarthFrame
 from fcsv_stereo.survey.georeference import WorldOptions
-from fcsv_stereo.survey.world import Statement, adjust_world, statements_of
+from fcsv_stereo.survey.world import Statement, adjust_world, statements_of, unlikely_points
 
 NAMES = [f"v{i}" for i in range(6)]
 #: True poses in the earth's frame (east, north, up): an arc of 60 m about a middle.
@@ -108,6 +108,17 @@ def test_check_points_have_no_say_and_lie_inside_their_sigma():
         [p.off_m for p in fit.points if not p.check],
         atol=1e-6,
     )
+
+
+def test_a_check_point_beyond_three_sigma_is_marked():
+    true, at = scales(), points(10, seed=4)
+    moved = [replace(s, p=s.p + 5.0) if s.point == "p3" else s for s in seen_by(at, true)]
+    _, fit = adjust_world(views_of(), edges_of(true), moved, ["p1", "p3"])
+    assert [p.name for p in fit.points if p.unlikely] == ["p3"]
+    (said,) = unlikely_points(fit.points)
+    assert "more than 3 of their sigmas: check point p3 (8." in said
+    _, fit = adjust_world(views_of(), edges_of(true), seen_by(at, true), ["p1", "p3"])
+    assert unlikely_points(fit.points) == []
 
 
 def test_gps_alone_gives_heading_and_scale_within_the_stated_sigma():

@@ -48,6 +48,47 @@ class ViewScale:
         )
 
 
+@dataclass(frozen=True)
+class StationMark:
+    """A mission's station: its place (x, y m in home), headings, ``rows`` of the list that are flown
+    there, and whether one of these is."""
+
+    name: str
+    place_m: Tuple[float, float]
+    headings_rad: Tuple[float, ...]
+    rows: Tuple[int, ...]
+    running: bool
+
+    @property
+    def words(self) -> str:
+        """What a screen reader says."""
+        return f"station {self.name}{' is flown' if self.running else ''}"
+
+
+def stations(view: ConsoleView) -> List[StationMark]:
+    """The stations of the mission that is shown, in the order of flight."""
+    mission, found = view.file.mission, []
+    if mission is None or not mission.stations:
+        return []
+    views = mission.viewpoints[1:]
+    for name in dict.fromkeys(v.station for v in views):
+        of = [v for v in views if v.station == name]
+        listed = range(len(mission.configurations))
+        rows = tuple(i for i in listed if mission.viewpoint(i).station == name)
+        headings = tuple(v.heading_rad for v in of)
+        found.append(StationMark(name, of[0].place_m[:2], headings, rows, view.running in rows))
+    return found
+
+
+def station_picked(
+    marks: Sequence[StationMark], scale: ViewScale, u_px: float, v_px: float
+) -> Optional[StationMark]:
+    """The station whose mark is under the mouse; of several the nearest."""
+    near = [(math.dist(scale.to_px(*m.place_m), (u_px, v_px)), k) for k, m in enumerate(marks)]
+    at = min((n for n in near if n[0] <= _PICK_PX), default=None)
+    return None if at is None else marks[at[1]]
+
+
 def fitted(
     view: ConsoleView, width: float, height: float, zoom: float = 1.0, fov_rad: float = 0.0
 ) -> ViewScale:
@@ -64,6 +105,7 @@ def fitted(
     ]
     points += [p for seen in view.ground_views for p in seen.outline_m]
     points += view.guided_robot.points_m
+    points += [mark.place_m for mark in stations(view)]
     xs, ys = [p[0] for p in points], [p[1] for p in points]
     high_m, wide_m = (max(_LEAST_M, _MARGIN * (max(s) - min(s))) for s in (xs, ys))
     per_m = min(height / (high_m + 2.0), width / (wide_m + 2.0)) * zoom

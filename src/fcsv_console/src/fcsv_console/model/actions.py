@@ -76,11 +76,22 @@ TABLE = (
     ("pause", "Pause", "P", "Everybody holds", 0.0),
     ("skip", "Skip", "K", "Leave the running configuration out", 0.0),
     ("repeat", "Repeat", "R", "Begin the running configuration again", 0.0),
+    ("skip_station", "Skip station", "J", "Leave out what is left at the running station", 0.0),
+    ("repeat_station", "Repeat station", "T", "Begin the running station again", 0.0),
     ("abort", "Abort", "A", "Land all whom the mission flies, where they are", 0.0),
     ("record", "Record", "E", "Pictures on or off, by hand", 0.0),
     ("land", "Land all", "L", "Everybody lands where he is, without the mission", 0.5),
     ("stop_all", "STOP ALL", "Space", "Everybody brakes and stands, without the mission", 0.5),
 )
+
+
+#: actions on the running station
+OF_STATIONS = ("skip_station", "repeat_station")
+
+
+def has_stations(mission: Optional[Mission]) -> bool:
+    """Whether a mission is known, and is flown from stations."""
+    return mission is not None and bool(mission.stations)
 
 
 @dataclass(frozen=True)
@@ -166,9 +177,11 @@ def _of_mission(name: str, s: ActionContext, m: f.MissionReport) -> str:
         return f"the mission is over ({m.phase})"
     if name == "abort":
         return ""
-    if name in ("pause", "skip", "repeat", "next", "previous"):
+    if name in ("pause", "skip", "repeat", "next", "previous", *OF_STATIONS):
         if m.phase not in FLOWN:
             return f"it is for vehicles that fly the list; this is {m.phase}"
+        if name in OF_STATIONS and not has_stations(s.flown or s.file.mission):
+            return "the mission has no stations"
         return "it is paused: Resume goes on" if name == "pause" and paused(m) else ""
     wanted = {"hand_over": ("execute", "resume"), "execute": ("execute",)}.get(name, (name,))
     if m.waits_for not in wanted:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the view from above is painted: ground and route of a robot, rings, fence, what cameras on the
-ground see, goals, vehicles with names, where one would fall, height bar."""
+ground see, stations, goals, vehicles with names, where one would fall, height bar."""
 
 import math
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from fcsv_console.model.view import ConsoleView
 from fcsv_console.qt import colours, gauges
 
 BAR_PX = 64.0
-_LEAST_RADIUS_PX = 9.0
+_LEAST_RADIUS_PX, _STATION_PX = 9.0, 7.0
 _GROUND_ALPHA = 110
 _RINGS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
@@ -73,6 +73,7 @@ class PlanPicture:
         self._grid()
         self._fence()
         self._ground_views()
+        self._stations()
         self._goals()
         self._robot()
         for k, vehicle in enumerate(self._view.vehicles):
@@ -139,6 +140,22 @@ class PlanPicture:
             self._painter.setBrush(colour)
             self._painter.drawRect(
                 QRectF(self._at(*seen.eye_m) - QPointF(4.0, 4.0), QSizeF(8.0, 8.0))
+            )
+
+    def _stations(self) -> None:
+        """Paints stations as rings, with a line along each heading; the running one filled."""
+        for mark in geometry.stations(self._view):
+            at, ink = self._at(*mark.place_m), self._ink(170)
+            if mark.running:
+                ink = self._tone(cells.GOOD)
+            self._painter.setPen(QPen(ink, 2.0))
+            self._painter.setBrush(ink if mark.running else Qt.NoBrush)
+            self._painter.drawEllipse(at, _STATION_PX, _STATION_PX)
+            for heading in mark.headings_rad:
+                ahead = QPointF(-math.sin(heading), -math.cos(heading))
+                self._painter.drawLine(at + _STATION_PX * ahead, at + 3.0 * _STATION_PX * ahead)
+            self.taken.append(
+                (at.x() - _STATION_PX, at.y() - _STATION_PX, 2.0 * _STATION_PX, 2.0 * _STATION_PX)
             )
 
     def _robot_ground(self) -> None:
@@ -261,6 +278,8 @@ class PlanPicture:
                 age = f", {v.place.words} old" if v.place.stale else ""
                 self.label(self._at(x, y), f"{v.name}  {cells.height(v)}{age}")
         self.label(self._at(0.0, 0.0), "home")
+        for mark in geometry.stations(self._view):
+            self.label(self._at(*mark.place_m), mark.name)
         for seen in self._view.ground_views:
             self.label(self._at(*seen.eye_m), seen.words)
         guided = self._view.guided_robot

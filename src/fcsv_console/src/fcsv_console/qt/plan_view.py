@@ -20,8 +20,10 @@ _TURNS = {Qt.Key_PageDown: 1, Qt.Key_PageUp: -1}
 class PlanView(QWidget):
     """``goal_changed`` (index, baseline in m) and ``goal_turned`` (index, tilt in degrees) only
     while ``editable``; the wheel changes a vertical goal's height. Page up and down choose a goal,
-    arrows move it, with shift turn it."""
+    arrows move it, with shift turn it. ``station_chosen`` (rows of the list) where a station is
+    clicked."""
 
+    station_chosen = Signal(list)
     goal_changed, goal_turned = Signal(int, float), Signal(int, float)
 
     def __init__(self, parent=None):
@@ -40,6 +42,7 @@ class PlanView(QWidget):
         self._view, self._fov_rad = view, view.optics.fov_rad("horizontal")
         words = [a.words for a in view.above] or ["nobody is above another"]
         words += [g.words for g in gauges_of(view)]
+        words += [mark.words for mark in geometry.stations(view)]
         words += [f"what the {seen.words} sees is drawn" for seen in view.ground_views]
         words += [f"robot: {view.guided_robot.words}"] if view.guided_robot.words else []
         row = self._row(self._chosen)
@@ -67,6 +70,11 @@ class PlanView(QWidget):
     # ---- mouse -----------------------------------------------------------------------------------
 
     def mousePressEvent(self, event) -> None:
+        if self._view is not None:
+            marks = geometry.stations(self._view)
+            mark = geometry.station_picked(marks, self.scale, event.x(), event.y())
+            if mark is not None:
+                self.station_chosen.emit(list(mark.rows))
         if self.editable and self._view is not None:
             rows, scale, at = self._view.file.rows, self.scale, (event.x(), event.y())
             self._turned = geometry.handle_picked(rows, scale, *at)

@@ -3,7 +3,7 @@
 
 from typing import Callable, List, Sequence
 
-from python_qt_binding.QtCore import Qt, QTimer
+from python_qt_binding.QtCore import QItemSelectionModel, Qt, QTimer
 from python_qt_binding.QtGui import QBrush, QFont
 from python_qt_binding.QtWidgets import (
     QAbstractItemView,
@@ -119,8 +119,10 @@ class CellTable(QTableWidget):
         selects."""
         if list(rows) != self.chosen():
             self._quietly(self.clearSelection)
+            how = QItemSelectionModel.Select | QItemSelectionModel.Rows
             for i in rows:
-                self._quietly(lambda i=i: self.selectRow(i))
+                at = self.model().index(i, 0)
+                self._quietly(lambda at=at: self.selectionModel().select(at, how))
 
     def _quietly(self, change: Callable[[], None]) -> None:
         before = self.blockSignals(True)

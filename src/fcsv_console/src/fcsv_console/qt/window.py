@@ -39,7 +39,7 @@ from fcsv_control.flight_check.lines import Line
 
 _GROUPS = (
     ("calibrate", "set_home", "hand_over", "execute"),
-    ("previous", "next", "pause", "skip", "repeat"),
+    ("previous", "next", "pause", "skip", "repeat", *model_actions.OF_STATIONS),
     ("record", "abort", "land"),
 )
 _EVENTS = 200
@@ -135,6 +135,7 @@ class ConsoleWindow(QMainWindow):
         self.progress.setTextVisible(False)
         self.plan.goal_changed.connect(self.goal_changed)
         self.plan.goal_turned.connect(self.goal_turned)
+        self.plan.station_chosen.connect(lambda rows: self.mission.table.choose(rows))
         self.map.showed.connect(self._make_room_for_map)
         self.vehicles = CellTable(
             "Vehicles",
@@ -288,6 +289,8 @@ class ConsoleWindow(QMainWindow):
             self.buttons[name].show_action(action)
             if name != "stop_all":
                 self.buttons[name].stand_out(name == view.guide.next)
+        for name in model_actions.OF_STATIONS:
+            self.buttons[name].setVisible(model_actions.has_stations(view.file.mission))
         stand_out(self.show_after, view.guide.next == AFTER and not self.after.isVisible())
         stand_out(self.accept, view.guide.next == ACCEPT)
         self._show_accept()

@@ -17,6 +17,7 @@ import rospy
 from fcsv_console.children.after import AfterRunner
 from fcsv_console.children.rehearse import Rehearser
 from fcsv_console.model import facts as f
+from fcsv_console.model.actions import OF_STATIONS
 from fcsv_console.model.after import DONE, FAILED, REPORT, Places
 from fcsv_console.model.console import Console
 from fcsv_console.model.rehearsal import RUNS
@@ -36,7 +37,7 @@ from fcsv_geometry.vehicles.vehicle import load_vehicles
 
 _LOOK_S = 0.5
 _LOOK_AT_DISK_S = 2.0
-_CONTROL = ("pause", "skip", "repeat", "next", "previous", "abort")
+_CONTROL = ("pause", "skip", "repeat", "next", "previous", *OF_STATIONS, "abort")
 
 
 @dataclass(frozen=True)

@@ -165,7 +165,8 @@ class MissionMachine:
             self._enter("GUIDED", "handing over to the mission")
 
     def change(self, operation: str) -> str:
-        """Pauses the list, or changes it: "pause", "skip", "repeat", "next", "previous"."""
+        """Pauses the list, or changes it: "pause", "skip", "repeat", "next", "previous",
+        "skip_station", "repeat_station"."""
         flown = self._flight_list
         if flown is None or self.phase not in FLOWN:
             return f"'{operation}' is for vehicles that fly the list; this is {self.phase}"

@@ -6,7 +6,10 @@ from typing import Sequence
 
 from fcsv_control.mission.machine import MissionMachine
 
-OPERATIONS = ("pause", "resume", "skip", "repeat", "next", "previous", "abort")
+OPERATIONS = (
+    *("pause", "resume", "skip", "repeat", "next", "previous"),
+    *("skip_station", "repeat_station", "abort"),
+)
 _CONFIRMED_ONCE_S = 1.0  # a second confirmation within this time is a slip of the finger
 
 

@@ -8,9 +8,12 @@ nobody had pressed Ctrl-C.
 """
 
 import contextlib
+import os
 import signal
+import socket
 import sys
-from typing import Iterator, Type
+import threading
+from typing import Callable, Iterator, Type
 
 _AGAIN_S = 0.05  # by then the callback is over
 
@@ -50,3 +53,79 @@ def raised_again(kind: Type[BaseException]) -> Iterator[None]:
     finally:
         leave_it()
         sys.unraisablehook = before
+
+
+@contextlib.contextmanager
+def ended_soon(
+    limit_s: float, say: Callable[[], None], give_up: Callable[[], None]
+) -> Iterator[None]:
+    """Ctrl-C in the block ends the program within ``limit_s``, whatever the main thread does then.
+
+    ``say`` is called at once, by another thread, though the main thread may be in a library that
+    does not return for long. The interrupt is raised as ever; where the program has not ended by
+    itself after ``limit_s``, or at a second Ctrl-C, ``give_up`` is called, and it ends with status
+    130. Nothing of this outside the main thread.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    watch = _InterruptWatch(limit_s, say, give_up)
+    before = signal.set_wakeup_fd(watch.fileno(), warn_on_full_buffer=False)
+    try:
+        yield
+    except KeyboardInterrupt:
+        if not watch.pressed():  # nobody pressed it: code raised it
+            signal.set_wakeup_fd(before)
+            watch.close()
+        raise  # else what is left of the program must end as well
+    except BaseException:
+        signal.set_wakeup_fd(before)
+        watch.close()
+        raise
+    else:
+        signal.set_wakeup_fd(before)
+        watch.close()
+
+
+class _InterruptWatch:
+    """A thread that waits for numbers of signals, as Python's own handler writes them."""
+
+    def __init__(self, limit_s: float, say: Callable[[], None], give_up: Callable[[], None]):
+        self._limit_s, self._say, self._give_up = limit_s, say, give_up
+        self._told, self._tells = socket.socketpair()
+        self._tells.setblocking(False)
+        self._pressed = threading.Event()
+        threading.Thread(target=self._wait, name="watches for Ctrl-C", daemon=True).start()
+
+    def fileno(self) -> int:
+        """Where numbers are written to."""
+        return self._tells.fileno()
+
+    def pressed(self) -> bool:
+        """Whether Ctrl-C was pressed."""
+        return self._pressed.wait(_AGAIN_S)
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._tells.close()
+
+    def _wait(self) -> None:
+        if not self._interrupted():
+            return
+        self._pressed.set()
+        self._say()
+        self._told.settimeout(self._limit_s)
+        try:
+            if not self._interrupted():
+                return
+        except socket.timeout:
+            pass
+        self._give_up()
+        os._exit(130)
+
+    def _interrupted(self) -> bool:
+        """Waits for an interrupt; false where the block was left."""
+        while True:
+            number = self._told.recv(1)
+            if not number or number[0] == signal.SIGINT:
+                return bool(number)

@@ -14,6 +14,7 @@ from fcsv_control.control_messages import (
     Confirm,
     MissionAlive,
     MissionStatus,
+    Operate,
     PairLooked,
     ServiceAnswered,
     ServiceWanted,
@@ -299,6 +300,11 @@ class ControlPc:
     def proceed(self, now_s: float, step: str) -> str:
         """The operator confirms a step; why that is refused, empty where it is not."""
         answer = self._ask(now_s, self.mission_port, Confirm(step))
+        return "" if answer.done else answer.text
+
+    def operate(self, now_s: float, operation: str) -> str:
+        """The operator changes the list; why that is refused, empty where it is not."""
+        answer = self._ask(now_s, self.mission_port, Operate(operation))
         return "" if answer.done else answer.text
 
     def abort(self, now_s: float) -> None:

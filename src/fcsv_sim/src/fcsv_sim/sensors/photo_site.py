@@ -71,19 +71,15 @@ def draw_site(
     size: Tuple[int, int] = (640, 480),
     baselines_m: Sequence[float] = (2.0, 4.0, 6.0, 8.0),
 ) -> List[Path]:
-    """A folder view01, view02, ... for each stand; their paths. The same for the same seed."""
+    """A folder view01, view02, ... for each stand; their paths. The same for the same seed. A view
+    that is there, and whole, is left as it is: a stopped drawing goes on."""
     renderer, folders = Renderer(town), []
     for number, stand in enumerate(stands, 1):
         folders.append(Path(out) / f"view{number:02d}")
-        _draw(
-            renderer,
-            stand,
-            folders[-1],
-            np.random.default_rng([seed, number]),
-            errors,
-            size,
-            baselines_m,
-        )
+        if (folders[-1] / TRUTH).exists():  # written last
+            continue
+        random = np.random.default_rng([seed, number])
+        _draw(renderer, stand, folders[-1], random, errors, size, baselines_m)
     return folders
 
 
@@ -96,7 +92,7 @@ def _draw(
     camera = SimulatedCamera(renderer, _T_BODY_CAM, parameters, int(random.integers(1 << 30)))
     T_world_stand = transforms.from_xyz_rpy(stand.xyz_m, [0.0, stand.down_rad, stand.heading_rad])
     scale = float(np.exp(errors.scale * random.standard_normal()))
-    (folder / "images").mkdir(parents=True)
+    (folder / "images").mkdir(parents=True, exist_ok=True)
     names, posed = [], []
     for i, baseline_m in enumerate((0.0, *baselines_m)):
         off = np.array([0.0, -baseline_m, 0.0]) + random.normal(0.0, _PLACE_SIGMA_M, 3)

@@ -104,6 +104,11 @@ class LiveSession:
                 if window.holds(picture.stamp_s):
                     self._keep(window, picture)
 
+    @property
+    def view(self) -> str:
+        """Station and heading of the windows, in words; empty: home, or there are no windows."""
+        return next((w.view for w in self.windows.values()), "")
+
     def complete(self, index: int) -> bool:
         """Whether both vehicles' pictures of a window have come."""
         return len(self._kept.get(index, {})) == 2

@@ -31,11 +31,13 @@ WATCHING = (MapKind.INSTANT, MapKind.INSTANT_CORRECTED)
 
 @dataclass(frozen=True)
 class MapTask:
-    """Holds what to map, and the stamp (s) of the newest picture that it takes into account."""
+    """Holds what to map, and the stamp (s) of the newest picture that it takes into account;
+    ``view``: from which station and heading, empty: from home."""
 
     kind: MapKind
     given: MapInput
     newest_s: float
+    view: str = ""
 
     @property
     def names(self) -> str:
@@ -112,7 +114,8 @@ class MissionMaps(MapChoice):
         if not self._whole_is_due:
             return None
         self._whole_is_due = False
-        return MapTask(MapKind.WHOLE, self.session.inputs(), self.session.last_picture_s())
+        inputs, newest_s = self.session.inputs(), self.session.last_picture_s()
+        return MapTask(MapKind.WHOLE, inputs, newest_s, self.session.view)
 
     def _first_look(self) -> Optional[MapTask]:
         complete = {i for i in self.session.windows if self.session.complete(i)}

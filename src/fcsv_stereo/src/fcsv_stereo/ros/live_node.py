@@ -20,6 +20,7 @@ from fcsv_geometry.vehicles.telemetry import CalibrationFound, HomeFound
 from fcsv_msgs.msg import Capture, MapState
 from fcsv_stereo.in_flight import monitoring
 from fcsv_stereo.in_flight.live import MapStage
+from fcsv_stereo.in_flight.live_site import LiveSite
 from fcsv_stereo.in_flight.map_choice import (
     WATCHING,
     MapChoice,
@@ -100,7 +101,7 @@ class LiveNode:
 
     def __init__(self):
         self._parameters = node.parameters(LiveParameters)
-        self._choice = self._make_choice()
+        self._choice, self._site = self._make_choice(), LiveSite()
         self._changed, self._in_home = threading.Condition(), HomeFrames()
         self._rate = monitoring.ImageRate()
         self._state = MapState(
@@ -177,12 +178,16 @@ class LiveNode:
             time.sleep(max(0.0, next_s - time.monotonic()))
             task = self._next()
             if task is None:
+                if self._site.due:
+                    self._join()
                 continue
             if task.kind in WATCHING:
                 next_s = time.monotonic() + 1.0 / p.monitor_rate_hz
             result = self._map(method, options[task.kind], task)
             if result is not None:
                 self._choice.learn(task, result)
+                if task.view:
+                    self._site.learn(task.view, result)
 
     def _options(self) -> Dict[MapKind, object]:
         """The method's options for each kind of map."""
@@ -249,6 +254,22 @@ class LiveNode:
         partial = task.kind is MapKind.FIRST_LOOK
         self._say(MapStage.PARTIAL if partial else MapStage.READY, names, result.warnings)
         return result
+
+    def _join(self) -> None:
+        """The maps of all stations and headings so far as one cloud, while nothing else is due."""
+        try:
+            site = self._site.join()
+        except FcsvError as error:
+            self._health.problem("site", str(error))
+            return
+        # a defect must not take the map away from a flight
+        except Exception as error:
+            self._health.problem("site", node.defect(error))
+            return
+        self._topics.publish_site(site.cloud)
+        self._health.problem("site", "")
+        self._health.value("site", site.words)
+        rospy.loginfo("site: %s", "; ".join([site.words, *site.remarks]))
 
     def _show(self, result: MapResult, skew_s: float, names: str) -> None:
         """The newest depth as a picture, for people: with its rate, skew and age."""

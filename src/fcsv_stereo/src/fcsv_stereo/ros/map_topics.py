@@ -9,7 +9,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions
-from fcsv_stereo.model import MapResult
+from fcsv_stereo.model import Cloud, MapResult
 from fcsv_stereo.ros.baseline_topics import BaselineTopics
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, WATCH_FRAME, cloud_message, depth_message
 
@@ -20,6 +20,7 @@ class MapTopics:
     def __init__(self):
         latched = {"queue_size": 1, "latch": True}
         self._points = rospy.Publisher("/map/points", PointCloud2, **latched)
+        self._site = rospy.Publisher("/map/site", PointCloud2, **latched)
         self._by_baseline = BaselineTopics()
         self._depth = rospy.Publisher("/map/depth", Image, **latched)
         self._sigma = rospy.Publisher("/map/sigma", Image, **latched)
@@ -55,6 +56,10 @@ class MapTopics:
             ("camera_info", conversions.info_from_camera(reference.camera, stamp_s, WATCH_FRAME)),
         ):
             self._watch[name].publish(message)
+
+    def publish_site(self, cloud: Cloud) -> None:
+        """The joined maps of several stations and headings."""
+        self._site.publish(cloud_message(cloud, rospy.get_time()))
 
     def publish(self, result: MapResult) -> None:
         """A new map in place of the last one."""

@@ -4,18 +4,20 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import List, Optional
+from typing import ContextManager, List, Optional
 
 import numpy as np
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs import commands
+from fcsv_geometry.programs.interruption import ended_soon
 from fcsv_geometry.programs.live_line import LiveLine, Steps
 from fcsv_stereo.survey import tuning
 from fcsv_stereo.survey.document import Site, overlaps
 from fcsv_stereo.survey.georeference import HEIGHTS, WorldOptions
 from fcsv_stereo.survey.survey import FILES, run
-from fcsv_stereo.survey.work import WorkOptions
+from fcsv_stereo.survey.work import WorkOptions, kill_processes
+from fcsv_stereo.survey.world import unlikely_points
 
 _EXAMPLES = """examples:
   survey flights/north flights/east flights/south -o out/site
@@ -23,15 +25,19 @@ _EXAMPLES = """examples:
 """
 
 
+_LEFT = "what was finished is kept in OUT: the same command goes on"
+_END_S = 4.0  # after Ctrl-C
+
+
 def main(argv: Optional[List[str]] = None) -> int:
     """Exit status 0; 1 where an input is not in the site; 2 with one line on stderr on bad input;
     130 on Ctrl-C."""
-    left = "what was finished is kept in OUT: the same command goes on"
-    return commands.run(_parser(), argv, _survey, (FcsvError, ValueError), left)
+    return commands.run(_parser(), argv, _survey, (FcsvError, ValueError), _LEFT)
 
 
 def _survey(args: argparse.Namespace) -> int:
-    with Steps(LiveLine(sys.stderr), "reading inputs").shown() as steps:
+    live = LiveLine(sys.stderr)
+    with _ended_soon(live), Steps(live, "reading inputs").shown() as steps:
         paths = [Path(p) for p in args.inputs]
         site = run(
             paths,
@@ -44,6 +50,18 @@ def _survey(args: argparse.Namespace) -> int:
     print("\n".join(summary(site)))
     print(f"wrote {args.out}: {', '.join(f for f in FILES if (Path(args.out) / f).exists())}")
     return 1 if site.missing else 0
+
+
+def _ended_soon(live: LiveLine) -> ContextManager[None]:
+    def give_up() -> None:
+        kill_processes()
+        live.say(f"survey: interrupted; {_LEFT}")
+
+    said = (
+        "survey: stopping; it waits for a step that cannot be left at once, at most "
+        f"{_END_S:.0f} s (Ctrl-C again: now)"
+    )
+    return ended_soon(_END_S, lambda: live.say(said), give_up)
 
 
 def _world(args: argparse.Namespace) -> WorldOptions:
@@ -97,11 +115,13 @@ def _world_lines(site: Site) -> List[str]:
         f"scale +- {fit.sigma_scale:.4f}; heights {site.world.heights}"
     ]
     for p in fit.points:
-        what = "check point" if p.check else "control point" if p.used else "control point, unused,"
         east, north, up = p.off_m
+        far = f"; MORE THAN {tuning.UNLIKELY_SIGMAS:g} SIGMA OFF" if p.unlikely else ""
         lines.append(
-            f"{what} {p.name}: {east:+.3f} east, {north:+.3f} north, {up:+.3f} up, +- {np.max(p.sigma_m):.3f} m"
+            f"{p.kind} {p.name}: {east:+.3f} east, {north:+.3f} north, {up:+.3f} up, "
+            f"+- {np.max(p.sigma_m):.3f} m{far}"
         )
+    lines += unlikely_points(fit.points)
     return lines
 
 

@@ -11,8 +11,9 @@ from matplotlib.patheffects import withStroke
 
 from fcsv_stereo.report.page import Section, render
 from fcsv_stereo.report.parts import Paragraph, Part, Table, Tone, image, note, number
-from fcsv_stereo.survey import similarity
+from fcsv_stereo.survey import similarity, tuning
 from fcsv_stereo.survey.document import Site, overlaps
+from fcsv_stereo.survey.world import unlikely_points
 
 _PLAN_CELLS, _COVERAGE_CELLS = 700, 300  # along x
 _MOST_LABELLED = 12  # views; with more the edges' residuals would cover each other
@@ -47,6 +48,8 @@ def _summary(site: Site) -> List[Part]:
         Paragraph(f"{m.name} is missing: {m.reason}", Tone.WARNING) for m in site.missing
     ]
     parts += [Paragraph(r, Tone.WARNING) for r in site.adjusted.remarks]
+    if site.world is not None:
+        parts += [Paragraph(r, Tone.WARNING) for r in unlikely_points(site.world.fit.points)]
     alone = [n for n, p in site.adjusted.placed.items() if p.alone]
     if alone and len(site.adjusted.placed) > 1:
         parts.append(
@@ -201,15 +204,16 @@ def _world(site: Site) -> List[Part]:
     points = [
         (
             p.name,
-            "check" if p.check else "control" if p.used else "not used",
+            p.kind,
             *(f"{v:+.3f}" for v in p.off_m),
             f"{np.max(p.sigma_m):.3f}",
+            f"more than {tuning.UNLIKELY_SIGMAS:g} sigma" if p.unlikely else "",
             ", ".join(p.views),
         )
         for p in fit.points
     ]
     if points:
-        head = ("point", "kind", "east (m)", "north (m)", "up (m)", "± (m)", "seen by")
+        head = ("point", "kind", "east (m)", "north (m)", "up (m)", "± (m)", "off by", "seen by")
         parts.append(Table(head, points))
     fixes = [
         (

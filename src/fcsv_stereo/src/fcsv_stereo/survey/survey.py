@@ -3,11 +3,11 @@
 
 import itertools
 import json
+import shutil
 import tempfile
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs.writing import in_words, require_folder
@@ -30,10 +30,12 @@ from fcsv_stereo.survey.edges import Edge, posed_edge
 from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place, projected
 from fcsv_stereo.survey.inputs import Source
 from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
+from fcsv_stereo.survey.lock import LOCK, alone_in
 from fcsv_stereo.survey.maps import VIEWS, MapOptions, kept_map, make_map
 from fcsv_stereo.survey.matching import may_overlap
 from fcsv_stereo.survey.octree import write_copc
 from fcsv_stereo.survey.page import write_page
+from fcsv_stereo.survey.progress import Begin, MapsProgress
 from fcsv_stereo.survey.rasters import surface_of, write_surface
 from fcsv_stereo.survey.station import flown_prior, prior_of
 from fcsv_stereo.survey.views import View, read_view
@@ -41,7 +43,8 @@ from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions
 
 FILES = (*CLOUDS, *RASTERS, "site.html", "adjustment.json", "site.json")
 _LEAST_MIB = 50
-Begin = Callable[[str, float], None]
+_STAGED = ".site."  # begins the name of a folder whose files are not whole yet
+_MAPPED, _COMPARED, _JOINED = 0.7, 0.8, 0.95  # of a survey's time, for those who wait
 
 
 def check_out(out: Path) -> None:
@@ -53,11 +56,17 @@ def check_out(out: Path) -> None:
         if out.exists()
         else []
     )
-    foreign = [name for name in foreign if not name.startswith(".site.")]  # what a stopped run left
+    foreign = [n for n in foreign if n != LOCK and not n.startswith(_STAGED)]
     if foreign:
         raise OutputError(
             f"{out}: holds '{foreign[0]}', which is not of a survey; give another folder with -o"
         )
+
+
+def _remove_leftovers(out: Path) -> None:
+    """Removes what a survey left that was killed while it wrote."""
+    for left in out.glob(f"{_STAGED}*"):
+        shutil.rmtree(left, ignore_errors=True)
 
 
 def run(
@@ -72,24 +81,26 @@ def run(
     """The site of all inputs, written to ``out``; what could not be mapped or placed is in its
     ``missing``.
 
-    Raises FcsvError where an input is none, where a station.yaml is wrong, or where nothing could
-    be mapped.
+    Raises FcsvError where an input is none, where a station.yaml is wrong, where another survey
+    writes to ``out``, or where nothing could be mapped.
     """
     check_out(out)
     given = (world or WorldOptions()).read()
     require_folder(out.absolute(), _LEAST_MIB)
     sources = inputs.sources_of(paths, every)
-    with Crew(work or WorkOptions()) as crew:
-        mapped = _mapped(sources, out, options or MapOptions(), crew, begin)
-        if not mapped.views:
-            reasons = "; ".join(f"{m.name}: {m.reason}" for m in mapped.missing)
-            raise SurveyError(f"no view could be mapped: {reasons}")
-        begin("comparing views", 0.7)
-        edges, uncompared = edges_between(mapped.views, mapped.files, out, crew, begin)
-    edges = with_posed(edges, mapped.views)
-    site = site_of(mapped.views, edges, [*mapped.missing, *uncompared], begin, given)
-    begin("writing the site", 0.95)
-    write(site, out)
+    with alone_in(out):
+        _remove_leftovers(out)
+        with Crew(work or WorkOptions()) as crew:
+            mapped = _mapped(sources, out, options or MapOptions(), crew, begin)
+            if not mapped.views:
+                reasons = "; ".join(f"{m.name}: {m.reason}" for m in mapped.missing)
+                raise SurveyError(f"no view could be mapped: {reasons}")
+            begin("comparing views", _MAPPED)
+            edges, uncompared = edges_between(mapped.views, mapped.files, out, crew, begin)
+        edges = with_posed(edges, mapped.views)
+        site = site_of(mapped.views, edges, [*mapped.missing, *uncompared], begin, given)
+        begin("writing the site", _JOINED)
+        write(site, out)
     return site
 
 
@@ -119,7 +130,7 @@ def site_of(
         said = "no two views were joined: each that has a place stays at its station, and errors of scale stay"
         adjusted = replace(adjusted, remarks=[*adjusted.remarks, said])
     adjusted = replace(adjusted, remarks=[*adjusted.remarks, *_uncompared(adjusted)])
-    begin("joining depths", 0.8)
+    begin("joining depths", _COMPARED)
     origin_m = origin_of(list(adjusted.placed.values()))
     placed = [v for v in views if v.name in adjusted.placed]
     cloud, parts = merge.join(placed, adjusted.placed, origin_m)
@@ -161,7 +172,8 @@ def edges_between(
     for done, outcome in enumerate(crew.run(tasks), 1):
         if outcome.error:
             errors[outcome.number] = outcome.error
-        begin(f"comparing views, {done} of {len(tasks)}", 0.7 + 0.1 * done / len(tasks))
+        share = _MAPPED + (_COMPARED - _MAPPED) * done / len(tasks)
+        begin(f"comparing views, {done} of {len(tasks)}", share)
     missing = [Missing(tasks[i].name, "", errors[i]) for i in sorted(errors)]
     found = [kept_edge(a, b, out) for a, b in pairs]
     if len([e for e in found if e is None]) > len(missing):
@@ -215,17 +227,15 @@ def _mapped(
     tasks = [_map_task(s, keys[s.name], out, options) for s in new]
     if crew.elsewhere(tasks):
         tasks = [_map_task(s, keys[s.name], out, options.on_one_core()) for s in new]
-    began = time.monotonic()
-    begin(f"map 1 of {len(new)}" if new else "reading maps", 0.0)
-    for done, outcome in enumerate(crew.run(tasks), 1):
+    progress = MapsProgress([s.name for s in new], begin, _MAPPED)
+    progress.begin(crew.elsewhere(tasks))
+    for outcome in crew.run(tasks, progress.advance):
         name = new[outcome.number].name
         if outcome.error:
             errors[name] = outcome.error
         else:
             folders[name] = out / VIEWS / name
-        left_s = (time.monotonic() - began) / done * (len(new) - done)
-        words = f"{done} of {len(new)} maps, {name} is ready, about {left_s:.0f} s for the others"
-        begin(words, 0.7 * done / len(new))
+        progress.ended(outcome.number)
     views, files = [], []
     for source in (s for s in own if s.name not in errors):
         try:
@@ -247,7 +257,7 @@ def _mapped(
 
 def _map_task(source: Source, key: str, out: Path, options: MapOptions) -> SurveyTask:
     return SurveyTask(
-        source.name, make_map, (_anywhere(source), key, out.absolute(), options), long=True
+        source.name, make_map, (_anywhere(source), key, out.absolute(), options), True, tells=True
     )
 
 
@@ -275,7 +285,7 @@ def write(site: Site, out: Path) -> None:
     Raises OutputError."""
     out.mkdir(parents=True, exist_ok=True)
     try:
-        with tempfile.TemporaryDirectory(prefix=".site.", dir=out) as made:
+        with tempfile.TemporaryDirectory(prefix=_STAGED, dir=out) as made:
             folder = Path(made)
             last = ("views", "views that agree on it")
             write_ply(site.cloud, folder / CLOUDS[0], site.origin_m, last[0])

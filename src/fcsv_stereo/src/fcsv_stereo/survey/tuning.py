@@ -83,6 +83,9 @@ STATIONS_TILT_RAD, STATIONS_SCALE = 1e-3, 1e-3
 MOST_METRE_OFF, FREE_SCALE = 0.2, 20.0
 #: Standard deviations of their places within which two fixes count as one place.
 APART_SIGMAS = 3.0
+#: Standard deviations in an axis from which on a control point's residual is marked: 0.8 % of right
+#: points are.
+UNLIKELY_SIGMAS = 3.0
 #: Share of all statements on the world that may be thrown out as wrong.
 MOST_WRONG = 0.4
 

@@ -7,10 +7,13 @@ one thread of linear algebra.
 """
 
 import contextlib
+import functools
 import logging
 import os
 import signal
+import sys
 import threading
+import uuid
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
@@ -22,7 +25,10 @@ from threadpoolctl import threadpool_limits
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs.writing import in_words
 from fcsv_stereo.errors import SurveyError
+from fcsv_stereo.model import Progress
 
+#: Hears how far a task is: its number, step, share.
+Told = Callable[[int, str, float], None]
 #: So many tasks that take long, or so many in all, are worth a start of processes (5 s each).
 _WORTH_LONG, _WORTH = 2, 40
 _FAILURES = 3  # workers that a task may take with it
@@ -31,12 +37,14 @@ _LEAST_BYTES = 256 << 20
 
 @dataclass(frozen=True)
 class SurveyTask:
-    """``call(*args)`` with a ``name`` for people; ``long``: it takes many seconds."""
+    """``call(*args)`` with a ``name`` for people; ``long``: it takes many seconds; ``tells``: it
+    takes an argument ``progress`` besides."""
 
     name: str
     call: Callable
     args: Tuple
     long: bool = False
+    tells: bool = False
 
 
 @dataclass(frozen=True)
@@ -101,17 +109,21 @@ def _cores() -> int:
     return os.cpu_count() or 1
 
 
-def attempt_on_one_core(call: Callable, args: Tuple) -> Tuple[Any, str]:
-    """Does what ``attempt`` does, in a process that shares its machine with others."""
+def attempt_on_one_core(task: SurveyTask, number: int, topic: str) -> Tuple[Any, str]:
+    """Does what ``attempt`` does, in a worker that shares its machine with others. Its progress
+    goes to those who listen to the ``topic``, with the task's ``number``."""
+    from distributed import get_worker
+
     cv2.setNumThreads(1)
-    return attempt(call, args)
+    worker = get_worker()
+    return attempt(task, lambda step, share: worker.log_event(topic, (number, step, share)))
 
 
-def attempt(call: Callable, args: Tuple) -> Tuple[Any, str]:
+def attempt(task: SurveyTask, progress: Progress) -> Tuple[Any, str]:
     """A task's result, or the line of the error that its input makes."""
     with threadpool_limits(1):
         try:
-            return call(*args), ""
+            return task.call(*task.args, **({"progress": progress} if task.tells else {})), ""
         except (FcsvError, ValueError) as error:
             return None, str(error)
         except OSError as error:
@@ -125,23 +137,40 @@ class Crew:
     def __init__(self, options: WorkOptions):
         self._options = options
         self._client: Any = None
+        self._cluster: Any = None  # of this machine
         self._open = contextlib.ExitStack()
 
     def __enter__(self) -> "Crew":
         return self
 
-    def __exit__(self, *error) -> None:
+    def __exit__(self, kind, *_) -> None:
+        if kind is not None:
+            self._kill_workers()
         self._open.close()
-        self._client = None
+        self._client = self._cluster = None
 
-    def run(self, tasks: Sequence[SurveyTask]) -> Iterator[TaskResult]:
+    def run(
+        self, tasks: Sequence[SurveyTask], told: Told = lambda *_: None
+    ) -> Iterator[TaskResult]:
         """The outcome of each task, in the order in which they end. Raises SurveyError where the
-        scheduler is not there."""
+        scheduler is not there.
+
+        ``told`` hears how far tasks are that tell it: number, step, share; from any thread.
+        """
         if not self.elsewhere(tasks):
             for i, task in enumerate(tasks):
-                yield TaskResult(i, *attempt(task.call, task.args))
+                yield TaskResult(i, *attempt(task, functools.partial(told, i)))
             return
-        yield from self._by_dask(tasks)
+        yield from self._by_dask(tasks, told)
+
+    def _kill_workers(self) -> None:
+        """Ends this machine's workers at once; what they write is whole or not there. Asked to end,
+        each would wait for its task first."""
+        for nanny in self._cluster.workers.values() if self._cluster is not None else ():
+            nanny.auto_restart = False
+            with contextlib.suppress(psutil.NoSuchProcess):
+                if nanny.pid is not None:
+                    psutil.Process(nanny.pid).kill()
 
     def elsewhere(self, tasks: Sequence[SurveyTask]) -> bool:
         """Whether other processes run these tasks."""
@@ -153,14 +182,15 @@ class Crew:
     def _worth(tasks: Sequence[SurveyTask]) -> bool:
         return sum(t.long for t in tasks) >= _WORTH_LONG or len(tasks) >= _WORTH
 
-    def _by_dask(self, tasks: Sequence[SurveyTask]) -> Iterator[TaskResult]:
+    def _by_dask(self, tasks: Sequence[SurveyTask], told: Told) -> Iterator[TaskResult]:
         from distributed import CancelledError, wait
         from distributed import TimeoutError as NothingDone  # of asyncio, before Python 3.11
         from distributed.scheduler import KilledWorker
 
-        client = self._started()
+        client, topic = self._started(), f"survey-{uuid.uuid4()}"
+        client.subscribe_topic(topic, lambda event: told(*event[1]))
         futures = {
-            client.submit(attempt_on_one_core, t.call, t.args, pure=False): i
+            client.submit(attempt_on_one_core, t, i, topic, pure=False): i
             for i, t in enumerate(tasks)
         }
         left: List[Any] = list(futures)
@@ -201,15 +231,17 @@ class Crew:
             o = self._options
             try:
                 with _interrupted_later():
-                    address: Any = o.scheduler or self._open.enter_context(
-                        LocalCluster(
-                            n_workers=o.processes,
-                            threads_per_worker=1,
-                            memory_limit=o.memory_bytes(),
-                            dashboard_address="127.0.0.1:0",  # any port that is free
-                            silence_logs=logging.CRITICAL,
+                    if not o.scheduler:
+                        self._cluster = self._open.enter_context(
+                            LocalCluster(
+                                n_workers=o.processes,
+                                threads_per_worker=1,
+                                memory_limit=o.memory_bytes(),
+                                dashboard_address="127.0.0.1:0",  # any port that is free
+                                silence_logs=logging.CRITICAL,
+                            )
                         )
-                    )
+                    address = o.scheduler or self._cluster
                     self._client = self._open.enter_context(Client(address, timeout=10))
             except (OSError, NoAnswer) as error:
                 where = o.scheduler or "this machine"
@@ -235,7 +267,7 @@ def _interrupted_later() -> Iterator[None]:
         pressed.append(number)
 
     signal.signal(signal.SIGINT, remember)
-    resource_tracker.ensure_running()  # a thread that starts it unblocks the signal
+    _start_tracker()  # a thread that starts it unblocks the signal
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -244,6 +276,24 @@ def _interrupted_later() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
     if pressed:
         before(pressed[0], None)
+
+
+def _start_tracker() -> None:
+    """Starts what cleans up after processes; where this one ends at once, it does so without a
+    warning."""
+    sys.warnoptions.append("ignore:resource_tracker")
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.pop()
+
+
+def kill_processes() -> None:
+    """Ends all processes that this one started, but for the one that cleans up after them."""
+    for process in psutil.Process().children(recursive=True):
+        with contextlib.suppress(psutil.Error):
+            if not any("resource_tracker" in word for word in process.cmdline()):
+                process.kill()
 
 
 def _died(name: str) -> str:

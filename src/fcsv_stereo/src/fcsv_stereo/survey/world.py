@@ -75,6 +75,16 @@ class PointResidual:
     off_m: np.ndarray
     sigma_m: np.ndarray
 
+    @property
+    def unlikely(self) -> bool:
+        """Whether it is farther off than ``tuning.UNLIKELY_SIGMAS`` in an axis."""
+        return bool((np.abs(self.off_m) > tuning.UNLIKELY_SIGMAS * self.sigma_m).any())
+
+    @property
+    def kind(self) -> str:
+        """What people read: check point, control point, or unused control point."""
+        return "check point" if self.check else f"{'' if self.used else 'unused '}control point"
+
 
 @dataclass(frozen=True)
 class WorldFit:
@@ -86,6 +96,18 @@ class WorldFit:
     sigma_scale: float
     points: List[PointResidual] = field(default_factory=list)
     gps: List[Residual] = field(default_factory=list)
+
+
+def unlikely_points(points: Sequence[PointResidual]) -> List[str]:
+    """A sentence that names control and check points whose residuals their sigmas do not explain;
+    none where there are none."""
+    named = [f"{p.kind} {p.name} ({np.linalg.norm(p.off_m):.2f} m)" for p in points if p.unlikely]
+    if not named:
+        return []
+    return [
+        f"off by more than {tuning.UNLIKELY_SIGMAS:g} of their sigmas: {', '.join(named)}; look at their marks and "
+        "coordinates, and at the depth there"
+    ]
 
 
 def statements_of(

@@ -189,23 +189,29 @@ class FlightList:
         self._list.go_back()
 
     def change(self, snapshot: Snapshot, operation: str) -> str:
-        """The operator's "skip", "repeat", "next" or "previous"; "" when done, else why not."""
+        """The operator's "skip", "repeat", "next" or "previous", or one of these of a station; ""
+        when done, else why not."""
         if operation == "skip" and self._activity.skip():
             self._hold(snapshot)
             return ""
-        titles = " and ".join(self._mission.title(i) for i in self._list.coming)
+        left = self._list.left
         change = {
             "skip": self._list.skip,
             "repeat": self._list.again,
             "next": self._list.put_off,
             "previous": self._list.before,
+            "skip_station": self._list.skip_station,
+            "repeat_station": self._list.station_again,
         }[operation]
         refusal = change()
         if not refusal:
             self._hold(snapshot)
             self._attempts = {}
             self._task.end()
-            if operation == "skip":
+            if operation in ("skip", "skip_station"):
+                stay = {t.index for t in self._list.left}
+                gone = [t.index for t in left if t.index is not None and t.index not in stay]
+                titles = " and ".join(self._mission.title(i) for i in gone)
                 self.notes.append(f"{titles} left out by the operator")
         return refusal
 

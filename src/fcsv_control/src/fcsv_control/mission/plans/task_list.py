@@ -6,6 +6,8 @@ from typing import Collection, List, Optional, Sequence, Set
 
 from fcsv_geometry.missions.mission import Mission
 
+_NO_STATIONS = "the mission has no stations"
+
 
 @dataclass(frozen=True)
 class Task:
@@ -169,6 +171,40 @@ class TaskList:
         self.flown += first
         return ""
 
+    def skip_station(self) -> str:
+        """Leave out what is left at the running station, at all its headings."""
+        if not self._mission.stations:
+            return _NO_STATIONS
+        if self.running is None:
+            return "no station is left that could be skipped"
+        left = self._indices()
+        here = self._here(left)
+        self._order([i for i in left if i not in here])
+        self.flown += here
+        return ""
+
+    def station_again(self) -> str:
+        """Fly the running station from its beginning, at all its headings; on the last way back the
+        one before."""
+        if not self._mission.stations:
+            return _NO_STATIONS
+        left = self._indices()
+        possible = [i for i in range(len(self._mission.configurations)) if self._may_fly(i)]
+        here = [i for i in self._here(possible) if i in self.flown or i in left]
+        if not here:
+            return "no station was flown before"
+        self.flown = [i for i in self.flown if i not in here]
+        self._order([*here, *(i for i in left if i not in here)])
+        return ""
+
+    def _here(self, indices: Sequence[int]) -> List[int]:
+        """Those of the running station, or of the last one."""
+        station = self._mission.viewpoint(self.index).station
+        return [i for i in indices if self._mission.viewpoint(i).station == station]
+
+    def _may_fly(self, index: int) -> bool:
+        return self._mission.mover(index, self._vehicles) not in self._gone
+
     def put_off(self) -> str:
         """Fly the next configurations first, the running ones after all others."""
         first, others = self.coming, self._others()
@@ -179,9 +215,7 @@ class TaskList:
 
     def before(self) -> str:
         """Fly the configurations before again, then the running ones."""
-        possible = [
-            i for i in self.flown if self._mission.mover(i, self._vehicles) not in self._gone
-        ]
+        possible = [i for i in self.flown if self._may_fly(i)]
         if not possible:
             return "no configuration was flown before"
         again = [i for i in self._mission.moment_of(possible[-1]) if i in possible]
