@@ -7,7 +7,7 @@ what is left is judged against its own spread, in inverse depth, where matching'
 """
 
 from dataclasses import dataclass, replace
-from typing import Optional, Sequence, Tuple
+from typing import Iterator, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -38,13 +38,20 @@ _FLOOR = 0.1  # of the stated sigma: noise that is taken for granted
 class Compared:
     """Layers of a grid (rows, columns). ``came``: how surely something stands nearer than what is
     mapped, 0 to 1, of which 1 is enough for one view. ``shift`` (1/m): by how much inverse depth it
-    is nearer. ``same``: bool, the ground is seen as it is mapped. ``noise`` (1/m): standard
+    is nearer. ``went``: bool, what is seen lies farther than what is mapped. ``same``: bool, the
+    ground is seen as it is mapped. ``noise`` (1/m): standard
     deviation of the view's inverse depth; a smaller shift is not told."""
 
     came: np.ndarray
     shift: np.ndarray
+    went: np.ndarray
     same: np.ndarray
     noise: float
+
+    @property
+    def differs(self) -> np.ndarray:
+        """(rows, columns) bool: the picture shows another depth than is mapped."""
+        return (self.came > 0) | self.went
 
 
 def compared(
@@ -124,44 +131,63 @@ def _judged(
     low = cv2.erode(np.where(known, expected, 9.0).astype(np.float32), around)
     both = np.isfinite(inverse) & (inverse > 1.0 / _FARTHEST_M) & (high > 0)
     nearer, farther = np.where(both, inverse - high, 0.0), np.where(both, low - inverse, 0.0)
-    came, shift = _came(view, inverse, high, nearer, noise, grid)
+    came, shift, went = (np.zeros(grid.shape, np.float32) for _ in range(3))
+    for group in _groups(view, inverse, high, nearer, noise):
+        cells = _cells_of(view, inverse, group, grid)
+        sure = min(group.by / (_SURE * noise), 1.0) * group.whole
+        came[cells] = np.maximum(came[cells], sure)
+        shift[cells] = np.maximum(shift[cells], group.by)
+    for group in _groups(view, inverse, low, farther, noise):
+        for depths in (low, inverse):  # where the thing was, and what is seen in its place
+            went[_cells_of(view, depths, group, grid)] = 1.0
     same = np.zeros(grid.shape, bool)
     seen = both & known & (np.maximum(nearer, farther) <= _SAME * noise)
     row, column, inside = grid.cells_of(*_places(view, inverse, seen)[:, :2].T)
     same[row[inside], column[inside]] = True
     between = disk(_BETWEEN_M, grid.cell_m)  # rows of pixels lie apart on the ground
     same = cv2.morphologyEx(same.astype(np.uint8), cv2.MORPH_CLOSE, between) > 0
-    return Compared(came, shift, same & (came == 0), noise)
+    return Compared(came, shift, went > 0, same & (came == 0) & (went == 0), noise)
 
 
-def _came(view: DepthView, inverse, high, nearer, noise: float, grid: Grid) -> Tuple:
-    """How surely something came into cells, and by how much (1/m) it is nearer."""
-    came, shift = np.zeros(grid.shape, np.float32), np.zeros(grid.shape, np.float32)
-    rays = _rays(view)
+@dataclass(frozen=True)
+class _Group:
+    """Pixels (rows, columns) that differ together, ``by`` inverse depth (1/m) in the middle;
+    ``whole``: their number against that of a thing for which one view is enough, 1 at most."""
+
+    rows: np.ndarray
+    columns: np.ndarray
+    by: float
+    whole: float
+
+
+def _groups(view: DepthView, inverse, edge, differs, noise: float) -> Iterator[_Group]:
+    """Connected pixels whose inverse depth ``differs`` surely from its foretold ``edge``, as many
+    as of a thing, and by a step that matters."""
+    up = np.abs(_rays(view)[..., 2])
     with np.errstate(divide="ignore", invalid="ignore"):
-        step_m = (1.0 / high - 1.0 / inverse) * np.abs(rays[..., 2])
+        step_m = np.abs(1.0 / edge - 1.0 / inverse) * up
         least_px = _SHOWN * (_THING_M * view.K[0, 0] * inverse) ** 2
-    flagged = (nearer > _FLAGGED * noise) & (step_m > _LEAST_STEP_M)
+    flagged = (differs > _FLAGGED * noise) & (step_m > _LEAST_STEP_M)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(flagged.astype(np.uint8))
     for k in range(1, count):
         left, top, width, height, size = stats[k]
-        window = slice(top, top + height), slice(left, left + width)
-        own = labels[window] == k
-        least = max(_LEAST_GROUP_PX, float(np.median(least_px[window][own])))
-        if size < least:
-            continue
-        by = float(np.median(nearer[window][own]))
-        sure = min(by / (_SURE * noise), 1.0) * min(size / (_WIDE * least), 1.0)
-        depth = 1.0 / inverse[window][own]
-        ray = rays[window][own]
-        off = np.arange(-_SPREAD_M, _SPREAD_M + 1e-6, 0.5 * grid.cell_m)
-        along = depth[:, None] + off / np.hypot(ray[:, 0], ray[:, 1])[:, None]
-        points = view.T_home_cam[:3, 3] + along[..., None] * ray[:, None]
-        row, column, inside = grid.cells_of(points[..., 0], points[..., 1])
-        cells = row[inside], column[inside]
-        came[cells] = np.maximum(came[cells], sure)
-        shift[cells] = np.maximum(shift[cells], by)
-    return came, shift
+        rows, columns = np.nonzero(labels[top : top + height, left : left + width] == k)
+        rows, columns = rows + top, columns + left
+        least = max(_LEAST_GROUP_PX, float(np.median(least_px[rows, columns])))
+        if size >= least:
+            by = float(np.median(differs[rows, columns]))
+            yield _Group(rows, columns, by, min(size / (_WIDE * least), 1.0))
+
+
+def _cells_of(view: DepthView, inverse: np.ndarray, group: _Group, grid: Grid) -> Tuple:
+    """Rows and columns of the cells that a group covers at an ``inverse`` depth (H,W)."""
+    ray = _rays(view)[group.rows, group.columns]
+    off = np.arange(-_SPREAD_M, _SPREAD_M + 1e-6, 0.5 * grid.cell_m)
+    depth = 1.0 / inverse[group.rows, group.columns]
+    along = depth[:, None] + off / np.hypot(ray[:, 0], ray[:, 1])[:, None]
+    points = view.T_home_cam[:3, 3] + along[..., None] * ray[:, None]
+    row, column, inside = grid.cells_of(points[..., 0], points[..., 1])
+    return row[inside], column[inside]
 
 
 def _rays(view: DepthView) -> np.ndarray:

@@ -189,8 +189,8 @@ class KnownGround:
         for other in self._maps.values():
             mapped |= other.ground.known
             same |= _agrees(ground, other.ground)
-        if seen.compared is not None:  # cells cut what stands at their edge, pixels do not
-            same |= seen.compared.same
+        if seen.compared is not None:  # cells cut what stands at an edge, and move with the pose
+            same |= ~seen.compared.differs
         differs = ground.known & mapped & ~same
         changed = np.where(ground.known & mapped, differs, self._changed)
         changed = changed & ~_lone(changed)
