@@ -53,6 +53,10 @@ class Compared:
         """(rows, columns) bool: the picture shows another depth than is mapped."""
         return (self.came > 0) | self.went
 
+    def without_things(self) -> "Compared":
+        """The same, but that nothing came or went."""
+        return replace(self, came=np.zeros_like(self.came), went=np.zeros_like(self.went))
+
 
 def compared(
     view: DepthView, maps: Sequence[DepthView], grid: Grid

@@ -230,6 +230,9 @@ class KnownGround:
         frees = shows.same & (came <= 0) & (self._shift > _TOLD * shows.noise)
         things = np.minimum(self._things + came, 1.0) - frees / np.float32(_FREEING_VIEWS)
         things[things < 0.5 / _FREEING_VIEWS] = 0.0
+        if place is not None:  # where the robot itself stands, which no view can show, is no thing
+            off = self.grid.middle_of(*np.indices(self.grid.shape)) - [place.x_m, place.y_m]
+            things[np.hypot(off[..., 0], off[..., 1]) < self._robot.radius_m] = 0.0
         self._closed = ((things >= 0.999) | self._closed) & (things > 0)
         self._shift = np.where(things > 0, np.maximum(self._shift, shows.shift * (came > 0)), 0.0)
         self._things = things.astype(np.float32)

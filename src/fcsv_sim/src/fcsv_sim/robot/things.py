@@ -19,7 +19,7 @@ from fcsv_sim.world.town import Town
 # deviations in inverse depth (1/m)
 _SHARED, _OWN, _OF_PATCHES = 5e-4, 1e-4, 1.5e-4
 _OWN_PX, _PATCH_PX = 1.5, 12.0  # how far an error reaches
-_WRONG, _WRONG_PX, _WRONG_SHIFT = 2.0, (3, 7), 2e-3  # patches a view, their radius, error (1/m)
+_WRONG, _WRONG_PX, _WRONG_SHIFT = 1.0, (2, 6), 2e-3  # patches a view, their radius, error (1/m)
 _NO_DEPTH, _MISSED = 0.2, 0.1  # share of pixels without depth; of views in which a thing has none
 
 
