@@ -134,7 +134,7 @@ def test_a_live_map_changes_cells_and_the_route(server, scene):
     server.receive(7.2, MapSeen(scene([BOX, thing]).view(stamp_s=7.0, name="live"), live=True))
     changed, said, held = server.step(7.2)
     assert isinstance(changed, GridChanged) and changed.stamp_s == 7.0 == server.whole_grid.stamp_s
-    assert held == RobotHold("something moves 2.7 m from the robot")
+    assert held == RobotHold("something moves 2.4 m from the robot")
     rows, columns = changed.stands.percents.shape
     whole = server.whole_grid.stands[changed.stands.row :, changed.stands.column :][:rows, :columns]
     assert (
@@ -145,10 +145,19 @@ def test_a_live_map_changes_cells_and_the_route(server, scene):
         isinstance(said, RouteMessage)
         and np.hypot(*np.diff(said.points_home_m, axis=0).T).sum() > straight + 0.5
     )
-    assert server.step(9.6) == [RobotHold("")]  # nothing new came
-    server.receive(9.9, MapSeen(scene([BOX]).view(stamp_s=9.8, name="live"), live=True))  # it went
-    server.step(9.9)
-    assert 0 <= server.whole_grid.stands[server.whole_grid.grid.cell_of(12.8, 3.0)] <= FREE_PERCENT
+    assert not server.step(9.6)  # time alone is no reason to drive on
+    for stamp_s in (10.0, 11.0):
+        there = scene([BOX, thing]).view(stamp_s=stamp_s, name="live")
+        server.receive(stamp_s, MapSeen(there, live=True))
+        said = server.step(stamp_s)
+    assert said[-1] == RobotHold("")  # two views show that nothing more comes
+    cell = server.whole_grid.grid.cell_of(12.8, 3.0)
+    for stamp_s in (12.0, 13.0, 14.0):  # it went: three views must show the ground
+        assert server.whole_grid.stands[cell] > FREE_PERCENT
+        gone = scene([BOX]).view(stamp_s=stamp_s, name="live")
+        server.receive(stamp_s, MapSeen(gone, live=True))
+        server.step(stamp_s)
+    assert 0 <= server.whole_grid.stands[cell] <= FREE_PERCENT
 
 
 def test_a_watch_that_shows_the_same_says_only_its_time(server, scene):

@@ -25,7 +25,7 @@ from fcsv_guidance.ground import (
     window_of,
     within,
 )
-from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, KnownGround
+from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, KnownGround, watch_seen
 from fcsv_guidance.map_files import occupancy
 from fcsv_guidance.planning import RouteRules, plan_clear
 from fcsv_guidance.robot import Robot
@@ -128,6 +128,7 @@ class GroundServer:
         self._robot, self._rules = robot, rules
         self._views: List[DepthView] = []
         self._live: Optional[DepthView] = None
+        self._taken: List[DepthView] = []  # of which the maps' ground was laid
         self._known = KnownGround(robot)
         # what the maps show together, and the same with what watching views show in its place
         self._mapped: Optional[Ground] = None
@@ -226,7 +227,7 @@ class GroundServer:
         for view, each in zip(taken, alone):
             stamp_s = view.stamp_s if np.isfinite(view.stamp_s) else 0.0
             known.receive(GroundSeen(stamp_s, view.name, each), None)
-        self._views, self._live, self._known = views, live, known
+        self._views, self._live, self._known, self._taken = views, live, known, taken
         self._mapped = self._ground = ground
         self._alone = cell_probability(ground, self._robot)
         self._update_grid()
@@ -245,9 +246,8 @@ class GroundServer:
         if not self._places:
             raise GroundError(f"{view.name}: the robot's place is not known, which it may show")
         near = min(self._places, key=lambda p: abs(p.stamp_s - view.stamp_s))
-        new = ground_from([view], grid=self._known.grid)
-        seen = GroundSeen(view.stamp_s, view.name, new, True, view.T_home_cam[:3, 3])
-        freedom = self._known.version
+        seen = watch_seen(view, self._taken, self._known.grid)
+        new, freedom = seen.ground, self._known.version
         self._known.receive(seen, near)
         self._live = view
         if self._known.version == freedom:

@@ -152,6 +152,9 @@ class RobotGuide:
 
     def _on_view(self, now_s: float, seen: GroundSeen) -> None:
         near = min(self._places, key=lambda p: abs(p.stamp_s - seen.stamp_s), default=None)
+        if near is None and seen.compared is not None:
+            # the robot, which the picture may show, would be a thing that came
+            seen = replace(seen, compared=seen.compared.without_things())
         self.known.receive(seen, near)
         self._follower.receive(now_s, self.known.clearance(self._seen_s()))
 

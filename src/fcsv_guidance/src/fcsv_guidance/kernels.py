@@ -60,6 +60,30 @@ def points_of_view(depth, sigma, kind, most_pairs, K, R, p, span_factor, longest
 
 
 @numba.njit(cache=True)
+def seen_from(depth, K, T, K_other, height, width):
+    """(height, width) float32: depth (H,W) of a camera K as another one, K_other, sees it, which T
+    (4,4) takes points to; NaN where nothing falls. What is nearer hides what is behind."""
+    out = np.full((height, width), np.nan, np.float32)
+    for row in range(depth.shape[0]):
+        ry = (row - K[1, 2]) / K[1, 1]
+        for column in range(depth.shape[1]):
+            d = depth[row, column]
+            if not d > 0:
+                continue
+            rx = (column - K[0, 2]) / K[0, 0]
+            z = d * (T[2, 0] * rx + T[2, 1] * ry + T[2, 2]) + T[2, 3]
+            if z <= 0.1:
+                continue
+            x = d * (T[0, 0] * rx + T[0, 1] * ry + T[0, 2]) + T[0, 3]
+            y = d * (T[1, 0] * rx + T[1, 1] * ry + T[1, 2]) + T[1, 3]
+            u = int(np.round(K_other[0, 0] * x / z + K_other[0, 2]))
+            v = int(np.round(K_other[1, 1] * y / z + K_other[1, 2]))
+            if 0 <= u < width and 0 <= v < height and not out[v, u] <= z:
+                out[v, u] = z
+    return out
+
+
+@numba.njit(cache=True)
 def keys_of(points, x0_m, y0_m, z0_m, cell_m, rows, columns):
     """Sortable keys (M,) int64 of the points inside the grid: cell, height, index."""
     keys = np.empty(len(points), np.int64)

@@ -3,16 +3,18 @@
 freedom back."""
 
 from dataclasses import dataclass, replace
-from typing import Dict, Optional, Tuple
+from typing import Dict, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from fcsv_guidance import standing, tuning
+from fcsv_guidance.comparing import Compared, compared
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.following import ClearanceMap, RobotPlace
-from fcsv_guidance.ground import LAYERS, Grid, Ground, window_of, within
+from fcsv_guidance.ground import LAYERS, Grid, Ground, ground_from, window_of, within
 from fcsv_guidance.robot import Robot
+from fcsv_guidance.views import DepthView
 
 _SIGMAS = 4.0  # a height that differs by so much, and by CHANGED_M, is another
 # below the smallest step that stops a robot for System III; noise of one cell stays below
@@ -22,22 +24,37 @@ _STIRS_M = 0.25  # beside what has changed before: the edge of a thing that stan
 # beyond a footprint: how far a cell has to do with its probability (standing.features)
 _JUDGED_M = 0.8
 _OWN_M = 0.15  # beside the footprint: what is seen there may be the robot itself
+_HOLDS = 0.3  # how surely something came, for which the robot is held
+_AHEAD_M = 0.35  # beside what was measured of a thing: its depth there, or the robot's own edge
+_FREEING_VIEWS = 3  # that must show the ground where something stood, before it counts as free
+_TOLD = 2.0  # standard deviations of a view's noise by which a thing that it would free was nearer
 #: The robot stands while something came nearer than this (m) in the last STILL_S: what walks at
-#: 1.5 m/s comes so far until a picture shows it and the robot stands.
-MOVING_M, STILL_S = 4.0, 2.5
+#: 1.5 m/s comes so far until a picture shows it and the robot stands. STILL_VIEWS must show since
+#: that nothing more comes.
+MOVING_M, STILL_S, STILL_VIEWS = 4.0, 2.5, 2
 
 
 @dataclass(frozen=True)
 class GroundSeen:
     """What one view shows of the ground, on the grid that all share. ``source``: its station; the
     newest of a source counts. ``watching``: it is one of a series that shows what changes.
-    ``eye_m`` (3,) in home: of its camera, where the robot may stand in the picture."""
+    ``eye_m`` (3,) in home: of its camera, where the robot may stand in the picture. ``compared``:
+    a watching view with what the maps foretell for it, where one does."""
 
     stamp_s: float
     source: str
     ground: Ground
     watching: bool = False
     eye_m: Optional[np.ndarray] = None
+    compared: Optional[Compared] = None
+
+
+def watch_seen(view: DepthView, maps: Sequence[DepthView], grid: Grid) -> GroundSeen:
+    """What a watching view shows, laid on ``grid`` and compared with the ``maps``. Raises
+    GroundError where no pixel has a depth."""
+    view, shows = compared(view, maps, grid)
+    ground = ground_from([view], grid=grid)
+    return GroundSeen(view.stamp_s, view.name, ground, True, view.T_home_cam[:3, 3], shows)
 
 
 class KnownGround:
@@ -46,6 +63,10 @@ class KnownGround:
     A cell in which a watching view shows another height than every map is changed: it counts for
     the maps no more, until a watching view shows the height of the maps again. What hides behind
     stays as it was.
+
+    A cell in which views surely show something nearer than the maps foretell is closed, until
+    _FREEING_VIEWS views, each good enough to tell the thing from the ground, have shown the ground
+    there as it is mapped. A view that does not see it says nothing.
     """
 
     def __init__(self, robot: Robot):
@@ -55,6 +76,10 @@ class KnownGround:
         # probability, whole footprint known
         self._stands: Dict[str, Tuple[np.ndarray, np.ndarray]] = {}
         self._changed: Optional[np.ndarray] = None
+        #: how surely something stands in a cell, 0 to 1, whether that closed it, and by how much
+        #: inverse depth (1/m) it was nearer than the ground
+        self._things = self._closed = self._shift = np.zeros((0, 0))
+        self._quiet_views = 0  # since something came last
         self.stands: Optional[np.ndarray] = None
         self.clear_m: Optional[np.ndarray] = None
         self.version = 0
@@ -70,6 +95,11 @@ class KnownGround:
     def changed(self) -> np.ndarray:
         """(rows, columns) bool: cells in which something else was seen than the maps show."""
         return self._changed
+
+    @property
+    def closed(self) -> np.ndarray:
+        """(rows, columns) bool: cells in which something stands that came after the maps."""
+        return self._closed
 
     @property
     def newest_map_s(self) -> float:
@@ -103,6 +133,8 @@ class KnownGround:
                     f"{seen.source}: watches a place that has no map yet; give the map first"
                 )
             self._changed = np.zeros(seen.ground.grid.shape, bool)
+            self._closed = self._changed.copy()
+            self._things, self._shift = np.zeros((2, *seen.ground.grid.shape), np.float32)
         if seen.watching:
             self._watching[seen.source] = seen
             return self._watched(seen, place, None if before is None else before.ground)
@@ -118,18 +150,20 @@ class KnownGround:
         self, now_s: float, place: RobotPlace, nearer_m: float = MOVING_M, still_s: float = STILL_S
     ) -> str:
         """What has just come nearer to the robot than that; empty where nothing has."""
-        if now_s - self.came_s >= still_s:
+        if now_s - self.came_s >= still_s and self._quiet_views >= STILL_VIEWS:
+            return ""
+        if not len(self.came_m):
             return ""
         off_m = float(np.hypot(*(self.came_m - [place.x_m, place.y_m]).T).min())
         off_m = max(off_m - self._robot.radius_m, 0.0)
         return "" if off_m >= nearer_m else f"something moves {off_m:.1f} m from the robot"
 
-    def _own(self, seen: GroundSeen, place: RobotPlace) -> np.ndarray:
+    def _own(self, seen: GroundSeen, place: RobotPlace, more_m: float = 0.0) -> np.ndarray:
         """(rows, columns) bool: cells in which a view may show the robot, or its edge above what it
         hides."""
         grid, robot = self.grid, self._robot
         xy = grid.middle_of(*np.indices(grid.shape)) - [place.x_m, place.y_m]
-        own_m = robot.radius_m + _OWN_M + 2 * place.sigma_m
+        own_m = robot.radius_m + _OWN_M + 2 * place.sigma_m + more_m
         if seen.eye_m is None:
             return np.hypot(xy[..., 0], xy[..., 1]) < own_m
         away = np.array([place.x_m, place.y_m]) - seen.eye_m[:2]
@@ -155,6 +189,8 @@ class KnownGround:
         for other in self._maps.values():
             mapped |= other.ground.known
             same |= _agrees(ground, other.ground)
+        if seen.compared is not None:  # cells cut what stands at an edge, and move with the pose
+            same |= ~seen.compared.differs
         differs = ground.known & mapped & ~same
         changed = np.where(ground.known & mapped, differs, self._changed)
         changed = changed & ~_lone(changed)
@@ -164,17 +200,43 @@ class KnownGround:
             cells |= moved & ~_lone(moved)
         stirs = standing.disk(_STIRS_M, grid.cell_m)
         came = changed & ~(standing.most(self._changed, stirs) > 0)
+        closed = self._closed
+        came |= self._compared(seen, place)
+        self._quiet_views += 1
         if came.sum() >= _MOVES_CELLS:
             self.came_s, self.came_m = seen.stamp_s, grid.middle_of(*np.nonzero(came))
+            self._quiet_views = 0
         self._changed = changed
         before = self._stands.get(seen.source)
         if before is None:
             self._stands[seen.source] = self._judged(ground)
         elif not cells.any():
-            return False
+            return (closed != self._closed).any() and self._weighed()
         else:
             self._stands[seen.source] = self._judged_near(ground, cells, before)
         return self._weighed()
+
+    def _compared(self, seen: GroundSeen, place: Optional[RobotPlace]) -> np.ndarray:
+        """Takes what the view shows against the maps; (rows, columns) bool, where something came
+        beside what stood there."""
+        shows, nowhere = seen.compared, np.zeros(self.grid.shape, bool)
+        if shows is None:
+            return nowhere
+        came = shows.came
+        if place is not None:
+            came = np.where(self._own(seen, place, _AHEAD_M), 0.0, came)
+        stirs = standing.disk(_STIRS_M, self.grid.cell_m)
+        new = (came >= _HOLDS) & ~(standing.most(self._things > 0, stirs) > 0)
+        frees = shows.same & (came <= 0) & (self._shift > _TOLD * shows.noise)
+        things = np.minimum(self._things + came, 1.0) - frees / np.float32(_FREEING_VIEWS)
+        things[things < 0.5 / _FREEING_VIEWS] = 0.0
+        if place is not None:  # where the robot itself stands, which no view can show, is no thing
+            off = self.grid.middle_of(*np.indices(self.grid.shape)) - [place.x_m, place.y_m]
+            things[np.hypot(off[..., 0], off[..., 1]) < self._robot.radius_m] = 0.0
+        self._closed = ((things >= 0.999) | self._closed) & (things > 0)
+        self._shift = np.where(things > 0, np.maximum(self._shift, shows.shift * (came > 0)), 0.0)
+        self._things = things.astype(np.float32)
+        return new
 
     def _judged_near(self, ground: Ground, cells: np.ndarray, before) -> Tuple:
         """What was judged ``before``, anew where ``cells`` (rows, columns) matter."""
@@ -208,6 +270,9 @@ class KnownGround:
         stands = standing.weighed(each, whole, around)
         for p, _ in watching:  # what is in the way now, no number of older maps can say otherwise
             stands = np.where(doubtful & (p < tuning.FREE_P), np.minimum(stands, p), stands)
+        if self._closed.any():
+            blocked = standing.most(self._closed, around) > 0
+            stands = np.where(blocked, np.float32(0.0), stands)
         before, self.stands = self.stands, stands
         self.clear_m = np.maximum(self.grid.clear_m(stands >= tuning.FREE_P), 0.0)
         if before is not None and ((before >= tuning.FREE_P) == (stands >= tuning.FREE_P)).all():

@@ -3,14 +3,14 @@
 wheels, one fault."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import List, Optional, Tuple
 
 import numpy as np
 
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.following import StopRobot
-from fcsv_guidance.ground import Grid, Ground, ground_from
+from fcsv_guidance.ground import Grid
 from fcsv_guidance.guiding import (
     ARRIVED,
     DRIVING,
@@ -22,7 +22,7 @@ from fcsv_guidance.guiding import (
     RobotGuide,
     plan_over,
 )
-from fcsv_guidance.known import GroundSeen
+from fcsv_guidance.known import GroundSeen, watch_seen
 from fcsv_guidance.place import RobotTracker
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import Route
@@ -110,7 +110,6 @@ class RobotDrive:
         self.track = DriveRecord()
         self._post: List[tuple] = []  # (when it arrives, what)
         self._thing, self._watcher, self._watched_by = None, None, 0
-        self._last_look: Optional[Tuple[Optional[Box], Ground]] = None
         self._share = self._random.uniform(0.2, 0.6)
         self._begins_s, self._ends_s = np.inf, np.inf
         self._fixes: Optional[FixFault] = None
@@ -254,9 +253,9 @@ class RobotDrive:
             and _every(now_s, LOOK_EVERY_S)
             and not self._during("map stale", now_s)
         ):
-            self._post.append(
-                (now_s + LOOK_DELAY_S, GroundSeen(now_s, "watch", self._seen_now(now_s), True))
-            )
+            seen = self._seen_now(now_s)
+            if seen is not None:
+                self._post.append((now_s + LOOK_DELAY_S, seen))
         if self._during("stop all", now_s - STEP_S) and not self._during("stop all", now_s):
             self._post.append((now_s, self._goal))
 
@@ -363,29 +362,24 @@ class RobotDrive:
         self._watched_by = int(np.argmax(np.where(has, ways, -1)))
         self._watcher = Watcher(self._place.town, self._place.views[self._watched_by], self._seed)
 
-    def _seen_now(self, now_s: float) -> Ground:
-        """What the watch shows. Without a thing in the way it shows what the map shows."""
-        still = self._place.grounds[self._watched_by]
+    def _seen_now(self, now_s: float) -> Optional[GroundSeen]:
+        """What the watch shows; None where its picture shows no ground."""
         box = None if self._thing is None else self._thing.box
-        if box is None:
-            return still
-        if not self._thing.moves and self._last_look is not None and self._last_look[0] == box:
-            return self._last_look[1]
-        self.track.boxes.append(box)
         machine = self.machine
         own = 0.7 * self._robot.radius_m
         z = float(self._true.T_world_robot(machine.x_m, machine.y_m, 0.0)[2, 3])
         itself = Box(machine.x_m, machine.y_m, z, (own, own), self._robot.height_m, machine.yaw_rad)
-        # what stays is drawn once, without the robot
-        boxes = [box, itself] if self._thing.moves else [box]
+        boxes = [itself] if box is None else [box, itself]
+        view = replace(self._watcher.look(now_s, boxes), name="watch")
+        grid = self._place.grounds[self._watched_by].grid
         try:
-            ground = ground_from([self._watcher.look(now_s, boxes)], grid=still.grid)
+            seen = watch_seen(view, [self._place.views[self._watched_by]], grid)
         except GroundError:
-            return still
-        if self._shown_s is None:
-            self._shown_s = now_s
-        self._last_look = (box, ground)
-        return ground
+            return None
+        if box is not None:
+            self.track.boxes.append(box)
+            self._shown_s = now_s if self._shown_s is None else self._shown_s
+        return seen
 
 
 def _every(now_s: float, period_s: float) -> bool:

@@ -5,15 +5,22 @@ show them."""
 from dataclasses import dataclass, replace
 from typing import Callable, Optional, Sequence, Tuple
 
+import cv2
 import numpy as np
+from scipy.special import ndtri
 
 from fcsv_guidance.views import DepthView
 from fcsv_sim.render.caster import make_caster
 from fcsv_sim.render.rays import T, ray_buffer, set_rays
 from fcsv_sim.world.town import Town
 
-_BASELINE_M, _MATCHED_PX = 6.0, 0.15  # of the vehicles that watch; sigma of their disparities
-_RENEWED = 0.3  # of sigma: what differs from picture to picture
+# of live matching with 6 m of baseline, poses refined, as measured in flight (low_maze 29; 1 px is
+# 2.8e-4 / m): what a whole view shares, what pixels and patches have of their own, standard
+# deviations in inverse depth (1/m)
+_SHARED, _OWN, _OF_PATCHES = 5e-4, 1e-4, 1.5e-4
+_OWN_PX, _PATCH_PX = 1.5, 12.0  # how far an error reaches
+_WRONG, _WRONG_PX, _WRONG_SHIFT = 1.0, (2, 6), 2e-3  # patches a view, their radius, error (1/m)
+_NO_DEPTH, _MISSED = 0.2, 0.1  # share of pixels without depth; of views in which a thing has none
 
 
 @dataclass(frozen=True)
@@ -60,25 +67,39 @@ class Watcher:
         self._true = rays[:, T].reshape(height, width)
 
     def look(self, stamp_s: float, boxes: Sequence[Box]) -> DepthView:
-        """The depth view of an instant."""
+        """The depth view of an instant, with errors as live matching has them."""
         random, old = self._random, self.view
-        depth = old.depth + _RENEWED * old.sigma * random.standard_normal(
-            old.depth.shape, dtype=np.float32
-        )
-        sigma, kind = old.sigma.copy(), old.kind.copy()
-        true = self._true
+        depth, kind, true = old.depth.copy(), old.kind.copy(), self._true
+        missed = random.random() < _MISSED
         for box in boxes:
             hit = self._hit(box)
             before = hit < true
-            z = hit[before]
-            own = z**2 / (old.K[0, 0] * _BASELINE_M) * _MATCHED_PX
-            depth[before], sigma[before], kind[before] = (
-                z + own * random.standard_normal(len(z)),
-                own,
-                2,
-            )
+            depth[before], kind[before] = hit[before], 0 if missed else 2
             true = np.where(before, hit, true)
+        height, width = depth.shape
+        v, u = (np.indices(depth.shape) - np.array([[[height]], [[width]]]) / 2) / width
+        a, b, c = _SHARED * random.standard_normal(3)
+        off = a + b * u + c * v + _OWN * self._field(_OWN_PX) + _OF_PATCHES * self._field(_PATCH_PX)
+        for _ in range(random.poisson(_WRONG)):
+            at = int(random.integers(width)), int(random.integers(height))
+            wrong = np.zeros(depth.shape, np.uint8)
+            cv2.circle(wrong, at, int(random.integers(*_WRONG_PX)), 1, -1)
+            off = off + random.choice((-1.0, 1.0)) * _WRONG_SHIFT * wrong
+        kind[self._field(_PATCH_PX) < ndtri(_NO_DEPTH)] = 0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = 1.0 / depth + off
+            depth = np.where(inverse > 1e-3, 1.0 / inverse, np.nan).astype(np.float32)
+        sigma = (np.hypot(_SHARED, _OWN) * depth**2).astype(np.float32)
         return replace(old, depth=depth, sigma=sigma, kind=kind, stamp_s=stamp_s)
+
+    def _field(self, reach_px: float) -> np.ndarray:
+        """(H,W) float32 of noise with standard deviation 1 that neighbours share."""
+        step = max(1, int(reach_px))
+        height, width = self.view.depth.shape
+        small = (width // step + 2, height // step + 2)
+        noise = self._random.standard_normal(small[::-1], dtype=np.float32)
+        noise = cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC)
+        return noise / noise.std()
 
     def _hit(self, box: Box) -> np.ndarray:
         """(H,W) depth of the box; inf beside it."""

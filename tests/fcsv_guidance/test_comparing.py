@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A watching view against the maps: what all its pixels have wrong hides nothing, and what closed
+ground is opened by views that see it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fcsv_guidance.comparing import compared
+from fcsv_guidance.following import RobotPlace
+from fcsv_guidance.ground import Grid, ground_from
+from fcsv_guidance.known import STILL_VIEWS, GroundSeen, KnownGround, watch_seen
+from fcsv_guidance.robot import load_robot
+from fcsv_guidance.tuning import FREE_P
+
+GRID = Grid.around((16, -8), (40, 8), 0.1)
+HIGH = {"eye": (0.0, 0.0, 10.0), "tilt_rad": np.radians(18.0)}
+WALL = (20.0, 20.3, 3.0, 7.0, 0.0, 1.0)
+CRATE = (29.7, 30.3, -1.0, 1.0, 0.0, 1.1)
+ON_CRATE = GRID.cell_of(30.0, 0.0)
+#: of inverse depth (1/m): what wrong poses of cameras with 6 m between them share, and matching's
+#: noise of 0.4 px; 600 px of focal length
+SHARED, NOISE = 3e-3, 1.1e-4
+
+
+@pytest.fixture
+def rescue(root):
+    return load_robot(root / "config/robots/rescue.yaml")
+
+
+@pytest.fixture
+def live(scene):
+    """A view as live matching makes it: its sigma is mostly that of the poses."""
+
+    def made(boxes, number, shared=SHARED, noise=NOISE):
+        view = scene(boxes, **HIGH).view(stamp_s=float(number), name="watch")
+        random = np.random.default_rng(number)
+        u = np.linspace(-0.5, 0.5, view.depth.shape[1])
+        a, b = shared * random.standard_normal(2)
+        inverse = 1.0 / view.depth + a + b * u + noise * random.standard_normal(view.depth.shape)
+        sigma = np.hypot(shared, noise) * view.depth**2
+        return replace(view, depth=(1.0 / inverse).astype(np.float32), sigma=sigma)
+
+    return made
+
+
+@pytest.fixture
+def mapped(scene):
+    return scene([WALL], **HIGH).view(stamp_s=0.0)
+
+
+@pytest.fixture
+def known(rescue, mapped):
+    made = KnownGround(rescue)
+    made.receive(GroundSeen(0.0, "map", ground_from([mapped], grid=GRID)), None)
+    return made
+
+
+def free(known):
+    return known.stands[ON_CRATE] >= FREE_P
+
+
+def test_a_crate_within_one_sigma_of_the_ground_is_seen_in_one_view(known, mapped, live):
+    view = live([WALL, CRATE], 1)
+    crate = (np.abs(view.depth - 30.0) < 4.0) & np.isfinite(mapped.depth)
+    assert np.median(view.sigma[crate]) > 2.5 and free(known)
+    aligned, shows = compared(view, [mapped], GRID)
+    assert shows.noise < 3 * NOISE and shows.came[ON_CRATE] == 1.0 and not shows.same[ON_CRATE]
+    assert np.nanmedian(np.abs(aligned.depth - mapped.depth)) < 0.2
+    known.receive(watch_seen(view, [mapped], GRID), None)
+    assert not free(known) and known.closed[ON_CRATE]
+    assert "moves" in known.moving(1.1, RobotPlace(1.0, 26.0, 0.0, 0.0, 0.1))
+
+
+def test_views_without_a_thing_close_nothing(known, mapped, live):
+    before = known.stands >= FREE_P
+    for number in range(1, 6):
+        known.receive(watch_seen(live([WALL], number), [mapped], GRID), None)
+        assert not known.closed.any()
+        assert (before & ~(known.stands >= FREE_P)).sum() <= 0.001 * before.sum()
+
+
+def test_ground_is_free_again_after_three_views_that_see_it(known, mapped, live):
+    known.receive(watch_seen(live([WALL, CRATE], 1), [mapped], GRID), None)
+    for number in (2, 3):
+        known.receive(watch_seen(live([WALL], number), [mapped], GRID), None)
+        assert not free(known)
+    known.receive(watch_seen(live([WALL], 4), [mapped], GRID), None)
+    assert free(known)
+
+
+def test_a_view_that_does_not_see_it_or_is_not_sure_neither_frees_nor_closes(known, mapped, live):
+    blind = live([WALL], 2)
+    xy = np.indices(blind.depth.shape)
+    blind = replace(blind, kind=np.where(np.abs(xy[1] - 320) < 80, 0, blind.kind).astype(np.uint8))
+    known.receive(watch_seen(live([WALL, CRATE], 1), [mapped], GRID), None)
+    for number in range(2, 12):
+        poor = live([WALL], number, noise=20 * NOISE)
+        for view in (replace(blind, stamp_s=number + 0.5), poor):
+            known.receive(watch_seen(view, [mapped], GRID), None)
+            assert not free(known)
+
+
+def test_a_hold_ends_by_views_and_not_by_time_alone(known, mapped, live):
+    at = RobotPlace(1.0, 26.0, 0.0, 0.0, 0.1)
+    known.receive(watch_seen(live([WALL, CRATE], 1), [mapped], GRID), None)
+    assert known.moving(100.0, at)
+    for number in range(2, 2 + STILL_VIEWS):
+        assert known.moving(100.0, at)
+        known.receive(watch_seen(live([WALL, CRATE], number), [mapped], GRID), None)
+    assert not known.moving(100.0, at) and not free(known)
+
+
+def test_the_robot_itself_closes_nothing(known, mapped, live):
+    itself = (27.8, 28.3, -0.25, 0.25, 0.0, 0.7)
+    at = RobotPlace(1.0, 28.1, 0.1, 0.0, 0.1)
+    known.receive(watch_seen(live([WALL, itself], 1), [mapped], GRID), at)
+    assert not known.closed.any() and not known.moving(1.1, at)
+
+
+def test_maps_of_another_place_say_nothing(mapped, live):
+    view = live([WALL, CRATE], 1)
+    T = mapped.T_home_cam.copy()
+    T[0, 3] -= 9.0
+    assert compared(view, [replace(mapped, T_home_cam=T)], GRID) == (view, None)
+    assert compared(view, [], GRID)[1] is None
