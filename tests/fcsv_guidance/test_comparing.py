@@ -119,6 +119,19 @@ def test_the_robot_itself_closes_nothing(known, mapped, live):
     assert not known.closed.any() and not known.moving(1.1, at)
 
 
+def test_the_robot_itself_measured_too_near_closes_nothing(known, mapped, live):
+    """Its pixels differ by what noise allows: far away that is a metre along the line of sight."""
+    itself = (35.7, 36.3, -0.3, 0.3, 0.0, 0.7)
+    view, noise = live([WALL, itself], 1, noise=2 * NOISE), 2 * NOISE
+    own = np.isfinite(mapped.depth) & (mapped.depth - view.depth > 0.8) & (view.depth > 32.0)
+    near = 1.0 / (1.0 / view.depth + 2.5 * noise)
+    view = replace(view, depth=np.where(own, near, view.depth).astype(np.float32))
+    seen = watch_seen(view, [mapped], GRID)
+    assert (seen.compared.came[:, GRID.cell_of(34.8, 0.0)[1]] > 0).any(), "it is seen there"
+    known.receive(seen, RobotPlace(1.0, 36.0, 0.0, 0.0, 0.1))
+    assert not known.closed.any() and not known.moving(1.1, RobotPlace(1.0, 36.0, 0.0, 0.0, 0.1))
+
+
 def test_maps_of_another_place_say_nothing(mapped, live):
     view = live([WALL, CRATE], 1)
     T = mapped.T_home_cam.copy()

@@ -25,6 +25,7 @@ _STIRS_M = 0.25  # beside what has changed before: the edge of a thing that stan
 _JUDGED_M = 0.8
 _OWN_M = 0.15  # beside the footprint: what is seen there may be the robot itself
 _HOLDS = 0.3  # how surely something came, for which the robot is held
+_OWN_NOISE = 3.0  # standard deviations of a view by which the robot's own depth is off
 _AHEAD_M = 0.35  # beside what was measured of a thing: its depth there, or the robot's own edge
 _FREEING_VIEWS = 3  # that must show the ground where something stood, before it counts as free
 _TOLD = 2.0  # standard deviations of a view's noise by which a thing that it would free was nearer
@@ -158,9 +159,12 @@ class KnownGround:
         off_m = max(off_m - self._robot.radius_m, 0.0)
         return "" if off_m >= nearer_m else f"something moves {off_m:.1f} m from the robot"
 
-    def _own(self, seen: GroundSeen, place: RobotPlace, more_m: float = 0.0) -> np.ndarray:
+    def _own(
+        self, seen: GroundSeen, place: RobotPlace, more_m: float = 0.0, noise: float = 0.0
+    ) -> np.ndarray:
         """(rows, columns) bool: cells in which a view may show the robot, or its edge above what it
-        hides."""
+        hides. ``noise`` (1/m): of the view's inverse depth, by which the robot itself is seen too
+        near or too far."""
         grid, robot = self.grid, self._robot
         xy = grid.middle_of(*np.indices(grid.shape)) - [place.x_m, place.y_m]
         own_m = robot.radius_m + _OWN_M + 2 * place.sigma_m + more_m
@@ -174,7 +178,8 @@ class KnownGround:
         above_m = max(float(seen.eye_m[2]) - low_m - robot.height_m, robot.height_m)
         along = xy @ (away / max(far_m, 1e-6))
         hides_m = min(far_m, far_m * robot.height_m / above_m)
-        rest = xy - np.clip(along, 0.0, hides_m)[..., None] * (away / max(far_m, 1e-6))
+        off_m = _OWN_NOISE * noise * (far_m**2 + above_m**2)
+        rest = xy - np.clip(along, -off_m, hides_m + off_m)[..., None] * (away / max(far_m, 1e-6))
         return np.hypot(rest[..., 0], rest[..., 1]) < own_m
 
     def _watched(
@@ -224,7 +229,7 @@ class KnownGround:
             return nowhere
         came = shows.came
         if place is not None:
-            came = np.where(self._own(seen, place, _AHEAD_M), 0.0, came)
+            came = np.where(self._own(seen, place, _AHEAD_M, shows.noise), 0.0, came)
         stirs = standing.disk(_STIRS_M, self.grid.cell_m)
         new = (came >= _HOLDS) & ~(standing.most(self._things > 0, stirs) > 0)
         frees = shows.same & (came <= 0) & (self._shift > _TOLD * shows.noise)
