@@ -159,12 +159,11 @@ class KnownGround:
         off_m = max(off_m - self._robot.radius_m, 0.0)
         return "" if off_m >= nearer_m else f"something moves {off_m:.1f} m from the robot"
 
-    def _own(
-        self, seen: GroundSeen, place: RobotPlace, more_m: float = 0.0, noise: float = 0.0
-    ) -> np.ndarray:
+    def _own(self, seen: GroundSeen, place: RobotPlace) -> np.ndarray:
         """(rows, columns) bool: cells in which a view may show the robot, or its edge above what it
-        hides. ``noise`` (1/m): of the view's inverse depth, by which the robot itself is seen too
-        near or too far."""
+        hides. In a view that is compared it is seen too near or too far by noise, and as far beside
+        as a thing's cells reach."""
+        more_m, noise = (0.0, 0.0) if seen.compared is None else (_AHEAD_M, seen.compared.noise)
         grid, robot = self.grid, self._robot
         xy = grid.middle_of(*np.indices(grid.shape)) - [place.x_m, place.y_m]
         own_m = robot.radius_m + _OWN_M + 2 * place.sigma_m + more_m
@@ -186,8 +185,8 @@ class KnownGround:
         self, seen: GroundSeen, place: Optional[RobotPlace], last: Optional[Ground]
     ) -> bool:
         ground, grid = seen.ground, self.grid
+        own = np.zeros(grid.shape, bool) if place is None else self._own(seen, place)
         if place is not None:
-            own = self._own(seen, place)
             nothing = {name: np.where(own, np.nan, getattr(ground, name)) for name in LAYERS}
             ground = replace(ground, maps=(), **nothing)
         mapped, same = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)
@@ -206,7 +205,7 @@ class KnownGround:
         stirs = standing.disk(_STIRS_M, grid.cell_m)
         came = changed & ~(standing.most(self._changed, stirs) > 0)
         closed = self._closed
-        came |= self._compared(seen, place)
+        came |= self._compared(seen, place, own)
         self._quiet_views += 1
         if came.sum() >= _MOVES_CELLS:
             self.came_s, self.came_m = seen.stamp_s, grid.middle_of(*np.nonzero(came))
@@ -221,15 +220,15 @@ class KnownGround:
             self._stands[seen.source] = self._judged_near(ground, cells, before)
         return self._weighed()
 
-    def _compared(self, seen: GroundSeen, place: Optional[RobotPlace]) -> np.ndarray:
-        """Takes what the view shows against the maps; (rows, columns) bool, where something came
-        beside what stood there."""
+    def _compared(
+        self, seen: GroundSeen, place: Optional[RobotPlace], own: np.ndarray
+    ) -> np.ndarray:
+        """Takes what the view shows against the maps beside the robot's ``own`` cells; (rows,
+        columns) bool, where something came beside what stood there."""
         shows, nowhere = seen.compared, np.zeros(self.grid.shape, bool)
         if shows is None:
             return nowhere
-        came = shows.came
-        if place is not None:
-            came = np.where(self._own(seen, place, _AHEAD_M, shows.noise), 0.0, came)
+        came = np.where(own, 0.0, shows.came)
         stirs = standing.disk(_STIRS_M, self.grid.cell_m)
         new = (came >= _HOLDS) & ~(standing.most(self._things > 0, stirs) > 0)
         frees = shows.same & (came <= 0) & (self._shift > _TOLD * shows.noise)
