@@ -102,6 +102,20 @@ def test_a_view_that_does_not_see_it_or_is_not_sure_neither_frees_nor_closes(kno
             assert not free(known)
 
 
+def test_a_mapped_thing_that_goes_counts_no_more_by_two_views(rescue, scene, live):
+    """One view that shows what lies behind it may be wrong; what it shows there no view sees
+    again."""
+    mapped = scene([WALL, CRATE], **HIGH).view(stamp_s=0.0)
+    known = KnownGround(rescue)
+    known.receive(GroundSeen(0.0, "map", ground_from([mapped], grid=GRID)), None)
+    known.receive(watch_seen(live([WALL], 1), [mapped], GRID), None)
+    assert not free(known) and not known.changed.any()
+    for number in range(2, 6):
+        view = live([WALL], number, shared=SHARED / 10)
+        known.receive(watch_seen(view, [mapped], GRID), None)
+    assert known.changed[ON_CRATE] and known.stands[ON_CRATE] > 0.8, "as free as one view says"
+
+
 def test_a_hold_ends_by_views_and_not_by_time_alone(known, mapped, live):
     at = RobotPlace(1.0, 26.0, 0.0, 0.0, 0.1)
     known.receive(watch_seen(live([WALL, CRATE], 1), [mapped], GRID), None)

@@ -48,11 +48,6 @@ class Compared:
     same: np.ndarray
     noise: float
 
-    @property
-    def differs(self) -> np.ndarray:
-        """(rows, columns) bool: the picture shows another depth than is mapped."""
-        return (self.came > 0) | self.went
-
     def without_things(self) -> "Compared":
         """The same, but that nothing came or went."""
         return replace(self, came=np.zeros_like(self.came), went=np.zeros_like(self.went))

@@ -24,7 +24,7 @@ _STIRS_M = 0.25  # beside what has changed before: the edge of a thing that stan
 # beyond a footprint: how far a cell has to do with its probability (standing.features)
 _JUDGED_M = 0.8
 _OWN_M = 0.15  # beside the footprint: what is seen there may be the robot itself
-_HOLDS = 0.3  # how surely something came, for which the robot is held
+_HOLDS, _CLOSES = 0.3, 0.999  # how surely something came: the robot is held, ground closes
 _OWN_NOISE = 3.0  # standard deviations of a view by which the robot's own depth is off
 _AHEAD_M = 0.35  # beside what was measured of a thing: its depth there, or the robot's own edge
 _FREEING_VIEWS = 3  # that must show the ground where something stood, before it counts as free
@@ -80,6 +80,7 @@ class KnownGround:
         #: how surely something stands in a cell, 0 to 1, whether that closed it, and by how much
         #: inverse depth (1/m) it was nearer than the ground
         self._things = self._closed = self._shift = np.zeros((0, 0))
+        self._went: Dict[str, np.ndarray] = {}  # by source: what its last view showed as gone
         self._quiet_views = 0  # since something came last
         self.stands: Optional[np.ndarray] = None
         self.clear_m: Optional[np.ndarray] = None
@@ -193,8 +194,10 @@ class KnownGround:
         for other in self._maps.values():
             mapped |= other.ground.known
             same |= _agrees(ground, other.ground)
-        if seen.compared is not None:  # cells cut what stands at an edge, and move with the pose
-            same |= ~seen.compared.differs
+        if seen.compared is not None:
+            # cells cut what stands at an edge, and move with the pose: the picture alone decides
+            surely_came = seen.compared.came >= _CLOSES
+            same = ~(surely_came | self._went_again(seen.source, seen.compared.went))
         differs = ground.known & mapped & ~same
         changed = np.where(ground.known & mapped, differs, self._changed)
         changed = changed & ~_lone(changed)
@@ -220,6 +223,14 @@ class KnownGround:
             self._stands[seen.source] = self._judged_near(ground, cells, before)
         return self._weighed()
 
+    def _went_again(self, source: str, went: np.ndarray) -> np.ndarray:
+        """(rows, columns) bool: where the view before showed, too, that something is gone. What one
+        view shows behind a thing may lie where no other view of this camera looks."""
+        before, self._went[source] = self._went.get(source), went
+        if before is None:
+            return np.zeros(went.shape, bool)
+        return went & (standing.most(before, standing.disk(_STIRS_M, self.grid.cell_m)) > 0)
+
     def _compared(
         self, seen: GroundSeen, place: Optional[RobotPlace], own: np.ndarray
     ) -> np.ndarray:
@@ -237,7 +248,7 @@ class KnownGround:
         if place is not None:  # where the robot itself stands, which no view can show, is no thing
             off = self.grid.middle_of(*np.indices(self.grid.shape)) - [place.x_m, place.y_m]
             things[np.hypot(off[..., 0], off[..., 1]) < self._robot.radius_m] = 0.0
-        self._closed = ((things >= 0.999) | self._closed) & (things > 0)
+        self._closed = ((things >= _CLOSES) | self._closed) & (things > 0)
         self._shift = np.where(things > 0, np.maximum(self._shift, shows.shift * (came > 0)), 0.0)
         self._things = things.astype(np.float32)
         return new
