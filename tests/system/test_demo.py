@@ -122,10 +122,14 @@ def test_ctrl_c_before_anything_flies_ends_it_at_once(tmp_path):
     assert not (tmp_path / "run" / "fleet.json").exists() and processes_of(tmp_path) == []
 
 
-def test_ctrl_c_in_the_air_lands_and_cleans_up(tmp_path):
+def test_ctrl_c_in_the_air_lands_and_cleans_up(tmp_path, root):
+    """At 5 m: from higher up the same takes longer."""
     from fcsv_sim.truth import TruthReader
 
-    demo = start_demo(tmp_path, "--seed", "3", "--fly-only")
+    short = (root / "config" / "missions" / "short.yaml").read_text()
+    (tmp_path / "low.yaml").write_text(f"{short}home_height_m: 5.0\n")
+    where = ("--mission", str(tmp_path / "low.yaml"), "--world", "plain", "--seed", "3")
+    demo = start_demo(tmp_path, *where, "--fly-only")
     wait_for(tmp_path, "CONFIGURATIONS 1/4: uav2 on its way", demo)
     interrupted(demo, tmp_path)
     assert left_behind(tmp_path) == []
