@@ -12,6 +12,7 @@ from python_qt_binding.QtWidgets import QPushButton
 from fcsv_console.model.actions import Action
 
 _PAINT_MS = 33
+_LONG = 11  # letters of a title for which a button of the row has no room
 _NEXT = "background-color: #005A8C; color: white; border: 2px solid #56B4E9; border-radius: 5px; padding: 2px"
 
 
@@ -45,7 +46,10 @@ class ActionButton(QPushButton):
             self.setToolTip(action.tooltip)
             self.setStatusTip(action.tooltip.replace("\n", " "))
             hold = f" {action.hold_s:g} s" if action.hold_s else ""
-            self.setText(f"{action.title}\n[{action.key}{hold}]")
+            first, _, rest = action.title.partition(" ")
+            of_two_words = len(action.title) > _LONG  # its second word stands beside the key
+            name = f"{first}\n{rest} " if of_two_words else f"{action.title}\n"
+            self.setText(f"{name}[{action.key}{hold}]")
             self.setAccessibleName(action.title)
             self.setAccessibleDescription(action.tooltip)
         if not action.enabled:
