@@ -960,9 +960,9 @@ def test_it_says_whose_it_is():
     assert air.run(0.5).guardian.verdict.taken
 
 
-def landing(height_m):
+def landing(height_m, rules=None):
     """On its way down, as the mission ordered it."""
-    air = Aloft()
+    air = Aloft(rules)
     air.guardian.mode_asked(air.now_s, Mode.LAND)
     air.mode, air.p[2] = Mode.LAND, height_m
     return air.run(0.5)
@@ -1001,6 +1001,16 @@ def test_a_land_that_came_above_one_that_lies_is_left_for_a_place_aside():
     assert air.modes[0] == Mode.GUIDED and air.mode == Mode.LAND
     assert np.hypot(*(air.p[:2] - [0.0, 0.3])) > 2.1  # clear_m less what counts as there
     assert "uav1: uav2 is beneath" in air.texts
+
+
+@pytest.mark.parametrize("x_m, modes", [(0.3, [Mode.GUIDED, Mode.LAND]), (0.9, []), (1.4, [])])
+def test_small_vehicles_that_keep_less_do_not_take_turns(x_m, modes):
+    """Between LAND and aside: one metre is enough for a Tello, and 0.72 m for its LAND to go on."""
+    air = landing(6.0, GuardianRules(clear_m=1.0, uncontrolled_clear_m=3.0))
+    air.others = lying(x_m, 0.0)
+    air.run(8.0)
+    asked = [mode for k, mode in enumerate(air.modes) if k == 0 or mode != air.modes[k - 1]]
+    assert asked == modes and air.mode == Mode.LAND
 
 
 @pytest.mark.parametrize("height_m, x_m", [(6.0, 2.0), (1.5, 0.3)])

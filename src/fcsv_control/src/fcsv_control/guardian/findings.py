@@ -25,6 +25,8 @@ from fcsv_geometry.vehicles.thresholds import OTHER_AGE_S
 ABOVE = "above"  # a finding about one who comes down
 _OLD_S = OTHER_AGE_S.guardian.red  # what was heard so long ago says nothing any more
 _BELOW_M = 0.5
+# of clear_m: one beneath by so much ends a LAND; less than it clears, so that the two do not take turns
+_LANDS_ON = 0.72
 _ABOVE_FLOOR_M = 0.5
 _FOUND_S = _SLOW_S = 1.0
 _ESCAPES_M = 2.0  # above the take-off place
@@ -287,8 +289,9 @@ class Monitors:
         if not high or air.lost or air.p_home_m is None:
             return
         own = Occupant([air.p_home_m], air.p_home_stop_m)
+        beneath_m = _LANDS_ON * self._rules.clear_m
         for name, other in room.others(now_s, air, self._rules).items():
-            if airspace.comes_down_on(own, other, self._rules.beside_m, _BELOW_M):
+            if airspace.comes_down_on(own, other, beneath_m, _BELOW_M):
                 yield Finding("beneath", Reaction.ESCAPE, f"{name} is beneath", name)
 
     @staticmethod
