@@ -20,6 +20,7 @@ from fcsv_geometry import rotations, transforms
 from fcsv_guidance.following import RobotPlace
 from fcsv_guidance.place import (
     STATES,
+    LevelPlace,
     PlaceRules,
     PlaceState,
     WheelOdometry,
@@ -33,14 +34,8 @@ _SMALL_ROBOT = PlaceRules(yaw_noise_radpm=0.07)
 
 
 @dataclass(frozen=True)
-class RobotStart:
-    """Where the robot stands in home when home is set; ``covariance`` (3,3) of x, y, yaw."""
-
-    stamp_s: float
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    covariance: np.ndarray
+class RobotStart(LevelPlace):
+    """Where the robot stands when home is set."""
 
 
 @dataclass(frozen=True)
@@ -79,17 +74,6 @@ class UntrackedOdometry:
 
 
 @dataclass(frozen=True)
-class VehiclePlace:
-    """Where a vehicle's body is in home; ``covariance`` (3,3) of x, y, yaw."""
-
-    stamp_s: float
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    covariance: np.ndarray
-
-
-@dataclass(frozen=True)
 class CooperativeRules:
     """Standard deviations, and what is believed. ``drift_mps``: of the velocity by which an
     odometry that only adds up velocities drifts, ``drift_change`` of its change in a root second;
@@ -119,10 +103,11 @@ class CooperativeRules:
 
 @dataclass(frozen=True)
 class CooperativeState:
-    """The robot's place, and those of the vehicles that were seen since the start, by name."""
+    """The robot's place, and those of the bodies of vehicles that were seen since the start, by
+    name."""
 
     robot: PlaceState
-    vehicles: Mapping[str, VehiclePlace]
+    vehicles: Mapping[str, LevelPlace]
 
 
 Message = Union[RobotStart, WheelOdometry, UntrackedOdometry, VehicleSighting]
@@ -142,7 +127,7 @@ class CooperativeTracker:
     the wheels did since is added to what is given out."""
 
     def __init__(self, rules: CooperativeRules = CooperativeRules()):
-        self._rules = rules
+        self._rules, self._bound = rules, float(chi2.ppf(rules.gate, 3))
         self._queue: List[Tuple[float, int, Message]] = []
         self._count = 0
         self._used, self._refused, self._why = 0, 0, ""
@@ -217,12 +202,12 @@ class CooperativeTracker:
         age_s = now_s - max(self._sighted_s.values())
         return f"no vehicle seen for {age_s:.0f} s" if age_s > self._rules.oldest_sighting_s else ""
 
-    def _places(self) -> Dict[str, VehiclePlace]:
+    def _places(self) -> Dict[str, LevelPlace]:
         found = {}
         for name, vehicle in self._vehicles.items():
             own = slice(vehicle.at, vehicle.at + 3)
             x, y, yaw = map(float, self._x[own])
-            found[name] = VehiclePlace(
+            found[name] = LevelPlace(
                 vehicle.moved_s, x, y, rotations.wrap(yaw), self._P[own, own].copy()
             )
         return found
@@ -326,7 +311,7 @@ class CooperativeTracker:
         off[2] = rotations.wrap(float(off[2]))
         S = H @ self._P @ H.T + R
         d2 = float(off @ np.linalg.solve(S, off))
-        if d2 > chi2.ppf(self._rules.gate, 3):
+        if d2 > self._bound:
             self._in_a_row += 1
             self._refuse(f"a sighting of {seen.vehicle} lies {np.sqrt(d2):.1f} sigma away")
             return False

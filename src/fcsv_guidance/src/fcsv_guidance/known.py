@@ -190,11 +190,11 @@ class KnownGround:
         if place is not None:
             nothing = {name: np.where(own, np.nan, getattr(ground, name)) for name in LAYERS}
             ground = replace(ground, maps=(), **nothing)
-        mapped, same = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)
-        for other in self._maps.values():
-            mapped |= other.ground.known
-            same |= _agrees(ground, other.ground)
-        if seen.compared is not None:
+        maps = [other.ground for other in self._maps.values()]
+        mapped = np.logical_or.reduce([other.known for other in maps])
+        if seen.compared is None:
+            same = np.logical_or.reduce([_agrees(ground, other) for other in maps])
+        else:
             # cells cut what stands at an edge, and move with the pose: the picture alone decides
             surely_came = seen.compared.came >= _CLOSES
             same = ~(surely_came | self._went_again(seen.source, seen.compared.went))

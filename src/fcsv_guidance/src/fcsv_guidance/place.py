@@ -21,17 +21,21 @@ STATES = 6  # x, y, yaw, scale of distances, scale of turns, yaw per metre
 
 
 @dataclass(frozen=True)
-class PlaceFix:
-    """A place of the robot in home that something outside of it measured: a vehicle's camera that
-    reads its tag, or any PoseStamped. ``covariance`` (3,3) of x (m), y (m), yaw (rad); a yaw
-    variance of inf: the yaw is not measured. ``stamp_s``: of the picture, in the time of the
-    robot's wheels."""
+class LevelPlace:
+    """A place in home; ``covariance`` (3,3) of x (m), y (m), yaw (rad)."""
 
     stamp_s: float
     x_m: float
     y_m: float
     yaw_rad: float
     covariance: np.ndarray
+
+
+@dataclass(frozen=True)
+class PlaceFix(LevelPlace):
+    """A place of the robot that something outside of it measured: a vehicle's camera that reads its
+    tag, or any PoseStamped. A yaw variance of inf: the yaw is not measured. ``stamp_s``: of the
+    picture, in the time of the robot's wheels."""
 
 
 @dataclass(frozen=True)

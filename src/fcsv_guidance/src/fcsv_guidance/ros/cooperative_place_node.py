@@ -7,15 +7,14 @@ from dataclasses import dataclass, field
 from typing import Callable, List
 
 import rospy
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from std_msgs.msg import String
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 from fcsv_guidance.cooperative_place import CooperativeRules, CooperativeTracker
 from fcsv_guidance.ros import ground_messages as messages
+from fcsv_guidance.ros.place_publisher import PlacePublisher
 from fcsv_msgs.msg import Home
 
 _PERIOD_S = 0.05
@@ -48,11 +47,9 @@ class CooperativePlaceNode:
         self._p, self._port, self._lock = p, CooperativeTracker(p.rules), threading.Lock()
         flows = {f"{name} seen": 1.0 for name in p.vehicles}
         self._health = Health("cooperative_place", {"odom": 5.0, **flows})
-        self._last, self._stamp_s = "", -1.0
-        self._pose = rospy.Publisher(
-            "robot_pose", PoseWithCovarianceStamped, queue_size=1, tcp_nodelay=True
-        )
-        self._status = rospy.Publisher("place/status", String, queue_size=1, latch=True)
+        self._stamp_s = -1.0  # of the pose that was told last
+        counted = "sightings used, messages refused"
+        self._publisher = PlacePublisher("cooperative_place", counted, self._health)
         self._subscribe("odom", Odometry, "odom", messages.wheels_of)
         for name in p.vehicles:
             seen, own = f"/{name}/odometry/body", f"/{name}/{p.own_odometry}"
@@ -77,17 +74,9 @@ class CooperativePlaceNode:
     def _step(self) -> None:
         with self._lock:
             state = self._port.step(rospy.get_time()).robot
-        self._health.value("sightings used, messages refused", f"{state.used}, {state.refused}")
-        self._health.value("last refusal", state.last_refusal)
-        self._health.problem("place", state.reason)
-        if state.place is not None and state.place.stamp_s > self._stamp_s:
-            self._stamp_s = state.place.stamp_s
-            self._pose.publish(messages.place_message(state))
-        text = state.reason or "the robot's place is known"
-        if text != self._last:
-            self._last = text
-            rospy.loginfo("cooperative_place: %s", text)
-            self._status.publish(String(text))
+        stamp_s = -1.0 if state.place is None else state.place.stamp_s
+        self._publisher.publish(state, with_pose=stamp_s > self._stamp_s)
+        self._stamp_s = max(self._stamp_s, stamp_s)
 
 
 def main() -> int:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from std_msgs.msg import String
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 from fcsv_guidance.place import PlaceRules, RobotTracker
 from fcsv_guidance.ros import ground_messages as messages
+from fcsv_guidance.ros.place_publisher import PlacePublisher
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,7 @@ class RobotPlaceNode:
         self._port = RobotTracker(node.parameters(RobotPlaceParameters).rules)
         self._lock = threading.Lock()
         self._health = Health("robot_place", {"odom": 5.0, "robot_fix": 0.2})
-        self._last = ""
-        self._pose = rospy.Publisher(
-            "robot_pose", PoseWithCovarianceStamped, queue_size=1, tcp_nodelay=True
-        )
-        self._status = rospy.Publisher("place/status", String, queue_size=1, latch=True)
+        self._publisher = PlacePublisher("robot_place", "fixes used, refused", self._health)
         rospy.Subscriber("robot_fix", PoseWithCovarianceStamped, self._on_fix, queue_size=20)
         rospy.Subscriber("odom", Odometry, self._on_wheels, queue_size=20, tcp_nodelay=True)
 
@@ -59,16 +55,7 @@ class RobotPlaceNode:
             self._port.receive(now_s, wheels)
             state = self._port.step(now_s)
         self._health.tick("odom")
-        self._health.value("fixes used, refused", f"{state.used}, {state.refused}")
-        self._health.value("last refusal", state.last_refusal)
-        self._health.problem("place", state.reason)
-        if state.place is not None:
-            self._pose.publish(messages.place_message(state))
-        text = state.reason or "the robot's place is known"
-        if text != self._last:
-            self._last = text
-            rospy.loginfo("robot_place: %s", text)
-            self._status.publish(String(text))
+        self._publisher.publish(state)
 
 
 def main() -> int:

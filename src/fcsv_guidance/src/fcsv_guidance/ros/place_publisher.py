@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a node that locates the robot tells: its pose, and why that is not known."""
+
+import rospy
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from std_msgs.msg import String
+
+from fcsv_geometry.ros.health import Health
+from fcsv_guidance.place import PlaceState
+from fcsv_guidance.ros import ground_messages as messages
+
+
+class PlacePublisher:
+    """robot_pose, place/status, and diagnostics of node ``name``. ``counted``: what its two numbers
+    count."""
+
+    def __init__(self, name: str, counted: str, health: Health):
+        self._name, self._counted, self._health, self._last = name, counted, health, ""
+        self._pose = rospy.Publisher(
+            "robot_pose", PoseWithCovarianceStamped, queue_size=1, tcp_nodelay=True
+        )
+        self._status = rospy.Publisher("place/status", String, queue_size=1, latch=True)
+
+    def publish(self, state: PlaceState, with_pose: bool = True) -> None:
+        """The pose where it is known, its reason once where it changes."""
+        self._health.value(self._counted, f"{state.used}, {state.refused}")
+        self._health.value("last refusal", state.last_refusal)
+        self._health.problem("place", state.reason)
+        if state.place is not None and with_pose:
+            self._pose.publish(messages.place_message(state))
+        text = state.reason or "the robot's place is known"
+        if text != self._last:
+            self._last = text
+            rospy.loginfo("%s: %s", self._name, text)
+            self._status.publish(String(text))
