@@ -71,20 +71,16 @@ def ended_soon(
         return
     watch = _InterruptWatch(limit_s, say, give_up)
     before = signal.set_wakeup_fd(watch.fileno(), warn_on_full_buffer=False)
+    ends = False
     try:
         yield
     except KeyboardInterrupt:
-        if not watch.pressed():  # nobody pressed it: code raised it
+        ends = watch.pressed()  # else code raised it
+        raise
+    finally:
+        if not ends:  # else what is left of the program must end as well
             signal.set_wakeup_fd(before)
             watch.close()
-        raise  # else what is left of the program must end as well
-    except BaseException:
-        signal.set_wakeup_fd(before)
-        watch.close()
-        raise
-    else:
-        signal.set_wakeup_fd(before)
-        watch.close()
 
 
 class _InterruptWatch:
