@@ -8,7 +8,7 @@ python tools/bench_watch.py [--world low_maze] [--seeds 51 52] [--heights 10 5] 
 import argparse
 import sys
 from dataclasses import dataclass, replace
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from fcsv_sim.world.town import Town
 from fcsv_stereo.errors import StereoError
 from fcsv_stereo.model import FLOWN, Configuration, ConfigurationInput, MapInput, Picture
 from fcsv_stereo.pipeline import METHODS
+from harness import ROOT, show
 
 BASELINE_M = 6.0
 SIZES = {"crate": 1.0, "half as large": 0.5}  # of 0.6 x 2.0 x 1.1 m
@@ -157,14 +158,20 @@ class WatchedPlace:
         return xy[random.permutation(len(xy))[:count]]
 
 
-def rows_of(told: Dict[str, List[Told]]) -> List[str]:
-    """A table in Markdown."""
-    out = [
-        "| place | thing | m away | things | closed by view 1 / 2 / later / never | "
-        "of the views with it: closed | free again after views (median, worst) | "
-        "free cells lost elsewhere, a view: median, worst |",
-        "|---" * 8 + "|",
-    ]
+_TITLES = (
+    "place",
+    "thing",
+    "m away",
+    "things",
+    "closed by view 1 / 2 / later / never",
+    "of the views with it: closed",
+    "free again after views (median, worst)",
+    "free cells lost elsewhere, a view: median, worst",
+)
+
+
+def rows_of(told: Dict[str, List[Told]]) -> Iterator[Tuple]:
+    """A row for each place and size of thing."""
     for place, each in told.items():
         for size in SIZES:
             of = [t for t in each if t.size == size]
@@ -176,14 +183,16 @@ def rows_of(told: Dict[str, List[Told]]) -> List[str]:
             freed = sorted(AFTER + 1 if t.freed_by is None else t.freed_by for t in of)
             lost = np.concatenate([t.lost for t in of])
             share = sum(t.views_closed for t in of) / (DURING * len(of))
-            out.append(
-                f"| {place} | {size} | {min(t.far_m for t in of):.0f} to "
-                f"{max(t.far_m for t in of):.0f} | {len(of)} | "
-                f"{' / '.join(map(str, counts))} | {share:.0%} | "
-                f"{freed[len(freed) // 2]}, {freed[-1]} | "
-                f"{np.median(lost):.2%}, {lost.max():.2%} |"
+            yield (
+                place,
+                size,
+                f"{min(t.far_m for t in of):.0f} to {max(t.far_m for t in of):.0f}",
+                len(of),
+                " / ".join(map(str, counts)),
+                f"{share:.0%}",
+                f"{freed[len(freed) // 2]}, {freed[-1]}",
+                f"{np.median(lost):.2%}, {lost.max():.2%}",
             )
-    return out
 
 
 def main() -> int:
@@ -194,7 +203,7 @@ def main() -> int:
     parser.add_argument("--heights", type=float, nargs="+", default=[10.0, 5.0])
     parser.add_argument("--things", type=int, default=3)
     parser.add_argument("--nearer", type=float, default=45.0)
-    parser.add_argument("--robot", default="config/robots/rescue.yaml")
+    parser.add_argument("--robot", default=ROOT / "config" / "robots" / "rescue.yaml")
     args = parser.parse_args()
     robot, told = load_robot(args.robot), {}
     for seed in args.seeds:
@@ -212,7 +221,7 @@ def main() -> int:
                 box = Box(float(x), float(y), z, half, 1.1 * SIZES[size], yaw)
                 told[name].append(told_of(place, box, size, cameras))
                 print(name, told[name][-1], file=sys.stderr, flush=True)
-    print("\n".join(rows_of(told)))
+    show(_TITLES, rows_of(told))
     crates = [t for each in told.values() for t in each if t.size == "crate"]
     return int(any(t.closed_by is None for t in crates))
 
