@@ -458,6 +458,8 @@ def test_stations_are_drawn_named_and_chosen_by_a_click(shown, app):
     QTest.mouseClick(window.plan, KEYS.LeftButton, pos=at)
     assert window.mission.table.chosen() == [4, 5, 6, 7]
     assert window.plan.grab().toImage().width() > 0
+    assert window.buttons["resume_station"].isVisible()
+    assert not window.buttons["resume_station"].isEnabled(), "it takes the place of Execute"
     for name, key in (("skip_station", KEYS.Key_J), ("repeat_station", KEYS.Key_T)):
         assert window.buttons[name].isVisible()
         window.setFocus()

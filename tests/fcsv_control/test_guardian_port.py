@@ -103,6 +103,26 @@ def test_how_well_calibration_knows_places_is_told_with_them(port):
     assert np.allclose(air.others["uav2"].p_home_m, [4.0, 0.0, 6.0])
 
 
+def test_another_calibration_in_flight_moves_the_others_and_is_no_motion_of_theirs():
+    port = GuardianPort("uav2", GuardianRules(), NOW_S)
+
+    def heard(k):
+        odometry = tm.VehicleOdometry("uav1", RELAY, 0.0, THERE, (0.0, 0.0, 0.0))
+        port.receive(NOW_S + 0.1 * k, odometry)
+
+    for moved_m in (0.0, 0.3):
+        T = transforms.from_xyz_yaw([3.5 + moved_m, 0.0, 0.0], 0.0)
+        link = OdomLink("uav2", "uav1", T, np.zeros((4, 4)))
+        heard(10 * moved_m)
+        port.receive(NOW_S, tm.CalibrationFound(0.0, [link]))
+        port.receive(NOW_S, tm.HomeFound(0.0, "uav2", np.eye(4)))
+        heard(10 * moved_m + 1)
+        port.step(NOW_S + moved_m + 0.1)
+        uav1 = port.core.air.others["uav1"]
+        assert np.allclose(uav1.p_home_m, [7.5 + moved_m, 0.0, 6.0])
+        assert np.allclose(uav1.v_home_mps, 0.0)
+
+
 def test_another_counts_from_when_it_sent_and_as_flying_until_it_tells_its_mode(port):
     heard_of_uav2(port)
     port.step(NOW_S)

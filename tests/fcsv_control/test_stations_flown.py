@@ -24,14 +24,15 @@ from fcsv_geometry.missions.stations import MissionStation
 
 PAIR = ["uav1", "uav2"]
 STATIONS = [
-    MissionStation([0.0, 90.0], (10.0, 0.0), name="east"),
-    MissionStation([0.0], (10.0, 8.0), name="north", height_m=10.0),
+    MissionStation([0.0, 90.0], (10.0, 0.0), name="east", calibrate=False),
+    MissionStation([0.0], (10.0, 8.0), name="north", height_m=10.0, calibrate=False),
 ]
+CALIBRATING = [dataclasses.replace(s, calibrate=None) for s in STATIONS]
 
 
 def mission(**more):
     listed = [StereoConfiguration("horizontal", 4.0, record_s=2.0)]
-    return Mission("site", listed, **{"stations": STATIONS, **more})
+    return Mission(more.pop("name", "site"), listed, **{"stations": STATIONS, **more})
 
 
 @pytest.fixture
@@ -124,6 +125,157 @@ def test_who_does_not_follow_is_waited_for_and_then_all_land(flying):
         most_m = max(most_m, float(np.linalg.norm(a - b)))
     assert flying.machine.phase == "LAND" and "uav2" in flying.machine.detail
     assert most_m < 3.5 + 1.3
+
+
+# ---- calibrating in flight -----------------------------------------------------------------------
+
+
+@pytest.fixture
+def calibrating(flight):
+    f = flight(mission(stations=CALIBRATING))
+    f.up_to_configurations()
+    return f
+
+
+def test_the_column_sways_and_is_calibrated_once_at_each_station(calibrating):
+    swayed_m, recorded = {n: [] for n in PAIR}, []
+    while calibrating.machine.phase == "CONFIGURATIONS":
+        calibrating.wait(0.1)
+        if calibrating.machine.stage == "calibrates" and not calibrating.machine.captures:
+            for name in PAIR:
+                swayed_m[name].append(calibrating.fleet[name].p_home_cam[1])
+        recorded.append((len(calibrating.calibrated_s), len(calibrating.machine.captures)))
+    assert calibrating.captured == [0, 1, 2]
+    assert (0, 1) not in recorded and (1, 3) not in recorded, "calibrated before pictures"
+    assert len(calibrating.calibrated_s) == 2, "not again at another heading"
+    assert np.ptp(swayed_m["uav1"]) > 1.4 and np.ptp(swayed_m["uav2"]) < 0.3
+    assert "not calibrated" not in calibrating.machine.detail
+
+
+def test_a_tracker_that_drifts_ends_the_flight(calibrating):
+    calibrating.calibration = {
+        "success": False,
+        "message": "uav2 is 0.9 m off uav1: a tracker drifts",
+        "drifted": True,
+    }
+    calibrating.phase("LAND", 200.0)
+    assert "a tracker drifts: landing everybody" in calibrating.machine.detail
+    calibrating.phase("ABORTED", 60.0)
+
+
+def test_a_calibration_that_is_refused_is_tried_again_and_then_left_out(calibrating):
+    calibrating.calibration = {"success": False, "message": "uav2 does not see uav1's tag"}
+    calibrating.phase("LAND", 400.0)
+    assert calibrating.captured == [0, 1, 2] and len(calibrating.calibrated_s) == 4
+    assert "not calibrated at east: uav2 does not see uav1's tag" in calibrating.machine.detail
+
+
+def test_a_pause_while_it_calibrates_begins_it_again(calibrating):
+    calibrating.until(lambda: calibrating.calibrated_s)
+    calibrating.wait(3.0)
+    assert calibrating.operator.control("pause") == ""
+    calibrating.wait(20.0)
+    assert calibrating.machine.memory().flight_list.calibrated == ""
+    assert calibrating.operator.control("resume") == ""
+    calibrating.phase("LAND", 400.0)
+    assert calibrating.captured == [0, 1, 2] and len(calibrating.calibrated_s) == 3
+
+
+def test_the_operator_skips_a_calibration(calibrating):
+    calibrating.until(lambda: calibrating.calibrated_s)
+    assert calibrating.operator.control("skip") == ""
+    calibrating.phase("LAND", 400.0)
+    assert calibrating.captured == [0, 1, 2] and len(calibrating.calibrated_s) == 2
+    assert "not calibrated at east: left out by the operator" in calibrating.machine.detail
+
+
+def test_a_restart_keeps_where_the_column_was_calibrated(calibrating):
+    calibrating.until(lambda: calibrating.captured == [0])
+    kept = calibrating.machine.memory()
+    assert kept.flight_list.calibrated == "east"
+    calibrating.machine = MissionMachine(calibrating.machine.mission, calibrating.machine.vehicles)
+    calibrating.machine.restore(kept)
+    calibrating.phase("LAND", 400.0)
+    assert calibrating.captured == [0, 1, 2] and len(calibrating.calibrated_s) == 2
+
+
+def test_where_a_mission_calibrates():
+    near = MissionStation([0.0], (2.0, 1.0), name="near")
+    m = mission(stations=[near, *CALIBRATING, dataclasses.replace(near, name="again")])
+    calibrates = [m.calibrates(view) for view in range(len(m.viewpoints))]
+    assert calibrates == [False, False, True, True, True, True] and m.calibrates_in_flight
+    assert not mission(stations=CALIBRATING, tracker="ground").calibrates_in_flight
+    assert mission(stations=[dataclasses.replace(near, calibrate=True)]).calibrates(1)
+    assert not mission().calibrates_in_flight and not mission(stations=[]).calibrates_in_flight
+    with pytest.raises(ValueError, match=r"stations\[0\].calibrate: a tracker on the ground"):
+        mission(stations=[dataclasses.replace(near, calibrate=True)], tracker="ground")
+
+
+def test_the_plan_counts_calibrations_and_where_they_sway():
+    def paper(stations, **more):
+        m = mission(stations=stations, **more)
+        return plan_check.fly_on_paper(m, plan_check.on_the_ground(m, PAIR, {}))
+
+    plain, calibrating = paper(STATIONS), paper(CALIBRATING)
+    assert not calibrating.wrong
+    assert calibrating.flight_s - plain.flight_s == pytest.approx(2 * 20.0)
+    corners = [(-6.0, -0.5), (12.0, -0.5), (12.0, 0.5), (-6.0, 0.5)]
+    ahead = [MissionStation([0.0], (10.0, 0.0), name="east")]
+    wrong = paper(ahead, fence=Fence(polygon=corners)).wrong
+    assert "the column that calibrates at east at 0 deg: (10.0, " in wrong[0]
+
+
+# ---- another flight goes on ----------------------------------------------------------------------
+
+
+def again(f, **unfinished):
+    """All are down; the mission's node starts anew, with what it finds, and people fly to home."""
+    kept = f.machine.memory()
+    f.machine = MissionMachine(f.machine.mission, f.machine.vehicles)
+    if unfinished:
+        f.machine.unfinished = unfinished["unfinished"]
+    else:
+        f.machine.restore(kept)
+    for k, vehicle in enumerate(f.fleet.values()):
+        vehicle.T_home_body[:3, 3] = [-3.5 * k, 0.0, 0.0]
+        vehicle.target = None
+    f.up_to_home()
+    f.until(lambda: f.machine.waits_for == "execute")
+    f.wait(1.1)
+
+
+def test_a_flight_after_a_landing_goes_on_at_the_station_where_it_stopped(flying):
+    flying.until(lambda: flying.machine.configuration == 1 and flying.fleet["uav2"].recording)
+    assert flying.operator.control("resume_station").startswith("'resume_station' takes the place")
+    flying.operator.control("abort")
+    flying.phase("ABORTED", 60.0)
+    again(flying)
+    assert flying.machine.detail == "set; resume_station goes on at east"
+    assert flying.operator.control("resume_station") == ""
+    flying.until(lambda: flying.machine.captures and flying.machine.viewpoint.station == "north")
+    assert flying.captured == [0, 1], "east from its beginning: its pictures need one home"
+    assert flying.machine.memory().unfinished == [2]
+    flying.operator.control("abort")
+    flying.phase("ABORTED", 60.0)
+    text = memories.to_text(flying.machine.memory())
+    m = flying.machine.mission
+    assert memories.unfinished_of(text, "memory", m, PAIR) == [2]
+    assert memories.unfinished_of(text, "memory", mission(name="other"), PAIR) == []
+    assert memories.unfinished_of("{", "memory", m, PAIR) == []
+    again(flying, unfinished=[2])
+    assert flying.operator.control("resume_station") == ""
+    flying.phase("DONE", 300.0)
+    assert flying.captured == [2] and flying.machine.memory().unfinished == []
+
+
+def test_where_nothing_was_left_all_is_flown(flight):
+    f = flight(mission())
+    f.up_to_home()
+    f.until(lambda: f.machine.waits_for == "execute")
+    f.wait(1.1)
+    said = f.operator.control("resume_station")
+    assert said == "no station is left of a flight before; 'execute' flies all"
+    assert f.machine.memory().unfinished == []
 
 
 # ---- the list ------------------------------------------------------------------------------------
@@ -273,6 +425,7 @@ def test_a_flight_that_batteries_cut_short_says_so(flight):
     f.phase("DONE", 300.0)
     assert f.captured == [0, 1]
     assert "the batteries reach to east at 90 deg and back, left out: north" in f.machine.detail
+    assert f.machine.memory().unfinished == [2], "for another flight to go on with"
 
 
 @pytest.mark.parametrize(

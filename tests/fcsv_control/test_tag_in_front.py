@@ -29,6 +29,7 @@ class Column:
     wrong."""
 
     def __init__(self):
+        self.apart_m = None
         self.now_s, self.speed_mps, self.sees, self.drift_m = (
             50.0,
             {"uav1": 0.1, "uav2": 0.1},
@@ -56,7 +57,7 @@ class Column:
                     self.now_s, (self._told("uav2") @ T_uav2_uav1 @ T_BODY_TAG)[:3, 3]
                 )
             views = {n: h.view(self.now_s, self.home.get(n)) for n, h in self.heard.items()}
-            self.views = self.tag_in_front.check_views(self.now_s, views, self.home)
+            self.views = self.tag_in_front.check_views(self.now_s, views, self.home, self.apart_m)
         assert not self.views["uav1"].sighted_off, "nobody is in front of the first"
         return self.views["uav2"].sighted_off
 
@@ -135,3 +136,12 @@ def test_a_mission_that_flies_lands_everybody_and_one_that_is_set_up_waits():
         (Pause.LOST, "uav2: it does not see uav1; land by hand, or calibrate anew")
     ]
     assert not watch.found(mission, "TAKE_OFF", snapshot)
+
+
+def test_as_far_as_trackers_may_have_parted_before_a_calibration_in_flight_is_no_drift():
+    column = Column()
+    column.drift_m["uav2"] = np.array([0.7, 0.0, 0.0])
+    column.apart_m = lambda front, rear: 0.8
+    assert not column.run(3.0)
+    column.apart_m = lambda front, rear: 0.1
+    assert "one of them drifts" in column.run(3.0)

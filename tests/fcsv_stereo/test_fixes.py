@@ -12,6 +12,7 @@ from support.sessions import T0, T_HOME_CAM, write_session
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError, PoseUnavailable
+from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.ros import conversions
 from fcsv_stereo import pipeline
 from fcsv_stereo.equations import ErrorThreshold
@@ -25,6 +26,12 @@ from fcsv_stereo.thesis import ThesisOptions
 
 OPTIONS = ThesisOptions(threshold=ErrorThreshold(5.0, False))
 PLACE = (48.1, 11.6, 560.0)
+
+
+def in_home():
+    frames = HomeFrames(alone=True)
+    frames.set_home("uav1", np.eye(4))
+    return frames
 
 
 def fix(stamp_s=T0, place=PLACE, status=0, sigma_m=2.0, known=2):
@@ -57,7 +64,7 @@ class Still:
 
 
 def joined(told, tracks=None):
-    return session_gps({"uav1": told}, tracks or {"uav1": Still()}, {"uav1": np.eye(4)})
+    return session_gps({"uav1": told}, tracks or {"uav1": Still()}, in_home())
 
 
 def told(count=5, sigma_m=2.0, step_deg=0.0, start_s=0.0):
@@ -77,7 +84,7 @@ def test_a_fix_that_jumps_away_and_those_before_or_after_the_poses_do_not_count(
     found = joined([*told(), jumped, *told(start_s=200.0)])
     assert found.fixes == {"uav1": 5} and found.fix.latitude_deg == pytest.approx(48.1, abs=1e-9)
     assert joined(told(start_s=200.0)) is None and joined([]) is None
-    assert session_gps({"uav1": told()}, {}, {}) is None
+    assert session_gps({"uav1": told()}, {}, in_home()) is None
 
 
 @pytest.mark.parametrize(

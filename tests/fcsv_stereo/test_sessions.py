@@ -10,9 +10,12 @@ import rosbag
 import rospy
 from std_msgs.msg import String
 from support.scenes import true_depth
-from support.sessions import T0, T_HOME_CAM, write_control, write_session
+from support.sessions import T0, T_HOME_CAM, T_O1_O2, write_control, write_session
 
+from fcsv_geometry import transforms
+from fcsv_geometry.ros import conversions
 from fcsv_geometry.version import VERSION
+from fcsv_msgs.msg import Calibration, CalibrationLink
 from fcsv_stereo import pipeline
 from fcsv_stereo.cli import main
 from fcsv_stereo.equations import ErrorThreshold
@@ -119,6 +122,23 @@ def test_a_session_carries_the_covariance_of_each_picture(tmp_path):
 
 
 NOT_POSITIVE = np.diag([1e-4] * 5 + [-1e-6])
+
+
+def test_pictures_keep_the_calibration_by_which_they_were_flown(tmp_path):
+    windows = [(T0, T0 + 0.45), (T0 + 0.55, T0 + 1.0)]
+    folder = write_session(tmp_path / "flown", windows=windows)
+    T_moved = transforms.from_xyz_yaw([0.2, 0.0, 0.0], 0.0) @ T_O1_O2
+    with rosbag.Bag(str(folder / "control.bag"), "a") as bag:
+        link = CalibrationLink(parent="uav1", child="uav2")
+        link.child_odom_in_parent_odom = conversions.transform_to_pose(T_moved)
+        stamp_s = T0 + 0.5
+        calibration = Calibration(conversions.header(stamp_s, "uav1/odom"), [link])
+        bag.write("/calibration", calibration, rospy.Time.from_sec(stamp_s))
+    first, second = read_session(folder).configurations
+    places = [c.others[0].T_home_cam[:3, 3] for c in (first, second)]
+    assert np.allclose(places[0], T_HOME_CAM["uav2"][:3, 3])
+    assert np.linalg.norm(places[1] - places[0]) == pytest.approx(0.2, abs=1e-6)
+    assert all(np.allclose(p.T_home_cam, T_HOME_CAM["uav1"]) for p in second.references)
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The process of calibration and home without ROS: a simulated column flies before its port."""
 
+import doctest
+import re
+
 import numpy as np
 import pytest
 from support.simulated_column import Column
 
+from fcsv_geometry import transforms
 from fcsv_geometry.home import home_of
 from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_tracking.column import agreement
 from fcsv_tracking.column.calibration import CalibrationRules
 from fcsv_tracking.column.calibration_port import CalibrateColumn, CalibrationPort, HomeWanted
 from fcsv_tracking.devices.clocks import ClockOffset, VehicleClock
@@ -121,6 +126,63 @@ def test_what_cannot_be_is_refused_at_once(request_, phase, words):
     flown.hear(tm.MissionPhase(phase))
     [reply] = flown.port.serve(START_S, request_)
     assert not reply.done and words in reply.text and not flown.port.collects
+
+
+# ---- in flight -----------------------------------------------------------------------------------
+
+
+def in_flight(moved_m):
+    """Calibrated, then again in flight, where uav2's tracker has gone astray by ``moved_m``."""
+    flown, (found, *_) = calibrated()
+    flown.port.serve(flown.now_s, HomeWanted("uav1"))
+    flown.hear(tm.MissionPhase("CONFIGURATIONS"))
+    begun_s = flown.now_s - START_S + 1.0
+    assert flown.port.serve(flown.now_s, CalibrateColumn((), in_flight=True)) == []
+    T_off = transforms.from_xyz_yaw([moved_m, 0.0, 0.0], 0.0)
+    flown.out = []
+    for k in range(int(10.0 * 30)):
+        stamp_s = begun_s + k / 30.0
+        flown.now_s = START_S + stamp_s
+        for name, T in zip(("uav1", "uav2"), flown.column.odometry(stamp_s)):
+            T = T_off @ T if name == "uav2" else T
+            flown.hear(tm.VehicleOdometry(name, "", stamp_s, T, (0.0, 0.0, 0.0)))
+        if k % 6 == 0:
+            d = flown.column.detection(stamp_s)
+            tag = tm.SeenTag(flown.column.front.tag_id, d.size_m, d.corners_normalized, None)
+            T_odom_cam = T_off @ d.T_odom_cam
+            flown.hear(tm.SeenTags("uav2", "", stamp_s, T_odom_cam, d.focal_px, [tag]))
+        flown.out += flown.port.step(flown.now_s)
+    return found, [o for o in flown.out if not isinstance(o, tm.Dropped)]
+
+
+def test_a_calibration_in_flight_that_agrees_is_taken_over():
+    before, (found, epochs, reply) = in_flight(0.0)
+    assert reply.done and not reply.drifted and "off uav1 (" in reply.text
+    assert found.stamp_s > before.stamp_s + 8.0 and set(epochs.epochs) == {"uav1", "uav2"}
+    _, (moved, _, _) = in_flight(0.06)
+    step_m = moved.links[0].T_parent_child[:3, 3] - found.links[0].T_parent_child[:3, 3]
+    assert np.linalg.norm(step_m) == pytest.approx(0.06, abs=0.02), "what drifted is put right"
+
+
+def test_one_that_differs_by_more_than_is_known_of_the_trackers_is_a_drift():
+    _, [reply] = in_flight(0.6)
+    assert not reply.done and reply.drifted
+    assert re.search(r"uav2 is 0.(5|6)\d m and .* off uav1 .*: a tracker drifts", reply.text)
+
+
+def test_examples():
+    result = doctest.testmod(agreement)
+    assert result.attempted and not result.failed
+
+
+def test_in_flight_it_is_for_stations_alone_and_needs_one_before():
+    flown = Flown()
+    [reply] = flown.port.serve(START_S, CalibrateColumn((), in_flight=True))
+    assert not reply.done and "in flight is for stations" in reply.text
+    flown.hear(tm.MissionPhase("CONFIGURATIONS"))
+    assert flown.port.serve(START_S, CalibrateColumn((), in_flight=True)) == []
+    [reply] = flown.fly(flown.column.detections(9.0))
+    assert not reply.done and not reply.drifted and "not known here" in reply.text
 
 
 def test_a_second_calibration_waits_for_the_first():

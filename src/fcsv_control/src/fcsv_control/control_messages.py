@@ -102,7 +102,7 @@ class StopOver:
 
 @frozen
 class ServiceWanted:
-    """The mission calls "calibrate" or "set_home"."""
+    """The mission calls "calibrate", "set_home" or "calibrate_in_flight"."""
 
     name: str
 
@@ -114,6 +114,7 @@ class ServiceAnswered:
     name: str
     done: bool
     text: str
+    drifted: bool = False  # it is not done because a tracker drifts
 
 
 @frozen

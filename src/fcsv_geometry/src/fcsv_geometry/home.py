@@ -13,7 +13,7 @@ level transforms: a yaw error of an early link moves everything behind it by its
 
 import math
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -181,20 +181,38 @@ class HomeFrames:
         self._reference = ""
         self._T_odom_home: Optional[np.ndarray] = None
         self.places: Dict[str, Place] = {}
+        # until which moment (s) earlier ones held, since home was set
+        self._past: List[Tuple[float, Dict[str, Place]]] = []
 
     @property
     def T_home_odom(self) -> Dict[str, np.ndarray]:
         """(4, 4) by vehicle; who is not in it has no known place."""
         return {name: place.T_a_b for name, place in self.places.items()}
 
-    def calibrate(self, links: Sequence[OdomLink]) -> None:
-        """A new calibration, in place of the last one."""
+    def at(self, stamp_s: float) -> Dict[str, np.ndarray]:
+        """T_home_odom by vehicle as it held at a moment: of what was calibrated before it.
+
+        >>> frames = HomeFrames()
+        >>> frames.set_home("uav1", np.eye(4))
+        >>> for stamp_s, x_m in ((1.0, 3.0), (9.0, 3.2)):
+        ...     T = transforms.from_xyz_yaw([x_m, 0.0, 0.0], 0.0)
+        ...     frames.calibrate([OdomLink("uav1", "uav2", T, np.zeros((4, 4)))], stamp_s)
+        >>> [frames.at(stamp_s)["uav2"][0, 3] for stamp_s in (0.0, 5.0, 9.0)]
+        [3.0, 3.0, 3.2]
+        """
+        held = next((places for until_s, places in self._past if stamp_s < until_s), self.places)
+        return {name: place.T_a_b for name, place in held.items()}
+
+    def calibrate(self, links: Sequence[OdomLink], stamp_s: float = math.inf) -> None:
+        """A new calibration, in place of the last one; for pictures from ``stamp_s`` on."""
+        if self.places and math.isfinite(stamp_s):
+            self._past.append((stamp_s, self.places))
         self._links = list(links)
         self._compose()
 
     def set_home(self, reference: str, T_odom_home: np.ndarray) -> None:
         """A new home, in the odometry of ``reference``."""
-        self._reference, self._T_odom_home = reference, T_odom_home
+        self._reference, self._T_odom_home, self._past = reference, T_odom_home, []
         self._compose()
 
     def _compose(self) -> None:

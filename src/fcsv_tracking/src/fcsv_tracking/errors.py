@@ -33,6 +33,11 @@ class CalibrationRefused(TrackingError):
     """A calibration that would not be good enough; the message tells the operator what to do."""
 
 
+class TrackerDrifts(CalibrationRefused):
+    """A calibration in flight that differs from what the trackers said by more than is known of
+    them."""
+
+
 class ClocksApart(CalibrationRefused):
     """A calibration of vehicles whose clocks differ."""
 

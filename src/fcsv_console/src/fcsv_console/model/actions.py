@@ -78,6 +78,7 @@ TABLE = (
     ("repeat", "Repeat", "R", "Begin the running configuration again", 0.0),
     ("skip_station", "Skip station", "J", "Leave out what is left at the running station", 0.0),
     ("repeat_station", "Repeat station", "T", "Begin the running station again", 0.0),
+    ("resume_station", "Resume station", "O", "Fly on where the flight before stopped", 0.0),
     ("abort", "Abort", "A", "Land all whom the mission flies, where they are", 0.0),
     ("record", "Record", "E", "Pictures on or off, by hand", 0.0),
     ("land", "Land all", "L", "Everybody lands where he is, without the mission", 0.5),
@@ -86,7 +87,7 @@ TABLE = (
 
 
 #: actions on the running station
-OF_STATIONS = ("skip_station", "repeat_station")
+OF_STATIONS = ("skip_station", "repeat_station", "resume_station")
 
 
 def has_stations(mission: Optional[Mission]) -> bool:
@@ -177,6 +178,8 @@ def _of_mission(name: str, s: ActionContext, m: f.MissionReport) -> str:
         return f"the mission is over ({m.phase})"
     if name == "abort":
         return ""
+    if name == "resume_station":
+        return _of_resuming(s, m)
     if name in ("pause", "skip", "repeat", "next", "previous", *OF_STATIONS):
         if m.phase not in FLOWN:
             return f"it is for vehicles that fly the list; this is {m.phase}"
@@ -190,6 +193,13 @@ def _of_mission(name: str, s: ActionContext, m: f.MissionReport) -> str:
         first = m.waits_for == "execute"
         return locked_by(s.lines, amber_too=first) or (_of_list(s, m) if first else "")
     return ""
+
+
+def _of_resuming(s: ActionContext, m: f.MissionReport) -> str:
+    """The mission itself refuses it where no flight before left a station."""
+    if not has_stations(s.flown or s.file.mission):
+        return "the mission has no stations"
+    return _of_mission("execute", s, m)
 
 
 def _of_list(s: ActionContext, m: f.MissionReport) -> str:

@@ -32,7 +32,7 @@ from fcsv_console.model.view import ConsoleView
 from fcsv_console.model.what_next import guide
 from fcsv_control.flight_check.lines import Line
 from fcsv_control.flight_check.sightings import Sightings
-from fcsv_control.mission.activities.stages import GOES_BACK, TURNS
+from fcsv_control.mission.activities.stages import CALIBRATES, GOES_BACK, TURNS
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.phases import BY_HOME, FLOWN, OVER
 from fcsv_geometry.missions.separation import SeparationRules
@@ -381,7 +381,7 @@ class Console:
         if (
             index is None
             or mission is None
-            or (told is not None and told.stage in (GOES_BACK, TURNS))
+            or (told is not None and told.stage in (CALIBRATES, GOES_BACK, TURNS))
         ):
             return stereo.StereoHealth()
         if mission.reference not in self._vehicles or len(self.names) < 2:

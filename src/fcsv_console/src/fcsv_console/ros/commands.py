@@ -60,7 +60,7 @@ class CommandClient:
         self._service("/mission/proceed", Proceed, (step,), answer)
 
     def control(self, operation: str, answer: Answer) -> None:
-        """pause, skip, repeat, next, previous, skip_station, repeat_station, abort."""
+        """pause, skip, repeat, next, previous, skip_station, repeat_station, resume_station, abort."""
         self._service("/mission/control", Control, (operation,), answer)
 
     def accept(self, vehicle: str, line: str, answer: Answer) -> None:

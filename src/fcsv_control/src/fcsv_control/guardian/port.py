@@ -108,7 +108,7 @@ class GuardianPort:
                 tm.BatteryCharge: lambda now_s, m: core.battery(now_s, m.share),
                 tm.OdometryEpoch: lambda _now_s, m: core.epoch(m.number),
                 tm.EpochsFound: self._epochs,
-                tm.CalibrationFound: lambda _now_s, m: self._in_home.calibrate(m.links),
+                tm.CalibrationFound: self._calibration,
                 tm.HomeFound: lambda _now_s, m: self._in_home.set_home(m.reference, m.T_odom_home),
                 tm.RelayAges: lambda _now_s, m: self._arrivals.on_sent(m.topics, m.sent_s),
             },
@@ -161,6 +161,13 @@ class GuardianPort:
     def _epochs(self, _now_s: float, m: tm.EpochsFound) -> None:
         if m.of == tm.CALIBRATION and self._vehicle in m.epochs:
             self.core.calibrated(m.epochs[self._vehicle])
+
+    def _calibration(self, _now_s: float, m: tm.CalibrationFound) -> None:
+        """Another calibration in flight moves the others' places in home, and is no motion of
+        theirs: they are placed by what was heard before it, first by the last one, then by it."""
+        self._place()
+        self._in_home.calibrate(m.links)
+        self._place()
 
     def _command(self, now_s: float, command: Instruction) -> None:
         self.core.control_lives(now_s)

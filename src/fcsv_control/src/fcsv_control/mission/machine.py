@@ -10,7 +10,7 @@ from fcsv_control.mission.activities.flight_list import FlightList
 from fcsv_control.mission.activities.handover import Handover
 from fcsv_control.mission.activities.holding import Holding
 from fcsv_control.mission.activities.landing import Landing
-from fcsv_control.mission.memory import Memory, digest
+from fcsv_control.mission.memory import Memory, digest, unfinished_stations
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.plans.plan_gate import PlanGate
 from fcsv_control.mission.snapshot import Snapshot
@@ -26,6 +26,7 @@ from fcsv_geometry.missions.stations import Viewpoint
 from fcsv_geometry.vehicles.modes import Mode
 
 _BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")  # people fly
+CALIBRATE_IN_FLIGHT = "calibrate_in_flight"
 _SEEN_S = 2.0
 _LINE_UP = {
     ON_BOARD: "operators: line up, every tag in view",
@@ -56,7 +57,8 @@ class MissionMachine:
         self.phase = "WAIT_VEHICLES"
         self.detail = ""
         self.waits_for = ""
-        self.wants = ""  # "calibrate" or "set_home": a service to call now
+        # "calibrate", "set_home" or "calibrate_in_flight": a service to call now
+        self.wants = ""
         self.problems: List[str] = []
         self.captures: List[CaptureWindow] = []
         self.gate = gate or OpenGate()
@@ -75,6 +77,9 @@ class MissionMachine:
         self._snapshot: Optional[Snapshot] = None
         self._indices: Sequence[int] = ()  # of the configurations to fly; none: all
         self._not_reached = ""  # stations that are left to another flight, and why
+        # configurations of stations that a flight before left, and those of which this one is
+        self.unfinished: List[int] = []
+        self._whole: Sequence[int] = range(len(mission.configurations))
         self._memory: Optional[Memory] = None
         self.said: List[str] = []  # for the log
         self.unexplained: List[str] = []  # fly in GUIDED, and nothing is known of their mission
@@ -111,6 +116,11 @@ class MissionMachine:
         return self.mission.viewpoint(self.configuration)
 
     @property
+    def resumes_at(self) -> str:
+        """Name of the station at which a flight before stopped; empty where none is left."""
+        return self.mission.viewpoint(self.unfinished[0]).station if self.unfinished else ""
+
+    @property
     def progress(self) -> float:
         """0..1 of the configurations that are recorded or left out."""
         return 0.0 if self._flight_list is None else self._flight_list.share
@@ -134,19 +144,23 @@ class MissionMachine:
         self.wants = service
         return ""
 
-    def begin_list(self, indices: Sequence[int]) -> str:
-        """Hands over to the mission, which flies these configurations (none: all)."""
+    def begin_list(self, indices: Sequence[int], resumes: bool = False) -> str:
+        """Hands over to the mission, which flies these configurations (none: all). ``resumes``: what
+        a flight before left, as much of it as the batteries allow."""
         locked = self.gate.before_list(self.now_s)
         if locked:
             return locked
-        wrong = self._plan.from_here(self._snapshot, indices or None)
+        as_many = resumes or not indices
+        wrong = self._plan.from_here(self._snapshot, indices or None, as_many)
         if wrong:
             self._enter("MOVE_HOME", f"the list cannot be flown from here: {wrong}", "set_home")
             return self.detail
         self._indices, self._not_reached = indices, ""
-        if not indices:
-            within, self._not_reached = self._plan.within_batteries(self._snapshot)
-            self._indices = within or ()
+        if as_many:
+            within, self._not_reached = self._plan.within_batteries(self._snapshot, indices or None)
+            self._indices = within or indices
+        if resumes:
+            self._whole = list(indices)
         self._regain_control()
         return ""
 
@@ -196,17 +210,30 @@ class MissionMachine:
 
     # ---- what services say -----------------------------------------------------------------------
 
-    def answer(self, what: str, success: bool, message: str) -> None:
-        """The outcome of a service that was asked for; one that failed is waited for again."""
+    def answer(self, what: str, success: bool, message: str, drifted: bool = False) -> None:
+        """The outcome of a service that was asked for; one that failed is waited for again.
+        ``drifted``: a tracker drifts, so that all land."""
+        if what == CALIBRATE_IN_FLIGHT:
+            self._answer_in_flight(success, message, drifted)
+            return
         if self.phase != {"calibrate": "CALIBRATE", "set_home": "SET_HOME"}[what]:
             return  # aborted meanwhile
         success, message = success and not self.lost, self.lost or message
         if what == "calibrate" and not success:
             self._enter("COLUMN", message)
         elif what == "set_home" and success:
-            self._enter("SET_HOME", message, "execute")
+            left = f"; resume_station goes on at {self.resumes_at}" if self.unfinished else ""
+            self._enter("SET_HOME", f"{message}{left}", "execute")
         else:
             self._enter("MOVE_HOME", message, "set_home")
+
+    def _answer_in_flight(self, success: bool, message: str, drifted: bool) -> None:
+        if self._flight_list is None or self.phase not in FLOWN:
+            return
+        if drifted:
+            self.abort(f"{message}: landing everybody")
+            return
+        self._flight_list.calibration_answered(success, message)
 
     # ---- over a restart --------------------------------------------------------------------------
 
@@ -231,6 +258,9 @@ class MissionMachine:
             list(self.captures),
             dict(self._modes.taken),
             None if flown is None else flown.memory,
+            self.unfinished
+            if flown is None
+            else unfinished_stations(self.mission, self._whole, flown.memory.flown),
         )
 
     def _recall(self, snapshot: Snapshot) -> None:
@@ -241,7 +271,10 @@ class MissionMachine:
         self._memory = None
         self.said.append(why)
         if what is restart.RestartVerdict.ANEW:
+            self.unfinished = list(memory.unfinished)
             return
+        if memory.flight_list is not None:
+            self._whole = sorted({*memory.unfinished, *memory.flight_list.flown})
         self.captures, self._aborted = list(memory.captures), memory.aborted
         if what is restart.RestartVerdict.LAND:
             self._aborted |= memory.phase != "LAND"
@@ -407,6 +440,8 @@ class MissionMachine:
             self._end_of_list(flown)
             return
         self.captures += flown.step(snapshot, taken)
+        if flown.pop_wants_calibration():
+            self.wants = CALIBRATE_IN_FLIGHT
         self.detail = f"{flown.detail} ({flown.going_back})" if flown.going_back else flown.detail
         if flown.finished:
             self._end_of_list(flown)

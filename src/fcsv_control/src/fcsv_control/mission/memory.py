@@ -13,6 +13,7 @@ from fcsv_control.mission.activities.looking_round import Turned
 from fcsv_control.mission.plans.task_list import Task
 from fcsv_geometry import config
 from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.missions.stations import HOME_VIEW
 
 FILE = "mission_memory.json"
 _VERSION = 2
@@ -33,6 +34,7 @@ class RememberedList:
     away: List[str] = field(default_factory=list)  # out of the column
     turned: List[Turned] = field(default_factory=list)  # who has looked round where
     at: Optional[int] = 0  # of the mission's viewpoints, where the column is; none: under way
+    calibrated: str = HOME_VIEW.station  # at which station last; empty: the column has left it
 
     def __post_init__(self):
         bad = [n for n, T in self.parked.items() if len(T) != _POSE_NUMBERS]
@@ -56,6 +58,8 @@ class Memory:
     captures: List[CaptureWindow] = field(default_factory=list)
     taken: Dict[str, str] = field(default_factory=dict)
     flight_list: Optional[RememberedList] = None
+    # configurations of stations that were not flown whole, here and in flights before it
+    unfinished: List[int] = field(default_factory=list)
     calibration: Any = None
     home: Any = None
     saved_s: float = 0.0
@@ -96,6 +100,27 @@ def from_text(
     return memory
 
 
+def unfinished_stations(mission: Mission, wanted: Sequence[int], flown: Sequence[int]) -> List[int]:
+    """The configurations of those stations of ``wanted`` ones that were not flown whole, each from
+    its beginning: another flight has another home, and a map is of one. None without stations."""
+    if not mission.stations:
+        return []
+    station_of = lambda i: mission.viewpoint(i).station  # noqa: E731
+    left = {station_of(i) for i in wanted if i not in flown}
+    return [i for i in sorted(wanted) if station_of(i) in left]
+
+
+def unfinished_of(text: str, source: str, mission: Mission, vehicles: Sequence[str]) -> List[int]:
+    """What an earlier flight of this mission left, however old; empty where the text is of
+    another."""
+    try:
+        memory = config.from_mapping(json.loads(text), Memory, source)
+        _require_fitting(source, memory, mission, vehicles, memory.saved_s)
+    except (ValueError, config.ConfigError, SessionError):
+        return []
+    return memory.unfinished
+
+
 def _require_fitting(
     source: str, memory: Memory, mission: Mission, vehicles: Sequence[str], wall_s: float
 ) -> None:
@@ -109,6 +134,8 @@ def _require_fitting(
     age_s = wall_s - memory.saved_s
     if age_s > _MOST_AGE_S:
         raise SessionError(f"{source}: is {age_s / 60.0:.0f} min old, of an earlier flight")
+    if any(not 0 <= i < len(mission.configurations) for i in memory.unfinished):
+        raise SessionError(f"{source}: names configurations that this mission lacks")
     known = memory.flight_list
     if known is None:
         return

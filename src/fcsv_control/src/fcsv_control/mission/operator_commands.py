@@ -8,7 +8,7 @@ from fcsv_control.mission.machine import MissionMachine
 
 OPERATIONS = (
     *("pause", "resume", "skip", "repeat", "next", "previous"),
-    *("skip_station", "repeat_station", "abort"),
+    *("skip_station", "repeat_station", "resume_station", "abort"),
 )
 _CONFIRMED_ONCE_S = 1.0  # a second confirmation within this time is a slip of the finger
 
@@ -36,7 +36,16 @@ class OperatorCommands:
             return f"'execute' is not waited for in {m.phase}"
         return self._proceed("execute", indices)
 
-    def _proceed(self, step: str, indices: Sequence[int]) -> str:
+    def _resume_station(self) -> str:
+        """Begins the list at the station at which a flight before stopped."""
+        m = self._machine
+        if m.waits_for != "execute":
+            return f"'resume_station' takes the place of 'execute', once home is set ({m.phase})"
+        if not m.unfinished:
+            return "no station is left of a flight before; 'execute' flies all"
+        return self._proceed("execute", m.unfinished, resumes=True)
+
+    def _proceed(self, step: str, indices: Sequence[int], resumes: bool = False) -> str:
         m = self._machine
         if m.now_s - self._confirmed_s < _CONFIRMED_ONCE_S:
             return "the step before was confirmed a moment ago; look at the vehicles, then confirm again"
@@ -47,7 +56,7 @@ class OperatorCommands:
         if step != m.waits_for:
             return f"'{m.waits_for}' is waited for, not '{step}'"
         if step == "execute":
-            refusal = m.begin_list(indices)
+            refusal = m.begin_list(indices, resumes)
         elif step == "resume":
             refusal = m.resume()
         else:
@@ -66,4 +75,6 @@ class OperatorCommands:
             return ""
         if operation not in OPERATIONS:
             return f"'{operation}' is not one of {', '.join(OPERATIONS)}"
+        if operation == "resume_station":
+            return self._resume_station()
         return self.proceed("resume") if operation == "resume" else m.change(operation)

@@ -30,6 +30,7 @@ from fcsv_geometry.streams.dispatch import Takers
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
+from fcsv_tracking.column.agreement import ColumnDrift
 
 _log = logging.getLogger(__name__)
 _ALIVE_S = 0.2
@@ -44,12 +45,14 @@ class Captured:
 
     window: CaptureWindow
     wall_offset_s: float
+    calibrated_s: float = 0.0  # stamp of the calibration by which it was flown
 
 
 class MissionPort:
     """``column``: the fleet, front first; ``sender``: as whom it commands; ``memory``: what its
     last run left; ``recorder``: name of the control PC's recorder, which must be well (empty:
-    none). Raises MissionError where this fleet cannot fly the mission.
+    none); ``unfinished``: configurations that an earlier flight left (memory.unfinished_of).
+    Raises MissionError where this fleet cannot fly the mission.
 
     Gives Instruction, MissionAlive, MissionStatus, Captured, Memory, ServiceWanted, StopOver and
     FramesJudged.
@@ -64,10 +67,12 @@ class MissionPort:
         gate: Optional[OpenGate] = None,
         memory: Optional[Memory] = None,
         recorder: str = "",
+        unfinished: Sequence[int] = (),
     ):
         names = [v.name for v in column]
         self.mission, self.sender = mission, sender
         self.machine = MissionMachine(mission, names, {v.name: v.radius_m for v in column}, gate)
+        self.machine.unfinished = list(unfinished)
         self._operator = OperatorCommands(self.machine)
         self._cameras = {v.name: v.T_body_cam for v in column}
         self._front_tags: Dict[str, Optional[int]] = dict(
@@ -80,6 +85,9 @@ class MissionPort:
             PairsSeen(),
             TimeOfDay(),
         )
+        self._calibrated_s = 0.0  # the newest calibration is for this moment
+        # where the column calibrates again, it may be as far apart until then as trackers drift
+        self._drift = ColumnDrift(names) if mission.calibrates_in_flight else None
         self._recorder, self._recorder_heard = recorder, (-math.inf, "")
         self._begun_s, self._alive_s = now_s, -math.inf
         self._captures, self._so_far = 0, []  # told: how many, and windows under way
@@ -138,6 +146,8 @@ class MissionPort:
 
     def _odometry(self, now_s: float, m: tm.VehicleOdometry) -> None:
         self._of(m).odometry(now_s, m.T_odom_body, m.v_body_mps)
+        if self._drift is not None and self._drift.begun:
+            self._drift.odometry(m.vehicle, m.stamp_s, m.T_odom_body)
 
     def _epoch(self, _now_s: float, m: tm.OdometryEpoch) -> None:
         epochs = self._of(m).epochs
@@ -175,7 +185,9 @@ class MissionPort:
 
     def _calibration(self, _now_s: float, m: tm.CalibrationFound) -> None:
         self._in_home.calibrate(m.links)
-        self._kept = None
+        self._calibrated_s, self._kept = m.stamp_s, None
+        if self._drift is not None:
+            self._drift.calibrate(m.stamp_s, m.links)
 
     def _home(self, _now_s: float, m: tm.HomeFound) -> None:
         self._in_home.set_home(m.reference, m.T_odom_home)
@@ -206,7 +218,7 @@ class MissionPort:
 
     def _service(self, _now_s: float, m: told.ServiceAnswered) -> None:
         _log.info("%s: %s", m.name, m.text)
-        self.machine.answer(m.name, m.done, m.text)
+        self.machine.answer(m.name, m.done, m.text, m.drifted)
 
     # ---- the operator ----------------------------------------------------------------------------
 
@@ -220,10 +232,11 @@ class MissionPort:
         out: List[object] = [answer]
         if answer.done and request in (told.Confirm("resume"), told.Operate("resume")):
             out.append(told.StopOver("the operator resumes"))
-        if self.machine.wants:
-            out.append(told.ServiceWanted(self.machine.wants))
-            self.machine.wants = ""
-        return out
+        return out + self._wanted()
+
+    def _wanted(self) -> List[object]:
+        wanted, self.machine.wants = self.machine.wants, ""
+        return [told.ServiceWanted(wanted)] if wanted else []
 
     def _confirm(self, request: told.Confirm) -> tm.Reply:
         refusal = self._operator.proceed(request.step)
@@ -255,7 +268,7 @@ class MissionPort:
         m.step(self._snapshot(now_s))
         if m.phase != phase:
             _log.info("%s -> %s: %s", phase, m.phase, m.detail)
-        out = self._end_restoring(now_s)
+        out = self._end_restoring(now_s) + self._wanted()
         out += [self._instruction(order, now_s) for order in m.outbox.due(now_s)]
         out.append(
             told.MissionStatus(
@@ -291,8 +304,9 @@ class MissionPort:
         heard_s, problem = self._recorder_heard
         recorder = RecorderView(now_s - heard_s, problem) if self._recorder else None
         views = {n: h.view(now_s, T_home_odom.get(n)) for n, h in self._heard.items()}
+        apart_m = None if self._drift is None else self._drift.most_apart_m
         views = self._pairs_seen.check_views(
-            self._tag_in_front.check_views(now_s, views, T_home_odom), T_home_odom
+            self._tag_in_front.check_views(now_s, views, T_home_odom, apart_m), T_home_odom
         )
         slows_mps2 = self.mission.flight.acceleration_mps2
         return Snapshot(now_s, views, T_home_odom, self._cameras, recorder, clock_set, slows_mps2)
@@ -319,7 +333,7 @@ class MissionPort:
         m, offset_s = self.machine, self._time_of_day.offset_s
         new = [*(w for w in m.so_far if w not in self._so_far), *m.captures[self._captures :]]
         self._so_far, self._captures = list(m.so_far), len(m.captures)
-        return [Captured(window, offset_s) for window in new]
+        return [Captured(window, offset_s, self._calibrated_s) for window in new]
 
     def _remember(self, now_s: float) -> List[object]:
         memory = self.machine.memory()

@@ -2,6 +2,7 @@
 """The mission file, config/missions/NAME.yaml: what the planner writes and the mission flies, with
 all its rules."""
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Dict, List, Optional, Sequence, Tuple
@@ -28,6 +29,7 @@ ON_BOARD, GROUND = "on_board", "ground"
 TRACKERS = (ON_BOARD, GROUND)
 _COLUMN_SPACING_M = (1.0, 8.0)  # further away the tag is not seen
 _LEAST_HOME_M = 1.0  # above the minimum separation
+_JUST_CALIBRATED_M = 5.0  # from home: a first station there needs no calibration of its own
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,10 @@ class Mission:
         self._check_list("configurations", self.configurations)
         for i, listed in enumerate(own):
             self._check_list(f"stations[{i}].configurations", listed)
+            if self.stations[i].calibrate and self.tracker == GROUND:
+                raise ValueError(
+                    f"stations[{i}].calibrate: a tracker on the ground has all in one frame; leave it out"
+                )
         self._fly_from_stations()
         low, high = _COLUMN_SPACING_M
         if not low <= self.column_spacing_m <= high:
@@ -160,7 +166,7 @@ class Mission:
     def _fly_from_stations(self) -> None:
         """Makes ``configurations`` what is flown: the list of each station at each of its headings.
         A list that says its viewpoints was made so before."""
-        names = [s.name or f"station {i + 1}" for i, s in enumerate(self.stations)]
+        names = self._station_names
         for i, name in enumerate(names):
             if name in (HOME_VIEW.station, *names[:i]):
                 raise ValueError(f"stations[{i}].name: '{name}' is another's; names are unique")
@@ -185,8 +191,7 @@ class Mission:
         """Home, then each heading of each station, in the order of flight; ``view`` of a
         configuration counts them."""
         found = [HOME_VIEW]
-        for i, station in enumerate(self.stations):
-            name = station.name or f"station {i + 1}"
+        for i, (station, name) in enumerate(zip(self.stations, self._station_names)):
             try:
                 found += viewpoints_of(station, name, self.home_height_m, self.home_fix)
             except ValueError as error:
@@ -196,6 +201,27 @@ class Mission:
     def viewpoint(self, index: int) -> Viewpoint:
         """Viewpoint from which configuration ``index`` is flown."""
         return self.viewpoints[self.configurations[index].view]
+
+    def calibrates(self, view: int) -> bool:
+        """Whether the column is calibrated anew where it comes to the station of a viewpoint."""
+        names = [v.station for v in self.viewpoints]
+        found = [s for s, name in zip(self.stations, self._station_names) if name == names[view]]
+        if not found:
+            return False
+        if found[0].calibrate is not None:
+            return found[0].calibrate
+        x_m, y_m, _ = self.viewpoints[view].place_m
+        at_home = found[0] is self.stations[0] and math.hypot(x_m, y_m) < _JUST_CALIBRATED_M
+        return self.tracker == ON_BOARD and not at_home
+
+    @cached_property
+    def calibrates_in_flight(self) -> bool:
+        """Whether it does so anywhere."""
+        return any(self.calibrates(view) for view in range(len(self.viewpoints)))
+
+    @property
+    def _station_names(self) -> List[str]:
+        return [s.name or f"station {i + 1}" for i, s in enumerate(self.stations)]
 
     def title(self, index: int) -> str:
         """Configuration ``index`` in words, with its station and heading where there are

@@ -53,6 +53,10 @@ class MissionStation:
     # above the take-off place; default: the mission's home_height_m
     height_m: Optional[float] = None
     name: Optional[str] = None  # in reports and messages; default: station and its number
+    # whether the column is calibrated anew there; default: yes, but not within 5 m of home when it
+    # comes first: the operators have just calibrated there, and a walk of 5 m adds less than the
+    # 0.05 m to which a calibration is known
+    calibrate: Optional[bool] = None
     # its own list; none: that of the mission
     configurations: List[StereoConfiguration] = field(default_factory=list)
 

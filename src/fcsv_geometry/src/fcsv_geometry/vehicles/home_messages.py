@@ -7,7 +7,7 @@ from typing import List
 import numpy as np
 
 from fcsv_geometry.home import HomeFrames, OdomLink
-from fcsv_geometry.messages import pose_to_transform
+from fcsv_geometry.messages import pose_to_transform, seconds
 
 
 def link_from_message(message) -> OdomLink:
@@ -24,9 +24,9 @@ def links_from_message(message) -> List[OdomLink]:
 
 
 def apply_calibration(frames: HomeFrames, message) -> None:
-    """Compose with a new calibration. Raises GeometryError where a pose is none; the frames are
-    then as before."""
-    frames.calibrate(links_from_message(message))
+    """Compose with a new calibration, for what comes after its stamp. Raises GeometryError where a
+    pose is none; the frames are then as before."""
+    frames.calibrate(links_from_message(message), seconds(message.header.stamp))
 
 
 def apply_home(frames: HomeFrames, message) -> None:

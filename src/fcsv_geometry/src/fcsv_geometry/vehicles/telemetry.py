@@ -186,11 +186,12 @@ class MissionPhase:
 @frozen
 class Reply:
     """Answers to who called a service: whether it is done, and what to read; ``clocks_apart``: it
-    is not done because two clocks differ."""
+    is not done because two clocks differ; ``drifted``: because a tracker does."""
 
     done: bool
     text: str
     clocks_apart: bool = False
+    drifted: bool = False
 
 
 @frozen

@@ -273,7 +273,8 @@ class ControlPc:
             elif isinstance(output, tm.Reply):
                 self.replied = output
                 self.mission_port.receive(
-                    _clock_s(now_s), ServiceAnswered(self._service, output.done, output.text)
+                    _clock_s(now_s),
+                    ServiceAnswered(self._service, output.done, output.text, output.drifted),
                 )
             elif isinstance(output, MissionStatus):
                 self.calibration_port.receive(_clock_s(now_s), tm.MissionPhase(output.phase))
@@ -345,11 +346,13 @@ class ControlPc:
     def _call_service(self, now_s: float) -> None:
         """The mission's call of a service, which waits for its end."""
         service, self._wanted = self._wanted, ""
-        request = (
-            CalibrateColumn(()) if service == "calibrate" else HomeWanted(self._mission.reference)
-        )
+        requests = {
+            "calibrate": CalibrateColumn(()),
+            "calibrate_in_flight": CalibrateColumn((), in_flight=True),
+            "set_home": HomeWanted(self._mission.reference),
+        }
         self._service = service
-        self._dispatch(now_s, self.calibration_port.serve(_clock_s(now_s), request))
+        self._dispatch(now_s, self.calibration_port.serve(_clock_s(now_s), requests[service]))
 
     def _latch(self, now_s: float, found: object) -> None:
         """Told to everybody, and to who begins to listen."""

@@ -6,7 +6,7 @@ from typing import Optional
 
 import numpy as np
 
-from fcsv_geometry import transforms
+from fcsv_geometry import rotations, transforms
 from fcsv_geometry.streams.arrivals import RELAY
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
@@ -14,6 +14,8 @@ from fcsv_tracking.tags import corner_points
 
 _PICTURE_S = 0.18  # 5 pictures a second
 _TAG_M = (1.0, 6.0)  # from how near and how far a tag is seen
+# so far off the column's first heading pilots hold theirs: it counts as that one
+_AHEAD_RAD = 0.12
 _CORNER_PX, _FOCAL_PX = 0.15, 600.0
 _PLACE = 0.02  # error of the place that one picture tells: share of the distance
 
@@ -32,7 +34,9 @@ class TagCamera:
         vehicle, front = self._vehicle, self._front
         if now_s < self._due_s or not (vehicle.sampled_now and front.sampled_now):
             return None
-        step = front.p_world_m - vehicle.p_world_m
+        yaw_rad = transforms.yaw(vehicle.body.T_world_body)
+        yaw_rad = yaw_rad if abs(yaw_rad) > _AHEAD_RAD else 0.0
+        step = rotations.turn_about_z(-yaw_rad) @ (front.p_world_m - vehicle.p_world_m)
         sees = (
             _TAG_M[0] < step[0] < _TAG_M[1]
             and abs(step[1]) < 0.5 * step[0]

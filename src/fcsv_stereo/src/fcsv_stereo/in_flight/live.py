@@ -4,7 +4,7 @@ mapped so far."""
 
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Deque, Dict, List, Optional, Sequence, Tuple
+from typing import Callable, Deque, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -66,6 +66,8 @@ class LiveSession:
 
     most_pictures: int = 60
     T_home_odom: Dict[str, np.ndarray] = field(default_factory=dict)
+    # as it held at a moment (s), where the column was calibrated again in flight
+    held_at: Optional[Callable[[float], Dict[str, np.ndarray]]] = None
     windows: Dict[int, RecordingWindow] = field(default_factory=dict)
     _covariances: Dict[str, KnownCovariances] = field(default_factory=dict)
     _newest: Dict[str, Deque[LivePicture]] = field(default_factory=dict)
@@ -222,9 +224,9 @@ class LiveSession:
     def _middle(self, index: int, vehicle: str, most: int, problems: List[str]) -> List[Picture]:
         kept = self._kept[index][vehicle]
         middle = (len(kept) - 1) / 2
-        T_home_odom = self._T_home_odom_of(vehicle)
         pictures: List[Picture] = []
         for _, picture in sorted(enumerate(kept), key=lambda entry: abs(entry[0] - middle)):
+            T_home_odom = self._T_home_odom_of(picture)
             try:
                 pictures.append(picture.picture(T_home_odom))
             except InputError as error:
@@ -234,12 +236,14 @@ class LiveSession:
         return sorted(pictures, key=lambda p: p.stamp_s)
 
     def _posed(self, picture: LivePicture) -> Picture:
-        return picture.picture(self._T_home_odom_of(picture.vehicle))
+        return picture.picture(self._T_home_odom_of(picture))
 
-    def _T_home_odom_of(self, vehicle: str) -> np.ndarray:
-        if vehicle not in self.T_home_odom:
+    def _T_home_odom_of(self, picture: LivePicture) -> np.ndarray:
+        vehicle = picture.vehicle
+        held = self.held_at(picture.stamp_s) if self.held_at else self.T_home_odom
+        if vehicle not in held:
             raise InputError(f"where {vehicle} is in home is not known: calibrate, then set home")
-        return self.T_home_odom[vehicle]
+        return held[vehicle]
 
 
 class Corrections:

@@ -3,7 +3,7 @@
 ROS, threads and clocks."""
 
 from dataclasses import dataclass
-from typing import Dict, Optional, Sequence, Set
+from typing import Callable, Dict, Optional, Sequence, Set
 
 import numpy as np
 
@@ -57,9 +57,14 @@ class MapChoice:
         """Whether nothing came that could change the choice."""
         return not self._news
 
-    def on_frames(self, T_home_odom: Dict[str, np.ndarray]) -> None:
-        """Where the vehicles' odometry frames lie in home, (4, 4) by vehicle."""
-        self.session.T_home_odom = T_home_odom
+    def on_frames(
+        self,
+        T_home_odom: Dict[str, np.ndarray],
+        held_at: Optional[Callable[[float], Dict[str, np.ndarray]]] = None,
+    ) -> None:
+        """Where the vehicles' odometry frames lie in home, (4, 4) by vehicle; ``held_at``: the same
+        at a moment (s), for earlier pictures."""
+        self.session.T_home_odom, self.session.held_at = T_home_odom, held_at
         self._news = True
 
     def on_window(self, window: RecordingWindow) -> None:

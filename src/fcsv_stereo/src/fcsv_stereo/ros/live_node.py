@@ -144,11 +144,11 @@ class LiveNode:
 
     def _on_frames(self, data: Union[CalibrationFound, HomeFound]) -> None:
         if isinstance(data, CalibrationFound):
-            self._in_home.calibrate(data.links)
+            self._in_home.calibrate(data.links, data.stamp_s)
         else:
             self._in_home.set_home(data.reference, data.T_odom_home)
         if self._in_home.places:
-            self._choice.on_frames(self._in_home.T_home_odom)
+            self._choice.on_frames(self._in_home.T_home_odom, self._in_home.at)
 
     def _on_capture(self, message: Capture) -> None:
         with self._changed:

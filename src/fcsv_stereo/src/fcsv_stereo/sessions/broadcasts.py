@@ -25,6 +25,7 @@ class BroadcastRecords:
     machine counts."""
 
     _once: Dict[Tuple[str, str], object] = field(default_factory=dict)  # by topic and machine
+    _calibrations: Dict[float, object] = field(default_factory=dict)  # all, by stamp
     _captures: Dict[str, Dict[int, object]] = field(default_factory=dict)  # by machine and index
     _refused_s: Dict[str, float] = field(default_factory=dict)  # stamp of the newest by topic
 
@@ -40,12 +41,22 @@ class BroadcastRecords:
             self._captures.setdefault(_machine(bag), {})[message.index] = message
         else:
             self._once[topic, _machine(bag)] = message
+        if topic == CALIBRATION:
+            self._calibrations[_stamp_s(message)] = message
 
     def newest(self, topic: str) -> Optional[object]:
         """The calibration or home that counts; None where nobody recorded any."""
         return max(
             (m for (t, _), m in self._once.items() if t == topic), key=_stamp_s, default=None
         )
+
+    def calibrations(self) -> List:
+        """The calibration by which home was set, and those in flight after it, in their order."""
+        home = self.newest(HOME)
+        home_s = float("inf") if home is None else _stamp_s(home)
+        stamps = sorted(self._calibrations)
+        before, after = [s for s in stamps if s <= home_s], [s for s in stamps if s > home_s]
+        return [self._calibrations[s] for s in before[-1:] + after]
 
     def newest_is_refused(self, topic: str) -> bool:
         """Whether the calibration or home that would count is none: an earlier one is of other

@@ -10,7 +10,7 @@ import numpy as np
 
 from fcsv_geometry.bags import reading
 from fcsv_geometry.errors import BagError, PoseUnavailable
-from fcsv_geometry.home import camera_in_home
+from fcsv_geometry.home import HomeFrames, camera_in_home
 from fcsv_geometry.messages import seconds
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
@@ -41,7 +41,7 @@ class RecordedDepth:
     bags: List[Path]
     cameras: Mapping[str, CameraTimeline]
     tracks: Mapping[str, Trajectory]
-    T_home_odom: Mapping[str, np.ndarray]
+    in_home: HomeFrames
     T_body_cam: Mapping[str, np.ndarray]
     covariances: Mapping[str, KnownCovariances]
     prior: PosePrior
@@ -50,7 +50,7 @@ class RecordedDepth:
     @property
     def vehicles(self) -> List[str]:
         """Those whose frames can have a pose."""
-        known = (self.tracks, self.T_home_odom, self.T_body_cam)
+        known = (self.tracks, self.in_home.places, self.T_body_cam)
         return sorted(v for v in self.cameras if all(v in k for k in known))
 
     def frames(self) -> Iterator[DepthFrame]:
@@ -117,7 +117,9 @@ class RecordedDepth:
 
     def _camera_in_home(self, vehicle: str, stamp_s: float) -> np.ndarray:
         return camera_in_home(
-            self.T_home_odom[vehicle], self.tracks[vehicle].at(stamp_s), self.T_body_cam[vehicle]
+            self.in_home.at(stamp_s)[vehicle],
+            self.tracks[vehicle].at(stamp_s),
+            self.T_body_cam[vehicle],
         )
 
     def _covariance(self, vehicle: str, stamp_s: float, T_home_cam: np.ndarray) -> np.ndarray:
@@ -132,7 +134,7 @@ class RecordedDepth:
         """Places in home of the other vehicles' cameras, as far as they are known."""
         places = []
         for other in self.tracks:
-            if other != vehicle and other in self.T_home_odom and other in self.T_body_cam:
+            if other != vehicle and other in self.in_home.places and other in self.T_body_cam:
                 try:
                     places.append(self._camera_in_home(other, stamp_s)[:3, 3])
                 except PoseUnavailable:

@@ -10,6 +10,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.earth import east_north_up_m
 from fcsv_geometry.errors import GeometryError, PoseUnavailable
+from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.photos.gps import Gps
 
@@ -60,18 +61,18 @@ def fix_of(message) -> Optional[Gps]:
 
 
 def session_gps(
-    fixes: Mapping[str, List], tracks: Mapping[str, Trajectory], T_home_odom: Mapping
+    fixes: Mapping[str, List], tracks: Mapping[str, Trajectory], in_home: HomeFrames
 ) -> Optional[SessionGps]:
     """Joins the fixes (by vehicle, [(stamp_s, Gps)]) whose vehicle's place in home is known; None
     where there are none."""
     of: Dict[str, np.ndarray] = {}
     for vehicle, told in sorted(fixes.items()):
-        if vehicle not in tracks or vehicle not in T_home_odom:
+        if vehicle not in tracks or vehicle not in in_home.places:
             continue
         rows = []
         for stamp_s, fix in told:
             try:
-                T_home_body = T_home_odom[vehicle] @ tracks[vehicle].at(stamp_s)
+                T_home_body = in_home.at(stamp_s)[vehicle] @ tracks[vehicle].at(stamp_s)
             except PoseUnavailable:
                 continue
             rows.append((*(getattr(fix, n) for n in _NUMBERS), *T_home_body[:3, 3]))

@@ -3,7 +3,7 @@
 (docs/design/architecture.md, "Session")."""
 
 from pathlib import Path
-from typing import Dict, List, Optional
+from typing import List, Optional
 
 import numpy as np
 
@@ -33,21 +33,21 @@ def read_session(path: Path, view: str = "") -> MapInput:
     _require_own(path, recorded)
     _require(path, recorded, warnings)
     recorded.captures = of_view(path, recorded.captures, view)
-    T_home_odom = _odoms_in_home(path, recorded)
-    configurations, clocks = _pictures(path, recorded, T_home_odom, warnings)
+    in_home = _frames_in_home(path, recorded)
+    configurations, clocks = _pictures(path, recorded, in_home, warnings)
     warnings += unknown_warning(
         configurations, FLOWN, (k.refused for k in recorded.covariances.values())
     )
     warnings += recorded.left_out.warnings()
     truth = path / "truth" if path.is_dir() and (path / "truth").is_dir() else None
-    near = _near(recorded, T_home_odom)
-    gps = session_gps(recorded.fixes, recorded.tracks, T_home_odom)
+    near = _near(recorded, in_home)
+    gps = session_gps(recorded.fixes, recorded.tracks, in_home)
     return MapInput(
         InputKind.SESSION, spread(configurations), truth, warnings, FLOWN, clocks, near, gps=gps
     )
 
 
-def _near(recorded: Recorded, T_home_odom) -> Optional[RecordedDepth]:
+def _near(recorded: Recorded, in_home: HomeFrames) -> Optional[RecordedDepth]:
     """Where the depth frames are; None where no vehicle recorded any."""
     if not recorded.depth_cameras:
         return None
@@ -55,7 +55,7 @@ def _near(recorded: Recorded, T_home_odom) -> Optional[RecordedDepth]:
         recorded.bags,
         recorded.depth_cameras,
         recorded.tracks,
-        T_home_odom,
+        in_home,
         recorded.T_body_cam,
         recorded.covariances,
         FLOWN,
@@ -115,31 +115,37 @@ def _require(path: Path, recorded: Recorded, warnings: List[str]) -> None:
     recorded.captures = kept
 
 
-def _odoms_in_home(path: Path, recorded: Recorded) -> Dict[str, np.ndarray]:
+def _frames_in_home(path: Path, recorded: Recorded) -> HomeFrames:
+    """As they held at each moment: a picture keeps the calibration by which it was flown."""
     in_home = HomeFrames()
+    first, *in_flight = recorded.broadcasts.calibrations()
     try:
-        home_messages.apply_calibration(in_home, recorded.broadcasts.newest(CALIBRATION))
+        home_messages.apply_calibration(in_home, first)
         home_messages.apply_home(in_home, recorded.broadcasts.newest(HOME))
-        return in_home.T_home_odom
+        for message in in_flight:
+            home_messages.apply_calibration(in_home, message)
+        return in_home
     except GeometryError as error:
         raise InputError(f"{path}: /calibration or /home: {error}") from error
 
 
-def _pictures(path, recorded: Recorded, T_home_odom, warnings: List[str]):
+def _pictures(path, recorded: Recorded, in_home: HomeFrames, warnings: List[str]):
     """Configurations, and of those who sweep the time offset between camera and tracker, which then
     is in the poses."""
     T_body_cam = recorded.T_body_cam
     taking = (
-        v for v in recorded.tracks if v in recorded.cameras and v in T_home_odom and v in T_body_cam
+        v
+        for v in recorded.tracks
+        if v in recorded.cameras and v in in_home.places and v in T_body_cam
     )
-    stock = {v: _Stock(v, recorded, T_home_odom, warnings) for v in taking}
+    stock = {v: _Stock(v, recorded, in_home, warnings) for v in taking}
 
     def posed(vehicle: str, stamp_s: float) -> np.ndarray:
         return camera_in_home(
-            T_home_odom[vehicle], recorded.tracks[vehicle].at(stamp_s), T_body_cam[vehicle]
+            in_home.at(stamp_s)[vehicle], recorded.tracks[vehicle].at(stamp_s), T_body_cam[vehicle]
         )
 
-    configurations = _windows(path, recorded, T_home_odom, stock, warnings)
+    configurations = _windows(path, recorded, in_home, stock, warnings)
     R_body_cam = {v: T[:3, :3] for v, T in T_body_cam.items()}
     configurations, clocks, words = on_time(configurations, recorded.tracks, R_body_cam, posed)
     warnings += words
@@ -147,13 +153,13 @@ def _pictures(path, recorded: Recorded, T_home_odom, warnings: List[str]):
 
 
 def _windows(
-    path, recorded: Recorded, T_home_odom, stock, warnings: List[str]
+    path, recorded: Recorded, in_home: HomeFrames, stock, warnings: List[str]
 ) -> List[ConfigurationInput]:
     configurations, left = [], []
     for window in map(window_of, recorded.captures):
         inside = {}
         for vehicle in (window.reference, window.vehicle):
-            if vehicle not in T_home_odom:
+            if vehicle not in in_home.places:
                 raise InputError(f"{path}: /calibration does not say where {vehicle} is")
             inside[vehicle] = [p for p in stock[vehicle].pictures if window.holds(p.stamp_s)]
         if not all(inside.values()):
@@ -183,7 +189,7 @@ class _Stock:
     ``reason``: why there is none; empty where there is one.
     """
 
-    def __init__(self, vehicle: str, recorded: Recorded, T_home_odom, warnings: List[str]):
+    def __init__(self, vehicle: str, recorded: Recorded, in_home: HomeFrames, warnings: List[str]):
         windows = [window_of(c) for c in recorded.captures]
         topic, track = f"/{vehicle}/camera/color/image_raw", recorded.tracks[vehicle]
         wanted = lambda t: any(w.holds(t) for w in windows)  # noqa: E731
@@ -199,7 +205,7 @@ class _Stock:
                 seen.unposed += 1
                 continue
             T_home_cam = camera_in_home(
-                T_home_odom[vehicle], T_odom_body, recorded.T_body_cam[vehicle]
+                in_home.at(stamp_s)[vehicle], T_odom_body, recorded.T_body_cam[vehicle]
             )
             name = f"{vehicle}/{stamp_s:.3f}"
             covariance = recorded.covariances[vehicle].at(stamp_s)

@@ -14,23 +14,27 @@ from fcsv_geometry.streams.dispatch import Takers
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
+from fcsv_tracking.column.agreement import ColumnDrift
 from fcsv_tracking.column.calibration import CalibrationRules, Link
 from fcsv_tracking.column.calibration_session import CalibrationSession
 from fcsv_tracking.devices.clocks import ClockOffset, VehicleClock
-from fcsv_tracking.errors import CalibrationRefused, ClocksApart, TrackingError
+from fcsv_tracking.errors import CalibrationRefused, ClocksApart, TrackerDrifts, TrackingError
 
 _log = logging.getLogger(__name__)
 _OLDEST_ODOMETRY_S = 0.5
 _SET_BACK_S = 0.3
+_STATIONS = "CONFIGURATIONS"  # phase in which vehicles stand at stations
 
 
 @dataclass(frozen=True)
 class CalibrateColumn:
     """Calibrate these vehicles, front first (none: all), for ``duration_s`` (0: as long as it
-    takes)."""
+    takes). ``in_flight``: the mission flies them, and has stopped for it; the result is taken over
+    where it agrees with what the trackers said."""
 
     column: Sequence[str]
     duration_s: float = 0.0
+    in_flight: bool = False
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,9 @@ class CalibrationPort:
         self._phase = ""  # the mission's
         self._session: Optional[CalibrationSession] = None
         self._epochs_begun: Dict[str, int] = {}  # as the session began
+        self._in_flight = False  # the session is
+        self._drift = ColumnDrift(list(vehicles), rules.tracker)
+        self._epochs_calibrated: Dict[str, int] = {}
         self._calibrated: Set[str] = set()
         self._dropped: List[tm.Dropped] = []
         self._take = Takers(
@@ -83,6 +90,8 @@ class CalibrationPort:
     def _odometry(self, now_s: float, m: tm.VehicleOdometry) -> None:
         if self._track(m.vehicle, m.stamp_s).add(m.stamp_s, m.T_odom_body):
             self._came_s[m.vehicle] = now_s
+            if self._drift.begun:
+                self._drift.odometry(m.vehicle, m.stamp_s, m.T_odom_body)
         else:
             self._drop("odometry", f"{m.vehicle}'s stamp goes back")
 
@@ -126,7 +135,7 @@ class CalibrationPort:
             return [tm.Reply(False, str(error))]
 
     def _begin(self, now_s: float, request: CalibrateColumn) -> List[object]:
-        self._require_nobody_flies_by_it("a calibration")
+        self._require_may_be_calibrated(request.in_flight)
         if self._session is not None:
             raise TrackingError("a calibration is already running")
         column = list(request.column) or list(self._vehicles)
@@ -134,6 +143,7 @@ class CalibrationPort:
             now_s, column, request.duration_s, self._vehicles, self._rules, self._drop
         )
         self._session, self._epochs_begun = session, self._epochs_of(column)
+        self._in_flight = request.in_flight
         return []
 
     def step(self, now_s: float) -> List[object]:
@@ -145,7 +155,8 @@ class CalibrationPort:
                 out = self._end(session)
             except FcsvError as error:
                 _log.warning("calibration refused: %s", error)
-                out = [tm.Reply(False, str(error), isinstance(error, ClocksApart))]
+                kinds = (isinstance(error, kind) for kind in (ClocksApart, TrackerDrifts))
+                out = [tm.Reply(False, str(error), *kinds)]
         dropped, self._dropped = self._dropped, []
         return [*dropped, *out]
 
@@ -156,11 +167,32 @@ class CalibrationPort:
             raise CalibrationRefused(
                 f"the odometry of {', '.join(anew)} began anew meanwhile: calibrate once more"
             )
-        self._require_nobody_flies_by_it("a calibration")
-        self._calibrated = set(session.column)
+        self._require_may_be_calibrated(self._in_flight)
         text = "; ".join(_in_words(link) for link in found.links)
+        if self._in_flight:
+            text = f"{self._require_agreement(found, epochs)}; {text}"
+        self._calibrated, self._epochs_calibrated = set(session.column), epochs
+        self._drift.calibrate(found.stamp_s, found.links)
         _log.info("calibrated: %s", text)
         return [found, tm.EpochsFound(tm.CALIBRATION, found.stamp_s, epochs), tm.Reply(True, text)]
+
+    def _require_may_be_calibrated(self, in_flight: bool) -> None:
+        if not in_flight:
+            self._require_nobody_flies_by_it("a calibration")
+        elif self._phase != _STATIONS:
+            raise TrackingError(f"a calibration in flight is for stations; this is {self._phase}")
+
+    def _require_agreement(self, found: tm.CalibrationFound, epochs: Mapping[str, int]) -> str:
+        """By how much a calibration in flight differs from what the trackers said, in words. Raises
+        TrackerDrifts where that is beyond what is known of them, CalibrationRefused where there is
+        nothing to compare it with."""
+        differences = self._drift.differences(found.links)
+        if len(differences) < len(found.links) or epochs != self._epochs_calibrated:
+            raise CalibrationRefused("the calibration before is not known here: land, calibrate")
+        off = [d for d in differences if d.drifted]
+        if off:
+            raise TrackerDrifts(f"{'; '.join(map(str, off))}: a tracker drifts")
+        return "; ".join(map(str, differences))
 
     def _set_home(self, now_s: float, request: HomeWanted) -> List[object]:
         reference = request.reference or next(iter(self._vehicles))

@@ -15,7 +15,14 @@ from fcsv_geometry.ros.telemetry_messages import epochs_message, home_message, p
 from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_geometry.vehicles.tracker import load_profile
 from fcsv_msgs.msg import Calibration, ClockOffset, Epochs, Home, MissionState
-from fcsv_msgs.srv import Calibrate, CalibrateResponse, SetHome, SetHomeResponse
+from fcsv_msgs.srv import (
+    Calibrate,
+    CalibrateInFlight,
+    CalibrateInFlightResponse,
+    CalibrateResponse,
+    SetHome,
+    SetHomeResponse,
+)
 from fcsv_tracking.column.calibration import CalibrationRules
 from fcsv_tracking.column.calibration_port import CalibrateColumn, CalibrationPort, HomeWanted
 from fcsv_tracking.devices.clocks import VehicleClock
@@ -38,7 +45,7 @@ class CalibrationParameters:
 
 
 class CalibrationNode:
-    """A call to /calibrate waits until its port has collected enough."""
+    """A call to /calibrate or /calibrate_in_flight waits until its port has collected enough."""
 
     def __init__(self):
         parameters = node.parameters(CalibrationParameters)
@@ -54,6 +61,7 @@ class CalibrationNode:
         self._calibration, self._home = latched("/calibration", Calibration), latched("/home", Home)
         self._epochs = {of: latched(f"/{of}_epochs", Epochs) for of in (tm.CALIBRATION, tm.HOME)}
         rospy.Service("/calibrate", Calibrate, self._on_calibrate)
+        rospy.Service("/calibrate_in_flight", CalibrateInFlight, self._on_calibrate_in_flight)
         rospy.Service("/set_home", SetHome, self._on_set_home)
         take = lambda m: self._receive(phase_of(m))  # noqa: E731
         rospy.Subscriber("/mission/state", MissionState, take, queue_size=1)
@@ -84,18 +92,25 @@ class CalibrationNode:
                 self._changed.notify_all()
 
     def _on_calibrate(self, request) -> CalibrateResponse:
+        reply, found = self._calibrate(CalibrateColumn(request.column, request.duration_s))
+        return CalibrateResponse(reply.done, reply.text, found)
+
+    def _on_calibrate_in_flight(self, request) -> CalibrateInFlightResponse:
+        reply, _ = self._calibrate(CalibrateColumn(request.column, in_flight=True))
+        return CalibrateInFlightResponse(reply.done, reply.drifted, reply.text)
+
+    def _calibrate(self, wanted: CalibrateColumn) -> Tuple[tm.Reply, Calibration]:
+        """The answer once it is over, and what was found."""
         with self._changed:
-            wanted = CalibrateColumn(request.column, request.duration_s)
             _, reply = self._publish_all(self._port.serve(time.monotonic(), wanted))
             if reply is not None:
-                return CalibrateResponse(reply.done, reply.text, Calibration())
+                return reply, Calibration()
             self._ended = None
             while self._ended is None:
                 if rospy.is_shutdown():
-                    return CalibrateResponse(False, "the calibration node ends", Calibration())
+                    return tm.Reply(False, "the calibration node ends"), Calibration()
                 self._changed.wait(0.5)
-            reply, calibration = self._ended
-            return CalibrateResponse(reply.done, reply.text, calibration)
+            return self._ended
 
     def _on_set_home(self, request) -> SetHomeResponse:
         with self._changed:

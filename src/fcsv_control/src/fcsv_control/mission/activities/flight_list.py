@@ -7,6 +7,7 @@ from typing import Any, Callable, Collection, Dict, List, Sequence, Tuple, Type
 import numpy as np
 
 from fcsv_control.mission.activities.activity import Activity, CaptureWindow, Progress
+from fcsv_control.mission.activities.calibrating import Calibrating
 from fcsv_control.mission.activities.changing_over import ChangeOver
 from fcsv_control.mission.activities.looking_round import (
     LookRoundAtPlaces,
@@ -27,11 +28,12 @@ from fcsv_control.mission.ways.places import level_camera
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME, in_home, reference_place
 from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.missions.stations import HOME_VIEW
 from fcsv_geometry.streams.stream import Since
 from fcsv_geometry.vehicles.modes import Mode
 
 # what follows these begins in the same step; a recording and the next task begin at the next one
-_AT_ONCE = (Hold, BringHome, LookRoundInColumn, Travel)
+_AT_ONCE = (Hold, BringHome, Calibrating, LookRoundInColumn, Travel)
 _LONGEST = 4  # times the wanted recording: what one attempt records at most
 
 
@@ -50,6 +52,7 @@ class FlightList:
         parked: Dict[str, np.ndarray],
         task_list: TaskList,
         turned: Sequence[Turned] = (),
+        calibrated: str = HOME_VIEW.station,
         restarted: bool = False,
     ):
         self._mission = mission
@@ -57,6 +60,7 @@ class FlightList:
         self._outbox = outbox
         self._parked, self._goals = parked, Destinations(mission, parked)
         self._list, self._turned = task_list, list(turned)
+        self._calibrated_at = calibrated  # name of the station; "": the column has left it
         self._attempts: Dict[int, int] = {}
         self._task = Since()
         self.going_back = ""  # why nothing more is flown but the way back
@@ -65,6 +69,7 @@ class FlightList:
         self._follows: Dict[Type[Activity], Callable[[Any], Activity]] = {
             Hold: lambda _: self._opening(),
             BringHome: lambda home: home.travelled or self._departure(),
+            Calibrating: lambda _: self._calibrated(),
             LookRoundInColumn: lambda _: self._way(),
             Travel: lambda _: self._turns(),
             LookRoundAtPlaces: lambda _: self._attempt(),
@@ -104,6 +109,7 @@ class FlightList:
             parked,
             TaskList(mission, vehicles, memory.left, memory.flown, memory.away, memory.at),
             memory.turned,
+            memory.calibrated,
             restarted=True,
         )
         again.notes, again.going_back = list(memory.notes), memory.going_back
@@ -122,6 +128,7 @@ class FlightList:
             list(self._list.away),
             list(self._turned),
             self._list.at,
+            self._calibrated_at,
         )
 
     @property
@@ -192,6 +199,9 @@ class FlightList:
         """The operator's "skip", "repeat", "next" or "previous", or one of these of a station; ""
         when done, else why not."""
         if operation == "skip" and self._activity.skip():
+            if isinstance(self._activity, Calibrating):
+                self.notes += self._activity.pop_notes()
+                self._calibrated_at = self._mission.viewpoints[self._list.moment[0].view].station
             self._hold(snapshot)
             return ""
         left = self._list.left
@@ -229,6 +239,37 @@ class FlightList:
         self._attempts = {}
         self._task.end()
         self.notes += [f"{self._mission.title(i)} left out, {name} is down" for i in lost]
+
+    # ---- calibrating in flight -------------------------------------------------------------------
+
+    def pop_wants_calibration(self) -> bool:
+        """Whether the service that calibrates the column is to be called now; told once."""
+        activity = self._activity
+        if not isinstance(activity, Calibrating) or not activity.wants:
+            return False
+        activity.wants = False
+        return True
+
+    def calibration_answered(self, done: bool, text: str) -> None:
+        """How the service ended; one that nobody waits for any more is passed over."""
+        if isinstance(self._activity, Calibrating):
+            self._activity.answered(done, text)
+
+    def _calibrated(self) -> Activity:
+        """It is over, done or left out: the running task has all its time again."""
+        self._calibrated_at = self._mission.viewpoints[self._list.moment[0].view].station
+        self._task.end()
+        return self._departure()
+
+    def _is_to_calibrate(self, view: int) -> bool:
+        """Whether the whole column has come to a station at which it calibrates."""
+        station = self._mission.viewpoints[view].station
+        return (
+            self._list.at == view
+            and set(self._vehicles) == set(self._parked)
+            and self._calibrated_at != station
+            and self._mission.calibrates(view)
+        )
 
     # ---- its steps -------------------------------------------------------------------------------
 
@@ -297,9 +338,15 @@ class FlightList:
         return BringHome(self._mission, self._outbox, others, self._way(), T_home_cam)
 
     def _departure(self) -> Activity:
-        """All look round in the column first, where nobody has left it yet."""
+        """The column calibrates where it has come to a station; all look round in it first, where
+        nobody has left it yet."""
         first = self._list.moment[0]
-        if self.going_back or self._list.flown or self._list.away or first.changes:
+        if self.going_back or self._list.away or first.changes:
+            return self._way()
+        if self._is_to_calibrate(first.view):
+            front_first = {n: self._figure[n] for n in self._parked}
+            return Calibrating(self._mission, self._outbox, front_first, first.view)
+        if self._list.flown:
             return self._way()
         parked = {n: in_home(self._mission, first.view, self._figure[n]) for n in self._vehicles}
         return LookRoundInColumn(self._mission, self._outbox, parked, self._turned)
@@ -321,6 +368,8 @@ class FlightList:
         first = self._list.moment[0]
         if first.changes:
             self._list.depart()
+            if self._mission.viewpoints[first.view].station != self._calibrated_at:
+                self._calibrated_at = ""
             flying = {t.vehicle for t in self._list.moment}
             figure = {n: T for n, T in self._figure.items() if n in flying}
             return ChangeOver(self._mission, self._outbox, figure, first.view)

@@ -7,6 +7,7 @@ from typing import Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, 
 
 import numpy as np
 
+from fcsv_control.mission.activities.calibrating import USUAL_S, sway_places
 from fcsv_control.mission.activities.looking_round import turns_s
 from fcsv_control.mission.plans.task_list import Task, TaskList, tasks
 from fcsv_control.mission.ways import traffic
@@ -91,14 +92,17 @@ def check_plan(
     situation: Situation,
     radius_m: Optional[Mapping[str, float]] = None,
     indices: Optional[Sequence[int]] = None,
+    as_many: Optional[bool] = None,
 ) -> List[str]:
     """Why the list cannot be flown, a line per leg with the leg's name; empty where it can.
 
     ``radius_m`` of each vehicle (default: 0.25 m), ``indices`` of the configurations to fly
-    (default: all; of stations as many as the batteries allow, at least one).
+    (default: all). ``as_many``: of stations as many as the batteries allow, at least one (default:
+    where all are to be flown).
     """
     flight = fly_on_paper(mission, situation, radius_m, indices)
-    some = indices is None and mission.stations and reached(mission, situation, flight)
+    as_many = indices is None if as_many is None else as_many
+    some = as_many and mission.stations and reached(mission, situation, flight)
     batteries = [] if some else _batteries(mission, situation, flight)
     return flight.wrong + list(batteries)
 
@@ -125,7 +129,12 @@ def fly_on_paper(
             if wrong:
                 where = mission.viewpoints[moment[0].view].title
                 found.append(f"way of the column to {where}: {wrong}")
-            places, flight_s = column.places(moment[0].view), flight_s + way_s
+            wrong, calibrates_s = column.calibrate(at, moment[0].view)
+            if wrong:
+                where = mission.viewpoints[moment[0].view].title
+                found.append(f"the column that calibrates at {where}: {wrong}")
+            flight_s += way_s + calibrates_s
+            places = column.places(moment[0].view)
             continue
         goals = {
             t.vehicle: column.place(t.vehicle, t.view)
@@ -190,6 +199,16 @@ class _Column:
         """All of them."""
         return {n: self.place(n, view) for n in self.figure}
 
+    def calibrate(self, at: int, view: int) -> Tuple[str, float]:
+        """(what is wrong where it sways at a viewpoint to which it came from another one, time in
+        s)."""
+        views = self.mission.viewpoints
+        if views[at].station == views[view].station or not self.mission.calibrates(view):
+            return "", 0.0
+        T_home_view = in_home(self.mission, view, np.eye(4))
+        ends = [sway_places(T_home_view, self.figure, at) for at in (-1.0, 1.0)]
+        return self._outside(T for end in ends for T in end.values()), USUAL_S
+
     def change_over(self, at: int, view: int) -> Tuple[str, float]:
         """(what is wrong with the way from one viewpoint to another, time in s)."""
         T_from, T_to = (in_home(self.mission, v, np.eye(4)) for v in (at, view))
@@ -204,11 +223,15 @@ class _Column:
         for leg in legs:
             steps = max(int(leg.rate.takes_s / _EVERY_S), 1)
             for share in np.linspace(0.0, 1.0, steps + 1):
-                for T_home_cam in leg.places(self.figure, float(share)).values():
-                    wrong = self.mission.fence.outside(T_home_cam[:3, 3], self.home_height_m)
-                    if wrong:
-                        return wrong, takes_s
+                wrong = self._outside(leg.places(self.figure, float(share)).values())
+                if wrong:
+                    return wrong, takes_s
         return "", takes_s
+
+    def _outside(self, places: Iterable[np.ndarray]) -> str:
+        """Why one of these (T_home_cam) is outside of the fence."""
+        found = (self.mission.fence.outside(T[:3, 3], self.home_height_m) for T in places)
+        return next(filter(None, found), "")
 
 
 def require_flyable(

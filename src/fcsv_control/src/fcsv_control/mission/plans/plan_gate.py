@@ -28,21 +28,25 @@ class PlanGate:
             self._checked = shares, plan_check.check_plan(self._mission, situation, self._radius_m)
         return self._checked[1]
 
-    def from_here(self, snapshot: Snapshot, indices: Optional[Sequence[int]]) -> str:
+    def from_here(self, snapshot: Snapshot, indices: Optional[Sequence[int]], as_many: bool) -> str:
         """Why the list cannot be flown from where the vehicles hang now, "" where it can or places
-        are not known."""
+        are not known. ``as_many``: of stations as many as the batteries allow, at least one."""
         situation = self._here(snapshot)
         if situation is None:
             return ""  # GUIDED waits for it
-        return "; ".join(plan_check.check_plan(self._mission, situation, self._radius_m, indices))
+        wrong = plan_check.check_plan(self._mission, situation, self._radius_m, indices, as_many)
+        return "; ".join(wrong)
 
-    def within_batteries(self, snapshot: Snapshot) -> Tuple[Optional[List[int]], str]:
-        """The configurations of the stations that the batteries allow, and in words after which one
-        to come back; None and "" where they allow all, or places are not known."""
+    def within_batteries(
+        self, snapshot: Snapshot, indices: Optional[Sequence[int]]
+    ) -> Tuple[Optional[List[int]], str]:
+        """Of ``indices`` (None: all) the configurations of the stations that the batteries allow, and
+        in words after which one to come back; None and "" where they allow all, or places are not
+        known."""
         situation = self._here(snapshot)
         if situation is None or not self._mission.stations:
             return None, ""
-        flight = plan_check.fly_on_paper(self._mission, situation, self._radius_m)
+        flight = plan_check.fly_on_paper(self._mission, situation, self._radius_m, indices)
         reached = plan_check.reached(self._mission, situation, flight)
         if len(reached) == len(flight.views):
             return None, ""

@@ -7,7 +7,7 @@ tells, whichever tracker it is.
 """
 
 from dataclasses import dataclass, replace
-from typing import Dict, Mapping, Optional, Tuple
+from typing import Callable, Dict, Mapping, Optional, Tuple
 
 import numpy as np
 
@@ -39,16 +39,24 @@ class TagInFront:
         self._said = LatchedDriftWarning()
 
     def check_views(
-        self, now_s: float, views: Mapping[str, VehicleView], T_home_odom: Mapping[str, np.ndarray]
+        self,
+        now_s: float,
+        views: Mapping[str, VehicleView],
+        T_home_odom: Mapping[str, np.ndarray],
+        apart_m: Optional[Callable[[str, str], float]] = None,
     ) -> Dict[str, VehicleView]:
-        """``views`` in the order of the column, the front one first; ``now_s`` monotonic."""
+        """``views`` in the order of the column, the front one first; ``now_s`` monotonic.
+        ``apart_m(front, rear)``: as far (m) trackers may have parted by what is known of them, where
+        that is beyond the bound and a calibration in flight makes it good."""
         names, out = list(views), dict(views)
         for front, rear in zip(names, names[1:]):
             if rear not in T_home_odom:
                 self._said.forget(rear)
                 continue
             said = self._said.of(rear, T_home_odom[rear])
-            if not said and self._lasts(now_s, rear, self._off_m(views[front], views[rear])):
+            bound_m = max(self._rules.off_m, apart_m(front, rear) if apart_m else 0.0)
+            off_m = self._off_m(views[front], views[rear])
+            if not said and self._lasts(now_s, rear, off_m, bound_m):
                 said = f"it does not see {front} where their trackers say: one of them drifts"
                 self._said.say(rear, T_home_odom[rear], said)
             if said:
@@ -68,11 +76,11 @@ class TagInFront:
             return None
         return float(np.linalg.norm(seen - there))
 
-    def _lasts(self, now_s: float, rear: str, off_m: Optional[float]) -> bool:
+    def _lasts(self, now_s: float, rear: str, off_m: Optional[float], bound_m: float) -> bool:
         r, (first_s, last_s) = self._rules, self._off_since_s.get(rear, (now_s, now_s))
         if off_m is None and now_s - last_s < r.gap_s:
             return False
-        if off_m is None or off_m <= r.off_m:
+        if off_m is None or off_m <= bound_m:
             self._off_since_s.pop(rear, None)
             return False
         first_s = first_s if now_s - last_s < r.gap_s else now_s

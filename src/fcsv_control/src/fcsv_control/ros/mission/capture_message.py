@@ -3,15 +3,16 @@
 
 import rospy
 
-from fcsv_control.mission.activities.activity import CaptureWindow
+from fcsv_control.mission.port import Captured
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Capture, Configuration
 
 
-def capture_message(mission: Mission, window: CaptureWindow, wall_offset_s: float = 0.0) -> Capture:
-    """What /mission/capture says of a recording window: in the time of day, by which pictures are
-    stamped, minus the clock of the window ``wall_offset_s``."""
+def capture_message(mission: Mission, captured: Captured) -> Capture:
+    """What /mission/capture says of a recording: in the time of day, by which pictures are
+    stamped."""
+    window, wall_offset_s = captured.window, captured.wall_offset_s
     c = mission.configurations[window.index]
     viewpoint = mission.viewpoint(window.index)
     axis = Configuration.HORIZONTAL if c.axis == "horizontal" else Configuration.VERTICAL
@@ -25,5 +26,6 @@ def capture_message(mission: Mission, window: CaptureWindow, wall_offset_s: floa
         stop=rospy.Time.from_sec(window.stop_s + wall_offset_s),
         station=viewpoint.station if mission.stations else "",
         heading_rad=viewpoint.heading_rad,
+        calibrated=rospy.Time.from_sec(captured.calibrated_s),
         position_error_m=window.position_error_m,
     )

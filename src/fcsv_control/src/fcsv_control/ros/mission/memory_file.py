@@ -3,7 +3,7 @@
 
 import os
 from pathlib import Path
-from typing import Optional, Sequence
+from typing import List, Optional, Sequence
 
 from fcsv_control.errors import SessionError
 from fcsv_control.mission import memory as memories
@@ -37,6 +37,14 @@ def read(path: Path, mission: Mission, vehicles: Sequence[str], wall_s: float) -
     except (OSError, UnicodeDecodeError) as error:
         raise SessionError(f"{path}: cannot be read ({error})") from error
     return memories.from_text(text, str(path), mission, vehicles, wall_s)
+
+
+def unfinished(path: Path, mission: Mission, vehicles: Sequence[str]) -> List[int]:
+    """As memory.unfinished_of; empty where there is no file that can be read."""
+    try:
+        return memories.unfinished_of(path.read_text(), str(path), mission, vehicles)
+    except (OSError, UnicodeDecodeError):
+        return []
 
 
 def set_aside(path: Path) -> Path:

@@ -8,7 +8,7 @@ import io
 import threading
 import time
 from pathlib import Path
-from typing import Any, Dict, Optional, Sequence
+from typing import Any, Dict, List, Optional, Sequence
 
 import genpy
 import rospy
@@ -16,7 +16,7 @@ import rospy
 from fcsv_control.errors import SessionError
 from fcsv_control.mission import memory as memories
 from fcsv_control.mission.memory import Memory
-from fcsv_control.ros.mission.memory_file import read, set_aside, write
+from fcsv_control.ros.mission.memory_file import read, set_aside, unfinished, write
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Home
@@ -32,6 +32,9 @@ class MissionMemory:
         self._path = Path(folder).expanduser() / memories.FILE if folder else None
         self._mission, self._vehicles, self._health = mission, list(vehicles), health
         self._messages: Dict[str, Any] = {}
+        self.unfinished: List[
+            int
+        ] = []  # configurations that an earlier flight left, after ``load``
         self._next: Optional[Memory] = None
         self._wake = threading.Condition()
         if self._path is not None:
@@ -41,6 +44,7 @@ class MissionMemory:
         """What the last run left; a file that is refused is set aside and named in the log."""
         if self._path is None:
             return None
+        self.unfinished = unfinished(self._path, self._mission, self._vehicles)
         try:
             memory = read(self._path, self._mission, self._vehicles, time.time())
             if memory is not None:

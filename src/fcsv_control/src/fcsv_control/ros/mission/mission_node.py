@@ -58,7 +58,7 @@ from fcsv_msgs.msg import (
     PairLook,
     RecorderStatus,
 )
-from fcsv_msgs.srv import Calibrate, SetHome
+from fcsv_msgs.srv import Calibrate, CalibrateInFlight, SetHome
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,8 @@ class MissionNode:
         self._memory = MissionMemory(p.memory_dir, self._mission, p.vehicles, self._health)
         memory = self._memory.load()
         self._port = MissionPort(
-            self._mission, column, sender, self._started_s, gate, memory, p.recorder
+            *(self._mission, column, sender, self._started_s, gate, memory, p.recorder),
+            unfinished=self._memory.unfinished,
         )
         self._restored: Optional[Restored] = None if memory is None else Restored(memory)
         for kind, message in {} if self._restored is None else self._restored.messages.items():
@@ -121,6 +122,7 @@ class MissionNode:
             n: rospy.Publisher(f"/{n}/command", Command, queue_size=20) for n in p.vehicles
         }
         self._calibrate = rospy.ServiceProxy("/calibrate", Calibrate)
+        self._calibrate_in_flight = rospy.ServiceProxy("/calibrate_in_flight", CalibrateInFlight)
         self._set_home = rospy.ServiceProxy("/set_home", SetHome)
         self._publish: Dict[type, Callable[[Any], None]] = {
             Instruction: self._command,
@@ -248,7 +250,7 @@ class MissionNode:
         )
 
     def _capture(self, c: Captured) -> None:
-        self._captures.publish(capture_message(self._mission, c.window, c.wall_offset_s))
+        self._captures.publish(capture_message(self._mission, c))
 
     def _call(self, wanted: ServiceWanted) -> None:
         threading.Thread(
@@ -258,11 +260,13 @@ class MissionNode:
     def _call_now(self, name: str) -> None:
         service, arguments = {
             "calibrate": (self._calibrate, (self._parameters.vehicles, 0.0)),
+            "calibrate_in_flight": (self._calibrate_in_flight, (self._parameters.vehicles,)),
             "set_home": (self._set_home, (self._mission.reference,)),
         }[name]
         try:
             answer = service(*arguments)
-            self._receive(ServiceAnswered(name, answer.success, answer.message))
+            drifted = name == "calibrate_in_flight" and answer.drifted
+            self._receive(ServiceAnswered(name, answer.success, answer.message, drifted))
         except (rospy.ServiceException, rospy.ROSException) as error:
             self._receive(ServiceAnswered(name, False, f"{service.resolved_name}: {error}"))
 
