@@ -11,6 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 import pytest
 
+from fcsv_geometry import transforms
 from fcsv_geometry.missions.flight_limits import PauseLimits
 from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration, load_mission
 from fcsv_geometry.missions.stations import MissionStation
@@ -73,21 +74,78 @@ def test_a_sweep_flies_its_line_without_a_stop(root):
     )
 
 
-def test_a_column_changes_over_between_stations_and_nobody_is_stopped():
-    """As one body, with a turn; pictures of both stations; everybody lands where the flight
-    began."""
+def between_stations():
     listed = [StereoConfiguration("horizontal", 2.5, record_s=1.0, least_pictures=3)]
     stations = [
         MissionStation([40.0], (6.0, 0.0), name="east"),
         MissionStation([-20.0], (6.0, 6.0), name="north", height_m=9.0),
     ]
-    flight = Flight(Mission("stations", listed, stations=stations), 2, 3)
+    return Flight(Mission("stations", listed, stations=stations), 2, 3)
+
+
+def test_a_column_changes_over_between_stations_and_nobody_is_stopped():
+    """As one body, with a turn; calibrated at both stations, where it has drifted; everybody lands
+    where the flight began."""
+    flight, told = between_stations(), []
     flight.expect_calm()
+    flight.recorder = lambda f: told.append(f.control.replied.text)
     result = flight.run()
     assert (result.phase, result.captures, result.violations) == ("DONE", 2, [])
-    assert 0.0 < result.off_m < 0.5
+    assert len({text for text in told if "off uav1 (" in text}) == 2
+    assert 0.0 < result.off_m < 0.15, "nearer than what had drifted by then"
+    learnt = flight.control.T_home_odom
+    for vehicle in flight.fleet.values():
+        by_guardian = vehicle.guardian_port.core.air.T_home_odom
+        assert np.allclose(by_guardian, learnt[vehicle.name]), "the newest, in flight"
     for vehicle, x in (("uav1", 0.0), ("uav2", -3.5)):
         assert np.linalg.norm(flight.fleet[vehicle].p_world_m[:2] - [x, 0.0]) < 2.0
+
+
+def test_a_tracker_that_drifts_beyond_what_is_known_of_it_ends_the_flight():
+    """By 2 cm/s, as the column flies: no look at pictures tells it, and the tag is still seen within
+    half a metre."""
+    flight = between_stations()
+    tracker, begun_s = flight.fleet["uav2"].tracker, []
+    true = tracker.odometry
+
+    def drifting(stamp_s, T):
+        T, linear, angular = true(stamp_s, T)
+        if flight.phase == "CONFIGURATIONS" and not begun_s:
+            begun_s.append(flight.now_s)
+        gone_m = 0.02 * min(flight.now_s - begun_s[0], 22.0) if begun_s else 0.0
+        return transforms.transform(T[:3, :3], T[:3, 3] + [0.0, 0.0, gone_m]), linear, angular
+
+    tracker.odometry = drifting
+    result = flight.run()
+    assert (result.phase, result.violations) == ("ABORTED", [])
+    assert "off uav1" in result.detail and "a tracker drifts: landing everybody" in result.detail
+
+
+def test_another_flight_goes_on_at_the_station_where_one_was_landed():
+    """All take off again; the mission's node reads its memory."""
+    flight = between_stations()
+
+    def lands_at_north(f):
+        if f.control.machine.viewpoint.station == "north" and f.control.machine.stage == "holds":
+            f.control.abort(f.now_s)
+
+    flight.recorder = lands_at_north
+    result = flight.run()
+    assert (result.phase, result.captures, result.violations) == ("ABORTED", 1, [])
+    flight.recorder, resumed = None, []
+    flight.take_off_again()
+    confirm = flight.confirm
+
+    def resumes(step):
+        if step == "execute":
+            resumed.append(flight.control.operate(flight.now_s, "resume_station"))
+        else:
+            confirm(step)
+
+    flight.confirm = resumes
+    result = flight.run()
+    assert resumed == [""] and (result.phase, result.violations) == ("DONE", [])
+    assert [c.index for c in flight.control.machine.captures] == [1]
 
 
 def test_a_station_is_repeated_and_another_skipped_by_the_operator():

@@ -57,6 +57,7 @@ class Flight:
     def __init__(
         self, mission: Mission, vehicles: int, seed: int, quality: Optional[RadioQuality] = None
     ):
+        self.seed, self.now_s, self.mission = seed, 0.0, mission
         names = [f"uav{k + 1}" for k in range(vehicles)]
         random = np.random.default_rng([seed, 20])
         field_ = Field(
@@ -73,11 +74,11 @@ class Flight:
             n: Radio(quality or RadioQuality(), seed * 100 + k) for k, n in enumerate(names)
         }
         self.control = ControlPc(mission, self.fleet, self.radios, seed)
-        self.pilots = {n: Pilot(k, field_, seed) for k, n in enumerate(names)}
+        self._field = field_
+        self._new_pilots()
         self.presser = ButtonPresser()
         self.operator_there = True
         self.hand_flown: Dict[str, Callable] = {}  # by vehicle: sticks in place of its pilot's
-        self.seed, self.now_s, self.mission = seed, 0.0, mission
         self.invariants = Invariants(self)
         self.witness = Witness(
             self.fleet, lambda now_s, who, text: self.invariants.tell(OVERRULED, who, now_s, text)
@@ -86,6 +87,16 @@ class Flight:
         self._calm: Optional[Calm] = None
         self._passes = 0
         self._up_s = float("inf")
+
+    def _new_pilots(self) -> None:
+        self.pilots = {n: Pilot(k, self._field, self.seed) for k, n in enumerate(self.fleet)}
+
+    def take_off_again(self) -> None:
+        """All are down, and the mission is over: its process begins anew with what it remembers, and
+        the pilots fly another time."""
+        self._new_pilots()
+        self.presser, self._up_s = ButtonPresser(), float("inf")
+        self.control.restart(self.now_s)
 
     @property
     def phase(self) -> str:

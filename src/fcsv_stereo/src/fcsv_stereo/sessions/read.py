@@ -116,7 +116,7 @@ def _require(path: Path, recorded: Recorded, warnings: List[str]) -> None:
 
 
 def _frames_in_home(path: Path, recorded: Recorded) -> HomeFrames:
-    """As they held at each moment: a picture keeps the calibration by which it was flown."""
+    """Frames that held at each moment: a picture keeps the calibration by which it was flown."""
     in_home = HomeFrames()
     first, *in_flight = recorded.broadcasts.calibrations()
     try:

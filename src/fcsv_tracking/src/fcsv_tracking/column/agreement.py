@@ -28,7 +28,7 @@ _EXACT = np.zeros((4, 4))
 
 @dataclass(frozen=True)
 class Difference:
-    """Of a new link from what the trackers said: of the child's body, seen from the parent's (m,
+    """How far a new link is from what the trackers said: of the child's body, seen from the parent's (m,
     rad); ``sigmas``: as a multiple of what calibrations and drift explain."""
 
     parent: str
@@ -82,7 +82,7 @@ class ColumnDrift:
         link = self._links.get((parent, child))
         if link is None or not {parent, child} <= set(self._bodies):
             return 0.0
-        covariance = self._told(link, drifting=True).covariance
+        covariance = self._child_seen(link, drifting=True).covariance
         return float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
 
     def most_apart_m(self, parent: str, child: str) -> float:
@@ -95,8 +95,8 @@ class ColumnDrift:
         return [self._difference(k) for k in known if {k.parent, k.child} <= set(self._bodies)]
 
     def _difference(self, link: OdomLink) -> Difference:
-        told = self._told(self._links[link.parent, link.child], drifting=True)
-        seen = self._told(link, drifting=False)
+        told = self._child_seen(self._links[link.parent, link.child], drifting=True)
+        seen = self._child_seen(link, drifting=False)
         off = np.zeros(4)
         off[:3] = seen.T_a_b[:3, 3] - told.T_a_b[:3, 3]
         off[3] = rotations.wrap(transforms.yaw(seen.T_a_b) - transforms.yaw(told.T_a_b))
@@ -106,7 +106,7 @@ class ColumnDrift:
             link.parent, link.child, float(np.linalg.norm(off[:3])), float(off[3]), sigmas
         )
 
-    def _told(self, link: OdomLink, drifting: bool) -> Place:
+    def _child_seen(self, link: OdomLink, drifting: bool) -> Place:
         """T_parentbody_childbody by a link."""
         parent, child = (self._body(n, drifting) for n in (link.parent, link.child))
         return parent.inverse() @ Place(link.T_parent_child, link.covariance) @ child

@@ -183,7 +183,7 @@ class CalibrationPort:
             raise TrackingError(f"a calibration in flight is for stations; this is {self._phase}")
 
     def _require_agreement(self, found: tm.CalibrationFound, epochs: Mapping[str, int]) -> str:
-        """By how much a calibration in flight differs from what the trackers said, in words. Raises
+        """Says by how much a calibration in flight differs from what the trackers said, in words. Raises
         TrackerDrifts where that is beyond what is known of them, CalibrationRefused where there is
         nothing to compare it with."""
         differences = self._drift.differences(found.links)

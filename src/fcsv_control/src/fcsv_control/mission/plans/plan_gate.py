@@ -40,8 +40,8 @@ class PlanGate:
     def within_batteries(
         self, snapshot: Snapshot, indices: Optional[Sequence[int]]
     ) -> Tuple[Optional[List[int]], str]:
-        """Of ``indices`` (None: all) the configurations of the stations that the batteries allow, and
-        in words after which one to come back; None and "" where they allow all, or places are not
+        """Chooses of ``indices`` (None: all) the configurations of the stations that the batteries
+        allow, and says in words after which one to come back; None and "" where they allow all, or places are not
         known."""
         situation = self._here(snapshot)
         if situation is None or not self._mission.stations:

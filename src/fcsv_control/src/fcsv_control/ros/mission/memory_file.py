@@ -40,7 +40,7 @@ def read(path: Path, mission: Mission, vehicles: Sequence[str], wall_s: float) -
 
 
 def unfinished(path: Path, mission: Mission, vehicles: Sequence[str]) -> List[int]:
-    """As memory.unfinished_of; empty where there is no file that can be read."""
+    """Reads memory.unfinished_of; empty where there is no file that can be read."""
     try:
         return memories.unfinished_of(path.read_text(), str(path), mission, vehicles)
     except (OSError, UnicodeDecodeError):
