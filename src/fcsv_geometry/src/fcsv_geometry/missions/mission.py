@@ -5,10 +5,11 @@ all its rules."""
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
 from fcsv_geometry import config
-from fcsv_geometry.errors import MissionError
+from fcsv_geometry.errors import ConfigError, MissionError
 from fcsv_geometry.missions.configuration import StereoConfiguration, moment_of
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.missions.flight_limits import FlightBounds, PauseLimits
@@ -21,6 +22,7 @@ from fcsv_geometry.missions.stations import (
     Viewpoint,
     viewpoints_of,
 )
+from fcsv_geometry.missions.terrain import Terrain, read_terrain
 from fcsv_geometry.vehicles.thresholds import BATTERY
 
 # horizontally, of a vehicle of 0.6 m; guardians keep what is theirs of it (SeparationRules)
@@ -77,6 +79,12 @@ class Mission:
     # places from which the list is flown, with their headings; none: from home alone
     stations: List[MissionStation] = field(default_factory=list)
     home_fix: Optional[HomeFix] = None  # where on the earth home will be
+    # GeoTIFF of the ground's height, beside the mission's file: on the earth (with home_fix), or in
+    # home; none: the ground under the ways is not known
+    terrain: Optional[str] = None
+    # the column's ways between stations are so high above that ground at least, and above the
+    # fence's floor: a surface model errs by a metre or two
+    terrain_clearance_m: float = 3.0
 
     def __post_init__(self):
         own = [s.configurations for s in self.stations]
@@ -88,6 +96,10 @@ class Mission:
             raise ValueError(f"tracker: '{self.tracker}' is not one of {', '.join(TRACKERS)}")
         if not self.min_separation_m > 0:
             raise ValueError(f"min_separation_m: {self.min_separation_m} must be positive")
+        if not 0 <= self.terrain_clearance_m < math.inf:
+            raise ValueError(
+                f"terrain_clearance_m: {self.terrain_clearance_m} must not be negative"
+            )
         self._check_list("configurations", self.configurations)
         for i, listed in enumerate(own):
             self._check_list(f"stations[{i}].configurations", listed)
@@ -198,6 +210,12 @@ class Mission:
                 raise ValueError(f"stations[{i}].{error}") from error
         return tuple(found)
 
+    @cached_property
+    def ground(self) -> Optional[Terrain]:
+        """What `terrain` knows, read once; None where there is none. Raises MissionError naming the
+        file and what is wrong with it."""
+        return None if self.terrain is None else read_terrain(Path(self.terrain), self.home_fix)
+
     def viewpoint(self, index: int) -> Viewpoint:
         """Viewpoint from which configuration ``index`` is flown."""
         return self.viewpoints[self.configurations[index].view]
@@ -284,5 +302,18 @@ def spaced(min_separation_m: float) -> Dict[str, float]:
 
 
 def load_mission(path) -> Mission:
-    """A mission from its file. Raises ConfigError naming file, field and remedy."""
-    return config.load(path, Mission)
+    """A mission from its file, with its terrain. Raises ConfigError naming file, field and
+    remedy."""
+    mission = beside(path, config.load(path, Mission))
+    try:
+        _ = mission.ground
+    except MissionError as error:
+        raise ConfigError(f"{path}: {error}", "terrain", str(error)) from error
+    return mission
+
+
+def beside(path, mission: Mission) -> Mission:
+    """The mission of a file; a terrain that it names is looked for in the file's folder."""
+    if mission.terrain is None:
+        return mission
+    return replace(mission, terrain=str(Path(path).resolve().parent / mission.terrain))

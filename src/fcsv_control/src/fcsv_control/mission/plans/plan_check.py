@@ -74,6 +74,10 @@ class PlannedView:
     begins_s: float
     ends_s: float
     home_s: float
+    # least height (m) of the column above the ground on its way there, and whether all of that is
+    # known; NaN where none is
+    above_m: float = float("nan")
+    above_all: bool = False
     configurations: List[int] = field(default_factory=list)
 
 
@@ -121,11 +125,14 @@ def fly_on_paper(
     left = TaskList(mission, vehicles, tasks(mission, vehicles, indices))
     views: List[PlannedView] = []
     column = _Column.of(mission, situation)
+    ways: Dict[int, _AboveGround] = {}
     while left.left:
         moment, at = left.moment, left.at or 0
         left.done()
         if moment[0].changes:
             wrong, way_s = column.change_over(at, moment[0].view)
+            ways[moment[0].view] = column.above_ground(at, moment[0].view)
+            wrong = wrong or ways[moment[0].view].wrong
             if wrong:
                 where = mission.viewpoints[moment[0].view].title
                 found.append(f"way of the column to {where}: {wrong}")
@@ -145,7 +152,9 @@ def fly_on_paper(
         wrong, legs_s = _legs(mission, goals, places, situation.home_height_m)
         if moment[0].index is not None and (not views or views[-1].view != moment[0].view):
             home_s = column.change_over(moment[0].view, 0)[1]
-            views.append(PlannedView(moment[0].view, flight_s, flight_s, home_s))
+            way = ways.get(moment[0].view, _AboveGround())
+            view = PlannedView(moment[0].view, flight_s, flight_s, home_s, way.least_m, way.whole)
+            views.append(view)
         if wrong:  # the legs after it are judged as if it were left out
             found.append(f"{_named(mission, moment)}: {wrong}")
             continue
@@ -171,6 +180,16 @@ def reached(mission: Mission, situation: Situation, flight: PaperFlight) -> List
             break
         found.append(view)
     return found
+
+
+@dataclass(frozen=True)
+class _AboveGround:
+    """Least height (m) of a way above the ground, whether it is known all along, and what is wrong
+    with it."""
+
+    least_m: float = float("nan")
+    whole: bool = False
+    wrong: str = ""
 
 
 @dataclass(frozen=True)
@@ -227,6 +246,29 @@ class _Column:
                 if wrong:
                     return wrong, takes_s
         return "", takes_s
+
+    def above_ground(self, at: int, view: int) -> _AboveGround:
+        """The way from one viewpoint to another above the mission's terrain."""
+        ground = self.mission.ground
+        if ground is None:
+            return _AboveGround()
+        T_from, T_to = (in_home(self.mission, v, np.eye(4)) for v in (at, view))
+        places = list(self.places(view).values())
+        for leg in formation_legs(T_from, T_to, self.figure, self.mission.flight):
+            shares = np.linspace(0.0, 1.0, max(int(leg.rate.takes_s / _EVERY_S), 1) + 1)
+            for share in shares.tolist():
+                places += [T[:3, 3] for T in leg.places(self.figure, share).values()]
+        p_home_m = np.array(places)
+        above_m = p_home_m[:, 2] + self.home_height_m - ground.at(p_home_m[:, :2])
+        known = np.isfinite(above_m)
+        if not known.any():
+            return _AboveGround()
+        lowest = int(np.nanargmin(above_m))
+        least_m, (x_m, y_m, _) = float(above_m[lowest]), p_home_m[lowest]
+        needed_m = max(self.mission.terrain_clearance_m, self.mission.fence.floor_m)
+        where = f"{least_m:.1f} m above the ground at ({x_m:.1f}, {y_m:.1f}) m in home"
+        wrong = f"{where}, {needed_m:g} m at least" if least_m < needed_m else ""
+        return _AboveGround(least_m, bool(known.all()), wrong)
 
     def _outside(self, places: Iterable[np.ndarray]) -> str:
         """Why one of these (T_home_cam) is outside of the fence."""
