@@ -22,7 +22,9 @@ from fcsv_geometry.missions.camera_places import in_home
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.streams.stream import Since
 
-SWAY_M = 0.8  # to each side, of the first; of the next, against it:
+# of set-points to each side, behind which vehicles lag (0.8 m), of the first; of the next, against
+# it:
+SWAY_M = 1.0
 _AGAINST = 0.7
 _PERIOD_S = 8.0
 _ORDER_EVERY_S = 0.2  # set-points: one that is lost on the radio is followed by the next
