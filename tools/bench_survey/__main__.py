@@ -11,8 +11,9 @@ Views that were drawn in OUT/drawn are taken as they are; what was stopped goes 
 import argparse
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
-from typing import Dict, List
+from typing import Dict, List, Tuple
 
 import numpy as np
 
@@ -29,18 +30,25 @@ from fcsv_stereo.survey.survey import run, site_of
 from fcsv_stereo.survey.work import WorkOptions
 
 _HEAD = ("figure", "as flown", "Open3D multiway", "joined")
-_PLACES_X_M, _APART_M = 30.0, 120.0  # of panoramas: the first row, and from each to the next
+_PLACES_X_M, _APART_M = 80.0, 100.0  # of panoramas: the first row, and from each to the next
 
 
 def _stands(args, town: Town) -> List[Stand]:
+    """Stands ``height_m`` above the ground beneath each."""
     if not args.places:
-        height_m = float(town.plan.height(args.middle_m, 0.0)) + args.height_m
         step_rad = np.radians(args.step_deg)
-        return ring(args.views, (args.middle_m, 0.0), args.radius_m, step_rad, height_m)
-    side = int(np.ceil(np.sqrt(args.places)))
-    numbers = [divmod(i, side) for i in range(args.places)]
-    at = [(_PLACES_X_M + _APART_M * i, _APART_M * (j - (side - 1) / 2)) for i, j in numbers]
-    return panoramas([(x, y, float(town.plan.height(x, y)) + args.height_m) for x, y in at])
+        stands = ring(args.views, (args.middle_m, 0.0), args.radius_m, step_rad, 0.0)
+    else:
+        side = int(np.ceil(np.sqrt(args.places)))
+        numbers = [divmod(i, side) for i in range(args.places)]
+        at = [(_PLACES_X_M + _APART_M * i, _APART_M * (j - (side - 1) / 2)) for i, j in numbers]
+        stands = panoramas([(x, y, 0.0) for x, y in at])
+    return [replace(s, xyz_m=_above(town, s, args.height_m)) for s in stands]
+
+
+def _above(town: Town, stand: Stand, height_m: float) -> Tuple[float, float, float]:
+    x, y, _ = stand.xyz_m
+    return x, y, float(town.plan.height(x, y)) + height_m
 
 
 def _drawn(args) -> List[Path]:
@@ -101,7 +109,7 @@ def main(argv=None) -> int:
     )
     parser.add_argument("--radius-m", type=float, default=90.0)
     parser.add_argument(
-        "--height-m", type=float, default=25.0, help="above the ground in the middle"
+        "--height-m", type=float, default=25.0, help="above the ground beneath each view"
     )
     parser.add_argument("--middle-m", type=float, default=130.0, help="x of the circle's middle")
     parser.add_argument(

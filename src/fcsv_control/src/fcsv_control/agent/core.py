@@ -148,7 +148,9 @@ class AgentCore:
     def _mute(self, now_s: float, c: Instruction) -> bool:
         """An older agent of this vehicle answers, or may be there: this one neither acts nor
         answers."""
-        return bool(self.duplicates.older(now_s)) or (self.duplicates.listening(now_s) and not c.stops)
+        return bool(self.duplicates.older(now_s)) or (
+            self.duplicates.listening(now_s) and not c.stops
+        )
 
     def finished(self, ask: Ask, refusal: str) -> None:
         """The flight link has done it ("") or refused."""
