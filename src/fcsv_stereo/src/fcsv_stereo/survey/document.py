@@ -143,8 +143,8 @@ def overlaps(adjusted: Adjusted, name: str) -> List[str]:
 
 
 def adjustment_document(site: Site) -> dict:
-    """adjustment.json."""
-    adjusted = site.adjusted
+    """adjustment.json; ``scale_sigma`` is what a view's input says of its map's scale."""
+    adjusted, prior = site.adjusted, {v.name: v.prior for v in site.views}
     return {
         "remarks": adjusted.remarks,
         "views": {
@@ -152,6 +152,7 @@ def adjustment_document(site: Site) -> dict:
                 "S_site_cam": similarity.matrix(p.S_site_cam).tolist(),
                 "alone": p.alone,
                 "datum": p.datum,
+                "scale_sigma": prior[n].scale,
                 "covariance": p.covariance.tolist(),
                 "covariance_to_datum": p.relative.tolist(),
                 "points": len(site.joined[n].cloud),
