@@ -15,8 +15,8 @@ from fcsv_guidance.ground import Grid, ground_from, stand_probability
 from fcsv_guidance.map_files import (
     FREE_PERCENT,
     OCCUPIED_PERCENT,
-    occupancy,
     layers_of,
+    occupancy,
     write_layers,
     write_map_server,
 )

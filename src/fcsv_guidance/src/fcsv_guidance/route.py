@@ -53,7 +53,8 @@ def plan_route(
 
     Cost of a metre: 1 + RISK_M * -log(p) of the cell. ``through_unknown`` is the cost of a metre of
     unknown cells; None forbids them. The footprint is grown by two ``place_sigma_m``: by
-    stand_probability, unless ``stands`` (rows, columns) is known already. Raises RouteError where start or goal is not finite, outside of the grid, at an obstacle, or unknown.
+    stand_probability, unless ``stands`` (rows, columns) is known already. Raises RouteError where
+    start or goal is not finite, outside of the grid, at an obstacle, or unknown.
     """
     if through_unknown is not None and not 1 <= through_unknown < np.inf:
         raise RouteError(
