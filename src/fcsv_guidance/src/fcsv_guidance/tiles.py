@@ -69,7 +69,7 @@ def judged_by_tiles(
     tile_cells: int = _TILE_CELLS,
     progress: Callable[[float], None] = lambda share: None,
 ) -> JudgedGround:
-    """As ``judged`` of ``ground_from``, without the maps' own grounds; ``progress`` is told the
+    """Judges what ``ground_from`` would make of the views, without each map's own ground; ``progress`` is told the
     share that is done.
 
     Raises GroundError where no view shows ground, or where the grid or one tile is too large.
