@@ -86,7 +86,7 @@ def maps(site, tmp_path):
 
 def test_the_views_scales_are_better_than_as_flown(site):
     """As drawn they differ by 1 % rms; the bench has 0.04 % with four pictures of full size
-    (docs/lab/survey.md)."""
+    (docs/lab/survey.md). The bound is what the bench must reach; here it is 0.05 % (2026-11-28)."""
     found = document(site / "out")
     off = []
     for v in found["views"]:
@@ -96,7 +96,7 @@ def test_the_views_scales_are_better_than_as_flown(site):
         )
         both = np.isfinite(depth) & np.isfinite(true) & (sigma < 0.03 * depth)
         off.append(np.log(np.median(true[both] / depth[both])) - np.log(v["scale"]))
-    assert np.std(off) < 0.004 and all(0 < v["sigma_scale"] < 0.01 for v in found["views"])
+    assert np.std(off) < 0.003 and all(0 < v["sigma_scale"] < 0.01 for v in found["views"])
 
 
 def test_site_json_has_the_keys_that_others_read(site):
@@ -269,7 +269,7 @@ def test_control_points_bring_the_site_into_their_reference_system(site, tmp_pat
     shutil.copytree(site / "out", tmp_path / "out")
     drawn = sorted((site / "drawn").iterdir())
     world = ("--gcp", tmp_path / "gcp_list.txt", "--check-points", "0.3", "--heights", "ellipsoid")
-    assert survey(*drawn, "-o", tmp_path / "out", *world) == 0
+    assert survey(*drawn, "-o", tmp_path / "out", *world, "--products", "mcap") == 0
     found, said = document(tmp_path / "out"), capsys.readouterr().out
     assert found["crs"] == "EPSG:32633" and "ellipsoid" in found["heights"]
     checks = [p for p in found["control_points"] if p["check"]]
@@ -285,6 +285,9 @@ def test_control_points_bring_the_site_into_their_reference_system(site, tmp_pat
     assert abs(float(np.median(las.x)) - at[0]) < 300.0
     page = (tmp_path / "out/site.html").read_text()
     assert "EPSG:32633" in page and "view01-0" in page
+    ((_, stations),) = messages(tmp_path / "out/site.mcap", lambda topic, _: "stations" in topic)
+    p = stations.poses[-1].position
+    assert np.linalg.norm(np.array([p.x, p.y, p.z]) + found["origin"] - at) < 0.5
 
 
 def test_a_check_point_that_is_far_off_is_marked(site, tmp_path, capsys):
