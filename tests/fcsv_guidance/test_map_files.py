@@ -15,6 +15,7 @@ from fcsv_guidance.ground import Grid, ground_from, stand_probability
 from fcsv_guidance.map_files import (
     FREE_PERCENT,
     OCCUPIED_PERCENT,
+    layers_of,
     occupancy,
     write_layers,
     write_map_server,
@@ -95,7 +96,9 @@ def test_the_scaled_pair_keeps_grades_and_what_is_unknown(ground, root, tmp_path
 
 def test_layers_lie_where_the_grid_does(ground, root, tmp_path):
     stands = stand_probability(ground, load_robot(root / ROBOT))
-    paths = {path.stem: path for path in write_layers(ground, stands, tmp_path)}
+    paths = {
+        path.stem: path for path in write_layers(layers_of(ground, stands), ground.grid, tmp_path)
+    }
     with tifffile.TiffFile(paths["height"]) as file:
         page = file.pages[0]
         height, tie, scale = page.asarray(), page.tags[33922].value, page.tags[33550].value

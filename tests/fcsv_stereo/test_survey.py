@@ -8,14 +8,18 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import cv2
 import laspy
 import numpy as np
 import psutil
 import pytest
+import rasterio
+import trimesh
 from support.photographs import model
 
+from fcsv_geometry.bags.reading import messages
 from fcsv_sim.sensors.photo_site import TRUTH, Stand, draw_site
 from fcsv_sim.world.town import Town
 from fcsv_stereo import fcsv_command, pipeline
@@ -42,6 +46,8 @@ VIEW_KEYS = {
     "overlaps",
 }
 STATION = "place_m: [1, 2, 3]\nheading_deg: 10\nplace_sigma_m: 0.5\nheading_sigma_deg: 0.1\n"
+ROBOT = Path(__file__).resolve().parents[2] / "config/robots/rescue.yaml"
+PRODUCTS = ("--products", "mcap,mesh,ground", "--robot", ROBOT)
 pytestmark = pytest.mark.xdist_group("survey")
 
 
@@ -51,7 +57,7 @@ def survey(*args):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """Three views of a village, 12 m from each to the next, and their site."""
+    """Three views of a village, 12 m from each to the next, and their site with all products."""
     folder = tmp_path_factory.mktemp("site")
     stands = [Stand((30.0, y, 22.0), 0.0, 0.1) for y in (12.0, 0.0, -12.0)]
     drawn = draw_site(
@@ -61,7 +67,7 @@ def site(tmp_path_factory):
         size=(400, 300),
         baselines_m=(3.0, 6.0),
     )
-    assert survey(*drawn, "-o", folder / "out") == 0
+    assert survey(*drawn, "-o", folder / "out", *PRODUCTS) == 0
     return folder
 
 
@@ -80,7 +86,7 @@ def maps(site, tmp_path):
 
 def test_the_views_scales_are_better_than_as_flown(site):
     """As drawn they differ by 1 % rms; the bench has 0.04 % with four pictures of full size
-    (docs/lab/survey.md)."""
+    (docs/lab/survey.md). The bound is what the bench must reach; here it is 0.05 % (2026-11-28)."""
     found = document(site / "out")
     off = []
     for v in found["views"]:
@@ -90,7 +96,7 @@ def test_the_views_scales_are_better_than_as_flown(site):
         )
         both = np.isfinite(depth) & np.isfinite(true) & (sigma < 0.03 * depth)
         off.append(np.log(np.median(true[both] / depth[both])) - np.log(v["scale"]))
-    assert np.std(off) < 0.004 and all(0 < v["sigma_scale"] < 0.01 for v in found["views"])
+    assert np.std(off) < 0.003 and all(0 < v["sigma_scale"] < 0.01 for v in found["views"])
 
 
 def test_site_json_has_the_keys_that_others_read(site):
@@ -147,6 +153,96 @@ def test_the_page_shows_plan_and_edges(site):
     assert "1 – 2" in edges and "nothing stands out as wrong" in page
 
 
+def test_all_products_are_there_and_the_document_names_them(site):
+    out = site / "out"
+    (tile,) = document(out)["tiles"]
+    assert {"site.copc.laz", "dsm.tif", "site.mcap", "site.glb", "ground"} <= set(tile["files"])
+    assert all((out / name).exists() for name in tile["files"])
+    page = (out / "site.html").read_text()
+    assert "triangles of what is surer than" in page and "free to stand on" in page
+
+
+def test_mcap_holds_the_site_in_messages_that_viewers_know(site):
+    out = site / "out"
+    found = {}
+    for topic, message in messages(out / "site.mcap", lambda *_: True):
+        assert topic not in found
+        found[topic] = message
+    assert {t.child_frame_id for t in found["/tf_static"].transforms} == {
+        f"view_view0{i}" for i in (1, 2, 3)
+    }
+    places = {v["name"]: np.array(v["T_site_home"])[:3, 3] for v in document(out)["views"]}
+    for pose, at in zip(found["/site/stations"].poses, places.values()):
+        p, q = pose.position, pose.orientation
+        assert np.allclose([p.x, p.y, p.z], at, atol=0.05)  # home is the camera's place
+        assert 2 * np.arctan2(np.hypot(q.x, q.y), np.hypot(q.z, q.w)) < 0.2  # looks 0.1 rad down
+    points = found["/site/points"]
+    names = [f.name for f in points.fields]
+    assert names == ["x", "y", "z", "rgb", "sigma", "views"] and points.point_step == 24
+    x = np.frombuffer(points.data.tobytes(), "<f4").reshape(-1, 6)[:, 0]
+    tile = document(out)["tiles"][0]
+    assert len(x) == points.width > 10_000 and x.max() <= tile["max_m"][0] + 0.001
+    with rasterio.open(out / "dsm.tif") as dsm:
+        cells = np.isfinite(dsm.read(1)).sum()
+    assert 0 < found["/site/surface"].width <= cells
+    kept = next(m for m in found["/site/edges"].markers if m.ns == "kept")
+    assert len(kept.points) == 2 * sum(e["kept"] for e in document(out)["edges"])
+    picture = cv2.imdecode(found["/view_view01/image"].data, cv2.IMREAD_COLOR)
+    camera = found["/view_view01/camera_info"]
+    assert picture.shape[:2] == (camera.height, camera.width) == (300, 400) and camera.k[0] > 100
+
+
+def test_the_mesh_has_walls_colours_and_holes(site):
+    mesh = trimesh.load(site / "out/site.glb", force="mesh")
+    x, up, south = mesh.vertices.T
+    (tile,) = document(site / "out")["tiles"]
+    assert len(mesh.faces) > 5000 and np.ptp(up) > 5.0 and x.min() >= tile["min_m"][0] - 1.0
+    upright = np.abs(mesh.face_normals[:, 1]) < 0.3
+    assert 0.03 < upright.mean() < 0.9 and not mesh.is_watertight
+    colours = mesh.visual.vertex_colors[:, :3].astype(float)
+    assert colours.std(axis=0).min() > 10.0 and np.ptp(south) > 20.0
+
+
+def test_the_ground_of_the_site_is_that_of_its_folder(site, tmp_path, capsys):
+    out = site / "out"
+    assert fcsv_command.main(["ground", str(out), "--robot", str(ROBOT), "-o", str(tmp_path)]) == 0
+    of_survey, of_folder = (
+        json.loads((folder / "ground.json").read_text()) for folder in (out / "ground", tmp_path)
+    )
+    assert of_survey == of_folder and of_survey["maps"] == ["view01", "view02", "view03"]
+    assert 0.3 < of_survey["known"] < 0.95
+    assert (out / "ground/map.bt").stat().st_size > 1000
+    for name in ("height.tif", "stand.tif"):
+        assert (out / "ground" / name).read_bytes() == (tmp_path / name).read_bytes()
+
+
+def test_a_product_that_cannot_be_made_is_missing_and_the_rest_is_there(site, tmp_path, capsys):
+    shutil.copytree(site / "out", tmp_path / "out")
+    bound = ("--products", "mesh", "--mesh-sigma-m", "0.001")
+    assert survey(*sorted((site / "drawn").iterdir()), "-o", tmp_path / "out", *bound) == 1
+    found = document(tmp_path / "out")
+    assert [m["name"] for m in found["missing"]] == ["site.glb"]
+    assert "no depth is surer than 0.001 m" in capsys.readouterr().out
+    left = {p.name for p in (tmp_path / "out").iterdir()}
+    assert "site.laz" in left and not left & {"site.glb", "site.mcap", "ground"}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--products", "mesh,cake"), "--products: 'cake' is not one of mcap, mesh, ground, all"),
+        (("--products", "ground"), "the product ground needs a robot; add --robot FILE"),
+        (("--robot", ROBOT), "--robot is of the product ground; add --products ground"),
+        (("--mesh-sigma-m", "1"), "--mesh-sigma-m is of the product mesh"),
+        (("--products", "mesh", "--mesh-sigma-m", "-1"), "must be above 0 m, got -1"),
+        (("--products", "ground", "--robot", "none.yaml"), "none.yaml"),
+    ],
+)
+def test_wrong_words_of_products_are_refused_before_any_map(site, tmp_path, capsys, words, said):
+    assert survey(site / "drawn/view01", "-o", tmp_path / "out", *words) == 2
+    assert said in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
 def control_file(site, path, picture="{name}/00.png"):
     """gcp_list.txt of six places that the views truly see, in UTM's zone 33, height above the
     ellipsoid."""
@@ -173,7 +269,7 @@ def test_control_points_bring_the_site_into_their_reference_system(site, tmp_pat
     shutil.copytree(site / "out", tmp_path / "out")
     drawn = sorted((site / "drawn").iterdir())
     world = ("--gcp", tmp_path / "gcp_list.txt", "--check-points", "0.3", "--heights", "ellipsoid")
-    assert survey(*drawn, "-o", tmp_path / "out", *world) == 0
+    assert survey(*drawn, "-o", tmp_path / "out", *world, "--products", "mcap") == 0
     found, said = document(tmp_path / "out"), capsys.readouterr().out
     assert found["crs"] == "EPSG:32633" and "ellipsoid" in found["heights"]
     checks = [p for p in found["control_points"] if p["check"]]
@@ -189,6 +285,9 @@ def test_control_points_bring_the_site_into_their_reference_system(site, tmp_pat
     assert abs(float(np.median(las.x)) - at[0]) < 300.0
     page = (tmp_path / "out/site.html").read_text()
     assert "EPSG:32633" in page and "view01-0" in page
+    ((_, stations),) = messages(tmp_path / "out/site.mcap", lambda topic, _: "stations" in topic)
+    p = stations.poses[-1].position
+    assert np.linalg.norm(np.array([p.x, p.y, p.z]) + found["origin"] - at) < 0.5
 
 
 def test_a_check_point_that_is_far_off_is_marked(site, tmp_path, capsys):

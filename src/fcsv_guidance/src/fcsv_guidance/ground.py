@@ -19,6 +19,8 @@ from fcsv_guidance.views import DepthView
 from fcsv_stereo.model.kinds import MOST_PAIRS
 
 _MOST_CELLS = 1 << 24
+MOST_POINTS = 1 << kernels.INDEX_BITS  # of one grid
+KEPT_PERCENT = (0.2, 99.8)  # of x and of y: a stray point must not make the grid large
 _LARGEST_SIGMA_SHARE = 0.2  # of the depth: pixels that say less are left out
 LAYERS = (
     "height_m",
@@ -186,30 +188,45 @@ def ground_from(
     """
     if not views:
         raise GroundError("no map was given")
-    points = [_points(view, cell_m if grid is None else grid.cell_m) for view in views]
-    everything = np.concatenate(points)
+    points = [points_of(view, cell_m if grid is None else grid.cell_m) for view in views]
     if grid is None:
-        near = everything[everything[:, 4] <= reach_m, :2]
+        near = near_points(np.concatenate(points), reach_m)
         if not len(near):
-            raise GroundError(
-                f"no map shows anything within {reach_m:g} m of its camera; give a larger reach"
-            )
-        low, high = np.percentile(near, (0.2, 99.8), axis=0)
+            raise nothing_near(reach_m)
+        low, high = np.percentile(near, KEPT_PERCENT, axis=0)
         grid = Grid.around(low, high + cell_m, cell_m)
-    ground = _summarised(everything, grid)
-    seen_by = _seen_by(points, grid, ground.known)
     stamps = np.array([view.stamp_s for view in views])
+    return ground_of(points, grid, stamps, [view.name for view in views])
+
+
+def near_points(points: np.ndarray, reach_m: float) -> np.ndarray:
+    """(M,2) x, y of those of a view's ``points_of`` that lie within ``reach_m`` of its camera."""
+    return points[points[:, 4] <= reach_m, :2]
+
+
+def nothing_near(reach_m: float) -> GroundError:
+    """The error where no map has such a point."""
+    return GroundError(
+        f"no map shows anything within {reach_m:g} m of its camera; give a larger reach"
+    )
+
+
+def ground_of(
+    points: Sequence[np.ndarray], grid: Grid, stamps: np.ndarray, names: Sequence[str]
+) -> Ground:
+    """The ground that the ``points_of`` views show together in a grid; when (s) and by which name
+    each view was seen. Raises GroundError where they are too many for one grid."""
+    ground = _summarised(np.concatenate(points), grid)
+    seen_by = _seen_by(points, grid, ground.known)
     seen_s = np.where(seen_by >= 0, stamps[seen_by], np.nan)
     alone = tuple(_summarised(part, grid) for part in points) if len(points) > 1 else ()
-    return replace(
-        ground, seen_s=seen_s, seen_by=seen_by, views=tuple(view.name for view in views), maps=alone
-    )
+    return replace(ground, seen_s=seen_s, seen_by=seen_by, views=tuple(names), maps=alone)
 
 
 def renewed(ground: Ground, view: DepthView) -> Ground:
     """The ground with the cells that an instant shows replaced by what it shows; all others stay as
     they are."""
-    new = _summarised(_points(view, ground.grid.cell_m), ground.grid)
+    new = _summarised(points_of(view, ground.grid.cell_m), ground.grid)
     layers = {
         name: np.where(new.known, getattr(new, name), getattr(ground, name)) for name in LAYERS
     }
@@ -309,7 +326,9 @@ def sure_depth(view: DepthView) -> np.ndarray:
     return np.where(sure, view.depth, np.nan).astype(np.float32)
 
 
-def _points(view: DepthView, cell_m: float) -> np.ndarray:
+def points_of(view: DepthView, cell_m: float) -> np.ndarray:
+    """(N,6) float32 as ``kernels.points_of_view`` gives them: x, y, z, sigma of z, distance (m),
+    whether pairs agree. Raises GroundError where the view has no sure depth."""
     depth = sure_depth(view)
     R, p = (
         np.ascontiguousarray(view.T_home_cam[:3, :3], float),
@@ -330,7 +349,7 @@ def _points(view: DepthView, cell_m: float) -> np.ndarray:
 
 
 def _summarised(points: np.ndarray, grid: Grid) -> Ground:
-    if len(points) >= 1 << kernels._INDEX_BITS:
+    if len(points) >= MOST_POINTS:
         raise GroundError(
             f"{len(points)} points are too many for one grid; give fewer maps at once"
         )

@@ -4,16 +4,19 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import List, Optional
+from typing import List, Optional, Sequence, Tuple
 
 from fcsv_geometry.programs.commands import run
 from fcsv_geometry.programs.live_line import LiveLine, Steps
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.ground_folder import GroundOptions, GroundWritten, RouteAsked, write_ground
 from fcsv_guidance.look_from import next_commands
+from fcsv_guidance.map_files import SitePlace
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route import NoRoute
-from fcsv_guidance.views import read_map, require_different
+from fcsv_guidance.site_views import read_site_views
+from fcsv_guidance.views import DepthView, read_map, require_different
+from fcsv_stereo.survey.reading import is_site
 
 _EXAMPLES = """examples:
   ground out/map --robot config/robots/rescue.yaml -o out/ground
@@ -21,6 +24,7 @@ _EXAMPLES = """examples:
   ground out/map --robot config/robots/rescue.yaml --route 20 0 38 4 -o out/ground
   ground out/map --robot config/robots/rescue.yaml --route 20 0 38 4 --look-from out/look.yaml -o out/ground
   ground out/map --robot config/robots/rescue.yaml --octomap 0.2 -o out/ground
+  ground out/site --robot config/robots/rescue.yaml --route 20 0 80 30 -o out/ground
 """
 
 
@@ -37,9 +41,8 @@ def _ground(args: argparse.Namespace) -> int:
     options = GroundOptions(args.cell_m, args.reach_m, args.octomap)
     asked = _route(args)
     with Steps(LiveLine(sys.stderr), "reading maps").shown() as steps:
-        views = [read_map(folder) for folder in args.maps]
-        require_different(views)
-        written = write_ground(views, robot, out, options, asked, steps.begin)
+        views, place = _views(args.maps)
+        written = write_ground(views, robot, out, options, asked, steps.begin, place)
     found = written.found
     print(written.summary)
     if isinstance(found, NoRoute):
@@ -52,6 +55,20 @@ def _ground(args: argparse.Namespace) -> int:
         )
     print(f"wrote {len(written.paths)} files to {out}")
     return 1 if isinstance(found, NoRoute) else 0
+
+
+def _views(folders: List[str]) -> Tuple[Sequence[DepthView], Optional[SitePlace]]:
+    """The views of maps, or those of one survey with their place. Raises GroundError."""
+    sites = [folder for folder in folders if is_site(Path(folder))]
+    if sites and len(folders) > 1:
+        raise GroundError(
+            f"{sites[0]}: is a survey's, which stands alone; give its maps to survey, too"
+        )
+    if sites:
+        return read_site_views(Path(sites[0]))
+    views = [read_map(folder) for folder in folders]
+    require_different(views)
+    return views, None
 
 
 def _route(args: argparse.Namespace) -> Optional[RouteAsked]:
@@ -91,7 +108,12 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("maps", nargs="+", metavar="MAP", help="folders that 'map' wrote")
+    add(
+        "maps",
+        nargs="+",
+        metavar="MAP",
+        help="folders that 'map' wrote, or the one that 'survey' wrote",
+    )
     add("--robot", required=True, metavar="FILE", help="the robot (config/robots/NAME.yaml)")
     add("-o", "--out", required=True, metavar="OUT", help="an empty or new folder")
     add("--cell-m", type=float, default=0.1, help="side of a cell (default 0.1 m)")

@@ -11,13 +11,14 @@ import numpy as np
 
 from fcsv_guidance import tuning
 from fcsv_guidance.errors import EndNotSeenError, GroundError
-from fcsv_guidance.ground import Ground, ground_from, stand_probability
+from fcsv_guidance.ground import Ground, ground_from
 from fcsv_guidance.look_from import LookFrom, look_from, write_look_from
-from fcsv_guidance.map_files import occupancy, write_layers, write_map_server
+from fcsv_guidance.map_files import SitePlace, write_layers, write_map_server
 from fcsv_guidance.octomap_files import write_octomap
 from fcsv_guidance.picture import draw
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import NO_ROUTE_KNOWN, NoRoute, Route, plan_route
+from fcsv_guidance.tiles import JudgedGround, judged, judged_by_tiles
 from fcsv_guidance.views import DepthView
 
 PICTURE = "ground.png"
@@ -77,21 +78,35 @@ def write_ground(
     options: GroundOptions = GroundOptions(),
     asked: Optional[RouteAsked] = None,
     begin: Begin = lambda step, share: None,
+    place: Optional[SitePlace] = None,
 ) -> GroundWritten:
     """All files of the ground that ``views`` show, and the route that is ``asked`` for, into folder
-    ``out``.
+    ``out``. ``place``: the views are a site's; it is made by tiles, and its layers are in the site's
+    reference system.
 
     Raises GuidanceError where there is no ground or the route cannot be asked for; then nothing is
     written.
     """
     begin("the ground", 0.2)
-    ground = ground_from(views, options.cell_m, reach_m=options.reach_m)
-    begin("where the robot can stand", 0.4)
-    stands = stand_probability(ground, robot)
+    margin_m = None if asked is None else 2 * asked.place_sigma_m
+    if place is None:
+        ground = ground_from(views, options.cell_m, reach_m=options.reach_m)
+        begin("where the robot can stand", 0.4)
+        judgement = judged(ground, robot, margin_m)
+    else:
+        judgement = judged_by_tiles(
+            views,
+            robot,
+            options.cell_m,
+            options.reach_m,
+            margin_m,
+            progress=lambda share: begin(f"the ground, {share:.0%}", 0.2 + 0.3 * share),
+        )
+    ground, stands = judgement.ground, judgement.stands
     found, looks = None, None
     if asked is not None:
         begin("the route", 0.5)
-        found = _route(ground, robot, asked)
+        found = _route(judgement, robot, asked)
         if asked.mission is not None and isinstance(found, NoRoute) and len(found.to_see):
             looks = look_from(ground, robot, found.to_see, views[0])
             if looks is not None:
@@ -103,28 +118,42 @@ def write_ground(
         begin("the OctoMap", 0.6)
         paths += write_octomap(views, out, "map", options.voxel_m, options.reach_m)
     begin("writing", 0.8)
-    occupied = occupancy(ground, robot, stands)
-    paths += write_map_server(occupied, ground.grid, out, "map")
-    paths += write_map_server(occupied, ground.grid, out, "map_scaled", scaled=True)
-    paths += write_layers(ground, stands, out)
+    paths += write_map_server(judgement.occupied, ground.grid, out, "map")
+    paths += write_map_server(judgement.occupied, ground.grid, out, "map_scaled", scaled=True)
+    paths += write_layers(judgement.layers, ground.grid, out, place)
     draw(ground, robot, stands, out / PICTURE, found if isinstance(found, Route) else None)
-    (out / DOCUMENT).write_text(json.dumps(_document(ground, stands, robot.name, found), indent=1))
+    document = {**_document(ground, stands, robot.name, found), **_placed(place)}
+    (out / DOCUMENT).write_text(json.dumps(document, indent=1))
     return GroundWritten(
         [*paths, out / PICTURE, out / DOCUMENT], _summary(ground, stands), found, looks
     )
 
 
-def _route(ground: Ground, robot: Robot, asked: RouteAsked) -> Union[Route, NoRoute]:
+def _route(judgement: JudgedGround, robot: Robot, asked: RouteAsked) -> Union[Route, NoRoute]:
     """Plans as plan_route; where a mission shall say where to look from, an end that was not seen
     is a cell to see."""
     try:
         return plan_route(
-            ground, robot, asked.start_m, asked.goal_m, asked.place_sigma_m, asked.through_unknown
+            judgement.ground,
+            robot,
+            asked.start_m,
+            asked.goal_m,
+            asked.place_sigma_m,
+            asked.through_unknown,
+            judgement.clear,
         )
     except EndNotSeenError as error:
         if asked.mission is None:
             raise
         return NoRoute(f"{NO_ROUTE_KNOWN}: {error}", np.array([error.cell]))
+
+
+def _placed(place: Optional[SitePlace]) -> dict:
+    """Where a site's coordinates lie: all of this folder's, but those of GeoTIFF, lack
+    ``origin_m``."""
+    if place is None:
+        return {}
+    return {"crs": place.crs or None, "origin_m": place.origin_m.tolist()}
 
 
 def _summary(ground: Ground, stands: np.ndarray) -> str:

@@ -4,7 +4,7 @@
 import numba
 import numpy as np
 
-_Z_BITS, _INDEX_BITS = 14, 24
+_Z_BITS, INDEX_BITS = 14, 24
 Z_STEP_M = 0.005  # heights are sorted so finely
 
 
@@ -95,7 +95,7 @@ def keys_of(points, x0_m, y0_m, z0_m, cell_m, rows, columns):
         if row < 0 or column < 0 or row >= rows or column >= columns:
             continue
         z = min(max(int((points[i, 2] - z0_m) / Z_STEP_M), 0), top)
-        keys[n] = ((row * columns + column) << (_Z_BITS + _INDEX_BITS)) | (z << _INDEX_BITS) | i
+        keys[n] = ((row * columns + column) << (_Z_BITS + INDEX_BITS)) | (z << INDEX_BITS) | i
         n += 1
     return keys[:n]
 
@@ -112,12 +112,12 @@ def lowest_layers(
     lies below it.
     """
     out = np.full((cells, 8), np.nan, np.float32)
-    mask = (1 << _INDEX_BITS) - 1
+    mask = (1 << INDEX_BITS) - 1
     i, n = 0, len(keys)
     while i < n:
-        cell = keys[i] >> (_Z_BITS + _INDEX_BITS)
+        cell = keys[i] >> (_Z_BITS + INDEX_BITS)
         end = i
-        while end < n and (keys[end] >> (_Z_BITS + _INDEX_BITS)) == cell:
+        while end < n and (keys[end] >> (_Z_BITS + INDEX_BITS)) == cell:
             end += 1
         first = i
         while first < end:
@@ -151,7 +151,7 @@ def lowest_layers(
 def _summarise(
     cell, keys, points, first, last, end, low_q, high_q, common, gross_one, gross_agreed
 ):
-    mask = (1 << _INDEX_BITS) - 1
+    mask = (1 << INDEX_BITS) - 1
     count = last - first
     weight = total = square = variance = distance = agreed = 0.0
     for k in range(first, last):

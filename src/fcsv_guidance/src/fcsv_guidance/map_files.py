@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ground in files that robots and GIS read: map_server's pair, and layers as GeoTIFF."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Optional
+from typing import Dict, List, Optional
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from fcsv_guidance.errors import GroundError
 from fcsv_guidance.ground import Grid, Ground, cell_probability
 from fcsv_guidance.robot import Robot
 from fcsv_stereo.products.from_above import write_geotiff
+from fcsv_stereo.survey.rasters import write_cog
 
 UNKNOWN = -1  # nav_msgs/OccupancyGrid
 #: map_server's thresholds of occupancy: free below, occupied above, unknown between (trinary) or
@@ -20,6 +22,7 @@ FREE_BELOW, OCCUPIED_ABOVE = 1.0 - tuning.FREE_P, 1.0 - tuning.OBSTACLE_P
 #: the same of an OccupancyGrid's values
 FREE_PERCENT, OCCUPIED_PERCENT = round(100 * FREE_BELOW), round(100 * OCCUPIED_ABOVE)
 _TRINARY = {"free": 254, "unknown": 205, "occupied": 0}  # map_saver's greys
+_HEIGHT = "height"
 _LAYERS = ("height_m", "sigma_m", "roughness_m", "distance_m")
 
 
@@ -87,23 +90,48 @@ def _scaled(occupied: np.ndarray) -> np.ndarray:
     return np.dstack([grey, grey, grey, np.where(occupied == UNKNOWN, 0, 255).astype(np.uint8)])
 
 
-def write_layers(ground: Ground, stands: np.ndarray, folder: Path) -> List[Path]:
-    """height.tif, sigma.tif, roughness.tif, distance.tif, slope.tif, step.tif, free_height.tif,
-    stand.tif (the probability ``stands``); NaN where unknown. Row 0 of a file lies at the largest
-    y. Their paths."""
-    grid = ground.grid
-    layers = {name[:-2]: getattr(ground, name) for name in _LAYERS}
-    layers.update(
-        slope=ground.slope(1.5 * grid.cell_m),
-        step=ground.step_m,
-        free_height=ground.free_height_m,
-        stand=stands,
-    )
+@dataclass(frozen=True)
+class SitePlace:
+    """What a site's coordinates in a grid lack: ``origin_m`` (3,), which the grid leaves out, and
+    the reference system ``crs``, empty for a frame of its own."""
+
+    crs: str
+    origin_m: np.ndarray
+
+
+def layers_of(ground: Ground, stands: np.ndarray) -> Dict[str, np.ndarray]:
+    """Layers (rows, columns) by the names of their files; ``stand`` is the probability
+    ``stands``."""
+    return {
+        **plain_layers(ground),
+        "slope": ground.slope(1.5 * ground.grid.cell_m),
+        "step": ground.step_m,
+        "free_height": ground.free_height_m,
+        "stand": stands,
+    }
+
+
+def plain_layers(ground: Ground) -> Dict[str, np.ndarray]:
+    """Those of ``layers_of`` that are the ground's own."""
+    return {name[:-2]: getattr(ground, name) for name in _LAYERS}
+
+
+def write_layers(
+    layers: Dict[str, np.ndarray], grid: Grid, folder: Path, place: Optional[SitePlace] = None
+) -> List[Path]:
+    """NAME.tif of each of ``layers_of``; NaN where unknown. Row 0 of a file lies at the largest y.
+    Of a site with a ``place`` they are cloud-optimised and in its reference system. Their paths."""
     paths = []
+    top_m = grid.y0_m + grid.rows * grid.cell_m
     for name, values in layers.items():
         if values.shape != grid.shape:
             raise GroundError(f"layer {name} has shape {values.shape}, not the grid's {grid.shape}")
         paths.append(Path(folder) / f"{name}.tif")
-        top_m = grid.y0_m + grid.rows * grid.cell_m
-        write_geotiff(paths[-1], values[::-1].astype(np.float32), grid.cell_m, grid.x0_m, top_m)
+        shown = values[::-1].astype(np.float32)
+        if place is None:
+            write_geotiff(paths[-1], shown, grid.cell_m, grid.x0_m, top_m)
+            continue
+        shown = shown + np.float32(place.origin_m[2]) if name == _HEIGHT else shown
+        corner_m = grid.x0_m + place.origin_m[0], top_m + place.origin_m[1]
+        write_cog(paths[-1], {name: shown}, grid.cell_m, corner_m, place.crs)
     return paths

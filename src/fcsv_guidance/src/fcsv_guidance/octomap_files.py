@@ -8,7 +8,7 @@ library's sensor model.
 """
 
 from pathlib import Path
-from typing import List, Sequence, Tuple
+from typing import Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from fcsv_guidance.errors import GroundError, GuidanceError
 from fcsv_guidance.ground import sure_depth
 from fcsv_guidance.views import DepthView
 
-_MOST_VOXELS = 1 << 28
+_MOST_VOXELS = 1 << 31
+_TILE_VOXELS = 1 << 25
 _SIGMAS = 2.0
 _UNKNOWN, _FREE, _OCCUPIED = 0, 1, 2
 
@@ -36,17 +37,19 @@ def write_octomap(
         raise GroundError(
             f"voxels of {voxel_m} m to {reach_m} m cannot be laid; both must be above 0"
         )
-    first, shape = _box(views, voxel_m, reach_m)
+    boxes = [_box_of(view, voxel_m, reach_m, alone=len(views) == 1) for view in views]
+    first, shape = _whole(boxes, reach_m)
     tree = octomap.OcTree(voxel_m)
     hit, miss = tree.getProbHitLog(), tree.getProbMissLog()
-    log_odds, seen = np.zeros(shape, np.float32), np.zeros(shape, bool)
-    for view in views:
-        state = _seen_by(view, first, shape, voxel_m, reach_m)
-        log_odds += np.select([state == _OCCUPIED, state == _FREE], [hit, miss], 0.0)
-        seen |= state != _UNKNOWN
-    for value in np.unique(log_odds[seen]):
-        voxels = np.argwhere(seen & (log_odds == value))
-        tree.updateNodes((first + voxels + 0.5) * voxel_m, float(value), True)
+    for low, size, meeting in _tiles(first, shape, boxes):
+        log_odds, seen = np.zeros(size, np.float32), np.zeros(size, bool)
+        for number in meeting:
+            state = _seen_by(views[number], low, size, voxel_m, reach_m)
+            log_odds += np.select([state == _OCCUPIED, state == _FREE], [hit, miss], 0.0)
+            seen |= state != _UNKNOWN
+        for value in np.unique(log_odds[seen]):
+            voxels = np.argwhere(seen & (log_odds == value))
+            tree.updateNodes((low + voxels + 0.5) * voxel_m, float(value), True)
     tree.updateInnerOccupancy()
     paths = [Path(folder) / f"{name}.bt", Path(folder) / f"{name}.ot"]
     # .bt forgets probabilities: last
@@ -65,29 +68,57 @@ def _library():
     return pyoctomap
 
 
-def _box(
-    views: Sequence[DepthView], voxel_m: float, reach_m: float
-) -> Tuple[np.ndarray, Tuple[int, int, int]]:
-    """Index of the first voxel (3,), on whole multiples of a voxel from home, and how many there
-    are along x, y, z."""
-    corners = []
-    for view in views:
+Box = Tuple[np.ndarray, np.ndarray]  # (3,) indices of the first voxel and of the last
+
+
+def _box_of(view: DepthView, voxel_m: float, reach_m: float, alone: bool) -> Optional[Box]:
+    """The box of what a view shows and of its camera, on whole multiples of a voxel from home; None
+    where it shows nothing. Raises GroundError where it has no sure depth and is ``alone``."""
+    try:
         points = _surfaces(view, reach_m)
-        if len(points):
-            corners += [points.min(0), points.max(0), view.T_home_cam[:3, 3]]
-    if not corners:
+    except GroundError:
+        if alone:
+            raise
+        return None
+    corners = np.array([points.min(0), points.max(0), view.T_home_cam[:3, 3]])
+    low, high = (np.floor(f(axis=0) / voxel_m).astype(int) for f in (corners.min, corners.max))
+    return low, high
+
+
+def _whole(
+    boxes: Sequence[Optional[Box]], reach_m: float
+) -> Tuple[np.ndarray, Tuple[int, int, int]]:
+    """Index of the first voxel (3,), and how many there are along x, y, z."""
+    shown = [box for box in boxes if box is not None]
+    if not shown:
         raise GroundError(
             f"no map shows anything within {reach_m:g} m of its camera; give a larger reach"
         )
-    first = np.floor(np.min(corners, axis=0) / voxel_m).astype(int)
-    shape = tuple(
-        int(n) for n in np.floor(np.max(corners, axis=0) / voxel_m).astype(int) - first + 1
-    )
-    if np.prod(shape, dtype=float) > _MOST_VOXELS:
-        raise GroundError(
-            f"an OctoMap of {' x '.join(map(str, shape))} voxels is too large; take larger voxels"
-        )
-    return first, shape
+    first = np.min([low for low, _ in shown], axis=0)
+    x, y, z = (int(n) for n in np.max([high for _, high in shown], axis=0) - first + 1)
+    if float(x) * y * z > _MOST_VOXELS:
+        raise GroundError(f"an OctoMap of {x} x {y} x {z} voxels is too large; take larger voxels")
+    return first, (x, y, z)
+
+
+def _tiles(
+    first: np.ndarray, shape: Tuple[int, int, int], boxes: Sequence[Optional[Box]]
+) -> Iterator[Tuple[np.ndarray, Tuple[int, int, int], List[int]]]:
+    """Parts of the whole box, as high as it: first voxel, size, and the views that show something
+    there. What is held at a time does not grow with the site."""
+    side = max(1, int(np.sqrt(_TILE_VOXELS / shape[2])))
+    for x in range(0, shape[0], side):
+        for y in range(0, shape[1], side):
+            size = (min(side, shape[0] - x), min(side, shape[1] - y), shape[2])
+            low = first + [x, y, 0]
+            high = low + size
+            meeting = [
+                number
+                for number, box in enumerate(boxes)
+                if box is not None and (box[0] < high).all() and (box[1] >= low).all()
+            ]
+            if meeting:
+                yield low, size, meeting
 
 
 def _surfaces(view: DepthView, reach_m: float) -> np.ndarray:

@@ -11,6 +11,7 @@ from fcsv_guidance.ground import Ground
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import Route
 
+_MOST_SHOWN = 3000  # cells along a side
 _COLOURS = {"unknown": "#8c8c8c", "obstacle": "#b2182b", "uncertain": "#fdb863", "free": "#1b9e57"}
 
 
@@ -24,6 +25,8 @@ def draw(
     from matplotlib.patches import Patch
 
     grid = ground.grid
+    n = 1 + max(grid.shape) // _MOST_SHOWN  # a site's cells are more than a picture shows
+    stands, height = stands[::n, ::n], ground.height_m[::n, ::n]
     with np.errstate(invalid="ignore"):
         classes = np.select(
             [~np.isfinite(stands), stands <= tuning.OBSTACLE_P, stands < tuning.FREE_P],
@@ -50,11 +53,7 @@ def draw(
         handles=[Patch(color=c, label=n) for n, c in _COLOURS.items()], loc="upper left", fontsize=8
     )
     shown = right.imshow(
-        ground.height_m,
-        origin="lower",
-        extent=grid.extent_m,
-        cmap="viridis",
-        interpolation="nearest",
+        height, origin="lower", extent=grid.extent_m, cmap="viridis", interpolation="nearest"
     )
     right.set_title("height of the ground (m above home); white: unknown")
     figure.colorbar(shown, ax=right, shrink=0.8)

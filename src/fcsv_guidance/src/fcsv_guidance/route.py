@@ -46,13 +46,15 @@ def plan_route(
     goal_m: Tuple[float, float],
     place_sigma_m: float = 0.0,
     through_unknown: Optional[float] = None,
+    stands: Optional[np.ndarray] = None,
 ):
     """A Route, or a NoRoute. Minimum-cost path of Dijkstra over eight neighbours (scipy), then
     straight pieces.
 
     Cost of a metre: 1 + RISK_M * -log(p) of the cell. ``through_unknown`` is the cost of a metre of
-    unknown cells; None forbids them. The footprint is grown by two ``place_sigma_m``. Raises
-    RouteError where start or goal is not finite, outside of the grid, at an obstacle, or unknown.
+    unknown cells; None forbids them. The footprint is grown by two ``place_sigma_m``: by
+    stand_probability, unless ``stands`` (rows, columns) is known already. Raises RouteError where
+    start or goal is not finite, outside of the grid, at an obstacle, or unknown.
     """
     if through_unknown is not None and not 1 <= through_unknown < np.inf:
         raise RouteError(
@@ -66,8 +68,9 @@ def plan_route(
             f"{robot.name} and two sigma ({place_sigma_m:g} m) of its place on each side are wider than what was "
             f"mapped, {across_m:.0f} m: tell its place better, or map more"
         )
-    p = stand_probability(ground, robot, 2 * place_sigma_m)
-    return route_over(ground.grid, p, start_m, goal_m, through_unknown)
+    if stands is None:
+        stands = stand_probability(ground, robot, 2 * place_sigma_m)
+    return route_over(ground.grid, stands, start_m, goal_m, through_unknown)
 
 
 def route_over(

@@ -14,7 +14,7 @@ from fcsv_guidance import tuning
 
 _FAR = 1e6
 _SIDE = np.ones((3, 3), np.uint8)
-_AROUND_M = 0.25  # what is seen so near beside the footprint counts too
+AROUND_M = 0.25  # what is seen so near beside the footprint counts too
 _KNOTS = (0.0, 0.3, 0.8, 1.5, 4.0)  # of a limit of the robot
 FEATURES = 28
 FREE_SIGN = 2  # features whose weight may have any sign: 1 and distance. All others only lower p.
@@ -41,7 +41,7 @@ def features(ground, robot, margin_m: float = 0.0, slopes=None) -> np.ndarray:
     known, cell_m = ground.known, ground.grid.cell_m
     step_m, slope = robot.largest_step_m, robot.largest_slope
     inner = disk(robot.radius_m + margin_m, cell_m)
-    outer = disk(robot.radius_m + margin_m + _AROUND_M, cell_m)
+    outer = disk(robot.radius_m + margin_m + AROUND_M, cell_m)
     high, low = np.where(known, ground.high_m, -_FAR), np.where(known, ground.low_m, _FAR)
     edges = np.where(known, most(high, _SIDE) - least(low, _SIDE), 0.0)
     plane = np.nan_to_num(slopes)

@@ -6,9 +6,10 @@ import base64
 import importlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Optional, Sequence
+from typing import Any, Callable, Optional, Sequence, Tuple
 
 import cv2
+import numpy as np
 
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import MapResult
@@ -50,6 +51,19 @@ def write_ground(result: MapResult, robot: Path, folder: Path) -> GroundShown:
     summary, picture = _maker().write(result, robot, folder)
     _, jpeg = cv2.imencode(".jpg", cv2.imread(str(picture)))
     return GroundShown(summary, base64.b64encode(jpeg.tobytes()).decode())
+
+
+def write_site_ground(
+    names: Sequence[str],
+    load: Callable[[int], Any],
+    place: Tuple[str, np.ndarray],
+    robot: Optional[Path],
+    folder: Path,
+) -> str:
+    """All files of ``ground`` of a survey's views into ``folder``: one line on it. ``load`` gives a
+    view (survey.merge.SiteView) by its number, ``place`` is the reference system and the origin (3,)
+    that views leave out. Raises FcsvError where the site has no ground; OSError."""
+    return str(_maker().write_site(names, load, place, robot, folder))
 
 
 def _maker():

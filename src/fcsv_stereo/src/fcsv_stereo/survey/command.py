@@ -14,6 +14,7 @@ from fcsv_geometry.programs.interruption import ended_soon
 from fcsv_geometry.programs.live_line import LiveLine, Steps
 from fcsv_stereo.survey import tuning
 from fcsv_stereo.survey.document import Site, overlaps
+from fcsv_stereo.survey.extras import EXTRAS, ExtraOptions, parse_extras
 from fcsv_stereo.survey.georeference import HEIGHTS, WorldOptions
 from fcsv_stereo.survey.survey import FILES, run
 from fcsv_stereo.survey.work import WorkOptions, kill_processes
@@ -22,6 +23,7 @@ from fcsv_stereo.survey.world import unlikely_points
 _EXAMPLES = """examples:
   survey flights/north flights/east flights/south -o out/site
   survey out/map1 out/map2 photos/ -o out/site
+  survey flights/* -o out/site --products mcap,mesh,ground --robot config/robots/rescue.yaml
 """
 
 
@@ -46,6 +48,7 @@ def _survey(args: argparse.Namespace) -> int:
             world=_world(args),
             work=_work(args),
             every=args.every,
+            extras=_extras(args),
         )
     print("\n".join(summary(site)))
     print(f"wrote {args.out}: {', '.join(f for f in FILES if (Path(args.out) / f).exists())}")
@@ -70,6 +73,12 @@ def _world(args: argparse.Namespace) -> WorldOptions:
     return WorldOptions(
         control, args.check_points, args.crs, args.control_sigma_m, args.heights, not args.no_gps
     )
+
+
+def _extras(args: argparse.Namespace) -> ExtraOptions:
+    """Raises InputError, SurveyError or ConfigError."""
+    robot = Path(args.robot) if args.robot else None
+    return ExtraOptions(parse_extras(args.products), robot, args.mesh_sigma_m)
 
 
 def _work(args: argparse.Namespace) -> WorkOptions:
@@ -99,6 +108,7 @@ def summary(site: Site) -> List[str]:
             f"of scale: {', '.join(worst.views)}"
         )
     lines += [*_world_lines(site), *adjusted.remarks]
+    lines += [f"{name}: {said}" for name, said in site.extras.items()]
     lines += [f"MISSING {m.name}: {m.reason}" for m in site.missing]
     if site.missing:
         lines.append(f"{len(site.missing)} missing: {', '.join(m.name for m in site.missing)}")
@@ -152,6 +162,22 @@ def _parser() -> argparse.ArgumentParser:
         default=0,
         metavar="N",
         help="of folders of photographs each N-th picture is the reference of a view (the first alone)",
+    )
+    products = parser.add_argument_group("products besides")
+    products.add_argument(
+        "--products",
+        default="",
+        metavar="LIST",
+        help=f"{', '.join(f'{n} ({f})' for n, f in EXTRAS.items())}, after commas, or all (but ground)",
+    )
+    products.add_argument(
+        "--mesh-sigma-m",
+        type=float,
+        metavar="M",
+        help="of mesh: depths with a smaller sigma are in it (the median of the cloud's)",
+    )
+    products.add_argument(
+        "--robot", metavar="FILE", help="of ground: the robot (config/robots/NAME.yaml)"
     )
     world = parser.add_argument_group("the world's coordinates (docs/user/survey.md)")
     world.add_argument("--gcp", metavar="FILE", help="ground control points: ODM's gcp_list.txt")

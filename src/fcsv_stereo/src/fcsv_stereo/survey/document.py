@@ -2,7 +2,7 @@
 """What a survey found: ``site.json`` for programs, ``adjustment.json`` for those who want to know
 why."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Dict, List, Optional, Sequence
 
 import numpy as np
@@ -34,7 +34,8 @@ class Missing:
 class Site:
     """All of it: views that were mapped, how they were adjusted, the cloud (m, less ``origin_m``),
     what became of each placed view's points, what is missing, and, where it is on the earth, how
-    that is known: all coordinates are then of ``world.crs``."""
+    that is known: all coordinates are then of ``world.crs``. ``extras``: a line on each product
+    that was asked for, by its file."""
 
     views: List[View]
     adjusted: Adjusted
@@ -43,6 +44,7 @@ class Site:
     origin_m: np.ndarray
     missing: List[Missing]
     world: Optional[World] = None
+    extras: Dict[str, str] = field(default_factory=dict)
 
 
 def origin_of(placed: Sequence[Placed]) -> np.ndarray:
@@ -86,7 +88,7 @@ def site_document(site: Site) -> dict:
     )
     tile = {
         "name": "site",
-        "files": [*CLOUDS, *RASTERS] if len(points) else list(CLOUDS[:1]),
+        "files": [*CLOUDS, *RASTERS, *site.extras] if len(points) else list(CLOUDS[:1]),
         "points": len(points),
         "min_m": low,
         "max_m": high,
@@ -143,8 +145,8 @@ def overlaps(adjusted: Adjusted, name: str) -> List[str]:
 
 
 def adjustment_document(site: Site) -> dict:
-    """adjustment.json."""
-    adjusted = site.adjusted
+    """adjustment.json; ``scale_sigma`` is what a view's input says of its map's scale."""
+    adjusted, prior = site.adjusted, {v.name: v.prior for v in site.views}
     return {
         "remarks": adjusted.remarks,
         "views": {
@@ -152,6 +154,7 @@ def adjustment_document(site: Site) -> dict:
                 "S_site_cam": similarity.matrix(p.S_site_cam).tolist(),
                 "alone": p.alone,
                 "datum": p.datum,
+                "scale_sigma": prior[n].scale,
                 "covariance": p.covariance.tolist(),
                 "covariance_to_datum": p.relative.tolist(),
                 "points": len(site.joined[n].cloud),

@@ -70,6 +70,7 @@ def _summary(site: Site) -> List[Part]:
         ),
         ("seen through and left out", f"{sum(j.seen_through for j in site.joined.values()):,}"),
         ("pairs of views joined", f"{kept} of {len(site.adjusted.edges)}"),
+        *site.extras.items(),
         ("origin of the cloud", ", ".join(f"{v:.0f}" for v in site.origin_m) + " m"),
     ]
     return [*parts, Table((), rows)]

@@ -4,6 +4,7 @@ rasterio)."""
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Dict, Tuple
 
 import numpy as np
 
@@ -15,6 +16,7 @@ _KEPT_PERCENT = (0.1, 99.9)  # of x and of y: a stray point must not make the ra
 _BLOCK = 512
 #: Of points in one cell the one counts that is surely highest: its height less so many sigma.
 _SURE_SIGMAS = 2.0
+_RGBA = ("red", "green", "blue", "alpha")
 _LOCAL = 'LOCAL_CS["site",UNIT["metre",1]]'
 
 
@@ -69,45 +71,45 @@ def surface_of(cloud: Cloud, origin_m: np.ndarray) -> Surface:
 def write_surface(surface: Surface, dsm: Path, ortho: Path, crs: str = "") -> None:
     """``dsm``: bands height, sigma (m), views, NaN where nothing was seen. ``ortho``: red, green,
     blue, alpha. Both are cloud-optimised GeoTIFF; without ``crs`` of a local system in metres."""
-    seen = np.isfinite(surface.height)
-    bands = np.stack([surface.height, surface.sigma, surface.views])
-    words = ("height (m)", "sigma (m)", "views")
-    _write(bands, words, surface, dsm, crs, nodata=np.nan)
-    alpha = np.where(seen, 255, 0).astype(np.uint8)
-    rgba = np.concatenate([surface.rgb.transpose(2, 0, 1), alpha[None]])
-    _write(rgba, ("red", "green", "blue", "alpha"), surface, ortho, crs)
+    corner_m = surface.x0_m, surface.y0_m
+    dsm_bands = {"height (m)": surface.height, "sigma (m)": surface.sigma, "views": surface.views}
+    write_cog(dsm, dsm_bands, surface.cell_m, corner_m, crs)
+    alpha = np.where(np.isfinite(surface.height), 255, 0).astype(np.uint8)
+    rgba = dict(zip(_RGBA, (*surface.rgb.transpose(2, 0, 1), alpha)))
+    write_cog(ortho, rgba, surface.cell_m, corner_m, crs)
 
 
-def _write(bands: np.ndarray, words, surface: Surface, path: Path, crs: str, nodata=None) -> None:
+def write_cog(
+    path: Path, bands: Dict[str, np.ndarray], cell_m: float, corner_m: Tuple[float, float], crs: str
+) -> None:
+    """Cloud-optimised GeoTIFF of ``bands`` (H,W) by what they hold, whose row 0 lies at the largest
+    y; ``corner_m``: x, y of the outer corner of the first cell. NaN is "no data"; four bands red,
+    green, blue, alpha are a picture. Without ``crs`` the system is local, in metres. Raises
+    OSError."""
     import rasterio
     from rasterio.enums import ColorInterp
     from rasterio.errors import RasterioError
     from rasterio.shutil import copy
     from rasterio.transform import Affine
 
-    c = surface.cell_m
+    values, picture = np.stack(list(bands.values())), tuple(bands) == _RGBA
     profile = {
         "driver": "GTiff",
-        "dtype": bands.dtype.name,
-        "count": len(bands),
-        "height": bands.shape[1],
-        "width": bands.shape[2],
+        "dtype": values.dtype.name,
+        "count": len(values),
+        "height": values.shape[1],
+        "width": values.shape[2],
         "crs": rasterio.crs.CRS.from_user_input(crs or _LOCAL),
-        "transform": Affine(c, 0.0, surface.x0_m, 0.0, -c, surface.y0_m),
-        "nodata": nodata,
+        "transform": Affine(cell_m, 0.0, corner_m[0], 0.0, -cell_m, corner_m[1]),
+        "nodata": None if picture else np.nan,
     }
     try:
         with rasterio.MemoryFile() as memory:
             with memory.open(**profile) as made:
-                made.write(bands)
-                made.descriptions = tuple(words)
-                if nodata is None:
-                    made.colorinterp = [
-                        ColorInterp.red,
-                        ColorInterp.green,
-                        ColorInterp.blue,
-                        ColorInterp.alpha,
-                    ]
+                made.write(values)
+                made.descriptions = tuple(bands)
+                if picture:
+                    made.colorinterp = [ColorInterp[name] for name in _RGBA]
             with memory.open() as made:
                 copy(made, str(path), driver="COG", compress="DEFLATE", blocksize=_BLOCK)
     except RasterioError as error:

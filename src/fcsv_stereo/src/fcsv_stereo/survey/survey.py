@@ -27,6 +27,7 @@ from fcsv_stereo.survey.document import (
     site_document,
 )
 from fcsv_stereo.survey.edges import Edge, posed_edge
+from fcsv_stereo.survey.extras import EXTRAS, ExtraOptions, write_extras
 from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place, projected
 from fcsv_stereo.survey.inputs import Source
 from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
@@ -41,7 +42,7 @@ from fcsv_stereo.survey.station import flown_prior, prior_of
 from fcsv_stereo.survey.views import View, read_view
 from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions
 
-FILES = (*CLOUDS, *RASTERS, "site.html", "adjustment.json", "site.json")
+FILES = (*CLOUDS, *RASTERS, *EXTRAS.values(), "site.html", "adjustment.json", "site.json")
 _LEAST_MIB = 50
 _STAGED = ".site."  # begins the name of a folder whose files are not whole yet
 _MAPPED, _COMPARED, _JOINED = 0.7, 0.8, 0.95  # of a survey's time, for those who wait
@@ -77,9 +78,10 @@ def run(
     world: Optional[WorldOptions] = None,
     work: Optional[WorkOptions] = None,
     every: int = 0,
+    extras: Optional[ExtraOptions] = None,
 ) -> Site:
-    """The site of all inputs, written to ``out``; what could not be mapped or placed is in its
-    ``missing``.
+    """The site of all inputs, written to ``out``; what could not be mapped, placed or made is in
+    its ``missing``.
 
     Raises FcsvError where an input is none, where a station.yaml is wrong, where another survey
     writes to ``out``, or where nothing could be mapped.
@@ -100,8 +102,7 @@ def run(
         edges = with_posed(edges, mapped.views)
         site = site_of(mapped.views, edges, [*mapped.missing, *uncompared], begin, given)
         begin("writing the site", _JOINED)
-        write(site, out)
-    return site
+        return write(site, out, extras)
 
 
 def site_of(
@@ -280,9 +281,9 @@ def _prior(source: Source):
     return lambda T_home_cam, name: prior_of(source.station, T_home_cam, source.level, name)
 
 
-def write(site: Site, out: Path) -> None:
-    """Cloud, page and documents into ``out``; an earlier survey's stay until these are whole.
-    Raises OutputError."""
+def write(site: Site, out: Path, extras: Optional[ExtraOptions] = None) -> Site:
+    """Cloud, products, page and documents into ``out``; an earlier survey's stay until these are
+    whole. The site with what is said of products. Raises OutputError."""
     out.mkdir(parents=True, exist_ok=True)
     try:
         with tempfile.TemporaryDirectory(prefix=_STAGED, dir=out) as made:
@@ -295,6 +296,7 @@ def write(site: Site, out: Path) -> None:
                 write_copc(site.cloud, folder / CLOUDS[2], site.origin_m, crs)
                 surface = surface_of(site.cloud, site.origin_m)
                 write_surface(surface, *(folder / n for n in RASTERS), crs)
+                site = write_extras(site, surface, extras or ExtraOptions(), folder)
             write_page(site, folder / "site.html")
             (folder / "adjustment.json").write_text(
                 json.dumps(adjustment_document(site), indent=1, allow_nan=False)
@@ -303,10 +305,16 @@ def write(site: Site, out: Path) -> None:
                 json.dumps(site_document(site), indent=1, allow_nan=False)
             )
             for name in FILES:  # site.json last: it tells of all others
-                made_of = folder / name
-                if made_of.exists():
-                    made_of.replace(out / name)
-                else:  # a cloud without points
-                    (out / name).unlink(missing_ok=True)
+                _remove(out / name)  # of a cloud without points, or not asked for, there is none
+                if (folder / name).exists():
+                    (folder / name).replace(out / name)
     except OSError as error:
         raise OutputError(in_words(error, out)) from error
+    return site
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
