@@ -56,15 +56,15 @@ def rehearse_place(job: PlaceJob) -> Tuple[str, List[DriveResult]]:
         place = small_place(job.seed, job.robot, maps)
     else:
         place = mapped_place(job.world, job.seed, job.robot, maps)
-    results, told = [], stations_line(place)
+    results, said = [], stations_line(place)
     for fault in job.faults:
         drive, line = _drive(job, place, fault)
-        told = line if line and fault == job.faults[0] else told
+        said = line if line and fault == job.faults[0] else said
         result = drive.run(job.longest_s)
         results.append(result)
         if result.broke or job.draw_all:
             draw_drive(place, drive.track, result, job.folder / picture_name(result))
-    return told, results
+    return said, results
 
 
 def _drive(job: PlaceJob, place: MappedPlace, fault: RobotFault) -> Tuple[RobotDrive, str]:

@@ -16,7 +16,7 @@ from fcsv_sim.gimbal.reach import gimbal_problem
 from fcsv_sim.robot.contact import TrueGround
 from fcsv_sim.robot.drive import SimulatedRobot
 from fcsv_sim.robot.gimbal_survey import SETUP, START_YAW_RAD, gimbal_seed
-from fcsv_sim.robot.place_source import RADIO_S, every
+from fcsv_sim.robot.locator import RADIO_S, every
 from fcsv_sim.trials.gimbal_evaluation import READ_HZ, GimbalLoop
 from fcsv_sim.trials.robot_among_vehicles import Held, HeldVehicle
 from fcsv_tracking.gimbal.config import Gimbal
@@ -83,7 +83,7 @@ def hold_places(way_m: np.ndarray, ground_z_m: float, gimbals: Sequence[Gimbal])
 
 
 class GimbalPlaces:
-    """Gimbals on the robot watch vehicles that hold (System I); a PlaceSource. The first sights are
+    """Gimbals on the robot watch vehicles that hold (System I); a RobotLocator. The first sights are
     taken while the robot stands, as long as ``settle_s``."""
 
     settle_s = 6.0
@@ -106,7 +106,7 @@ class GimbalPlaces:
         }
         self._loops: Dict[str, GimbalLoop] = {}
         for k, gimbal in enumerate(gimbals):
-            seen_from = _FromRobot(self._way, self._vehicles[gimbal.vehicle])
+            seen_from = _SeenFromRobot(self._way, self._vehicles[gimbal.vehicle])
             own = gimbal_seed(place_seed, k)
             self._loops[gimbal.vehicle] = GimbalLoop(gimbal, seen_from, own, SETUP, 0.0)
         self._tracker = CooperativeTracker()
@@ -169,7 +169,7 @@ class _TrueWay:
         return transforms.interpolate(self._poses[k - 1], self._poses[k], share)
 
 
-class _FromRobot:
+class _SeenFromRobot:
     """A vehicle as the robot's frame has it."""
 
     def __init__(self, way: _TrueWay, vehicle: HeldVehicle):

@@ -13,7 +13,7 @@ from fcsv_sim.gimbal.gimbal_camera import GimbalCameraParameters
 from fcsv_sim.gimbal.reach import gimbal_problem
 from fcsv_sim.robot.looking import LookRules
 from fcsv_sim.robot.mapped import SurveyPlan
-from fcsv_sim.robot.survey import HoverStation, SurveyRules, ToldPose
+from fcsv_sim.robot.survey import HoverStation, SurveyRules, TrackedPose
 from fcsv_sim.tello.pictures import SimulatedVideoParameters
 from fcsv_sim.trials.gimbal_evaluation import Setup, follow
 from fcsv_sim.world.place import PlacePlan
@@ -80,24 +80,24 @@ class GimbalSurvey:
             for gimbal, place in zip(owners, places)
         )
 
-    def told(self, plan: PlacePlan, seed: int) -> ToldPose:
+    def tracked(self, plan: PlacePlan, seed: int) -> TrackedPose:
         """What the gimbals tell of cameras, in a home that lies where the robot is said to stand:
         level, as it is not quite. The gimbals' own errors are those of the place, ``seed // 100``,
         the noise another for each picture."""
         T_level, T_true = _T_world_ground(plan), T_world_ground(plan)
         pictures = [0]
 
-        def told(vehicle: int, T_world_cam: np.ndarray) -> np.ndarray:
+        def tracked(vehicle: int, T_world_cam: np.ndarray) -> np.ndarray:
             body = transforms.invert(T_true) @ T_world_cam @ transforms.invert(self.T_body_cam)
             pictures[0] += 1
             holds_s = _HOLDS_S + 0.1 * pictures[0]
             owns = gimbal_seed(seed // 100, vehicle)
-            run = follow(self.gimbals[vehicle], _Still(body), holds_s, owns, SETUP)
+            run = follow(self.gimbals[vehicle], _HoldingTrack(body), holds_s, owns, SETUP)
             if not run.given:
                 raise SimulationError(f"gimbal {vehicle + 1} does not see its vehicle")
             return T_level @ run.given[-1][1].T_G_D @ self.T_body_cam
 
-        return told
+        return tracked
 
 
 #: The gimbals' cameras where pictures are not drawn: as few pictures a second as a busy machine takes.
@@ -129,7 +129,7 @@ def _T_world_ground(plan: PlacePlan) -> np.ndarray:
     return transforms.from_xyz_yaw([x, y, float(plan.height(x, y))], START_YAW_RAD)
 
 
-class _Still:
+class _HoldingTrack:
     """A vehicle that holds."""
 
     def __init__(self, T_ground_body: np.ndarray):

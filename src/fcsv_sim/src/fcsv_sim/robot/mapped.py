@@ -19,7 +19,7 @@ from fcsv_guidance.route import NoRoute
 from fcsv_guidance.views import DepthView
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.robot.looking import LOOK, Looked, Lookout, LookRules
-from fcsv_sim.robot.survey import HoverStation, ToldPose, survey
+from fcsv_sim.robot.survey import HoverStation, TrackedPose, survey
 from fcsv_sim.world.footing import Clearance, Footing
 from fcsv_sim.world.place import PlacePlan
 from fcsv_sim.world.town import Town
@@ -35,7 +35,7 @@ class SurveyTracker(Protocol):
     def candidates(self, plan: PlacePlan) -> Sequence[HoverStation]:
         """Stations at which it sees both vehicles."""
 
-    def told(self, plan: PlacePlan, seed: int) -> ToldPose:
+    def tracked(self, plan: PlacePlan, seed: int) -> TrackedPose:
         """What it tells at one station."""
 
 
@@ -140,8 +140,8 @@ def _mapped_at(
     found = _read(file, station)
     if found is None:
         tracker = survey_plan.tracker
-        told = None if tracker is None else tracker.told(town.plan, seed)
-        found = survey(town, [station], seed, survey_plan.look.survey, told)
+        tracked = None if tracker is None else tracker.tracked(town.plan, seed)
+        found = survey(town, [station], seed, survey_plan.look.survey, tracked)
         _write(file, station, found)
     return found[0] if found else None
 

@@ -28,8 +28,8 @@ from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import Route
 from fcsv_sim.robot.contact import TrueGround
 from fcsv_sim.robot.drive import SimulatedRobot, WheelFlaws
+from fcsv_sim.robot.locator import RADIO_S, STEP_S, RobotLocator, TagFixes, every
 from fcsv_sim.robot.mapped import PLANNED_SIGMA_M, MappedPlace
-from fcsv_sim.robot.place_source import RADIO_S, STEP_S, PlaceSource, TagFixes, every
 from fcsv_sim.robot.robot_faults import NONE, FixFault, RobotFault
 from fcsv_sim.robot.things import Box, Closer, Runner, Watcher
 
@@ -101,7 +101,7 @@ class RobotDrive:
         robot: Robot,
         fault: RobotFault,
         seed: int,
-        places: Optional[PlaceSource] = None,
+        places: Optional[RobotLocator] = None,
         yaw_rad: Optional[float] = None,
     ):
         self._place, self._robot, self._fault, self._seed = place, robot, fault, seed
@@ -113,7 +113,7 @@ class RobotDrive:
         at = (*plan.start_m, anyhow_rad if yaw_rad is None else yaw_rad)
         flaws = WheelFlaws.drawn(self._random)
         self.machine = SimulatedRobot(robot, at, flaws, seed, self._spins)
-        self._places: PlaceSource = TagFixes(seed) if places is None else places
+        self._places: RobotLocator = TagFixes(seed) if places is None else places
         self._guide = RobotGuide(robot, GuideRules(watched=fault.watched))
         self.track = DriveRecord()
         self._post: List[tuple] = []  # (when it arrives, what)

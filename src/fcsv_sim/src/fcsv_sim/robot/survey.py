@@ -83,7 +83,7 @@ def stations(plan: PlacePlan) -> List[HoverStation]:
 
 #: The 4x4 pose of a camera that its tracker tells, of the vehicle's number (0: the reference) and
 #: the true pose; both in the world.
-ToldPose = Callable[[int, np.ndarray], np.ndarray]
+TrackedPose = Callable[[int, np.ndarray], np.ndarray]
 
 
 def survey(
@@ -91,13 +91,13 @@ def survey(
     places: Sequence[HoverStation],
     seed: int,
     rules: SurveyRules = SURVEY,
-    told: Optional[ToldPose] = None,
+    tracked: Optional[TrackedPose] = None,
 ) -> List[DepthView]:
-    """The maps of the stations as depth views. Without ``told`` the reference camera's pose is its
+    """The maps of the stations as depth views. Without ``tracked`` the reference camera's pose is its
     true one, the others' are priors with noise. A station where nothing matched is left out."""
     renderer, views = Renderer(town), []
     for number, place in enumerate(places):
-        given = _pictures(renderer, place, seed, number, rules, told)
+        given = _pictures(renderer, place, seed, number, rules, tracked)
         try:
             found = map_joint(given, JointOptions(), silent)
         except StereoError:
@@ -116,7 +116,7 @@ def _pictures(
     seed: int,
     number: int,
     rules: SurveyRules,
-    told: Optional[ToldPose],
+    tracked: Optional[TrackedPose],
 ) -> MapInput:
     random = np.random.default_rng([seed, number, 8])
     camera = SimulatedCamera(renderer, rules.T_body_cam, rules.camera, 10 * seed + number)
@@ -131,16 +131,16 @@ def _pictures(
     configurations = []
     for i, baseline_m in enumerate(rules.baselines_m, 1):
         other = photographed(float(i), -baseline_m, f"uav2/{baseline_m:g} m", "uav2")
-        if told is None:
+        if tracked is None:
             off = random.normal(0.0, rules.prior.position_sigma_m(baseline_m), 3)
             error = transforms.from_xyz_rpy(off, random.normal(0.0, rules.prior.rotation_rad, 3))
             T_home_cam = other.T_home_cam @ error
         else:
-            T_home_cam = told(1, other.T_home_cam)
+            T_home_cam = tracked(1, other.T_home_cam)
         other = replace(other, T_home_cam=T_home_cam)
         configuration = Configuration("horizontal", baseline_m, 0.0, other.name)
         configurations.append((configuration, other))
-    if told is not None:
-        reference = replace(reference, T_home_cam=told(0, reference.T_home_cam))
+    if tracked is not None:
+        reference = replace(reference, T_home_cam=tracked(0, reference.T_home_cam))
     inputs = [ConfigurationInput(c, [reference], [other]) for c, other in configurations]
     return MapInput("session", inputs, prior=rules.prior)

@@ -12,7 +12,7 @@ from fcsv_sim.robot.fixes import DELAY_S, EVERY_S, TagReader
 STEP_S, RADIO_S = 0.05, 0.08
 
 
-class PlaceSource(Protocol):
+class RobotLocator(Protocol):
     """A port: messages that arrive and simulated time in, the robot's place out. ``settle_s``: so
     long the robot stands before it is given its goal."""
 
