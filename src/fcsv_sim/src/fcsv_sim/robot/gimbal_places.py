@@ -30,6 +30,7 @@ _BESIDE_M = 0.6  # from the robot's way: nothing shall fall on it
 _APART_M = 1.2
 _NEAR_M, _FAR_M = 1.2, 3.7  # of a vehicle from the robot, level and in space: 0.3 m are drift's
 _ALONG_M = 0.25
+_SPARE_RAD = np.radians(8.0)  # to the limits of pan: half the picture
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def hold_places(way_m: np.ndarray, ground_z_m: float, gimbals: Sequence[Gimbal])
     at, level = at[kept], level[kept]
     eye_m = gimbals[0].geometry.base.xyz_m[2]
     away = np.hypot(level, _HOLD_HEIGHT_M - eye_m)
-    sees = (away <= _FAR_M) & (level >= _NEAR_M)
+    sees = (away <= _FAR_M) & (level >= _NEAR_M) & _within_limits(at, along, gimbals[0])
     T_ground_world = transforms.invert(
         transforms.from_xyz_yaw([*along[0], ground_z_m], START_YAW_RAD)
     )
@@ -80,6 +81,20 @@ def hold_places(way_m: np.ndarray, ground_z_m: float, gimbals: Sequence[Gimbal])
     z = ground_z_m + _HOLD_HEIGHT_M
     held = tuple(Held(float(at[i, 0]), float(at[i, 1]), z) for i in chosen)
     return HoldPlaces(held, *best)
+
+
+def _within_limits(at: np.ndarray, along: np.ndarray, gimbal: Gimbal) -> np.ndarray:
+    """(N,M) bool: whether the gimbal of a robot that drives through ``along`` (M,2) can turn to
+    places ``at`` (N,2), with the heading with which it comes, and that with which it leaves."""
+    steps = np.diff(along, axis=0)
+    headings = np.arctan2(steps[:, 1], steps[:, 0])
+    off = at[:, None] - along[None]
+    bearings = np.arctan2(off[..., 1], off[..., 0])
+    most = np.radians(min(np.abs(gimbal.geometry.pan_limits_deg))) - _SPARE_RAD
+    able = np.ones(bearings.shape, bool)
+    for heading in (np.append(headings[:1], headings), np.append(headings, headings[-1:])):
+        able &= np.cos(bearings - heading) >= np.cos(most)
+    return able
 
 
 class GimbalPlaces:
