@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fcsv_control.agent.core import AgentCore, AgentRules
+from fcsv_control.agent.duplicate_agents import DuplicateAgentGuard
 from fcsv_control.agent.messages import (
     BY_HAND,
     DONE,
@@ -18,7 +19,6 @@ from fcsv_control.agent.messages import (
     SetPoint,
 )
 from fcsv_control.agent.sender_clocks import SenderClocks
-from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.modes import Mode
 
@@ -29,11 +29,11 @@ SENDER_S = -6e4  # the sender's monotonic clock has another zero
 class Board:
     """An agent on board, its time, and what it put out."""
 
-    def __init__(self, twins=None, guardian=False, **rules):
+    def __init__(self, duplicates=None, guardian=False, **rules):
         self.core = AgentCore(
             "uav1",
             AgentRules(guardian=guardian, **rules),
-            twins or DuplicateAgentGuard("agent-1", -np.inf),
+            duplicates or DuplicateAgentGuard("agent-1", -np.inf),
         )
         self.now_s, self.number = 100.0, 0
         self.core.state(Mode.STABILIZE, False)
@@ -319,10 +319,10 @@ def test_what_comes_without_a_name_does_not_renew_the_lease_of_a_mission_that_is
 
 
 def test_of_two_agents_the_younger_does_nothing_until_the_older_is_gone():
-    board = Board(twins=DuplicateAgentGuard("agent-2", 100.0))
-    board.core.twins.agent_lives(100.2, "agent-1", 60.0)
+    board = Board(duplicates=DuplicateAgentGuard("agent-2", 100.0))
+    board.core.duplicates.agent_lives(100.2, "agent-1", 60.0)
     assert board.answer(Kind.GOTO, **AHEAD) is None, "the older one answers"
-    board.core.twins.agent_lives(board.now_s, "agent-1", 60.0)
+    board.core.duplicates.agent_lives(board.now_s, "agent-1", 60.0)
     board.tell(Kind.LAND)
     assert not board.run(0.9)
     board.run(0.5)
@@ -331,7 +331,7 @@ def test_of_two_agents_the_younger_does_nothing_until_the_older_is_gone():
 
 
 def test_an_agent_that_was_just_started_listens_first_but_stops_at_once():
-    board = Board(twins=DuplicateAgentGuard("agent-2", 100.0))
+    board = Board(duplicates=DuplicateAgentGuard("agent-2", 100.0))
     assert board.answer(Kind.GOTO, **AHEAD) is None
     board.tell(Kind.LAND)
     out = board.run()
@@ -342,10 +342,10 @@ def test_an_agent_that_was_just_started_listens_first_but_stops_at_once():
 def test_of_two_agents_that_were_started_together_one_acts():
     acting = []
     for mine, other in (("agent-1", "agent-2"), ("agent-2", "agent-1")):
-        twins = DuplicateAgentGuard(mine, 50.0)
-        twins.agent_lives(60.0, other, 10.1)
-        twins.agent_lives(60.0, mine, 10.0)  # itself
-        acting.append(not twins.older(60.1))
+        duplicates = DuplicateAgentGuard(mine, 50.0)
+        duplicates.agent_lives(60.0, other, 10.1)
+        duplicates.agent_lives(60.0, mine, 10.0)  # itself
+        acting.append(not duplicates.older(60.1))
     assert sorted(acting) == [False, True]
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from fcsv_control import conditions
 from fcsv_control.conditions import Grade
-from fcsv_control.flight.feeding.feed_check import PoseCheckRules
-from fcsv_control.flight.feeding.watchdog import WatchdogParameters
+from fcsv_control.flight.pose_feed.feed_check import PoseCheckRules
+from fcsv_control.flight.pose_feed.watchdog import WatchdogParameters
 from fcsv_control.flight_check.fleet import FleetCheckRules
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.guardian.rules import GuardianRules

@@ -14,9 +14,9 @@ from support.flown import SimulatedLoop
 
 from fcsv_control.errors import CommandRefused
 from fcsv_control.flight.core import LinkCore, LinkParameters
-from fcsv_control.flight.feeding import estimate
-from fcsv_control.flight.feeding.estimate import MOVED_M, EstimateWatch
 from fcsv_control.flight.mavlink.keeper import ConnectionKeeper
+from fcsv_control.flight.pose_feed import estimate
+from fcsv_control.flight.pose_feed.estimate import MOVED_M, EstimateWatch
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from fcsv_control.flight.feeding.feed_check import PoseCheck, PoseCheckRules
+from fcsv_control.flight.pose_feed.feed_check import PoseCheck, PoseCheckRules
 from fcsv_geometry import transforms
 
 HZ = 30.0

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from support.autopilots import MUST, PROFILE
 
-from fcsv_control.flight.feeding.feed import PoseGate, PoseGateParameters, PoseVerdict
-from fcsv_control.flight.feeding.watchdog import Alarm, PoseWatchdog, WatchdogParameters
 from fcsv_control.flight.mavlink import conversion, keeper
 from fcsv_control.flight.mavlink.commands import ACCEPTED, FAILED, IN_PROGRESS, PendingCommand
 from fcsv_control.flight.mavlink.keeper import ConnectionKeeper
 from fcsv_control.flight.mavlink.texts import Reasons, TextJoiner
 from fcsv_control.flight.mavlink.timesync import TimeSync
+from fcsv_control.flight.pose_feed.feed import PoseGate, PoseGateParameters, PoseVerdict
+from fcsv_control.flight.pose_feed.watchdog import Alarm, PoseWatchdog, WatchdogParameters
 from fcsv_control.flight.settings.parameters import ParameterCheck
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.modes import Mode

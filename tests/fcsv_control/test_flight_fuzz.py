@@ -20,11 +20,11 @@ import pytest
 from pymavlink import mavutil
 
 from fcsv_control.flight.core import LinkCore, LinkParameters
-from fcsv_control.flight.feeding.feed_check import PoseCheck
 from fcsv_control.flight.mavlink.parser import Parser
 from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_control.flight.mavros import MavrosCore
 from fcsv_control.flight.messages import BarometerReceived, PoseReceived
+from fcsv_control.flight.pose_feed.feed_check import PoseCheck
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer

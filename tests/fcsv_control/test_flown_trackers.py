@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.flown import flown_link
 
-from fcsv_control.flight.feeding.feed_check import PoseCheck
+from fcsv_control.flight.pose_feed.feed_check import PoseCheck
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.modes import Mode
 

@@ -5,8 +5,8 @@ wash move."""
 import numpy as np
 import pytest
 
-from fcsv_control.flight.feeding.feed_check import PoseCheck
-from fcsv_control.flight.feeding.height_check import HeightCheck, height_m
+from fcsv_control.flight.pose_feed.feed_check import PoseCheck
+from fcsv_control.flight.pose_feed.height_check import HeightCheck, height_m
 from fcsv_geometry import transforms
 from fcsv_sim.autopilot.barometer import Barometer
 

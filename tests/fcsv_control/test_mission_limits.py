@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fcsv_control.mission.snapshot import RecorderView
-from fcsv_control.mission.watches.heard import VehicleTelemetry
+from fcsv_control.mission.watches.telemetry import VehicleTelemetry
 from fcsv_geometry.missions.flight_limits import PauseLimits
 from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration
 from fcsv_geometry.vehicles.modes import Mode

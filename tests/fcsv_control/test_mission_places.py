@@ -12,7 +12,7 @@ from fcsv_control.mission.activities.landing import Landing
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_control.mission.watches.fleet_modes import FleetModes
-from fcsv_control.mission.watches.heard import VehicleTelemetry
+from fcsv_control.mission.watches.telemetry import VehicleTelemetry
 from fcsv_control.mission.ways import clearing, places, routes
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError

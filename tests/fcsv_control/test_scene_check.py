@@ -7,8 +7,8 @@ import os
 import numpy as np
 import pytest
 
-from fcsv_control.flight.feeding.feed_check import PoseCheck, PoseCheckRules
-from fcsv_control.flight.feeding.scene_check import SceneCheck, SceneCheckRules
+from fcsv_control.flight.pose_feed.feed_check import PoseCheck, PoseCheckRules
+from fcsv_control.flight.pose_feed.scene_check import SceneCheck, SceneCheckRules
 from fcsv_geometry import transforms
 from fcsv_geometry.transforms import R_FLU_OPTICAL
 from fcsv_geometry.vehicles.tracker import T265_PROFILE

@@ -5,7 +5,7 @@ autopilot: that says nothing of the motors."""
 import numpy as np
 import pytest
 
-from fcsv_control.mission.watches.heard import VehicleTelemetry
+from fcsv_control.mission.watches.telemetry import VehicleTelemetry
 from fcsv_control.stopping.core import STOP, StopAll
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_geometry.vehicles.modes import Mode

@@ -4,7 +4,7 @@ told to."""
 
 import pytest
 
-from fcsv_control.mission.watches.heard import FrameEpochs, VehicleTelemetry
+from fcsv_control.mission.watches.telemetry import FrameEpochs, VehicleTelemetry
 from fcsv_control.stopping.core import LAND, STOP, StopAll
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_geometry.vehicles.modes import Mode

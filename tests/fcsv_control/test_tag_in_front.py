@@ -7,9 +7,9 @@ import pytest
 
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_control.mission.watches import watch
-from fcsv_control.mission.watches.heard import VehicleTelemetry
-from fcsv_control.mission.watches.patience import Pause
+from fcsv_control.mission.watches.pause_timers import Pause
 from fcsv_control.mission.watches.tag_in_front import TagInFront, TagInFrontRules
+from fcsv_control.mission.watches.telemetry import VehicleTelemetry
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration

@@ -117,7 +117,7 @@ def test_an_old_map_and_the_operator_stop_it(rescue):
     drive = Drive(rescue)
     drive.run(1.0)
     drive.follower.receive(drive.now_s, clear(stamp_s=-100.0))
-    assert "no map, or one that is too old" in drive.run(0.1).reason
+    assert "the place was seen 10" in drive.run(0.1).reason
     drive.follower.receive(drive.now_s, clear())
     assert drive.run(0.2).speed_mps > 0.0
     drive.follower.receive(drive.now_s, StopRobot())

@@ -437,7 +437,7 @@ _TEXTS = re.compile(
 )
 #: where the words are another program's, which says it in no other way
 _FOREIGN_WORDS = {
-    "flight_check/heard.py": "PreArm: of the autopilot",
+    "flight_check/pre_arm_texts.py": "PreArm: of the autopilot",
     "flight/mavros.py": "Mode change to, of the autopilot",
     "parameters/vehicle.py": "signing, of the autopilot",
     "file_check/checking.py": "a file's name is cut off, for people",
@@ -520,7 +520,7 @@ _AGES = re.compile(r"_*(\w+_)?(age_s|silent_s|battery|battery_share)")
 #: Where a number next to one is no bound of a condition.
 _NO_BOUNDS = {
     "fcsv_console/model/hearing.py": "in which unit an age is said",
-    "fcsv_control/agent/twins.py": "which of two agents is older",
+    "fcsv_control/agent/duplicate_agents.py": "which of two agents is older",
     "fcsv_control/flight/mavlink/identity.py": "who speaks on the line, as MAVROS has it",
     "fcsv_control/flight/mavros_watch.py": "which values a parameter takes",
     "fcsv_control/flight/state.py": "MAVLink's own mark of what is not known",

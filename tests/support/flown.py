@@ -19,10 +19,10 @@ from pymavlink import mavutil
 
 from fcsv_control.errors import CommandRefused
 from fcsv_control.flight.core import LinkCore, LinkParameters
-from fcsv_control.flight.feeding.feed_check import PoseCheck
 from fcsv_control.flight.mavlink.signing import read_key
 from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_control.flight.messages import EstimateMoved, PoseReceived, TextReceived
+from fcsv_control.flight.pose_feed.feed_check import PoseCheck
 from fcsv_control.flight.state import MODES
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.modes import Mode

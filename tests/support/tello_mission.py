@@ -7,8 +7,8 @@ from typing import Dict, List
 import numpy as np
 
 from fcsv_control.agent.core import AgentCore, AgentRules
+from fcsv_control.agent.duplicate_agents import DuplicateAgentGuard
 from fcsv_control.agent.messages import Ack, Ask, Instruction, Kind, Pictures, SetPoint
-from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_control.errors import ControlError
 from fcsv_control.guardian.air import LinkReport, Other
 from fcsv_control.guardian.core import Guardian
@@ -17,7 +17,7 @@ from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.operator_commands import OperatorCommands
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_control.mission.watches.heard import VehicleTelemetry
+from fcsv_control.mission.watches.telemetry import VehicleTelemetry
 from fcsv_geometry import config, transforms
 from fcsv_geometry.rotations import wrap
 from fcsv_sim.people.tello_hands import Finger

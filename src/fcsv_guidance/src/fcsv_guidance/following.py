@@ -184,8 +184,14 @@ class RouteFollower:
             return "the robot's place is not known"
         if now_s - place.stamp_s > rules.oldest_place_s:
             return f"the robot's place is {now_s - place.stamp_s:.1f} s old"
-        if self._map is None or now_s - self._map.stamp_s > rules.oldest_map_s:
-            return "no map, or one that is too old; look at the place again"
+        if self._map is None:
+            return "no map has come"
+        age_s = now_s - self._map.stamp_s
+        if age_s > rules.oldest_map_s:
+            return (
+                f"the place was seen {age_s:.1f} s ago, {rules.oldest_map_s:g} s are allowed: look at "
+                "it again, or maps come too slowly"
+            )
         clear_m = self._clear_m(np.array([[place.x_m, place.y_m]]))[0]
         if clear_m <= rules.sigmas * place.sigma_m:
             return f"the robot's place is known to {place.sigma_m:.2f} m, and {clear_m:.2f} m are clear"

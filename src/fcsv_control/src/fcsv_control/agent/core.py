@@ -13,6 +13,7 @@ from typing import Deque, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_control.agent.commands import Answer, CommandLog, CommandVerdict
+from fcsv_control.agent.duplicate_agents import DuplicateAgentGuard
 from fcsv_control.agent.holder import Holder, Limits
 from fcsv_control.agent.messages import (
     BY_HAND,
@@ -30,7 +31,6 @@ from fcsv_control.agent.messages import (
 )
 from fcsv_control.agent.rights import Rights
 from fcsv_control.agent.sender_clocks import SenderClocks
-from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import frames
 from fcsv_geometry.frozen import changed
@@ -55,9 +55,9 @@ class AgentCore:
     """One vehicle's agent. A job that needs the flight link waits for the one before it; stopping
     waits for nothing."""
 
-    def __init__(self, vehicle: str, rules: AgentRules, twins: DuplicateAgentGuard):
+    def __init__(self, vehicle: str, rules: AgentRules, duplicates: DuplicateAgentGuard):
         self._vehicle, self._rules = vehicle, rules
-        self.twins = twins
+        self.duplicates = duplicates
         self.rights = Rights(vehicle, rules.guardian)
         self._log = CommandLog(vehicle)
         self._clocks = SenderClocks()
@@ -148,7 +148,7 @@ class AgentCore:
     def _mute(self, now_s: float, c: Instruction) -> bool:
         """An older agent of this vehicle answers, or may be there: this one neither acts nor
         answers."""
-        return bool(self.twins.older(now_s)) or (self.twins.listening(now_s) and not c.stops)
+        return bool(self.duplicates.older(now_s)) or (self.duplicates.listening(now_s) and not c.stops)
 
     def finished(self, ask: Ask, refusal: str) -> None:
         """The flight link has done it ("") or refused."""
@@ -167,7 +167,7 @@ class AgentCore:
 
     def step(self, now_s: float) -> None:
         """Time passes: the next job, the target at its rate."""
-        if self.twins.older(now_s):
+        if self.duplicates.older(now_s):
             self._out.clear()
             return
         while self._running is None and self._waiting:
@@ -175,7 +175,7 @@ class AgentCore:
         self._out += [ask for due_s, ask in self._due if now_s >= due_s]
         self._due = [(due_s, ask) for due_s, ask in self._due if now_s < due_s]
         target = self._holder.target
-        quiet = self.rights.guarded or self.twins.listening(now_s)
+        quiet = self.rights.guarded or self.duplicates.listening(now_s)
         if target is not None and not quiet and self._gate.passes(now_s):
             self._out.append(SetPoint(target))
 

@@ -6,9 +6,9 @@ import math
 from typing import List, Sequence
 
 from fcsv_control.agent.core import AgentCore, AgentRules
+from fcsv_control.agent.duplicate_agents import DuplicateAgentGuard
 from fcsv_control.agent.link_requests import LinkRequests
 from fcsv_control.agent.messages import AgentAlive, Ask, AskAnswered, Instruction, Kind
-from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import (
     EstimateMoved,
@@ -37,7 +37,7 @@ class AgentPort:
         self._alive_s = -math.inf
         self._take = Takers(
             {
-                AgentAlive: lambda now_s, m: core.twins.agent_lives(
+                AgentAlive: lambda now_s, m: core.duplicates.agent_lives(
                     now_s, m.instance, m.sent_s - m.started_s
                 ),
                 AskAnswered: requests.answered,
@@ -87,7 +87,7 @@ class AgentPort:
         return [*told, *self._calls(now_s)]
 
     def _alive(self, now_s: float) -> AgentAlive:
-        older, commander = self._core.twins.older(now_s), self._core.rights.lease.holder(now_s)
+        older, commander = self._core.duplicates.older(now_s), self._core.rights.lease.holder(now_s)
         problem = (
             f"{self._vehicle}: {older} is its agent already; this second one does nothing, end it"
         )

@@ -17,11 +17,11 @@ import numpy as np
 from pymavlink import mavutil
 
 from fcsv_control.errors import CommandRefused
-from fcsv_control.flight.feeding.estimate import EstimateWatch
 from fcsv_control.flight.mavlink import conversion, keeper
 from fcsv_control.flight.mavlink.listener import STREAMS_HZ, Listener
 from fcsv_control.flight.mavlink.requests import COMPANION, Outcome, Request, Requests
 from fcsv_control.flight.messages import EstimateMoved, Event, PoseReceived
+from fcsv_control.flight.pose_feed.estimate import EstimateWatch
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import NOTHING, Profile, Rule
 from fcsv_control.flight.state import MODES, FlightState

@@ -14,9 +14,6 @@ from typing import Dict, List, Optional, Sequence, Union
 from fcsv_control.agent.messages import Ask, Kind, SetPoint
 from fcsv_control.errors import CommandRefused, ControlError
 from fcsv_control.flight.core import LinkCore
-from fcsv_control.flight.feeding.feed import PoseGate, PoseGateParameters, PoseVerdict
-from fcsv_control.flight.feeding.feed_check import PoseCheck, PoseCheckRules
-from fcsv_control.flight.feeding.watchdog import Alarm, PoseWatchdog, WatchdogParameters
 from fcsv_control.flight.mavlink.firmware import COPTER
 from fcsv_control.flight.mavlink.requests import Request
 from fcsv_control.flight.mavlink.texts import ALERT, CRITICAL
@@ -45,6 +42,9 @@ from fcsv_control.flight.messages import (
     ToAutopilot,
     TransmitterReading,
 )
+from fcsv_control.flight.pose_feed.feed import PoseGate, PoseGateParameters, PoseVerdict
+from fcsv_control.flight.pose_feed.feed_check import PoseCheck, PoseCheckRules
+from fcsv_control.flight.pose_feed.watchdog import Alarm, PoseWatchdog, WatchdogParameters
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight.settings.profile import Profile
 from fcsv_control.flight.take_off import TakeOff

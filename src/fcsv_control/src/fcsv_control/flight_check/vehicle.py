@@ -16,8 +16,8 @@ from fcsv_control.disk import disk_words
 from fcsv_control.flight.messages import LinkLives, ParametersChecked
 from fcsv_control.flight_check import autopilot_line
 from fcsv_control.flight_check import keys as relay_keys
-from fcsv_control.flight_check.heard import PreArmTexts
 from fcsv_control.flight_check.lines import Check, Found
+from fcsv_control.flight_check.pre_arm_texts import PreArmTexts
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.guardian.messages import Cause, GuardianVerdict
 from fcsv_control.recorder_port import RecorderReport

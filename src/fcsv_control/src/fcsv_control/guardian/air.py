@@ -7,7 +7,7 @@ from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_control.flight.feeding.estimate import apart_m
+from fcsv_control.flight.pose_feed.estimate import apart_m
 from fcsv_control.recent_way import RecentWay
 from fcsv_geometry import transforms
 from fcsv_geometry.frozen import frozen

@@ -18,7 +18,7 @@ from fcsv_control.mission.watches import watch
 from fcsv_control.mission.watches.check_gate import OpenGate
 from fcsv_control.mission.watches.dropouts import Dropouts
 from fcsv_control.mission.watches.fleet_modes import FleetModes
-from fcsv_control.mission.watches.patience import BACK, LAND, Pause, PauseTimers, what_follows
+from fcsv_control.mission.watches.pause_timers import BACK, LAND, Pause, PauseTimers, what_follows
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import GROUND, ON_BOARD, Mission
 from fcsv_geometry.missions.phases import BY_HOME, FLOWN, OVER

@@ -17,9 +17,9 @@ from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import RecorderView, Snapshot, VehicleView
 from fcsv_control.mission.time_of_day import TimeOfDay
 from fcsv_control.mission.watches.check_gate import OpenGate
-from fcsv_control.mission.watches.heard import VehicleTelemetry
 from fcsv_control.mission.watches.pairs_seen import PairsSeen
 from fcsv_control.mission.watches.tag_in_front import TagInFront
+from fcsv_control.mission.watches.telemetry import VehicleTelemetry
 from fcsv_control.stopping.core import STOP
 from fcsv_geometry import transforms
 from fcsv_geometry.home import HomeFrames

@@ -62,6 +62,12 @@ def ring(
     return stands
 
 
+def panoramas(places: Sequence[Tuple[float, float, float]], headings: int = 4) -> List[Stand]:
+    """Stands at ``places`` (x, y, z m), each with ``headings`` all round, from x on."""
+    turns = [2.0 * np.pi * k / headings for k in range(headings)]
+    return [Stand((x, y, z), float(turn), 0.12) for x, y, z in places for turn in turns]
+
+
 def draw_site(
     town: Town,
     stands: Sequence[Stand],

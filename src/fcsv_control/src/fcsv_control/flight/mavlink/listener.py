@@ -9,7 +9,6 @@ from typing import Callable, Dict, List, Optional, Tuple
 
 from pymavlink import mavutil
 
-from fcsv_control.flight.feeding.height_check import height_m
 from fcsv_control.flight.mavlink import conversion, firmware
 from fcsv_control.flight.mavlink.identity import Identities
 from fcsv_control.flight.mavlink.keeper import ConnectionKeeper
@@ -27,6 +26,7 @@ from fcsv_control.flight.messages import (
     StateReceived,
     TextReceived,
 )
+from fcsv_control.flight.pose_feed.height_check import height_m
 from fcsv_control.flight.settings.parameters import ParameterCheck
 from fcsv_control.flight.settings.profile import Profile, Rule
 from fcsv_control.flight.state import FlightState

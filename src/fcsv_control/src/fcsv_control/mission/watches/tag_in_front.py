@@ -12,7 +12,7 @@ from typing import Dict, Mapping, Optional, Tuple
 import numpy as np
 
 from fcsv_control.mission.snapshot import VehicleView
-from fcsv_control.mission.watches.drift_said import LatchedDriftWarning
+from fcsv_control.mission.watches.drift_warning import LatchedDriftWarning
 from fcsv_geometry.config import require_positive
 
 

@@ -7,7 +7,7 @@ from typing import Iterator, List, Optional, Tuple
 
 from fcsv_control import conditions
 from fcsv_control.mission.snapshot import RecorderView, Snapshot, VehicleView
-from fcsv_control.mission.watches.patience import Pause
+from fcsv_control.mission.watches.pause_timers import Pause
 from fcsv_control.mission.ways.routes import Keep
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions import separation

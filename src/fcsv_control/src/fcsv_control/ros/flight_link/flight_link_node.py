@@ -12,9 +12,6 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
 
 from fcsv_control.agent.messages import Kind, SetPoint
-from fcsv_control.flight.feeding.feed import PoseGateParameters
-from fcsv_control.flight.feeding.feed_check import PoseCheckRules
-from fcsv_control.flight.feeding.watchdog import WatchdogParameters
 from fcsv_control.flight.link import FlightLink
 from fcsv_control.flight.mavlink.signing import read_key
 from fcsv_control.flight.mavlink.texts import severity_name
@@ -29,6 +26,9 @@ from fcsv_control.flight.messages import (
     TransmitterReading,
 )
 from fcsv_control.flight.port import FlightLinkPort
+from fcsv_control.flight.pose_feed.feed import PoseGateParameters
+from fcsv_control.flight.pose_feed.feed_check import PoseCheckRules
+from fcsv_control.flight.pose_feed.watchdog import WatchdogParameters
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.ros.flight_link.command_services import Commands, CommandServices
 from fcsv_control.ros.flight_link.link_messages import LinkMessages, header

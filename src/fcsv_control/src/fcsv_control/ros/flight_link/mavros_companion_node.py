@@ -12,14 +12,14 @@ import rospy
 from geometry_msgs.msg import PointStamped
 
 from fcsv_control.flight import messages
-from fcsv_control.flight.feeding.feed import PoseGateParameters
-from fcsv_control.flight.feeding.feed_check import PoseCheckRules
-from fcsv_control.flight.feeding.watchdog import WatchdogParameters
 from fcsv_control.flight.link import FlightLink
 from fcsv_control.flight.mavros import COMPONENT
 from fcsv_control.flight.mavros_watch import MavrosWatch, MavrosWatchRules
 from fcsv_control.flight.messages import HomeReceived, LinkText, PoseEstimated, Refused
 from fcsv_control.flight.port import FlightLinkPort
+from fcsv_control.flight.pose_feed.feed import PoseGateParameters
+from fcsv_control.flight.pose_feed.feed_check import PoseCheckRules
+from fcsv_control.flight.pose_feed.watchdog import WatchdogParameters
 from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.ros.flight_link.link_messages import LinkMessages, header
 from fcsv_control.ros.flight_link.link_setup import link_setup

@@ -16,9 +16,9 @@ from typing import Deque, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_control.flight.feeding.estimate import apart_m
-from fcsv_control.flight.feeding.height_check import HeightCheck, HeightCheckRules
-from fcsv_control.flight.feeding.scene_check import SceneCheck, SceneCheckRules
+from fcsv_control.flight.pose_feed.estimate import apart_m
+from fcsv_control.flight.pose_feed.height_check import HeightCheck, HeightCheckRules
+from fcsv_control.flight.pose_feed.scene_check import SceneCheck, SceneCheckRules
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.vehicles.thresholds import APART_IN_FLIGHT_M
 

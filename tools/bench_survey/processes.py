@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Surveys as processes of their own: their time and memory, and what is left of them when they are
+killed."""
+
+import hashlib
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Dict, List
+
+import numpy as np
+import psutil
+
+from fcsv_stereo.survey.survey import FILES
+
+_COMMAND = "import sys; from fcsv_stereo.survey.command import main; sys.exit(main())"
+
+
+def survey_process(folders: List[Path], out: Path, *options: str) -> subprocess.Popen:
+    """A survey as a process of its own, which leads its group."""
+    words = [sys.executable, "-c", _COMMAND, *map(str, folders), "-o", str(out), *options]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen(words, start_new_session=True, **quiet)
+
+
+def content_of(out: Path) -> Dict[str, str]:
+    """Checksums of a site's files."""
+    return {n: hashlib.sha256((out / n).read_bytes()).hexdigest() for n in FILES}
+
+
+def written(folder: Path) -> Dict[Path, int]:
+    """When (ns) each note of a map, or edge, was written; they are written when all else is."""
+    return {p: p.stat().st_mtime_ns for p in folder.glob("*.json")}
+
+
+def kills(folders: List[Path], out: Path, count: int, seed: int) -> Dict[str, str]:
+    """Seconds without and with one and two processes, whether all write the same, and what a run
+    that was killed at random moments writes."""
+    took, contents, random = {}, {}, np.random.default_rng(seed)
+    for name in ("0", "1", "2", "killed"):
+        shutil.rmtree(out / name, ignore_errors=True)
+    for workers in ("0", "1", "2"):
+        started = time.perf_counter()
+        if survey_process(folders, out / workers, "--workers", workers).wait() != 0:
+            raise SystemExit(f"--workers {workers} ended with an error")
+        took[workers] = time.perf_counter() - started
+        contents[workers] = content_of(out / workers)
+    made, lost, kept = [], 0, {}
+    for _ in range(count):
+        process = survey_process(folders, out / "killed", "--workers", "2")
+        try:
+            process.wait(float(random.uniform(0.1, 0.7)) * took["2"])
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            lost += 1
+        maps, edges = written(out / "killed/views"), written(out / "killed/edges")
+        made.append(f"{len(maps)}+{len(edges)}")
+        kept = {**maps, **edges, **kept}  # by the first time that it was there
+    if survey_process(folders, out / "killed", "--workers", "2").wait() != 0:
+        raise SystemExit("what was killed did not go on")
+    contents["killed"] = content_of(out / "killed")
+    now = {**written(out / "killed/views"), **written(out / "killed/edges")}
+    again = [path.name for path, stamp in kept.items() if now[path] != stamp]
+    differ = {
+        name: [n for n in FILES if contents["0"][n] != of[n]] or "nothing"
+        for name, of in contents.items()
+    }
+    return {
+        "seconds in a plain loop, by one process, by two": ", ".join(
+            f"{took[w]:.0f}" for w in ("0", "1", "2")
+        ),
+        "two processes against one": f"{took['1'] / took['2']:.2f}",
+        "differs from the plain loop: one, two processes": f"{differ['1']}, {differ['2']}",
+        f"killed {lost} times, maps + edges that were there then": ", ".join(made),
+        "of these computed again": ", ".join(again) or "none",
+        "differs from the plain loop: after the kills": str(differ["killed"]),
+    }
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of a whole survey: seconds of the clock and of the processors; most memory (GB) that one
+    process of the machine had at a time."""
+
+    wall_s: float
+    cpu_s: float
+    memory_gb: float
+
+
+def cost(folders: List[Path], out: Path, workers: int) -> Cost:
+    """Of a survey from nothing."""
+    shutil.rmtree(out, ignore_errors=True)
+    started, before = time.perf_counter(), _children_s()
+    process = survey_process(folders, out, "--workers", str(workers))
+    memory = 0
+    while process.poll() is None:
+        memory = max(memory, _most_memory(process.pid, workers))
+        time.sleep(0.2)
+    if process.returncode:
+        raise SystemExit(f"a survey of {len(folders)} views ended with status {process.returncode}")
+    return Cost(time.perf_counter() - started, _children_s() - before, memory / 1e9)
+
+
+def _children_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _most_memory(pid: int, workers: int) -> int:
+    """Bytes of the largest worker; of the survey's own process where there are none."""
+    try:
+        survey = psutil.Process(pid)
+        processes = survey.children(recursive=True) if workers else [survey]
+    except psutil.Error:
+        return 0
+    found = [0]
+    for p in processes:
+        try:
+            found.append(p.memory_info().rss)
+        except psutil.Error:
+            continue  # it has ended
+    return max(found)
+
+
+def growth(folders: List[Path], few: int, out: Path) -> Dict[str, str]:
+    """What a few views and all cost; and one worker against two with the few."""
+    some = {w: cost(folders[:few], out / "few", w) for w in (1, 2)}
+    every = cost(folders, out / "all", 2)
+    named = f"{few} views, {len(folders)} views"
+    share = (every.cpu_s / len(folders)) / (some[2].cpu_s / few)
+    return {
+        f"seconds of the processor with two workers: {named}": f"{some[2].cpu_s:.0f}, {every.cpu_s:.0f}",
+        "a view of all against a view of the few": f"{share:.2f}",
+        f"seconds of the clock with two workers: {named}": f"{some[2].wall_s:.0f}, {every.wall_s:.0f}",
+        f"seconds of the clock with one worker, {few} views": f"{some[1].wall_s:.0f}",
+        "two workers against one": f"{some[1].wall_s / some[2].wall_s:.2f}",
+        f"memory of the largest worker (GB): {named}": f"{some[2].memory_gb:.2f}, {every.memory_gb:.2f}",
+    }
