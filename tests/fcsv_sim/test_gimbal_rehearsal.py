@@ -122,14 +122,17 @@ def test_gimbals_tell_where_a_camera_is_as_well_as_tags_do(place, survey):
 
 
 def test_vehicles_hold_beside_the_way_and_near_all_of_it():
-    way = np.array([[3.4, 0.7], [5.0, 0.7], [5.0, -1.5], [7.5, -1.5]])
+    zigzag = np.array([[3.4, 0.7], [5.0, 0.7], [5.0, -1.5], [7.5, -1.5]])
+    way = zigzag[:3]
     found = hold_places(way, 0.0, gimbals_of_robot())
     fine = np.concatenate([np.linspace(a, b, 40) for a, b in zip(way[:-1], way[1:])])
     for held in found.held:
         assert np.hypot(*(fine - [held.x_m, held.y_m]).T).min() >= 0.55
     a, b = found.held
     assert np.hypot(a.x_m - b.x_m, a.y_m - b.y_m) >= 1.2
-    assert found.seen >= 0.95 and found.seen_twice <= found.seen
+    assert found.seen == 1.0 and found.seen_twice <= found.seen
+    # where it drives on, both are behind it, out of the gimbals' limits: said, not hidden
+    assert 0.5 < hold_places(zigzag, 0.0, gimbals_of_robot()).seen < 1.0
     assert "one seen along" in found.in_words()
 
 
