@@ -459,7 +459,7 @@ def test_a_robot_is_located_by_the_vehicles_that_its_gimbals_see(ros_master, sta
     ]
     wheels, seen, own = (
         rospy.Publisher(topic, Odometry, queue_size=5)
-        for topic in ("/odom", "/tello1/odometry/body", "/tello1/tello/odom")
+        for topic in ("/odom", "/tello1/gimbal/body", "/tello1/tello/odom")
     )
     home = rospy.Publisher("/home", Home, queue_size=1, latch=True)
     until(lambda: all(p.get_num_connections() for p in (wheels, seen, own, home)), what="the node")

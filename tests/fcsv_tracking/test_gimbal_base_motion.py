@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms as tf
-from fcsv_tracking.gimbal.base_motion import BaseMotion
+from fcsv_geometry.errors import PoseUnavailable
+from fcsv_tracking.gimbal.base_motion import BaseMotion, BasePlace
 from fcsv_tracking.gimbal.follow import Target
 
 
@@ -48,3 +49,48 @@ def test_wheels_that_are_silent_stand_and_a_clock_that_is_set_back_begins_anew()
     assert not np.allclose(base.at(2.2), base.at(2.0)), "on for a moment"
     base.add(-50.0, tf.from_xyz_yaw([7.0, 0.0, 0.0], 0.0))
     assert base.at(-50.0)[0, 3] == 7.0 and base.at(-60.0)[0, 3] == 7.0
+
+
+T_HOME_START = tf.from_xyz_yaw([1.0, -2.0, -1.8], 2.5)
+
+
+def driving(until_s=2.0, places_until_s=1.5):
+    """A robot whose places in home come late, and whose wheels count from elsewhere."""
+    motion = turning(until_s=until_s)
+    base = BasePlace(motion)
+    base.set_home(T_HOME_START)
+    for t in np.arange(0.0, places_until_s + 1e-9, 0.1):
+        here = T_HOME_START @ motion.at(t)
+        here[2, 3] = 0.0  # its place is level
+        base.add(t, here, np.eye(6) * 1e-4)
+    return motion, base
+
+
+def test_a_vehicle_that_holds_keeps_its_place_while_the_robot_drives_and_turns():
+    motion, base = driving()
+    T_S_D = tf.from_xyz_yaw([3.0, 1.0, 1.4], 0.7)
+    for t in (0.55, 1.5, 1.9):  # between places, at the last, after it
+        seen = tf.invert(motion.at(t)) @ T_S_D
+        found, covariance = base.standing(t, seen, np.eye(6) * 1e-4)
+        assert found == pytest.approx(T_S_D, abs=2e-3)
+        away_m = np.linalg.norm(seen[:2, 3])
+        assert covariance[0, 0] + covariance[1, 1] == pytest.approx(
+            1e-4 * (4 + away_m**2 + 2 * seen[2, 3] ** 2), rel=0.02
+        ), "the robot's yaw counts by the vehicle's distance"
+
+
+def test_before_its_place_is_known_the_robot_stands_and_a_new_home_begins_anew():
+    motion = turning()
+    base = BasePlace(motion)
+    base.add(0.5, tf.from_xyz_yaw([9.0, 9.0, 0.0], 1.0), np.eye(6))
+    assert np.array_equal(base.at(1.0), np.eye(4)), "no home was set yet"
+    _, base = driving()
+    assert base.at(1.5)[0, 3] > 0.4
+    base.set_home(T_HOME_START)
+    assert np.array_equal(base.at(1.5), np.eye(4))
+
+
+def test_a_picture_from_before_what_is_remembered_has_no_place():
+    _, base = driving()
+    with pytest.raises(PoseUnavailable, match="before the first pose"):
+        base.standing(-5.0, np.eye(4), np.eye(6))

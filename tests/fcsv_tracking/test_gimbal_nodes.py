@@ -93,6 +93,7 @@ def test_both_are_followed_and_their_cameras_known(swaying, start_node, root, ro
         }
         start_node("fcsv_sim", "gimbal", name="sim_gimbal", ns=n, params=params)
     params = {"vehicles": list(NAMES), "vehicles_dir": folder, "robot_file": robot_file}
+    params.update(base_odometry="/odom", base_pose="/robot_pose")
     tracker = start_node("fcsv_tracking", "gimbal_tracker", params=params)
     rospy.wait_for_service("/set_home", 30)
     set_home = rospy.ServiceProxy("/set_home", SetHome)
@@ -155,10 +156,53 @@ def test_both_are_followed_and_their_cameras_known(swaying, start_node, root, ro
         :3, 2
     ]  # the vehicle is at 2.6, -0.5, 1.35, the gimbal at 0.1, -0.2, 0.45
     assert ahead @ [0.93, -0.11, 0.33] > np.cos(np.radians(15.0))
+    found = buffer.lookup_transform("home", "ground", rospy.Time(0)).transform
+    move_robot(conversions.transform_from_msg(found))
     assert tracker.returncode is None
     for s in subscribers:
         s.unregister()
     listener.unregister()
+
+
+def move_robot(T_home_start):
+    """Its place in home says that it drove 1 m ahead and turned: what its gimbals see goes with it,
+    and vehicles are given in the frame in which it stood."""
+    import rospy
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+    from nav_msgs.msg import Odometry
+
+    from fcsv_geometry.ros import conversions
+
+    T_start_now = tf.from_xyz_yaw([1.0, 0.0, 0.0], 0.4)
+    now, standing = {}, {}
+    heard = [
+        rospy.Subscriber(
+            f"/tello1/{topic}", Odometry, lambda m, to=to: to.update({m.header.stamp: m})
+        )
+        for topic, to in (("gimbal/body", now), ("odometry/body", standing))
+    ]
+    places = rospy.Publisher("/robot_pose", PoseWithCovarianceStamped, queue_size=5)
+
+    def moved() -> bool:
+        message = PoseWithCovarianceStamped(header=conversions.header(time.time(), "home"))
+        message.pose.pose = conversions.transform_to_pose(T_home_start @ T_start_now)
+        message.pose.covariance = (np.eye(6) * 1e-4).ravel().tolist()
+        places.publish(message)
+        time.sleep(0.05)
+        for stamp in set(now) & set(standing):
+            T_now, T_start = (
+                conversions.pose_to_transform(each[stamp].pose.pose) for each in (now, standing)
+            )
+            if np.allclose(T_start, T_start_now @ T_now, atol=1e-3):
+                assert now[stamp].header.frame_id == "ground_now"
+                assert standing[stamp].pose.covariance[0] > now[stamp].pose.covariance[0]
+                return True
+        return False
+
+    until(moved, 120, "a vehicle in the frame in which the robot stood")
+    for each in heard:
+        each.unregister()
+    places.unregister()
 
 
 def check(got, vehicles, folder):

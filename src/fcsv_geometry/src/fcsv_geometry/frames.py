@@ -2,8 +2,10 @@
 """Names of the frames (docs/design/conventions.md); rviz's fixed frame is HOME."""
 
 HOME = "home"
-#: The ground robot that carries gimbals (thesis chapter 4).
+#: The ground robot that carries gimbals (thesis chapter 4); where it stood when home was set.
 GROUND = "ground"
+#: The same robot, where it is now.
+GROUND_NOW = "ground_now"
 
 
 def odom(vehicle: str) -> str:

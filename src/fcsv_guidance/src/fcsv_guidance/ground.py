@@ -146,9 +146,10 @@ class Ground:
         does, NaN where unknown.
 
         A view from above shows the upper side of a beam, and its lower edge only at its near side:
-        so the lowest that hangs within ``OVERHEAD_REACH_M`` counts.
+        so the lowest that hangs within ``OVERHEAD_REACH_M``, at most ``OVERHEAD_CELLS``, counts.
         """
-        n = int(np.ceil(tuning.OVERHEAD_REACH_M / self.grid.cell_m))
+        reach_m = min(tuning.OVERHEAD_REACH_M, tuning.OVERHEAD_CELLS * self.grid.cell_m)
+        n = int(np.ceil(reach_m / self.grid.cell_m - 1e-9))
         hangs = np.where(self.known, self.overhead_m, np.inf).astype(np.float32)
         return (
             standing.least(hangs, np.ones((2 * n + 1, 2 * n + 1), np.uint8), np.inf) - self.high_m

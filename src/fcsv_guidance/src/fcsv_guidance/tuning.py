@@ -52,6 +52,9 @@ LAYER_GAP_M = 0.2
 #: m: how far a beam's lower edge may lie from a cell over which only its upper side is seen.
 #: Assumed.
 OVERHEAD_REACH_M = 0.3
+#: The same at most, in cells: a smaller robot drives between lower and thinner things, which are
+#: mapped on smaller cells. Of cells of 0.1 m it changes nothing. Assumed.
+OVERHEAD_CELLS = 3
 #: Where pixels lie apart, a cell's evidence is that of a coarser cell of so many cells a side, in
 #: this order, of whose parts so large a share is known. A ditch or a shadow narrower than a quarter
 #: of the coarser cell may lie in it.

@@ -39,7 +39,7 @@ class CooperativePlaceParameters:
 
 
 class CooperativePlaceNode:
-    """odom, /NAME/odometry/body (by gimbal_tracker, in the robot's frame), /NAME/tello/odom, /home
+    """odom, /NAME/gimbal/body (by gimbal_tracker, in the robot's frame), /NAME/tello/odom, /home
     -> robot_pose at 20 Hz, while the place is known."""
 
     def __init__(self):
@@ -52,7 +52,7 @@ class CooperativePlaceNode:
         self._publisher = PlacePublisher("cooperative_place", counted, self._health)
         self._subscribe("odom", Odometry, "odom", messages.wheels_of)
         for name in p.vehicles:
-            seen, own = f"/{name}/odometry/body", f"/{name}/{p.own_odometry}"
+            seen, own = f"/{name}/gimbal/body", f"/{name}/{p.own_odometry}"
             self._subscribe(seen, Odometry, f"{name} seen", messages.sighting_of, name)
             self._subscribe(own, Odometry, f"{name} odometry", messages.vehicle_odometry_of, name)
         self._subscribe("/home", Home, "home", messages.robot_start_of, p.start_m, p.start_deg)

@@ -8,11 +8,10 @@ from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import Mission
 from fcsv_sim.demo.site import PairSite
+from fcsv_sim.gimbal.reach import gimbal_problem
 from fcsv_sim.sensors.v120_duo import V120Duo, V120DuoErrors
-from fcsv_tracking.gimbal.config import Gimbal, GroundRobot
+from fcsv_tracking.gimbal.config import GroundRobot
 
-_NEAREST_M, _FARTHEST_M = 1.0, 4.2  # thesis 4.2: tags of 8 cm are seen up to around 4 m
-_STEEPEST_DEG = 68.0  # of a tag's face against the line of sight
 _OUT_OF_VIEW_M = 20.0  # as far as the odometry's drift is known (docs/design/trackers.md)
 
 
@@ -23,40 +22,12 @@ def require_gimbal_reach(robot: GroundRobot, site: PairSite, mission: Mission, v
         for name in vehicles:
             # the robot stands at the world's origin
             T_ground_body = site.expected_body(mission, index, name, vehicles)
-            problem = _gimbal_problem(robot.by_vehicle[name], T_ground_body)
+            problem = gimbal_problem(robot.by_vehicle[name], T_ground_body)
             if problem:
                 raise MissionError(
                     f"mission '{mission.name}': configurations[{index}].baseline_m: {c.title} puts {name} {problem}; "
                     "use a shorter baseline or another home_height_m"
                 )
-
-
-def _gimbal_problem(gimbal: Gimbal, T_ground_body: np.ndarray) -> str:
-    centre = np.mean(
-        [transforms.apply(T_ground_body, t.T_body_tag[:3, 3]) for t in gimbal.tags], axis=0
-    )
-    away_m = float(np.linalg.norm(centre - gimbal.geometry.base.xyz_m))
-    if not _NEAREST_M <= away_m <= _FARTHEST_M:
-        return f"{away_m:.1f} m from its gimbal, which sees tags from {_NEAREST_M:g} to {_FARTHEST_M:g} m"
-    T_ground_cam = gimbal.geometry.T_ground_cam(gimbal.geometry.aim(centre))
-    sight = transforms.apply(transforms.invert(T_ground_cam), centre)
-    if np.hypot(sight[0], sight[1]) > 0.02 * away_m:
-        return "where its gimbal cannot turn to"
-    facing = [_oblique_deg(T_ground_body @ t.T_body_tag, T_ground_cam[:3, 3]) for t in gimbal.tags]
-    if min(facing) > _STEEPEST_DEG:
-        return f"so steeply above its gimbal that its tags are seen at {min(facing):.0f} degrees"
-    return ""
-
-
-def _oblique_deg(T_ground_tag: np.ndarray, eye_m: np.ndarray) -> float:
-    """Angle (deg) between a tag's face (its frame's -z looks out of it) and the way to an eye
-    (3,)."""
-    to_eye = eye_m - T_ground_tag[:3, 3]
-    return float(
-        np.degrees(
-            np.arccos(np.clip(-T_ground_tag[:3, 2] @ to_eye / np.linalg.norm(to_eye), -1.0, 1.0))
-        )
-    )
 
 
 def require_mocap_view(

@@ -19,7 +19,8 @@ from fcsv_geometry.programs.writing import require_folder
 from fcsv_guidance.robot import Robot, load_robot
 from fcsv_sim.bringup import robot_file
 from fcsv_sim.errors import SimulationError
-from fcsv_sim.robot.mapped import mapped_place
+from fcsv_sim.robot.gimbal_rehearsal import SMALL, gimbal_drive, small_place
+from fcsv_sim.robot.mapped import MappedPlace, mapped_place
 from fcsv_sim.robot.rehearsal import LONGEST_S, DriveResult, RobotDrive
 from fcsv_sim.robot.rehearsal_picture import draw_drive
 from fcsv_sim.robot.rehearsal_table import stations_line, table, verdict_line
@@ -28,6 +29,7 @@ from fcsv_sim.robot.robot_faults import ALL, FAULTS, RobotFault, faults_of
 _HELP = """examples:
   rosrun fcsv_sim rehearse_robot --mazes 10 --rubble 5 --seed 101 -o out/robot
   rosrun fcsv_sim rehearse_robot --mazes 1 --seed 103 --faults "way closes,runs at it" -o out/robot
+  rosrun fcsv_sim rehearse_robot --small 10 --seed 101 -o out/small            # System I: gimbals on the robot
 A place is drawn and mapped once (some minutes); OUT keeps its maps for the next time. Exit status 1: a robot touched
 something, or arrived or said that there is no safe route where the truth has it otherwise.
 """
@@ -49,18 +51,29 @@ class PlaceJob:
 def rehearse_place(job: PlaceJob) -> Tuple[str, List[DriveResult]]:
     """Where the vehicles look from, in words, and how each drive went. Each has the seed of its
     place and fault."""
-    place = mapped_place(
-        job.world, job.seed, job.robot, job.folder / "maps" / f"{job.world}-{job.seed}"
-    )
-    results = []
+    maps = job.folder / "maps" / f"{job.world}-{job.seed}"
+    if job.world == SMALL:
+        place = small_place(job.seed, job.robot, maps)
+    else:
+        place = mapped_place(job.world, job.seed, job.robot, maps)
+    results, said = [], stations_line(place)
     for fault in job.faults:
-        number = list(FAULTS).index(fault.name)
-        drive = RobotDrive(place, job.robot, fault, 100 * job.seed + number)
+        drive, line = _drive(job, place, fault)
+        said = line if line and fault == job.faults[0] else said
         result = drive.run(job.longest_s)
         results.append(result)
         if result.broke or job.draw_all:
             draw_drive(place, drive.track, result, job.folder / picture_name(result))
-    return stations_line(place), results
+    return said, results
+
+
+def _drive(job: PlaceJob, place: MappedPlace, fault: RobotFault) -> Tuple[RobotDrive, str]:
+    """The drive, and where vehicles hold meanwhile where gimbals watch them, in words."""
+    seed = 100 * job.seed + list(FAULTS).index(fault.name)
+    if job.world != SMALL:
+        return RobotDrive(place, job.robot, fault, seed), ""
+    drive, holds = gimbal_drive(place, job.robot, fault, seed, job.longest_s)
+    return drive, "" if holds is None else f"{stations_line(place)}; {holds.in_words()}"
 
 
 def picture_name(result: DriveResult) -> str:
@@ -110,24 +123,40 @@ def _by_processes(jobs: List[PlaceJob], processes: int) -> Iterator[Tuple[str, L
             ) from None
 
 
-_OPTIONS = {"maze": "mazes", "rubble": "rubble"}
+_OPTIONS = {"maze": "mazes", "rubble": "rubble", SMALL: "small"}
 
 
 def _jobs(args: argparse.Namespace) -> List[PlaceJob]:
-    if args.mazes < 0 or args.rubble < 0 or args.mazes + args.rubble < 1 or args.jobs < 1:
+    mazes = args.mazes if args.mazes is not None else 0 if args.small else 1
+    if (
+        min(mazes, args.rubble, args.small) < 0
+        or args.jobs < 1
+        or mazes + args.rubble < (0 if args.small else 1)
+    ):
         raise SimulationError(
-            "--mazes and --rubble must be 0 or more, one of them 1 or more; --jobs 1 or more"
+            "--mazes, --rubble and --small must be 0 or more, one of them 1 or more; --jobs 1 or more"
         )
     if not 0.0 < args.longest:
         raise SimulationError(f"--longest must be above 0 s, got {args.longest:g}")
-    robot, faults = load_robot(args.robot or robot_file("rescue")), tuple(faults_of(args.faults))
+    if args.small and mazes + args.rubble:
+        raise SimulationError("--small has a robot of its own; rehearse it apart from other places")
+    robot = load_robot(args.robot or robot_file("small" if args.small else "rescue"))
+    faults = tuple(faults_of(args.faults))
+    deaf = [fault.name for fault in faults if args.small and not fault.of_gimbals]
+    if args.faults == ALL:
+        faults = tuple(fault for fault in faults if fault.name not in deaf)
+    elif deaf:
+        raise SimulationError(
+            f"--faults: '{deaf[0]}' does not befall a robot with gimbals (--small)"
+        )
     out = (
         Path(args.out)
         if args.out
         else Path(tempfile.gettempdir()) / f"fcsv_rehearse_robot_{os.getuid()}"
     )
     require_folder(out, 200)
-    places = [("maze", args.seed + i) for i in range(args.mazes)]
+    places = [("maze", args.seed + i) for i in range(mazes)]
+    places += [(SMALL, args.seed + i) for i in range(args.small)]
     places += [("rubble", args.seed + i) for i in range(args.rubble)]
     return [
         PlaceJob(world, seed, robot, faults, out, args.longest, args.pictures)
@@ -143,8 +172,10 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--mazes", type=int, default=1, help="how many, each with its own seed (default 1)")
+    add("--mazes", type=int, help="how many, each with its own seed (default 1)")
     add("--rubble", type=int, default=0, help="how many fields of rubble (default 0)")
+    small = "how many small mazes, with gimbals on the robot (System I; default 0)"
+    add("--small", type=int, default=0, help=small)
     add(
         "--seed",
         type=int,
@@ -156,7 +187,7 @@ def _parser() -> argparse.ArgumentParser:
         default=ALL,
         help="all, or names with commas, a drive for each: " + ", ".join(FAULTS),
     )
-    add("--robot", metavar="FILE", help="default config/robots/rescue.yaml")
+    add("--robot", metavar="FILE", help="default config/robots/rescue.yaml, small.yaml")
     add(
         "-o",
         "--out",

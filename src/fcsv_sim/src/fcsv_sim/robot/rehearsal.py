@@ -23,19 +23,17 @@ from fcsv_guidance.guiding import (
     plan_over,
 )
 from fcsv_guidance.known import GroundSeen, watch_seen
-from fcsv_guidance.place import RobotTracker
+from fcsv_guidance.place import PlaceFix
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import Route
 from fcsv_sim.robot.contact import TrueGround
 from fcsv_sim.robot.drive import SimulatedRobot, WheelFlaws
-from fcsv_sim.robot.fixes import DELAY_S, EVERY_S, TagReader
-from fcsv_sim.robot.looking import WAY_MARGIN_M
+from fcsv_sim.robot.locator import RADIO_S, STEP_S, RobotLocator, TagFixes, every
 from fcsv_sim.robot.mapped import PLANNED_SIGMA_M, MappedPlace
 from fcsv_sim.robot.robot_faults import NONE, FixFault, RobotFault
 from fcsv_sim.robot.things import Box, Closer, Runner, Watcher
 
-STEP_S, LONGEST_S = 0.05, 400.0
-RADIO_S = 0.08  # one way
+LONGEST_S = 400.0
 LOOK_EVERY_S, LOOK_DELAY_S = 1.0, 0.5  # from picture to ground
 MOVES_MPS = 0.05  # a robot that is hit while it drives no faster stands
 _GIVES_UP_S = 15.0  # of standing without a route, or for good
@@ -94,18 +92,28 @@ class DriveRecord:
 
 class RobotDrive:
     """Drives from the place's start to its goal. The same place, fault and seed give the same
-    drive."""
+    drive. ``places``: where it gets its place from, a vehicle that reads its tag where None;
+    ``yaw_rad``: how it stands, anyhow where None."""
 
-    def __init__(self, place: MappedPlace, robot: Robot, fault: RobotFault, seed: int):
+    def __init__(
+        self,
+        place: MappedPlace,
+        robot: Robot,
+        fault: RobotFault,
+        seed: int,
+        places: Optional[RobotLocator] = None,
+        yaw_rad: Optional[float] = None,
+    ):
         self._place, self._robot, self._fault, self._seed = place, robot, fault, seed
         self._random = np.random.default_rng([seed, 24])
         plan = place.town.plan
         self._goal = Goal(*map(float, plan.goal_m))
         self._true = TrueGround(place.footing, place.clear)
-        at = (*plan.start_m, self._random.uniform(-np.pi, np.pi))
+        anyhow_rad = self._random.uniform(-np.pi, np.pi)
+        at = (*plan.start_m, anyhow_rad if yaw_rad is None else yaw_rad)
         flaws = WheelFlaws.drawn(self._random)
         self.machine = SimulatedRobot(robot, at, flaws, seed, self._spins)
-        self._reader, self._tracker = TagReader(seed), RobotTracker()
+        self._places: RobotLocator = TagFixes(seed) if places is None else places
         self._guide = RobotGuide(robot, GuideRules(watched=fault.watched))
         self.track = DriveRecord()
         self._post: List[tuple] = []  # (when it arrives, what)
@@ -123,7 +131,7 @@ class RobotDrive:
         for number, ground in enumerate(self._place.grounds):
             if ground is not None:
                 self._guide.receive(0.0, GroundSeen(0.0, f"station {number}", ground))
-        self._guide.receive(0.0, self._goal)
+        self._post.append((self._places.settle_s, self._goal))
         self._prepare_watch()
         now_s, stood_s, contact, guidance, ended = 0.0, 0.0, "", None, "time"
         while now_s < longest_s:
@@ -180,6 +188,7 @@ class RobotDrive:
 
     def _expected(self) -> str:
         place, plan = self._place, self._place.town.plan
+        margin_m = place.looked.way_margin_m
         if not place.clear.leads(plan.start_m, plan.goal_m):
             return SAYS_NONE
         if self._fault.name == "pose lost for good" and np.isfinite(self._begins_s):
@@ -187,13 +196,13 @@ class RobotDrive:
         if self._blocked is None:
             return (
                 ARRIVES
-                if place.looked.leads(place.clear, plan.start_m, plan.goal_m, WAY_MARGIN_M)
+                if place.looked.leads(place.clear, plan.start_m, plan.goal_m, margin_m)
                 else EITHER
             )
         at, box = self._blocked
         xy = place.looked.grid.middle_of(*np.indices(place.looked.grid.shape))
-        closed = box.gap_m(xy[..., 0], xy[..., 1]) < self._robot.radius_m + WAY_MARGIN_M
-        leads = place.looked.leads(place.clear, at, plan.goal_m, WAY_MARGIN_M, closed)
+        closed = box.gap_m(xy[..., 0], xy[..., 1]) < self._robot.radius_m + margin_m
+        leads = place.looked.leads(place.clear, at, plan.goal_m, margin_m, closed)
         return ARRIVES if leads else EITHER
 
     def _spins(self, now_s: float, x_m: float, y_m: float) -> bool:
@@ -242,15 +251,14 @@ class RobotDrive:
         if not cut:
             self._post.append((now_s + RADIO_S, machine.odometry()))
             self._post.append((now_s + RADIO_S, RobotContact(now_s)))
-        if _every(now_s, EVERY_S):
-            fix = self._reader.read(now_s, machine.x_m, machine.y_m, machine.yaw_rad)
-            if fix is not None and self._fixes is not None:
-                fix = self._fixes.passed(fix)
-            if fix is not None:
-                self._post.append((now_s + DELAY_S, fix))
+        for arrival_s, message in self._places.sense(now_s, machine):
+            if isinstance(message, PlaceFix) and self._fixes is not None:
+                message = self._fixes.passed(message)
+            if message is not None:
+                self._post.append((arrival_s, message))
         if (
             self._watcher is not None
-            and _every(now_s, LOOK_EVERY_S)
+            and every(now_s, LOOK_EVERY_S)
             and not self._during("map stale", now_s)
         ):
             seen = self._seen_now(now_s)
@@ -267,10 +275,10 @@ class RobotDrive:
             to = (
                 self._guide
                 if isinstance(what, (GroundSeen, RobotContact, Goal, StopRobot))
-                else self._tracker
+                else self._places
             )
             to.receive(now_s, what)
-        state = self._tracker.step(now_s)
+        state = self._places.step(now_s)
         self._guide.receive(now_s, state)
         (guidance,) = self._guide.step(now_s)
         self._slowest_s = max(self._slowest_s, time.process_time() - began)
@@ -380,10 +388,6 @@ class RobotDrive:
             self.track.boxes.append(box)
             self._shown_s = now_s if self._shown_s is None else self._shown_s
         return seen
-
-
-def _every(now_s: float, period_s: float) -> bool:
-    return round(now_s / STEP_S) % round(period_s / STEP_S) == 0
 
 
 def _ahead_of(route: Route, at_m) -> np.ndarray:

@@ -16,27 +16,32 @@ _JUMP_SHARE = 0.3
 
 @dataclass(frozen=True)
 class RobotFault:
-    """A name, what it does in a sentence, how long it lasts at most (s), and whether the place is
-    watched."""
+    """A name, what it does in a sentence, how long it lasts at most (s), whether the place is
+    watched, and whether it befalls a robot with gimbals, too."""
 
     name: str
     does: str
     lasts_s: float = 0.0
     watched: bool = False
+    of_gimbals: bool = False
 
 
 FAULTS: Dict[str, RobotFault] = {
     fault.name: fault
     for fault in (
-        RobotFault(NONE, "nothing but errors of fixes and wheels"),
+        RobotFault(NONE, "nothing but errors of fixes and wheels", of_gimbals=True),
         RobotFault("pose lost", "no fix comes", 25.0),
         RobotFault("pose lost for good", "no fix comes any more", np.inf),
         RobotFault("pose jumps", "some fixes lie metres beside, then all by one offset", 6.0),
         RobotFault("pose not finite", "fixes are NaN, or have a covariance that is none", 10.0),
-        RobotFault("wheels slip", "the wheels turn on the spot", 4.0),
+        RobotFault("wheels slip", "the wheels turn on the spot", 4.0, of_gimbals=True),
         RobotFault("map stale", "no view of the place comes", 20.0, True),
-        RobotFault("radio cut", "neither commands nor wheel odometry come through", 10.0),
-        RobotFault("stop all", "the operator stops all, and gives the goal again", 8.0),
+        RobotFault(
+            "radio cut", "neither commands nor wheel odometry come through", 10.0, of_gimbals=True
+        ),
+        RobotFault(
+            "stop all", "the operator stops all, and gives the goal again", 8.0, of_gimbals=True
+        ),
         RobotFault(
             "way closes", "something wide comes into the way and stays, or leaves", 40.0, True
         ),

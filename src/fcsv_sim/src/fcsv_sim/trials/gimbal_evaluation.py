@@ -155,41 +155,76 @@ def follow(
 
     ``wheels(now_s)``: the newest odometry of a robot that moves, (stamp, T_O_G).
     """
-    camera = setup.camera
-    now = [START_S]
-    start = gimbal.geometry.aim(truth.at(START_S)[:3, 3])  # an operator shows it where to begin
-    servos = SimulatedGimbal(gimbal.geometry, seed, lambda: now[0], setup.servo, setup.mount)
-    eye = GimbalCamera(gimbal.tags, camera, seed)
-    model = camera.model
-    detector = TagDetector({t.id: t.size_m for t in gimbal.tags}, setup.decimate)
-    base = BaseMotion()
-    tracker = GimbalTracker(gimbal.geometry, gimbal.tags, model, setup.rules, start, base)
-    servos.turn(start)
-    hear = _Ear(tracker, detector, eye, servos, truth, setup, seed)
-    result = Run(tracker=tracker)
-    waiting: List[tuple] = []
-    ticks_per_picture = int(round(READ_HZ / camera.rate_hz)) or 1
+    loop, result = GimbalLoop(gimbal, truth, seed, setup, START_S), Run()
+    result.tracker = loop.tracker
     for tick in range(int(duration_s * READ_HZ)):
-        now[0] = START_S + tick / READ_HZ
-        _read(tracker, servos)
-        if wheels is not None:
-            base.add(*wheels(now[0]))
-        if tick % ticks_per_picture == 0 and tick > 10:
-            true_s = now[0] - 0.5 * camera.exposure_s - 0.005
-            heapq.heappush(waiting, (eye.arrival_s(true_s) + DETECTION_S, true_s))
-            _look(result, eye, servos, truth, true_s)
-        while waiting and waiting[0][0] <= now[0]:
-            true_s = heapq.heappop(waiting)[1]
-            pose = hear(true_s, now[0])
-            result.pictures += 1
-            if pose is not None:
-                result.given.append((now[0], pose))
-            if pose is not None and true_s > START_S + SETTLE_S:
-                result.poses.append(_record(pose, truth, servos))
-        goal = tracker.command(now[0])
-        if goal is not None:
-            servos.turn(goal)
+        now_s = START_S + tick / READ_HZ
+        looked = loop.step(now_s, None if wheels is None else wheels(now_s))
+        if looked.taken_s is not None:
+            _look(result, loop.eye, loop.servos, truth, looked.taken_s)
+        result.pictures += len(looked.heard)
+        for true_s, pose in looked.heard:
+            if pose is None:
+                continue
+            result.given.append((now_s, pose))
+            if true_s > START_S + SETTLE_S:
+                result.poses.append(_record(pose, truth, loop.servos))
     return result
+
+
+@dataclass(frozen=True)
+class LoopPass:
+    """What one pass of a loop brought: when the picture that it took was taken (None: it took none),
+    and of each picture that was looked at when it was taken and its pose, None where it gave
+    none."""
+
+    taken_s: Optional[float]
+    heard: List[Tuple[float, Optional[GroundPose]]]
+
+
+class GimbalLoop:
+    """A gimbal that follows a vehicle: servos, pictures, detector and tracker, closed to a loop in
+    simulated time from ``start_s`` on. step() is called READ_HZ times a second; ``truth`` must know
+    all that is past."""
+
+    def __init__(
+        self, gimbal: Gimbal, truth: BodyTrack, seed: int, setup: Setup, start_s: float = START_S
+    ):
+        self._truth, self._setup, self._now_s, self._tick = truth, setup, start_s, 0
+        start = gimbal.geometry.aim(truth.at(start_s)[:3, 3])  # an operator shows it where to begin
+        self.servos = SimulatedGimbal(
+            gimbal.geometry, seed, lambda: self._now_s, setup.servo, setup.mount
+        )
+        self.eye = GimbalCamera(gimbal.tags, setup.camera, seed)
+        detector = TagDetector({t.id: t.size_m for t in gimbal.tags}, setup.decimate)
+        self._base = BaseMotion()
+        self.tracker = GimbalTracker(
+            gimbal.geometry, gimbal.tags, self.eye.model, setup.rules, start, self._base
+        )
+        self.servos.turn(start)
+        self._hear = _Ear(self.tracker, detector, self.eye, self.servos, truth, setup, seed)
+        self._waiting: List[tuple] = []
+        self._ticks_per_picture = int(round(READ_HZ / setup.camera.rate_hz)) or 1
+
+    def step(self, now_s: float, wheels: Optional[Tuple[float, np.ndarray]] = None) -> LoopPass:
+        """One pass; ``wheels``: the newest odometry of a robot that moves, (stamp, T_O_G)."""
+        self._now_s = now_s
+        _read(self.tracker, self.servos)
+        if wheels is not None:
+            self._base.add(*wheels)
+        taken_s = None
+        if self._tick % self._ticks_per_picture == 0 and self._tick > 10:
+            taken_s = now_s - 0.5 * self._setup.camera.exposure_s - 0.005
+            heapq.heappush(self._waiting, (self.eye.arrival_s(taken_s) + DETECTION_S, taken_s))
+        self._tick += 1
+        heard = []
+        while self._waiting and self._waiting[0][0] <= now_s:
+            true_s = heapq.heappop(self._waiting)[1]
+            heard.append((true_s, self._hear(true_s, now_s)))
+        goal = self.tracker.command(now_s)
+        if goal is not None:
+            self.servos.turn(goal)
+        return LoopPass(taken_s, heard)
 
 
 class _Ear:

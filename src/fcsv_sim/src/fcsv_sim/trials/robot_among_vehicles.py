@@ -100,10 +100,11 @@ class _Ground:
         return transforms.from_xyz_yaw([x, y, 0.0], yaw)
 
 
-class _Vehicle:
-    """A vehicle that holds, in the world, and what its odometry says."""
+class HeldVehicle:
+    """A vehicle that holds in the world from ``start_s`` on, and what its odometry says."""
 
-    def __init__(self, held: Held, duration_s: float, seed: int):
+    def __init__(self, held: Held, duration_s: float, seed: int, start_s: float = START_S):
+        self._start_s = start_s
         random = np.random.default_rng([seed, 31])
         n = int(duration_s / _STEP_S) + 2
         t = _STEP_S * np.arange(n)
@@ -124,7 +125,7 @@ class _Vehicle:
         self.drifted_m = float(np.linalg.norm(bias) * duration_s)
 
     def T_world_body(self, stamp_s: float) -> np.ndarray:
-        place = np.clip((stamp_s - START_S) / _STEP_S, 0.0, len(self._xyz) - 1.001)
+        place = np.clip((stamp_s - self._start_s) / _STEP_S, 0.0, len(self._xyz) - 1.001)
         i, share = int(place), place - int(place)
         xyz = self._xyz[i] + share * (self._xyz[i + 1] - self._xyz[i])
         return transforms.from_xyz_rpy(
@@ -133,7 +134,7 @@ class _Vehicle:
 
     def odometry(self, name: str, stamp_s: float) -> UntrackedOdometry:
         """What it says of its way, in a frame of its own with a heading of its own."""
-        i = int(round((stamp_s - START_S) / _STEP_S))
+        i = int(round((stamp_s - self._start_s) / _STEP_S))
         x, y, yaw = self._said[i]
         return UntrackedOdometry(stamp_s, name, float(x), float(y), float(yaw + self._turn_rad))
 
@@ -141,7 +142,7 @@ class _Vehicle:
 class _FromRobot:
     """A vehicle as the robot's frame has it."""
 
-    def __init__(self, ground: _Ground, vehicle: _Vehicle):
+    def __init__(self, ground: _Ground, vehicle: HeldVehicle):
         self._ground, self._vehicle = ground, vehicle
 
     def at(self, stamp_s: float) -> np.ndarray:
@@ -166,7 +167,7 @@ def drive(
     ground, wheels = _driven(robot, plan, seed)
     duration_s = wheels[-1].stamp_s - START_S
     held = {
-        g.vehicle: _Vehicle(v, duration_s, 10 * seed + k)
+        g.vehicle: HeldVehicle(v, duration_s, 10 * seed + k)
         for k, (g, v) in enumerate(zip(gimbals, vehicles))
     }
     outcome = DriveOutcome(drifted_m=tuple(v.drifted_m for v in held.values()))
@@ -225,7 +226,7 @@ def _start(ground: _Ground, plan: Drive, seed: int) -> RobotStart:
 
 
 def _messages(
-    gimbals, ground: _Ground, held: Dict[str, _Vehicle], wheels, seed, setup, duration_s
+    gimbals, ground: _Ground, held: Dict[str, HeldVehicle], wheels, seed, setup, duration_s
 ) -> Iterator[Tuple[float, Message]]:
     """(arrival, message) in the order of arrival."""
     found: List[Tuple[float, int, Message]] = [
@@ -257,7 +258,7 @@ def _newest(wheels: Sequence[WheelOdometry], now_s: float) -> Tuple[float, np.nd
     return w.stamp_s, transforms.from_xyz_yaw([w.x_m, w.y_m, 0.0], w.yaw_rad)
 
 
-def _judged(state, ground: _Ground, held: Dict[str, _Vehicle]) -> JudgedPlace:
+def _judged(state, ground: _Ground, held: Dict[str, HeldVehicle]) -> JudgedPlace:
     place = state.place
     x, y, yaw = ground.at(place.stamp_s)
     turned = np.degrees(np.arctan2(np.sin(place.yaw_rad - yaw), np.cos(place.yaw_rad - yaw)))

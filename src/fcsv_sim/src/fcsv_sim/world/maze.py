@@ -10,22 +10,26 @@ from fcsv_sim.world.materials import CONCRETE
 from fcsv_sim.world.mesh import MeshBuilder
 from fcsv_sim.world.place import PlacePlan, Solid, draw_place
 
-_THICK_M = 0.3
 _LEFT_OUT = 0.12  # share of the walls of a perfect maze that are left out: some ways meet again
 _CLOSED = 0.15  # share of mazes whose goal no way leads to
-_NEAREST_X_M = 22.0
 _COLOURS = ((0.40, 0.36, 0.30), (0.30, 0.14, 0.10), (0.45, 0.44, 0.40), (0.22, 0.24, 0.20))
 Cell = Tuple[int, int]
 
 
 @dataclass(frozen=True)
 class _Shape:
-    """Cells away from the vehicles and across, and what their sizes are drawn from."""
+    """Cells away from the vehicles and across, and what their sizes are drawn from; how thick walls
+    are, how far off the first of them stands, how far before it the robot, and how much ground lies
+    around."""
 
     deep: int = 6
     wide: int = 6
     pitch_m: Tuple[float, float] = (4.4, 5.4)
     height_m: Tuple[float, float] = (0.6, 1.5)
+    thick_m: float = 0.3
+    nearest_x_m: float = 22.0
+    before_m: float = 2.0
+    around_m: float = 3.0
 
     @property
     def cells(self) -> List[Cell]:
@@ -43,6 +47,12 @@ def build_low_maze(mesh: MeshBuilder, random: np.random.Generator) -> PlacePlan:
     return _build(mesh, random, _Shape(3, 5, (5.6, 6.0), (0.6, 0.7)))
 
 
+def build_small_maze(mesh: MeshBuilder, random: np.random.Generator) -> PlacePlan:
+    """Walls of 0.2 to 0.25 m, 6 m across, for System I: its vehicles see over them from 2 m, and
+    its robot keeps within 4 m of them."""
+    return _build(mesh, random, _Shape(3, 4, (1.5, 1.6), (0.2, 0.25), 0.1, 4.0, 0.6, 1.5))
+
+
 def _build(mesh: MeshBuilder, random: np.random.Generator, shape: _Shape) -> PlacePlan:
     pitch = random.uniform(*shape.pitch_m)
     opened = _opened(shape, random)
@@ -50,14 +60,15 @@ def _build(mesh: MeshBuilder, random: np.random.Generator, shape: _Shape) -> Pla
     if random.random() < _CLOSED:
         opened = [pair for pair in opened if goal not in pair]
     half = 0.5 * shape.wide * pitch
-    corner = np.array([_NEAREST_X_M, -half])
+    corner = np.array([shape.nearest_x_m, -half])
     entrance = int(random.integers(shape.wide))
     walls = _walls(shape, opened, entrance)
-    solids = [_wall(corner, pitch, shape.height_m, a, b, random) for a, b in walls]
-    start = (_NEAREST_X_M - 2.0, float(corner[1] + (entrance + 0.5) * pitch))
+    solids = [_wall(corner, pitch, shape, a, b, random) for a, b in walls]
+    near_x, side = shape.nearest_x_m, shape.around_m
+    start = (near_x - shape.before_m, float(corner[1] + (entrance + 0.5) * pitch))
     end = tuple(float(v) for v in corner + (np.array(goal) + 0.5) * pitch)
-    far = _NEAREST_X_M + shape.deep * pitch + 3.0
-    area = (_NEAREST_X_M - 4.0, far, -half - 3.0, half + 3.0)
+    near_x, far_x = near_x - shape.before_m - 2.0, near_x + shape.deep * pitch + side
+    area = (near_x, far_x, -half - side, half + side)
     plan = PlacePlan(
         np.empty(0),
         np.empty(0),
@@ -117,10 +128,10 @@ def _walls(shape: _Shape, opened, entrance: int):
                 yield (j, i), (j + 1, i)
 
 
-def _wall(corner: np.ndarray, pitch: float, height_m, a: Cell, b: Cell, random) -> Solid:
+def _wall(corner: np.ndarray, pitch: float, shape: _Shape, a: Cell, b: Cell, random) -> Solid:
     ends = corner + np.array([a, b]) * pitch
-    high = random.uniform(*height_m)
-    half = 0.5 * (np.abs(ends[1] - ends[0]) + _THICK_M)
+    high = random.uniform(*shape.height_m)
+    half = 0.5 * (np.abs(ends[1] - ends[0]) + shape.thick_m)
     colour = np.array(_COLOURS[int(random.integers(len(_COLOURS)))]) * random.uniform(0.7, 1.2)
     middle = np.array([*ends.mean(0), 0.5 * high - 0.15])
     return Solid(middle, np.array([*half, 0.5 * high + 0.15]), np.eye(3), CONCRETE, tuple(colour))

@@ -96,6 +96,8 @@ class Follower:
         self.goal = geometry.clipped(start)
         self.searching = False
         self._places: Optional[Iterator[Angles]] = None
+        self._centre = self.goal  # of the search
+        self._step_rad = 2.0 * self._half_rad * rules.search_step
         self._there_s = self._next_s = -np.inf
 
     def command(
@@ -169,12 +171,15 @@ class Follower:
         return silent_s > self._rules.lost_s and in_vain
 
     def _search(self, now_s: float, target: Optional[Target], looked_s: float) -> Optional[Angles]:
-        if self._places is None:
-            lost_at = self.goal
-            if target is not None:  # on along its last velocity, for a bounded time
-                lost_at = self._geometry.aim(
-                    target.at(min(now_s, target.last_sight_s + self._rules.lost_s))
-                )
+        lost_at = self.goal if self._places is None else self._centre
+        if target is not None:  # on along its last velocity, for a bounded time
+            lost_at = self._geometry.aim(
+                target.at(min(now_s, target.last_sight_s + self._rules.lost_s))
+            )
+        # the robot may turn meanwhile, and bring it back within the limits
+        off = np.abs(np.subtract(lost_at, self._centre))
+        if self._places is None or (off > self._step_rad).any():
+            self._centre = lost_at
             self._places, self._there_s, self._next_s = self._around(lost_at), -np.inf, now_s
         behind = looked_s < self._there_s and now_s < self._there_s + self._rules.search_patience_s
         if now_s < self._next_s or behind:
@@ -187,7 +192,7 @@ class Follower:
     def _around(self, centre: Angles) -> Iterator[Angles]:
         """Places in rings about ``centre`` until every reachable direction was looked at; then
         anew."""
-        step = 2.0 * self._half_rad * self._rules.search_step
+        step = self._step_rad
         low, high = (
             np.radians([self._geometry.pan_limits_deg[k], self._geometry.tilt_limits_deg[k]])
             for k in (0, 1)

@@ -7,6 +7,7 @@ from typing import Callable, Optional
 
 import numpy as np
 import rospy
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
 from fcsv_geometry import frames
@@ -181,3 +182,12 @@ class GimbalChannel:
         self._health.problem(
             self.name, f"{self.name}: not seen, its gimbal searches" if searching else ""
         )
+
+
+def body_message(name: str, pose: GroundPose) -> Odometry:
+    """A vehicle as the robot has it at a picture's stamp."""
+    header = conversions.header(pose.stamp_s, frames.GROUND_NOW)
+    message = Odometry(header=header, child_frame_id=frames.base_link(name))
+    message.pose.pose = conversions.transform_to_pose(pose.T_G_D)
+    message.pose.covariance = pose.covariance.ravel().tolist()
+    return message

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""System I rehearsed: a small maze that two Tellos map while gimbals on the robot follow them, and a
+drive by these gimbals."""
+
+from pathlib import Path
+from typing import Optional, Sequence, Tuple
+
+from fcsv_geometry.programs.workspace import bringup
+from fcsv_geometry.vehicles.vehicle import load_vehicles
+from fcsv_guidance.guiding import careful, plan_over
+from fcsv_guidance.known import GroundSeen, KnownGround
+from fcsv_guidance.robot import Robot
+from fcsv_guidance.route import NoRoute
+from fcsv_sim.bringup import vehicles_folder
+from fcsv_sim.robot.contact import TrueGround
+from fcsv_sim.robot.gimbal_places import GimbalPlaces, HoldPlaces, hold_places
+from fcsv_sim.robot.gimbal_survey import START_YAW_RAD, GimbalSurvey
+from fcsv_sim.robot.mapped import MappedPlace, mapped_place
+from fcsv_sim.robot.rehearsal import LONGEST_S, RobotDrive
+from fcsv_sim.robot.robot_faults import RobotFault
+from fcsv_tracking.gimbal.config import Gimbal, load_ground_robot
+
+SMALL = "small_maze"
+_PLANNED_SIGMA_M = 0.05
+
+
+def gimbals_of_robot() -> Sequence[Gimbal]:
+    """Gives those of config/gimbal/ground_robot.yaml."""
+    return load_ground_robot(bringup() / "config" / "gimbal" / "ground_robot.yaml").gimbals
+
+
+def small_place(seed: int, robot: Robot, folder: Path) -> MappedPlace:
+    """The small maze of a seed, mapped by two Tellos. Raises SimulationError where no station's
+    pictures make a map."""
+    gimbals = gimbals_of_robot()
+    name = gimbals[0].vehicle
+    T_body_cam = load_vehicles(vehicles_folder(), (name,))[name].T_body_cam
+    survey = GimbalSurvey(gimbals, T_body_cam)
+    return mapped_place(SMALL, seed, robot, folder, survey_plan=survey.plan())
+
+
+def gimbal_drive(
+    place: MappedPlace, robot: Robot, fault: RobotFault, seed: int, longest_s: float = LONGEST_S
+) -> Tuple[RobotDrive, Optional[HoldPlaces]]:
+    """A drive through a small maze and where the vehicles hold meanwhile: beside the route that the
+    maps show, None where they show none and no vehicle is needed beside one."""
+    plan, gimbals = place.town.plan, gimbals_of_robot()
+    known = KnownGround(careful(robot))
+    for number, ground in enumerate(place.grounds):
+        if ground is not None:
+            known.receive(GroundSeen(0.0, f"station {number}", ground), None)
+    route = plan_over(known, plan.start_m, plan.goal_m, _PLANNED_SIGMA_M)
+    shown = not isinstance(route, NoRoute)
+    ends = [plan.start_m, (plan.start_m[0] + 1.0, plan.start_m[1])]
+    ground_z_m = float(plan.height(*plan.start_m))
+    holds = hold_places(route.points_home_m if shown else ends, ground_z_m, gimbals)
+    true, start = TrueGround(place.footing, place.clear), (*plan.start_m, START_YAW_RAD)
+    places = GimbalPlaces(gimbals, holds.held, true, start, place.town.seed, seed, longest_s)
+    drive = RobotDrive(place, robot, fault, seed, places, START_YAW_RAD)
+    return drive, holds if shown else None
