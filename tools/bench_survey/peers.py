@@ -15,21 +15,22 @@ from fcsv_stereo.survey.views import View
 
 #: Voxels of the clouds (m); what may correspond, in voxels: at first, then.
 _VOXEL_M = 1.0
-_COARSE, _FINE = 15.0, 1.5
+_COARSE, _FINE = 4.0, 1.5
 _PRUNE = 0.25
 _registration = o3d.pipelines.registration
 
 
 def multiway(views: Sequence[View], edges: Sequence[Edge]) -> Dict[str, object]:
     """S_site_cam (of scale 1) by view: point-to-plane ICP from the poses as flown, for each pair that
-    the survey compared; then the pose graph with its line process."""
+    the survey joined (of all that may overlap, most would be wrong); then the pose graph with its line
+    process."""
     clouds = {v.name: _cloud(v) for v in views}
     number = {v.name: i for i, v in enumerate(views)}
     flown = {v.name: v.prior.T_site_cam for v in views}
     graph = _registration.PoseGraph()
     for v in views:
         graph.nodes.append(_registration.PoseGraphNode(flown[v.name]))
-    for e in edges:
+    for e in (e for e in edges if e.kept):
         T_b_a = transforms.invert(flown[e.b]) @ flown[e.a]
         T_b_a, information = _registered(clouds[e.a], clouds[e.b], T_b_a)
         follows = number[e.b] == number[e.a] + 1
