@@ -442,7 +442,7 @@ def test_reports_take_no_more_of_the_radio_than_they_may():
 
 
 @pytest.mark.parametrize(
-    "name", ["lines", "heard", "pace", "table", "vehicle", "sightings", "acceptance"]
+    "name", ["lines", "pre_arm_texts", "pace", "table", "vehicle", "sightings", "acceptance"]
 )
 def test_examples(name):
     assert doctest.testmod(importlib.import_module(f"fcsv_control.flight_check.{name}")).failed == 0

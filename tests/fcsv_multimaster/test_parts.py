@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fcsv_control.mission.watches import heard
+from fcsv_control.mission.watches import telemetry
 from fcsv_geometry.streams import arrivals
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_multimaster import fkie
@@ -447,7 +447,13 @@ def test_what_nobody_measured_is_as_old_as_the_shipped_links_let_through(root):
         r.topic.replace("{vehicle}/", ""): r.traffic
         for r in (*links.to_control, *links.between_vehicles)
     }
-    for topic in (heard.ODOMETRY, heard.STATE, heard.BATTERY, heard.GUARDIAN, heard.RECORDER):
+    for topic in (
+        telemetry.ODOMETRY,
+        telemetry.STATE,
+        telemetry.BATTERY,
+        telemetry.GUARDIAN,
+        telemetry.RECORDER,
+    ):
         assert topics[f"/{topic}"] == links.classes["state"], topic
 
 
@@ -474,10 +480,13 @@ def test_ages_survive_restarts_and_a_relay_that_says_nothing():
 
 def test_the_missions_view_is_as_old_as_the_relay_measured():
     known = arrivals.Arrivals()
-    vehicle = heard.VehicleTelemetry(
+    vehicle = telemetry.VehicleTelemetry(
         np.eye(4), lambda topic, came_s: known.since_s(f"/uav2/{topic}", came_s)
     )
-    topics = [f"/uav2/{t}" for t in (heard.ODOMETRY, heard.STATE, heard.BATTERY, heard.RECORDER)]
+    topics = [
+        f"/uav2/{t}"
+        for t in (telemetry.ODOMETRY, telemetry.STATE, telemetry.BATTERY, telemetry.RECORDER)
+    ]
     for topic in topics:
         known.came(topic, "/relay")
     vehicle.odometry(50.0, np.eye(4), (0.1, 0.0, 0.0))
