@@ -172,7 +172,8 @@ def sights(control: ControlList, views: Sequence[View]) -> Tuple[List[ControlSig
     or ``VIEW/reference.png`` for pixels of a map's own picture. Raises SurveyError where a name
     fits several views.
     """
-    found, remarks, elsewhere = [], [], []
+    found, elsewhere = [], []
+    silent: Dict[str, List[str]] = {}
     for mark in control.marks:
         view, own = _view_of(mark, control, views)
         if view is None:
@@ -180,9 +181,13 @@ def sights(control: ControlList, views: Sequence[View]) -> Tuple[List[ControlSig
             continue
         sight = _sight(mark, view, own)
         if isinstance(sight, str):
-            remarks.append(f"control point {mark.point}: {sight}; this mark tells nothing")
+            silent.setdefault(mark.point, []).append(sight)
         else:
             found.append(sight)
+    remarks = [
+        f"control point {point}: {'; '.join(why)}; {'this mark tells' if len(why) == 1 else 'these marks tell'} nothing"
+        for point, why in silent.items()
+    ]
     if elsewhere:
         named = ", ".join(sorted(set(elsewhere))[:3])
         remarks.append(

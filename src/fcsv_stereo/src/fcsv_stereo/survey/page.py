@@ -153,7 +153,13 @@ def _plan(site: Site):
             path_effects=[withStroke(linewidth=3, foreground="white")],
         )
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    _in_whole_metres(axes)
     return figure
+
+
+def _in_whole_metres(axes) -> None:
+    """Coordinates of the world are read as they are, without a power of ten beside the axis."""
+    axes.ticklabel_format(style="plain", useOffset=False)
 
 
 def _numbers(site: Site) -> Dict[str, str]:
@@ -186,6 +192,7 @@ def _coverage(site: Site):
             )
             figure.colorbar(drawn, ax=axes, label=label, shrink=0.7)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", aspect="equal")
+        _in_whole_metres(axes)
         axes.locator_params(axis="x", nbins=4)  # numbers of the world are long
     return figure
 
