@@ -118,6 +118,8 @@ def test_an_old_map_and_the_operator_stop_it(rescue):
     drive.run(1.0)
     drive.follower.receive(drive.now_s, clear(stamp_s=-100.0))
     assert "the place was seen 10" in drive.run(0.1).reason
+    drive.follower.receive(drive.now_s, clear(stamp_s=-np.inf))
+    assert "not known when the place was seen" in drive.run(0.1).reason
     drive.follower.receive(drive.now_s, clear())
     assert drive.run(0.2).speed_mps > 0.0
     drive.follower.receive(drive.now_s, StopRobot())

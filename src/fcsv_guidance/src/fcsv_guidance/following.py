@@ -15,6 +15,7 @@ from fcsv_guidance.ground import Grid
 from fcsv_guidance.robot import Robot
 
 GOAL_REACHED = "the goal is reached"
+_UNDATED_S = 1e8  # no map is so old: its stamp is 0
 
 
 @dataclass(frozen=True)
@@ -187,6 +188,8 @@ class RouteFollower:
         if self._map is None:
             return "no map has come"
         age_s = now_s - self._map.stamp_s
+        if age_s > _UNDATED_S:
+            return "it is not known when the place was seen: look at it again"
         if age_s > rules.oldest_map_s:
             return (
                 f"the place was seen {age_s:.1f} s ago, {rules.oldest_map_s:g} s are allowed: look at "
