@@ -20,14 +20,15 @@ import numpy as np
 from bench_survey.peers import multiway
 from bench_survey.processes import growth, kills
 from bench_survey.truth import TrueView, cloud_figures, figures, normalised
-from bench_survey.world import control_figures, scale_figures, with_gps, world_frame, write_control
+from bench_survey.world import control_figures, gps_figures, write_control
 from fcsv_sim.sensors.photo_site import TRUTH, Stand, draw_site, panoramas, ring
 from fcsv_sim.world.town import WORLDS, Town
 from fcsv_stereo.survey import similarity
 from fcsv_stereo.survey.document import Site
 from fcsv_stereo.survey.georeference import WorldOptions
-from fcsv_stereo.survey.survey import run, site_of
+from fcsv_stereo.survey.survey import run
 from fcsv_stereo.survey.work import WorkOptions
+from harness import show
 
 _HEAD = ("figure", "as flown", "Open3D multiway", "joined")
 _PLACES_X_M, _APART_M = 80.0, 100.0  # of panoramas: the first row, and from each to the next
@@ -62,9 +63,11 @@ def _drawn(args) -> List[Path]:
 
 
 def _show(title: str, values: Dict[str, object]) -> None:
-    print(f"\n| {title} | |\n|---|---|")
-    for name, value in values.items():
-        print(f"| {name} | {value if isinstance(value, str) else format(value, ',.2f')} |")
+    print()
+    show(
+        (title, ""),
+        ((n, v if isinstance(v, str) else format(v, ",.2f")) for n, v in values.items()),
+    )
 
 
 def _compare(site: Site, truth: Dict[str, TrueView]) -> None:
@@ -82,9 +85,8 @@ def _compare(site: Site, truth: Dict[str, TrueView]) -> None:
             {n: p.S_site_cam for n, p in placed.items()},
         )
     ]
-    print(f"\n| {' | '.join(_HEAD)} |\n{'|---' * len(_HEAD)}|")
-    for name in columns[0]:
-        print(f"| {name} | {' | '.join(f'{c[name]:.2f}' for c in columns)} |")
+    print()
+    show(_HEAD, ((name, *(f"{c[name]:.2f}" for c in columns)) for name in columns[0]))
 
 
 def _joined(site: Site, truth: Dict[str, TrueView]) -> Dict[str, object]:
@@ -149,14 +151,13 @@ def main(argv=None) -> int:
     truth = {f.name: TrueView.of(f) for f in folders}
     _compare(site, truth)
     _show("joined", _joined(site, truth))
-    fixed = site_of(with_gps(site.views, truth, args.seed), site.adjusted.edges, [])
-    _show("with GPS of 2 m", scale_figures(fixed, truth, world_frame()))
+    _show("with GPS of 2 m", gps_figures(site, truth, args.seed))
     if args.control:
-        frame = write_control(folders, args.out / "gcp_list.txt", args.seed, args.control + 10)
+        write_control(folders, args.out / "gcp_list.txt", args.seed, args.control + 10)
         checks = ",".join(f"point{i}" for i in range(args.control + 1, args.control + 11))
         world = WorldOptions(args.out / "gcp_list.txt", checks)
         site = run(folders, args.out / "site", world=world, work=work)
-        _show("with control points", control_figures(site, truth, frame))
+        _show("with control points", control_figures(site, truth))
         print("\n".join(site.adjusted.remarks))
     for m in site.missing:
         print(f"missing {m.name}: {m.reason}")

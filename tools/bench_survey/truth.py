@@ -13,6 +13,7 @@ from fcsv_sim.sensors.photo_site import TRUTH
 from fcsv_stereo.survey import similarity
 from fcsv_stereo.survey.document import Site
 from fcsv_stereo.survey.views import View
+from harness import rms
 
 _ONE_SURFACE = 1.03  # ratio of the depths of four pixels
 #: Bands of the distance (m) to the view that stands nearest, and every so-manieth point of a view.
@@ -31,11 +32,6 @@ class TrueView:
     def of(cls, folder: Path) -> "TrueView":
         document = json.loads((folder / TRUTH).read_text())
         return cls(np.array(document["T_world_cam"]), np.load(folder / "true_depth.npy"))
-
-
-def rms(values) -> float:
-    """Root of the mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def points_of(view: View, S_site_cam, true: TrueView):

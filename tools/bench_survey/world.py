@@ -4,17 +4,20 @@ them."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Dict, List
+from typing import Dict, List, Sequence
 
 import numpy as np
 
-from bench_survey.truth import TrueView, rms, true_scale
+from bench_survey.truth import TrueView, true_scale
 from fcsv_stereo.photos.gps import Gps
 from fcsv_stereo.posed import colmap
 from fcsv_stereo.survey import earth, similarity
+from fcsv_stereo.survey.adjust import Adjusted
 from fcsv_stereo.survey.document import Site
 from fcsv_stereo.survey.earth import EarthFrame
+from fcsv_stereo.survey.georeference import World, WorldOptions, place, projected
 from fcsv_stereo.survey.views import View
+from harness import rms
 
 #: Where the drawn world's origin is on the earth; farthest control point from a view; errors of
 #: coordinates and of marks; of GPS.
@@ -28,10 +31,9 @@ def world_frame() -> EarthFrame:
     return EarthFrame.about(_MIDDLE, None)
 
 
-def write_control(folders: List[Path], path: Path, seed: int, count: int) -> EarthFrame:
+def write_control(folders: List[Path], path: Path, seed: int, count: int) -> None:
     """gcp_list.txt of ``count`` places on surfaces, each marked in all views that truly see it:
-    coordinates good to 2 cm per axis, marks to half a pixel. The world's axes are those of the
-    frame that is given back."""
+    coordinates good to 2 cm per axis, marks to half a pixel."""
     random, frame = np.random.default_rng([seed, 99]), world_frame()
     truth = {f.name: TrueView.of(f) for f in folders}
     cameras = {f.name: colmap.read_cameras(f / "cameras.txt")[1] for f in folders}
@@ -57,7 +59,6 @@ def write_control(folders: List[Path], path: Path, seed: int, count: int) -> Ear
                 f"{at[0]:.4f} {at[1]:.4f} {at[2]:.4f} {m[0]:.2f} {m[1]:.2f} {n}/00.png point{points}"
             )
     path.write_text("\n".join(lines) + "\n")
-    return frame
 
 
 def _mark(p: np.ndarray, true: TrueView, camera):
@@ -72,7 +73,7 @@ def _mark(p: np.ndarray, true: TrueView, camera):
     return uv if abs(true.depth[v, u] - in_cam[2]) < 0.01 * in_cam[2] else None
 
 
-def control_figures(site: Site, truth: Dict[str, TrueView], frame: EarthFrame) -> Dict[str, float]:
+def control_figures(site: Site, truth: Dict[str, TrueView]) -> Dict[str, float]:
     """Of a site with control points: check points, and places and scales against the truth, without
     any fit."""
     checks = [p for p in site.world.fit.points if p.check and p.views]
@@ -83,7 +84,7 @@ def control_figures(site: Site, truth: Dict[str, TrueView], frame: EarthFrame) -
         "check points, rms (m)": rms(np.linalg.norm(off, axis=1)),
         "check points: axes within 1.96 sigma (%)": 100
         * float((np.abs(off) < 1.96 * sigma).mean()),
-        **scale_figures(site, truth, frame),
+        **scale_figures(site.views, site.adjusted, site.world, truth),
     }
 
 
@@ -101,19 +102,29 @@ def with_gps(views: List[View], truth: Dict[str, TrueView], seed: int) -> List[V
     return found
 
 
-def scale_figures(site: Site, truth: Dict[str, TrueView], frame: EarthFrame) -> Dict[str, float]:
-    """Places and scales of a site on the earth against the truth, without any fit."""
-    views = {v.name: v for v in site.views}
+def gps_figures(site: Site, truth: Dict[str, TrueView], seed: int) -> Dict[str, float]:
+    """Of the site's views where each has a fix of GPS; nothing is joined anew."""
+    given = WorldOptions().read()
+    adjusted, frame, world = place(with_gps(site.views, truth, seed), site.adjusted.edges, given)
+    adjusted, _, _ = projected(adjusted, [], frame, np.zeros(3))
+    return scale_figures(site.views, adjusted, world, truth)
+
+
+def scale_figures(
+    views: Sequence[View], adjusted: Adjusted, world: World, truth: Dict[str, TrueView]
+) -> Dict[str, float]:
+    """Places and scales of views on the earth against the truth, without any fit."""
+    by_name, frame = {v.name: v for v in views}, world_frame()
     places, scales = [], []
-    for n, p in site.adjusted.placed.items():
+    for n, p in adjusted.placed.items():
         T = truth[n].T_world_cam
         at = frame.to_projected(T[:3, 3][None])[0]
         places.append(np.linalg.norm(similarity.place(p.S_site_cam) - at))
         stretch = np.cbrt(np.linalg.det(frame.turn_at(T[:3, 3])))
-        scales.append(np.log(true_scale(views[n], truth[n]) * stretch / p.scale))
+        scales.append(np.log(true_scale(by_name[n], truth[n]) * stretch / p.scale))
     return {
         "places in the world, rms (m)": rms(places),
-        "stated sigma of the site's place (m)": site.world.fit.sigma_m,
+        "stated sigma of the site's place (m)": world.fit.sigma_m,
         "common scale in the world (%)": 100 * abs(float(np.mean(scales))),
-        "its stated sigma (%)": 100 * site.world.fit.sigma_scale,
+        "its stated sigma (%)": 100 * world.fit.sigma_scale,
     }
