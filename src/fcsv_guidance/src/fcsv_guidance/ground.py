@@ -74,6 +74,14 @@ class Grid:
     def shape(self) -> Tuple[int, int]:
         return self.rows, self.columns
 
+    def part(self, window: Tuple[slice, slice]) -> "Grid":
+        """The grid of a window (rows, columns)."""
+        rows, columns = window
+        x0_m = self.x0_m + columns.start * self.cell_m
+        y0_m = self.y0_m + rows.start * self.cell_m
+        size = rows.stop - rows.start, columns.stop - columns.start
+        return Grid(x0_m, y0_m, self.cell_m, *size)
+
     def cell_of(self, x_m: float, y_m: float) -> Optional[Tuple[int, int]]:
         """Row and column; None outside."""
         row, column, inside = self.cells_of(x_m, y_m)
@@ -162,13 +170,9 @@ class Ground:
 
     def part(self, window: Tuple[slice, slice]) -> "Ground":
         """The ground of a window (rows, columns) of its grid, without maps."""
-        rows, columns = window
-        grid, cell_m = self.grid, self.grid.cell_m
-        size = rows.stop - rows.start, columns.stop - columns.start
-        x0_m, y0_m = grid.x0_m + columns.start * cell_m, grid.y0_m + rows.start * cell_m
         names = (*LAYERS, "seen_s", "seen_by")
         layers = {name: getattr(self, name)[window] for name in names}
-        return replace(self, grid=Grid(x0_m, y0_m, cell_m, *size), maps=(), **layers)
+        return replace(self, grid=self.grid.part(window), maps=(), **layers)
 
     def slope(self, radius_m: float = 0.0) -> np.ndarray:
         """Rise over run of the plane through the known cells within ``radius_m``; NaN where they

@@ -6,9 +6,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Callable, Sequence, Tuple
 
-import numpy as np
-
-from fcsv_geometry import transforms
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.map_files import SitePlace
 from fcsv_guidance.views import DepthView
@@ -43,10 +40,8 @@ class SiteDepthViews(Sequence[DepthView]):
 
 def depth_view_of(seen: SiteView) -> DepthView:
     """A view of a survey where the adjustment put it."""
-    camera = seen.view.camera
-    K = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
-    T_site_cam = transforms.transform(seen.R_site_cam, seen.place)
-    return DepthView(seen.view.name, seen.depth, seen.sigma, seen.view.kind, K, T_site_cam)
+    view = seen.view
+    return DepthView(view.name, seen.depth, seen.sigma, view.kind, view.camera.K, seen.T_site_cam)
 
 
 def read_site_views(folder: Path) -> Tuple[SiteDepthViews, SitePlace]:

@@ -24,6 +24,7 @@ from fcsv_guidance.ground import (
     nothing_near,
     points_of,
     stand_probability,
+    within,
 )
 from fcsv_guidance.map_files import UNKNOWN, layers_of, occupancy, plain_layers
 from fcsv_guidance.robot import Robot
@@ -96,7 +97,7 @@ def judged_by_tiles(
     while work:
         window = work.pop()
         outer = _grown(window, around, grid)
-        part = _part_of(grid, outer)
+        part = grid.part(outer)
         seen = [n for n, box in enumerate(boxes) if box is not None and _meets(part, *box)]
         cut = [(n, _inside(points(n), part)) for n in seen]
         cut = [(n, found) for n, found in cut if len(found)]
@@ -151,7 +152,7 @@ def _lay(
 ) -> None:
     """Writes a tile's ``window`` into the whole; the tile holds ``outer``, ``numbers`` are its
     views'."""
-    inner = tuple(slice(w.start - o.start, w.stop - o.start) for w, o in zip(window, outer))
+    inner = within(outer, window)
     for name in LAYERS:
         getattr(whole.ground, name)[window] = getattr(tile.ground, name)[inner]
     by = tile.ground.seen_by[inner]
@@ -201,14 +202,6 @@ def _grown(window: Window, cells: int, grid: Grid) -> Window:
         slice(max(0, s.start - cells), min(s.stop + cells, n)) for s, n in zip(window, grid.shape)
     )
     return rows, columns
-
-
-def _part_of(grid: Grid, window: Window) -> Grid:
-    rows, columns = window
-    x0_m = grid.x0_m + columns.start * grid.cell_m
-    y0_m = grid.y0_m + rows.start * grid.cell_m
-    size = rows.stop - rows.start, columns.stop - columns.start
-    return Grid(x0_m, y0_m, grid.cell_m, *size)
 
 
 def _meets(part: Grid, low: np.ndarray, high: np.ndarray) -> bool:

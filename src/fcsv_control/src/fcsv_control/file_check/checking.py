@@ -10,7 +10,7 @@ from fcsv_control.mission.plans.plan_check import require_flyable
 from fcsv_control.mission.plans.plan_words import stations_in_words
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError, FcsvError
-from fcsv_geometry.missions.mission import Mission, load_mission
+from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.programs.workspace import find_bringup
 from fcsv_geometry.vehicles.vehicle import load_vehicles
 
@@ -68,7 +68,7 @@ def check(
     try:
         found = KINDS[kind] if kind else recognised(path)
         name = found.name
-        read = load_mission(path) if name == MISSION else found.read(path)
+        read = found.read(path)
         if name == MISSION and vehicles:
             folder = Path(vehicles_dir) if vehicles_dir else _vehicles_folder(path)
             _require_fleet(read, vehicles, folder)

@@ -64,7 +64,12 @@ _HERE = "fcsv_control.file_check.kinds"
 _LINK_KEYS = ("classes", "to_control", "to_vehicle", "to_all_vehicles", "between_vehicles")
 
 YAML_KINDS: Tuple[FileKind, ...] = (
-    FileKind(MISSION, "missions", "fcsv_geometry.missions.mission:Mission"),
+    FileKind(
+        MISSION,
+        "missions",
+        "fcsv_geometry.missions.mission:Mission",
+        "fcsv_geometry.missions.mission:load_mission",
+    ),
     FileKind(
         "vehicle",
         "vehicles",

@@ -2,13 +2,13 @@
 """A rehearsed robot's place by the gimbals on it, which see two vehicles that hold and drift; and
 where these hold so that the gimbals see one all along a way."""
 
-from bisect import bisect_right
 from dataclasses import dataclass
 from typing import Dict, Iterable, List, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.trajectory import Trajectory
 from fcsv_guidance.cooperative_place import CooperativeTracker, RobotStart, VehicleSighting
 from fcsv_guidance.following import Polyline
 from fcsv_guidance.place import PlaceState, WheelOdometry
@@ -166,22 +166,16 @@ class _TrueWay:
     """Where the robot truly was, and how it stood on the ground."""
 
     def __init__(self, true: TrueGround, start: Tuple[float, float, float]):
-        self._true, self._stamps = true, [0.0]
-        self._poses = [true.T_world_robot(*start)]
+        self._true, self._poses = true, Trajectory(np.inf)
+        self._poses.add(0.0, true.T_world_robot(*start))
 
     def add(self, stamp_s: float, x_m: float, y_m: float, yaw_rad: float) -> None:
         """It is there now."""
-        self._stamps.append(stamp_s)
-        self._poses.append(self._true.T_world_robot(x_m, y_m, yaw_rad))
+        self._poses.add(stamp_s, self._true.T_world_robot(x_m, y_m, yaw_rad))
 
     def at(self, stamp_s: float) -> np.ndarray:
-        """T_world_robot; between two steps by a straight line and the shortest turn."""
-        k = int(np.clip(bisect_right(self._stamps, stamp_s), 1, len(self._stamps) - 1))
-        if len(self._stamps) < 2:
-            return self._poses[0]
-        a, b = self._stamps[k - 1], self._stamps[k]
-        share = float(np.clip((stamp_s - a) / (b - a), 0.0, 1.0))
-        return transforms.interpolate(self._poses[k - 1], self._poses[k], share)
+        """T_world_robot; it stands before the first step, and after the last."""
+        return self._poses.at(float(np.clip(stamp_s, *self._poses.span_s)))
 
 
 class _SeenFromRobot:

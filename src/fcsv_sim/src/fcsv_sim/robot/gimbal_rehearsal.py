@@ -8,7 +8,7 @@ from typing import Optional, Sequence, Tuple
 from fcsv_geometry.programs.workspace import bringup
 from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_guidance.guiding import careful, plan_over
-from fcsv_guidance.known import GroundSeen, KnownGround
+from fcsv_guidance.known import KnownGround
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import NoRoute
 from fcsv_sim.bringup import vehicles_folder
@@ -46,9 +46,8 @@ def gimbal_drive(
     maps show, None where they show none and no vehicle is needed beside one."""
     plan, gimbals = place.town.plan, gimbals_of_robot()
     known = KnownGround(careful(robot))
-    for number, ground in enumerate(place.grounds):
-        if ground is not None:
-            known.receive(GroundSeen(0.0, f"station {number}", ground), None)
+    for seen in place.seen():
+        known.receive(seen, None)
     route = plan_over(known, plan.start_m, plan.goal_m, _PLANNED_SIGMA_M)
     shown = not isinstance(route, NoRoute)
     ends = [plan.start_m, (plan.start_m[0] + 1.0, plan.start_m[1])]

@@ -7,7 +7,7 @@ import os
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable, List, Optional, Protocol, Sequence, Tuple
+from typing import Callable, Iterator, List, Optional, Protocol, Sequence, Tuple
 
 import numpy as np
 
@@ -75,6 +75,12 @@ class MappedPlace:
         """Gives the name of its folder and of its rows."""
         return f"{self.world} {self.town.seed}"
 
+    def seen(self) -> Iterator[GroundSeen]:
+        """Gives what each station's map shows of the ground, all of time 0."""
+        for number, ground in enumerate(self.grounds):
+            if ground is not None:
+                yield _seen_from(number, ground)
+
 
 def mapped_place(
     world: str,
@@ -113,7 +119,7 @@ def mapped_place(
         views.append(found)
         grounds.append(ground)
         if ground is not None:
-            known.receive(GroundSeen(0.0, f"station {number}", ground), None)
+            known.receive(_seen_from(number, ground), None)
         number += 1
         if number == len(lookout.looked().stations) and wanted and more and known.grid is not None:
             way = plan_over(known, plan.start_m, plan.goal_m, sigma_m)
@@ -124,6 +130,10 @@ def mapped_place(
     if not any(ground is not None for ground in grounds):
         raise SimulationError(f"{world} {seed}: no station's pictures make a map")
     return MappedPlace(world, town, footing, clear, lookout.looked(), tuple(views), tuple(grounds))
+
+
+def _seen_from(number: int, ground: Ground) -> GroundSeen:
+    return GroundSeen(0.0, f"station {number}", ground)
 
 
 def _free(known: KnownGround, looked: Looked, place_sigma_m: float) -> np.ndarray:

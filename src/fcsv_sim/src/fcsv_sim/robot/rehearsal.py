@@ -128,9 +128,8 @@ class RobotDrive:
 
     def run(self, longest_s: float = LONGEST_S) -> DriveResult:
         """Drives to the goal, to a contact, or to where nothing more can come."""
-        for number, ground in enumerate(self._place.grounds):
-            if ground is not None:
-                self._guide.receive(0.0, GroundSeen(0.0, f"station {number}", ground))
+        for seen in self._place.seen():
+            self._guide.receive(0.0, seen)
         self._post.append((self._places.settle_s, self._goal))
         self._prepare_watch()
         now_s, stood_s, contact, guidance, ended = 0.0, 0.0, "", None, "time"

@@ -12,6 +12,7 @@ from typing import Dict, List, Sequence, Tuple
 import cv2
 import numpy as np
 
+from fcsv_geometry import transforms
 from fcsv_stereo.model import Cloud, concatenate
 from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.survey import similarity, tuning
@@ -35,6 +36,11 @@ class SiteView:
     sigma: np.ndarray
     nearest: np.ndarray
     sky: np.ndarray
+
+    @property
+    def T_site_cam(self) -> np.ndarray:
+        """4x4, less the site's origin."""
+        return transforms.transform(self.R_site_cam, self.place)
 
     def points(self) -> Tuple[np.ndarray, Tuple[np.ndarray, np.ndarray]]:
         """(N,3) m of all pixels with a depth, and their rows and columns."""

@@ -102,8 +102,7 @@ def _picture(o3d: Any, seen: SiteView, depth: np.ndarray) -> Any:
         convert_rgb_to_intensity=False,
     )
     intrinsic = o3d.camera.PinholeCameraIntrinsic(c.width, c.height, c.fx, c.fy, c.cx, c.cy)
-    T_site_cam = transforms.transform(seen.R_site_cam, seen.place)
-    return rgbd, intrinsic, transforms.invert(T_site_cam)
+    return rgbd, intrinsic, transforms.invert(seen.T_site_cam)
 
 
 def _cleaned(mesh: Any) -> Any:

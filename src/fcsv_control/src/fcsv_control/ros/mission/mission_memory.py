@@ -32,9 +32,8 @@ class MissionMemory:
         self._path = Path(folder).expanduser() / memories.FILE if folder else None
         self._mission, self._vehicles, self._health = mission, list(vehicles), health
         self._messages: Dict[str, Any] = {}
-        self.unfinished: List[
-            int
-        ] = []  # configurations that an earlier flight left, after ``load``
+        # configurations that an earlier flight left, after ``load``
+        self.unfinished: List[int] = []
         self._next: Optional[Memory] = None
         self._wake = threading.Condition()
         if self._path is not None:

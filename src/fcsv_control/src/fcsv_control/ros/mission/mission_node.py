@@ -106,7 +106,13 @@ class MissionNode:
         self._memory = MissionMemory(p.memory_dir, self._mission, p.vehicles, self._health)
         memory = self._memory.load()
         self._port = MissionPort(
-            *(self._mission, column, sender, self._started_s, gate, memory, p.recorder),
+            self._mission,
+            column,
+            sender,
+            self._started_s,
+            gate,
+            memory,
+            p.recorder,
             unfinished=self._memory.unfinished,
         )
         self._restored: Optional[Restored] = None if memory is None else Restored(memory)
