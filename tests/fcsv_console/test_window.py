@@ -457,6 +457,8 @@ def test_stations_are_drawn_named_and_chosen_by_a_click(shown, app):
     at = QtCore.QPoint(*map(round, scale.to_px(*marks[1].place_m)))
     QTest.mouseClick(window.plan, KEYS.LeftButton, pos=at)
     assert window.mission.table.chosen() == [4, 5, 6, 7]
+    numbers = [window.mission.table.item(row, 0).text() for row in (2, 4, 11)]
+    assert numbers == ["> 3 south 30°", "5 middle 20°", "12 north 0°"]
     assert window.plan.grab().toImage().width() > 0
     assert window.buttons["resume_station"].isVisible()
     assert not window.buttons["resume_station"].isEnabled(), "it takes the place of Execute"

@@ -233,9 +233,10 @@ _AXES = {"horizontal": "hor.", "vertical": "vert."}  # the six columns stand in 
 
 
 def configuration_cells(row: ConfigurationRow, running: bool) -> List[Cell]:
-    """One per head. Times: to hold and to record; the error is that at the far end of the range."""
+    """One per head, the station beside the number. Times: to hold and to record; the error is that at
+    the far end of the range."""
     tone = GOOD if running else PLAIN
-    number = f"> {row.index + 1}" if running else str(row.index + 1)
+    number = f"{'> ' if running else ''}{row.index + 1} {row.station}".rstrip()
     baseline = (
         f"{row.baseline_m:g} m"
         if row.way_m is None

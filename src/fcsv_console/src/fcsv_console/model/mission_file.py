@@ -3,6 +3,7 @@
 in which line."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Optional, Tuple
@@ -84,6 +85,7 @@ class ConfigurationRow:
     goal_heading_rad: float
     # of a sweep: its beginning and its end
     way_m: Optional[Tuple[Tuple[float, float, float], ...]] = None
+    station: str = ""  # and its heading, to the left of x
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,7 @@ def _row(i: int, mission: Mission, optics: Optics) -> ConfigurationRow:
     )
     T_home_cam = mover_place(mission, i)
     x, y, z = (float(v) for v in T_home_cam[:3, 3])
+    view = mission.viewpoint(i)
     settle_s, record_s, way_m = mission.settle.time_s, c.record_s, None
     if c.sweep is not None:
         settle_s, record_s = 0.0, round(c.sweep.takes_s(mission.flight), 1)
@@ -179,6 +182,7 @@ def _row(i: int, mission: Mission, optics: Optics) -> ConfigurationRow:
         (x, y, z),
         heading_rad(T_home_cam),
         way_m,
+        f"{view.station} {math.degrees(view.heading_rad):.0f}°" if mission.stations else "",
     )
 
 

@@ -204,6 +204,7 @@ class PlanPicture:
         self.taken.append((at.x() - 9.0, at.y() - 9.0, 18.0, 18.0))
 
     def _goals(self) -> None:
+        lengths = []  # where, what, colour
         for row in self._view.file.rows:
             running = row.index == self._view.running
             at = self._at(row.goal_m[0], row.goal_m[1])
@@ -226,11 +227,25 @@ class PlanPicture:
                 self._painter.drawRect(QRectF(at.x() - 10.0, at.y() - 10.0, 20.0, 20.0))
             if self._hand.editable and row.way_m is None:
                 self._handle(row, at)
-            self._painter.setPen(self._tone(cells.GOOD) if running else self._ink(170))
-            self._painter.drawText(
-                QRectF(at.x() - 30.0, at.y() + 8.0, 60.0, 16.0), Qt.AlignCenter, f"{baseline_m:g}"
+            self.taken.append((at.x() - 6.0, at.y() - 6.0, 12.0, 12.0))
+            lengths.append(
+                (at, f"{baseline_m:g}", self._tone(cells.GOOD) if running else self._ink(170))
             )
-            self.taken.append((at.x() - 9.0, at.y() - 6.0, 18.0, 30.0))
+        for at, words, ink in lengths:  # once all goals are there: none hides another
+            self._painter.setPen(ink)
+            wide = float(self._painter.fontMetrics().horizontalAdvance(words))
+            places = [
+                (at.x() + right, at.y() + down, wide, 16.0)
+                for right, down in (
+                    (-0.5 * wide, 8.0),
+                    (-0.5 * wide, -24.0),
+                    (10.0, -8.0),
+                    (-10.0 - wide, -8.0),
+                )
+            ]
+            box = geometry.free(places, self.taken, self._room)
+            self.taken.append(box)
+            self._painter.drawText(QRectF(*box), Qt.AlignCenter | Qt.TextDontClip, words)
 
     def _handle(self, row, at: QPointF) -> None:
         """A line along the camera's view with a knob at its end; while it is dragged, its
@@ -286,6 +301,10 @@ class PlanPicture:
         if guided.robot.value is not None:
             self.label(self._at(guided.robot.value.x_m, guided.robot.value.y_m), guided.name)
 
+    @property
+    def _room(self) -> geometry.Box:
+        return 4.0, 2.0, self._width - BAR_PX - 10.0, self._height - 4.0
+
     def label(self, at: QPointF, words: str) -> QRectF:
         """Beside ``at``, on a ground of its own, so that it can be read over rings; where it was
         written."""
@@ -298,8 +317,7 @@ class PlanPicture:
             for down in (-high - 8.0, 28.0, -2.0 * high - 12.0, high + 34.0)
             for right in (12.0, -wide - 12.0, -0.5 * wide)
         ]
-        room = (4.0, 2.0, self._width - BAR_PX - 10.0, self._height - 4.0)
-        box = QRectF(*geometry.free(places, self.taken, room))
+        box = QRectF(*geometry.free(places, self.taken, self._room))
         self.taken.append((box.x(), box.y(), wide, high))
         ground = QColor(self._palette.color(QPalette.Base))
         ground.setAlpha(210)
