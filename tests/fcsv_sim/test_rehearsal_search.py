@@ -97,6 +97,20 @@ def test_a_land_that_comes_with_the_radio_goes_aside_of_who_lies_beneath():
 
 
 @pytest.mark.slow
+def test_a_recording_is_none_before_all_poses_of_its_time_are_there():
+    """The search's find: an autopilot began anew and landed while the radio held its poses back."""
+    draws = (
+        "0.318 0.563 0.527 0.804 0.507 0.917 0.72 0.266,"
+        "0.672 0.043 0.598 0.77 0.885 0.266 0.08 0.324"
+    )
+    mission = load_mission(mission_file("short"))
+    result = rehearse(
+        Job(mission, 2, 11, "autopilot reboots+radio holds up", draws=from_text(draws))
+    )
+    assert result.began == ["radio holds up", "autopilot reboots"] and result.violations == []
+
+
+@pytest.mark.slow
 def test_a_few_flights_are_searched_by_the_command(tmp_path, capsys):
     log = tmp_path / "search.jsonl"
     args = ["short", "--search", "5", "--seed", "3", "--longest", "25", "--log", str(log)]

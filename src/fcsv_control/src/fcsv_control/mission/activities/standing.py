@@ -44,6 +44,7 @@ class Standing(Activity):
         self._start_s: Optional[float] = None
         self._stop_s: Optional[float] = None
         self._lacking = False  # pictures, when the wanted time was over
+        self._unheard = list(places)  # of whom no pose came yet that is newer than the recording
         self._clock_set = 0  # as it began
         self._worst_m = 0.0
 
@@ -100,15 +101,23 @@ class Standing(Activity):
         return Progress.UNDER_WAY
 
     def _watch(self, snapshot: Snapshot) -> Progress:
+        if self._unheard:
+            self._worst_m = max(self._worst_m, self._calm.error_m(snapshot, self._unheard))
         if self._stop_s is None:
-            self._worst_m = max(self._worst_m, self._calm.error_m(snapshot))
             self.detail = f"recording {self._title}"
             self._stop_s = self._ended_s(snapshot)
+        else:  # a radio that holds up tells later who left its place
+            self._unheard = [
+                n
+                for n in self._unheard
+                if snapshot.now_s - snapshot.vehicles[n].pose_age_s <= self._stop_s
+            ]
         gust = self._worst_m > self._bounds.hold_m and not self._last
         if gust or snapshot.clock_set != self._clock_set:  # no time of day tells such a window
             self.stop(snapshot)
             return Progress.AGAIN
-        if self._stop_s is None or snapshot.now_s < self._stop_s + LAST_PICTURE_S:
+        early = self._stop_s is None or snapshot.now_s < self._stop_s + LAST_PICTURE_S
+        if early or self._unheard:
             return Progress.UNDER_WAY
         self.stop(snapshot)
         window = (self._start_s, self._stop_s, self._worst_m)

@@ -4,7 +4,7 @@ much."""
 
 import math
 from dataclasses import dataclass
-from typing import Dict, Iterator, Mapping, Tuple
+from typing import Dict, Iterable, Iterator, Mapping, Tuple
 
 import numpy as np
 
@@ -71,9 +71,9 @@ class CalmCheck:
         key = max(self._counts, key=self._counts.get)
         return f"{self._latest[key]} (in {self._counts[key] / self._looks:.0%} of the time)"
 
-    def error_m(self, snapshot: Snapshot) -> float:
-        """Largest distance (m) of a camera from its place."""
-        return max(self._off_m(snapshot, n) for n in self._places)
+    def error_m(self, snapshot: Snapshot, names: Iterable[str]) -> float:
+        """Largest distance (m) of these vehicles' cameras from their places."""
+        return max(self._off_m(snapshot, n) for n in names)
 
     def _off_m(self, snapshot: Snapshot, name: str) -> float:
         return float(np.linalg.norm(snapshot.p_home_cam(name) - self._places[name][:3, 3]))
