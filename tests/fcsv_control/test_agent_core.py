@@ -36,9 +36,9 @@ class Board:
             duplicates or DuplicateAgentGuard("agent-1", -np.inf),
         )
         self.now_s, self.number = 100.0, 0
-        self.core.state(Mode.STABILIZE, False)
+        self.core.state(self.now_s, Mode.STABILIZE, False)
         self.core.pose(self.now_s, np.eye(4))
-        self.core.state(Mode.GUIDED, True)
+        self.core.state(self.now_s, Mode.GUIDED, True)
         self.core.pose(self.now_s + 1.0, transforms.from_xyz_yaw([0.0, 0.0, 3.0], 0.0))
 
     def order(self, kind, sender="mission", lifetime_s=5.0, **fields):
@@ -186,7 +186,7 @@ def test_without_a_living_guardian_nothing_is_handed_over():
 def test_a_landing_of_the_guardians_is_no_pilots():
     board = Board()
     board.core.guarded(board.now_s, "LAND", False, "", ())
-    board.core.state(Mode.LAND, True)
+    board.core.state(board.now_s, Mode.LAND, True)
     board.tell(Kind.LAND)
     assert of(board.run(0.5), Ask)
 
@@ -225,6 +225,32 @@ def test_what_was_ordered_before_a_stop_of_somebody_else_is_not_done_after_it(ki
     assert of(board.run(), Ask)
 
 
+def test_what_was_ordered_before_a_pilot_took_over_is_not_done_after_it():
+    """The radio held it up; what is ordered once he gives it back is done."""
+    board = Board()
+    board.core.sender_lives(board.now_s, "mission", SENDER_S + board.now_s)
+    before = board.order(Kind.SET_MODE, mode=Mode.GUIDED)
+    board.run(0.5)
+    board.core.state(board.now_s, Mode.LOITER, True)
+    board.run(0.5)
+    board.core.receive(board.now_s, before)
+    out = board.run()
+    [ack] = of(out, Ack)
+    assert ack.result == REFUSED and "LOITER was chosen on it after" in ack.reason
+    assert not of(out, Ask)
+    board.tell(Kind.SET_MODE, mode=Mode.GUIDED)
+    assert of(board.run(), Ask)
+
+
+@pytest.mark.parametrize("mode", [Mode.STABILIZE, Mode.ALT_HOLD, Mode.RTL])
+def test_nobody_is_handed_over_in_a_mode_that_does_not_give_back(mode):
+    board = Board()
+    board.core.state(board.now_s, mode, True)
+    board.run(2.0)
+    result, reason = board.answer(Kind.SET_MODE, mode=Mode.GUIDED)
+    assert result == REFUSED and f"flown by hand ({mode}); its pilot gives it back" in reason
+
+
 def test_hold_is_where_it_comes_to_rest_and_not_behind_it():
     board = Board()
     board.run(2.0)
@@ -246,7 +272,7 @@ def test_hold_is_where_it_comes_to_rest_and_not_behind_it():
 )
 def test_a_vehicle_that_is_flown_by_hand_is_stopped_by_nobody(mode, stop):
     board = Board()
-    board.core.state(mode, True)
+    board.core.state(board.now_s, mode, True)
     number = board.tell(stop[0], sender="stop_all", **stop[1])
     out = board.run(1.0)
     [ack] = of(out, Ack)
@@ -257,12 +283,12 @@ def test_a_vehicle_that_is_flown_by_hand_is_stopped_by_nobody(mode, stop):
 def test_a_mode_that_was_asked_for_on_board_is_not_a_pilots():
     board = Board()
     board.tell(Kind.SET_MODE, sender="stop_all", mode=Mode.BRAKE)
-    board.core.state(Mode.BRAKE, True)
+    board.core.state(board.now_s, Mode.BRAKE, True)
     board.run()
     board.tell(Kind.LAND, sender="stop_all")
     assert [a.mode for a in of(board.run(), Ask)] == ["LAND"]
-    board.core.state(Mode.LOITER, True)  # the pilot, after all
-    board.core.state(Mode.BRAKE, True)
+    board.core.state(board.now_s, Mode.LOITER, True)  # the pilot, after all
+    board.core.state(board.now_s, Mode.BRAKE, True)
     assert "flown by hand" in board.answer(Kind.LAND)[1]
 
 
@@ -271,7 +297,7 @@ def test_a_refused_mode_that_a_pilot_chooses_later_is_his():
     board.tell(Kind.SET_MODE, mode=Mode.BRAKE)
     [ask] = of(board.run(), Ask)
     board.core.finished(ask, "mode BRAKE refused: requires position")
-    board.core.state(Mode.BRAKE, True)
+    board.core.state(board.now_s, Mode.BRAKE, True)
     assert "flown by hand" in board.answer(Kind.LAND)[1]
 
 

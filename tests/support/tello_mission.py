@@ -46,7 +46,7 @@ class _Board:
     def step(self, now_s: float, guard: bool) -> None:
         core = self._one.core
         state, tracking = core.state(now_s), core.tracking
-        self.agent.state(state.mode, state.armed)
+        self.agent.state(now_s, state.mode, state.armed)
         self.guardian.state(now_s, state.mode, state.armed)
         self.guardian.battery(now_s, state.battery_share)
         self.guardian.agent_lives(now_s)
@@ -82,7 +82,7 @@ class _Board:
                 assert output.kind is Kind.SET_MODE, output
                 self.guardian.mode_asked(now_s, output.mode)
                 self._one.core.set_mode(now_s, output.mode)
-                self.agent.state(output.mode, True)
+                self.agent.state(now_s, output.mode, True)
                 self.agent.finished(output, "")
             except ControlError as error:
                 self.agent.finished(output, str(error))

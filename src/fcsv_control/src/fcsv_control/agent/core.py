@@ -73,12 +73,12 @@ class AgentCore:
 
     # ---- what is heard ---------------------------------------------------------------------------
 
-    def state(self, mode: Mode, armed: bool) -> None:
+    def state(self, now_s: float, mode: Mode, armed: bool) -> None:
         """The flight controller's mode; "": its link hears no autopilot (yet), which says
         nothing."""
         if mode:
             self._holder.state(mode, armed)
-            self.rights.owner.shows(mode, armed)
+            self.rights.shows(now_s, mode, armed)
 
     def pose(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate came; a jump of it is said."""

@@ -96,7 +96,7 @@ class AgentPort:
         )
 
     def _state(self, now_s: float, m: tm.VehicleState) -> None:
-        self._core.state(m.mode, m.armed)
+        self._core.state(now_s, m.mode, m.armed)
         self._requests.shown.state(now_s, m.mode, m.armed)
 
     def _calibrated(self, _now_s: float, m: tm.EpochsFound) -> None:

@@ -24,6 +24,7 @@ class Rights:
         self.guardian_s = -math.inf  # when it was heard last
         self.owner, self.lease, self.frame = ModeOwner(AGENT), Lease(), CalibratedFrame()
         self._stopped_s, self._stopped_by = -math.inf, ""
+        self._chosen_s = -math.inf  # when somebody else's mode came up
         self.guarded = ""  # why the guardian flies, "" where it does not
         self.aside = False  # out of the way of one that comes down: then nobody stops it there
         self.forbidden: Sequence[str] = ()  # why the guardian forbids to hand the vehicle over
@@ -34,6 +35,12 @@ class Rights:
         owner = self.owner
         ours = not owner.armed or owner.ours or owner.mode == Mode.GUIDED
         return "" if ours else owner.mode
+
+    def shows(self, now_s: float, mode: Mode, armed: bool) -> None:
+        """The mode that the vehicle shows: what was ordered before a pilot chose it does not count
+        any more, however late the radio brings it."""
+        if self.owner.shows(mode, armed):
+            self._chosen_s = now_s
 
     def stopped(self, now_s: float, sender: str) -> None:
         """A command to stop was obeyed: what others ordered before does not count any more."""
@@ -55,13 +62,18 @@ class Rights:
             return ""
         if c.sender != self._stopped_by and c.ordered_s < self._stopped_s + _MARGIN_S:
             return f"{self._vehicle} was stopped by {self._stopped_by} after this was ordered"
+        if c.ordered_s < self._chosen_s:
+            return f"{self._vehicle}: {self.owner.mode} was chosen on it after this was ordered"
+        mode, to_guided = self.by_hand, c.kind is Kind.SET_MODE and c.mode == Mode.GUIDED
+        if to_guided and mode and not Mode(mode).gives_back:
+            return f"{self._vehicle} is flown by hand ({mode}); its pilot gives it back by LOITER"
         holder = self.lease.request(now_s, c.sender)
         if holder:
             return (
                 f"{self._vehicle} is commanded by {holder}; end it, or wait until it is silent for {LEASE_S:g} s: "
                 "LAND, BRAKE and HOLD are obeyed from anybody"
             )
-        if c.kind is Kind.SET_MODE and c.mode == Mode.GUIDED and self.frame.outdated:
+        if to_guided and self.frame.outdated:
             return f"{self._vehicle}: {self.frame.outdated}"
         return self._guardians(now_s, c)
 
