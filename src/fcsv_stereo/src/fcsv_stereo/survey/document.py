@@ -3,17 +3,19 @@
 why."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Dict, List, Optional, Sequence
 
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.model import Cloud
+from fcsv_stereo.model import Cloud, concatenate
 from fcsv_stereo.survey import similarity
 from fcsv_stereo.survey.adjust import Adjusted, Placed
+from fcsv_stereo.survey.earth import EarthFrame
 from fcsv_stereo.survey.georeference import World
-from fcsv_stereo.survey.merge import Joined
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.kept import ViewFile
+from fcsv_stereo.survey.points import ViewPoints
 
 CLOUDS = ("site.ply", "site.laz", "site.copc.laz")
 RASTERS = ("dsm.tif", "orthophoto.tif")
@@ -32,19 +34,23 @@ class Missing:
 
 @dataclass(frozen=True)
 class Site:
-    """All of it: views that were mapped, how they were adjusted, the cloud (m, less ``origin_m``),
-    what became of each placed view's points, what is missing, and, where it is on the earth, how
-    that is known: all coordinates are then of ``world.crs``. ``extras``: a line on each product
-    that was asked for, by its file."""
+    """All of it: views that were mapped, how they were adjusted, the points (m, less ``origin_m``)
+    of each that has a place, what is missing, and, where it is on the earth, how that is known and
+    the frame of the adjustment: once there are points, all coordinates are of ``world.crs``.
+    ``extras``: a line on each product that was asked for, by its file."""
 
-    views: List[View]
+    views: List[ViewFile]
     adjusted: Adjusted
-    cloud: Cloud
-    joined: Dict[str, Joined]
+    joined: Dict[str, ViewPoints]
     origin_m: np.ndarray
     missing: List[Missing]
     world: Optional[World] = None
+    frame: Optional[EarthFrame] = None
     extras: Dict[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def cloud(self) -> Cloud:
+        return concatenate([p.load() for p in self.joined.values()])
 
 
 def origin_of(placed: Sequence[Placed]) -> np.ndarray:
@@ -55,7 +61,7 @@ def origin_of(placed: Sequence[Placed]) -> np.ndarray:
     return np.round(np.median(places, axis=0) / _STEP_M) * _STEP_M
 
 
-def T_site_home(view: View, placed: Placed) -> np.ndarray:
+def T_site_home(view: ViewFile, placed: Placed) -> np.ndarray:
     """4x4 similarity from the view's home to the site."""
     return similarity.matrix(placed.S_site_cam) @ transforms.invert(view.T_home_cam)
 
@@ -157,7 +163,7 @@ def adjustment_document(site: Site) -> dict:
                 "scale_sigma": prior[n].scale,
                 "covariance": p.covariance.tolist(),
                 "covariance_to_datum": p.relative.tolist(),
-                "points": len(site.joined[n].cloud),
+                "points": site.joined[n].count,
                 "seen_by_two": site.joined[n].agreed,
                 "told_by_surer_views": site.joined[n].duplicates,
                 "seen_through": site.joined[n].seen_through,

@@ -79,7 +79,7 @@ def _write(name: str, site: Site, surface: Surface, options: ExtraOptions, path:
     views = [v for v in site.views if v.name in placed]
 
     def load(number: int) -> SiteView:
-        return site_view(views[number], placed[views[number].name], site.origin_m)
+        return site_view(views[number].load(), placed[views[number].name], site.origin_m)
 
     if name == "mcap":
         recording.write_recording(site, surface, path)

@@ -251,7 +251,7 @@ def _views(site: Site) -> List[Part]:
                 f"{p.sigma_m:.2f} m",
                 f"{np.degrees(p.sigma_yaw_rad):.2f}°",
                 ", ".join(others) or "none",
-                f"{len(joined.cloud):,}",
+                f"{joined.count:,}",
                 f"{joined.agreed:,}",
                 f"{joined.seen_through:,}",
             )

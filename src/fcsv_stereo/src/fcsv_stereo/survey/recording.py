@@ -17,9 +17,9 @@ from fcsv_stereo.survey import similarity
 from fcsv_stereo.survey.adjust import Placed
 from fcsv_stereo.survey.document import Site
 from fcsv_stereo.survey.inputs import different
+from fcsv_stereo.survey.kept import ViewFile
 from fcsv_stereo.survey.octree import levels
 from fcsv_stereo.survey.rasters import Surface
-from fcsv_stereo.survey.views import View
 
 FRAME = "site"
 _STAMP_NS = 10**9  # one moment for all; zero is "none" to ROS
@@ -85,7 +85,7 @@ class _Messages:
         ]
         for name, view in views.items():
             frame = frames[name]
-            picture, share = _shrunk(view.image, _VIEW_PX)
+            picture, share = _shrunk(view.load().image, _VIEW_PX)
             found += [
                 (
                     f"/{frame}/image",
@@ -196,7 +196,7 @@ class _Messages:
             data=jpeg.ravel(),
         )
 
-    def _camera(self, view: View, share: float, frame: str) -> Any:
+    def _camera(self, view: ViewFile, share: float, frame: str) -> Any:
         c = view.camera
         fx, fy, cx, cy = (
             c.fx * share,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Leads from inputs to OUT/: maps, edges, adjustment, one cloud, its files."""
+"""Leads from inputs to OUT/: maps, edges, adjustment, each view's points, the site's files."""
 
 import itertools
 import json
@@ -13,9 +13,8 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs.writing import in_words, require_folder
 from fcsv_stereo.errors import OutputError, SurveyError
 from fcsv_stereo.map_files.output import write_ply
-from fcsv_stereo.model import concatenate
 from fcsv_stereo.products.clouds import write_laz
-from fcsv_stereo.survey import inputs, merge
+from fcsv_stereo.survey import inputs
 from fcsv_stereo.survey.adjust import Adjusted
 from fcsv_stereo.survey.document import (
     CLOUDS,
@@ -28,8 +27,9 @@ from fcsv_stereo.survey.document import (
 )
 from fcsv_stereo.survey.edges import Edge, posed_edge
 from fcsv_stereo.survey.extras import EXTRAS, ExtraOptions, write_extras
-from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place, projected
+from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place, projected_placed
 from fcsv_stereo.survey.inputs import Source
+from fcsv_stereo.survey.joining import POINTS, join_views
 from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
 from fcsv_stereo.survey.lock import LOCK, alone_in
 from fcsv_stereo.survey.maps import VIEWS, MapOptions, kept_map, make_map
@@ -53,7 +53,7 @@ def check_out(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise OutputError(f"{out}: is a file; give a folder with -o")
     foreign = (
-        [p.name for p in out.iterdir() if p.name not in (*FILES, VIEWS, EDGES)]
+        [p.name for p in out.iterdir() if p.name not in (*FILES, VIEWS, EDGES, POINTS)]
         if out.exists()
         else []
     )
@@ -98,22 +98,20 @@ def run(
                 reasons = "; ".join(f"{m.name}: {m.reason}" for m in mapped.missing)
                 raise SurveyError(f"no view could be mapped: {reasons}")
             begin("comparing views", _MAPPED)
-            edges, uncompared = edges_between(mapped.views, mapped.files, out, crew, begin)
-        edges = with_posed(edges, mapped.views)
-        site = site_of(mapped.views, edges, [*mapped.missing, *uncompared], begin, given)
-        begin("writing the site", _JOINED)
-        return write(site, out, extras)
+            views = mapped.views
+            edges, uncompared = edges_between(views, out, crew, begin)
+            edges = with_posed(edges, views)
+            site = placed_site(views, edges, [*mapped.missing, *uncompared], given)
+            begin("joining depths", _COMPARED)
+            site = joined_site(site, out, crew, begin)
+            begin("writing the site", _JOINED)
+            return write(site, out, extras)
 
 
-def site_of(
-    views: List[View],
-    edges: List[Edge],
-    missing: Sequence[Missing],
-    begin: Begin = lambda *_: None,
-    given: Optional[WorldInput] = None,
+def placed_site(
+    views: List[ViewFile], edges: List[Edge], missing: Sequence[Missing], given: WorldInput
 ) -> Site:
-    """Views adjusted and joined, on the earth where control points or GPS say where."""
-    given = given or WorldOptions().read()
+    """Views adjusted, on the earth where control points or GPS say where; no points yet."""
     adjusted, frame, world = place(views, edges, given)
     missing = list(missing)
     if given.control is not None and world is None:
@@ -131,15 +129,22 @@ def site_of(
         said = "no two views were joined: each that has a place stays at its station, and errors of scale stay"
         adjusted = replace(adjusted, remarks=[*adjusted.remarks, said])
     adjusted = replace(adjusted, remarks=[*adjusted.remarks, *_uncompared(adjusted)])
-    begin("joining depths", _COMPARED)
     origin_m = origin_of(list(adjusted.placed.values()))
-    placed = [v for v in views if v.name in adjusted.placed]
-    cloud, parts = merge.join(placed, adjusted.placed, origin_m)
-    if frame is not None:
-        adjusted, parts, origin_m = projected(adjusted, parts, frame, origin_m)
-        cloud = concatenate([p.cloud for p in parts])
-    joined = {v.name: p for v, p in zip(placed, parts)}
-    return Site(views, adjusted, cloud, joined, origin_m, missing, world)
+    return Site(views, adjusted, {}, origin_m, missing, world, frame)
+
+
+def joined_site(site: Site, out: Path, crew: Crew, begin: Begin) -> Site:
+    """The site with its points, in the projected system where it is on the earth."""
+    adjusted, frame = site.adjusted, site.frame
+    place_m = site.origin_m, frame
+    shares = _COMPARED, _JOINED
+    joined, missing = join_views(site.views, adjusted.placed, place_m, out, crew, begin, shares)
+    site = replace(site, joined=joined, missing=[*site.missing, *missing])
+    if frame is None:
+        return site
+    placed = {n: projected_placed(p, frame) for n, p in adjusted.placed.items()}
+    adjusted, origin_m = replace(adjusted, placed=placed), frame.rounded_origin()
+    return replace(site, adjusted=adjusted, origin_m=origin_m)
 
 
 def _uncompared(adjusted: Adjusted) -> List[str]:
@@ -156,15 +161,11 @@ def _uncompared(adjusted: Adjusted) -> List[str]:
 
 
 def edges_between(
-    views: Sequence[View], files: Sequence[ViewFile], out: Path, crew: Crew, begin: Begin
+    views: Sequence[ViewFile], out: Path, crew: Crew, begin: Begin
 ) -> Tuple[List[Edge], List[Missing]]:
     """An edge, or why there is none, for all pairs that may overlap: kept ones, and those that the
     crew finds; and pairs that could not be compared."""
-    pairs = [
-        (a, b)
-        for (v, a), (w, b) in itertools.combinations(zip(views, files), 2)
-        if may_overlap(v, w)
-    ]
+    pairs = [(a, b) for a, b in itertools.combinations(views, 2) if may_overlap(a, b)]
     new = [(a, b) for a, b in pairs if kept_edge(a, b, out) is None]
     tasks = [
         SurveyTask(f"{a.name} with {b.name}", make_edge, (a, b, out.absolute())) for a, b in new
@@ -204,10 +205,9 @@ def with_posed(edges: List[Edge], views: Sequence[View]) -> List[Edge]:
 
 @dataclass(frozen=True)
 class _Mapped:
-    """Views in the order of their inputs, their files, and what is missing."""
+    """Views in the order of their inputs, and what is missing."""
 
-    views: List[View]
-    files: List[ViewFile]
+    views: List[ViewFile]
     missing: List[Missing]
 
 
@@ -237,7 +237,7 @@ def _mapped(
         else:
             folders[name] = out / VIEWS / name
         progress.ended(outcome.number)
-    views, files = [], []
+    views: List[ViewFile] = []
     for source in (s for s in own if s.name not in errors):
         try:
             folder = Path(str(folders[source.name]))
@@ -246,14 +246,13 @@ def _mapped(
                 raise SurveyError(
                     f"{folder}: its map shows no depth that is sure enough for a cloud"
                 )
-            views.append(view)
-            files.append(view_file(views[-1], folder, f"{keys[source.name]} {options.words()}"))
+            views.append(view_file(view, folder, f"{keys[source.name]} {options.words()}"))
         except (FcsvError, ValueError) as error:
             errors[source.name] = str(error)
         except OSError as error:
             errors[source.name] = in_words(error, out / VIEWS)
     missing = [Missing(s.name, str(s.path), errors[s.name]) for s in sources if s.name in errors]
-    return _Mapped(views, files, missing)
+    return _Mapped(views, missing)
 
 
 def _map_task(source: Source, key: str, out: Path, options: MapOptions) -> SurveyTask:
