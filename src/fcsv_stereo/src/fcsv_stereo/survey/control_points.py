@@ -173,7 +173,9 @@ def sights(control: ControlList, views: Sequence[View]) -> Tuple[List[ControlSig
     fits several views.
     """
     elsewhere: List[str] = []
-    in_view: Dict[str, List[Tuple[int, bool]]] = {}  # marks by number, and whether of its own picture
+    in_view: Dict[
+        str, List[Tuple[int, bool]]
+    ] = {}  # marks by number, and whether of its own picture
     for i, mark in enumerate(control.marks):
         view, own = _view_of(mark, control, views)
         if view is None:

@@ -169,6 +169,12 @@ def projected_placed(placed: Placed, frame: EarthFrame) -> Placed:
     return replace(placed, S_site_cam=S)
 
 
+def projected(adjusted: Adjusted, frame: EarthFrame) -> Adjusted:
+    """All views in the projected system."""
+    placed = {n: projected_placed(p, frame) for n, p in adjusted.placed.items()}
+    return replace(adjusted, placed=placed)
+
+
 def projected_cloud(cloud: Cloud, frame: EarthFrame, from_m: np.ndarray) -> Cloud:
     """Each point by itself in the projected system, less ``frame.rounded_origin()``; ``from_m``:
     the origin that the cloud left out before."""

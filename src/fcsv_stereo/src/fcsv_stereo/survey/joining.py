@@ -2,22 +2,22 @@
 """The points of each view, joined with those that overlap it: a task a view, kept in OUT/points as
 zarr with the key of what went into it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
+from fcsv_stereo.model import Progress
 from fcsv_stereo.survey import similarity
 from fcsv_stereo.survey.adjust import Placed
-from fcsv_stereo.survey.document import Missing
+from fcsv_stereo.survey.document import Missing, Site
 from fcsv_stereo.survey.earth import EarthFrame
-from fcsv_stereo.survey.georeference import projected_cloud
+from fcsv_stereo.survey.georeference import projected, projected_cloud
 from fcsv_stereo.survey.kept import ViewFile, digest
 from fcsv_stereo.survey.merge import SiteView, join_view, overlapping, site_view
 from fcsv_stereo.survey.points import ViewPoints, read_points, write_points
-from fcsv_stereo.survey.progress import Begin
-from fcsv_stereo.survey.work import Crew, SurveyTask
+from fcsv_stereo.survey.work import Crew, SurveyTask, completed
 
 POINTS = "points"
 
@@ -35,7 +35,7 @@ class JoinInput:
 
     @property
     def key(self) -> str:
-        """Of all that the points are made of."""
+        """Key of all that the points are made of."""
         f = self.frame
         earth = f and [f.longitude_deg, f.latitude_deg, f.height_m, f.crs.to_wkt()]
         views = [[v.name, v.key, _numbers(p)] for v, p in ((self.own, self.placed), *self.others)]
@@ -48,12 +48,6 @@ class JoinInput:
 
 def _numbers(placed: Placed) -> list:
     return [similarity.numbers(placed.S_site_cam), placed.relative.tolist()]
-
-
-def kept_points(given: JoinInput, out: Path) -> Optional[ViewPoints]:
-    """The points as an earlier survey left them; None where they are of something else, or are not
-    whole."""
-    return read_points(given.path(out), given.key)
 
 
 def make_points(given: JoinInput, out: Path) -> None:
@@ -71,37 +65,26 @@ def make_points(given: JoinInput, out: Path) -> None:
     write_points(cloud, counts, given.path(out), given.key)
 
 
-def join_views(
-    files: Sequence[ViewFile],
-    placed: Dict[str, Placed],
-    place: Tuple[np.ndarray, Optional[EarthFrame]],
-    out: Path,
-    crew: Crew,
-    begin: Begin,
-    shares: Tuple[float, float],
-) -> Tuple[Dict[str, ViewPoints], List[Missing]]:
-    """The points of all views that have a place, by name: kept ones, and those that the crew makes;
-    and views whose points could not be joined. ``place``: the origin (3,) that the adjustment leaves
-    out, and its frame on the earth."""
-    here = [v for v in files if v.name in placed]
-    given = [
-        JoinInput(
-            v, placed[v.name], tuple((o, placed[o.name]) for o in overlapping(v, here, placed)), *place
-        )
-        for v in here
-    ]
-    new = [g for g in given if kept_points(g, out) is None]
-    tasks = [SurveyTask(f"points of {g.own.name}", make_points, (g, out.absolute())) for g in new]
-    errors: Dict[str, str] = {}
-    for done, outcome in enumerate(crew.run(tasks), 1):
-        if outcome.error:
-            errors[new[outcome.number].own.name] = outcome.error
-        share = shares[0] + (shares[1] - shares[0]) * done / len(tasks)
-        begin(f"joining depths, {done} of {len(tasks)}", share)
-    found = {g.own.name: kept_points(g, out) or ViewPoints() for g in given}
-    for name, points in found.items():
-        if points.path is None:
-            errors.setdefault(name, f"what was written to {out / POINTS} is gone; the same command goes on")
-    return found, [
-        Missing(f"points of {v.name}", v.source, errors[v.name]) for v in here if v.name in errors
-    ]
+def join_views(site: Site, out: Path, crew: Crew, progress: Progress) -> Site:
+    """The site with the points of all views that have a place, in the projected system where it is
+    on the earth: kept ones, and those that the crew makes. Views whose points could not be joined
+    are missing."""
+    placed, frame = site.adjusted.placed, site.frame
+    here = [v for v in site.views if v.name in placed]
+    given = []
+    for v in here:
+        others = tuple((o, placed[o.name]) for o in overlapping(v, here, placed))
+        given.append(JoinInput(v, placed[v.name], others, site.origin_m, frame))
+    tasks = [SurveyTask(f"points of {g.own.name}", make_points, (g, out.absolute())) for g in given]
+
+    def kept(i: int) -> Optional[ViewPoints]:
+        return read_points(given[i].path(out), given[i].key)
+
+    found, errors = completed(crew, tasks, kept, progress, "joining depths")
+    missing = [Missing(tasks[i].name, here[i].source, said) for i, said in errors.items()]
+    joined = {v.name: points or ViewPoints() for v, points in zip(here, found)}
+    site = replace(site, joined=joined, missing=[*site.missing, *missing])
+    if frame is None:
+        return site
+    adjusted = projected(site.adjusted, frame)
+    return replace(site, adjusted=adjusted, origin_m=frame.rounded_origin())

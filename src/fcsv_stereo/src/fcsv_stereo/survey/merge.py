@@ -158,10 +158,10 @@ def overlapping(own: View, views: Sequence[View], placed: Dict[str, Placed]) -> 
     """Those other ``views`` that may have a point of ``own`` in their picture: of one that is left
     out it is certain that it has none, as all corners are beyond one side of it."""
     corners = similarity.apply(placed[own.name].S_site_cam, own.corners)
-    return [v for v in views if v.name != own.name and _may_see(v, placed[v.name], corners)]
+    return [v for v in views if v.name != own.name and _may_contain(v, placed[v.name], corners)]
 
 
-def _may_see(other: View, placed: Placed, corners: np.ndarray) -> bool:
+def _may_contain(other: View, placed: Placed, corners: np.ndarray) -> bool:
     if not len(corners):
         return False
     S, c = placed.S_site_cam, other.camera
@@ -183,5 +183,7 @@ def join(
     view's points."""
     here = [v for v in views if v.name in placed]
     at = {v.name: site_view(v, placed[v.name], origin_m) for v in here}
-    parts = [join_view(at[v.name], [at[o.name] for o in overlapping(v, here, placed)]) for v in here]
+    parts = [
+        join_view(at[v.name], [at[o.name] for o in overlapping(v, here, placed)]) for v in here
+    ]
     return concatenate([p.cloud for p in parts]), parts

@@ -11,7 +11,7 @@ import zarr
 
 from fcsv_stereo.model import Cloud
 
-_CHUNK = 1 << 16  # points
+_CHUNK = 1 << 16  # points, or all rows of a tile
 _EMPTY = (((0, 3), np.float32), ((0, 3), np.uint8), (0, np.float32), (0, np.uint8))
 
 
@@ -19,9 +19,11 @@ _EMPTY = (((0, 3), np.float32), ((0, 3), np.uint8), (0, np.float32), (0, np.uint
 class ViewPoints:
     """What became of a view's points, and the file of those that the site keeps: how many there
     are, between which corners (3,) m less the site's origin, how many a surer view tells, how many
-    others see through, how many two views see. No file: they could not be joined."""
+    others see through, how many two views see. ``key``: of what went into them. No file: they could
+    not be joined."""
 
     path: Optional[Path] = None
+    key: str = ""
     count: int = 0
     low_m: Tuple[float, ...] = ()
     high_m: Tuple[float, ...] = ()
@@ -44,22 +46,34 @@ def write_points(cloud: Cloud, counts: Dict[str, int], path: Path, key: str) -> 
     if len(cloud):
         p = cloud.points_home_m.astype(float)
         told.update(low_m=p.min(axis=0).tolist(), high_m=p.max(axis=0).tolist())
-    partial = path.with_name(path.name + ".partial")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with zarr.ZipStore(str(partial), mode="w") as store:
-        group = zarr.group(store)
-        for f in fields(Cloud):
-            values = getattr(cloud, f.name)
-            group.array(f.name, values, chunks=(_CHUNK, *values.shape[1:]))
-        group.attrs.put({"key": key, "points": told})
-    partial.replace(path)
+    arrays = {f.name: getattr(cloud, f.name) for f in fields(Cloud)}
+    write_arrays(arrays, {"key": key, "points": told}, path)
 
 
 def read_points(path: Path, key: str) -> Optional[ViewPoints]:
     """What ``write_points`` left; None where it is of another key, or not whole."""
+    told = kept_attributes(path, key)
+    return None if told is None else ViewPoints(path, key, **told["points"])
+
+
+def write_arrays(arrays: Dict[str, np.ndarray], attributes: Dict[str, Any], path: Path) -> None:
+    """Arrays and what is told of them as zarr in one file, whole or not at all. Raises OSError."""
+    partial = path.with_name(path.name + ".partial")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with zarr.ZipStore(str(partial), mode="w") as store:
+        group = zarr.group(store)
+        for name, values in arrays.items():
+            group.array(name, values, chunks=(_CHUNK, *values.shape[1:]))
+        group.attrs.put(attributes)
+    partial.replace(path)
+
+
+def kept_attributes(path: Path, key: str) -> Optional[Dict[str, Any]]:
+    """What ``write_arrays`` was told, its ``key`` among it; None where it is of another key, or not
+    whole."""
     try:
         with zarr.ZipStore(str(path), mode="r") as store:
             told = dict(zarr.open_group(store, mode="r").attrs)
-        return ViewPoints(path, **told["points"]) if told["key"] == key else None
+        return told if told["key"] == key else None
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
         return None

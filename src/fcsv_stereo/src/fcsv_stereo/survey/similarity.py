@@ -34,7 +34,11 @@ def matrix(S_a_b: gtsam.Similarity3) -> np.ndarray:
 
 def numbers(S_a_b: gtsam.Similarity3) -> Tuple[list, list, float]:
     """Rotation, translation, scale: plain numbers that are S to the last bit (``of_numbers``)."""
-    return S_a_b.rotation().matrix().tolist(), np.asarray(S_a_b.translation()).tolist(), S_a_b.scale()
+    return (
+        S_a_b.rotation().matrix().tolist(),
+        np.asarray(S_a_b.translation()).tolist(),
+        S_a_b.scale(),
+    )
 
 
 def of_numbers(R_a_b: list, t_a_b: list, scale: float) -> gtsam.Similarity3:

@@ -12,13 +12,15 @@ from typing import Dict, List, Optional, Sequence, Tuple
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs.writing import in_words, require_folder
 from fcsv_stereo.errors import OutputError, SurveyError
-from fcsv_stereo.map_files.output import write_ply
-from fcsv_stereo.products.clouds import write_laz
+from fcsv_stereo.map_files.output import write_clouds
+from fcsv_stereo.model import part
+from fcsv_stereo.products.clouds import LazFile
 from fcsv_stereo.survey import inputs
 from fcsv_stereo.survey.adjust import Adjusted
 from fcsv_stereo.survey.document import (
     CLOUDS,
     RASTERS,
+    VIEWS_DIMENSION,
     Missing,
     Site,
     adjustment_document,
@@ -27,7 +29,7 @@ from fcsv_stereo.survey.document import (
 )
 from fcsv_stereo.survey.edges import Edge, posed_edge
 from fcsv_stereo.survey.extras import EXTRAS, ExtraOptions, write_extras
-from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place, projected_placed
+from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place
 from fcsv_stereo.survey.inputs import Source
 from fcsv_stereo.survey.joining import POINTS, join_views
 from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
@@ -37,15 +39,17 @@ from fcsv_stereo.survey.matching import may_overlap
 from fcsv_stereo.survey.octree import write_copc
 from fcsv_stereo.survey.page import write_page
 from fcsv_stereo.survey.progress import Begin, MapsProgress
-from fcsv_stereo.survey.rasters import surface_of, write_surface
+from fcsv_stereo.survey.rasters import read_rasters, write_rasters
 from fcsv_stereo.survey.station import flown_prior, prior_of
+from fcsv_stereo.survey.tiles import TILES, SiteTiles, make_tiles
 from fcsv_stereo.survey.views import View, read_view
-from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions
+from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions, completed
 
 FILES = (*CLOUDS, *RASTERS, *EXTRAS.values(), "site.html", "adjustment.json", "site.json")
 _LEAST_MIB = 50
+_KEPT = (VIEWS, EDGES, POINTS, TILES)  # folders of what goes on
 _STAGED = ".site."  # begins the name of a folder whose files are not whole yet
-_MAPPED, _COMPARED, _JOINED = 0.7, 0.8, 0.95  # of a survey's time, for those who wait
+_MAPPED, _COMPARED, _JOINED, _TILED = 0.7, 0.8, 0.9, 0.95  # of a survey's time, for those who wait
 
 
 def check_out(out: Path) -> None:
@@ -53,9 +57,7 @@ def check_out(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise OutputError(f"{out}: is a file; give a folder with -o")
     foreign = (
-        [p.name for p in out.iterdir() if p.name not in (*FILES, VIEWS, EDGES, POINTS)]
-        if out.exists()
-        else []
+        [p.name for p in out.iterdir() if p.name not in (*FILES, *_KEPT)] if out.exists() else []
     )
     foreign = [n for n in foreign if n != LOCK and not n.startswith(_STAGED)]
     if foreign:
@@ -103,9 +105,11 @@ def run(
             edges = with_posed(edges, views)
             site = placed_site(views, edges, [*mapped.missing, *uncompared], given)
             begin("joining depths", _COMPARED)
-            site = joined_site(site, out, crew, begin)
-            begin("writing the site", _JOINED)
-            return write(site, out, extras)
+            site = join_views(site, out, crew, part(begin, _COMPARED, _JOINED))
+            begin("making tiles", _JOINED)
+            site, tiles = make_tiles(site, out, crew, part(begin, _JOINED, _TILED))
+            begin("writing the site", _TILED)
+            return write(site, tiles, out, extras)
 
 
 def placed_site(
@@ -133,20 +137,6 @@ def placed_site(
     return Site(views, adjusted, {}, origin_m, missing, world, frame)
 
 
-def joined_site(site: Site, out: Path, crew: Crew, begin: Begin) -> Site:
-    """The site with its points, in the projected system where it is on the earth."""
-    adjusted, frame = site.adjusted, site.frame
-    place_m = site.origin_m, frame
-    shares = _COMPARED, _JOINED
-    joined, missing = join_views(site.views, adjusted.placed, place_m, out, crew, begin, shares)
-    site = replace(site, joined=joined, missing=[*site.missing, *missing])
-    if frame is None:
-        return site
-    placed = {n: projected_placed(p, frame) for n, p in adjusted.placed.items()}
-    adjusted, origin_m = replace(adjusted, placed=placed), frame.rounded_origin()
-    return replace(site, adjusted=adjusted, origin_m=origin_m)
-
-
 def _uncompared(adjusted: Adjusted) -> List[str]:
     """A remark on views that were compared with none: a wrong station looks like this."""
     compared = {name for e in adjusted.edges for name in (e.a, e.b)}
@@ -166,22 +156,14 @@ def edges_between(
     """An edge, or why there is none, for all pairs that may overlap: kept ones, and those that the
     crew finds; and pairs that could not be compared."""
     pairs = [(a, b) for a, b in itertools.combinations(views, 2) if may_overlap(a, b)]
-    new = [(a, b) for a, b in pairs if kept_edge(a, b, out) is None]
     tasks = [
-        SurveyTask(f"{a.name} with {b.name}", make_edge, (a, b, out.absolute())) for a, b in new
+        SurveyTask(f"{a.name} with {b.name}", make_edge, (a, b, out.absolute())) for a, b in pairs
     ]
-    errors: Dict[int, str] = {}
-    for done, outcome in enumerate(crew.run(tasks), 1):
-        if outcome.error:
-            errors[outcome.number] = outcome.error
-        share = _MAPPED + (_COMPARED - _MAPPED) * done / len(tasks)
-        begin(f"comparing views, {done} of {len(tasks)}", share)
-    missing = [Missing(tasks[i].name, "", errors[i]) for i in sorted(errors)]
-    found = [kept_edge(a, b, out) for a, b in pairs]
-    if len([e for e in found if e is None]) > len(missing):
-        raise SurveyError(
-            f"{out / EDGES}: edges that were written are gone; the same command goes on"
-        )
+    progress = part(begin, _MAPPED, _COMPARED)
+    found, errors = completed(
+        crew, tasks, lambda i: kept_edge(*pairs[i], out), progress, "comparing views"
+    )
+    missing = [Missing(tasks[i].name, "", said) for i, said in errors.items()]
     return [e for e in found if e is not None], missing
 
 
@@ -280,22 +262,26 @@ def _prior(source: Source):
     return lambda T_home_cam, name: prior_of(source.station, T_home_cam, source.level, name)
 
 
-def write(site: Site, out: Path, extras: Optional[ExtraOptions] = None) -> Site:
+def write(
+    site: Site, tiles: Optional[SiteTiles], out: Path, extras: Optional[ExtraOptions] = None
+) -> Site:
     """Cloud, products, page and documents into ``out``; an earlier survey's stay until these are
     whole. The site with what is said of products. Raises OutputError."""
     out.mkdir(parents=True, exist_ok=True)
     try:
         with tempfile.TemporaryDirectory(prefix=_STAGED, dir=out) as made:
             folder = Path(made)
-            last = ("views", "views that agree on it")
-            write_ply(site.cloud, folder / CLOUDS[0], site.origin_m, last[0])
+            last, origin_m = VIEWS_DIMENSION, site.origin_m
+            write_clouds(site.clouds(), site.count, folder / CLOUDS[0], origin_m, last[0])
             crs = site.world.crs if site.world else ""
-            if len(site.cloud):
-                write_laz(site.cloud, folder / CLOUDS[1], site.origin_m, last, crs)
-                write_copc(site.cloud, folder / CLOUDS[2], site.origin_m, crs)
-                surface = surface_of(site.cloud, site.origin_m)
-                write_surface(surface, *(folder / n for n in RASTERS), crs)
-                site = write_extras(site, surface, extras or ExtraOptions(), folder)
+            if tiles is not None:
+                with LazFile(folder / CLOUDS[1], site.box_m[0], origin_m, last, crs) as laz:
+                    for cloud in site.clouds():
+                        laz.add(cloud)
+                write_copc(site.clouds, site.box_m, folder / CLOUDS[2], origin_m, crs)
+                paths = folder / RASTERS[0], folder / RASTERS[1]
+                write_rasters(tiles.surfaces(out), tiles.whole, origin_m, paths, crs)
+                site = write_extras(site, read_rasters(paths), extras or ExtraOptions(), folder)
             write_page(site, folder / "site.html")
             (folder / "adjustment.json").write_text(
                 json.dumps(adjustment_document(site), indent=1, allow_nan=False)

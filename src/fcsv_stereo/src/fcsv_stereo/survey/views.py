@@ -109,7 +109,10 @@ class View:
 
     def _at(self, u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> np.ndarray:
         c = self.camera
-        return np.column_stack([(u - c.cx) / c.fx, (v - c.cy) / c.fy, np.ones(len(u))]) * depth[:, None]
+        return (
+            np.column_stack([(u - c.cx) / c.fx, (v - c.cy) / c.fy, np.ones(len(u))])
+            * depth[:, None]
+        )
 
     def load(self) -> "View":
         """The view itself: its pixels are in memory already."""
