@@ -32,9 +32,9 @@ def surface(cloud, origin_m):
     return surface_of([cloud], whole, origin_m), whole
 
 
-def write_surface(cloud, origin_m, dsm, ortho, crs=""):
+def write_surface(cloud, origin_m, folder, crs=""):
     made, whole = surface(cloud, origin_m)
-    write_rasters([(whole, made)], whole, origin_m, (dsm, ortho), crs)
+    write_rasters([(whole, made)], whole, origin_m, folder, crs)
     return whole
 
 
@@ -43,7 +43,7 @@ def in_two(cloud):
 
 
 def test_the_surface_model_has_heights_sigma_and_views_where_they_are(tmp_path):
-    grid = write_surface(slope(), ORIGIN, tmp_path / "dsm.tif", tmp_path / "o.tif", "EPSG:32633")
+    grid = write_surface(slope(), ORIGIN, tmp_path, "EPSG:32633")
     with rasterio.open(tmp_path / "dsm.tif") as found:
         assert found.crs.to_epsg() == 32633 and found.count == 3 and np.isnan(found.nodata)
         assert found.descriptions == ("height (m)", "sigma (m)", "views")
@@ -54,24 +54,24 @@ def test_the_surface_model_has_heights_sigma_and_views_where_they_are(tmp_path):
         middle = next(found.sample([(391020.0, 5817010.0)]))[0]
         assert middle == pytest.approx(2.0, abs=0.1)  # not the unsure point, 9 m high
         assert np.isfinite(found.read(1)).mean() > 0.98
-    with rasterio.open(tmp_path / "o.tif") as found:
+    with rasterio.open(tmp_path / "orthophoto.tif") as found:
         assert found.count == 4 and found.dtypes[0] == "uint8"
         red = next(found.sample([(391030.02, 5817010.02)]))
         assert abs(int(red[0]) - 150) < 5 and red[3] == 255
 
 
 def test_a_site_without_reference_system_is_local(tmp_path):
-    write_surface(slope(), np.zeros(3), tmp_path / "d.tif", tmp_path / "o.tif")
-    with rasterio.open(tmp_path / "d.tif") as found:
+    write_surface(slope(), np.zeros(3), tmp_path)
+    with rasterio.open(tmp_path / "dsm.tif") as found:
         assert "site" in found.crs.to_wkt() and found.crs.to_epsg() is None
 
 
 def test_rasters_are_the_same_every_time(tmp_path):
     for name in ("a", "b"):
-        paths = tmp_path / f"{name}.tif", tmp_path / f"{name}o.tif"
-        write_surface(slope(), ORIGIN, *paths, "EPSG:32633")
-    assert (tmp_path / "a.tif").read_bytes() == (tmp_path / "b.tif").read_bytes()
-    assert (tmp_path / "ao.tif").read_bytes() == (tmp_path / "bo.tif").read_bytes()
+        (tmp_path / name).mkdir()
+        write_surface(slope(), ORIGIN, tmp_path / name, "EPSG:32633")
+    for name in ("dsm.tif", "orthophoto.tif"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
 def test_few_points_are_a_raster_all_the_same():

@@ -17,9 +17,9 @@ from fcsv_stereo.survey.georeference import World
 from fcsv_stereo.survey.kept import ViewFile
 from fcsv_stereo.survey.points import ViewPoints
 from fcsv_stereo.survey.quantiles import quantiles
+from fcsv_stereo.survey.rasters import RASTERS
 
 CLOUDS = ("site.ply", "site.laz", "site.copc.laz")
-RASTERS = ("dsm.tif", "orthophoto.tif")
 #: of clouds, in place of a map's number of the configuration
 VIEWS_DIMENSION = ("views", "views that agree on it")
 # farther from the origin float32 has steps of more than a millimetre

@@ -20,11 +20,13 @@ from fcsv_stereo.model import Cloud
 from fcsv_stereo.products.from_above import NEIGHBOURS, cell_of_m, closed
 from fcsv_stereo.survey.quantiles import quantiles
 
+RASTERS = ("dsm.tif", "orthophoto.tif")
 _MOST_CELLS = 8000  # along the longer side
 _KEPT_SHARES = (0.001, 0.999)  # of x and of y: a stray point must not make the raster large
 _MOST_READ = 4096  # along the longer side: of a thinned surface
 _SPACED = 4000  # points whose neighbours tell the cells' size
 _BLOCK = 512
+_CACHE_MB = 64  # GDAL's own bound is a share of the machine
 #: Of points in one cell the one counts that is surely highest: its height less so many sigma.
 _SURE_SIGMAS = 2.0
 #: Cells about a window on which the cells in it depend: gaps close over 4, by neighbours within 5.
@@ -161,10 +163,10 @@ def write_rasters(
     tiles: Iterable[Tuple[CellGrid, Surface]],
     whole: CellGrid,
     origin_m: np.ndarray,
-    paths: Tuple[Path, Path],
+    folder: Path,
     crs: str = "",
 ) -> None:
-    """Two files of the tiles, one tile in memory at a time. The first: bands height, sigma (m),
+    """``RASTERS`` of the tiles, one tile in memory at a time. The first: bands height, sigma (m),
     views, NaN where nothing was seen; the second: red, green, blue, alpha. Both are cloud-optimised
     GeoTIFF; without ``crs`` of a local system in metres. Raises OSError."""
     corner_m = (
@@ -173,8 +175,8 @@ def write_rasters(
     )
     dsm_bands = ("height (m)", "sigma (m)", "views")
     place = whole.shape, whole.cell_m, corner_m, crs
-    with _cog(paths[0], dsm_bands, np.float32, *place) as dsm, _cog(
-        paths[1], _RGBA, np.uint8, *place
+    with _cog(folder / RASTERS[0], dsm_bands, np.float32, *place) as dsm, _cog(
+        folder / RASTERS[1], _RGBA, np.uint8, *place
     ) as ortho:
         for cells, s in tiles:
             where = Window.from_slices(*cells.part(whole))
@@ -212,12 +214,13 @@ def _cog(
         "bigtiff": "IF_SAFER",
     }
     try:
-        with rasterio.open(raw, "w", **profile) as made:
-            yield made
-            made.descriptions = tuple(bands)
-            if picture:
-                made.colorinterp = [ColorInterp[name] for name in _RGBA]
-        copy(str(raw), str(path), driver="COG", compress="DEFLATE", blocksize=_BLOCK)
+        with rasterio.Env(GDAL_CACHEMAX=_CACHE_MB):
+            with rasterio.open(raw, "w", **profile) as made:
+                yield made
+                made.descriptions = tuple(bands)
+                if picture:
+                    made.colorinterp = [ColorInterp[name] for name in _RGBA]
+            copy(str(raw), str(path), driver="COG", compress="DEFLATE", blocksize=_BLOCK)
     except RasterioError as error:
         raise OSError(f"{path}: {error}") from error
     finally:
@@ -245,9 +248,10 @@ class Rasters:
     corner_m: Tuple[float, float]
 
 
-def read_rasters(paths: Tuple[Path, Path]) -> Rasters:
+def read_rasters(folder: Path) -> Rasters:
     """What ``write_rasters`` wrote, of large ones each n-th cell."""
-    with rasterio.open(paths[0]) as dsm, rasterio.open(paths[1]) as ortho:
+    dsm, ortho = (rasterio.open(folder / name) for name in RASTERS)
+    with dsm, ortho:
         n = -(-max(dsm.shape) // _MOST_READ)
         shape = tuple(-(-s // n) for s in dsm.shape)
         bands, rgb = (

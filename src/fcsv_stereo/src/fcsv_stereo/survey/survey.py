@@ -19,7 +19,6 @@ from fcsv_stereo.survey import inputs
 from fcsv_stereo.survey.adjust import Adjusted
 from fcsv_stereo.survey.document import (
     CLOUDS,
-    RASTERS,
     VIEWS_DIMENSION,
     Missing,
     Site,
@@ -39,7 +38,7 @@ from fcsv_stereo.survey.matching import may_overlap
 from fcsv_stereo.survey.octree import write_copc
 from fcsv_stereo.survey.page import write_page
 from fcsv_stereo.survey.progress import Begin, MapsProgress
-from fcsv_stereo.survey.rasters import read_rasters, write_rasters
+from fcsv_stereo.survey.rasters import RASTERS, write_rasters
 from fcsv_stereo.survey.station import flown_prior, prior_of
 from fcsv_stereo.survey.tiles import TILES, SiteTiles, make_tiles
 from fcsv_stereo.survey.views import View, read_view
@@ -279,9 +278,8 @@ def write(
                     for cloud in site.clouds():
                         laz.add(cloud)
                 write_copc(site.clouds, site.box_m, folder / CLOUDS[2], origin_m, crs)
-                paths = folder / RASTERS[0], folder / RASTERS[1]
-                write_rasters(tiles.surfaces(out), tiles.whole, origin_m, paths, crs)
-                site = write_extras(site, read_rasters(paths), extras or ExtraOptions(), folder)
+                write_rasters(tiles.surfaces(out), tiles.whole, origin_m, folder, crs)
+                site = write_extras(site, extras or ExtraOptions(), folder)
             write_page(site, folder / "site.html")
             (folder / "adjustment.json").write_text(
                 json.dumps(adjustment_document(site), indent=1, allow_nan=False)
