@@ -514,10 +514,10 @@ def test_a_view_or_a_tile_that_cannot_be_made_is_named_and_the_rest_is_there(
 
 
 def test_another_view_costs_its_own_points_and_the_tiles_that_it_touches(maps, tmp_path, tasks_run):
-    """It stands 400 m beside the two others: only the tiles that were the last on that side, and
+    """It stands 1500 m beside the two others: only the tiles that were the last on that side, and
     had the points beyond them, are made again."""
     station = yaml.safe_load((maps[2] / "station.yaml").read_text())
-    station["place_m"][1] += 400.0
+    station["place_m"][1] += 1500.0
     (maps[2] / "station.yaml").write_text(yaml.safe_dump(station))
     out = tmp_path / "out"
     assert survey(*maps[:2], "-o", out) == 0

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds in the formats of PCL (PCD) and of laser scanning (LAZ); PLY is in output.py."""
 
+import contextlib
 from pathlib import Path
-from typing import Tuple
+from typing import Iterator, Tuple
 
 import numpy as np
 
@@ -61,7 +62,7 @@ class LazFile:
     colours, extra dimensions sigma (m) and baseline, or ``last``'s name and meaning; ``crs`` names
     the reference system of x and y, where they are of one. Clouds leave out ``origin_m``;
     ``least_m`` (3,): about their least coordinates. A context manager: the file is there, whole,
-    when it is left without an error."""
+    when it is left without an error. Raises OSError where the disk does not take it."""
 
     def __init__(
         self,
@@ -101,9 +102,12 @@ class LazFile:
         return self
 
     def __exit__(self, kind, *_) -> None:
-        self._writer.close()
         if kind is None:
+            with self._refusals():
+                self._writer.close()
             self._partial.replace(self._path)
+        else:
+            self._partial.unlink(missing_ok=True)
 
     def add(self, cloud: Cloud) -> None:
         """Writes its points."""
@@ -113,7 +117,18 @@ class LazFile:
         points.x, points.y, points.z = (cloud.points_home_m.astype(float) + self._origin_m).T
         points.red, points.green, points.blue = cloud.colors.T.astype(np.uint16) * 257
         points["sigma"], points[self._last] = cloud.sigma_m, cloud.baseline_index
-        self._writer.write_points(points)
+        with self._refusals():
+            self._writer.write_points(points)
+
+    @contextlib.contextmanager
+    def _refusals(self) -> Iterator[None]:
+        """What the disk refuses is an OSError, as of other files."""
+        from lazrs import LazrsError
+
+        try:
+            yield
+        except LazrsError as error:
+            raise OSError(f"{self._path}: {error}; is the disk full?") from error
 
 
 def write_laz(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None:
