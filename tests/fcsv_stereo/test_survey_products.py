@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Survey: surface model and orthophoto as GeoTIFF, the cloud as COPC."""
 
+import resource
+
 import laspy
 import numpy as np
 import pytest
@@ -119,13 +121,29 @@ def test_every_point_is_in_one_node_and_coarse_ones_come_first():
         assert (at > -1e-6).all() and (at < 1.0 + 1e-6).all()
 
 
+def box_of(cloud):
+    return np.stack([f(axis=0) for f in (cloud.points_home_m.min, cloud.points_home_m.max)])
+
+
+def test_a_copc_that_the_disk_does_not_take_is_said(tmp_path):
+    """Files may not become larger than 50 kB here; copclib would end the process."""
+    before, cloud = resource.getrlimit(resource.RLIMIT_FSIZE), slope()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+    try:
+        with pytest.raises(OSError, match="site.copc.laz: .*is the disk full"):
+            write_copc(lambda: [cloud], box_of(cloud), tmp_path / "site.copc.laz", ORIGIN)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
 @pytest.mark.parametrize("at_once", [1 << 20, 5000])
 def test_copc_is_read_by_level_and_holds_all_points(tmp_path, monkeypatch, at_once):
     """All points at once, and by cubes that hold few of them."""
     monkeypatch.setattr(octree, "_MOST_AT_ONCE", at_once)
     cloud = slope()
-    box = np.stack([f(axis=0) for f in (cloud.points_home_m.min, cloud.points_home_m.max)])
-    write_copc(lambda: in_two(cloud), box, tmp_path / "site.copc.laz", ORIGIN, "EPSG:32633")
+    write_copc(
+        lambda: in_two(cloud), box_of(cloud), tmp_path / "site.copc.laz", ORIGIN, "EPSG:32633"
+    )
     las = laspy.read(str(tmp_path / "site.copc.laz"))
     assert len(las.points) == len(cloud) and las.header.parse_crs().to_epsg() == 32633
     assert np.max(las.x) == pytest.approx(391040.0, abs=0.01)

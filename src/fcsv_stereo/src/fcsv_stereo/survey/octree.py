@@ -6,6 +6,7 @@ copclib names no extra dimensions: intensity holds sigma (mm, at most 65.5 m), u
 of views. The same in full is in the plain LAZ.
 """
 
+import ctypes
 from pathlib import Path
 from typing import Callable, Dict, Iterable, Iterator, List, Tuple
 
@@ -17,7 +18,7 @@ _STEP_M = 0.001
 _CELLS = 128  # along a node's side: of each cell its first point is the node's
 _MOST_LEFT, _DEEPEST = 20_000, 9
 _MOST_AT_ONCE = 1 << 20  # points in memory: 200 MB
-_CUBES = 32  # at most along the side: those that are made by themselves
+_CUBES = _CELLS  # at most along the side: those that are made by themselves
 _MM, _MOST_16 = 1000.0, 65535
 
 Key = Tuple[int, int, int, int]
@@ -58,24 +59,34 @@ def write_copc(
 ) -> None:
     """LAZ 1.4 (point format 7) with COPC's octree, of clouds between the corners ``box_m`` (2,3),
     which are gone through for each of the cubes that hold not too many points to be in memory;
-    ``crs`` as of ``LazFile``."""
+    ``crs`` as of ``LazFile``. Raises OSError."""
     import copclib
 
     low, high = box_m + origin_m
-    offset = np.floor(low)
     side_m = float((high - low).max()) + 10 * _STEP_M
     config = copclib.CopcConfigWriter(
-        7, copclib.Vector3(*[_STEP_M] * 3), copclib.Vector3(*offset), _wkt(crs)
+        7, copclib.Vector3(*[_STEP_M] * 3), copclib.Vector3(*np.floor(low)), _wkt(crs)
     )
     info, header = config.copc_info, config.las_header
     info.center_x, info.center_y, info.center_z = low + side_m / 2.0
     info.halfsize, info.spacing = side_m / 2.0, side_m / _CELLS
     header.min, header.max = copclib.Vector3(*low), copclib.Vector3(*high)
     writer = copclib.FileWriter(str(path), config)
+    try:
+        for key, records in _nodes(clouds, low, side_m, origin_m):
+            data = np.frombuffer(records.tobytes(), np.int8)
+            writer.AddNode(copclib.VoxelKey(*key), copclib.VectorChar(data))
+        writer.Close()
+    except RuntimeError as error:
+        # never freed: it would try to write again, and end the process
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(writer))
+        raise OSError(f"{path}: {error}; is the disk full?") from error
 
-    def add(key: Key, records: np.ndarray) -> None:
-        data = np.frombuffer(records.tobytes(), np.int8)
-        writer.AddNode(copclib.VoxelKey(*key), copclib.VectorChar(data))
+
+def _nodes(
+    clouds: Callable[[], Iterable[Cloud]], low: np.ndarray, side_m: float, origin_m: np.ndarray
+) -> Iterator[Tuple[Key, np.ndarray]]:
+    """Each node once, and its records."""
 
     def cubes(cloud: Cloud) -> np.ndarray:
         at = cloud.points_home_m.astype(float) + origin_m - low
@@ -87,15 +98,14 @@ def write_copc(
         parts = (c[(cubes(c) // (_CUBES >> depth) == cube).all(axis=1)] for c in clouds())
         cloud = concatenate(list(parts))
         points = cloud.points_home_m.astype(float) + origin_m
-        records = _records(cloud, points, offset)
+        records = _records(cloud, points, np.floor(low))
         for key, of in levels(points, low, side_m, depth):
             if key[0] < depth:
                 coarse.setdefault(key, []).append(records[of])
             else:
-                add(key, records[of])
+                yield key, records[of]
     for key in sorted(coarse):
-        add(key, np.concatenate(coarse[key]))
-    writer.Close()
+        yield key, np.concatenate(coarse[key])
 
 
 def _cubes_at_once(cubes: Iterable[np.ndarray]) -> Tuple[int, np.ndarray]:
