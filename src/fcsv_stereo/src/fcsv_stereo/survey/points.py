@@ -60,12 +60,16 @@ def write_arrays(arrays: Dict[str, np.ndarray], attributes: Dict[str, Any], path
     """Arrays and what is told of them as zarr in one file, whole or not at all. Raises OSError."""
     partial = path.with_name(path.name + ".partial")
     path.parent.mkdir(parents=True, exist_ok=True)
-    with zarr.ZipStore(str(partial), mode="w") as store:
-        group = zarr.group(store)
-        for name, values in arrays.items():
-            group.array(name, values, chunks=(_CHUNK, *values.shape[1:]))
-        group.attrs.put(attributes)
-    partial.replace(path)
+    try:
+        with zarr.ZipStore(str(partial), mode="w") as store:
+            group = zarr.group(store)
+            for name, values in arrays.items():
+                rows = min(_CHUNK, max(len(values), 1))  # zarr fills a chunk up
+                group.array(name, values, chunks=(rows, *values.shape[1:]))
+            group.attrs.put(attributes)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def kept_attributes(path: Path, key: str) -> Optional[Dict[str, Any]]:
