@@ -348,9 +348,12 @@ def test_a_wrong_control_list_is_refused_before_any_map(maps, tmp_path, capsys):
 
 
 def test_a_survey_that_was_stopped_goes_on(site, tmp_path, monkeypatch):
-    """The second view's map is lost: it alone is made again, and the site is the same."""
+    """The second view's map is lost: it alone is made again. So are all points and tiles, which
+    workers made before, and this process now; the site is the same."""
     shutil.copytree(site / "out", tmp_path / "out")
     (tmp_path / "out/views/view02.json").unlink()
+    for folder in ("points", "tiles"):
+        shutil.rmtree(tmp_path / "out" / folder)
     made, run = [], pipeline.run
     monkeypatch.setattr(
         pipeline,
@@ -359,7 +362,10 @@ def test_a_survey_that_was_stopped_goes_on(site, tmp_path, monkeypatch):
     )
     assert survey(*sorted((site / "drawn").iterdir()), "-o", tmp_path / "out") == 0
     assert made == ["view02"]
-    assert (tmp_path / "out/site.ply").read_bytes() == (site / "out/site.ply").read_bytes()
+    names = ["site.ply", "site.laz", "site.copc.laz", "dsm.tif", "orthophoto.tif"]
+    names += [t["files"][0] for t in document(site / "out")["tiles"]]
+    for name in names:
+        assert (tmp_path / "out" / name).read_bytes() == (site / "out" / name).read_bytes()
 
 
 @pytest.mark.slow
