@@ -17,7 +17,7 @@ from fcsv_stereo.survey.quantiles import quantiles
 from fcsv_stereo.survey.rasters import CellGrid, Highest, Surface
 from fcsv_stereo.survey.world import unlikely_points
 
-_PLAN_CELLS, _COVERAGE_CELLS = 700, 300  # along x
+_PLAN_CELLS, _COVERAGE_CELLS = 700, 300  # along the longer side
 _MOST_LABELLED = 12  # views; with more the edges' residuals would cover each other
 _WEDGE_SHARE = 0.12  # length of a view's wedge, of the plan's width
 _CUT_SHARES = (0.01, 0.99)
@@ -101,12 +101,10 @@ def _limits(site: Site) -> Tuple[np.ndarray, np.ndarray]:
     return low - margin, high + margin
 
 
-def _from_above(
-    site: Site, low: np.ndarray, high: np.ndarray, columns: int
-) -> Tuple[Surface, Tuple]:
-    """The highest points of cells between two corners (x, y m), and left, right, lower, upper edge
-    (m) of these cells."""
-    cell_m = float(high[0] - low[0]) / columns
+def _from_above(site: Site, low: np.ndarray, high: np.ndarray, cells: int) -> Tuple[Surface, Tuple]:
+    """The highest points of so many cells along the longer side between two corners (x, y m), and
+    left, right, lower, upper edge (m) of these cells."""
+    cell_m = float((high - low).max()) / cells
     first, last = (np.floor((v - site.origin_m[:2]) / cell_m).astype(int) for v in (low, high))
     highest = Highest(CellGrid(cell_m, tuple(first), tuple(last)), site.origin_m)
     for cloud in site.clouds():
