@@ -2,6 +2,7 @@
 """Products: read back by other readers, they hold what the map holds."""
 
 import doctest
+import resource
 from dataclasses import replace
 
 import cv2
@@ -87,6 +88,20 @@ def test_laz_with_sigma(result, tmp_path):
         np.stack([read.red, read.green, read.blue], 1) // 257, result.cloud.colors
     )
     assert (tmp_path / "map.laz").stat().st_size < 0.7 * len(read.points) * 35  # it is compressed
+
+
+def test_a_laz_that_the_disk_does_not_take_is_said_and_not_there(tmp_path):
+    """Files may not become larger than 50 kB here; the cloud is larger."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    points = np.random.default_rng(0).normal(size=(400_000, 3)).astype(np.float32)
+    rest = np.zeros((len(points), 3), np.uint8), points[:, 0] ** 2, np.ones(len(points), np.uint8)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+    try:
+        with pytest.raises(OSError, match="map.laz: .*is the disk full"):
+            write_laz(Cloud(points, *rest), tmp_path / "map.laz")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_duplicates_become_their_weighted_mean(result):

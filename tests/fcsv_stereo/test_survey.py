@@ -2,6 +2,7 @@
 """Survey: a small drawn site through the command, its files, and what is said of wrong inputs."""
 
 import json
+import os
 import re
 import shutil
 import signal
@@ -17,6 +18,7 @@ import psutil
 import pytest
 import rasterio
 import trimesh
+import yaml
 from support.photographs import model
 
 from fcsv_geometry.bags.reading import messages
@@ -26,14 +28,14 @@ from fcsv_stereo import fcsv_command, pipeline
 from fcsv_stereo.errors import SurveyError
 from fcsv_stereo.map_files import output
 from fcsv_stereo.posed import colmap
-from fcsv_stereo.survey import inputs
+from fcsv_stereo.survey import inputs, joining, tiles
 from fcsv_stereo.survey.earth import EarthFrame
 from fcsv_stereo.survey.lock import LOCK, alone_in
 from fcsv_stereo.survey.station import Station, heading_rad, load_station, prior_of
 
 KEYS = {
-    *("crs", "heights", "origin", "views", "edges", "world", "gps", "control_points", "tiles"),
-    "missing",
+    *("crs", "heights", "origin", "views", "edges", "world", "gps", "control_points", "files"),
+    *("points", "min_m", "max_m", "tiles", "missing"),
 }
 VIEW_KEYS = {
     "name",
@@ -45,6 +47,7 @@ VIEW_KEYS = {
     "sigma_yaw_deg",
     "overlaps",
 }
+TILE_KEYS = {"name", "files", "points", "min_m", "max_m"}
 STATION = "place_m: [1, 2, 3]\nheading_deg: 10\nplace_sigma_m: 0.5\nheading_sigma_deg: 0.1\n"
 ROBOT = Path(__file__).resolve().parents[2] / "config/robots/rescue.yaml"
 PRODUCTS = ("--products", "mcap,mesh,ground", "--robot", ROBOT)
@@ -127,20 +130,39 @@ def test_homes_are_where_they_were_drawn(site):
 
 
 def test_the_clouds_hold_the_same_points_with_sigma_and_views(site):
-    out, tile = site / "out", document(site / "out")["tiles"][0]
+    out, found = site / "out", document(site / "out")
     head = (out / "site.ply").read_bytes().split(b"end_header\n")[0]
     assert b"property uchar views" in head and b"baseline" not in head
     las = laspy.read(str(out / "site.laz"))
     assert (
         len(las.points)
-        == tile["points"]
+        == found["points"]
         == int(re.search(rb"vertex (\d+)", head).group(1))
         > 20_000
     )
     assert (np.asarray(las["views"]) >= 1).all() and (np.asarray(las["views"]) >= 2).mean() > 0.3
     assert (np.asarray(las["sigma"]) > 0).all() and np.min(las.x) == pytest.approx(
-        tile["min_m"][0], abs=0.01
+        found["min_m"][0], abs=0.01
     )
+
+
+def test_tiles_hold_each_point_once(site):
+    out, tiles = site / "out", document(site / "out")["tiles"]
+    assert len(tiles) >= 4 and all(set(t) == TILE_KEYS for t in tiles)
+    found = []
+    for tile in tiles:
+        las = laspy.read(str(out / tile["files"][0]))
+        assert len(las.points) == tile["points"] and tile["name"] in tile["files"][0]
+        assert las.xyz.min(axis=0) == pytest.approx(tile["min_m"], abs=0.01)
+        found.append(in_millimetres(las))
+    las = laspy.read(str(out / "site.laz"))
+    of_all = in_millimetres(las)
+    assert np.array_equal(np.sort(np.concatenate(found), axis=0), np.sort(of_all, axis=0))
+
+
+def in_millimetres(las):
+    """(N,4) whole numbers x, y, z, and sigma."""
+    return np.column_stack([np.rint(1000.0 * las.xyz), las["sigma"]])
 
 
 def test_the_page_shows_plan_and_edges(site):
@@ -155,9 +177,9 @@ def test_the_page_shows_plan_and_edges(site):
 
 def test_all_products_are_there_and_the_document_names_them(site):
     out = site / "out"
-    (tile,) = document(out)["tiles"]
-    assert {"site.copc.laz", "dsm.tif", "site.mcap", "site.glb", "ground"} <= set(tile["files"])
-    assert all((out / name).exists() for name in tile["files"])
+    files = document(out)["files"]
+    assert {"site.copc.laz", "dsm.tif", "site.mcap", "site.glb", "ground"} <= set(files)
+    assert all((out / name).exists() for name in files)
     page = (out / "site.html").read_text()
     assert "triangles of what is surer than" in page and "free to stand on" in page
 
@@ -180,8 +202,7 @@ def test_mcap_holds_the_site_in_messages_that_viewers_know(site):
     names = [f.name for f in points.fields]
     assert names == ["x", "y", "z", "rgb", "sigma", "views"] and points.point_step == 24
     x = np.frombuffer(points.data.tobytes(), "<f4").reshape(-1, 6)[:, 0]
-    tile = document(out)["tiles"][0]
-    assert len(x) == points.width > 10_000 and x.max() <= tile["max_m"][0] + 0.001
+    assert len(x) == points.width > 10_000 and x.max() <= document(out)["max_m"][0] + 0.001
     with rasterio.open(out / "dsm.tif") as dsm:
         cells = np.isfinite(dsm.read(1)).sum()
     assert 0 < found["/site/surface"].width <= cells
@@ -195,8 +216,8 @@ def test_mcap_holds_the_site_in_messages_that_viewers_know(site):
 def test_the_mesh_has_walls_colours_and_holes(site):
     mesh = trimesh.load(site / "out/site.glb", force="mesh")
     x, up, south = mesh.vertices.T
-    (tile,) = document(site / "out")["tiles"]
-    assert len(mesh.faces) > 5000 and np.ptp(up) > 5.0 and x.min() >= tile["min_m"][0] - 1.0
+    low_m = document(site / "out")["min_m"]
+    assert len(mesh.faces) > 5000 and np.ptp(up) > 5.0 and x.min() >= low_m[0] - 1.0
     upright = np.abs(mesh.face_normals[:, 1]) < 0.3
     assert 0.03 < upright.mean() < 0.9 and not mesh.is_watertight
     colours = mesh.visual.vertex_colors[:, :3].astype(float)
@@ -327,9 +348,12 @@ def test_a_wrong_control_list_is_refused_before_any_map(maps, tmp_path, capsys):
 
 
 def test_a_survey_that_was_stopped_goes_on(site, tmp_path, monkeypatch):
-    """The second view's map is lost: it alone is made again, and the site is the same."""
+    """The second view's map is lost: it alone is made again. So are all points and tiles, which
+    workers made before, and this process now; the site is the same."""
     shutil.copytree(site / "out", tmp_path / "out")
     (tmp_path / "out/views/view02.json").unlink()
+    for folder in ("points", "tiles"):
+        shutil.rmtree(tmp_path / "out" / folder)
     made, run = [], pipeline.run
     monkeypatch.setattr(
         pipeline,
@@ -338,7 +362,10 @@ def test_a_survey_that_was_stopped_goes_on(site, tmp_path, monkeypatch):
     )
     assert survey(*sorted((site / "drawn").iterdir()), "-o", tmp_path / "out") == 0
     assert made == ["view02"]
-    assert (tmp_path / "out/site.ply").read_bytes() == (site / "out/site.ply").read_bytes()
+    names = ["site.ply", "site.laz", "site.copc.laz", "dsm.tif", "orthophoto.tif"]
+    names += [t["files"][0] for t in document(site / "out")["tiles"]]
+    for name in names:
+        assert (tmp_path / "out" / name).read_bytes() == (site / "out" / name).read_bytes()
 
 
 @pytest.mark.slow
@@ -420,6 +447,122 @@ def test_a_view_whose_map_fails_is_named_and_the_rest_is_there(maps, tmp_path, c
     assert [v["name"] for v in found["views"]] == ["m1", "m2"]
     assert "MISSING dark: " in capsys.readouterr().out
     assert "dark is missing" in (tmp_path / "out/site.html").read_text()
+
+
+@pytest.fixture
+def tasks_run(monkeypatch):
+    """Names of the views and tiles that are computed in this process, in order."""
+    names, join, make = [], joining.join_view, tiles.surface_of
+    monkeypatch.setattr(
+        joining, "join_view", lambda v, *o: names.append(v.view.name) or join(v, *o)
+    )
+    monkeypatch.setattr(
+        tiles, "surface_of", lambda c, w, *o: names.append(tile_at(w)) or make(c, w, *o)
+    )
+    return names
+
+
+def tile_at(window):
+    return "x{}_y{}".format(*(n // 512 for n in window.first))
+
+
+def products(out):
+    return {n: (out / n).read_bytes() for n in ("site.ply", "site.laz", "dsm.tif", "site.json")}
+
+
+def test_a_view_or_a_tile_that_cannot_be_made_is_named_and_the_rest_is_there(
+    maps, tmp_path, capsys, tasks_run
+):
+    """Folders stand where their files should be. Without them the same command goes on: it makes
+    what is missing, and the site is the same."""
+    out = tmp_path / "out"
+    assert survey(*maps, "-o", out) == 0
+    whole, before = products(out), document(out)
+    made = {"m1", "m2", "m3"} | {t["name"] for t in before["tiles"]}
+    assert set(tasks_run) == made and len(tasks_run) == len(made)
+    tasks_run.clear()
+    assert survey(*maps, "-o", out) == 0 and tasks_run == [] and products(out) == whole
+
+    tile = max(before["tiles"], key=lambda t: t["points"])
+    blocked = out / "tiles" / f"{tile['name']}.zarr.zip"
+    blocked.unlink()
+    blocked.mkdir()
+    assert survey(*maps, "-o", out) == 1
+    said, found = capsys.readouterr().out, document(out)
+    assert f"1 missing: tile {tile['name']}" in said and "is a folder, not a file" in said
+    assert [m["name"] for m in found["missing"]] == [f"tile {tile['name']}"]
+    assert [t for t in before["tiles"] if t != tile] == found["tiles"]
+    assert products(out)["site.laz"] == whole["site.laz"]
+    with rasterio.open(out / "dsm.tif") as dsm:
+        seen = np.isfinite(dsm.read(1))
+        bounds = [
+            dsm.index(*(np.array(tile[n][:2]) + inset))
+            for n, inset in (("min_m", 0.3), ("max_m", -0.3))
+        ]
+        (bottom, left), (top, right) = bounds
+        assert seen.any() and not seen[max(top, 0) : bottom, max(left, 0) : right].any()
+    blocked.rmdir()
+    tasks_run.clear()
+    assert survey(*maps, "-o", out) == 0 and products(out) == whole
+    assert tasks_run == [tile["name"]]
+
+    blocked = out / "points/m2.zarr.zip"
+    blocked.unlink()
+    blocked.mkdir()
+    assert survey(*maps, "-o", out) == 1
+    assert "MISSING points of m2: " in capsys.readouterr().out
+    points = json.loads((out / "adjustment.json").read_text())["views"]
+    assert points["m2"]["points"] == 0 < points["m1"]["points"]
+    las = laspy.read(str(out / "site.laz"))
+    assert len(las.points) == points["m1"]["points"] + points["m3"]["points"]
+    blocked.rmdir()
+    assert survey(*maps, "-o", out) == 0 and products(out) == whole
+
+
+def test_another_view_costs_its_own_points_and_the_tiles_that_it_touches(maps, tmp_path, tasks_run):
+    """It stands 1500 m beside the two others: only the tiles that were the last on that side, and
+    had the points beyond them, are made again."""
+    station = yaml.safe_load((maps[2] / "station.yaml").read_text())
+    station["place_m"][1] += 1500.0
+    (maps[2] / "station.yaml").write_text(yaml.safe_dump(station))
+    out = tmp_path / "out"
+    assert survey(*maps[:2], "-o", out) == 0
+    before = [t["name"] for t in document(out)["tiles"]]
+    tasks_run.clear()
+    assert survey(*maps, "-o", out) == 0
+    after = [t["name"] for t in document(out)["tiles"]]
+    last = max(int(n.split("_y")[1]) for n in before)
+    stays = {n for n in before if int(n.split("_y")[1]) < last}
+    assert stays and "m3" in tasks_run and not {"m1", "m2", *stays} & set(tasks_run)
+    assert stays < set(after) and set(after) - stays == set(tasks_run) - {"m3"}
+    shutil.rmtree(out / "points")
+    shutil.rmtree(out / "tiles")
+    found = products(out)
+    assert survey(*maps, "-o", out) == 0 and products(out) == found
+
+
+@pytest.mark.slow
+def test_what_a_killed_survey_joined_and_tiled_is_not_made_again(maps, tmp_path):
+    """Killed as soon as so many files of points and tiles are there, of nine."""
+    assert survey(*maps, "-o", tmp_path / "whole") == 0
+    out, kept = tmp_path / "out", {}
+    program = "from fcsv_stereo.survey import command; import sys; sys.exit(command.main())"
+    words = [sys.executable, "-c", program, *map(str, maps), "-o", str(out)]
+    for count in (1, 2, 4, 7):
+        process = subprocess.Popen(words, stderr=subprocess.DEVNULL, start_new_session=True)
+        ends = time.monotonic() + 60.0
+        while len(notes(out)) < count and time.monotonic() < ends and process.poll() is None:
+            time.sleep(0.005)
+        os.killpg(process.pid, signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL and len(notes(out)) >= count
+        kept = {**notes(out), **kept}
+    assert survey(*maps, "-o", out) == 0 and products(out) == products(tmp_path / "whole")
+    assert kept.items() <= notes(out).items()
+
+
+def notes(out):
+    """When the files of points and tiles were written."""
+    return {p: p.stat().st_mtime_ns for n in ("points", "tiles") for p in (out / n).glob("*.zip")}
 
 
 def test_a_view_whose_scale_is_wrong_by_five_per_cent_is_said(maps, tmp_path, capsys):

@@ -129,14 +129,16 @@ def test_a_scale_that_a_map_states_is_not_counted_twice():
 
 def test_only_views_that_may_see_it_are_asked():
     """Twenty cameras about a wall: one that sees any of its points is always asked."""
-    own = merge.site_view(view("a", A), placed(view("a", A), A), np.zeros(3))
-    corners, asked = merge.corners_of(own), 0
+    a, asked = view("a", A), 0
+    own = merge.site_view(a, placed(a, A), np.zeros(3))
     for i in range(20):
         T = camera_at(-20.0 + 4.0 * i, 10.0 * np.sin(i), heading_deg=36.0 * i)
         v = view("b", T)
         other = merge.site_view(v, placed(v, T), np.zeros(3))
         sees = other.look(own.points()[0])[0].any()
-        asked += merge.may_contain(other, corners)
-        assert merge.may_contain(other, corners) or not sees
+        found = merge.overlapping(a, [a, v], {"a": placed(a, A), "b": placed(v, T)})
+        asked += len(found)
+        assert [o.name for o in found] == ["b"] or (not found and not sees)
     assert 5 < asked < 18
-    assert not merge.may_contain(own, np.zeros((0, 3)))
+    blank = view("a", A, np.full_like(a.depth, np.nan))
+    assert merge.overlapping(blank, [v], {"a": placed(a, A), "b": placed(v, T)}) == []

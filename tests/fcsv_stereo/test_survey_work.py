@@ -227,9 +227,8 @@ def edges_of(three, out, made=None, monkeypatch=None):
             "find_edge",
             lambda a, b, *rest: made.append((a.name, b.name)) or find(a, b, *rest),
         )
-    views, files = zip(*three)
     with Crew(WorkOptions(0)) as crew:
-        return survey.edges_between(views, files, out, crew, lambda *_: None)
+        return survey.edges_between([f for _, f in three], out, crew, lambda *_: None)
 
 
 def test_edges_are_kept_and_another_view_costs_its_own(three, tmp_path, monkeypatch):
@@ -263,9 +262,7 @@ def test_a_kept_edge_is_the_edge_to_the_last_bit(three, tmp_path):
     kept._FEATURES.clear()
     make_edge(a, b, tmp_path)
     assert kept.edge_path(a, b, tmp_path).read_text() == text and first.matches >= 0
-    found = kept.find_edge(
-        *(kept._with_features(v)[0] for v in (a, b)), *(kept._with_features(v)[1] for v in (a, b))
-    )
+    found = kept.find_edge(a, b, *(kept._features(v) for v in (a, b)))
     assert found.matches == first.matches and found.reason == first.reason
     if found.S_a_b is not None:
         assert found.S_a_b.scale() == first.S_a_b.scale()

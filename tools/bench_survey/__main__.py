@@ -73,7 +73,7 @@ def _show(title: str, values: Dict[str, object]) -> None:
 def _compare(site: Site, truth: Dict[str, TrueView]) -> None:
     """Prints errors of views and points: as flown, as Open3D joins them, as the survey does."""
     placed = site.adjusted.placed
-    views = [v for v in site.views if v.name in placed]
+    views = [v.load() for v in site.views if v.name in placed]
     started = time.perf_counter()
     rigid = multiway(views, site.adjusted.edges)
     print(f"Open3D multiway: {time.perf_counter() - started:.0f} s", file=sys.stderr)

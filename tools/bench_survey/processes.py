@@ -12,13 +12,14 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List
+from typing import Dict, List, Tuple
 
 import numpy as np
 import psutil
 
 from fcsv_stereo.survey.survey import FILES
 
+_NOTES = ("views/*.json", "edges/*.json", "points/*.zip", "tiles/*.zip")
 _COMMAND = "import sys; from fcsv_stereo.survey.command import main; sys.exit(main())"
 
 
@@ -34,9 +35,11 @@ def content_of(out: Path) -> Dict[str, str]:
     return {n: hashlib.sha256((out / n).read_bytes()).hexdigest() for n in FILES}
 
 
-def written(folder: Path) -> Dict[Path, int]:
-    """When (ns) each note of a map, or edge, was written; they are written when all else is."""
-    return {p: p.stat().st_mtime_ns for p in folder.glob("*.json")}
+def written(out: Path) -> Dict[Path, int]:
+    """When (ns) each note of a map, edge, view's points and tile was written; they are written when
+    all else is."""
+    found = (p for folder in _NOTES for p in out.glob(folder))
+    return {p: p.stat().st_mtime_ns for p in found}
 
 
 def kills(folders: List[Path], out: Path, count: int, seed: int) -> Dict[str, str]:
@@ -55,19 +58,19 @@ def kills(folders: List[Path], out: Path, count: int, seed: int) -> Dict[str, st
     for _ in range(count):
         process = survey_process(folders, out / "killed", "--workers", "2")
         try:
-            process.wait(float(random.uniform(0.1, 0.7)) * took["2"])
+            process.wait(float(random.uniform(0.1, 1.0)) * took["2"])
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
             lost += 1
-        maps, edges = written(out / "killed/views"), written(out / "killed/edges")
-        made.append(f"{len(maps)}+{len(edges)}")
-        kept = {**maps, **edges, **kept}  # by the first time that it was there
+        there = written(out / "killed")
+        made.append("+".join(str(sum(p.match(n) for p in there)) for n in _NOTES))
+        kept = {**there, **kept}  # by the first time that it was there
     if survey_process(folders, out / "killed", "--workers", "2").wait() != 0:
         raise SystemExit("what was killed did not go on")
     contents["killed"] = content_of(out / "killed")
-    now = {**written(out / "killed/views"), **written(out / "killed/edges")}
-    again = [path.name for path, stamp in kept.items() if now[path] != stamp]
+    now = written(out / "killed")
+    again = [path.name for path, stamp in kept.items() if now.get(path) != stamp]
     differ = {
         name: [n for n in FILES if contents["0"][n] != of[n]] or "nothing"
         for name, of in contents.items()
@@ -78,7 +81,7 @@ def kills(folders: List[Path], out: Path, count: int, seed: int) -> Dict[str, st
         ),
         "two processes against one": f"{took['1'] / took['2']:.2f}",
         "differs from the plain loop: one, two processes": f"{differ['1']}, {differ['2']}",
-        f"killed {lost} times, maps + edges that were there then": ", ".join(made),
+        f"killed {lost} times, maps + edges + points + tiles that were there then": ", ".join(made),
         "of these computed again": ", ".join(again) or "none",
         "differs from the plain loop: after the kills": str(differ["killed"]),
     }
@@ -87,11 +90,12 @@ def kills(folders: List[Path], out: Path, count: int, seed: int) -> Dict[str, st
 @dataclass(frozen=True)
 class Cost:
     """Of a whole survey: seconds of the clock and of the processors; most memory (GB) that one
-    process of the machine had at a time."""
+    worker had at a time, and the survey's own process."""
 
     wall_s: float
     cpu_s: float
     memory_gb: float
+    own_gb: float
 
 
 def cost(folders: List[Path], out: Path, workers: int) -> Cost:
@@ -99,13 +103,13 @@ def cost(folders: List[Path], out: Path, workers: int) -> Cost:
     shutil.rmtree(out, ignore_errors=True)
     started, before = time.perf_counter(), _children_s()
     process = survey_process(folders, out, "--workers", str(workers))
-    memory = 0
+    most = np.zeros(2)
     while process.poll() is None:
-        memory = max(memory, _most_memory(process.pid, workers))
+        most = np.maximum(most, _memory(process.pid))
         time.sleep(0.2)
     if process.returncode:
         raise SystemExit(f"a survey of {len(folders)} views ended with status {process.returncode}")
-    return Cost(time.perf_counter() - started, _children_s() - before, memory / 1e9)
+    return Cost(time.perf_counter() - started, _children_s() - before, *(most / 1e9))
 
 
 def _children_s() -> float:
@@ -113,20 +117,20 @@ def _children_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def _most_memory(pid: int, workers: int) -> int:
-    """Bytes of the largest worker; of the survey's own process where there are none."""
+def _memory(pid: int) -> Tuple[int, int]:
+    """Bytes of the largest worker, and of the survey's own process."""
     try:
         survey = psutil.Process(pid)
-        processes = survey.children(recursive=True) if workers else [survey]
+        return max([_bytes(p) for p in survey.children(recursive=True)], default=0), _bytes(survey)
     except psutil.Error:
-        return 0
-    found = [0]
-    for p in processes:
-        try:
-            found.append(p.memory_info().rss)
-        except psutil.Error:
-            continue  # it has ended
-    return max(found)
+        return 0, 0
+
+
+def _bytes(process: psutil.Process) -> int:
+    try:
+        return process.memory_info().rss
+    except psutil.Error:
+        return 0  # it has ended
 
 
 def growth(folders: List[Path], few: int, out: Path) -> Dict[str, str]:
@@ -142,4 +146,5 @@ def growth(folders: List[Path], few: int, out: Path) -> Dict[str, str]:
         f"seconds of the clock with one worker, {few} views": f"{some[1].wall_s:.0f}",
         "two workers against one": f"{some[1].wall_s / some[2].wall_s:.2f}",
         f"memory of the largest worker (GB): {named}": f"{some[2].memory_gb:.2f}, {every.memory_gb:.2f}",
+        f"memory of the survey's own process (GB): {named}": f"{some[2].own_gb:.2f}, {every.own_gb:.2f}",
     }

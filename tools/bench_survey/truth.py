@@ -131,14 +131,14 @@ def cloud_figures(site: Site, truth: Dict[str, TrueView]) -> Dict[str, float]:
     the similarity that fits the points best. A point is compared with the true surface on its own
     view's ray."""
     placed = site.adjusted.placed
-    views = [v for v in site.views if v.name in placed]
+    views = [v.load() for v in site.views if v.name in placed]
     pairs = [points_of(v, placed[v.name].S_site_cam, truth[v.name]) for v in views]
     told, true = (np.concatenate([p[i][::50] for p in pairs]) for i in (0, 1))
     good = np.linalg.norm(told - true, axis=1) < np.median(np.linalg.norm(told - true, axis=1)) * 2
     at = similarity.of_matrix(similarity.fit(true[None, good], told[None, good])[0])
     error, exact, sigma, depth, several = [], [], [], [], []
     for v in views:
-        cloud, t = site.joined[v.name].cloud, truth[v.name]
+        cloud, t = site.joined[v.name].load(), truth[v.name]
         p = similarity.apply(at, cloud.points_home_m.astype(float) + site.origin_m)
         in_cam = (p - t.T_world_cam[:3, 3]) @ t.T_world_cam[:3, :3]
         z = in_cam[:, 2]
@@ -159,7 +159,7 @@ def cloud_figures(site: Site, truth: Dict[str, TrueView]) -> Dict[str, float]:
     told = several & np.isfinite(exact)
     e, s, d = exact[told], sigma[told], depth[told]
     return {
-        "points": len(site.cloud),
+        "points": site.count,
         "seen by two or more (%)": 100 * float(several.mean()),
         "of these wrong: beyond 10 % (%)": 100 * float(wrong[several].mean()),
         "of these within sigma (68 %)": 100 * float((e <= s).mean()),
@@ -179,7 +179,7 @@ def normalised(site: Site, truth: Dict[str, TrueView]) -> float:
     true similarities."""
     import gtsam
 
-    by_name = {v.name: v for v in site.views}
+    by_name = {v.name: v.load() for v in site.views}
     true = {
         n: similarity.of_pose(t.T_world_cam, true_scale(by_name[n], t)) for n, t in truth.items()
     }

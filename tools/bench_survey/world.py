@@ -16,7 +16,7 @@ from fcsv_stereo.survey.adjust import Adjusted
 from fcsv_stereo.survey.document import Site
 from fcsv_stereo.survey.earth import EarthFrame
 from fcsv_stereo.survey.georeference import World, WorldOptions, place, projected
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.kept import ViewFile
 from harness import rms
 
 #: Where the drawn world's origin is on the earth; farthest control point from a view; errors of
@@ -88,7 +88,7 @@ def control_figures(site: Site, truth: Dict[str, TrueView]) -> Dict[str, float]:
     }
 
 
-def with_gps(views: List[View], truth: Dict[str, TrueView], seed: int) -> List[View]:
+def with_gps(views: List[ViewFile], truth: Dict[str, TrueView], seed: int) -> List[ViewFile]:
     """The views, each with a fix of GPS of its own that is off by 2 m per axis and says so."""
     random, frame = np.random.default_rng([seed, 98]), world_frame()
     found = []
@@ -106,15 +106,14 @@ def gps_figures(site: Site, truth: Dict[str, TrueView], seed: int) -> Dict[str, 
     """Of the site's views where each has a fix of GPS; nothing is joined anew."""
     given = WorldOptions().read()
     adjusted, frame, world = place(with_gps(site.views, truth, seed), site.adjusted.edges, given)
-    adjusted, _, _ = projected(adjusted, [], frame, np.zeros(3))
-    return scale_figures(site.views, adjusted, world, truth)
+    return scale_figures(site.views, projected(adjusted, frame), world, truth)
 
 
 def scale_figures(
-    views: Sequence[View], adjusted: Adjusted, world: World, truth: Dict[str, TrueView]
+    views: Sequence[ViewFile], adjusted: Adjusted, world: World, truth: Dict[str, TrueView]
 ) -> Dict[str, float]:
     """Places and scales of views on the earth against the truth, without any fit."""
-    by_name, frame = {v.name: v for v in views}, world_frame()
+    by_name, frame = {v.name: v.load() for v in views}, world_frame()
     places, scales = [], []
     for n, p in adjusted.placed.items():
         T = truth[n].T_world_cam

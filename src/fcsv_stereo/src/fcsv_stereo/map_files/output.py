@@ -5,7 +5,7 @@ it, or none."""
 import json
 import re
 from pathlib import Path
-from typing import Optional
+from typing import Iterable, Optional
 
 import cv2
 import numpy as np
@@ -83,23 +83,34 @@ def write_arrays(result: MapResult, folder: Path) -> None:
         raise OutputError(f"{folder / 'reference.png'}: cannot be written; is the disk full?")
 
 
-def write_ply(
-    cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT, last: str = "baseline"
+def write_ply(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None:
+    """A map's cloud as ``write_clouds``."""
+    write_clouds([cloud], len(cloud), path, origin_m)
+
+
+def write_clouds(
+    clouds: Iterable[Cloud],
+    count: int,
+    path: Path,
+    origin_m: np.ndarray = NO_SHIFT,
+    last: str = "baseline",
 ) -> None:
-    """Binary little-endian PLY: x y z (home, m), red green blue, sigma (m), baseline (index of the
-    configuration, 255: of a depth camera). A comment says ``origin_m`` where x y z plus this are in
-    home. ``last``: the name of the last property, where it is another.
+    """``count`` points of one cloud after the other: binary little-endian PLY: x y z (home, m), red
+    green blue, sigma (m), baseline (index of the configuration, 255: of a depth camera). A comment
+    says ``origin_m`` where x y z plus this are in home. ``last``: the name of the last property,
+    where it is another.
 
     Raises OutputError where the disk does not take it.
     """
     comment = f"comment {origin_line(origin_m)}\n" if np.any(origin_m) else ""
     properties = _properties().replace(" baseline\n", f" {last}\n")
-    head = f"ply\nformat binary_little_endian 1.0\n{comment}element vertex {len(cloud)}\n{properties}end_header\n"
+    head = f"ply\nformat binary_little_endian 1.0\n{comment}element vertex {count}\n{properties}end_header\n"
     try:
         with path.open("wb") as file:
             file.write(head.encode())
-            for i in range(0, len(cloud), _AT_A_TIME):
-                file.write(_vertices(cloud[i : i + _AT_A_TIME]).tobytes())
+            for cloud in clouds:
+                for i in range(0, len(cloud), _AT_A_TIME):
+                    file.write(_vertices(cloud[i : i + _AT_A_TIME]).tobytes())
     except OSError as error:
         raise OutputError(in_words(error, path)) from error
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds in the formats of PCL (PCD) and of laser scanning (LAZ); PLY is in output.py."""
 
+import contextlib
 from pathlib import Path
-from typing import Tuple
+from typing import Iterator, Tuple
 
 import numpy as np
 
@@ -56,33 +57,81 @@ def write_pcd(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None
     path.write_bytes(head.encode() + points.tobytes())
 
 
-def write_laz(
-    cloud: Cloud,
-    path: Path,
-    origin_m: np.ndarray = NO_SHIFT,
-    last: Tuple[str, str] = _BASELINE,
-    crs: str = "",
-) -> None:
-    """LAZ 1.4 (point format 7): x y z (home, m, to 1 mm), 16-bit colours, extra dimensions sigma
-    (m) and baseline, or ``last``'s name and meaning; ``crs`` names the reference system of x and y,
-    where they are of one."""
-    import laspy  # with lazrs; only where the product is asked for
+class LazFile:
+    """LAZ 1.4 (point format 7) that takes one cloud after the other: x y z (m, to 1 mm), 16-bit
+    colours, extra dimensions sigma (m) and baseline, or ``last``'s name and meaning; ``crs`` names
+    the reference system of x and y, where they are of one. Clouds leave out ``origin_m``;
+    ``least_m`` (3,): about their least coordinates. A context manager: the file is there, whole,
+    when it is left without an error. Raises OSError where the disk does not take it."""
 
-    header = laspy.LasHeader(point_format=7, version="1.4")
-    header.scales = np.full(3, _LAZ_STEP_M)
-    header.offsets = np.floor(cloud.points_home_m.min(axis=0)).astype(float) + origin_m
-    header.add_extra_dims(
-        [
-            laspy.ExtraBytesParams("sigma", np.float32, "standard deviation (m)"),
-            laspy.ExtraBytesParams(last[0], np.uint8, last[1]),
-        ]
-    )
-    if crs:
-        from pyproj import CRS
+    def __init__(
+        self,
+        path: Path,
+        least_m: np.ndarray,
+        origin_m: np.ndarray = NO_SHIFT,
+        last: Tuple[str, str] = _BASELINE,
+        crs: str = "",
+    ):
+        import laspy  # with lazrs; only where the product is asked for
 
-        header.add_crs(CRS.from_user_input(crs))
-    las = laspy.LasData(header)
-    las.x, las.y, las.z = (cloud.points_home_m.astype(float) + origin_m).T
-    las.red, las.green, las.blue = cloud.colors.T.astype(np.uint16) * 257
-    las["sigma"], las[last[0]] = cloud.sigma_m, cloud.baseline_index
-    las.write(str(path), laz_backend=laspy.LazBackend.Lazrs)
+        header = laspy.LasHeader(point_format=7, version="1.4")
+        header.scales = np.full(3, _LAZ_STEP_M)
+        header.offsets = np.floor(least_m).astype(float) + origin_m
+        header.add_extra_dims(
+            [
+                laspy.ExtraBytesParams("sigma", np.float32, "standard deviation (m)"),
+                laspy.ExtraBytesParams(last[0], np.uint8, last[1]),
+            ]
+        )
+        if crs:
+            from pyproj import CRS
+
+            header.add_crs(CRS.from_user_input(crs))
+        self._path, self._origin_m, self._last = path, origin_m, last[0]
+        self._partial = path.with_name(path.name + ".partial")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._writer = laspy.open(
+            str(self._partial),
+            mode="w",
+            header=header,
+            laz_backend=laspy.LazBackend.Lazrs,
+            do_compress=True,
+        )
+
+    def __enter__(self) -> "LazFile":
+        return self
+
+    def __exit__(self, kind, *_) -> None:
+        if kind is None:
+            with self._refusals():
+                self._writer.close()
+            self._partial.replace(self._path)
+        else:
+            self._partial.unlink(missing_ok=True)
+
+    def add(self, cloud: Cloud) -> None:
+        """Writes its points."""
+        import laspy
+
+        points = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=self._writer.header)
+        points.x, points.y, points.z = (cloud.points_home_m.astype(float) + self._origin_m).T
+        points.red, points.green, points.blue = cloud.colors.T.astype(np.uint16) * 257
+        points["sigma"], points[self._last] = cloud.sigma_m, cloud.baseline_index
+        with self._refusals():
+            self._writer.write_points(points)
+
+    @contextlib.contextmanager
+    def _refusals(self) -> Iterator[None]:
+        """What the disk refuses is an OSError, as of other files."""
+        from lazrs import LazrsError
+
+        try:
+            yield
+        except LazrsError as error:
+            raise OSError(f"{self._path}: {error}; is the disk full?") from error
+
+
+def write_laz(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None:
+    """A map's cloud as ``LazFile``."""
+    with LazFile(path, cloud.points_home_m.min(axis=0), origin_m) as file:
+        file.add(cloud)

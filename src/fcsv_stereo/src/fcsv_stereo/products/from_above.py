@@ -20,6 +20,7 @@ from fcsv_stereo.products import spanned
 
 _MOST_CELLS = 1500  # along the longer side
 _LEAST_CELL_M = 0.01
+NEIGHBOURS = 5  # of a point, itself the first
 _CLOSE_CELLS = 5.0  # four neighbours within so many
 _KEPT_PERCENT = (0.1, 99.9)  # of x and of y: a stray point must not make the map coarse
 _CITATION = "home of the stereo session: x forward, y left, z up, metres|"
@@ -98,9 +99,13 @@ def cell_size_m(xy_m: np.ndarray, extent_m: float, most_cells: int = _MOST_CELLS
     """1, 2 or 5 times a power of ten, so that three points (N,2) in four have four neighbours
     within a cell's side; at most ``most_cells`` along ``extent_m``."""
     some = xy_m[np.random.default_rng(0).permutation(len(xy_m))[:4000]]
-    neighbours = min(5, len(xy_m))  # the point itself is the first
-    spacing_m = float(np.percentile(cKDTree(xy_m).query(some, k=[neighbours])[0], 75))
-    least = max(extent_m / most_cells, spacing_m, _LEAST_CELL_M)
+    neighbours = min(NEIGHBOURS, len(xy_m))
+    return cell_of_m(cKDTree(xy_m).query(some, k=[neighbours])[0], extent_m, most_cells)
+
+
+def cell_of_m(apart_m: np.ndarray, extent_m: float, most_cells: int) -> float:
+    """The same of how far some points are from their fourth neighbours."""
+    least = max(extent_m / most_cells, float(np.percentile(apart_m, 75)), _LEAST_CELL_M)
     power = 10.0 ** np.floor(np.log10(least))
     return float(next(s * power for s in (1.0, 2.0, 5.0, 10.0) if s * power >= least * (1 - 1e-6)))
 
@@ -111,7 +116,7 @@ def closed(height: np.ndarray, rgb: np.ndarray, known: np.ndarray):
     if not known.any():
         return height, rgb
     cells = np.argwhere(known)
-    neighbours = min(5, len(cells))
+    neighbours = min(NEIGHBOURS, len(cells))
     apart = (
         cKDTree(cells).query(cells, k=[neighbours])[0][:, 0]
         if neighbours > 1

@@ -31,6 +31,12 @@ class Placed:
     alone: bool
     datum: str
 
+    def __reduce__(self):
+        """GTSAM's similarity does not go to another process; its numbers do."""
+        numbers = similarity.numbers(self.S_site_cam)
+        rest = self.covariance, self.relative, self.alone, self.datum
+        return _placed, (self.name, numbers, *rest)
+
     @property
     def scale(self) -> float:
         """Metres of the site per metre of the view's map."""
@@ -51,6 +57,10 @@ class Placed:
         """About the site's z."""
         up = similarity.rotation(self.S_site_cam)[2]
         return float(np.sqrt(up @ self.covariance[:3, :3] @ up))
+
+
+def _placed(name: str, numbers: tuple, *rest) -> Placed:
+    return Placed(name, similarity.of_numbers(*numbers), *rest)
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ def summary(site: Site) -> List[str]:
         )
         lines.append(
             f"{name}: scale {p.scale:.4f} +- {p.sigma_scale:.4f}, place +- {p.sigma_m:.2f} m, {held}; "
-            f"{len(site.joined[name].cloud):,} points"
+            f"{site.joined[name].count:,} points"
         )
     kept = sum(e.kept for e in adjusted.edges)
     lines.append(f"{kept} of {len(adjusted.edges)} pairs of views are joined")

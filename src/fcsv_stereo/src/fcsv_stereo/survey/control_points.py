@@ -9,7 +9,7 @@ the middle of the first one is (0, 0).
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 from pyproj import CRS
@@ -172,14 +172,23 @@ def sights(control: ControlList, views: Sequence[View]) -> Tuple[List[ControlSig
     or ``VIEW/reference.png`` for pixels of a map's own picture. Raises SurveyError where a name
     fits several views.
     """
-    found, elsewhere = [], []
-    silent: Dict[str, List[str]] = {}
-    for mark in control.marks:
+    elsewhere: List[str] = []
+    in_view: Dict[
+        str, List[Tuple[int, bool]]
+    ] = {}  # marks by number, and whether of its own picture
+    for i, mark in enumerate(control.marks):
         view, own = _view_of(mark, control, views)
         if view is None:
             elsewhere.append(mark.picture)
-            continue
-        sight = _sight(mark, view, own)
+        else:
+            in_view.setdefault(view.name, []).append((i, own))
+    told: Dict[int, Any] = {}
+    for view in (v for v in views if v.name in in_view):
+        pixels = view.load()  # one at a time
+        told.update({i: _sight(control.marks[i], pixels, own) for i, own in in_view[view.name]})
+    found: List[ControlSight] = []
+    silent: Dict[str, List[str]] = {}
+    for mark, sight in ((control.marks[i], told[i]) for i in sorted(told)):
         if isinstance(sight, str):
             silent.setdefault(mark.point, []).append(sight)
         else:

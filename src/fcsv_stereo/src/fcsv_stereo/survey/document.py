@@ -3,7 +3,8 @@
 why."""
 
 from dataclasses import dataclass, field
-from typing import Dict, List, Optional, Sequence
+from functools import cached_property
+from typing import Dict, Iterator, List, Optional, Sequence
 
 import numpy as np
 
@@ -11,12 +12,16 @@ from fcsv_geometry import transforms
 from fcsv_stereo.model import Cloud
 from fcsv_stereo.survey import similarity
 from fcsv_stereo.survey.adjust import Adjusted, Placed
+from fcsv_stereo.survey.earth import EarthFrame
 from fcsv_stereo.survey.georeference import World
-from fcsv_stereo.survey.merge import Joined
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.kept import ViewFile
+from fcsv_stereo.survey.points import ViewPoints
+from fcsv_stereo.survey.quantiles import quantiles
+from fcsv_stereo.survey.rasters import RASTERS
 
 CLOUDS = ("site.ply", "site.laz", "site.copc.laz")
-RASTERS = ("dsm.tif", "orthophoto.tif")
+#: of clouds, in place of a map's number of the configuration
+VIEWS_DIMENSION = ("views", "views that agree on it")
 # farther from the origin float32 has steps of more than a millimetre
 _FAR_M, _STEP_M = 10_000.0, 1000.0
 
@@ -31,20 +36,55 @@ class Missing:
 
 
 @dataclass(frozen=True)
-class Site:
-    """All of it: views that were mapped, how they were adjusted, the cloud (m, less ``origin_m``),
-    what became of each placed view's points, what is missing, and, where it is on the earth, how
-    that is known: all coordinates are then of ``world.crs``. ``extras``: a line on each product
-    that was asked for, by its file."""
+class Tile:
+    """A square of the site: its files in OUT, its number of points, and between which corners (m)
+    they lie."""
 
-    views: List[View]
+    name: str
+    files: List[str]
+    count: int
+    low_m: List[float]
+    high_m: List[float]
+
+
+@dataclass(frozen=True)
+class Site:
+    """All of it: views that were mapped, how they were adjusted, the points (m, less ``origin_m``)
+    of each that has a place, what is missing, and, where it is on the earth, how that is known and
+    the frame of the adjustment: once there are points, all coordinates are of ``world.crs``.
+    ``extras``: a line on each product that was asked for, by its file."""
+
+    views: List[ViewFile]
     adjusted: Adjusted
-    cloud: Cloud
-    joined: Dict[str, Joined]
+    joined: Dict[str, ViewPoints]
     origin_m: np.ndarray
     missing: List[Missing]
     world: Optional[World] = None
+    frame: Optional[EarthFrame] = None
+    tiles: List[Tile] = field(default_factory=list)
     extras: Dict[str, str] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        """Points of the site."""
+        return sum(p.count for p in self.joined.values())
+
+    @cached_property
+    def box_m(self) -> np.ndarray:
+        """(2,3) least and largest coordinates of the points, less ``origin_m``; they must be
+        there."""
+        boxes = [(p.low_m, p.high_m) for p in self.joined.values() if p.count]
+        low, high = np.array(boxes, float).transpose(1, 0, 2)
+        return np.stack([low.min(axis=0), high.max(axis=0)])
+
+    @cached_property
+    def median_sigma_m(self) -> float:
+        """Median of all points; NaN where there are none."""
+        return float(quantiles(lambda: (c.sigma_m[:, None] for c in self.clouds()), (0.5,))[0, 0])
+
+    def clouds(self) -> Iterator[Cloud]:
+        """The points of one view after the other. Raises OSError."""
+        return (p.load() for p in self.joined.values() if p.count)
 
 
 def origin_of(placed: Sequence[Placed]) -> np.ndarray:
@@ -55,7 +95,7 @@ def origin_of(placed: Sequence[Placed]) -> np.ndarray:
     return np.round(np.median(places, axis=0) / _STEP_M) * _STEP_M
 
 
-def T_site_home(view: View, placed: Placed) -> np.ndarray:
+def T_site_home(view: ViewFile, placed: Placed) -> np.ndarray:
     """4x4 similarity from the view's home to the site."""
     return similarity.matrix(placed.S_site_cam) @ transforms.invert(view.T_home_cam)
 
@@ -81,18 +121,11 @@ def site_document(site: Site) -> dict:
         {"a": e.a, "b": e.b, "kept": e.kept, "reason": e.reason, "residual_m": e.residual_m}
         for e in adjusted.edges
     ]
-    points = site.cloud.points_home_m
-    low, high = (
-        (f(axis=0).astype(float) + site.origin_m).tolist() if len(points) else None
-        for f in (points.min, points.max)
-    )
-    tile = {
-        "name": "site",
-        "files": [*CLOUDS, *RASTERS, *site.extras] if len(points) else list(CLOUDS[:1]),
-        "points": len(points),
-        "min_m": low,
-        "max_m": high,
-    }
+    low, high = (site.box_m + site.origin_m).tolist() if site.count else (None, None)
+    tiles = [
+        {"name": t.name, "files": t.files, "points": t.count, "min_m": t.low_m, "max_m": t.high_m}
+        for t in site.tiles
+    ]
     missing = [{"name": m.name, "input": m.source, "reason": m.reason} for m in site.missing]
     return {
         "crs": site.world.crs if site.world else None,
@@ -101,7 +134,11 @@ def site_document(site: Site) -> dict:
         "views": views,
         "edges": edges,
         **_world(site.world),
-        "tiles": [tile],
+        "files": [*CLOUDS, *RASTERS, *site.extras] if site.count else list(CLOUDS[:1]),
+        "points": site.count,
+        "min_m": low,
+        "max_m": high,
+        "tiles": tiles,
         "missing": missing,
     }
 
@@ -157,7 +194,7 @@ def adjustment_document(site: Site) -> dict:
                 "scale_sigma": prior[n].scale,
                 "covariance": p.covariance.tolist(),
                 "covariance_to_datum": p.relative.tolist(),
-                "points": len(site.joined[n].cloud),
+                "points": site.joined[n].count,
                 "seen_by_two": site.joined[n].agreed,
                 "told_by_surer_views": site.joined[n].duplicates,
                 "seen_through": site.joined[n].seen_through,

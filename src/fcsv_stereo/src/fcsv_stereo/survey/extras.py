@@ -13,7 +13,7 @@ from fcsv_stereo.products.ground import check_robot, write_site_ground
 from fcsv_stereo.survey import mesh, recording
 from fcsv_stereo.survey.document import Missing, Site
 from fcsv_stereo.survey.merge import SiteView, site_view
-from fcsv_stereo.survey.rasters import Surface
+from fcsv_stereo.survey.rasters import read_rasters
 
 #: product: its file or folder in OUT/
 EXTRAS = {"mcap": "site.mcap", "mesh": "site.glb", "ground": "ground"}
@@ -61,31 +61,31 @@ def parse_extras(text: str) -> Tuple[str, ...]:
     return tuple(p for p in EXTRAS if p in names)
 
 
-def write_extras(site: Site, surface: Surface, options: ExtraOptions, folder: Path) -> Site:
+def write_extras(site: Site, options: ExtraOptions, folder: Path) -> Site:
     """The products into ``folder``: the site with a line on each, and with those that could not be
     made as missing. Raises OSError."""
     lines: Dict[str, str] = {}
     missing: List[Missing] = []
     for name in options.names:
         try:
-            lines[EXTRAS[name]] = _write(name, site, surface, options, folder / EXTRAS[name])
+            lines[EXTRAS[name]] = _write(name, site, options, folder / EXTRAS[name])
         except FcsvError as error:
             missing.append(Missing(EXTRAS[name], "", str(error)))
     return replace(site, extras=lines, missing=[*site.missing, *missing])
 
 
-def _write(name: str, site: Site, surface: Surface, options: ExtraOptions, path: Path) -> str:
+def _write(name: str, site: Site, options: ExtraOptions, path: Path) -> str:
     placed = site.adjusted.placed
     views = [v for v in site.views if v.name in placed]
 
     def load(number: int) -> SiteView:
-        return site_view(views[number], placed[views[number].name], site.origin_m)
+        return site_view(views[number].load(), placed[views[number].name], site.origin_m)
 
     if name == "mcap":
-        recording.write_recording(site, surface, path)
+        recording.write_recording(site, read_rasters(path.parent), path)
         return "points, surface, orthophoto, stations, edges, pictures"
     if name == "mesh":
-        bound_m = options.mesh_sigma_m or float(np.median(site.cloud.sigma_m))
+        bound_m = options.mesh_sigma_m or site.median_sigma_m
         count = mesh.write_mesh(map(load, range(len(views))), path, bound_m)
         return f"{count:,} triangles of what is surer than {bound_m:.2g} m"
     crs, robot = site.world.crs if site.world else "", options.robot

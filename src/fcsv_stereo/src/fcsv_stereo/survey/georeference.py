@@ -17,7 +17,6 @@ from fcsv_stereo.survey.adjust import Adjusted, Placed, adjust
 from fcsv_stereo.survey.control_points import ControlList, check_names, read_control_points, sights
 from fcsv_stereo.survey.earth import EarthFrame
 from fcsv_stereo.survey.edges import Edge
-from fcsv_stereo.survey.merge import Joined
 from fcsv_stereo.survey.views import View
 from fcsv_stereo.survey.world import Statement, WorldFit, adjust_world, statements_of
 
@@ -170,19 +169,16 @@ def projected_placed(placed: Placed, frame: EarthFrame) -> Placed:
     return replace(placed, S_site_cam=S)
 
 
-def projected(
-    adjusted: Adjusted, parts: Sequence[Joined], frame: EarthFrame, from_m: np.ndarray
-) -> Tuple[Adjusted, List[Joined], np.ndarray]:
-    """Views, clouds (each point by itself) and the clouds' origin in the projected system;
-    ``from_m``: the origin that the clouds left out before."""
-    origin_m = frame.rounded_origin()
+def projected(adjusted: Adjusted, frame: EarthFrame) -> Adjusted:
+    """All views in the projected system."""
     placed = {n: projected_placed(p, frame) for n, p in adjusted.placed.items()}
-    moved = [replace(p, cloud=_moved(p.cloud, frame, from_m, origin_m)) for p in parts]
-    return replace(adjusted, placed=placed), moved, origin_m
+    return replace(adjusted, placed=placed)
 
 
-def _moved(cloud: Cloud, frame: EarthFrame, from_m: np.ndarray, origin_m: np.ndarray) -> Cloud:
+def projected_cloud(cloud: Cloud, frame: EarthFrame, from_m: np.ndarray) -> Cloud:
+    """Each point by itself in the projected system, less ``frame.rounded_origin()``; ``from_m``:
+    the origin that the cloud left out before."""
     if not len(cloud):
         return cloud
-    p = frame.to_projected(cloud.points_home_m.astype(float) + from_m) - origin_m
+    p = frame.to_projected(cloud.points_home_m.astype(float) + from_m) - frame.rounded_origin()
     return replace(cloud, points_home_m=p.astype(np.float32))

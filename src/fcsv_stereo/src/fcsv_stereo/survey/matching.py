@@ -22,16 +22,9 @@ def may_overlap(a: View, b: View) -> bool:
 
 def _share_seen(a: View, b: View) -> float:
     """Share of some of a's points that may lie in b's picture."""
-    v, u = np.nonzero(a.known)
-    if not len(v):
+    if not len(a.sampled):
         return 0.0
-    some = slice(None, None, max(1, len(v) // tuning.OVERLAP_SAMPLES))
-    v, u = v[some], u[some]
-    c, depth = a.camera, a.depth[v, u].astype(float)
-    points = (
-        np.column_stack([(u - c.cx) / c.fx, (v - c.cy) / c.fy, np.ones(len(u))]) * depth[:, None]
-    )
-    uv, radius = predicted(points, a.prior, b.prior, b)
+    uv, radius = predicted(a.sampled.astype(float), a.prior, b.prior, b)
     with np.errstate(invalid="ignore"):
         inside = (uv > -radius[:, None]) & (
             uv < np.array([b.camera.width, b.camera.height]) + radius[:, None]

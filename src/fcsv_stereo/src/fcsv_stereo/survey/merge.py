@@ -7,7 +7,7 @@ size fits. Each view is joined by itself, with the views that overlap it: a task
 """
 
 from dataclasses import dataclass
-from typing import Dict, List, Sequence, Tuple
+from typing import Dict, Iterable, List, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -101,8 +101,9 @@ class Joined:
     agreed: int
 
 
-def join_view(own: SiteView, others: Sequence[SiteView]) -> Joined:
-    """The points of a view that no surer view tells, and that no other view sees through."""
+def join_view(own: SiteView, others: Iterable[SiteView]) -> Joined:
+    """The points of a view that no surer view tells, and that no other view sees through; one of
+    the ``others`` is looked at a time."""
     points, (rows, columns) = own.points()
     sigma = own.sigma[rows, columns].astype(float)
     ray = own.rays(rows, columns)
@@ -153,24 +154,18 @@ def _cosine(ray: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.einsum("ni,ni->n", ray, other) / np.maximum(lengths, 1e-12)
 
 
-def corners_of(own: SiteView) -> np.ndarray:
-    """(8,3) m, the corners of the box that holds a view's points; (0,3) where it has none."""
-    points = own.points()[0]
-    if not len(points):
-        return np.zeros((0, 3))
-    low, high = points.min(axis=0), points.max(axis=0)
-    return np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    )
+def overlapping(own: View, views: Sequence[View], placed: Dict[str, Placed]) -> List[View]:
+    """Those other ``views`` that may have a point of ``own`` in their picture: of one that is left
+    out it is certain that it has none, as all corners are beyond one side of it."""
+    corners = similarity.apply(placed[own.name].S_site_cam, own.corners)
+    return [v for v in views if v.name != own.name and _may_contain(v, placed[v.name], corners)]
 
 
-def may_contain(other: SiteView, corners: np.ndarray) -> bool:
-    """Whether a view may have something of a box (8,3) in its picture: False is certain, as all
-    corners are then beyond one side of it."""
+def _may_contain(other: View, placed: Placed, corners: np.ndarray) -> bool:
     if not len(corners):
         return False
-    x, y, z = ((corners - other.place) @ other.R_site_cam).T
-    c = other.view.camera
+    S, c = placed.S_site_cam, other.camera
+    x, y, z = ((corners - similarity.place(S)) @ similarity.rotation(S)).T
     sides = (
         z,
         x * c.fx + (c.cx + 1.0) * z,
@@ -186,10 +181,9 @@ def join(
 ) -> Tuple[Cloud, List[Joined]]:
     """The cloud (m, less ``origin_m``) of all views that have a place, and what became of each
     view's points."""
-    in_site = [site_view(v, placed[v.name], origin_m) for v in views if v.name in placed]
-    boxes = [corners_of(own) for own in in_site]
+    here = [v for v in views if v.name in placed]
+    at = {v.name: site_view(v, placed[v.name], origin_m) for v in here}
     parts = [
-        join_view(own, [o for o in in_site if o is not own and may_contain(o, box)])
-        for own, box in zip(in_site, boxes)
+        join_view(at[v.name], [at[o.name] for o in overlapping(v, here, placed)]) for v in here
     ]
     return concatenate([p.cloud for p in parts]), parts

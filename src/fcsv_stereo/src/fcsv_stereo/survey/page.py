@@ -3,7 +3,7 @@
 loops."""
 
 from pathlib import Path
-from typing import Dict, List
+from typing import Dict, List, Tuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -13,23 +13,27 @@ from fcsv_stereo.report.page import Section, render
 from fcsv_stereo.report.parts import Paragraph, Part, Table, Tone, image, note, number
 from fcsv_stereo.survey import similarity, tuning
 from fcsv_stereo.survey.document import Site, overlaps
+from fcsv_stereo.survey.quantiles import quantiles
+from fcsv_stereo.survey.rasters import CellGrid, Highest, Surface
 from fcsv_stereo.survey.world import unlikely_points
 
-_PLAN_CELLS, _COVERAGE_CELLS = 700, 300  # along x
+_PLAN_CELLS, _COVERAGE_CELLS = 700, 300  # along the longer side
 _MOST_LABELLED = 12  # views; with more the edges' residuals would cover each other
 _WEDGE_SHARE = 0.12  # length of a view's wedge, of the plan's width
-_CUT_PERCENT = (1.0, 99.0)
+_CUT_SHARES = (0.01, 0.99)
 
 
 def write_page(site: Site, path: Path) -> None:
     """The page, with its pictures inside."""
+    limits = _limits(site)
+    plan, coverage = (_from_above(site, *limits, n) for n in (_PLAN_CELLS, _COVERAGE_CELLS))
     sections = [
         Section("Summary", _summary(site)),
-        Section("Plan", [image(_plan(site)), _plan_words()]),
+        Section("Plan", [image(_plan(site, *plan)), _plan_words()]),
         Section(
             "Coverage",
             [
-                image(_coverage(site)),
+                image(_coverage(*coverage)),
                 note("Height, how many views agree on a point, how sure it is."),
             ],
         ),
@@ -59,15 +63,12 @@ def _summary(site: Site) -> List[Part]:
             )
         )
     parts = parts or [Paragraph("All views are joined; nothing stands out as wrong.", Tone.GOOD)]
-    cloud, kept = site.cloud, sum(e.kept for e in site.adjusted.edges)
-    several = float((cloud.baseline_index > 1).mean()) if len(cloud) else float("nan")
+    kept = sum(e.kept for e in site.adjusted.edges)
+    several = sum(int((c.baseline_index > 1).sum()) for c in site.clouds())
     rows = [
-        ("points", f"{len(cloud):,}"),
-        ("seen by two views or more", number(several, "{:.0%}")),
-        (
-            "median sigma",
-            number(float(np.median(cloud.sigma_m)) if len(cloud) else None, "{:.2f} m"),
-        ),
+        ("points", f"{site.count:,}"),
+        ("seen by two views or more", number(several / max(site.count, 1), "{:.0%}")),
+        ("median sigma", number(site.median_sigma_m, "{:.2f} m")),
         ("seen through and left out", f"{sum(j.seen_through for j in site.joined.values()):,}"),
         ("pairs of views joined", f"{kept} of {len(site.adjusted.edges)}"),
         *site.extras.items(),
@@ -83,53 +84,47 @@ def _plan_words() -> Part:
     )
 
 
-def _limits(site: Site):
+def _limits(site: Site) -> Tuple[np.ndarray, np.ndarray]:
     """Corners (x, y m) that hold all views and the surer half of the points."""
     places = np.array(
         [similarity.place(p.S_site_cam)[:2] for p in site.adjusted.placed.values()]
     ).reshape(-1, 2)
     low, high = places.min(axis=0), places.max(axis=0)
-    if len(site.cloud):
-        sure = (
-            site.cloud.points_home_m[site.cloud.sigma_m <= np.median(site.cloud.sigma_m), :2]
-            + site.origin_m[:2]
+    if site.count:
+        median_m = site.median_sigma_m
+        sure = quantiles(
+            lambda: (c.points_home_m[c.sigma_m <= median_m, :2] for c in site.clouds()), _CUT_SHARES
         )
-        low = np.minimum(low, np.percentile(sure, _CUT_PERCENT[0], axis=0))
-        high = np.maximum(high, np.percentile(sure, _CUT_PERCENT[1], axis=0))
+        low = np.minimum(low, sure[0] + site.origin_m[:2])
+        high = np.maximum(high, sure[1] + site.origin_m[:2])
     margin = 0.05 * max(float((high - low).max()), 1.0)
     return low - margin, high + margin
 
 
-def _from_above(site: Site, low: np.ndarray, high: np.ndarray, columns: int) -> np.ndarray:
-    """(rows, columns) index of the highest point in each cell, -1 where there is none; row 0 at the
-    least y."""
-    cell_m = float(high[0] - low[0]) / columns
-    rows = max(1, int(np.ceil((high[1] - low[1]) / cell_m)))
-    column, row = (
-        np.floor((site.cloud.points_home_m[:, :2] + site.origin_m[:2] - low) / cell_m).astype(int).T
-    )
-    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-    order = np.flatnonzero(inside)[np.argsort(site.cloud.points_home_m[inside, 2], kind="stable")]
-    index = np.full((rows, columns), -1)
-    index[row[order], column[order]] = order  # the highest is written last
-    return index
+def _from_above(site: Site, low: np.ndarray, high: np.ndarray, cells: int) -> Tuple[Surface, Tuple]:
+    """The highest points of so many cells along the longer side between two corners (x, y m), and
+    left, right, lower, upper edge (m) of these cells."""
+    cell_m = float((high - low).max()) / cells
+    first, last = (np.floor((v - site.origin_m[:2]) / cell_m).astype(int) for v in (low, high))
+    highest = Highest(CellGrid(cell_m, tuple(first), tuple(last)), site.origin_m)
+    for cloud in site.clouds():
+        highest.add(cloud, cloud.points_home_m[:, 2].astype(float))
+    left, lower = first * cell_m + site.origin_m[:2]
+    right, upper = (last + 1) * cell_m + site.origin_m[:2]
+    return highest.surface, (left, right, lower, upper)
 
 
-def _plan(site: Site):
+def _plan(site: Site, surface: Surface, extent: Tuple):
     figure, axes = plt.subplots(figsize=(12, 9))
-    low, high = _limits(site)
-    extent = (low[0], high[0], low[1], high[1])
-    index = _from_above(site, low, high, _PLAN_CELLS)
-    if len(site.cloud):
-        seen = np.where((index >= 0)[..., None], site.cloud.colors[index], 255)
-        axes.imshow(seen, origin="lower", extent=extent, interpolation="nearest")
+    seen = np.where(np.isfinite(surface.height)[..., None], surface.rgb, 255)
+    axes.imshow(seen, extent=extent, interpolation="nearest")
     at = {n: similarity.place(p.S_site_cam)[:2] for n, p in site.adjusted.placed.items()}
     for e in (e for e in site.adjusted.edges if e.a in at and e.b in at and e.S_a_b is not None):
         x, y = np.array([at[e.a], at[e.b]]).T
         axes.plot(x, y, "k-" if e.kept else "r:", lw=1.2)
         if e.kept and e.residual_m is not None and len(at) <= _MOST_LABELLED:
             axes.annotate(f"{e.residual_m:.2f}", (x.mean(), y.mean()), fontsize=7, ha="center")
-    length = _WEDGE_SHARE * float((high - low).max())
+    length = _WEDGE_SHARE * max(extent[1] - extent[0], extent[3] - extent[2])
     for view in (v for v in site.views if v.name in at):
         p = site.adjusted.placed[view.name]
         edge_u = np.array([0.0, view.camera.width - 1.0])
@@ -167,31 +162,26 @@ def _numbers(site: Site) -> Dict[str, str]:
     return {name: str(i) for i, name in enumerate(site.adjusted.placed, 1)}
 
 
-def _coverage(site: Site):
+def _coverage(surface: Surface, extent: Tuple):
     figure, three = plt.subplots(1, 3, figsize=(18, 6))
-    low, high = _limits(site)
-    index = _from_above(site, low, high, _COVERAGE_CELLS)
-    cloud, known = site.cloud, index >= 0
     values = (
-        ("height (m)", cloud.points_home_m[:, 2] + site.origin_m[2], "terrain"),
-        ("views", cloud.baseline_index.astype(float), "viridis"),
-        ("sigma (m)", cloud.sigma_m, "magma"),
+        ("height (m)", surface.height, "terrain"),
+        ("views", surface.views, "viridis"),
+        ("sigma (m)", surface.sigma, "magma"),
     )
-    for axes, (label, value, colours) in zip(three, values):
-        if known.any():
-            shown = np.where(known, value[index], np.nan)
+    for axes, (label, shown, colours) in zip(three, values):
+        if np.isfinite(shown).any():
             least, most = np.nanpercentile(shown, [1, 98])
             drawn = axes.imshow(
                 shown,
-                origin="lower",
-                extent=(low[0], high[0], low[1], high[1]),
+                extent=extent,
                 cmap=colours,
                 vmin=least,
                 vmax=max(most, least + 1e-3),
                 interpolation="nearest",
             )
             figure.colorbar(drawn, ax=axes, label=label, shrink=0.7)
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", aspect="equal")
+        axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x (m)", aspect="equal")
         _in_whole_metres(axes)
         axes.locator_params(axis="x", nbins=4)  # numbers of the world are long
     return figure
@@ -251,7 +241,7 @@ def _views(site: Site) -> List[Part]:
                 f"{p.sigma_m:.2f} m",
                 f"{np.degrees(p.sigma_yaw_rad):.2f}°",
                 ", ".join(others) or "none",
-                f"{len(joined.cloud):,}",
+                f"{joined.count:,}",
                 f"{joined.agreed:,}",
                 f"{joined.seen_through:,}",
             )

@@ -13,17 +13,19 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.errors import SurveyError
+from fcsv_stereo.model import concatenate
 from fcsv_stereo.survey import similarity
 from fcsv_stereo.survey.adjust import Placed
 from fcsv_stereo.survey.document import Site
 from fcsv_stereo.survey.inputs import different
+from fcsv_stereo.survey.kept import ViewFile
 from fcsv_stereo.survey.octree import levels
-from fcsv_stereo.survey.rasters import Surface
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.rasters import Rasters
 
 FRAME = "site"
 _STAMP_NS = 10**9  # one moment for all; zero is "none" to ROS
 _MOST_POINTS, _MOST_CELLS = 500_000, 500_000
+_MOST_LOOKED_AT = 4_000_000  # points of which these are chosen
 _MOST_PX, _VIEW_PX = 4096, 640  # longer side of the orthophoto, width of a view's picture
 _EDGE_M, _NAME_M = 0.2, 2.0  # width of an edge's line, height of a view's name
 _KEPT_RGBA, _THROWN_RGBA, _NAME_RGBA = (0.1, 0.8, 0.2, 0.9), (0.9, 0.1, 0.1, 0.6), (1, 1, 1, 1)
@@ -42,7 +44,7 @@ def check_library() -> None:
         ) from error
 
 
-def write_recording(site: Site, surface: Surface, path: Path) -> None:
+def write_recording(site: Site, rasters: Rasters, path: Path) -> None:
     """The site's MCAP, in frame ``site``, less the site's origin. Raises OSError."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
@@ -53,7 +55,7 @@ def write_recording(site: Site, surface: Surface, path: Path) -> None:
         writer = Writer(Path(made) / path.stem, version=8, storage_plugin=StoragePlugin.MCAP)
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         with writer:
-            for topic, kind, message in messages.of_site(site, surface):
+            for topic, kind, message in messages.of_site(site, rasters):
                 channel = writer.add_connection(topic, kind, typestore=messages.store)
                 writer.write(channel, _STAMP_NS, messages.store.serialize_cdr(message, kind))
         (Path(made) / path.stem / f"{path.stem}.mcap").replace(path)
@@ -65,7 +67,7 @@ class _Messages:
     def __init__(self, store: Any):
         self.store = store
 
-    def of_site(self, site: Site, surface: Surface) -> List[Tuple[str, str, Any]]:
+    def of_site(self, site: Site, rasters: Rasters) -> List[Tuple[str, str, Any]]:
         """(topic, type, message) of all that is written."""
         placed = site.adjusted.placed
         views = {v.name: v for v in site.views if v.name in placed}
@@ -74,18 +76,18 @@ class _Messages:
         found = [
             ("/tf_static", "tf2_msgs/msg/TFMessage", self._tf(poses, frames)),
             ("/site/points", "sensor_msgs/msg/PointCloud2", self._points(site)),
-            ("/site/surface", "sensor_msgs/msg/PointCloud2", self._surface(surface, site)),
+            ("/site/surface", "sensor_msgs/msg/PointCloud2", self._surface(rasters, site)),
             (
                 "/site/orthophoto",
                 "sensor_msgs/msg/CompressedImage",
-                self._picture(_shrunk(surface.rgb, _MOST_PX)[0], FRAME),
+                self._picture(_shrunk(rasters.surface.rgb, _MOST_PX)[0], FRAME),
             ),
             ("/site/stations", "geometry_msgs/msg/PoseArray", self._stations(poses)),
             ("/site/edges", "visualization_msgs/msg/MarkerArray", self._edges(site, poses)),
         ]
         for name, view in views.items():
             frame = frames[name]
-            picture, share = _shrunk(view.image, _VIEW_PX)
+            picture, share = _shrunk(view.load().image, _VIEW_PX)
             found += [
                 (
                     f"/{frame}/image",
@@ -140,17 +142,23 @@ class _Messages:
 
     def _points(self, site: Site) -> Any:
         """The cloud, thinned evenly as COPC's coarse levels are."""
-        cloud, of = site.cloud, _thinned(site.cloud.points_home_m.astype(float))
+        share, random = _MOST_LOOKED_AT / site.count, np.random.default_rng(0)
+        clouds = site.clouds()
+        if share < 1.0:
+            clouds = (c[random.random(len(c)) < share] for c in clouds)
+        cloud = concatenate(list(clouds))
+        of = _thinned(cloud.points_home_m.astype(float))
         values = {"sigma": cloud.sigma_m[of], "views": cloud.baseline_index[of]}
         return self._cloud(cloud.points_home_m[of], cloud.colors[of], values)
 
-    def _surface(self, surface: Surface, site: Site) -> Any:
+    def _surface(self, rasters: Rasters, site: Site) -> Any:
         """Cells of the surface model with the orthophoto's colours; of a large one each n-th."""
+        surface, cell_m, corner_m = rasters.surface, rasters.cell_m, rasters.corner_m
         n = 1 + int(np.sqrt(np.isfinite(surface.height).sum() / _MOST_CELLS))
         rows, columns = np.nonzero(np.isfinite(surface.height[::n, ::n]))
         rows, columns = rows * n, columns * n
-        x = surface.x0_m - site.origin_m[0] + (columns + 0.5) * surface.cell_m
-        y = surface.y0_m - site.origin_m[1] - (rows + 0.5) * surface.cell_m
+        x = corner_m[0] - site.origin_m[0] + (columns + 0.5) * cell_m
+        y = corner_m[1] - site.origin_m[1] - (rows + 0.5) * cell_m
         points = np.column_stack([x, y, surface.height[rows, columns] - site.origin_m[2]])
         values = {"sigma": surface.sigma[rows, columns], "views": surface.views[rows, columns]}
         return self._cloud(points, surface.rgb[rows, columns], values)
@@ -196,7 +204,7 @@ class _Messages:
             data=jpeg.ravel(),
         )
 
-    def _camera(self, view: View, share: float, frame: str) -> Any:
+    def _camera(self, view: ViewFile, share: float, frame: str) -> Any:
         c = view.camera
         fx, fy, cx, cy = (
             c.fx * share,

@@ -5,6 +5,8 @@ scale).
 ``S_a_b`` takes points of frame b to frame a: p_a = s (R p_b + t).
 """
 
+from typing import Tuple
+
 import gtsam
 import numpy as np
 
@@ -28,6 +30,20 @@ def matrix(S_a_b: gtsam.Similarity3) -> np.ndarray:
     M[:3, :3] = S_a_b.scale() * S_a_b.rotation().matrix()
     M[:3, 3] = place(S_a_b)
     return M
+
+
+def numbers(S_a_b: gtsam.Similarity3) -> Tuple[list, list, float]:
+    """Rotation, translation, scale: plain numbers that are S to the last bit (``of_numbers``)."""
+    return (
+        S_a_b.rotation().matrix().tolist(),
+        np.asarray(S_a_b.translation()).tolist(),
+        S_a_b.scale(),
+    )
+
+
+def of_numbers(R_a_b: list, t_a_b: list, scale: float) -> gtsam.Similarity3:
+    """The similarity of ``numbers``."""
+    return gtsam.Similarity3(gtsam.Rot3(np.array(R_a_b)), np.array(t_a_b), scale)
 
 
 def place(S_a_b: gtsam.Similarity3) -> np.ndarray:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Leads from inputs to OUT/: maps, edges, adjustment, one cloud, its files."""
+"""Leads from inputs to OUT/: maps, edges, adjustment, each view's points, the site's files."""
 
 import itertools
 import json
@@ -12,14 +12,14 @@ from typing import Dict, List, Optional, Sequence, Tuple
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs.writing import in_words, require_folder
 from fcsv_stereo.errors import OutputError, SurveyError
-from fcsv_stereo.map_files.output import write_ply
-from fcsv_stereo.model import concatenate
-from fcsv_stereo.products.clouds import write_laz
-from fcsv_stereo.survey import inputs, merge
+from fcsv_stereo.map_files.output import write_clouds
+from fcsv_stereo.model import part
+from fcsv_stereo.products.clouds import LazFile
+from fcsv_stereo.survey import inputs
 from fcsv_stereo.survey.adjust import Adjusted
 from fcsv_stereo.survey.document import (
     CLOUDS,
-    RASTERS,
+    VIEWS_DIMENSION,
     Missing,
     Site,
     adjustment_document,
@@ -28,8 +28,9 @@ from fcsv_stereo.survey.document import (
 )
 from fcsv_stereo.survey.edges import Edge, posed_edge
 from fcsv_stereo.survey.extras import EXTRAS, ExtraOptions, write_extras
-from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place, projected
+from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place
 from fcsv_stereo.survey.inputs import Source
+from fcsv_stereo.survey.joining import POINTS, join_views
 from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
 from fcsv_stereo.survey.lock import LOCK, alone_in
 from fcsv_stereo.survey.maps import VIEWS, MapOptions, kept_map, make_map
@@ -37,15 +38,17 @@ from fcsv_stereo.survey.matching import may_overlap
 from fcsv_stereo.survey.octree import write_copc
 from fcsv_stereo.survey.page import write_page
 from fcsv_stereo.survey.progress import Begin, MapsProgress
-from fcsv_stereo.survey.rasters import surface_of, write_surface
+from fcsv_stereo.survey.rasters import RASTERS, write_rasters
 from fcsv_stereo.survey.station import flown_prior, prior_of
+from fcsv_stereo.survey.tiles import TILES, SiteTiles, make_tiles
 from fcsv_stereo.survey.views import View, read_view
-from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions
+from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions, completed
 
 FILES = (*CLOUDS, *RASTERS, *EXTRAS.values(), "site.html", "adjustment.json", "site.json")
 _LEAST_MIB = 50
+_KEPT = (VIEWS, EDGES, POINTS, TILES)  # folders of what goes on
 _STAGED = ".site."  # begins the name of a folder whose files are not whole yet
-_MAPPED, _COMPARED, _JOINED = 0.7, 0.8, 0.95  # of a survey's time, for those who wait
+_MAPPED, _COMPARED, _JOINED, _TILED = 0.7, 0.8, 0.9, 0.95  # of a survey's time, for those who wait
 
 
 def check_out(out: Path) -> None:
@@ -53,9 +56,7 @@ def check_out(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise OutputError(f"{out}: is a file; give a folder with -o")
     foreign = (
-        [p.name for p in out.iterdir() if p.name not in (*FILES, VIEWS, EDGES)]
-        if out.exists()
-        else []
+        [p.name for p in out.iterdir() if p.name not in (*FILES, *_KEPT)] if out.exists() else []
     )
     foreign = [n for n in foreign if n != LOCK and not n.startswith(_STAGED)]
     if foreign:
@@ -98,22 +99,22 @@ def run(
                 reasons = "; ".join(f"{m.name}: {m.reason}" for m in mapped.missing)
                 raise SurveyError(f"no view could be mapped: {reasons}")
             begin("comparing views", _MAPPED)
-            edges, uncompared = edges_between(mapped.views, mapped.files, out, crew, begin)
-        edges = with_posed(edges, mapped.views)
-        site = site_of(mapped.views, edges, [*mapped.missing, *uncompared], begin, given)
-        begin("writing the site", _JOINED)
-        return write(site, out, extras)
+            views = mapped.views
+            edges, uncompared = edges_between(views, out, crew, begin)
+            edges = with_posed(edges, views)
+            site = placed_site(views, edges, [*mapped.missing, *uncompared], given)
+            begin("joining depths", _COMPARED)
+            site = join_views(site, out, crew, part(begin, _COMPARED, _JOINED))
+            begin("making tiles", _JOINED)
+            site, tiles = make_tiles(site, out, crew, part(begin, _JOINED, _TILED))
+            begin("writing the site", _TILED)
+            return write(site, tiles, out, extras)
 
 
-def site_of(
-    views: List[View],
-    edges: List[Edge],
-    missing: Sequence[Missing],
-    begin: Begin = lambda *_: None,
-    given: Optional[WorldInput] = None,
+def placed_site(
+    views: List[ViewFile], edges: List[Edge], missing: Sequence[Missing], given: WorldInput
 ) -> Site:
-    """Views adjusted and joined, on the earth where control points or GPS say where."""
-    given = given or WorldOptions().read()
+    """Views adjusted, on the earth where control points or GPS say where; no points yet."""
     adjusted, frame, world = place(views, edges, given)
     missing = list(missing)
     if given.control is not None and world is None:
@@ -131,15 +132,8 @@ def site_of(
         said = "no two views were joined: each that has a place stays at its station, and errors of scale stay"
         adjusted = replace(adjusted, remarks=[*adjusted.remarks, said])
     adjusted = replace(adjusted, remarks=[*adjusted.remarks, *_uncompared(adjusted)])
-    begin("joining depths", _COMPARED)
     origin_m = origin_of(list(adjusted.placed.values()))
-    placed = [v for v in views if v.name in adjusted.placed]
-    cloud, parts = merge.join(placed, adjusted.placed, origin_m)
-    if frame is not None:
-        adjusted, parts, origin_m = projected(adjusted, parts, frame, origin_m)
-        cloud = concatenate([p.cloud for p in parts])
-    joined = {v.name: p for v, p in zip(placed, parts)}
-    return Site(views, adjusted, cloud, joined, origin_m, missing, world)
+    return Site(views, adjusted, {}, origin_m, missing, world, frame)
 
 
 def _uncompared(adjusted: Adjusted) -> List[str]:
@@ -156,31 +150,19 @@ def _uncompared(adjusted: Adjusted) -> List[str]:
 
 
 def edges_between(
-    views: Sequence[View], files: Sequence[ViewFile], out: Path, crew: Crew, begin: Begin
+    views: Sequence[ViewFile], out: Path, crew: Crew, begin: Begin
 ) -> Tuple[List[Edge], List[Missing]]:
     """An edge, or why there is none, for all pairs that may overlap: kept ones, and those that the
     crew finds; and pairs that could not be compared."""
-    pairs = [
-        (a, b)
-        for (v, a), (w, b) in itertools.combinations(zip(views, files), 2)
-        if may_overlap(v, w)
-    ]
-    new = [(a, b) for a, b in pairs if kept_edge(a, b, out) is None]
+    pairs = [(a, b) for a, b in itertools.combinations(views, 2) if may_overlap(a, b)]
     tasks = [
-        SurveyTask(f"{a.name} with {b.name}", make_edge, (a, b, out.absolute())) for a, b in new
+        SurveyTask(f"{a.name} with {b.name}", make_edge, (a, b, out.absolute())) for a, b in pairs
     ]
-    errors: Dict[int, str] = {}
-    for done, outcome in enumerate(crew.run(tasks), 1):
-        if outcome.error:
-            errors[outcome.number] = outcome.error
-        share = _MAPPED + (_COMPARED - _MAPPED) * done / len(tasks)
-        begin(f"comparing views, {done} of {len(tasks)}", share)
-    missing = [Missing(tasks[i].name, "", errors[i]) for i in sorted(errors)]
-    found = [kept_edge(a, b, out) for a, b in pairs]
-    if len([e for e in found if e is None]) > len(missing):
-        raise SurveyError(
-            f"{out / EDGES}: edges that were written are gone; the same command goes on"
-        )
+    progress = part(begin, _MAPPED, _COMPARED)
+    found, errors = completed(
+        crew, tasks, lambda i: kept_edge(*pairs[i], out), progress, "comparing views"
+    )
+    missing = [Missing(tasks[i].name, "", said) for i, said in errors.items()]
     return [e for e in found if e is not None], missing
 
 
@@ -204,10 +186,9 @@ def with_posed(edges: List[Edge], views: Sequence[View]) -> List[Edge]:
 
 @dataclass(frozen=True)
 class _Mapped:
-    """Views in the order of their inputs, their files, and what is missing."""
+    """Views in the order of their inputs, and what is missing."""
 
-    views: List[View]
-    files: List[ViewFile]
+    views: List[ViewFile]
     missing: List[Missing]
 
 
@@ -237,7 +218,7 @@ def _mapped(
         else:
             folders[name] = out / VIEWS / name
         progress.ended(outcome.number)
-    views, files = [], []
+    views: List[ViewFile] = []
     for source in (s for s in own if s.name not in errors):
         try:
             folder = Path(str(folders[source.name]))
@@ -246,14 +227,13 @@ def _mapped(
                 raise SurveyError(
                     f"{folder}: its map shows no depth that is sure enough for a cloud"
                 )
-            views.append(view)
-            files.append(view_file(views[-1], folder, f"{keys[source.name]} {options.words()}"))
+            views.append(view_file(view, folder, f"{keys[source.name]} {options.words()}"))
         except (FcsvError, ValueError) as error:
             errors[source.name] = str(error)
         except OSError as error:
             errors[source.name] = in_words(error, out / VIEWS)
     missing = [Missing(s.name, str(s.path), errors[s.name]) for s in sources if s.name in errors]
-    return _Mapped(views, files, missing)
+    return _Mapped(views, missing)
 
 
 def _map_task(source: Source, key: str, out: Path, options: MapOptions) -> SurveyTask:
@@ -281,22 +261,25 @@ def _prior(source: Source):
     return lambda T_home_cam, name: prior_of(source.station, T_home_cam, source.level, name)
 
 
-def write(site: Site, out: Path, extras: Optional[ExtraOptions] = None) -> Site:
+def write(
+    site: Site, tiles: Optional[SiteTiles], out: Path, extras: Optional[ExtraOptions] = None
+) -> Site:
     """Cloud, products, page and documents into ``out``; an earlier survey's stay until these are
     whole. The site with what is said of products. Raises OutputError."""
     out.mkdir(parents=True, exist_ok=True)
     try:
         with tempfile.TemporaryDirectory(prefix=_STAGED, dir=out) as made:
             folder = Path(made)
-            last = ("views", "views that agree on it")
-            write_ply(site.cloud, folder / CLOUDS[0], site.origin_m, last[0])
+            last, origin_m = VIEWS_DIMENSION, site.origin_m
+            write_clouds(site.clouds(), site.count, folder / CLOUDS[0], origin_m, last[0])
             crs = site.world.crs if site.world else ""
-            if len(site.cloud):
-                write_laz(site.cloud, folder / CLOUDS[1], site.origin_m, last, crs)
-                write_copc(site.cloud, folder / CLOUDS[2], site.origin_m, crs)
-                surface = surface_of(site.cloud, site.origin_m)
-                write_surface(surface, *(folder / n for n in RASTERS), crs)
-                site = write_extras(site, surface, extras or ExtraOptions(), folder)
+            if tiles is not None:
+                with LazFile(folder / CLOUDS[1], site.box_m[0], origin_m, last, crs) as laz:
+                    for cloud in site.clouds():
+                        laz.add(cloud)
+                write_copc(site.clouds, site.box_m, folder / CLOUDS[2], origin_m, crs)
+                write_rasters(tiles.surfaces(out), tiles.whole, origin_m, folder, crs)
+                site = write_extras(site, extras or ExtraOptions(), folder)
             write_page(site, folder / "site.html")
             (folder / "adjustment.json").write_text(
                 json.dumps(adjustment_document(site), indent=1, allow_nan=False)

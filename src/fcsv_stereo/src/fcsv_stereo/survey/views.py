@@ -2,6 +2,7 @@
 """A view: the map of one reference picture, with what is known of its place before views are
 compared."""
 
+import itertools
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -86,6 +87,36 @@ class View:
         held = min(self.prior.scale, least)
         own = np.square(self.sigma) - np.square(held * self.depth)
         return np.sqrt(np.maximum(own, np.square(0.25 * self.sigma)))
+
+    @cached_property
+    def sampled(self) -> np.ndarray:
+        """(N,3) float32 m in the camera's frame: some of the known pixels, evenly."""
+        rows, columns = np.nonzero(self.known)
+        some = slice(None, None, max(1, len(rows) // tuning.OVERLAP_SAMPLES))
+        depth = self.depth[rows[some], columns[some]].astype(float)
+        return self._at(columns[some], rows[some], depth).astype(np.float32)
+
+    @cached_property
+    def corners(self) -> np.ndarray:
+        """(8,3) m in the camera's frame: the truncated pyramid that holds all known pixels; (0,3)
+        where there are none."""
+        rows, columns = np.nonzero(self.known)
+        if not len(rows):
+            return np.zeros((0, 3))
+        depth = self.depth[rows, columns].astype(float)
+        limits = [(v.min(), v.max()) for v in (columns, rows, depth)]
+        return self._at(*np.array(list(itertools.product(*limits)), float).T)
+
+    def _at(self, u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        c = self.camera
+        return (
+            np.column_stack([(u - c.cx) / c.fx, (v - c.cy) / c.fy, np.ones(len(u))])
+            * depth[:, None]
+        )
+
+    def load(self) -> "View":
+        """The view itself: its pixels are in memory already."""
+        return self
 
 
 def read_view(folder: Path, name: str, source: str, prior) -> View:

@@ -16,7 +16,7 @@ import threading
 import uuid
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
-from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import cv2
 import psutil
@@ -25,7 +25,7 @@ from threadpoolctl import threadpool_limits
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs.writing import in_words
 from fcsv_stereo.errors import SurveyError
-from fcsv_stereo.model import Progress
+from fcsv_stereo.model import Progress, silent
 
 #: Hears how far a task is: its number, step, share.
 Told = Callable[[int, str, float], None]
@@ -249,6 +249,26 @@ class Crew:
                     f"no Dask scheduler at {where} ({error}); start it, or leave --scheduler away"
                 ) from error
         return self._client
+
+
+def completed(
+    crew: Crew,
+    tasks: Sequence[SurveyTask],
+    kept: Callable[[int], Any],
+    progress: Progress = silent,
+    step: str = "",
+) -> Tuple[List[Any], Dict[int, str]]:
+    """What ``kept`` gives by each task's number, once those have run of which it gave None; and,
+    by number, why there is nothing. ``progress`` hears of the ``step``."""
+    new = [i for i in range(len(tasks)) if kept(i) is None]
+    errors: Dict[int, str] = {}
+    for done, outcome in enumerate(crew.run([tasks[i] for i in new]), 1):
+        if outcome.error:
+            errors[new[outcome.number]] = outcome.error
+        progress(f"{step}, {done} of {len(new)}", done / len(new))
+    found = [kept(i) for i in range(len(tasks))]
+    gone = "what was written is gone; the same command goes on"
+    return found, {i: errors.get(i, gone) for i, of in enumerate(found) if of is None}
 
 
 @contextlib.contextmanager
