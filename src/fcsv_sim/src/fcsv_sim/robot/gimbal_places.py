@@ -211,7 +211,7 @@ class GimbalPlaces:
         return {} if found is None else {n: (h.x_m, h.y_m) for n, h in zip(names, found.held)}
 
     def _send(self, now_s: float, move: MoveVehicle, believed: LevelPlace) -> None:
-        """Over the radio a vehicle gets its way in its odometry's frame."""
+        """Sends a vehicle its way, turned into the frame of its odometry."""
         way_m = np.array([move.x_m - believed.x_m, move.y_m - believed.y_m])
         vehicle = self._vehicles[move.vehicle]
         said = vehicle.odometry(move.vehicle, now_s)
