@@ -57,7 +57,7 @@ class Drive:
             [10.0, 0.0, 0.0],
             sigma_m,
         )
-        self.radio, self.placed, self.way = True, True, []
+        self.radio, self.placed, self.hold, self.way = True, True, "", []
 
     def run(self, seconds, until=None):
         for _ in range(int(round(seconds / STEP_S))):
@@ -65,9 +65,8 @@ class Drive:
             if self.radio:
                 self.guide.receive(self.now_s, RobotContact(self.now_s))
             place = RobotPlace(self.now_s, *self.at, self.sigma_m) if self.placed else None
-            self.guide.receive(
-                self.now_s, PlaceState(place, "" if self.placed else "no fix", 0.05, 9, 0, "")
-            )
+            reason = "" if self.placed else "no fix"
+            self.guide.receive(self.now_s, PlaceState(place, reason, 0.05, 9, 0, "", self.hold))
             (told,) = self.guide.step(self.now_s)
             yaw = self.at[2] + told.command.turning_radps * STEP_S
             self.at = [
@@ -114,6 +113,7 @@ def test_it_drives_to_the_goal_around_the_wall(drive):
     [
         (lambda d: setattr(d, "radio", False), "not heard over the radio"),
         (lambda d: setattr(d, "placed", False), "place is not known: no fix"),
+        (lambda d: setattr(d, "hold", "it measures"), "it measures"),
         (lambda d: setattr(d, "sigma_m", 0.9), "place is known to 0.90 m|no safe route is known"),
     ],
 )
@@ -123,7 +123,7 @@ def test_every_doubt_stops_it_and_it_drives_on(drive, doubt, words):
     told = drive.run(1.2)
     assert told.command.speed_mps == 0.0 and told.state in (WAITING, NO_ROUTE)
     assert re.search(words, told.text), told.text
-    drive.radio, drive.placed, drive.sigma_m = True, True, 0.1
+    drive.radio, drive.placed, drive.sigma_m, drive.hold = True, True, 0.1, ""
     assert drive.run(60.0, ARRIVED).state == ARRIVED
 
 

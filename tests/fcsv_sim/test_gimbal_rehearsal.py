@@ -20,6 +20,7 @@ from fcsv_sim.robot.looking import Lookout
 from fcsv_sim.robot.mapped import MappedPlace
 from fcsv_sim.robot.robot_faults import FAULTS
 from fcsv_sim.robot.things import Watcher
+from fcsv_sim.trials.robot_among_vehicles import Held, HeldVehicle
 from fcsv_sim.world.footing import Footing
 from fcsv_sim.world.materials import CONCRETE
 from fcsv_sim.world.maze import build_small_maze
@@ -134,6 +135,30 @@ def test_vehicles_hold_beside_the_way_and_near_all_of_it():
     # where it drives on, both are behind it, out of the gimbals' limits: said, not hidden
     assert 0.5 < hold_places(zigzag, 0.0, gimbals_of_robot()).seen < 1.0
     assert "one seen along" in found.in_words()
+
+
+def test_vehicles_that_follow_keep_off_the_robot_and_each_other():
+    way, now = np.array([[0.0, 0.0], [2.0, 0.0]]), [(2.5, 1.6), (-0.5, -2.0)]
+    found = hold_places(way, 0.0, gimbals_of_robot(), 0.0, now)
+    assert found.seen_twice == 1.0
+    for k, held in enumerate(found.held):
+        flown = np.linspace(now[k], [held.x_m, held.y_m], 50)
+        assert np.hypot(*flown.T).min() > 0.99
+        assert np.hypot(*(flown - now[1 - k]).T).min() > 0.99
+
+
+def test_a_vehicle_flies_where_it_is_sent_as_far_as_its_odometry_knows():
+    vehicle = HeldVehicle(Held(1.0, 2.0, 1.8, flow_bias_mps=0.0, gust_m=0.0), 20.0, 3, 0.0)
+    before = vehicle.odometry("tello1", 5.0)
+    T = vehicle.T_world_body(5.0)
+    vehicle.fly(5.0, np.array([1.0, -0.5]), before.yaw_rad - transforms.yaw(T))
+    after, moved = vehicle.odometry("tello1", 12.0), vehicle.T_world_body(12.0)[:3, 3] - T[:3, 3]
+    said_m = np.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
+    # 0.01 m in a root second beside the way; a scale of 3 % (standard deviation)
+    assert said_m == pytest.approx(np.hypot(1.0, 0.5), abs=0.1)
+    assert moved == pytest.approx([1.0, -0.5, 0.0], abs=0.1) and moved[0] != 1.0
+    half = vehicle.T_world_body(5.0 + 0.5 * np.hypot(1.0, 0.5) / 0.4)[:3, 3] - T[:3, 3]
+    assert half == pytest.approx(0.5 * moved, abs=0.02), "at 0.4 m/s"
 
 
 def test_it_drives_to_its_goal_by_its_gimbals(place, small):

@@ -4,8 +4,8 @@
 Cooperative localization (Roumeliotis and Bekey 2002) in one extended Kalman filter: the robot's
 wheels move the robot, each vehicle's own odometry moves the vehicle and drifts, and each sighting
 ties two places together. While the robot stands, the filter learns how the vehicles drift; while it
-drives, the vehicles tell where it went. A port: messages and monotonic time in, a CooperativeState
-out. All is level: x, y (m) and yaw (rad) in home.
+drives, the vehicles tell where it went: it drives in steps (steps.py). A port: messages and
+monotonic time in, a CooperativeState out. All is level: x, y (m) and yaw (rad) in home.
 """
 
 import heapq
@@ -30,7 +30,7 @@ from fcsv_guidance.place import (
 
 _OF_VEHICLE = 5  # x, y, yaw, velocity of its drift along x and y
 # wheels 0.24 m apart turn a robot by 4 degrees in a root metre where either slips by 3 %
-_SMALL_ROBOT = PlaceRules(yaw_noise_radpm=0.07)
+_SMALL_ROBOT = PlaceRules(distance_noise_m=0.015, yaw_noise_radpm=0.07)
 
 
 @dataclass(frozen=True)
@@ -81,13 +81,14 @@ class CooperativeRules:
 
     Errors of one tag last while it is looked at: a sighting is used every ``sighting_s`` only, and
     never believed better than ``least_m`` and ``least_deg``. ``floor_deg``: by how much the robot's
-    floor is not level; ``lag_s``: messages that come later than this are refused.
+    floor is not level; ``lag_s``: messages that come later than this are refused. Wheels stand that
+    turn by less than ``stands`` (m, rad); a vehicle is seen that was sighted in the last ``seen_s``.
     """
 
     wheels: PlaceRules = _SMALL_ROBOT
     drift_mps: float = 0.03
     drift_change: float = 0.003
-    odometry_noise_m: float = 0.03
+    odometry_noise_m: float = 0.015
     odometry_yaw_deg: float = 0.3
     wander_m: float = 0.1
     wander_deg: float = 2.0
@@ -98,16 +99,23 @@ class CooperativeRules:
     gate: float = 0.999
     to_doubt: int = 5
     oldest_sighting_s: float = 5.0
+    stands: float = 0.005
+    seen_s: float = 1.0
     lag_s: float = 0.25
 
 
 @dataclass(frozen=True)
 class CooperativeState:
     """The robot's place, and those of the bodies of vehicles that were seen since the start, by
-    name."""
+    name. ``stood_s``: so long the wheels have stood; ``drift_sigma_mps``: how well the drift is
+    known of the vehicle that is seen now and known worst, inf where none is seen; ``unseen_s``:
+    since when one of them was not seen."""
 
     robot: PlaceState
     vehicles: Mapping[str, LevelPlace]
+    stood_s: float = 0.0
+    drift_sigma_mps: float = np.inf
+    unseen_s: float = 0.0
 
 
 Message = Union[RobotStart, WheelOdometry, UntrackedOdometry, VehicleSighting]
@@ -138,6 +146,7 @@ class CooperativeTracker:
         self._until_s = -np.inf if start is None else start.stamp_s
         self._begun = start is not None
         self._wheels: Optional[WheelOdometry] = None
+        self._moved: Optional[WheelOdometry] = None  # the first reading of where they are now
         self._newest: Deque[WheelOdometry] = deque(maxlen=200)
         self._vehicles: Dict[str, _Tracked] = {}
         self._odometry: Dict[str, UntrackedOdometry] = {}
@@ -172,7 +181,10 @@ class CooperativeTracker:
         """The robot as of its last wheels, the vehicles as of ``lag_s`` before."""
         while self._queue and self._queue[0][0] <= now_s - self._rules.lag_s:
             self._process(heapq.heappop(self._queue)[2])
-        return CooperativeState(self._robot(now_s), self._places())
+        stood_s = 0.0 if self._moved is None else self._until_s - self._moved.stamp_s
+        drift_mps, seen_s = self._drift_sigma_mps(now_s), self._sighted_s.values()
+        unseen_s = now_s - min(seen_s, default=now_s)
+        return CooperativeState(self._robot(now_s), self._places(), stood_s, drift_mps, unseen_s)
 
     def _robot(self, now_s: float) -> PlaceState:
         reason = self._unknown(now_s)
@@ -212,6 +224,12 @@ class CooperativeTracker:
             )
         return found
 
+    def _drift_sigma_mps(self, now_s: float) -> float:
+        seen = [n for n, at_s in self._sighted_s.items() if now_s - at_s < self._rules.seen_s]
+        parts = [slice(self._vehicles[n].at + 3, self._vehicles[n].at + 5) for n in seen]
+        found = [float(np.linalg.eigvalsh(self._P[part, part])[-1]) for part in parts]
+        return float(np.sqrt(max(found))) if found else np.inf
+
     # ---- the filter ------------------------------------------------------------------------------
 
     def _process(self, message: Message) -> None:
@@ -229,7 +247,11 @@ class CooperativeTracker:
         if self._wheels is not None:
             x, F, Q = moved_by_wheels(self._x[:STATES], self._wheels, wheels, self._rules.wheels)
             self._move(slice(0, STATES), x, F, Q)
-        self._wheels = wheels
+        self._wheels, at = wheels, self._moved or wheels
+        off_m = float(np.hypot(wheels.x_m - at.x_m, wheels.y_m - at.y_m))
+        if max(off_m, abs(rotations.wrap(wheels.yaw_rad - at.yaw_rad))) > self._rules.stands:
+            at = wheels
+        self._moved = at
 
     def _on_odometry(self, odometry: UntrackedOdometry) -> None:
         self._odometry[odometry.vehicle] = odometry

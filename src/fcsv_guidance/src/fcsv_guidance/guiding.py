@@ -172,6 +172,8 @@ class RobotGuide:
             return f"the robot's place is {now_s - place.stamp_s:.1f} s old"
         if self.known.grid is None:
             return "no map has come"
+        if self._place.hold:
+            return self._place.hold
         age_s = now_s - self._seen_s()
         if rules.watched and age_s > rules.oldest_watch_s:
             return (

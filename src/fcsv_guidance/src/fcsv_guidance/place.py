@@ -51,7 +51,8 @@ class WheelOdometry:
 @dataclass(frozen=True)
 class PlaceState:
     """``place`` is None where it is not known; ``reason`` says why, empty where it is.
-    ``yaw_sigma_rad``; numbers of fixes that were used and refused, and why the last was."""
+    ``yaw_sigma_rad``; numbers of fixes that were used and refused, and why the last was. ``hold``:
+    why the robot shall stand so that its place stays known; empty where it may drive."""
 
     place: Optional[RobotPlace]
     reason: str
@@ -59,6 +60,7 @@ class PlaceState:
     used: int
     refused: int
     last_refusal: str
+    hold: str = ""
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ class RobotDrive:
         self._shown_s, self._reacted_s = None, None
         self._first_m, self._way_m, self._room_m = None, 0.0, np.inf
         self._errors, self._within = [], []
-        self._slowest_s, self._said_none, self._blocked = 0.0, False, None
+        self._slowest_s, self._said_none, self._blocked, self._held = 0.0, False, None, False
 
     def run(self, longest_s: float = LONGEST_S) -> DriveResult:
         """Drives to the goal, to a contact, or to where nothing more can come."""
@@ -139,9 +139,8 @@ class RobotDrive:
             contact = self._touched(now_s)
             self._sense(now_s)
             guidance = self._guided(now_s)
-            stood_s = (
-                0.0 if guidance.state == DRIVING or not self.machine.stands else stood_s + STEP_S
-            )
+            drives = guidance.state == DRIVING or not self.machine.stands or self._held
+            stood_s = 0.0 if drives else stood_s + STEP_S
             if contact:
                 ended = "contact"
                 break
@@ -278,6 +277,7 @@ class RobotDrive:
             )
             to.receive(now_s, what)
         state = self._places.step(now_s)
+        self._held = bool(state.hold)
         self._guide.receive(now_s, state)
         (guidance,) = self._guide.step(now_s)
         self._slowest_s = max(self._slowest_s, time.process_time() - began)

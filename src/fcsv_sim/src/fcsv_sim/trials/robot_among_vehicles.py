@@ -46,6 +46,8 @@ class Held:
     odometry_m: float = 0.01  # in a root second
     odometry_yaw_deg: float = 0.1  # in a root second
     lean_deg: float = 1.5
+    flow_scale: float = 0.03  # standard deviation of true over measured way
+    speed_mps: float = 0.4  # of a vehicle that is sent elsewhere
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,7 @@ class HeldVehicle:
         random = np.random.default_rng([seed, 31])
         n = int(duration_s / _STEP_S) + 2
         t = _STEP_S * np.arange(n)
+        self._held = held
         bias = held.flow_bias_mps * random.standard_normal(2)
         keep = np.exp(-_STEP_S / held.gust_s)
         gusts = _walk(random, n, keep, held.gust_m * np.sqrt(1.0 - keep**2), 3)
@@ -123,6 +126,7 @@ class HeldVehicle:
         said = (gusts[:, :2] + off) @ rotations.turn_about_z(self._turn_rad)[:2, :2].T
         self._said = np.column_stack([said, swing + off_yaw])
         self.drifted_m = float(np.linalg.norm(bias) * duration_s)
+        self._scale = 1.0 + held.flow_scale * random.standard_normal()
 
     def T_world_body(self, stamp_s: float) -> np.ndarray:
         place = np.clip((stamp_s - self._start_s) / _STEP_S, 0.0, len(self._xyz) - 1.001)
@@ -131,6 +135,20 @@ class HeldVehicle:
         return transforms.from_xyz_rpy(
             xyz, self._rpy[i] + share * (self._rpy[i + 1] - self._rpy[i])
         )
+
+    def fly(self, now_s: float, way_m: np.ndarray, turned_rad: float) -> None:
+        """It flies ``way_m`` (2,) from now on by its odometry, in a frame that is believed to be
+        turned by ``turned_rad`` against that."""
+        i = int(np.ceil((now_s - self._start_s) / _STEP_S))
+        own = rotations.turn_about_z(turned_rad)[:2, :2] @ way_m
+        length_m = float(np.hypot(*own))
+        steps_m = self._held.speed_mps * _STEP_S * np.arange(len(self._said) - i)
+        ramp = np.clip(steps_m / max(length_m, 1e-6), 0.0, 1.0)[:, None]
+        # what its odometry takes for its heading is off by what its yaw drifted
+        off_rad = self._turn_rad + self._said[i, 2] - self._rpy[i, 2]
+        true = self._scale * rotations.turn_about_z(-off_rad)[:2, :2] @ own
+        self._said[i:, :2] += ramp * own
+        self._xyz[i:, :2] += ramp * true
 
     def odometry(self, name: str, stamp_s: float) -> UntrackedOdometry:
         """What it says of its way, in a frame of its own with a heading of its own."""
