@@ -1,20 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits the weights of fcsv_guidance.standing on drawn and mapped places, and prints them for
-tuning.py.
+tuning.py; with --together the trees of fcsv_guidance.together, and writes them.
 
 python tools/train_ground.py [--seeds 11 12 13] [--robot config/robots/rescue.yaml]
+python tools/train_ground.py --together out/maps --seeds 1 2 3 4 5
 """
 
 import argparse
+import json
 import sys
+from pathlib import Path
 
 import numpy as np
 from bench_ground import footing_of, grid_of
 from scipy.optimize import minimize
+from sklearn.ensemble import HistGradientBoostingClassifier
 
+from fcsv_guidance import together
 from fcsv_guidance.ground import ground_from
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.standing import FREE_SIGN, features, seen_below
+from fcsv_guidance.standing import FREE_SIGN, features, probability, seen_below
+from fcsv_sim.robot.mapped import SurveyPlan, mapped_place
 from fcsv_sim.robot.survey import stations, survey
 from fcsv_sim.world.town import Town
 
@@ -51,12 +57,67 @@ def fitted(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     )
 
 
+def samples_together(world: str, seed: int, robot, folder: Path):
+    """The same of together.features over all maps of a place, which ``folder`` keeps, from stations
+    that are chosen without the trees."""
+    survey_plan = SurveyPlan(more=0)
+    place = mapped_place(world, seed, robot, folder / f"{world}-{seed}", None, survey_plan)
+    maps = [ground for ground in place.grounds if ground is not None]
+    each = np.array([probability(ground, robot) for ground in maps])
+    whole = np.array([seen_below(ground, robot) for ground in maps])
+    inside, stands = footing_of(place.town.plan, maps[0].grid, robot)
+    nearest_m = np.fmin.reduce([ground.distance_m for ground in maps])
+    used = inside & whole.any(0) & (nearest_m <= _FARTHEST_M)
+    return together.features(maps, each, whole, robot)[0][used], stands[used]
+
+
+def boosted(x: np.ndarray, y: np.ndarray) -> dict:
+    """Trees as together.trees takes them, of gradient boosting of y (N, bool) on x (N, K)."""
+    model = HistGradientBoostingClassifier(
+        max_iter=60,
+        max_leaf_nodes=12,
+        min_samples_leaf=300,
+        learning_rate=0.15,
+        early_stopping=False,
+        random_state=0,
+    ).fit(x, y)
+    out: dict = {"feature": [-1], "threshold": [], "above": [0], "first": [0]}
+    out["threshold"].append(round(float(model._baseline_prediction.item()), 4))
+
+    def add(nodes, number: int) -> None:
+        node, at = nodes[number], len(out["feature"])
+        leaf = bool(node["is_leaf"])
+        out["feature"].append(-1 if leaf else int(node["feature_idx"]))
+        out["threshold"].append(float(f"{node['value' if leaf else 'num_threshold']:.5g}"))
+        out["above"].append(0)
+        if not leaf:
+            add(nodes, int(node["left"]))
+            out["above"][at] = len(out["feature"])
+            add(nodes, int(node["right"]))
+
+    for (tree,) in model._predictors:
+        out["first"].append(len(out["feature"]))
+        add(tree.nodes, 0)
+    return out
+
+
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=[11, 12, 13])
     parser.add_argument("--robot", default="config/robots/rescue.yaml")
+    parser.add_argument(
+        "--together", type=Path, metavar="MAPS", help="fits the trees; MAPS keeps the places' maps"
+    )
     args = parser.parse_args(argv)
     robot = load_robot(args.robot)
+    if args.together:
+        places = [("rubble", n) for n in args.seeds] + [("maze", n) for n in args.seeds[:2]]
+        parts = [samples_together(*place, robot, args.together) for place in places]
+        x, y = (np.concatenate(part) for part in zip(*parts))
+        print(f"{len(y)} footprints, {y.mean():.1%} can be stood on")
+        together.TREES_FILE.write_text(json.dumps(boosted(x, y)) + "\n")
+        print(f"{together.TREES_FILE}: written")
+        return 0
     found = [
         s
         for world in ("maze", "rubble")
