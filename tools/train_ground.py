@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from bench_ground import footing_of, grid_of
 from scipy.optimize import minimize
-from sklearn.ensemble import HistGradientBoostingClassifier
+from sklearn.ensemble import GradientBoostingClassifier
 
 from fcsv_guidance import together
 from fcsv_guidance.ground import ground_from
@@ -25,6 +25,7 @@ from fcsv_sim.robot.survey import stations, survey
 from fcsv_sim.world.town import Town
 
 _FARTHEST_M, _SHRINK = 60.0, 1e-4
+_DRAWN, _RATE = 240_000, 0.15  # of the boosted trees: footprints, learning rate
 
 
 def samples(world: str, seed: int, robot):
@@ -73,31 +74,35 @@ def samples_together(world: str, seed: int, robot, folder: Path):
 
 def boosted(x: np.ndarray, y: np.ndarray) -> dict:
     """Trees as together.trees takes them, of gradient boosting of y (N, bool) on x (N, K)."""
-    model = HistGradientBoostingClassifier(
-        max_iter=60,
+    drawn = np.random.default_rng(0).choice(len(y), min(len(y), _DRAWN), replace=False)
+    model = GradientBoostingClassifier(
+        n_estimators=60,
         max_leaf_nodes=12,
-        min_samples_leaf=300,
-        learning_rate=0.15,
-        early_stopping=False,
+        max_depth=None,
+        min_samples_leaf=100,
+        learning_rate=_RATE,
+        subsample=0.25,
+        max_features=12,
         random_state=0,
-    ).fit(x, y)
-    out: dict = {"feature": [-1], "threshold": [], "above": [0], "first": [0]}
-    out["threshold"].append(round(float(model._baseline_prediction.item()), 4))
+    ).fit(x[drawn], y[drawn])
+    prior = float(model.init_.class_prior_[1])
+    out: dict = {"feature": [-1], "threshold": [np.log(prior / (1.0 - prior))], "above": [0]}
 
-    def add(nodes, number: int) -> None:
-        node, at = nodes[number], len(out["feature"])
-        leaf = bool(node["is_leaf"])
-        out["feature"].append(-1 if leaf else int(node["feature_idx"]))
-        out["threshold"].append(float(f"{node['value' if leaf else 'num_threshold']:.5g}"))
+    def add(tree, node: int) -> None:
+        at, leaf = len(out["feature"]), tree.children_left[node] < 0
+        out["feature"].append(-1 if leaf else int(tree.feature[node]))
+        out["threshold"].append(_RATE * tree.value[node].item() if leaf else tree.threshold[node])
         out["above"].append(0)
         if not leaf:
-            add(nodes, int(node["left"]))
+            add(tree, tree.children_left[node])
             out["above"][at] = len(out["feature"])
-            add(nodes, int(node["right"]))
+            add(tree, tree.children_right[node])
 
-    for (tree,) in model._predictors:
+    out["first"] = [0]
+    for estimator in model.estimators_[:, 0]:
         out["first"].append(len(out["feature"]))
-        add(tree.nodes, 0)
+        add(estimator.tree_, 0)
+    out["threshold"] = [float(f"{value:.5g}") for value in out["threshold"]]
     return out
 
 

@@ -122,7 +122,7 @@ def features(maps: Sequence, each: np.ndarray, whole: np.ndarray, robot):
         np.nan_to_num(ground.trust),
     )
     layers = [length_m / step_m for length_m in lengths_m]
-    layers += [*others, *_said(each, whole)]
+    layers += [*others, *_votes(each, whole)]
     return np.stack(layers, -1).astype(np.float32), ground
 
 
@@ -153,8 +153,8 @@ def trees() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return tuple(np.array(stored[name], kind) for name, kind in zip(names, kinds))
 
 
-def _said(each: np.ndarray, whole: np.ndarray) -> list:
-    """What maps say alone: how many know the footprint, mean, least, largest, second largest log
+def _votes(each: np.ndarray, whole: np.ndarray) -> list:
+    """Counts what maps say alone: how many know the footprint, mean, least, largest, second largest log
     odds, and the least probability of those that know a part."""
     p = np.clip(np.where(whole, each, np.nan), 1e-4, 1.0 - 1e-4)
     odds = np.log(p) - np.log1p(-p)
@@ -167,7 +167,7 @@ def _said(each: np.ndarray, whole: np.ndarray) -> list:
 
 
 def _median(heights: np.ndarray) -> np.ndarray:
-    """Of maps (N, rows, columns), NaN where none knows."""
+    """Takes the median of maps (N, rows, columns); NaN where none knows."""
     ordered, count = np.sort(heights, 0), np.isfinite(heights).sum(0)  # NaN last
     ends = (np.maximum(count - 1, 0) // 2, np.minimum(count // 2, np.maximum(count - 1, 0)))
     low, high = (np.take_along_axis(ordered, end[None], 0)[0] for end in ends)
