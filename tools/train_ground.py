@@ -1,24 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits the weights of fcsv_guidance.standing on drawn and mapped places, and prints them for
-tuning.py.
+tuning.py; with --together the trees of fcsv_guidance.together, and writes them.
 
 python tools/train_ground.py [--seeds 11 12 13] [--robot config/robots/rescue.yaml]
+python tools/train_ground.py --together out/maps --seeds 1 2 3 4 5
 """
 
 import argparse
+import json
 import sys
+from pathlib import Path
 
 import numpy as np
 from bench_ground import footing_of, grid_of
 from scipy.optimize import minimize
+from sklearn.ensemble import GradientBoostingClassifier
 
+from fcsv_guidance import together
 from fcsv_guidance.ground import ground_from
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.standing import FREE_SIGN, features, seen_below
+from fcsv_guidance.standing import FREE_SIGN, features, probability, seen_below
+from fcsv_sim.robot.mapped import SurveyPlan, mapped_place
 from fcsv_sim.robot.survey import stations, survey
 from fcsv_sim.world.town import Town
 
 _FARTHEST_M, _SHRINK = 60.0, 1e-4
+_DRAWN, _RATE = 240_000, 0.15  # of the boosted trees: footprints, learning rate
 
 
 def samples(world: str, seed: int, robot):
@@ -51,12 +58,71 @@ def fitted(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     )
 
 
+def samples_together(world: str, seed: int, robot, folder: Path):
+    """The same of together.features over all maps of a place, which ``folder`` keeps, from stations
+    that are chosen without the trees."""
+    survey_plan = SurveyPlan(more=0)
+    place = mapped_place(world, seed, robot, folder / f"{world}-{seed}", None, survey_plan)
+    maps = [ground for ground in place.grounds if ground is not None]
+    each = np.array([probability(ground, robot) for ground in maps])
+    whole = np.array([seen_below(ground, robot) for ground in maps])
+    inside, stands = footing_of(place.town.plan, maps[0].grid, robot)
+    nearest_m = np.fmin.reduce([ground.distance_m for ground in maps])
+    used = inside & whole.any(0) & (nearest_m <= _FARTHEST_M)
+    return together.features(maps, each, whole, robot)[0][used], stands[used]
+
+
+def boosted(x: np.ndarray, y: np.ndarray) -> dict:
+    """Trees as together.trees takes them, of gradient boosting of y (N, bool) on x (N, K)."""
+    drawn = np.random.default_rng(0).choice(len(y), min(len(y), _DRAWN), replace=False)
+    model = GradientBoostingClassifier(
+        n_estimators=60,
+        max_leaf_nodes=12,
+        max_depth=None,
+        min_samples_leaf=100,
+        learning_rate=_RATE,
+        subsample=0.25,
+        max_features=12,
+        random_state=0,
+    ).fit(x[drawn], y[drawn])
+    prior = float(model.init_.class_prior_[1])
+    out: dict = {"feature": [-1], "threshold": [np.log(prior / (1.0 - prior))], "above": [0]}
+
+    def add(tree, node: int) -> None:
+        at, leaf = len(out["feature"]), tree.children_left[node] < 0
+        out["feature"].append(-1 if leaf else int(tree.feature[node]))
+        out["threshold"].append(_RATE * tree.value[node].item() if leaf else tree.threshold[node])
+        out["above"].append(0)
+        if not leaf:
+            add(tree, tree.children_left[node])
+            out["above"][at] = len(out["feature"])
+            add(tree, tree.children_right[node])
+
+    out["first"] = [0]
+    for estimator in model.estimators_[:, 0]:
+        out["first"].append(len(out["feature"]))
+        add(estimator.tree_, 0)
+    out["threshold"] = [float(f"{value:.5g}") for value in out["threshold"]]
+    return out
+
+
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=[11, 12, 13])
     parser.add_argument("--robot", default="config/robots/rescue.yaml")
+    parser.add_argument(
+        "--together", type=Path, metavar="MAPS", help="fits the trees; MAPS keeps the places' maps"
+    )
     args = parser.parse_args(argv)
     robot = load_robot(args.robot)
+    if args.together:
+        places = [("rubble", n) for n in args.seeds] + [("maze", n) for n in args.seeds[:2]]
+        parts = [samples_together(*place, robot, args.together) for place in places]
+        x, y = (np.concatenate(part) for part in zip(*parts))
+        print(f"{len(y)} footprints, {y.mean():.1%} can be stood on")
+        together.TREES_FILE.write_text(json.dumps(boosted(x, y)) + "\n")
+        print(f"{together.TREES_FILE}: written")
+        return 0
     found = [
         s
         for world in ("maze", "rubble")

@@ -9,4 +9,8 @@ PACKAGES = sorted(
     ".".join(p.parent.relative_to(SOURCES).parts) for p in SOURCES.rglob("__init__.py")
 )
 
-setup(**generate_distutils_setup(packages=PACKAGES, package_dir={"": "src"}))
+setup(
+    **generate_distutils_setup(
+        packages=PACKAGES, package_dir={"": "src"}, package_data={"fcsv_guidance": ["*.json"]}
+    )
+)

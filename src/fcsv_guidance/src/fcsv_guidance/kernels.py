@@ -220,6 +220,20 @@ def coarser_where_sparse(layers, side, share):
 
 
 @numba.njit(cache=True)
+def log_odds(x, feature, threshold, above, first):
+    """(N,) sum over trees of what the leaf says that each row of x (N,K) comes to: a node is above
+    its threshold (go to ``above``) or not (go to the next); a leaf has feature -1."""
+    out = np.zeros(len(x), np.float32)
+    for i in range(len(x)):
+        for node in first:
+            while feature[node] >= 0:
+                is_above = x[i, feature[node]] > threshold[node]
+                node = above[node] if is_above else node + 1
+            out[i] += threshold[node]
+    return out
+
+
+@numba.njit(cache=True)
 def rays_through(depth, sigma, K, R, p, voxel_m, reach_m, sigmas, stride, corner_m, shape):
     """(x, y, z) uint8: how many rays (every ``stride``-th pixel, 255 at most) pass each voxel of a
     box from ``corner_m``, to ``sigmas`` before their depth and no farther than ``reach_m``; (x, y,

@@ -8,7 +8,7 @@ from typing import Dict, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from fcsv_guidance import standing, tuning
+from fcsv_guidance import standing, together, tuning
 from fcsv_guidance.comparing import Compared, compared
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.following import ClearanceMap, RobotPlace
@@ -70,12 +70,16 @@ class KnownGround:
     there as it is mapped. A view that does not see it says nothing.
     """
 
-    def __init__(self, robot: Robot):
-        self._robot = robot
+    def __init__(self, robot: Robot, by_all: Optional[Robot] = None):
+        """``by_all``: the robot as the maps together are judged for it; None: they are weighed by
+        number alone."""
+        self._robot, self._by_all = robot, by_all
         self._maps: Dict[str, GroundSeen] = {}
         self._watching: Dict[str, GroundSeen] = {}
         # probability, whole footprint known
         self._stands: Dict[str, Tuple[np.ndarray, np.ndarray]] = {}
+        #: probability by all maps together, once there are enough
+        self._together: Optional[np.ndarray] = None
         self._changed: Optional[np.ndarray] = None
         #: how surely something stands in a cell, 0 to 1, whether that closed it, and by how much
         #: inverse depth (1/m) it was nearer than the ground
@@ -142,6 +146,9 @@ class KnownGround:
             return self._watched(seen, place, None if before is None else before.ground)
         self._maps[seen.source] = seen
         self._stands[seen.source] = self._judged(seen.ground)
+        if self._by_all is not None:
+            grounds = [other.ground for other in self._maps.values()]
+            self._together = together.probability(grounds, self._by_all)
         return self._weighed()
 
     def clearance(self, stamp_s: float) -> ClearanceMap:
@@ -282,7 +289,9 @@ class KnownGround:
         whole = [whole & ~doubtful for _, whole in maps] + [
             whole & ~mapped for _, whole in watching
         ]
-        stands = standing.weighed(each, whole, around)
+        by_maps = self._together
+        by_maps = None if by_maps is None else np.where(doubtful, np.float32(np.nan), by_maps)
+        stands = standing.weighed(each, whole, around, by_maps)
         for p, _ in watching:  # what is in the way now, no number of older maps can say otherwise
             stands = np.where(doubtful & (p < tuning.FREE_P), np.minimum(stands, p), stands)
         if self._closed.any():

@@ -12,11 +12,13 @@ from scipy.special import ndtr
 
 from fcsv_guidance import tuning
 
-_FAR = 1e6
-_SIDE = np.ones((3, 3), np.uint8)
+FAR = 1e6
+SIDE = np.ones((3, 3), np.uint8)
 AROUND_M = 0.25  # what is seen so near beside the footprint counts too
 _KNOTS = (0.0, 0.3, 0.8, 1.5, 4.0)  # of a limit of the robot
 FEATURES = 28
+_CLOSES_P = 0.8  # of a gap between free footprints, by all maps together
+_BELOW_FREE_P = np.nextafter(np.float32(tuning.FREE_P), np.float32(0.0))
 FREE_SIGN = 2  # features whose weight may have any sign: 1 and distance. All others only lower p.
 
 
@@ -42,8 +44,8 @@ def features(ground, robot, margin_m: float = 0.0, slopes=None) -> np.ndarray:
     step_m, slope = robot.largest_step_m, robot.largest_slope
     inner = disk(robot.radius_m + margin_m, cell_m)
     outer = disk(robot.radius_m + margin_m + AROUND_M, cell_m)
-    high, low = np.where(known, ground.high_m, -_FAR), np.where(known, ground.low_m, _FAR)
-    edges = np.where(known, most(high, _SIDE) - least(low, _SIDE), 0.0)
+    high, low = np.where(known, ground.high_m, -FAR), np.where(known, ground.low_m, FAR)
+    edges = np.where(known, most(high, SIDE) - least(low, SIDE), 0.0)
     plane = np.nan_to_num(slopes)
     room = np.where(known, np.minimum(ground.free_height_m, 5.0), 5.0) - robot.height_m
 
@@ -96,7 +98,7 @@ def beyond_limits(ground, robot, inner: np.ndarray, slopes: np.ndarray) -> np.nd
     sigma_m = np.where(ground.known, ground.sigma_m, 0.0)
     room_m = np.where(ground.known, ground.free_height_m, np.inf) - robot.height_m
     with np.errstate(invalid="ignore", divide="ignore"):
-        room = least(np.minimum(room_m, _FAR), inner) / (np.sqrt(2.0) * most(sigma_m, inner))
+        room = least(np.minimum(room_m, FAR), inner) / (np.sqrt(2.0) * most(sigma_m, inner))
         sigma = slope_sigma(ground, slope_radius_m(ground, robot))
         climb = (robot.largest_slope - slopes) / sigma
     z = np.fmin(climb, room)
@@ -115,11 +117,13 @@ def seen_below(ground, robot, margin_m: float = 0.0) -> np.ndarray:
     return least(ground.known, disk(robot.radius_m + margin_m, ground.grid.cell_m), 0.0) > 0
 
 
-def weighed(each, whole, around: np.ndarray) -> np.ndarray:
+def weighed(each, whole, around: np.ndarray, together=None) -> np.ndarray:
     """Weighs the probabilities of maps, (N, rows, columns) each with NaN where unknown, for a
     footprint ``around`` a cell; NaN where none knows.
 
-    By number: maps that know the ``whole`` (N, rows, columns) bool footprint and call it free must
+    What their average says, ``together`` (rows, columns), counts where it is known: a gap between
+    free footprints closes there from _CLOSES_P on. Elsewhere it goes by number: maps that know the
+    ``whole`` (N, rows, columns) bool footprint and call it free must
     be twice as many as those that know it and contradict them. A map that knows part of a footprint
     is no witness against one that knows it whole. What is contradicted is no more than
     CONTRADICTED_P, and OBSTACLE_P and less where none calls it free and one an obstacle. A
@@ -141,24 +145,30 @@ def weighed(each, whole, around: np.ndarray) -> np.ndarray:
     best = np.where(known, each, -1.0).max(0)
     worst = np.where(known, each, 2.0).min(0)
     n, found = max(around.shape), (free >= 1) & (free >= 2 * against)
+    closes = cv2.dilate(free.astype(np.float32), around) > obstacle  # maps that call a part free
+    if together is not None:
+        found = np.where(np.isfinite(together), together >= tuning.FREE_P, found)
+        closes = np.where(np.isfinite(together), together >= _CLOSES_P, closes)
     covered = cv2.morphologyEx(np.pad(found.astype(np.uint8), n), cv2.MORPH_CLOSE, around)
-    near = cv2.dilate(free.astype(np.float32), around)  # maps that call a part of it free
-    found |= (covered[n:-n, n:-n] > 0) & (near > obstacle)
+    found |= (covered[n:-n, n:-n] > 0) & closes
     p = np.where(best >= tuning.FREE_P, tuning.CONTRADICTED_P, best)
     p = np.where((best < tuning.FREE_P) & (worst <= tuning.OBSTACLE_P), worst, p)
     p = np.where(known.any(0), p, np.nan)
     best = np.where(whole & known, each, 0.0).max(0)
+    if together is not None:
+        p = np.where(np.isfinite(together), np.minimum(together, _BELOW_FREE_P), p)
+        best = np.where(np.isfinite(together), together, best)
     return np.where(found, np.maximum(best, tuning.FREE_P), p).astype(np.float32)
 
 
 def most(values: np.ndarray, around: np.ndarray) -> np.ndarray:
     """The largest value (float32) of the cells ``around`` each."""
     return cv2.dilate(
-        values.astype(np.float32), around, borderType=cv2.BORDER_CONSTANT, borderValue=-_FAR
+        values.astype(np.float32), around, borderType=cv2.BORDER_CONSTANT, borderValue=-FAR
     )
 
 
-def least(values: np.ndarray, around: np.ndarray, outside: float = _FAR) -> np.ndarray:
+def least(values: np.ndarray, around: np.ndarray, outside: float = FAR) -> np.ndarray:
     """The smallest value (float32) of the cells ``around`` each."""
     return cv2.erode(
         values.astype(np.float32), around, borderType=cv2.BORDER_CONSTANT, borderValue=outside

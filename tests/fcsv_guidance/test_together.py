@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several maps judged by their average: noise sinks, an outlier does not count, and the trees call
+level ground free and a block not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fcsv_guidance import kernels, together
+from fcsv_guidance.ground import Grid, ground_from
+from fcsv_guidance.known import GroundSeen, KnownGround
+from fcsv_guidance.robot import load_robot
+from fcsv_guidance.tuning import FREE_P
+
+GRID = Grid.around((20, -4), (28, 4), 0.1)
+BLOCK = (23.0, 24.0, -1.0, 1.0, 0.0, 0.6)
+
+
+@pytest.fixture
+def rescue(root):
+    return load_robot(root / "config/robots/rescue.yaml")
+
+
+@pytest.fixture
+def maps(scene):
+    return [ground_from([scene([BLOCK]).view(noise=0.3, seed=n)], grid=GRID) for n in range(5)]
+
+
+def test_the_average_is_less_noisy_than_each_map_and_needs_no_common_level(maps):
+    names = ("height_m", "low_m", "high_m", "overhead_m")
+    high = replace(maps[0], **{n: getattr(maps[0], n) + np.float32(0.1) for n in names})
+    ground, count, _, _ = together.averaged([high, *maps[1:]])
+    apart = np.hypot(*(GRID.middle_of(*np.indices(GRID.shape)) - [23.5, 0.0]).transpose(2, 0, 1))
+    level = (apart > 2.5) & (count == 5)
+    assert level.sum() > 500
+    # of five independent maps 1 / sqrt(5) = 0.45
+    assert np.std(ground.height_m[level]) < 0.6 * np.std(maps[1].height_m[level])
+
+
+def test_one_map_of_five_that_lies_far_off_in_a_cell_does_not_count(maps):
+    cell = GRID.cell_of(26.0, 3.0)
+    raised = maps[0].height_m.copy()
+    raised[cell] += 1.0
+    ground, _, spread, out = together.averaged([replace(maps[0], height_m=raised), *maps[1:]])
+    assert out[cell] == 1 and spread[cell] > 0.2
+    assert abs(ground.height_m[cell] - np.mean([one.height_m[cell] for one in maps[1:]])) < 0.05
+
+
+def test_trees_go_above_a_threshold_or_to_the_next_node():
+    """Tree 1 is one leaf; tree 2 asks feature 1 and then feature 0."""
+    feature, first = np.array([-1, 1, -1, 0, -1, -1]), np.array([0, 1])
+    threshold = np.array([0.5, 2.0, 1.0, 3.0, 10.0, 100.0], np.float32)
+    above = np.array([0, 3, 0, 5, 0, 0])
+    x = np.array([[0, 2], [3, 2.5], [4, 2.5]], np.float32)
+    found = kernels.log_odds(x, feature, threshold, above, first)
+    assert found.tolist() == [1.5, 10.5, 100.5]
+
+
+def test_the_stored_trees_end_in_leaves_and_ask_for_features_that_there_are():
+    feature, _, above, first = together.trees()
+    assert feature.max() < together.FEATURES and len(first) > 1
+    inner = np.flatnonzero(feature >= 0)
+    assert (above[inner] > inner + 1).all() and (above < len(feature)).all()
+
+
+def test_maps_too_few_or_too_near_are_not_judged_together(maps, rescue):
+    assert together.probability(maps[: together.LEAST_MAPS - 1], rescue) is None
+    near = [replace(one, distance_m=one.distance_m - np.float32(15.0)) for one in maps]
+    assert np.isnan(together.probability(near, rescue)).all()
+
+
+def test_a_block_is_not_free_together_and_what_changed_is_left_to_the_watch(maps, rescue):
+    p = together.probability(maps, rescue)
+    assert not (p[GRID.cell_of(23.5, 0.0)] >= FREE_P) and not (p[GRID.cell_of(22.8, 0.0)] >= FREE_P)
+    known = KnownGround(rescue, rescue)
+    for number, one in enumerate(maps):
+        known.receive(GroundSeen(0.0, f"station {number}", one), None)
+    free = known.stands >= FREE_P
+    assert (free & (p >= FREE_P)).sum() == (p >= FREE_P).sum()
+    assert not free[GRID.cell_of(23.5, 0.0)]
