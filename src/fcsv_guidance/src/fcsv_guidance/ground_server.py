@@ -25,7 +25,8 @@ from fcsv_guidance.ground import (
     window_of,
     within,
 )
-from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, KnownGround, watch_seen
+from fcsv_guidance.guiding import known_ground
+from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, watch_seen
 from fcsv_guidance.map_files import occupancy
 from fcsv_guidance.planning import RouteRules, plan_clear
 from fcsv_guidance.robot import Robot
@@ -129,7 +130,7 @@ class GroundServer:
         self._views: List[DepthView] = []
         self._live: Optional[DepthView] = None
         self._taken: List[DepthView] = []  # of which the maps' ground was laid
-        self._known = KnownGround(robot)
+        self._known = known_ground(robot)
         # what the maps show together, and the same with what watching views show in its place
         self._mapped: Optional[Ground] = None
         self._ground: Optional[Ground] = None
@@ -222,7 +223,7 @@ class GroundServer:
         ground = ground_from(taken, self._rules.cell_m, self._grid(), self._rules.reach_m)
         known = self._known
         if not seen.live or known.grid is None or known.grid != ground.grid:
-            known = KnownGround(self._robot)
+            known = known_ground(self._robot)
         alone = ground.maps or (ground,)
         for view, each in zip(taken, alone):
             stamp_s = view.stamp_s if np.isfinite(view.stamp_s) else 0.0

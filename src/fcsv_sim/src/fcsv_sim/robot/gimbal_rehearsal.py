@@ -9,8 +9,7 @@ import numpy as np
 
 from fcsv_geometry.programs.workspace import bringup
 from fcsv_geometry.vehicles.vehicle import load_vehicles
-from fcsv_guidance.guiding import careful, plan_over
-from fcsv_guidance.known import KnownGround
+from fcsv_guidance.guiding import known_ground, plan_over
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import NoRoute
 from fcsv_sim.bringup import vehicles_folder
@@ -48,7 +47,7 @@ def gimbal_drive(
     """A drive through a small maze and where the vehicles hold meanwhile: beside the route that the
     maps show, None where they show none and no vehicle is needed beside one."""
     plan, gimbals = place.town.plan, gimbals_of_robot()
-    known = KnownGround(careful(robot))
+    known = known_ground(robot)
     for seen in place.seen():
         known.receive(seen, None)
     route = plan_over(known, plan.start_m, plan.goal_m, _PLANNED_SIGMA_M)
