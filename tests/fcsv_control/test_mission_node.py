@@ -229,7 +229,13 @@ class ControlPc:
 
     def confirm(self, step):
         """As people do: again where the step before was confirmed a moment ago."""
-        until(lambda: self.proceed(step).success)
+        answers = []
+
+        def accepted():
+            answers.append(self.proceed(step))
+            return answers[-1].success
+
+        until(accepted, what=lambda: f"{step}: {answers[-1].message}; {self.mission.detail}")
 
     def close(self):
         for service in self.services:

@@ -524,6 +524,9 @@ class TestTags:
         from fcsv_geometry.ros import conversions
 
         body, info, image = out
+        # on a connection of its own: of two that are sent together either may come first
+        info.publish(conversions.info_from_camera(camera or CAMERA, time.time(), frame))
+        time.sleep(0.5)
         for _ in range(times):
             now_s = time.time() + self.ahead_s
             info.publish(conversions.info_from_camera(camera or CAMERA, now_s, frame))
