@@ -61,8 +61,11 @@ def write_whole(path: Path, text: str) -> None:
     """A file, whole or not at all, in a folder that is made where it is not there. Raises OSError."""
     partial = path.with_name(path.name + ".partial")
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial.write_text(text)
-    partial.replace(path)
+    try:
+        partial.write_text(text)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def in_words(error: OSError, place: object = "") -> str:
@@ -72,7 +75,8 @@ def in_words(error: OSError, place: object = "") -> str:
     >>> in_words(OSError(errno.ENOSPC, "No space left on device"), "out/map")
     'out/map: the disk is full: make room, or choose another folder'
     """
-    where = error.filename if error.filename is not None else place
+    named = (error.filename2, error.filename, place)  # of a move its end is what people know
+    where = next(n for n in named if n is not None)
     what = _SENTENCES.get(error.errno) or error.strerror or str(error) or type(error).__name__
     if error.errno is None and _full(place):  # numpy tells of a full disk without a number
         what = _FULL

@@ -102,11 +102,12 @@ class LazFile:
         return self
 
     def __exit__(self, kind, *_) -> None:
-        if kind is None:
-            with self._refusals():
-                self._writer.close()
-            self._partial.replace(self._path)
-        else:
+        try:
+            if kind is None:
+                with self._refusals():
+                    self._writer.close()
+                self._partial.replace(self._path)
+        finally:
             self._partial.unlink(missing_ok=True)
 
     def add(self, cloud: Cloud) -> None:
