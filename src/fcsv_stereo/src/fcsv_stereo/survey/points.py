@@ -78,6 +78,6 @@ def kept_attributes(path: Path, key: str) -> Optional[Dict[str, Any]]:
     try:
         with zarr.ZipStore(str(path), mode="r") as store:
             told = dict(zarr.open_group(store, mode="r").attrs)
-        return told if told["key"] == key else None
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
+            return told if told["key"] == key and store.zf.testzip() is None else None
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError, zipfile.BadZipFile):
         return None

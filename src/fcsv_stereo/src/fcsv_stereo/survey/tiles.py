@@ -3,9 +3,10 @@
 views that touch it, kept in OUT/tiles with the key of what went into them."""
 
 import itertools
+import zlib
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Dict, Iterable, Iterator, List, Optional, Set, Tuple
+from typing import Dict, Iterable, Iterator, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 import zarr
@@ -116,14 +117,18 @@ def make_tile(given: TileInput, out: Path) -> None:
     box = [(v.astype(float) + given.origin_m).tolist() for v in (low, high)]
     told = {"count": count, "low_m": box[0], "high_m": box[1]}
     arrays = {f.name: getattr(surface, f.name) for f in fields(Surface)}
-    write_arrays(arrays, {"key": given.key, "tile": told}, note)
+    write_arrays(arrays, {"key": given.key, "tile": told, "laz": _checksum(laz)}, note)
+
+
+def _checksum(path: Path) -> int:
+    return zlib.crc32(path.read_bytes())
 
 
 def _kept(given: TileInput, out: Path) -> Optional[Tile]:
     """The tile as an earlier survey left it; None where it is of something else, or not whole."""
     laz = given.path(out, "laz")
     told = kept_attributes(given.path(out, "zarr.zip"), given.key)
-    if told is None or not laz.is_file():
+    if told is None or not laz.is_file() or told.get("laz") != _checksum(laz):
         return None
     return Tile(given.name, [f"{TILES}/{laz.name}"], **told["tile"])
 
@@ -152,6 +157,7 @@ def make_tiles(
     """The site with its tiles, None where it has no points: kept ones, and those that the crew
     makes. What could not be made is missing; tiles of another site are removed."""
     if not site.count:
+        _remove_others(out)
         return site, None
     whole = grid_of(site.clouds)
     crs = site.world.crs if site.world else ""
@@ -163,9 +169,13 @@ def make_tiles(
     found, errors = completed(crew, tasks, lambda i: _kept(given[i], out), progress, "making tiles")
     missing = [Missing(tasks[i].name, "", said) for i, said in errors.items()]
     made = [g for i, g in enumerate(given) if i not in errors]
-    files = {g.path(out, ending) for g in made for ending in _ENDINGS}
-    for path in (p for e in _ENDINGS for p in (out / TILES).glob(f"*.{e}")):
-        if path.absolute() not in files and not path.is_dir():
-            path.unlink()
+    _remove_others(out, [g.path(out, ending) for g in made for ending in _ENDINGS])
     tiles = [t for t in found if t is not None]
     return replace(site, tiles=tiles, missing=[*site.missing, *missing]), SiteTiles(whole, made)
+
+
+def _remove_others(out: Path, files: Sequence[Path] = ()) -> None:
+    """Removes all tiles but these ``files``; what is named otherwise is not a survey's."""
+    for path in (p for e in _ENDINGS for p in (out / TILES).glob(f"x*_y*.{e}")):
+        if path.absolute() not in files and not path.is_dir():
+            path.unlink()
