@@ -26,3 +26,7 @@ class PlanError(StereoError):
 
 class SurveyError(StereoError):
     """Maps that cannot be joined to a site, or an input of a survey that cannot be used."""
+
+
+class DamagedMapError(SurveyError):
+    """A folder that is no map, or whose files are not whole."""

@@ -46,5 +46,5 @@ def read_map_folder(folder) -> ReadMap:
         raise InputError(
             f"{folder}: has no {Path(error.filename).name}; give a folder that 'map' wrote with -o"
         ) from error
-    except (KeyError, TypeError, ValueError, OSError) as error:
+    except (KeyError, TypeError, ValueError, OSError, EOFError) as error:
         raise InputError(f"{folder}: is not a map of this program ({error})") from error

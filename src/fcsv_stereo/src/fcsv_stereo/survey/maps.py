@@ -82,6 +82,14 @@ def make_map(
     return folder
 
 
+def forget_map(source: Source, out: Path) -> str:
+    """Has a damaged map made again by the next survey, unless it is an input; the remedy in words."""
+    if source.kind is SourceKind.MAP:
+        return ""
+    _places(source, out)[1].unlink(missing_ok=True)
+    return "; the same command makes it again"
+
+
 def _request(source: Source, folder: Path, options: MapOptions) -> pipeline.MapRequest:
     reference = source.reference or None
     return pipeline.MapRequest(

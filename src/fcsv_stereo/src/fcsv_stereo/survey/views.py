@@ -15,7 +15,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.picture_files import read_picture
-from fcsv_stereo.errors import InputError, SurveyError
+from fcsv_stereo.errors import DamagedMapError, InputError, SurveyError
 from fcsv_stereo.map_files.reading import read_map_folder
 from fcsv_stereo.model.kinds import supported
 from fcsv_stereo.photos.gps import Gps
@@ -121,11 +121,11 @@ class View:
 
 def read_view(folder: Path, name: str, source: str, prior) -> View:
     """The view of a folder that ``map`` wrote; ``prior``: (T_home_cam, name) -> Prior. Raises
-    SurveyError naming folder and file."""
+    DamagedMapError naming folder and file."""
     try:
         read = read_map_folder(folder)
     except InputError as error:
-        raise SurveyError(str(error)) from error
+        raise DamagedMapError(str(error)) from error
     try:
         T_home_cam = transforms.require_rigid(read.T_home_cam, "T_home_cam")
         size = (int(read.reference[n]) for n in ("width", "height"))
@@ -135,7 +135,7 @@ def read_view(folder: Path, name: str, source: str, prior) -> View:
         at = cam_place(read.gps, T_home_cam) if read.gps else np.zeros(3)
         image = cv2.cvtColor(read_picture(folder / "reference.png").pixels, cv2.COLOR_BGR2RGB)
     except (FcsvError, KeyError, TypeError, ValueError, OSError, cv2.error) as error:
-        raise SurveyError(f"{folder}: is not a map of this program ({error})") from error
+        raise DamagedMapError(f"{folder}: is not a map of this program ({error})") from error
     return View(
         name,
         source,
