@@ -519,6 +519,54 @@ def test_a_view_or_a_tile_that_cannot_be_made_is_named_and_the_rest_is_there(
     assert survey(*maps, "-o", out) == 0 and products(out) == whole
 
 
+def test_kept_points_and_tiles_that_are_damaged_are_made_again(maps, tmp_path, tasks_run):
+    out = tmp_path / "out"
+    assert survey(*maps[:2], "-o", out) == 0
+    whole = products(out)
+    cut, spoilt, *_ = (out / t["files"][0] for t in document(out)["tiles"])
+    before = cut.read_bytes()
+    cut.write_bytes(before[: len(before) // 2])
+    for path in (out / "points/m2.zarr.zip", spoilt.with_suffix(".zarr.zip")):
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 0xFF
+        path.write_bytes(bytes(content))
+    tasks_run.clear()
+    assert survey(*maps[:2], "-o", out) == 0 and products(out) == whole
+    assert set(tasks_run) == {"m2", cut.stem, spoilt.stem} and cut.read_bytes() == before
+
+
+def test_of_a_site_without_points_no_tile_is_left_and_products_are_missing(
+    maps, tmp_path, capsys, monkeypatch
+):
+    """A file that is not of a survey stays, what a killed one left does not."""
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / "out"
+    assert survey("m1", "-o", "out") == 0
+    assert document(out)["views"][0]["input"] == str(maps[0])
+    for name in ("tiles/mine.laz", "tiles/x9_y9.laz.partial", "points/m9.zarr.zip.partial"):
+        (out / name).write_text("")
+    (out / "points/m1.zarr.zip").unlink()
+    (out / "points/m1.zarr.zip").mkdir()
+    assert survey("m1", "-o", "out", "--products", "mesh") == 1
+    found, said = document(out), capsys.readouterr().out
+    assert [m["name"] for m in found["missing"]] == ["points of m1", "site.glb"]
+    assert "points/m1.zarr.zip: is a folder" in said and "no view tells a point" in said
+    assert [p.name for n in ("tiles", "points") for p in (out / n).iterdir()] == [
+        "mine.laz",
+        "m1.zarr.zip",
+    ]
+    assert found["points"] == 0 and found["tiles"] == [] and not (out / "site.laz").exists()
+
+
+def test_stations_of_two_frames_are_refused(maps, tmp_path, capsys):
+    """One view's in UTM, the other's local: no LAZ holds millimetres over such a distance."""
+    station = yaml.safe_load((maps[1] / "station.yaml").read_text())
+    station["place_m"] = [391000.0, 5817000.0, 22.0]
+    (maps[1] / "station.yaml").write_text(yaml.safe_dump(station))
+    assert survey(*maps[:2], "-o", tmp_path / "out") == 2
+    assert "m1 and m2 lie 5,830 km apart" in capsys.readouterr().err
+
+
 def test_another_view_costs_its_own_points_and_the_tiles_that_it_touches(maps, tmp_path, tasks_run):
     """It stands 1500 m beside the two others: only the tiles that were the last on that side, and
     had the points beyond them, are made again."""
@@ -664,6 +712,20 @@ def test_a_map_whose_files_do_not_belong_together_is_named(maps, tmp_path, capsy
     assert survey(*maps, "-o", tmp_path / "out") == 1
     reason = document(tmp_path / "out")["missing"][0]["reason"]
     assert "m2: sigma has shape (3, 3)" in reason
+
+
+def test_a_map_with_an_empty_file_is_said_and_the_surveys_own_is_made_again(
+    site, maps, tmp_path, capsys
+):
+    (maps[1] / "kind.npy").write_bytes(b"")
+    assert survey(maps[1], "-o", tmp_path / "out") == 2
+    said = capsys.readouterr().err
+    assert "m2: is not a map" in said and "makes it again" not in said
+    shutil.copytree(site / "out", tmp_path / "own")
+    (tmp_path / "own/views/view02/depth.npy").write_bytes(b"")
+    assert survey(site / "drawn/view02", "-o", tmp_path / "own") == 2
+    assert "No data left in file); the same command makes it again" in capsys.readouterr().err
+    assert not (tmp_path / "own/views/view02.json").exists()
 
 
 def test_no_map_at_all_is_one_line(tmp_path, capsys):

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 import rasterio
 
+from fcsv_geometry.programs.writing import in_words, write_whole
 from fcsv_stereo.model import Cloud
+from fcsv_stereo.products.clouds import write_laz
 from fcsv_stereo.survey import octree
 from fcsv_stereo.survey.octree import levels, write_copc
+from fcsv_stereo.survey.points import read_points, write_points
 from fcsv_stereo.survey.rasters import CellGrid, grid_of, surface_of, write_rasters
 
 ORIGIN = np.array([391000.0, 5817000.0, 0.0])
@@ -156,3 +159,28 @@ def test_copc_is_read_by_level_and_holds_all_points(tmp_path, monkeypatch, at_on
             laspy.copc.Bounds(np.array([391000.0, 5817000.0]), np.array([391010.0, 5817020.0]))
         )
         assert (np.asarray(part.x) <= 391010.0).all() and len(part) > 0.2 * len(cloud)
+
+
+def test_points_of_which_any_octet_is_wrong_are_none_or_the_same(tmp_path):
+    path, cloud = tmp_path / "a.zarr.zip", slope(50)
+    write_points(cloud, {"agreed": 0}, path, "key")
+    content = path.read_bytes()
+    assert read_points(path, "key").load().points_home_m.tolist() == cloud.points_home_m.tolist()
+    found = 0
+    for i in range(0, len(content), 7):
+        path.write_bytes(content[:i] + bytes([content[i] ^ 0xFF]) + content[i + 1 :])
+        points = read_points(path, "key")
+        if points is not None:  # a time, or who may read it
+            found += 1
+            assert points.load().points_home_m.tolist() == cloud.points_home_m.tolist()
+    assert found < 0.2 * len(content) / 7
+
+
+def test_a_laz_whose_place_is_taken_leaves_nothing_and_is_said(tmp_path):
+    (tmp_path / "a.laz").mkdir()
+    with pytest.raises(OSError) as raised:
+        write_laz(slope(50), tmp_path / "a.laz")
+    assert in_words(raised.value) == f"{tmp_path}/a.laz: is a folder, not a file"
+    with pytest.raises(OSError):
+        write_whole(tmp_path / "a.laz", "")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.laz"]

@@ -4,6 +4,7 @@ why."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Dict, Iterator, List, Optional, Sequence
 
 import numpy as np
@@ -108,7 +109,7 @@ def site_document(site: Site) -> dict:
         views.append(
             {
                 "name": view.name,
-                "input": view.source,
+                "input": _anywhere(view.source),
                 "T_site_home": T_site_home(view, p).tolist(),
                 "scale": p.scale,
                 "sigma_scale": p.sigma_scale,
@@ -126,7 +127,9 @@ def site_document(site: Site) -> dict:
         {"name": t.name, "files": t.files, "points": t.count, "min_m": t.low_m, "max_m": t.high_m}
         for t in site.tiles
     ]
-    missing = [{"name": m.name, "input": m.source, "reason": m.reason} for m in site.missing]
+    missing = [
+        {"name": m.name, "input": _anywhere(m.source), "reason": m.reason} for m in site.missing
+    ]
     return {
         "crs": site.world.crs if site.world else None,
         "heights": site.world.heights if site.world else None,
@@ -141,6 +144,11 @@ def site_document(site: Site) -> dict:
         "tiles": tiles,
         "missing": missing,
     }
+
+
+def _anywhere(source: str) -> str:
+    """A path that does not depend on the working directory; none stays none."""
+    return source and str(Path(source).absolute())
 
 
 def _world(world: Optional[World]) -> dict:

@@ -68,6 +68,8 @@ def write_extras(site: Site, options: ExtraOptions, folder: Path) -> Site:
     missing: List[Missing] = []
     for name in options.names:
         try:
+            if not site.count:
+                raise SurveyError("no view tells a point; see why in what else is missing")
             lines[EXTRAS[name]] = _write(name, site, options, folder / EXTRAS[name])
         except FcsvError as error:
             missing.append(Missing(EXTRAS[name], "", str(error)))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Leads from inputs to OUT/: maps, edges, adjustment, each view's points, the site's files."""
 
+import contextlib
 import itertools
 import json
 import shutil
@@ -9,13 +10,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
+import numpy as np
+
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs.writing import in_words, require_folder
-from fcsv_stereo.errors import OutputError, SurveyError
+from fcsv_stereo.errors import DamagedMapError, OutputError, SurveyError
 from fcsv_stereo.map_files.output import write_clouds
 from fcsv_stereo.model import part
 from fcsv_stereo.products.clouds import LazFile
-from fcsv_stereo.survey import inputs
+from fcsv_stereo.survey import inputs, similarity
 from fcsv_stereo.survey.adjust import Adjusted
 from fcsv_stereo.survey.document import (
     CLOUDS,
@@ -33,7 +36,7 @@ from fcsv_stereo.survey.inputs import Source
 from fcsv_stereo.survey.joining import POINTS, join_views
 from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
 from fcsv_stereo.survey.lock import LOCK, alone_in
-from fcsv_stereo.survey.maps import VIEWS, MapOptions, kept_map, make_map
+from fcsv_stereo.survey.maps import VIEWS, MapOptions, forget_map, kept_map, make_map
 from fcsv_stereo.survey.matching import may_overlap
 from fcsv_stereo.survey.octree import write_copc
 from fcsv_stereo.survey.page import write_page
@@ -47,6 +50,7 @@ from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions, completed
 FILES = (*CLOUDS, *RASTERS, *EXTRAS.values(), "site.html", "adjustment.json", "site.json")
 _LEAST_MIB = 50
 _KEPT = (VIEWS, EDGES, POINTS, TILES)  # folders of what goes on
+_MOST_APART_M = 1e6
 _STAGED = ".site."  # begins the name of a folder whose files are not whole yet
 _MAPPED, _COMPARED, _JOINED, _TILED = 0.7, 0.8, 0.9, 0.95  # of a survey's time, for those who wait
 
@@ -67,8 +71,9 @@ def check_out(out: Path) -> None:
 
 def _remove_leftovers(out: Path) -> None:
     """Removes what a survey left that was killed while it wrote."""
-    for left in out.glob(f"{_STAGED}*"):
-        shutil.rmtree(left, ignore_errors=True)
+    for left in (*out.glob(f"{_STAGED}*"), *out.glob("*/*.partial")):
+        with contextlib.suppress(OSError):
+            _remove(left)
 
 
 def run(
@@ -132,8 +137,22 @@ def placed_site(
         said = "no two views were joined: each that has a place stays at its station, and errors of scale stay"
         adjusted = replace(adjusted, remarks=[*adjusted.remarks, said])
     adjusted = replace(adjusted, remarks=[*adjusted.remarks, *_uncompared(adjusted)])
+    _require_one_site(adjusted)
     origin_m = origin_of(list(adjusted.placed.values()))
     return Site(views, adjusted, {}, origin_m, missing, world, frame)
+
+
+def _require_one_site(adjusted: Adjusted) -> None:
+    """Raises SurveyError where places are farther apart than the millimetres of a LAZ reach."""
+    places = {n: similarity.place(p.S_site_cam) for n, p in adjusted.placed.items()}
+    first = next(iter(places))
+    apart_m = {n: float(np.linalg.norm(at - places[first])) for n, at in places.items()}
+    far = max(apart_m, key=lambda n: apart_m[n])
+    if apart_m[far] > _MOST_APART_M:
+        raise SurveyError(
+            f"{first} and {far} lie {apart_m[far] / 1000.0:,.0f} km apart, which is no site: state both by "
+            "station.yaml, GPS or control points of one frame"
+        )
 
 
 def _uncompared(adjusted: Adjusted) -> List[str]:
@@ -228,6 +247,8 @@ def _mapped(
                     f"{folder}: its map shows no depth that is sure enough for a cloud"
                 )
             views.append(view_file(view, folder, f"{keys[source.name]} {options.words()}"))
+        except DamagedMapError as error:
+            errors[source.name] = f"{error}{forget_map(source, out)}"
         except (FcsvError, ValueError) as error:
             errors[source.name] = str(error)
         except OSError as error:
@@ -279,7 +300,7 @@ def write(
                         laz.add(cloud)
                 write_copc(site.clouds, site.box_m, folder / CLOUDS[2], origin_m, crs)
                 write_rasters(tiles.surfaces(out), tiles.whole, origin_m, folder, crs)
-                site = write_extras(site, extras or ExtraOptions(), folder)
+            site = write_extras(site, extras or ExtraOptions(), folder)
             write_page(site, folder / "site.html")
             (folder / "adjustment.json").write_text(
                 json.dumps(adjustment_document(site), indent=1, allow_nan=False)
