@@ -120,15 +120,19 @@ def make_tile(given: TileInput, out: Path) -> None:
     write_arrays(arrays, {"key": given.key, "tile": told, "laz": _checksum(laz)}, note)
 
 
-def _checksum(path: Path) -> int:
-    return zlib.crc32(path.read_bytes())
+def _checksum(path: Path) -> Optional[int]:
+    """Checksum of a file; None where it cannot be read."""
+    try:
+        return zlib.crc32(path.read_bytes())
+    except OSError:
+        return None
 
 
 def _kept(given: TileInput, out: Path) -> Optional[Tile]:
     """The tile as an earlier survey left it; None where it is of something else, or not whole."""
     laz = given.path(out, "laz")
     told = kept_attributes(given.path(out, "zarr.zip"), given.key)
-    if told is None or not laz.is_file() or told.get("laz") != _checksum(laz):
+    if told is None or told.get("laz", 0) != _checksum(laz):
         return None
     return Tile(given.name, [f"{TILES}/{laz.name}"], **told["tile"])
 
