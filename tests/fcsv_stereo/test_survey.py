@@ -545,17 +545,18 @@ def test_of_a_site_without_points_no_tile_is_left_and_products_are_missing(
     assert document(out)["views"][0]["input"] == str(maps[0])
     for name in ("tiles/mine.laz", "tiles/x9_y9.laz.partial", "points/m9.zarr.zip.partial"):
         (out / name).write_text("")
+    (out / "views/.m9.abc_ef12").mkdir(parents=True)
     (out / "points/m1.zarr.zip").unlink()
     (out / "points/m1.zarr.zip").mkdir()
     assert survey("m1", "-o", "out", "--products", "mesh") == 1
     found, said = document(out), capsys.readouterr().out
     assert [m["name"] for m in found["missing"]] == ["points of m1", "site.glb"]
     assert "points/m1.zarr.zip: is a folder" in said and "no view tells a point" in said
-    assert [p.name for n in ("tiles", "points") for p in (out / n).iterdir()] == [
-        "mine.laz",
-        "m1.zarr.zip",
-    ]
+    left = [p.name for n in ("tiles", "points", "views") for p in (out / n).iterdir()]
+    assert left == ["mine.laz", "m1.zarr.zip"]
     assert found["points"] == 0 and found["tiles"] == [] and not (out / "site.laz").exists()
+    page = (out / "site.html").read_text()
+    assert ">Plan</h2>" in page and ">Coverage</h2>" not in page
 
 
 def test_stations_of_two_frames_are_refused(maps, tmp_path, capsys):

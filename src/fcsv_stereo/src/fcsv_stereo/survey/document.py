@@ -109,7 +109,7 @@ def site_document(site: Site) -> dict:
         views.append(
             {
                 "name": view.name,
-                "input": _anywhere(view.source),
+                "input": _absolute(view.source),
                 "T_site_home": T_site_home(view, p).tolist(),
                 "scale": p.scale,
                 "sigma_scale": p.sigma_scale,
@@ -128,7 +128,7 @@ def site_document(site: Site) -> dict:
         for t in site.tiles
     ]
     missing = [
-        {"name": m.name, "input": _anywhere(m.source), "reason": m.reason} for m in site.missing
+        {"name": m.name, "input": _absolute(m.source), "reason": m.reason} for m in site.missing
     ]
     return {
         "crs": site.world.crs if site.world else None,
@@ -146,7 +146,7 @@ def site_document(site: Site) -> dict:
     }
 
 
-def _anywhere(source: str) -> str:
+def _absolute(source: str) -> str:
     """A path that does not depend on the working directory; none stays none."""
     return source and str(Path(source).absolute())
 

@@ -27,16 +27,11 @@ def write_page(site: Site, path: Path) -> None:
     """The page, with its pictures inside."""
     limits = _limits(site)
     plan, coverage = (_from_above(site, *limits, n) for n in (_PLAN_CELLS, _COVERAGE_CELLS))
+    told = note("Height, how many views agree on a point, how sure it is.")
     sections = [
         Section("Summary", _summary(site)),
         Section("Plan", [image(_plan(site, *plan)), _plan_words()]),
-        Section(
-            "Coverage",
-            [
-                image(_coverage(*coverage)),
-                note("Height, how many views agree on a point, how sure it is."),
-            ],
-        ),
+        Section("Coverage", [image(_coverage(*coverage)), told] if site.count else []),
         Section("World", _world(site)),
         Section("Views", _views(site)),
         Section("Edges", _edges(site)),

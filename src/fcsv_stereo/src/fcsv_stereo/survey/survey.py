@@ -52,6 +52,7 @@ _LEAST_MIB = 50
 _KEPT = (VIEWS, EDGES, POINTS, TILES)  # folders of what goes on
 _MOST_APART_M = 1e6
 _STAGED = ".site."  # begins the name of a folder whose files are not whole yet
+_STAGED_MAP = ".*.????????"  # likewise (StagedFolder)
 _MAPPED, _COMPARED, _JOINED, _TILED = 0.7, 0.8, 0.9, 0.95  # of a survey's time, for those who wait
 
 
@@ -71,9 +72,11 @@ def check_out(out: Path) -> None:
 
 def _remove_leftovers(out: Path) -> None:
     """Removes what a survey left that was killed while it wrote."""
-    for left in (*out.glob(f"{_STAGED}*"), *out.glob("*/*.partial")):
+    for left in (*out.glob(f"{_STAGED}*"), *out.glob(f"{VIEWS}/{_STAGED_MAP}")):
+        shutil.rmtree(left, ignore_errors=True)
+    for left in (p for p in out.glob("*/*.partial") if p.is_file()):
         with contextlib.suppress(OSError):
-            _remove(left)
+            left.unlink()
 
 
 def run(

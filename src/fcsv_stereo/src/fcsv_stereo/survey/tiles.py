@@ -117,10 +117,10 @@ def make_tile(given: TileInput, out: Path) -> None:
     box = [(v.astype(float) + given.origin_m).tolist() for v in (low, high)]
     told = {"count": count, "low_m": box[0], "high_m": box[1]}
     arrays = {f.name: getattr(surface, f.name) for f in fields(Surface)}
-    write_arrays(arrays, {"key": given.key, "tile": told, "laz": _checksum(laz)}, note)
+    write_arrays(arrays, {"key": given.key, "tile": told, "laz": _crc32(laz)}, note)
 
 
-def _checksum(path: Path) -> Optional[int]:
+def _crc32(path: Path) -> Optional[int]:
     """Checksum of a file; None where it cannot be read."""
     try:
         return zlib.crc32(path.read_bytes())
@@ -132,7 +132,7 @@ def _kept(given: TileInput, out: Path) -> Optional[Tile]:
     """The tile as an earlier survey left it; None where it is of something else, or not whole."""
     laz = given.path(out, "laz")
     told = kept_attributes(given.path(out, "zarr.zip"), given.key)
-    if told is None or told.get("laz", 0) != _checksum(laz):
+    if told is None or told.get("laz", 0) != _crc32(laz):
         return None
     return Tile(given.name, [f"{TILES}/{laz.name}"], **told["tile"])
 
