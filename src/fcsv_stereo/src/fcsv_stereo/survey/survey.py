@@ -148,6 +148,8 @@ def placed_site(
 def _require_one_site(adjusted: Adjusted) -> None:
     """Raises SurveyError where places are farther apart than the millimetres of a LAZ reach."""
     places = {n: similarity.place(p.S_site_cam) for n, p in adjusted.placed.items()}
+    if not places:
+        return
     first = next(iter(places))
     apart_m = {n: float(np.linalg.norm(at - places[first])) for n, at in places.items()}
     far = max(apart_m, key=lambda n: apart_m[n])
