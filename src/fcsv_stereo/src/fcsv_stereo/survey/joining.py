@@ -73,8 +73,8 @@ def join_views(site: Site, out: Path, crew: Crew, progress: Progress) -> Site:
     here = [v for v in site.views if v.name in placed]
     given = []
     for v in here:
-        others = tuple((o, placed[o.name]) for o in overlapping(v, here, placed))
-        given.append(JoinInput(v, placed[v.name], others, site.origin_m, frame))
+        others = tuple((o.sent(), placed[o.name]) for o in overlapping(v, here, placed))
+        given.append(JoinInput(v.sent(), placed[v.name], others, site.origin_m, frame))
     tasks = [SurveyTask(f"points of {g.own.name}", make_points, (g, out.absolute())) for g in given]
 
     def kept(i: int) -> Optional[ViewPoints]:

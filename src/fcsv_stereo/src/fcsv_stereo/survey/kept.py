@@ -45,6 +45,10 @@ class ViewFile:
     sampled: np.ndarray
     corners: np.ndarray
 
+    def sent(self) -> "ViewFile":
+        """A copy for a task, which reads pixels itself: thousands of pairs wait to be sent."""
+        return replace(self, sampled=self.sampled[:0])
+
     def load(self) -> View:
         """Reads it. Raises SurveyError."""
         view = read_view(self.folder, self.name, self.source, lambda *_: self.prior)

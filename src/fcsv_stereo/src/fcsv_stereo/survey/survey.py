@@ -180,7 +180,8 @@ def edges_between(
     crew finds; and pairs that could not be compared."""
     pairs = [(a, b) for a, b in itertools.combinations(views, 2) if may_overlap(a, b)]
     tasks = [
-        SurveyTask(f"{a.name} with {b.name}", make_edge, (a, b, out.absolute())) for a, b in pairs
+        SurveyTask(f"{a.name} with {b.name}", make_edge, (a.sent(), b.sent(), out.absolute()))
+        for a, b in pairs
     ]
     progress = part(begin, _MAPPED, _COMPARED)
     found, errors = completed(
