@@ -59,6 +59,11 @@ class Instruction:
         for it."""
         return self.kind is not Kind.RECORD and not self.stops
 
+    @property
+    def to_guided(self) -> bool:
+        """Whether it hands the vehicle to the companion computer."""
+        return self.kind is Kind.SET_MODE and self.mode == Mode.GUIDED
+
 
 @frozen
 class Ask:

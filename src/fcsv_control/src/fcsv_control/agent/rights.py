@@ -64,8 +64,8 @@ class Rights:
             return f"{self._vehicle} was stopped by {self._stopped_by} after this was ordered"
         if c.ordered_s < self._chosen_s:
             return f"{self._vehicle}: {self.owner.mode} was chosen on it after this was ordered"
-        mode, to_guided = self.by_hand, c.kind is Kind.SET_MODE and c.mode == Mode.GUIDED
-        if to_guided and mode and not Mode(mode).gives_back:
+        mode = self.by_hand
+        if c.to_guided and mode and not Mode(mode).gives_back:
             return f"{self._vehicle} is flown by hand ({mode}); its pilot gives it back by LOITER"
         holder = self.lease.request(now_s, c.sender)
         if holder:
@@ -73,16 +73,14 @@ class Rights:
                 f"{self._vehicle} is commanded by {holder}; end it, or wait until it is silent for {LEASE_S:g} s: "
                 "LAND, BRAKE and HOLD are obeyed from anybody"
             )
-        if to_guided and self.frame.outdated:
+        if c.to_guided and self.frame.outdated:
             return f"{self._vehicle}: {self.frame.outdated}"
         return self._guardians(now_s, c)
 
     def _guardians(self, now_s: float, c: Instruction) -> str:
         if self.guarded and c.kind in (Kind.GOTO, Kind.TAKEOFF):
             return f"{self._vehicle}: the guardian flies: {self.guarded}"
-        hands_over = (c.kind is Kind.SET_MODE and c.mode == Mode.GUIDED) or (
-            c.kind is Kind.ARM and c.flag
-        )
+        hands_over = c.to_guided or (c.kind is Kind.ARM and c.flag)
         silent = now_s - self.guardian_s > GUARDIAN_AGE_S.agent.red
         if hands_over and self._needs_guardian and silent:
             return f"{self._vehicle}: its guardian is not heard; start it before vehicles are handed over"
