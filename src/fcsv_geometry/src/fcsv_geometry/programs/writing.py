@@ -2,10 +2,12 @@
 """Where a command will write: looked at before the work begins; and what the system says of files,
 as a sentence."""
 
+import contextlib
 import errno
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Iterator
 
 from fcsv_geometry.errors import FcsvError
 
@@ -57,15 +59,23 @@ def require_file(file: Path) -> None:
     require_folder(Path(file).absolute().parent)
 
 
-def write_whole(path: Path, text: str) -> None:
-    """A file, whole or not at all, in a folder that is made where it is not there. Raises OSError."""
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A place to write, which is ``path`` when the block ends well, and else gone; in a folder that
+    is made where it is not there. Raises OSError."""
     partial = path.with_name(path.name + ".partial")
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        partial.write_text(text)
+        yield partial
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, text: str) -> None:
+    """A file, whole or not at all, as ``whole_file``. Raises OSError."""
+    with whole_file(path) as partial:
+        partial.write_text(text)
 
 
 def in_words(error: OSError, place: object = "") -> str:

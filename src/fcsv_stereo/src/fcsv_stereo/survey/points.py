@@ -9,6 +9,7 @@ from typing import Any, Dict, Optional, Tuple
 import numpy as np
 import zarr
 
+from fcsv_geometry.programs.writing import whole_file
 from fcsv_stereo.model import Cloud
 
 _CHUNK = 1 << 16  # points, or all rows of a tile
@@ -58,18 +59,12 @@ def read_points(path: Path, key: str) -> Optional[ViewPoints]:
 
 def write_arrays(arrays: Dict[str, np.ndarray], attributes: Dict[str, Any], path: Path) -> None:
     """Arrays and what is told of them as zarr in one file, whole or not at all. Raises OSError."""
-    partial = path.with_name(path.name + ".partial")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        with zarr.ZipStore(str(partial), mode="w") as store:
-            group = zarr.group(store)
-            for name, values in arrays.items():
-                rows = min(_CHUNK, max(len(values), 1))  # zarr fills a chunk up
-                group.array(name, values, chunks=(rows, *values.shape[1:]))
-            group.attrs.put(attributes)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole_file(path) as partial, zarr.ZipStore(str(partial), mode="w") as store:
+        group = zarr.group(store)
+        for name, values in arrays.items():
+            rows = min(_CHUNK, max(len(values), 1))  # zarr fills a chunk up
+            group.array(name, values, chunks=(rows, *values.shape[1:]))
+        group.attrs.put(attributes)
 
 
 def kept_attributes(path: Path, key: str) -> Optional[Dict[str, Any]]:
