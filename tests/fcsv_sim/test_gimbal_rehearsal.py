@@ -13,7 +13,6 @@ from fcsv_guidance.ground import Grid, ground_from
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.views import DepthView
 from fcsv_sim.robot import command
-from fcsv_sim.robot.gimbal_places import hold_places
 from fcsv_sim.robot.gimbal_rehearsal import gimbal_drive, gimbals_of_robot
 from fcsv_sim.robot.gimbal_survey import GimbalSurvey, T_world_ground
 from fcsv_sim.robot.looking import Lookout
@@ -120,31 +119,6 @@ def test_gimbals_tell_where_a_camera_is_as_well_as_tags_do(place, survey):
     assert transforms.yaw(T) == pytest.approx(np.pi, abs=1e-6) or transforms.yaw(
         T
     ) == pytest.approx(-np.pi, abs=1e-6)
-
-
-def test_vehicles_hold_beside_the_way_and_near_all_of_it():
-    zigzag = np.array([[3.4, 0.7], [5.0, 0.7], [5.0, -1.5], [7.5, -1.5]])
-    way = zigzag[:3]
-    found = hold_places(way, 0.0, gimbals_of_robot())
-    fine = np.concatenate([np.linspace(a, b, 40) for a, b in zip(way[:-1], way[1:])])
-    for held in found.held:
-        assert np.hypot(*(fine - [held.x_m, held.y_m]).T).min() >= 0.55
-    a, b = found.held
-    assert np.hypot(a.x_m - b.x_m, a.y_m - b.y_m) >= 1.2
-    assert found.seen == 1.0 and found.seen_twice <= found.seen
-    # where it drives on, both are behind it, out of the gimbals' limits: said, not hidden
-    assert 0.5 < hold_places(zigzag, 0.0, gimbals_of_robot()).seen < 1.0
-    assert "one seen along" in found.in_words()
-
-
-def test_vehicles_that_follow_keep_off_the_robot_and_each_other():
-    way, now = np.array([[0.0, 0.0], [2.0, 0.0]]), [(2.5, 1.6), (-0.5, -2.0)]
-    found = hold_places(way, 0.0, gimbals_of_robot(), 0.0, now)
-    assert found.seen_twice == 1.0
-    for k, held in enumerate(found.held):
-        flown = np.linspace(now[k], [held.x_m, held.y_m], 50)
-        assert np.hypot(*flown.T).min() > 0.99
-        assert np.hypot(*(flown - now[1 - k]).T).min() > 0.99
 
 
 def test_a_vehicle_flies_where_it_is_sent_as_far_as_its_odometry_knows():

@@ -26,7 +26,7 @@ BELOW = {
     "fcsv_geometry": set(),
     "fcsv_tracking": {"fcsv_geometry"},
     "fcsv_stereo": {"fcsv_geometry"},
-    "fcsv_guidance": {"fcsv_geometry", "fcsv_stereo"},
+    "fcsv_guidance": {"fcsv_geometry", "fcsv_stereo", "fcsv_tracking"},
     "fcsv_multimaster": {"fcsv_geometry"},
     "fcsv_control": {"fcsv_geometry", "fcsv_tracking", "fcsv_stereo"},
     "fcsv_sim": {"fcsv_geometry", "fcsv_tracking", "fcsv_stereo", "fcsv_control", "fcsv_guidance"},

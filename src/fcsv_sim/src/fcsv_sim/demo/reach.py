@@ -8,9 +8,9 @@ from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import Mission
 from fcsv_sim.demo.site import PairSite
-from fcsv_sim.gimbal.reach import gimbal_problem
 from fcsv_sim.sensors.v120_duo import V120Duo, V120DuoErrors
 from fcsv_tracking.gimbal.config import GroundRobot
+from fcsv_tracking.gimbal.reach import gimbal_problem
 
 _OUT_OF_VIEW_M = 20.0  # as far as the odometry's drift is known (docs/design/trackers.md)
 

@@ -10,12 +10,13 @@ import numpy as np
 from fcsv_geometry.programs.workspace import bringup
 from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_guidance.guiding import known_ground, plan_over
+from fcsv_guidance.hold_places import HoldPlaces, hold_places
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import NoRoute
 from fcsv_sim.bringup import vehicles_folder
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.robot.contact import TrueGround
-from fcsv_sim.robot.gimbal_places import GimbalPlaces, HoldPlaces, hold_places
+from fcsv_sim.robot.gimbal_places import GimbalPlaces
 from fcsv_sim.robot.gimbal_survey import START_YAW_RAD, GimbalSurvey
 from fcsv_sim.robot.mapped import MappedPlace, mapped_place
 from fcsv_sim.robot.rehearsal import LONGEST_S, RobotDrive
@@ -53,12 +54,11 @@ def gimbal_drive(
     route = plan_over(known, plan.start_m, plan.goal_m, _PLANNED_SIGMA_M)
     shown = not isinstance(route, NoRoute)
     ends = [plan.start_m, (plan.start_m[0] + 1.0, plan.start_m[1])]
-    ground_z_m = float(plan.height(*plan.start_m))
     way_m = np.asarray(route.points_home_m if shown else ends)
-    holds = hold_places(way_m, ground_z_m, gimbals)
+    holds = hold_places(way_m, gimbals, START_YAW_RAD)
     if holds is None:
         raise SimulationError(f"{place.name}: the gimbals see no two places beside the way")
     true, start = TrueGround(place.footing, place.clear), (*plan.start_m, START_YAW_RAD)
-    places = GimbalPlaces(gimbals, holds.held, true, start, place.town.seed, seed, longest_s, way_m)
+    places = GimbalPlaces(gimbals, holds, true, start, place.town.seed, seed, longest_s, way_m)
     drive = RobotDrive(place, robot, fault, seed, places, START_YAW_RAD)
     return drive, holds if shown else None

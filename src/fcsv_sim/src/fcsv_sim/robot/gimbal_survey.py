@@ -10,7 +10,6 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.gimbal.gimbal_camera import GimbalCameraParameters
-from fcsv_sim.gimbal.reach import gimbal_problem
 from fcsv_sim.robot.looking import LookRules
 from fcsv_sim.robot.mapped import SurveyPlan
 from fcsv_sim.robot.survey import HoverStation, SurveyRules, TrackedPose
@@ -19,6 +18,7 @@ from fcsv_sim.trials.gimbal_evaluation import Setup, follow
 from fcsv_sim.world.place import PlacePlan
 from fcsv_stereo.model import PosePrior
 from fcsv_tracking.gimbal.config import Gimbal
+from fcsv_tracking.gimbal.reach import gimbal_problem
 
 #: The robot stands with its back to the maze: behind it the gimbals see nothing.
 START_YAW_RAD = np.pi
