@@ -6,7 +6,7 @@ A port: messages and monotonic time in, a DriveCommand out.
 """
 
 from dataclasses import dataclass
-from typing import Optional, Sequence, Tuple, Union
+from typing import Dict, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -92,9 +92,11 @@ class StopRobot:
 
 @dataclass(frozen=True)
 class HoldRobot:
-    """The robot stands for this reason and keeps its route; an empty one lets it drive on."""
+    """The robot stands for this reason and keeps its route; an empty one takes back what the same
+    ``source`` said."""
 
     reason: str
+    source: str = ""
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,8 @@ class RouteFollower:
         self._map: Optional[ClearanceMap] = None
         self._route: Optional[Polyline] = None
         self._reached_m, self._speed_mps, self._stepped_s = 0.0, 0.0, None
-        self._standing, self._held = "no route has come", ""
+        self._standing = "no route has come"
+        self._held: Dict[str, str] = {}  # the reason of each source
 
     def receive(self, now_s: float, message: Message) -> None:
         """A message came. Raises TypeError where its type is not known, RouteError where a route is
@@ -147,7 +150,7 @@ class RouteFollower:
         elif isinstance(message, ClearanceMap):
             self._map = message
         elif isinstance(message, HoldRobot):
-            self._held = message.reason
+            self._held[message.source] = message.reason
         elif isinstance(message, StopRobot):
             # a lost route takes no operator's stop back
             if self._route is not None or message == StopRobot():
@@ -204,7 +207,7 @@ class RouteFollower:
         if np.hypot(*(self._route.points[-1] - [place.x_m, place.y_m])) <= rules.goal_m:
             self._route, self._standing = None, GOAL_REACHED
             return self._standing
-        return self._held
+        return next(filter(None, self._held.values()), "")
 
     def _pursued(self, now_s: float) -> DriveCommand:
         """Pure pursuit: the arc through a point of the route that lies ahead by a distance that

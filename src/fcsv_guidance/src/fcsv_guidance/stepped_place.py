@@ -12,7 +12,7 @@ import numpy as np
 
 from fcsv_guidance import cooperative_place
 from fcsv_guidance.cooperative_place import CooperativeRules, CooperativeState, CooperativeTracker
-from fcsv_guidance.following import RouteToFollow
+from fcsv_guidance.following import Polyline, RouteToFollow
 from fcsv_guidance.hold_places import hold_places
 from fcsv_guidance.place import LevelPlace, PlaceState
 from fcsv_guidance.steps import DriveInSteps, MoveVehicle

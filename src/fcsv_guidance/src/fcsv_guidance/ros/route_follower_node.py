@@ -36,7 +36,8 @@ class FollowerParameters:
 
 
 class RouteFollowerNode:
-    """path, stand, hold, robot_pose -> cmd_vel at 20 Hz, zero where the robot shall stand."""
+    """path, stand, hold, place/hold, robot_pose -> cmd_vel at 20 Hz, zero where the robot shall
+    stand."""
 
     def __init__(self):
         p = node.parameters(FollowerParameters)
@@ -53,13 +54,14 @@ class RouteFollowerNode:
         rospy.Subscriber(
             "stand_updates", OccupancyGridUpdate, self._on_update, queue_size=10, buff_size=1 << 24
         )
-        rospy.Subscriber(
-            "hold",
-            String,
-            lambda m: self._receive(HoldRobot(m.data)),
-            queue_size=5,
-            tcp_nodelay=True,
-        )
+        for source in ("hold", "place/hold"):
+            rospy.Subscriber(
+                source,
+                String,
+                lambda m, source=source: self._receive(HoldRobot(m.data, source)),
+                queue_size=5,
+                tcp_nodelay=True,
+            )
         self._source = RouteSource(p.place, self._receive, self._health)
 
     def _on_grid(self, message: OccupancyGrid) -> None:
