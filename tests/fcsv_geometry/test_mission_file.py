@@ -22,6 +22,9 @@ GOOD = {
 SWEEP = {"axis": "horizontal", "from_m": 2.0, "to_m": 8.0, "speed_mps": 1.5}
 
 
+FOLLOW = {"axis": "horizontal", "baseline_m": 2.0, "follow_s": 60.0}
+
+
 def written(tmp_path, document):
     path = tmp_path / "mission.yaml"
     path.write_text(document if isinstance(document, str) else yaml.safe_dump(document))
@@ -160,6 +163,23 @@ def test_what_a_file_says_is_what_is_flown(tmp_path):
             ),
             ["configurations[1].at_once", "all sweep or all stand"],
         ),
+        (configured(follow_s=0.0), ["configurations[1].follow_s", "must be positive"]),
+        (configured(follow_s=9e9), ["configurations[1].follow_s", "at most 3600 s"]),
+        (configured(follow_s=9, record_s=3.0), ["configurations[1].record_s", "leave it out"]),
+        (configured(follow_s=9, least_pictures=3), ["configurations[1].least_pictures", "leave"]),
+        (configured(follow_s=9, at_once=True), ["configurations[1].at_once", "leave it out"]),
+        (
+            changed(configurations=[{"sweep": SWEEP, "follow_s": 9.0}]),
+            ["configurations[0].sweep", "leave it out"],
+        ),
+        (
+            changed(configurations=[FOLLOW, GOOD["configurations"][0]]),
+            ["configurations[0].follow_s", "only the last"],
+        ),
+        (
+            changed(configurations=[FOLLOW], stations=[{"place_m": [0, 0], "headings_deg": [0]}]),
+            ["configurations[0].follow_s", "without stations"],
+        ),
         (changed(configurations=[]), ["configurations", "empty", "at least one"]),
         (changed(configurations=None), ["configurations", "must be a list"]),
         ({"name": "test"}, ["'configurations' is missing"]),
@@ -194,6 +214,14 @@ def test_a_sweep_is_read_and_survives_a_session_file(tmp_path):
         "at its speed, with two ramps"
     )
     assert config.from_mapping(dataclasses.asdict(mission), Mission, "session") == mission
+
+
+def test_one_that_follows_comes_last_and_is_not_recorded(tmp_path):
+    document = changed(configurations=[*GOOD["configurations"] * 2, FOLLOW])
+    mission = load_mission(written(tmp_path, document))
+    assert [c.stands_s for c in mission.configurations] == [3.0, 3.0, 60.0]
+    assert [mission.follows(i) for i in range(3)] == [False, False, True]
+    assert mission.moments([2, 1, 0]) == [[1], [0], [2]]
 
 
 def test_a_missing_file_is_one_line(tmp_path):

@@ -34,6 +34,17 @@ class Execute:
 
 
 @frozen
+class FollowAsked:
+    """A vehicle is asked to fly to x, y (m) in ``frame``, which must be home, while vehicles
+    follow."""
+
+    frame: str
+    vehicle: str
+    x_m: float
+    y_m: float
+
+
+@frozen
 class Abort:
     """The operator lands everybody whom the mission flies."""
 

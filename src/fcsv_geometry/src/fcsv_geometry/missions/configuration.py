@@ -11,6 +11,7 @@ from fcsv_geometry.missions.sweep import AXES, MOST_BASELINE_M, Sweep
 
 _RECORD_S = (0.5, 600.0)
 _MOST_PICTURES = 1000
+_MOST_FOLLOW_S = 3600.0
 _MOST_TILT_DEG = 30.0
 
 
@@ -38,10 +39,15 @@ class StereoConfiguration:
     # flown and recorded at the same time as the one before, by another vehicle
     at_once: bool = False
     sweep: Optional[Sweep] = None  # a way in place of a place
+    # vehicles hold there and go where `/mission/follow` asks, for so long at most (s); nothing is
+    # recorded, and all land where they are: only of the last one, without stations
+    follow_s: Optional[float] = None
     # of the mission's viewpoints; 0: home. Left out: ``stations`` say it
     view: int = 0
 
     def __post_init__(self):
+        if self.follow_s is not None:
+            self._check_following(self.follow_s)
         if self.sweep is not None:
             self._apply_sweep(self.sweep)
         for name, missing in (
@@ -75,6 +81,17 @@ class StereoConfiguration:
                 "tilt_deg: a hovering multirotor cannot pitch a fixed camera; set it to 0 for vertical"
             )
 
+    def _check_following(self, follow_s: float) -> None:
+        if not 0.0 < follow_s <= _MOST_FOLLOW_S:
+            raise ValueError(
+                f"follow_s: {follow_s} must be positive and at most {_MOST_FOLLOW_S:g} s"
+            )
+        for name in ("sweep", "record_s", "least_pictures", "at_once"):
+            if getattr(self, name) != getattr(StereoConfiguration, name):
+                raise ValueError(
+                    f"{name}: beside follow_s, where all hold and nothing is recorded; leave it out"
+                )
+
     def _apply_sweep(self, sweep: Sweep) -> None:
         if self.axis not in ("", sweep.axis):
             raise ValueError(f"axis: '{self.axis}' is not that of the sweep; leave it out")
@@ -97,6 +114,11 @@ class StereoConfiguration:
             return self.name or self.sweep.title
         tilt = f" tilt {self.tilt_deg:g} deg" if self.tilt_deg else ""
         return self.name or f"{self.axis} {self.baseline_m:g} m{tilt}"
+
+    @property
+    def stands_s(self) -> float:
+        """How long (s) vehicles stay once they are there: to be recorded, or to follow at most."""
+        return self.record_s if self.follow_s is None else self.follow_s
 
     @property
     def tilt_rad(self) -> float:

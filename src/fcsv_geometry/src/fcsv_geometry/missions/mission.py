@@ -150,6 +150,11 @@ class Mission:
     def _check_list(self, where: str, listed: Sequence[StereoConfiguration]) -> None:
         for i, c in enumerate(listed):
             self._check_configuration(f"{where}[{i}]", c)
+            if c.follow_s is not None and (c is not listed[-1] or self.stations):
+                raise ValueError(
+                    f"{where}[{i}].follow_s: vehicles that follow land where they are; only the last "
+                    "configuration of a list without stations may have it"
+                )
         if listed and listed[0].at_once:
             raise ValueError(f"{where}[0].at_once: there is none before it")
         for first in (i for i, c in enumerate(listed) if not c.at_once):
@@ -241,6 +246,10 @@ class Mission:
     def _station_names(self) -> List[str]:
         return [s.name or f"station {i + 1}" for i, s in enumerate(self.stations)]
 
+    def follows(self, index: int) -> bool:
+        """Whether vehicles follow at configuration ``index``, and nothing is recorded."""
+        return self.configurations[index].follow_s is not None
+
     def title(self, index: int) -> str:
         """Configuration ``index`` in words, with its station and heading where there are
         stations."""
@@ -253,9 +262,10 @@ class Mission:
 
     def moments(self, indices: Optional[Sequence[int]] = None) -> List[List[int]]:
         """Chosen configurations (None: all) in their order, those together that are flown at the
-        same time."""
+        same time; one in which vehicles follow is the last."""
         found: List[List[int]] = []
-        for i in range(len(self.configurations)) if indices is None else indices:
+        chosen = range(len(self.configurations)) if indices is None else indices
+        for i in sorted(chosen, key=self.follows):
             if found and i in self.moment_of(found[-1][0]):
                 found[-1].append(i)
             else:
