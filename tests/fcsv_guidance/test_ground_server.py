@@ -200,6 +200,16 @@ def test_the_robot_and_what_it_hides_are_no_thing_that_came(server, scene):
     assert 0 <= server.whole_grid.stands[server.whole_grid.grid.cell_of(10.0, 3.0)] <= FREE_PERCENT
 
 
+def test_maps_of_other_stations_stay_and_one_that_grew_takes_its_place(server, scene):
+    half = scene(blank=[(13, 15, -9, 9)])
+    server.receive(1.0, MapSeen(half.view(stamp_s=1.0)))
+    maps = len(server.ground.maps)
+    server.receive(2.0, MapSeen(half.view(stamp_s=1.0)))
+    assert len(server.ground.maps) == maps, "the same reference picture: in place of the first"
+    server.receive(3.0, MapSeen(scene().view(stamp_s=3.0)))
+    assert len(server.ground.maps) == maps + 1
+
+
 def test_a_live_map_alone_is_enough(rescue, scene):
     server = GroundServer(rescue, RULES)
     for k in (1, 2):

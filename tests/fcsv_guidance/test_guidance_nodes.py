@@ -4,6 +4,7 @@ with move_base."""
 
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from fcsv_geometry import transforms
 
 pytestmark = pytest.mark.ros
 until = within(30.0)
+CONFIG = Path(__file__).parents[2] / "config"
 BOX = (13.0, 14.0, -2.0, 1.0, 0.0, 0.6)
 THING = (13.0, 14.0, 2.0, 5.0, 0.0, 0.8)
 GROUND = {"cell_m": 0.1, "area_m": [5.0, 22.0, -6.0, 6.0]}
@@ -451,7 +453,11 @@ def test_a_robot_is_located_by_the_vehicles_that_its_gimbals_see(ros_master, sta
     from fcsv_guidance.ros import ground_messages as messages
     from fcsv_msgs.msg import Home
 
-    start_node("fcsv_guidance", "cooperative_place", params={"vehicles": ["tello1"]})
+    files = {
+        "vehicles_dir": str(CONFIG / "vehicles"),
+        "robot_file": str(CONFIG / "gimbal" / "ground_robot.yaml"),
+    }
+    start_node("fcsv_guidance", "cooperative_place", params={"vehicles": ["tello1"], **files})
     poses, words = [], []
     heard = [
         rospy.Subscriber("/robot_pose", PoseWithCovarianceStamped, poses.append, queue_size=50),
@@ -554,7 +560,11 @@ def test_fixes_and_wheels_become_one_pose(ros_master, start_node):
     [
         ("ground_map", {"robot": "no.yaml", "maps": ["x"]}, "no.yaml"),
         ("ground_map", {"robot": "no.yaml"}, "maps: is empty"),
-        ("cooperative_place", {"vehicles": []}, "vehicles: is empty"),
+        (
+            "cooperative_place",
+            {"vehicles": [], "vehicles_dir": "", "robot_file": ""},
+            "vehicles: is empty",
+        ),
         (
             "route_follower",
             {"robot": "no.yaml", "place": {"source": "pose"}},

@@ -40,8 +40,9 @@ _STANDS_M = 0.15  # a place that moves by less may be noise
 
 @dataclass(frozen=True)
 class MapSeen:
-    """A finished map, or with ``live`` the newest state of one that grows: it watches the place where
-    there are finished maps. ``watching``: what vehicles that hold see now."""
+    """A finished map, in place of one of the same name and stamp, or with ``live`` the newest state
+    of one that grows: it watches the place where there are finished maps. ``watching``: what
+    vehicles that hold see now."""
 
     view: DepthView
     live: bool = False
@@ -217,7 +218,10 @@ class GroundServer:
         if seen.watching or (seen.live and self._views):
             self._on_watch(seen.view)
             return
-        views = self._views if seen.live else [*self._views, seen.view]
+        others = [
+            v for v in self._views if (v.name, v.stamp_s) != (seen.view.name, seen.view.stamp_s)
+        ]
+        views = self._views if seen.live else [*others, seen.view]
         live = seen.view if seen.live else self._live
         taken = views or [live]
         ground = ground_from(taken, self._rules.cell_m, self._grid(), self._rules.reach_m)

@@ -35,11 +35,14 @@ class SteppedPlace:
 
 
 class PlaceInSteps:
-    """``gimbals``: those on the robot, whose vehicles follow it along the last route that came."""
+    """``gimbals``: those on the robot, whose vehicles follow it along the last route that came, or
+    (not ``follow``) hold while it stands and measures how they drift."""
 
-    def __init__(self, gimbals: Sequence[Gimbal], rules: CooperativeRules = _RULES):
+    def __init__(
+        self, gimbals: Sequence[Gimbal], rules: CooperativeRules = _RULES, follow: bool = True
+    ):
         self._gimbals, self._tracker = gimbals, CooperativeTracker(rules)
-        self._steps = DriveInSteps(self._choose)
+        self._steps = DriveInSteps(self._choose if follow else lambda _state: {})
         self._line: Optional[Polyline] = None
 
     def receive(self, now_s: float, message: Message) -> None:

@@ -5,7 +5,7 @@ routes."""
 import threading
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Callable, Deque, Dict, List
+from typing import Callable, Deque, Dict, List, Tuple
 
 import numpy as np
 import rospy
@@ -52,6 +52,7 @@ class GroundParameters:
     robot: str  # its file, config/robots/NAME.yaml
     maps: List[str] = field(default_factory=list)  # folders that map wrote
     live: bool = False  # take /map/depth with sigma and kind as they come, too
+    stations: bool = False  # each reference picture of live maps is a map of its own, and stays
     watch: bool = False  # take /map/watch/depth likewise: what vehicles that hold see now
     # maps of folders count as of now, not of their pictures: only where nothing has moved since
     fresh: bool = False
@@ -87,7 +88,8 @@ class GroundNode:
         self._port = GroundServer(load_robot(p.robot), p.ground)
         self._lock, self._health = threading.RLock(), Health("ground")
         self._due = threading.Condition()
-        self._views: Dict[str, MapSeen] = {}  # the newest of map and watch
+        # the newest of map and watch, and of which reference picture
+        self._views: Dict[Tuple[str, float], MapSeen] = {}
         self._places: Deque[RobotPlace] = deque(maxlen=200)
         for folder in p.maps:
             self._port.receive(rospy.get_time(), MapSeen(self._as_of(read_map(folder))))
@@ -167,7 +169,9 @@ class GroundNode:
             with self._due:
                 view = views.add(messages.stamp_of(message), part, convert())
                 if view is not None:  # the newest is enough
-                    self._views[topic] = MapSeen(view, topic == MAP, topic == WATCH)
+                    stays = topic == MAP and self._parameters.stations
+                    seen = MapSeen(view, topic == MAP and not stays, topic == WATCH)
+                    self._views[topic, view.stamp_s if stays else 0.0] = seen
                     self._due.notify()
         except FcsvError as error:
             self._health.drop(f"{topic}/{part}", str(error))
@@ -179,7 +183,7 @@ class GroundNode:
                 if not self._views:
                     self._due.wait(0.2)
                 views, self._views = self._views, {}
-            for topic, view in views.items():
+            for (topic, _), view in views.items():
                 self._receive(view)
                 self._health.tick(f"{topic}/depth")
                 self._publish()

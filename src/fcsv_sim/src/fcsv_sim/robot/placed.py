@@ -38,18 +38,27 @@ class RobotSense:
 class PlacedRobot:
     """Stands at the start of ``town`` and obeys commands; what it touches ends its drive.
 
-    ``T_world_home`` is level: fixes are given in home. The same seed and commands give the same
-    way.
+    ``T_world_home`` is level: fixes are given in home, where it carries a ``tag``. ``yaw_rad``: how
+    it stands, anyhow where None. The same seed and commands give the same way.
     """
 
-    def __init__(self, robot: Robot, town: Town, T_world_home: np.ndarray, seed: int):
+    def __init__(
+        self,
+        robot: Robot,
+        town: Town,
+        T_world_home: np.ndarray,
+        seed: int,
+        yaw_rad: Optional[float] = None,
+        tag: bool = True,
+    ):
         plan = place_of(town)
         random = np.random.default_rng([seed, 24])
         footing = Footing.of(plan)
         self._true = TrueGround(footing, footing.clearance(robot))
-        at = (*plan.start_m, random.uniform(-np.pi, np.pi))
+        anyhow_rad = random.uniform(-np.pi, np.pi)
+        at = (*plan.start_m, anyhow_rad if yaw_rad is None else yaw_rad)
         self._machine = SimulatedRobot(robot, at, WheelFlaws.drawn(random), seed)
-        self._reader = TagReader(seed)
+        self._reader, self._tag = TagReader(seed), tag
         self._T_home_world = transforms.invert(transforms.level(T_world_home))
         self._coming: List[PlaceFix] = []
         self._read_s = 0.0
@@ -71,13 +80,17 @@ class PlacedRobot:
         if room_m < 0.0 and not self._touched_m:
             self._touched_m = at[:2]
             machine.command(now_s, DriveCommand(0.0, 0.0))
-        if now_s - self._read_s >= EVERY_S:
+        if self._tag and now_s - self._read_s >= EVERY_S:
             self._read_s = now_s
             fix = self._reader.read(now_s, *at)
             self._coming += [] if fix is None else [self._in_home(fix)]
         due = tuple(f for f in self._coming if now_s - f.stamp_s >= DELAY_S)
         self._coming = self._coming[len(due) :]
         return RobotSense(machine.odometry(), due, at, room_m, self._touched_m)
+
+    def T_world_robot(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
+        """4x4: as it stands on the true ground there."""
+        return self._true.T_world_robot(x_m, y_m, yaw_rad)
 
     def _in_home(self, fix: PlaceFix) -> PlaceFix:
         T = self._T_home_world @ transforms.from_xyz_yaw([fix.x_m, fix.y_m, 0.0], fix.yaw_rad)

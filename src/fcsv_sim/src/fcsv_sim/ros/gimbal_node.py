@@ -13,13 +13,14 @@ import rospy
 from sensor_msgs.msg import CameraInfo, Image
 
 from fcsv_geometry import frames, transforms
-from fcsv_geometry.errors import ConfigError, PoseUnavailable
+from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_sim.gimbal.gimbal import MountErrors, ServoErrors, SimulatedGimbal
 from fcsv_sim.gimbal.gimbal_camera import GimbalCamera, GimbalCameraParameters
 from fcsv_sim.truth import TruthReader
-from fcsv_tracking.gimbal.config import load_ground_robot
+from fcsv_sim.world.movers import ROBOT
+from fcsv_tracking.gimbal.config import load_gimbals
 from fcsv_tracking.ros.gimbal_servos_node import ServoLoop
 
 _READ_HZ = 100.0
@@ -27,14 +28,15 @@ _READ_HZ = 100.0
 
 @dataclass(frozen=True)
 class GimbalNodeParameters:
-    """Parameters of the node; the ground robot stands at ``robot_xyz_yaw`` (m, rad) in the
-    world."""
+    """Parameters of the node; the ground robot stands at ``robot_xyz_yaw`` (m, rad) in the world, or
+    is where a simulated robot (sim_robot.launch) drives it: ``robot_drives``."""
 
     vehicle: str
     robot_file: str
     sim_dir: str
     seed: int = 1
     robot_xyz_yaw: Tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    robot_drives: bool = False
     camera: GimbalCameraParameters = field(default_factory=GimbalCameraParameters)
     servo: ServoErrors = field(default_factory=ServoErrors)
     mount: MountErrors = field(default_factory=MountErrors)
@@ -46,16 +48,12 @@ class GimbalNode:
 
     def __init__(self):
         p = self._parameters = node.parameters(GimbalNodeParameters)
-        gimbals = load_ground_robot(p.robot_file).by_vehicle
-        if p.vehicle not in gimbals:
-            raise ConfigError(
-                f"{p.robot_file}: no gimbal follows '{p.vehicle}'; it has {', '.join(gimbals)}"
-            )
-        gimbal, self._name = gimbals[p.vehicle], p.vehicle
+        gimbal, self._name = load_gimbals(p.robot_file, [p.vehicle])[p.vehicle], p.vehicle
         cv2.setNumThreads(1)
         *place, yaw = p.robot_xyz_yaw
         self._T_ground_world = transforms.invert(transforms.from_xyz_yaw(place, yaw))
         self._truth = TruthReader(p.sim_dir, p.vehicle)
+        self._robot = TruthReader(p.sim_dir, ROBOT) if p.robot_drives else None
         seed = p.seed * 1000 + gimbal.servo.pan_id
         self._servos = SimulatedGimbal(gimbal.geometry, seed, time.time, p.servo, p.mount)
         self._servos.turn(gimbal.start)
@@ -101,7 +99,10 @@ class GimbalNode:
             return self._servos.T_ground_cam(stamp_s)
 
     def _T_ground_body(self, stamp_s: float) -> np.ndarray:
-        return self._T_ground_world @ self._truth.at(stamp_s)
+        T_ground_world = self._T_ground_world
+        if self._robot is not None:
+            T_ground_world = transforms.invert(self._robot.wait_for(stamp_s))
+        return T_ground_world @ self._truth.at(stamp_s)
 
 
 def main() -> int:

@@ -37,8 +37,9 @@ _AWAY_M = -50.0  # below the ground: what is not there
 @dataclass(frozen=True)
 class RobotNodeParameters:
     """Parameters of the node; ``home_xyz_yaw``: of home in the world (m, rad). ``sim_dir``: where
-    cameras learn where robot and crate are; empty: no camera shows them. ``closes``: a crate comes
-    into its way and goes again, noted in ``things``."""
+    cameras and gimbals learn where robot and crate are; empty: none shows them. ``tag``: a vehicle
+    reads one on it, and gives fixes; ``yaw_deg``: how it stands, anyhow where it is not finite.
+    ``closes``: a crate comes into its way and goes again, noted in ``things``."""
 
     robot: str  # its file, config/robots/NAME.yaml
     world: str
@@ -47,6 +48,8 @@ class RobotNodeParameters:
     home_xyz_yaw: Tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     rate_hz: float = 20.0
     sim_dir: str = ""
+    tag: bool = True
+    yaw_deg: float = float("nan")
     closes: bool = False
     things: str = ""  # file of what came into the way; empty: none is written
 
@@ -66,7 +69,9 @@ class RobotNode:
             Town.generate(p.seed, p.world),
             transforms.from_xyz_yaw(xyz_m, yaw_rad),
         )
-        self._port = PlacedRobot(load_robot(p.robot), town, T_world_home, p.seed)
+        stands_rad = float(np.radians(p.yaw_deg)) if np.isfinite(p.yaw_deg) else None
+        robot = load_robot(p.robot)
+        self._port = PlacedRobot(robot, town, T_world_home, p.seed, stands_rad, p.tag)
         self._plan = town.plan
         self._closer = WayCloser(town.plan, T_world_home, p.seed) if p.closes else None
         names = (ROBOT, CRATE) if p.sim_dir else ()
@@ -120,10 +125,9 @@ class RobotNode:
         if not self._shown:
             return
         x, y, yaw = sense.at
-        z = float(self._plan.drawn_height(np.array(x), np.array(y)))
         box = self._crate
         places = {
-            ROBOT: transforms.from_xyz_yaw([x, y, z], yaw),
+            ROBOT: self._port.T_world_robot(x, y, yaw),
             CRATE: transforms.from_xyz_yaw([x, y, _AWAY_M], 0.0)
             if box is None
             else transforms.from_xyz_yaw([box.x_m, box.y_m, box.z_m], box.yaw_rad),

@@ -3,11 +3,12 @@
 (config/gimbal/*.yaml)."""
 
 from dataclasses import dataclass, field
-from typing import Dict, List, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_geometry import config
+from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.vehicles.vehicle import MOST_TAG_ID, Mount
 from fcsv_tracking.gimbal.geometry import Angles, GimbalGeometry
 
@@ -101,6 +102,16 @@ class GroundRobot:
 def load_ground_robot(path) -> GroundRobot:
     """Raises ConfigError naming file and field."""
     return config.load(path, GroundRobot)
+
+
+def load_gimbals(path, vehicles: Sequence[str]) -> Dict[str, Gimbal]:
+    """Gives those of a file that follow ``vehicles``. Raises ConfigError as load_ground_robot, and
+    where one has none."""
+    found = load_ground_robot(path).by_vehicle
+    missing = [name for name in vehicles if name not in found]
+    if missing:
+        raise ConfigError(f"{path}: no gimbal follows {missing[0]}; it has {', '.join(found)}")
+    return {name: found[name] for name in vehicles}
 
 
 def _require_different(where: str, what: str, values: List) -> None:

@@ -14,11 +14,11 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
-from fcsv_geometry.errors import ConfigError, FcsvError, PoseUnavailable
+from fcsv_geometry.errors import FcsvError, PoseUnavailable
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_tracking.gimbal.base_motion import BaseMotion, BasePlace
-from fcsv_tracking.gimbal.config import load_ground_robot
+from fcsv_tracking.gimbal.config import load_gimbals
 from fcsv_tracking.gimbal.system import GimbalSystem
 from fcsv_tracking.gimbal.tracker import GimbalRules, GimbalTracker, GroundPose
 from fcsv_tracking.ros.camera_message import camera_message
@@ -63,12 +63,7 @@ class GimbalTrackerNode:
         p = node.parameters(GimbalTrackerParameters)
         self._names, self._lock = p.vehicles, threading.Lock()
         vehicles = node.vehicles(p.vehicles_dir, p.vehicles)
-        gimbals = load_ground_robot(p.robot_file).by_vehicle
-        missing = [n for n in p.vehicles if n not in gimbals]
-        if missing:
-            raise ConfigError(
-                f"{p.robot_file}: no gimbal follows {missing[0]}; it has {', '.join(gimbals)}"
-            )
+        gimbals = load_gimbals(p.robot_file, p.vehicles)
         self._system = GimbalSystem({}, {n: v.T_body_cam for n, v in vehicles.items()})
         flows = {
             f"{n} {what}": least
