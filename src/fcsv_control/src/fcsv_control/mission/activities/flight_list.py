@@ -64,7 +64,7 @@ class FlightList:
         self._calibrated_at = calibrated  # name of the station; "": the column has left it
         self._attempts: Dict[int, int] = {}
         self._task = Since()
-        self._following: Optional[Following] = None  # once it has begun, whatever interrupts it
+        self._follow: Optional[Following] = None  # once it has begun, whatever interrupts it
         self.going_back = ""  # why nothing more is flown but the way back
         self.detail = ""
         self.notes: List[str] = []  # configurations that were left out, and why
@@ -116,7 +116,7 @@ class FlightList:
             restarted=True,
         )
         again.notes, again.going_back = list(memory.notes), memory.going_back
-        again._following = again._follow({}) if memory.follows else None
+        again._follow = again._begun_following({}) if memory.follows else None
         return again
 
     @property
@@ -139,7 +139,7 @@ class FlightList:
     @property
     def follows(self) -> bool:
         """Whether vehicles follow, away from their places: nobody goes back any more."""
-        return self._following is not None
+        return self._follow is not None
 
     @property
     def finished(self) -> bool:
@@ -182,8 +182,8 @@ class FlightList:
         never beneath a vehicle that comes down; a running recording does not count."""
         guided = self._guided(snapshot, taken)
         self._hold(snapshot).pause(snapshot, guided)
-        if self._following is not None:
-            self._following.keep(guided)
+        if self._follow is not None:
+            self._follow.keep(guided)
 
     def _hold(self, snapshot: Snapshot) -> Hold:
         """All hold; then the running tasks begin from their start, with the reference at home."""
@@ -213,7 +213,7 @@ class FlightList:
         when done, else why not."""
         if self.follows and operation != "skip":
             return "vehicles follow; 'skip' ends it, and all land where they are"
-        if operation == "skip" and (self._following or self._activity).skip():
+        if operation == "skip" and (self._follow or self._activity).skip():
             if isinstance(self._activity, Calibrating):
                 self.notes += self._activity.pop_notes()
                 self._calibrated_at = self._mission.viewpoints[self._list.moment[0].view].station
@@ -242,11 +242,11 @@ class FlightList:
 
     def follow(self, vehicle: str, x_m: float, y_m: float) -> str:
         """A vehicle is asked to x, y (m) in home; "" or why it does not go."""
-        if self._following is None or self.finished:
+        if self._follow is None or self.finished:
             return f"no vehicle follows: {self.detail}"
         if vehicle not in self._vehicles:
             return f"{vehicle} takes no part any more"
-        self._following.ask(vehicle, x_m, y_m)
+        self._follow.ask(vehicle, x_m, y_m)
         return ""
 
     @property
@@ -355,8 +355,8 @@ class FlightList:
     def _opening(self) -> Activity:
         """The reference home, where it has to be before others move; who follows goes on from where
         it is."""
-        if self._following is not None:
-            return self._following
+        if self._follow is not None:
+            return self._follow
         moment = self._list.moment
         if self.going_back or moment[0].changes:
             return self._way()
@@ -420,8 +420,8 @@ class FlightList:
         if self._mission.follows(index):
             reference, view = self._mission.reference, moment[0].view
             there = {**self._goals.places(moment), reference: reference_place(self._mission, view)}
-            self._following = self._follow(there)
-            return self._following
+            self._follow = self._begun_following(there)
+            return self._follow
         self._attempts[index] = self._attempts.get(index, 0) + 1
         last = self._attempts[index] >= self._mission.settle.attempts
         if self._mission.configurations[index].sweep is not None:
@@ -430,7 +430,7 @@ class FlightList:
         places[self._mission.reference] = reference_place(self._mission, moment[0].view)
         return Standing(self._mission, movers, places, self._outbox, last)
 
-    def _follow(self, places: Mapping[str, np.ndarray]) -> Following:
+    def _begun_following(self, places: Mapping[str, np.ndarray]) -> Following:
         follow_s = self._mission.configurations[self._list.index].stands_s
         return Following(self._mission, self._outbox, follow_s, places)
 

@@ -26,7 +26,7 @@ _NEAREST = 1.0 - 1e-6  # share of what is to be kept between two places
 class Following(Activity):
     """It lasts ``follow_s``, pauses included, or until the operator skips it; who is on its way then
     comes to its place first. ``places``: T_home_cam by vehicle, of those that were sent to one; the
-    others hold where they are. A move that cannot be flown is refused in `detail` and the log."""
+    others hold where they are. Says in `detail` and the log why a move is not flown."""
 
     stage = FOLLOWS
 
@@ -71,6 +71,7 @@ class Following(Activity):
             self._journey = None
         if self._journey is None and (late or self._skipped):
             return Progress.DONE
+        self.keep(self._places)
         while self._asked and self._journey is None:
             name = next(iter(self._asked))
             self._begin(snapshot, name, *self._asked.pop(name))
@@ -85,8 +86,8 @@ class Following(Activity):
         try:
             way = self._way(snapshot, name, T_home_cam[:3, 3])
         except MissionError as error:
-            self._refused = f"; {name} not to ({x_m:.1f}, {y_m:.1f}) m in home: {error}"
-            _log.warning("refused%s", self._refused)
+            self._refused = f"; {name} stays, not to ({x_m:.1f}, {y_m:.1f}) m in home: {error}"
+            _log.warning("%s", self._refused[2:])
             return
         self._refused, self._places[name] = "", T_home_cam
         self._journey = Journey(
