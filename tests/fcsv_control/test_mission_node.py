@@ -556,6 +556,40 @@ def test_chosen_configurations_by_action_and_operations_by_service(pair, start_n
 
 
 @pytest.mark.slow_motion
+def test_who_follows_goes_where_a_topic_asks(pair, start_node, folder):
+    import actionlib
+    import rospy
+    from actionlib_msgs.msg import GoalStatus
+
+    from fcsv_geometry.ros import conversions
+    from fcsv_msgs.msg import ExecuteAction, ExecuteGoal, VehicleMove
+
+    path = folder / "mission.yaml"
+    follow = {"axis": "horizontal", "baseline_m": 3.0, "follow_s": 60.0}
+    document = yaml.safe_load(path.read_text())
+    path.write_text(yaml.safe_dump({**document, "configurations": [follow]}))
+    back = pair.fleet[1]
+    started(start_node, folder)
+    moves = rospy.Publisher("/mission/follow", VehicleMove, queue_size=5)
+    pair.up_to_home()
+    client = actionlib.SimpleActionClient("/mission/execute", ExecuteAction)
+    assert client.wait_for_server(rospy.Duration(15.0))
+    time.sleep(1.2)
+    client.send_goal(ExecuteGoal())
+    until(lambda: pair.mission.stage == "follows" and moves.get_num_connections())
+    for frame, x_m in (("home", 2.0), ("odom", 9.0)):
+        moves.publish(VehicleMove(conversions.header(rospy.get_time(), frame), NAMES[1], x_m, -4.0))
+    p_body_cam = back.geometry.T_body_cam[:3, 3]
+    until(lambda: np.allclose((back.T_home_body[:3, 3] + p_body_cam)[:2], [2.0, -4.0], atol=0.01))
+    until(lambda: pair.mission.detail.endswith("all hold"))
+    assert pair.control("skip").success and client.wait_for_result(rospy.Duration(30.0))
+    result = client.get_result()
+    assert (list(result.captured), list(result.left_out)) == ([], [])
+    assert client.get_state() == GoalStatus.SUCCEEDED and not pair.captures
+    moves.unregister()
+
+
+@pytest.mark.slow_motion
 def test_a_goal_that_is_cancelled_brings_them_back_to_the_column(pair, start_node, folder):
     import actionlib
     import rospy

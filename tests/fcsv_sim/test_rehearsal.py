@@ -83,6 +83,41 @@ def between_stations():
     return Flight(Mission("stations", listed, stations=stations), 2, 3)
 
 
+def test_vehicles_follow_in_steps_and_land_beside_a_robot():
+    """As fcsv_guidance/steps.py asks: one after the other, as the robot drives on along x."""
+    listed = [
+        StereoConfiguration("horizontal", 2.0, record_s=2.0),
+        StereoConfiguration("horizontal", 3.0, follow_s=60.0),
+    ]
+    flight = Flight(Mission("follow", listed), 2, 4)
+    steps = [(n, x, y) for x in (2.0, 4.0, 6.0) for n, y in (("uav2", -3.0), ("uav1", 0.0))]
+    control, asked_s, asked, off_m = flight.control, -np.inf, [], {}
+
+    def asker(f):
+        nonlocal asked_s
+        if control.machine.stage == "follows" and f.now_s > asked_s + 6.0:
+            if asked:
+                name, *xy = asked[-1]
+                off_m[asked[-1]] = np.hypot(*(control.view(f.now_s, name).T_home_cam[:2, 3] - xy))
+            if len(asked) < len(steps):
+                assert control.follow(f.now_s, *steps[len(asked)]) == ""
+                asked.append(steps[len(asked)])
+                asked_s = f.now_s
+            elif not control.machine.detail.endswith("all hold"):
+                raise AssertionError(control.machine.detail)
+            else:
+                control.operate(f.now_s, "skip")
+                asked_s = np.inf
+
+    flight.expect_calm()
+    result = flight.run([asker])
+    assert (result.phase, result.captures, result.wanted) == ("DONE", 1, 1), result.detail
+    assert result.violations == [] and result.nearest_m > 1.4
+    assert len(off_m) == 6 and max(off_m.values()) < 0.3, off_m
+    places = [v.p_world_m[:2] for v in flight.fleet.values()]
+    assert np.linalg.norm(places[0] - places[1]) == pytest.approx(3.0, abs=0.5)
+
+
 def test_a_column_changes_over_between_stations_and_nobody_is_stopped():
     """As one body, with a turn; calibrated at both stations, where it has drifted; everybody lands
     where the flight began."""

@@ -246,7 +246,7 @@ def configuration_cells(row: ConfigurationRow, running: bool) -> List[Cell]:
         number,
         f"{_AXES[row.axis]} {baseline}",
         f"{row.tilt_deg:g}°",
-        f"{row.settle_s:g}+{row.record_s:g} s",
+        f"follow {row.record_s:g} s" if row.follows else f"{row.settle_s:g}+{row.record_s:g} s",
         f"{row.nearest_m:.0f}–{row.farthest_m:.0f} m",
         f"±{row.error_m:.{1 if row.error_m < 10.0 else 0}f} m",
     )

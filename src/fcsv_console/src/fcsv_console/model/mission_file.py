@@ -86,6 +86,7 @@ class ConfigurationRow:
     # of a sweep: its beginning and its end
     way_m: Optional[Tuple[Tuple[float, float, float], ...]] = None
     station: str = ""  # and its heading, to the left of x
+    follows: bool = False  # for ``record_s``, and is not recorded
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,9 @@ def _row(i: int, mission: Mission, optics: Optics) -> ConfigurationRow:
     T_home_cam = mover_place(mission, i)
     x, y, z = (float(v) for v in T_home_cam[:3, 3])
     view = mission.viewpoint(i)
-    settle_s, record_s, way_m = mission.settle.time_s, c.record_s, None
+    settle_s, record_s, way_m = mission.settle.time_s, c.stands_s, None
+    if c.follow_s is not None:
+        settle_s = 0.0
     if c.sweep is not None:
         settle_s, record_s = 0.0, round(c.sweep.takes_s(mission.flight), 1)
         way_m = ((x, y, z), tuple(mover_end(mission, i)[:3, 3].tolist()))
@@ -183,6 +186,7 @@ def _row(i: int, mission: Mission, optics: Optics) -> ConfigurationRow:
         heading_rad(T_home_cam),
         way_m,
         f"{view.station} {math.degrees(view.heading_rad):.0f}°" if mission.stations else "",
+        mission.follows(i),
     )
 
 

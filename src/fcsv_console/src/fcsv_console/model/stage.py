@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far the running configuration is: on its way, holding, recording, by when the mission began
+"""How far the running configuration is: on its way, holding, recording or following, by when the mission began
 to say so."""
 
 from dataclasses import dataclass
@@ -72,7 +72,7 @@ class StageWatch:
         if self._said[1] == stages.HOLDS and whole_s > 0.0:
             done_s = min(elapsed_s, hold_s)
             return Stage(done_s / whole_s, f"held {done_s:.1f} of {hold_s:g} s")
-        if self._said[1] == stages.RECORDS and whole_s > 0.0:
+        if self._said[1] in (stages.RECORDS, stages.FOLLOWS) and whole_s > 0.0:
             done_s = min(elapsed_s, record_s)
             return Stage((hold_s + done_s) / whole_s, f"{done_s:.0f} of {record_s:g} s")
         return Stage()

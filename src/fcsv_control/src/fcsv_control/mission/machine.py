@@ -191,6 +191,17 @@ class MissionMachine:
             return ""
         return flown.change(self._snapshot, operation)
 
+    def follow(self, vehicle: str, x_m: float, y_m: float) -> str:
+        """Somebody asks a vehicle that follows to x, y (m) in home: "", or why it does not go."""
+        flown = self._flight_list
+        if vehicle not in self.vehicles:
+            return f"{vehicle} is not one of {', '.join(self.vehicles)}"
+        if vehicle in self._modes.taken:
+            return f"{vehicle} is in its pilot's hands"
+        if flown is None or self.phase not in FLOWN:
+            return f"no vehicle follows in {self.phase}"
+        return flown.follow(vehicle, x_m, y_m)
+
     def abort(self, reason: str) -> None:
         """Land everybody whom the mission flies, wherever it is; who is flown by hand is told to
         land."""
@@ -199,10 +210,11 @@ class MissionMachine:
             self._enter("LAND", reason)
 
     def finish(self, reason: str) -> None:
-        """Fly nothing more: back to the column and land; where the list is not flown, as
-        ``abort``."""
-        if self.phase == "CONFIGURATIONS" and self._flight_list is not None:
-            self._flight_list.go_back(self._snapshot, reason)
+        """Fly nothing more: back to the column and land; where the list is not flown, or vehicles
+        follow, as ``abort``."""
+        flown = self._flight_list
+        if self.phase == "CONFIGURATIONS" and flown is not None and not flown.follows:
+            flown.go_back(self._snapshot, reason)
             self._paused_by_operator = False
             self._patience.begin_anew()
         else:
@@ -463,11 +475,13 @@ class MissionMachine:
 
     def _lose_patience(self, snapshot: Snapshot) -> None:
         by_hand = self.phase in _BY_HAND and any(v.armed for v in snapshot.vehicles.values())
-        going_back = self._flight_list is not None and bool(self._flight_list.going_back)
+        flown = self._flight_list
+        going_back = flown is not None and bool(flown.going_back)
+        follows = flown is not None and flown.follows
         then = (
             {Pause.OPERATOR: LAND}
             if self._stopped
-            else what_follows(self.phase, going_back, by_hand)
+            else what_follows(self.phase, going_back, by_hand, follows)
         )
         pauses = self._pauses | ({Pause.OPERATOR} if by_hand else set())
         ended = self._patience.update(snapshot.now_s, pauses & set(then))

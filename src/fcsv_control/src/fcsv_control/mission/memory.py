@@ -35,6 +35,7 @@ class RememberedList:
     turned: List[Turned] = field(default_factory=list)  # who has looked round where
     at: Optional[int] = 0  # of the mission's viewpoints, where the column is; none: under way
     calibrated: str = HOME_VIEW.station  # at which station last; empty: the column has left it
+    follows: bool = False  # vehicles follow, away from their places
 
     def __post_init__(self):
         bad = [n for n, T in self.parked.items() if len(T) != _POSE_NUMBERS]

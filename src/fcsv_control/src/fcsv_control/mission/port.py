@@ -21,7 +21,7 @@ from fcsv_control.mission.watches.pairs_seen import PairsSeen
 from fcsv_control.mission.watches.tag_in_front import TagInFront
 from fcsv_control.mission.watches.telemetry import VehicleTelemetry
 from fcsv_control.stopping.core import STOP
-from fcsv_geometry import transforms
+from fcsv_geometry import frames, transforms
 from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.phases import BY_HOME
@@ -127,6 +127,7 @@ class MissionPort:
             told.Execute: self._execute,
             told.Abort: self._abort,
             told.Cancel: self._cancel,
+            told.FollowAsked: self._follow,
         }
 
     def _no_telemetry(self, v: VehicleGeometry) -> VehicleTelemetry:
@@ -223,8 +224,8 @@ class MissionPort:
     # ---- the operator ----------------------------------------------------------------------------
 
     def serve(self, now_s: float, request: object) -> List[object]:
-        """The answer to Confirm, Operate, Execute, Abort or Cancel, and what follows from it at
-        once. Raises TypeError for anything else."""
+        """The answer to Confirm, Operate, Execute, Abort, Cancel or FollowAsked, and what follows from
+        it at once. Raises TypeError for anything else."""
         serve = self._serve.get(type(request))
         if serve is None:
             raise TypeError(f"the mission does not serve {type(request).__name__}")
@@ -259,6 +260,15 @@ class MissionPort:
     def _cancel(self, _request: told.Cancel) -> tm.Reply:
         self.machine.finish("cancelled by who asked for it")
         return tm.Reply(True, "")
+
+    def _follow(self, m: told.FollowAsked) -> tm.Reply:
+        if m.frame != frames.HOME:
+            refusal = f"its frame is '{m.frame}', not {frames.HOME}"
+        elif not (math.isfinite(m.x_m) and math.isfinite(m.y_m)):
+            refusal = f"({m.x_m}, {m.y_m}) is no place"
+        else:
+            refusal = self.machine.follow(m.vehicle, m.x_m, m.y_m)
+        return tm.Reply(not refusal, refusal)
 
     # ---- time ------------------------------------------------------------------------------------
 

@@ -250,6 +250,11 @@ class Mission:
         """Whether vehicles follow at configuration ``index``, and nothing is recorded."""
         return self.configurations[index].follow_s is not None
 
+    @property
+    def recorded(self) -> List[int]:
+        """Indices of the configurations with pictures."""
+        return [i for i in range(len(self.configurations)) if not self.follows(i)]
+
     def title(self, index: int) -> str:
         """Configuration ``index`` in words, with its station and heading where there are
         stations."""

@@ -69,7 +69,7 @@ class Calm:
 
     def end(self, now_s: float) -> None:
         """All must be recorded."""
-        machine, wanted = self._control.machine, len(self._control.machine.mission.configurations)
+        machine, wanted = self._control.machine, len(self._control.machine.mission.recorded)
         if machine.phase != "DONE" or len(machine.captures) != wanted:
             self._needless(
                 "", now_s, f"{len(machine.captures)} of {wanted} recorded ({machine.detail})"

@@ -205,7 +205,7 @@ def _counted(results: Iterable, count: int) -> Iterator:
 
 def _one(job: Job) -> Result:
     """A single flight, of which recorded configurations are shown."""
-    total = len(job.mission.configurations)
+    total = len(job.mission.recorded)
     with closing(Counter(total, "configuration", "configurations recorded")) as counter:
 
         def watched(flight: Flight) -> None:

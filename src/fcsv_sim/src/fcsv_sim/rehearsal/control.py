@@ -12,6 +12,7 @@ from fcsv_control.control_messages import (
     Abort,
     CommandAnswered,
     Confirm,
+    FollowAsked,
     MissionAlive,
     MissionStatus,
     Operate,
@@ -33,6 +34,7 @@ from fcsv_control.mission.snapshot import VehicleView
 from fcsv_control.ports import ServingPort
 from fcsv_control.stopping.core import STOP, Report
 from fcsv_control.stopping.port import StopAllPort
+from fcsv_geometry import frames
 from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.streams.arrivals import RELAY
@@ -306,6 +308,12 @@ class ControlPc:
     def operate(self, now_s: float, operation: str) -> str:
         """The operator changes the list; why that is refused, empty where it is not."""
         answer = self._ask(now_s, self.mission_port, Operate(operation))
+        return "" if answer.done else answer.text
+
+    def follow(self, now_s: float, vehicle: str, x_m: float, y_m: float) -> str:
+        """Somebody asks a vehicle that follows to x, y (m) in home; why not, empty where it goes."""
+        asked = FollowAsked(frames.HOME, vehicle, x_m, y_m)
+        answer = self._ask(now_s, self.mission_port, asked)
         return "" if answer.done else answer.text
 
     def abort(self, now_s: float) -> None:

@@ -207,7 +207,7 @@ class Flight:
             answers,
             looked.crossing_m,
             looked.off_m,
-            len(self.mission.configurations),
+            len(self.mission.recorded),
             [fault for _, fault, _ in self.witness.begun],
             time.process_time() - cpu_s,
             None if self._calm is None else self._calm.longest_s,

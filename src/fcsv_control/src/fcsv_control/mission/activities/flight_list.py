@@ -2,13 +2,14 @@
 """The list of configurations, one after the other or at once: go there, settle, record, go on; at
 the end back to the column."""
 
-from typing import Any, Callable, Collection, Dict, List, Sequence, Tuple, Type
+from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Sequence, Tuple, Type
 
 import numpy as np
 
 from fcsv_control.mission.activities.activity import Activity, CaptureWindow, Progress
 from fcsv_control.mission.activities.calibrating import Calibrating
 from fcsv_control.mission.activities.changing_over import ChangeOver
+from fcsv_control.mission.activities.following import Following
 from fcsv_control.mission.activities.looking_round import (
     LookRoundAtPlaces,
     LookRoundInColumn,
@@ -63,6 +64,7 @@ class FlightList:
         self._calibrated_at = calibrated  # name of the station; "": the column has left it
         self._attempts: Dict[int, int] = {}
         self._task = Since()
+        self._follow: Optional[Following] = None  # once it has begun, whatever interrupts it
         self.going_back = ""  # why nothing more is flown but the way back
         self.detail = ""
         self.notes: List[str] = []  # configurations that were left out, and why
@@ -75,6 +77,7 @@ class FlightList:
             LookRoundAtPlaces: lambda _: self._attempt(),
             Standing: lambda _: self._next_task(),
             Sweeping: lambda _: self._next_task(),
+            Following: lambda _: self._next_task(),
             Return: lambda _: self._next_task(),
             ChangeOver: lambda _: self._next_task(),
         }
@@ -113,6 +116,7 @@ class FlightList:
             restarted=True,
         )
         again.notes, again.going_back = list(memory.notes), memory.going_back
+        again._follow = again._begun_following({}) if memory.follows else None
         return again
 
     @property
@@ -129,7 +133,13 @@ class FlightList:
             list(self._turned),
             self._list.at,
             self._calibrated_at,
+            self.follows,
         )
+
+    @property
+    def follows(self) -> bool:
+        """Whether vehicles follow, away from their places: nobody goes back any more."""
+        return self._follow is not None
 
     @property
     def finished(self) -> bool:
@@ -170,7 +180,10 @@ class FlightList:
     def pause(self, snapshot: Snapshot, taken: Collection[str] = ()) -> None:
         """Something is wrong: whoever is in GUIDED and not taken by a pilot holds where it is, but
         never beneath a vehicle that comes down; a running recording does not count."""
-        self._hold(snapshot).pause(snapshot, self._guided(snapshot, taken))
+        guided = self._guided(snapshot, taken)
+        self._hold(snapshot).pause(snapshot, guided)
+        if self._follow is not None:
+            self._follow.keep(guided)
 
     def _hold(self, snapshot: Snapshot) -> Hold:
         """All hold; then the running tasks begin from their start, with the reference at home."""
@@ -198,7 +211,9 @@ class FlightList:
     def change(self, snapshot: Snapshot, operation: str) -> str:
         """The operator's "skip", "repeat", "next" or "previous", or one of these of a station; ""
         when done, else why not."""
-        if operation == "skip" and self._activity.skip():
+        if self.follows and operation != "skip":
+            return "vehicles follow; 'skip' ends it, and all land where they are"
+        if operation == "skip" and (self._follow or self._activity).skip():
             if isinstance(self._activity, Calibrating):
                 self.notes += self._activity.pop_notes()
                 self._calibrated_at = self._mission.viewpoints[self._list.moment[0].view].station
@@ -224,6 +239,15 @@ class FlightList:
                 titles = " and ".join(self._mission.title(i) for i in gone)
                 self.notes.append(f"{titles} left out by the operator")
         return refusal
+
+    def follow(self, vehicle: str, x_m: float, y_m: float) -> str:
+        """A vehicle is asked to x, y (m) in home; "" or why it does not go."""
+        if self._follow is None or self.finished:
+            return f"no vehicle follows: {self.detail}"
+        if vehicle not in self._vehicles:
+            return f"{vehicle} takes no part any more"
+        self._follow.ask(vehicle, x_m, y_m)
+        return ""
 
     @property
     def working(self) -> List[str]:
@@ -306,8 +330,8 @@ class FlightList:
         task_s = self._task.lasts_s(snapshot.now_s)
         most_s = self._mission.limits.task_s
         if not self._goes_back:
-            record_s = self._mission.configurations[moment[0].index].record_s
-            most_s += _LONGEST * self._mission.settle.attempts * record_s
+            stands_s = self._mission.configurations[moment[0].index].stands_s
+            most_s += _LONGEST * self._mission.settle.attempts * stands_s
             most_s += turn_most_s(self._mission) * (len(self._vehicles) + len(moment))
         if task_s > most_s:
             who, where = self._goals.in_words(moment)
@@ -329,7 +353,10 @@ class FlightList:
         return Hold(self._outbox, self._mission.min_separation_m, restarted)
 
     def _opening(self) -> Activity:
-        """The reference home, where it has to be before others move."""
+        """The reference home, where it has to be before others move; who follows goes on from where
+        it is."""
+        if self._follow is not None:
+            return self._follow
         moment = self._list.moment
         if self.going_back or moment[0].changes:
             return self._way()
@@ -390,6 +417,11 @@ class FlightList:
         """The next one at the running configurations."""
         moment = self._list.moment
         index, movers = moment[0].index, {t.vehicle: t.index for t in moment}
+        if self._mission.follows(index):
+            reference, view = self._mission.reference, moment[0].view
+            there = {**self._goals.places(moment), reference: reference_place(self._mission, view)}
+            self._follow = self._begun_following(there)
+            return self._follow
         self._attempts[index] = self._attempts.get(index, 0) + 1
         last = self._attempts[index] >= self._mission.settle.attempts
         if self._mission.configurations[index].sweep is not None:
@@ -397,6 +429,10 @@ class FlightList:
         places = self._goals.places(moment)
         places[self._mission.reference] = reference_place(self._mission, moment[0].view)
         return Standing(self._mission, movers, places, self._outbox, last)
+
+    def _begun_following(self, places: Mapping[str, np.ndarray]) -> Following:
+        follow_s = self._mission.configurations[self._list.index].stands_s
+        return Following(self._mission, self._outbox, follow_s, places)
 
     def _next_task(self) -> Activity:
         """The running tasks are done, or left out; the activity stays where nothing is left."""
@@ -411,6 +447,6 @@ class FlightList:
         return [n for n in self._vehicles if n not in names]
 
     def require_some(self, captures: int) -> None:
-        """Raises MissionError where the whole list left nothing."""
-        if not captures:
+        """Raises MissionError where all that was to be recorded left nothing."""
+        if not captures and not all(self._mission.follows(i) for i in self._list.flown):
             raise MissionError("no configuration could be recorded: " + "; ".join(self.notes))

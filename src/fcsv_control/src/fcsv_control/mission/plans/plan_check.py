@@ -378,6 +378,8 @@ def _standing_s(mission: Mission, task: Task) -> float:
     configuration = mission.configurations[task.index]
     if configuration.sweep is not None:
         return _RECORDERS_S
+    if configuration.follow_s is not None:
+        return configuration.follow_s
     return mission.settle.time_s + configuration.record_s + _RECORDERS_S
 
 

@@ -32,8 +32,8 @@ def tasks(
 ) -> List[Task]:
     """What is flown in order. A vehicle that has done its part goes back to its place in the column
     before others move and before all land, so that no vehicle comes down on another. ``away`` are
-    out of the column already. The column is at viewpoint ``at`` (None: under way), changes over to
-    each one's viewpoint, and ends at home; ``gone`` take no part."""
+    out of the column already; who follows stays out. The column is at viewpoint ``at`` (None: under
+    way), changes over to each one's viewpoint, and ends at home; ``gone`` take no part."""
     found: List[Task] = []
     flying = [n for n in vehicles if n not in gone]
 
@@ -52,6 +52,8 @@ def tasks(
         away = movers
     if at != 0:
         return found + change_over(0)
+    if found and found[-1].index is not None and mission.follows(found[-1].index):
+        return found
     return found + _at_once([Task(n) for n in away])
 
 
@@ -208,7 +210,7 @@ class TaskList:
     def put_off(self) -> str:
         """Fly the next configurations first, the running ones after all others."""
         first, others = self.coming, self._others()
-        if not others:
+        if all(self._mission.follows(i) for i in others):
             return "no other configuration is left that could come first"
         self._order([*others, *first])
         return ""

@@ -27,10 +27,14 @@ BACK, LAND, BY_HAND = (
 )
 
 
-def what_follows(phase: str, going_back: bool, by_hand: bool) -> Dict[Pause, str]:
-    """What follows each kind of pause, where that has a limit; ``by_hand``: people fly."""
+def what_follows(
+    phase: str, going_back: bool, by_hand: bool, follows: bool = False
+) -> Dict[Pause, str]:
+    """What follows each kind of pause, where that has a limit; ``by_hand``: people fly; ``follows``:
+    no vehicle goes back."""
     if phase == "CONFIGURATIONS":
-        return {**({} if going_back else dict.fromkeys(Pause, BACK)), Pause.LOST: LAND}
+        then = LAND if follows else BACK
+        return {**({} if going_back else dict.fromkeys(Pause, then)), Pause.LOST: LAND}
     if phase == "GUIDED":
         return dict.fromkeys(Pause, LAND)
     return dict.fromkeys((Pause.BATTERY, Pause.OPERATOR), BY_HAND) if by_hand else {}

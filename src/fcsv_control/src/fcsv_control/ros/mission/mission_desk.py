@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The operator's side of the mission node: its services, and the action /mission/execute."""
 
-from typing import Callable
+from typing import Callable, Sequence
 
 import actionlib
 import rospy
@@ -16,11 +16,11 @@ _FEEDBACK_S = 0.5
 
 
 class MissionDesk:
-    """``serve`` answers a request. It is never called while a goal is spoken to: the action server
-    has its own lock."""
+    """``recorded``: indices of the configurations with pictures. ``serve`` answers a request. It is
+    never called while a goal is spoken to: the action server has its own lock."""
 
-    def __init__(self, configurations: int, serve: Callable[[object], Reply]):
-        self._configurations, self._serve = configurations, serve
+    def __init__(self, recorded: Sequence[int], serve: Callable[[object], Reply]):
+        self._recorded, self._serve = recorded, serve
         self._goal = None
         self._cancelled = False
         self._told_s = float("-inf")
@@ -67,8 +67,9 @@ class MissionDesk:
             goal.publish_feedback(ExecuteFeedback(m.configuration, m.phase, m.progress, m.detail))
 
     def _end(self, goal, m: MissionStatus) -> None:
-        asked = list(goal.get_goal().configurations) or range(self._configurations)
-        result = ExecuteResult(m.captured, [i for i in asked if i not in m.captured])
+        asked = list(goal.get_goal().configurations) or self._recorded
+        left = [i for i in asked if i in self._recorded and i not in m.captured]
+        result = ExecuteResult(m.captured, left)
         if m.phase == "DONE":
             goal.set_succeeded(result, m.detail)
         elif self._cancelled:

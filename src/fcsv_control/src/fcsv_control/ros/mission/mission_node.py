@@ -14,6 +14,7 @@ from std_msgs.msg import String
 from fcsv_control.agent.messages import Instruction
 from fcsv_control.control_messages import (
     CheckTable,
+    FollowAsked,
     FramesJudged,
     MissionAlive,
     MissionStatus,
@@ -57,6 +58,7 @@ from fcsv_msgs.msg import (
     MissionState,
     PairLook,
     RecorderStatus,
+    VehicleMove,
 )
 from fcsv_msgs.srv import Calibrate, CalibrateInFlight, SetHome
 
@@ -140,7 +142,7 @@ class MissionNode:
             ServiceWanted: self._call,
             StopOver: lambda m: self._stop_over.publish(String(m.reason)),
         }
-        self._desk = MissionDesk(len(self._mission.configurations), self._serve)
+        self._desk = MissionDesk(self._mission.recorded, self._serve)
         self._subscribe()
 
     def _subscribe(self) -> None:
@@ -159,6 +161,7 @@ class MissionNode:
         rospy.Subscriber("/home", Home, lambda m: self._on_frames("home", m), queue_size=1)
         rospy.Subscriber("/flight_check", FlightCheck, self._on_flight_check, queue_size=2)
         rospy.Subscriber("/pair_check", PairLook, self._on_pair, queue_size=10)
+        rospy.Subscriber("/mission/follow", VehicleMove, self._on_follow, queue_size=10)
         for asked in (STOP, LAND):
             rospy.Subscriber(
                 f"/{asked}_all", String, self._on_stop, asked, queue_size=5, tcp_nodelay=True
@@ -194,6 +197,11 @@ class MissionNode:
 
     def _on_pair(self, m: PairLook) -> None:
         self._receive(PairLooked(m.reference, m.vehicle, m.off))
+
+    def _on_follow(self, m: VehicleMove) -> None:
+        answer = self._serve(FollowAsked(m.header.frame_id, m.vehicle, m.x_m, m.y_m))
+        if not answer.done:
+            self._health.drop("follow", answer.text)
 
     def _on_stop(self, message: String, asked: str) -> None:
         self._receive(StopCalled(asked, message.data or "by a topic"))

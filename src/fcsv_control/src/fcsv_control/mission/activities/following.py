@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Following a robot in steps: all hold, and go one at a time where they are asked to, at their
+height and heading; nothing is recorded."""
+
+import logging
+from typing import Collection, Dict, List, Mapping, Optional, Tuple
+
+import numpy as np
+
+from fcsv_control.mission.activities.activity import Activity, Progress
+from fcsv_control.mission.activities.stages import FOLLOWS
+from fcsv_control.mission.outbox import Outbox
+from fcsv_control.mission.snapshot import Snapshot
+from fcsv_control.mission.ways.journey import Journey
+from fcsv_control.mission.ways.places import level_camera
+from fcsv_control.mission.ways.routes import Keep, route
+from fcsv_geometry.errors import MissionError
+from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.streams.stream import Since
+
+_log = logging.getLogger(__name__)
+_MOST_M = 6.0  # a vehicle is sent so far at once
+_NEAREST = 1.0 - 1e-6  # share of what is to be kept between two places
+
+
+class Following(Activity):
+    """It lasts ``follow_s``, pauses included, or until the operator skips it; who is on its way then
+    comes to its place first. ``places``: T_home_cam by vehicle, of those that were sent to one; the
+    others hold where they are. Says in `detail` and the log why a move is not flown."""
+
+    stage = FOLLOWS
+
+    def __init__(
+        self, mission: Mission, outbox: Outbox, follow_s: float, places: Mapping[str, np.ndarray]
+    ):
+        super().__init__()
+        self._mission, self._outbox, self._keep = mission, outbox, Keep.of(mission)
+        self._follow_s, self._lasts, self._skipped = follow_s, Since(), False
+        self._places, self._begun = dict(places), False
+        self._asked: Dict[str, Tuple[float, float]] = {}  # x, y (m) in home, by whose turn it is
+        self._journey: Optional[Journey] = None
+        self._refused = ""
+
+    def ask(self, vehicle: str, x_m: float, y_m: float) -> None:
+        """A vehicle shall go there, once those before it are at their places; the newest counts."""
+        self._asked[vehicle] = (x_m, y_m)
+
+    def skip(self) -> bool:
+        self._skipped = True
+        return True
+
+    def stop(self, snapshot: Snapshot) -> None:
+        """All hold; who was on its way goes on afterwards, and their places are where they are
+        then."""
+        if self._journey is not None:
+            x_m, y_m, _ = self._places[self._journey.name][:3, 3]
+            self._asked = {self._journey.name: (x_m, y_m), **self._asked}
+        self._journey, self._places, self._begun = None, {}, False
+
+    def keep(self, vehicles: Collection[str]) -> None:
+        """Only these still go where they were asked to."""
+        self._asked = {n: at for n, at in self._asked.items() if n in vehicles}
+
+    def step(self, snapshot: Snapshot, guided: Collection[str]) -> Progress:
+        """Raises MissionError where a vehicle does not get to its place."""
+        if not self._begun:
+            held = {n: level_camera(snapshot.vehicles[n].T_home_cam) for n in guided}
+            self._places, self._begun = {**held, **self._places}, True
+        late = self._lasts.lasts_s(snapshot.now_s) > self._follow_s
+        if self._journey is not None and self._journey.step(snapshot):
+            self._journey = None
+        if self._journey is None and (late or self._skipped):
+            return Progress.DONE
+        self.keep(self._places)
+        while self._asked and self._journey is None:
+            name = next(iter(self._asked))
+            self._begin(snapshot, name, *self._asked.pop(name))
+        what = "all hold" if self._journey is None else f"{self._journey.name} goes to its place"
+        self.detail = f"{' and '.join(self._places)} follow: {what}{self._refused}"
+        return Progress.UNDER_WAY
+
+    def _begin(self, snapshot: Snapshot, name: str, x_m: float, y_m: float) -> None:
+        """Sets out, or says why not."""
+        T_home_cam = self._places[name].copy()
+        T_home_cam[:2, 3] = x_m, y_m
+        try:
+            way = self._way(snapshot, name, T_home_cam[:3, 3])
+        except MissionError as error:
+            self._refused = f"; {name} stays, not to ({x_m:.1f}, {y_m:.1f}) m in home: {error}"
+            _log.warning("%s", self._refused[2:])
+            return
+        self._refused, self._places[name] = "", T_home_cam
+        self._journey = Journey(
+            self._outbox, name, T_home_cam, self._keep, self._mission.settle.timeout_s, way
+        )
+
+    def _way(self, snapshot: Snapshot, name: str, goal_m: np.ndarray) -> List[np.ndarray]:
+        here_m = snapshot.p_home_cam(name)
+        away_m = float(np.hypot(*(goal_m - here_m)[:2]))
+        if away_m > _MOST_M:
+            raise MissionError(f"{away_m:.1f} m away, {_MOST_M:g} m at once at most")
+        places_m = {n: T[:3, 3] for n, T in self._places.items() if n != name}
+        for other, place_m in places_m.items():
+            if self._keep.share(goal_m - place_m) < _NEAREST:
+                near_m, needed = (
+                    np.linalg.norm(goal_m - place_m),
+                    self._keep.needed(goal_m - place_m),
+                )
+                raise MissionError(f"{near_m:.1f} m from {other}'s place, {needed}")
+        others_m = [*places_m.values(), *(snapshot.p_home_cam(n) for n in places_m)]
+        way = route(here_m, goal_m, others_m, self._keep)
+        height_m = self._mission.home_height_m
+        outside = next(filter(None, (self._mission.fence.outside(p, height_m) for p in way)), "")
+        if outside:
+            raise MissionError(outside)
+        return way
