@@ -57,6 +57,8 @@ class MissionStation:
     # comes first: the operators have just calibrated there, and a walk of 5 m adds less than the
     # 0.05 m to which a calibration is known
     calibrate: Optional[bool] = None
+    # through which places the column comes there (x, y in home, heading), each as the station itself
+    via: List[Tuple[float, float, float]] = field(default_factory=list)
     # its own list; none: that of the mission
     configurations: List[StereoConfiguration] = field(default_factory=list)
 
@@ -71,6 +73,9 @@ class MissionStation:
                     raise ValueError(
                         f"headings_deg[{i}]: {heading_deg} is the heading {before_deg} again"
                     )
+        for i, (x_m, y_m, heading_deg) in enumerate(self.via):
+            if not (math.isfinite(x_m) and math.isfinite(y_m) and -360.0 <= heading_deg <= 360.0):
+                raise ValueError(f"via[{i}]: {self.via[i]} is not [x, y, heading in -360..360]")
         if (self.latitude_deg is None) != (self.longitude_deg is None):
             missing = "latitude_deg" if self.latitude_deg is None else "longitude_deg"
             raise ValueError(f"{missing}: is missing beside the other one")
@@ -83,11 +88,13 @@ class MissionStation:
 @dataclass(frozen=True)
 class Viewpoint:
     """One heading at one station: ``place_m`` (x, y, z) in home of the reference's camera, and its
-    heading to the left of home's x."""
+    heading to the left of home's x; ``via``: x, y and heading of places through which it comes
+    there."""
 
     station: str
     place_m: Tuple[float, float, float]
     heading_rad: float
+    via: Tuple[Tuple[float, float, float], ...] = ()
 
     @property
     def title(self) -> str:
@@ -104,6 +111,12 @@ class Viewpoint:
     def T_home_view(self) -> np.ndarray:
         """4x4 of the frame in which a list's places are those of a mission without stations."""
         return transforms.from_xyz_yaw(self.place_m, self.heading_rad)
+
+    @property
+    def T_home_ways(self) -> List[np.ndarray]:
+        """``T_home_view`` of the places on the way, at its height, and its own."""
+        on_way = [transforms.from_xyz_yaw([x, y, self.place_m[2]], yaw) for x, y, yaw in self.via]
+        return [*on_way, self.T_home_view]
 
 
 #: From where a mission without stations is flown; with stations, where the flight begins and ends.
@@ -125,7 +138,11 @@ def viewpoints_of(
         x_m, y_m = fix.in_home_m(station.latitude_deg, station.longitude_deg)
     up_m = 0.0 if station.height_m is None else station.height_m - home_height_m
     place_m = (float(x_m), float(y_m), float(up_m))
-    return [Viewpoint(name, place_m, math.radians(h)) for h in station.headings_deg]
+    via = tuple((x_m, y_m, math.radians(heading_deg)) for x_m, y_m, heading_deg in station.via)
+    return [
+        Viewpoint(name, place_m, math.radians(h), () if k else via)
+        for k, h in enumerate(station.headings_deg)
+    ]
 
 
 def _check_degrees(latitude_deg: float, longitude_deg: float) -> None:

@@ -53,7 +53,7 @@ class GimbalSurvey:
         """Stations about the robot at which its gimbals see both vehicles at every baseline."""
         x, y = plan.start_m
         x0, x1, y0, y1 = plan.area_m
-        T_ground_world = transforms.invert(_T_world_ground(plan))
+        T_ground_world = transforms.invert(T_world_level(plan))
         baselines_m = self.plan().look.survey.baselines_m
         found = []
         for bearing in np.arange(_BEARINGS) * 2 * np.pi / _BEARINGS:
@@ -84,7 +84,7 @@ class GimbalSurvey:
         """What the gimbals tell of cameras, in a home that lies where the robot is said to stand:
         level, as it is not quite. The gimbals' own errors are those of the place, ``seed // 100``,
         the noise another for each picture."""
-        T_level, T_true = _T_world_ground(plan), T_world_ground(plan)
+        T_level, T_true = T_world_level(plan), T_world_ground(plan)
         pictures = [0]
 
         def tracked(vehicle: int, T_world_cam: np.ndarray) -> np.ndarray:
@@ -115,16 +115,16 @@ def T_world_ground(plan: PlacePlan) -> np.ndarray:
     d = 0.15
     slope_x = float(plan.height(x + d, y) - plan.height(x - d, y)) / (2 * d)
     slope_y = float(plan.height(x, y + d) - plan.height(x, y - d)) / (2 * d)
-    T_world_level = _T_world_ground(plan)
+    T_level = T_world_level(plan)
     up = np.array([-slope_x, -slope_y, 1.0]) / np.sqrt(slope_x**2 + slope_y**2 + 1.0)
-    ahead = T_world_level[:3, 0] - (T_world_level[:3, 0] @ up) * up
+    ahead = T_level[:3, 0] - (T_level[:3, 0] @ up) * up
     ahead /= np.linalg.norm(ahead)
     R = np.column_stack([ahead, np.cross(up, ahead), up])
-    return transforms.transform(R, T_world_level[:3, 3])
+    return transforms.transform(R, T_level[:3, 3])
 
 
-def _T_world_ground(plan: PlacePlan) -> np.ndarray:
-    """The same if it stood level."""
+def T_world_level(plan: PlacePlan) -> np.ndarray:
+    """Gives where it would stand if it stood level."""
     x, y = plan.start_m
     return transforms.from_xyz_yaw([x, y, float(plan.height(x, y))], START_YAW_RAD)
 

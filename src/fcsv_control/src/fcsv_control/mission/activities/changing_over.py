@@ -16,12 +16,11 @@ from fcsv_control.mission.activities.moving import Travel
 from fcsv_control.mission.activities.stages import GOES_BACK, MOVES
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_control.mission.ways.formation import FormationLeg, formation_legs, frame_of
+from fcsv_control.mission.ways.formation import FormationLeg, frame_of, legs_to
 from fcsv_control.mission.ways.journey import go_to
 from fcsv_control.mission.ways.places import heading_error_rad
 from fcsv_control.mission.ways.routes import Keep
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.missions.camera_places import in_home
 from fcsv_geometry.missions.mission import Mission
 
 _ORDER_EVERY_S = 0.2  # set-points: one that is lost on the radio is followed by the next
@@ -71,8 +70,8 @@ class ChangeOver(Activity):
         """Plans from where the leader is now."""
         here = snapshot.vehicles[self._leader].T_home_cam
         T_from = frame_of(here, self._figure[self._leader])
-        T_to = in_home(self._mission, self._view, np.eye(4))
-        self._legs = formation_legs(T_from, T_to, self._figure, self._mission.flight)
+        viewpoint = self._mission.viewpoints[self._view]
+        self._legs = legs_to(T_from, viewpoint, self._figure, self._mission.flight)
         self._targets = {n: T_from @ T for n, T in self._figure.items()}
         others = {n: T for n, T in self._targets.items() if n != self._leader}
         go_to(self._outbox, snapshot, self._leader, self._targets[self._leader])

@@ -11,7 +11,7 @@ from fcsv_control.mission.activities.calibrating import USUAL_S, sway_places
 from fcsv_control.mission.activities.looking_round import turns_s
 from fcsv_control.mission.plans.task_list import Task, TaskList, tasks
 from fcsv_control.mission.ways import traffic
-from fcsv_control.mission.ways.formation import Figure, formation_legs
+from fcsv_control.mission.ways.formation import Figure, FormationLeg, legs_to
 from fcsv_control.mission.ways.routes import Keep, route
 from fcsv_control.mission.ways.timed_way import TimedWay, timed_way
 from fcsv_geometry import transforms
@@ -230,8 +230,7 @@ class _Column:
 
     def change_over(self, at: int, view: int) -> Tuple[str, float]:
         """(what is wrong with the way from one viewpoint to another, time in s)."""
-        T_from, T_to = (in_home(self.mission, v, np.eye(4)) for v in (at, view))
-        legs = formation_legs(T_from, T_to, self.figure, self.mission.flight)
+        legs = self._legs(at, view)
         takes_s = _GATHER_S + sum(leg.rate.takes_s for leg in legs)
         least_m = self.mission.min_separation_m + _SHAPE_M
         for a, b in combinations(self.figure, 2):
@@ -247,14 +246,17 @@ class _Column:
                     return wrong, takes_s
         return "", takes_s
 
+    def _legs(self, at: int, view: int) -> List[FormationLeg]:
+        T_from = in_home(self.mission, at, np.eye(4))
+        return legs_to(T_from, self.mission.viewpoints[view], self.figure, self.mission.flight)
+
     def above_ground(self, at: int, view: int) -> _AboveGround:
         """The way from one viewpoint to another above the mission's terrain."""
         ground = self.mission.ground
         if ground is None:
             return _AboveGround()
-        T_from, T_to = (in_home(self.mission, v, np.eye(4)) for v in (at, view))
         places = list(self.places(view).values())
-        for leg in formation_legs(T_from, T_to, self.figure, self.mission.flight):
+        for leg in self._legs(at, view):
             shares = np.linspace(0.0, 1.0, max(int(leg.rate.takes_s / _EVERY_S), 1) + 1)
             for share in shares.tolist():
                 places += [T[:3, 3] for T in leg.places(self.figure, share).values()]

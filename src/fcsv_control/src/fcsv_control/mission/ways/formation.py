@@ -13,6 +13,7 @@ from fcsv_control.mission.ways.places import heading_rad, level_camera
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME
 from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.missions.stations import Viewpoint
 
 # a turn: trackers and tags follow it, and the outermost vehicle flies its arc well below its bounds
 _TURN_RADPS, _TURN_RADPS2 = math.radians(20.0), math.radians(20.0)
@@ -73,6 +74,15 @@ def formation_legs(
         T = transforms.transform(T_from[:3, :3], T_to[:3, 3])
         legs.append(FormationLeg(T, np.zeros(3), turn_rad, _turn_rate(turn_rad, figure, flight)))
     return legs
+
+
+def legs_to(
+    T_from: np.ndarray, viewpoint: Viewpoint, figure: Figure, flight: FlightBounds
+) -> List[FormationLeg]:
+    """Legs from a frame (T_home_view, level) to a viewpoint, through the places on its way."""
+    frames = [T_from, *viewpoint.T_home_ways]
+    ways = zip(frames[:-1], frames[1:])
+    return [leg for a, b in ways for leg in formation_legs(a, b, figure, flight)]
 
 
 def _turn_rate(turn_rad: float, figure: Figure, flight: FlightBounds) -> GlideRate:
