@@ -31,8 +31,12 @@ _ON_EARTH = {
     "home_fix": {**_PLACE, "course_deg": 0.0},
     "stations": [{**_PLACE, "headings_deg": [0.0]}],
 }
+_FOLLOWED = {
+    "name": "follow",
+    "configurations": [{"axis": "vertical", "baseline_m": 4.0, "follow_s": 60.0}],
+}
 _EXAMPLES: Dict[str, Sequence[Any]] = {
-    "mission": ("missions/short", "missions/sweep", "missions/near", _ON_EARTH),
+    "mission": ("missions/short", "missions/sweep", "missions/near", _ON_EARTH, _FOLLOWED),
     "vehicle": ("vehicles/uav1",),
     "robot": ("robots/small",),
     "gimbals": ("gimbal/ground_robot",),
@@ -222,7 +226,7 @@ def _tried(kind: FileKind, cls) -> Takes:
     documents = [_document(e) for e in _EXAMPLES.get(kind.name, ())] + [{}]
 
     def takes(path: str, value: Any) -> str:
-        puts = (_put(d, path, value, makes) for makes in (False, True) for d in documents)
+        puts = (_put(d, path, value, makes) for makes in range(3) for d in documents)
         document = next(put for put in puts if put is not None)
         return _complaint(lambda: config.from_mapping(document, cls, "file"))
 
@@ -247,19 +251,21 @@ def _document(example: Any) -> Any:
     )
 
 
-def _put(document: Any, path: str, value: Any, makes: bool) -> Optional[Any]:
+def _put(document: Any, path: str, value: Any, makes: int) -> Optional[Any]:
     """A copy of the document with a value at a path; None where a part is missing, unless it
-    ``makes`` them."""
+    ``makes`` them: 1: the last part, 2: all."""
     changed = copy.deepcopy(document)
     *above, last = path.split(".")
     here = changed
     for part in above:
         name = part.replace("[]", "")
         if name not in here:
-            if part.endswith("[]") or not makes:
+            if part.endswith("[]") or makes < 2:
                 return None
             here[name] = {}
         here = here[name][0] if part.endswith("[]") else here[name]
+    if last not in here and not makes:
+        return None
     here[last] = value
     return changed
 
