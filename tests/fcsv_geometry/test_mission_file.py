@@ -22,6 +22,7 @@ GOOD = {
 SWEEP = {"axis": "horizontal", "from_m": 2.0, "to_m": 8.0, "speed_mps": 1.5}
 
 
+STATION = {"place_m": [0, 0], "headings_deg": [0]}
 FOLLOW = {"axis": "horizontal", "baseline_m": 2.0, "follow_s": 60.0}
 
 
@@ -177,8 +178,8 @@ def test_what_a_file_says_is_what_is_flown(tmp_path):
             ["configurations[0].follow_s", "only the last"],
         ),
         (
-            changed(configurations=[FOLLOW], stations=[{"place_m": [0, 0], "headings_deg": [0]}]),
-            ["configurations[0].follow_s", "without stations"],
+            changed(stations=[{**STATION, "configurations": [FOLLOW]}, STATION]),
+            ["configurations[0].follow_s", "only the last"],
         ),
         (changed(configurations=[]), ["configurations", "empty", "at least one"]),
         (changed(configurations=None), ["configurations", "must be a list"]),

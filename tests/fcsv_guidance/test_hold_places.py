@@ -73,7 +73,7 @@ def test_a_vehicle_that_the_robot_leaves_behind_follows_it():
     robot = Standing()
     robot.at = {GIMBALS[0].vehicle: (1.5, 2.0), GIMBALS[1].vehicle: (1.5, -2.0)}
     robot.port.receive(0.0, RouteToFollow(np.array([[0.0, 0.0], [6.0, 0.0]])))
-    assert not robot.hear(4.0).robot.hold, "both are near"
+    assert not robot.hear(6.0).robot.hold, "both are near"
     for x_m in np.arange(0.0, 4.6, 0.05):
         found = robot.hear(robot.now_s + 0.1, float(x_m))
         if found.robot.hold:

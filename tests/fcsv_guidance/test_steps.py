@@ -54,6 +54,12 @@ class Walk:
             self.at[move.vehicle] += off * min(1.0, 0.5 * STEP_S / max(far, 1e-9))
         return advice.hold
 
+    def set_out(self):
+        """As far as that: the vehicles are where they should be."""
+        wanted, self.wanted = self.wanted, {}
+        assert self.step() and RULES.least_s <= self.stand() <= RULES.least_s + 2 * STEP_S
+        self.wanted, self.stood_s = wanted, 0.0
+
     def drive(self, far_m, grows_m=0.0):
         """As far, or until it is to stand."""
         goal_m = self.x_m + far_m
@@ -76,12 +82,13 @@ class Walk:
 
 def test_a_robot_whose_place_stays_known_drives_on():
     walk = Walk()
-    assert not walk.step() and not walk.drive(3.0)
+    walk.set_out()
+    assert not walk.drive(3.0)
 
 
 def test_it_stands_where_its_place_became_less_sure_until_the_drift_is_known():
     walk = Walk()
-    walk.step()
+    walk.set_out()
     assert walk.drive(6.0, grows_m=0.02)
     assert 0.03 < walk.sigma_m < 0.04
     assert RULES.least_s <= walk.stand() <= RULES.least_s + 2 * STEP_S
@@ -91,9 +98,15 @@ def test_it_stands_where_its_place_became_less_sure_until_the_drift_is_known():
     assert RULES.longest_s <= walk.stand() <= RULES.longest_s + 2 * STEP_S
 
 
+def test_vehicles_come_beside_its_way_before_it_sets_out():
+    walk = Walk({"left": (2.0, 2.0)})
+    assert walk.step() and [m for _, m in walk.told] == [MoveVehicle("left", 2.0, 2.0)]
+    assert walk.x_m == 0.0 and walk.stand() > RULES.least_s
+
+
 def test_vehicles_follow_one_after_the_other_while_it_stands():
     walk = Walk({"left": (2.0, 2.0), "right": (3.0, -2.0)})
-    walk.step()
+    walk.set_out()
     assert walk.drive(6.0, grows_m=0.02) and not walk.told, "none moves while the robot does"
     took_s = walk.stand()
     assert [move for _, move in walk.told] == [
@@ -108,14 +121,14 @@ def test_vehicles_follow_one_after_the_other_while_it_stands():
 
 def test_places_not_worth_the_time_are_left():
     walk = Walk({"left": (1.2, 2.0), "right": (1.0, -2.2)})
-    walk.step()
+    walk.set_out()
     assert walk.drive(6.0, grows_m=0.02) and walk.stand() < RULES.least_s + 3 * STEP_S
     assert not walk.told
 
 
 def test_a_vehicle_that_does_not_come_is_waited_for_not_for_ever():
     walk = Walk({"left": (9.0, 9.0)})
-    walk.step()
+    walk.set_out()
     assert walk.drive(6.0, grows_m=0.02)
     most_s = RULES.move_s + RULES.longest_s
     assert RULES.move_s < walk.stand() <= most_s + 4 * STEP_S
@@ -124,7 +137,7 @@ def test_a_vehicle_that_does_not_come_is_waited_for_not_for_ever():
 @pytest.mark.parametrize("change", [{"unseen_s": 2.0}, {"at": 4.0}])
 def test_it_stands_where_a_vehicle_goes_out_of_sight_once_in_half_a_metre(change):
     walk = Walk()
-    walk.step()
+    walk.set_out()
     if "at" in change:
         walk.at["left"][:] = [0.5, change["at"]]
     walk.unseen_s = change.get("unseen_s", 0.2)

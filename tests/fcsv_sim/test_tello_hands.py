@@ -55,6 +55,14 @@ def test_the_frame_that_changes_moves_no_vehicle():
     assert (sticks.forward, sticks.left, sticks.up) == (0.0, 0.0, 0.0) and sticks.turn < 0.0
 
 
+def test_they_line_up_as_they_are_to_in_the_trackers_frame():
+    hands = TelloHands(PidConfig(), 2.0, 0.35, np.pi)
+    assert hands.act(1.0, "TAKE_OFF", screen(feed_hz=0.0)).sticks.turn == 0.0, "nobody sees it yet"
+    assert abs(hands.act(1.1, "COLUMN", screen()).sticks.turn) > 0.1
+    turned = HERE @ transforms.from_xyz_yaw(np.zeros(3), np.pi)
+    assert hands.act(1.2, "COLUMN", screen(T=turned, feed_hz=0.0)).sticks.turn == pytest.approx(0.0)
+
+
 def test_they_let_go_of_whom_the_mission_flies_and_land_whom_it_leaves():
     hands = TelloHands(PidConfig(), 2.0, 0.35)
     off = transforms.from_xyz_yaw([1.0, 0.2, 2.0], 0.0)

@@ -609,3 +609,57 @@ def test_previews_are_pictures_again_for_who_looks(start_node, listen, talk):
     )
     assert np.abs(conversions.image_to_array(picture, "bgr8").astype(int) - bgr).max() <= 4
     assert health.wait(told) is not None
+
+
+def test_pictures_of_a_vehicle_before_a_tracker_on_the_ground_go_to_the_map(
+    folder, start_node, listen, talk
+):
+    """Only while the recorder takes pictures; the pose is that of the picture's stamp."""
+    from diagnostic_msgs.msg import DiagnosticArray
+    from nav_msgs.msg import Odometry
+    from sensor_msgs.msg import CameraInfo, Image
+    from std_msgs.msg import Bool
+
+    from fcsv_geometry.camera import PinholeCamera
+    from fcsv_geometry.ros import conversions
+    from fcsv_msgs.msg import CapturedPicture
+
+    params = {"vehicle": "uav1", "vehicles_dir": folder}
+    start_node("fcsv_tracking", "ground_pictures", ns="uav1", params=params)
+    captured = listen("/uav1/capture/picture", CapturedPicture)
+    track, pictures, infos, recording = (
+        talk("/uav1/odometry/body", Odometry),
+        talk("/uav1/camera/color/image_raw", Image),
+        talk("/uav1/camera/color/camera_info", CameraInfo),
+        talk("/uav1/recorder/pictures", Bool, latch=True),
+    )
+    connected(captured, track, pictures, infos, recording)
+    camera, frame = PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5), "uav1/camera_optical"
+    bgr = np.full((48, 64, 3), 90, np.uint8)
+
+    def shoot(stamp_s):
+        infos.publish(conversions.info_from_camera(camera, stamp_s, frame))
+        time.sleep(0.2)
+        pictures.publish(conversions.array_to_image(bgr, "bgr8", stamp_s, frame))
+
+    now_s = time.time()
+    shoot(now_s)
+    recording.publish(Bool(True))
+    time.sleep(0.3)
+    shoot(now_s + 0.25)
+    for dt_s, x_m in (
+        (0.0, 1.0),
+        (0.5, 2.0),
+    ):  # the tracker's poses come later, half a second apart
+        T = transforms.from_xyz_yaw([x_m, 0.0, 1.0], 0.0)
+        track.publish(odometry("uav1", now_s + dt_s, T))
+    found = captured.wait()
+    assert found is not None and found.vehicle == "uav1"
+    assert found.header.stamp.to_sec() == pytest.approx(now_s + 0.25, abs=1e-6)
+    at = found.camera_in_odom.position
+    assert (at.x, at.y, at.z) == pytest.approx((1.5 + 0.11, 0.0, 1.03), abs=1e-6)
+    assert len(captured.messages) == 1, "the first came before the recorder took pictures"
+    pictures.publish(conversions.array_to_image(bgr, "bgr8", now_s + 9.0, frame))
+    assert listen("/diagnostics", DiagnosticArray).wait(
+        says("no odometry at the picture's stamp")
+    ), "said, and the next one comes"

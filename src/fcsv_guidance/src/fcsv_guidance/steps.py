@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot among vehicles drives in steps, and they follow in steps (thesis 4.1): where its place
-has become less sure, or a vehicle goes out of sight, it stands; one vehicle after the other flies to
-a place beside the way ahead, and the gimbals measure anew how they drift.
+"""A robot among vehicles drives in steps, and they follow in steps (thesis 4.1): before it sets out,
+and where its place has become less sure or a vehicle goes out of sight, it stands; one vehicle after
+the other flies to a place beside the way ahead, and the gimbals measure anew how they drift.
 
 A robot that stands keeps its place, so that it tells where a vehicle is that moves. The drift learnt
 at both ends of a step tells the filter how the vehicles moved in between.
@@ -31,7 +31,7 @@ class StepRules:
     least_way_m: float = 0.5
     least_s: float = 2.0
     longest_s: float = 4.0
-    least_move_m: float = 0.3
+    least_move_m: float = 0.5
     near_m: float = 0.2
     move_s: float = 12.0
 
@@ -74,8 +74,8 @@ class DriveInSteps:
         place = state.robot.place
         if place is None:
             return StepAdvice()  # it stands for want of a place
-        if np.isnan(self._at[0]):
-            self._at = _xy(place)
+        if np.isnan(self._at[0]):  # before it sets out vehicles come beside its way
+            self._at, self._holds, self._free_s = _xy(place), True, np.inf
         if not self._holds:
             self._least_m = min(self._least_m, place.sigma_m)
             self._holds = self._shall_stand(place, state)

@@ -108,6 +108,12 @@ class Mission:
                     f"stations[{i}].calibrate: a tracker on the ground has all in one frame; leave it out"
                 )
         self._fly_from_stations()
+        following = [i for i, c in enumerate(self.configurations) if c.follow_s is not None]
+        if following and following[0] < len(self.configurations) - 1:
+            raise ValueError(
+                f"configurations[{following[0]}].follow_s: vehicles that follow land where they are; only "
+                "the last configuration may have it, of the last station at its only heading"
+            )
         low, high = _COLUMN_SPACING_M
         if not low <= self.column_spacing_m <= high:
             raise ValueError(
@@ -150,11 +156,6 @@ class Mission:
     def _check_list(self, where: str, listed: Sequence[StereoConfiguration]) -> None:
         for i, c in enumerate(listed):
             self._check_configuration(f"{where}[{i}]", c)
-            if c.follow_s is not None and (c is not listed[-1] or self.stations):
-                raise ValueError(
-                    f"{where}[{i}].follow_s: vehicles that follow land where they are; only the last "
-                    "configuration of a list without stations may have it"
-                )
         if listed and listed[0].at_once:
             raise ValueError(f"{where}[0].at_once: there is none before it")
         for first in (i for i, c in enumerate(listed) if not c.at_once):

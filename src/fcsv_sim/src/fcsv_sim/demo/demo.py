@@ -23,6 +23,7 @@ from fcsv_sim.bringup import mission_file, robot_file, vehicles_folder
 from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.autopilots import addresses, require_there
 from fcsv_sim.demo.fleet import FleetPlan
+from fcsv_sim.demo.gimbal_guided import GUIDANCE, guided_site, world_of
 from fcsv_sim.demo.held import held, held_in_words
 from fcsv_sim.demo.look import look, stay, write_play
 from fcsv_sim.demo.monitored import evaluate, load, write_table
@@ -31,7 +32,7 @@ from fcsv_sim.demo.narration import Narrator, in_minutes, wait
 from fcsv_sim.demo.own_camera import own_camera
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
 from fcsv_sim.demo.robot_place import ROBOT, drive_robot, start_for
-from fcsv_sim.demo.systems import SYSTEMS, TILTING, MapRun, System
+from fcsv_sim.demo.systems import GIMBAL_SITE, SYSTEMS, TILTING, MapRun, System
 from fcsv_sim.demo.truth_export import export_movers, export_truth
 from fcsv_sim.demo.window import COMMAND, OperatorWindow
 from fcsv_sim.machines import slow_motion
@@ -290,7 +291,14 @@ def _tilt(args, say) -> int:
 
 
 def _plan(system: System, args) -> FleetPlan:
-    mission = mission_file(_mission_name(system, args))
+    out = Path(args.out).resolve()
+    _require_free(out, args.overwrite == "1")
+    site, looks = None, ""
+    if args.system == GUIDANCE:
+        args.world = _guidance_world(args)
+        mission, site, looks = guided_site(args.seed, system.vehicles, GIMBAL_SITE, out)
+    else:
+        mission = mission_file(_mission_name(system, args))
     # a list that cannot be flown is refused before anything is started
     flown = load_mission(mission)
     vehicles = system.fleet(flown)
@@ -324,12 +332,12 @@ def _plan(system: System, args) -> FleetPlan:
         raise MachineError(f"--movers 1: in system {args.system} nothing moves through the town")
     # refused without a street
     through_town = movers(Town.generate(args.seed, args.world).plan) if moving else ()
-    start_xy_m, looks = _looks_from(args, flown.home_height_m)
+    start_xy_m = (0.0, 0.0)
+    if site is None:
+        start_xy_m, looks = _looks_from(args, flown.home_height_m)
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
     screen = bool(os.environ.get("DISPLAY"))
     rviz = _chosen(args.rviz, screen)
-    out = Path(args.out).resolve()
-    _require_free(out, args.overwrite == "1")
     if autopilots:
         require_there(autopilots, vehicles, slow_motion.parse_rate(args.speed) or 1.0)
     return FleetPlan(
@@ -343,7 +351,8 @@ def _plan(system: System, args) -> FleetPlan:
         rviz=rviz,
         near=args.near == "1",
         gps=args.gps == "1",
-        live=(live or watch) and not monitor,
+        live=(live or watch or site is not None) and not monitor,
+        robot_site=site,
         watch=watch,
         monitor=monitor,
         movers=tuple(through_town),
@@ -354,6 +363,16 @@ def _plan(system: System, args) -> FleetPlan:
         camera=camera,
         window=OperatorWindow() if screen and (rviz or args.system == "tags") else None,
     )
+
+
+def _guidance_world(args) -> str:
+    """The small maze; its mission is made for it. Raises MachineError where another is wished."""
+    for name, given in (("mission", args.mission), ("movers", args.movers == "1")):
+        if given:
+            raise MachineError(f"--{name} {given}: system {GUIDANCE} has none of its own choice")
+    if args.seed < 0:
+        raise MachineError(f"--seed {args.seed}: must not be negative")
+    return world_of(args.world, "street")
 
 
 def _mission_name(system: System, args) -> str:

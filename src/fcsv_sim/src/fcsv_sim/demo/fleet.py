@@ -14,6 +14,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.demo.autopilots import rc_port
 from fcsv_sim.demo.own_camera import OwnCamera
+from fcsv_sim.demo.site import PairSite
 from fcsv_sim.demo.window import OperatorWindow, arguments
 from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
 from fcsv_sim.machines.slow_motion import shared_time
@@ -65,6 +66,8 @@ class FleetPlan:
     movers: Tuple[Mover, ...] = ()  # what moves through the town
     # a robot is guided in flight, while the vehicles watch; a crate closes its way
     watch: bool = False
+    # of vehicles that gimbals on a robot follow, which is guided by them
+    robot_site: Optional[PairSite] = None
     start_xy_m: Tuple[float, float] = (0.0, 0.0)  # of the first vehicle, in the world
     looks: str = ""  # where it looks from, in words, where that was chosen
     near: bool = False  # depth cameras are recorded

@@ -6,6 +6,7 @@ import time
 from typing import Callable, Tuple
 
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, Machines, SimulatedFleet
+from fcsv_sim.demo.gimbal_guided import GuidedTellos
 from fcsv_sim.demo.interrupt import Interrupted, uninterrupted
 from fcsv_sim.demo.narration import Narrator
 from fcsv_sim.demo.site import PairSite
@@ -33,6 +34,14 @@ def fly_tellos(site: PairSite, plan: FleetPlan, say: Narrator) -> Tuple[float, f
         return _fly_mission(SimulatedTellos(plan, site, where), say)
 
 
+def fly_guided(plan: FleetPlan, say: Narrator) -> Tuple[float, float]:
+    """Tellos that gimbals on a robot follow, and its drive; seconds flown and metres moved."""
+    with places(plan.vehicles) as (where, otherwise):
+        if otherwise:
+            say(f"Tellos: {otherwise}")
+        return _fly_mission(GuidedTellos(plan, where), say)
+
+
 def _fly_mission(machines: Machines, say: Narrator) -> Tuple[float, float]:
     # needs these machines' master in the environment
     from fcsv_sim.demo.ros.mission_watch import MissionWatch
@@ -51,6 +60,10 @@ def _fly_mission(machines: Machines, say: Narrator) -> Tuple[float, float]:
             from fcsv_sim.demo.ros.drive_along import DriveAlong
 
             along = DriveAlong(machines.plan, machines.control, say)
+        if machines.plan.robot_site is not None:
+            from fcsv_sim.demo.ros.drive_by_gimbals import DriveByGimbals
+
+            along = DriveByGimbals(machines.plan, machines.control, say)
         _follow(machines, watch, say, along)
         mapped = watch.maps.in_words()
         if mapped:

@@ -9,6 +9,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_guidance.robot import load_robot
 from fcsv_sim.bringup import robot_file
+from fcsv_sim.demo import gimbal_guided
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.narration import Narrator
 from fcsv_sim.demo.pose_errors import true_pose
@@ -45,21 +46,23 @@ def write_home(plan: FleetPlan, T_world_home: np.ndarray) -> None:
 
 def guided_drive(plan: FleetPlan, T_world_home: np.ndarray) -> GuidedDrive:
     """The drive of a demo: over the map of its flight, or while its vehicles watch."""
+    in_flight = plan.watch or plan.robot_site is not None
     return GuidedDrive(
-        () if plan.watch else (plan.folder / "map",),
+        () if in_flight else (plan.folder / "map",),
         plan.world,
         plan.seed,
-        robot_file(ROBOT),
+        robot_file(ROBOT if plan.robot_site is None else gimbal_guided.ROBOT),
         T_world_home,
         plan.guide_folder,
         sim_dir=plan.sim_folder if plan.watch else None,
+        gimbals=plan.robot_site is not None,
     )
 
 
 def drive_robot(plan: FleetPlan, say: Narrator) -> int:
     """Guides a robot over the map of the flight, or tells of its drive in flight; exit status 1
     where it touched something, or did not arrive and nobody said why."""
-    if plan.watch:
+    if plan.watch or plan.robot_site is not None:
         result = _driven_in_flight(plan, say)
     else:
         result = _driven_afterwards(plan, say)
@@ -72,7 +75,8 @@ def _driven_in_flight(plan: FleetPlan, say: Narrator) -> GuidedResult:
     if not home.is_file():
         raise MachineError("no robot was guided: the vehicles had no map before they held")
     drive = guided_drive(plan, np.load(home))
-    return drive_result(drive, (plan.folder / "map",), say)
+    views = sorted(report.parent for report in plan.folder.glob("site/views/*/report.json"))
+    return drive_result(drive, views or (plan.folder / "map",), say)
 
 
 def _driven_afterwards(plan: FleetPlan, say: Narrator) -> GuidedResult:

@@ -22,6 +22,8 @@ class PairSite:
     beside_m: float = 1.1  # to the right of the reference the others line up
     # how far all sway sideways until the tracker knows their headings; nought: it needs no motion
     sway_m: float = 0.0
+    # of the world's x in the tracker's frame: vehicles line up along it
+    heading_deg: float = 0.0
     # the tracker starts once the vehicles hover before it: gimbals that search earlier turn away
     late: bool = False
 

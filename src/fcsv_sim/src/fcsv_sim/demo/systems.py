@@ -17,6 +17,7 @@ from fcsv_sim.autopilot.parameters import DEFAULTS
 from fcsv_sim.bringup import vehicles_folder
 from fcsv_sim.demo import flights, reach
 from fcsv_sim.demo.fleet import FleetPlan
+from fcsv_sim.demo.gimbal_guided import GUIDANCE
 from fcsv_sim.demo.narration import Narrator
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.demo.tellos import received_stamps
@@ -121,5 +122,6 @@ SYSTEMS: Dict[str, System] = {
     ),
     "gimbal": _before(GIMBAL_SITE, np.eye(4), "gimbal", require=_gimbal_can),
     "mocap": _before(MOCAP_SITE, _T_WORLD_LEVEL, "mocap", maps=_mocap_maps, require=_mocap_can),
+    GUIDANCE: System(_TELLOS, GUIDANCE, flights.fly_guided, stamps=received_stamps),
     "tello": _before(MOCAP_SITE, _T_WORLD_LEVEL, "tello", require=_mocap_can),
 }

@@ -70,6 +70,7 @@ class SimulatedTellos(Machines):
             live=plan.live,
             console=False,
             sim_sway_m=self._site.sway_m,
+            sim_heading_deg=self._site.heading_deg,
         )
 
     def meanwhile(self, phase: Optional[int]) -> None:

@@ -56,10 +56,12 @@ class Act:
 
 class TelloHands:
     """``act`` at each look. ``sway_m``: how far all sway sideways until the tracker knows their
-    headings."""
+    headings. ``heading_rad``: to which they turn in the tracker's frame; before it sees them, as they
+    took off."""
 
-    def __init__(self, gains: PidConfig, height_m: float, sway_m: float):
+    def __init__(self, gains: PidConfig, height_m: float, sway_m: float, heading_rad: float = 0.0):
         self._pid, self._height_m, self._sway_m = PositionPid(gains), height_m, sway_m
+        self._heading_rad, self._tracked = heading_rad, False
         self._hold_m: Optional[np.ndarray] = None
         self._seen: Optional[np.ndarray] = None
         self._phase, self._since_s, self._looked_s, self._ordered_s = "", 0.0, 0.0, float("-inf")
@@ -109,7 +111,9 @@ class TelloHands:
             self._hold_m = np.array([*T[:2, 3], self._height_m])
         sways = self._phase != "TAKE_OFF" and (self._phase in _SWAYING or not screen.tracked)
         aside_m = self._sway_m * np.sin(2.0 * np.pi * now_s / _SWAY_PERIOD_S) if sways else 0.0
-        target = transforms.from_xyz_yaw(self._hold_m + [0.0, aside_m, 0.0], 0.0)
+        self._tracked = self._tracked or screen.tracked
+        yaw_rad = self._heading_rad if self._tracked else 0.0
+        target = transforms.from_xyz_yaw(self._hold_m + [0.0, aside_m, 0.0], yaw_rad)
         return self._pid.sticks(dt_s, T, T[:3, :3] @ screen.v_body_mps, target)
 
 

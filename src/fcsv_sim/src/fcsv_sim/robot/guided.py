@@ -28,6 +28,7 @@ from fcsv_sim.world.town import Town
 PICTURE, BAG = "drive.png", "guidance.bag"
 _DOCUMENT, _TRUTH, _THINGS = "drive.json", "truth_robot.csv", "things.json"
 _LAUNCHES_S = 90.0  # for nodes to come up and to end, beside the drive's own longest time
+_FOLLOWS_S = 75.0  # for vehicles that come after
 _WAITS_S = 45.0  # for a way that closed to open again
 _MAP_S = 3600.0  # nothing but the robot moves in the place: its map stays true
 
@@ -47,6 +48,7 @@ class GuidedDrive:
     goal_m: Optional[Tuple[float, float]] = None
     longest_s: float = 300.0
     sim_dir: Optional[Path] = None  # of vehicles that watch it drive; None: nobody does
+    gimbals: bool = False  # robot and guidance are there, by whose gimbals it is located
 
     @property
     def town(self) -> Town:
@@ -103,15 +105,20 @@ class DriveRun:
         home = [*drive.T_world_home[:3, 3], transforms.yaw(drive.T_world_home)]
         ages = {"watch": True, "live": True} if watched else {"oldest_map_s": _MAP_S}
         shown = {"sim_dir": drive.sim_dir, "closes": True, "waits_s": _WAITS_S} if watched else {}
-        self._guidance = machine.launch(
-            "fcsv_bringup",
-            "guidance.launch",
-            maps=",".join(f"'{folder}'" for folder in drive.maps),
-            robot=drive.robot_file,
-            drive="cmd_vel",
-            fresh=True,
-            fixes="/robot_fix",
-            **ages,
+        sent = {"part": "sent", "waits_s": _FOLLOWS_S} if drive.gimbals else {}
+        self._guidance = (
+            None
+            if drive.gimbals
+            else machine.launch(
+                "fcsv_bringup",
+                "guidance.launch",
+                maps=",".join(f"'{folder}'" for folder in drive.maps),
+                robot=drive.robot_file,
+                drive="cmd_vel",
+                fresh=True,
+                fixes="/robot_fix",
+                **ages,
+            )
         )
         self._simulated = machine.launch(
             "fcsv_bringup",
@@ -124,6 +131,7 @@ class DriveRun:
             folder=drive.folder,
             longest_s=drive.longest_s,
             **shown,
+            **sent,
         )
         self._over_s = time.monotonic() + drive.longest_s + _LAUNCHES_S
 
@@ -135,9 +143,11 @@ class DriveRun:
     def over(self) -> bool:
         """Whether the drive is over. Raises MachineError where it has no end."""
         if self._simulated.returncode is None:
-            if self._guidance.returncode is not None or time.monotonic() > self._over_s:
-                log, tail = self._guidance.log, self._guidance.tail()
-                raise MachineError(f"guidance did not run to its end: {log}\n{tail}")
+            guidance = self._guidance or self._simulated
+            if guidance.returncode is not None or time.monotonic() > self._over_s:
+                raise MachineError(
+                    f"guidance did not run to its end: {guidance.log}\n{guidance.tail()}"
+                )
             return False
         if not (self._drive.folder / _DOCUMENT).is_file():
             log, tail = self._simulated.log, self._simulated.tail()

@@ -34,13 +34,14 @@ from mavros_msgs.srv import CommandTOL, SetMode
 
 @dataclass(frozen=True)
 class TelloPilotsParameters:
-    """Parameters of the node. ``gains``: config/tello/NAME.yaml, by which the hands move the
-    sticks."""
+    """Parameters of the node. ``gains``: config/tello/NAME.yaml, by which the hands move the sticks.
+    ``heading_deg``: how vehicles line up, in the tracker's frame."""
 
     vehicles: List[str]
     mission: str
     gains: str
     sway_m: float = 0.35
+    heading_deg: float = 0.0
     rate_hz: float = 20.0
     # lines of the flight check that the operator accepts where they are amber: what a busy computer
     # makes amber, and gimbals, whose poses come with gaps
@@ -61,7 +62,8 @@ class TelloPilotsNode:
     def __init__(self):
         p = self._parameters = node.parameters(TelloPilotsParameters)
         gains, height_m = config.load(p.gains, PidConfig), load_mission(p.mission).home_height_m
-        self._hands = {n: TelloHands(gains, height_m, p.sway_m) for n in p.vehicles}
+        heading_rad = float(np.radians(p.heading_deg))
+        self._hands = {n: TelloHands(gains, height_m, p.sway_m, heading_rad) for n in p.vehicles}
         self._screens: Dict[str, Screen] = {n: Screen() for n in p.vehicles}
         self._finger, self._mission, self._lock = Finger(), MissionState(), threading.Lock()
         self._health = Health("pilots", {"sticks": p.rate_hz / 3.0})

@@ -3,29 +3,26 @@
 small preview."""
 
 import threading
-import time
 from dataclasses import dataclass, field
 from typing import List, Optional
 
 import cv2
 import rospy
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image
 
 from fcsv_geometry import frames
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.errors import FcsvError, PoseUnavailable
+from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.streams.flow import RateGate
-from fcsv_geometry.trajectory import Trajectory
 from fcsv_msgs.msg import Epoch, SceneMotion, TagDetection, TagDetections
-from fcsv_tracking.errors import TrackingError
+from fcsv_tracking.ros.body_track import BodyTrack
 from fcsv_tracking.ros.picture_sender import PictureSender, SendingParameters
 from fcsv_tracking.scene.scene_motion import SceneWatch
 from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector, TagObservation
 
-_WAIT_FOR_ODOMETRY_S = 0.15
+_GAP_S, _WAIT_FOR_ODOMETRY_S = 0.1, 0.15
 _FOLLOW_S = 2.0  # how long after a tag was seen every picture is looked at
 
 
@@ -70,8 +67,7 @@ class TagsNode:
         self._others = [n for n in vehicles if n != self._name]
         sizes_m = {v.tag_id: v.tag_size_m for n, v in vehicles.items() if n != self._name}
         self._detector = TagDetector(sizes_m, parameters.decimate, sharp=True)
-        self._track = Trajectory(gap_s=0.1, keep_s=3.0)
-        self._track_grew = threading.Condition()
+        self._track = BodyTrack(self._name, self._health, _GAP_S, _WAIT_FOR_ODOMETRY_S)
         self._camera: Optional[PinholeCamera] = None
         self._info: Optional[CameraInfo] = None
         self._picture: Optional[Image] = None
@@ -84,32 +80,12 @@ class TagsNode:
             "tags/scene_motion", SceneMotion, queue_size=2, tcp_nodelay=True
         )
         rospy.Subscriber(
-            "odometry/body", Odometry, self._on_odometry, queue_size=50, tcp_nodelay=True
-        )
-        rospy.Subscriber(
             "odometry/epoch", Epoch, lambda m: setattr(self, "_epoch", m.epoch), queue_size=1
         )
         rospy.Subscriber("camera/color/camera_info", CameraInfo, self._on_info, queue_size=1)
         rospy.Subscriber(
             "camera/color/image_raw", Image, self._on_picture, queue_size=1, buff_size=4 << 20
         )
-
-    def _on_odometry(self, message: Odometry) -> None:
-        expected = (frames.odom(self._name), frames.base_link(self._name))
-        try:
-            if (message.header.frame_id, message.child_frame_id) != expected:
-                raise TrackingError(
-                    f"has frames {message.header.frame_id}, {message.child_frame_id}, not {expected}"
-                )
-            T_odom_body = conversions.pose_to_transform(message.pose.pose)
-        except FcsvError as error:
-            self._health.drop("odometry", str(error))
-            return
-        with self._track_grew:
-            newer = self._track.add(message.header.stamp.to_sec(), T_odom_body)
-            self._track_grew.notify_all()
-        if not newer:
-            self._health.drop("odometry", "stamp goes back")
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
@@ -156,7 +132,7 @@ class TagsNode:
             grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if look or compare else None
             if look:
                 observations = self._detect(grey, stamp_s)
-            T_odom_cam = self._body_at(stamp_s) @ self._T_body_cam
+            T_odom_cam = self._track.at(stamp_s) @ self._T_body_cam
             if look:
                 self._publish(observations, T_odom_cam, stamp_s)
             if compare:
@@ -195,17 +171,6 @@ class TagsNode:
             header = conversions.header(stamp_s, frames.camera_optical(self._name))
             look = (seen.span_s, seen.off_rad, seen.turn_rad, seen.points, seen.one_way)
             self._scene_motion.publish(SceneMotion(header, *look))
-
-    def _body_at(self, stamp_s: float):
-        """T_odom_body at a picture's stamp; odometry that is still under way is waited for."""
-        deadline = time.monotonic() + _WAIT_FOR_ODOMETRY_S
-        with self._track_grew:
-            while len(self._track) == 0 or self._track.span_s[1] < stamp_s:
-                left_s = deadline - time.monotonic()
-                if left_s <= 0:
-                    raise PoseUnavailable("no odometry at the picture's stamp")
-                self._track_grew.wait(left_s)
-            return self._track.at(stamp_s)
 
 
 def _intrinsics(info: CameraInfo) -> tuple:

@@ -63,7 +63,8 @@ class DriveAlong:
                 self._begin(T_world_home)
         elif not self._ended and self._run.over:
             self._ended = True
-            self._say("the robot's drive is over: the vehicles go home")
+            then = "land" if self._plan.robot_site else "go home"
+            self._say(f"the robot's drive is over: the vehicles {then}")
             rospy.ServiceProxy("/mission/control", Control)("skip")
 
     def _ready(self) -> Optional[np.ndarray]:
@@ -83,5 +84,6 @@ class DriveAlong:
 
     def _begin(self, T_world_home: np.ndarray) -> None:
         write_home(self._plan, T_world_home)
-        self._say("the vehicles hold and watch; a robot is guided by the nodes of guidance.launch")
+        held = "follow" if self._plan.robot_site else "hold and watch"
+        self._say(f"the vehicles {held}; a robot is guided by the nodes of guidance.launch")
         self._run = DriveRun(guided_drive(self._plan, T_world_home), self._machine)
