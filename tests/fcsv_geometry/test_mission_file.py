@@ -177,8 +177,10 @@ def test_what_a_file_says_is_what_is_flown(tmp_path):
             ["configurations[0].follow_s", "only the last"],
         ),
         (
-            changed(configurations=[FOLLOW], stations=[{"place_m": [0, 0], "headings_deg": [0]}]),
-            ["configurations[0].follow_s", "without stations"],
+            changed(
+                configurations=[FOLLOW], stations=[{"place_m": [0, 0], "headings_deg": [0, 9]}]
+            ),
+            ["stations", "only the last station", "at one heading"],
         ),
         (changed(configurations=[]), ["configurations", "empty", "at least one"]),
         (changed(configurations=None), ["configurations", "must be a list"]),
@@ -222,6 +224,11 @@ def test_one_that_follows_comes_last_and_is_not_recorded(tmp_path):
     assert [c.stands_s for c in mission.configurations] == [3.0, 3.0, 60.0]
     assert [mission.follows(i) for i in range(3)] == [False, False, True]
     assert mission.moments([2, 1, 0]) == [[1], [0], [2]]
+    last = {"place_m": [5, 0], "headings_deg": [0], "configurations": [FOLLOW]}
+    stations = [{"place_m": [0, 0], "headings_deg": [0, 90]}, last]
+    mission = load_mission(written(tmp_path, changed(stations=stations)))
+    assert [mission.follows(i) for i in range(3)] == [False, False, True]
+    assert config.from_mapping(dataclasses.asdict(mission), Mission, "session") == mission
 
 
 def test_a_missing_file_is_one_line(tmp_path):

@@ -150,10 +150,10 @@ class Mission:
     def _check_list(self, where: str, listed: Sequence[StereoConfiguration]) -> None:
         for i, c in enumerate(listed):
             self._check_configuration(f"{where}[{i}]", c)
-            if c.follow_s is not None and (c is not listed[-1] or self.stations):
+            if c.follow_s is not None and c is not listed[-1]:
                 raise ValueError(
                     f"{where}[{i}].follow_s: vehicles that follow land where they are; only the last "
-                    "configuration of a list without stations may have it"
+                    "configuration may have it"
                 )
         if listed and listed[0].at_once:
             raise ValueError(f"{where}[0].at_once: there is none before it")
@@ -201,6 +201,11 @@ class Mission:
                 view += 1
                 listed = station.configurations or self.configurations
                 flown += [replace(c, view=view) for c in listed]
+        if any(c.follow_s is not None for c in flown[:-1]):
+            raise ValueError(
+                "stations: vehicles that follow land where they are; only the last station may have "
+                "follow_s, in a list of its own at one heading"
+            )
         object.__setattr__(self, "configurations", flown)
 
     @cached_property

@@ -50,10 +50,10 @@ def tasks(
         found += _at_once([Task(n, view=view) for n in away if n not in movers])
         found += _at_once([Task(n, i, view=view) for n, i in zip(movers, moment)])
         away = movers
-    if at != 0:
-        return found + change_over(0)
     if found and found[-1].index is not None and mission.follows(found[-1].index):
         return found
+    if at != 0:
+        return found + change_over(0)
     return found + _at_once([Task(n) for n in away])
 
 
