@@ -13,12 +13,13 @@ from support.simulated_column import vehicle
 from fcsv_control.control_messages import FollowAsked
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import FILE, Memory
-from fcsv_control.mission.plans import plan_check
+from fcsv_control.mission.plans import plan_check, plan_words
 from fcsv_control.mission.plans.task_list import TaskList, tasks
 from fcsv_control.mission.port import MissionPort
 from fcsv_geometry import config
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_geometry.missions.stations import MissionStation
 from fcsv_geometry.vehicles.modes import Mode
 
 FOLLOW_S = 60.0
@@ -263,6 +264,25 @@ def test_a_third_vehicle_follows_from_the_column(flight):
     f.wait(4.0)
     assert off_m(f, "uav2", 1.0, -4.0) < 0.01
     f.phase("DONE", 90.0)
+
+
+def test_vehicles_follow_from_the_last_station_and_land_there(flight):
+    listed, follow = mission().configurations
+    stations = [
+        MissionStation([0.0], (6.0, 0.0), name="near", calibrate=False),
+        MissionStation([90.0], (8.0, 0.0), name="far", configurations=[follow], calibrate=False),
+    ]
+    f = flight(dataclasses.replace(mission(), configurations=[listed], stations=stations))
+    f.up_to_configurations()
+    f.until(lambda: f.machine.stage == "follows")
+    f.wait(1.0)
+    assert off_m(f, "uav1", 8.0, 0.0) < 0.01 and off_m(f, "uav2", 11.0, 0.0) < 0.01
+    ask(f, "uav1", 8.0, 3.0)
+    f.wait(4.0)
+    f.operator.control("skip")
+    f.phase("DONE", 30.0)
+    assert landed_m(f)["uav1"] == pytest.approx([8.0, 3.0], abs=0.01) and f.captured == [0]
+    assert ", landing 1:37," in plan_words.stations_in_words(f.machine.mission, list(PLACES))
 
 
 def test_a_list_that_records_nothing_ends_well(flight):

@@ -40,7 +40,7 @@ class StereoConfiguration:
     at_once: bool = False
     sweep: Optional[Sweep] = None  # a way in place of a place
     # vehicles hold there and go where `/mission/follow` asks, for so long at most (s); nothing is
-    # recorded, and all land where they are: only of the last one, without stations
+    # recorded, and all land where they are: only of the last one that is flown
     follow_s: Optional[float] = None
     # of the mission's viewpoints; 0: home. Left out: ``stations`` say it
     view: int = 0

@@ -21,7 +21,8 @@ def stations_in_words(mission: Mission, vehicles: Sequence[str]) -> str:
         + _above(mission, v)
         for v in flight.views
     ]
-    words.append(f"home {clock_words(flight.flight_s)}")
+    end = "landing" if mission.follows(-1) else "home"
+    words.append(f"{end} {clock_words(flight.flight_s)}")
     within = reached(mission, situation, flight)
     if 0 < len(within) < len(flight.views):
         last = mission.viewpoints[within[-1].view].title
