@@ -47,8 +47,10 @@ class GimbalWays:
     def sees(self, T_world_view: np.ndarray) -> bool:
         """Whether both gimbals see their vehicles of a column there."""
         T_ground_view = self._T_ground_world @ T_world_view
-        pairs = zip(self._gimbals, self._T_view_body)
-        return not any(gimbal_problem(gimbal, T_ground_view @ T) for gimbal, T in pairs)
+        bodies = [T_ground_view @ T for T in self._T_view_body]
+        if max(float(np.hypot(*T[:2, 3])) for T in bodies) > _REACH_M + 0.5:
+            return False
+        return not any(map(gimbal_problem, self._gimbals, bodies))
 
     def keeps_sight(self, a: np.ndarray, b: np.ndarray) -> bool:
         """Whether they do all the way from place to place."""
