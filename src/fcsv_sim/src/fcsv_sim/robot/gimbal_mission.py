@@ -44,15 +44,16 @@ def gimbal_mission(
     """The mission for a small place: ``document`` (that of ``base``, whose bounds it flies by) with
     its stations. Raises SimulationError where no order of stations keeps the vehicles seen."""
     plan, rules = town.plan, survey.plan()
-    lookout = Lookout(town, Footing.of(plan).clearance(robot), rules.look, survey.candidates(plan))
+    ways = GimbalWays(survey, T_world_level(plan), BESIDE_M, base.flight)
     lever_m = survey.T_body_cam[:3, 3]
+    able = [s for s in survey.candidates(plan) if ways.sees(_view(s.T_world_body, lever_m))]
+    lookout = Lookout(town, Footing.of(plan).clearance(robot), rules.look, able)
     chosen = lookout.first(rules.least, rules.most).stations
     stations = [_view(s.T_world_body, lever_m) for s in chosen]
     x, y = plan.start_m
     z_m = float(plan.height(x, y)) + base.home_height_m
     at = HoverStation((float(x - AHEAD_M), float(y + ASIDE_M), z_m), 0.0)
     home = _view(at.T_world_body, lever_m)
-    ways = GimbalWays(survey, T_world_level(plan), BESIDE_M, base.flight)
     legs = None
     while stations and legs is None:
         legs = ways.ordered([home, *stations, home])

@@ -16,6 +16,7 @@ from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_sim.robot.gimbal_survey import GimbalSurvey
 from fcsv_tracking.gimbal.reach import gimbal_problem
 
+_FAR_M = 3.5  # level, of vehicles that move: tags are small beyond, and seen for too short
 _SAMPLE_M, _SAMPLE_RAD = 0.15, np.radians(6.0)  # of a leg
 _REACH_M, _STEP_M, _HEADINGS = 4.0, 0.4, 12  # of the lattice of places around the robot
 _TURN_M = 0.4  # way that a turn from one heading to the next counts as
@@ -45,10 +46,10 @@ class GimbalWays:
         self._lattices: Dict[float, _Lattice] = {}
 
     def sees(self, T_world_view: np.ndarray) -> bool:
-        """Whether both gimbals see their vehicles of a column there."""
+        """Whether both gimbals see their vehicles of a column there well."""
         T_ground_view = self._T_ground_world @ T_world_view
         bodies = [T_ground_view @ T for T in self._T_view_body]
-        if max(float(np.hypot(*T[:2, 3])) for T in bodies) > _REACH_M + 0.5:
+        if max(float(np.hypot(*T[:2, 3])) for T in bodies) > _FAR_M:
             return False
         return not any(map(gimbal_problem, self._gimbals, bodies))
 
