@@ -248,7 +248,7 @@ class SimulatedLoop(Loop):
             for message in self.core.outgoing():
                 if self.line_up:
                     self.server.receive(self.t, _received(message))
-            self._command = self._piloted.decide(self.t, state)
+            self._command = self._piloted.decide(self.t)
         return self
 
     def close(self):

@@ -250,7 +250,6 @@ def rpy(q_a_b: Quaternion) -> Vector:
 def tilt_between(q_a_b: Quaternion, q_a_c: Quaternion) -> float:
     """Angle (rad) between a's vertical as b and as c see it: what a rotation about the vertical
     cannot explain."""
-    up_b = rotate(conjugate(q_a_b), (0.0, 0.0, 1.0))
-    up_c = rotate(conjugate(q_a_c), (0.0, 0.0, 1.0))
-    dot = sum(a * b for a, b in zip(up_b, up_c))
-    return math.acos(min(1.0, max(-1.0, dot)))
+    _, _, (bx, by, bz) = rows_of_quaternion(q_a_b)
+    _, _, (cx, cy, cz) = rows_of_quaternion(q_a_c)
+    return math.acos(min(1.0, max(-1.0, bx * cx + by * cy + bz * cz)))

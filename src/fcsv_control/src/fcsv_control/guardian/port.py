@@ -5,6 +5,7 @@ verdicts out."""
 import math
 from collections import OrderedDict
 from dataclasses import dataclass, replace
+from operator import is_
 from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -213,7 +214,7 @@ class GuardianPort:
         odometry, told = heard.odometry, heard.verdict
         heard_s = self._arrivals.since_s(heard.topic, heard.came_s)
         news = (odometry, heard_s, heard.armed, heard.mode, told, place)
-        if heard.placed is not None and all(a is b for a, b in zip(news, heard.placed)):
+        if heard.placed is not None and all(map(is_, news, heard.placed)):
             return
         heard.placed = news
         p_odom_m, T_home_odom = odometry.T_odom_body[:3, 3], place.T_a_b

@@ -11,7 +11,8 @@ _FARTHEST = 1e6  # m, m/s, rad: the real filter bounds its position so
 
 def ned(p_ext_m) -> Tuple[float, float, float]:
     """East-north-up to north-east-down."""
-    return float(p_ext_m[1]), float(p_ext_m[0]), -float(p_ext_m[2])
+    x, y, z = p_ext_m.tolist()
+    return y, x, -z
 
 
 def heading(yaw_rad: float) -> float:

@@ -113,7 +113,7 @@ class RehearsedVehicle(OnBoard):
         if self._passes % _BOARD_EVERY == 0:
             self._server.step(now_s, rpy_rad)
             self._on_board(now_s)
-        self._command = self._piloted.decide(now_s, state)
+        self._command = self._piloted.decide(now_s)
 
     def _track(self, now_s: float) -> None:
         """A sample of the tracker, which has a clock of its own; its driver stamps it by the

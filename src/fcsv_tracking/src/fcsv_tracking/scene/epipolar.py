@@ -25,8 +25,9 @@ class Lines:
         """(N, 2) from the nearest such place to where each point is now; about rad near the
         middle."""
         from_a = xy_now - self._a
+        along = self._line * from_a
         share = np.minimum(
-            np.maximum(np.einsum("ij,ij->i", self._line, from_a) / self._length2, 0.0), 1.0
+            np.maximum((along[:, 0] + along[:, 1]) / self._length2, 0.0), 1.0
         )
         return from_a - share[:, None] * self._line
 

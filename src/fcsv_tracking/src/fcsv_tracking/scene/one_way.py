@@ -11,6 +11,7 @@ of following points, which are as large across any way as along it.
 import math
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from fcsv_tracking.scene.epipolar import Lines
 
@@ -96,10 +97,10 @@ def _without_turn(lines: Lines, xy_now: np.ndarray, sigma_rad: float) -> np.ndar
     prior = _PRIOR_WEIGHT * len(xy_now) * _SHARP_RAD / sigma_rad**2
     priors = prior * np.eye(3)
     for _ in range(_ROUNDS):
-        weight = 1.0 / np.maximum(np.sqrt(np.einsum("ij,ij->i", off, off)), _SHARP_RAD)
+        weight = 1.0 / np.maximum(np.hypot(off[:, 0], off[:, 1]), _SHARP_RAD)
         weighted = (A * weight[:, None, None]).reshape(-1, 3)
         normal = weighted.T @ flat + priors
-        turn = turn + np.linalg.solve(normal, off.ravel() @ weighted - prior * turn)
+        turn = turn + dposv(normal, off.ravel() @ weighted - prior * turn)[1]
         turn *= min(1.0, _MOST_TURN * sigma_rad / max(math.sqrt(turn @ turn), 1e-12))
-        off = lines.off(xy_now - A @ turn)
+        off = lines.off(xy_now - (flat @ turn).reshape(-1, 2))
     return off

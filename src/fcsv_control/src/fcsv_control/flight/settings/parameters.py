@@ -82,4 +82,4 @@ class ParameterCheck:
 
     def _complaints_of(self, must: bool) -> List[str]:
         told = self._complaints
-        return [told[r.name] for r in self.profile if r.must == must and r.name in told]
+        return [told[r.name] for r in self.profile if r.must == must and r.name in told] if told else []

@@ -57,7 +57,8 @@ class PauseTimers:
     def update(self, now_s: float, kinds: Iterable[Pause]) -> Optional[Pause]:
         """These kinds last; the first whose limit has passed."""
         self._since_s = {k: self._since_s.get(k, now_s) for k in kinds}
-        return next((k for k in Pause if self._lasts_s(now_s, k) > self._most_s[k]), None)
+        over = {k for k in self._since_s if self._lasts_s(now_s, k) > self._most_s[k]}
+        return next((k for k in Pause if k in over), None) if over else None
 
     def announcements(self, now_s: float, then: Dict[Pause, str]) -> List[str]:
         """What happens next, a line per kind of pause; texts that do not change while it lasts."""
