@@ -244,7 +244,8 @@ def rpy(q_a_b: Quaternion) -> Vector:
     """Roll, pitch, yaw (rad) about fixed x, y, z."""
     x, y, z, w = q_a_b
     roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return roll, math.asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x)))), yaw(q_a_b)
+    pitch = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x))))
+    return roll, pitch, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def tilt_between(q_a_b: Quaternion, q_a_c: Quaternion) -> float:

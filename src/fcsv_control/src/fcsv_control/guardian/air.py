@@ -41,7 +41,7 @@ class LinkReport:
     connected: bool = True  # its heartbeat is heard
 
 
-@dataclass(frozen=True)
+@frozen
 class Other:
     """Another vehicle as heard last; position (m) in home. ``uncontrolled``: it comes down without
     a position; ``lost``: so it did, and where it is was last known then; ``taken``: a pilot has it,

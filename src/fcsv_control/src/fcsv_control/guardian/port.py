@@ -190,7 +190,9 @@ class GuardianPort:
     # ---- the others ------------------------------------------------------------------------------
 
     def _other(self, name: str) -> _Neighbour:
-        return self._others.setdefault(name, _Neighbour(_topic(name)))
+        if name not in self._others:
+            self._others[name] = _Neighbour(f"/{name}/{tm.VehicleOdometry.topic}")
+        return self._others[name]
 
     def _odometry(self, now_s: float, m: tm.VehicleOdometry) -> None:
         other = self._other(m.vehicle)
@@ -236,7 +238,3 @@ class GuardianPort:
 
     def _addressed(self, output: Output) -> Output:
         return replace(output, pid=self._link_pid) if isinstance(output, RestartLink) else output
-
-
-def _topic(vehicle: str) -> str:
-    return f"/{vehicle}/{tm.VehicleOdometry.topic}"

@@ -26,7 +26,10 @@ def usable(*values: float) -> bool:
     >>> usable(1.0, -3.0), usable(float("nan")), usable(0.0, 3e38)
     (True, False, False)
     """
-    return all(abs(v) <= _FARTHEST for v in values)
+    for value in values:
+        if not abs(value) <= _FARTHEST:
+            return False
+    return True
 
 
 def whole(value: float) -> int:

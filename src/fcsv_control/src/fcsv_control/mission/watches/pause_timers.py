@@ -2,7 +2,8 @@
 """How long each kind of pause may last, and what the mission does after that."""
 
 from enum import Enum
-from typing import Dict, Iterable, List, Optional
+from functools import lru_cache
+from typing import Dict, Iterable, List, Mapping, Optional
 
 from fcsv_geometry.missions.flight_limits import PauseLimits
 
@@ -27,7 +28,8 @@ BACK, LAND, BY_HAND = (
 )
 
 
-def what_follows(phase: str, going_back: bool, by_hand: bool) -> Dict[Pause, str]:
+@lru_cache(maxsize=None)
+def what_follows(phase: str, going_back: bool, by_hand: bool) -> Mapping[Pause, str]:
     """What follows each kind of pause, where that has a limit; ``by_hand``: people fly."""
     if phase == "CONFIGURATIONS":
         return {**({} if going_back else dict.fromkeys(Pause, BACK)), Pause.LOST: LAND}
@@ -60,7 +62,7 @@ class PauseTimers:
         over = {k for k in self._since_s if self._lasts_s(now_s, k) > self._most_s[k]}
         return next((k for k in Pause if k in over), None) if over else None
 
-    def announcements(self, now_s: float, then: Dict[Pause, str]) -> List[str]:
+    def announcements(self, now_s: float, then: Mapping[Pause, str]) -> List[str]:
         """What happens next, a line per kind of pause; texts that do not change while it lasts."""
         told = [
             k
@@ -69,7 +71,7 @@ class PauseTimers:
         ]
         return [
             f"{k.value}: after {self._most_s[k]:g} s {then[k]}"
-            for k in Pause
+            for k in (Pause if told else ())
             if k in told and k in then
         ]
 
