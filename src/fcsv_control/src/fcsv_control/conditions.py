@@ -81,7 +81,7 @@ class Measure:
 
 
 # shares, rates (Hz), MiB: too little is wrong
-battery = Measure("battery below {:.0%}", "battery is not known", lt)
+battery = Measure("battery below {:.0%}", "battery is not known", worse=lt)
 feed_rate = Measure("fewer than {:g} poses of the tracker a second", worse=lt)
 rate = Measure("fewer than {:g} a second", worse=lt)
 disk = Measure("less than {:g} MiB are free", worse=lt)
