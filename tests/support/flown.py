@@ -237,8 +237,8 @@ class SimulatedLoop(Loop):
         for _ in range(int(round(seconds / PASS_S))):
             self.t += PASS_S
             state = self.body.advance(self._command, 4)[-1]
-            rpy = self._piloted.sense(self.t, state)
-            self.server.step(self.t, rpy)
+            self._piloted.sense(self.t, state)
+            self.server.step(self.t, self._piloted.rpy_rad)
             for message in self.server.outgoing():
                 if self.line_up:
                     self.core.receive(self.t, _received(message))
@@ -248,7 +248,7 @@ class SimulatedLoop(Loop):
             for message in self.core.outgoing():
                 if self.line_up:
                     self.server.receive(self.t, _received(message))
-            self._command = self._piloted.decide(self.t, state)
+            self._command = self._piloted.decide(self.t)
         return self
 
     def close(self):

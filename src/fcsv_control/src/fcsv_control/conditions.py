@@ -9,7 +9,8 @@ NaN is not known; without an amber bound there is no amber.
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Tuple
+from operator import gt, le, lt
+from typing import Callable, NamedTuple, Tuple
 
 NONE = math.nan  # no amber bound
 
@@ -57,8 +58,9 @@ class Condition(NamedTuple):
 
 @dataclass(frozen=True)
 class Measure:
-    """Judges one value. ``wrong`` has a place for the bound that is not kept; ``least``: bounds
-    are the least that is well, else the most.
+    """Judges one value. ``wrong`` has a place for the bound that is not kept; ``worse`` says that a
+    value is worse than a bound: ``gt`` of bounds that are the most that is well. What is not known
+    is not worse.
 
     >>> [battery(share, 0.2, 0.4).words for share in (0.4, 0.3, 0.2, 0.1, math.nan)]
     ['', 'battery below 40%', 'battery below 40%', 'battery below 20%', 'battery is not known']
@@ -66,35 +68,23 @@ class Measure:
 
     wrong: str
     unknown: str = "not known"
-    least: bool = False
-
-    def breaks(self, value: float, bound: float) -> bool:
-        """Says that a value is worse than a bound; one that is not known is not."""
-        return value < bound if self.least else value > bound
+    worse: Callable[[float, float], bool] = gt
 
     def __call__(self, value: float, red: float, amber: float = NONE) -> Condition:
-        if self.breaks(value, red):
+        if self.worse(value, red):
             return Condition(_RED, value, self.wrong.format(red))
-        if self.breaks(value, amber):
+        if self.worse(value, amber):
             return Condition(Grade.AMBER, value, self.wrong.format(amber))
         if math.isnan(value):
             return Condition(Grade.UNKNOWN, value, self.unknown)
         return Condition(_GREEN, value)
 
 
-class _UpTo(Measure):
-    """Is wrong at the bound already."""
-
-    def breaks(self, value: float, bound: float) -> bool:
-        """Says that a value is the bound or less."""
-        return value <= bound
-
-
 # shares, rates (Hz), MiB: too little is wrong
-battery = Measure("battery below {:.0%}", "battery is not known", least=True)
-feed_rate = Measure("fewer than {:g} poses of the tracker a second", least=True)
-rate = Measure("fewer than {:g} a second", least=True)
-disk = Measure("less than {:g} MiB are free", least=True)
+battery = Measure("battery below {:.0%}", "battery is not known", worse=lt)
+feed_rate = Measure("fewer than {:g} poses of the tracker a second", worse=lt)
+rate = Measure("fewer than {:g} a second", worse=lt)
+disk = Measure("less than {:g} MiB are free", worse=lt)
 # variances, metres, degrees, the stick's way (0..1), seconds: too much is
 ekf = Measure(
     "the autopilot's filter does not agree with its sensors", "its variances are not known"
@@ -113,7 +103,7 @@ control_age = Measure("nothing from the control PC for {:g} s")
 agent_age = Measure("nothing from the agent for {:g} s")
 link_age = Measure("nothing from the flight link for {:g} s")
 wifi_age = Measure("its Wi-Fi has been silent for {:g} s")
-low_confidence = _UpTo("the tracking camera has low confidence")
+low_confidence = Measure("the tracking camera has low confidence", worse=le)
 
 
 def confidence_level(variance_m2: float) -> float:
@@ -130,7 +120,7 @@ def confidence(level: float, low: float) -> Condition:
     """Judges this level: up to ``low`` is red; a tracker that tells none is amber."""
     if math.isnan(level):
         return Condition(Grade.AMBER, level, "it tells no confidence")
-    if low_confidence.breaks(level, low):
+    if low_confidence.worse(level, low):
         return Condition(_RED, level, low_confidence.wrong)
     return Condition(Grade.GREEN, level)
 

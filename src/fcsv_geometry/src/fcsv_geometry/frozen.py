@@ -11,7 +11,7 @@ def frozen(cls: Type[T]) -> Type[T]:
     """``dataclass(frozen=True)`` whose constructor takes half as long: it fills the instance's
     dictionary, where the dataclass's own calls ``object.__setattr__`` for each field.
 
-    Raises TypeError for a field with a default factory, and for __post_init__.
+    Raises TypeError for __post_init__.
 
     >>> @frozen
     ... class Place:
@@ -25,21 +25,23 @@ def frozen(cls: Type[T]) -> Type[T]:
     """
     made = dataclass(frozen=True)(cls)
     names = [f.name for f in fields(made)]
-    if hasattr(made, "__post_init__") or any(
-        f.default_factory is not MISSING for f in fields(made)
-    ):
+    if hasattr(made, "__post_init__"):
         raise TypeError(f"{cls.__name__} needs dataclass(frozen=True): it is made in several steps")
     own = made.__init__
     store = "_".join(["", *names, ""])  # longer than any of them, so none of them
+    scope = {f"{store}{f.name}": f.default_factory for f in fields(made)}
+    new = [name for name in names if scope[f"{store}{name}"] is not MISSING]  # for each instance
     lines = [
         f"def __init__(self, {', '.join(names)}):",
         f" {store} = self.__dict__",
+        *(f" if {name} is {store}_: {name} = {store}{name}()" for name in new),
         *(f" {store}[{name!r}] = {name}" for name in names),
     ]
-    scope: dict = {}
+    scope[f"{store}_"] = MISSING
     exec("\n".join(lines), scope)  # as dataclass and namedtuple make theirs
     quick = scope["__init__"]
-    quick.__defaults__, quick.__annotations__ = own.__defaults__, own.__annotations__
+    defaults = [f.default for f in fields(made) if f.default is not MISSING or f.name in new]
+    quick.__defaults__, quick.__annotations__ = tuple(defaults), own.__annotations__
     quick.__qualname__ = own.__qualname__
     made.__init__ = quick
     return made

@@ -74,8 +74,9 @@ class Place:
         """
         # symmetric; plain numbers, being asked
         (xx, xy, _, xw), (_, yy, _, yw), _, (*_, ww) = self.covariance.tolist()
-        p_a_m = self.T_a_b[:3, :3] @ p_b_m  # for by every vehicle 25 times a second
-        dx, dy = -float(p_a_m[1]), float(p_a_m[0])  # as in about_z
+        (a, b, c, _), (d, e, f, _), _, _ = self.T_a_b.tolist()
+        x, y, z = p_b_m.tolist()  # for by every vehicle 25 times a second
+        dx, dy = -(d * x + e * y + f * z), a * x + b * y + c * z  # as in about_z
         xx, xy, yy = (
             xx + dx * (2 * xw + dx * ww),
             xy + dy * xw + dx * yw + dx * dy * ww,

@@ -244,13 +244,13 @@ def rpy(q_a_b: Quaternion) -> Vector:
     """Roll, pitch, yaw (rad) about fixed x, y, z."""
     x, y, z, w = q_a_b
     roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return roll, math.asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x)))), yaw(q_a_b)
+    pitch = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x))))
+    return roll, pitch, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def tilt_between(q_a_b: Quaternion, q_a_c: Quaternion) -> float:
     """Angle (rad) between a's vertical as b and as c see it: what a rotation about the vertical
     cannot explain."""
-    up_b = rotate(conjugate(q_a_b), (0.0, 0.0, 1.0))
-    up_c = rotate(conjugate(q_a_c), (0.0, 0.0, 1.0))
-    dot = sum(a * b for a, b in zip(up_b, up_c))
-    return math.acos(min(1.0, max(-1.0, dot)))
+    _, _, (bx, by, bz) = rows_of_quaternion(q_a_b)
+    _, _, (cx, cy, cz) = rows_of_quaternion(q_a_c)
+    return math.acos(min(1.0, max(-1.0, bx * cx + by * cy + bz * cz)))

@@ -82,13 +82,14 @@ def from_xyz_quaternion(p_a_b_m, q_a_b_xyzw) -> np.ndarray:
 
     Raises GeometryError where either holds NaN or the quaternion's length is not near one.
     """
-    p, q = list(map(float, p_a_b_m)), list(map(float, q_a_b_xyzw))
-    norm = math.hypot(*q)
-    if not math.isfinite(norm + p[0] + p[1] + p[2]):
-        raise GeometryError(f"pose is not finite: position {p}, quaternion {q}")
+    (px, py, pz), (x, y, z, w) = map(float, p_a_b_m), map(float, q_a_b_xyzw)
+    norm = math.hypot(x, y, z, w)
+    if not math.isfinite(norm + px + py + pz):
+        raise GeometryError(f"pose is not finite: position {p_a_b_m}, quaternion {q_a_b_xyzw}")
     if abs(norm - 1.0) > 0.01:
-        raise GeometryError(f"quaternion {q} has length {norm:.3g}, not 1")
-    return of_rows(rotations.rows_of_quaternion([v / norm for v in q]), p)
+        raise GeometryError(f"quaternion {q_a_b_xyzw} has length {norm:.3g}, not 1")
+    rows = rotations.rows_of_quaternion((x / norm, y / norm, z / norm, w / norm))
+    return of_rows(rows, (px, py, pz))
 
 
 def of_rows(rows, p_a_b_m) -> np.ndarray:

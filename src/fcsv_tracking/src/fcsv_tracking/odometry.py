@@ -214,7 +214,8 @@ class BodyOdometry:
         if dt_s > gate.max_gap_s:
             self._begin_epoch(f"the tracker was silent for {dt_s:.1f} s")
         bridged_s = min(dt_s, gate.bridge_s) if self._dt_s > 0.0 else 0.0
-        predicted = tuple(a + v * bridged_s for a, v in zip(last.p_odom_body, self._velocity))
+        (x, y, z), (vx, vy, vz) = last.p_odom_body, self._velocity
+        predicted = (x + vx * bridged_s, y + vy * bridged_s, z + vz * bridged_s)
         yaw_predicted = rotations.yaw(last.q_odom_body_xyzw) + self._yaw_rate * bridged_s
         step_m = math.dist(pose.p_odom_body, last.p_odom_body)
         off_m = math.dist(pose.p_odom_body, predicted)
@@ -275,9 +276,12 @@ class BodyOdometry:
         if dt_s <= 0.0 or self.status.last_jump_stamp_s == pose.stamp_s:
             return
         gain = min(1.0, dt_s / 0.05)
-        before, now = self._last.p_odom_body, pose.p_odom_body
-        self._velocity = tuple(
-            v + gain * ((b - a) / dt_s - v) for v, a, b in zip(self._velocity, before, now)
+        (ax, ay, az), (bx, by, bz) = self._last.p_odom_body, pose.p_odom_body
+        vx, vy, vz = self._velocity
+        self._velocity = (
+            vx + gain * ((bx - ax) / dt_s - vx),
+            vy + gain * ((by - ay) / dt_s - vy),
+            vz + gain * ((bz - az) / dt_s - vz),
         )
         turn = rotations.wrap(
             rotations.yaw(pose.q_odom_body_xyzw) - rotations.yaw(self._last.q_odom_body_xyzw)

@@ -91,7 +91,7 @@ class OdometryPort:
     def step(self, _now_s: float) -> Sequence[object]:
         """What is to be sent now; another epoch before the first pose in it."""
         out, self._out = self._out, []
-        if self._core.epoch != self._epoch:
+        if self._core.epoch is not self._epoch:
             epoch = self._epoch = self._core.epoch
             out.insert(0, tm.OdometryEpoch(self._vehicle, "", epoch.number, epoch.reason))
         return out

@@ -174,8 +174,9 @@ class AgentCore:
             return
         while self._running is None and self._waiting:
             self._begin(now_s, self._waiting.popleft())
-        self._out += [ask for due_s, ask in self._due if now_s >= due_s]
-        self._due = [(due_s, ask) for due_s, ask in self._due if now_s < due_s]
+        if self._due:
+            self._out += [ask for due_s, ask in self._due if now_s >= due_s]
+            self._due = [(due_s, ask) for due_s, ask in self._due if now_s < due_s]
         target = self._holder.target
         quiet = self.rights.guarded or self.duplicates.listening(now_s)
         if target is not None and not quiet and self._gate.passes(now_s):

@@ -25,9 +25,10 @@ class DuplicateAgentGuard:
 
     def older(self, now_s: float) -> str:
         """The agent that goes first; empty: there is none."""
-        return next(
-            (n for n, (s, first) in self._others.items() if first and now_s - s < _LISTENS_S), ""
-        )
+        for name, (heard_s, first) in self._others.items():
+            if first and now_s - heard_s < _LISTENS_S:
+                return name
+        return ""
 
     def listening(self, now_s: float) -> bool:
         """Whether it was started a moment ago and cannot know yet."""

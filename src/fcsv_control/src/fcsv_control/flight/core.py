@@ -112,9 +112,9 @@ class LinkCore:
     def receive(self, now_s: float, message) -> None:
         """One message from the line."""
         self._listener.receive(now_s, message)
-        state, first = self._listener.state, not self._owner.mode
+        state, before = self._listener.state, self._owner.mode
         # what was asked before he took it counts no more
-        if self._owner.shows(state.mode) and not first:
+        if state.mode is not before and self._owner.shows(state.mode) and before:
             self._requests.withdraw(
                 _M.MAV_CMD_DO_SET_MODE, f"{state.mode} showed, which was not asked here"
             )

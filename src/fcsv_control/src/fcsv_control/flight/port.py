@@ -126,7 +126,7 @@ class FlightLinkPort:
         if now_s - self._watched_s >= _WATCH_S:
             self._watch(now_s)
         self._end_requests()
-        out = [*(ToAutopilot(m) for m in self.core.outgoing()), *self._out]
+        out = [*map(ToAutopilot, self.core.outgoing()), *self._out]
         self._out = []
         return out
 

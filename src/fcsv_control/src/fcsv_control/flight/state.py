@@ -2,6 +2,7 @@
 """What the flight controller says of itself."""
 
 import math
+from operator import attrgetter
 from typing import Optional, Tuple
 
 from pymavlink import mavutil
@@ -18,6 +19,7 @@ _LANDED = {
     _M.MAV_LANDED_STATE_LANDING: False,
 }
 _FILTER_RUNS, _FILTER_NOT_BEGUN = 0x001, 0x400  # EKF_STATUS_FLAGS: attitude, uninitialised
+_CHANNELS = attrgetter(*(f"chan{k + 1}_raw" for k in range(18)))
 _THROTTLE = 2  # index of the throttle's channel, as RCMAP_THROTTLE is by default
 _MODES = {number: Mode(name) for number, name in mavutil.mode_mapping_acm.items()}
 #: The numbers of ArduCopter's modes, e.g. MODES[Mode.GUIDED] == 4.
@@ -89,7 +91,7 @@ class FlightState:
     def with_rc(self, now_s: float, m) -> "FlightState":
         """Gives the state after an RC_CHANNELS; a channel that is not heard has a pulse of 0 or
         65535."""
-        channels = tuple(getattr(m, f"chan{k + 1}_raw") for k in range(min(m.chancount, 18)))
+        channels = _CHANNELS(m)[: m.chancount]
         pulse = channels[_THROTTLE] if len(channels) > _THROTTLE else 0
         heard = 800 <= pulse <= 2200
         throttle = max(-1.0, min(1.0, (pulse - 1500) / 500.0)) if heard else float("nan")

@@ -2,7 +2,7 @@
 """What a guardian knows of its own vehicle and of the others at one moment."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Dict, List, Optional, Tuple
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from fcsv_control.flight.pose_feed.estimate import apart_m
 from fcsv_control.recent_way import RecentWay
 from fcsv_geometry import transforms
-from fcsv_geometry.frozen import frozen
+from fcsv_geometry.frozen import changed, frozen
 from fcsv_geometry.missions import separation
 from fcsv_geometry.missions.airspace import Occupant
 from fcsv_geometry.missions.fence import Fence
@@ -41,7 +41,7 @@ class LinkReport:
     connected: bool = True  # its heartbeat is heard
 
 
-@dataclass(frozen=True)
+@frozen
 class Other:
     """Another vehicle as heard last; position (m) in home. ``uncontrolled``: it comes down without
     a position; ``lost``: so it did, and where it is was last known then; ``taken``: a pilot has it,
@@ -68,12 +68,12 @@ class Other:
             return self
         since_s, v_mps = self.heard_s - before.heard_s, before.v_home_mps
         if self.astray:
-            return replace(self, p_home_m=before.p_home_m, v_home_mps=v_mps)
+            return changed(self, p_home_m=before.p_home_m, v_home_mps=v_mps)
         if since_s > _SMOOTH_S:
             v_mps = (self.p_home_m - before.p_home_m) / since_s
         elif since_s > _SAME_S:
             v_mps = v_mps + ((self.p_home_m - before.p_home_m) - since_s * v_mps) / _SMOOTH_S
-        return replace(self, v_home_mps=v_mps)
+        return changed(self, v_home_mps=v_mps)
 
     @property
     def astray(self) -> bool:

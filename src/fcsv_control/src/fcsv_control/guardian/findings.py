@@ -183,7 +183,8 @@ class Monitors:
 
     def _battery(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, share = self._rules, air.battery_now(now_s, self._rules.battery_old_s)
-        empty, low = (conditions.battery(share, b) for b in (r.empty_battery, r.low_battery))
+        empty = conditions.battery(share, r.empty_battery)
+        low = conditions.battery(share, r.low_battery)
         alone = (
             low.red and air.mode == Mode.GUIDED and air.flying and now_s - air.control_s > r.home_s
         )
@@ -226,7 +227,7 @@ class Monitors:
             yield Finding("link", Reaction.SAY, text)
 
     def _stick(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
-        off = conditions.stick(abs(air.link.throttle), self._rules.throttle_middle).red
+        off = conditions.stick.worse(abs(air.link.throttle), self._rules.throttle_middle)
         if self._lasts(now_s, "stick", off and air.mode == Mode.GUIDED, 1.0):
             yield Finding(
                 "stick", Reaction.SAY, "put the throttle stick in the middle before you take over"
@@ -337,10 +338,9 @@ class Monitors:
     def _first(self, now_s: float, what: str, value: float) -> Sequence[Finding]:
         """The first step of a thing whose bound has not been kept for so long."""
         for step in self._steps[what]:
-            measure = step.measure
-            worse = measure.breaks(value, step.bound)
+            worse = step.measure.worse(value, step.bound)
             if step.since.lasts_s(now_s, worse) >= step.seconds:
-                return [Finding(what, step.reaction, measure.wrong.format(step.bound))]
+                return [Finding(what, step.reaction, step.measure.wrong.format(step.bound))]
         return ()
 
 

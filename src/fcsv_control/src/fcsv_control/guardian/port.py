@@ -5,6 +5,7 @@ verdicts out."""
 import math
 from collections import OrderedDict
 from dataclasses import dataclass, replace
+from operator import is_
 from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -189,7 +190,9 @@ class GuardianPort:
     # ---- the others ------------------------------------------------------------------------------
 
     def _other(self, name: str) -> _Neighbour:
-        return self._others.setdefault(name, _Neighbour(_topic(name)))
+        if name not in self._others:
+            self._others[name] = _Neighbour(f"/{name}/{tm.VehicleOdometry.topic}")
+        return self._others[name]
 
     def _odometry(self, now_s: float, m: tm.VehicleOdometry) -> None:
         other = self._other(m.vehicle)
@@ -213,7 +216,7 @@ class GuardianPort:
         odometry, told = heard.odometry, heard.verdict
         heard_s = self._arrivals.since_s(heard.topic, heard.came_s)
         news = (odometry, heard_s, heard.armed, heard.mode, told, place)
-        if heard.placed is not None and all(a is b for a, b in zip(news, heard.placed)):
+        if heard.placed is not None and all(map(is_, news, heard.placed)):
             return
         heard.placed = news
         p_odom_m, T_home_odom = odometry.T_odom_body[:3, 3], place.T_a_b
@@ -235,7 +238,3 @@ class GuardianPort:
 
     def _addressed(self, output: Output) -> Output:
         return replace(output, pid=self._link_pid) if isinstance(output, RestartLink) else output
-
-
-def _topic(vehicle: str) -> str:
-    return f"/{vehicle}/{tm.VehicleOdometry.topic}"

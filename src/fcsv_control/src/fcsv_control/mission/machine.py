@@ -259,7 +259,7 @@ class MissionMachine:
         counts."""
         if self._memory is not None and self.phase == "WAIT_VEHICLES":
             return None
-        flown = self._flight_list
+        flown = None if self._flight_list is None else self._flight_list.memory
         return Memory(
             self.mission.name,
             self._digest,
@@ -269,10 +269,10 @@ class MissionMachine:
             self._aborted,
             list(self.captures),
             dict(self._modes.taken),
-            None if flown is None else flown.memory,
+            flown,
             self.unfinished
             if flown is None
-            else unfinished_stations(self.mission, self._whole, flown.memory.flown),
+            else unfinished_stations(self.mission, self._whole, flown.flown),
         )
 
     def _recall(self, snapshot: Snapshot) -> None:

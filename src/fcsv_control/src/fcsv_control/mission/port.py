@@ -19,7 +19,7 @@ from fcsv_control.mission.time_of_day import TimeOfDay
 from fcsv_control.mission.watches.check_gate import OpenGate
 from fcsv_control.mission.watches.pairs_seen import PairsSeen
 from fcsv_control.mission.watches.tag_in_front import TagInFront
-from fcsv_control.mission.watches.telemetry import VehicleTelemetry
+from fcsv_control.mission.watches.telemetry import AGED, VehicleTelemetry
 from fcsv_control.stopping.core import STOP
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.home import HomeFrames
@@ -131,8 +131,9 @@ class MissionPort:
         }
 
     def _no_telemetry(self, v: VehicleGeometry) -> VehicleTelemetry:
+        topics = {topic: f"/{v.name}/{topic}" for topic in AGED}
         return VehicleTelemetry(
-            v.T_body_cam, lambda t, s: self._arrivals.since_s(f"/{v.name}/{t}", s), v.T_body_tag
+            v.T_body_cam, lambda t, s: self._arrivals.since_s(topics[t], s), v.T_body_tag
         )
 
     # ---- what is heard ---------------------------------------------------------------------------

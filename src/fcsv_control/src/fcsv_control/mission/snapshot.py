@@ -16,7 +16,7 @@ from fcsv_geometry.vehicles.thresholds import STATE_AGE_S
 _INF = float("inf")
 
 
-@dataclass(frozen=True)
+@frozen
 class VehicleView:
     """One vehicle as heard over the radio; ages in s, infinite where nothing came yet."""
 

@@ -198,7 +198,7 @@ class Autopilot(FlightLaws):
         self._now_s, self._climb_mps = now_s, climb_mps
         self._stick_gestures(now_s)
         self._failsafes(now_s)
-        if self._origin.step(now_s, self.armed, self.estimator.started(now_s)):
+        if self._origin.step(now_s, self.armed, self.estimator.runs):
             self.estimator.reset_height_datum()
             self.say(INFO, "Field Elevation Set: 0m")
         if self._pre_arm_talk.due(now_s, self.armed):
@@ -224,7 +224,7 @@ class Autopilot(FlightLaws):
     # ---- rules -----------------------------------------------------------------------------------
 
     def _stick_gestures(self, now_s: float) -> None:
-        sticks = self._sticks if self.rc_alive(now_s) and not self._flying else None
+        sticks = self._sticks if not self._flying and self.rc_alive(now_s) else None
         wanted = self._stick_arming.step(now_s, sticks)
         if wanted is False:
             self.disarm(now_s)

@@ -11,7 +11,8 @@ _FARTHEST = 1e6  # m, m/s, rad: the real filter bounds its position so
 
 def ned(p_ext_m) -> Tuple[float, float, float]:
     """East-north-up to north-east-down."""
-    return float(p_ext_m[1]), float(p_ext_m[0]), -float(p_ext_m[2])
+    x, y, z = p_ext_m.tolist()
+    return y, x, -z
 
 
 def heading(yaw_rad: float) -> float:
@@ -25,7 +26,10 @@ def usable(*values: float) -> bool:
     >>> usable(1.0, -3.0), usable(float("nan")), usable(0.0, 3e38)
     (True, False, False)
     """
-    return all(abs(v) <= _FARTHEST for v in values)
+    for value in values:
+        if not abs(value) <= _FARTHEST:
+            return False
+    return True
 
 
 def whole(value: float) -> int:

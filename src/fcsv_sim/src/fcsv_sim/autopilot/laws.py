@@ -105,7 +105,7 @@ class FlightLaws:
 
     def _loiter(self, roll, pitch, throttle, yaw, dt_s):
         sticks, estimate = self.stick_parameters, self.estimator
-        _, _, yaw_rate = self._leans(0.0, 0.0, yaw)
+        _, _, yaw_rate = self.controller.sticks(0.0, 0.0, beyond_dead(yaw))
         v = [*self._loiters.step(sticks, roll, pitch, estimate.yaw_ext_rad, dt_s)]
         here, up_mps = estimate.p_ext_m.tolist(), float(estimate.v_ext_mps[2])
         v.append(self._climbs(throttle, up_mps, dt_s))

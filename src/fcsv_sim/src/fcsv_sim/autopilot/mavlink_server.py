@@ -245,7 +245,7 @@ class MavlinkServer:
             return FAILED
         if message_id not in self._streams:
             return ACCEPTED if interval_us <= 0 else FAILED
-        self._intervals_s.pop(message_id, None)
+        self._due_s.pop(message_id, None)
         if interval_us > 0:
             self._intervals_s[message_id] = max(interval_us / 1e6, 1 / 200.0)
             self._due_s[message_id] = self._now_s
@@ -260,10 +260,10 @@ class MavlinkServer:
         if now_s >= self._next_timesync_s:
             self._next_timesync_s = now_s + 10.0
             self._send("timesync", 0, int(now_s * 1e9))
-        due_s = self._due_s
-        for message_id, interval_s in self._intervals_s.items():
-            if now_s >= due_s[message_id]:
-                due_s[message_id] = max(due_s[message_id] + interval_s, now_s - interval_s)
+        for message_id, due_s in self._due_s.items():
+            if now_s >= due_s:
+                interval_s = self._intervals_s[message_id]
+                self._due_s[message_id] = max(due_s + interval_s, now_s - interval_s)
                 self._streams[message_id]()
         if self._client_seen:
             for severity, text in self._pilot.texts:

@@ -181,8 +181,10 @@ class Pilot:
         )
 
     def _runs_off(self, now_s: float, sight: PilotSight) -> bool:
+        if sight.mode != Mode.LOITER or self._phase not in _BY_HAND:
+            return False
         off_m = np.hypot(*(self.goal(now_s, self._phase)[0] - sight.T_world_body[:3, 3])[:2])
-        return sight.mode == Mode.LOITER and self._phase in _BY_HAND and off_m > _RUNS_OFF_M
+        return bool(off_m > _RUNS_OFF_M)
 
     def _must_land(self, now_s: float, phase: str, sight: PilotSight) -> bool:
         """Whether he lands what he flies by hand, whatever is to be done: a person would."""

@@ -4,6 +4,7 @@
 
 import socket
 import struct
+from bisect import bisect_left
 from typing import Optional, Sequence, Tuple
 
 from fcsv_geometry.vehicles.modes import Mode
@@ -28,7 +29,7 @@ def stick(pwm_us: int) -> float:
 
 def mode_of(pwm_us: int) -> Mode:
     """The flight mode that the mode channel's PWM selects (ArduCopter's six ranges)."""
-    return MODE_SWITCH[sum(pwm_us > limit for limit in _MODE_LIMITS)]
+    return MODE_SWITCH[bisect_left(_MODE_LIMITS, pwm_us)]
 
 
 def frame_of(

@@ -21,12 +21,8 @@ class RehearsedProcess:
         self._make = make
         self.port = make(0.0)
         self.lives, self._sleeps = True, False
+        self.runs = True  # neither killed nor stopped
         self._unread: List[object] = []
-
-    @property
-    def runs(self) -> bool:
-        """Neither killed nor stopped."""
-        return self.lives and not self._sleeps
 
     def receive(self, now_s: float, message: object) -> None:
         """A message comes; where the process is stopped it waits."""
@@ -44,19 +40,20 @@ class RehearsedProcess:
 
     def stop(self) -> None:
         """SIGSTOP."""
-        self._sleeps = True
+        self._sleeps, self.runs = True, False
 
     def go_on(self, now_s: float) -> None:
         """SIGCONT: it reads what came meanwhile."""
-        self._sleeps, unread = False, self._unread
+        self._sleeps, self.runs, unread = False, self.lives, self._unread
         self._unread = []
         for message in unread:
             self.receive(now_s, message)
 
     def kill(self) -> None:
         """Kills it until ``start``."""
-        self.lives, self._sleeps, self._unread = False, False, []
+        self.lives = self._sleeps = self.runs = False
+        self._unread = []
 
     def start(self, now_s: float) -> None:
         """A new process, which knows nothing of what was before."""
-        self.port, self.lives = self._make(now_s), True
+        self.port, self.lives, self.runs = self._make(now_s), True, not self._sleeps

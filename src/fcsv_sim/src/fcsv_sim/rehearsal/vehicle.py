@@ -106,14 +106,14 @@ class RehearsedVehicle(OnBoard):
         """One pass of the autopilot (10 ms), which ends at ``now_s``."""
         self.now_s = now_s
         state = self.body.advance(self._command, _SUBSTEPS)[-1]
-        rpy_rad = self._piloted.sense(now_s, state)
+        self._piloted.sense(now_s, state)
         self._passes += 1
         if self.tracker_on and self._passes % _TRACKER_EVERY == 0:
             self._track(now_s)
         if self._passes % _BOARD_EVERY == 0:
-            self._server.step(now_s, rpy_rad)
+            self._server.step(now_s, self._piloted.rpy_rad)
             self._on_board(now_s)
-        self._command = self._piloted.decide(now_s, state)
+        self._command = self._piloted.decide(now_s)
 
     def _track(self, now_s: float) -> None:
         """A sample of the tracker, which has a clock of its own; its driver stamps it by the

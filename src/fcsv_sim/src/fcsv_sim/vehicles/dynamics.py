@@ -47,12 +47,10 @@ class Airframe:
 def _rotate(q, v):
     x, y, z, w = q
     tx, ty, tz = 2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])
-    return np.array(
-        (
-            v[0] + w * tx + y * tz - z * ty,
-            v[1] + w * ty + z * tx - x * tz,
-            v[2] + w * tz + x * ty - y * tx,
-        )
+    return (
+        v[0] + w * tx + y * tz - z * ty,
+        v[1] + w * ty + z * tx - x * tz,
+        v[2] + w * tz + x * ty - y * tx,
     )
 
 
@@ -77,14 +75,14 @@ def _advance(state, command, gust, params, steps, out):
             mean = wind_x if axis == 0 else (wind_y if axis == 1 else 0.0)
             fresh = gust[i, axis] * gust_mps * gust_per_step * (0.4 if axis == 2 else 1.0)
             state[14 + axis] += (mean - state[14 + axis]) * dt / gust_lag + fresh
-        roll, pitch = _angles(state[6:10])
+        roll, pitch = _angles((state[6], state[7], state[8], state[9]))
         rate_target = (k_angle * (command[0] - roll), k_angle * (command[1] - pitch), command[2])
         for axis in range(3):
             state[10 + axis] += k_rate * (rate_target[axis] - state[10 + axis]) * dt
         on_ground = state[2] <= 0.0 and state[13] < 9.81
         if on_ground:
             state[10:13] = 0.0
-        lift = _rotate(state[6:10], np.array((0.0, 0.0, state[13])))
+        lift = _rotate((state[6], state[7], state[8], state[9]), (0.0, 0.0, state[13]))
         for axis in range(3):
             acc = (
                 lift[axis]
@@ -104,7 +102,9 @@ def _advance(state, command, gust, params, steps, out):
         state[7] = y + q * w + p * z - r * x
         state[8] = z + r * w + q * x - p * y
         state[9] = w - p * x - q * y - r * z
-        state[6:10] /= np.sqrt(np.sum(state[6:10] ** 2))
+        length = np.sqrt(state[6] ** 2 + state[7] ** 2 + state[8] ** 2 + state[9] ** 2)
+        for axis in range(6, 10):
+            state[axis] /= length
         out[i] = state
     return on_ground
 

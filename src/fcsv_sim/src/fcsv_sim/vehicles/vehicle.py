@@ -88,29 +88,33 @@ class Piloted:
 
     def __init__(self, body: Quadrotor, autopilot: Autopilot):
         self._body, self._autopilot = body, autopilot
-        self._v_before = [0.0, 0.0, 0.0]
+        self._v_mps, self._q_xyzw = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]  # as sensed last
 
-    def sense(self, now_s: float, state: np.ndarray) -> Tuple[float, float, float]:
-        """What the autopilot's sensors feel of a state as Quadrotor.advance gives it; roll, pitch,
-        yaw (rad, ENU)."""
+    @property
+    def rpy_rad(self) -> Tuple[float, float, float]:
+        """Roll, pitch, yaw (rad, ENU) as sensed last."""
+        return rotations.rpy(self._q_xyzw)
+
+    def sense(self, now_s: float, state: np.ndarray) -> None:
+        """What the autopilot's sensors feel of a state as Quadrotor.advance gives it."""
         s = state.tolist()
-        rpy_rad, v = rotations.rpy(s[6:10]), s[3:6]
-        before = self._v_before
+        self._q_xyzw, v = s[6:10], s[3:6]
+        before = self._v_mps
         acc = (
             (v[0] - before[0]) / PASS_S,
             (v[1] - before[1]) / PASS_S,
             (v[2] - before[2]) / PASS_S,
         )
-        self._v_before = v
+        self._v_mps = v
         self._autopilot.barometer.feel(s[2], v, s[14:17])
         if self._autopilot.gps is not None:
             self._autopilot.gps.feel(s[:3])
-        self._autopilot.estimator.predict(now_s, PASS_S, acc, rpy_rad[2], s[12], s[2])
-        return rpy_rad
+        yaw_rad = rotations.yaw(self._q_xyzw)
+        self._autopilot.estimator.predict(now_s, PASS_S, acc, yaw_rad, s[12], s[2])
 
-    def decide(self, now_s: float, state: np.ndarray) -> Tuple[float, ...]:
-        """The airframe's command for the next pass."""
-        return self._autopilot.update(now_s, PASS_S, self._body.on_ground, float(state[5]))
+    def decide(self, now_s: float) -> Tuple[float, ...]:
+        """The airframe's command for the next pass, after ``sense``."""
+        return self._autopilot.update(now_s, PASS_S, self._body.on_ground, self._v_mps[2])
 
 
 class SimulatedVehicle(SteppedBody):
@@ -134,8 +138,9 @@ class SimulatedVehicle(SteppedBody):
         frame = self._rc.newest()
         if frame is not None:
             self.autopilot.rc_frame(self._now_s, frame)
-        self._line.step(self._now_s, self._piloted.sense(self._now_s, state))
-        return self._piloted.decide(self._now_s, state)
+        self._piloted.sense(self._now_s, state)
+        self._line.step(self._now_s, self._piloted.rpy_rad)
+        return self._piloted.decide(self._now_s)
 
     def close(self) -> None:
         self._rc.close()

@@ -63,7 +63,7 @@ class Drift:
         if dt_s <= 0.0:
             return
         self._keep(stamp_s, p)
-        self._P[range(3), range(3)] += self._rates.walk_m_per_sqrt_s**2 * dt_s
+        self._widen(self._rates.walk_m_per_sqrt_s**2 * dt_s)
         self._stamp_s = stamp_s
         step = p - self._p_m
         length_m = float(np.linalg.norm(step))
@@ -72,10 +72,15 @@ class Drift:
         F = np.eye(5)
         F[:3, 3], F[:3, 4] = about_z(step), step
         self._P = F @ self._P @ F.T
-        self._P[range(3), range(3)] += self._rates.walk_m_per_sqrt_m**2 * length_m
+        self._widen(self._rates.walk_m_per_sqrt_m**2 * length_m)
         self._P[3, 3] += np.radians(self._rates.heading_deg_per_sqrt_m) ** 2 * length_m
         self.path_m += length_m
         self._p_m = p.copy()
+
+    def _widen(self, variance_m2: float) -> None:
+        """Adds to the variance of x, y and z."""
+        for k in range(3):
+            self._P[k, k] += variance_m2
 
     def _keep(self, stamp_s: float, p_m: np.ndarray) -> None:
         self._recent.append((stamp_s, p_m.copy()))

@@ -11,6 +11,7 @@ of following points, which are as large across any way as along it.
 import math
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from fcsv_tracking.scene.epipolar import Lines
 
@@ -54,52 +55,46 @@ def one_way_ratio(
     between both.
     """
     rays = xy_now @ R_odom_now[2, :2] + R_odom_now[2, 2]
-    below = rays < _HORIZON * np.sqrt(1.0 + np.einsum("ij,ij->i", xy_now, xy_now))
+    below = rays < _HORIZON * np.hypot(1.0, np.hypot(xy_now[:, 0], xy_now[:, 1]))
     if int(np.count_nonzero(below)) < _LEAST_POINTS:
         return 0.0
-    xy_then, xy_now = xy_then[below], xy_now[below]
-    off = _without_turn(Lines(xy_then, T_now_then), xy_now, _TURN_RAD + _TURN_PER_TURN * turn_rad)
-    off2 = np.einsum("ij,ij->i", off, off)
-    off *= np.minimum(1.0, _MOST_RAD / np.sqrt(np.maximum(off2, 1e-12)))[:, None]
+    then, now = (np.ascontiguousarray(xy[below].T) for xy in (xy_then, xy_now))
+    off = _without_turn(Lines(then, T_now_then), now, _TURN_RAD + _TURN_PER_TURN * turn_rad)
+    off *= np.minimum(1.0, _MOST_RAD / np.maximum(np.hypot(*off), 1e-6))
     noise2 = (_NOISE_RAD + _NOISE_PER_TURN * turn_rad) ** 2
-    in_all = float(np.einsum("ij,ij->", off, off)) / len(off) / noise2
-    return in_all if in_all < _LITTLE else _most_along(xy_now, off, R_odom_now, noise2)
+    in_all = float(np.vdot(off, off)) / off.shape[1] / noise2
+    return in_all if in_all < _LITTLE else _most_along(now, off, R_odom_now, noise2)
 
 
 def _most_along(xy: np.ndarray, off: np.ndarray, R_odom_now: np.ndarray, noise2: float) -> float:
-    """Says, of points (N, 2) and what they are off (N, 2): the mean square along the best way over
+    """Says, of points (2, N) and what they are off (2, N): the mean square along the best way over
     that across it, or over ``noise2`` where that is more."""
     ways = _WAYS @ R_odom_now  # in the camera
     # where a camera that goes this way sees them move
-    e = xy[None] * ways[:, None, 2:] - ways[:, None, :2]
-    e /= np.maximum(np.sqrt(np.einsum("kij,kij->ki", e, e)), 1e-6)[..., None]
-    along = np.einsum("kij,ij->ki", e, off)
-    across = e[..., 0] * off[:, 1] - e[..., 1] * off[:, 0]
+    x, y = np.moveaxis(xy * ways[:, 2:, None] - ways[:, :2, None], 1, 0)
+    length = np.maximum(np.hypot(x, y), 1e-6)
+    along, across = (x * off[0] + y * off[1]) / length, (x * off[1] - y * off[0]) / length
     return float(((along**2).mean(axis=1) / np.maximum((across**2).mean(axis=1), noise2)).max())
 
 
 def _turns(xy: np.ndarray) -> np.ndarray:
-    """(N, 2, 3) how points move in the picture with a small turn (rad) of all about the camera's
-    axes."""
-    x, y = xy[:, 0], xy[:, 1]
-    out = np.empty((len(xy), 2, 3))
-    out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = x * y, -(1.0 + x * x), y
-    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = 1.0 + y * y, -x * y, -x
-    return out
+    """(3, 2, N) how points (2, N) move in the picture with a small turn (rad) of all about the
+    camera's axes."""
+    x, y = xy
+    return np.array([[x * y, 1.0 + y * y], [-(1.0 + x * x), -x * y], [y, -x]])
 
 
 def _without_turn(lines: Lines, xy_now: np.ndarray, sigma_rad: float) -> np.ndarray:
-    """(N, 2) what points (N, 2) are off their lines once the small turn is taken back that leaves
+    """(2, N) what points (2, N) are off their lines once the small turn is taken back that leaves
     the least sum of distances (reweighted squares), where large ones are unlikely."""
     A, turn, off = _turns(xy_now), np.zeros(3), lines.off(xy_now)
-    flat = A.reshape(-1, 3)
-    prior = _PRIOR_WEIGHT * len(xy_now) * _SHARP_RAD / sigma_rad**2
+    flat = A.reshape(3, -1)
+    prior = _PRIOR_WEIGHT * xy_now.shape[1] * _SHARP_RAD / sigma_rad**2
     priors = prior * np.eye(3)
     for _ in range(_ROUNDS):
-        weight = 1.0 / np.maximum(np.sqrt(np.einsum("ij,ij->i", off, off)), _SHARP_RAD)
-        weighted = (A * weight[:, None, None]).reshape(-1, 3)
-        normal = weighted.T @ flat + priors
-        turn = turn + np.linalg.solve(normal, off.ravel() @ weighted - prior * turn)
+        weighted = (A / np.maximum(np.hypot(*off), _SHARP_RAD)).reshape(3, -1)
+        normal = weighted @ flat.T + priors
+        turn = turn + dposv(normal, weighted @ off.ravel() - prior * turn)[1]
         turn *= min(1.0, _MOST_TURN * sigma_rad / max(math.sqrt(turn @ turn), 1e-12))
-        off = lines.off(xy_now - A @ turn)
+        off = lines.off(xy_now - (turn @ flat).reshape(2, -1))
     return off

@@ -18,7 +18,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.vehicles.telemetry import SceneLook
 from fcsv_tracking.errors import TrackingError
-from fcsv_tracking.scene.epipolar import from_lines
+from fcsv_tracking.scene.epipolar import Lines
 from fcsv_tracking.scene.one_way import one_way_ratio
 
 SHARE_THAT_MAY_MOVE = 0.7  # of the points by themselves: people, leaves, another vehicle
@@ -40,8 +40,7 @@ def off_lines(xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray) -
     >>> off_lines(np.zeros((2, 2)), np.array([[0.1, 0.0], [0.1, 0.03]]), T).round(9).tolist()
     [0.0, 0.03]
     """
-    off = from_lines(xy_then, xy_now, T_now_then)
-    return np.hypot(off[:, 0], off[:, 1])
+    return np.hypot(*Lines(xy_then.T, T_now_then).off(xy_now.T))
 
 
 def look(

@@ -43,6 +43,7 @@ class ConnectionKeeper:
     def __init__(self, streams):
         self._streams: Dict[str, float] = dict.fromkeys(streams, float("-inf"))
         self._asked_s: Dict[str, float] = {}
+        self._all_come_s = float("-inf")  # until then no stream can have stopped
         self._heartbeat_s: Optional[float] = None
         self._booting = self._forgotten = False
         self._boot_ms: Optional[int] = None
@@ -99,8 +100,12 @@ class ConnectionKeeper:
 
     def _stopped(self, now_s: float) -> List[str]:
         """Streams of which nothing came for two seconds, and that were not asked for meanwhile."""
-        if now_s - min(self._streams.values(), default=now_s) <= _SILENT_S:
+        if now_s < self._all_come_s:
             return []  # as it is 50 times a second
+        oldest_s = min(self._streams.values(), default=now_s)
+        self._all_come_s = oldest_s + _SILENT_S
+        if now_s - oldest_s <= _SILENT_S:
+            return []
         since = {
             name: max(last_s, self._asked_s.get(name, last_s))
             for name, last_s in self._streams.items()
@@ -117,7 +122,7 @@ class ConnectionKeeper:
         """Nothing that was set up may be relied on any more."""
         self.parameters_read = self.version_known = False
         self._streams = dict.fromkeys(self._streams, float("-inf"))
-        self._asked_s = {}
+        self._asked_s, self._all_come_s = {}, float("-inf")
         self._origin_s = float("-inf")
         self._boot_ms = None
         for name in (STREAMS, ASK_ORIGIN, PARAMETER, VERSION, TIMESYNC):

@@ -60,6 +60,8 @@ class TextJoiner:
 
     def overdue(self, now_s: float) -> List[Text]:
         """Texts whose end never came: as far as they are known."""
+        if not self._open:
+            return []
         late = [i for i, growing in self._open.items() if now_s - growing.since_s > _PATIENCE_S]
         return [self._open.pop(i).joined(whole=False) for i in late]
 

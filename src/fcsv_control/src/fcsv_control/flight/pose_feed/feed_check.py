@@ -235,7 +235,8 @@ class PoseCheck:
         r, (way, v) = self._rules, self._way_at(stamp_s + self._skew_s)
         known = (self._believed[0], self._believed[-1]) if self._believed else ()
         for then_s, p_then, way_then, v_then in known:
-            off_m = math.dist(p_m, [p + b - a for p, a, b in zip(p_then, way_then, way)])
+            (x, y, z), (ax, ay, az), (bx, by, bz) = p_then, way_then, way
+            off_m = math.dist(p_m, (x + bx - ax, y + by - ay, z + bz - az))
             bound_m = r.noise_m + r.speed_mps * min(stamp_s - then_s, r.horizon_s)
             if off_m > bound_m + r.lag_s * math.dist(v, v_then):
                 self._off_m = off_m
@@ -260,7 +261,7 @@ class PoseCheck:
         late_s, way, v = self._way[-1]
         if at_s >= late_s:
             ahead_s = min(at_s - late_s, 0.1)
-            return tuple(w + ahead_s * u for w, u in zip(way, v)), v
+            return (way[0] + ahead_s * v[0], way[1] + ahead_s * v[1], way[2] + ahead_s * v[2]), v
         for early_s, way_before, v_before in reversed(self._way):
             if early_s <= at_s:
                 share = (at_s - early_s) / (late_s - early_s)

@@ -77,10 +77,10 @@ class HeightCheck:
         apart.append((now_s, tracker_m - baro_m))
         while apart[0][0] < now_s - r.apart_s - r.before_s:
             apart.popleft()
-        before = [d for at_s, d in apart if at_s <= now_s - r.apart_s]
-        lately = [d for at_s, d in apart if at_s > now_s - r.mean_s]
         if now_s - apart[0][0] < r.apart_s + 0.5 * r.before_s:
             return 0.0
+        before = [d for at_s, d in apart if at_s <= now_s - r.apart_s]
+        lately = [d for at_s, d in apart if at_s > now_s - r.mean_s]
         return sum(lately) / len(lately) - sum(before) / len(before)
 
     def doubt(self, off_m: float) -> str:

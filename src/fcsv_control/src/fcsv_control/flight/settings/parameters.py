@@ -82,4 +82,5 @@ class ParameterCheck:
 
     def _complaints_of(self, must: bool) -> List[str]:
         told = self._complaints
-        return [told[r.name] for r in self.profile if r.must == must and r.name in told]
+        rules = self.profile if told else ()
+        return [told[r.name] for r in rules if r.must == must and r.name in told]

@@ -16,8 +16,8 @@ class LatchedDriftWarning:
 
     def of(self, name: str, T_home_odom: np.ndarray) -> str:
         """Empty where nothing stands."""
-        said, by = self._said.get(name, ("", T_home_odom))
-        return said if np.array_equal(by, T_home_odom) else ""
+        said, by = self._said.get(name, ("", None))
+        return said if said and np.array_equal(by, T_home_odom) else ""
 
     def say(self, name: str, T_home_odom: np.ndarray, said: str) -> None:
         """Takes what was said from now on."""

@@ -2,7 +2,8 @@
 """How long each kind of pause may last, and what the mission does after that."""
 
 from enum import Enum
-from typing import Dict, Iterable, List, Optional
+from functools import lru_cache
+from typing import Dict, Iterable, List, Mapping, Optional
 
 from fcsv_geometry.missions.flight_limits import PauseLimits
 
@@ -27,9 +28,10 @@ BACK, LAND, BY_HAND = (
 )
 
 
+@lru_cache(maxsize=None)
 def what_follows(
     phase: str, going_back: bool, by_hand: bool, follows: bool = False
-) -> Dict[Pause, str]:
+) -> Mapping[Pause, str]:
     """What follows each kind of pause, where that has a limit; ``by_hand``: people fly; ``follows``:
     no vehicle goes back."""
     if phase == "CONFIGURATIONS":
@@ -61,9 +63,10 @@ class PauseTimers:
     def update(self, now_s: float, kinds: Iterable[Pause]) -> Optional[Pause]:
         """These kinds last; the first whose limit has passed."""
         self._since_s = {k: self._since_s.get(k, now_s) for k in kinds}
-        return next((k for k in Pause if self._lasts_s(now_s, k) > self._most_s[k]), None)
+        over = {k for k in self._since_s if self._lasts_s(now_s, k) > self._most_s[k]}
+        return next((k for k in Pause if k in over), None) if over else None
 
-    def announcements(self, now_s: float, then: Dict[Pause, str]) -> List[str]:
+    def announcements(self, now_s: float, then: Mapping[Pause, str]) -> List[str]:
         """What happens next, a line per kind of pause; texts that do not change while it lasts."""
         told = [
             k
@@ -72,7 +75,7 @@ class PauseTimers:
         ]
         return [
             f"{k.value}: after {self._most_s[k]:g} s {then[k]}"
-            for k in Pause
+            for k in (Pause if told else ())
             if k in told and k in then
         ]
 

@@ -18,9 +18,10 @@ from fcsv_geometry.vehicles.modes import Mode
 _TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
 _SIGHT_OLD_S = 0.5  # where it was seen longer ago it may not be any more
 _NEVER_S = -math.inf
-# topics whose age counts
+# topics whose age counts, and all of them
 ODOMETRY, STATE, BATTERY = "odometry/state", "mavros/state", "mavros/battery"
 GUARDIAN, RECORDER = "guardian/state", "recorder/status"
+AGED = (ODOMETRY, STATE, BATTERY, GUARDIAN, RECORDER)
 
 
 def _as_it_came(_topic: str, came_s: float) -> float:

@@ -2,6 +2,7 @@
 """What must be well for the mission to go on. Texts hold no numbers that change: they are shown
 until they change."""
 
+from functools import lru_cache
 from itertools import combinations
 from typing import Iterator, List, Optional, Tuple
 
@@ -123,9 +124,15 @@ def _of_recorder(r: RecorderView, who: str = "") -> Iterator[Tuple[Pause, str]]:
         yield Pause.RECORDER, f"{who}recorder: {found.words}"
 
 
+@lru_cache(maxsize=None)
+def _kept(separation_m: float, air: SeparationRules) -> Keep:
+    """What vehicles in flight must keep of what a mission's ways keep."""
+    guarded = SeparationRules(_GUARDED * air.horizontal_m, air.vertical_factor)
+    return Keep(_TOO_NEAR * separation_m, guarded)
+
+
 def _too_near(mission: Mission, snapshot: Snapshot) -> Iterator[str]:
-    air = SeparationRules(_GUARDED * mission.air.horizontal_m, mission.air.vertical_factor)
-    keep = Keep(_TOO_NEAR * mission.min_separation_m, air)
+    keep = _kept(mission.min_separation_m, mission.air)
     known = {n: v for n, v in snapshot.vehicles.items() if v.T_home_cam is not None}
     for a, b in combinations(known, 2):
         offset_m = snapshot.p_home_cam(a) - snapshot.p_home_cam(b)

@@ -50,7 +50,8 @@ class Keep:
     def share(self, offset_m: np.ndarray, doubt_m: float = 0.0) -> float:
         """Says, of what is to be kept, how much is: 1 and more is enough. ``doubt_m``:
         separation.doubt_m of its air."""
-        return float(min(separation.share(offset_m, *kept) for kept in self._kept(doubt_m)))
+        offset = offset_m.tolist()
+        return min(separation.share(offset, *kept) for kept in self._kept(doubt_m))
 
     def shares_of(self, offsets_m: np.ndarray) -> np.ndarray:
         """``share`` (N,) of each of many offsets (N, 3)."""
