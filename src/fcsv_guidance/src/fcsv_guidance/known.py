@@ -67,7 +67,8 @@ class KnownGround:
 
     A cell in which views surely show something nearer than the maps foretell is closed, until
     _FREEING_VIEWS views, each good enough to tell the thing from the ground, have shown the ground
-    there as it is mapped. A view that does not see it says nothing.
+    there as it is mapped. A view that does not see it says nothing. What one view shows well enough
+    to hold the robot closes its cells, too, until a view shows the ground there.
     """
 
     def __init__(self, robot: Robot, by_all: Optional[Robot] = None):
@@ -105,7 +106,7 @@ class KnownGround:
     @property
     def closed(self) -> np.ndarray:
         """(rows, columns) bool: cells in which something stands that came after the maps."""
-        return self._closed
+        return self._closed | (self._things >= _HOLDS)
 
     @property
     def newest_map_s(self) -> float:
@@ -214,7 +215,7 @@ class KnownGround:
             cells |= moved & ~_lone(moved)
         stirs = standing.disk(_STIRS_M, grid.cell_m)
         came = changed & ~(standing.most(self._changed, stirs) > 0)
-        closed = self._closed
+        closed = self.closed
         came |= self._compared(seen, place, own)
         self._quiet_views += 1
         if came.sum() >= _MOVES_CELLS:
@@ -225,7 +226,7 @@ class KnownGround:
         if before is None:
             self._stands[seen.source] = self._judged(ground)
         elif not cells.any():
-            return (closed != self._closed).any() and self._weighed()
+            return (closed != self.closed).any() and self._weighed()
         else:
             self._stands[seen.source] = self._judged_near(ground, cells, before)
         return self._weighed()
@@ -294,8 +295,8 @@ class KnownGround:
         stands = standing.weighed(each, whole, around, by_maps)
         for p, _ in watching:  # what is in the way now, no number of older maps can say otherwise
             stands = np.where(doubtful & (p < tuning.FREE_P), np.minimum(stands, p), stands)
-        if self._closed.any():
-            blocked = standing.most(self._closed, around) > 0
+        if self.closed.any():
+            blocked = standing.most(self.closed, around) > 0
             stands = np.where(blocked, np.float32(0.0), stands)
         before, self.stands = self.stands, stands
         self.clear_m = np.maximum(self.grid.clear_m(stands >= tuning.FREE_P), 0.0)
