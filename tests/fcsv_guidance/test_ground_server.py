@@ -23,7 +23,6 @@ from fcsv_guidance.ground_server import (
     RobotHold,
     RouteMessage,
 )
-from fcsv_guidance.guiding import careful
 from fcsv_guidance.live_views import LiveViews
 from fcsv_guidance.map_files import FREE_PERCENT
 from fcsv_guidance.robot import load_robot
@@ -338,8 +337,8 @@ def test_what_is_judged_in_a_window_is_what_the_whole_grid_gives(server, scene, 
     seen = server._known._watching["live"].ground
     p, below = server._known._stands["live"]
     assert near.sum() > 100
-    judged = standing.probability(seen, careful(rescue))
+    judged, all_below = standing.by_one(seen, rescue)
     assert np.allclose(p[near], judged[near], equal_nan=True, atol=1e-5)
-    assert np.array_equal(below[near], standing.seen_below(seen, rescue)[near])
+    assert np.array_equal(below[near], all_below[near])
     server.receive(3.0, MapSeen(scene([BOX]).view(stamp_s=3.0, name="live"), watching=True))
     assert np.allclose(server._alone, cell_probability(server.ground, rescue), equal_nan=True)

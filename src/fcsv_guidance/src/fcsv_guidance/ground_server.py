@@ -25,8 +25,7 @@ from fcsv_guidance.ground import (
     window_of,
     within,
 )
-from fcsv_guidance.guiding import known_ground
-from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, watch_seen
+from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, KnownGround, watch_seen
 from fcsv_guidance.map_files import occupancy
 from fcsv_guidance.planning import RouteRules, plan_clear
 from fcsv_guidance.robot import Robot
@@ -41,11 +40,13 @@ _STANDS_M = 0.15  # a place that moves by less may be noise
 @dataclass(frozen=True)
 class MapSeen:
     """A finished map, or with ``live`` the newest state of one that grows: it watches the place where
-    there are finished maps. ``watching``: what vehicles that hold see now."""
+    there are finished maps. ``watching``: what vehicles that hold see now. ``others``: finished maps
+    that came with it, which are laid at once."""
 
     view: DepthView
     live: bool = False
     watching: bool = False
+    others: Tuple[DepthView, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ class GroundServer:
         self._views: List[DepthView] = []
         self._live: Optional[DepthView] = None
         self._taken: List[DepthView] = []  # of which the maps' ground was laid
-        self._known = known_ground(robot)
+        self._known = KnownGround(robot)
         # what the maps show together, and the same with what watching views show in its place
         self._mapped: Optional[Ground] = None
         self._ground: Optional[Ground] = None
@@ -217,17 +218,18 @@ class GroundServer:
         if seen.watching or (seen.live and self._views):
             self._on_watch(seen.view)
             return
-        views = self._views if seen.live else [*self._views, seen.view]
+        views = self._views if seen.live else [*self._views, seen.view, *seen.others]
         live = seen.view if seen.live else self._live
         taken = views or [live]
         ground = ground_from(taken, self._rules.cell_m, self._grid(), self._rules.reach_m)
         known = self._known
-        if not seen.live or known.grid is None or known.grid != ground.grid:
-            known = known_ground(self._robot)
-        alone = ground.maps or (ground,)
-        for view, each in zip(taken, alone):
-            stamp_s = view.stamp_s if np.isfinite(view.stamp_s) else 0.0
-            known.receive(GroundSeen(stamp_s, view.name, each), None)
+        # else what was seen to change stays
+        if known.grid != ground.grid or not (seen.live or self._views):
+            known = KnownGround(self._robot)
+            known.version = self._known.version
+        stamps = [view.stamp_s if np.isfinite(view.stamp_s) else 0.0 for view in taken]
+        alone = zip(stamps, taken, ground.maps or (ground,))
+        known.receive_maps([GroundSeen(stamp_s, view.name, each) for stamp_s, view, each in alone])
         self._views, self._live, self._known, self._taken = views, live, known, taken
         self._mapped = self._ground = ground
         self._alone = cell_probability(ground, self._robot)
