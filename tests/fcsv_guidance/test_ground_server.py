@@ -125,6 +125,17 @@ def test_who_stands_on_the_route_gets_another(server):
     assert not server.step(12.0)
 
 
+def test_a_way_that_closes_is_answered_at_once(server, scene):
+    """Not only after replan_s."""
+    server.receive(1.0, at(10.0, 3.0))
+    server.receive(1.0, Goal(18.0, 3.0))
+    assert server.step(1.0)
+    thing = (13.0, 14.0, 2.0, 5.0, 0.0, 0.8)
+    server.receive(1.2, MapSeen(scene([BOX, thing]).view(stamp_s=1.1, name="live"), live=True))
+    assert any(isinstance(said, RouteMessage) for said in server.step(1.2))
+    assert not any(isinstance(said, RouteMessage) for said in server.step(1.4))
+
+
 def test_a_live_map_changes_cells_and_the_route(server, scene):
     server.receive(1.0, at(10.0, 3.0))
     server.receive(1.0, Goal(18.0, 3.0))

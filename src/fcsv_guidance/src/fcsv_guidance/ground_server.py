@@ -328,24 +328,22 @@ class GroundServer:
             self._out.append(RobotHold(reason))
 
     def _wants_plan(self, now_s: float) -> bool:
-        version, planned_s = self._planned
-        if now_s - planned_s < self._rules.replan_s:
-            return False
-        place = self._place
+        (version, planned_s), place = self._planned, self._place
+        changed, soon = version != self._known.version, now_s - planned_s < self._rules.replan_s
         if self._route is None:
-            changed = version != self._known.version or (
-                place is not None and self._waits_for_place
-            )
-            return (
-                changed or now_s - planned_s > self._rules.retry_s
-            )  # its place may be known better
+            changed |= place is not None and self._waits_for_place
+            # its place may be known better
+            return not soon and (changed or now_s - planned_s > self._rules.retry_s)
         if np.hypot(place.x_m - self._goal.x_m, place.y_m - self._goal.y_m) <= self._rules.goal_m:
             return False  # it is there
+        if changed and not self._is_clear(place):
+            return True  # the answer to a way that closes does not wait
+        if soon:
+            return False
         if _off_m(self._route.points_home_m, (place.x_m, place.y_m)) > self._rules.off_m:
             return True
-        if now_s - max(planned_s, self._stood[2]) > self._rules.retry_s:
-            return True  # it stands: what its place allows is another than when it was planned
-        return version != self._known.version and not self._is_clear(place)
+        # it stands: what its place allows is another than when it was planned
+        return now_s - max(planned_s, self._stood[2]) > self._rules.retry_s
 
     def _planned_route(self) -> Union[RouteMessage, NoRouteMessage]:
         place = self._place

@@ -184,12 +184,14 @@ class RobotGuide:
         """Where there is no route, or the one there is closed or cannot be followed; ``command``:
         the follower's."""
         since_s = now_s - self._planned_s
+        changed = self.known.version != self._planned_version
+        if command is not None and changed and not self._is_clear():
+            return True  # the answer to a way that closes does not wait
         if since_s < self._rules.replan_s:
             return False
-        changed = self.known.version != self._planned_version
         if command is None:
             return changed or since_s > self._rules.retry_s
-        return bool(command.reason) or (changed and not self._is_clear())
+        return bool(command.reason)
 
     def _is_clear(self) -> bool:
         """Whether what is left of the route keeps clear of what is known now."""

@@ -33,7 +33,7 @@ from fcsv_guidance.views import DepthView
 _TILE_CELLS = 512
 _LEAST_TILE_CELLS = 32
 _KEPT_POINTS = 1 << 24  # of views between two tiles
-_MOST_CELLS = 1 << 21  # of all maps of a tile: some 0.3 GB
+_MOST_CELLS = 1 << 21  # of all maps of a tile: some 0.2 GB
 
 Window = Tuple[slice, slice]
 
