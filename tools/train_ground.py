@@ -102,7 +102,7 @@ def boosted(x: np.ndarray, y: np.ndarray) -> dict:
     for estimator in model.estimators_[:, 0]:
         out["first"].append(len(out["feature"]))
         add(estimator.tree_, 0)
-    out["threshold"] = [float(f"{value:.5g}") for value in out["threshold"]]
+    out["threshold"] = [float(f"{value:.9g}") for value in out["threshold"]]
     return out
 
 

@@ -90,6 +90,16 @@ def test_ground_is_free_again_after_three_views_that_see_it(known, mapped, live)
     assert free(known)
 
 
+def test_what_one_view_half_shows_closes_its_ground_until_one_view_sees_that(known, mapped, live):
+    seen = watch_seen(live([WALL, CRATE], 1), [mapped], GRID)
+    half = replace(seen.compared, came=0.5 * seen.compared.came)
+    before = known.version
+    known.receive(replace(seen, compared=half), None)
+    assert known.version > before and known.closed[ON_CRATE] and not free(known)
+    known.receive(watch_seen(live([WALL], 2), [mapped], GRID), None)
+    assert known.version > before + 1 and not known.closed.any() and free(known)
+
+
 def test_a_view_that_does_not_see_it_or_is_not_sure_neither_frees_nor_closes(known, mapped, live):
     blind = live([WALL], 2)
     xy = np.indices(blind.depth.shape)

@@ -23,7 +23,6 @@ from fcsv_guidance.ground_server import (
     RobotHold,
     RouteMessage,
 )
-from fcsv_guidance.guiding import careful
 from fcsv_guidance.live_views import LiveViews
 from fcsv_guidance.map_files import FREE_PERCENT
 from fcsv_guidance.robot import load_robot
@@ -124,6 +123,17 @@ def test_who_stands_on_the_route_gets_another(server):
     a, b = said.points_home_m[:2]
     server.receive(8.0, at(*(a + 0.6 * (b - a) / np.hypot(*(b - a)))))  # it drives
     assert not server.step(12.0)
+
+
+def test_a_way_that_closes_is_answered_at_once(server, scene):
+    """Not only after replan_s."""
+    server.receive(1.0, at(10.0, 3.0))
+    server.receive(1.0, Goal(18.0, 3.0))
+    assert server.step(1.0)
+    thing = (13.0, 14.0, 2.0, 5.0, 0.0, 0.8)
+    server.receive(1.2, MapSeen(scene([BOX, thing]).view(stamp_s=1.1, name="live"), live=True))
+    assert any(isinstance(said, RouteMessage) for said in server.step(1.2))
+    assert not any(isinstance(said, RouteMessage) for said in server.step(1.4))
 
 
 def test_a_live_map_changes_cells_and_the_route(server, scene):
@@ -348,8 +358,8 @@ def test_what_is_judged_in_a_window_is_what_the_whole_grid_gives(server, scene, 
     seen = server._known._watching["live"].ground
     p, below = server._known._stands["live"]
     assert near.sum() > 100
-    judged = standing.probability(seen, careful(rescue))
+    judged, all_below = standing.by_one(seen, rescue)
     assert np.allclose(p[near], judged[near], equal_nan=True, atol=1e-5)
-    assert np.array_equal(below[near], standing.seen_below(seen, rescue)[near])
+    assert np.array_equal(below[near], all_below[near])
     server.receive(3.0, MapSeen(scene([BOX]).view(stamp_s=3.0, name="live"), watching=True))
     assert np.allclose(server._alone, cell_probability(server.ground, rescue), equal_nan=True)

@@ -32,12 +32,12 @@ def views(scene):
 
 
 def whole_of(views, robot, grid):
-    return judged(ground_from(views, grid=grid), robot, 0.2)
+    return judged(ground_from(views, grid=grid), robot)
 
 
 def test_tiles_are_the_whole(views, rescue):
     """Heights are sorted in steps of 5 mm from a height of the tile's own; p follows."""
-    by_tiles = judged_by_tiles(views, rescue, 0.2, 30.0, 0.2, tile_cells=40)
+    by_tiles = judged_by_tiles(views, rescue, 0.2, 30.0, tile_cells=40)
     whole = whole_of(views, rescue, by_tiles.ground.grid)
     assert by_tiles.ground.grid.rows > 2 * 40 and by_tiles.ground.views == ("a", "b")
     assert np.array_equal(by_tiles.ground.known, whole.ground.known)
@@ -46,8 +46,7 @@ def test_tiles_are_the_whole(views, rescue):
         assert np.array_equal(np.isnan(found), np.isnan(values)), name
         both = np.isfinite(found) & np.isfinite(values)
         assert (np.abs(found[both] - values[both]) <= 0.01).mean() > 0.999, name
-    assert (by_tiles.occupied == whole.occupied).mean() > 0.999
-    assert np.array_equal(np.isnan(by_tiles.clear), np.isnan(whole.clear))
+    assert (np.abs(by_tiles.occupied - whole.occupied) <= 1).mean() > 0.999  # of 100: p's 0.01
     assert np.array_equal(by_tiles.ground.seen_by, whole.ground.seen_by)
 
 
@@ -55,7 +54,7 @@ def test_a_tile_of_too_many_points_is_cut(views, rescue, monkeypatch):
     whole = judged_by_tiles(views, rescue, 0.2, 30.0, tile_cells=160)
     monkeypatch.setattr(tiles, "MOST_POINTS", 200_000)
     cut = judged_by_tiles(views, rescue, 0.2, 30.0, tile_cells=160)
-    assert np.array_equal(whole.ground.known, cut.ground.known) and cut.clear is None
+    assert np.array_equal(whole.ground.known, cut.ground.known)
     monkeypatch.setattr(tiles, "MOST_POINTS", 10)
     with pytest.raises(GroundError, match="too many points show one place"):
         judged_by_tiles(views, rescue, 0.2, 30.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fcsv_guidance import kernels, together
-from fcsv_guidance.ground import Grid, ground_from
+from fcsv_guidance.ground import LAYERS, Grid, ground_from, stand_probability
 from fcsv_guidance.known import GroundSeen, KnownGround
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.tuning import FREE_P
@@ -64,18 +64,27 @@ def test_the_stored_trees_end_in_leaves_and_ask_for_features_that_there_are():
     assert (above[inner] > inner + 1).all() and (above < len(feature)).all()
 
 
-def test_maps_too_few_or_too_near_are_not_judged_together(maps, rescue):
-    assert together.probability(maps[: together.LEAST_MAPS - 1], rescue) is None
-    near = [replace(one, distance_m=one.distance_m - np.float32(15.0)) for one in maps]
-    assert np.isnan(together.probability(near, rescue)).all()
+@pytest.mark.parametrize("more_m", (-15.0, 45.0))
+def test_maps_too_near_or_too_far_are_not_judged_together(maps, rescue, more_m):
+    assert np.isfinite(together.probability(maps[:1], rescue)).any()
+    away = [replace(one, distance_m=one.distance_m + np.float32(more_m)) for one in maps]
+    assert np.isnan(together.probability(away, rescue)).all()
+
+
+def test_maps_of_another_place_say_nothing(maps, rescue):
+    away = replace(maps[0], **{name: np.full_like(maps[0].height_m, np.nan) for name in LAYERS})
+    with_others = together.probability([*maps, away, away], rescue)
+    assert np.array_equal(with_others, together.probability(maps, rescue), equal_nan=True)
 
 
 def test_a_block_is_not_free_together_and_what_changed_is_left_to_the_watch(maps, rescue):
     p = together.probability(maps, rescue)
     assert not (p[GRID.cell_of(23.5, 0.0)] >= FREE_P) and not (p[GRID.cell_of(22.8, 0.0)] >= FREE_P)
-    known = KnownGround(rescue, rescue)
-    for number, one in enumerate(maps):
-        known.receive(GroundSeen(0.0, f"station {number}", one), None)
+    known = KnownGround(rescue)
+    seen = [GroundSeen(0.0, f"station {number}", one) for number, one in enumerate(maps)]
+    assert known.receive_maps(seen) and known.version == 1
+    whole = replace(maps[0], maps=tuple(maps))
+    assert np.array_equal(known.stands, stand_probability(whole, rescue), equal_nan=True)
     free = known.stands >= FREE_P
     assert (free & (p >= FREE_P)).sum() == (p >= FREE_P).sum()
     assert not free[GRID.cell_of(23.5, 0.0)]

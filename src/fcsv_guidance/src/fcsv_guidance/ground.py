@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from scipy.special import ndtr
 
-from fcsv_guidance import kernels, standing, tuning
+from fcsv_guidance import kernels, standing, together, tuning
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.views import DepthView
@@ -289,19 +289,18 @@ def cell_probability(ground: Ground, robot: Robot) -> np.ndarray:
     return np.where(judged, p, np.nan)
 
 
-def stand_probability(ground: Ground, robot: Robot, margin_m: float = 0.0) -> np.ndarray:
+def stand_probability(ground: Ground, robot: Robot) -> np.ndarray:
     """(rows, columns): calibrated probability that the robot can stand with its middle in the cell;
-    NaN where unknown.
+    NaN where unknown. What drives goes by the same (known.KnownGround).
 
-    The footprint is grown by ``margin_m``. It is unknown where no map knows all cells below the
-    footprint, unless one shows an obstacle there, or free footprints cover it. What one map calls
-    free and another does not is weighed by number (standing.weighed).
+    It is unknown where no map knows all cells below the footprint, unless one shows an obstacle
+    there, or free footprints cover it. Maps are judged by their average (together.probability), and
+    where that is not learnt weighed by number (standing.weighed).
     """
     maps = ground.maps or (ground,)
-    each = [standing.probability(alone, robot, margin_m) for alone in maps]
-    whole = [standing.seen_below(alone, robot, margin_m) for alone in maps]
-    around = standing.disk(robot.radius_m + margin_m, ground.grid.cell_m)
-    return standing.weighed(each, whole, around)
+    each, whole = zip(*(standing.by_one(alone, robot) for alone in maps))
+    around = standing.disk(robot.radius_m, ground.grid.cell_m)
+    return standing.weighed(each, whole, around, together.probability(maps, robot))
 
 
 def _without(ground: Ground, cells: np.ndarray) -> Ground:

@@ -88,18 +88,16 @@ def write_ground(
     written.
     """
     begin("the ground", 0.2)
-    margin_m = None if asked is None else 2 * asked.place_sigma_m
     if place is None:
         ground = ground_from(views, options.cell_m, reach_m=options.reach_m)
         begin("where the robot can stand", 0.4)
-        judgement = judged(ground, robot, margin_m)
+        judgement = judged(ground, robot)
     else:
         judgement = judged_by_tiles(
             views,
             robot,
             options.cell_m,
             options.reach_m,
-            margin_m,
             progress=lambda share: begin(f"the ground, {share:.0%}", 0.2 + 0.3 * share),
         )
     ground, stands = judgement.ground, judgement.stands
@@ -140,7 +138,7 @@ def _route(judgement: JudgedGround, robot: Robot, asked: RouteAsked) -> Union[Ro
             asked.goal_m,
             asked.place_sigma_m,
             asked.through_unknown,
-            judgement.clear,
+            judgement.stands,
         )
     except EndNotSeenError as error:
         if asked.mission is None:

@@ -25,8 +25,7 @@ from fcsv_guidance.ground import (
     window_of,
     within,
 )
-from fcsv_guidance.guiding import known_ground
-from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, watch_seen
+from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, KnownGround, watch_seen
 from fcsv_guidance.map_files import occupancy
 from fcsv_guidance.planning import RouteRules, plan_clear
 from fcsv_guidance.robot import Robot
@@ -42,11 +41,13 @@ _STANDS_M = 0.15  # a place that moves by less may be noise
 class MapSeen:
     """A finished map, in place of one of the same name and stamp, or with ``live`` the newest state
     of one that grows: it watches the place where there are finished maps. ``watching``: what
-    vehicles that hold see now."""
+    vehicles that hold see now. ``others``: finished maps that came with it, which are laid at
+    once."""
 
     view: DepthView
     live: bool = False
     watching: bool = False
+    others: Tuple[DepthView, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ class GroundServer:
         self._views: List[DepthView] = []
         self._live: Optional[DepthView] = None
         self._taken: List[DepthView] = []  # of which the maps' ground was laid
-        self._known = known_ground(robot)
+        self._known = KnownGround(robot)
         # what the maps show together, and the same with what watching views show in its place
         self._mapped: Optional[Ground] = None
         self._ground: Optional[Ground] = None
@@ -218,20 +219,21 @@ class GroundServer:
         if seen.watching or (seen.live and self._views):
             self._on_watch(seen.view)
             return
-        others = [
-            v for v in self._views if (v.name, v.stamp_s) != (seen.view.name, seen.view.stamp_s)
-        ]
-        views = self._views if seen.live else [*others, seen.view]
+        new = [seen.view, *seen.others]
+        same = {(v.name, v.stamp_s) for v in new}
+        others = [v for v in self._views if (v.name, v.stamp_s) not in same]
+        views = self._views if seen.live else [*others, *new]
         live = seen.view if seen.live else self._live
         taken = views or [live]
         ground = ground_from(taken, self._rules.cell_m, self._grid(), self._rules.reach_m)
         known = self._known
-        if not seen.live or known.grid is None or known.grid != ground.grid:
-            known = known_ground(self._robot)
-        alone = ground.maps or (ground,)
-        for view, each in zip(taken, alone):
-            stamp_s = view.stamp_s if np.isfinite(view.stamp_s) else 0.0
-            known.receive(GroundSeen(stamp_s, view.name, each), None)
+        # else what was seen to change stays
+        if known.grid != ground.grid or not (seen.live or self._views):
+            known = KnownGround(self._robot)
+            known.version = self._known.version
+        stamps = [view.stamp_s if np.isfinite(view.stamp_s) else 0.0 for view in taken]
+        alone = zip(stamps, taken, ground.maps or (ground,))
+        known.receive_maps([GroundSeen(stamp_s, view.name, each) for stamp_s, view, each in alone])
         self._views, self._live, self._known, self._taken = views, live, known, taken
         self._mapped = self._ground = ground
         self._alone = cell_probability(ground, self._robot)
@@ -330,24 +332,22 @@ class GroundServer:
             self._out.append(RobotHold(reason))
 
     def _wants_plan(self, now_s: float) -> bool:
-        version, planned_s = self._planned
-        if now_s - planned_s < self._rules.replan_s:
-            return False
-        place = self._place
+        (version, planned_s), place = self._planned, self._place
+        changed, soon = version != self._known.version, now_s - planned_s < self._rules.replan_s
         if self._route is None:
-            changed = version != self._known.version or (
-                place is not None and self._waits_for_place
-            )
-            return (
-                changed or now_s - planned_s > self._rules.retry_s
-            )  # its place may be known better
+            changed |= place is not None and self._waits_for_place
+            # its place may be known better
+            return not soon and (changed or now_s - planned_s > self._rules.retry_s)
         if np.hypot(place.x_m - self._goal.x_m, place.y_m - self._goal.y_m) <= self._rules.goal_m:
             return False  # it is there
+        if changed and not self._is_clear(place):
+            return True  # the answer to a way that closes does not wait
+        if soon:
+            return False
         if _off_m(self._route.points_home_m, (place.x_m, place.y_m)) > self._rules.off_m:
             return True
-        if now_s - max(planned_s, self._stood[2]) > self._rules.retry_s:
-            return True  # it stands: what its place allows is another than when it was planned
-        return version != self._known.version and not self._is_clear(place)
+        # it stands: what its place allows is another than when it was planned
+        return now_s - max(planned_s, self._stood[2]) > self._rules.retry_s
 
     def _planned_route(self) -> Union[RouteMessage, NoRouteMessage]:
         place = self._place

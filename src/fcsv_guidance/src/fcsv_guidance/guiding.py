@@ -55,18 +55,13 @@ class Guidance:
 @dataclass(frozen=True)
 class GuideRules:
     """``watched``: the robot drives only while views watch its place, none older than
-    ``oldest_watch_s``; else maps serve for ``oldest_map_s``. A route crosses steps up to
-    ``step_share`` of what the robot climbs: little more is hardly seen; ``together_share`` where
-    enough maps are judged together. Two plans are ``replan_s``
-    apart at least. The robot stands while something came nearer than ``moving_m`` in the last
-    ``still_s``."""
+    ``oldest_watch_s``; else maps serve for ``oldest_map_s``. Two plans are ``replan_s`` apart at
+    least. The robot stands while something came nearer than ``moving_m`` in the last ``still_s``."""
 
     watched: bool = False
     oldest_map_s: float = 1800.0
     oldest_watch_s: float = 3.0
     oldest_radio_s: float = 0.5
-    step_share: float = 0.8
-    together_share: float = 0.9
     moving_m: float = MOVING_M
     still_s: float = STILL_S
     replan_s: float = 1.0
@@ -85,7 +80,7 @@ class RobotGuide:
         oldest_s = rules.oldest_watch_s if rules.watched else rules.oldest_map_s
         self._robot, self._rules = robot, rules
         self._follower = RouteFollower(robot, replace(rules.follower, oldest_map_s=oldest_s))
-        self.known = known_ground(robot, rules)
+        self.known = KnownGround(robot)
         self._places: Deque[RobotPlace] = deque(maxlen=200)
         self._place = PlaceState(None, "no place has come", np.inf, 0, 0, "")
         self._goal: Optional[Goal] = None
@@ -189,12 +184,14 @@ class RobotGuide:
         """Where there is no route, or the one there is closed or cannot be followed; ``command``:
         the follower's."""
         since_s = now_s - self._planned_s
+        changed = self.known.version != self._planned_version
+        if command is not None and changed and not self._is_clear():
+            return True  # the answer to a way that closes does not wait
         if since_s < self._rules.replan_s:
             return False
-        changed = self.known.version != self._planned_version
         if command is None:
             return changed or since_s > self._rules.retry_s
-        return bool(command.reason) or (changed and not self._is_clear())
+        return bool(command.reason)
 
     def _is_clear(self) -> bool:
         """Whether what is left of the route keeps clear of what is known now."""
@@ -215,15 +212,9 @@ class RobotGuide:
         self._follower.receive(now_s, RouteToFollow(found.points_home_m))
 
 
-def careful(robot: Robot, rules: GuideRules = GuideRules()) -> Robot:
-    """The robot as ground is judged for it."""
-    return replace(robot, largest_step_m=rules.step_share * robot.largest_step_m)
-
-
-def known_ground(robot: Robot, rules: GuideRules = GuideRules()) -> KnownGround:
+def known_ground(robot: Robot) -> KnownGround:
     """The ground as it is judged for a robot, before the first map."""
-    by_all = replace(robot, largest_step_m=rules.together_share * robot.largest_step_m)
-    return KnownGround(careful(robot, rules), by_all)
+    return KnownGround(robot)
 
 
 def plan_over(

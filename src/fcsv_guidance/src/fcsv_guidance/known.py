@@ -3,7 +3,7 @@
 freedom back."""
 
 from dataclasses import dataclass, replace
-from typing import Dict, Optional, Sequence, Tuple
+from typing import Dict, Iterable, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -59,7 +59,8 @@ def watch_seen(view: DepthView, maps: Sequence[DepthView], grid: Grid) -> Ground
 
 
 class KnownGround:
-    """Where ``robot`` can stand by all that was seen.
+    """Where ``robot`` can stand by all that was seen: by maps alone as stand_probability of a Ground
+    has it.
 
     A cell in which a watching view shows another height than every map is changed: it counts for
     the maps no more, until a watching view shows the height of the maps again. What hides behind
@@ -67,19 +68,17 @@ class KnownGround:
 
     A cell in which views surely show something nearer than the maps foretell is closed, until
     _FREEING_VIEWS views, each good enough to tell the thing from the ground, have shown the ground
-    there as it is mapped. A view that does not see it says nothing.
+    there as it is mapped. A view that does not see it says nothing. What one view shows well enough
+    to hold the robot closes its cells, too, until a view shows the ground there.
     """
 
-    def __init__(self, robot: Robot, by_all: Optional[Robot] = None):
-        """``by_all``: the robot as the maps together are judged for it; None: they are weighed by
-        number alone."""
-        self._robot, self._by_all = robot, by_all
+    def __init__(self, robot: Robot):
+        self._robot = robot
         self._maps: Dict[str, GroundSeen] = {}
         self._watching: Dict[str, GroundSeen] = {}
         # probability, whole footprint known
         self._stands: Dict[str, Tuple[np.ndarray, np.ndarray]] = {}
-        #: probability by all maps together, once there are enough
-        self._together: Optional[np.ndarray] = None
+        self._together = np.zeros((0, 0))  # probability by all maps together
         self._changed: Optional[np.ndarray] = None
         #: how surely something stands in a cell, 0 to 1, whether that closed it, and by how much
         #: inverse depth (1/m) it was nearer than the ground
@@ -105,7 +104,7 @@ class KnownGround:
     @property
     def closed(self) -> np.ndarray:
         """(rows, columns) bool: cells in which something stands that came after the maps."""
-        return self._closed
+        return self._closed | (self._things >= _HOLDS)
 
     @property
     def newest_map_s(self) -> float:
@@ -121,34 +120,38 @@ class KnownGround:
         """Whether what is known of freedom changed. ``place``: of the robot, which a watching view
         does not take for an obstacle. Raises GroundError where the view has another grid than the
         first."""
-        if not np.isfinite(seen.stamp_s):
-            raise GroundError(
-                f"{seen.source}: a view without a stamp cannot be told from an old one"
-            )
-        if self.grid is not None and seen.ground.grid != self.grid:
-            raise GroundError(
-                f"{seen.source}: its grid is not that of the maps before; make it on the same grid"
-            )
-        before = (self._watching if seen.watching else self._maps).get(seen.source)
-        newer_s = np.inf if before is None else seen.stamp_s - before.stamp_s
-        if newer_s < 0 or (seen.watching and newer_s == 0):
-            return False  # a map that grows may keep its reference
+        if not seen.watching:
+            return self.receive_maps([seen])
+        self._require_fit(seen)
         if self._changed is None:
-            if seen.watching:
-                raise GroundError(
-                    f"{seen.source}: watches a place that has no map yet; give the map first"
-                )
-            self._changed = np.zeros(seen.ground.grid.shape, bool)
-            self._closed = self._changed.copy()
-            self._things, self._shift = np.zeros((2, *seen.ground.grid.shape), np.float32)
-        if seen.watching:
-            self._watching[seen.source] = seen
-            return self._watched(seen, place, None if before is None else before.ground)
-        self._maps[seen.source] = seen
-        self._stands[seen.source] = self._judged(seen.ground)
-        if self._by_all is not None:
-            grounds = [other.ground for other in self._maps.values()]
-            self._together = together.probability(grounds, self._by_all)
+            raise GroundError(
+                f"{seen.source}: watches a place that has no map yet; give the map first"
+            )
+        before = self._watching.get(seen.source)
+        if before is not None and seen.stamp_s <= before.stamp_s:
+            return False
+        self._watching[seen.source] = seen
+        return self._watched(seen, place, None if before is None else before.ground)
+
+    def receive_maps(self, maps: Iterable[GroundSeen]) -> bool:
+        """The same of maps that came together, which are judged once."""
+        is_new = False
+        for seen in maps:
+            self._require_fit(seen)
+            before = self._maps.get(seen.source)
+            if before is not None and seen.stamp_s < before.stamp_s:
+                continue  # a map that grows may keep its reference
+            if self._changed is None:
+                self._changed = np.zeros(seen.ground.grid.shape, bool)
+                self._closed = self._changed.copy()
+                self._things, self._shift = np.zeros((2, *seen.ground.grid.shape), np.float32)
+            self._maps[seen.source] = seen
+            self._stands[seen.source] = standing.by_one(seen.ground, self._robot)
+            is_new = True
+        if not is_new:
+            return False
+        grounds = [seen.ground for seen in self._maps.values()]
+        self._together = together.probability(grounds, self._robot)
         return self._weighed()
 
     def clearance(self, stamp_s: float) -> ClearanceMap:
@@ -166,6 +169,16 @@ class KnownGround:
         off_m = float(np.hypot(*(self.came_m - [place.x_m, place.y_m]).T).min())
         off_m = max(off_m - self._robot.radius_m, 0.0)
         return "" if off_m >= nearer_m else f"something moves {off_m:.1f} m from the robot"
+
+    def _require_fit(self, seen: GroundSeen) -> None:
+        if not np.isfinite(seen.stamp_s):
+            raise GroundError(
+                f"{seen.source}: a view without a stamp cannot be told from an old one"
+            )
+        if self.grid is not None and seen.ground.grid != self.grid:
+            raise GroundError(
+                f"{seen.source}: its grid is not that of the maps before; make it on the same grid"
+            )
 
     def _own(self, seen: GroundSeen, place: RobotPlace) -> np.ndarray:
         """(rows, columns) bool: cells in which a view may show the robot, or its edge above what it
@@ -214,7 +227,7 @@ class KnownGround:
             cells |= moved & ~_lone(moved)
         stirs = standing.disk(_STIRS_M, grid.cell_m)
         came = changed & ~(standing.most(self._changed, stirs) > 0)
-        closed = self._closed
+        closed = self.closed
         came |= self._compared(seen, place, own)
         self._quiet_views += 1
         if came.sum() >= _MOVES_CELLS:
@@ -223,9 +236,9 @@ class KnownGround:
         self._changed = changed
         before = self._stands.get(seen.source)
         if before is None:
-            self._stands[seen.source] = self._judged(ground)
+            self._stands[seen.source] = standing.by_one(ground, self._robot)
         elif not cells.any():
-            return (closed != self._closed).any() and self._weighed()
+            return (closed != self.closed).any() and self._weighed()
         else:
             self._stands[seen.source] = self._judged_near(ground, cells, before)
         return self._weighed()
@@ -268,12 +281,9 @@ class KnownGround:
         inner, outer = window_of(cells, reach), window_of(cells, 2 * reach)
         part = within(outer, inner)
         judged = tuple(old.copy() for old in before)
-        for new, old in zip(self._judged(ground.part(outer)), judged):
+        for new, old in zip(standing.by_one(ground.part(outer), self._robot), judged):
             old[inner] = new[part]
         return judged
-
-    def _judged(self, ground: Ground) -> Tuple[np.ndarray, np.ndarray]:
-        return standing.probability(ground, self._robot), standing.seen_below(ground, self._robot)
 
     def _weighed(self) -> bool:
         """Freedom by all views; whether it is another than before."""
@@ -289,13 +299,12 @@ class KnownGround:
         whole = [whole & ~doubtful for _, whole in maps] + [
             whole & ~mapped for _, whole in watching
         ]
-        by_maps = self._together
-        by_maps = None if by_maps is None else np.where(doubtful, np.float32(np.nan), by_maps)
+        by_maps = np.where(doubtful, np.float32(np.nan), self._together)
         stands = standing.weighed(each, whole, around, by_maps)
         for p, _ in watching:  # what is in the way now, no number of older maps can say otherwise
             stands = np.where(doubtful & (p < tuning.FREE_P), np.minimum(stands, p), stands)
-        if self._closed.any():
-            blocked = standing.most(self._closed, around) > 0
+        if self.closed.any():
+            blocked = standing.most(self.closed, around) > 0
             stands = np.where(blocked, np.float32(0.0), stands)
         before, self.stands = self.stands, stands
         self.clear_m = np.maximum(self.grid.clear_m(stands >= tuning.FREE_P), 0.0)

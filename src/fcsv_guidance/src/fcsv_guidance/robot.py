@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot on the ground as the planner sees it: size, what it can climb, how it drives."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,6 +64,10 @@ class Robot:
     def largest_slope(self) -> float:
         """Rise over run."""
         return float(np.tan(np.radians(self.largest_slope_deg)))
+
+    def climbing(self, share: float) -> "Robot":
+        """The same robot with a largest step of so much less."""
+        return replace(self, largest_step_m=share * self.largest_step_m)
 
 
 def load_robot(path) -> Robot:

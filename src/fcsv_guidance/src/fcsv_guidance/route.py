@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from fcsv_guidance import tuning
+from fcsv_guidance import standing, tuning
 from fcsv_guidance.errors import EndNotSeenError, RouteError
 from fcsv_guidance.ground import Grid, Ground, stand_probability
 from fcsv_guidance.robot import Robot
@@ -52,9 +52,9 @@ def plan_route(
     straight pieces.
 
     Cost of a metre: 1 + RISK_M * -log(p) of the cell. ``through_unknown`` is the cost of a metre of
-    unknown cells; None forbids them. The footprint is grown by two ``place_sigma_m``: by
-    stand_probability, unless ``stands`` (rows, columns) is known already. Raises RouteError where
-    start or goal is not finite, outside of the grid, at an obstacle, or unknown.
+    unknown cells; None forbids them. The way keeps two ``place_sigma_m`` clear of cells that are not
+    free by ``stands`` (rows, columns), stand_probability unless it is known already. Raises
+    RouteError where start or goal is not finite, outside of the grid, at an obstacle, or unknown.
     """
     if through_unknown is not None and not 1 <= through_unknown < np.inf:
         raise RouteError(
@@ -69,8 +69,20 @@ def plan_route(
             f"mapped, {across_m:.0f} m: tell its place better, or map more"
         )
     if stands is None:
-        stands = stand_probability(ground, robot, 2 * place_sigma_m)
+        stands = stand_probability(ground, robot)
+    if place_sigma_m > 0:
+        stands = _kept_clear(ground.grid, stands, 2 * place_sigma_m)
     return route_over(ground.grid, stands, start_m, goal_m, through_unknown)
+
+
+def _kept_clear(grid: Grid, stands: np.ndarray, keep_m: float) -> np.ndarray:
+    """The probabilities ``stands`` (rows, columns), unsure within ``keep_m`` of what is known not to
+    be free, unknown within that of what is unknown."""
+    around = standing.disk(keep_m, grid.cell_m)
+    known, free = np.isfinite(stands), stands >= tuning.FREE_P
+    near = standing.most(known & ~free, around) > 0
+    unsure = np.where(free & near, np.minimum(stands, tuning.CONTRADICTED_P), stands)
+    return np.where(free & ~near & (standing.least(known, around, 0.0) <= 0), np.nan, unsure)
 
 
 def route_over(

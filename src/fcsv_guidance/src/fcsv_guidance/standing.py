@@ -6,6 +6,8 @@ Its weights (tuning.STAND_WEIGHTS) come of tools/train_ground.py, on seeds that 
 tables do not use.
 """
 
+from typing import Tuple
+
 import cv2
 import numpy as np
 from scipy.special import ndtr
@@ -34,7 +36,7 @@ def slope_radius_m(ground, robot) -> float:
     return max(robot.radius_m, 1.5 * ground.grid.cell_m)
 
 
-def features(ground, robot, margin_m: float = 0.0, slopes=None) -> np.ndarray:
+def features(ground, robot, slopes=None) -> np.ndarray:
     """(rows, columns, FEATURES) float32 of the footprint with its middle in each cell of a Ground
     of one map, as shares of the robot's limits; the first is 1. Only where the whole footprint is
     known do they mean anything. ``slopes`` (rows, columns) within slope_radius_m, where they are
@@ -42,8 +44,8 @@ def features(ground, robot, margin_m: float = 0.0, slopes=None) -> np.ndarray:
     slopes = ground.slope(slope_radius_m(ground, robot)) if slopes is None else slopes
     known, cell_m = ground.known, ground.grid.cell_m
     step_m, slope = robot.largest_step_m, robot.largest_slope
-    inner = disk(robot.radius_m + margin_m, cell_m)
-    outer = disk(robot.radius_m + margin_m + AROUND_M, cell_m)
+    inner = disk(robot.radius_m, cell_m)
+    outer = disk(robot.radius_m + AROUND_M, cell_m)
     high, low = np.where(known, ground.high_m, -FAR), np.where(known, ground.low_m, FAR)
     edges = np.where(known, most(high, SIDE) - least(low, SIDE), 0.0)
     plane = np.nan_to_num(slopes)
@@ -70,25 +72,22 @@ def _pieces(values: np.ndarray) -> list:
     return [np.clip(values - low, 0.0, high - low) for low, high in zip(_KNOTS[:-1], _KNOTS[1:])]
 
 
-def probability(ground, robot, margin_m: float = 0.0) -> np.ndarray:
+def probability(ground, robot) -> np.ndarray:
     """(rows, columns) float32 of a Ground of one map; NaN where a cell below the footprint is
     unknown, unless what is known there is an obstacle."""
     slopes = ground.slope(slope_radius_m(ground, robot))
-    inner = disk(robot.radius_m + margin_m, ground.grid.cell_m)
-    p = 1.0 / (
-        1.0
-        + np.exp(
-            -(
-                features(ground, robot, margin_m, slopes)
-                @ np.asarray(tuning.STAND_WEIGHTS, np.float32)
-            )
-        )
-    )
+    inner = disk(robot.radius_m, ground.grid.cell_m)
+    weights = np.asarray(tuning.STAND_WEIGHTS, np.float32)
+    p = 1.0 / (1.0 + np.exp(-(features(ground, robot, slopes) @ weights)))
     p = np.minimum(p, beyond_limits(ground, robot, inner, slopes))
     touched = most(ground.known, inner) > 0
-    return np.where(
-        seen_below(ground, robot, margin_m) | (touched & (p <= tuning.OBSTACLE_P)), p, np.nan
-    )
+    return np.where(seen_below(ground, robot) | (touched & (p <= tuning.OBSTACLE_P)), p, np.nan)
+
+
+def by_one(ground, robot) -> Tuple[np.ndarray, np.ndarray]:
+    """What ``weighed`` takes of one map: its probability, and whether it knows the whole
+    footprint."""
+    return probability(ground, robot.climbing(tuning.STEP_SHARE)), seen_below(ground, robot)
 
 
 def beyond_limits(ground, robot, inner: np.ndarray, slopes: np.ndarray) -> np.ndarray:
@@ -112,9 +111,9 @@ def slope_sigma(ground, half_m: float) -> np.ndarray:
     return sigma
 
 
-def seen_below(ground, robot, margin_m: float = 0.0) -> np.ndarray:
+def seen_below(ground, robot) -> np.ndarray:
     """(rows, columns) bool: whether all cells below the footprint are known."""
-    return least(ground.known, disk(robot.radius_m + margin_m, ground.grid.cell_m), 0.0) > 0
+    return least(ground.known, disk(robot.radius_m, ground.grid.cell_m), 0.0) > 0
 
 
 def weighed(each, whole, around: np.ndarray, together=None) -> np.ndarray:

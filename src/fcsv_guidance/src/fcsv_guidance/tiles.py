@@ -7,11 +7,11 @@ What grows with the number of views, each view's own ground, is held for one til
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_guidance import standing, tuning
+from fcsv_guidance import together, tuning
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.ground import (
     KEPT_PERCENT,
@@ -33,6 +33,7 @@ from fcsv_guidance.views import DepthView
 _TILE_CELLS = 512
 _LEAST_TILE_CELLS = 32
 _KEPT_POINTS = 1 << 24  # of views between two tiles
+_MOST_CELLS = 1 << 21  # of all maps of a tile: some 0.2 GB
 
 Window = Tuple[slice, slice]
 
@@ -40,25 +41,20 @@ Window = Tuple[slice, slice]
 @dataclass(frozen=True)
 class JudgedGround:
     """The ground with all that is written of it: ``stands`` (rows, columns), the probability that
-    the robot can stand; ``clear`` the same with the footprint grown for a route, where one is asked
-    for; ``occupied`` int8 of an OccupancyGrid; ``layers`` by the names of their files."""
+    the robot can stand; ``occupied`` int8 of an OccupancyGrid; ``layers`` by the names of their
+    files."""
 
     ground: Ground
     stands: np.ndarray
-    clear: Optional[np.ndarray]
     occupied: np.ndarray
     layers: Dict[str, np.ndarray]
 
 
-def judged(ground: Ground, robot: Robot, margin_m: Optional[float] = None) -> JudgedGround:
-    """The ground judged for a robot; ``margin_m``: by which a route's footprint is grown, None
-    where no route is asked for."""
+def judged(ground: Ground, robot: Robot) -> JudgedGround:
+    """The ground judged for a robot."""
     stands = stand_probability(ground, robot)
-    clear = stand_probability(ground, robot, margin_m) if margin_m else stands
     occupied = occupancy(ground, robot, stands)
-    return JudgedGround(
-        ground, stands, None if margin_m is None else clear, occupied, layers_of(ground, stands)
-    )
+    return JudgedGround(ground, stands, occupied, layers_of(ground, stands))
 
 
 def judged_by_tiles(
@@ -66,7 +62,6 @@ def judged_by_tiles(
     robot: Robot,
     cell_m: float,
     reach_m: float,
-    margin_m: Optional[float] = None,
     tile_cells: int = _TILE_CELLS,
     progress: Callable[[float], None] = lambda share: None,
 ) -> JudgedGround:
@@ -90,8 +85,8 @@ def judged_by_tiles(
         raise nothing_near(reach_m)
     grid = Grid.around(np.min(low, axis=0), np.max(high, axis=0) + cell_m, cell_m)
     names = getattr(views, "names", None) or tuple(v.name for v in views)
-    whole = _unknown(grid, names, margin_m is not None)
-    around = _around(robot, cell_m, margin_m or 0.0)
+    whole = _unknown(grid, names)
+    around = _around(robot, cell_m)
     work, size = _windows(grid, tile_cells), float(grid.rows * grid.columns)
     done = 0
     while work:
@@ -104,11 +99,14 @@ def judged_by_tiles(
         if sum(len(found) for _, found in cut) >= MOST_POINTS:
             work += _quarters(window)
             continue
+        if len(cut) * _cells(outer) > _MOST_CELLS and _cells(window) > _LEAST_TILE_CELLS**2:
+            work += _quarters(window)  # the average holds all maps' cells at once
+            continue
         if cut:
             numbers = np.array([n for n, _ in cut])
             stamps = np.full(len(cut), np.nan)
             tile = ground_of([f for _, f in cut], part, stamps, [names[n] for n in numbers])
-            _lay(whole, judged(tile, robot, margin_m), numbers, window, outer)
+            _lay(whole, judged(tile, robot), numbers, window, outer)
         done += _cells(window)
         progress(done / size)
     if not whole.ground.known.any():
@@ -132,7 +130,7 @@ def _points(views: Sequence[DepthView], number: int, cell_m: float) -> np.ndarra
         return np.empty((0, 6), np.float32)
 
 
-def _unknown(grid: Grid, names: Sequence[str], with_route: bool) -> JudgedGround:
+def _unknown(grid: Grid, names: Sequence[str]) -> JudgedGround:
     """A grid of which nothing is known yet."""
 
     def nothing() -> np.ndarray:
@@ -142,9 +140,8 @@ def _unknown(grid: Grid, names: Sequence[str], with_route: bool) -> JudgedGround
     seen_s = np.broadcast_to(np.nan, grid.shape)
     seen_by = np.full(grid.shape, -1, np.int32)
     ground = Ground(grid, **layers, seen_s=seen_s, seen_by=seen_by, views=tuple(names))
-    stands, clear = nothing(), nothing() if with_route else None
-    occupied = np.full(grid.shape, UNKNOWN, np.int8)
-    return JudgedGround(ground, stands, clear, occupied, {**plain_layers(ground), "stand": stands})
+    stands, occupied = nothing(), np.full(grid.shape, UNKNOWN, np.int8)
+    return JudgedGround(ground, stands, occupied, {**plain_layers(ground), "stand": stands})
 
 
 def _lay(
@@ -158,19 +155,18 @@ def _lay(
     by = tile.ground.seen_by[inner]
     whole.ground.seen_by[window] = np.where(by >= 0, numbers[by], -1)
     whole.stands[window], whole.occupied[window] = tile.stands[inner], tile.occupied[inner]
-    if whole.clear is not None and tile.clear is not None:
-        whole.clear[window] = tile.clear[inner]
     for name, values in tile.layers.items():
         if name not in whole.layers:
             whole.layers[name] = np.full(whole.ground.grid.shape, np.nan, np.float32)
         whole.layers[name][window] = values[inner]
 
 
-def _around(robot: Robot, cell_m: float, margin_m: float) -> int:
+def _around(robot: Robot, cell_m: float) -> int:
     """Cells around a tile that its judgement looks at, a multiple of the coarsest cell's side: a
-    footprint and what stands.weighed covers with it, what is beside it, beams, slopes, steps."""
-    reach_m = 4 * (robot.radius_m + margin_m) + 2 * standing.AROUND_M + tuning.OVERHEAD_REACH_M
-    reach_m += max(robot.radius_m, 1.5 * cell_m) + 3 * cell_m
+    footprint and what stands.weighed covers with it, what is beside it, beams, slopes, steps, what
+    maps are levelled by."""
+    reach_m = 4 * robot.radius_m + 2 * together.WIDE_M + tuning.OVERHEAD_REACH_M
+    reach_m += max(robot.radius_m, 1.5 * cell_m) + (3 + together.LEVEL_CELLS) * cell_m
     side = max(tuning.COARSER_SIDES)
     return side * int(np.ceil(reach_m / cell_m / side))
 

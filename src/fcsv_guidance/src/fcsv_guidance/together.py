@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The calibrated probability that a robot can stand by several maps together: their cells are
+"""The calibrated probability that a robot can stand by all maps together: their cells are
 averaged, so that noise sinks with their number, and boosted trees judge what the average shows
 below a footprint and around it. tools/train_ground.py finds the trees."""
 
@@ -7,7 +7,7 @@ import json
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Optional, Sequence, Tuple
+from typing import Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -15,14 +15,14 @@ import numpy as np
 from fcsv_guidance import kernels, standing, tuning
 
 FEATURES = 32
-#: The trees were learnt on places of 5 to 8 maps, 20 to 60 m away; others are weighed by number.
-LEAST_MAPS, LEARNT_FROM_M = 4, 18.0
+#: The trees were learnt on maps 20 to 60 m away; others are weighed by number.
+LEARNT_FROM_M, LEARNT_TO_M = 18.0, 60.0
 TREES_FILE = Path(__file__).with_name("stand_trees.json")
-_LEVEL_CELLS = 15  # maps' heights differ by errors of pose, which are alike so far beside a cell
+LEVEL_CELLS = 15  # maps' heights differ by errors of pose, which are alike so far beside a cell
 _LEVEL_M = 0.5  # heights that differ by more are of other surfaces
 _FLOOR_M = 0.02  # of a cell's sigma: errors that its pixels have in common
 _OUTLIER_SIGMAS = 3.0
-_WIDE_M = 0.5  # beside the footprint: the rim of a pit, or the mound that a cell lies on
+WIDE_M = 0.5  # beside the footprint: the rim of a pit, or the mound that a cell lies on
 _NEVER = 20.0  # log odds beyond all that a map says
 
 
@@ -73,7 +73,7 @@ def features(maps: Sequence, each: np.ndarray, whole: np.ndarray, robot):
     most, least = standing.most, standing.least
     radius_m, beside_m = robot.radius_m, standing.AROUND_M
     inner, outer, wide = (
-        standing.disk(radius_m + more_m, cell_m) for more_m in (0.0, beside_m, _WIDE_M)
+        standing.disk(radius_m + more_m, cell_m) for more_m in (0.0, beside_m, WIDE_M)
     )
     high, low = (
         np.where(known, ground.high_m, -standing.FAR),
@@ -85,7 +85,8 @@ def features(maps: Sequence, each: np.ndarray, whole: np.ndarray, robot):
     wide_slope, wide_rough = _plane(ground.height_m, wide, cell_m)
     room_m = np.where(known, np.minimum(ground.free_height_m, 5.0), 5.0) - robot.height_m
     far_m = np.where(known, ground.distance_m, 1.0)
-    unseen = np.mean([~one.known for one in maps], 0)
+    near = np.array([_around(one.known) > 1e-6 for one in maps])  # others' share does not matter
+    unseen = (near & [~one.known for one in maps]).sum(0) / np.maximum(near.sum(0), 1)
     across = slope * 2.5 * cell_m
 
     def rise(around, half_m):
@@ -126,17 +127,17 @@ def features(maps: Sequence, each: np.ndarray, whole: np.ndarray, robot):
     return np.stack(layers, -1).astype(np.float32), ground
 
 
-def probability(maps: Sequence, robot) -> Optional[np.ndarray]:
+def probability(maps: Sequence, robot) -> np.ndarray:
     """(rows, columns) float32 of grounds on one grid; NaN where no map knows the whole footprint,
-    and nearer than LEARNT_FROM_M. What every map that knows it calls an obstacle stays one. None
-    of fewer maps than LEAST_MAPS."""
-    if len(maps) < LEAST_MAPS:
-        return None
+    nearer than LEARNT_FROM_M and beyond LEARNT_TO_M. What every map that knows it calls an obstacle
+    stays one. Steps count up to TOGETHER_SHARE of the robot's."""
+    robot = robot.climbing(tuning.TOGETHER_SHARE)
     each = np.array([standing.probability(ground, robot) for ground in maps])
     whole = np.array([standing.seen_below(ground, robot) for ground in maps])
     x, ground = features(maps, each, whole, robot)
     with np.errstate(invalid="ignore"):
-        judged = whole.any(0) & (ground.distance_m >= LEARNT_FROM_M)
+        judged = (ground.distance_m >= LEARNT_FROM_M) & (ground.distance_m <= LEARNT_TO_M)
+    judged &= whole.any(0)
     p = np.full(judged.shape, np.nan, np.float32)
     p[judged] = 1.0 / (1.0 + np.exp(-kernels.log_odds(x[judged], *trees())))
     best = np.where(whole, each, -1.0).max(0)
@@ -159,7 +160,8 @@ def _votes(each: np.ndarray, whole: np.ndarray) -> list:
     p = np.clip(np.where(whole, each, np.nan), 1e-4, 1.0 - 1e-4)
     odds = np.log(p) - np.log1p(-p)
     told = np.isfinite(odds)
-    ranked = np.sort(np.where(told, odds, -_NEVER), 0)
+    nobody = np.full((1, *told.shape[1:]), -_NEVER)  # of one map there is no second largest
+    ranked = np.sort(np.concatenate([nobody, np.where(told, odds, -_NEVER)]), 0)
     mean = np.where(told, odds, 0.0).sum(0) / np.maximum(told.sum(0), 1)
     worst = np.where(told, odds, _NEVER).min(0)
     partly = np.where(np.isfinite(each) & ~whole, each, 2.0).min(0)
@@ -175,7 +177,7 @@ def _median(heights: np.ndarray) -> np.ndarray:
 
 
 def _around(values: np.ndarray) -> np.ndarray:
-    side = (2 * _LEVEL_CELLS + 1,) * 2
+    side = (2 * LEVEL_CELLS + 1,) * 2
     return cv2.boxFilter(values.astype(np.float32), -1, side, borderType=cv2.BORDER_CONSTANT)
 
 

@@ -41,6 +41,9 @@ STAND_WEIGHTS = (
 #: A known cell below this probability is an obstacle; between the two it is uncertain, and no route
 #: crosses it.
 OBSTACLE_P = 0.5
+#: Shares of the step that a robot climbs beyond which ground does not count as free, by maps weighed
+#: by number, and by maps judged together: little more is hardly seen (docs/lab/guidance.md).
+STEP_SHARE, TOGETHER_SHARE = 0.8, 0.9
 #: Standard deviations by which a slope or a beam must be beyond what a robot can: at 0 the noise of
 #: far heights made half of the mazes' routes vanish (rehearse_robot, mazes 101 and 102).
 BEYOND_SIGMAS = 2.0

@@ -91,8 +91,9 @@ class GroundNode:
         # the newest of map and watch, and of which reference picture
         self._views: Dict[Tuple[str, float], MapSeen] = {}
         self._places: Deque[RobotPlace] = deque(maxlen=200)
-        for folder in p.maps:
-            self._port.receive(rospy.get_time(), MapSeen(self._as_of(read_map(folder))))
+        if p.maps:
+            first, *others = (self._as_of(read_map(folder)) for folder in p.maps)
+            self._port.receive(rospy.get_time(), MapSeen(first, others=tuple(others)))
         latched = {"queue_size": 1, "latch": True}
         self._newest = _NewestGrid(), _NewestGrid()
         map_, stand = self._newest

@@ -12,7 +12,7 @@ from typing import Callable, Iterator, List, Optional, Protocol, Sequence, Tuple
 import numpy as np
 
 from fcsv_guidance.ground import Grid, Ground, ground_from
-from fcsv_guidance.guiding import known_ground, plan_over
+from fcsv_guidance.guiding import plan_over
 from fcsv_guidance.known import GroundSeen, KnownGround
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import NoRoute
@@ -105,7 +105,7 @@ def mapped_place(
     x0, x1, y0, y1 = plan.area_m
     grid = Grid.around((x0, y0), (x1, y1), survey_plan.cell_m)
     folder.mkdir(parents=True, exist_ok=True)
-    known, views, grounds = known_ground(robot), [], []
+    known, views, grounds = KnownGround(robot), [], []
     wanted, more = clear.leads(plan.start_m, plan.goal_m), survey_plan.more
     number = 0
     while number < len(lookout.looked().stations):
