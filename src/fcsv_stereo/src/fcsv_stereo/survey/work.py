@@ -189,7 +189,7 @@ class Crew:
 
         client, topic = self._started(), f"survey-{uuid.uuid4()}"
         client.subscribe_topic(topic, lambda event: told(*event[1]))
-        ended: "Queue[Any]" = Queue()  # waiting for the first of all left costs their square
+        ended: Queue[Any] = Queue()  # waiting for the first of all left costs their square
         left: Dict[Any, int] = {}
         for i, t in enumerate(tasks):
             future = client.submit(attempt_on_one_core, t, i, topic, pure=False)
