@@ -33,6 +33,10 @@ GATE_SIGMAS, GATE_PX = 3.5, 15.0
 #: Pixels of a view, about so many, that tell by the priors whether two views overlap, and the least
 #: share of them.
 OVERLAP_SAMPLES, LEAST_OVERLAP = 1500, 0.05
+#: Cosine of the angle between two views' rays to a point, and ratio of its distances, up to which its
+#: surroundings are tracked from one to the other; least share of such points; px: how far a corner
+#: may come back from where it was.
+LEAST_ALIKE_COSINE, MOST_ALIKE_RATIO, LEAST_ALIKE, MOST_TRACK_PX = 0.7, 2.0, 0.1, 1.0
 #: Three matches at a time are drawn so often; they are scored with so many matches; so many starts
 #: are refined.
 DRAWS, SCORED, REFINED_DRAWS = 600, 100, 8
