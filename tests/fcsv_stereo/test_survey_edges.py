@@ -75,6 +75,15 @@ def test_matches_in_one_corner_tell_no_similarity():
     )
 
 
+def test_wrong_matches_in_a_line_are_no_edge_and_no_error():
+    """The fit of this seed shrank to a point, and ended with an error of linear algebra."""
+    random = np.random.default_rng(280)
+    line = [80.0, -10.0, 3.0] + np.linspace(0, 1, 13)[:, None] * [2.0, 20.0, 1.0]
+    line = line + random.normal(0, 0.3, (13, 3))
+    a, b = seen(line, A, seed=280), seen(line[random.permutation(13)], B, seed=281)
+    assert not edge_of("a", "b", a, b).kept
+
+
 def test_two_units_of_length_are_no_edge():
     points = places()
     edge = edge_of("a", "b", seen(points, A), seen(points, B, scale=3.28, seed=1))

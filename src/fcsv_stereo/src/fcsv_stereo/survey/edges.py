@@ -126,6 +126,8 @@ def _consensus(
             if inside.sum() < 4:
                 break
             S = _fitted(S, in_a[inside], in_b[inside], 2)[0]
+            if not 1.0 / tuning.MOST_RATIO < S.scale() < tuning.MOST_RATIO:
+                break  # few places in a line let it shrink to a point
         inside = _agreeing(similarity.matrix(S), in_a, in_b, 0.0)
         if best is None or inside.sum() > best[1].sum():
             best = S, inside
