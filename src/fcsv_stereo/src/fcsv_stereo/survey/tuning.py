@@ -72,9 +72,9 @@ MOST_CLOUD_SIGMA = 0.2
 #: Cosine of the angle between two rays from which on their depths are averaged; at a larger angle
 #: they only agree.
 LEAST_COSINE = 0.7
-#: Sigma of a joined point is at least this share of its surest view's: what views have in common
-#: does not average out.
-LEAST_JOINED = 0.5
+#: px; of a point's sigma: share of the map's, share of the bend of its surface within so many pixels,
+#: and most of that bend in the map's sigmas. By coverage on drawn sites (docs/lab/survey.md).
+BEND_PX, PLANE_SIGMA, BEND_SIGMA, MOST_BEND = 4, 0.2, 0.5, 6.0
 
 #: px: side of the window about a control point's mark whose median depth counts, and sigma (m) of
 #: a control point's coordinates where the user states none: of a receiver with corrections.
