@@ -590,6 +590,20 @@ def test_another_view_costs_its_own_points_and_the_tiles_that_it_touches(maps, t
     assert survey(*maps, "-o", out) == 0 and products(out) == found
 
 
+def test_an_earlier_site_json_is_there_until_tiles_change(maps, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    assert survey(*maps[:2], "-o", out) == 0
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(joining, "join_view", stop)
+    assert survey(*maps, "-o", out) == 130 and len(document(out)["views"]) == 2
+    monkeypatch.undo()
+    monkeypatch.setattr(tiles, "surface_of", stop)
+    assert survey(*maps, "-o", out) == 130 and not (out / "site.json").exists()
+
+
 @pytest.mark.slow
 def test_what_a_killed_survey_joined_and_tiled_is_not_made_again(maps, tmp_path):
     """Killed as soon as so many files of points and tiles are there, of nine."""

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Survey: the similarity between two views, on matches with known truth."""
 
+import cv2
 import gtsam
 import numpy as np
 import pytest
@@ -8,14 +9,15 @@ from support.survey_views import UNKNOWN, camera_at, places, prior, seen, unplac
 
 from fcsv_geometry import transforms
 from fcsv_stereo.survey import similarity, tuning
-from fcsv_stereo.survey.edges import edge_of
+from fcsv_stereo.survey.edges import edge_of, find_edge
 from fcsv_stereo.survey.features import features_of
 from fcsv_stereo.survey.matching import match, may_overlap, predicted
+from fcsv_stereo.survey.warping import look_alike, tracked
 
 A, B = camera_at(0, 0), camera_at(5, 20, 2, heading_deg=-12)
 
 
-def off(edge, scale):
+def off(edge, scale, B=B):
     """(7,) in its sigmas, and its scale's error."""
     true = similarity.of_pose(transforms.invert(A) @ B, scale)
     error = gtsam.Similarity3.Logmap(true.inverse().compose(edge.S_a_b))
@@ -73,6 +75,15 @@ def test_matches_in_one_corner_tell_no_similarity():
     )
 
 
+def test_wrong_matches_in_a_line_are_no_edge_and_no_error():
+    """The fit of this seed shrank to a point, and ended with an error of linear algebra."""
+    random = np.random.default_rng(280)
+    line = [80.0, -10.0, 3.0] + np.linspace(0, 1, 13)[:, None] * [2.0, 20.0, 1.0]
+    line = line + random.normal(0, 0.3, (13, 3))
+    a, b = seen(line, A, seed=280), seen(line[random.permutation(13)], B, seed=281)
+    assert not edge_of("a", "b", a, b).kept
+
+
 def test_two_units_of_length_are_no_edge():
     points = places()
     edge = edge_of("a", "b", seen(points, A), seen(points, B, scale=3.28, seed=1))
@@ -117,7 +128,35 @@ def test_features_stand_on_surfaces_that_are_known():
 
 
 def test_a_picture_without_texture_has_no_features():
-    assert len(features_of(view("a", A))) == 0
+    blank = view("a", A)
+    assert len(features_of(blank)) == 0 and tracked(blank, blank) is None
+
+
+def of_noise(name, T, known_as):
+    """A view of a wall with smooth noise on it, 0.5 m from one grey to the next."""
+    v = view(name, T, known_as=known_as)
+    p = v.camera.rays() * v.depth[..., None] @ T[:3, :3].T + T[:3, 3]
+    noise = np.random.default_rng(5).normal(size=(300, 300)).astype(np.float32)
+    noise = cv2.GaussianBlur(noise, (0, 0), 3.0)
+    at = (p[..., 1:] / 0.5 + 150.0).astype(np.float32)
+    v.image[:] = 128 + 250 * cv2.remap(noise, at[..., 0], at[..., 1], cv2.INTER_LINEAR)[..., None]
+    return v
+
+
+def test_what_is_seen_40_degrees_apart_is_tracked_to_where_it_is_not_to_where_priors_say():
+    """The prior is 1 m off, 2 px; a corner's place in a picture is good to half a pixel, 0.2 m on
+    the wall, which one of the two sees 40 degrees askew."""
+    B = camera_at(10, 25, heading_deg=-40)
+    a = of_noise("a", A, prior(A))
+    b = of_noise("b", B, prior(camera_at(10, 26, heading_deg=-40)))
+    b.image[:] = b.image * 0.6 + 20  # another exposure
+    assert look_alike(a, b) and not look_alike(a, view("c", camera_at(80, 0, heading_deg=180)))
+    assert not look_alike(a, view("b", B, known_as=unplaced(B)))
+    in_a, in_b = tracked(a, b)
+    apart = transforms.apply(A, in_a.points) - transforms.apply(B, in_b.points)
+    assert len(in_a) > 30 and np.abs(np.median(apart, axis=0)).max() < 0.2
+    edge = find_edge(a, b, features_of(a), features_of(b))
+    assert edge.kept and np.abs(off(edge, 1.0, B)[0]).max() < 4.0
 
 
 def test_an_unknown_place_is_infinite():

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, List, Tuple
@@ -20,6 +21,7 @@ import psutil
 from fcsv_stereo.survey.survey import FILES
 
 _NOTES = ("views/*.json", "edges/*.json", "points/*.zip", "tiles/*.zip")
+_KILLED = (0.1, 0.4)  # of a whole run's time: ten such runs get to its end, and few are whole
 _COMMAND = "import sys; from fcsv_stereo.survey.command import main; sys.exit(main())"
 
 
@@ -31,8 +33,18 @@ def survey_process(folders: List[Path], out: Path, *options: str) -> subprocess.
 
 
 def content_of(out: Path) -> Dict[str, str]:
-    """Checksums of a site's files."""
-    return {n: hashlib.sha256((out / n).read_bytes()).hexdigest() for n in FILES}
+    """Checksums of a site's files, its tiles' and points' among them."""
+    whole = [out / n for n in FILES if (out / n).is_file()]
+    zips = [*out.glob("points/*.zip"), *out.glob("tiles/*.zip")]
+    texts = {p: p.read_bytes() for p in [*whole, *out.glob("tiles/*.laz")]}
+    texts.update({p: _members(p) for p in zips})
+    return {str(p.relative_to(out)): hashlib.sha256(t).hexdigest() for p, t in texts.items()}
+
+
+def _members(path: Path) -> bytes:
+    """Checksums of what a zip file holds, whenever it was written."""
+    with zipfile.ZipFile(path) as file:
+        return repr(sorted((i.filename, i.CRC) for i in file.infolist())).encode()
 
 
 def written(out: Path) -> Dict[Path, int]:
@@ -58,7 +70,7 @@ def kills(folders: List[Path], out: Path, count: int, seed: int) -> Dict[str, st
     for _ in range(count):
         process = survey_process(folders, out / "killed", "--workers", "2")
         try:
-            process.wait(float(random.uniform(0.1, 1.0)) * took["2"])
+            process.wait(float(random.uniform(*_KILLED)) * took["2"])
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
@@ -71,8 +83,9 @@ def kills(folders: List[Path], out: Path, count: int, seed: int) -> Dict[str, st
     contents["killed"] = content_of(out / "killed")
     now = written(out / "killed")
     again = [path.name for path, stamp in kept.items() if now.get(path) != stamp]
+    names = {n for of in contents.values() for n in of}
     differ = {
-        name: [n for n in FILES if contents["0"][n] != of[n]] or "nothing"
+        name: sorted(n for n in names if contents["0"].get(n) != of.get(n)) or "nothing"
         for name, of in contents.items()
     }
     return {

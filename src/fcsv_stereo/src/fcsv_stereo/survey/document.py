@@ -88,6 +88,11 @@ class Site:
         return (p.load() for p in self.joined.values() if p.count)
 
 
+def withdraw(out: Path) -> None:
+    """Takes an earlier site.json away, before what it tells of changes. Raises OSError."""
+    (out / "site.json").unlink(missing_ok=True)
+
+
 def origin_of(placed: Sequence[Placed]) -> np.ndarray:
     """(3,) m that a cloud in float32 leaves out; zero near the site's origin."""
     places = np.array([similarity.place(p.S_site_cam) for p in placed]).reshape(-1, 3)

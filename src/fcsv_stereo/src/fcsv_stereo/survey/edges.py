@@ -18,6 +18,7 @@ from fcsv_stereo.survey import similarity, tuning
 from fcsv_stereo.survey.features import Features
 from fcsv_stereo.survey.matching import match, predicted
 from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.warping import look_alike, tracked
 
 _ITERATIONS = 6
 _STEP = 1e-6  # of numerical derivatives along the tangent
@@ -45,13 +46,22 @@ class Edge:
         return not self.reason
 
 
-def find_edge(a: View, b: View, features_a: Features, features_b: Features, seed: int = 0) -> Edge:
-    """The edge between two views. Where there is none its ``reason`` says why."""
+def find_edge(
+    a: View, b: View, features_a: Features, features_b: Features, pixels: bool = True
+) -> Edge:
+    """The edge between two views. Where there is none its ``reason`` says why. ``pixels``: places
+    are tracked, too, for which views are loaded whose directions are alike."""
     gate = None
     if a.prior.placed and b.prior.placed:
         gate = predicted(features_a.points, a.prior, b.prior, b)
     pairs = match(features_a, features_b, gate)
-    return edge_of(a.name, b.name, features_a[pairs[:, 0]], features_b[pairs[:, 1]], seed)
+    in_a, in_b = features_a[pairs[:, 0]], features_b[pairs[:, 1]]
+    if pixels and (look_alike(a, b) or look_alike(b, a)):
+        here, there = a.load(), b.load()
+        for found in (tracked(here, there), (tracked(there, here) or ())[::-1]):
+            if found:
+                in_a, in_b = in_a.joined_with(found[0]), in_b.joined_with(found[1])
+    return edge_of(a.name, b.name, in_a, in_b)
 
 
 def edge_of(a: str, b: str, in_a: Features, in_b: Features, seed: int = 0) -> Edge:
@@ -116,6 +126,8 @@ def _consensus(
             if inside.sum() < 4:
                 break
             S = _fitted(S, in_a[inside], in_b[inside], 2)[0]
+            if not 1.0 / tuning.MOST_RATIO < S.scale() < tuning.MOST_RATIO:
+                break  # few places in a line let it shrink to a point
         inside = _agreeing(similarity.matrix(S), in_a, in_b, 0.0)
         if best is None or inside.sum() > best[1].sum():
             best = S, inside

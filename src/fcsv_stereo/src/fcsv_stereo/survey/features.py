@@ -3,6 +3,7 @@
 known, what they look like."""
 
 from dataclasses import dataclass
+from typing import Tuple
 
 import cv2
 import numpy as np
@@ -33,23 +34,35 @@ class Features:
         arrays = (self.uv, self.points, self.covariances, self.descriptors)
         return Features(self.camera, *(values[which] for values in arrays))
 
+    def joined_with(self, other: "Features") -> "Features":
+        """Both, of one view."""
+        names = ("uv", "points", "covariances", "descriptors")
+        both = (np.concatenate([getattr(self, n), getattr(other, n)]) for n in names)
+        return Features(self.camera, *both)
+
 
 def features_of(view: View) -> Features:
     """SIFT features of the reference picture at pixels whose depth is sure and of one surface."""
-    grey = as_grey(view.image)
+    uv, root = sift_at(as_grey(view.image), on_surfaces(view))
+    return of_pixels(view, uv, root)
+
+
+def sift_at(grey: np.ndarray, where: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Features ``where`` (H,W) bool: (N,2) px, descriptors (N,128)."""
     sift = cv2.SIFT_create(tuning.MOST_FEATURES, contrastThreshold=0.02)
-    keypoints = sift.detect(grey, _on_surfaces(view).astype(np.uint8))
+    keypoints = sift.detect(grey, where.astype(np.uint8))
     if not keypoints:
-        return _none(view.camera)
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
     keypoints, descriptors = sift.compute(grey, keypoints)
-    uv = np.array([k.pt for k in keypoints])
-    root = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-6)).astype(
-        np.float32
-    )
-    u, v = np.rint(uv).astype(int).T
-    return located(
-        view.camera, uv, view.depth[v, u].astype(float), view.own_sigma[v, u].astype(float), root
-    )
+    root = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-6))
+    return np.array([k.pt for k in keypoints]), root.astype(np.float32)
+
+
+def of_pixels(view: View, uv: np.ndarray, descriptors: np.ndarray) -> Features:
+    """Features at (N,2) px of a view, with its depth there."""
+    u, v = np.rint(uv).astype(int).reshape(-1, 2).T
+    depth, sigma = view.depth[v, u].astype(float), view.own_sigma[v, u].astype(float)
+    return located(view.camera, uv, depth, sigma, descriptors)
 
 
 def located(
@@ -68,7 +81,7 @@ def located(
     return Features(camera, uv, ray * depth[:, None], covariances, descriptors)
 
 
-def _on_surfaces(view: View) -> np.ndarray:
+def on_surfaces(view: View) -> np.ndarray:
     """(H,W) bool: sure pixels all of whose neighbours are known and nearly as far."""
     window = np.ones((_SIDE_PX, _SIDE_PX), np.uint8)
     depth = np.where(view.known, view.depth, 0.0).astype(np.float32)
@@ -76,13 +89,3 @@ def _on_surfaces(view: View) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         sure = view.sigma <= tuning.MOST_FEATURE_SIGMA * view.depth
     return view.known & sure & (low > 0) & (high - low <= tuning.MOST_FEATURE_STEP * high)
-
-
-def _none(camera: PinholeCamera) -> Features:
-    return Features(
-        camera,
-        np.zeros((0, 2)),
-        np.zeros((0, 3)),
-        np.zeros((0, 3, 3)),
-        np.zeros((0, 128), np.float32),
-    )

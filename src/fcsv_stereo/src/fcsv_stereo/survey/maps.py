@@ -12,6 +12,7 @@ from fcsv_geometry.programs.writing import write_whole
 from fcsv_geometry.version import VERSION
 from fcsv_stereo import pipeline
 from fcsv_stereo.model import Progress, silent
+from fcsv_stereo.survey.document import withdraw
 from fcsv_stereo.survey.inputs import Source, SourceKind, content_key, source_key
 
 VIEWS = "views"
@@ -73,6 +74,8 @@ def make_map(
     Raises FcsvError or OSError where no map can be made; an earlier one of that name is left then.
     """
     folder, note = _places(source, out)
+    if folder.exists():
+        withdraw(out)
     note.unlink(missing_ok=True)  # a map without a note is made again
     pipeline.run(_request(source, folder, options), progress)
     if source.kind is SourceKind.SESSION:  # bags may have been repaired meanwhile

@@ -24,12 +24,15 @@ def _share_seen(a: View, b: View) -> float:
     """Share of some of a's points that may lie in b's picture."""
     if not len(a.sampled):
         return 0.0
-    uv, radius = predicted(a.sampled.astype(float), a.prior, b.prior, b)
+    return float(inside(*predicted(a.sampled.astype(float), a.prior, b.prior, b), b).mean())
+
+
+def inside(uv: np.ndarray, radius: np.ndarray, view: View) -> np.ndarray:
+    """(N,) bool: whether pixels (N,2) are in a view's picture or within ``radius`` (N,) px of
+    it."""
+    size = np.array([view.camera.width, view.camera.height])
     with np.errstate(invalid="ignore"):
-        inside = (uv > -radius[:, None]) & (
-            uv < np.array([b.camera.width, b.camera.height]) + radius[:, None]
-        )
-    return float(inside.all(axis=1).mean())
+        return ((uv > -radius[:, None]) & (uv < size + radius[:, None])).all(axis=1)
 
 
 def predicted(

@@ -77,7 +77,7 @@ def site_view(view: View, placed: Placed, origin_m: np.ndarray) -> SiteView:
     pose = scale**2 * np.trace(C[3:6, 3:6]) / 3.0 + np.square(depth) * (
         C[6, 6] + np.trace(C[:3, :3]) / 3.0
     )
-    sigma = np.sqrt(np.square(view.own_sigma * scale) + pose)
+    sigma = np.sqrt(np.square(view.point_sigma * scale) + pose)
     known = np.isfinite(depth).astype(np.uint8)
     least = cv2.erode(np.where(known, depth, 0.0).astype(np.float32), _WINDOW)
     nearest = np.where(cv2.erode(known, _WINDOW) > 0, least, np.nan)
@@ -137,13 +137,11 @@ def join_view(own: SiteView, others: Iterable[SiteView]) -> Joined:
         surest = np.where(near, np.minimum(surest, their_sigma), surest)
     gone = surely_through & (through >= agreeing)
     kept = ~(told | gone)
-    joined = np.maximum(1.0 / np.sqrt(weight), tuning.LEAST_JOINED * surest)
-    joined = np.where(agreeing > 1, joined, sigma)
     points = points + ray * (shift / weight)[:, None]
     cloud = Cloud(
         points[kept].astype(np.float32),
         own.view.image[rows[kept], columns[kept]],
-        joined[kept].astype(np.float32),
+        surest[kept].astype(np.float32),  # what views have in common does not average out
         np.minimum(agreeing[kept], MOST_VIEWS).astype(np.uint8),
     )
     return Joined(cloud, int((told & ~gone).sum()), int(gone.sum()), int((agreeing > 1).sum()))

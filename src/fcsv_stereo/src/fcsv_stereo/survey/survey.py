@@ -28,6 +28,7 @@ from fcsv_stereo.survey.document import (
     adjustment_document,
     origin_of,
     site_document,
+    withdraw,
 )
 from fcsv_stereo.survey.edges import Edge, posed_edge
 from fcsv_stereo.survey.extras import EXTRAS, ExtraOptions, write_extras
@@ -314,6 +315,7 @@ def write(
             (folder / "site.json").write_text(
                 json.dumps(site_document(site), indent=1, allow_nan=False)
             )
+            withdraw(out)
             for name in FILES:  # site.json last: it tells of all others
                 _remove(out / name)  # of a cloud without points, or not asked for, there is none
                 if (folder / name).exists():

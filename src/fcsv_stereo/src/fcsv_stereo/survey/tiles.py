@@ -13,7 +13,7 @@ import zarr
 
 from fcsv_stereo.model import Cloud, Progress
 from fcsv_stereo.products.clouds import LazFile
-from fcsv_stereo.survey.document import VIEWS_DIMENSION, Missing, Site, Tile
+from fcsv_stereo.survey.document import VIEWS_DIMENSION, Missing, Site, Tile, withdraw
 from fcsv_stereo.survey.kept import digest
 from fcsv_stereo.survey.points import ViewPoints, kept_attributes, write_arrays
 from fcsv_stereo.survey.rasters import HALO, CellGrid, Surface, grid_of, surface_of
@@ -100,6 +100,7 @@ def _distinct(squares: np.ndarray) -> Set[Square]:
 def make_tile(given: TileInput, out: Path) -> None:
     """A task: a tile's LAZ, and its part of the rasters; one view is in memory at a time."""
     note = given.path(out, "zarr.zip")
+    withdraw(out)
     note.unlink(missing_ok=True)  # a tile without it is made again
     clouds = (p.load() for p in given.parts)
     surface = surface_of(clouds, given.window, given.origin_m)
@@ -182,4 +183,5 @@ def _remove_others(out: Path, files: Sequence[Path] = ()) -> None:
     """Removes all tiles but these ``files``; what is named otherwise is not a survey's."""
     for path in (p for e in _ENDINGS for p in (out / TILES).glob(f"x*_y*.{e}")):
         if path.absolute() not in files and not path.is_dir():
+            withdraw(out)
             path.unlink()

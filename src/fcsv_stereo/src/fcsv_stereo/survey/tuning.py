@@ -33,6 +33,10 @@ GATE_SIGMAS, GATE_PX = 3.5, 15.0
 #: Pixels of a view, about so many, that tell by the priors whether two views overlap, and the least
 #: share of them.
 OVERLAP_SAMPLES, LEAST_OVERLAP = 1500, 0.05
+#: Cosine of the angle between two views' rays to a point, and ratio of its distances, up to which its
+#: surroundings are tracked from one to the other; least share of such points; px: how far a corner
+#: may come back from where it was.
+LEAST_ALIKE_COSINE, MOST_ALIKE_RATIO, LEAST_ALIKE, MOST_TRACK_PX = 0.7, 2.0, 0.1, 1.0
 #: Three matches at a time are drawn so often; they are scored with so many matches; so many starts
 #: are refined.
 DRAWS, SCORED, REFINED_DRAWS = 600, 100, 8
@@ -68,9 +72,9 @@ MOST_CLOUD_SIGMA = 0.2
 #: Cosine of the angle between two rays from which on their depths are averaged; at a larger angle
 #: they only agree.
 LEAST_COSINE = 0.7
-#: Sigma of a joined point is at least this share of its surest view's: what views have in common
-#: does not average out.
-LEAST_JOINED = 0.5
+#: px; of a point's sigma: share of the map's, share of the bend of its surface within so many pixels,
+#: and most of that bend in the map's sigmas. By coverage on drawn sites (docs/lab/survey.md).
+BEND_PX, PLANE_SIGMA, BEND_SIGMA, MOST_BEND = 4, 0.2, 0.5, 6.0
 
 #: px: side of the window about a control point's mark whose median depth counts, and sigma (m) of
 #: a control point's coordinates where the user states none: of a receiver with corrections.

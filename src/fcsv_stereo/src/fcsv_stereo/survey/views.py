@@ -89,6 +89,14 @@ class View:
         return np.sqrt(np.maximum(own, np.square(0.25 * self.sigma)))
 
     @cached_property
+    def point_sigma(self) -> np.ndarray:
+        """(H,W) m: ``own_sigma`` less on planes, more where the surface bends or steps within what
+        the matcher compares."""
+        bend_m = _bend(np.where(self.known, self.depth, np.nan)) * np.square(self.depth)
+        bend_m = np.fmin(bend_m, tuning.MOST_BEND * self.own_sigma)  # steps are known well
+        return np.hypot(tuning.PLANE_SIGMA * self.own_sigma, tuning.BEND_SIGMA * bend_m)
+
+    @cached_property
     def sampled(self) -> np.ndarray:
         """(N,3) float32 m in the camera's frame: some of the known pixels, evenly."""
         rows, columns = np.nonzero(self.known)
@@ -117,6 +125,18 @@ class View:
     def load(self) -> "View":
         """The view itself: its pixels are in memory already."""
         return self
+
+
+def _bend(depth: np.ndarray) -> np.ndarray:
+    """(H,W) 1/m: how far the inverse depth, which is linear on planes, is off the middle of two
+    pixels opposite each other: the most of four directions, and of the pixels about."""
+    r = tuning.BEND_PX
+    inverse, most = 1.0 / np.pad(depth, r, constant_values=np.nan), np.zeros(depth.shape)
+    middle = inverse[r:-r, r:-r]
+    for dv, du in ((0, r), (r, 0), (r, r), (r, -r)):
+        one, other = (np.roll(inverse, s, (0, 1))[r:-r, r:-r] for s in ((dv, du), (-dv, -du)))
+        most = np.fmax(most, np.abs(0.5 * (one + other) - middle))
+    return cv2.dilate(most, np.ones((r + 1, r + 1), np.uint8))
 
 
 def read_view(folder: Path, name: str, source: str, prior) -> View:

@@ -16,7 +16,8 @@ import threading
 import uuid
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
-from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
+from queue import Empty, Queue
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple
 
 import cv2
 import psutil
@@ -183,37 +184,35 @@ class Crew:
         return sum(t.long for t in tasks) >= _WORTH_LONG or len(tasks) >= _WORTH
 
     def _by_dask(self, tasks: Sequence[SurveyTask], told: Told) -> Iterator[TaskResult]:
-        from distributed import CancelledError, wait
-        from distributed import TimeoutError as NothingDone  # of asyncio, before Python 3.11
+        from distributed import CancelledError
         from distributed.scheduler import KilledWorker
 
         client, topic = self._started(), f"survey-{uuid.uuid4()}"
         client.subscribe_topic(topic, lambda event: told(*event[1]))
-        futures = {
-            client.submit(attempt_on_one_core, t, i, topic, pure=False): i
-            for i, t in enumerate(tasks)
-        }
-        left: List[Any] = list(futures)
+        ended: Queue[Any] = Queue()  # waiting for the first of all left costs their square
+        left: Dict[Any, int] = {}
+        for i, t in enumerate(tasks):
+            future = client.submit(attempt_on_one_core, t, i, topic, pure=False)
+            future.add_done_callback(ended.put)
+            left[future] = i
         try:
             while left:
                 try:
-                    done, _ = wait(left, self._options.limit_s, return_when="FIRST_COMPLETED")
-                except NothingDone:
+                    future = ended.get(timeout=self._options.limit_s)
+                except Empty:
                     self._renew(left)
                     continue
-                for future in done:
-                    left.remove(future)
-                    i = futures[future]
-                    try:
-                        yield TaskResult(i, *future.result())
-                    except KilledWorker:
-                        yield TaskResult(i, None, _died(tasks[i].name))
+                i = left.pop(future)
+                try:
+                    yield TaskResult(i, *future.result())
+                except KilledWorker:
+                    yield TaskResult(i, None, _died(tasks[i].name))
         except (CancelledError, OSError) as error:
             raise SurveyError(
                 f"the scheduler is gone ({type(error).__name__}); what was finished is kept: the same command goes on"
             ) from error
 
-    def _renew(self, left: Sequence[Any]) -> None:
+    def _renew(self, left: Iterable[Any]) -> None:
         """New workers for those that hang; their tasks are tried again."""
         keys = {f.key for f in left}
         busy = [w for w, of in self._client.processing().items() if keys & set(map(str, of))]
