@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole test run: flights, and nodes two at a time; plain tests on all cores, in what time those
+"""The whole test run: nodes two at a time, and flights; plain tests on all cores, in what time those
 leave; then what must be alone. One count of all.
 
     tools/run_tests.py [pytest's arguments]
@@ -11,6 +11,7 @@ where a file or test that is named is not there. More: docs/design/testing.md.
 import contextlib
 import difflib
 import json
+import os
 import re
 import signal
 import subprocess
@@ -23,11 +24,11 @@ ROOT = Path(__file__).resolve().parents[1]
 # a worker takes up to 2 GB
 SIDE_BY_SIDE = ["--numprocesses=logical", "--maxprocesses=8", "--dist=loadgroup"]
 TWO = ["--numprocesses=2", "--dist=loadgroup"]  # nodes wait for one another more than they work
-TIERS = {"plain": SIDE_BY_SIDE, "flights": [], "slowed": TWO, "nodes": TWO, "alone": []}
+TIERS = {"plain": SIDE_BY_SIDE, "nodes": TWO, "slowed": TWO, "flights": [], "alone": []}
 PLAIN, ALONE = "plain", "alone"
 # what else runs is served first, processes of other sessions too
 GIVING_WAY = [str(ROOT / "src/fcsv_bringup/scripts/priority"), "19"]
-HANGS_S = 900  # a plain test that gives way
+HANGS_S, END_S = 900, 30.0  # a plain test that gives way; all of them, after Ctrl-C
 SLOWEST = ["--durations=25", "--durations-min=3"]
 # pytest's exit statuses; above FAILED and below NOTHING it could not run
 PASSED, FAILED, NOTHING = 0, 1, 5
@@ -127,16 +128,21 @@ class Beside:
             )
 
     def status(self) -> int:
-        """Waits for its end."""
+        """Waits for its end. Ctrl-C does not reach it from the terminal: it is passed on."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: self._child.send_signal(signal.SIGINT))
         status = self._child.wait()
         print(self._said.read_text(errors="replace"), flush=True)
         return status
 
     def end(self) -> None:
-        """Like Ctrl-C, where it still runs."""
+        """Like Ctrl-C, where it still runs; by force where it does not answer."""
         if self._child.poll() is None:
             self._child.send_signal(signal.SIGINT)
-            self._child.wait()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._child.wait(END_S)
+                return
+            os.killpg(self._child.pid, signal.SIGKILL)
 
 
 def run_tiers(arguments, folder: Path):

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a test run is divided: plain tests side by side on all cores, flights of whole systems, tests
-whose time passes slowly on a busy machine and tests of nodes two at a time, and what must have the
-machine for itself. Marks and fixtures say which a test is. How to run them: docs/design/testing.md.
+"""How a test run is divided: plain tests side by side on all cores, tests of nodes two at a time,
+those of them whose time passes slowly on a busy machine likewise, flights of whole systems, and what
+must have the machine for itself. Marks and fixtures say which a test is. How to run them:
+docs/design/testing.md.
 """
 
 import json
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-TIERS = PLAIN, FLIGHTS, SLOWED, NODES, ALONE = "plain", "flights", "slowed", "nodes", "alone"
+TIERS = PLAIN, NODES, SLOWED, FLIGHTS, ALONE = "plain", "nodes", "slowed", "flights", "alone"
 # fixtures that start a master, nodes or network namespaces: each test that uses one is marked ros
 STARTS_ROS = {"ros_master", "start_node", "bench_link", "tello_air"}
 # of these the ones whose tests have the machine for themselves: an emulated radio's rates mean
@@ -33,7 +34,7 @@ def options(parser):
     group.addoption(
         "--tier",
         choices=TIERS,
-        help="only tests without ROS, flights, in slow motion, of nodes, or alone",
+        help="only tests without ROS, of nodes, in slow motion, flights, or alone",
     )
     group.addoption(
         "--counts",
