@@ -308,6 +308,7 @@ def test_height_of_one_that_flew_before_anything_was_heard_is_that_of_its_estima
 ):
     """Its estimate began at 0.3 m on the ground where it was heard there."""
     heard = VehicleTelemetry(np.eye(4))
+    assert np.isnan(heard.view(0.0, None).height_m), "nothing is heard yet"
     if heard_first == "disarmed":
         heard.state(0.0, Mode.LOITER, False, True)
         heard.position(0.3)

@@ -155,7 +155,10 @@ def test_waits_for_what_people_do(flight):
     f.fleet["uav2"].heard = False
     f.wait(3.0)
     assert f.machine.phase == "WAIT_VEHICLES" and "uav2" in f.machine.problems[0]
-    f.fleet["uav2"].heard = True
+    f.fleet["uav2"].heard, f.fleet["uav2"].height_m = True, np.nan
+    f.wait(3.0)
+    assert f.machine.problems == ["uav2: its height is not heard"], "nor where its ground is"
+    f.fleet["uav2"].height_m = 0.0
     f.phase("TAKE_OFF")
     f.take_off()
     f.fleet["uav2"].mode = Mode.ALT_HOLD  # not in LOITER yet

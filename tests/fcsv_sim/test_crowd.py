@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -59,6 +60,7 @@ def flight():
     process.wait()
 
 
+@pytest.mark.alone
 def test_busy_loops_of_others_are_seen_and_named(loops, flight):
     watch = CrowdWatch(flight.pid, QUICK)
     said = []
@@ -67,6 +69,24 @@ def test_busy_loops_of_others_are_seen_and_named(loops, flight):
     assert len(said) == 1 and "waiting for them" in said[0]
 
 
+def test_programs_of_the_lowest_priority_give_way_where_their_session_does_too(root, flight):
+    """A session of normal priority has its share of the processors, whatever nice(1) says."""
+    both, alone = [root / "src/fcsv_bringup/scripts/priority", "19"], ["nice", "-n", "19"]
+    others = [
+        subprocess.Popen([*words, "sleep", "600"], start_new_session=True)
+        for words in (both, alone)
+    ]
+    try:
+        time.sleep(0.5)  # until they have it
+        used = CrowdWatch(flight.pid, QUICK)._sample()[3]
+        assert [used[p.pid][2] for p in others] == [True, not Path("/proc/self/autogroup").exists()]
+    finally:
+        for process in others:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.alone
 def test_loops_of_its_own_are_no_crowd(loops):
     """All processes here are children of this one."""
     watch = CrowdWatch(os.getpid(), CrowdRules(most_others=0.9, lasting_s=0.5, every_s=0.5))

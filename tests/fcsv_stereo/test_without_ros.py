@@ -139,6 +139,7 @@ def give_kernels(root, environment):
         installed = packages / source.relative_to(root / "src/fcsv_stereo/src")
         assert installed.read_bytes() == source.read_bytes()
         times = source.stat()
+        (installed.parent / "__pycache__").mkdir(exist_ok=True)
         os.utime(installed, ns=(times.st_atime_ns, times.st_mtime_ns))
         for kernel in (source.parent / "__pycache__").glob(f"{source.stem}.*.nb[ic]"):
             shutil.copy(kernel, installed.parent / "__pycache__")
@@ -169,7 +170,9 @@ def clean(root, tmp_path_factory):
     )
     if there.returncode:
         pytest.skip(f"no package index can be reached: {there.stderr.strip().splitlines()[-1]}")
-    done = run([*pip, "install", "-c", root / "requirements.txt", root], env=env)
+    # what is imported is compiled then
+    wheel = [*pip, "install", "--no-compile", "-c", root / "requirements.txt", root]
+    done = run(wheel, env=env)
     assert done.returncode == 0, done.stderr[-2000:]
     give_kernels(root, folder / "venv")
     return folder / "venv", env

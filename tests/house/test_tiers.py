@@ -38,12 +38,13 @@ class Item:
         (Item(marks=["slow"]), "plain"),
         (Item(marks=["slow_motion"]), "slowed"),
         (Item(fixtures=["ros_master"], marks=["slow_motion"]), "slowed"),
-        (Item("tests/system/test_a.py::test_a", marks=["slow_motion"]), "alone"),
+        (Item("tests/system/test_a.py::test_a", marks=["slow_motion"]), "flights"),
         (Item(fixtures=["ros_master"]), "nodes"),
         (Item(fixtures=["tmp_path", "start_node"]), "nodes"),
         (Item(fixtures=["bench_link"]), "alone"),
         (Item(fixtures=["ros_master"], marks=["alone"]), "alone"),
-        (Item("tests/system/test_a.py::test_a"), "alone"),
+        (Item("tests/system/test_a.py::test_a"), "flights"),
+        (Item("tests/system/test_a.py::test_a", fixtures=["bench_link"]), "flights"),
     ],
 )
 def test_a_test_with_a_master_is_never_plain(item, tier):
@@ -90,12 +91,12 @@ def run_tests(args, timeout_s=200):
 
 
 def test_quotes_in_args_hold_words_together_and_the_last_line_counts_all_tiers():
-    """Three tiers are empty: no error, since these arguments ask for so little."""
+    """Four tiers are empty: no error, since these arguments ask for so little."""
     status, said = run_tests(
         "-n0 -q -m 'not slow and not system' -k 'never_plain' tests/house/test_tiers.py"
     )
     assert status == 0, said
-    assert said.splitlines()[-1].startswith("10 tests: 10 passed, 0 failed, 0 skipped, in "), said
+    assert said.splitlines()[-1].startswith("11 tests: 11 passed, 0 failed, 0 skipped, in "), said
 
 
 @pytest.fixture
@@ -104,7 +105,7 @@ def runner(root, monkeypatch):
     monkeypatch.setattr(sys, "path", [str(root / "tools"), *sys.path])
     import run_tests
 
-    monkeypatch.setattr(run_tests, "pytest_status", lambda _: pytest.fail("pytest was started"))
+    monkeypatch.setattr(run_tests, "status_of", lambda _: pytest.fail("pytest was started"))
     return run_tests
 
 
@@ -163,6 +164,33 @@ def test_the_exit_status_is_that_of_all_tiers(root, monkeypatch, plain, nodes, e
     import run_tests
 
     assert run_tests.overall({"plain": plain, "nodes": nodes, "alone": nodes}, explicit) == status
+
+
+@pytest.mark.parametrize("nodes", [0, 2])
+def test_plain_tests_run_beside_the_others_and_are_over_before_those_that_are_alone(
+    runner, monkeypatch, capsys, nodes
+):
+    """Whoever interrupts the tests of nodes ends the plain ones, too."""
+    said = []
+
+    class Beside(runner.Beside):
+        def __init__(self, folder):
+            monkeypatch.setattr(runner, "command", lambda *_: ["sh", "-c", "nice; sleep 0.3"])
+            super().__init__(folder)
+            monkeypatch.setattr(runner, "command", lambda name, *_: name)
+
+        def end(self):
+            said.append("end" if self._child.poll() is None else "over")
+            super().end()
+
+    monkeypatch.setattr(runner, "Beside", Beside)
+    monkeypatch.setattr(
+        runner, "status_of", lambda name: said.append(name) or {"nodes": nodes}.get(name, 0)
+    )
+    assert runner.main([]) == nodes
+    front = ["nodes", "slowed", "flights", "alone", "over"]
+    assert said == (["nodes", "end"] if nodes else front)
+    assert nodes or "\n19\n" in capsys.readouterr().out, "its priority, in what it said"
 
 
 class Definition:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a test run is divided: plain tests side by side on all cores, then tests of nodes, two at a
-time, then those of them whose time passes slowly on a busy machine, likewise, then what must have
-the machine for itself. Marks and fixtures say which a test is. How to run them:
+"""How a test run is divided: plain tests side by side on all cores, tests of nodes two at a time,
+those of them whose time passes slowly on a busy machine likewise, flights of whole systems, and what
+must have the machine for itself. Marks and fixtures say which a test is. How to run them:
 docs/design/testing.md.
 """
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-PLAIN, NODES, SLOWED, ALONE = TIERS = "plain", "nodes", "slowed", "alone"
+TIERS = PLAIN, NODES, SLOWED, FLIGHTS, ALONE = "plain", "nodes", "slowed", "flights", "alone"
 # fixtures that start a master, nodes or network namespaces: each test that uses one is marked ros
 STARTS_ROS = {"ros_master", "start_node", "bench_link", "tello_air"}
 # of these the ones whose tests have the machine for themselves: an emulated radio's rates mean
@@ -32,7 +32,9 @@ OUTCOMES = ("passed", "failed", "error", "skipped", "xfailed", "xpassed")
 def options(parser):
     group = parser.getgroup("fcsv")
     group.addoption(
-        "--tier", choices=TIERS, help="only tests without ROS, of nodes, in slow motion, or alone"
+        "--tier",
+        choices=TIERS,
+        help="only tests without ROS, of nodes, in slow motion, flights, or alone",
     )
     group.addoption(
         "--counts",
@@ -46,7 +48,9 @@ def options(parser):
 
 
 def tier_of(item) -> str:
-    if any(item.get_closest_marker(name) for name in ("alone", "system")):
+    if item.get_closest_marker("system"):
+        return FLIGHTS  # in slow motion, where the machine is busy
+    if item.get_closest_marker("alone"):
         return ALONE
     if item.get_closest_marker("slow_motion"):
         return SLOWED

@@ -24,7 +24,8 @@ class VehicleView:
     speed_mps: float = _INF
     # (3,), once calibration and home are known
     v_home_mps: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    height_m: float = 0.0  # by the autopilot's estimate, above where it stood disarmed
+    # by the autopilot's estimate, above where it stood disarmed; NaN until one is heard
+    height_m: float = 0.0
     state_age_s: float = _INF
     connected: bool = False
     armed: bool = False

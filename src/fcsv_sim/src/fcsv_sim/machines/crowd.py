@@ -9,6 +9,7 @@ is true. It ends early instead, and says what takes the processors.
 import math
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Callable, Dict, Optional, Tuple
 
 import psutil
@@ -17,6 +18,7 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_sim.machines.slow_motion import both_clocks
 
 _NAMED = 3
+_LOWEST = 19  # priority, as of nice(1)
 _LEAST_NAMED = 0.05  # share of the processors of a program that is worth its name
 
 
@@ -79,7 +81,8 @@ class Crowd:
 
 
 class CrowdWatch:
-    """Looks at this machine's processors. The flight is process ``root`` and all that it started."""
+    """Looks at this machine's processors. The flight is process ``root`` and all that it started;
+    programs that give way to it are no crowd."""
 
     def __init__(self, root: Optional[int] = None, rules: CrowdRules = CrowdRules()):
         self._root, self._rules, self._crowd = psutil.Process(root), rules, Crowd(rules)
@@ -118,11 +121,24 @@ class CrowdWatch:
         times = psutil.cpu_times()  # what a hypervisor takes away is no other program's
         busy_s, all_s = times.user + times.nice + times.system, sum(times[:8])
         used: Dict[int, Tuple[str, float, bool]] = {}
-        for p in psutil.process_iter(["name", "cpu_times"]):
+        for p in psutil.process_iter(["name", "cpu_times", "nice"]):
             own = p.info["cpu_times"]
             if own is not None:
-                used[p.pid] = (p.info["name"], own.user + own.system, p.pid in ours)
+                no_crowd = p.pid in ours or _gives_way(p.pid, p.info["nice"])
+                used[p.pid] = (p.info["name"], own.user + own.system, no_crowd)
         return both_clocks()[1], busy_s, all_s, used
+
+
+def _gives_way(pid: int, nice: int) -> bool:
+    """Whether a process has the lowest priority, and its session, too, where Linux divides the
+    processors between sessions first (autogroup, man 7 sched)."""
+    if nice != _LOWEST:
+        return False
+    try:
+        session = Path(f"/proc/{pid}/autogroup").read_text()
+    except OSError:
+        return True  # no such division, or it is over
+    return not session.strip() or session.rsplit(None, 1)[1] == str(_LOWEST)
 
 
 _Sample = Tuple[float, float, float, Dict[int, Tuple[str, float, bool]]]

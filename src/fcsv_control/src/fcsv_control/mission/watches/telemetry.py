@@ -70,7 +70,7 @@ class VehicleTelemetry:
         self._v_odom_mps: Optional[np.ndarray] = None
         self._odometry_s = self._state_s = self._recorder_s = _NEVER_S
         self._tag_s = self._tag_since_s = _NEVER_S
-        self._z_m = self._ground_z_m = 0.0
+        self._z_m, self._ground_z_m = math.nan, 0.0  # no height is heard yet
         self._mode, self._armed, self._connected = Mode.UNHEARD, False, False
         self._battery_share, self._battery_s = math.nan, _NEVER_S
         self._guarded, self._guarded_s, self._lost, self._lost_s = "", _NEVER_S, False, 0.0

@@ -2,6 +2,7 @@
 """What must be well for the mission to go on. Texts hold no numbers that change: they are shown
 until they change."""
 
+import math
 from functools import lru_cache
 from itertools import combinations
 from typing import Iterator, List, Optional, Tuple
@@ -100,6 +101,8 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
         )
     if phase in FLOWN and view.guarded:
         yield Pause.LOST, f"its guardian: {view.guarded}"
+    if phase == "WAIT_VEHICLES" and math.isnan(view.height_m):
+        yield Pause.LOST, "its height is not heard"  # nor where the ground is
     if phase in _RECORDED:
         yield from _of_recorder(RecorderView(view.recorder_age_s, view.recorder_problem))
     if phase in _IN_THE_AIR and not view.armed:
