@@ -216,7 +216,7 @@ def test_maps_of_other_stations_stay_and_one_that_grew_takes_its_place(server, s
     maps = len(server.ground.maps)
     server.receive(2.0, MapSeen(half.view(stamp_s=1.0)))
     assert len(server.ground.maps) == maps, "the same reference picture: in place of the first"
-    server.receive(3.0, MapSeen(scene().view(stamp_s=3.0)))
+    server.receive(3.0, MapSeen(scene().view(stamp_s=3.0, name="next")))
     assert len(server.ground.maps) == maps + 1
 
 

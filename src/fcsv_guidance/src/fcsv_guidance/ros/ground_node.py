@@ -171,6 +171,8 @@ class GroundNode:
                 view = views.add(messages.stamp_of(message), part, convert())
                 if view is not None:  # the newest is enough
                     stays = topic == MAP and self._parameters.stations
+                    if stays:  # by its reference picture
+                        view = replace(view, name=f"{view.name} {view.stamp_s:.3f}")
                     seen = MapSeen(view, topic == MAP and not stays, topic == WATCH)
                     self._views[topic, view.stamp_s if stays else 0.0] = seen
                     self._due.notify()
