@@ -88,6 +88,18 @@ def test_two_that_are_asked_go_one_after_the_other_and_the_newest_place_counts(f
     assert off_m(f, "uav2", 3.0, -3.0) < 0.01 and off_m(f, "uav1", 3.0, 0.0) < 0.01
 
 
+def test_nobody_sets_out_before_all_stand(following):
+    """Rehearsed: who was sent on at 1 m/s swung to 0.9 m from the other, off its planned way."""
+    swings, fly = following.fleet["uav1"], following.fleet["uav1"].fly
+    swings.fly = lambda dt_s, speed_mps: 0.5
+    ask(following, "uav2", 2.0, -4.0)
+    following.wait(2.0)
+    assert not moving(following)
+    swings.fly = fly
+    following.wait(4.0)
+    assert off_m(following, "uav2", 2.0, -4.0) < 0.01
+
+
 def test_a_way_goes_around_the_other_vehicle(following):
     f = following
     ask(f, "uav2", 0.0, 2.5)

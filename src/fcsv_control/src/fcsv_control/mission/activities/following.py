@@ -20,6 +20,8 @@ from fcsv_geometry.streams.stream import Since
 
 _log = logging.getLogger(__name__)
 _MOST_M = 6.0  # a vehicle is sent so far at once
+# nobody sets out before all have stood for so long: a way is planned from where they stand
+_STANDS_MPS, _STANDS_S = 0.3, 0.5
 _NEAREST = 1.0 - 1e-6  # share of what is to be kept between two places
 
 
@@ -36,6 +38,7 @@ class Following(Activity):
         super().__init__()
         self._mission, self._outbox, self._keep = mission, outbox, Keep.of(mission)
         self._follow_s, self._lasts, self._skipped = follow_s, Since(), False
+        self._stand = Since()
         self._places, self._begun = dict(places), False
         self._asked: Dict[str, Tuple[float, float]] = {}  # x, y (m) in home, by whose turn it is
         self._journey: Optional[Journey] = None
@@ -72,7 +75,9 @@ class Following(Activity):
         if self._journey is None and (late or self._skipped):
             return Progress.DONE
         self.keep(self._places)
-        while self._asked and self._journey is None:
+        calm = all(snapshot.vehicles[n].speed_mps < _STANDS_MPS for n in self._places)
+        stand = self._stand.lasts_s(snapshot.now_s, calm) >= _STANDS_S - 1e-6
+        while stand and self._asked and self._journey is None:
             name = next(iter(self._asked))
             self._begin(snapshot, name, *self._asked.pop(name))
         what = "all hold" if self._journey is None else f"{self._journey.name} goes to its place"
