@@ -22,6 +22,12 @@ def frozen(cls: Type[T]) -> Type[T]:
     >>> Place(1.0).x_m = 2.0
     Traceback (most recent call last):
     dataclasses.FrozenInstanceError: cannot assign to field 'x_m'
+    >>> from dataclasses import field
+    >>> @frozen
+    ... class Way:
+    ...     places: list = field(default_factory=list)
+    >>> Way().places is Way().places, Way([1.0])
+    (False, Way(places=[1.0]))
     """
     made = dataclass(frozen=True)(cls)
     names = [f.name for f in fields(made)]
