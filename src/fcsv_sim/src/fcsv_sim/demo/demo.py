@@ -180,7 +180,7 @@ def _maps(system: System, plan: FleetPlan, method: Optional[str]) -> List[MapRun
 def _what_comes(mission: Mission, fly_only: bool, robot: bool = False) -> str:
     """One line at the start: the steps, and about how long each takes on a machine with two free
     cores."""
-    flight_s = _AROUND_S + sum(_CHANGE_S + c.record_s for c in mission.configurations)
+    flight_s = _AROUND_S + sum(_CHANGE_S + c.stands_s for c in mission.configurations)
     flight_s += _CHANGE_OVER_S * (len(mission.viewpoints) - 1)
     maps = "map what was seen, one to two minutes"
     if mission.stations:
