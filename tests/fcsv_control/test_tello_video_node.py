@@ -18,6 +18,7 @@ DELAY_S = 0.5  # long enough for a picture to be rendered on a busy machine
 PICTURES = 6
 
 
+@pytest.mark.alone  # how late stamps are is measured
 def test_pictures_come_with_their_calibration_and_the_time_of_their_exposure(
     start_node, tello_air, tmp_path, root
 ):

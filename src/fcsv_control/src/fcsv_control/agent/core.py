@@ -84,13 +84,15 @@ class AgentCore:
         """The autopilot's estimate came; a jump of it is said."""
         moved_m = self._holder.pose(now_s, T_odom_body)
         if moved_m:
-            self._say(f"the autopilot's estimate jumped by {moved_m:.1f} m; the target moves along")
+            self._warn(
+                f"the autopilot's estimate jumped by {moved_m:.1f} m; the target moves along"
+            )
 
     def estimate_moved(self, now_s: float, step_m: Sequence[float]) -> None:
         """The autopilot adopted a jump of its navigation, over several messages: the target moves
         along."""
         if self._holder.moved(now_s, step_m):
-            self._say(
+            self._warn(
                 f"the autopilot's estimate moved by {math.hypot(*step_m):.1f} m; the target moves along"
             )
 
@@ -98,7 +100,7 @@ class AgentCore:
         """The odometry's epoch. Where its frame began anew the target is not where it was meant to
         be: hold here."""
         if self.rights.frame.odometry(epoch, reason) and self._holder.mode == Mode.GUIDED:
-            self._say(f"the odometry began anew ({reason}); holding")
+            self._warn(f"the odometry began anew ({reason}); holding")
             self._hold_here()
 
     def guarded(
@@ -261,5 +263,5 @@ class AgentCore:
         self._log.answered(c.sender, c.number, Answer(result, reason))
         self._out.append(Ack(c.sender, c.number, result, reason))
 
-    def _say(self, text: str) -> None:
+    def _warn(self, text: str) -> None:
         self._out.append(AgentText(f"{self._vehicle}: {text}"))

@@ -79,7 +79,7 @@ class Guardian:
             # a pilot who goes from one mode of his to another is no news
             if was_ours or mode.companions:
                 text = f"{mode} was not asked for by the companion: it stays with who chose it"
-                self._say(now_s, f"mode {mode}", text, False)
+                self._warn(now_s, f"mode {mode}", text, False)
         if not armed:
             self._landing = False
             self._answered.clear()
@@ -184,7 +184,7 @@ class Guardian:
         else:
             self._let_go()
         for f in found:
-            self._say(now_s, f.what, f.text, acting and f.wish > Reaction.SAY)
+            self._warn(now_s, f.what, f.text, acting and f.wish > Reaction.SAY)
         blind = air.flying and any(f.wish is Reaction.LAND for f in found)
         air.lose(now_s, blind, self._watches.found_again(now_s, air))
         reasons = tuple(f.text for f in found if f.wish > Reaction.SAY)
@@ -336,7 +336,7 @@ class Guardian:
             return ""
         return "home" if self._homeward else "hold" if self._aside_s is None else "aside"
 
-    def _say(self, now_s: float, what: str, text: str, acts: bool) -> None:
+    def _warn(self, now_s: float, what: str, text: str, acts: bool) -> None:
         """Once while it lasts, again where it is another text, or after some time without it."""
         before, before_s = self._said.get(what, ("", float("-inf")))
         if text != before or now_s - before_s > _SAY_AGAIN_S:

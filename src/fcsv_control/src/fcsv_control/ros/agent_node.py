@@ -94,7 +94,7 @@ class AgentNode:
             Ask: self._send_ask,
             messages.ModeAsked: lambda o: self._asks.publish(ModeAsked(self._header(), o.mode)),
             Pictures: lambda o: self._pictures.publish(Bool(o.on)),
-            AgentText: self._say,
+            AgentText: self._log_text,
             SetPoint: self._send_set_point,
         }
         self._timer = node.every(1.0 / _STEP_HZ, lambda _event: self._step())
@@ -190,7 +190,7 @@ class AgentNode:
             conversions.pose_stamped(output.T_odom_body, rospy.get_time(), frame)
         )
 
-    def _say(self, output: AgentText) -> None:
+    def _log_text(self, output: AgentText) -> None:
         rospy.logerr("%s", output.text)
         self._health.drop("said", output.text)
 

@@ -89,7 +89,7 @@ class GuardianNode:
             AskMode: lambda o: self._ask(o.mode),
             HoldAt: self._hold,
             RestartLink: self._end_link,
-            Warned: self._say,
+            Warned: self._show_warning,
             GuardianVerdict: self._publish,
         }
         self._subscribe([v for v in p.vehicles if v != p.vehicle])
@@ -188,7 +188,7 @@ class GuardianNode:
         except OSError as error:
             rospy.logerr("%s: the flight link is silent and cannot be ended: %s", self._name, error)
 
-    def _say(self, warned: Warned) -> None:
+    def _show_warning(self, warned: Warned) -> None:
         rospy.logerr("guardian of %s", warned.text)
         severity = StatusText.ALERT if warned.acts else StatusText.CRITICAL
         self._texts.publish(

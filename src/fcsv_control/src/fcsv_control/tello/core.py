@@ -69,7 +69,7 @@ class TelloCore:
     def tello_lives(self, now_s: float) -> None:
         """Any packet of the Tello."""
         if self._silent:
-            self._say(NOTICE, f"the Wi-Fi is back after {now_s - self._heard_s:.1f} s")
+            self._give_text(NOTICE, f"the Wi-Fi is back after {now_s - self._heard_s:.1f} s")
             self._silent = False
             self._pid.reset()
         self._heard_s = now_s
@@ -83,7 +83,7 @@ class TelloCore:
             self._enter(now_s, BRAKE, WARNING, "it flies already: holding it where it is")
         if landed:
             self._climb = None
-            self._say(INFO, "on the ground, motors off")
+            self._give_text(INFO, "on the ground, motors off")
 
     def log(self, now_s: float, report: LogReport) -> None:
         """A log packet: its own odometry."""
@@ -219,7 +219,7 @@ class TelloCore:
         if lost.red and not self._silent:
             self._silent = True
             then = "it holds by itself, and lands after 15 s without sticks"
-            self._say(CRITICAL, f"{lost.words}: {then}")
+            self._give_text(CRITICAL, f"{lost.words}: {then}")
         if gone.red and self.mode != LAND:
             self._enter(now_s, LAND, ALERT, f"{gone.words}: landing")
 
@@ -229,7 +229,7 @@ class TelloCore:
             found = conditions.battery(share, bound)
             if found.red and bound < self._battery_said:
                 self._battery_said = bound
-                self._say(CRITICAL, found.words)
+                self._give_text(CRITICAL, found.words)
         if found.red and self.mode in _OURS:
             self._enter(now_s, LAND, ALERT, f"{found.words}: landing")
 
@@ -239,7 +239,7 @@ class TelloCore:
         late = self.mode in _OURS and old.red
         if late and not self._on_flow:
             why = self.tracking.doubt(now_s) or "the tracker has lost it"
-            self._say(CRITICAL, f"{why}: holding by its own flow sensor")
+            self._give_text(CRITICAL, f"{why}: holding by its own flow sensor")
         elif self._on_flow and not late:
             self._pid.reset()
         self._on_flow = late
@@ -283,7 +283,7 @@ class TelloCore:
         if climb.over:
             self._climb = None
             if climb.failed:
-                self._say(CRITICAL, f"take-off: {climb.failed}")
+                self._give_text(CRITICAL, f"take-off: {climb.failed}")
             if self.mode == GUIDED:
                 self._target = self._here()
         if isinstance(wish, Sticks):
@@ -294,7 +294,7 @@ class TelloCore:
     def _enter(self, now_s: float, mode: Mode, severity: int, why: str) -> None:
         self._stay_up_left = _STAY_UP_TIMES if self.mode == LAND and mode != LAND else 0
         self.mode, self._on_flow, self._entered_s = mode, False, now_s
-        self._say(severity, why)
+        self._give_text(severity, why)
         self._pid.reset()
         self._target = self._here() if mode in _OURS else None
         self._land_asked_s = -math.inf
@@ -307,5 +307,5 @@ class TelloCore:
         T = observer.T_odom_body
         return transforms.transform(T[:3, :3], T[:3, 3] + _STOPS_S * observer.v_mps)
 
-    def _say(self, severity: int, text: str) -> None:
+    def _give_text(self, severity: int, text: str) -> None:
         self._out.append(TelloText(severity, f"{self._name}: {text}"))

@@ -102,7 +102,7 @@ class RelayNode:
         )
         self._subscribers = self._subscribe()
         self._ages = rospy.Publisher("~ages", RelayAges, queue_size=5, tcp_nodelay=True)
-        self._ages_timer = node.every(1.0 / _AGES_HZ, lambda _event: self._tell_ages())
+        self._ages_timer = node.every(1.0 / _AGES_HZ, lambda _event: self._publish_ages())
 
     def _subscribe(self) -> List[rospy.Subscriber]:
         subscribers = []
@@ -160,7 +160,7 @@ class RelayNode:
         self._health.tick(f"in {parcel.topic}")
         return self._inbox.deliver(parcel)
 
-    def _tell_ages(self) -> None:
+    def _publish_ages(self) -> None:
         sent = self._inbox.sent.drain()
         if sent:
             self._ages.publish(

@@ -76,10 +76,10 @@ class DriverWatchNode:
                     threading.Thread(target=self._apply, args=(watch, remedy), daemon=True).start()
             if now_s - self._told_s >= _TELL_S:
                 self._told_s = now_s
-                self._tell(now_s)
+                self._publish_diagnostics(now_s)
             time.sleep(_STEP_S)
 
-    def _tell(self, now_s: float) -> None:
+    def _publish_diagnostics(self, now_s: float) -> None:
         usb = findings(
             read_devices(self._parameters.usb), {n: w.rules.usb for n, w in self._watches.items()}
         )
@@ -93,7 +93,7 @@ class DriverWatchNode:
                     (Level.WARN if level is Level.OK else level),
                     f"{text}; it {usb[name]}",
                 )
-                self._say(f"usb {name}", f"{name} {usb[name]}")
+                self._warn_once(f"usb {name}", f"{name} {usb[name]}")
             message.status.append(
                 DiagnosticStatus(
                     level=_LEVELS[level],
@@ -104,7 +104,7 @@ class DriverWatchNode:
             )
         self._diagnostics.publish(message)
 
-    def _say(self, key: str, text: str) -> None:
+    def _warn_once(self, key: str, text: str) -> None:
         if self._said.get(key) != text:
             self._said[key] = text
             rospy.logwarn("%s: %s", self._parameters.vehicle, text)

@@ -60,7 +60,7 @@ class FramesNode:
             n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5)
             for n in p.vehicles
         }
-        self._tell: Dict[type, Callable[[Any], None]] = {
+        self._publish: Dict[type, Callable[[Any], None]] = {
             BodyAt: self._body,
             CameraAt: self._camera,
             OdomsInHome: self._odoms,
@@ -97,7 +97,7 @@ class FramesNode:
     def _step(self) -> None:
         with self._lock:
             for output in self._port.step(time.monotonic()):
-                self._tell[type(output)](output)
+                self._publish[type(output)](output)
 
     def _body(self, m: BodyAt) -> None:
         self._health.tick(f"odometry of {m.vehicle}")

@@ -78,7 +78,7 @@ class OdometryNode:
             BodySample: self._publish,
             Rebase: self._store_rebase,
             tm.Dropped: self._rejected,
-            tm.OdometryEpoch: self._tell_epoch,
+            tm.OdometryEpoch: self._publish_epoch,
         }
         self._step()
         self._timer = node.every(1.0, lambda _: self._updater.force_update())
@@ -149,7 +149,7 @@ class OdometryNode:
             max(before + 1, int(rospy.get_time()) % 2**31), "the odometry was started"
         )
 
-    def _tell_epoch(self, epoch: tm.OdometryEpoch) -> None:
+    def _publish_epoch(self, epoch: tm.OdometryEpoch) -> None:
         self._epoch_publisher.publish(
             Epoch(conversions.header(rospy.get_time(), ""), epoch.number, epoch.reason)
         )

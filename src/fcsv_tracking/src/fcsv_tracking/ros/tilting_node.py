@@ -87,7 +87,7 @@ class TiltingNode:
         latched = {"queue_size": 1, "latch": True}
         self._home = rospy.Publisher("/home", Home, **latched)
         self._calibration = rospy.Publisher("/calibration", Calibration, **latched)
-        self._say_home()
+        self._publish_home()
         rospy.Subscriber(f"/{rig.name}/command", JointState, self._on_command, queue_size=1)
         rospy.Subscriber(f"/{rig.name}/distance", Range, self._on_distance, queue_size=1)
         if p.follow_map:
@@ -102,7 +102,7 @@ class TiltingNode:
                 buff_size=8 << 20,
             )
 
-    def _say_home(self) -> None:
+    def _publish_home(self) -> None:
         """Both cameras' odometry is the rig's frame, and so is home."""
         now_s, identity = rospy.get_time(), conversions.transform_to_pose(np.eye(4))
         left, right = (self._rig.camera_name(side) for side in SIDES)

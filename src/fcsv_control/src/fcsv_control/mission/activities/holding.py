@@ -39,14 +39,14 @@ class Holding:
         """Hold these vehicles, which are in GUIDED; one that another comes down upon is sent
         aside."""
         self._over.end()
-        self._tell(snapshot, names)
+        self._order_holds(snapshot, names)
 
     def over(self, snapshot: Snapshot, names: Sequence[str]) -> bool:
         """Nothing asks for it any more: whether these may move again, as all have stood for a
         second. A way that began in the middle of a stop, or as one swings back to where it was told
         to hold, is not the one that was planned."""
         over_s = self._over.lasts_s(snapshot.now_s)
-        self._tell(snapshot, names)
+        self._order_holds(snapshot, names)
         stood = self.stood(snapshot, names)
         self._restarted = self._restarted and not self.done
         return not self._restarted and (stood or over_s > _LONGEST_S)
@@ -56,7 +56,7 @@ class Holding:
         calm = all(snapshot.vehicles[n].speed_mps < _CALM_MPS for n in names)
         return self._calm.lasts_s(snapshot.now_s, calm) >= _CALM_S - 1e-6
 
-    def _tell(self, snapshot: Snapshot, names: Sequence[str]) -> None:
+    def _order_holds(self, snapshot: Snapshot, names: Sequence[str]) -> None:
         for name in names:
             upper = clearing.coming_down_on(snapshot, name, self._clear_m)
             if upper is not None:

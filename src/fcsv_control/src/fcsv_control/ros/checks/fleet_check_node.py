@@ -109,14 +109,14 @@ class FleetCheckNode:
         with self._lock:
             accept = Accept(request.vehicle, request.line)
             answer, *outputs = self._port.serve(time.monotonic(), accept)
-            self._tell(outputs)
+            self._publish_outputs(outputs)
         return AcceptLineResponse(answer.done, answer.text)
 
     def _step(self, _event) -> None:
         with self._lock:
-            self._tell(self._port.step(time.monotonic()))
+            self._publish_outputs(self._port.step(time.monotonic()))
 
-    def _tell(self, outputs: List[object]) -> None:
+    def _publish_outputs(self, outputs: List[object]) -> None:
         for output in outputs:
             if isinstance(output, CheckReport):
                 self._publisher.publish(messages.whole(output.lines, output.next_s))

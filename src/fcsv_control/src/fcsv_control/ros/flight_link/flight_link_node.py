@@ -79,17 +79,17 @@ class FlightLinkNode:
         self._fix = rospy.Publisher("mavros/global_position/raw/fix", NavSatFix, queue_size=5)
         self._send: Dict[type, Callable[[Any], None]] = {
             AutopilotState: lambda m: self._state.publish(State(header(), *astuple(m))),
-            BatteryReading: self._tell_battery,
-            FixReceived: self._tell_fix,
-            LinkText: lambda m: self._say(m.severity, m.text),
-            PoseEstimated: self._tell_pose,
-            TextReceived: lambda m: self._say(m.severity, m.text),
+            BatteryReading: self._publish_battery,
+            FixReceived: self._publish_fix,
+            LinkText: lambda m: self._show_text(m.severity, m.text),
+            PoseEstimated: self._publish_pose,
+            TextReceived: lambda m: self._show_text(m.severity, m.text),
             TransmitterReading: lambda m: self._rc.publish(header(), m.rssi, m.channels),
         }
         link = self._link = FlightLink(
             Transport(p.fcu_url, read_key(p.signing_key) if p.signing_key else None),
             FlightLinkPort(self._name, *link_setup(p), os.getpid(), time.monotonic()),
-            self._tell,
+            self._publish_output,
         )
         rospy.on_shutdown(link.close)
         commands = Commands(
@@ -97,7 +97,7 @@ class FlightLinkNode:
             lambda flag: link.ask(Kind.ARM, flag=flag),
             lambda altitude_m: link.ask(Kind.TAKEOFF, altitude_m=altitude_m),
         )
-        self._services = CommandServices(commands, self._say)
+        self._services = CommandServices(commands, self._show_text)
         self._messages.subscribe(link)
         rospy.Subscriber(
             "mavros/setpoint_position/local",
@@ -112,22 +112,22 @@ class FlightLinkNode:
         if T_odom_body is not None:
             self._link.receive(SetPoint(T_odom_body))
 
-    def _tell(self, output: object) -> None:
+    def _publish_output(self, output: object) -> None:
         if not self._messages.publish(output):
             self._send[type(output)](output)
 
-    def _tell_pose(self, m: PoseEstimated) -> None:
+    def _publish_pose(self, m: PoseEstimated) -> None:
         self._health.tick("autopilot")
         self._pose.publish(conversions.pose_stamped(m.T_odom_body, rospy.get_time(), self._odom))
 
-    def _tell_battery(self, m: BatteryReading) -> None:
+    def _publish_battery(self, m: BatteryReading) -> None:
         message = BatteryState(header=header(), voltage=m.voltage_v, present=True)
         message.percentage, message.current = m.share, -m.current_a
         message.charge = message.capacity = message.design_capacity = float("nan")
         message.power_supply_technology = BatteryState.POWER_SUPPLY_TECHNOLOGY_LIPO
         self._battery.publish(message)
 
-    def _tell_fix(self, m: FixReceived) -> None:
+    def _publish_fix(self, m: FixReceived) -> None:
         message = NavSatFix(
             header=conversions.header(rospy.get_time(), frames.base_link(self._name))
         )
@@ -140,7 +140,7 @@ class FlightLinkNode:
             message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN
         self._fix.publish(message)
 
-    def _say(self, severity: int, text: str) -> None:
+    def _show_text(self, severity: int, text: str) -> None:
         log = rospy.loginfo if severity >= StatusText.NOTICE else rospy.logwarn
         log("autopilot of %s: %s: %s", self._name, severity_name(severity), text)
         self._texts.publish(StatusText(header(), severity, text))

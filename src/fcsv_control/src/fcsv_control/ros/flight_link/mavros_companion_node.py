@@ -67,8 +67,8 @@ class MavrosCompanionNode:
         self._home = rospy.Publisher("flight_link/home", PointStamped, queue_size=2, latch=True)
         self._messages = LinkMessages(self._name, self._health)
         self._send: Dict[type, Callable[[Any], None]] = {
-            HomeReceived: self._tell_home,
-            LinkText: lambda m: self._say(m.severity, m.text),
+            HomeReceived: self._publish_home,
+            LinkText: lambda m: self._show_text(m.severity, m.text),
             PoseEstimated: lambda _m: self._health.tick("autopilot"),
             Refused: self._refuse,
         }  # the rest MAVROS tells itself
@@ -76,7 +76,7 @@ class MavrosCompanionNode:
         beside = FlightLinkPort(
             self._name, *link_setup(p), os.getpid(), time.monotonic(), p.component
         )
-        self._link = FlightLink(self._line, beside, self._tell)
+        self._link = FlightLink(self._line, beside, self._publish_output)
         rospy.on_shutdown(self._link.close)
         asked = lambda m: self._link.receive(messages.ModeAsked(Mode(m.mode)))  # noqa: E731
         rospy.Subscriber(
@@ -87,7 +87,7 @@ class MavrosCompanionNode:
         self._hang = MavrosWatch(p.mavros_watch, time.monotonic())
         self._timers = node.every(_SLOW_S, self._slowly), node.every(_ASK_S, self._watch_mavros)
 
-    def _tell(self, output: object) -> None:
+    def _publish_output(self, output: object) -> None:
         if not self._messages.publish(output) and type(output) in self._send:
             self._send[type(output)](output)
 
@@ -103,20 +103,20 @@ class MavrosCompanionNode:
         """One that hangs is ended: roslaunch starts it again."""
         words = mind(self._hang, self._process, lambda: self._line.heard_s)
         if words:
-            self._say(StatusText.CRITICAL, f"{self._name}: {words}")
+            self._show_text(StatusText.CRITICAL, f"{self._name}: {words}")
         self._health.value("MAVROS hung, times", self._hang.ended)
 
     def _refuse(self, m: Refused) -> None:
         rospy.logwarn("%s: %s", self._name, m.reason)
         self._refusals.publish(Refusal(header(), m.reason))
 
-    def _tell_home(self, m: HomeReceived) -> None:
+    def _publish_home(self, m: HomeReceived) -> None:
         """Only its height is known."""
         message = PointStamped(header=conversions.header(rospy.get_time(), self._odom))
         message.point.x, message.point.y, message.point.z = math.nan, math.nan, m.above_origin_m
         self._home.publish(message)
 
-    def _say(self, severity: int, text: str) -> None:
+    def _show_text(self, severity: int, text: str) -> None:
         """Speaks to people, beside what MAVROS passes on of the autopilot."""
         rospy.logwarn("%s", text)
         self._texts.publish(StatusText(header(), severity, text))

@@ -138,7 +138,7 @@ class MissionNode:
             Captured: self._capture,
             FramesJudged: self._judged,
             MissionAlive: self._live,
-            MissionStatus: self._tell,
+            MissionStatus: self._publish_state,
             ServiceWanted: self._call,
             StopOver: lambda m: self._stop_over.publish(String(m.reason)),
         }
@@ -244,7 +244,7 @@ class MissionNode:
     def _command(self, i: Instruction) -> None:
         self._commands[i.vehicle].publish(command_of(i))
 
-    def _tell(self, m: MissionStatus) -> None:
+    def _publish_state(self, m: MissionStatus) -> None:
         self._health.value("phase", m.phase)
         self._health.problem("mission", "; ".join(m.problems))
         self._state.publish(

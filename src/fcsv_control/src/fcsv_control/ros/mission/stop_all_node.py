@@ -100,9 +100,9 @@ class StopAllNode:
             elif isinstance(output, Instruction):
                 self._commands[output.vehicle].publish(command_of(output))
             else:
-                self._tell(output)
+                self._publish_report(output)
 
-    def _tell(self, report: Report) -> None:
+    def _publish_report(self, report: Report) -> None:
         self._health.value("asked", report.asked or "nothing")
         self._health.problem("stop all", report.in_words() if report.asked else "")
         self._report.publish(
