@@ -24,7 +24,7 @@ from fcsv_sim.tello.places import TelloPlace
 from fcsv_sim.world.town import Town
 
 GUIDANCE, ROBOT = "guidance", "small"
-_FOLLOW_S = 200.0
+_FOLLOW_S = 150.0
 _CELL_M, _REACH_M = 0.05, 9.0  # of the ground
 _OLDEST_MAP_S = 3600.0  # nothing but the robot moves in the place: its map stays true
 _DRIVES = {"sim_robot_drives": True, "base_odometry": "/odom", "base_pose": "/robot_pose"}

@@ -22,6 +22,7 @@ from fcsv_sim.world.town import Town
 
 #: Where the reference lines up, ahead of the robot and aside, and how far right of it the other (m).
 AHEAD_M, ASIDE_M, BESIDE_M = 2.6, 0.65, 1.35
+_LEAST_STATIONS = 5  # cells that few views show are not surely free
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ def gimbal_mission(
     lever_m = survey.T_body_cam[:3, 3]
     able = [s for s in survey.candidates(plan) if ways.sees(_view(s.T_world_body, lever_m))]
     lookout = Lookout(town, Footing.of(plan).clearance(robot), rules.look, able)
-    chosen = lookout.first(rules.least, rules.most).stations
+    chosen = lookout.first(_LEAST_STATIONS, rules.most).stations
     stations = [_view(s.T_world_body, lever_m) for s in chosen]
     x, y = plan.start_m
     z_m = float(plan.height(x, y)) + base.home_height_m
