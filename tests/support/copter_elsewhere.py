@@ -139,16 +139,16 @@ class CopterElsewhere:
             time.sleep(max(0.0, due_s - time.monotonic()))
             now_s = time.monotonic()
             state = self._body.advance(command, int(round(PASS_S / STEP_S)))[-1]
-            rpy = self._piloted.sense(now_s, state)
+            self._piloted.sense(now_s, state)
             frame = self._sticks.newest()
             if frame is not None:
                 self.autopilot.rc_frame(now_s, frame)
             for message in self._line.received():
                 self._server.receive(now_s, message)
-            self._server.step(now_s, rpy)
+            self._server.step(now_s, self._piloted.rpy_rad)
             for message in self._server.outgoing():
                 self._line.send(message)
-            command = self._piloted.decide(now_s, state)
+            command = self._piloted.decide(now_s)
             self._answer()
             self.p_enu_m = state[:3].copy()
             if self._rate_hz and self._truth:

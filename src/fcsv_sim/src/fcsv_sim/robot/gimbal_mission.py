@@ -47,18 +47,17 @@ def gimbal_mission(
     plan, rules = town.plan, survey.plan()
     ways = GimbalWays(survey, T_world_level(plan), BESIDE_M, base.flight)
     lever_m = survey.T_body_cam[:3, 3]
-    able = [s for s in survey.candidates(plan) if ways.sees(_view(s.T_world_body, lever_m))]
-    lookout = Lookout(town, Footing.of(plan).clearance(robot), rules.look, able)
-    chosen = lookout.first(_LEAST_STATIONS, rules.most).stations
-    stations = [_view(s.T_world_body, lever_m) for s in chosen]
     x, y = plan.start_m
     z_m = float(plan.height(x, y)) + base.home_height_m
     at = HoverStation((float(x - AHEAD_M), float(y + ASIDE_M), z_m), 0.0)
     home = _view(at.T_world_body, lever_m)
-    legs = None
-    while stations and legs is None:
-        legs = ways.ordered([home, *stations, home])
-        stations = stations[:-1]
+    able = [s for s in survey.candidates(plan) if ways.leads(home, _view(s.T_world_body, lever_m))]
+    if not able:
+        raise SimulationError("on the way to every station the gimbals lose sight of a vehicle")
+    lookout = Lookout(town, Footing.of(plan).clearance(robot), rules.look, able)
+    chosen = lookout.first(_LEAST_STATIONS, rules.most).stations
+    stations = [_view(s.T_world_body, lever_m) for s in chosen]
+    legs = ways.ordered([home, *stations, home])
     if legs is None:
         raise SimulationError("on the way to every station the gimbals lose sight of a vehicle")
     last = {"axis": "horizontal", "baseline_m": BESIDE_M, "follow_s": document.pop("follow_s")}

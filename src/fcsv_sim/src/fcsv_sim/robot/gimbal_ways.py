@@ -7,7 +7,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from fcsv_control.mission.ways.formation import formation_legs
 from fcsv_geometry import transforms
@@ -64,9 +64,14 @@ class GimbalWays:
                 return False
         return True
 
+    def leads(self, a: np.ndarray, b: np.ndarray) -> bool:
+        """Whether some way seems to lead from place to place, and the second is seen."""
+        return self.sees(b) and self._lattice(b).joins(a, b)
+
     def ordered(self, places: Sequence[np.ndarray]) -> Optional[List[List[np.ndarray]]]:
-        """The shortest way from the first of ``places`` over all to the last: for each that follows,
-        in order, the places through which it leads, itself last. None where there is none."""
+        """The shortest way from the first of ``places`` to the last, over as many of the others as one
+        way joins: for each that follows, in order, the places through which it leads, itself last.
+        None where it joins no other."""
         n = len(places)
         ways: Dict[Tuple[int, int], List[np.ndarray]] = {}
         length_m = np.full((n, n), np.inf)
@@ -78,21 +83,20 @@ class GimbalWays:
                     points_m = np.array([places[i][:3, 3], *(T[:3, 3] for T in way)])
                     steps_m = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
                     length_m[i, j] = steps_m.sum() + _TURN_M * len(way)
-        orders = np.array([(0, *order, n - 1) for order in permutations(range(1, n - 1))])
-        total_m = length_m[orders[:, :-1], orders[:, 1:]].sum(1)
-        best = orders[int(np.argmin(total_m))]
-        if not np.isfinite(total_m.min()):
-            return None
-        return [ways[i, j] for i, j in zip(best[:-1], best[1:])]
+        for count in range(n - 2, 0, -1):
+            others = permutations(range(1, n - 1), count)
+            orders = np.array([(0, *order, n - 1) for order in others])
+            total_m = length_m[orders[:, :-1], orders[:, 1:]].sum(1)
+            best = orders[int(np.argmin(total_m))]
+            if np.isfinite(total_m.min()):
+                return [ways[i, j] for i, j in zip(best[:-1], best[1:])]
+        return None
 
     def _way(self, a: np.ndarray, b: np.ndarray) -> Optional[List[np.ndarray]]:
         """The places between two, and the second; straight where that keeps sight."""
         if self.keeps_sight(a, b):
             return [b]
-        z_m = float(b[2, 3])
-        if z_m not in self._lattices:
-            self._lattices[z_m] = _Lattice(self, transforms.invert(self._T_ground_world), z_m)
-        way = self._lattices[z_m].way(a, b)
+        way = self._lattice(b).way(a, b)
         if way is None:
             return None
         kept, at = [], 0
@@ -103,6 +107,13 @@ class GimbalWays:
                 return None
             kept.append(way[at])
         return kept
+
+    def _lattice(self, T_world_view: np.ndarray) -> "_Lattice":
+        """The one at the height of a place."""
+        z_m = float(T_world_view[2, 3])
+        if z_m not in self._lattices:
+            self._lattices[z_m] = _Lattice(self, transforms.invert(self._T_ground_world), z_m)
+        return self._lattices[z_m]
 
 
 class _Lattice:
@@ -135,6 +146,7 @@ class _Lattice:
         able = self._seen[rows] & self._seen[columns]
         edges = lengths[able], (rows[able], columns[able])
         self._graph = coo_matrix(edges, (len(self._places),) * 2).tocsr()
+        self._parts = connected_components(self._graph, directed=False)[1]
 
     def way(self, a: np.ndarray, b: np.ndarray) -> Optional[List[np.ndarray]]:
         """Places from ``a`` to ``b``, both included; None where there are none."""
@@ -150,6 +162,11 @@ class _Lattice:
         while nodes[-1] != first:
             nodes.append(int(before[nodes[-1]]))
         return [a, *(self._places[i] for i in nodes[::-1]), b]
+
+    def joins(self, a: np.ndarray, b: np.ndarray) -> bool:
+        """Whether places lead from ``a`` to ``b``."""
+        first, last = self._nearest(a), self._nearest(b)
+        return first is not None and last is not None and self._parts[first] == self._parts[last]
 
     def _nearest(self, T_world_view: np.ndarray) -> Optional[int]:
         off_m = np.hypot(*(self._at[:, :2] - T_world_view[:2, 3]).T)
