@@ -98,7 +98,7 @@ def test_the_view_that_is_checked_is_that_of_the_simulated_mocap():
 @pytest.mark.parametrize(
     "arguments, words",
     [
-        (["--system", "stars"], ["no system 'stars'", "tags, gimbal, mocap, tello"]),
+        (["--system", "stars"], ["no system 'stars'", "tags, gimbal, mocap, guidance, tello"]),
         (["--system", "gimbal", "--mission", "short"], ["reference 'uav1'", "tello1, tello2"]),
         (["--mission", "mocap"], ["reference 'tello1'", "uav1, uav2"]),
         (["--mission", "five"], ["configurations[2].vehicle is 'uav4'", "uav1, uav2, uav3"]),

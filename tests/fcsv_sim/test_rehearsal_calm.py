@@ -150,7 +150,7 @@ def watched(phase="CONFIGURATIONS"):
         autopilot=SimpleNamespace(armed=True),
     )
     seen = SimpleNamespace(pose_age_s=0.1, state_age_s=0.5)
-    mission = SimpleNamespace(configurations=[None])
+    mission = SimpleNamespace(recorded=[0])
     machine = SimpleNamespace(phase=phase, problems=[], captures=[1], detail="", mission=mission)
     control = SimpleNamespace(
         machine=machine, ages_s=lambda *_: (seen.pose_age_s, seen.state_age_s)

@@ -660,6 +660,6 @@ def test_pictures_of_a_vehicle_before_a_tracker_on_the_ground_go_to_the_map(
     assert (at.x, at.y, at.z) == pytest.approx((1.5 + 0.11, 0.0, 1.03), abs=1e-6)
     assert len(captured.messages) == 1, "the first came before the recorder took pictures"
     pictures.publish(conversions.array_to_image(bgr, "bgr8", now_s + 9.0, frame))
-    assert listen("/diagnostics", DiagnosticArray).wait(
-        says("picture for the map")
-    ), "said, and the next one comes"
+    assert listen("/diagnostics", DiagnosticArray).wait(says("picture for the map")), (
+        "said, and the next one comes"
+    )

@@ -12,7 +12,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_tracking.ros.body_track import BodyTrack
+from fcsv_tracking.ros.body_odometry import BodyAtStamp
 from fcsv_tracking.ros.picture_sender import PictureSender, SendingParameters
 
 _WAITING = 20  # pictures
@@ -45,7 +45,7 @@ class GroundPicturesNode:
         self._T_body_cam = node.vehicles(p.vehicles_dir, [p.vehicle])[p.vehicle].T_body_cam
         self._health = Health(p.vehicle, {"pictures": 0.0})
         self._sender = PictureSender(p.vehicle, p.sending, self._health)
-        self._track = BodyTrack(p.vehicle, self._health, p.gap_s, p.wait_s)
+        self._track = BodyAtStamp(p.vehicle, self._health, p.gap_s, p.wait_s)
         self._info: Optional[CameraInfo] = None
         self._pictures: queue.Queue[Image] = queue.Queue(_WAITING)
         rospy.Subscriber("camera/color/camera_info", CameraInfo, self._on_info, queue_size=1)

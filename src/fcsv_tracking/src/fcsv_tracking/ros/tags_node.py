@@ -17,7 +17,7 @@ from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_msgs.msg import Epoch, SceneMotion, TagDetection, TagDetections
-from fcsv_tracking.ros.body_track import BodyTrack
+from fcsv_tracking.ros.body_odometry import BodyAtStamp
 from fcsv_tracking.ros.picture_sender import PictureSender, SendingParameters
 from fcsv_tracking.scene.scene_motion import SceneWatch
 from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector, TagObservation
@@ -67,7 +67,7 @@ class TagsNode:
         self._others = [n for n in vehicles if n != self._name]
         sizes_m = {v.tag_id: v.tag_size_m for n, v in vehicles.items() if n != self._name}
         self._detector = TagDetector(sizes_m, parameters.decimate, sharp=True)
-        self._track = BodyTrack(self._name, self._health, _GAP_S, _WAIT_FOR_ODOMETRY_S)
+        self._track = BodyAtStamp(self._name, self._health, _GAP_S, _WAIT_FOR_ODOMETRY_S)
         self._camera: Optional[PinholeCamera] = None
         self._info: Optional[CameraInfo] = None
         self._picture: Optional[Image] = None

@@ -18,7 +18,7 @@ from fcsv_tracking.errors import TrackingError
 _KEPT_S = 3.0
 
 
-class BodyTrack:
+class BodyAtStamp:
     """odometry/body of ``vehicle``. ``gap_s``: longest silence that is bridged; odometry that is
     still under way is waited for ``wait_s``."""
 
