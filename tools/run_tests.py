@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole test run: nodes two at a time, and flights; plain tests on all cores, in what time those
-leave; then what must be alone. One count of all.
+"""The whole test run: plain tests on all cores, tests of nodes two at a time, in slow motion two at
+a time, flights alone; one count of all.
 
     tools/run_tests.py [pytest's arguments]
 
@@ -8,10 +8,8 @@ Exit status 0 where nothing failed; 5 where a tier, or with arguments all, colle
 where a file or test that is named is not there. More: docs/design/testing.md.
 """
 
-import contextlib
 import difflib
 import json
-import os
 import re
 import signal
 import subprocess
@@ -25,10 +23,6 @@ ROOT = Path(__file__).resolve().parents[1]
 SIDE_BY_SIDE = ["--numprocesses=logical", "--maxprocesses=8", "--dist=loadgroup"]
 TWO = ["--numprocesses=2", "--dist=loadgroup"]  # nodes wait for one another more than they work
 TIERS = {"plain": SIDE_BY_SIDE, "nodes": TWO, "slowed": TWO, "flights": [], "alone": []}
-PLAIN, ALONE = "plain", "alone"
-# what else runs is served first, processes of other sessions too
-GIVING_WAY = [str(ROOT / "src/fcsv_bringup/scripts/priority"), "19"]
-HANGS_S, END_S = 900, 30.0  # a plain test that gives way; all of them, after Ctrl-C
 SLOWEST = ["--durations=25", "--durations-min=3"]
 # pytest's exit statuses; above FAILED and below NOTHING it could not run
 PASSED, FAILED, NOTHING = 0, 1, 5
@@ -100,66 +94,22 @@ def _nearest(name: str, known) -> str:
     return f"; did you mean '{tails[found[0]]}'?" if found else ""
 
 
-def command(name: str, arguments, folder: Path):
-    """pytest for one tier; the user's arguments come last and so overrule."""
-    counts = f"--counts={folder / name}.json"
-    own = [f"--tier={name}", counts, *TIERS[name], *SLOWEST]
-    return [sys.executable, "-m", "pytest", *own, *arguments]
-
-
-def status_of(words) -> int:
+def pytest_status(arguments) -> int:
     """Run pytest to its end. Ctrl-C reaches it from the terminal; whoever ends this process ends it
     like Ctrl-C."""
-    child = subprocess.Popen(words, cwd=ROOT)
+    child = subprocess.Popen([sys.executable, "-m", "pytest", *arguments], cwd=ROOT)
     signal.signal(signal.SIGINT, lambda *_: None)
     signal.signal(signal.SIGTERM, lambda *_: child.send_signal(signal.SIGINT))
     return child.wait()
 
 
-class Beside:
-    """The plain tests beside the others; what they say comes once they are over."""
-
-    def __init__(self, folder: Path):
-        self._said = folder / "plain.txt"
-        words = [*GIVING_WAY, *command(PLAIN, [f"--timeout={HANGS_S}"], folder)]
-        with open(self._said, "wb") as said:
-            self._child = subprocess.Popen(
-                words, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT, start_new_session=True
-            )
-
-    def status(self) -> int:
-        """Waits for its end. Ctrl-C does not reach it from the terminal: it is passed on."""
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: self._child.send_signal(signal.SIGINT))
-        status = self._child.wait()
-        print(self._said.read_text(errors="replace"), flush=True)
-        return status
-
-    def end(self) -> None:
-        """Like Ctrl-C, where it still runs; by force where it does not answer."""
-        if self._child.poll() is None:
-            self._child.send_signal(signal.SIGINT)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._child.wait(END_S)
-                return
-            os.killpg(self._child.pid, signal.SIGKILL)
-
-
-def run_tiers(arguments, folder: Path):
-    """Yield (tier, exit status) as they end: with arguments one tier after another."""
-    beside = None if arguments else Beside(folder)
-    try:
-        for name in TIERS:
-            if beside and name == PLAIN:
-                continue
-            if beside and name == ALONE:
-                print(f"== tests of the tier '{PLAIN}', which ran beside these", flush=True)
-                yield PLAIN, beside.status()
-            print(f"== tests of the tier '{name}'", flush=True)
-            yield name, status_of(command(name, arguments, folder))
-    finally:
-        if beside:
-            beside.end()
+def run_tier(name: str, arguments, folder: Path):
+    """(exit status, counts) of one tier; the user's arguments come last and so overrule."""
+    counts = folder / f"{name}.json"
+    status = pytest_status(
+        [f"--tier={name}", f"--counts={counts}", *TIERS[name], *SLOWEST, *arguments]
+    )
+    return status, json.loads(counts.read_text()) if counts.exists() else {}
 
 
 def overall(statuses, explicit: bool) -> int:
@@ -179,14 +129,14 @@ def main(arguments) -> int:
         print(f"test: {wrong}", file=sys.stderr)
         return MISTYPED
     began_s = time.monotonic()
-    statuses, stops = {}, FAILED if {"-x", "--exitfirst"} & {*arguments} else None
+    statuses, counts = {}, {}
     with tempfile.TemporaryDirectory() as folder:
-        with contextlib.closing(run_tiers(arguments, Path(folder))) as running:
-            for name, status in running:
-                statuses[name] = status
-                if status not in {PASSED, FAILED, NOTHING} - {stops}:
-                    break
-        counts = {path.stem: json.loads(path.read_text()) for path in Path(folder).glob("*.json")}
+        for name in TIERS:
+            print(f"== tests of the tier '{name}'", flush=True)
+            statuses[name], counts[name] = run_tier(name, arguments, Path(folder))
+            stops = FAILED if {"-x", "--exitfirst"} & {*arguments} else None
+            if statuses[name] not in {PASSED, FAILED, NOTHING} - {stops}:
+                break
     status = overall(statuses, bool(arguments))
     for name in statuses:
         if statuses[name] == NOTHING and not arguments:

@@ -105,7 +105,7 @@ def runner(root, monkeypatch):
     monkeypatch.setattr(sys, "path", [str(root / "tools"), *sys.path])
     import run_tests
 
-    monkeypatch.setattr(run_tests, "status_of", lambda _: pytest.fail("pytest was started"))
+    monkeypatch.setattr(run_tests, "pytest_status", lambda _: pytest.fail("pytest was started"))
     return run_tests
 
 
@@ -164,33 +164,6 @@ def test_the_exit_status_is_that_of_all_tiers(root, monkeypatch, plain, nodes, e
     import run_tests
 
     assert run_tests.overall({"plain": plain, "nodes": nodes, "alone": nodes}, explicit) == status
-
-
-@pytest.mark.parametrize("nodes", [0, 2])
-def test_plain_tests_run_beside_the_others_and_are_over_before_those_that_are_alone(
-    runner, monkeypatch, capsys, nodes
-):
-    """Whoever interrupts the tests of nodes ends the plain ones, too."""
-    said = []
-
-    class Beside(runner.Beside):
-        def __init__(self, folder):
-            monkeypatch.setattr(runner, "command", lambda *_: ["sh", "-c", "nice; sleep 0.3"])
-            super().__init__(folder)
-            monkeypatch.setattr(runner, "command", lambda name, *_: name)
-
-        def end(self):
-            said.append("end" if self._child.poll() is None else "over")
-            super().end()
-
-    monkeypatch.setattr(runner, "Beside", Beside)
-    monkeypatch.setattr(
-        runner, "status_of", lambda name: said.append(name) or {"nodes": nodes}.get(name, 0)
-    )
-    assert runner.main([]) == nodes
-    front = ["nodes", "slowed", "flights", "alone", "over"]
-    assert said == (["nodes", "end"] if nodes else front)
-    assert nodes or "\n19\n" in capsys.readouterr().out, "its priority, in what it said"
 
 
 class Definition:
