@@ -31,6 +31,7 @@ from fcsv_sim.world.movers import CRATE, ROBOT
 from fcsv_sim.world.town import Town
 
 _FRAMES = "robot/odom", "robot/base_link"
+_ANYHOW_DEG = 999.0
 _AWAY_M = -50.0  # below the ground: what is not there
 
 
@@ -38,7 +39,7 @@ _AWAY_M = -50.0  # below the ground: what is not there
 class RobotNodeParameters:
     """Parameters of the node; ``home_xyz_yaw``: of home in the world (m, rad). ``sim_dir``: where
     cameras and gimbals learn where robot and crate are; empty: none shows them. ``tag``: a vehicle
-    reads one on it, and gives fixes; ``yaw_deg``: how it stands, anyhow where it is not finite.
+    reads one on it, and gives fixes; ``yaw_deg``: how it stands, 999: anyhow.
     ``closes``: a crate comes into its way and goes again, noted in ``things``."""
 
     robot: str  # its file, config/robots/NAME.yaml
@@ -49,7 +50,7 @@ class RobotNodeParameters:
     rate_hz: float = 20.0
     sim_dir: str = ""
     tag: bool = True
-    yaw_deg: float = float("nan")
+    yaw_deg: float = _ANYHOW_DEG
     closes: bool = False
     things: str = ""  # file of what came into the way; empty: none is written
 
@@ -69,7 +70,7 @@ class RobotNode:
             Town.generate(p.seed, p.world),
             transforms.from_xyz_yaw(xyz_m, yaw_rad),
         )
-        stands_rad = float(np.radians(p.yaw_deg)) if np.isfinite(p.yaw_deg) else None
+        stands_rad = None if p.yaw_deg == _ANYHOW_DEG else float(np.radians(p.yaw_deg))
         robot = load_robot(p.robot)
         self._port = PlacedRobot(robot, town, T_world_home, p.seed, stands_rad, p.tag)
         self._plan = town.plan
