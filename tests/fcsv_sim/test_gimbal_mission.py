@@ -17,14 +17,14 @@ from fcsv_sim.demo.gimbal_guided import world_of
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.machines.machines import MachineError
 from fcsv_sim.robot.gimbal_mission import BESIDE_M, gimbal_mission
-from fcsv_sim.robot.gimbal_rehearsal import SMALL, gimbals_of_robot
-from fcsv_sim.robot.gimbal_survey import GimbalSurvey, T_world_level
+from fcsv_sim.robot.gimbal_rehearsal import SMALL, small_survey
+from fcsv_sim.robot.gimbal_survey import T_world_level
 from fcsv_sim.robot.gimbal_ways import GimbalWays
 from fcsv_sim.world.town import Town
 from fcsv_tracking.gimbal.reach import gimbal_problem
 
 VEHICLES = load_vehicles(vehicles_folder(), ("tello1", "tello2"))
-SURVEY = GimbalSurvey(gimbals_of_robot(), VEHICLES["tello1"].T_body_cam)
+SURVEY = small_survey()
 SEED = 1
 
 

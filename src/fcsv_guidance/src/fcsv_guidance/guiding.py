@@ -212,11 +212,6 @@ class RobotGuide:
         self._follower.receive(now_s, RouteToFollow(found.points_home_m))
 
 
-def known_ground(robot: Robot) -> KnownGround:
-    """The ground as it is judged for a robot, before the first map."""
-    return KnownGround(robot)
-
-
 def plan_over(
     known: KnownGround, start_m, goal_m, place_sigma_m: float, rules: GuideRules = GuideRules()
 ):

@@ -72,6 +72,8 @@ def main(argv: Optional[List[str]] = None) -> int:
     say = Narrator()
     interrupt.listen()
     try:
+        if args.seed < 0:
+            raise MachineError(f"--seed {args.seed}: must not be negative")
         if args.system == TILTING:
             return _tilt(args, say)
         system = _system(args.system)
@@ -184,7 +186,8 @@ def _what_comes(mission: Mission, fly_only: bool, robot: bool = False) -> str:
     flight_s += _CHANGE_OVER_S * (len(mission.viewpoints) - 1)
     maps = "map what was seen, one to two minutes"
     if mission.stations:
-        maps = f"map {len(mission.viewpoints) - 1} views and join them, five to ten minutes"
+        views = {mission.configurations[i].view for i in mission.recorded}
+        maps = f"map {len(views)} views and join them, five to ten minutes"
     steps = [
         "build the world, half a minute",
         f"fly mission '{mission.name}', about {in_minutes(flight_s)}",
@@ -283,8 +286,6 @@ def _tilt(args, say) -> int:
         raise MachineError(
             f"--camera {args.camera}: system {TILTING} has the cameras of its rig's file"
         )
-    if args.seed < 0:
-        raise MachineError(f"--seed {args.seed}: must not be negative")
     from fcsv_sim.demo import tilting  # a second of imports that no flight needs
 
     return tilting.run(Path(args.out), say, args.seed, args.overwrite == "1")
@@ -296,7 +297,7 @@ def _plan(system: System, args) -> FleetPlan:
     site, looks = None, ""
     if args.system == GUIDANCE:
         args.world = _guidance_world(args)
-        mission, site, looks = guided_site(args.seed, system.vehicles, GIMBAL_SITE, out)
+        mission, site, looks = guided_site(args.seed, GIMBAL_SITE, out)
     else:
         mission = mission_file(_mission_name(system, args))
     # a list that cannot be flown is refused before anything is started
@@ -313,8 +314,6 @@ def _plan(system: System, args) -> FleetPlan:
     geometries = load_vehicles(vehicles_folder(), vehicles)
     require_flyable(flown, vehicles, {n: v.radius_m for n, v in geometries.items()})
     camera = own_camera(args.camera, flown, geometries) if args.camera else None
-    if args.seed < 0:
-        raise MachineError(f"--seed {args.seed}: must not be negative")
     if not 0.0 < args.ready_s <= 120.0:
         raise MachineError(f"--ready-s {args.ready_s:g}: must be over 0, and 120 at most")
     if args.operator == "you" and args.system != "tags":
@@ -370,8 +369,6 @@ def _guidance_world(args) -> str:
     for name, given in (("mission", args.mission), ("movers", args.movers == "1")):
         if given:
             raise MachineError(f"--{name} {given}: system {GUIDANCE} has none of its own choice")
-    if args.seed < 0:
-        raise MachineError(f"--seed {args.seed}: must not be negative")
     return world_of(args.world, "street")
 
 

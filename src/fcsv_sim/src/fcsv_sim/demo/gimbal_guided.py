@@ -10,16 +10,15 @@ import numpy as np
 
 from fcsv_geometry.config import read_yaml
 from fcsv_geometry.missions.mission import load_mission
-from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_guidance.robot import load_robot
-from fcsv_sim.bringup import mission_file, robot_file, vehicles_folder
+from fcsv_sim.bringup import mission_file, robot_file
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.demo.tellos import SimulatedTellos
 from fcsv_sim.machines.machines import MachineError
 from fcsv_sim.robot.gimbal_mission import BESIDE_M, gimbal_mission
-from fcsv_sim.robot.gimbal_rehearsal import SMALL, gimbals_of_robot
-from fcsv_sim.robot.gimbal_survey import START_YAW_RAD, GimbalSurvey
+from fcsv_sim.robot.gimbal_rehearsal import SMALL, small_survey
+from fcsv_sim.robot.gimbal_survey import START_YAW_RAD
 from fcsv_sim.tello.places import TelloPlace
 from fcsv_sim.world.town import Town
 
@@ -37,18 +36,13 @@ def world_of(wished: str, default: str) -> str:
     return SMALL
 
 
-def guided_site(
-    seed: int, vehicles: Tuple[str, ...], gimbal_site: PairSite, out: Path
-) -> Tuple[Path, PairSite, str]:
+def guided_site(seed: int, gimbal_site: PairSite, out: Path) -> Tuple[Path, PairSite, str]:
     """The mission's file, which is written to ``out``, where the vehicles line up, and where they
     look from in words. Raises SimulationError where the gimbals see no way."""
     base = mission_file(GUIDANCE)
-    T_body_cam = load_vehicles(vehicles_folder(), vehicles)[vehicles[0]].T_body_cam
     town, robot = Town.generate(seed, SMALL), load_robot(robot_file(ROBOT))
-    survey = GimbalSurvey(gimbals_of_robot(), T_body_cam)
-    chosen = gimbal_mission(
-        town, robot, survey, load_mission(base), {**read_yaml(base), "follow_s": _FOLLOW_S}
-    )
+    document = {**read_yaml(base), "follow_s": _FOLLOW_S}
+    chosen = gimbal_mission(town, robot, small_survey(), load_mission(base), document)
     out.mkdir(parents=True, exist_ok=True)
     path = out / "mission.yaml"
     path.write_text(chosen.text())

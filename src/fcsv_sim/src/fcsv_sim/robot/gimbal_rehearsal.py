@@ -9,8 +9,9 @@ import numpy as np
 
 from fcsv_geometry.programs.workspace import bringup
 from fcsv_geometry.vehicles.vehicle import load_vehicles
-from fcsv_guidance.guiding import known_ground, plan_over
+from fcsv_guidance.guiding import plan_over
 from fcsv_guidance.hold_places import HoldPlaces, hold_places
+from fcsv_guidance.known import KnownGround
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import NoRoute
 from fcsv_sim.bringup import vehicles_folder
@@ -32,14 +33,17 @@ def gimbals_of_robot() -> Sequence[Gimbal]:
     return load_ground_robot(bringup() / "config" / "gimbal" / "ground_robot.yaml").gimbals
 
 
+def small_survey() -> GimbalSurvey:
+    """Two Tellos that the robot's gimbals follow; the first of these follows the reference."""
+    gimbals = gimbals_of_robot()
+    name = gimbals[0].vehicle
+    return GimbalSurvey(gimbals, load_vehicles(vehicles_folder(), (name,))[name].T_body_cam)
+
+
 def small_place(seed: int, robot: Robot, folder: Path) -> MappedPlace:
     """The small maze of a seed, mapped by two Tellos. Raises SimulationError where no station's
     pictures make a map."""
-    gimbals = gimbals_of_robot()
-    name = gimbals[0].vehicle
-    T_body_cam = load_vehicles(vehicles_folder(), (name,))[name].T_body_cam
-    survey = GimbalSurvey(gimbals, T_body_cam)
-    return mapped_place(SMALL, seed, robot, folder, survey_plan=survey.plan())
+    return mapped_place(SMALL, seed, robot, folder, survey_plan=small_survey().plan())
 
 
 def gimbal_drive(
@@ -48,7 +52,7 @@ def gimbal_drive(
     """A drive through a small maze and where the vehicles hold meanwhile: beside the route that the
     maps show, None where they show none and no vehicle is needed beside one."""
     plan, gimbals = place.town.plan, gimbals_of_robot()
-    known = known_ground(robot)
+    known = KnownGround(robot)
     for seen in place.seen():
         known.receive(seen, None)
     route = plan_over(known, plan.start_m, plan.goal_m, _PLANNED_SIGMA_M)

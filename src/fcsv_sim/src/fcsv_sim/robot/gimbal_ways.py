@@ -150,15 +150,10 @@ class _Lattice:
 
     def way(self, a: np.ndarray, b: np.ndarray) -> Optional[List[np.ndarray]]:
         """Places from ``a`` to ``b``, both included; None where there are none."""
-        first, last = self._nearest(a), self._nearest(b)
-        if first is None or last is None:
+        if not self.joins(a, b):
             return None
-        length_m, before = dijkstra(
-            self._graph, directed=False, indices=first, return_predecessors=True
-        )
-        if not np.isfinite(length_m[last]):
-            return None
-        nodes = [last]
+        first, nodes = self._nearest(a), [self._nearest(b)]
+        _, before = dijkstra(self._graph, directed=False, indices=first, return_predecessors=True)
         while nodes[-1] != first:
             nodes.append(int(before[nodes[-1]]))
         return [a, *(self._places[i] for i in nodes[::-1]), b]

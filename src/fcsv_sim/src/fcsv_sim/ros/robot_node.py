@@ -73,7 +73,6 @@ class RobotNode:
         stands_rad = None if p.yaw_deg == _ANYHOW_DEG else float(np.radians(p.yaw_deg))
         robot = load_robot(p.robot)
         self._port = PlacedRobot(robot, town, T_world_home, p.seed, stands_rad, p.tag)
-        self._plan = town.plan
         self._closer = WayCloser(town.plan, T_world_home, p.seed) if p.closes else None
         names = (ROBOT, CRATE) if p.sim_dir else ()
         self._shown = {name: TruthWriter(p.sim_dir, name) for name in names}
