@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import PlaceError, RouteError
-from fcsv_guidance.following import RobotPlace, RouteToFollow, StopRobot
+from fcsv_guidance.following import HoldRobot, RobotPlace, RouteToFollow, StopRobot
 from fcsv_guidance.goal_giver import CancelGoal, GiveGoal, GoalEnded, GoalGiver
 from fcsv_guidance.placing import robot_place
 
@@ -48,6 +48,18 @@ def test_the_next_goal_is_given_before_the_robot_stops_at_the_last(giver):
     giver.receive(1.2, at(2.1, 0.0, 1.2))  # less than 1 m before it
     (goal,) = giver.step(1.2)
     assert (goal.x_m, goal.y_m) == (6.0, 0.0)
+
+
+def test_a_held_robot_is_given_the_same_goal_again(giver):
+    giver.step(0.0)
+    giver.receive(0.2, HoldRobot("a vehicle moves", "place"))
+    giver.receive(0.2, HoldRobot("something moves", "ground"))
+    assert giver.step(0.2) == [CancelGoal("a vehicle moves")]
+    giver.receive(0.3, HoldRobot("", "place"))
+    assert not giver.step(0.3) and giver.text == "something moves"
+    giver.receive(0.4, HoldRobot("", "ground"))
+    (goal,) = giver.step(0.4)
+    assert (goal.number, goal.x_m, goal.y_m) == (2, 3.0, 0.0)
 
 
 @pytest.mark.parametrize(

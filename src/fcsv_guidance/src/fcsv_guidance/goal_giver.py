@@ -5,11 +5,11 @@ A port: messages and time in, goals and their end out.
 """
 
 from dataclasses import dataclass
-from typing import List, Optional, Sequence, Union
+from typing import Dict, List, Optional, Sequence, Union
 
 import numpy as np
 
-from fcsv_guidance.following import Polyline, RobotPlace, RouteToFollow, StopRobot
+from fcsv_guidance.following import HoldRobot, Polyline, RobotPlace, RouteToFollow, StopRobot
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ class GoalGiver:
         self._route: Optional[Polyline] = None
         self._place: Optional[RobotPlace] = None
         self._given: Optional[GiveGoal] = None
-        self._given_at_m, self._number = 0.0, 0
+        self._given_at_m, self._before_m, self._number = 0.0, 0.0, 0
+        self._held: Dict[str, str] = {}  # the reason of each source
         self.text = "no route has come"
         self._ended: Optional[GoalEnded] = None
         self._due: List[CancelGoal] = []
@@ -68,12 +69,15 @@ class GoalGiver:
             self._place = message if message.is_sound else None
         elif isinstance(message, RouteToFollow):
             self._route, self._given = message.polyline(), None
-            self._given_at_m, self._ended = 0.0, None
+            self._given_at_m = self._before_m = 0.0
+            self._ended = None
+        elif isinstance(message, HoldRobot):
+            self._held[message.source] = message.reason
         elif isinstance(message, GoalEnded):
             self._ended = message
         elif isinstance(message, StopRobot):
             if self._route is not None or message == StopRobot():  # as in RouteFollower
-                self._hold(message.reason)
+                self._end(message.reason)
         else:
             raise TypeError(f"a giver of goals does not know {type(message).__name__}")
 
@@ -82,9 +86,12 @@ class GoalGiver:
         if self._route is not None:
             doubt = self._doubt(now_s)
             if doubt:
-                self._hold(doubt)
+                self._end(doubt)
+        reason = next(filter(None, self._held.values()), "")
+        if self._route is not None and reason:
+            self._take_back(reason)
         due, self._due = self._due, []
-        if due or self._route is None:
+        if due or self._route is None or reason:
             return due
         if self._given is None or self._is_due():
             return self._next()
@@ -110,10 +117,16 @@ class GoalGiver:
             return f"move_base gave up ({ended.text}); plan the route again"
         return ""
 
-    def _hold(self, reason: str) -> None:
+    def _end(self, reason: str) -> None:
+        self._take_back(reason)
+        self._route = None
+
+    def _take_back(self, reason: str) -> None:
+        """The goal is given again, where the route stays."""
         if self._given is not None:
             self._due.append(CancelGoal(reason))
-        self._route, self._given, self.text = None, None, reason
+            self._given_at_m = self._before_m
+        self._given, self.text = None, reason
 
     def _is_due(self) -> bool:
         """Whether the next goal is to be given, or the last one was reached."""
@@ -133,9 +146,7 @@ class GoalGiver:
         here, before = self._route.at(at_m), self._route.at(at_m - 0.2)
         self._number += 1
         yaw_rad = float(np.arctan2(here[1] - before[1], here[0] - before[0]))
-        self._given_at_m, self._given = (
-            at_m,
-            GiveGoal(self._number, float(here[0]), float(here[1]), yaw_rad),
-        )
+        self._before_m, self._given_at_m = self._given_at_m, at_m
+        self._given = GiveGoal(self._number, float(here[0]), float(here[1]), yaw_rad)
         self.text = f"goal {self._number}: {at_m:.1f} of {self._route.length_m:.1f} m"
         return [self._given]

@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import StopRobot
+from fcsv_guidance.following import HoldRobot, StopRobot
 from fcsv_guidance.goal_giver import CancelGoal, GiveGoal, GivingRules, GoalEnded, GoalGiver
 from fcsv_guidance.ros.place_source import PlaceParameters
 from fcsv_guidance.ros.route_source import RouteSource
@@ -35,7 +35,7 @@ class GoalsParameters:
 
 
 class MoveBaseGoalsNode:
-    """path, robot_pose -> the action move_base."""
+    """path, hold, place/hold, robot_pose -> the action move_base."""
 
     def __init__(self):
         p = node.parameters(GoalsParameters)
@@ -51,7 +51,7 @@ class MoveBaseGoalsNode:
     def _receive(self, message: object) -> None:
         with self._lock:
             self._port.receive(rospy.get_time(), message)
-            if isinstance(message, StopRobot):
+            if isinstance(message, (StopRobot, HoldRobot)):
                 self._step()
 
     def _step(self) -> None:

@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import DriveCommand, FollowerRules, HoldRobot, RouteFollower
+from fcsv_guidance.following import DriveCommand, FollowerRules, RouteFollower
 from fcsv_guidance.grid_regions import clearance_map, with_region
 from fcsv_guidance.ground import Grid
 from fcsv_guidance.robot import load_robot
@@ -54,14 +54,6 @@ class RouteFollowerNode:
         rospy.Subscriber(
             "stand_updates", OccupancyGridUpdate, self._on_update, queue_size=10, buff_size=1 << 24
         )
-        for source in ("hold", "place/hold"):
-            rospy.Subscriber(
-                source,
-                String,
-                lambda m, source=source: self._receive(HoldRobot(m.data, source)),
-                queue_size=5,
-                tcp_nodelay=True,
-            )
         self._source = RouteSource(p.place, self._receive, self._health)
 
     def _on_grid(self, message: OccupancyGrid) -> None:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every node hears that leads a robot along a route: the path, the stop, the robot's place."""
+"""What every node hears that leads a robot along a route: the path, stops, holds, the robot's
+place."""
 
 from typing import Callable
 
@@ -9,15 +10,15 @@ from std_msgs.msg import String
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import RouteToFollow, StopRobot
+from fcsv_guidance.following import HoldRobot, RouteToFollow, StopRobot
 from fcsv_guidance.ros import ground_messages as messages
 from fcsv_guidance.ros.place_source import PlaceParameters, PlaceSource
 from fcsv_guidance.route import NO_ROUTE_KNOWN
 
 
 class RouteSource:
-    """Calls ``receive`` with RouteToFollow, StopRobot and RobotPlace. An empty path, and one that is
-    none, stop the robot."""
+    """Calls ``receive`` with RouteToFollow, StopRobot, HoldRobot and RobotPlace. An empty path, and
+    one that is none, stop the robot."""
 
     def __init__(self, place: PlaceParameters, receive: Callable[[object], None], health: Health):
         self._receive = receive
@@ -25,6 +26,14 @@ class RouteSource:
         rospy.Subscriber(
             "/stop_all", String, lambda _m: receive(StopRobot()), queue_size=5, tcp_nodelay=True
         )
+        for source in ("hold", "place/hold"):
+            rospy.Subscriber(
+                source,
+                String,
+                lambda m, source=source: receive(HoldRobot(m.data, source)),
+                queue_size=5,
+                tcp_nodelay=True,
+            )
         self._place = PlaceSource(place, receive, health)
 
     def _on_path(self, message: Path) -> None:
