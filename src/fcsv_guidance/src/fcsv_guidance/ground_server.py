@@ -60,7 +60,8 @@ class GoalDropped:
 @dataclass(frozen=True)
 class GridMessage:
     """The whole grid: percents (rows, columns) int8 of ``map_files.occupancy``, and of where the
-    robot can stand with its middle. ``stamp_s``: of the newest picture in it."""
+    robot can stand with its middle. ``stamp_s``: of the newest picture in it, -inf where none is
+    dated."""
 
     stamp_s: float
     grid: Grid
@@ -159,6 +160,11 @@ class GroundServer:
     def ground(self) -> Optional[Ground]:
         """None before the first map."""
         return self._ground
+
+    @property
+    def known(self) -> KnownGround:
+        """Where the robot can stand."""
+        return self._known
 
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known, RouteError where a goal is
@@ -290,10 +296,9 @@ class GroundServer:
     def _stamp_s(self) -> float:
         """When the grids were seen last."""
         if self._rules.watched:
-            watch_s = self._known.oldest_watch_s
-            return watch_s if np.isfinite(watch_s) else 0.0
+            return self._known.oldest_watch_s
         stamps = [view.stamp_s for view in (*self._views, self._live) if view is not None]
-        return max([s for s in stamps if np.isfinite(s)], default=0.0)
+        return max([s for s in stamps if np.isfinite(s)], default=-np.inf)
 
     def _update_grid(self) -> None:
         ground, stands, stamp_s = self._ground, self._known.stands, self._stamp_s()

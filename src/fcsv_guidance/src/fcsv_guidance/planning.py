@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from fcsv_guidance import tuning
-from fcsv_guidance.errors import GoalWithoutRoomError
+from fcsv_guidance.errors import GoalWithoutRoomError, RouteError
 from fcsv_guidance.ground import Grid
 from fcsv_guidance.route import NO_ROUTE_KNOWN, NoRoute, Route, route_over
 
@@ -79,6 +79,14 @@ def plan_clear(
     to_see = _unknown_beside(grid, stands, nearer, keep_m)
     reason = f"{NO_ROUTE_KNOWN}: {len(to_see)} cells beside the way to the goal were not seen"
     return NoRoute(reason, to_see)
+
+
+def plan_over(grid: Grid, stands: np.ndarray, start_m, goal_m, place_sigma_m: float = 0.0):
+    """The same, a NoRoute also where no robot can stand at start or goal."""
+    try:
+        return plan_clear(grid, stands, start_m, goal_m, place_sigma_m)
+    except RouteError as error:
+        return NoRoute(f"{NO_ROUTE_KNOWN}: {error}", np.empty((0, 2), int))
 
 
 def with_room(grid: Grid, roomy: np.ndarray, goal_m, off_m: float) -> Tuple[float, float]:
