@@ -114,7 +114,7 @@ class GuidanceBus:
         return Guidance(command, state, command.reason or "the robot drives", self._route_m)
 
     def _deliver(self, now_s: float, output: object) -> None:
-        """From ground_map to route_follower."""
+        """Passes on what ground_map publishes to route_follower."""
         if isinstance(output, (GridMessage, GridChanged)):
             if isinstance(output, GridMessage):
                 self._percents = output.stands
