@@ -165,7 +165,7 @@ class VehicleTelemetry:
             pose_age_s=self.pose_age_s(now_s),
             speed_mps=math.inf
             if self._v_odom_mps is None
-            else float(np.linalg.norm(self._v_odom_mps)),
+            else math.sqrt(self._v_odom_mps @ self._v_odom_mps),
             v_home_mps=T_home_odom[:3, :3] @ self._v_odom_mps
             if known and not self._lost
             else np.zeros(3),
