@@ -66,9 +66,9 @@ def changed(message: T, **changes: object) -> T:
     Traceback (most recent call last):
     TypeError: Place has no field 'z_m'
     """
-    unknown = changes.keys() - message.__dict__.keys()
-    if unknown:
-        raise TypeError(f"{type(message).__name__} has no field '{min(unknown)}'")
+    values = {**message.__dict__, **changes}
+    if len(values) > len(message.__dict__):
+        raise TypeError(f"{type(message).__name__} has no field '{list(values)[-1]}'")
     made = object.__new__(type(message))
-    object.__setattr__(made, "__dict__", {**message.__dict__, **changes})
+    object.__setattr__(made, "__dict__", values)
     return made
