@@ -63,6 +63,8 @@ class SceneWatch:
     (OpenCV)."""
 
     def __init__(self) -> None:
+        # compiled now, not at the first picture
+        look(0.0, *np.zeros((2, _LEAST_POINTS, 2)), np.eye(4), -np.eye(3))
         self.begin_again()
 
     def begin_again(self) -> None:
