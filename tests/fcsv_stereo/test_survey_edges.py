@@ -155,7 +155,7 @@ def test_what_is_seen_40_degrees_apart_is_tracked_to_where_it_is_not_to_where_pr
     in_a, in_b = tracked(a, b)
     apart = transforms.apply(A, in_a.points) - transforms.apply(B, in_b.points)
     assert len(in_a) > 30 and np.abs(np.median(apart, axis=0)).max() < 0.2
-    edge = find_edge(a, b, features_of(a), features_of(b))
+    edge = find_edge(a, b, features_of(a), features_of(b), look_alike(a, b))
     assert edge.kept and np.abs(off(edge, 1.0, B)[0]).max() < 4.0
 
 

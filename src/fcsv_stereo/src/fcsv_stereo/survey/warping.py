@@ -20,8 +20,12 @@ _OUTSIDE_PX = -1e4
 
 
 def look_alike(a: View, b: View) -> bool:
-    """Whether, by the priors, b sees enough of what a has depths of from a direction and a distance
-    not too different."""
+    """Whether, by the priors, one of the two sees enough of what the other has depths of from a
+    direction and a distance not too different."""
+    return _is_seen_alike(a, b) or _is_seen_alike(b, a)
+
+
+def _is_seen_alike(a: View, b: View) -> bool:
     if not (a.prior.placed and b.prior.placed and len(a.sampled)):
         return False
     seen = inside(*predicted(a.sampled.astype(float), a.prior, b.prior, b), b)
