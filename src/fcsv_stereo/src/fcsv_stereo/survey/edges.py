@@ -46,9 +46,7 @@ class Edge:
         return not self.reason
 
 
-def find_edge(
-    a: View, b: View, features_a: Features, features_b: Features, alike: bool
-) -> Edge:
+def find_edge(a: View, b: View, features_a: Features, features_b: Features, alike: bool) -> Edge:
     """The edge between two views. Where there is none its ``reason`` says why. ``alike``: whether
     they ``look_alike``; then they are loaded, and places are tracked, too."""
     gate = None
