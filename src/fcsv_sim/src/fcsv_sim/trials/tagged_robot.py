@@ -3,7 +3,7 @@
 and what is believed of the vehicle's pose."""
 
 from dataclasses import dataclass
-from typing import Optional, Sequence
+from typing import Sequence
 
 import cv2
 import numpy as np
