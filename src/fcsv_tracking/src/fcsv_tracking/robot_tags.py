@@ -10,7 +10,7 @@ from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_tracking.gimbal.config import BodyTag, require_different
 
-#: The edge of a tag that is read in all pictures (docs/lab/guidance.md#by-its-tags).
+#: The edge of a tag that is read in most pictures (docs/lab/guidance.md#by-its-tags).
 READ_PX = 18.0
 
 

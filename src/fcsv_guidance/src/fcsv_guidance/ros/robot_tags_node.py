@@ -22,7 +22,7 @@ from fcsv_guidance.ros import ground_messages as messages
 from fcsv_guidance.tag_fix import RobotSight, RobotTagReader, TagFixRules
 from fcsv_stereo.pose_covariance import KnownCovariances
 from fcsv_stereo.sessions.messages import camera_covariance
-from fcsv_tracking.robot_tags import load_robot_tags
+from fcsv_tracking.robot_tags import load_robot_tags, readable_m
 
 _PERIOD_S, _POSES_KEPT = 0.5, 60
 
@@ -47,6 +47,7 @@ class RobotTagsNode:
             raise ConfigError(
                 f"{p.robot}: 'tags' is missing: no vehicle can read any on this robot"
             )
+        self._tags = list(tags.values())
         slope_rad = np.arctan(load_robot(p.robot).largest_slope)
         self._port, self._lock = RobotTagReader(tags, slope_rad, p.rules), threading.Lock()
         self._health = Health("robot_tags", {"robot_fix": 0.2})
@@ -73,6 +74,8 @@ class RobotTagsNode:
         name = seen.vehicle
         if seen.T_odom_cam is None:
             return  # counted already
+        far_m = readable_m(self._tags, seen.focal_px)
+        self._health.value(f"{name} reads the robot's tags to [m]", f"{far_m:.0f}")
         try:
             found = self._buffer.lookup_transform(frames.HOME, frames.odom(name), rospy.Time(0))
             T_home_cam = transform_from_msg(found.transform) @ seen.T_odom_cam
