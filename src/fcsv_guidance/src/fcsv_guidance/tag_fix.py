@@ -7,7 +7,7 @@ where two still explain the corners, the fix lies between them, and says that it
 A port: pictures' tags and monotonic time in, fixes and what is wrong out.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -29,13 +29,14 @@ _XY_YAW = (0, 1, 5)
 
 @dataclass(frozen=True)
 class TagFixRules:
-    """What is believed of a picture's tags. ``corners``: of a distant tag, whose corners are less
-    sharp than those that a gimbal sees (docs/lab/guidance.md#by-its-tags)."""
+    """What is believed of a picture's tags. ``corner_px``: standard deviation of a distant tag's
+    corners, seen face on (docs/lab/guidance.md#by-its-tags); ``tag_m``: of where a tag sits.
+    ``gate``: the share of disagreements that chance explains."""
 
-    corners: PoseRules = field(
-        default_factory=lambda: PoseRules(corner_px=0.12, tag_m=0.003, ambiguous=12.0)
-    )
+    corner_px: float = 0.12
+    tag_m: float = 0.003
     least_edge_px: float = 16.0
+    ambiguous: float = 12.0  # a pose that fits worse by less (squared sigmas) may be the true one
     same_yaw_deg: float = 12.0  # two poses of yaws farther apart: the yaw is not measured
     silent_s: float = 5.0  # so long nobody sees the robot until it is told
     gate: float = 0.999
@@ -72,8 +73,9 @@ def tag_fix(
     camera = PinholeCamera(1, 1, sight.focal_px, sight.focal_px, 0.0, 0.0)
     own = [observation(t.id, t.size_m, sight.focal_px * t.corners_normalized, camera) for t in seen]
     upright = Upright(sight.T_home_cam[:3, :3], 0.5 * largest_slope_rad)
-    fits, _ = body_poses(own, tags, sight.focal_px, rules.corners, upright=upright)
-    alike = [f for f in fits if f.cost - fits[0].cost < rules.corners.ambiguous]
+    corners = PoseRules(corner_px=rules.corner_px, tag_m=rules.tag_m)
+    fits, _ = body_poses(own, tags, sight.focal_px, corners, upright=upright)
+    alike = [f for f in fits if f.cost - fits[0].cost < rules.ambiguous]
     places = [_place(f, sight) for f in alike]
     x, C = _between(places, np.radians(rules.same_yaw_deg))
     return PlaceFix(sight.stamp_s, float(x[0]), float(x[1]), rotations.wrap(float(x[2])), C)
