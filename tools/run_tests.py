@@ -10,6 +10,7 @@ where a file or test that is named is not there. More: docs/design/testing.md.
 
 import difflib
 import json
+import os
 import re
 import signal
 import subprocess
@@ -97,7 +98,9 @@ def _nearest(name: str, known) -> str:
 def pytest_status(arguments) -> int:
     """Run pytest to its end. Ctrl-C reaches it from the terminal; whoever ends this process ends it
     like Ctrl-C."""
-    child = subprocess.Popen([sys.executable, "-m", "pytest", *arguments], cwd=ROOT)
+    # hundreds of processes import the same modules: they are compiled once
+    env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    child = subprocess.Popen([sys.executable, "-m", "pytest", *arguments], cwd=ROOT, env=env)
     signal.signal(signal.SIGINT, lambda *_: None)
     signal.signal(signal.SIGTERM, lambda *_: child.send_signal(signal.SIGINT))
     return child.wait()

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits the weights of fcsv_guidance.standing on drawn and mapped places, and prints them for
-tuning.py; with --together the trees of fcsv_guidance.together, and writes them.
+tuning.py; with --far or --near the trees of fcsv_guidance.together, and writes them.
 
 python tools/train_ground.py [--seeds 11 12 13] [--robot config/robots/rescue.yaml]
-python tools/train_ground.py --together out/maps --seeds 1 2 3 4 5
+python tools/train_ground.py --far out/maps --seeds 1 2 3 4 5
+python tools/train_ground.py --near out/maps --seeds 11 12 13 14 15 16 --robot config/robots/small.yaml
 """
 
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ from fcsv_guidance import together
 from fcsv_guidance.ground import ground_from
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.standing import FREE_SIGN, features, probability, seen_below
+from fcsv_sim.robot.gimbal_rehearsal import small_survey
 from fcsv_sim.robot.mapped import SurveyPlan, mapped_place
 from fcsv_sim.robot.survey import stations, survey
 from fcsv_sim.world.town import Town
@@ -58,18 +61,34 @@ def fitted(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     )
 
 
-def samples_together(world: str, seed: int, robot, folder: Path):
-    """The same of together.features over all maps of a place, which ``folder`` keeps, from stations
-    that are chosen without the trees."""
-    survey_plan = SurveyPlan(more=0)
-    place = mapped_place(world, seed, robot, folder / f"{world}-{seed}", None, survey_plan)
+def samples_together(world: str, seed: int, robots, folder: Path, survey_plan: SurveyPlan):
+    """The same of together.features over all maps of a place for each robot. ``folder`` keeps the
+    maps, whose stations are chosen without the trees."""
+    survey_plan = replace(survey_plan, more=0)
+    place = mapped_place(world, seed, robots[0], folder / f"{world}-{seed}", None, survey_plan)
     maps = [ground for ground in place.grounds if ground is not None]
-    each = np.array([probability(ground, robot) for ground in maps])
-    whole = np.array([seen_below(ground, robot) for ground in maps])
-    inside, stands = footing_of(place.town.plan, maps[0].grid, robot)
     nearest_m = np.fmin.reduce([ground.distance_m for ground in maps])
-    used = inside & whole.any(0) & (nearest_m <= _FARTHEST_M)
-    return together.features(maps, each, whole, robot)[0][used], stands[used]
+    for robot in robots:
+        each = np.array([probability(ground, robot) for ground in maps])
+        whole = np.array([seen_below(ground, robot) for ground in maps])
+        inside, stands = footing_of(place.town.plan, maps[0].grid, robot)
+        used = inside & whole.any(0) & (nearest_m <= _FARTHEST_M)
+        yield together.features(maps, each, whole, robot)[0][used], stands[used]
+
+
+def far_samples(seeds, robot, folder: Path):
+    """What System III's vehicles see."""
+    for world, number in [("rubble", n) for n in seeds] + [("maze", n) for n in seeds[:2]]:
+        yield from samples_together(world, number, [robot], folder, SurveyPlan())
+
+
+def near_samples(seeds, robot, folder: Path):
+    """What Tellos see about a small robot, and about two that climb more."""
+    larger = replace(robot, radius_m=0.2, height_m=0.3, largest_step_m=0.06)
+    robots = [robot, replace(robot, largest_step_m=0.05), larger]
+    for number in seeds:
+        for world in ("small_maze", "small_rubble"):
+            yield from samples_together(world, number, robots, folder, small_survey().plan())
 
 
 def boosted(x: np.ndarray, y: np.ndarray) -> dict:
@@ -110,29 +129,39 @@ def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=[11, 12, 13])
     parser.add_argument("--robot", default="config/robots/rescue.yaml")
-    parser.add_argument(
-        "--together", type=Path, metavar="MAPS", help="fits the trees; MAPS keeps the places' maps"
-    )
+    for name, what in (("far", "of System III"), ("near", "of System I")):
+        parser.add_argument(
+            f"--{name}",
+            type=Path,
+            metavar="MAPS",
+            help=f"fits the trees {what}; MAPS keeps its maps",
+        )
     args = parser.parse_args(argv)
     robot = load_robot(args.robot)
-    if args.together:
-        places = [("rubble", n) for n in args.seeds] + [("maze", n) for n in args.seeds[:2]]
-        parts = [samples_together(*place, robot, args.together) for place in places]
-        x, y = (np.concatenate(part) for part in zip(*parts))
-        print(f"{len(y)} footprints, {y.mean():.1%} can be stood on")
-        together.TREES_FILE.write_text(json.dumps(boosted(x, y)) + "\n")
-        print(f"{together.TREES_FILE}: written")
+    for name, source in (("far", far_samples), ("near", near_samples)):
+        folder = getattr(args, name)
+        if folder:
+            x, y = _joined(source(args.seeds, robot, folder))
+            stored = json.loads(together.TREES_FILE.read_text())
+            stored[name] = boosted(x, y)
+            together.TREES_FILE.write_text(json.dumps(stored) + "\n")
+            print(f"{together.TREES_FILE}: trees '{name}' written")
+    if args.far or args.near:
         return 0
-    found = [
+    x, y = _joined(
         s
         for world in ("maze", "rubble")
         for seed in args.seeds
         for s in samples(world, seed, robot)
-    ]
-    x, y = (np.concatenate(part) for part in zip(*found))
-    print(f"{len(y)} footprints, {y.mean():.1%} can be stood on")
+    )
     print("STAND_WEIGHTS = (" + ", ".join(f"{w:.3f}" for w in fitted(x, y)) + ")")
     return 0
+
+
+def _joined(samples_of_places):
+    x, y = (np.concatenate(part) for part in zip(*samples_of_places))
+    print(f"{len(y)} footprints, {y.mean():.1%} can be stood on")
+    return x, y
 
 
 if __name__ == "__main__":

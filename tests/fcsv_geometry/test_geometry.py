@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fcsv_geometry import camera, config, rotations, transforms
+from fcsv_geometry import camera, chi_squared, config, rotations, transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import ConfigError, GeometryError, PoseUnavailable
 from fcsv_geometry.missions.fence import Fence
@@ -29,7 +29,7 @@ poses = st.builds(
 )
 
 
-@pytest.mark.parametrize("module", [transforms, rotations, camera])
+@pytest.mark.parametrize("module", [transforms, rotations, camera, chi_squared])
 def test_identities_in_the_docstrings(module):
     result = doctest.testmod(module)
     assert result.attempted > 0 and result.failed == 0

@@ -63,3 +63,23 @@ def test_unknown_cells_in_the_way_are_named(gap):
 def test_a_goal_at_an_obstacle_is_refused():
     with pytest.raises(RouteError, match="the goal .* is at an obstacle"):
         plan_clear(GRID, stands((10.5, 11.5, 2.5, 3.5, 0.1)), START_M, GOAL_M)
+
+
+def test_a_free_goal_beside_a_wall_is_moved_where_it_has_room_and_no_farther():
+    p = stands((11.2, 11.4, 0.0, 6.0, 0.1))  # 0.2 m behind the goal
+    route = plan_clear(GRID, p, START_M, GOAL_M, 0.1)
+    assert np.hypot(*(route.points_home_m[-1] - GOAL_M)) == pytest.approx(0.15, abs=0.06)
+    assert np.allclose(plan_clear(GRID, p, START_M, GOAL_M, 0.0).points_home_m[-1], GOAL_M)
+    with pytest.raises(RouteError, match="has 0.15 m of room, and 0.70 m are needed"):
+        plan_clear(GRID, p, START_M, GOAL_M, 0.3)
+
+
+def test_of_a_goal_beside_what_nobody_saw_these_cells_are_named():
+    p = stands((11.2, 11.4, 2.0, 4.0, np.nan))
+    found = plan_clear(GRID, p, START_M, GOAL_M, 0.3)
+    assert isinstance(found, NoRoute) and len(found.to_see) > 10
+
+
+def test_a_goal_that_is_not_finite_is_refused():
+    with pytest.raises(RouteError, match="is not finite"):
+        plan_clear(GRID, stands(), START_M, (np.nan, 1.0))

@@ -57,8 +57,9 @@ def test_trees_go_above_a_threshold_or_to_the_next_node():
     assert found.tolist() == [1.5, 10.5, 100.5]
 
 
-def test_the_stored_trees_end_in_leaves_and_ask_for_features_that_there_are():
-    feature, _, above, first = together.trees()
+@pytest.mark.parametrize("learnt", together.LEARNT, ids=lambda learnt: learnt.name)
+def test_the_stored_trees_end_in_leaves_and_ask_for_features_that_there_are(learnt):
+    feature, _, above, first = together.trees(learnt.name)
     assert feature.max() < together.FEATURES and len(first) > 1
     inner = np.flatnonzero(feature >= 0)
     assert (above[inner] > inner + 1).all() and (above < len(feature)).all()
@@ -69,6 +70,17 @@ def test_maps_too_near_or_too_far_are_not_judged_together(maps, rescue, more_m):
     assert np.isfinite(together.probability(maps[:1], rescue)).any()
     away = [replace(one, distance_m=one.distance_m + np.float32(more_m)) for one in maps]
     assert np.isnan(together.probability(away, rescue)).all()
+
+
+def test_what_tellos_see_is_judged_for_small_robots_alone(root, scene, rescue):
+    """Level ground 5 m away, and a thing of 0.1 m, which a small robot does not climb."""
+    grid = Grid.around((20, -2), (24, 2), 0.05)
+    box = (22.0, 22.4, -0.3, 0.3, 0.0, 0.1)
+    maps = [ground_from([scene([box]).view(noise=0.05, seed=n)], grid=grid) for n in range(4)]
+    near = [replace(one, distance_m=one.distance_m * np.float32(0.2)) for one in maps]
+    p = together.probability(near, load_robot(root / "config/robots/small.yaml"))
+    assert (p >= FREE_P).sum() > 500 and not p[grid.cell_of(22.2, 0.0)] >= FREE_P
+    assert np.isnan(together.probability(near, rescue)).all()
 
 
 def test_maps_of_another_place_say_nothing(maps, rescue):

@@ -22,7 +22,7 @@ from fcsv_sim.robot.things import Watcher
 from fcsv_sim.trials.robot_among_vehicles import Held, HeldVehicle
 from fcsv_sim.world.footing import Footing
 from fcsv_sim.world.materials import CONCRETE
-from fcsv_sim.world.maze import build_small_maze
+from fcsv_sim.world.maze import build_small_maze, build_small_rubble
 from fcsv_sim.world.mesh import MeshBuilder
 from fcsv_sim.world.place import PlacePlan, Solid, draw_place
 from fcsv_sim.world.town import Town
@@ -96,6 +96,18 @@ def test_a_small_maze_is_as_system_one_needs_it():
         walls = np.concatenate([solid.corners_m[:, :2] for solid in plan.solids])
         assert 5.0 < np.ptp(walls[:, 1]) < 8.0 and x0 < walls[:, 0].min() < walls[:, 0].max() < x1
         assert y0 < plan.start_m[1] < y1
+
+
+def test_low_things_lie_about_in_small_rubble_and_none_where_the_robot_stands():
+    maze, plan = (
+        build(MeshBuilder(), np.random.default_rng([3, 1]))
+        for build in (build_small_maze, build_small_rubble)
+    )
+    things = plan.solids[len(maze.solids) :]
+    above = [t.corners_m[:, 2].max() - plan.height(*t.middle_m[:2]) for t in things]
+    assert len(things) == 40 and 0.01 < min(above) < 0.03 < 0.09 < max(above) < 0.16
+    away = [np.hypot(*(t.middle_m[:2] - plan.start_m)) for t in things]
+    assert min(away) > 0.5
 
 
 def test_vehicles_look_from_where_their_gimbals_see_both(place, survey):

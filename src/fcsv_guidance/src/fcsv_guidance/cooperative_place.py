@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from typing import Deque, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
-from scipy.stats import chi2
 
-from fcsv_geometry import rotations, transforms
+from fcsv_geometry import chi_squared, rotations, transforms
 from fcsv_guidance.following import RobotPlace
 from fcsv_guidance.place import (
     STATES,
@@ -135,7 +134,7 @@ class CooperativeTracker:
     the wheels did since is added to what is given out."""
 
     def __init__(self, rules: CooperativeRules = CooperativeRules()):
-        self._rules, self._bound = rules, float(chi2.ppf(rules.gate, 3))
+        self._rules, self._bound = rules, chi_squared.quantile(rules.gate, 3)
         self._queue: List[Tuple[float, int, Message]] = []
         self._count = 0
         self._used, self._refused, self._why = 0, 0, ""

@@ -18,6 +18,10 @@ class RouteError(GuidanceError):
     """A start or goal that no route can have."""
 
 
+class GoalWithoutRoomError(RouteError):
+    """A goal that is free, and too near to what is not."""
+
+
 class PlaceError(GuidanceError):
     """A pose that does not tell where the robot is."""
 

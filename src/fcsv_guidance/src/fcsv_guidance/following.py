@@ -15,7 +15,6 @@ from fcsv_guidance.ground import Grid
 from fcsv_guidance.robot import Robot
 
 GOAL_REACHED = "the goal is reached"
-_UNDATED_S = 1e8  # no map is so old: its stamp is 0
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,8 @@ class Goal:
 @dataclass(frozen=True)
 class ClearanceMap:
     """``clear_m`` (rows, columns) of ``grid``: how far the nearest cell is in which the robot must
-    not stand with its middle; 0 there. ``stamp_s``: when its pictures were taken."""
+    not stand with its middle; 0 there. ``stamp_s``: when its pictures were taken, -inf where that
+    is not known."""
 
     stamp_s: float
     grid: Grid
@@ -191,7 +191,7 @@ class RouteFollower:
         if self._map is None:
             return "no map has come"
         age_s = now_s - self._map.stamp_s
-        if age_s > _UNDATED_S:
+        if not np.isfinite(age_s):
             return "it is not known when the place was seen: look at it again"
         if age_s > rules.oldest_map_s:
             return (

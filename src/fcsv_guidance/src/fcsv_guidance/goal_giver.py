@@ -89,7 +89,7 @@ class GoalGiver:
                 self._end(doubt)
         reason = next(filter(None, self._held.values()), "")
         if self._route is not None and reason:
-            self._take_back(reason)
+            self._cancel(reason)
         due, self._due = self._due, []
         if due or self._route is None or reason:
             return due
@@ -118,10 +118,10 @@ class GoalGiver:
         return ""
 
     def _end(self, reason: str) -> None:
-        self._take_back(reason)
+        self._cancel(reason)
         self._route = None
 
-    def _take_back(self, reason: str) -> None:
+    def _cancel(self, reason: str) -> None:
         """The goal is given again, where the route stays."""
         if self._given is not None:
             self._due.append(CancelGoal(reason))

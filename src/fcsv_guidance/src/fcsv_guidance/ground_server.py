@@ -27,7 +27,7 @@ from fcsv_guidance.ground import (
 )
 from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, KnownGround, watch_seen
 from fcsv_guidance.map_files import occupancy
-from fcsv_guidance.planning import RouteRules, plan_clear
+from fcsv_guidance.planning import RouteRules, plan_clear, with_room
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import NO_ROUTE_KNOWN, NoRoute, Route
 from fcsv_guidance.views import DepthView
@@ -60,7 +60,8 @@ class GoalDropped:
 @dataclass(frozen=True)
 class GridMessage:
     """The whole grid: percents (rows, columns) int8 of ``map_files.occupancy``, and of where the
-    robot can stand with its middle. ``stamp_s``: of the newest picture in it."""
+    robot can stand with its middle. ``stamp_s``: of the newest picture in it, -inf where none is
+    dated."""
 
     stamp_s: float
     grid: Grid
@@ -160,6 +161,11 @@ class GroundServer:
         """None before the first map."""
         return self._ground
 
+    @property
+    def known(self) -> KnownGround:
+        """Where the robot can stand."""
+        return self._known
+
     def receive(self, now_s: float, message: object) -> None:
         """A message came. Raises TypeError where its type is not known, RouteError where a goal is
         not finite, GroundError where a map shows no ground."""
@@ -204,9 +210,11 @@ class GroundServer:
         if self._ground is None:
             raise RouteError(f"{NO_ROUTE_KNOWN}: no map has come")
         sigma_m = 0.0 if self._place is None else self._place.sigma_m
-        if tolerance_m > 0:
-            goal_m = self._stands_near(goal_m, tolerance_m, sigma_m)
         grid, rules = self._ground.grid, self._rules.route
+        if tolerance_m > 0:
+            free = self._stands >= tuning.FREE_P
+            roomy = free & (grid.clear_m(free) > rules.keeps_m(sigma_m))
+            goal_m = with_room(grid, roomy, goal_m, tolerance_m)
         return plan_clear(grid, self._stands, tuple(start_m), tuple(goal_m), sigma_m, rules)
 
     def in_words(self, found: NoRoute) -> NoRouteMessage:
@@ -288,10 +296,9 @@ class GroundServer:
     def _stamp_s(self) -> float:
         """When the grids were seen last."""
         if self._rules.watched:
-            watch_s = self._known.oldest_watch_s
-            return watch_s if np.isfinite(watch_s) else 0.0
+            return self._known.oldest_watch_s
         stamps = [view.stamp_s for view in (*self._views, self._live) if view is not None]
-        return max([s for s in stamps if np.isfinite(s)], default=0.0)
+        return max([s for s in stamps if np.isfinite(s)], default=-np.inf)
 
     def _update_grid(self) -> None:
         ground, stands, stamp_s = self._ground, self._known.stands, self._stamp_s()
@@ -375,23 +382,6 @@ class GroundServer:
         row, column, inside = self._whole_grid.grid.cells_of(*points[at + 6 :].T)
         clear_m = np.where(inside, self._known.clear_m[row, column], 0.0)
         return bool((clear_m > self._rules.route.sigmas * place.sigma_m).all())
-
-    def _stands_near(self, goal_m, tolerance_m: float, sigma_m: float) -> Tuple[float, float]:
-        """The goal, or the middle of the nearest cell within the tolerance in which the robot can
-        stand."""
-        grid = self._ground.grid
-        free = self._stands >= tuning.FREE_P
-        roomy = free & (grid.clear_m(free) > self._rules.route.keeps_m(sigma_m))
-        cell = grid.cell_of(*goal_m)
-        if cell is not None and roomy[cell]:
-            return tuple(goal_m)
-        xy = grid.middle_of(*np.nonzero(roomy))
-        far = np.hypot(*(xy - np.asarray(goal_m)).T)
-        return (
-            tuple(xy[int(np.argmin(far))])
-            if len(far) and far.min() <= tolerance_m
-            else tuple(goal_m)
-        )
 
 
 def densely(points: np.ndarray, step_m: float) -> np.ndarray:

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Deque, List, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
-from scipy.stats import chi2
 
-from fcsv_geometry import rotations
+from fcsv_geometry import chi_squared, rotations
 from fcsv_guidance.following import RobotPlace
 
 STATES = 6  # x, y, yaw, scale of distances, scale of turns, yaw per metre
@@ -269,7 +268,9 @@ class RobotTracker:
         """Squared Mahalanobis distance, and its bound."""
         H, off, R = _innovation(x, fix)
         S = H @ (P + _padded(self._common)) @ H.T + R
-        return float(off @ np.linalg.solve(S, off)), float(chi2.ppf(self._rules.gate, len(off)))
+        return float(off @ np.linalg.solve(S, off)), chi_squared.quantile(
+            self._rules.gate, len(off)
+        )
 
     def _propose(self, fix: PlaceFix) -> None:
         """Begin, or begin anew, where enough fixes agree while the wheels stand."""
@@ -298,7 +299,7 @@ class RobotTracker:
     def _agree(self, a: PlaceFix, b: PlaceFix) -> bool:
         off = np.array([a.x_m - b.x_m, a.y_m - b.y_m, rotations.wrap(a.yaw_rad - b.yaw_rad)])
         S = np.asarray(a.covariance) + b.covariance
-        return bool(off @ np.linalg.solve(S, off) <= chi2.ppf(self._rules.gate, 3))
+        return bool(off @ np.linalg.solve(S, off) <= chi_squared.quantile(self._rules.gate, 3))
 
     def _begun(self, fix: PlaceFix) -> Tuple[np.ndarray, np.ndarray]:
         r = self._rules

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from fcsv_guidance import tuning
+from fcsv_guidance.errors import GoalWithoutRoomError, RouteError
 from fcsv_guidance.ground import Grid
 from fcsv_guidance.route import NO_ROUTE_KNOWN, NoRoute, Route, route_over
 
@@ -19,12 +20,13 @@ _UNSURE_P = 0.5 * (tuning.FREE_P + tuning.OBSTACLE_P)  # of what is free but too
 class RouteRules:
     """A route keeps ``sigmas`` of the robot's place and ``spare_m`` clear of cells that are not
     free, and more where there is room, up to ``comfort_m``: without any of that a metre costs
-    ``comfort_cost`` more."""
+    ``comfort_cost`` more. It may end ``goal_off_m`` off a goal that is free and has no such room."""
 
     sigmas: float = 2.0
     spare_m: float = 0.1
     comfort_m: float = 0.7
     comfort_cost: float = 3.0
+    goal_off_m: float = 0.25
 
     def keeps_m(self, place_sigma_m: float) -> float:
         """How far its middle keeps from cells in which it must not stand."""
@@ -43,31 +45,66 @@ def plan_clear(
     probability that the robot can stand with its middle in a cell; NaN where unknown.
 
     Near the start the way may be as near to obstacles as the robot already is. Raises RouteError as
-    route_over.
+    route_over, and where the goal lacks room.
     """
-    free = stands >= tuning.FREE_P
-    ends = start_m, goal_m, place_sigma_m, rules
-    found = _over(grid, stands, grid.clear_m(free), *ends, explains=False)
+    free, keep_m = stands >= tuning.FREE_P, rules.keeps_m(place_sigma_m)
+    start_has = _near(grid, start_m) < keep_m + grid.cell_m
+
+    def over(open_, explains):
+        room_m = grid.clear_m(open_)
+        allowed = (room_m > keep_m) | start_has
+        goal, cell = goal_m, grid.cell_of(*goal_m) if np.isfinite(goal_m).all() else None
+        if cell is not None and free[cell] and not allowed[cell]:
+            goal = with_room(grid, free & allowed, goal_m, rules.goal_off_m)
+            if goal == goal_m:
+                raise GoalWithoutRoomError(
+                    f"the goal ({goal[0]:.2f}, {goal[1]:.2f}) m has {max(room_m[cell], 0.0):.2f} m of room, and "
+                    f"{keep_m:.2f} m are needed where the robot's place is known to {place_sigma_m:.2f} m"
+                )
+        p = np.where(free & ~allowed, _UNSURE_P, stands)
+        lacking = np.clip(1.0 - (room_m - keep_m) / rules.comfort_m, 0.0, 1.0)
+        dearer = 1.0 + rules.comfort_cost * lacking
+        return route_over(grid, p, start_m, goal, None, dearer, explains)
+
+    try:
+        found = over(free, explains=False)
+    except GoalWithoutRoomError:
+        found = None
     if isinstance(found, Route):
         return found
     # where unknown cells need no room, a way ends at those that would have to be seen
-    open_ = free | ~np.isfinite(stands)
-    nearer = _over(grid, stands, grid.clear_m(open_), *ends)
+    nearer = over(free | ~np.isfinite(stands), explains=True)
     if isinstance(nearer, NoRoute):
         return nearer
-    to_see = _unknown_beside(grid, stands, nearer, rules.keeps_m(place_sigma_m))
+    to_see = _unknown_beside(grid, stands, nearer, keep_m)
     reason = f"{NO_ROUTE_KNOWN}: {len(to_see)} cells beside the way to the goal were not seen"
     return NoRoute(reason, to_see)
 
 
-def _over(grid, stands, clear_m, start_m, goal_m, place_sigma_m, rules, explains=True):
-    keep_m = rules.keeps_m(place_sigma_m)
+def plan_over(grid: Grid, stands: np.ndarray, start_m, goal_m, place_sigma_m: float = 0.0):
+    """The same, a NoRoute also where no robot can stand at start or goal."""
+    try:
+        return plan_clear(grid, stands, start_m, goal_m, place_sigma_m)
+    except RouteError as error:
+        return NoRoute(f"{NO_ROUTE_KNOWN}: {error}", np.empty((0, 2), int))
+
+
+def with_room(grid: Grid, roomy: np.ndarray, goal_m, off_m: float) -> Tuple[float, float]:
+    """The goal, or the middle of the nearest ``roomy`` cell (rows, columns), bool, within
+    ``off_m``."""
+    cell = grid.cell_of(*goal_m)
+    off = np.where(roomy, _near(grid, goal_m), np.inf)
+    nearest = np.unravel_index(int(np.argmin(off)), off.shape)
+    if (cell is not None and roomy[cell]) or not off[nearest] <= off_m:
+        return goal_m
+    x_m, y_m = map(float, grid.middle_of(*nearest))
+    return x_m, y_m
+
+
+def _near(grid: Grid, place_m) -> np.ndarray:
+    """(rows, columns): how far each cell's middle is from a place (m)."""
     xy = grid.middle_of(*np.indices(grid.shape))
-    leaving = np.hypot(xy[..., 0] - start_m[0], xy[..., 1] - start_m[1]) < keep_m + grid.cell_m
-    allowed = (clear_m > keep_m) | leaving
-    p = np.where((stands >= tuning.FREE_P) & ~allowed, _UNSURE_P, stands)
-    lacking = np.clip(1.0 - (clear_m - keep_m) / rules.comfort_m, 0.0, 1.0)
-    return route_over(grid, p, start_m, goal_m, None, 1.0 + rules.comfort_cost * lacking, explains)
+    return np.hypot(xy[..., 0] - place_m[0], xy[..., 1] - place_m[1])
 
 
 def _unknown_beside(grid: Grid, stands: np.ndarray, way: Route, reach_m: float) -> np.ndarray:

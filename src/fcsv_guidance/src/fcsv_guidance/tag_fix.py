@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
-from scipy.stats import chi2
 
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.chi_squared import quantile
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.vehicles.telemetry import Dropped, SeenTag
 from fcsv_guidance.place import PlaceFix
@@ -188,7 +188,7 @@ class RobotTagReader:
             C = (fix.covariance + other.covariance)[:2, :2]
             C = C + np.eye(2) * (rules.fastest_mps * apart_s) ** 2
             apart_m = float(np.hypot(*off))
-            if apart_m > rules.apart_m and off @ np.linalg.solve(C, off) > chi2.ppf(rules.gate, 2):
+            if apart_m > rules.apart_m and off @ np.linalg.solve(C, off) > quantile(rules.gate, 2):
                 self._conflict_s = now_s
                 self._conflict = (
                     f"{name} and {vehicle} see the robot {apart_m:.1f} m apart: two robots have one "

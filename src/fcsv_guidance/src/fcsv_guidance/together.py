@@ -4,7 +4,7 @@ averaged, so that noise sinks with their number, and boosted trees judge what th
 below a footprint and around it. tools/train_ground.py finds the trees."""
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Sequence, Tuple
@@ -15,8 +15,6 @@ import numpy as np
 from fcsv_guidance import kernels, standing, tuning
 
 FEATURES = 32
-#: The trees were learnt on maps 20 to 60 m away; others are weighed by number.
-LEARNT_FROM_M, LEARNT_TO_M = 18.0, 60.0
 TREES_FILE = Path(__file__).with_name("stand_trees.json")
 LEVEL_CELLS = 15  # maps' heights differ by errors of pose, which are alike so far beside a cell
 _LEVEL_M = 0.5  # heights that differ by more are of other surfaces
@@ -24,6 +22,21 @@ _FLOOR_M = 0.02  # of a cell's sigma: errors that its pixels have in common
 _OUTLIER_SIGMAS = 3.0
 WIDE_M = 0.5  # beside the footprint: the rim of a pit, or the mound that a cell lies on
 _NEVER = 20.0  # log odds beyond all that a map says
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """Trees of ``name`` in TREES_FILE, and how far maps and how large a robot's radius may be that
+    they judge; what no trees judge is weighed by number."""
+
+    name: str
+    from_m: float
+    to_m: float
+    largest_radius_m: float = np.inf
+
+
+#: Of System III's vehicles 20 to 60 m away, and of Tellos about a small robot, on cells of 0.05 m.
+LEARNT = (Learnt("far", 18.0, 60.0), Learnt("near", 1.5, 9.0, 0.25))
 
 
 def averaged(maps: Sequence) -> Tuple:
@@ -129,26 +142,27 @@ def features(maps: Sequence, each: np.ndarray, whole: np.ndarray, robot):
 
 def probability(maps: Sequence, robot) -> np.ndarray:
     """(rows, columns) float32 of grounds on one grid; NaN where no map knows the whole footprint,
-    nearer than LEARNT_FROM_M and beyond LEARNT_TO_M. What every map that knows it calls an obstacle
-    stays one. Steps count up to TOGETHER_SHARE of the robot's."""
+    and outside of LEARNT. What every map that knows it calls an obstacle stays one. Steps count up
+    to TOGETHER_SHARE of the robot's."""
     robot = robot.climbing(tuning.TOGETHER_SHARE)
     each = np.array([standing.probability(ground, robot) for ground in maps])
     whole = np.array([standing.seen_below(ground, robot) for ground in maps])
     x, ground = features(maps, each, whole, robot)
-    with np.errstate(invalid="ignore"):
-        judged = (ground.distance_m >= LEARNT_FROM_M) & (ground.distance_m <= LEARNT_TO_M)
-    judged &= whole.any(0)
-    p = np.full(judged.shape, np.nan, np.float32)
-    p[judged] = 1.0 / (1.0 + np.exp(-kernels.log_odds(x[judged], *trees())))
+    p = np.full(ground.grid.shape, np.nan, np.float32)
+    for learnt in LEARNT:
+        with np.errstate(invalid="ignore"):
+            judged = (ground.distance_m >= learnt.from_m) & (ground.distance_m <= learnt.to_m)
+        judged &= whole.any(0) & (robot.radius_m <= learnt.largest_radius_m)
+        p[judged] = 1.0 / (1.0 + np.exp(-kernels.log_odds(x[judged], *trees(learnt.name))))
     best = np.where(whole, each, -1.0).max(0)
     return np.where(best <= tuning.OBSTACLE_P, np.minimum(p, best), p).astype(np.float32)
 
 
-@lru_cache(1)
-def trees() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """What TREES_FILE holds: nodes' features (-1: a leaf), thresholds (of a leaf its log odds),
+@lru_cache(len(LEARNT))
+def trees(name: str) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """What TREES_FILE holds of a Learnt: nodes' features (-1: a leaf), thresholds (of a leaf its log odds),
     nodes to go to where a feature is above; and the trees' first nodes. Below it is the next."""
-    stored = json.loads(TREES_FILE.read_text())
+    stored = json.loads(TREES_FILE.read_text())[name]
     names = ("feature", "threshold", "above", "first")
     kinds = (np.int64, np.float32, np.int64, np.int64)
     return tuple(np.array(stored[name], kind) for name, kind in zip(names, kinds))

@@ -35,7 +35,8 @@ _XY_YAW = (0, 1, 5)  # of x, y, z, roll, pitch, yaw, as ROS orders a covariance
 def grid_message(
     grid: Grid, percents: np.ndarray, stamp_s: float, loaded_s: float
 ) -> OccupancyGrid:
-    """``percents`` (rows, columns) int8 in home; ``stamp_s``: of the newest picture in it."""
+    """``percents`` (rows, columns) int8 in home; ``stamp_s``: of the newest picture in it, -inf where
+    none is dated, which is 0 in a message."""
     origin = Pose(Point(grid.x0_m, grid.y0_m, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
     info = MapMetaData(
         map_load_time=conversions.header(loaded_s, "").stamp,
@@ -44,7 +45,9 @@ def grid_message(
         height=grid.rows,
         origin=origin,
     )
-    return OccupancyGrid(conversions.header(stamp_s, frames.HOME), info, percents.ravel().tolist())
+    return OccupancyGrid(
+        conversions.header(max(stamp_s, 0.0), frames.HOME), info, percents.ravel().tolist()
+    )
 
 
 def grid_of(message: OccupancyGrid) -> Tuple[Grid, np.ndarray]:
@@ -69,7 +72,7 @@ def grid_of(message: OccupancyGrid) -> Tuple[Grid, np.ndarray]:
 def update_message(region: Region, stamp_s: float) -> OccupancyGridUpdate:
     """Makes the message as costmap_2d and rviz take it."""
     rows, columns = region.percents.shape
-    header = conversions.header(stamp_s, frames.HOME)
+    header = conversions.header(max(stamp_s, 0.0), frames.HOME)
     return OccupancyGridUpdate(
         header, region.column, region.row, columns, rows, region.percents.ravel().tolist()
     )

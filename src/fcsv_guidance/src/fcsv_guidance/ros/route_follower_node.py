@@ -75,9 +75,10 @@ class RouteFollowerNode:
             self._health.drop("stand_updates", str(error))
 
     def _set_grid(self, stamp_s: float, grid: Grid, stands: np.ndarray) -> None:
+        dated_s = stamp_s if stamp_s > 0.0 else -np.inf
         with self._lock:
             self._grid, self._stands = grid, stands
-            self._receive(clearance_map(stamp_s, grid, stands))
+            self._receive(clearance_map(dated_s, grid, stands))
 
     def _receive(self, message: object) -> None:
         with self._lock:

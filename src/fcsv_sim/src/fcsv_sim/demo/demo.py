@@ -77,6 +77,8 @@ def main(argv: Optional[List[str]] = None) -> int:
         if args.system == TILTING:
             return _tilt(args, say)
         system = _system(args.system)
+        if args.system == GUIDANCE:
+            say("choosing where the vehicles look from, about ten seconds")
         plan = _plan(system, args)
         CrowdWatch().look_before(say)
         return run(system, plan, say, fly_only=args.fly_only, method=args.method)

@@ -9,9 +9,8 @@ import numpy as np
 
 from fcsv_geometry.programs.workspace import bringup
 from fcsv_geometry.vehicles.vehicle import load_vehicles
-from fcsv_guidance.guiding import plan_over
 from fcsv_guidance.hold_places import HoldPlaces, hold_places
-from fcsv_guidance.known import KnownGround
+from fcsv_guidance.planning import plan_over
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import NoRoute
 from fcsv_sim.bringup import vehicles_folder
@@ -52,10 +51,8 @@ def gimbal_drive(
     """A drive through a small maze and where the vehicles hold meanwhile: beside the route that the
     maps show, None where they show none and no vehicle is needed beside one."""
     plan, gimbals = place.town.plan, gimbals_of_robot()
-    known = KnownGround(robot)
-    for seen in place.seen():
-        known.receive(seen, None)
-    route = plan_over(known, plan.start_m, plan.goal_m, _PLANNED_SIGMA_M)
+    known = place.known(robot)
+    route = plan_over(known.grid, known.stands, plan.start_m, plan.goal_m, _PLANNED_SIGMA_M)
     shown = not isinstance(route, NoRoute)
     ends = [plan.start_m, (plan.start_m[0] + 1.0, plan.start_m[1])]
     way_m = np.asarray(route.points_home_m if shown else ends)

@@ -7,13 +7,13 @@ import os
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable, Iterator, List, Optional, Protocol, Sequence, Tuple
+from typing import Callable, List, Optional, Protocol, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_guidance.ground import Grid, Ground, ground_from
-from fcsv_guidance.guiding import plan_over
 from fcsv_guidance.known import GroundSeen, KnownGround
+from fcsv_guidance.planning import plan_over
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import NoRoute
 from fcsv_guidance.views import DepthView
@@ -75,11 +75,11 @@ class MappedPlace:
         """Gives the name of its folder and of its rows."""
         return f"{self.world} {self.town.seed}"
 
-    def seen(self) -> Iterator[GroundSeen]:
-        """Gives what each station's map shows of the ground, all of time 0."""
-        for number, ground in enumerate(self.grounds):
-            if ground is not None:
-                yield _seen_from(number, ground)
+    def known(self, robot: Robot) -> KnownGround:
+        """Gives where a robot can stand by all its maps."""
+        known, numbered = KnownGround(robot), enumerate(self.grounds)
+        known.receive_maps(_seen_from(n, ground) for n, ground in numbered if ground is not None)
+        return known
 
 
 def mapped_place(
@@ -122,7 +122,7 @@ def mapped_place(
             known.receive(_seen_from(number, ground), None)
         number += 1
         if number == len(lookout.looked().stations) and wanted and more and known.grid is not None:
-            way = plan_over(known, plan.start_m, plan.goal_m, sigma_m)
+            way = plan_over(known.grid, known.stands, plan.start_m, plan.goal_m, sigma_m)
             if isinstance(way, NoRoute) and lookout.another(
                 _free(known, lookout.looked(), sigma_m)
             ):

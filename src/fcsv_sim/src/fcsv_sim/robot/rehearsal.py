@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One drive of a robot through a mapped place in simulated time: the product's guide, the true
+"""One drive of a robot through a mapped place in simulated time: the product's nodes, the true
 wheels, one fault."""
 
 import time
@@ -8,26 +8,17 @@ from typing import List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_guidance.errors import GroundError
-from fcsv_guidance.following import StopRobot
+from fcsv_guidance.following import Goal, StopRobot
 from fcsv_guidance.ground import Grid
-from fcsv_guidance.guiding import (
-    ARRIVED,
-    DRIVING,
-    NO_ROUTE,
-    Goal,
-    Guidance,
-    GuideRules,
-    RobotContact,
-    RobotGuide,
-    plan_over,
-)
-from fcsv_guidance.known import GroundSeen, watch_seen
+from fcsv_guidance.ground_server import GroundRules
 from fcsv_guidance.place import PlaceFix
+from fcsv_guidance.planning import plan_over
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route import Route
+from fcsv_guidance.views import DepthView
 from fcsv_sim.robot.contact import TrueGround
 from fcsv_sim.robot.drive import SimulatedRobot, WheelFlaws
+from fcsv_sim.robot.guidance_bus import ARRIVED, DRIVING, NO_ROUTE, WAITING, Guidance, GuidanceBus
 from fcsv_sim.robot.locator import RADIO_S, STEP_S, RobotLocator, TagFixes, every
 from fcsv_sim.robot.mapped import PLANNED_SIGMA_M, MappedPlace
 from fcsv_sim.robot.robot_faults import NONE, FixFault, RobotFault
@@ -45,7 +36,7 @@ class DriveResult:
     """How a drive went. ``expected`` by the truth: ARRIVES, SAYS_NONE or EITHER. ``contact``: empty
     where the footprint touched nothing. ``reaction_s``: simulated time from the first picture that
     shows the thing in the way to another route or to none; ``slowest_s``: processor time of the
-    guide's slowest step. ``honest``: share of the time in which the place was within two of its
+    nodes' slowest step. ``honest``: share of the time in which the place was within two of its
     sigma."""
 
     world: str
@@ -79,11 +70,11 @@ class DriveResult:
 
 @dataclass
 class DriveRecord:
-    """Holds, for a picture: the true way (N,2), routes that were planned, boxes, where the contact
-    was, and what was free."""
+    """Holds, for a picture: the true way (N,2), routes (N,2) that were planned, boxes, where the
+    contact was, and what was free."""
 
     way: List[Tuple[float, float]] = field(default_factory=list)
-    routes: List[Route] = field(default_factory=list)
+    routes: List[np.ndarray] = field(default_factory=list)
     boxes: List[Box] = field(default_factory=list)
     contact: Optional[Tuple[float, float]] = None
     stands: Optional[np.ndarray] = None
@@ -114,7 +105,9 @@ class RobotDrive:
         flaws = WheelFlaws.drawn(self._random)
         self.machine = SimulatedRobot(robot, at, flaws, seed, self._spins)
         self._places: RobotLocator = TagFixes(seed) if places is None else places
-        self._guide = RobotGuide(robot, GuideRules(watched=fault.watched))
+        cell_m = next(g.grid.cell_m for g in place.grounds if g is not None)
+        rules = GroundRules(cell_m=cell_m, area_m=plan.area_m, watched=fault.watched)
+        self._guide = GuidanceBus(robot, rules, [v for v in place.views if v is not None])
         self.track = DriveRecord()
         self._post: List[tuple] = []  # (when it arrives, what)
         self._thing, self._watcher, self._watched_by = None, None, 0
@@ -128,8 +121,6 @@ class RobotDrive:
 
     def run(self, longest_s: float = LONGEST_S) -> DriveResult:
         """Drives to the goal, to a contact, or to where nothing more can come."""
-        for seen in self._place.seen():
-            self._guide.receive(0.0, seen)
         self._post.append((self._places.settle_s, self._goal))
         self._prepare_watch()
         now_s, stood_s, contact, guidance, ended = 0.0, 0.0, "", None, "time"
@@ -151,10 +142,11 @@ class RobotDrive:
                 self._begins_s == np.inf
                 or now_s > min(self._ends_s, self._begins_s + 60.0) + _GIVES_UP_S
             )
-            if stood_s > _GIVES_UP_S and over and guidance.state in (NO_ROUTE, "waiting"):
+            if stood_s > _GIVES_UP_S and over and guidance.state in (NO_ROUTE, WAITING):
                 ended = guidance.state
                 break
-        self.track.stands, self.track.grid = self._guide.known.stands, self._guide.known.grid
+        known = self._guide.server.known
+        self.track.stands, self.track.grid = known.stands, known.grid
         return self._result(ended, contact, now_s, guidance)
 
     def _result(self, ended: str, contact: str, now_s: float, guidance: Guidance) -> DriveResult:
@@ -248,7 +240,6 @@ class RobotDrive:
         machine, cut = self.machine, self._during("radio cut", now_s)
         if not cut:
             self._post.append((now_s + RADIO_S, machine.odometry()))
-            self._post.append((now_s + RADIO_S, RobotContact(now_s)))
         for arrival_s, message in self._places.sense(now_s, machine):
             if isinstance(message, PlaceFix) and self._fixes is not None:
                 message = self._fixes.passed(message)
@@ -259,9 +250,7 @@ class RobotDrive:
             and every(now_s, LOOK_EVERY_S)
             and not self._during("map stale", now_s)
         ):
-            seen = self._seen_now(now_s)
-            if seen is not None:
-                self._post.append((now_s + LOOK_DELAY_S, seen))
+            self._post.append((now_s + LOOK_DELAY_S, self._seen_now(now_s)))
         if self._during("stop all", now_s - STEP_S) and not self._during("stop all", now_s):
             self._post.append((now_s, self._goal))
 
@@ -270,16 +259,12 @@ class RobotDrive:
         self._post = [item for item in self._post if item[0] > now_s]
         began = time.process_time()
         for what in arrived:
-            to = (
-                self._guide
-                if isinstance(what, (GroundSeen, RobotContact, Goal, StopRobot))
-                else self._places
-            )
+            to = self._guide if isinstance(what, (DepthView, Goal, StopRobot)) else self._places
             to.receive(now_s, what)
         state = self._places.step(now_s)
         self._held = bool(state.hold)
         self._guide.receive(now_s, state)
-        (guidance,) = self._guide.step(now_s)
+        guidance = self._guide.step(now_s)
         self._slowest_s = max(self._slowest_s, time.process_time() - began)
         if state.place is not None and now_s - state.place.stamp_s < 2 * RADIO_S:
             off = float(
@@ -294,11 +279,11 @@ class RobotDrive:
 
     def _note(self, now_s: float, guidance: Guidance) -> None:
         self._said_none = self._said_none or guidance.state == NO_ROUTE
-        route = guidance.route
+        route = guidance.route_m
         new = route is not None and (not self.track.routes or route is not self.track.routes[-1])
         if new:
             self.track.routes.append(route)
-            self._first_m = self._first_m or route.length_m
+            self._first_m = self._first_m or float(np.hypot(*np.diff(route, axis=0).T).sum())
         if (
             self._shown_s is not None
             and self._reacted_s is None
@@ -309,7 +294,7 @@ class RobotDrive:
         if waits and self._way_m > self._share * self._first_m and guidance.state == DRIVING:
             self._begin(now_s, route)
 
-    def _begin(self, now_s: float, route: Route) -> None:
+    def _begin(self, now_s: float, route: np.ndarray) -> None:
         """The fault befalls the drive."""
         fault, random = self._fault, self._random
         lasts_s = (
@@ -324,7 +309,7 @@ class RobotDrive:
         if fault.name == "stop all":
             self._post.append((now_s, StopRobot()))
 
-    def _enter(self, now_s: float, route: Route) -> bool:
+    def _enter(self, now_s: float, route: np.ndarray) -> bool:
         """Something comes into the way, where the watch sees it; whether it does."""
         ahead = _ahead_of(route, (self.machine.x_m, self.machine.y_m))
         run = np.arange(len(ahead)) * 0.1
@@ -361,37 +346,33 @@ class RobotDrive:
             return
         looked, plan = self._place.looked, self._place.town.plan
         ways = looked.sights.sum((1, 2))
-        route = plan_over(self._guide.known, plan.start_m, plan.goal_m, PLANNED_SIGMA_M)
+        known = self._guide.server.known
+        route = plan_over(known.grid, known.stands, plan.start_m, plan.goal_m, PLANNED_SIGMA_M)
         if isinstance(route, Route):
-            row, column, inside = looked.grid.cells_of(*_ahead_of(route, plan.start_m).T)
+            ahead = _ahead_of(route.points_home_m, plan.start_m)
+            row, column, inside = looked.grid.cells_of(*ahead.T)
             ways = (looked.sights[:, row, column] & inside).sum(1)
         has = np.array([ground is not None for ground in self._place.grounds])
         self._watched_by = int(np.argmax(np.where(has, ways, -1)))
         self._watcher = Watcher(self._place.town, self._place.views[self._watched_by], self._seed)
 
-    def _seen_now(self, now_s: float) -> Optional[GroundSeen]:
-        """What the watch shows; None where its picture shows no ground."""
+    def _seen_now(self, now_s: float) -> DepthView:
+        """What the watch shows."""
         box = None if self._thing is None else self._thing.box
         machine = self.machine
         own = 0.7 * self._robot.radius_m
         z = float(self._true.T_world_robot(machine.x_m, machine.y_m, 0.0)[2, 3])
         itself = Box(machine.x_m, machine.y_m, z, (own, own), self._robot.height_m, machine.yaw_rad)
-        boxes = [itself] if box is None else [box, itself]
-        view = replace(self._watcher.look(now_s, boxes), name="watch")
-        grid = self._place.grounds[self._watched_by].grid
-        try:
-            seen = watch_seen(view, [self._place.views[self._watched_by]], grid)
-        except GroundError:
-            return None
         if box is not None:
             self.track.boxes.append(box)
             self._shown_s = now_s if self._shown_s is None else self._shown_s
-        return seen
+        boxes = [itself] if box is None else [box, itself]
+        return replace(self._watcher.look(now_s, boxes), name="watch")
 
 
-def _ahead_of(route: Route, at_m) -> np.ndarray:
-    """(N,2): the route from its point nearest to a place on, a point every 0.1 m."""
-    points = route.points_home_m
+def _ahead_of(points: np.ndarray, at_m) -> np.ndarray:
+    """(N,2): the route of ``points`` (M,2) from its point nearest to a place on, a point every
+    0.1 m."""
     run = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     along = np.arange(0.0, run[-1], 0.1)
     fine = np.column_stack([np.interp(along, run, points[:, k]) for k in (0, 1)])

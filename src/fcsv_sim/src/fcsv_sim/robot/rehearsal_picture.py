@@ -18,7 +18,7 @@ def draw_drive(place: MappedPlace, track: DriveRecord, result: DriveResult, path
         track.grid,
         track.stands,
         place.clear.at(xy[..., 0], xy[..., 1]) <= 0.0,
-        [route.points_home_m for route in track.routes],
+        track.routes,
         np.array(track.way),
         plan.start_m,
         plan.goal_m,

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A maze of low walls (thesis, figure 2.10): dead ends, and a goal that the robot cannot see."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import List, Tuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fcsv_sim.world.materials import CONCRETE
 from fcsv_sim.world.mesh import MeshBuilder
@@ -19,8 +20,8 @@ Cell = Tuple[int, int]
 @dataclass(frozen=True)
 class _Shape:
     """Cells away from the vehicles and across, and what their sizes are drawn from; how thick walls
-    are, how far off the first of them stands, how far before it the robot, and how much ground lies
-    around."""
+    are, how far off the first of them stands, how far before it the robot, how much ground lies
+    around, and how many low things on it."""
 
     deep: int = 6
     wide: int = 6
@@ -30,10 +31,14 @@ class _Shape:
     nearest_x_m: float = 22.0
     before_m: float = 2.0
     around_m: float = 3.0
+    low_things: int = 0
 
     @property
     def cells(self) -> List[Cell]:
         return [(i, j) for i in range(self.deep) for j in range(self.wide)]
+
+
+_SMALL = _Shape(3, 4, (1.5, 1.6), (0.2, 0.25), 0.1, 4.0, 0.6, 1.5)
 
 
 def build_maze(mesh: MeshBuilder, random: np.random.Generator) -> PlacePlan:
@@ -50,7 +55,12 @@ def build_low_maze(mesh: MeshBuilder, random: np.random.Generator) -> PlacePlan:
 def build_small_maze(mesh: MeshBuilder, random: np.random.Generator) -> PlacePlan:
     """Walls of 0.2 to 0.25 m, 6 m across, for System I: its vehicles see over them from 2 m, and
     its robot keeps within 4 m of them."""
-    return _build(mesh, random, _Shape(3, 4, (1.5, 1.6), (0.2, 0.25), 0.1, 4.0, 0.6, 1.5))
+    return _build(mesh, random, _SMALL)
+
+
+def build_small_rubble(mesh: MeshBuilder, random: np.random.Generator) -> PlacePlan:
+    """A small maze in which things of 1 to 10 cm lie about."""
+    return _build(mesh, random, replace(_SMALL, low_things=40))
 
 
 def _build(mesh: MeshBuilder, random: np.random.Generator, shape: _Shape) -> PlacePlan:
@@ -79,7 +89,8 @@ def _build(mesh: MeshBuilder, random: np.random.Generator, shape: _Shape) -> Pla
         goal_m=end,
         solids=tuple(solids),
     )
-    return draw_place(mesh, plan, random)
+    things = tuple(_low_thing(plan, random) for _ in range(shape.low_things))
+    return draw_place(mesh, replace(plan, solids=plan.solids + things), random)
 
 
 def _opened(shape: _Shape, random: np.random.Generator) -> List[Tuple[Cell, Cell]]:
@@ -135,3 +146,15 @@ def _wall(corner: np.ndarray, pitch: float, shape: _Shape, a: Cell, b: Cell, ran
     colour = np.array(_COLOURS[int(random.integers(len(_COLOURS)))]) * random.uniform(0.7, 1.2)
     middle = np.array([*ends.mean(0), 0.5 * high - 0.15])
     return Solid(middle, np.array([*half, 0.5 * high + 0.15]), np.eye(3), CONCRETE, tuple(colour))
+
+
+def _low_thing(plan: PlacePlan, random: np.random.Generator) -> Solid:
+    x0, x1, y0, y1 = plan.area_m
+    spot = random.uniform([x0, y0], [x1, y1])
+    while np.hypot(*(spot - plan.start_m)) < 0.5:  # the robot stands there
+        spot = random.uniform([x0, y0], [x1, y1])
+    half = np.array([*random.uniform(0.04, 0.25, 2), 0.1])
+    tilted = Rotation.from_euler("zyx", [random.uniform(0, np.pi), *random.normal(0.0, 0.03, 2)])
+    z = float(plan.height(*spot)) + random.uniform(0.01, 0.1) - half[2]
+    colour = np.array(_COLOURS[int(random.integers(len(_COLOURS)))]) * random.uniform(0.7, 1.2)
+    return Solid(np.array([*spot, z]), half, tilted.as_matrix(), CONCRETE, tuple(colour))

@@ -9,7 +9,7 @@ import numpy as np
 
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.world.field import build_field
-from fcsv_sim.world.maze import build_low_maze, build_maze, build_small_maze
+from fcsv_sim.world.maze import build_low_maze, build_maze, build_small_maze, build_small_rubble
 from fcsv_sim.world.mesh import MeshBuilder
 from fcsv_sim.world.plan import TownPlan
 from fcsv_sim.world.rubble import build_rubble
@@ -30,6 +30,7 @@ PLACES: Dict[str, Callable[[MeshBuilder, np.random.Generator], TownPlan]] = {
     "maze": build_maze,
     "low_maze": build_low_maze,  # that one look from above shows
     "small_maze": build_small_maze,  # for System I's robot, with gimbals
+    "small_rubble": build_small_rubble,
     "rubble": build_rubble,
 }
 

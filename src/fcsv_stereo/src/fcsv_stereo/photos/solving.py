@@ -5,8 +5,8 @@ there."""
 from typing import NamedTuple, Tuple
 
 import numpy as np
-from scipy import stats
 from scipy.spatial.transform import Rotation
+from scipy.special import ndtr, stdtrit
 
 from fcsv_geometry.rotations import skews
 from fcsv_stereo.photos import evidence
@@ -52,7 +52,7 @@ def covariance(e: GpsEvidence, at: Fitted) -> np.ndarray:
     said = 2.0 * at.weights.place.sum() + at.weights.height.sum()
     # the noise is estimated, too: three standard deviations are to hold as much of Student's
     # distribution as of Gauss's
-    student = stats.t.ppf(stats.norm.cdf(3.0), _BELIEF + max(said - 7.0, 0.0)) / 3.0
+    student = stdtrit(_BELIEF + max(said - 7.0, 0.0), ndtr(3.0)) / 3.0
     return np.linalg.inv(H)[:7, :7] * student**2
 
 

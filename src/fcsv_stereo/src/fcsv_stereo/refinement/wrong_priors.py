@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Dict, Tuple
 
 import numpy as np
-from scipy.stats import chi2
 
+from fcsv_geometry import chi_squared
 from fcsv_stereo.refinement.adjust import AdjustedPoses, Problem, adjust
 from fcsv_stereo.refinement.geometry import PairPrior
 
@@ -70,7 +70,7 @@ def _doubted(priors: Dict[int, PairPrior], adjusted: AdjustedPoses) -> AdjustedP
     freedom, w = len(scales) - 1, np.array(weights)
     mean = float(np.average(scales, weights=w))
     misfit = float((w * np.square(np.array(scales) - mean)).sum())
-    if misfit <= chi2.ppf(_IMPROBABLE, freedom):
+    if misfit <= chi_squared.quantile(_IMPROBABLE, freedom):
         return adjusted
     share = np.sqrt((misfit / freedom - 1.0) / w.sum())  # Birge's ratio
     moved = np.concatenate(

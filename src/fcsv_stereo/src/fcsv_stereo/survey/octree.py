@@ -20,6 +20,8 @@ _MOST_LEFT, _DEEPEST = 20_000, 9
 _MOST_AT_ONCE = 1 << 20  # points in memory: 200 MB
 _CUBES = _CELLS  # at most along the side: those that are made by themselves
 _MM, _MOST_16 = 1000.0, 65535
+#: Makes one number of a row (x, y, z), which sorts as rows do; numpy takes ten times as long for rows.
+_IN_ONE = np.array([1 << 40, 1 << 20, 1])
 
 Key = Tuple[int, int, int, int]
 
@@ -40,12 +42,12 @@ def levels(
             chosen = np.arange(len(order))
         else:
             cells = np.floor(at / (node_m / _CELLS)).astype(np.int64)
-            chosen = np.sort(np.unique(cells, axis=0, return_index=True)[1])
+            chosen = np.sort(np.unique(cells @ _IN_ONE, return_index=True)[1])
         nodes = np.clip(np.floor(at[chosen] / node_m).astype(np.int64), 0, 2**level - 1)
-        keys, which = np.unique(nodes, axis=0, return_inverse=True)
-        by_node = np.argsort(which.ravel(), kind="stable")
-        ends = np.cumsum(np.bincount(which.ravel(), minlength=len(keys)))
-        for key, of in zip(keys, np.split(by_node, ends[:-1])):
+        _, first, which = np.unique(nodes @ _IN_ONE, return_index=True, return_inverse=True)
+        by_node = np.argsort(which, kind="stable")
+        ends = np.cumsum(np.bincount(which, minlength=len(first)))
+        for key, of in zip(nodes[first], np.split(by_node, ends[:-1])):
             yield (level, *map(int, key)), np.sort(order[chosen[of]])
         order = np.delete(order, chosen)
 

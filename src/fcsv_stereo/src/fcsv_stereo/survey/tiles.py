@@ -94,7 +94,8 @@ def touched(parts: Iterable[ViewPoints], whole: CellGrid) -> Dict[Square, List[V
 
 
 def _distinct(squares: np.ndarray) -> Set[Square]:
-    return {(int(x), int(y)) for x, y in np.unique(squares, axis=0)}
+    in_one = squares @ np.array([1, 1j])  # numpy takes ten times as long to sort rows
+    return {(int(s.real), int(s.imag)) for s in np.unique(in_one)}
 
 
 def make_tile(given: TileInput, out: Path) -> None:

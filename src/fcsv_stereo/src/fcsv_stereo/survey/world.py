@@ -11,9 +11,8 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import gtsam
 import numpy as np
-from scipy.stats import chi2
 
-from fcsv_geometry import transforms
+from fcsv_geometry import chi_squared, transforms
 from fcsv_stereo.survey import similarity, tuning
 from fcsv_stereo.survey.adjust import (
     Adjusted,
@@ -281,7 +280,7 @@ def _without_wrong(
 ) -> Tuple[_WorldSolution, List[str]]:
     """The adjustment without statements that contradict all others; sentences on these."""
     said, most = [], int(tuning.MOST_WRONG * len(told))
-    limit = float(chi2.ppf(tuning.KEPT_P, 3))
+    limit = chi_squared.quantile(tuning.KEPT_P, 3)
     while True:
         found = _solved(order, starts, local, told)
         residuals = [residual(s, found.values, order, False) for s in found.told]

@@ -12,15 +12,14 @@ from dataclasses import dataclass
 from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
-from scipy.stats import chi2
 
-from fcsv_geometry import rotations, transforms
+from fcsv_geometry import chi_squared, rotations, transforms
 from fcsv_geometry.home import OdomLink, Place
 from fcsv_geometry.vehicles.tracker import T265_PROFILE, TrackerProfile
 from fcsv_tracking.column.drift import Drift
 
 #: Of so many sigmas (x, y, z and yaw together) one calibration in 10,000 differs by chance.
-MOST_SIGMAS = float(np.sqrt(chi2.ppf(0.9999, 4)))
+MOST_SIGMAS = float(np.sqrt(chi_squared.quantile(0.9999, 4)))
 #: Beyond it (m) no sigma explains a difference: the column keeps its separation by trackers.
 MOST_M = 1.0
 _EXACT = np.zeros((4, 4))

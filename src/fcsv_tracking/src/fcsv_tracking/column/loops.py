@@ -11,9 +11,8 @@ from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import chi2
 
-from fcsv_geometry import transforms
+from fcsv_geometry import chi_squared, transforms
 from fcsv_geometry.home import Place, about_z, places_in_home
 from fcsv_geometry.rotations import wrap
 from fcsv_tracking.column.calibration import Link
@@ -41,7 +40,7 @@ def merge_loops(chain: Sequence[Link], extra: Sequence[Link]) -> List[Link]:
         )
     covariance, residual2 = _adjust(links, names, places)
     degrees_of_freedom = 4 * (len(links) - len(names) + 1)
-    if chi2.sf(sum(residual2), degrees_of_freedom) < _CONTRADICTION:
+    if chi_squared.probability_beyond(sum(residual2), degrees_of_freedom) < _CONTRADICTION:
         worst = links[int(np.argmax(residual2))]
         raise CalibrationRefused(
             f"what {worst.child} sees of {worst.parent} contradicts the other links by far more than their errors "
