@@ -112,6 +112,25 @@ def test_a_view_that_does_not_see_it_or_is_not_sure_neither_frees_nor_closes(kno
             assert not free(known)
 
 
+def test_what_hides_of_a_thing_is_free_again_with_the_ground_beside_it(known, mapped, live):
+    """A strip of 0.5 m that the watch does not see lies across where the crate stood."""
+
+    def striped(boxes, number):
+        view = live(boxes, number)
+        column = np.indices(view.depth.shape)[1]
+        return replace(view, kind=np.where(np.abs(column - 320) < 6, 0, view.kind).astype(np.uint8))
+
+    known.receive(watch_seen(live([WALL, CRATE], 1), [mapped], GRID), None)
+    for number in range(2, 6):
+        known.receive(watch_seen(striped([WALL, CRATE], number), [mapped], GRID), None)
+        assert known.closed[ON_CRATE] and not free(known)
+    for number in range(6, 12):
+        seen = watch_seen(striped([WALL], number), [mapped], GRID)
+        assert not seen.ground.known[ON_CRATE]
+        known.receive(seen, None)
+    assert not known.closed.any() and not known.changed.any() and free(known)
+
+
 def test_a_mapped_thing_that_goes_counts_no_more_by_two_views(rescue, scene, live):
     """One view that shows what lies behind it may be wrong; what it shows there no view sees
     again."""

@@ -2,6 +2,7 @@
 """Survey: surface model and orthophoto as GeoTIFF, the cloud as COPC."""
 
 import resource
+import zipfile
 
 import laspy
 import numpy as np
@@ -13,7 +14,7 @@ from fcsv_stereo.model import Cloud
 from fcsv_stereo.products.clouds import write_laz
 from fcsv_stereo.survey import octree
 from fcsv_stereo.survey.octree import levels, write_copc
-from fcsv_stereo.survey.points import read_points, write_points
+from fcsv_stereo.survey.points import read_points, write_arrays, write_points
 from fcsv_stereo.survey.rasters import CellGrid, grid_of, surface_of, write_rasters
 
 ORIGIN = np.array([391000.0, 5817000.0, 0.0])
@@ -174,6 +175,18 @@ def test_points_of_which_any_octet_is_wrong_are_none_or_the_same(tmp_path):
             found += 1
             assert points.load().points_home_m.tolist() == cloud.points_home_m.tolist()
     assert found < 0.2 * len(content) / 7
+
+
+def test_arrays_are_the_same_octets_whenever_they_are_written(tmp_path):
+    """Blocks that threads compress would be in the order in which they end: 1 of 3 times here."""
+    values, path = np.zeros((2048, 512), np.float32), tmp_path / "a.zarr.zip"
+    values[:512] = np.random.default_rng(0).normal(size=(512, 512))
+    found = set()
+    for _ in range(40):
+        write_arrays({"a": values}, {}, path)
+        with zipfile.ZipFile(path) as file:
+            found.add(tuple(sorted((i.filename, i.CRC) for i in file.infolist())))
+    assert len(found) == 1
 
 
 def test_a_laz_whose_place_is_taken_leaves_nothing_and_is_said(tmp_path):

@@ -2,6 +2,7 @@
 """Survey: who computes, and what is kept between runs."""
 
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -80,8 +81,9 @@ def test_a_task_whose_worker_is_killed_is_done_by_another(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_goes_is_said_and_the_same_work_goes_on_at_another(tmp_path):
-    """Workers and scheduler of the cluster are killed while it works."""
+def test_a_scheduler_that_goes_is_said_and_the_same_work_goes_on_at_another(tmp_path, caplog):
+    """Workers and scheduler of the cluster are killed while it works; Dask prints no traceback."""
+    logging.getLogger("distributed.client").addHandler(caplog.handler)
     program = """
 import sys
 from distributed import LocalCluster
@@ -110,8 +112,10 @@ if __name__ == "__main__":
                 for _ in crew.run(begun):
                     os.killpg(cluster.pid, signal.SIGKILL)
     finally:
+        logging.getLogger("distributed.client").removeHandler(caplog.handler)
         cluster.stdin.close()
         cluster.wait()
+    assert not caplog.records
     assert 1 <= len(list(tmp_path.glob("*.ended"))) < 9
     left = [t for t in begun if not t.args[0].with_suffix(".ended").exists()]
     with Crew(WorkOptions(2)) as crew:
@@ -241,6 +245,14 @@ def test_edges_are_kept_and_another_view_costs_its_own(three, tmp_path, monkeypa
     assert [e.a + e.b for e in again] == ["v0v1", "v0v2", "v1v2"]
 
 
+def test_tasks_track_what_two_views_see_from_alike_directions(three, tmp_path):
+    (_, a), (_, b) = three[:2]
+    (edge,), _ = edges_of(three[:2], tmp_path / "out")
+    features = [kept._features(v) for v in (a, b)]
+    with_pixels, without = (kept.find_edge(a, b, *features, alike) for alike in (True, False))
+    assert edge.matches == with_pixels.matches > without.matches
+
+
 def test_an_edge_that_is_not_whole_or_of_other_views_is_found_again(three, tmp_path, monkeypatch):
     out, made = tmp_path / "out", []
     edges_of(three[:2], out, made, monkeypatch)
@@ -256,13 +268,13 @@ def test_an_edge_that_is_not_whole_or_of_other_views_is_found_again(three, tmp_p
 
 def test_a_kept_edge_is_the_edge_to_the_last_bit(three, tmp_path):
     (_, a), (_, b) = three[:2]
-    make_edge(a, b, tmp_path)
+    make_edge(a, b, tmp_path, True)
     first = kept_edge(a, b, tmp_path)
     text = kept.edge_path(a, b, tmp_path).read_text()
     kept._FEATURES.clear()
-    make_edge(a, b, tmp_path)
+    make_edge(a, b, tmp_path, True)
     assert kept.edge_path(a, b, tmp_path).read_text() == text and first.matches >= 0
-    found = kept.find_edge(a, b, *(kept._features(v) for v in (a, b)))
+    found = kept.find_edge(a, b, *(kept._features(v) for v in (a, b)), True)
     assert found.matches == first.matches and found.reason == first.reason
     if found.S_a_b is not None:
         assert found.S_a_b.scale() == first.S_a_b.scale()

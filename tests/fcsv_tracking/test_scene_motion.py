@@ -10,7 +10,8 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.transforms import R_FLU_OPTICAL
 from fcsv_tracking.errors import TrackingError
-from fcsv_tracking.scene.scene_motion import SceneWatch, look, off_lines
+from fcsv_tracking.scene.epipolar import off_lines
+from fcsv_tracking.scene.scene_motion import SceneWatch, look
 
 CAMERA = PinholeCamera.from_fov(320, 240, np.radians(56.0))
 WALL_M = 8.0

@@ -39,11 +39,10 @@ def frozen(cls: Type[T]) -> Type[T]:
     new = [name for name in names if scope[f"{store}{name}"] is not MISSING]  # for each instance
     lines = [
         f"def __init__(self, {', '.join(names)}):",
-        f" {store} = self.__dict__",
         *(f" if {name} is {store}_: {name} = {store}{name}()" for name in new),
-        *(f" {store}[{name!r}] = {name}" for name in names),
+        f" {store}(self, '__dict__', {{{', '.join(f'{name!r}: {name}' for name in names)}}})",
     ]
-    scope[f"{store}_"] = MISSING
+    scope[f"{store}_"], scope[store] = MISSING, object.__setattr__
     exec("\n".join(lines), scope)  # as dataclass and namedtuple make theirs
     quick = scope["__init__"]
     defaults = [f.default for f in fields(made) if f.default is not MISSING or f.name in new]
@@ -67,10 +66,9 @@ def changed(message: T, **changes: object) -> T:
     Traceback (most recent call last):
     TypeError: Place has no field 'z_m'
     """
+    values = {**message.__dict__, **changes}
+    if len(values) > len(message.__dict__):
+        raise TypeError(f"{type(message).__name__} has no field '{list(values)[-1]}'")
     made = object.__new__(type(message))
-    made.__dict__.update(message.__dict__)
-    for name, value in changes.items():
-        if name not in made.__dict__:
-            raise TypeError(f"{type(message).__name__} has no field '{name}'")
-        made.__dict__[name] = value
+    object.__setattr__(made, "__dict__", values)
     return made

@@ -251,6 +251,11 @@ def rpy(q_a_b: Quaternion) -> Vector:
 def tilt_between(q_a_b: Quaternion, q_a_c: Quaternion) -> float:
     """Angle (rad) between a's vertical as b and as c see it: what a rotation about the vertical
     cannot explain."""
-    _, _, (bx, by, bz) = rows_of_quaternion(q_a_b)
-    _, _, (cx, cy, cz) = rows_of_quaternion(q_a_c)
+    (bx, by, bz), (cx, cy, cz) = _up(q_a_b), _up(q_a_c)
     return math.acos(min(1.0, max(-1.0, bx * cx + by * cy + bz * cz)))
+
+
+def _up(q_a_b: Quaternion) -> Vector:
+    """The last row of matrix_of_quaternion(): a's z axis in b."""
+    x, y, z, w = q_a_b
+    return 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)

@@ -25,7 +25,7 @@ from fcsv_guidance.ground import (
     window_of,
     within,
 )
-from fcsv_guidance.known import MOVING_M, STILL_S, GroundSeen, KnownGround, watch_seen
+from fcsv_guidance.known import STILL_S, GroundSeen, KnownGround, watch_seen
 from fcsv_guidance.map_files import occupancy
 from fcsv_guidance.planning import RouteRules, plan_clear, with_room
 from fcsv_guidance.robot import Robot
@@ -88,24 +88,27 @@ class RouteMessage:
 @dataclass(frozen=True)
 class NoRouteMessage:
     """There is none: the reason, and the middles (N,2) in home of the cells that would have to be
-    seen first."""
+    seen first. ``waits``: for a map, a goal, or the robot's place; the ground says nothing yet."""
 
     reason: str
     to_see_m: np.ndarray
+    waits: bool = False
 
 
 @dataclass(frozen=True)
 class RobotHold:
-    """The robot shall stand where it is for this reason, and keep its route; empty: no more."""
+    """The robot shall stand where it is for this reason, and keep its route; empty: no more.
+    ``asks``: until somebody looked and gives the goal again."""
 
     reason: str
+    asks: bool = False
 
 
 @dataclass(frozen=True)
 class GroundRules:
     """How the ground is laid, and when a route is planned anew. ``watched``: the grids are as old as
-    the last view that watches, not as their maps. The robot is held while something came nearer
-    than ``moving_m`` in the last ``still_s``."""
+    the last view that watches, not as their maps. The robot is held while something came near in
+    the last ``still_s``, or came up to it and was not seen to leave."""
 
     cell_m: float = 0.1
     reach_m: float = 60.0  # of the grid, from the first maps' cameras
@@ -117,7 +120,6 @@ class GroundRules:
     # until another plan, of a robot that stands on its route or has none: its place changes, too
     retry_s: float = 5.0
     watched: bool = False
-    moving_m: float = MOVING_M
     still_s: float = STILL_S
     route: RouteRules = field(default_factory=RouteRules)
 
@@ -148,7 +150,7 @@ class GroundServer:
         self._route: Optional[Route] = None
         # freedom and time of the last plan
         self._planned = (-1, -np.inf)
-        self._waits_for_place, self._none_reason, self._held = False, "", ""
+        self._waits_for_place, self._none_reason, self._held = False, "", RobotHold("")
         self._out: List[GroundMessage] = []
 
     @property
@@ -175,11 +177,12 @@ class GroundServer:
             self._on_place(now_s, message)
         elif isinstance(message, Goal):
             message.require_finite()
+            self._known.beside.forget()
             self._goal, self._route, self._planned = message, None, (-1, -np.inf)
             self._none_reason = ""
         elif isinstance(message, GoalDropped):
             if self._goal is not None:
-                self._out.append(NoRouteMessage(message.reason, np.empty((0, 2))))
+                self._out.append(NoRouteMessage(message.reason, np.empty((0, 2)), True))
             self._goal = self._route = None
         else:
             raise TypeError(f"a ground server does not know {type(message).__name__}")
@@ -331,12 +334,13 @@ class GroundServer:
 
     def _hold(self, now_s: float) -> None:
         """Whether the robot has to stand, where that is another than before."""
-        reason, rules = "", self._rules
+        hold, known = RobotHold(""), self._known
         if self._goal is not None and self._place is not None:
-            reason = self._known.moving(now_s, self._place, rules.moving_m, rules.still_s)
-        if bool(reason) != bool(self._held):
-            self._held = reason
-            self._out.append(RobotHold(reason))
+            reason = known.moving(now_s, self._place, self._rules.still_s)
+            hold = RobotHold(reason, known.beside.may_stand)
+        before, self._held = self._held, hold
+        if (bool(hold.reason), hold.asks) != (bool(before.reason), before.asks):  # metres change
+            self._out.append(hold)
 
     def _wants_plan(self, now_s: float) -> bool:
         (version, planned_s), place = self._planned, self._place
@@ -366,7 +370,8 @@ class GroundServer:
                 raise RouteError("no map has come")
             found = self.plan((place.x_m, place.y_m), (self._goal.x_m, self._goal.y_m))
         except RouteError as error:
-            return NoRouteMessage(f"{NO_ROUTE_KNOWN}: {error}", np.empty((0, 2)))
+            waits = place is None or self._ground is None
+            return NoRouteMessage(f"{NO_ROUTE_KNOWN}: {error}", np.empty((0, 2)), waits)
         if isinstance(found, NoRoute):
             return self.in_words(found)
         self._route = found

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from fcsv_guidance import standing, together, tuning
+from fcsv_guidance.beside import WALKS_MPS, BesideWatch
 from fcsv_guidance.comparing import Compared, compared
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.following import ClearanceMap, RobotPlace
@@ -29,10 +30,10 @@ _OWN_NOISE = 3.0  # standard deviations of a view by which the robot's own depth
 _AHEAD_M = 0.35  # beside what was measured of a thing: its depth there, or the robot's own edge
 _FREEING_VIEWS = 3  # that must show the ground where something stood, before it counts as free
 _TOLD = 2.0  # standard deviations of a view's noise by which a thing that it would free was nearer
-#: The robot stands while something came nearer than this (m) in the last STILL_S: what walks at
-#: 1.5 m/s comes so far until a picture shows it and the robot stands. STILL_VIEWS must show since
-#: that nothing more comes.
-MOVING_M, STILL_S, STILL_VIEWS = 4.0, 2.5, 2
+#: The robot stands while something came near in the last STILL_S; STILL_VIEWS must show since that
+#: nothing more comes.
+STILL_S, STILL_VIEWS = 2.5, 2
+_SEEN_LATE_S = 1.5  # from one picture to the next, and from that to the robot
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,9 @@ class KnownGround:
 
     A cell in which views surely show something nearer than the maps foretell is closed, until
     _FREEING_VIEWS views, each good enough to tell the thing from the ground, have shown the ground
-    there as it is mapped. A view that does not see it says nothing. What one view shows well enough
-    to hold the robot closes its cells, too, until a view shows the ground there.
+    there as it is mapped, or, where it is hidden, beside it. A view that sees neither says nothing.
+    What one view shows well enough to hold the robot closes its cells, too, until a view shows the
+    ground there.
     """
 
     def __init__(self, robot: Robot):
@@ -90,6 +92,8 @@ class KnownGround:
         self.version = 0
         #: when something last came into cells, and their middles (N,2); it may be on its way
         self.came_s, self.came_m = -np.inf, np.empty((0, 2))
+        #: who came up to the robot
+        self.beside = BesideWatch()
 
     @property
     def grid(self) -> Optional[Grid]:
@@ -158,17 +162,25 @@ class KnownGround:
         """Gives the map as a follower takes it."""
         return ClearanceMap(stamp_s, self.grid, self.clear_m)
 
-    def moving(
-        self, now_s: float, place: RobotPlace, nearer_m: float = MOVING_M, still_s: float = STILL_S
-    ) -> str:
-        """What has just come nearer to the robot than that; empty where nothing has."""
+    def moving(self, now_s: float, place: RobotPlace, still_s: float = STILL_S) -> str:
+        """Why the robot stands for what moves: something has just come near, or may stand beside
+        it; empty where nothing has. Near is what WALKS_MPS comes, and the robot drives, until a
+        picture shows it and the robot stands."""
+        if self.beside.may_stand:
+            return "something came up to the robot and was not seen to leave: look, and give the goal again"
         if now_s - self.came_s >= still_s and self._quiet_views >= STILL_VIEWS:
             return ""
         if not len(self.came_m):
             return ""
         off_m = float(np.hypot(*(self.came_m - [place.x_m, place.y_m]).T).min())
         off_m = max(off_m - self._robot.radius_m, 0.0)
-        return "" if off_m >= nearer_m else f"something moves {off_m:.1f} m from the robot"
+        return "" if off_m >= self._near_m else f"something moves {off_m:.1f} m from the robot"
+
+    @property
+    def _near_m(self) -> float:
+        speed_mps, acceleration_mps2 = self._robot.speed_mps, self._robot.acceleration_mps2
+        stops_s = speed_mps / acceleration_mps2
+        return (WALKS_MPS + speed_mps) * _SEEN_LATE_S + (WALKS_MPS + 0.5 * speed_mps) * stops_s
 
     def _require_fit(self, seen: GroundSeen) -> None:
         if not np.isfinite(seen.stamp_s):
@@ -180,14 +192,18 @@ class KnownGround:
                 f"{seen.source}: its grid is not that of the maps before; make it on the same grid"
             )
 
+    def _own_m(self, seen: GroundSeen, place: RobotPlace) -> float:
+        more_m = 0.0 if seen.compared is None else _AHEAD_M
+        return self._robot.radius_m + _OWN_M + 2 * place.sigma_m + more_m
+
     def _own(self, seen: GroundSeen, place: RobotPlace) -> np.ndarray:
         """(rows, columns) bool: cells in which a view may show the robot, or its edge above what it
         hides. In a view that is compared it is seen too near or too far by noise, and as far beside
         as a thing's cells reach."""
-        more_m, noise = (0.0, 0.0) if seen.compared is None else (_AHEAD_M, seen.compared.noise)
+        noise = 0.0 if seen.compared is None else seen.compared.noise
         grid, robot = self.grid, self._robot
         xy = grid.middle_of(*np.indices(grid.shape)) - [place.x_m, place.y_m]
-        own_m = robot.radius_m + _OWN_M + 2 * place.sigma_m + more_m
+        own_m = self._own_m(seen, place)
         if seen.eye_m is None:
             return np.hypot(xy[..., 0], xy[..., 1]) < own_m
         away = np.array([place.x_m, place.y_m]) - seen.eye_m[:2]
@@ -228,7 +244,9 @@ class KnownGround:
         stirs = standing.disk(_STIRS_M, grid.cell_m)
         came = changed & ~(standing.most(self._changed, stirs) > 0)
         closed = self.closed
-        came |= self._compared(seen, place, own)
+        new, gone = self._compared(seen, place, own)
+        came |= new
+        changed &= ~gone
         self._quiet_views += 1
         if came.sum() >= _MOVES_CELLS:
             self.came_s, self.came_m = seen.stamp_s, grid.middle_of(*np.nonzero(came))
@@ -253,16 +271,21 @@ class KnownGround:
 
     def _compared(
         self, seen: GroundSeen, place: Optional[RobotPlace], own: np.ndarray
-    ) -> np.ndarray:
+    ) -> Tuple[np.ndarray, np.ndarray]:
         """Takes what the view shows against the maps beside the robot's ``own`` cells; (rows,
-        columns) bool, where something came beside what stood there."""
+        columns) bool, where something came beside what stood there, and where what stood is gone
+        though the view does not see it."""
         shows, nowhere = seen.compared, np.zeros(self.grid.shape, bool)
         if shows is None:
-            return nowhere
+            return nowhere, nowhere
         came = np.where(own, 0.0, shows.came)
+        if place is not None:
+            things_m = self.grid.middle_of(*np.nonzero(came >= _HOLDS))
+            self.beside.see(things_m, [place.x_m, place.y_m], self._own_m(seen, place))
         stirs = standing.disk(_STIRS_M, self.grid.cell_m)
         new = (came >= _HOLDS) & ~(standing.most(self._things > 0, stirs) > 0)
-        frees = shows.same & (came <= 0) & (self._shift > _TOLD * shows.noise)
+        hidden = self._hidden(seen, came)
+        frees = (came <= 0) & (self._shift > _TOLD * shows.noise) & (shows.same | hidden)
         things = np.minimum(self._things + came, 1.0) - frees / np.float32(_FREEING_VIEWS)
         things[things < 0.5 / _FREEING_VIEWS] = 0.0
         if place is not None:  # where the robot itself stands, which no view can show, is no thing
@@ -271,7 +294,16 @@ class KnownGround:
         self._closed = ((things >= _CLOSES) | self._closed) & (things > 0)
         self._shift = np.where(things > 0, np.maximum(self._shift, shows.shift * (came > 0)), 0.0)
         self._things = things.astype(np.float32)
-        return new
+        return new, hidden & (things <= 0)
+
+    def _hidden(self, seen: GroundSeen, came: np.ndarray) -> np.ndarray:
+        """(rows, columns) bool: cells of a thing that the view does not see, beside ground that it
+        sees as it is mapped and away from what it still sees of the thing. A thing reaches behind
+        what hides it as far as its depth is uncertain."""
+        near = standing.disk(_AHEAD_M, self.grid.cell_m)
+        ground, known = seen.compared.same & (came <= 0), seen.ground.known
+        stays = (came > 0) | ((self._things > 0) & known & ~ground)
+        return ~known & (standing.most(ground, near) > 0) & ~(standing.most(stays, near) > 0)
 
     def _judged_near(self, ground: Ground, cells: np.ndarray, before) -> Tuple:
         """What was judged ``before``, anew where ``cells`` (rows, columns) matter."""

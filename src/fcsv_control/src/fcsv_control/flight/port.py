@@ -175,7 +175,7 @@ class FlightLinkPort:
             self._out.append(_over(ask.number, error))
 
     def _end_requests(self) -> None:
-        for number, request in [r for r in self._asked.items() if r[1].over]:
+        for number, request in [r for r in self._asked.items() if r[1].over] if self._asked else ():
             del self._asked[number]
             try:
                 request.require_done()

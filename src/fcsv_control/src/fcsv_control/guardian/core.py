@@ -185,7 +185,7 @@ class Guardian:
             self._let_go()
         for f in found:
             self._warn(now_s, f.what, f.text, acting and f.wish > Reaction.SAY)
-        blind = air.flying and any(f.wish is Reaction.LAND for f in found)
+        blind = bool(found) and air.flying and any(f.wish is Reaction.LAND for f in found)
         air.lose(now_s, blind, self._watches.found_again(now_s, air))
         reasons = tuple(f.text for f in found if f.wish > Reaction.SAY)
         action, taken = self._action(now_s) if acting else "", air.armed and not self._ours

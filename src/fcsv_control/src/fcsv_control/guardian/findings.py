@@ -159,9 +159,9 @@ class Monitors:
         return conditions.feed_age(air.feed.age_s(now_s), self._rules.feed_warn_s)
 
     def _poses(self, now_s: float, air: VehicleSituation) -> Sequence[Finding]:
-        age_s, hz = air.feed.age_s(now_s), air.feed.rate_hz(now_s)
         if not air.flying or air.feed.value is None:
             return ()
+        age_s, hz = air.feed.age_s(now_s), air.feed.rate_hz(now_s)
         return self._first(now_s, "feed", age_s) or self._first(now_s, "rate", hz)
 
     def _doubt(self, _now_s: float, air: VehicleSituation) -> Iterator[Finding]:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the mission knows of its vehicles at one moment."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Dict, Optional
 
 import numpy as np
@@ -65,7 +65,7 @@ class RecorderView:
     problem: str = ""
 
 
-@dataclass(frozen=True)
+@frozen
 class Snapshot:
     """All vehicles, and T_home_odom and T_body_cam of each where known; ``recorder`` None: none is
     asked for. ``clock_set``: how often this machine's time of day was set. ``slows_mps2``: by how

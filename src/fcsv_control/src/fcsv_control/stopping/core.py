@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Dict, List, Optional, Sequence, Set
 
+from fcsv_geometry.frozen import frozen
 from fcsv_geometry.vehicles.modes import Mode
 from fcsv_geometry.vehicles.thresholds import STATE_AGE_S
 
@@ -35,7 +36,7 @@ class StopOrder:
     by_hand: bool = False  # its agent refused it because a pilot flies it
 
 
-@dataclass(frozen=True)
+@frozen
 class Report:
     """What became of the call, by vehicles' names; see fcsv_msgs/StopReport."""
 

@@ -51,7 +51,7 @@ class Autopilot(FlightLaws):
 
     def rc_frame(self, now_s: float, pwm: Sequence[int]) -> None:
         """A frame of the transmitter; a moved mode switch sets the mode."""
-        roll, pitch, throttle, yaw = (rc.stick(p) for p in pwm[:4])
+        roll, pitch, throttle, yaw = map(rc.stick, pwm[:4])
         self._sticks, self._rc_s, self.rc_pwm = (roll, -pitch, throttle, yaw), now_s, pwm
         mode = rc.mode_of(pwm[4])
         if mode != self._rc_mode:

@@ -148,10 +148,8 @@ class Pilot:
     def goal(self, now_s: float, phase: str) -> Tuple[np.ndarray, np.ndarray]:
         """Position (m) and velocity (m/s), world, that the pilot aims at."""
         f = self._field
-        behind = np.array([-f.spacing_m * self._index, 0.0, 0.0])
-        if phase in ("MOVE_HOME", "SET_HOME"):
-            return np.array([*f.start_xy_m, f.home_height_m]) + behind, np.zeros(3)
-        goal, v = np.array([*f.column_xy_m, f.home_height_m]) + behind, np.zeros(3)
+        x, y = f.start_xy_m if phase in ("MOVE_HOME", "SET_HOME") else f.column_xy_m
+        goal, v = np.array([x - f.spacing_m * self._index, y, f.home_height_m]), np.zeros(3)
         # every second one sways, or all but the last, each against the one in front
         against = self._index % 2
         if phase == "CALIBRATE" and (

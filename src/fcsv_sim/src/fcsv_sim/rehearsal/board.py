@@ -233,7 +233,8 @@ class OnBoard:
         for message in self._server.outgoing():
             self.link.receive(now_s, FromAutopilot(_as_received(message)))
         self._give(now_s, self.link)
-        self._place_calls(now_s)
+        if self._calls:
+            self._place_calls(now_s)
         if self._passes % _GUARDIAN_EVERY == 0:
             self._give(now_s, self.guardian_port)
         self._give(now_s, self.agent)

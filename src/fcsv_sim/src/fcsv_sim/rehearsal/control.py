@@ -253,11 +253,8 @@ class ControlPc:
         for name, off in self._pair_check.looks(now_s):
             self.mission_port.receive(clock_s, PairLooked(self._mission.reference, name, off))
         self._dispatch(now_s, self.mission_port.step(clock_s))
+        told = MissionAlive(self.sender, clock_s), {MissionFence: self._fence, **self._latched}
         for name, vehicle in self._fleet.items():
-            told = (
-                MissionAlive(self.sender, clock_s),
-                {MissionFence: self._fence, **self._latched},
-            )
             self._radios[name].send(now_s, lambda m, v=vehicle: v.on_control(*m), told)
 
     def _dispatch(self, now_s: float, outputs: Sequence[object]) -> None:

@@ -45,12 +45,14 @@ _OLDEST_MAP_S, _OLDEST_WATCH_S = 1800.0, 3.0
 @dataclass(frozen=True)
 class Guidance:
     """What the robot is told, and why: ``state`` is WAITING, DRIVING, NO_ROUTE or ARRIVED, ``text`` a
-    sentence. ``route_m`` (N,2): the last route; None before the first."""
+    sentence. ``route_m`` (N,2): the last route; None before the first. ``asks``: it stands until
+    somebody looked and gives the goal again."""
 
     command: DriveCommand
     state: str
     text: str
     route_m: Optional[np.ndarray]
+    asks: bool
 
 
 class GuidanceBus:
@@ -64,7 +66,7 @@ class GuidanceBus:
         self._server.receive(0.0, MapSeen(maps[0], others=tuple(maps[1:])))
         self._percents, self._hold, self._due = np.zeros((0, 0), np.int8), "", True
         self._route_m: Optional[np.ndarray] = None
-        self._has_goal, self._none = False, ""
+        self._none, self._asks = "", False
 
     @property
     def server(self) -> GroundServer:
@@ -84,7 +86,6 @@ class GuidanceBus:
             return
         self._due = True
         if isinstance(message, StopRobot):
-            self._has_goal = False
             self._server.receive(now_s, GoalDropped(message.reason))
             self._follower.receive(now_s, message)
         elif isinstance(message, DepthView):
@@ -94,7 +95,6 @@ class GuidanceBus:
                 pass  # the next may do
         elif isinstance(message, Goal):
             self._server.receive(now_s, message)
-            self._has_goal = True
         else:
             raise TypeError(f"no node of guidance hears {type(message).__name__}")
 
@@ -105,13 +105,14 @@ class GuidanceBus:
             for output in [*self._server.pending(), *self._server.step(now_s)]:
                 self._deliver(now_s, output)
         (command,) = self._follower.step(now_s)
+        text = self._none or command.reason or "the robot drives"
         if command.reason == GOAL_REACHED:
             state = ARRIVED
-        elif self._none and self._has_goal:
-            return Guidance(command, NO_ROUTE, self._none, self._route_m)
+        elif self._none:
+            state = NO_ROUTE
         else:
             state = WAITING if command.reason else DRIVING
-        return Guidance(command, state, command.reason or "the robot drives", self._route_m)
+        return Guidance(command, state, text, self._route_m, self._asks)
 
     def _deliver(self, now_s: float, output: object) -> None:
         """Passes on what ground_map publishes to route_follower."""
@@ -126,9 +127,10 @@ class GuidanceBus:
             self._route_m, self._none = output.points_home_m, ""
             told = RouteToFollow(output.points_home_m)
         elif isinstance(output, NoRouteMessage):
-            self._none, told = output.reason, StopRobot(NO_ROUTE_KNOWN)
+            self._none = "" if output.waits else output.reason
+            told = StopRobot(NO_ROUTE_KNOWN)
         elif isinstance(output, RobotHold):
-            told = HoldRobot(output.reason, "hold")
+            told, self._asks = HoldRobot(output.reason, "hold"), output.asks
         else:
             raise TypeError(f"ground_map publishes no {type(output).__name__}")
         self._follower.receive(now_s, told)

@@ -28,6 +28,7 @@ LONGEST_S = 400.0
 LOOK_EVERY_S, LOOK_DELAY_S = 1.0, 0.5  # from picture to ground
 MOVES_MPS = 0.05  # a robot that is hit while it drives no faster stands
 _GIVES_UP_S = 15.0  # of standing without a route, or for good
+_OPERATOR_LOOKS_S, _BESIDE_M = 5.0, 1.0
 ARRIVES, SAYS_NONE, EITHER = "arrives", "says none", "either"
 
 
@@ -116,6 +117,7 @@ class RobotDrive:
         self._fixes: Optional[FixFault] = None
         self._shown_s, self._reacted_s = None, None
         self._first_m, self._way_m, self._room_m = None, 0.0, np.inf
+        self._asked_s = 0.0  # since then the operator looks
         self._errors, self._within = [], []
         self._slowest_s, self._said_none, self._blocked, self._held = 0.0, False, None, False
 
@@ -131,7 +133,8 @@ class RobotDrive:
             self._sense(now_s)
             guidance = self._guided(now_s)
             drives = guidance.state == DRIVING or not self.machine.stands or self._held
-            stood_s = 0.0 if drives else stood_s + STEP_S
+            stood_s = 0.0 if drives or guidance.asks else stood_s + STEP_S
+            self._operate(now_s, guidance)
             if contact:
                 ended = "contact"
                 break
@@ -148,6 +151,17 @@ class RobotDrive:
         known = self._guide.server.known
         self.track.stands, self.track.grid = known.stands, known.grid
         return self._result(ended, contact, now_s, guidance)
+
+    def _operate(self, now_s: float, guidance: Guidance) -> None:
+        """An operator looks where he is asked to; where nobody stands beside the robot, he gives
+        the goal again."""
+        box = None if self._thing is None else self._thing.box
+        off_m = np.inf if box is None else float(box.gap_m(self.machine.x_m, self.machine.y_m))
+        if not guidance.asks or off_m - self._robot.radius_m < _BESIDE_M:
+            self._asked_s = now_s
+        elif now_s - self._asked_s > _OPERATOR_LOOKS_S:
+            self._post.append((now_s, self._goal))
+            self._asked_s = now_s
 
     def _result(self, ended: str, contact: str, now_s: float, guidance: Guidance) -> DriveResult:
         errors = np.array(self._errors or [np.nan])

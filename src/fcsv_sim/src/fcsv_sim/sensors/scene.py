@@ -58,7 +58,7 @@ class SimulatedScene:
         span_s = stamp_s - then_s
         p_cam = transforms.apply(transforms.invert(T_world_cam), p_world + span_s * v_world)
         xy = self._pictured(p_cam, turns_radps)
-        seen = (p_cam[:, 2] > 0.5) & (np.abs(xy) < FIELD).all(axis=1)
+        seen = (p_cam[:, 2] > 0.5) & (np.abs(xy[:, 0]) < FIELD[0]) & (np.abs(xy[:, 1]) < FIELD[1])
         T_now_then = transforms.invert(T_odom_cam) @ T_odom_then
         if seen.sum() < _KEPT * len(xy) or outlived(span_s, T_now_then):
             return self._restart(stamp_s, T_world_cam, T_odom_cam, turns_radps)

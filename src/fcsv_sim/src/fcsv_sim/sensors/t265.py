@@ -7,7 +7,7 @@ drifts by about 1 % of the distance, heading slowly; it may jump (the thesis saw
 """
 
 import math
-from typing import Optional, Tuple
+from typing import Iterator, Optional, Tuple
 
 import numba
 import numpy as np
@@ -91,6 +91,12 @@ def _sample(
     return yaw_rad
 
 
+def _drawn(random: np.random.Generator) -> Iterator[np.ndarray]:
+    """(10,) of a standard normal for each sample, drawn three seconds ahead."""
+    while True:
+        yield from random.standard_normal((100, 10))
+
+
 class T265:
     """Turns true poses of the tracking camera into its odometry; altitude jumps by
     ``takeoff_jump_m`` at take-off."""
@@ -104,14 +110,15 @@ class T265:
     ):
         self.confidence = 3  # as its driver says: 0 failed, 1 low, 2 medium, 3 high
         self._T_body_t265 = T_body_t265
-        self._random = np.random.default_rng([seed, 3])
+        random = np.random.default_rng([seed, 3])
         # of the world in the odometry frame; it drifts
-        self._yaw_rad = self._random.uniform(-np.pi, np.pi)
-        scale = 1.0 + self._random.normal(0.0, profile.scale)
+        self._yaw_rad = random.uniform(-np.pi, np.pi)
+        scale = 1.0 + random.normal(0.0, profile.scale)
         self._noise_sigma = np.repeat(
             [profile.position_noise_m, np.radians(profile.attitude_noise_deg)], 3
         )
-        level = np.radians(profile.level_deg) * self._random.standard_normal(2)
+        level = np.radians(profile.level_deg) * random.standard_normal(2)
+        self._draws = _drawn(random)
         self._R_level = rotations.exp(np.array([level[0], level[1], 0.0]))
         self._noise = np.zeros(6)
         heading_rad = math.radians(profile.heading_deg_per_sqrt_m)
@@ -146,7 +153,7 @@ class T265:
             self._yaw_rad,
             self._p_odom,
             self._noise,
-            self._random.standard_normal(10),
+            next(self._draws),
             self._R_level,
             self._noise_sigma,
             self._profile_numbers,

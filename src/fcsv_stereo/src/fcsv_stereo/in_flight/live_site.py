@@ -14,6 +14,7 @@ from fcsv_stereo.survey.features import Features, features_of
 from fcsv_stereo.survey.matching import may_overlap
 from fcsv_stereo.survey.station import flown_prior
 from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.warping import look_alike
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,8 @@ class LiveSite:
     def _compared(self, a: View, b: View) -> Optional[Edge]:
         if not may_overlap(a, b):
             return None
-        return find_edge(a, b, self._features[a.name], self._features[b.name])
+        found = (self._features[v.name] for v in (a, b))
+        return find_edge(a, b, *found, look_alike(a, b))
 
 
 def _view(name: str, result: MapResult) -> View:

@@ -49,18 +49,24 @@ def epipolar_error(
     """
     R, t = T_a_b[:3, :3], T_a_b[:3, 3]
     b_in_a, a_in_b = rays_b @ R.T, rays_a @ R
-    normal = np.cross(rays_a, t)
+    normal = _cross(rays_a, t)
     line = normal @ R
     l, m, n = line.T
     scale = 1.0 / np.maximum(np.hypot(l, m), 1e-12)
     error = (normal * b_in_a).sum(1) * scale
-    J = np.hstack([np.cross(rays_b, line), np.cross(b_in_a, rays_a)]) * scale[:, None]
+    J = np.hstack([_cross(rays_b, line), _cross(b_in_a, rays_a)]) * scale[:, None]
     # the line's length changes too: without this the baseline would shrink to nothing
     x, y, z = a_in_b.T
     stretch = np.column_stack(
         [n * m, -n * l, 0 * n, np.column_stack([z * m, -z * l, y * l - x * m]) @ R.T]
     )
     return error, J - (error * scale**2)[:, None] * stretch
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """np.cross() of (N, 3) with (N, 3) or (3,), in a third of its time."""
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]).T
 
 
 def fit_pair(
@@ -79,14 +85,14 @@ def fit_pair(
     own pose.
     """
     T_a_b = (prior.T_a_b if start is None else start).copy()
-    width_px = band_px
+    width_px, information = band_px, prior.information
     for _ in range(20):
         error, J = epipolar_error(T_a_b, rays_a, rays_b)
         error, J = error * focal_px, J * focal_px
         weight = (width_px**2 / (width_px**2 + error**2)) ** 2 / noise_px**2
         offset = prior_offset(prior, T_a_b)
-        H = (J * weight[:, None]).T @ J + np.diag(prior.information)
-        step = np.linalg.solve(H, -(J.T @ (weight * error) + prior.information * offset))
+        H = (J * weight[:, None]).T @ J + np.diag(information)
+        step = np.linalg.solve(H, -(J.T @ (weight * error) + information * offset))
         T_a_b = moved(T_a_b, step)
         if width_px <= 3.0 * noise_px and np.abs(step[:3]).max() < 1e-6:
             break

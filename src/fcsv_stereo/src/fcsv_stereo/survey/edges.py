@@ -18,7 +18,7 @@ from fcsv_stereo.survey import similarity, tuning
 from fcsv_stereo.survey.features import Features
 from fcsv_stereo.survey.matching import match, predicted
 from fcsv_stereo.survey.views import View
-from fcsv_stereo.survey.warping import look_alike, tracked
+from fcsv_stereo.survey.warping import tracked
 
 _ITERATIONS = 6
 _STEP = 1e-6  # of numerical derivatives along the tangent
@@ -46,17 +46,15 @@ class Edge:
         return not self.reason
 
 
-def find_edge(
-    a: View, b: View, features_a: Features, features_b: Features, pixels: bool = True
-) -> Edge:
-    """The edge between two views. Where there is none its ``reason`` says why. ``pixels``: places
-    are tracked, too, for which views are loaded whose directions are alike."""
+def find_edge(a: View, b: View, features_a: Features, features_b: Features, alike: bool) -> Edge:
+    """The edge between two views. Where there is none its ``reason`` says why. ``alike``: whether
+    they ``look_alike``; then they are loaded, and places are tracked, too."""
     gate = None
     if a.prior.placed and b.prior.placed:
         gate = predicted(features_a.points, a.prior, b.prior, b)
     pairs = match(features_a, features_b, gate)
     in_a, in_b = features_a[pairs[:, 0]], features_b[pairs[:, 1]]
-    if pixels and (look_alike(a, b) or look_alike(b, a)):
+    if alike:
         here, there = a.load(), b.load()
         for found in (tracked(here, there), (tracked(there, here) or ())[::-1]):
             if found:

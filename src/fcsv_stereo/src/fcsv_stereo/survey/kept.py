@@ -46,7 +46,7 @@ class ViewFile:
     corners: np.ndarray
 
     def sent(self) -> "ViewFile":
-        """A copy for a task, which reads pixels itself: thousands of pairs wait to be sent."""
+        """A copy for a task, without what tells overlaps: thousands of pairs wait to be sent."""
         return replace(self, sampled=self.sampled[:0])
 
     def load(self) -> View:
@@ -90,9 +90,9 @@ def kept_edge(a: ViewFile, b: ViewFile, out: Path) -> Optional[Edge]:
         return None
 
 
-def make_edge(a: ViewFile, b: ViewFile, out: Path) -> None:
-    """A task: finds the edge of two views and keeps it."""
-    edge = find_edge(a, b, _features(a), _features(b))
+def make_edge(a: ViewFile, b: ViewFile, out: Path, alike: bool) -> None:
+    """A task: finds the edge of two views, as they are sent, and keeps it."""
+    edge = find_edge(a, b, _features(a), _features(b), alike)
     document = {"key": edge_key(a, b), "edge": _document(edge)}
     write_whole(edge_path(a, b, out), json.dumps(document))
 

@@ -8,11 +8,13 @@ from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 import zarr
+from numcodecs import Zstd
 
 from fcsv_geometry.programs.writing import whole_file
 from fcsv_stereo.model import Cloud
 
 _CHUNK = 1 << 16  # points, or all rows of a tile
+_PACKED = Zstd(1)  # zarr's own packs by threads, whose blocks are in any order
 _EMPTY = (((0, 3), np.float32), ((0, 3), np.uint8), (0, np.float32), (0, np.uint8))
 
 
@@ -63,7 +65,7 @@ def write_arrays(arrays: Dict[str, np.ndarray], attributes: Dict[str, Any], path
         group = zarr.group(store)
         for name, values in arrays.items():
             rows = min(_CHUNK, max(len(values), 1))  # zarr fills a chunk up
-            group.array(name, values, chunks=(rows, *values.shape[1:]))
+            group.array(name, values, chunks=(rows, *values.shape[1:]), compressor=_PACKED)
         group.attrs.put(attributes)
 
 

@@ -46,6 +46,7 @@ from fcsv_stereo.survey.rasters import RASTERS, write_rasters
 from fcsv_stereo.survey.station import flown_prior, prior_of
 from fcsv_stereo.survey.tiles import TILES, SiteTiles, make_tiles
 from fcsv_stereo.survey.views import View, read_view
+from fcsv_stereo.survey.warping import look_alike
 from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions, completed
 
 FILES = (*CLOUDS, *RASTERS, *EXTRAS.values(), "site.html", "adjustment.json", "site.json")
@@ -180,10 +181,10 @@ def edges_between(
     """An edge, or why there is none, for all pairs that may overlap: kept ones, and those that the
     crew finds; and pairs that could not be compared."""
     pairs = [(a, b) for a, b in itertools.combinations(views, 2) if may_overlap(a, b)]
-    tasks = [
-        SurveyTask(f"{a.name} with {b.name}", make_edge, (a.sent(), b.sent(), out.absolute()))
-        for a, b in pairs
-    ]
+    tasks = []
+    for a, b in pairs:
+        given = a.sent(), b.sent(), out.absolute(), look_alike(a, b)
+        tasks.append(SurveyTask(f"{a.name} with {b.name}", make_edge, given))
     progress = part(begin, _MAPPED, _COMPARED)
     found, errors = completed(
         crew, tasks, lambda i: kept_edge(*pairs[i], out), progress, "comparing views"

@@ -14,14 +14,21 @@ from fcsv_stereo.survey.features import Features, of_pixels, on_surfaces
 from fcsv_stereo.survey.matching import inside, predicted
 from fcsv_stereo.survey.views import View
 
-_WINDOW_PX, _LEVELS = 21, 3  # of the tracker
+_WINDOW_PX, _LEVELS = 15, 2  # of the tracker
+#: Side of what must be known about a corner: what is not known is filled with the other picture,
+#: which says that corners are where the priors say.
+_KNOWN_PX = 21
 _CORNERS, _QUALITY, _APART_PX, _BLOCK_PX = 2000, 0.003, 4, 5
 _OUTSIDE_PX = -1e4
 
 
 def look_alike(a: View, b: View) -> bool:
-    """Whether, by the priors, b sees enough of what a has depths of from a direction and a distance
-    not too different."""
+    """Whether, by the priors, one of the two sees enough of what the other has depths of from a
+    direction and a distance not too different."""
+    return _is_seen_alike(a, b) or _is_seen_alike(b, a)
+
+
+def _is_seen_alike(a: View, b: View) -> bool:
     if not (a.prior.placed and b.prior.placed and len(a.sampled)):
         return False
     seen = inside(*predicted(a.sampled.astype(float), a.prior, b.prior, b), b)
@@ -42,7 +49,7 @@ def tracked(a: View, b: View) -> Optional[Tuple[Features, Features]]:
     known = ((uv_a >= 0) & (uv_a <= [a.camera.width - 1, a.camera.height - 1])).all(axis=-1)
     warped = cv2.remap(grey_a, uv_a, None, cv2.INTER_LINEAR)
     warped = np.where(known, _as_exposed(warped, grey_b, known), grey_b)
-    whole = cv2.erode(known.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    whole = cv2.erode(known.astype(np.uint8), np.ones((_KNOWN_PX, _KNOWN_PX), np.uint8)) > 0
     where = (whole & on_surfaces(b)).astype(np.uint8)
     corners = cv2.goodFeaturesToTrack(
         grey_b, _CORNERS, _QUALITY, _APART_PX, mask=where, blockSize=_BLOCK_PX

@@ -227,6 +227,8 @@ class Crew:
             from distributed import TimeoutError as NoAnswer
 
             dask.config.set({"distributed.scheduler.allowed-failures": _FAILURES})
+            # a scheduler that goes is said in one line, without Dask's own
+            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
             o = self._options
             try:
                 with _interrupted_later():

@@ -7,6 +7,7 @@ the distance, one of the heading (whose error displaces everything flown after i
 and a slow walk over time that also a hovering vehicle has.
 """
 
+import math
 from collections import deque
 from typing import Deque, List, Optional, Tuple
 
@@ -66,7 +67,7 @@ class Drift:
         self._widen(self._rates.walk_m_per_sqrt_s**2 * dt_s)
         self._stamp_s = stamp_s
         step = p - self._p_m
-        length_m = float(np.linalg.norm(step))
+        length_m = math.sqrt(step @ step)
         if length_m < _STEP_M:
             return
         F = np.eye(5)

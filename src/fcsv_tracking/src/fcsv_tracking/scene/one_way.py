@@ -8,22 +8,17 @@ points best is taken back first. What is left then of a tracker that tells the t
 of following points, which are as large across any way as along it.
 """
 
-import math
-
 import numpy as np
-from scipy.linalg.lapack import dposv
 
-from fcsv_tracking.scene.epipolar import Lines
+from fcsv_tracking.scene.epipolar import without_turn
 
 # of a followed point, half a pixel of 320 in either picture; in an axis
 _NOISE_RAD, _NOISE_PER_TURN = 0.0024, 0.025
 _MOST_RAD = 0.008  # what is further off counts as if it were so far: people, leaves
 _TURN_RAD, _TURN_PER_TURN = 0.004, 0.05  # of a whole picture, standard deviation
-_MOST_TURN = 3.0  # of these: a way over level ground looks like a larger one
 _HORIZON = 0.02  # sine of the elevation up to which points count
 _LEAST_POINTS = 10
 _LITTLE = 2.0  # variances in all: then no way has more, and none is looked for
-_ROUNDS, _SHARP_RAD, _PRIOR_WEIGHT = 5, 0.001, 0.05
 
 
 def _ways() -> np.ndarray:
@@ -58,12 +53,12 @@ def one_way_ratio(
     below = rays < _HORIZON * np.hypot(1.0, np.hypot(xy_now[:, 0], xy_now[:, 1]))
     if int(np.count_nonzero(below)) < _LEAST_POINTS:
         return 0.0
-    then, now = (np.ascontiguousarray(xy[below].T) for xy in (xy_then, xy_now))
-    off = _without_turn(Lines(then, T_now_then), now, _TURN_RAD + _TURN_PER_TURN * turn_rad)
+    now, sigma_rad = xy_now[below], _TURN_RAD + _TURN_PER_TURN * turn_rad
+    off = without_turn(xy_then[below], now, T_now_then, sigma_rad)
     off *= np.minimum(1.0, _MOST_RAD / np.maximum(np.hypot(*off), 1e-6))
     noise2 = (_NOISE_RAD + _NOISE_PER_TURN * turn_rad) ** 2
     in_all = float(np.vdot(off, off)) / off.shape[1] / noise2
-    return in_all if in_all < _LITTLE else _most_along(now, off, R_odom_now, noise2)
+    return in_all if in_all < _LITTLE else _most_along(now.T, off, R_odom_now, noise2)
 
 
 def _most_along(xy: np.ndarray, off: np.ndarray, R_odom_now: np.ndarray, noise2: float) -> float:
@@ -75,26 +70,3 @@ def _most_along(xy: np.ndarray, off: np.ndarray, R_odom_now: np.ndarray, noise2:
     length = np.maximum(np.hypot(x, y), 1e-6)
     along, across = (x * off[0] + y * off[1]) / length, (x * off[1] - y * off[0]) / length
     return float(((along**2).mean(axis=1) / np.maximum((across**2).mean(axis=1), noise2)).max())
-
-
-def _turns(xy: np.ndarray) -> np.ndarray:
-    """(3, 2, N) how points (2, N) move in the picture with a small turn (rad) of all about the
-    camera's axes."""
-    x, y = xy
-    return np.array([[x * y, 1.0 + y * y], [-(1.0 + x * x), -x * y], [y, -x]])
-
-
-def _without_turn(lines: Lines, xy_now: np.ndarray, sigma_rad: float) -> np.ndarray:
-    """(2, N) what points (2, N) are off their lines once the small turn is taken back that leaves
-    the least sum of distances (reweighted squares), where large ones are unlikely."""
-    A, turn, off = _turns(xy_now), np.zeros(3), lines.off(xy_now)
-    flat = A.reshape(3, -1)
-    prior = _PRIOR_WEIGHT * xy_now.shape[1] * _SHARP_RAD / sigma_rad**2
-    priors = prior * np.eye(3)
-    for _ in range(_ROUNDS):
-        weighted = (A / np.maximum(np.hypot(*off), _SHARP_RAD)).reshape(3, -1)
-        normal = weighted @ flat.T + priors
-        turn = turn + dposv(normal, weighted @ off.ravel() - prior * turn)[1]
-        turn *= min(1.0, _MOST_TURN * sigma_rad / max(math.sqrt(turn @ turn), 1e-12))
-        off = lines.off(xy_now - (turn @ flat).reshape(2, -1))
-    return off

@@ -18,7 +18,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.vehicles.telemetry import SceneLook
 from fcsv_tracking.errors import TrackingError
-from fcsv_tracking.scene.epipolar import Lines
+from fcsv_tracking.scene.epipolar import off_lines
 from fcsv_tracking.scene.one_way import one_way_ratio
 
 SHARE_THAT_MAY_MOVE = 0.7  # of the points by themselves: people, leaves, another vehicle
@@ -28,19 +28,6 @@ _MOST_POINTS, _LEAST_POINTS = 60, 15
 _MOST_TURN_RAD, _MOST_WAY_M, _LONGEST_S = np.radians(10.0), 1.5, 3.0
 _KEPT = 0.5  # share of the points; with fewer, others are taken
 _THERE_AND_BACK_PX = 0.5
-
-
-def off_lines(xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray) -> np.ndarray:
-    """(N,) how far points are from the lines along which a motion moves them; about rad near the
-    middle.
-
-    Points (N, 2) are x/z, y/z in the optical frame of the camera then and now.
-
-    >>> T = transforms.transform(np.eye(3), [0.5, 0.0, 0.0])
-    >>> off_lines(np.zeros((2, 2)), np.array([[0.1, 0.0], [0.1, 0.03]]), T).round(9).tolist()
-    [0.0, 0.03]
-    """
-    return np.hypot(*Lines(xy_then.T, T_now_then).off(xy_now.T))
 
 
 def look(
@@ -76,6 +63,8 @@ class SceneWatch:
     (OpenCV)."""
 
     def __init__(self) -> None:
+        # compiled now, not at the first picture
+        look(0.0, *np.zeros((2, _LEAST_POINTS, 2)), np.eye(4), -np.eye(3))
         self.begin_again()
 
     def begin_again(self) -> None:

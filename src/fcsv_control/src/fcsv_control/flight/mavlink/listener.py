@@ -194,7 +194,7 @@ class Listener:
 
     def _on_local_position_ned(self, _now_s: float, m) -> None:
         numbers = (m.x, m.y, m.z, m.vx, m.vy, m.vz, *(self._rpy_ned or ()))
-        if self._rpy_ned is not None and all(map(math.isfinite, numbers)):
+        if self._rpy_ned is not None and math.isfinite(sum(numbers)):
             T_odom_body = conversion.pose_from_ned((m.x, m.y, m.z), self._rpy_ned)
             self._events.append(PoseReceived(T_odom_body, (m.vy, m.vx, -m.vz)))
 

@@ -286,9 +286,9 @@ class PoseCheck:
             return ""
         angle_rad = math.radians(r.frozen_deg)
         for _, pose in self._samples:  # the oldest first: mostly it has moved already
-            if max(abs(a - b) for a, b in zip(pose[:3], newest)) >= r.frozen_m:
+            if any(abs(a - b) >= r.frozen_m for a, b in zip(pose[:3], newest)):
                 return ""
-            if max(abs(a - b) for a, b in zip(pose[3:], newest[3:])) >= angle_rad:
+            if any(abs(a - b) >= angle_rad for a, b in zip(pose[3:], newest[3:])):
                 return ""
         return f"the tracker has not moved at all for {r.frozen_s:g} s: frozen"
 

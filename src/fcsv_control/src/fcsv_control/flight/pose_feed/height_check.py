@@ -8,6 +8,7 @@ ground, wind and weather move it. So it is compared with what it was some second
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Deque, Optional, Tuple
 
 from fcsv_geometry.config import require_positive
@@ -79,8 +80,8 @@ class HeightCheck:
             apart.popleft()
         if now_s - apart[0][0] < r.apart_s + 0.5 * r.before_s:
             return 0.0
-        before = [d for at_s, d in apart if at_s <= now_s - r.apart_s]
-        lately = [d for at_s, d in apart if at_s > now_s - r.mean_s]
+        before = [d for _, d in takewhile(lambda a: a[0] <= now_s - r.apart_s, apart)]
+        lately = [d for _, d in takewhile(lambda a: a[0] > now_s - r.mean_s, reversed(apart))]
         return sum(lately) / len(lately) - sum(before) / len(before)
 
     def doubt(self, off_m: float) -> str:

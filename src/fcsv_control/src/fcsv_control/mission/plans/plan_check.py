@@ -105,7 +105,13 @@ def check_plan(
     where all are to be flown).
     """
     flight = fly_on_paper(mission, situation, radius_m, indices)
-    as_many = indices is None if as_many is None else as_many
+    return wrong_with(mission, situation, flight, indices is None if as_many is None else as_many)
+
+
+def wrong_with(
+    mission: Mission, situation: Situation, flight: PaperFlight, as_many: bool = True
+) -> List[str]:
+    """Why a list that was flown on paper cannot be flown with a situation's batteries."""
     some = as_many and mission.stations and reached(mission, situation, flight)
     batteries = [] if some else _batteries(mission, situation, flight)
     return flight.wrong + list(batteries)
@@ -281,11 +287,14 @@ class _Column:
 
 def require_flyable(
     mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]] = None
-) -> None:
-    """Raises PlanRefused naming every leg that cannot be flown, and why."""
-    found = check_plan(mission, on_the_ground(mission, vehicles, {}), radius_m)
+) -> PaperFlight:
+    """The whole list on paper. Raises PlanRefused naming every leg that cannot be flown, and why."""
+    situation = on_the_ground(mission, vehicles, {})
+    flight = fly_on_paper(mission, situation, radius_m)
+    found = wrong_with(mission, situation, flight)
     if found:
         raise PlanRefused(f"mission '{mission.name}' cannot be flown: {'; '.join(found)}")
+    return flight
 
 
 def _too_little_room(

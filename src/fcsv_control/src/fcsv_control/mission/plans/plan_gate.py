@@ -16,17 +16,13 @@ class PlanGate:
     def __init__(
         self, mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]]
     ):
-        plan_check.require_flyable(mission, vehicles, radius_m)
+        self._from_ground = plan_check.require_flyable(mission, vehicles, radius_m)
         self._mission, self._vehicles, self._radius_m = mission, list(vehicles), radius_m
-        self._checked: Optional[Tuple[Dict[str, float], List[str]]] = None  # with these batteries
 
     def before_take_off(self, snapshot: Snapshot) -> List[str]:
         """Why nobody may take off."""
-        shares = _shares(snapshot)
-        if self._checked is None or self._checked[0] != shares:
-            situation = plan_check.on_the_ground(self._mission, self._vehicles, shares)
-            self._checked = shares, plan_check.check_plan(self._mission, situation, self._radius_m)
-        return self._checked[1]
+        situation = plan_check.on_the_ground(self._mission, self._vehicles, _shares(snapshot))
+        return plan_check.wrong_with(self._mission, situation, self._from_ground)
 
     def from_here(self, snapshot: Snapshot, indices: Optional[Sequence[int]], as_many: bool) -> str:
         """Why the list cannot be flown from where the vehicles hang now, "" where it can or places

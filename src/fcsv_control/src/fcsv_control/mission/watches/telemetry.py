@@ -132,14 +132,14 @@ class VehicleTelemetry:
         )
         return "it is silent" if silent else self._guarded
 
-    def _astray_m(self, now_s: float) -> float:
+    def _astray_m(self, now_s: float, pose_age_s: float) -> float:
         """How far from where it was last known it may be: of one that is lost, which in silence
         flies on, and of one that is silent, whom its guardian moves aside of others; 0 of all
         others."""
         if self._lost:
             silent_s = now_s - self._since_s(GUARDIAN, self._guarded_s) if self._armed else 0.0
             return separation.lost_reach_m(self._lost_s + silent_s)
-        silent = self._armed and self.pose_age_s(now_s) > at.POSE_AGE_S.mission.red
+        silent = self._armed and pose_age_s > at.POSE_AGE_S.mission.red
         return separation.SILENT_REACH_M if silent else 0.0
 
     def pose_age_s(self, now_s: float) -> float:
@@ -157,15 +157,13 @@ class VehicleTelemetry:
         tagged = known and self._T_body_tag is not None and not self._lost
         p_tag = (T_home_odom @ self._T_odom_body @ self._T_body_tag)[:3, 3] if tagged else None
         p_front = self._p_odom_front_tag if known and now_s - self._tag_s < _SIGHT_OLD_S else None
-        state_s, battery_s = (
-            self._since_s(STATE, self._state_s),
-            self._since_s(BATTERY, self._battery_s),
-        )
+        pose_age_s, state_s = self.pose_age_s(now_s), self._since_s(STATE, self._state_s)
+        battery_s = self._since_s(BATTERY, self._battery_s)
         return VehicleView(
-            pose_age_s=self.pose_age_s(now_s),
+            pose_age_s=pose_age_s,
             speed_mps=math.inf
             if self._v_odom_mps is None
-            else float(np.linalg.norm(self._v_odom_mps)),
+            else math.sqrt(self._v_odom_mps @ self._v_odom_mps),
             v_home_mps=T_home_odom[:3, :3] @ self._v_odom_mps
             if known and not self._lost
             else np.zeros(3),
@@ -189,7 +187,7 @@ class VehicleTelemetry:
             guarded=self._guardian_words(now_s),
             frame_problem=self.epochs.problem,
             lost=self._lost,
-            astray_m=self._astray_m(now_s),
+            astray_m=self._astray_m(now_s, pose_age_s),
             p_home_tag=p_tag,
             p_home_front_tag=None
             if p_front is None or self._lost
