@@ -14,7 +14,7 @@ def after(*views):
     watch = BesideWatch()
     for away_m in views:
         things = np.empty((0, 2)) if away_m is None else np.array([[10.0 + away_m, 5.0]])
-        watch.see(things, np.array([10.0, 5.0]), HIDDEN_M)
+        watch.observe(things, np.array([10.0, 5.0]), HIDDEN_M)
     return watch
 
 
@@ -38,5 +38,5 @@ def test_he_may_stand_beside_it_once_he_came_up_and_until_he_is_seen(views, may_
 def test_who_looked_ends_it():
     watch = after(5.0, 3.6, 2.2, None)
     watch.forget()
-    watch.see(np.empty((0, 2)), np.array([10.0, 5.0]), HIDDEN_M)
+    watch.observe(np.empty((0, 2)), np.array([10.0, 5.0]), HIDDEN_M)
     assert not watch.may_stand

@@ -77,6 +77,7 @@ def test_the_command_writes_a_mission_that_the_operator_can_fly(
     mission = tmp_path / "look.yaml"
     assert main([*words, "-o", str(tmp_path / "b"), "--look-from", str(mission)]) == 1
     said = capsys.readouterr().out
+    assert "cameras like the map's read the tags of rescue to 15 m" in said
     assert "look from (" in said and f"rosrun fcsv_control check {mission}" in said
     flown = load_mission(mission)
     assert flown.home_height_m >= 8.0 and len(flown.configurations) >= 2

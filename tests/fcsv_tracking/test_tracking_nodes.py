@@ -4,6 +4,7 @@ say."""
 
 import itertools
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from support.waiting import within
 
 from fcsv_geometry import transforms
 from fcsv_sim.trials.formation import Formation, FormationParameters
+
+ROBOT = Path(__file__).parents[2] / "config/robots/rescue.yaml"
 
 until = within(10.0)
 
@@ -505,6 +508,7 @@ class TestTags:
             "vehicles_dir": folder,
             "rate_hz": 30.0,
             "search_rate_hz": 30.0,
+            "robot": str(ROBOT),
         }
         start_node("fcsv_tracking", "tags", ns="uav2", params=params)
         connected(*out)
@@ -547,6 +551,9 @@ class TestTags:
         tag = render(pose(3.0))
         self.show(out, tag)
         assert found.wait(lambda m: len(m.detections) == 1) is not None
+        self.show(out, render(pose(9.0), size_m=0.45, tag_id=40))  # the robot's
+        seen = found.wait(lambda m: [d.id for d in m.detections] == [40])
+        assert seen.detections[0].size_m == 0.45
         blocks = np.random.default_rng(1).integers(0, 256, (24, 32), np.uint8)
         self.show(out, np.kron(blocks, np.ones((20, 20), np.uint8)), times=10)
         assert motion.wait(lambda m: m.points >= 15 and m.span_s > 0.3) is not None

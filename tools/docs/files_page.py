@@ -38,7 +38,7 @@ _FOLLOWED = {
 _EXAMPLES: Dict[str, Sequence[Any]] = {
     "mission": ("missions/short", "missions/sweep", "missions/near", _ON_EARTH, _FOLLOWED),
     "vehicle": ("vehicles/uav1",),
-    "robot": ("robots/small",),
+    "robot": ("robots/small", "robots/rescue"),
     "gimbals": ("gimbal/ground_robot",),
     "tilting rig": ("tilting/rig",),
     "points of interest": (_POI,),
@@ -179,7 +179,7 @@ def _inner(kind: Any) -> Tuple[Optional[type], bool]:
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Union:
         return _inner(args[0])
-    if origin is list and dataclasses.is_dataclass(args[0]):
+    if origin in (list, tuple) and dataclasses.is_dataclass(args[0]):
         return args[0], True
     return (kind, False) if dataclasses.is_dataclass(kind) else (None, False)
 

@@ -21,7 +21,7 @@ class BesideWatch:
         #: until he is seen again
         self.may_stand = False
 
-    def see(self, things_m: np.ndarray, robot_m, hidden_m: float) -> None:
+    def observe(self, things_m: np.ndarray, robot_m, hidden_m: float) -> None:
         """A view shows things at ``things_m`` (N,2) and nothing nearer than ``hidden_m`` to the
         robot at ``robot_m`` (2,)."""
         off_m = np.hypot(*(things_m - robot_m).T) if len(things_m) else np.array([np.inf])

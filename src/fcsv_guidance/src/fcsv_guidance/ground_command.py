@@ -17,6 +17,7 @@ from fcsv_guidance.route import NoRoute
 from fcsv_guidance.site_views import read_site_views
 from fcsv_guidance.views import DepthView, read_map, require_different
 from fcsv_stereo.survey.reading import is_site
+from fcsv_tracking.robot_tags import readable_m
 
 _EXAMPLES = """examples:
   ground out/map --robot config/robots/rescue.yaml -o out/ground
@@ -45,6 +46,9 @@ def _ground(args: argparse.Namespace) -> int:
         written = write_ground(views, robot, out, options, asked, steps.begin, place)
     found = written.found
     print(written.summary)
+    if robot.tags:
+        far_m = readable_m(robot.tags, views[0].K[0, 0])
+        print(f"cameras like the map's read the tags of {robot.name} to {far_m:.0f} m")
     if isinstance(found, NoRoute):
         print(f"{found.reason}; ground.json lists them")
         if args.look_from:

@@ -281,7 +281,7 @@ class KnownGround:
         came = np.where(own, 0.0, shows.came)
         if place is not None:
             things_m = self.grid.middle_of(*np.nonzero(came >= _HOLDS))
-            self.beside.see(things_m, [place.x_m, place.y_m], self._own_m(seen, place))
+            self.beside.observe(things_m, [place.x_m, place.y_m], self._own_m(seen, place))
         stirs = standing.disk(_STIRS_M, self.grid.cell_m)
         new = (came >= _HOLDS) & ~(standing.most(self._things > 0, stirs) > 0)
         hidden = self._hidden(seen, came)

@@ -2,10 +2,13 @@
 """A robot on the ground as the planner sees it: size, what it can climb, how it drives."""
 
 from dataclasses import dataclass, replace
+from typing import Tuple
 
 import numpy as np
 
 from fcsv_geometry.config import load, require_positive
+from fcsv_tracking.gimbal.config import BodyTag
+from fcsv_tracking.robot_tags import require_ids_once
 
 _STEEPEST_DEG = 60.0  # no wheeled robot holds a steeper slope
 _FLATTEST_DEG = 1.05  # 60 degrees in radians
@@ -31,6 +34,7 @@ class Robot:
     acceleration_mps2: float  # at most
     turning_rate_radps: float  # at most
     turning_radius_m: float = 0.0  # 0: it turns on the spot
+    tags: Tuple[BodyTag, ...] = ()  # on its sides; z from the ground it stands on
 
     def __post_init__(self):
         if not self.name:
@@ -38,6 +42,7 @@ class Robot:
         if not 0 <= self.turning_radius_m < np.inf:
             raise ValueError(f"turning_radius_m: must not be negative, got {self.turning_radius_m}")
         require_positive(self, but=("turning_radius_m",))
+        require_ids_once(self.tags)
         if self.largest_slope_deg > _STEEPEST_DEG:
             raise ValueError(
                 f"largest_slope_deg: at most {_STEEPEST_DEG:.0f}, got {self.largest_slope_deg}"

@@ -4,7 +4,7 @@ boxes that move; with occlusion both ways."""
 
 import math
 from dataclasses import dataclass
-from typing import Sequence, Union
+from typing import Sequence, Tuple, Union
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.render import compiled
 from fcsv_sim.render.light import SUN, haze, respond
 from fcsv_sim.render.tag import tag_bitmap
+from fcsv_tracking.gimbal.config import BodyTag
 
 compiled.drop_stale(__file__, "light")
 
@@ -35,11 +36,12 @@ class RenderedBody:
 @dataclass(frozen=True)
 class BoxedThing:
     """Boxes (K, 11) of any thing at a place: T_world_body; all of it within ``radius_m`` of its
-    origin."""
+    origin. ``tags`` sit on it."""
 
     boxes: np.ndarray
     T_world_body: np.ndarray
     radius_m: float
+    tags: Tuple[BodyTag, ...] = ()
 
 
 Drawn = Union[RenderedBody, BoxedThing]
@@ -115,6 +117,8 @@ def draw_bodies(
             continue  # behind the camera, or in it
         if thing:
             _draw_thing(body, T_cam_body, camera, directions, exposure, values, depth)
+            for tag in body.tags:
+                _draw_tag(tag, body, T_cam_body, camera, directions, exposure, values, depth)
             continue
         T_body_tag, size_m = body.geometry.T_body_tag, body.geometry.tag_size_m
         plate = transforms.apply(T_body_tag, _SQUARE * size_m * 0.625)
@@ -157,6 +161,30 @@ def _draw_thing(thing: BoxedThing, T_cam_body, camera, directions, exposure, val
         thing.boxes,
         blank,
         1.0,
+        exposure,
+    )
+
+
+def _draw_tag(
+    tag: BodyTag, thing: BoxedThing, T_cam_body, camera, directions, exposure, values, depth
+) -> None:
+    """Draws a board before the thing, as a body without boxes and rotors."""
+    plate = transforms.apply(tag.T_body_tag, _SQUARE * tag.size_m * 0.625)
+    windows = _windows(T_cam_body, np.tile(plate, (1, 2, 1)), camera)
+    if windows is None:
+        return
+    _draw(
+        values,
+        depth,
+        directions,
+        np.stack([windows[0], np.zeros(4, np.int64), windows[1]]),
+        _OFFSETS,
+        transforms.invert(T_cam_body),
+        thing.T_world_body[:3, :3].copy(),
+        transforms.invert(tag.T_body_tag),
+        thing.boxes[:0],
+        tag_bitmap(tag.id),
+        tag.size_m,
         exposure,
     )
 

@@ -57,6 +57,7 @@ class CameraNodeParameters:
     near_rate_hz: float = 2.0  # of depth, at most that of the pictures
     # file of the camera that is simulated (calibrate_camera); empty: as ``camera`` says
     calibration: str = ""
+    robot: str = ""  # file of the robot that is in the place: it wears the tags named there
     camera: CameraParameters = field(default_factory=CameraParameters)
 
     def __post_init__(self):
@@ -80,7 +81,7 @@ class CameraNode:
         town = Town.generate(p.seed, p.world)
         shape = replace(p.camera, lens=read_camera(p.calibration)[1]) if p.calibration else p.camera
         self._camera = Photographer(
-            name, p.vehicles, p.vehicles_dir, p.sim_dir, town, p.seed, shape, p.movers
+            name, p.vehicles, p.vehicles_dir, p.sim_dir, town, p.seed, shape, p.movers, p.robot
         )
         self._frame = f"{name}/camera_color_optical_frame"
         self._health = Health(name, {"pictures": 0.5 * parameters.rate_hz})

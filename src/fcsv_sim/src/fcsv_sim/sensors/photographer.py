@@ -14,16 +14,18 @@ from fcsv_sim.render.bodies import BoxedThing, RenderedBody
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, Shot, SimulatedCamera
 from fcsv_sim.truth import TruthReader
-from fcsv_sim.world.movers import ball_radius_m, movers, placed_boxes, things
+from fcsv_sim.world.movers import ROBOT, ball_radius_m, movers, placed_boxes, things
 from fcsv_sim.world.place import PlacePlan
 from fcsv_sim.world.town import Town
+from fcsv_tracking.robot_tags import load_robot_tags
 
 _HEADER = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
 
 
 class Photographer:
     """The camera of ``vehicle``; ``vehicles`` are seen where they are, and, where ``moving``, a car
-    and a walker, in a place that a robot drives through the robot and what comes into its way.
+    and a walker, in a place that a robot drives through the robot, with the tags that ``robot_file`` names, and what
+    comes into its way.
 
     Raises ConfigError where a file is wrong, SimulationError where nothing can move in this town.
     """
@@ -38,6 +40,7 @@ class Photographer:
         seed: int,
         camera: CameraParameters,
         moving: bool = False,
+        robot_file: str = "",
     ):
         self._vehicle = vehicle
         geometries = load_vehicles(vehicles_dir, list(dict.fromkeys([*vehicles, vehicle])))
@@ -46,11 +49,12 @@ class Photographer:
         ]
         is_place = isinstance(town.plan, PlacePlan)
         self._movers = movers(town.plan) if moving and not is_place else []
+        tags = tuple(load_robot_tags(robot_file, geometries).values()) if robot_file else ()
         self._placed = [
-            (boxes, ball_radius_m(boxes), TruthReader(sim_dir, name))
+            (boxes, ball_radius_m(boxes), tags if name == ROBOT else (), TruthReader(sim_dir, name))
             for name, boxes in placed_boxes().items()
         ]
-        self._placed = self._placed if moving and is_place else []
+        self._placed = self._placed if is_place and (moving or robot_file) else []
         self._truth = TruthReader(sim_dir, vehicle)
         cv2.setNumThreads(1)  # the machine is shared with everything that flies
         own = geometries[vehicle]
@@ -87,12 +91,12 @@ class Photographer:
     def _placed_at(self, stamp_s: float) -> List[BoxedThing]:
         """The robot and the crate, once they are there."""
         bodies = []
-        for boxes, radius_m, truth in self._placed:
+        for boxes, radius_m, tags, truth in self._placed:
             try:
                 T_world_thing = truth.wait_for(stamp_s)
             except PoseUnavailable:
                 continue
-            bodies.append(BoxedThing(boxes, T_world_thing, radius_m))
+            bodies.append(BoxedThing(boxes, T_world_thing, radius_m, tags))
         return bodies
 
     def _note(self, shot: Shot) -> None:

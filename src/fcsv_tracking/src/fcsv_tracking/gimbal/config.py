@@ -86,9 +86,9 @@ class GroundRobot:
     def __post_init__(self):
         if not self.gimbals:
             raise ValueError("gimbals: is empty; name at least one")
-        _require_different("gimbals", "vehicle", [g.vehicle for g in self.gimbals])
-        _require_different("gimbals", "tag id", [t.id for g in self.gimbals for t in g.tags])
-        _require_different(
+        require_different("gimbals", "vehicle", [g.vehicle for g in self.gimbals])
+        require_different("gimbals", "tag id", [t.id for g in self.gimbals for t in g.tags])
+        require_different(
             "gimbals",
             "servo id",
             [i for g in self.gimbals for i in (g.servo.pan_id, g.servo.tilt_id)],
@@ -114,7 +114,9 @@ def load_gimbals(path, vehicles: Sequence[str]) -> Dict[str, Gimbal]:
     return {name: found[name] for name in vehicles}
 
 
-def _require_different(where: str, what: str, values: List) -> None:
+def require_different(where: str, what: str, values: List) -> None:
+    """Checks, for a dataclass's ``__post_init__``: ValueError where a value of ``where`` is there
+    twice."""
     twice = [v for v in values if values.count(v) > 1]
     if twice:
         raise ValueError(f"{where}: {what} {twice[0]} is there twice; each must be different")

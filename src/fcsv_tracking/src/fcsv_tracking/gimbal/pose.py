@@ -54,6 +54,15 @@ class PoseRules:
 
 
 @dataclass(frozen=True)
+class Upright:
+    """A body that stands: its z points up but for ``sigma_rad`` about each horizontal axis;
+    R_level_cam (3,3) turns the camera's axes into level ones."""
+
+    R_level_cam: np.ndarray
+    sigma_rad: float
+
+
+@dataclass(frozen=True)
 class BodySight:
     """T_cam_body; covariance (6,6) of position (m) and small rotation (rad) about the camera's
     axes."""
@@ -65,11 +74,14 @@ class BodySight:
 
 
 @dataclass(frozen=True)
-class _PoseFit:
+class PoseFit:
+    """T_cam_body that fits the corners, ``cost``: squared residuals in standard deviations, ``rms``:
+    normalised; covariance as BodySight has it."""
+
     T: np.ndarray
-    cost: float  # squared residuals in standard deviations
+    cost: float
     covariance: np.ndarray
-    rms: float  # normalised
+    rms: float
 
 
 class _TagModel:
@@ -77,7 +89,12 @@ class _TagModel:
     picture."""
 
     def __init__(
-        self, own: Sequence[TagObservation], tags: Mapping[int, BodyTag], sigmas, rules: PoseRules
+        self,
+        own: Sequence[TagObservation],
+        tags: Mapping[int, BodyTag],
+        sigmas,
+        rules: PoseRules,
+        upright: Optional[Upright] = None,
     ):
         self.image = np.stack([o.corners_normalized for o in own])  # (K, 4, 2)
         T_body_tag = np.stack([tags[o.id].T_body_tag for o in own])
@@ -87,8 +104,9 @@ class _TagModel:
         self.points = self.arms + T_body_tag[:, None, :3, 3]
         self._variances = np.square(sigmas)  # (K,)
         self._place = np.array([rules.tag_m**2] * 3 + [np.radians(rules.tag_deg) ** 2] * 3)
+        self._upright = upright
 
-    def fit(self, T: np.ndarray) -> Optional[_PoseFit]:
+    def fit(self, T: np.ndarray) -> Optional[PoseFit]:
         """Fits a pose from a start, in rounds as the weights depend on the pose.
 
         None where that runs away, as from a mirrored pose of a distant tag it may.
@@ -99,9 +117,9 @@ class _TagModel:
                 if np.abs(T - T_before).max() < _DONE:
                     break
             W, r = self._whitening(T), self._residuals(T)
-            J, cost = (W @ self._jacobian(T)).reshape(-1, 6), float(((W @ r[..., None]) ** 2).sum())
+            J, cost = self._white_jacobian(W, T), float((self._white_residuals(W, T) ** 2).sum())
             rms = float(np.sqrt((r**2).sum() / (4 * len(r))))
-            return _PoseFit(T, cost, np.linalg.inv(J.T @ J), rms) if np.isfinite(cost) else None
+            return PoseFit(T, cost, np.linalg.inv(J.T @ J), rms) if np.isfinite(cost) else None
         # the latter is scipy's for residuals that are not finite
         except (np.linalg.LinAlgError, ValueError):
             return None
@@ -110,13 +128,28 @@ class _TagModel:
         """The best pose with the weights of T."""
         W = self._whitening(T)
         found = least_squares(
-            lambda d: (W @ self._residuals(_moved(T, d))[..., None]).ravel(),
+            lambda d: self._white_residuals(W, _moved(T, d)),
             np.zeros(6),
-            jac=lambda d: (W @ self._jacobian(_moved(T, d))).reshape(-1, 6),
+            jac=lambda d: self._white_jacobian(W, _moved(T, d)),
             method="lm",
             max_nfev=20,
         )
         return _moved(T, found.x)
+
+    def _white_residuals(self, W: np.ndarray, T: np.ndarray) -> np.ndarray:
+        """(8 K,) in standard deviations, and two of how the body leans where it stands upright."""
+        corners, upright = (W @ self._residuals(T)[..., None]).ravel(), self._upright
+        if upright is None:
+            return corners
+        leans = (upright.R_level_cam @ T[:3, 2])[:2] / upright.sigma_rad
+        return np.concatenate([corners, leans])
+
+    def _white_jacobian(self, W: np.ndarray, T: np.ndarray) -> np.ndarray:
+        J, upright = (W @ self._jacobian(T)).reshape(-1, 6), self._upright
+        if upright is None:
+            return J
+        leans = -(upright.R_level_cam @ rotations.skew(T[:3, 2]))[:2] / upright.sigma_rad
+        return np.concatenate([J, np.hstack([np.zeros((2, 3)), leans])])
 
     def _residuals(self, T: np.ndarray) -> np.ndarray:
         """(K, 8) corners as predicted less as seen, in the normalised picture."""
@@ -152,6 +185,21 @@ def locate_body(
 ) -> BodySight:
     """The body's pose from its tags in one picture. Raises SampleRejected where there is none to be
     trusted."""
+    fits, own = body_poses(observations, tags, focal_px, rules, blur_px)
+    best = _chosen(fits, rules, R_cam_body_prior)
+    return BodySight(best.T, best.covariance, best.rms * focal_px, own)
+
+
+def body_poses(
+    observations: Sequence[TagObservation],
+    tags: Mapping[int, BodyTag],
+    focal_px: float,
+    rules: PoseRules,
+    blur_px: float = 0.0,
+    upright: Optional[Upright] = None,
+) -> Tuple[List[PoseFit], Tuple[int, ...]]:
+    """Distinct poses that the body's tags in one picture leave, best first, and the tags' ids. Raises
+    SampleRejected where there is none."""
     own = [o for o in observations if o.id in tags]
     if not own:
         raise SampleRejected("no tag", "no tag of the body in the picture")
@@ -160,7 +208,8 @@ def locate_body(
     if clear.any():
         own, facing = [o for o, is_clear in zip(own, clear) if is_clear], facing[clear]
     sharp_px = rules.corner_px / np.maximum(facing, rules.flattest)
-    model = _TagModel(own, tags, np.hypot(sharp_px, rules.blur_share * blur_px) / focal_px, rules)
+    sigmas = np.hypot(sharp_px, rules.blur_share * blur_px) / focal_px
+    model = _TagModel(own, tags, sigmas, rules, upright)
     fits = _fits(model, own, tags)
     free = 8 * len(own) - 6
     if fits[0].cost > free + rules.misfit * np.sqrt(2.0 * free):
@@ -169,8 +218,7 @@ def locate_body(
             f"tags {[o.id for o in own]} fit no pose: off by {fits[0].rms * focal_px:.1f} px; "
             "are they where the file says?",
         )
-    best = _chosen(fits, rules, R_cam_body_prior)
-    return BodySight(best.T, best.covariance, best.rms * focal_px, tuple(o.id for o in own))
+    return fits, tuple(o.id for o in own)
 
 
 def _facing(o: TagObservation) -> float:
@@ -186,15 +234,15 @@ def _facing(o: TagObservation) -> float:
 
 def _fits(
     model: _TagModel, own: Sequence[TagObservation], tags: Mapping[int, BodyTag]
-) -> List[_PoseFit]:
+) -> List[PoseFit]:
     """Distinct poses, best first."""
-    found: List[Optional[_PoseFit]] = []
+    found: List[Optional[PoseFit]] = []
     for o in own:
         T_tag_body = transforms.invert(tags[o.id].T_body_tag)
         found += [
             model.fit(T @ T_tag_body) for T in (o.T_cam_tag, o.T_cam_tag_other) if T is not None
         ]
-    distinct: List[_PoseFit] = []
+    distinct: List[PoseFit] = []
     for fit in sorted((f for f in found if f is not None), key=lambda f: f.cost):
         if fit.T[2, 3] > 0 and all(
             transforms.rotation_angle(fit.T, other.T) > _SAME_RAD for other in distinct
@@ -205,7 +253,7 @@ def _fits(
     return distinct
 
 
-def _chosen(fits: List[_PoseFit], rules: PoseRules, prior: Optional[np.ndarray]) -> _PoseFit:
+def _chosen(fits: List[PoseFit], rules: PoseRules, prior: Optional[np.ndarray]) -> PoseFit:
     """The best one; where another fits as well, the one near the last known attitude, or none."""
     alike = [f for f in fits if f.cost - fits[0].cost < rules.ambiguous]
     if len(alike) == 1:

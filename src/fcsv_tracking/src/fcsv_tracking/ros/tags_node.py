@@ -17,6 +17,7 @@ from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_msgs.msg import Epoch, SceneMotion, TagDetection, TagDetections
+from fcsv_tracking.robot_tags import load_robot_tags
 from fcsv_tracking.ros.body_odometry import BodyAtStamp
 from fcsv_tracking.ros.picture_sender import PictureSender, SendingParameters
 from fcsv_tracking.scene.scene_motion import SceneWatch
@@ -28,13 +29,15 @@ _FOLLOW_S = 2.0  # how long after a tag was seen every picture is looked at
 
 @dataclass(frozen=True)
 class TagsParameters:
-    """Parameters of the node. ``search_rate_hz`` counts while no picture shows a tag: looking at a
-    picture costs as much as all else on board together. ``decimate`` shrinks pictures before quads
-    are sought in them."""
+    """Parameters of the node. ``search_rate_hz`` counts while no picture shows a vehicle's tag:
+    looking at a picture costs as much as all else on board together. ``decimate`` shrinks pictures
+    before quads are sought in them. ``robot``: file of a robot on the ground whose tags are read,
+    too; empty: none."""
 
     vehicle: str
     vehicles: List[str]
     vehicles_dir: str
+    robot: str = ""
     rate_hz: float = 6.0
     search_rate_hz: float = 2.0
     scene_rate_hz: float = 3.0  # of the comparison of pictures with the tracker's motion
@@ -66,6 +69,10 @@ class TagsNode:
         self._sender = PictureSender(self._name, parameters.sending, self._health)
         self._others = [n for n in vehicles if n != self._name]
         sizes_m = {v.tag_id: v.tag_size_m for n, v in vehicles.items() if n != self._name}
+        self._column_ids = set(sizes_m)
+        if parameters.robot:
+            tags = load_robot_tags(parameters.robot, vehicles)
+            sizes_m.update({i: t.size_m for i, t in tags.items()})
         self._detector = TagDetector(sizes_m, parameters.decimate, sharp=True)
         self._track = BodyAtStamp(self._name, self._health, _GAP_S, _WAIT_FOR_ODOMETRY_S)
         self._camera: Optional[PinholeCamera] = None
@@ -146,7 +153,7 @@ class TagsNode:
         observations = self._detector.detect(grey, self._camera)
         for reason, count in self._detector.rejected.items():
             self._health.value(f"tags rejected: {reason}", count)
-        if observations:
+        if any(o.id in self._column_ids for o in observations):
             self._seen_s = stamp_s
         following = stamp_s - self._seen_s < _FOLLOW_S
         self._gate.admit(stamp_s, self._rate_hz if following else self._search_rate_hz)
