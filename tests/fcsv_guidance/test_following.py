@@ -113,6 +113,13 @@ def test_a_place_no_better_known_than_what_is_clear_stops_it(rescue):
     )
 
 
+def test_a_goal_that_is_reached_by_guess_is_not_reached(rescue):
+    drive = Drive(rescue, sigma_m=0.45)
+    assert "may be at the goal: its place is known to 0.45 m" in drive.run(30.0).reason
+    drive.sigma_m = 0.1
+    assert drive.run(3.0).reason == "the goal is reached"
+
+
 def test_an_old_map_and_the_operator_stop_it(rescue):
     drive = Drive(rescue)
     drive.run(1.0)

@@ -112,12 +112,13 @@ class DriveCommand:
 @dataclass(frozen=True)
 class FollowerRules:
     """Bounds of following; ages count from a stamp. ``sigmas`` of the robot's place are kept
-    clear."""
+    clear. The goal is reached ``goal_m`` from it by a place known to ``goal_sigma_m``."""
 
     oldest_place_s: float = 0.5
     oldest_map_s: float = 60.0
     sigmas: float = 2.0
     goal_m: float = 0.3
+    goal_sigma_m: float = 0.4
     look_ahead_m: float = 0.6
     look_ahead_s: float = 0.8
     least_ahead_m: float = 0.25
@@ -205,6 +206,8 @@ class RouteFollower:
         if off_m > rules.most_off_m:
             return f"the robot is {off_m:.2f} m beside its route; plan it again"
         if np.hypot(*(self._route.points[-1] - [place.x_m, place.y_m])) <= rules.goal_m:
+            if place.sigma_m > rules.goal_sigma_m:
+                return f"the robot may be at the goal: its place is known to {place.sigma_m:.2f} m"
             self._route, self._standing = None, GOAL_REACHED
             return self._standing
         return next(filter(None, self._held.values()), "")
