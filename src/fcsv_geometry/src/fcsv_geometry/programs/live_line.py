@@ -112,8 +112,9 @@ class Counter:
             self._bar.update(done - self._bar.n)
 
     def close(self) -> None:
-        """Leaves the bar as it is."""
+        """Leaves the bar as it is, with the last number."""
         self._renewed.close()
+        self._renew()
         self._bar.close()
 
     def _renew(self) -> None:
