@@ -79,14 +79,23 @@ def test_between_fixes_sigma_grows_and_then_the_place_is_lost():
     walk = Walk(1.02)
     walk.run(2.0, 0.0, 0.0)
     sigma_m = walk.state().place.sigma_m
-    walk.run(10.0, fixes=False)
-    assert (
-        walk.state().place.sigma_m > 1.3 * sigma_m and walk.off_m() < 2 * walk.state().place.sigma_m
-    )
-    walk.run(6.0, fixes=False)
-    assert walk.state().place is None and walk.state().reason == "no fix for 16 s"
+    walk.run(5.5, fixes=False)
+    place = walk.state().place
+    assert place.sigma_m > 1.2 * sigma_m and walk.off_m() < 2 * place.sigma_m
+    walk.run(1.0, fixes=False)
+    assert walk.state().place is None
+    assert re.fullmatch("no fix for 3.[1-4] m of its way", walk.state().reason)
     walk.run(2.0)
     assert walk.state().place is not None
+
+
+def test_of_a_robot_that_stands_the_place_is_lost_with_time():
+    walk = Walk()
+    walk.run(3.0, 0.0, 0.0)
+    walk.run(14.0, 0.0, 0.0, fixes=False)
+    assert walk.state().place is not None
+    walk.run(2.0, 0.0, 0.0, fixes=False)
+    assert walk.state().place is None and walk.state().reason == "no fix for 16 s"
 
 
 def test_outliers_are_refused_and_a_row_of_them_is_doubt():

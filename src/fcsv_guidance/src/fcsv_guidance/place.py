@@ -66,7 +66,8 @@ class PlaceState:
 class PlaceRules:
     """Sigmas of the wheels' errors, and what is believed. ``*_noise``: standard deviation after one
     metre or radian; it grows with the root of the way. ``common_share``: of a fix's variance that
-    other fixes share (the vehicle's own place), so that they do not average it away."""
+    other fixes share (the vehicle's own place), so that they do not average it away. After
+    ``longest_blind_m`` by wheels alone the place is not known: what two sigma leave out adds up."""
 
     distance_noise_m: float = 0.04
     turn_noise_rad: float = 0.04
@@ -81,6 +82,7 @@ class PlaceRules:
     relocate_s: float = 8.0
     stands_m: float = 0.03
     oldest_fix_s: float = 15.0
+    longest_blind_m: float = 3.0
     history_s: float = 2.0
 
 
@@ -108,7 +110,7 @@ class RobotTracker:
         # where the wheels were when the candidates began
         self._stood: Optional[WheelOdometry] = None
         self._common = np.zeros((3, 3))
-        self._fixed_s = -np.inf
+        self._fixed_s, self._blind_m = -np.inf, 0.0  # the last fix, and the way since
         self._in_a_row, self._doubted = 0, False
         self._used, self._refused, self._why = 0, 0, ""
 
@@ -133,6 +135,8 @@ class RobotTracker:
         age_s = now_s - self._fixed_s
         if age_s > self._rules.oldest_fix_s:
             return self._state(None, f"no fix for {age_s:.0f} s")
+        if self._blind_m > self._rules.longest_blind_m:
+            return self._state(None, f"no fix for {self._blind_m:.1f} m of its way")
         wheels, x, P = self._history[-1]
         P = P[:3, :3] + self._common
         sigma_m = float(np.sqrt(P[0, 0] + P[1, 1]))
@@ -154,6 +158,9 @@ class RobotTracker:
             return  # late or twice; the next one holds the whole way
         if self._wheels is None and self._history:  # the last fix was a place without wheels
             self._history[-1] = self._history[-1]._replace(wheels=wheels)
+        if self._wheels is not None:
+            last = self._wheels
+            self._blind_m += float(np.hypot(wheels.x_m - last.x_m, wheels.y_m - last.y_m))
         self._wheels = wheels
         stood = self._stood or wheels
         moved_m = np.hypot(wheels.x_m - stood.x_m, wheels.y_m - stood.y_m)
@@ -202,7 +209,7 @@ class RobotTracker:
             [_FilterState(WheelOdometry(fix.stamp_s, 0.0, 0.0, 0.0), *self._begun(fix))]
         )
         self._common[:] = 0.0
-        self._fixed_s, self._used = fix.stamp_s, self._used + 1
+        self._fixed_s, self._used, self._blind_m = fix.stamp_s, self._used + 1, 0.0
 
     def _weigh(self, fix: PlaceFix) -> None:
         """Use a fix where the filter expects it; else keep it as a candidate of another place."""
@@ -228,6 +235,7 @@ class RobotTracker:
         """Put it among those used, and run the filter again from the oldest moment on."""
         self._fixes = deque(sorted([*self._fixes, fix], key=lambda f: f.stamp_s))
         self._used, self._fixed_s = self._used + 1, max(self._fixed_s, fix.stamp_s)
+        self._blind_m = 0.0
         share = self._rules.common_share * np.where(
             np.isfinite(fix.covariance), fix.covariance, 0.0
         )
@@ -294,6 +302,7 @@ class RobotTracker:
         self._fixes.clear()
         self._common = rules.common_share * np.asarray(fix.covariance, float)
         self._used, self._fixed_s = self._used + len(self._candidates), fix.stamp_s
+        self._blind_m = 0.0
         self._candidates, self._in_a_row, self._doubted = [], 0, False
 
     def _agree(self, a: PlaceFix, b: PlaceFix) -> bool:
