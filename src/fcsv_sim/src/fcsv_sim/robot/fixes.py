@@ -9,9 +9,10 @@ import numpy as np
 from fcsv_guidance.place import PlaceFix
 
 EVERY_S, DELAY_S = 0.5, 0.3
-_ACROSS_M, _ALONG_M, _YAW_RAD = 0.08, 0.22, np.radians(4.0)
+# docs/lab/guidance.md#by-its-tags, 12 m
+_ACROSS_M, _ALONG_M, _YAW_RAD = 0.06, 0.16, np.radians(2.3)
 _COMMON = 0.7  # of the variance that lasts: where the vehicle itself is taken to be
-_YAW_READ = 0.5  # of the pictures that tell the yaw (docs/lab/guidance.md#by-its-tags, 12 m)
+_YAW_READ = 0.45  # of the pictures that tell the yaw
 _MISSED, _HIDDEN = 0.15, 0.02  # chances: a picture without the tag; a wall hides it for a while
 _HIDDEN_S = (1.0, 5.0)
 
