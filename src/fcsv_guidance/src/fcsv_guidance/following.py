@@ -99,6 +99,22 @@ class HoldRobot:
     source: str = ""
 
 
+class Holds:
+    """What holds the robot now, by every source."""
+
+    def __init__(self):
+        self._reasons: Dict[str, str] = {}
+
+    def receive(self, message: HoldRobot) -> None:
+        """A source holds the robot, or no more."""
+        self._reasons[message.source] = message.reason
+
+    @property
+    def reason(self) -> str:
+        """One of the reasons; empty where nothing holds it."""
+        return next(filter(None, self._reasons.values()), "")
+
+
 @dataclass(frozen=True)
 class DriveCommand:
     """Forward speed and turning rate; ``reason`` says why the robot stands, empty where it
@@ -139,7 +155,7 @@ class RouteFollower:
         self._route: Optional[Polyline] = None
         self._reached_m, self._speed_mps, self._stepped_s = 0.0, 0.0, None
         self._standing = "no route has come"
-        self._held: Dict[str, str] = {}  # the reason of each source
+        self._holds = Holds()
 
     def receive(self, now_s: float, message: Message) -> None:
         """A message came. Raises TypeError where its type is not known, RouteError where a route is
@@ -151,7 +167,7 @@ class RouteFollower:
         elif isinstance(message, ClearanceMap):
             self._map = message
         elif isinstance(message, HoldRobot):
-            self._held[message.source] = message.reason
+            self._holds.receive(message)
         elif isinstance(message, StopRobot):
             # a lost route takes no operator's stop back
             if self._route is not None or message == StopRobot():
@@ -210,7 +226,7 @@ class RouteFollower:
                 return f"the robot may be at the goal: its place is known to {place.sigma_m:.2f} m"
             self._route, self._standing = None, GOAL_REACHED
             return self._standing
-        return next(filter(None, self._held.values()), "")
+        return self._holds.reason
 
     def _pursued(self, now_s: float) -> DriveCommand:
         """Pure pursuit: the arc through a point of the route that lies ahead by a distance that

@@ -5,11 +5,11 @@ A port: messages and time in, goals and their end out.
 """
 
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Union
+from typing import List, Optional, Sequence, Union
 
 import numpy as np
 
-from fcsv_guidance.following import HoldRobot, Polyline, RobotPlace, RouteToFollow, StopRobot
+from fcsv_guidance.following import HoldRobot, Holds, Polyline, RobotPlace, RouteToFollow, StopRobot
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class GoalGiver:
         self._place: Optional[RobotPlace] = None
         self._given: Optional[GiveGoal] = None
         self._given_at_m, self._before_m, self._number = 0.0, 0.0, 0
-        self._held: Dict[str, str] = {}  # the reason of each source
+        self._holds = Holds()
         self.text = "no route has come"
         self._ended: Optional[GoalEnded] = None
         self._due: List[CancelGoal] = []
@@ -72,7 +72,7 @@ class GoalGiver:
             self._given_at_m = self._before_m = 0.0
             self._ended = None
         elif isinstance(message, HoldRobot):
-            self._held[message.source] = message.reason
+            self._holds.receive(message)
         elif isinstance(message, GoalEnded):
             self._ended = message
         elif isinstance(message, StopRobot):
@@ -87,11 +87,11 @@ class GoalGiver:
             doubt = self._doubt(now_s)
             if doubt:
                 self._end(doubt)
-        reason = next(filter(None, self._held.values()), "")
-        if self._route is not None and reason:
-            self._cancel(reason)
+        held = self._holds.reason
+        if self._route is not None and held:
+            self._cancel(held)
         due, self._due = self._due, []
-        if due or self._route is None or reason:
+        if due or self._route is None or held:
             return due
         if self._given is None or self._is_due():
             return self._next()

@@ -209,7 +209,7 @@ class RobotTracker:
             [_FilterState(WheelOdometry(fix.stamp_s, 0.0, 0.0, 0.0), *self._begun(fix))]
         )
         self._common[:] = 0.0
-        self._fixed_s, self._used, self._blind_m = fix.stamp_s, self._used + 1, 0.0
+        self._count(1, fix.stamp_s)
 
     def _weigh(self, fix: PlaceFix) -> None:
         """Use a fix where the filter expects it; else keep it as a candidate of another place."""
@@ -234,8 +234,7 @@ class RobotTracker:
     def _use(self, fix: PlaceFix) -> None:
         """Put it among those used, and run the filter again from the oldest moment on."""
         self._fixes = deque(sorted([*self._fixes, fix], key=lambda f: f.stamp_s))
-        self._used, self._fixed_s = self._used + 1, max(self._fixed_s, fix.stamp_s)
-        self._blind_m = 0.0
+        self._count(1, max(self._fixed_s, fix.stamp_s))
         share = self._rules.common_share * np.where(
             np.isfinite(fix.covariance), fix.covariance, 0.0
         )
@@ -301,8 +300,7 @@ class RobotTracker:
         self._history = deque([_FilterState(self._wheels, x, P)])
         self._fixes.clear()
         self._common = rules.common_share * np.asarray(fix.covariance, float)
-        self._used, self._fixed_s = self._used + len(self._candidates), fix.stamp_s
-        self._blind_m = 0.0
+        self._count(len(self._candidates), fix.stamp_s)
         self._candidates, self._in_a_row, self._doubted = [], 0, False
 
     def _agree(self, a: PlaceFix, b: PlaceFix) -> bool:
@@ -320,6 +318,9 @@ class RobotTracker:
         """The state after the wheels turned from reading to reading."""
         new, F, Q = moved_by_wheels(x, a, b, self._rules)
         return new, F @ P @ F.T + Q
+
+    def _count(self, fixes: int, newest_s: float) -> None:
+        self._used, self._fixed_s, self._blind_m = self._used + fixes, newest_s, 0.0
 
     def _refuse(self, why: str) -> None:
         self._refused, self._why = self._refused + 1, why

@@ -160,8 +160,9 @@ def probability(maps: Sequence, robot) -> np.ndarray:
 
 @lru_cache(len(LEARNT))
 def trees(name: str) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """What TREES_FILE holds of a Learnt: nodes' features (-1: a leaf), thresholds (of a leaf its log odds),
-    nodes to go to where a feature is above; and the trees' first nodes. Below it is the next."""
+    """What TREES_FILE holds of a Learnt: nodes' features (-1: a leaf), thresholds (of a leaf its log
+    odds), nodes to go to where a feature is above; and the trees' first nodes. Below it is the
+    next."""
     stored = json.loads(TREES_FILE.read_text())[name]
     names = ("feature", "threshold", "above", "first")
     kinds = (np.int64, np.float32, np.int64, np.int64)

@@ -15,6 +15,7 @@ from geometry_msgs.msg import (
 )
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import GridCells, MapMetaData, OccupancyGrid, Odometry, Path
+from std_msgs.msg import Header
 
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.messages import seconds
@@ -45,9 +46,7 @@ def grid_message(
         height=grid.rows,
         origin=origin,
     )
-    return OccupancyGrid(
-        conversions.header(max(stamp_s, 0.0), frames.HOME), info, percents.ravel().tolist()
-    )
+    return OccupancyGrid(_seen_header(stamp_s), info, percents.ravel().tolist())
 
 
 def grid_of(message: OccupancyGrid) -> Tuple[Grid, np.ndarray]:
@@ -72,10 +71,8 @@ def grid_of(message: OccupancyGrid) -> Tuple[Grid, np.ndarray]:
 def update_message(region: Region, stamp_s: float) -> OccupancyGridUpdate:
     """Makes the message as costmap_2d and rviz take it."""
     rows, columns = region.percents.shape
-    header = conversions.header(max(stamp_s, 0.0), frames.HOME)
-    return OccupancyGridUpdate(
-        header, region.column, region.row, columns, rows, region.percents.ravel().tolist()
-    )
+    header, percents = _seen_header(stamp_s), region.percents.ravel().tolist()
+    return OccupancyGridUpdate(header, region.column, region.row, columns, rows, percents)
 
 
 def region_of(message: OccupancyGridUpdate) -> Region:
@@ -133,6 +130,16 @@ def cells_message(middles_m: np.ndarray, cell_m: float, stamp_s: float) -> GridC
 def twist_of(command: DriveCommand) -> Twist:
     """Speed and turning rate of a robot with wheels."""
     return Twist(Vector3(command.speed_mps, 0.0, 0.0), Vector3(0.0, 0.0, command.turning_radps))
+
+
+def _seen_header(stamp_s: float) -> Header:
+    return conversions.header(max(stamp_s, 0.0), frames.HOME)
+
+
+def seen_s(message) -> float:
+    """Gives when what a grid shows was seen, s; -inf where that is not known."""
+    stamp_s = stamp_of(message)
+    return stamp_s if stamp_s > 0.0 else -np.inf
 
 
 def stamp_of(message) -> float:

@@ -21,7 +21,7 @@ from fcsv_guidance.robot import load_robot
 from fcsv_guidance.ros import ground_messages as messages
 from fcsv_guidance.tag_fix import RobotSight, RobotTagReader, TagFixRules
 from fcsv_stereo.pose_covariance import KnownCovariances
-from fcsv_stereo.sessions.messages import camera_covariance
+from fcsv_stereo.ros.camera_covariances import subscribe_covariances
 from fcsv_tracking.robot_tags import load_robot_tags, readable_m
 
 _PERIOD_S, _POSES_KEPT = 0.5, 60
@@ -55,18 +55,12 @@ class RobotTagsNode:
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer)
         self._fixes = rospy.Publisher("robot_fix", PoseWithCovarianceStamped, queue_size=5)
+        subscribe_covariances(p.vehicles, self._on_covariance, self._health)
         for n in p.vehicles:
-            pose = f"/{n}/camera_pose"
-            rospy.Subscriber(pose, PoseWithCovarianceStamped, self._on_pose, n, queue_size=20)
             telemetry.subscribe(n, [SeenTags], self._on_tags, self._health)
         self._timer = node.every(_PERIOD_S, lambda _event: self._tell())
 
-    def _on_pose(self, message: PoseWithCovarianceStamped, name: str) -> None:
-        try:
-            stamp_s, covariance = camera_covariance(message, name)
-        except FcsvError as error:
-            self._health.drop("camera_pose", str(error))
-            return
+    def _on_covariance(self, name: str, stamp_s: float, covariance: np.ndarray) -> None:
         with self._lock:
             self._known[name].add(stamp_s, covariance)
 

@@ -62,7 +62,7 @@ class RouteFollowerNode:
         except FcsvError as error:
             self._health.drop("stand", str(error))
             return
-        self._set_grid(messages.stamp_of(message), grid, stands)
+        self._set_grid(messages.seen_s(message), grid, stands)
 
     def _on_update(self, message: OccupancyGridUpdate) -> None:
         try:
@@ -70,15 +70,14 @@ class RouteFollowerNode:
                 if self._stands is None:
                     return  # the whole grid comes to who begins to listen
                 stands = with_region(self._stands, messages.region_of(message))
-                self._set_grid(messages.stamp_of(message), self._grid, stands)
+                self._set_grid(messages.seen_s(message), self._grid, stands)
         except FcsvError as error:
             self._health.drop("stand_updates", str(error))
 
     def _set_grid(self, stamp_s: float, grid: Grid, stands: np.ndarray) -> None:
-        dated_s = stamp_s if stamp_s > 0.0 else -np.inf
         with self._lock:
             self._grid, self._stands = grid, stands
-            self._receive(clearance_map(dated_s, grid, stands))
+            self._receive(clearance_map(stamp_s, grid, stands))
 
     def _receive(self, message: object) -> None:
         with self._lock:

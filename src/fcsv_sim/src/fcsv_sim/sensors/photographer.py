@@ -24,8 +24,8 @@ _HEADER = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
 
 class Photographer:
     """The camera of ``vehicle``; ``vehicles`` are seen where they are, and, where ``moving``, a car
-    and a walker, in a place that a robot drives through the robot, with the tags that ``robot_file`` names, and what
-    comes into its way.
+    and a walker, in a place that a robot drives through the robot, with the tags that
+    ``robot_file`` names, and what comes into its way.
 
     Raises ConfigError where a file is wrong, SimulationError where nothing can move in this town.
     """

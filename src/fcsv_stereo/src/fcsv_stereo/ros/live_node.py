@@ -7,8 +7,8 @@ import time
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Union
 
+import numpy as np
 import rospy
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import Image
 
 from fcsv_geometry import frames
@@ -36,10 +36,11 @@ from fcsv_stereo.map_files.cloud_bounds import CloudBounds, bound_cloud
 from fcsv_stereo.model import LivePicture, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
 from fcsv_stereo.refinement import KnownFeatures
+from fcsv_stereo.ros.camera_covariances import subscribe_covariances
 from fcsv_stereo.ros.captured_pictures import subscribe_pictures
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME
 from fcsv_stereo.ros.map_topics import MapTopics
-from fcsv_stereo.sessions.messages import camera_covariance, window_of
+from fcsv_stereo.sessions.messages import window_of
 
 _STATE_PERIOD_S = 1.0
 
@@ -115,14 +116,7 @@ class LiveNode:
         self._timer = node.every(_STATE_PERIOD_S, lambda _event: self._say())
         subscribe_pictures(self._parameters.vehicles, self._receive, self._health)
         rospy.Subscriber("/mission/capture", Capture, self._on_capture, queue_size=50)
-        for name in self._parameters.vehicles:
-            rospy.Subscriber(
-                f"/{name}/camera_pose",
-                PoseWithCovarianceStamped,
-                self._on_pose,
-                name,
-                queue_size=20,
-            )
+        subscribe_covariances(self._parameters.vehicles, self._on_covariance, self._health)
 
     def _make_choice(self) -> MapChoice:
         p = self._parameters
@@ -155,12 +149,7 @@ class LiveNode:
             self._choice.on_window(window_of(message))
             self._changed.notify()
 
-    def _on_pose(self, message: PoseWithCovarianceStamped, name: str) -> None:
-        try:
-            stamp_s, covariance = camera_covariance(message, name)
-        except FcsvError as error:
-            self._health.drop("camera_pose", str(error))
-            return
+    def _on_covariance(self, name: str, stamp_s: float, covariance: np.ndarray) -> None:
         with self._changed:
             self._choice.on_covariance(name, stamp_s, covariance)
 
