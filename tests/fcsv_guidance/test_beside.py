@@ -6,28 +6,34 @@ import pytest
 
 from fcsv_guidance.beside import BesideWatch
 
-HIDDEN_M = 1.2
+NOTHING = np.empty((0, 2)), np.empty(0)
 
 
 def after(*views):
-    """What is thought after views that show one thing, or none, so far (m) from the robot."""
+    """What is thought after views, one a second, that show one thing, or none, so far (m) from where
+    the robot may be seen."""
     watch = BesideWatch()
-    for away_m in views:
-        things = np.empty((0, 2)) if away_m is None else np.array([[10.0 + away_m, 5.0]])
-        watch.observe(things, np.array([10.0, 5.0]), HIDDEN_M)
+    for second, off_m in enumerate(views):
+        seen = (np.array([[10.0 + off_m, 5.0]]), np.array([off_m])) if off_m is not None else NOTHING
+        watch.observe(float(second), *seen)
     return watch
 
 
 @pytest.mark.parametrize(
     "views, may_stand",
     [
-        ((5.0, 3.6, 2.2, None), True),
-        ((5.0, 3.6, 2.2, None, None, None), True),
-        ((5.0, 3.6, 2.2, None, 2.0, 3.2), False),  # he is seen to leave
-        ((5.0, 3.6, 2.2, 3.5, None), False),
-        ((2.2, None), False),  # a wrong depth comes from nowhere
-        ((2.3, 2.2, 2.3, None), False),  # a thing that stood is taken away
-        ((5.0, 3.6, None), False),  # he turned off before
+        ((3.8, 2.4, 1.0, None), True),
+        ((3.8, 2.4, 1.0, None, None, None), True),
+        ((3.8, None, 1.0, None), True),  # a view missed him
+        ((3.8, 2.4, 1.0, 1.0, None), True),  # his near side is taken for the robot
+        ((3.8, 2.4, 1.0, None, 0.8, 2.0), False),  # he is seen to leave
+        ((3.8, 2.4, 1.0, None, None, 2.0), True),  # one sighting is no walk
+        ((3.8, 2.4, 1.0, 2.3, None), False),
+        ((1.0, None), False),  # a wrong depth comes from nowhere
+        ((9.0, 1.0, None), False),  # nobody is so fast
+        ((1.1, 1.0, 1.1, None), False),  # a thing that stood is taken away
+        ((3.8, 2.4, None), False),  # he turned off before
+        ((3.8, None, None, None, 1.0, None), False),  # too long ago to be one and the same
         ((None, None), False),
     ],
 )
@@ -35,8 +41,16 @@ def test_he_may_stand_beside_it_once_he_came_up_and_until_he_is_seen(views, may_
     assert after(*views).may_stand == may_stand
 
 
+def test_a_thing_that_stands_while_the_robot_passes_it_did_not_come():
+    watch = BesideWatch()
+    for second, off_m in enumerate((3.0, 2.2, 1.4, 0.6)):
+        watch.observe(float(second), np.array([[10.0, 5.0]]), np.array([off_m]))
+    watch.observe(4.0, *NOTHING)
+    assert not watch.may_stand
+
+
 def test_who_looked_ends_it():
-    watch = after(5.0, 3.6, 2.2, None)
+    watch = after(3.8, 2.4, 1.0, None)
     watch.forget()
-    watch.observe(np.empty((0, 2)), np.array([10.0, 5.0]), HIDDEN_M)
+    watch.observe(4.0, *NOTHING)
     assert not watch.may_stand

@@ -113,6 +113,37 @@ def test_a_place_no_better_known_than_what_is_clear_stops_it(rescue):
     )
 
 
+def with_wall_behind(x_m):
+    """What is clear beyond a wall across the way at x."""
+    x = GRID.middle_of(*np.indices(GRID.shape))[..., 0]
+    return ClearanceMap(0.0, GRID, np.maximum(x - x_m, 0.0))
+
+
+def test_a_robot_too_near_to_a_wall_creeps_where_its_route_leads_out(rescue):
+    drive = Drive(rescue, sigma_m=0.2)
+    drive.follower.receive(0.0, with_wall_behind(-0.15))  # 0.4 m are needed
+    drive.run(1.0)
+    assert 0.05 < drive.at[0] <= 0.16 and max(speed for *_, speed, _ in drive.way) <= 0.15
+    assert drive.run(9.0).speed_mps > 0.5 and drive.at[0] > 2.0
+
+
+def test_it_stands_where_its_route_leads_on_along_a_wall_or_nearer_or_not_far_enough(rescue):
+    for clear_map, sigma_m in (
+        (clear(0.15), 0.2),  # along
+        (with_wall(0.2), 0.2),  # nearer
+        (with_wall_behind(-0.15), 0.6),  # 1.2 m are needed, 0.9 m are clear after 0.8 m
+    ):
+        drive = Drive(rescue, sigma_m=sigma_m)
+        drive.follower.receive(0.0, clear_map)
+        assert "are clear" in drive.run(1.0).reason and drive.at[:2] == [0.0, 0.0]
+
+
+def test_who_cannot_turn_on_the_spot_is_not_led_out(rescue):
+    drive = Drive(replace(rescue, turning_radius_m=1.0), sigma_m=0.2)
+    drive.follower.receive(0.0, with_wall_behind(-0.15))
+    assert "are clear" in drive.run(1.0).reason and drive.at[:2] == [0.0, 0.0]
+
+
 def test_a_goal_that_is_reached_by_guess_is_not_reached(rescue):
     drive = Drive(rescue, sigma_m=0.45)
     assert "may be at the goal: its place is known to 0.45 m" in drive.run(30.0).reason

@@ -18,7 +18,7 @@ from fcsv_sim.robot.contact import TrueGround
 from fcsv_sim.robot.drive import WATCHDOG_S, SimulatedRobot, WheelFlaws
 from fcsv_sim.robot.looking import Lookout
 from fcsv_sim.robot.mapped import CELL_M, MappedPlace
-from fcsv_sim.robot.rehearsal import ARRIVES, SAYS_NONE, RobotDrive
+from fcsv_sim.robot.rehearsal import ARRIVES, SAYS_NONE, PlaceGuides, RobotDrive
 from fcsv_sim.robot.rehearsal_picture import draw_drive
 from fcsv_sim.robot.rehearsal_table import table, verdict_line
 from fcsv_sim.robot.robot_faults import FAULTS, faults_of
@@ -95,13 +95,18 @@ def open_place(rescue):
 
 
 @pytest.fixture(scope="module")
+def guides(open_place, rescue):
+    return PlaceGuides(open_place, rescue)
+
+
+@pytest.fixture(scope="module")
 def closed_place(rescue):
     return place_of(rescue, 0.0)
 
 
 @pytest.mark.parametrize("fault", [name for name in FAULTS if name != "pose lost for good"])
-def test_it_arrives_whatever_befalls_it_and_touches_nothing(open_place, rescue, fault):
-    drive = RobotDrive(open_place, rescue, FAULTS[fault], 5)
+def test_it_arrives_whatever_befalls_it_and_touches_nothing(open_place, guides, rescue, fault):
+    drive = RobotDrive(open_place, rescue, FAULTS[fault], 5, guides=guides)
     result = drive.run()
     assert not result.broke and result.least_room_m > 0.1, result
     assert result.befell == (fault != "none") and result.expected in (ARRIVES, "either")
@@ -127,8 +132,11 @@ def test_behind_a_closed_wall_it_says_that_there_is_no_route(closed_place, rescu
     ) and result.way_m == 0.0
 
 
-def test_a_seed_is_a_drive_and_a_table_and_a_picture(open_place, rescue, tmp_path):
-    first, again = (RobotDrive(open_place, rescue, FAULTS["wheels slip"], 8) for _ in range(2))
+def test_a_seed_is_a_drive_and_a_table_and_a_picture(open_place, guides, rescue, tmp_path):
+    first, again = (
+        RobotDrive(open_place, rescue, FAULTS["wheels slip"], 8, guides=laid)
+        for laid in (None, guides)
+    )
     a, b = first.run(), again.run()
     assert first.track.way == again.track.way and replace(a, slowest_s=0.0) == replace(
         b, slowest_s=0.0

@@ -128,7 +128,9 @@ class DriveCommand:
 @dataclass(frozen=True)
 class FollowerRules:
     """Bounds of following; ages count from a stamp. ``sigmas`` of the robot's place are kept
-    clear. The goal is reached ``goal_m`` from it by a place known to ``goal_sigma_m``."""
+    clear; where less is, the robot stands, unless its route leads to so much within ``lead_m``, and
+    nowhere nearer to an obstacle: so far it creeps. The goal is reached ``goal_m`` from it by a place
+    known to ``goal_sigma_m``."""
 
     oldest_place_s: float = 0.5
     oldest_map_s: float = 60.0
@@ -140,6 +142,8 @@ class FollowerRules:
     least_ahead_m: float = 0.25
     most_off_m: float = 0.5
     lateral_mps2: float = 0.5
+    lead_m: float = 0.8
+    creep_mps: float = 0.15
 
 
 Message = Union[RobotPlace, RouteToFollow, ClearanceMap, StopRobot, HoldRobot]
@@ -216,7 +220,7 @@ class RouteFollower:
                 "it again, or maps come too slowly"
             )
         clear_m = self._clear_m(np.array([[place.x_m, place.y_m]]))[0]
-        if clear_m <= rules.sigmas * place.sigma_m:
+        if clear_m <= rules.sigmas * place.sigma_m and not self._leads_out_m():
             return f"the robot's place is known to {place.sigma_m:.2f} m, and {clear_m:.2f} m are clear"
         off_m = self._nearest(place)[1]
         if off_m > rules.most_off_m:
@@ -227,6 +231,19 @@ class RouteFollower:
             self._route, self._standing = None, GOAL_REACHED
             return self._standing
         return self._holds.reason
+
+    def _leads_out_m(self) -> float:
+        """How far along its route the robot comes to where enough is clear, ever farther from what
+        is not; 0 where it does not. A robot that cannot turn on the spot sweeps what is beside it."""
+        rules, place = self._rules, self._place
+        along = np.arange(0.0, rules.lead_m, 0.05)
+        clear_m = self._clear_m(self._route.at(self._nearest(place)[0] + along))
+        enough = clear_m > rules.sigmas * place.sigma_m
+        if self._robot.turning_radius_m > 0 or not enough.any():
+            return 0.0
+        k = int(np.argmax(enough))
+        nearer_m = np.maximum.accumulate(clear_m[: k + 1]) - clear_m[: k + 1]
+        return float(along[k]) if nearer_m.max() <= 0.5 * self._map.grid.cell_m else 0.0
 
     def _pursued(self, now_s: float) -> DriveCommand:
         """Pure pursuit: the arc through a point of the route that lies ahead by a distance that
@@ -292,7 +309,10 @@ class RouteFollower:
         along = np.arange(0.0, braking_m + 0.5, 0.05)
         points = self._route.at(self._reached_m + along)
         blocked = self._clear_m(points) <= rules.sigmas * place.sigma_m
-        blocked[0] = False  # where the robot itself is was judged before
+        out_m = self._leads_out_m() if blocked[0] else 0.0
+        blocked[along <= out_m] = False  # as far as that was judged before
+        if out_m > 0:
+            bounds.append(rules.creep_mps)
         left_m = self._route.length_m - self._reached_m
         room_m = min(
             float(along[int(np.argmax(blocked))]) - 0.1 if blocked.any() else np.inf, left_m

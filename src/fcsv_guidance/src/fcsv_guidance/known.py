@@ -280,8 +280,10 @@ class KnownGround:
             return nowhere, nowhere
         came = np.where(own, 0.0, shows.came)
         if place is not None:
-            things_m = self.grid.middle_of(*np.nonzero(came >= _HOLDS))
-            self.beside.observe(things_m, [place.x_m, place.y_m], self._own_m(seen, place))
+            things = np.nonzero(came >= _HOLDS)
+            own_px = cv2.distanceTransform((~own).astype(np.uint8), cv2.DIST_L2, 5)
+            off_m = own_px[things] * self.grid.cell_m
+            self.beside.observe(seen.stamp_s, self.grid.middle_of(*things), off_m)
         stirs = standing.disk(_STIRS_M, self.grid.cell_m)
         new = (came >= _HOLDS) & ~(standing.most(self._things > 0, stirs) > 0)
         hidden = self._hidden(seen, came)

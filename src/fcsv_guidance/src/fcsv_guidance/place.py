@@ -75,7 +75,7 @@ class PlaceRules:
     distance_scale: float = 0.03
     turn_scale: float = 0.08
     curve_radpm: float = 0.02
-    common_share: float = 0.25
+    common_share: float = 0.7
     gate: float = 0.999
     to_begin: int = 3
     to_doubt: int = 3

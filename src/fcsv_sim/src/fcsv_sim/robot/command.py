@@ -21,7 +21,7 @@ from fcsv_sim.bringup import robot_file
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.robot.gimbal_rehearsal import SMALL, gimbal_drive, small_place
 from fcsv_sim.robot.mapped import MappedPlace, mapped_place
-from fcsv_sim.robot.rehearsal import LONGEST_S, DriveResult, RobotDrive
+from fcsv_sim.robot.rehearsal import LONGEST_S, DriveResult, PlaceGuides, RobotDrive
 from fcsv_sim.robot.rehearsal_picture import draw_drive
 from fcsv_sim.robot.rehearsal_table import stations_line, table, verdict_line
 from fcsv_sim.robot.robot_faults import ALL, FAULTS, RobotFault, faults_of
@@ -56,9 +56,9 @@ def rehearse_place(job: PlaceJob) -> Tuple[str, List[DriveResult]]:
         place = small_place(job.seed, job.robot, maps)
     else:
         place = mapped_place(job.world, job.seed, job.robot, maps)
-    results, said = [], stations_line(place)
+    results, said, guides = [], stations_line(place), PlaceGuides(place, job.robot)
     for fault in job.faults:
-        drive, line = _drive(job, place, fault)
+        drive, line = _drive(job, place, fault, guides)
         said = line if line and fault == job.faults[0] else said
         result = drive.run(job.longest_s)
         results.append(result)
@@ -67,12 +67,14 @@ def rehearse_place(job: PlaceJob) -> Tuple[str, List[DriveResult]]:
     return said, results
 
 
-def _drive(job: PlaceJob, place: MappedPlace, fault: RobotFault) -> Tuple[RobotDrive, str]:
+def _drive(
+    job: PlaceJob, place: MappedPlace, fault: RobotFault, guides: PlaceGuides
+) -> Tuple[RobotDrive, str]:
     """The drive, and where vehicles hold meanwhile where gimbals watch them, in words."""
     seed = 100 * job.seed + list(FAULTS).index(fault.name)
     if job.world != SMALL:
-        return RobotDrive(place, job.robot, fault, seed), ""
-    drive, holds = gimbal_drive(place, job.robot, fault, seed, job.longest_s)
+        return RobotDrive(place, job.robot, fault, seed, guides=guides), ""
+    drive, holds = gimbal_drive(place, job.robot, fault, seed, job.longest_s, guides)
     return drive, "" if holds is None else f"{stations_line(place)}; {holds.in_words()}"
 
 

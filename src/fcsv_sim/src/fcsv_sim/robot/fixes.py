@@ -9,8 +9,10 @@ import numpy as np
 from fcsv_guidance.place import PlaceFix
 
 EVERY_S, DELAY_S = 0.5, 0.3
-_ACROSS_M, _ALONG_M, _YAW_RAD = 0.08, 0.22, np.radians(4.0)
-_COMMON = 0.25  # share of the variance that lasts: where the vehicle itself is taken to be
+# docs/lab/guidance.md#by-its-tags, 12 m
+_ACROSS_M, _ALONG_M, _YAW_RAD = 0.06, 0.16, np.radians(2.3)
+_COMMON = 0.7  # of the variance that lasts: where the vehicle itself is taken to be
+_YAW_READ = 0.45  # of the pictures that tell the yaw
 _MISSED, _HIDDEN = 0.15, 0.02  # chances: a picture without the tag; a wall hides it for a while
 _HIDDEN_S = (1.0, 5.0)
 
@@ -38,4 +40,7 @@ class TagReader:
         sigma = np.array([_ALONG_M, _ACROSS_M, _YAW_RAD])
         off = R @ (sigma * (self._common + np.sqrt(1.0 - _COMMON) * random.standard_normal(3)))
         covariance = R @ np.diag(sigma**2) @ R.T
+        if random.random() > _YAW_READ:
+            covariance[2, :2] = covariance[:2, 2] = 0.0
+            covariance[2, 2] = np.inf
         return PlaceFix(stamp_s, x_m + off[0], y_m + off[1], yaw_rad + off[2], covariance)

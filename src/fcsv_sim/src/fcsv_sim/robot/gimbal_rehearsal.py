@@ -19,7 +19,7 @@ from fcsv_sim.robot.contact import TrueGround
 from fcsv_sim.robot.gimbal_places import GimbalPlaces
 from fcsv_sim.robot.gimbal_survey import START_YAW_RAD, GimbalSurvey
 from fcsv_sim.robot.mapped import MappedPlace, mapped_place
-from fcsv_sim.robot.rehearsal import LONGEST_S, RobotDrive
+from fcsv_sim.robot.rehearsal import LONGEST_S, PlaceGuides, RobotDrive
 from fcsv_sim.robot.robot_faults import RobotFault
 from fcsv_tracking.gimbal.config import Gimbal, load_ground_robot
 
@@ -46,7 +46,12 @@ def small_place(seed: int, robot: Robot, folder: Path) -> MappedPlace:
 
 
 def gimbal_drive(
-    place: MappedPlace, robot: Robot, fault: RobotFault, seed: int, longest_s: float = LONGEST_S
+    place: MappedPlace,
+    robot: Robot,
+    fault: RobotFault,
+    seed: int,
+    longest_s: float = LONGEST_S,
+    guides: Optional[PlaceGuides] = None,
 ) -> Tuple[RobotDrive, Optional[HoldPlaces]]:
     """A drive through a small maze and where the vehicles hold meanwhile: beside the route that the
     maps show, None where they show none and no vehicle is needed beside one."""
@@ -61,5 +66,5 @@ def gimbal_drive(
         raise SimulationError(f"{place.name}: the gimbals see no two places beside the way")
     true, start = TrueGround(place.footing, place.clear), (*plan.start_m, START_YAW_RAD)
     places = GimbalPlaces(gimbals, holds, true, start, place.town.seed, seed, longest_s, way_m)
-    drive = RobotDrive(place, robot, fault, seed, places, START_YAW_RAD)
+    drive = RobotDrive(place, robot, fault, seed, places, START_YAW_RAD, guides)
     return drive, holds if shown else None

@@ -94,8 +94,9 @@ class PlacedRobot:
 
     def _in_home(self, fix: PlaceFix) -> PlaceFix:
         T = self._T_home_world @ transforms.from_xyz_yaw([fix.x_m, fix.y_m, 0.0], fix.yaw_rad)
-        R = np.array(self._T_home_world[:3, :3])  # a turn about z turns yaw's variance into itself
-        covariance = R @ fix.covariance @ R.T
+        R, covariance = self._T_home_world[:2, :2], np.array(fix.covariance)
+        covariance[:2, :2] = R @ covariance[:2, :2] @ R.T
+        covariance[2, :2] = covariance[:2, 2] = R @ covariance[:2, 2]  # yaw's may be inf
         x_m, y_m = map(float, T[:2, 3])
         return replace(fix, x_m=x_m, y_m=y_m, yaw_rad=transforms.yaw(T), covariance=covariance)
 

@@ -3,8 +3,9 @@
 wheels, one fault."""
 
 import time
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from typing import List, Optional, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -82,10 +83,30 @@ class DriveRecord:
     grid: Optional[Grid] = None
 
 
+class PlaceGuides:
+    """What guides ``robot`` through ``place``, once the place's maps are laid: that takes longer than
+    a drive, so each drive gets a copy."""
+
+    def __init__(self, place: MappedPlace, robot: Robot):
+        self._place, self._robot = place, robot
+        self._laid: Dict[bool, GuidanceBus] = {}
+
+    def of(self, fault: RobotFault) -> GuidanceBus:
+        """One of its own for a drive with a fault."""
+        if fault.watched not in self._laid:
+            place = self._place
+            cell_m = next(g.grid.cell_m for g in place.grounds if g is not None)
+            area_m = place.town.plan.area_m
+            rules = GroundRules(cell_m=cell_m, area_m=area_m, watched=fault.watched)
+            maps = [v for v in place.views if v is not None]
+            self._laid[fault.watched] = GuidanceBus(self._robot, rules, maps)
+        return deepcopy(self._laid[fault.watched])
+
+
 class RobotDrive:
     """Drives from the place's start to its goal. The same place, fault and seed give the same
     drive. ``places``: where it gets its place from, a vehicle that reads its tag where None;
-    ``yaw_rad``: how it stands, anyhow where None."""
+    ``yaw_rad``: how it stands, anyhow where None; ``guides``: what guides it, of this place."""
 
     def __init__(
         self,
@@ -95,6 +116,7 @@ class RobotDrive:
         seed: int,
         places: Optional[RobotLocator] = None,
         yaw_rad: Optional[float] = None,
+        guides: Optional["PlaceGuides"] = None,
     ):
         self._place, self._robot, self._fault, self._seed = place, robot, fault, seed
         self._random = np.random.default_rng([seed, 24])
@@ -106,9 +128,7 @@ class RobotDrive:
         flaws = WheelFlaws.drawn(self._random)
         self.machine = SimulatedRobot(robot, at, flaws, seed, self._spins)
         self._places: RobotLocator = TagFixes(seed) if places is None else places
-        cell_m = next(g.grid.cell_m for g in place.grounds if g is not None)
-        rules = GroundRules(cell_m=cell_m, area_m=plan.area_m, watched=fault.watched)
-        self._guide = GuidanceBus(robot, rules, [v for v in place.views if v is not None])
+        self._guide = (guides or PlaceGuides(place, robot)).of(fault)
         self.track = DriveRecord()
         self._post: List[tuple] = []  # (when it arrives, what)
         self._thing, self._watcher, self._watched_by = None, None, 0
