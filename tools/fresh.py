@@ -227,6 +227,11 @@ def mount_devices(root: Path) -> None:
     subprocess.run(
         ["mount", "-t", "tmpfs", "-o", "mode=1777", "tmpfs", str(root / "tmp")], check=True
     )
+    # as a machine that boots does; without it a user's Xvfb has abstract sockets only, which all
+    # machines of this network share
+    sockets = root / "tmp" / ".X11-unix"
+    sockets.mkdir()
+    sockets.chmod(0o1777)
 
 
 def as_login(root: Path, who: str, line: str) -> int:

@@ -131,6 +131,35 @@ def test_what_hides_of_a_thing_is_free_again_with_the_ground_beside_it(known, ma
     assert not known.closed.any() and not known.changed.any() and free(known)
 
 
+def test_a_wrong_depth_over_ground_that_a_wall_hides_ends_when_views_look_past_it(
+    known, mapped, live
+):
+    """It hangs in the air behind the wall, before what is seen over the wall."""
+
+    def wrong(number, near_m):
+        view = live([WALL], number, shared=0.0)
+        depth, kind = view.depth.copy(), view.kind.copy()
+        v, u = np.indices(depth.shape)
+        ray = np.stack([(u - view.K[0, 2]) / view.K[0, 0], (v - view.K[1, 2]) / view.K[1, 1]], -1)
+        ray = np.dstack([ray, np.ones(depth.shape)]) @ view.T_home_cam[:3, :3].T
+        at = ray * mapped.depth[..., None] + view.T_home_cam[:3, 3]
+        spot = np.hypot(at[..., 0] - 24.0, at[..., 1] - 5.0) < 0.8
+        if near_m is None:
+            kind[spot] = 0
+        else:
+            depth[spot] -= near_m
+        return replace(view, depth=depth, kind=kind)
+
+    known.receive(watch_seen(wrong(1, 2.5), [mapped], GRID), None)
+    for number in (2, 3, 4):  # views that have no depth there free what lies beside seen ground
+        known.receive(watch_seen(wrong(number, None), [mapped], GRID), None)
+    hung = known.closed
+    assert hung.sum() > 10
+    for number in (5, 6, 7):
+        known.receive(watch_seen(live([WALL], number, shared=0.0), [mapped], GRID), None)
+    assert not known.closed[hung].any()
+
+
 def test_a_mapped_thing_that_goes_counts_no_more_by_two_views(rescue, scene, live):
     """One view that shows what lies behind it may be wrong; what it shows there no view sees
     again."""

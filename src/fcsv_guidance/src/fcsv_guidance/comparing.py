@@ -31,6 +31,7 @@ _THING_M, _SHOWN = 0.3, 0.4  # side of the smallest thing, and share of its pixe
 _LEAST_GROUP_PX, _WIDE = 8, 4.0  # of so many times the least, one view is enough
 _SPREAD_M = 0.3  # along its ray: how far a thing's depth is off where it is matched small
 _BETWEEN_M = 0.2  # beside pixels that show what is mapped: half of the smallest thing, and a cell
+_PAST_PX = 5  # about a pixel, in which nothing is nearer than what is mapped
 _FLOOR = 0.1  # of the stated sigma: noise that is taken for granted
 
 
@@ -38,19 +39,33 @@ _FLOOR = 0.1  # of the stated sigma: noise that is taken for granted
 class Compared:
     """Layers of a grid (rows, columns). ``came``: how surely something stands nearer than what is
     mapped, 0 to 1, of which 1 is enough for one view. ``shift`` (1/m): by how much inverse depth it
-    is nearer. ``went``: bool, what is seen lies farther than what is mapped. ``same``: bool, the
-    ground is seen as it is mapped. ``noise`` (1/m): standard
-    deviation of the view's inverse depth; a smaller shift is not told."""
+    is nearer, ``at_z_m`` at which height in home. ``went``: bool, what is seen lies farther than what
+    is mapped. ``same``: bool, the ground is seen as it is mapped. ``noise`` (1/m): standard deviation
+    of the view's inverse depth; a smaller shift is not told. ``past`` (1/m): the foretold inverse depth
+    (H,W) of pixels about which nothing is nearer than that, NaN elsewhere; of the camera ``K``,
+    ``T_home_cam``."""
 
     came: np.ndarray
     shift: np.ndarray
+    at_z_m: np.ndarray
     went: np.ndarray
     same: np.ndarray
     noise: float
+    past: np.ndarray
+    K: np.ndarray
+    T_home_cam: np.ndarray
 
-    def without_things(self) -> "Compared":
-        """The same, but that nothing came or went."""
-        return replace(self, came=np.zeros_like(self.came), went=np.zeros_like(self.went))
+    def looks_past(self, points_home_m: np.ndarray) -> np.ndarray:
+        """(N,) bool: whether the view shows what is mapped behind each point (N,3): nothing is
+        there."""
+        p = transforms.apply(transforms.invert(self.T_home_cam), points_home_m)
+        z_m = np.where(p[:, 2] > 0, p[:, 2], np.nan)
+        with np.errstate(invalid="ignore"):
+            u, v = np.nan_to_num(np.rint((p @ self.K.T)[:, :2] / z_m[:, None]), nan=-1).astype(int).T
+        height, width = self.past.shape
+        inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
+        past = self.past[np.where(inside, v, 0), np.where(inside, u, 0)]
+        return inside & (1.0 / z_m > past + _SAME * self.noise)
 
 
 def compared(
@@ -131,21 +146,30 @@ def _judged(
     both = np.isfinite(inverse) & (inverse > 1.0 / _FARTHEST_M) & (high > 0)
     nearer, farther = np.where(both, inverse - high, 0.0), np.where(both, low - inverse, 0.0)
     came, shift, went = (np.zeros(grid.shape, np.float32) for _ in range(3))
+    at_z_m = np.full(grid.shape, np.nan, np.float32)
     for group in _groups(view, inverse, high, nearer, noise):
-        cells = _cells_of(view, inverse, group, grid)
+        cells, z_m = _cells_of(view, inverse, group, grid)
+        at_z_m[cells] = z_m
         sure = min(group.by / (_SURE * noise), 1.0) * group.whole
         came[cells] = np.maximum(came[cells], sure)
         shift[cells] = np.maximum(shift[cells], group.by)
     for group in _groups(view, inverse, low, farther, noise):
         for depths in (low, inverse):  # where the thing was, and what is seen in its place
-            went[_cells_of(view, depths, group, grid)] = 1.0
+            went[_cells_of(view, depths, group, grid)[0]] = 1.0
     same = np.zeros(grid.shape, bool)
     seen = both & known & (np.maximum(nearer, farther) <= _SAME * noise)
     row, column, inside = grid.cells_of(*_places(view, inverse, seen)[:, :2].T)
     same[row[inside], column[inside]] = True
     between = disk(_BETWEEN_M, grid.cell_m)  # rows of pixels lie apart on the ground
     same = cv2.morphologyEx(same.astype(np.uint8), cv2.MORPH_CLOSE, between) > 0
-    return Compared(came, shift, went > 0, same & (came == 0) & (went == 0), noise)
+    same &= (came == 0) & (went == 0)
+    window = np.ones((_PAST_PX,) * 2, np.uint8)
+    nothing = cv2.dilate((nearer > _FLAGGED * noise).astype(np.uint8), window) == 0
+    past = nothing & (cv2.blur(seen.astype(np.float32), window.shape) >= _SHOWN)
+    behind = np.where(past, expected, np.nan)
+    return Compared(
+        came, shift, at_z_m, went > 0, same, noise, behind, view.K, view.T_home_cam
+    )
 
 
 @dataclass(frozen=True)
@@ -179,14 +203,15 @@ def _groups(view: DepthView, inverse, edge, differs, noise: float) -> Iterator[_
 
 
 def _cells_of(view: DepthView, inverse: np.ndarray, group: _Group, grid: Grid) -> Tuple:
-    """Rows and columns of the cells that a group covers at an ``inverse`` depth (H,W)."""
+    """Rows and columns of the cells that a group covers at an ``inverse`` depth (H,W), and z (m) of
+    its points there."""
     ray = _rays(view)[group.rows, group.columns]
     off = np.arange(-_SPREAD_M, _SPREAD_M + 1e-6, 0.5 * grid.cell_m)
     depth = 1.0 / inverse[group.rows, group.columns]
     along = depth[:, None] + off / np.hypot(ray[:, 0], ray[:, 1])[:, None]
     points = view.T_home_cam[:3, 3] + along[..., None] * ray[:, None]
     row, column, inside = grid.cells_of(points[..., 0], points[..., 1])
-    return row[inside], column[inside]
+    return (row[inside], column[inside]), points[..., 2][inside]
 
 
 def _rays(view: DepthView) -> np.ndarray:

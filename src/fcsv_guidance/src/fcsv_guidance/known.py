@@ -69,7 +69,8 @@ class KnownGround:
 
     A cell in which views surely show something nearer than the maps foretell is closed, until
     _FREEING_VIEWS views, each good enough to tell the thing from the ground, have shown the ground
-    there as it is mapped, or, where it is hidden, beside it. A view that sees neither says nothing.
+    there as it is mapped, or, where it is hidden, beside it, or what is mapped behind the thing. A
+    view that sees none of these says nothing.
     What one view shows well enough to hold the robot closes its cells, too, until a view shows the
     ground there.
     """
@@ -83,8 +84,8 @@ class KnownGround:
         self._together = np.zeros((0, 0))  # probability by all maps together
         self._changed: Optional[np.ndarray] = None
         #: how surely something stands in a cell, 0 to 1, whether that closed it, and by how much
-        #: inverse depth (1/m) it was nearer than the ground
-        self._things = self._closed = self._shift = np.zeros((0, 0))
+        #: inverse depth (1/m) it was nearer than the ground, at which height (m)
+        self._things = self._closed = self._shift = self._at_z_m = np.zeros((0, 0))
         self._went: Dict[str, np.ndarray] = {}  # by source: what its last view showed as gone
         self._quiet_views = 0  # since something came last
         self.stands: Optional[np.ndarray] = None
@@ -148,7 +149,7 @@ class KnownGround:
             if self._changed is None:
                 self._changed = np.zeros(seen.ground.grid.shape, bool)
                 self._closed = self._changed.copy()
-                self._things, self._shift = np.zeros((2, *seen.ground.grid.shape), np.float32)
+                self._things, self._shift, self._at_z_m = np.zeros((3, *self._changed.shape), np.float32)
             self._maps[seen.source] = seen
             self._stands[seen.source] = standing.by_one(seen.ground, self._robot)
             is_new = True
@@ -287,7 +288,9 @@ class KnownGround:
         stirs = standing.disk(_STIRS_M, self.grid.cell_m)
         new = (came >= _HOLDS) & ~(standing.most(self._things > 0, stirs) > 0)
         hidden = self._hidden(seen, came)
-        frees = (came <= 0) & (self._shift > _TOLD * shows.noise) & (shows.same | hidden)
+        is_past = self._looked_past(shows, came)
+        frees = (came <= 0) & (self._shift > _TOLD * shows.noise) & (shows.same | hidden | is_past)
+        self._at_z_m = np.where(came > 0, shows.at_z_m, self._at_z_m)
         things = np.minimum(self._things + came, 1.0) - frees / np.float32(_FREEING_VIEWS)
         things[things < 0.5 / _FREEING_VIEWS] = 0.0
         if place is not None:  # where the robot itself stands, which no view can show, is no thing
@@ -296,7 +299,15 @@ class KnownGround:
         self._closed = ((things >= _CLOSES) | self._closed) & (things > 0)
         self._shift = np.where(things > 0, np.maximum(self._shift, shows.shift * (came > 0)), 0.0)
         self._things = things.astype(np.float32)
-        return new, hidden & (things <= 0)
+        return new, (hidden | is_past) & (things <= 0)
+
+    def _looked_past(self, shows: Compared, came: np.ndarray) -> np.ndarray:
+        """(rows, columns) bool: where a thing was, and what is mapped behind it is seen."""
+        cells = np.nonzero((self._things > 0) & (came <= 0))
+        points_m = np.column_stack([self.grid.middle_of(*cells), self._at_z_m[cells]])
+        is_past = np.zeros(self.grid.shape, bool)
+        is_past[cells] = shows.looks_past(points_m)
+        return is_past
 
     def _hidden(self, seen: GroundSeen, came: np.ndarray) -> np.ndarray:
         """(rows, columns) bool: cells of a thing that the view does not see, beside ground that it
