@@ -35,33 +35,27 @@ class BesideWatch:
 
     def __init__(self):
         self._sightings: Deque[_Sighting] = deque()
-        self._came_near = False
-        #: until he is seen again
+        #: somebody came up, and was not seen to leave
         self.may_stand = False
 
-    def observe(self, stamp_s: float, things_m: np.ndarray, off_m: np.ndarray) -> None:
-        """A view shows things at ``things_m`` (N,2), ``off_m`` (N,) from the nearest cell in which it
-        may show the robot."""
+    def observe(self, stamp_s: float, new_m: np.ndarray, off_m: np.ndarray) -> None:
+        """A view shows things at ``new_m`` (N,2), where the one before showed none, ``off_m`` (N,)
+        from the nearest cell in which it may show the robot."""
         while self._sightings and stamp_s - self._sightings[0].stamp_s > _KEPT_S:
             self._sightings.popleft()
-        nearest_m, comes, leaves = np.inf, False, False
-        if len(things_m):
-            k = int(np.argmin(off_m))
-            at_m = things_m[np.hypot(*(things_m - things_m[k]).T) < _BLOB_M].mean(0)
-            new = _Sighting(stamp_s, at_m, float(off_m[k]))
-            before = [s.off_m for s in self._sightings if s.may_be(new)]
-            nearest_m = new.off_m
-            comes = max(before, default=-np.inf) > nearest_m
-            leaves = min(before, default=np.inf) < nearest_m
-            self._sightings.append(new)
-        if nearest_m < _STEP_M:
-            self._came_near |= comes
-        else:
-            self.may_stand |= self._came_near and nearest_m > 2 * _STEP_M
-            self._came_near = False
-        self.may_stand &= not (leaves and nearest_m <= 2 * _STEP_M)
+        if not len(new_m):
+            return
+        k = int(np.argmin(off_m))
+        at_m = new_m[np.hypot(*(new_m - new_m[k]).T) < _BLOB_M].mean(0)
+        new = _Sighting(stamp_s, at_m, float(off_m[k]))
+        before_m = [s.off_m for s in self._sightings if s.may_be(new)]
+        self._sightings.append(new)
+        if new.off_m < _STEP_M:
+            self.may_stand |= max(before_m, default=0.0) > new.off_m + _MOVED_M
+        elif min(before_m, default=np.inf) < new.off_m - _MOVED_M:
+            self.may_stand = False
 
     def forget(self) -> None:
         """Somebody looked: nobody stands there."""
-        self._came_near = self.may_stand = False
+        self.may_stand = False
         self._sightings.clear()

@@ -280,13 +280,12 @@ class KnownGround:
         if shows is None:
             return nowhere, nowhere
         came = np.where(own, 0.0, shows.came)
-        if place is not None:
-            things = np.nonzero(came >= _HOLDS)
-            own_px = cv2.distanceTransform((~own).astype(np.uint8), cv2.DIST_L2, 5)
-            off_m = own_px[things] * self.grid.cell_m
-            self.beside.observe(seen.stamp_s, self.grid.middle_of(*things), off_m)
         stirs = standing.disk(_STIRS_M, self.grid.cell_m)
         new = (came >= _HOLDS) & ~(standing.most(self._things > 0, stirs) > 0)
+        if place is not None:
+            off_px = cv2.distanceTransform((~own).astype(np.uint8), cv2.DIST_L2, 5)[new]
+            new_m = self.grid.middle_of(*np.nonzero(new))
+            self.beside.observe(seen.stamp_s, new_m, off_px * self.grid.cell_m)
         hidden = self._hidden(seen, came)
         is_past = self._looked_past(shows, came)
         frees = (came <= 0) & (self._shift > _TOLD * shows.noise) & (shows.same | hidden | is_past)

@@ -153,7 +153,8 @@ class RobotDrive:
             self._sense(now_s)
             guidance = self._guided(now_s)
             drives = guidance.state == DRIVING or not self.machine.stands or self._held
-            stood_s = 0.0 if drives or guidance.asks else stood_s + STEP_S
+            waits = guidance.asks or not self._errors  # for the operator; for its first place
+            stood_s = 0.0 if drives or waits else stood_s + STEP_S
             self._operate(now_s, guidance)
             if contact:
                 ended = "contact"
