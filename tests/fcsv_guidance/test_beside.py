@@ -7,6 +7,13 @@ import pytest
 from fcsv_guidance.beside import BesideWatch
 
 NOTHING = np.empty((0, 2)), np.empty(0)
+ROBOT_M = np.array([8.8, 5.0])
+
+
+def thing(off_m, size_m=1.2):
+    """The cells of a thing, and how far from the robot's they are."""
+    off = np.arange(off_m, off_m + size_m, 0.1)
+    return np.column_stack([10.0 + off, np.full(len(off), 5.0)]), off
 
 
 def after(*views):
@@ -14,8 +21,7 @@ def after(*views):
     the robot may be seen."""
     watch = BesideWatch()
     for second, off_m in enumerate(views):
-        seen = (np.array([[10.0 + off_m, 5.0]]), np.array([off_m])) if off_m is not None else NOTHING
-        watch.observe(float(second), *seen)
+        watch.observe(float(second), *(NOTHING if off_m is None else thing(off_m)), ROBOT_M)
     return watch
 
 
@@ -32,6 +38,8 @@ def after(*views):
         ((1.0, None), False),  # a wrong depth comes from nowhere
         ((9.0, 1.0, None), False),  # nobody is so fast
         ((1.3, 1.0, 1.2, 0.9, None), False),  # noise of a thing that stood and is taken away
+        ((2.1, 1.3, 2.0, 0.9, 1.9, None), False),  # and of one whose depth is matched worse
+        ((2.4, 1.9, 1.4, 0.9, None), True),  # slowly: he is seen where he was, too
         ((3.8, 2.4, None), False),  # he turned off before
         ((3.8, None, None, None, 1.0, None), False),  # too long ago to be one and the same
         ((None, None), False),
@@ -44,13 +52,13 @@ def test_he_may_stand_beside_it_once_he_came_up_and_until_he_is_seen(views, may_
 def test_a_thing_that_stands_while_the_robot_passes_it_did_not_come():
     watch = BesideWatch()
     for second, off_m in enumerate((3.0, 2.2, 1.4, 0.6)):
-        watch.observe(float(second), np.array([[10.0, 5.0]]), np.array([off_m]))
-    watch.observe(4.0, *NOTHING)
+        watch.observe(float(second), thing(2.0)[0], thing(off_m)[1], ROBOT_M)
+    watch.observe(4.0, *NOTHING, ROBOT_M)
     assert not watch.may_stand
 
 
 def test_who_looked_ends_it():
     watch = after(3.8, 2.4, 1.0, None)
     watch.forget()
-    watch.observe(4.0, *NOTHING)
+    watch.observe(4.0, *NOTHING, ROBOT_M)
     assert not watch.may_stand

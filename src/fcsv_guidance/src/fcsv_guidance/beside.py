@@ -10,23 +10,30 @@ import numpy as np
 WALKS_MPS = 1.5  # of who comes
 _VIEWS_APART_S = 1.0
 _MOVED_M = 0.5  # from one sighting to another; less may be noise
-_BLOB_M = 1.0  # about the nearest cell, and error of its middle: one thing
-_KEPT_S = 2.5  # of sightings: one view between may miss him
+_BLOB_M = 2.0  # about the nearest cell: one thing, whose depth is matched worse than its side
+_OFF_M = 1.0  # of its middle
+_SAME_M, _STAYS = 0.15, 0.1  # share of its cells in which a thing that went is seen still
+_PAIR_S, _TREND_S, _TREND_VIEWS = 2.5, 4.0, 3  # one view between two may miss him
+_TREND_MPS, _TREND_OFF_M = 0.4, 0.5
 _STEP_M = WALKS_MPS * _VIEWS_APART_S
 
 
 class _Sighting(NamedTuple):
-    """Where the thing nearest to the robot's cells was, and how far from them."""
+    """Cells (N,2) of the thing nearest to the robot, and their middle (2,), m."""
 
     stamp_s: float
-    at_m: np.ndarray
-    off_m: float
+    cells_m: np.ndarray
+    middle_m: np.ndarray
 
     def may_be(self, later: "_Sighting") -> bool:
-        """Whether it went on to where a later one shows it; what comes from nowhere is a wrong
-        depth."""
-        way_m = float(np.hypot(*(later.at_m - self.at_m)))
-        return _MOVED_M < way_m < WALKS_MPS * (later.stamp_s - self.stamp_s) + _BLOB_M
+        """Whether nobody is too fast to be seen here, and later there."""
+        way_m = float(np.hypot(*(later.middle_m - self.middle_m)))
+        return way_m < WALKS_MPS * (later.stamp_s - self.stamp_s) + _OFF_M
+
+    def stays(self, things_m: np.ndarray) -> bool:
+        """Whether some of it is still seen where it was, among ``things_m`` (N,2)."""
+        off_m = np.hypot(*(self.cells_m[:, None] - things_m[None]).transpose(2, 0, 1)).min(1)
+        return float((off_m < _SAME_M).mean()) > _STAYS
 
 
 class BesideWatch:
@@ -38,24 +45,44 @@ class BesideWatch:
         #: somebody came up, and was not seen to leave
         self.may_stand = False
 
-    def observe(self, stamp_s: float, new_m: np.ndarray, off_m: np.ndarray) -> None:
-        """A view shows things at ``new_m`` (N,2), where the one before showed none, ``off_m`` (N,)
-        from the nearest cell in which it may show the robot."""
-        while self._sightings and stamp_s - self._sightings[0].stamp_s > _KEPT_S:
+    def observe(
+        self, stamp_s: float, things_m: np.ndarray, off_m: np.ndarray, robot_m: np.ndarray
+    ) -> None:
+        """A view shows things in cells at ``things_m`` (N,2), ``off_m`` (N,) from the nearest in which
+        it may show the robot, which is at ``robot_m`` (2,)."""
+        while self._sightings and stamp_s - self._sightings[0].stamp_s > _TREND_S:
             self._sightings.popleft()
-        if not len(new_m):
+        if not len(things_m):
             return
         k = int(np.argmin(off_m))
-        at_m = new_m[np.hypot(*(new_m - new_m[k]).T) < _BLOB_M].mean(0)
-        new = _Sighting(stamp_s, at_m, float(off_m[k]))
-        before_m = [s.off_m for s in self._sightings if s.may_be(new)]
+        cells_m = things_m[np.hypot(*(things_m - things_m[k]).T) < _BLOB_M]
+        new = _Sighting(stamp_s, cells_m, cells_m.mean(0))
+        nearer_m = self._nearer_m(new, things_m, np.asarray(robot_m, float))
         self._sightings.append(new)
-        if new.off_m < _STEP_M:
-            self.may_stand |= max(before_m, default=0.0) > new.off_m + _MOVED_M
-        elif min(before_m, default=np.inf) < new.off_m - _MOVED_M:
+        if off_m[k] < _STEP_M:
+            self.may_stand |= nearer_m > 0
+        elif nearer_m < 0:
             self.may_stand = False
 
     def forget(self) -> None:
         """Somebody looked: nobody stands there."""
         self.may_stand = False
         self._sightings.clear()
+
+    def _nearer_m(self, new: _Sighting, things_m: np.ndarray, robot_m: np.ndarray) -> float:
+        """How much nearer to the robot it came since it was seen before, negative where it left; 0
+        where it stands, or comes from nowhere, as a wrong depth does."""
+        before = [s for s in self._sightings if s.may_be(new)]
+        for s in before:
+            nearer_m = float(np.hypot(*(s.middle_m - robot_m)) - np.hypot(*(new.middle_m - robot_m)))
+            recent = new.stamp_s - s.stamp_s <= _PAIR_S
+            if recent and abs(nearer_m) > _MOVED_M and not s.stays(things_m):
+                return nearer_m
+        if len(before) + 1 < _TREND_VIEWS:
+            return 0.0
+        seen = [*before, new]
+        off_s = np.array([s.stamp_s - new.stamp_s for s in seen])
+        away_m = np.array([np.hypot(*(s.middle_m - robot_m)) for s in seen])
+        mps, at_m = np.polyfit(off_s, away_m, 1)
+        straight = np.abs(away_m - (mps * off_s + at_m)).max() < _TREND_OFF_M
+        return float(-mps) if straight and abs(mps) > _TREND_MPS else 0.0

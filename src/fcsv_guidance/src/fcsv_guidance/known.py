@@ -283,9 +283,11 @@ class KnownGround:
         stirs = standing.disk(_STIRS_M, self.grid.cell_m)
         new = (came >= _HOLDS) & ~(standing.most(self._things > 0, stirs) > 0)
         if place is not None:
-            off_px = cv2.distanceTransform((~own).astype(np.uint8), cv2.DIST_L2, 5)[new]
-            new_m = self.grid.middle_of(*np.nonzero(new))
-            self.beside.observe(seen.stamp_s, new_m, off_px * self.grid.cell_m)
+            surely = came >= _HOLDS
+            off_px = cv2.distanceTransform((~own).astype(np.uint8), cv2.DIST_L2, 5)[surely]
+            things_m = self.grid.middle_of(*np.nonzero(surely))
+            off_m, robot_m = off_px * self.grid.cell_m, np.array([place.x_m, place.y_m])
+            self.beside.observe(seen.stamp_s, things_m, off_m, robot_m)
         hidden = self._hidden(seen, came)
         is_past = self._looked_past(shows, came)
         frees = (came <= 0) & (self._shift > _TOLD * shows.noise) & (shows.same | hidden | is_past)
