@@ -28,10 +28,6 @@ class NamespaceMachine(Machine):
     def master_alive(self) -> bool:
         return in_namespace(self.namespace, super().master_alive)
 
-    @property
-    def core(self) -> Process:
-        return self._core
-
     def python(self, code: str, log: str = "script") -> Process:
         """A rospy script on this machine; it runs until the machine stops."""
         path = self.folder / f"{log}-{time.time()}.py"

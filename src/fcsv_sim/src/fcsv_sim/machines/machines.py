@@ -178,6 +178,11 @@ class Machine:
         env.pop("ROS_HOSTNAME", None)
         return env
 
+    @property
+    def core(self) -> Optional[Process]:
+        """The roscore, where one was started."""
+        return self._core
+
     def begin_master(self) -> None:
         """Start the roscore, where none runs, without a wait for it."""
         if self._core is None or self._core.returncode is not None:
