@@ -103,7 +103,9 @@ def test_firmware_is_named(autopilot, kind, name):
 
 
 @pytest.fixture
-def served():
+def served(monkeypatch):
+    # loopback answers within 0.01 s: a parameter that is not there is given up sooner
+    monkeypatch.setattr("fcsv_control.parameters.transfer._PATIENCE_S", 0.3)
     served = Served()
     yield served
     served.close()

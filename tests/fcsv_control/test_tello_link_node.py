@@ -175,6 +175,12 @@ class Flight:
             worst = np.maximum(worst, self.off(T))
         return worst
 
+    def settle(self, T, most_s=10.0):
+        """Held for a second as well as set-points are; at most so long."""
+        over_s = time.monotonic() + most_s
+        while np.any(self.hold(T, 1.0) > (0.15, 5.0)) and time.monotonic() < over_s:
+            pass
+
     def ready(self):
         """Connected, with poses for as long as GUIDED asks for."""
         self.operator.hears()
@@ -200,7 +206,7 @@ class Flight:
         assert self.operator.take_off(float(T[2, 3])), self.operator.texts
         until(lambda: self.p_m[2] > T[2, 3] - 0.3, 20.0, "at its altitude")
         until(lambda: self.operator.mode("GUIDED"), 5.0, "GUIDED")
-        self.hold(T, 10.0)
+        self.settle(T)
 
     def landed(self, timeout_s=30.0):
         until(lambda: not self.tello.drone.flight.flying, timeout_s, "on the ground")

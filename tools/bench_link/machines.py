@@ -11,7 +11,7 @@ from typing import Callable, Dict, List, Optional
 from radio import Conditions, Radio, in_namespace
 
 from fcsv_multimaster.keys.keyring import make_fleet
-from fcsv_sim.machines.machines import Machine, Process
+from fcsv_sim.machines.machines import Machine, Process, start_together, stop_together
 
 PORT, BULK_PORT = 7447, 7448
 MASTER_PORT = 11311
@@ -25,25 +25,8 @@ class NamespaceMachine(Machine):
         self.namespace = namespace
         self.prefix: List[str] = []  # of every command: env, for example
 
-    def start_master(self, timeout_s: float = 30.0) -> "NamespaceMachine":
-        command = self._inside(["roscore", "-p", str(self.port)])
-        self._core = Process(command, self.folder / "roscore.log", self.env)
-        deadline = time.monotonic() + timeout_s
-        while not self.master_alive():
-            if self._core.returncode is not None or time.monotonic() > deadline:
-                raise RuntimeError(f"{self.name}: no ROS master: {self._core.tail(3)}")
-            time.sleep(0.1)
-        return self
-
     def master_alive(self) -> bool:
         return in_namespace(self.namespace, super().master_alive)
-
-    @property
-    def core(self) -> Process:
-        return self._core
-
-    def run(self, command, log: str) -> Process:
-        return super().run(self._inside(command), log)
 
     def python(self, code: str, log: str = "script") -> Process:
         """A rospy script on this machine; it runs until the machine stops."""
@@ -86,7 +69,7 @@ class Net:
             for name in self._with_ros:
                 machine = NamespaceMachine(name, self.folder, self.radio.namespace(name))
                 self.machines[name] = machine
-                machine.start_master()
+            start_together(self.machines.values())
             for name in self.machines:
                 self.start_relay(name)
         except BaseException:
@@ -127,8 +110,7 @@ class Net:
     def stop(self) -> None:
         for process in self._others:
             process.stop()
-        for machine in self.machines.values():
-            machine.stop()
+        stop_together(self.machines.values())
         self.radio.close()
 
     def __enter__(self) -> "Net":

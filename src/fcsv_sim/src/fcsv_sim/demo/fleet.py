@@ -16,7 +16,14 @@ from fcsv_sim.demo.autopilots import rc_port
 from fcsv_sim.demo.own_camera import OwnCamera
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.demo.window import OperatorWindow, arguments
-from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
+from fcsv_sim.machines.machines import (
+    Machine,
+    MachineError,
+    Process,
+    free_port,
+    start_together,
+    stop_together,
+)
 from fcsv_sim.machines.slow_motion import shared_time
 from fcsv_sim.world.movers import Mover
 
@@ -144,8 +151,7 @@ class Machines:
 
     def start(self) -> None:
         """Masters first, then the launch files. Raises MachineError."""
-        for machine in self.machines.values():
-            machine.start_master()
+        start_together(self.machines.values())
         self._write_description()
         self._launch()
         if self.plan.window is not None:
@@ -159,10 +165,7 @@ class Machines:
 
     def stop(self) -> None:
         """Interrupt every launch, then end the masters; recorders close their bags on the way."""
-        for process in self.launches.values():
-            process.signal(2)
-        for machine in self.machines.values():
-            machine.stop()
+        stop_together(self.machines.values())
 
     def dead_launches(self) -> List[str]:
         """Those whose launch has ended by itself."""

@@ -16,7 +16,7 @@ import time
 import xmlrpc.client
 from contextlib import suppress
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Set
+from typing import Collection, Dict, List, Optional, Sequence, Set
 
 import psutil
 
@@ -178,10 +178,20 @@ class Machine:
         env.pop("ROS_HOSTNAME", None)
         return env
 
-    def start_master(self, timeout_s: float = 15.0) -> "Machine":
+    @property
+    def core(self) -> Optional[Process]:
+        """The roscore, where one was started."""
+        return self._core
+
+    def begin_master(self) -> None:
+        """Start the roscore, where none runs, without a wait for it."""
+        if self._core is None or self._core.returncode is not None:
+            command = self._inside(["roscore", "-p", str(self.port)])
+            self._core = Process(command, self.folder / "roscore.log", self.env)
+
+    def start_master(self, timeout_s: float = 30.0) -> "Machine":
         """Start the roscore and wait until it answers. Raises MachineError."""
-        command = ["roscore", "-p", str(self.port)]
-        self._core = Process(command, self.folder / "roscore.log", self.env)
+        self.begin_master()
         deadline = time.monotonic() + timeout_s
         while not self.master_alive():
             if self._core.returncode is not None or time.monotonic() > deadline:
@@ -207,7 +217,7 @@ class Machine:
 
     def run(self, command: Sequence[str], log: str) -> Process:
         """A process of this machine; its output in ``log``.log in the machine's folder."""
-        process = Process(command, self.folder / f"{log}.log", self.env)
+        process = Process(self._inside(command), self.folder / f"{log}.log", self.env)
         self._processes.append(process)
         return process
 
@@ -219,17 +229,56 @@ class Machine:
 
     def stop(self) -> None:
         """Stop everything, the launches first, together; the master last."""
+        stop_together([self])
+
+    def interrupt(self) -> None:
+        """Ask all but the master to end."""
         for process in self._processes:
             process.signal(signal.SIGINT)
+
+    def stop_processes(self) -> None:
+        """End all but the master."""
         for process in reversed(self._processes):
             process.stop()
         self._processes.clear()
+
+    def interrupt_master(self) -> None:
+        """Ask the roscore to end."""
+        if self._core is not None:
+            self._core.signal(signal.SIGINT)
+
+    def stop_master(self) -> None:
+        """End the roscore."""
         if self._core is not None:
             self._core.stop(grace_s=5.0)
             self._core = None
+
+    def _inside(self, command: Sequence[str]) -> Sequence[str]:
+        """The command as it is run on this machine."""
+        return command
 
     def __enter__(self) -> "Machine":
         return self.start_master()
 
     def __exit__(self, *_exc) -> None:
         self.stop()
+
+
+def start_together(machines: Collection[Machine]) -> None:
+    """The masters of machines, whose starts wait more than they work. Raises MachineError."""
+    for machine in machines:
+        machine.begin_master()
+    for machine in machines:
+        machine.start_master()
+
+
+def stop_together(machines: Collection[Machine]) -> None:
+    """Machines, each step on all of them: what runs there, then their masters."""
+    for step in (
+        Machine.interrupt,
+        Machine.stop_processes,
+        Machine.interrupt_master,
+        Machine.stop_master,
+    ):
+        for machine in machines:
+            step(machine)

@@ -36,6 +36,7 @@ class Renderer:
     def __init__(self, town: Town, threads: int = 1):
         self._caster = make_caster(town.vertices, town.triangles, threads)
         self._tables = build_tables(town, self._distances)
+        self._numbers = sampling.surface_numbers(*self._tables[:3])
         self._camera = None
 
     def render(
@@ -66,17 +67,11 @@ class Renderer:
         R, p = np.ascontiguousarray(T_world_cam[:3, :3]), np.ascontiguousarray(T_world_cam[:3, 3])
         sampling.fill_rays(self._directions.reshape(-1, 3), self._order, R, p, self._rays)
         self._caster.cast(self._rays)
-        shaded = self._shade(self._rays, self._all, R, exposure)
         values = np.empty((camera.height, camera.width, 3), np.float32)
         depth = np.empty((camera.height, camera.width), np.float32)
+        self._shade(self._rays, self._all, self._order, R, exposure, values.reshape(-1, 3))
         sampling.collect(
-            self._rays,
-            self._order,
-            shaded,
-            *self._tables[:3],
-            values.reshape(-1, 3),
-            depth.ravel(),
-            self._surface.ravel(),
+            self._rays, self._order, self._numbers, depth.ravel(), self._surface.ravel()
         )
         if samples > 1:
             self._refine_edges(values, R, p, exposure, samples)
@@ -98,18 +93,24 @@ class Renderer:
         self._rays = ray_buffer(len(self._order))
         self._surface = np.empty((camera.height, camera.width), np.int64)
         self._marked = np.empty((camera.height, camera.width), np.bool_)
-        self._shaded = np.empty((len(self._order), 3), np.float32)
         # kept from picture to picture: fresh pages for tens of megabytes cost a quarter of a
         # picture's time
         most = (int(_MOST_EDGES * len(self._order)) + 1) * _MOST_SAMPLES
         self._edge_rays = ray_buffer(most)
         self._source, self._wanted = np.empty(most, np.int32), np.empty(most, np.int32)
+        self._extra = np.empty((most, 3), np.float32)
 
     def _shade(
-        self, rays: np.ndarray, wanted: np.ndarray, R_world_cam: np.ndarray, exposure: float
-    ) -> np.ndarray:
-        """Picture values (len(wanted),3) of what the wanted ones of cast rays hit."""
-        out = self._shaded[: len(wanted)]
+        self,
+        rays: np.ndarray,
+        wanted: np.ndarray,
+        places: np.ndarray,
+        R_world_cam: np.ndarray,
+        exposure: float,
+        out: np.ndarray,
+    ) -> None:
+        """Picture values of what the wanted ones of cast rays hit, into rows ``places`` of
+        ``out``."""
         shade_rays(
             *self._tables,
             R_world_cam,
@@ -117,10 +118,10 @@ class Renderer:
             self._camera.fy,
             rays,
             wanted,
+            places,
             float(exposure),
             out,
         )
-        return out
 
     def _refine_edges(
         self, values: np.ndarray, R: np.ndarray, p: np.ndarray, exposure: float, samples: int
@@ -139,7 +140,7 @@ class Renderer:
         self._caster.cast(rays)
         new = sampling.new_surfaces(
             rays,
-            *self._tables[:3],
+            self._numbers,
             self._surface,
             self._marked,
             self._order,
@@ -147,8 +148,8 @@ class Renderer:
             source,
             self._wanted,
         )
-        extra = self._shade(rays, self._wanted[:new], R, exposure)
-        sampling.average_edges(values, self._marked, self._order, extra, source, each)
+        self._shade(rays, self._wanted[:new], self._all, R, exposure, self._extra)
+        sampling.average_edges(values, self._marked, self._order, self._extra, source, each)
 
     def _distances(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Distances (N), in units of the directions, from origins (N,3); inf where nothing is

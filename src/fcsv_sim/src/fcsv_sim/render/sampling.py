@@ -70,30 +70,26 @@ def fill_rays(directions_cam, order, R_world_cam, p_world_cam, rays):
         )
 
 
-@compiled.function
-def _surface(p, materials, instances, triangles):
-    """A number that differs where instance or orientation differ (of a crown: instance alone); 0
-    for the sky."""
-    if p == np.uint32(0xFFFFFFFF):
-        return 0
-    key = 1 + instances[p] * 6859
-    if materials[p] != FOLIAGE:
-        a, b = int(triangles[p, 0] * 4.0 + 9.5), int(triangles[p, 1] * 4.0 + 9.5)
-        key += (a * 19 + b) * 19 + int(triangles[p, 2] * 4.0 + 9.5)
-    return key
+def surface_numbers(
+    triangles: np.ndarray, materials: np.ndarray, instances: np.ndarray
+) -> np.ndarray:
+    """A number (M) i64 for each triangle of Tables that differs where instance or orientation
+    differ (of a crown: instance alone); 0 is the sky's."""
+    a, b, c = (triangles[:, :3].astype(np.float64) * 4.0 + 9.5).astype(np.int64).T
+    orientation = np.where(materials == FOLIAGE, 0, (a * 19 + b) * 19 + c)
+    return 1 + instances.astype(np.int64) * 6859 + orientation
 
 
 @compiled.kernel
-def collect(rays, order, shaded, triangles, materials, instances, values, depth, surface):
-    """Back into picture order: values (N,3), depth (N; NaN for none), and a number that differs
-    between surfaces."""
+def collect(rays, order, numbers, depth, surface):
+    """Back into picture order: depth (N; NaN for none), and the surface's number."""
     ints = rays.view(np.uint32)
     for n in range(len(order)):
-        i = order[n]
-        values[i, 0], values[i, 1], values[i, 2] = shaded[n, 0], shaded[n, 1], shaded[n, 2]
-        p = ints[n, PRIM]
-        depth[i] = np.nan if p == np.uint32(0xFFFFFFFF) else rays[n, T]
-        surface[i] = _surface(p, materials, instances, triangles)
+        i, p = order[n], ints[n, PRIM]
+        if p == np.uint32(0xFFFFFFFF):
+            depth[i], surface[i] = np.nan, 0
+        else:
+            depth[i], surface[i] = rays[n, T], numbers[p]
 
 
 @compiled.kernel
@@ -144,9 +140,7 @@ def fill_edge_rays(directions_cam, marked, order, offsets, R_world_cam, p_world_
 
 
 @compiled.kernel
-def new_surfaces(
-    rays, triangles, materials, instances, surface, marked, order, per_pixel, source, wanted
-):
+def new_surfaces(rays, numbers, surface, marked, order, per_pixel, source, wanted):
     """Which extra rays show a surface that their pixel has not been shaded for yet: colour is
     filtered over the whole pixel, so once per surface is enough. ``source`` (N): -1 for the pixel's
     own colour, else an index into ``wanted``, the rays to shade; returns how many those are."""
@@ -158,7 +152,8 @@ def new_surfaces(
         if not marked[i // width, i % width]:
             continue
         for s in range(per_pixel):
-            keys[s] = _surface(ints[n + s, PRIM], materials, instances, triangles)
+            p = ints[n + s, PRIM]
+            keys[s] = 0 if p == np.uint32(0xFFFFFFFF) else numbers[p]
             found = -2
             if keys[s] == surface[i // width, i % width]:
                 found = -1

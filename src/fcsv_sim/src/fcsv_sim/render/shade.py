@@ -115,10 +115,12 @@ def shade_rays(  # noqa: PLR0913
     fy,
     rays,
     wanted,
+    places,
     exposure,
     out,
 ):
-    """Picture values (K,3) f32 of the ``wanted`` (K) of cast rays (N,20; rays.py).
+    """Picture values f32 of the ``wanted`` (K) of cast rays (N,20; rays.py), each into its row of
+    ``places`` (K) of ``out`` (any,3).
 
     R_world_cam and the focal lengths (px) give a pixel's footprint on what was hit.
     """
@@ -127,11 +129,11 @@ def shade_rays(  # noqa: PLR0913
     pixel_rad = 1.0 / fx
     prims = rays.view(np.uint32)
     for n in range(len(wanted)):
-        i = wanted[n]
+        i, to = wanted[n], places[n]
         dx, dy, dz, t, prim = rays[i, DX], rays[i, DY], rays[i, DZ], rays[i, T], prims[i, PRIM]
         if prim == NO_HIT:
             r, g, b = sky(data, dx, dy, dz, pixel_rad, data[BEND + 100] * 0.3)
-            out[n, 0], out[n, 1], out[n, 2] = (
+            out[to, 0], out[to, 1], out[to, 2] = (
                 respond(r * exposure),
                 respond(g * exposure),
                 respond(b * exposure),
@@ -182,7 +184,7 @@ def shade_rays(  # noqa: PLR0913
             sun *= lit(near, far, windows, x + nx * off, y + ny * off, z + nz * off, footprint)
         r, g, b = _light(r, g, b, sun, opening)
         r, g, b = haze(r, g, b, t)
-        out[n, 0], out[n, 1], out[n, 2] = (
+        out[to, 0], out[to, 1], out[to, 2] = (
             respond(r * exposure),
             respond(g * exposure),
             respond(b * exposure),

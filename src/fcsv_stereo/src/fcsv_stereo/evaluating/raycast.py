@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a camera sees of a mesh, by Open3D's rays: of the truth, and of the near field."""
 
+import sys
+from types import ModuleType
 from typing import Tuple
 
 import numpy as np
@@ -8,14 +10,22 @@ import numpy as np
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
 
+_LEARNING = "open3d.ml"  # more than half of the import, and used by nothing here
+
 
 def open3d():
     """The library: a heavy import, which the wheel and most maps do without. Raises InputError
     where it is missing."""
+    first = "open3d" not in sys.modules
+    if first:
+        sys.modules[_LEARNING] = ModuleType(_LEARNING)
     try:
         import open3d as library
     except ImportError as error:
         raise InputError("open3d is not installed: pip install open3d") from error
+    finally:
+        if first:
+            del sys.modules[_LEARNING]  # who imports it still gets it
     return library
 
 

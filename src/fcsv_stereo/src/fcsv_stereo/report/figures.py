@@ -173,7 +173,7 @@ def from_above(result: MapResult, by_baseline: bool):
         )
     else:
         colors = cloud.colors[keep] / 255.0
-    axes.scatter(-points[:, 1], points[:, 0], c=colors, s=0.6, linewidths=0)
+    axes.scatter(-points[:, 1], points[:, 0], c=colors, s=0.6, marker="s", linewidths=0)
     around = result.reference.is_level and result.reference.looks_down
     _rings(axes, reach, 180 if around else 60)
     if not around:

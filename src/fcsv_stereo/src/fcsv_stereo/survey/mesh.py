@@ -9,7 +9,8 @@ from typing import Any, Iterable, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.errors import SurveyError
+from fcsv_stereo.errors import InputError, SurveyError
+from fcsv_stereo.evaluating.raycast import open3d
 from fcsv_stereo.survey.merge import SiteView
 
 #: Side of a cube over the bound, and how far behind a depth its surface reaches over it.
@@ -73,13 +74,13 @@ def write_mesh(views: Iterable[SiteView], path: Path, bound_m: float) -> int:
 def _libraries() -> Tuple[Any, Any]:
     """Open3D makes the mesh; its glTF is wrong, so trimesh writes it."""
     try:
-        import open3d
         import trimesh
-    except ImportError as error:
+
+        return open3d(), trimesh
+    except (ImportError, InputError) as error:
         raise SurveyError(
             f"the product mesh needs open3d and trimesh ({error}); install them: pip install open3d trimesh"
         ) from error
-    return open3d, trimesh
 
 
 def _require_room(depth: np.ndarray, seen: SiteView, voxel_m: float, bound_m: float) -> None:
