@@ -33,6 +33,8 @@ GATE_SIGMAS, GATE_PX = 3.5, 15.0
 #: Pixels of a view, about so many, that tell by the priors whether two views overlap, and the least
 #: share of them.
 OVERLAP_SAMPLES, LEAST_OVERLAP = 1500, 0.05
+#: Views that a view is compared with at least. In a ring of 24, 6 give all edges that all pairs give.
+NEIGHBOURS = 8
 #: Cosine of the angle between two views' rays to a point, and ratio of its distances, up to which its
 #: surroundings are tracked from one to the other; least share of such points; px: how far a corner
 #: may come back from where it was.
