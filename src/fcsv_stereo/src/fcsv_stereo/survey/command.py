@@ -169,7 +169,7 @@ def _parser() -> argparse.ArgumentParser:
         type=int,
         default=tuning.NEIGHBOURS,
         metavar="N",
-        help="each view is compared with the N that by the stations look most alike (%(default)s; 0: all)",
+        help="each view is compared with the N that by the stations look most alike (%(default)s); 0: with all",
     )
     products = parser.add_argument_group("products besides")
     products.add_argument(
