@@ -77,7 +77,7 @@ def test_depth_sigma_and_pose_are_those_of_the_site(survey):
     both = np.isfinite(views[1].depth)
     assert np.allclose(views[1].depth[both], SCALE * read[both], rtol=1e-5)
     own = np.load(survey / "views/b/sigma.npy")[both] * SCALE
-    of_scale = 0.002 * views[1].depth[both]
+    of_scale = tuning.POSE_SIGMA * 0.002 * views[1].depth[both]
     most = np.hypot(tuning.PLANE_SIGMA, tuning.BEND_SIGMA * tuning.MOST_BEND)
     assert (views[1].sigma[both] <= 1.001 * np.hypot(most * own, of_scale)).all()
     assert (views[1].sigma[both] >= of_scale).all()

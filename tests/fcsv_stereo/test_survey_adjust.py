@@ -184,3 +184,16 @@ def test_groups_that_no_edge_joins_refer_to_datums_of_their_own():
     assert found["v3"].datum == "v3" and found["v3"].alone
     for n in near | far:
         assert np.sqrt(np.trace(found[n].relative[3:6, 3:6])) < 0.3 < found[n].sigma_m
+
+
+def test_sigmas_against_the_whole_site_are_even_and_other_groups_change_no_bit():
+    """Of a ring no view is surer than another. With one view as datum it had none, and the view
+    across the most."""
+    true = scales()
+    ring = adjust(noisy_views(true), ring_edges(true)).placed
+    sigmas = [np.sqrt(np.trace(p.relative[3:6, 3:6])) for p in ring.values()]
+    assert max(sigmas) < 1.3 * min(sigmas) and max(sigmas) < 0.1
+    some = [e for e in ring_edges(true) if {e.a, e.b} <= set(NAMES[:4])]
+    four = adjust(noisy_views(true)[:4], some).placed
+    five = adjust(noisy_views(true)[:5], some).placed
+    assert all((four[n].relative == five[n].relative).all() for n in four)

@@ -11,8 +11,9 @@ from fcsv_geometry import transforms
 from fcsv_stereo.survey import similarity, tuning
 from fcsv_stereo.survey.edges import edge_of, find_edge
 from fcsv_stereo.survey.features import features_of
-from fcsv_stereo.survey.matching import match, may_overlap, predicted
-from fcsv_stereo.survey.warping import look_alike, tracked
+from fcsv_stereo.survey.matching import match, predicted
+from fcsv_stereo.survey.pairs import compared_pairs, pair_of
+from fcsv_stereo.survey.warping import tracked
 
 A, B = camera_at(0, 0), camera_at(5, 20, 2, heading_deg=-12)
 
@@ -96,12 +97,29 @@ def test_views_back_to_back_do_not_overlap_and_neighbours_do():
         view("b", camera_at(0, 8)),
         view("c", camera_at(-5, 0, heading_deg=180)),
     )
-    assert may_overlap(here, beside) and not may_overlap(here, behind)
+    assert pair_of(here, beside).look_alike and pair_of(here, behind) is None
 
 
 def test_a_view_without_a_place_may_overlap_any():
     behind = camera_at(-5, 0, heading_deg=180)
-    assert may_overlap(view("a", A), view("c", behind, known_as=unplaced(behind)))
+    pair = pair_of(view("a", A), view("c", behind, known_as=unplaced(behind)))
+    assert pair is not None and not pair.look_alike
+
+
+def compared(views, neighbours):
+    return [p.a.name + p.b.name for p in compared_pairs(views, neighbours)]
+
+
+def test_pairs_per_view_do_not_grow_with_the_site_and_hold_it_together():
+    """Two groups of views along a wall; of all, only the first and the last see nothing in common."""
+    row = [view(c, camera_at(0, y)) for c, y in zip("abcdef", (0, 8, 16, 40, 48, 56))]
+    assert len(compared(row, 0)) == 14
+    assert compared(row, 1) == ["ab", "bc", "cd", "de", "ef"]
+    assert compared(row, 2) == ["ab", "ac", "bc", "cd", "de", "df", "ef"]
+    assert compared(row, 8) == compared(row, 0) and compared(row[:1], 2) == []
+    lost = view("x", camera_at(0, 3), known_as=unplaced(camera_at(0, 3)))
+    assert compared([*row, lost], 1)[:3] == ["ab", "ax", "bc"]
+    assert len(compared([*row, lost], 1)) == 5 + 6
 
 
 def test_matches_are_looked_for_where_priors_allow():
@@ -150,12 +168,12 @@ def test_what_is_seen_40_degrees_apart_is_tracked_to_where_it_is_not_to_where_pr
     a = of_noise("a", A, prior(A))
     b = of_noise("b", B, prior(camera_at(10, 26, heading_deg=-40)))
     b.image[:] = b.image * 0.6 + 20  # another exposure
-    assert look_alike(a, b) and not look_alike(a, view("c", camera_at(80, 0, heading_deg=180)))
-    assert not look_alike(a, view("b", B, known_as=unplaced(B)))
+    across = pair_of(a, view("c", camera_at(80, 0, heading_deg=180)))
+    assert pair_of(a, b).look_alike and not (across and across.look_alike)
     in_a, in_b = tracked(a, b)
     apart = transforms.apply(A, in_a.points) - transforms.apply(B, in_b.points)
     assert len(in_a) > 30 and np.abs(np.median(apart, axis=0)).max() < 0.2
-    edge = find_edge(a, b, features_of(a), features_of(b), look_alike(a, b))
+    edge = find_edge(a, b, features_of(a), features_of(b), True)
     assert edge.kept and np.abs(off(edge, 1.0, B)[0]).max() < 4.0
 
 

@@ -18,7 +18,7 @@ from support.photographs import model
 from support.survey_views import camera_at, unplaced, view
 
 from fcsv_stereo.errors import InputError, OutputError, SurveyError
-from fcsv_stereo.survey import inputs, kept, similarity, survey
+from fcsv_stereo.survey import inputs, kept, similarity, survey, work
 from fcsv_stereo.survey.adjust import adjust
 from fcsv_stereo.survey.edges import Edge
 from fcsv_stereo.survey.kept import kept_edge, make_edge, view_file
@@ -53,6 +53,16 @@ def test_workers_are_other_processes_and_few_short_tasks_need_none(tmp_path):
         assert os.getpid() not in {o.result for o in crew.run(of(3, True))}
         assert os.getpid() not in {o.result for o in crew.run(of(1, False))}  # they are there now
     assert list(Crew(WorkOptions(2)).run([])) == []
+
+
+def test_the_scheduler_knows_of_few_tasks_at_a_time(monkeypatch):
+    monkeypatch.setattr(work, "_IN_FLIGHT", 2)
+    with Crew(WorkOptions(1)) as crew:
+        found = {}
+        for o in crew.run(squares(*range(7))):
+            found[o.number] = o.result
+            assert len(crew._client.futures) <= 3  # two, and that of this result
+    assert found == {i: i * i for i in range(7)}
 
 
 @pytest.mark.slow
@@ -232,7 +242,7 @@ def edges_of(three, out, made=None, monkeypatch=None):
             lambda a, b, *rest: made.append((a.name, b.name)) or find(a, b, *rest),
         )
     with Crew(WorkOptions(0)) as crew:
-        return survey.edges_between([f for _, f in three], out, crew, lambda *_: None)
+        return survey.edges_between([f for _, f in three], out, crew, lambda *_: None, 8)
 
 
 def test_edges_are_kept_and_another_view_costs_its_own(three, tmp_path, monkeypatch):

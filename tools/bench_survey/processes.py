@@ -13,7 +13,7 @@ import time
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Tuple
+from typing import Dict, Iterable, List, Tuple
 
 import numpy as np
 import psutil
@@ -21,7 +21,8 @@ import psutil
 from fcsv_stereo.survey.survey import FILES
 
 _NOTES = ("views/*.json", "edges/*.json", "points/*.zip", "tiles/*.zip")
-_KILLED = (0.1, 0.4)  # of a whole run's time: ten such runs get to its end, and few are whole
+_LONGER_S = 1.0  # after the share of work that it is killed at, a run lives so long at most
+_HANGS = 10.0  # times what a whole run takes: so long a run has come no further
 _COMMAND = "import sys; from fcsv_stereo.survey.command import main; sys.exit(main())"
 
 
@@ -54,9 +55,27 @@ def written(out: Path) -> Dict[Path, int]:
     return {p: p.stat().st_mtime_ns for p in found}
 
 
+def _counts(there: Iterable[Path]) -> List[int]:
+    """How many maps, edges, views' points and tiles there are."""
+    return [sum(p.match(n) for p in there) for n in _NOTES]
+
+
+def _wait_for(
+    process: subprocess.Popen, out: Path, share: float, whole: List[int], most_s: float
+) -> None:
+    """Waits until a survey has made this share of its ``whole``, maps, edges, points and tiles each
+    a quarter of it, or ends. Raises SystemExit where it does not get there."""
+    until = time.monotonic() + most_s
+    while process.poll() is None and np.mean(np.divide(_counts(written(out)), whole)) < share:
+        if time.monotonic() > until:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise SystemExit(f"a survey came no further than {_counts(written(out))} of {whole}")
+        time.sleep(0.05)
+
+
 def kills(folders: List[Path], out: Path, count: int, seed: int) -> Dict[str, str]:
     """Seconds without and with one and two processes, whether all write the same, and what a run
-    that was killed at random moments writes."""
+    writes that was killed at random moments: one in each of ``count`` equal shares of its work."""
     took, contents, random = {}, {}, np.random.default_rng(seed)
     for name in ("0", "1", "2", "killed"):
         shutil.rmtree(out / name, ignore_errors=True)
@@ -66,17 +85,18 @@ def kills(folders: List[Path], out: Path, count: int, seed: int) -> Dict[str, st
             raise SystemExit(f"--workers {workers} ended with an error")
         took[workers] = time.perf_counter() - started
         contents[workers] = content_of(out / workers)
-    made, lost, kept = [], 0, {}
-    for _ in range(count):
+    made, lost, kept, whole = [], 0, {}, _counts(written(out / "2"))
+    for share in (np.arange(count) + random.random(count)) / count:
         process = survey_process(folders, out / "killed", "--workers", "2")
+        _wait_for(process, out / "killed", share, whole, _HANGS * took["2"])
         try:
-            process.wait(float(random.uniform(*_KILLED)) * took["2"])
+            process.wait(float(random.uniform(0.0, _LONGER_S)))
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
             lost += 1
         there = written(out / "killed")
-        made.append("+".join(str(sum(p.match(n) for p in there)) for n in _NOTES))
+        made.append("+".join(map(str, _counts(there))))
         kept = {**there, **kept}  # by the first time that it was there
     if survey_process(folders, out / "killed", "--workers", "2").wait() != 0:
         raise SystemExit("what was killed did not go on")

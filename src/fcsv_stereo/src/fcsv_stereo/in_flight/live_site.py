@@ -11,10 +11,9 @@ from fcsv_stereo.survey import merge
 from fcsv_stereo.survey.adjust import adjust
 from fcsv_stereo.survey.edges import Edge, find_edge
 from fcsv_stereo.survey.features import Features, features_of
-from fcsv_stereo.survey.matching import may_overlap
+from fcsv_stereo.survey.pairs import pair_of
 from fcsv_stereo.survey.station import flown_prior
 from fcsv_stereo.survey.views import View
-from fcsv_stereo.survey.warping import look_alike
 
 
 @dataclass(frozen=True)
@@ -75,10 +74,10 @@ class LiveSite:
         return JoinedViews(cloud, len(views), joined, len(adjusted.edges), adjusted.remarks)
 
     def _compared(self, a: View, b: View) -> Optional[Edge]:
-        if not may_overlap(a, b):
+        pair = pair_of(a, b)
+        if pair is None:
             return None
-        found = (self._features[v.name] for v in (a, b))
-        return find_edge(a, b, *found, look_alike(a, b))
+        return find_edge(a, b, *(self._features[v.name] for v in (a, b)), pair.look_alike)
 
 
 def _view(name: str, result: MapResult) -> View:

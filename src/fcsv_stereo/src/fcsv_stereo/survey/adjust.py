@@ -8,6 +8,9 @@ from typing import Dict, List, Optional, Sequence, Set, Tuple
 
 import gtsam
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
 
 from fcsv_geometry import transforms
 from fcsv_stereo.survey import similarity, tuning
@@ -21,8 +24,9 @@ _LEAST_WEIGHT = 0.5  # graduated non-convexity ends with weights of 0 or 1
 @dataclass(frozen=True)
 class Placed:
     """A view in the site. ``S_site_cam`` of its reference camera; ``covariance`` (7,7) of its
-    tangent in the site, ``relative`` (7,7) with the view ``datum`` held: of those that edges join
-    with it, the one with most edges. ``alone``: no edge holds it, its priors do."""
+    tangent in the site, ``relative`` (7,7) against all views of its group as a whole: of those that
+    edges join with it. ``datum`` names the group by the view with most edges. ``alone``: no edge
+    holds it, its priors do."""
 
     name: str
     S_site_cam: gtsam.Similarity3
@@ -162,18 +166,15 @@ def placed_in(graph, values, names: Sequence[str], kept: Sequence[Edge]) -> Dict
     for e in kept:
         degree[e.a] += 1
         degree[e.b] += 1
-    datums = {
-        n: max(sorted(group), key=lambda m: degree[m])
-        for group in components(kept, list(names))
-        for n in group
-    }
+    own = {key: marginals.marginalCovariance(key) for key in keys.values()}
     placed = {}
-    for name, key in keys.items():
-        S = values.atSimilarity3(key)
-        covariance = marginals.marginalCovariance(key)
-        relative = _relative(marginals, values, keys[datums[name]], key)
-        placed[name] = Placed(name, S, covariance, relative, degree[name] == 0, datums[name])
-    return placed
+    for group in components(kept, list(names)):
+        datum = max(sorted(group), key=lambda m: degree[m])
+        of = sorted(keys[n] for n in group)
+        for key, relative in zip(of, _against_group(graph, values, own, of)):
+            name, S = names[key], values.atSimilarity3(key)
+            placed[name] = Placed(name, S, own[key], relative, degree[name] == 0, datum)
+    return {n: placed[n] for n in names}
 
 
 def _starts(
@@ -269,15 +270,36 @@ def optimised(graph, initial):
     return gtsam.LevenbergMarquardtOptimizer(graph, initial, params).optimize()
 
 
-def _relative(marginals, values, datum: int, key: int) -> np.ndarray:
-    """(7,7) of the view's tangent where the datum's is held."""
-    if key == datum:
-        return np.zeros((7, 7))
-    joint = marginals.jointMarginalCovariance([datum, key])
-    adjoint = values.atSimilarity3(key).inverse().compose(values.atSimilarity3(datum)).AdjointMap()
-    J = np.hstack([-adjoint, np.eye(7)])
-    full = np.block([[joint.at(i, j) for j in (datum, key)] for i in (datum, key)])
-    return J @ full @ J.T
+def _against_group(
+    graph, values, own: Dict[int, np.ndarray], keys: Sequence[int]
+) -> List[np.ndarray]:
+    """(7,7) of the tangent of each view of a group less that of the similarity that fits the errors of
+    all best (an S-transformation, Baarda 1981): one view as datum would count as known, and those far
+    from it as unsure."""
+    if len(keys) == 1:
+        return [np.zeros((7, 7))]
+    moves = {k: values.atSimilarity3(k).inverse().AdjointMap() for k in keys}
+    weights = np.ones(7)
+    weights[similarity.ROTATION] = weights[similarity.LOG_SCALE] = tuning.DATUM_M**2
+    normal = sum(A.T @ (weights[:, None] * A) for A in moves.values())
+    rows, columns, entries = graph.linearize(values).sparseJacobian_()
+    J = coo_matrix((entries, (rows.astype(int) - 1, columns.astype(int) - 1))).tocsc()[:, :-1]
+    fit = np.zeros((J.shape[1], 7))  # transposed: of the fitted similarity by all views' errors
+    for k, A in moves.items():
+        fit[7 * k : 7 * k + 7] = np.linalg.solve(normal, A.T * weights).T
+    information = (J.T @ J).tocsc()
+    parts = connected_components(information, directed=False)[1]
+    part = np.flatnonzero(parts == parts[7 * keys[0]])
+    own_part = information[part][:, part]
+    own_part.sort_indices()  # so that what else there is changes no bit
+    with_fit = np.zeros(fit.shape)  # its covariance with each view
+    with_fit[part] = splu(own_part).solve(fit[part])
+    of_fit = fit[part].T @ with_fit[part]
+    found = []
+    for k, A in moves.items():
+        shared = with_fit[7 * k : 7 * k + 7] @ A.T
+        found.append(own[k] - shared - shared.T + A @ of_fit @ A.T)
+    return found
 
 
 def _off_scale(found: _Solution, edges: Sequence[Edge]) -> List[Tuple[str, float, bool]]:

@@ -49,6 +49,7 @@ def _survey(args: argparse.Namespace) -> int:
             work=_work(args),
             every=args.every,
             extras=_extras(args),
+            neighbours=args.neighbours,
         )
     print("\n".join(summary(site)))
     print(f"wrote {args.out}: {', '.join(f for f in FILES if (Path(args.out) / f).exists())}")
@@ -162,6 +163,13 @@ def _parser() -> argparse.ArgumentParser:
         default=0,
         metavar="N",
         help="of folders of photographs each N-th picture is the reference of a view (the first alone)",
+    )
+    add(
+        "--neighbours",
+        type=int,
+        default=tuning.NEIGHBOURS,
+        metavar="N",
+        help="each view is compared with the N that by the stations look most alike (%(default)s); 0: with all",
     )
     products = parser.add_argument_group("products besides")
     products.add_argument(

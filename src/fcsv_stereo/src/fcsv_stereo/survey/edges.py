@@ -48,7 +48,7 @@ class Edge:
 
 def find_edge(a: View, b: View, features_a: Features, features_b: Features, alike: bool) -> Edge:
     """The edge between two views. Where there is none its ``reason`` says why. ``alike``: whether
-    they ``look_alike``; then they are loaded, and places are tracked, too."""
+    they look alike (``ViewPair``); then they are loaded, and places are tracked, too."""
     gate = None
     if a.prior.placed and b.prior.placed:
         gate = predicted(features_a.points, a.prior, b.prior, b)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which features of two views are alike, and which pairs of views can overlap at all."""
+"""Which features of two views are alike, and where one view sees what another measured."""
 
 from typing import Optional, Tuple
 
@@ -10,21 +10,6 @@ from fcsv_stereo.survey import tuning
 from fcsv_stereo.survey.features import Features
 from fcsv_stereo.survey.station import Prior
 from fcsv_stereo.survey.views import View
-
-
-def may_overlap(a: View, b: View) -> bool:
-    """Whether one of the two sees enough of what the other has depths of, as far as their priors
-    tell."""
-    if not (a.prior.placed and b.prior.placed):
-        return True
-    return max(_share_seen(a, b), _share_seen(b, a)) >= tuning.LEAST_OVERLAP
-
-
-def _share_seen(a: View, b: View) -> float:
-    """Share of some of a's points that may lie in b's picture."""
-    if not len(a.sampled):
-        return 0.0
-    return float(inside(*predicted(a.sampled.astype(float), a.prior, b.prior, b), b).mean())
 
 
 def inside(uv: np.ndarray, radius: np.ndarray, view: View) -> np.ndarray:

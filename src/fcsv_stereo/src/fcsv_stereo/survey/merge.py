@@ -69,15 +69,12 @@ class SiteView:
 
 
 def site_view(view: View, placed: Placed, origin_m: np.ndarray) -> SiteView:
-    """A view where the adjustment put it. ``sigma`` is that of the depth and of the view's scale,
-    turn and place against the datum."""
+    """A view where the adjustment put it. ``sigma`` is that of the depth and of what the view's
+    scale, turn and place against the whole site do to it."""
     scale = placed.scale
     depth = np.where(view.known, view.depth * scale, np.nan)
-    C = placed.relative
-    pose = scale**2 * np.trace(C[3:6, 3:6]) / 3.0 + np.square(depth) * (
-        C[6, 6] + np.trace(C[:3, :3]) / 3.0
-    )
-    sigma = np.sqrt(np.square(view.point_sigma * scale) + pose)
+    pose = tuning.POSE_SIGMA**2 * view.pose_variance(placed.relative)
+    sigma = scale * np.sqrt(np.square(view.point_sigma) + pose)
     known = np.isfinite(depth).astype(np.uint8)
     least = cv2.erode(np.where(known, depth, 0.0).astype(np.float32), _WINDOW)
     nearest = np.where(cv2.erode(known, _WINDOW) > 0, least, np.nan)

@@ -2,7 +2,6 @@
 """Leads from inputs to OUT/: maps, edges, adjustment, each view's points, the site's files."""
 
 import contextlib
-import itertools
 import json
 import shutil
 import tempfile
@@ -18,7 +17,7 @@ from fcsv_stereo.errors import DamagedMapError, OutputError, SurveyError
 from fcsv_stereo.map_files.output import write_clouds
 from fcsv_stereo.model import part
 from fcsv_stereo.products.clouds import LazFile
-from fcsv_stereo.survey import inputs, similarity
+from fcsv_stereo.survey import inputs, similarity, tuning
 from fcsv_stereo.survey.adjust import Adjusted
 from fcsv_stereo.survey.document import (
     CLOUDS,
@@ -38,15 +37,14 @@ from fcsv_stereo.survey.joining import POINTS, join_views
 from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
 from fcsv_stereo.survey.lock import LOCK, alone_in
 from fcsv_stereo.survey.maps import VIEWS, MapOptions, forget_map, kept_map, make_map
-from fcsv_stereo.survey.matching import may_overlap
 from fcsv_stereo.survey.octree import write_copc
 from fcsv_stereo.survey.page import write_page
+from fcsv_stereo.survey.pairs import compared_pairs
 from fcsv_stereo.survey.progress import Begin, MapsProgress
 from fcsv_stereo.survey.rasters import RASTERS, write_rasters
 from fcsv_stereo.survey.station import flown_prior, prior_of
 from fcsv_stereo.survey.tiles import TILES, SiteTiles, make_tiles
 from fcsv_stereo.survey.views import View, read_view
-from fcsv_stereo.survey.warping import look_alike
 from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions, completed
 
 FILES = (*CLOUDS, *RASTERS, *EXTRAS.values(), "site.html", "adjustment.json", "site.json")
@@ -90,13 +88,16 @@ def run(
     work: Optional[WorkOptions] = None,
     every: int = 0,
     extras: Optional[ExtraOptions] = None,
+    neighbours: int = tuning.NEIGHBOURS,
 ) -> Site:
     """The site of all inputs, written to ``out``; what could not be mapped, placed or made is in
-    its ``missing``.
+    its ``missing``. ``neighbours``: see ``compared_pairs``.
 
     Raises FcsvError where an input is none, where a station.yaml is wrong, where another survey
     writes to ``out``, or where nothing could be mapped.
     """
+    if neighbours < 0:
+        raise SurveyError(f"--neighbours: is 0 or more, got {neighbours}")
     check_out(out)
     given = (world or WorldOptions()).read()
     require_folder(out.absolute(), _LEAST_MIB)
@@ -110,7 +111,7 @@ def run(
                 raise SurveyError(f"no view could be mapped: {reasons}")
             begin("comparing views", _MAPPED)
             views = mapped.views
-            edges, uncompared = edges_between(views, out, crew, begin)
+            edges, uncompared = edges_between(views, out, crew, begin, neighbours)
             edges = with_posed(edges, views)
             site = placed_site(views, edges, [*mapped.missing, *uncompared], given)
             begin("joining depths", _COMPARED)
@@ -176,18 +177,18 @@ def _uncompared(adjusted: Adjusted) -> List[str]:
 
 
 def edges_between(
-    views: Sequence[ViewFile], out: Path, crew: Crew, begin: Begin
+    views: Sequence[ViewFile], out: Path, crew: Crew, begin: Begin, neighbours: int
 ) -> Tuple[List[Edge], List[Missing]]:
-    """An edge, or why there is none, for all pairs that may overlap: kept ones, and those that the
+    """An edge, or why there is none, for all pairs that are compared: kept ones, and those that the
     crew finds; and pairs that could not be compared."""
-    pairs = [(a, b) for a, b in itertools.combinations(views, 2) if may_overlap(a, b)]
+    pairs = compared_pairs(views, neighbours)
     tasks = []
-    for a, b in pairs:
-        given = a.sent(), b.sent(), out.absolute(), look_alike(a, b)
-        tasks.append(SurveyTask(f"{a.name} with {b.name}", make_edge, given))
+    for p in pairs:
+        given = p.a.sent(), p.b.sent(), out.absolute(), p.look_alike
+        tasks.append(SurveyTask(f"{p.a.name} with {p.b.name}", make_edge, given))
     progress = part(begin, _MAPPED, _COMPARED)
     found, errors = completed(
-        crew, tasks, lambda i: kept_edge(*pairs[i], out), progress, "comparing views"
+        crew, tasks, lambda i: kept_edge(pairs[i].a, pairs[i].b, out), progress, "comparing views"
     )
     missing = [Missing(tasks[i].name, "", said) for i, said in errors.items()]
     return [e for e in found if e is not None], missing

@@ -33,6 +33,8 @@ GATE_SIGMAS, GATE_PX = 3.5, 15.0
 #: Pixels of a view, about so many, that tell by the priors whether two views overlap, and the least
 #: share of them.
 OVERLAP_SAMPLES, LEAST_OVERLAP = 1500, 0.05
+#: Views that a view is compared with at least. In a ring of 24, 6 give all edges that all pairs give.
+NEIGHBOURS = 8
 #: Cosine of the angle between two views' rays to a point, and ratio of its distances, up to which its
 #: surroundings are tracked from one to the other; least share of such points; px: how far a corner
 #: may come back from where it was.
@@ -60,6 +62,9 @@ COMMON_SHARE = 0.02
 #: Probability at which graduated non-convexity keeps a right edge (chi-square of seven degrees of
 #: freedom).
 KEPT_P = 0.9999
+#: m: distance at which a view's turn and scale count as much as its place in what a site is as a whole
+#: (30 to 200 m: all sigmas within 2 %).
+DATUM_M = 60.0
 #: Share: a view whose scale is so far from the others' is said, and its prior of scale has no say.
 #: Flown: 1.0 to 1.7 %.
 MOST_SCALE_OFF = 0.04
@@ -73,8 +78,11 @@ MOST_CLOUD_SIGMA = 0.2
 #: they only agree.
 LEAST_COSINE = 0.7
 #: px; of a point's sigma: share of the map's, share of the bend of its surface within so many pixels,
-#: and most of that bend in the map's sigmas. By coverage on drawn sites (docs/lab/survey.md).
-BEND_PX, PLANE_SIGMA, BEND_SIGMA, MOST_BEND = 4, 0.2, 0.5, 6.0
+#: most of that bend in the map's sigmas (more is a step), factor where one pair alone tells the depth,
+#: share of what the view's covariance states: edges err by 0.4 to 0.9 of theirs. By coverage on drawn
+#: sites (docs/lab/survey.md).
+BEND_PX, PLANE_SIGMA, BEND_SIGMA, MOST_BEND, ONE_PAIR_SIGMA = 4, 0.15, 0.6, 4.0, 2.0
+POSE_SIGMA = 0.8
 
 #: px: side of the window about a control point's mark whose median depth counts, and sigma (m) of
 #: a control point's coordinates where the user states none: of a receiver with corrections.

@@ -6,7 +6,7 @@ import itertools
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Optional
+from typing import Optional, Tuple
 
 import cv2
 import numpy as np
@@ -89,12 +89,42 @@ class View:
         return np.sqrt(np.maximum(own, np.square(0.25 * self.sigma)))
 
     @cached_property
+    def _inverse(self) -> np.ndarray:
+        """(H,W) 1/m, the inverse depth, NaN where it is not known."""
+        return 1.0 / np.where(self.known, self.depth, np.nan)
+
+    @cached_property
+    def _bend_m(self) -> np.ndarray:
+        """(H,W) m: how far surfaces bend or step within what the matcher compares."""
+        return _bend(self._inverse) * np.square(self.depth)
+
+    @cached_property
     def point_sigma(self) -> np.ndarray:
-        """(H,W) m: ``own_sigma`` less on planes, more where the surface bends or steps within what
-        the matcher compares."""
-        bend_m = _bend(np.where(self.known, self.depth, np.nan)) * np.square(self.depth)
-        bend_m = np.fmin(bend_m, tuning.MOST_BEND * self.own_sigma)  # steps are known well
-        return np.hypot(tuning.PLANE_SIGMA * self.own_sigma, tuning.BEND_SIGMA * bend_m)
+        """(H,W) m: ``own_sigma`` less on planes, more where the surface bends or steps, and where one
+        pair alone tells the depth."""
+        bend_m = np.fmin(self._bend_m, tuning.MOST_BEND * self.own_sigma)  # steps are known well
+        sigma = np.hypot(tuning.PLANE_SIGMA * self.own_sigma, tuning.BEND_SIGMA * bend_m)
+        return np.where(self.kind == 1, tuning.ONE_PAIR_SIGMA, 1.0) * sigma
+
+    def pose_variance(self, covariance: np.ndarray) -> np.ndarray:
+        """(H,W) m²: of the depths, as the tangent of the view's similarity with this covariance (7,7)
+        moves the surface that a pixel sees: the flatter it is seen, the more. A step is no slope."""
+        steps = self._bend_m > tuning.MOST_BEND * self.own_sigma
+        across, down = (
+            np.where(steps, 0.0, np.nan_to_num(0.5 * (one - other) / tuning.BEND_PX))
+            for one, other in (_opposite(self._inverse, *d) for d in ((0, 1), (1, 0)))
+        )
+        rows, columns = np.nonzero(self.known)
+        z = self.depth[rows, columns].astype(float)
+        points = self._at(columns, rows, z)
+        normal = np.column_stack([across[self.known], down[self.known], 1.0 / z])
+        normal[:, :2] *= [self.camera.fx, self.camera.fy]
+        normal[:, 2] -= np.einsum("ni,ni->n", normal[:, :2], points[:, :2]) / z
+        # of the plane normal . p = 1 about the point
+        J = np.column_stack([np.cross(points, normal), normal, np.ones(len(z))])
+        found = np.full(self.depth.shape, np.nan)
+        found[self.known] = np.square(z) * np.einsum("ni,ni->n", J @ covariance, J)
+        return found
 
     @cached_property
     def sampled(self) -> np.ndarray:
@@ -127,16 +157,23 @@ class View:
         return self
 
 
-def _bend(depth: np.ndarray) -> np.ndarray:
+def _bend(inverse: np.ndarray) -> np.ndarray:
     """(H,W) 1/m: how far the inverse depth, which is linear on planes, is off the middle of two
     pixels opposite each other: the most of four directions, and of the pixels about."""
-    r = tuning.BEND_PX
-    inverse, most = 1.0 / np.pad(depth, r, constant_values=np.nan), np.zeros(depth.shape)
-    middle = inverse[r:-r, r:-r]
-    for dv, du in ((0, r), (r, 0), (r, r), (r, -r)):
-        one, other = (np.roll(inverse, s, (0, 1))[r:-r, r:-r] for s in ((dv, du), (-dv, -du)))
-        most = np.fmax(most, np.abs(0.5 * (one + other) - middle))
-    return cv2.dilate(most, np.ones((r + 1, r + 1), np.uint8))
+    most, side = np.zeros(inverse.shape), tuning.BEND_PX + 1
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        one, other = _opposite(inverse, down, right)
+        most = np.fmax(most, np.abs(0.5 * (one + other) - inverse))
+    return cv2.dilate(most, np.ones((side, side), np.uint8))
+
+
+def _opposite(inverse: np.ndarray, down: int, right: int) -> Tuple[np.ndarray, np.ndarray]:
+    """(H,W) what is ``BEND_PX`` pixels down and right (0, 1 or -1 times), and opposite; NaN
+    outside."""
+    r, (height, width) = tuning.BEND_PX, inverse.shape
+    padded = np.pad(inverse, r, constant_values=np.nan)
+    one, other = (padded[r + s * r * down :, r + s * r * right :][:height, :width] for s in (1, -1))
+    return one, other
 
 
 def read_view(folder: Path, name: str, source: str, prior) -> View:

@@ -7,11 +7,10 @@ from typing import Optional, Tuple
 import cv2
 import numpy as np
 
-from fcsv_geometry import transforms
 from fcsv_stereo.model import as_grey
 from fcsv_stereo.survey import tuning
 from fcsv_stereo.survey.features import Features, of_pixels, on_surfaces
-from fcsv_stereo.survey.matching import inside, predicted
+from fcsv_stereo.survey.matching import predicted
 from fcsv_stereo.survey.views import View
 
 _WINDOW_PX, _LEVELS = 15, 2  # of the tracker
@@ -20,25 +19,6 @@ _WINDOW_PX, _LEVELS = 15, 2  # of the tracker
 _KNOWN_PX = 21
 _CORNERS, _QUALITY, _APART_PX, _BLOCK_PX = 2000, 0.003, 4, 5
 _OUTSIDE_PX = -1e4
-
-
-def look_alike(a: View, b: View) -> bool:
-    """Whether, by the priors, one of the two sees enough of what the other has depths of from a
-    direction and a distance not too different."""
-    return _is_seen_alike(a, b) or _is_seen_alike(b, a)
-
-
-def _is_seen_alike(a: View, b: View) -> bool:
-    if not (a.prior.placed and b.prior.placed and len(a.sampled)):
-        return False
-    seen = inside(*predicted(a.sampled.astype(float), a.prior, b.prior, b), b)
-    points = transforms.apply(a.prior.T_site_cam, a.sampled.astype(float))
-    rays = [points - v.prior.T_site_cam[:3, 3] for v in (a, b)]
-    far_a, far_b = (np.linalg.norm(r, axis=1) for r in rays)
-    cosine = np.einsum("ni,ni->n", *rays) / (far_a * far_b)
-    ratio = np.maximum(far_a / far_b, far_b / far_a)
-    alike = (cosine > tuning.LEAST_ALIKE_COSINE) & (ratio < tuning.MOST_ALIKE_RATIO)
-    return float((seen & alike).mean()) >= tuning.LEAST_ALIKE
 
 
 def tracked(a: View, b: View) -> Optional[Tuple[Features, Features]]:

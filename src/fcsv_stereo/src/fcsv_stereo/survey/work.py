@@ -8,6 +8,7 @@ one thread of linear algebra.
 
 import contextlib
 import functools
+import itertools
 import logging
 import os
 import signal
@@ -34,6 +35,7 @@ Told = Callable[[int, str, float], None]
 _WORTH_LONG, _WORTH = 2, 40
 _FAILURES = 3  # workers that a task may take with it
 _LEAST_BYTES = 256 << 20
+_IN_FLIGHT = 256  # tasks that the scheduler knows of at a time; it runs in this process
 
 
 @dataclass(frozen=True)
@@ -191,11 +193,16 @@ class Crew:
         client.subscribe_topic(topic, lambda event: told(*event[1]))
         ended: Queue[Any] = Queue()  # waiting for the first of all left costs their square
         left: Dict[Any, int] = {}
-        for i, t in enumerate(tasks):
-            future = client.submit(attempt_on_one_core, t, i, topic, pure=False)
-            future.add_done_callback(ended.put)
-            left[future] = i
+        waiting = enumerate(tasks)
+
+        def submit(most: int) -> None:
+            for i, t in itertools.islice(waiting, most):
+                future = client.submit(attempt_on_one_core, t, i, topic, pure=False)
+                future.add_done_callback(ended.put)
+                left[future] = i
+
         try:
+            submit(_IN_FLIGHT)
             while left:
                 try:
                     future = ended.get(timeout=self._options.limit_s)
@@ -203,6 +210,7 @@ class Crew:
                     self._renew(left)
                     continue
                 i = left.pop(future)
+                submit(1)
                 try:
                     yield TaskResult(i, *future.result())
                 except KilledWorker:
