@@ -20,7 +20,7 @@ import pytest
 
 from fcsv_sim.machines.slow_motion import slow_motion
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.slowed, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(900)]
 
 LINKS = """
 classes:
@@ -552,7 +552,6 @@ def test_peers_without_addresses_are_found_and_found_again(net):
         assert "its addresses are others now" in log(net, name)
 
 
-@pytest.mark.alone  # where others take more than slow motion makes up for, a state of 1 s is dropped
 def test_a_clock_that_steps_neither_drops_nor_delays_and_is_named(net, tmp_path):
     compiler = shutil.which("cc")
     if compiler is None:

@@ -42,8 +42,6 @@ class Item:
         (Item(fixtures=["ros_master"]), "nodes"),
         (Item(fixtures=["tmp_path", "start_node"]), "nodes"),
         (Item(fixtures=["bench_link"]), "alone"),
-        (Item(fixtures=["bench_link"], marks=["slowed"]), "slowed"),
-        (Item(fixtures=["bench_link"], marks=["slowed", "alone"]), "alone"),
         (Item(fixtures=["ros_master"], marks=["alone"]), "alone"),
         (Item("tests/system/test_a.py::test_a"), "flights"),
         (Item("tests/system/test_a.py::test_a", fixtures=["bench_link"]), "flights"),
@@ -98,7 +96,7 @@ def test_quotes_in_args_hold_words_together_and_the_last_line_counts_all_tiers()
         "-n0 -q -m 'not slow and not system' -k 'never_plain' tests/house/test_tiers.py"
     )
     assert status == 0, said
-    assert said.splitlines()[-1].startswith("13 tests: 13 passed, 0 failed, 0 skipped, in "), said
+    assert said.splitlines()[-1].startswith("11 tests: 11 passed, 0 failed, 0 skipped, in "), said
 
 
 @pytest.fixture

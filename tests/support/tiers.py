@@ -16,13 +16,13 @@ import pytest
 TIERS = PLAIN, NODES, SLOWED, FLIGHTS, ALONE = "plain", "nodes", "slowed", "flights", "alone"
 # fixtures that start a master, nodes or network namespaces: each test that uses one is marked ros
 STARTS_ROS = {"ros_master", "start_node", "bench_link", "tello_air"}
-# of these the ones whose tests have the machine for themselves, where their time is not slowed: an
-# emulated radio's rates mean nothing on a busy one
+# of these the ones whose tests have the machine for themselves: an emulated radio's rates mean
+# nothing on a busy one
 MEASURES = {"bench_link"}
 SYSTEMS = "tests/system/"  # each test in it is marked system
 # what stands in a file that has tests of another tier than plain: a fixture or a mark
 _NOT_PLAIN = re.compile(
-    rf"\b({'|'.join(sorted(STARTS_ROS))})\b|\bmark\.(ros|alone|system|slow_motion|slowed)\b"
+    rf"\b({'|'.join(sorted(STARTS_ROS))})\b|\bmark\.(ros|alone|system|slow_motion)\b"
 )
 # fixtures that are shared but cost next to nothing: no reason to keep their tests on one worker
 CHEAP = {"root", "shared_data", "pool", "ros_master", "app"}
@@ -52,7 +52,7 @@ def tier_of(item) -> str:
         return FLIGHTS  # in slow motion, where the machine is busy
     if item.get_closest_marker("alone"):
         return ALONE
-    if item.get_closest_marker("slow_motion") or item.get_closest_marker("slowed"):
+    if item.get_closest_marker("slow_motion"):
         return SLOWED
     return NODES if item.get_closest_marker("ros") else PLAIN
 
@@ -62,8 +62,7 @@ def mark_what_needs_ros(items) -> None:
     for item in items:
         if STARTS_ROS & set(getattr(item, "fixturenames", ())):
             item.add_marker("ros")
-        measures = MEASURES & set(getattr(item, "fixturenames", ()))
-        if measures and not item.get_closest_marker("slowed"):
+        if MEASURES & set(getattr(item, "fixturenames", ())):
             item.add_marker("alone")
         if item.nodeid.startswith(SYSTEMS):
             item.add_marker("system")
