@@ -283,7 +283,9 @@ def _against_group(
     weights[similarity.ROTATION] = weights[similarity.LOG_SCALE] = tuning.DATUM_M**2
     normal = sum(A.T @ (weights[:, None] * A) for A in moves.values())
     rows, columns, entries = graph.linearize(values).sparseJacobian_()
-    J = coo_matrix((entries, (rows.astype(int) - 1, columns.astype(int) - 1))).tocsc()[:, :-1]
+    at = rows.astype(int) - 1, columns.astype(int) - 1
+    # the last column is of what is left over, and has no entries where that is nothing
+    J = coo_matrix((entries, at), (at[0].max() + 1, 7 * values.size() + 1)).tocsc()[:, :-1]
     fit = np.zeros((J.shape[1], 7))  # transposed: of the fitted similarity by all views' errors
     for k, A in moves.items():
         fit[7 * k : 7 * k + 7] = np.linalg.solve(normal, A.T * weights).T
