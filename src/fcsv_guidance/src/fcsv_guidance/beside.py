@@ -14,7 +14,7 @@ _BLOB_M = 2.0  # about the nearest cell: one thing, whose depth is matched worse
 _OFF_M = 1.0  # of its middle
 _SAME_M, _STAYS = 0.15, 0.1  # share of its cells in which a thing that went is seen still
 _PAIR_S, _TREND_S, _TREND_VIEWS = 2.5, 4.0, 3  # one view between two may miss him
-_TREND_MPS, _TREND_OFF_M = 0.4, 0.5
+_TREND_MPS, _TREND_OFF_M = 0.4, 0.5  # of one who comes slowly; how far sightings lie off it
 _STEP_M = WALKS_MPS * _VIEWS_APART_S
 
 
@@ -48,8 +48,8 @@ class BesideWatch:
     def observe(
         self, stamp_s: float, things_m: np.ndarray, off_m: np.ndarray, robot_m: np.ndarray
     ) -> None:
-        """A view shows things in cells at ``things_m`` (N,2), ``off_m`` (N,) from the nearest in which
-        it may show the robot, which is at ``robot_m`` (2,)."""
+        """A view shows things in cells at ``things_m`` (N,2), ``off_m`` (N,) from the nearest in
+        which it may show the robot, which is at ``robot_m`` (2,)."""
         while self._sightings and stamp_s - self._sightings[0].stamp_s > _TREND_S:
             self._sightings.popleft()
         if not len(things_m):
@@ -57,7 +57,7 @@ class BesideWatch:
         k = int(np.argmin(off_m))
         cells_m = things_m[np.hypot(*(things_m - things_m[k]).T) < _BLOB_M]
         new = _Sighting(stamp_s, cells_m, cells_m.mean(0))
-        nearer_m = self._nearer_m(new, things_m, np.asarray(robot_m, float))
+        nearer_m = self._nearer_m(new, things_m, robot_m)
         self._sightings.append(new)
         if off_m[k] < _STEP_M:
             self.may_stand |= nearer_m > 0
@@ -72,17 +72,15 @@ class BesideWatch:
     def _nearer_m(self, new: _Sighting, things_m: np.ndarray, robot_m: np.ndarray) -> float:
         """How much nearer to the robot it came since it was seen before, negative where it left; 0
         where it stands, or comes from nowhere, as a wrong depth does."""
-        before = [s for s in self._sightings if s.may_be(new)]
-        for s in before:
-            nearer_m = float(np.hypot(*(s.middle_m - robot_m)) - np.hypot(*(new.middle_m - robot_m)))
-            recent = new.stamp_s - s.stamp_s <= _PAIR_S
-            if recent and abs(nearer_m) > _MOVED_M and not s.stays(things_m):
-                return nearer_m
-        if len(before) + 1 < _TREND_VIEWS:
-            return 0.0
-        seen = [*before, new]
+        seen = [*(s for s in self._sightings if s.may_be(new)), new]
         off_s = np.array([s.stamp_s - new.stamp_s for s in seen])
         away_m = np.array([np.hypot(*(s.middle_m - robot_m)) for s in seen])
+        for s, nearer_m in zip(seen, away_m - away_m[-1]):
+            recent = new.stamp_s - s.stamp_s <= _PAIR_S
+            if recent and abs(nearer_m) > _MOVED_M and not s.stays(things_m):
+                return float(nearer_m)
+        if len(seen) < _TREND_VIEWS:
+            return 0.0
         mps, at_m = np.polyfit(off_s, away_m, 1)
         straight = np.abs(away_m - (mps * off_s + at_m)).max() < _TREND_OFF_M
         return float(-mps) if straight and abs(mps) > _TREND_MPS else 0.0

@@ -13,11 +13,13 @@ import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_guidance import kernels
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.ground import Grid, sure_depth
 from fcsv_guidance.standing import disk
 from fcsv_guidance.views import DepthView
+from fcsv_stereo.depth import pixels_of
 
 _FARTHEST_M = 60.0  # of what is compared, as a ground's reach
 _LEAST_PIXELS = 2000  # that both know: fewer fit no shared error
@@ -41,8 +43,8 @@ class Compared:
     mapped, 0 to 1, of which 1 is enough for one view. ``shift`` (1/m): by how much inverse depth it
     is nearer, ``at_z_m`` at which height in home. ``went``: bool, what is seen lies farther than what
     is mapped. ``same``: bool, the ground is seen as it is mapped. ``noise`` (1/m): standard deviation
-    of the view's inverse depth; a smaller shift is not told. ``past`` (1/m): the foretold inverse depth
-    (H,W) of pixels about which nothing is nearer than that, NaN elsewhere; of the camera ``K``,
+    of the view's inverse depth; a smaller shift is not told. ``past`` (1/m): the foretold inverse
+    depth (H,W) of pixels about which nothing is nearer than that, NaN elsewhere; of ``camera`` at
     ``T_home_cam``."""
 
     came: np.ndarray
@@ -52,20 +54,15 @@ class Compared:
     same: np.ndarray
     noise: float
     past: np.ndarray
-    K: np.ndarray
+    camera: PinholeCamera
     T_home_cam: np.ndarray
 
     def looks_past(self, points_home_m: np.ndarray) -> np.ndarray:
         """(N,) bool: whether the view shows what is mapped behind each point (N,3): nothing is
         there."""
-        p = transforms.apply(transforms.invert(self.T_home_cam), points_home_m)
-        z_m = np.where(p[:, 2] > 0, p[:, 2], np.nan)
-        with np.errstate(invalid="ignore"):
-            u, v = np.nan_to_num(np.rint((p @ self.K.T)[:, :2] / z_m[:, None]), nan=-1).astype(int).T
-        height, width = self.past.shape
-        inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
-        past = self.past[np.where(inside, v, 0), np.where(inside, u, 0)]
-        return inside & (1.0 / z_m > past + _SAME * self.noise)
+        row, column, z_m, inside = pixels_of(self.camera, self.T_home_cam, points_home_m)
+        with np.errstate(divide="ignore"):
+            return inside & (1.0 / z_m > self.past[row, column] + _SAME * self.noise)
 
 
 def compared(
@@ -167,9 +164,8 @@ def _judged(
     nothing = cv2.dilate((nearer > _FLAGGED * noise).astype(np.uint8), window) == 0
     past = nothing & (cv2.blur(seen.astype(np.float32), window.shape) >= _SHOWN)
     behind = np.where(past, expected, np.nan)
-    return Compared(
-        came, shift, at_z_m, went > 0, same, noise, behind, view.K, view.T_home_cam
-    )
+    own = view.camera, view.T_home_cam
+    return Compared(came, shift, at_z_m, went > 0, same, noise, behind, *own)
 
 
 @dataclass(frozen=True)

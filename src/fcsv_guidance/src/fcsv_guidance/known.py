@@ -149,7 +149,8 @@ class KnownGround:
             if self._changed is None:
                 self._changed = np.zeros(seen.ground.grid.shape, bool)
                 self._closed = self._changed.copy()
-                self._things, self._shift, self._at_z_m = np.zeros((3, *self._changed.shape), np.float32)
+                layers = np.zeros((3, *self._changed.shape), np.float32)
+                self._things, self._shift, self._at_z_m = layers
             self._maps[seen.source] = seen
             self._stands[seen.source] = standing.by_one(seen.ground, self._robot)
             is_new = True
@@ -281,9 +282,9 @@ class KnownGround:
             return nowhere, nowhere
         came = np.where(own, 0.0, shows.came)
         stirs = standing.disk(_STIRS_M, self.grid.cell_m)
-        new = (came >= _HOLDS) & ~(standing.most(self._things > 0, stirs) > 0)
-        if place is not None:
-            surely = came >= _HOLDS
+        surely = came >= _HOLDS
+        new = surely & ~(standing.most(self._things > 0, stirs) > 0)
+        if place is not None and surely.any():
             off_px = cv2.distanceTransform((~own).astype(np.uint8), cv2.DIST_L2, 5)[surely]
             things_m = self.grid.middle_of(*np.nonzero(surely))
             off_m, robot_m = off_px * self.grid.cell_m, np.array([place.x_m, place.y_m])

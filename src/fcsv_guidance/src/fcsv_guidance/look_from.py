@@ -76,7 +76,7 @@ def look_from(
     Raises GroundError where there is no cell to see.
     """
     targets = _targets(ground, robot, to_see)
-    camera = _camera(view)
+    camera = view.camera
     heights = np.where(ground.known, ground.high_m, -np.inf)
     level_m = _level_m(ground, targets)
     points = np.column_stack([ground.grid.middle_of(*targets.T), np.full(len(targets), level_m)])
@@ -130,12 +130,6 @@ def _targets(ground: Ground, robot: Robot, to_see: np.ndarray) -> np.ndarray:
     missing = np.argwhere((away_m <= robot.radius_m + _AROUND_M) & ~ground.known)
     missing = missing if len(missing) else np.asarray(to_see)
     return missing[:: max(1, len(missing) // _MOST_CELLS)]
-
-
-def _camera(view: DepthView) -> PinholeCamera:
-    height, width = view.depth.shape
-    K = view.K
-    return PinholeCamera(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
 
 
 def _level_m(ground: Ground, targets: np.ndarray) -> float:

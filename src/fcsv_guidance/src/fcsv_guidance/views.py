@@ -8,6 +8,7 @@ from typing import Sequence
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_guidance.errors import GroundError
 from fcsv_stereo.errors import InputError
@@ -53,6 +54,11 @@ class DepthView:
                 f"{self.name}: its camera is more than {_FARTHEST_M:.0f} m from home's origin (UTM?), where no robot's "
                 "map has coordinates; map it in a home near the robot"
             )
+
+    @property
+    def camera(self) -> PinholeCamera:
+        (height, width), K = self.depth.shape, self.K
+        return PinholeCamera(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
 
 
 def require_different(views: Sequence[DepthView]) -> None:

@@ -84,8 +84,7 @@ class DriveRecord:
 
 
 class PlaceGuides:
-    """What guides ``robot`` through ``place``, once the place's maps are laid: that takes longer than
-    a drive, so each drive gets a copy."""
+    """What guides ``robot`` through ``place``, whose maps are laid once: each drive gets a copy."""
 
     def __init__(self, place: MappedPlace, robot: Robot):
         self._place, self._robot = place, robot
@@ -116,7 +115,7 @@ class RobotDrive:
         seed: int,
         places: Optional[RobotLocator] = None,
         yaw_rad: Optional[float] = None,
-        guides: Optional["PlaceGuides"] = None,
+        guides: Optional[PlaceGuides] = None,
     ):
         self._place, self._robot, self._fault, self._seed = place, robot, fault, seed
         self._random = np.random.default_rng([seed, 24])

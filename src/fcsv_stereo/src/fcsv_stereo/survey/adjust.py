@@ -8,7 +8,7 @@ from typing import Dict, List, Optional, Sequence, Set, Tuple
 
 import gtsam
 import numpy as np
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
@@ -167,11 +167,11 @@ def placed_in(graph, values, names: Sequence[str], kept: Sequence[Edge]) -> Dict
         degree[e.a] += 1
         degree[e.b] += 1
     own = {key: marginals.marginalCovariance(key) for key in keys.values()}
-    placed = {}
+    information, placed = _information(graph, values), {}
     for group in components(kept, list(names)):
         datum = max(sorted(group), key=lambda m: degree[m])
         of = sorted(keys[n] for n in group)
-        for key, relative in zip(of, _against_group(graph, values, own, of)):
+        for key, relative in zip(of, _against_group(information, values, own, of)):
             name, S = names[key], values.atSimilarity3(key)
             placed[name] = Placed(name, S, own[key], relative, degree[name] == 0, datum)
     return {n: placed[n] for n in names}
@@ -270,26 +270,31 @@ def optimised(graph, initial):
     return gtsam.LevenbergMarquardtOptimizer(graph, initial, params).optimize()
 
 
+def _information(graph, values) -> csc_matrix:
+    """(7N,7N) of all views' tangents in a solved graph."""
+    rows, columns, entries = graph.linearize(values).sparseJacobian_()
+    at = rows.astype(int) - 1, columns.astype(int) - 1
+    # the last column is of what is left over, and has no entries where that is nothing
+    J = coo_matrix((entries, at), (at[0].max() + 1, 7 * values.size() + 1)).tocsc()[:, :-1]
+    return (J.T @ J).tocsc()
+
+
 def _against_group(
-    graph, values, own: Dict[int, np.ndarray], keys: Sequence[int]
+    information: csc_matrix, values, own: Dict[int, np.ndarray], keys: Sequence[int]
 ) -> List[np.ndarray]:
-    """(7,7) of the tangent of each view of a group less that of the similarity that fits the errors of
-    all best (an S-transformation, Baarda 1981): one view as datum would count as known, and those far
-    from it as unsure."""
+    """(7,7) of the tangent of each view of a group less that of the similarity that fits the errors
+    of all best (an S-transformation, Baarda 1981): one view as datum would count as known, and those
+    far from it as unsure."""
     if len(keys) == 1:
         return [np.zeros((7, 7))]
     moves = {k: values.atSimilarity3(k).inverse().AdjointMap() for k in keys}
     weights = np.ones(7)
     weights[similarity.ROTATION] = weights[similarity.LOG_SCALE] = tuning.DATUM_M**2
     normal = sum(A.T @ (weights[:, None] * A) for A in moves.values())
-    rows, columns, entries = graph.linearize(values).sparseJacobian_()
-    at = rows.astype(int) - 1, columns.astype(int) - 1
-    # the last column is of what is left over, and has no entries where that is nothing
-    J = coo_matrix((entries, at), (at[0].max() + 1, 7 * values.size() + 1)).tocsc()[:, :-1]
-    fit = np.zeros((J.shape[1], 7))  # transposed: of the fitted similarity by all views' errors
+    # transposed: of the fitted similarity by all views' errors
+    fit = np.zeros((information.shape[1], 7))
     for k, A in moves.items():
         fit[7 * k : 7 * k + 7] = np.linalg.solve(normal, A.T * weights).T
-    information = (J.T @ J).tocsc()
     parts = connected_components(information, directed=False)[1]
     part = np.flatnonzero(parts == parts[7 * keys[0]])
     own_part = information[part][:, part]
