@@ -15,13 +15,19 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import rankdata
 
-from fcsv_guidance.ground import Grid, Ground, cell_probability, ground_from, stand_probability
-from fcsv_guidance.map_files import FREE_PERCENT, occupancy
+from fcsv_guidance.ground.model import (
+    Grid,
+    Ground,
+    cell_probability,
+    ground_from,
+    stand_probability,
+)
+from fcsv_guidance.ground.occupancy import FREE_PERCENT, occupancy
+from fcsv_guidance.ground.standing import disk, least
+from fcsv_guidance.ground.tuning import FREE_P
+from fcsv_guidance.ground.views import read_map
 from fcsv_guidance.robot import Robot, load_robot
-from fcsv_guidance.standing import disk, least
-from fcsv_guidance.tuning import FREE_P
-from fcsv_guidance.views import read_map
-from fcsv_sim.robot.survey import stations, survey
+from fcsv_sim.robot.places.survey import stations, survey
 from fcsv_sim.world.footing import Footing
 from fcsv_sim.world.town import PLACES, Town
 from fcsv_stereo.evaluating.truth import load_truth

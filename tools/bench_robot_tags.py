@@ -11,10 +11,10 @@ from scipy.stats import chi2
 
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.vehicles.vehicle import load_vehicles
-from fcsv_guidance.following import DriveCommand
-from fcsv_guidance.place import PlaceRules, RobotTracker
+from fcsv_guidance.messages import DriveCommand
+from fcsv_guidance.place.tag_fix import tag_fix
+from fcsv_guidance.place.tracker import PlaceRules, RobotTracker
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.tag_fix import tag_fix
 from fcsv_sim.robot.drive import SimulatedRobot, WheelFlaws
 from fcsv_sim.trials.tagged_robot import PoseNoise, TagViewer
 from fcsv_sim.world.town import Town

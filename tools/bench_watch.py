@@ -14,15 +14,15 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_guidance.errors import GroundError
-from fcsv_guidance.ground import Grid, ground_from
-from fcsv_guidance.known import GroundSeen, KnownGround, watch_seen
+from fcsv_guidance.ground.known import GroundSeen, KnownGround, watch_seen
+from fcsv_guidance.ground.model import Grid, ground_from
+from fcsv_guidance.ground.tuning import FREE_P
+from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.robot import Robot, load_robot
-from fcsv_guidance.tuning import FREE_P
-from fcsv_guidance.views import DepthView
 from fcsv_sim.render.bodies import BoxedThing
 from fcsv_sim.render.renderer import Renderer
-from fcsv_sim.robot.looking import first_look
-from fcsv_sim.robot.survey import HoverStation, survey
+from fcsv_sim.robot.places.looking import first_look
+from fcsv_sim.robot.places.survey import HoverStation, survey
 from fcsv_sim.robot.things import Box
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world.footing import Footing

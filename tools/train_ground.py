@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fits the weights of fcsv_guidance.standing on drawn and mapped places, and prints them for
-tuning.py; with --far or --near the trees of fcsv_guidance.together, and writes them.
+"""Fits the weights of fcsv_guidance.ground.standing on drawn and mapped places, and prints them for
+tuning.py; with --far or --near the trees of fcsv_guidance.ground.together, and writes them.
 
 python tools/train_ground.py [--seeds 11 12 13] [--robot config/robots/rescue.yaml]
 python tools/train_ground.py --far out/maps --seeds 1 2 3 4 5
@@ -18,13 +18,13 @@ from bench_ground import footing_of, grid_of
 from scipy.optimize import minimize
 from sklearn.ensemble import GradientBoostingClassifier
 
-from fcsv_guidance import together
-from fcsv_guidance.ground import ground_from
+from fcsv_guidance.ground import together
+from fcsv_guidance.ground.model import ground_from
+from fcsv_guidance.ground.standing import FREE_SIGN, features, probability, seen_below
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.standing import FREE_SIGN, features, probability, seen_below
-from fcsv_sim.robot.gimbal_rehearsal import small_survey
-from fcsv_sim.robot.mapped import SurveyPlan, mapped_place
-from fcsv_sim.robot.survey import stations, survey
+from fcsv_sim.robot.gimbals.rehearsal import small_survey
+from fcsv_sim.robot.places.mapped import SurveyPlan, mapped_place
+from fcsv_sim.robot.places.survey import stations, survey
 from fcsv_sim.world.town import Town
 
 _FARTHEST_M, _SHRINK = 60.0, 1e-4

@@ -11,6 +11,8 @@ PACKAGES = sorted(
 
 setup(
     **generate_distutils_setup(
-        packages=PACKAGES, package_dir={"": "src"}, package_data={"fcsv_guidance": ["*.json"]}
+        packages=PACKAGES,
+        package_dir={"": "src"},
+        package_data={"fcsv_guidance.ground": ["*.json"]},
     )
 )

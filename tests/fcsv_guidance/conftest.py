@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from fcsv_guidance.views import DepthView
+from fcsv_guidance.ground.views import DepthView
 
 #: the camera 8 m above, tilted 25 degrees down
 TILT_RAD = np.radians(25.0)

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from fcsv_guidance.beside import BesideWatch
+from fcsv_guidance.ground.beside import BesideWatch
 
 NOTHING = np.empty((0, 2)), np.empty(0)
 ROBOT_M = np.array([8.8, 5.0])

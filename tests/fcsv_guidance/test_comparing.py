@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fcsv_guidance.comparing import compared
-from fcsv_guidance.following import RobotPlace
-from fcsv_guidance.ground import Grid, ground_from
-from fcsv_guidance.known import STILL_VIEWS, GroundSeen, KnownGround, watch_seen
+from fcsv_guidance.ground.comparing import compared
+from fcsv_guidance.ground.known import STILL_VIEWS, GroundSeen, KnownGround, watch_seen
+from fcsv_guidance.ground.model import Grid, ground_from
+from fcsv_guidance.ground.tuning import FREE_P
+from fcsv_guidance.messages import RobotPlace
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.tuning import FREE_P
 
 GRID = Grid.around((16, -8), (40, 8), 0.1)
 HIGH = {"eye": (0.0, 0.0, 10.0), "tilt_rad": np.radians(18.0)}

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fcsv_guidance.cooperative_place import (
+from fcsv_guidance.place.cooperative_place import (
     CooperativeTracker,
     RobotStart,
     UntrackedOdometry,
     VehicleSighting,
 )
-from fcsv_guidance.place import WheelOdometry
+from fcsv_guidance.place.tracker import WheelOdometry
 
 STEP_S = 0.05
 C = np.diag([0.005**2, 0.005**2, np.radians(0.5) ** 2])

@@ -8,16 +8,10 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import RouteError
-from fcsv_guidance.following import (
-    ClearanceMap,
-    HoldRobot,
-    RobotPlace,
-    RouteFollower,
-    RouteToFollow,
-    StopRobot,
-)
-from fcsv_guidance.ground import Grid
+from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.messages import ClearanceMap, HoldRobot, RobotPlace, StopRobot
 from fcsv_guidance.robot import load_robot
+from fcsv_guidance.route.following import RouteFollower, RouteToFollow
 
 STEP_S = 0.05
 CORNERS = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 5.0]])

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import PlaceError, RouteError
-from fcsv_guidance.following import HoldRobot, RobotPlace, RouteToFollow, StopRobot
-from fcsv_guidance.goal_giver import CancelGoal, GiveGoal, GoalEnded, GoalGiver
-from fcsv_guidance.placing import robot_place
+from fcsv_guidance.messages import HoldRobot, RobotPlace, StopRobot
+from fcsv_guidance.place.placing import robot_place
+from fcsv_guidance.route.following import RouteToFollow
+from fcsv_guidance.route.goal_giver import CancelGoal, GiveGoal, GoalEnded, GoalGiver
 
 ROUTE = RouteToFollow(np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 5.0]]))
 

@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import GroundError
-from fcsv_guidance.ground import Grid, cell_probability, ground_from, renewed, stand_probability
+from fcsv_guidance.ground.model import (
+    Grid,
+    cell_probability,
+    ground_from,
+    renewed,
+    stand_probability,
+)
+from fcsv_guidance.ground.tuning import FREE_P, OBSTACLE_P
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.tuning import FREE_P, OBSTACLE_P
 
 GRID = Grid.around((5, -20), (45, 20), 0.1)
 WALL = (20.0, 20.3, -4.0, 4.0, 0.0, 1.0)

@@ -7,12 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fcsv_guidance import grid_regions, ground, ground_server, standing
 from fcsv_guidance.errors import GroundError, RouteError
-from fcsv_guidance.following import Goal, RobotPlace
-from fcsv_guidance.grid_regions import Region, changed_region, clearance_map, with_region
-from fcsv_guidance.ground import Grid, cell_probability
-from fcsv_guidance.ground_server import (
+from fcsv_guidance.ground import model, occupancy, standing
+from fcsv_guidance.ground.live_views import LiveViews
+from fcsv_guidance.ground.model import Grid, cell_probability
+from fcsv_guidance.ground.occupancy import FREE_PERCENT
+from fcsv_guidance.messages import Goal, RobotPlace
+from fcsv_guidance.robot import load_robot
+from fcsv_guidance.route import ground_server
+from fcsv_guidance.route.grid_regions import Region, changed_region, clearance_map, with_region
+from fcsv_guidance.route.ground_server import (
     GoalDropped,
     GridChanged,
     GridMessage,
@@ -23,10 +27,7 @@ from fcsv_guidance.ground_server import (
     RobotHold,
     RouteMessage,
 )
-from fcsv_guidance.live_views import LiveViews
-from fcsv_guidance.map_files import FREE_PERCENT
-from fcsv_guidance.robot import load_robot
-from fcsv_guidance.route import NoRoute, Route
+from fcsv_guidance.route.search import NoRoute, Route
 
 AREA_M = (5.0, 22.0, -6.0, 6.0)
 RULES = GroundRules(area_m=AREA_M)
@@ -52,7 +53,7 @@ def at(x_m, y_m, stamp_s=0.0):
     return RobotPlace(stamp_s, x_m, y_m, 0.0, 0.05)
 
 
-@pytest.mark.parametrize("module", [ground, grid_regions, ground_server])
+@pytest.mark.parametrize("module", [model, occupancy, ground_server])
 def test_names(module):
     done = doctest.testmod(module)
     assert done.attempted and not done.failed

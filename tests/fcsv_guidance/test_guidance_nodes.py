@@ -449,7 +449,7 @@ def test_a_robot_is_located_by_the_vehicles_that_its_gimbals_see(ros_master, sta
 
     from fcsv_geometry import transforms
     from fcsv_geometry.ros import conversions
-    from fcsv_guidance.place import WheelOdometry
+    from fcsv_guidance.place.tracker import WheelOdometry
     from fcsv_guidance.ros import ground_messages as messages
     from fcsv_msgs.msg import Home
 
@@ -517,7 +517,7 @@ def test_fixes_and_wheels_become_one_pose(ros_master, start_node):
     from nav_msgs.msg import Odometry
     from std_msgs.msg import String
 
-    from fcsv_guidance.place import PlaceFix, WheelOdometry
+    from fcsv_guidance.place.tracker import PlaceFix, WheelOdometry
     from fcsv_guidance.ros import ground_messages as messages
 
     start_node("fcsv_guidance", "robot_place")

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import RouteError
-from fcsv_guidance.following import Goal, RobotPlace, StopRobot
-from fcsv_guidance.ground_server import GroundRules
-from fcsv_guidance.place import PlaceState
+from fcsv_guidance.messages import Goal, RobotPlace, StopRobot
+from fcsv_guidance.place.tracker import PlaceState
 from fcsv_guidance.robot import load_robot
-from fcsv_sim.robot.guidance_bus import ARRIVED, DRIVING, NO_ROUTE, WAITING, GuidanceBus
+from fcsv_guidance.route.ground_server import GroundRules
+from fcsv_sim.robot.rehearsal.guidance_bus import ARRIVED, DRIVING, NO_ROUTE, WAITING, GuidanceBus
 
 RULES = GroundRules(area_m=(8, 20, -6, 6))
 STEP_S = 0.05

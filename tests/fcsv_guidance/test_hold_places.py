@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fcsv_guidance.cooperative_place import RobotStart, UntrackedOdometry, VehicleSighting
 from fcsv_guidance.errors import RouteError
-from fcsv_guidance.following import RouteToFollow
-from fcsv_guidance.hold_places import hold_places
-from fcsv_guidance.place import WheelOdometry
-from fcsv_guidance.stepped_place import PlaceInSteps
+from fcsv_guidance.place.cooperative_place import RobotStart, UntrackedOdometry, VehicleSighting
+from fcsv_guidance.place.hold_places import hold_places
+from fcsv_guidance.place.stepped_place import PlaceInSteps
+from fcsv_guidance.place.tracker import WheelOdometry
+from fcsv_guidance.route.following import RouteToFollow
 from fcsv_tracking.gimbal.config import load_ground_robot
 
 ROBOT = Path(__file__).parents[2] / "config" / "gimbal" / "ground_robot.yaml"

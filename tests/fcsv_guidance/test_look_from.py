@@ -8,11 +8,11 @@ import pytest
 
 from fcsv_geometry.missions.mission import load_mission
 from fcsv_guidance.errors import GroundError
-from fcsv_guidance.ground import Grid, ground_from
-from fcsv_guidance.ground_command import main
-from fcsv_guidance.look_from import look_from
+from fcsv_guidance.files.command import main
+from fcsv_guidance.ground.model import Grid, ground_from
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.route import NoRoute, Route, plan_route
+from fcsv_guidance.route.look_from import look_from
+from fcsv_guidance.route.search import NoRoute, Route, plan_route
 
 GRID = Grid.around((8, -8), (30, 8), 0.1)
 WALL = (17.0, 17.5, -3.0, 3.0, 0.0, 1.5)  # hides what lies behind it from the camera at the origin

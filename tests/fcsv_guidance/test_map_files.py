@@ -10,19 +10,13 @@ import pytest
 import tifffile
 import yaml
 
-from fcsv_guidance import ground_command
-from fcsv_guidance.ground import Grid, ground_from, stand_probability
-from fcsv_guidance.map_files import (
-    FREE_PERCENT,
-    OCCUPIED_PERCENT,
-    layers_of,
-    occupancy,
-    write_layers,
-    write_map_server,
-)
+from fcsv_guidance.files import command
+from fcsv_guidance.files.map_files import layers_of, write_layers, write_map_server
+from fcsv_guidance.ground.model import Grid, ground_from, stand_probability
+from fcsv_guidance.ground.occupancy import FREE_PERCENT, OCCUPIED_PERCENT, occupancy
+from fcsv_guidance.ground.standing import disk, least
+from fcsv_guidance.ground.tuning import FREE_P
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.standing import disk, least
-from fcsv_guidance.tuning import FREE_P
 
 GRID = Grid.around((5, -8), (26, 8), 0.1)
 BOX = (13.0, 14.0, -2.0, 1.0, 0.0, 0.6)
@@ -113,7 +107,7 @@ def test_layers_lie_where_the_grid_does(ground, root, tmp_path):
 def test_the_command_writes_all_and_says_what_it_found(scene, write_map, root, tmp_path, capsys):
     write_map(scene([BOX]).view(), tmp_path / "map")
     call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
-    assert ground_command.main([*call, "--route", "10", "0", "18", "0", "--octomap", "0.4"]) == 0
+    assert command.main([*call, "--route", "10", "0", "18", "0", "--octomap", "0.4"]) == 0
     text = capsys.readouterr().out
     assert "free to stand on" in text and "route of" in text
     names = {path.name for path in (tmp_path / "out").iterdir()}
@@ -133,7 +127,7 @@ def test_the_command_writes_all_and_says_what_it_found(scene, write_map, root, t
 def test_the_command_without_a_route_ends_with_one(scene, write_map, root, tmp_path, capsys):
     write_map(scene(blank=[(13, 16, -9, 9)]).view(), tmp_path / "map")
     call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
-    assert ground_command.main([*call, "--route", "10", "0", "20", "0"]) == 1
+    assert command.main([*call, "--route", "10", "0", "20", "0"]) == 1
     assert "no safe route is known" in capsys.readouterr().out
     assert json.loads((tmp_path / "out/ground.json").read_text())["no_route"]["to_see_m"]
 
@@ -147,7 +141,7 @@ def test_the_command_refuses_a_map_that_lacks_a_file(
     write_map(scene().view(), tmp_path / "map")
     (tmp_path / "map" / lacking).unlink()
     call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
-    assert ground_command.main(call) == 2
+    assert command.main(call) == 2
     assert words in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
@@ -168,7 +162,7 @@ def test_the_command_refuses_a_wrong_option_and_leaves_nothing(
 ):
     write_map(scene().view(), tmp_path / "map")
     call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
-    assert ground_command.main([*call, *options]) == 2
+    assert command.main([*call, *options]) == 2
     assert words in capsys.readouterr().err
     assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
 
@@ -178,5 +172,5 @@ def test_the_same_map_twice_is_no_second_witness(scene, write_map, root, tmp_pat
         write_map(scene().view(), tmp_path / name)
     maps = [str(tmp_path / name) for name in ("map", "copy")]
     call = [*maps, "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
-    assert ground_command.main(call) == 2
+    assert command.main(call) == 2
     assert "copy: is the same map as" in capsys.readouterr().err

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import GroundError, GuidanceError
-from fcsv_guidance.octomap_files import write_octomap
+from fcsv_guidance.files.octomap_files import write_octomap
 
 VOXEL_M = 0.2
 BOX = (13.0, 15.0, -2.0, 1.0, 0.0, 1.6)

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from fcsv_guidance.place import PlaceFix, RobotTracker, WheelOdometry
+from fcsv_guidance.place.tracker import PlaceFix, RobotTracker, WheelOdometry
 
 C = np.diag([0.2**2, 0.2**2, np.radians(4) ** 2])
 STEP_S = 0.05

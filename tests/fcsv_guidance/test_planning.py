@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import RouteError
-from fcsv_guidance.ground import Grid
-from fcsv_guidance.planning import RouteRules, plan_clear
-from fcsv_guidance.route import NoRoute, Route
+from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.route.planning import RouteRules, plan_clear
+from fcsv_guidance.route.search import NoRoute, Route
 
 GRID = Grid(0.0, 0.0, 0.1, 60, 120)
 START_M, GOAL_M = (1.0, 3.0), (11.0, 3.0)

@@ -72,7 +72,7 @@ class Fleet:
 
     def look(self, name, x_m, y_m, with_pose=True, age_s=0.0):
         """One picture of a vehicle; the robot stands, its wheels say so."""
-        from fcsv_guidance.place import WheelOdometry
+        from fcsv_guidance.place.tracker import WheelOdometry
         from fcsv_guidance.ros import ground_messages
         from fcsv_tracking.ros.camera_message import camera_message
 

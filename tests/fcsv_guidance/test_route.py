@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import RouteError
-from fcsv_guidance.ground import Grid, ground_from
+from fcsv_guidance.ground.model import Grid, ground_from
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.route import NoRoute, Route, plan_route
+from fcsv_guidance.route.search import NoRoute, Route, plan_route
 
 GRID = Grid.around((5, -8), (26, 8), 0.1)
 BOX = (13.0, 14.0, -2.0, 1.0, 0.0, 0.6)

@@ -10,9 +10,9 @@ import pytest
 import rasterio
 
 from fcsv_geometry import transforms
-from fcsv_guidance import ground_command
 from fcsv_guidance.errors import GroundError
-from fcsv_guidance.site_views import read_site_views
+from fcsv_guidance.files import command
+from fcsv_guidance.ground.site_views import read_site_views
 from fcsv_stereo.survey import tuning
 
 ROBOT = "config/robots/rescue.yaml"
@@ -87,7 +87,7 @@ def test_a_route_crosses_from_one_view_to_the_other(survey, root, tmp_path, caps
     """The first view shows nothing of the wall's far side, the second nothing of its near side."""
     ends = ("--route", "10.5", "-2", "16", "-2", "--octomap", "0.5")
     out = tmp_path / "out"
-    assert ground_command.main(ground_words(root, survey, out, *ends)) == 0
+    assert command.main(ground_words(root, survey, out, *ends)) == 0
     document = json.loads((out / "ground.json").read_text())
     route = np.array(document["route"]["points_m"])
     assert document["crs"] == "EPSG:32633" and document["origin_m"] == ORIGIN_M
@@ -113,15 +113,15 @@ def test_no_view_alone_shows_that_route(survey, root, tmp_path, capsys, alone):
             document["views"] = [v for v in document["views"] if v["name"] == alone]
         (survey / f"{name}.json").write_text(json.dumps(document))
     ends = ("--route", "10.5", "-2", "16", "-2")
-    assert ground_command.main(ground_words(root, survey, tmp_path / "out", *ends)) != 0
+    assert command.main(ground_words(root, survey, tmp_path / "out", *ends)) != 0
 
 
 def test_a_survey_stands_alone_and_must_be_whole(survey, root, tmp_path, capsys):
     both = [str(survey / "views/a"), *ground_words(root, survey, tmp_path / "out")]
-    assert ground_command.main(both) == 2
+    assert command.main(both) == 2
     assert "is a survey's, which stands alone" in capsys.readouterr().err
     (survey / "adjustment.json").write_text('{"views": {}}')
-    assert ground_command.main(ground_words(root, survey, tmp_path / "out")) == 2
+    assert command.main(ground_words(root, survey, tmp_path / "out")) == 2
     assert "run survey again" in capsys.readouterr().err
     with pytest.raises(GroundError, match="is not a whole survey"):
         read_site_views(survey)

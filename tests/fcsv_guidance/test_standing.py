@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fcsv_guidance import standing
-from fcsv_guidance.ground import Grid, ground_from, stand_probability
+from fcsv_guidance.ground import standing
+from fcsv_guidance.ground.model import Grid, ground_from, stand_probability
+from fcsv_guidance.ground.tuning import CONTRADICTED_P, FREE_P, OBSTACLE_P, STAND_WEIGHTS
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.tuning import CONTRADICTED_P, FREE_P, OBSTACLE_P, STAND_WEIGHTS
 
 GRID = Grid.around((8, -6), (26, 6), 0.1)
 BLOCK = (15.0, 16.0, -1.0, 1.0, 0.0, 0.6)

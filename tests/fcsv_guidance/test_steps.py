@@ -8,10 +8,10 @@ from typing import Dict, Tuple
 import numpy as np
 import pytest
 
-from fcsv_guidance.cooperative_place import CooperativeState
-from fcsv_guidance.following import RobotPlace
-from fcsv_guidance.place import LevelPlace, PlaceState
-from fcsv_guidance.steps import DriveInSteps, MoveVehicle, StepRules
+from fcsv_guidance.messages import RobotPlace
+from fcsv_guidance.place.cooperative_place import CooperativeState
+from fcsv_guidance.place.steps import DriveInSteps, MoveVehicle, StepRules
+from fcsv_guidance.place.tracker import LevelPlace, PlaceState
 
 RULES = StepRules()
 STEP_S = 0.25

@@ -11,8 +11,8 @@ from fcsv_geometry import rotations, transforms
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.vehicles.telemetry import SeenTag
 from fcsv_geometry.vehicles.vehicle import load_vehicles
+from fcsv_guidance.place.tag_fix import RobotSight, RobotTagReader, tag_fix
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.tag_fix import RobotSight, RobotTagReader, tag_fix
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.robot_tags import load_robot_tags, readable_m
 from fcsv_tracking.tags import corner_points

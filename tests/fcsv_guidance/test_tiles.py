@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fcsv_guidance import tiles
 from fcsv_guidance.errors import GroundError
-from fcsv_guidance.ground import ground_from
+from fcsv_guidance.files import tiles
+from fcsv_guidance.files.tiles import judged, judged_by_tiles
+from fcsv_guidance.ground.model import ground_from
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.tiles import judged, judged_by_tiles
 
 BOX = (12.0, 14.0, -2.0, 1.0, 0.0, 1.0)
 BEAM = (16.0, 16.4, -6.0, 6.0, 0.6, 0.8)

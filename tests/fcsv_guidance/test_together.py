@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fcsv_guidance import kernels, together
-from fcsv_guidance.ground import LAYERS, Grid, ground_from, stand_probability
-from fcsv_guidance.known import GroundSeen, KnownGround
+from fcsv_guidance.ground import kernels, together
+from fcsv_guidance.ground.known import GroundSeen, KnownGround
+from fcsv_guidance.ground.model import LAYERS, Grid, ground_from, stand_probability
+from fcsv_guidance.ground.tuning import FREE_P
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.tuning import FREE_P
 
 GRID = Grid.around((20, -4), (28, 4), 0.1)
 BLOCK = (23.0, 24.0, -1.0, 1.0, 0.0, 0.6)

@@ -16,10 +16,10 @@ from fcsv_sim.bringup import mission_file, robot_file, vehicles_folder
 from fcsv_sim.demo.gimbal_guided import world_of
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.machines.machines import MachineError
-from fcsv_sim.robot.gimbal_mission import BESIDE_M, gimbal_mission
-from fcsv_sim.robot.gimbal_rehearsal import SMALL, small_survey
-from fcsv_sim.robot.gimbal_survey import T_world_level
-from fcsv_sim.robot.gimbal_ways import GimbalWays
+from fcsv_sim.robot.gimbals.mission import BESIDE_M, gimbal_mission
+from fcsv_sim.robot.gimbals.rehearsal import SMALL, small_survey
+from fcsv_sim.robot.gimbals.survey import T_world_level
+from fcsv_sim.robot.gimbals.ways import GimbalWays
 from fcsv_sim.world.town import Town
 from fcsv_tracking.gimbal.reach import gimbal_problem
 

@@ -9,15 +9,15 @@ import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.vehicle import load_vehicles
-from fcsv_guidance.ground import Grid, ground_from
+from fcsv_guidance.ground.model import Grid, ground_from
+from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.views import DepthView
-from fcsv_sim.robot import command
-from fcsv_sim.robot.gimbal_rehearsal import gimbal_drive, gimbals_of_robot
-from fcsv_sim.robot.gimbal_survey import GimbalSurvey, T_world_ground
-from fcsv_sim.robot.looking import Lookout
-from fcsv_sim.robot.mapped import MappedPlace
-from fcsv_sim.robot.robot_faults import FAULTS
+from fcsv_sim.robot.gimbals.rehearsal import gimbal_drive, gimbals_of_robot
+from fcsv_sim.robot.gimbals.survey import GimbalSurvey, T_world_ground
+from fcsv_sim.robot.places.looking import Lookout
+from fcsv_sim.robot.places.mapped import MappedPlace
+from fcsv_sim.robot.rehearsal import command
+from fcsv_sim.robot.rehearsal.faults import FAULTS
 from fcsv_sim.robot.things import Watcher
 from fcsv_sim.trials.robot_among_vehicles import Held, HeldVehicle
 from fcsv_sim.world.footing import Footing

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms
-from fcsv_guidance.following import DriveCommand
+from fcsv_guidance.messages import DriveCommand
 from fcsv_guidance.robot import load_robot
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.robot import reaction

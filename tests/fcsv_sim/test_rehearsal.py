@@ -85,7 +85,7 @@ def between_stations():
 
 
 def test_vehicles_follow_in_steps_and_land_beside_a_robot():
-    """As fcsv_guidance/steps.py asks: one after the other, as the robot drives on along x."""
+    """As fcsv_guidance/place/steps.py asks: one after the other, as the robot drives on along x."""
     listed = [StereoConfiguration("horizontal", 3.0, follow_s=60.0)]
     flight = Flight(Mission("follow", listed), 2, 4)
     steps = [("uav2", 2.5, -3.0), ("uav1", 2.5, 0.0), ("uav2", 5.0, -3.0)]

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms
-from fcsv_guidance.following import DriveCommand
-from fcsv_guidance.ground import Grid, ground_from
+from fcsv_guidance.ground.model import Grid, ground_from
+from fcsv_guidance.ground.views import DepthView
+from fcsv_guidance.messages import DriveCommand
 from fcsv_guidance.robot import load_robot
-from fcsv_guidance.views import DepthView
 from fcsv_sim.errors import SimulationError
-from fcsv_sim.robot import command
 from fcsv_sim.robot.contact import TrueGround
 from fcsv_sim.robot.drive import WATCHDOG_S, SimulatedRobot, WheelFlaws
-from fcsv_sim.robot.looking import Lookout
-from fcsv_sim.robot.mapped import CELL_M, MappedPlace
-from fcsv_sim.robot.rehearsal import ARRIVES, SAYS_NONE, PlaceGuides, RobotDrive
-from fcsv_sim.robot.rehearsal_picture import draw_drive
-from fcsv_sim.robot.rehearsal_table import table, verdict_line
-from fcsv_sim.robot.robot_faults import FAULTS, faults_of
+from fcsv_sim.robot.places.looking import Lookout
+from fcsv_sim.robot.places.mapped import CELL_M, MappedPlace
+from fcsv_sim.robot.rehearsal import command
+from fcsv_sim.robot.rehearsal.faults import FAULTS, faults_of
+from fcsv_sim.robot.rehearsal.one_drive import ARRIVES, SAYS_NONE, PlaceGuides, RobotDrive
+from fcsv_sim.robot.rehearsal.picture import draw_drive
+from fcsv_sim.robot.rehearsal.table import table, verdict_line
 from fcsv_sim.robot.things import Box, Watcher
 from fcsv_sim.sensors.camera import CameraParameters
 from fcsv_sim.world.footing import Footing

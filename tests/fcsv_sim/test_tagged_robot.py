@@ -9,7 +9,7 @@ import pytest
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.vehicles.telemetry import SeenTag
 from fcsv_geometry.vehicles.vehicle import load_vehicles
-from fcsv_guidance.tag_fix import RobotSight, tag_fix
+from fcsv_guidance.place.tag_fix import RobotSight, tag_fix
 from fcsv_sim.sensors.camera import CameraParameters
 from fcsv_sim.sensors.photographer import Photographer
 from fcsv_sim.truth import TruthWriter

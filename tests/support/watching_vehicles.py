@@ -18,7 +18,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import node
-from fcsv_guidance.views import DepthView
+from fcsv_guidance.ground.views import DepthView
 from fcsv_sim.robot.things import Box, Watcher
 from fcsv_sim.truth import TruthReader
 from fcsv_sim.world.movers import CRATE, CRATE_HALF_M, ROBOT, ROBOT_HALF_M

@@ -32,7 +32,7 @@ COMMANDS = {
         "whether missions, vehicle files and other configuration are good",
     ),
     "ground": (
-        "fcsv_guidance.ground_command",
+        "fcsv_guidance.files.command",
         "where a robot can drive, from maps; a route across it",
     ),
 }

@@ -14,11 +14,11 @@ from fcsv_geometry import frames, rotations
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.cooperative_place import CooperativeRules
-from fcsv_guidance.following import RouteToFollow
+from fcsv_guidance.place.cooperative_place import CooperativeRules
+from fcsv_guidance.place.stepped_place import PlaceInSteps, SteppedPlace
 from fcsv_guidance.ros import ground_messages as messages
 from fcsv_guidance.ros.place_publisher import PlacePublisher
-from fcsv_guidance.stepped_place import PlaceInSteps, SteppedPlace
+from fcsv_guidance.route.following import RouteToFollow
 from fcsv_msgs.msg import Home, VehicleMove
 from fcsv_tracking.gimbal.config import load_gimbals
 

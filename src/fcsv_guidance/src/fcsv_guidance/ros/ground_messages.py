@@ -20,13 +20,13 @@ from std_msgs.msg import Header
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.messages import seconds
 from fcsv_geometry.ros import conversions
-from fcsv_guidance.cooperative_place import RobotStart, UntrackedOdometry, VehicleSighting
 from fcsv_guidance.errors import GroundError, PlaceError, RouteError
-from fcsv_guidance.following import DriveCommand
-from fcsv_guidance.grid_regions import Region
-from fcsv_guidance.ground import Grid
-from fcsv_guidance.ground_server import densely
-from fcsv_guidance.place import PlaceFix, PlaceState, WheelOdometry
+from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.messages import DriveCommand
+from fcsv_guidance.place.cooperative_place import RobotStart, UntrackedOdometry, VehicleSighting
+from fcsv_guidance.place.tracker import PlaceFix, PlaceState, WheelOdometry
+from fcsv_guidance.route.grid_regions import Region
+from fcsv_guidance.route.ground_server import densely
 from fcsv_msgs.msg import Home
 
 _POSES_APART_M = 0.2

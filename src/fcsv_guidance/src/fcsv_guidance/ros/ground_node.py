@@ -21,8 +21,13 @@ from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import Goal, RobotPlace
-from fcsv_guidance.ground_server import (
+from fcsv_guidance.ground.live_views import LiveViews
+from fcsv_guidance.ground.views import read_map
+from fcsv_guidance.messages import Goal, RobotPlace
+from fcsv_guidance.robot import load_robot
+from fcsv_guidance.ros import ground_messages as messages
+from fcsv_guidance.ros.place_source import PlaceParameters, PlaceSource
+from fcsv_guidance.route.ground_server import (
     GoalDropped,
     GridChanged,
     GridMessage,
@@ -33,12 +38,7 @@ from fcsv_guidance.ground_server import (
     RobotHold,
     RouteMessage,
 )
-from fcsv_guidance.live_views import LiveViews
-from fcsv_guidance.robot import load_robot
-from fcsv_guidance.ros import ground_messages as messages
-from fcsv_guidance.ros.place_source import PlaceParameters, PlaceSource
-from fcsv_guidance.route import NoRoute
-from fcsv_guidance.views import read_map
+from fcsv_guidance.route.search import NoRoute
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, WATCH_FRAME
 
 _PERIOD_S = 0.2

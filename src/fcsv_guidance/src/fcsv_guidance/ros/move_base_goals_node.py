@@ -16,10 +16,10 @@ from std_msgs.msg import String
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import HoldRobot, StopRobot
-from fcsv_guidance.goal_giver import CancelGoal, GiveGoal, GivingRules, GoalEnded, GoalGiver
+from fcsv_guidance.messages import HoldRobot, StopRobot
 from fcsv_guidance.ros.place_source import PlaceParameters
 from fcsv_guidance.ros.route_source import RouteSource
+from fcsv_guidance.route.goal_giver import CancelGoal, GiveGoal, GivingRules, GoalEnded, GoalGiver
 
 _PERIOD_S = 0.1
 _GONE = (GoalStatus.PREEMPTED, GoalStatus.RECALLED)  # by a goal of ours, or by a cancel

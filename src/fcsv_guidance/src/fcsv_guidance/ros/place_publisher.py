@@ -6,7 +6,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from std_msgs.msg import String
 
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.place import PlaceState
+from fcsv_guidance.place.tracker import PlaceState
 from fcsv_guidance.ros import ground_messages as messages
 
 

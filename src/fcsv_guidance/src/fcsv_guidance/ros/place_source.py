@@ -13,8 +13,8 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.messages import transform_from_msg
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import RobotPlace
-from fcsv_guidance.placing import robot_place
+from fcsv_guidance.messages import RobotPlace
+from fcsv_guidance.place.placing import robot_place
 
 WITH_COVARIANCE, POSE, TF = SOURCES = ("pose_with_covariance", "pose", "tf")
 _TF_PERIOD_S = 0.05

@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.place import PlaceRules, RobotTracker
+from fcsv_guidance.place.tracker import PlaceRules, RobotTracker
 from fcsv_guidance.ros import ground_messages as messages
 from fcsv_guidance.ros.place_publisher import PlacePublisher
 

@@ -17,9 +17,9 @@ from fcsv_geometry.ros import node
 from fcsv_geometry.ros import telemetry_messages as telemetry
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.vehicles.telemetry import SeenTags
+from fcsv_guidance.place.tag_fix import RobotSight, RobotTagReader, TagFixRules
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.ros import ground_messages as messages
-from fcsv_guidance.tag_fix import RobotSight, RobotTagReader, TagFixRules
 from fcsv_stereo.pose_covariance import KnownCovariances
 from fcsv_stereo.ros.camera_covariances import subscribe_covariances
 from fcsv_tracking.robot_tags import load_robot_tags, readable_m

@@ -15,13 +15,14 @@ from std_msgs.msg import String
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import DriveCommand, FollowerRules, RouteFollower
-from fcsv_guidance.grid_regions import clearance_map, with_region
-from fcsv_guidance.ground import Grid
+from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.messages import DriveCommand
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.ros import ground_messages as messages
 from fcsv_guidance.ros.place_source import PlaceParameters
 from fcsv_guidance.ros.route_source import RouteSource
+from fcsv_guidance.route.following import FollowerRules, RouteFollower
+from fcsv_guidance.route.grid_regions import clearance_map, with_region
 
 _PERIOD_S = 0.05
 

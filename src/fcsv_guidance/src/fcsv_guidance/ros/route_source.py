@@ -10,10 +10,11 @@ from std_msgs.msg import String
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import HoldRobot, RouteToFollow, StopRobot
+from fcsv_guidance.messages import HoldRobot, StopRobot
 from fcsv_guidance.ros import ground_messages as messages
 from fcsv_guidance.ros.place_source import PlaceParameters, PlaceSource
-from fcsv_guidance.route import NO_ROUTE_KNOWN
+from fcsv_guidance.route.following import RouteToFollow
+from fcsv_guidance.route.search import NO_ROUTE_KNOWN
 
 
 class RouteSource:

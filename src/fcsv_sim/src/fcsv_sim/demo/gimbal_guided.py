@@ -16,9 +16,9 @@ from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.demo.tellos import SimulatedTellos
 from fcsv_sim.machines.machines import MachineError
-from fcsv_sim.robot.gimbal_mission import BESIDE_M, gimbal_mission
-from fcsv_sim.robot.gimbal_rehearsal import SMALL, small_survey
-from fcsv_sim.robot.gimbal_survey import START_YAW_RAD
+from fcsv_sim.robot.gimbals.mission import BESIDE_M, gimbal_mission
+from fcsv_sim.robot.gimbals.rehearsal import SMALL, small_survey
+from fcsv_sim.robot.gimbals.survey import START_YAW_RAD
 from fcsv_sim.tello.places import TelloPlace
 from fcsv_sim.world.town import Town
 

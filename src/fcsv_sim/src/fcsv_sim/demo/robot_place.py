@@ -16,8 +16,8 @@ from fcsv_sim.demo.pose_errors import true_pose
 from fcsv_sim.machines.machines import Machine, MachineError
 from fcsv_sim.people.operator import Field
 from fcsv_sim.robot.guided import GuidedDrive, GuidedResult, drive_guided, drive_result, in_words
-from fcsv_sim.robot.looking import first_look
 from fcsv_sim.robot.placed import place_of
+from fcsv_sim.robot.places.looking import first_look
 from fcsv_sim.world.footing import Footing
 from fcsv_sim.world.town import Town
 from fcsv_stereo.evaluating.truth import load_truth

@@ -7,7 +7,7 @@ from typing import Optional, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_guidance.following import Polyline
+from fcsv_guidance.route.following import Polyline
 from fcsv_sim.robot.things import Box
 from fcsv_sim.world.movers import CRATE_HALF_M
 from fcsv_sim.world.place import PlacePlan

@@ -9,8 +9,8 @@ from typing import Callable, Optional, Tuple
 
 import numpy as np
 
-from fcsv_guidance.following import DriveCommand
-from fcsv_guidance.place import WheelOdometry
+from fcsv_guidance.messages import DriveCommand
+from fcsv_guidance.place.tracker import WheelOdometry
 from fcsv_guidance.robot import Robot
 
 WATCHDOG_S = 0.3

@@ -6,7 +6,7 @@ from typing import Optional
 
 import numpy as np
 
-from fcsv_guidance.place import PlaceFix
+from fcsv_guidance.place.tracker import PlaceFix
 
 EVERY_S, DELAY_S = 0.5, 0.3
 # docs/lab/guidance.md#by-its-tags, 12 m

@@ -12,11 +12,11 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_guidance import tuning
-from fcsv_guidance.following import Polyline
-from fcsv_guidance.ground import ground_from, stand_probability
+from fcsv_guidance.ground import tuning
+from fcsv_guidance.ground.model import ground_from, stand_probability
+from fcsv_guidance.ground.views import read_map
 from fcsv_guidance.robot import Robot, load_robot
-from fcsv_guidance.views import read_map
+from fcsv_guidance.route.following import Polyline
 from fcsv_sim.machines.machines import Machine, MachineError
 from fcsv_sim.robot.above_picture import FromAbove, draw_from_above
 from fcsv_sim.robot.placed import place_of

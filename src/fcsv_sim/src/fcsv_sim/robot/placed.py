@@ -10,8 +10,8 @@ from typing import List, Optional, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_guidance.following import DriveCommand
-from fcsv_guidance.place import PlaceFix, WheelOdometry
+from fcsv_guidance.messages import DriveCommand
+from fcsv_guidance.place.tracker import PlaceFix, WheelOdometry
 from fcsv_guidance.robot import Robot
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.robot.contact import TrueGround

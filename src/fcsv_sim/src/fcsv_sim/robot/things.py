@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from scipy.special import ndtri
 
-from fcsv_guidance.views import DepthView
+from fcsv_guidance.ground.views import DepthView
 from fcsv_sim.render.caster import make_caster
 from fcsv_sim.render.rays import T, ray_buffer, set_rays
 from fcsv_sim.world.town import Town

@@ -20,7 +20,7 @@ from std_msgs.msg import String
 from fcsv_geometry import transforms
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.following import DriveCommand
+from fcsv_guidance.messages import DriveCommand
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.ros import ground_messages as messages
 from fcsv_sim.robot.closing import WayCloser

@@ -11,7 +11,8 @@ from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry import rotations, transforms
-from fcsv_guidance.cooperative_place import (
+from fcsv_guidance.messages import DriveCommand
+from fcsv_guidance.place.cooperative_place import (
     CooperativeRules,
     CooperativeTracker,
     Message,
@@ -19,8 +20,7 @@ from fcsv_guidance.cooperative_place import (
     UntrackedOdometry,
     VehicleSighting,
 )
-from fcsv_guidance.following import DriveCommand
-from fcsv_guidance.place import WheelOdometry
+from fcsv_guidance.place.tracker import WheelOdometry
 from fcsv_guidance.robot import Robot
 from fcsv_sim.robot.drive import SimulatedRobot, WheelFlaws
 from fcsv_sim.trials.gimbal_evaluation import START_S, Setup, follow

@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.vehicles.telemetry import SeenTag
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
-from fcsv_guidance.tag_fix import RobotSight
+from fcsv_guidance.place.tag_fix import RobotSight
 from fcsv_sim.render.bodies import BoxedThing
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera

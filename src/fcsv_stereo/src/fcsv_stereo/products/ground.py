@@ -14,7 +14,7 @@ import numpy as np
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import MapResult
 
-_MAKER = "fcsv_guidance.ground_product"
+_MAKER = "fcsv_guidance.files.product"
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from fcsv_msgs.msg import Home, MapState
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.ros.drive_along import DriveAlong
 from fcsv_sim.machines.machines import Machine
-from fcsv_sim.robot.gimbal_survey import T_world_level
+from fcsv_sim.robot.gimbals.survey import T_world_level
 from fcsv_sim.robot.placed import place_of
 from fcsv_sim.world.town import Town
 

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a watching view shows against the depth that the maps foretell for its picture.
+
+Most of a live depth's sigma is of the cameras' poses, which all its pixels share: a crate 3 m
+before the ground behind it stays within one sigma. So the shared error is fitted and taken off, and
+what is left is judged against its own spread, in inverse depth, where matching's noise is even.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Iterator, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_guidance.errors import GroundError
+from fcsv_guidance.ground import kernels
+from fcsv_guidance.ground.model import Grid, sure_depth
+from fcsv_guidance.ground.standing import disk
+from fcsv_guidance.ground.views import DepthView
+from fcsv_stereo.depth import pixels_of
+
+_FARTHEST_M = 60.0  # of what is compared, as a ground's reach
+_LEAST_PIXELS = 2000  # that both know: fewer fit no shared error
+_LEAST_COVERED = 0.3  # of the near pixels of a view: a map that foretells fewer is none for it
+_NEAR_CAMERA_M = 3.0  # a map from farther away shows other sides of things
+_EDGE_PX = 2  # the foretold depth may lie so far beside
+_FLAGGED, _SURE = 3.0, 6.0  # standard deviations of one pixel, and of a group that closes at once
+_SAME = 1.0  # standard deviations within which a pixel shows what is mapped
+_LEAST_STEP_M = 0.15  # above the foretold ground: below the smallest step that stops a robot
+_THING_M, _SHOWN = 0.3, 0.4  # side of the smallest thing, and share of its pixels that is flagged
+_LEAST_GROUP_PX, _WIDE = 8, 4.0  # of so many times the least, one view is enough
+_SPREAD_M = 0.3  # along its ray: how far a thing's depth is off where it is matched small
+_BETWEEN_M = 0.2  # beside pixels that show what is mapped: half of the smallest thing, and a cell
+_PAST_PX = 5  # about a pixel, in which nothing is nearer than what is mapped
+_FLOOR = 0.1  # of the stated sigma: noise that is taken for granted
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Layers of a grid (rows, columns). ``came``: how surely something stands nearer than what is
+    mapped, 0 to 1, of which 1 is enough for one view. ``shift`` (1/m): by how much inverse depth it
+    is nearer, ``at_z_m`` at which height in home. ``went``: bool, what is seen lies farther than what
+    is mapped. ``same``: bool, the ground is seen as it is mapped. ``noise`` (1/m): standard deviation
+    of the view's inverse depth; a smaller shift is not told. ``past`` (1/m): the foretold inverse
+    depth (H,W) of pixels about which nothing is nearer than that, NaN elsewhere; of ``camera`` at
+    ``T_home_cam``."""
+
+    came: np.ndarray
+    shift: np.ndarray
+    at_z_m: np.ndarray
+    went: np.ndarray
+    same: np.ndarray
+    noise: float
+    past: np.ndarray
+    camera: PinholeCamera
+    T_home_cam: np.ndarray
+
+    def looks_past(self, points_home_m: np.ndarray) -> np.ndarray:
+        """(N,) bool: whether the view shows what is mapped behind each point (N,3): nothing is
+        there."""
+        row, column, z_m, inside = pixels_of(self.camera, self.T_home_cam, points_home_m)
+        with np.errstate(divide="ignore"):
+            return inside & (1.0 / z_m > self.past[row, column] + _SAME * self.noise)
+
+
+def compared(
+    view: DepthView, maps: Sequence[DepthView], grid: Grid
+) -> Tuple[DepthView, Optional[Compared]]:
+    """The view with the shared error taken off its depth, and what it shows against ``maps``; the
+    view as it is, and None, where no map foretells enough of it."""
+    depth, foretold = sure_depth(view), _foretold(view, maps)
+    if foretold is None:
+        return view, None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse, expected = 1.0 / depth, 1.0 / foretold
+    both = np.isfinite(inverse) & np.isfinite(expected)
+    if both.sum() < _LEAST_PIXELS:
+        return view, None
+    shared, noise = _shared(inverse, expected, both)
+    stated = np.median((view.sigma / depth**2)[both])
+    noise = max(noise, _FLOOR * float(stated))
+    inverse = inverse - shared
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.where(inverse > 0, 1.0 / inverse, np.nan).astype(np.float32)
+    return replace(view, depth=depth), _judged(view, inverse, expected, noise, grid)
+
+
+def _foretold(view: DepthView, maps: Sequence[DepthView]) -> Optional[np.ndarray]:
+    """(H,W) depth m up to _FARTHEST_M, NaN where unknown, by the map whose camera stood nearest."""
+    away = [float(np.linalg.norm(m.T_home_cam[:3, 3] - view.T_home_cam[:3, 3])) for m in maps]
+    for k in np.argsort(away):
+        if away[k] > _NEAR_CAMERA_M:
+            break
+        try:
+            known = sure_depth(maps[k])
+        except GroundError:
+            continue
+        T = transforms.invert(view.T_home_cam) @ maps[k].T_home_cam
+        depth = kernels.seen_from(
+            known, np.float64(maps[k].K), np.float64(T), np.float64(view.K), *view.depth.shape
+        )
+        depth[depth > _FARTHEST_M] = np.nan
+        near = np.isfinite(view.depth) & (view.depth < _FARTHEST_M)
+        if np.isfinite(depth[near]).sum() >= _LEAST_COVERED * max(near.sum(), 1):
+            return depth
+    return None
+
+
+def _shared(inverse: np.ndarray, expected: np.ndarray, both: np.ndarray) -> Tuple:
+    """(H,W) smooth difference of inverse depth that wrong poses and focal lengths make, and the
+    robust standard deviation (1/m) of what is left."""
+    height, width = inverse.shape
+    v, u = (np.indices(inverse.shape) - np.array([[[height]], [[width]]]) / 2) / width
+
+    def terms(u, v, g):
+        g = g / (np.nanmedian(expected[both]))
+        return np.stack([np.ones_like(u), u, v, g, u * v, u * u, g * u, g * v], -1)
+
+    at = np.flatnonzero(both)[:: max(1, int(both.sum()) // 20000)]
+    A = terms(u.flat[at], v.flat[at], expected.flat[at])
+    off = (inverse - expected).flat[at]
+    weight = np.ones(len(at))
+    for _ in range(8):
+        found = np.linalg.lstsq(A * weight[:, None], off * weight, rcond=None)[0]
+        left = off - A @ found
+        spread = 1.4826 * float(np.median(np.abs(left)))
+        weight = 1.0 / np.maximum(1.0, np.abs(left) / max(2.0 * spread, 1e-12))
+    g = np.where(np.isfinite(expected), expected, np.nan_to_num(inverse))
+    # errors have long tails: what one of twenty exceeds counts as two standard deviations
+    spread = max(spread, 0.5 * float(np.quantile(np.abs(left), 0.95)))
+    return terms(u, v, g) @ found, spread
+
+
+def _judged(
+    view: DepthView, inverse: np.ndarray, expected: np.ndarray, noise: float, grid: Grid
+) -> Compared:
+    around = np.ones((2 * _EDGE_PX + 1,) * 2, np.uint8)
+    known = np.isfinite(expected)
+    high = cv2.dilate(np.where(known, expected, -1.0).astype(np.float32), around)
+    low = cv2.erode(np.where(known, expected, 9.0).astype(np.float32), around)
+    both = np.isfinite(inverse) & (inverse > 1.0 / _FARTHEST_M) & (high > 0)
+    nearer, farther = np.where(both, inverse - high, 0.0), np.where(both, low - inverse, 0.0)
+    came, shift, went = (np.zeros(grid.shape, np.float32) for _ in range(3))
+    at_z_m = np.full(grid.shape, np.nan, np.float32)
+    for group in _groups(view, inverse, high, nearer, noise):
+        cells, z_m = _cells_of(view, inverse, group, grid)
+        at_z_m[cells] = z_m
+        sure = min(group.by / (_SURE * noise), 1.0) * group.whole
+        came[cells] = np.maximum(came[cells], sure)
+        shift[cells] = np.maximum(shift[cells], group.by)
+    for group in _groups(view, inverse, low, farther, noise):
+        for depths in (low, inverse):  # where the thing was, and what is seen in its place
+            went[_cells_of(view, depths, group, grid)[0]] = 1.0
+    same = np.zeros(grid.shape, bool)
+    seen = both & known & (np.maximum(nearer, farther) <= _SAME * noise)
+    row, column, inside = grid.cells_of(*_places(view, inverse, seen)[:, :2].T)
+    same[row[inside], column[inside]] = True
+    between = disk(_BETWEEN_M, grid.cell_m)  # rows of pixels lie apart on the ground
+    same = cv2.morphologyEx(same.astype(np.uint8), cv2.MORPH_CLOSE, between) > 0
+    same &= (came == 0) & (went == 0)
+    window = np.ones((_PAST_PX,) * 2, np.uint8)
+    nothing = cv2.dilate((nearer > _FLAGGED * noise).astype(np.uint8), window) == 0
+    past = nothing & (cv2.blur(seen.astype(np.float32), window.shape) >= _SHOWN)
+    behind = np.where(past, expected, np.nan)
+    own = view.camera, view.T_home_cam
+    return Compared(came, shift, at_z_m, went > 0, same, noise, behind, *own)
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Pixels (rows, columns) that differ together, ``by`` inverse depth (1/m) in the middle;
+    ``whole``: their number against that of a thing for which one view is enough, 1 at most."""
+
+    rows: np.ndarray
+    columns: np.ndarray
+    by: float
+    whole: float
+
+
+def _groups(view: DepthView, inverse, edge, differs, noise: float) -> Iterator[_Group]:
+    """Connected pixels whose inverse depth ``differs`` surely from its foretold ``edge``, as many
+    as of a thing, and by a step that matters."""
+    up = np.abs(_rays(view)[..., 2])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        step_m = np.abs(1.0 / edge - 1.0 / inverse) * up
+        least_px = _SHOWN * (_THING_M * view.K[0, 0] * inverse) ** 2
+    flagged = (differs > _FLAGGED * noise) & (step_m > _LEAST_STEP_M)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(flagged.astype(np.uint8))
+    for k in range(1, count):
+        left, top, width, height, size = stats[k]
+        rows, columns = np.nonzero(labels[top : top + height, left : left + width] == k)
+        rows, columns = rows + top, columns + left
+        least = max(_LEAST_GROUP_PX, float(np.median(least_px[rows, columns])))
+        if size >= least:
+            by = float(np.median(differs[rows, columns]))
+            yield _Group(rows, columns, by, min(size / (_WIDE * least), 1.0))
+
+
+def _cells_of(view: DepthView, inverse: np.ndarray, group: _Group, grid: Grid) -> Tuple:
+    """Rows and columns of the cells that a group covers at an ``inverse`` depth (H,W), and z (m) of
+    its points there."""
+    ray = _rays(view)[group.rows, group.columns]
+    off = np.arange(-_SPREAD_M, _SPREAD_M + 1e-6, 0.5 * grid.cell_m)
+    depth = 1.0 / inverse[group.rows, group.columns]
+    along = depth[:, None] + off / np.hypot(ray[:, 0], ray[:, 1])[:, None]
+    points = view.T_home_cam[:3, 3] + along[..., None] * ray[:, None]
+    row, column, inside = grid.cells_of(points[..., 0], points[..., 1])
+    return (row[inside], column[inside]), points[..., 2][inside]
+
+
+def _rays(view: DepthView) -> np.ndarray:
+    """(H,W,3) in home, of depth 1 m."""
+    v, u = np.indices(view.depth.shape)
+    K = view.K
+    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], -1)
+    return rays @ view.T_home_cam[:3, :3].T
+
+
+def _places(view: DepthView, inverse: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """(N,3) in home of the ``chosen`` pixels."""
+    return view.T_home_cam[:3, 3] + _rays(view)[chosen] / inverse[chosen][:, None]
