@@ -2,7 +2,7 @@
 """A robot on the ground as the planner sees it: size, what it can climb, how it drives."""
 
 from dataclasses import dataclass, replace
-from typing import Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class Robot:
     acceleration_mps2: float  # at most
     turning_rate_radps: float  # at most
     turning_radius_m: float = 0.0  # 0: it turns on the spot
+    braking_mps2: Optional[float] = None  # at most; as acceleration_mps2 where it is not given
     tags: Tuple[BodyTag, ...] = ()  # on its sides; z from the ground it stands on
 
     def __post_init__(self):
@@ -64,6 +65,11 @@ class Robot:
             raise ValueError(
                 f"largest_step_m: must be below the robot's width, got {self.largest_step_m}"
             )
+
+    @property
+    def slows_mps2(self) -> float:
+        """How fast it brakes (m/s^2)."""
+        return self.acceleration_mps2 if self.braking_mps2 is None else self.braking_mps2
 
     @property
     def largest_slope(self) -> float:

@@ -33,7 +33,7 @@ _TOLD = 2.0  # standard deviations of a view's noise by which a thing that it wo
 #: The robot stands while something came near in the last STILL_S; STILL_VIEWS must show since that
 #: nothing more comes.
 STILL_S, STILL_VIEWS = 2.5, 2
-_SEEN_LATE_S = 1.5  # from one picture to the next, and from that to the robot
+_SEEN_LATE_S = 2.5  # to the next picture but one, as one may miss who comes, and to the robot
 
 
 @dataclass(frozen=True)
@@ -180,8 +180,8 @@ class KnownGround:
 
     @property
     def _near_m(self) -> float:
-        speed_mps, acceleration_mps2 = self._robot.speed_mps, self._robot.acceleration_mps2
-        stops_s = speed_mps / acceleration_mps2
+        speed_mps = self._robot.speed_mps
+        stops_s = speed_mps / self._robot.slows_mps2
         return (WALKS_MPS + speed_mps) * _SEEN_LATE_S + (WALKS_MPS + 0.5 * speed_mps) * stops_s
 
     def _require_fit(self, seen: GroundSeen) -> None:

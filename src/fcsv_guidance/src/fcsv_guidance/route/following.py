@@ -232,7 +232,7 @@ class RouteFollower:
                 np.sqrt(rules.lateral_mps2 / abs(curvature)),
             ]
         braking_m = (
-            robot.speed_mps**2 / (2 * robot.acceleration_mps2) + robot.speed_mps * rules.oldest_place_s
+            robot.speed_mps**2 / (2 * robot.slows_mps2) + robot.speed_mps * rules.oldest_place_s
         )
         along = np.arange(0.0, braking_m + 0.5, 0.05)
         points = self._route.at(self._reached_m + along)
@@ -245,9 +245,9 @@ class RouteFollower:
         room_m = min(
             float(along[int(np.argmax(blocked))]) - 0.1 if blocked.any() else np.inf, left_m
         )
-        delay_m = rules.oldest_place_s * robot.acceleration_mps2
+        delay_m = rules.oldest_place_s * robot.slows_mps2
         reach = max(room_m, 0.0)
-        bounds.append(-delay_m + np.sqrt(delay_m**2 + 2 * robot.acceleration_mps2 * reach))
+        bounds.append(-delay_m + np.sqrt(delay_m**2 + 2 * robot.slows_mps2 * reach))
         return float(min(bounds))
 
     def _clear_m(self, points: np.ndarray) -> np.ndarray:

@@ -103,8 +103,9 @@ class SimulatedRobot:
     def _drive(self, dt_s: float) -> None:
         self.now_s += dt_s
         self.watchdog_ended = self.now_s - self._command_s > WATCHDOG_S
-        most_mps = self.robot.acceleration_mps2 * dt_s
         wanted = np.zeros(2) if self.watchdog_ended else self._wanted_mps()
+        slows = np.abs(wanted) < np.abs(self._wheels_mps)
+        most_mps = np.where(slows, self.robot.slows_mps2, self.robot.acceleration_mps2) * dt_s
         self._wheels_mps = self._wheels_mps + np.clip(
             wanted - self._wheels_mps, -most_mps, most_mps
         )
