@@ -454,9 +454,7 @@ def test_a_view_whose_map_fails_is_named_and_the_rest_is_there(maps, tmp_path, c
 def tasks_run(monkeypatch):
     """Names of the views and tiles that are computed in this process, in order."""
     names, join, make = [], joining.join_view, tiles.surface_of
-    monkeypatch.setattr(
-        joining, "join_view", lambda v, *o: names.append(v.view.name) or join(v, *o)
-    )
+    monkeypatch.setattr(joining, "join_view", lambda v, *o: names.append(v.name) or join(v, *o))
     monkeypatch.setattr(
         tiles, "surface_of", lambda c, w, *o: names.append(tile_at(w)) or make(c, w, *o)
     )
@@ -507,17 +505,18 @@ def test_a_view_or_a_tile_that_cannot_be_made_is_named_and_the_rest_is_there(
     assert survey(*maps, "-o", out) == 0 and products(out) == whole
     assert tasks_run == [tile["name"]]
 
-    blocked = out / "points/m2.zarr.zip"
-    blocked.unlink()
-    blocked.mkdir()
-    assert survey(*maps, "-o", out) == 1
-    assert "MISSING points of m2: " in capsys.readouterr().out
-    points = json.loads((out / "adjustment.json").read_text())["views"]
-    assert points["m2"]["points"] == 0 < points["m1"]["points"]
-    las = laspy.read(str(out / "site.laz"))
-    assert len(las.points) == points["m1"]["points"] + points["m3"]["points"]
-    blocked.rmdir()
-    assert survey(*maps, "-o", out) == 0 and products(out) == whole
+    for folder in ("points", "placed"):
+        blocked = out / folder / "m2.zarr.zip"
+        blocked.unlink()
+        blocked.mkdir()
+        assert survey(*maps, "-o", out) == 1
+        assert "MISSING points of m2: " in capsys.readouterr().out
+        points = json.loads((out / "adjustment.json").read_text())["views"]
+        assert points["m2"]["points"] == 0 < points["m1"]["points"]
+        las = laspy.read(str(out / "site.laz"))
+        assert len(las.points) == points["m1"]["points"] + points["m3"]["points"]
+        blocked.rmdir()
+        assert survey(*maps, "-o", out) == 0 and products(out) == whole
 
 
 def test_kept_points_and_tiles_that_are_damaged_are_made_again(maps, tmp_path, tasks_run):
@@ -527,7 +526,8 @@ def test_kept_points_and_tiles_that_are_damaged_are_made_again(maps, tmp_path, t
     cut, spoilt, *_ = (out / t["files"][0] for t in document(out)["tiles"])
     before = cut.read_bytes()
     cut.write_bytes(before[: len(before) // 2])
-    for path in (out / "points/m2.zarr.zip", spoilt.with_suffix(".zarr.zip")):
+    kept = [out / folder / "m2.zarr.zip" for folder in ("placed", "points")]
+    for path in (*kept, spoilt.with_suffix(".zarr.zip")):
         content = bytearray(path.read_bytes())
         content[len(content) // 2] ^= 0xFF
         path.write_bytes(bytes(content))

@@ -20,7 +20,7 @@ import psutil
 
 from fcsv_stereo.survey.survey import FILES
 
-_NOTES = ("views/*.json", "edges/*.json", "points/*.zip", "tiles/*.zip")
+_NOTES = ("views/*.json", "edges/*.json", "placed/*.zip", "points/*.zip", "tiles/*.zip")
 _LONGER_S = 1.0  # after the share of work that it is killed at, a run lives so long at most
 _HANGS = 10.0  # times what a whole run takes: so long a run has come no further
 _COMMAND = "import sys; from fcsv_stereo.survey.command import main; sys.exit(main())"
@@ -36,7 +36,7 @@ def survey_process(folders: List[Path], out: Path, *options: str) -> subprocess.
 def content_of(out: Path) -> Dict[str, str]:
     """Checksums of a site's files, its tiles' and points' among them."""
     whole = [out / n for n in FILES if (out / n).is_file()]
-    zips = [*out.glob("points/*.zip"), *out.glob("tiles/*.zip")]
+    zips = [p for n in ("placed", "points", "tiles") for p in out.glob(f"{n}/*.zip")]
     texts = {p: p.read_bytes() for p in [*whole, *out.glob("tiles/*.laz")]}
     texts.update({p: _members(p) for p in zips})
     return {str(p.relative_to(out)): hashlib.sha256(t).hexdigest() for p, t in texts.items()}
@@ -49,22 +49,22 @@ def _members(path: Path) -> bytes:
 
 
 def written(out: Path) -> Dict[Path, int]:
-    """When (ns) each note of a map, edge, view's points and tile was written; they are written when
+    """When (ns) each note of a map, edge, placed view, view's points and tile was written; they are written when
     all else is."""
     found = (p for folder in _NOTES for p in out.glob(folder))
     return {p: p.stat().st_mtime_ns for p in found}
 
 
 def _counts(there: Iterable[Path]) -> List[int]:
-    """How many maps, edges, views' points and tiles there are."""
+    """How many maps, edges, placed views, views' points and tiles there are."""
     return [sum(p.match(n) for p in there) for n in _NOTES]
 
 
 def _wait_for(
     process: subprocess.Popen, out: Path, share: float, whole: List[int], most_s: float
 ) -> None:
-    """Waits until a survey has made this share of its ``whole``, maps, edges, points and tiles each
-    a quarter of it, or ends. Raises SystemExit where it does not get there."""
+    """Waits until a survey has made this share of its ``whole``, maps, edges, placed views,
+    points and tiles each a fifth of it, or ends. Raises SystemExit where it does not get there."""
     until = time.monotonic() + most_s
     while process.poll() is None and np.mean(np.divide(_counts(written(out)), whole)) < share:
         if time.monotonic() > until:
@@ -114,7 +114,9 @@ def kills(folders: List[Path], out: Path, count: int, seed: int) -> Dict[str, st
         ),
         "two processes against one": f"{took['1'] / took['2']:.2f}",
         "differs from the plain loop: one, two processes": f"{differ['1']}, {differ['2']}",
-        f"killed {lost} times, maps + edges + points + tiles that were there then": ", ".join(made),
+        f"killed {lost} times, maps + edges + placed + points + tiles that were there then": ", ".join(
+            made
+        ),
         "of these computed again": ", ".join(again) or "none",
         "differs from the plain loop: after the kills": str(differ["killed"]),
     }

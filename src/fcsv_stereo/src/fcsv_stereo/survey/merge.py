@@ -7,12 +7,14 @@ size fits. Each view is joined by itself, with the views that overlap it: a task
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Dict, Iterable, List, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model import Cloud, concatenate
 from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.survey import similarity, tuning
@@ -24,18 +26,25 @@ _WINDOW = np.ones((3, 3), np.uint8)
 
 
 @dataclass(frozen=True)
-class SiteView:
-    """A view in the site's metres: camera's ``place`` (3,) less the site's origin, ``R_site_cam``;
-    ``depth`` and ``sigma`` (H,W) m, NaN where no depth counts; ``nearest`` (H,W) the least depth of
-    3x3 pixels, NaN where one of them has none; ``sky`` (H,W) bool, with all neighbours."""
+class SiteDepth:
+    """The depth of a view in the site's metres: camera's ``place`` (3,) less the site's origin,
+    ``R_site_cam``; ``depth`` and ``sigma`` (H,W) m, NaN where no depth counts; ``sky`` (H,W) bool,
+    with all neighbours."""
 
-    view: View
+    name: str
+    camera: PinholeCamera
     place: np.ndarray
     R_site_cam: np.ndarray
     depth: np.ndarray
     sigma: np.ndarray
-    nearest: np.ndarray
     sky: np.ndarray
+
+    @cached_property
+    def nearest(self) -> np.ndarray:
+        """(H,W) the least depth of 3x3 pixels, NaN where one of them has none."""
+        known = np.isfinite(self.depth)
+        least = cv2.erode(np.where(known, self.depth, np.float32(0.0)), _WINDOW)
+        return np.where(cv2.erode(known.astype(np.uint8), _WINDOW) > 0, least, np.nan)
 
     @property
     def T_site_cam(self) -> np.ndarray:
@@ -52,7 +61,7 @@ class SiteView:
 
     def rays(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """(N,3) per metre of depth, in the site's axes."""
-        c = self.view.camera
+        c = self.camera
         ray = np.column_stack([(columns - c.cx) / c.fx, (rows - c.cy) / c.fy, np.ones(len(rows))])
         return ray @ self.R_site_cam.T
 
@@ -60,12 +69,25 @@ class SiteView:
         """Says, of points (N,3): whether they are in the picture, their pixels' rows and columns,
         and their depths (m)."""
         in_cam = (points - self.place) @ self.R_site_cam
-        c, z = self.view.camera, in_cam[:, 2]
+        c, z = self.camera, in_cam[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
             u = np.rint(in_cam[:, 0] / z * c.fx + c.cx)
             v = np.rint(in_cam[:, 1] / z * c.fy + c.cy)
             inside = (z > 0) & (u >= 0) & (u < c.width) & (v >= 0) & (v < c.height)
         return inside, np.where(inside, v, 0).astype(int), np.where(inside, u, 0).astype(int), z
+
+
+@dataclass(frozen=True)
+class SiteView(SiteDepth):
+    """The same with all that its ``view`` shows."""
+
+    view: View
+
+
+def site_place(placed: Placed, origin_m: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """``place`` and ``R_site_cam`` of a view that the adjustment put there."""
+    S = placed.S_site_cam
+    return similarity.place(S) - origin_m, similarity.rotation(S)
 
 
 def site_view(view: View, placed: Placed, origin_m: np.ndarray) -> SiteView:
@@ -75,15 +97,9 @@ def site_view(view: View, placed: Placed, origin_m: np.ndarray) -> SiteView:
     depth = np.where(view.known, view.depth * scale, np.nan)
     pose = tuning.POSE_SIGMA**2 * view.pose_variance(placed.relative)
     sigma = scale * np.sqrt(np.square(view.point_sigma) + pose)
-    known = np.isfinite(depth).astype(np.uint8)
-    least = cv2.erode(np.where(known, depth, 0.0).astype(np.float32), _WINDOW)
-    nearest = np.where(cv2.erode(known, _WINDOW) > 0, least, np.nan)
     sky = cv2.erode((view.kind == DepthKind.SKY).astype(np.uint8), _WINDOW) > 0
-    place = similarity.place(placed.S_site_cam) - origin_m
-    R = similarity.rotation(placed.S_site_cam)
-    return SiteView(
-        view, place, R, depth.astype(np.float32), sigma.astype(np.float32), nearest, sky
-    )
+    arrays = (depth.astype(np.float32), sigma.astype(np.float32), sky)
+    return SiteView(view.name, view.camera, *site_place(placed, origin_m), *arrays, view)
 
 
 @dataclass(frozen=True)
@@ -98,7 +114,7 @@ class Joined:
     agreed: int
 
 
-def join_view(own: SiteView, others: Iterable[SiteView]) -> Joined:
+def join_view(own: SiteView, others: Iterable[SiteDepth]) -> Joined:
     """The points of a view that no surer view tells, and that no other view sees through; one of
     the ``others`` is looked at a time."""
     points, (rows, columns) = own.points()
@@ -125,7 +141,7 @@ def join_view(own: SiteView, others: Iterable[SiteView]) -> Joined:
         agreeing += agrees
         through += beyond | sky
         surely_through |= sky | (beyond & (at_point < sigma))
-        first = other.view.name < own.view.name
+        first = other.name < own.name
         told |= agrees & ((their_sigma < sigma) | ((their_sigma == sigma) & first))
         near = agrees & (_cosine(ray, points - other.place) > tuning.LEAST_COSINE)
         w = np.where(near, 1.0 / their_sigma**2, 0.0)

@@ -85,7 +85,7 @@ def _libraries() -> Tuple[Any, Any]:
 
 def _require_room(depth: np.ndarray, seen: SiteView, voxel_m: float, bound_m: float) -> None:
     """Raises SurveyError where a view's surfaces touch too many cubes."""
-    f = seen.view.camera.fx
+    f = seen.camera.fx
     area = float((np.square(depth[depth > 0] / f)).sum())  # m2, seen straight on
     if area / voxel_m**2 * (2 * _REACH_SHARE / _VOXEL_SHARE) > _MOST_VOXELS:
         raise SurveyError(
@@ -94,7 +94,7 @@ def _require_room(depth: np.ndarray, seen: SiteView, voxel_m: float, bound_m: fl
 
 
 def _picture(o3d: Any, seen: SiteView, depth: np.ndarray) -> Any:
-    c = seen.view.camera
+    c = seen.camera
     rgbd = o3d.geometry.RGBDImage.create_from_color_and_depth(
         o3d.geometry.Image(np.ascontiguousarray(seen.view.image)),
         o3d.geometry.Image(np.ascontiguousarray(depth)),

@@ -4,7 +4,7 @@
 import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, Iterable, Optional, Tuple
 
 import numpy as np
 import zarr
@@ -38,9 +38,7 @@ class ViewPoints:
         """The points (m, less the site's origin). Raises OSError."""
         if self.path is None:
             return Cloud(*(np.zeros(shape, kind) for shape, kind in _EMPTY))
-        with zarr.ZipStore(str(self.path), mode="r") as store:
-            group = zarr.open_group(store, mode="r")
-            return Cloud(*(group[f.name][:] for f in fields(Cloud)))
+        return Cloud(**read_arrays(self.path, [f.name for f in fields(Cloud)]))
 
 
 def write_points(cloud: Cloud, counts: Dict[str, int], path: Path, key: str) -> None:
@@ -67,6 +65,13 @@ def write_arrays(arrays: Dict[str, np.ndarray], attributes: Dict[str, Any], path
             rows = min(_CHUNK, max(len(values), 1))  # zarr fills a chunk up
             group.array(name, values, chunks=(rows, *values.shape[1:]), compressor=_PACKED)
         group.attrs.put(attributes)
+
+
+def read_arrays(path: Path, names: Iterable[str]) -> Dict[str, np.ndarray]:
+    """Arrays by name out of what ``write_arrays`` wrote. Raises OSError."""
+    with zarr.ZipStore(str(path), mode="r") as store:
+        group = zarr.open_group(store, mode="r")
+        return {name: group[name][:] for name in names}
 
 
 def kept_attributes(path: Path, key: str) -> Optional[Dict[str, Any]]:

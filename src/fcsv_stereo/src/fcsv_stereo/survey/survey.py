@@ -33,7 +33,7 @@ from fcsv_stereo.survey.edges import Edge, posed_edge
 from fcsv_stereo.survey.extras import EXTRAS, ExtraOptions, write_extras
 from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place
 from fcsv_stereo.survey.inputs import Source
-from fcsv_stereo.survey.joining import POINTS, join_views
+from fcsv_stereo.survey.joining import PLACED, POINTS, join_views
 from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
 from fcsv_stereo.survey.lock import LOCK, alone_in
 from fcsv_stereo.survey.maps import VIEWS, MapOptions, forget_map, kept_map, make_map
@@ -49,7 +49,7 @@ from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions, completed
 
 FILES = (*CLOUDS, *RASTERS, *EXTRAS.values(), "site.html", "adjustment.json", "site.json")
 _LEAST_MIB = 50
-_KEPT = (VIEWS, EDGES, POINTS, TILES)  # folders of what goes on
+_KEPT = (VIEWS, EDGES, PLACED, POINTS, TILES)  # folders of what goes on
 _MOST_APART_M = 1e6
 _STAGED = ".site."  # begins the name of a folder whose files are not whole yet
 _STAGED_MAP = ".*.????????"  # likewise (StagedFolder)

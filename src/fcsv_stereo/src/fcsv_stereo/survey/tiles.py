@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Dict, Iterable, Iterator, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
-import zarr
 
 from fcsv_stereo.model import Cloud, Progress
 from fcsv_stereo.products.clouds import LazFile
 from fcsv_stereo.survey.document import VIEWS_DIMENSION, Missing, Site, Tile, withdraw
 from fcsv_stereo.survey.kept import digest
-from fcsv_stereo.survey.points import ViewPoints, kept_attributes, write_arrays
+from fcsv_stereo.survey.points import ViewPoints, kept_attributes, read_arrays, write_arrays
 from fcsv_stereo.survey.rasters import HALO, CellGrid, Surface, grid_of, surface_of
 from fcsv_stereo.survey.work import Crew, SurveyTask, completed
 
@@ -149,12 +148,11 @@ class SiteTiles:
     def surfaces(self, out: Path) -> Iterator[Tuple[CellGrid, Surface]]:
         """Each tile's cells in the grid, and its part of the rasters. Raises OSError."""
         for given in self.made:
-            with zarr.ZipStore(str(given.path(out, "zarr.zip")), mode="r") as store:
-                group = zarr.open_group(store, mode="r")
-                surface = Surface(*(group[f.name][:] for f in fields(Surface)))
+            names = [f.name for f in fields(Surface)]
+            arrays = read_arrays(given.path(out, "zarr.zip"), names)
             cells = given.window.common(self.whole)
             part = cells.part(given.window)
-            yield cells, Surface(*(getattr(surface, f.name)[part] for f in fields(Surface)))
+            yield cells, Surface(**{name: values[part] for name, values in arrays.items()})
 
 
 def make_tiles(
