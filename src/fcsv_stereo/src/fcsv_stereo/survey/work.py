@@ -234,7 +234,13 @@ class Crew:
             from distributed import Client, LocalCluster
             from distributed import TimeoutError as NoAnswer
 
-            dask.config.set({"distributed.scheduler.allowed-failures": _FAILURES})
+            dask.config.set(
+                {
+                    "distributed.scheduler.allowed-failures": _FAILURES,
+                    # a worker's statistics of where its time goes: 3 MB more with each map
+                    "distributed.worker.profile.enabled": False,
+                }
+            )
             # a scheduler that goes is said in one line, without Dask's own
             logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
             o = self._options
