@@ -20,7 +20,8 @@ from fcsv_stereo.survey.points import ViewPoints
 from fcsv_stereo.survey.quantiles import quantiles
 from fcsv_stereo.survey.rasters import RASTERS
 
-CLOUDS = ("site.ply", "site.laz", "site.copc.laz")
+OCTREE = "site.copc.laz"
+CLOUDS = ("site.ply", "site.laz", OCTREE)
 #: of clouds, in place of a map's number of the configuration
 VIEWS_DIMENSION = ("views", "views that agree on it")
 # farther from the origin float32 has steps of more than a millimetre
@@ -83,9 +84,20 @@ class Site:
         """Median of all points; NaN where there are none."""
         return float(quantiles(lambda: (c.sigma_m[:, None] for c in self.clouds()), (0.5,))[0, 0])
 
+    def parts(self) -> Iterator[ViewPoints]:
+        """The points of each view that has any."""
+        return (p for p in self.joined.values() if p.count)
+
     def clouds(self) -> Iterator[Cloud]:
         """The points of one view after the other. Raises OSError."""
-        return (p.load() for p in self.joined.values() if p.count)
+        return (p.load() for p in self.parts())
+
+    def files(self) -> List[str]:
+        """The site's own files that there are."""
+        if not self.count:
+            return list(CLOUDS[:1])
+        lacking = {m.name for m in self.missing}
+        return [n for n in (*CLOUDS, *RASTERS, *self.extras) if n not in lacking]
 
 
 def withdraw(out: Path) -> None:
@@ -142,7 +154,7 @@ def site_document(site: Site) -> dict:
         "views": views,
         "edges": edges,
         **_world(site.world),
-        "files": [*CLOUDS, *RASTERS, *site.extras] if site.count else list(CLOUDS[:1]),
+        "files": site.files(),
         "points": site.count,
         "min_m": low,
         "max_m": high,

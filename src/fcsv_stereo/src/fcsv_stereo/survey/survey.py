@@ -21,6 +21,7 @@ from fcsv_stereo.survey import inputs, similarity, tuning
 from fcsv_stereo.survey.adjust import Adjusted
 from fcsv_stereo.survey.document import (
     CLOUDS,
+    OCTREE,
     VIEWS_DIMENSION,
     Missing,
     Site,
@@ -37,7 +38,6 @@ from fcsv_stereo.survey.joining import PLACED, POINTS, join_views
 from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
 from fcsv_stereo.survey.lock import LOCK, alone_in
 from fcsv_stereo.survey.maps import VIEWS, MapOptions, forget_map, kept_map, make_map
-from fcsv_stereo.survey.octree import write_copc
 from fcsv_stereo.survey.page import write_page
 from fcsv_stereo.survey.pairs import compared_pairs
 from fcsv_stereo.survey.progress import Begin, MapsProgress
@@ -307,7 +307,6 @@ def write(
                 with LazFile(folder / CLOUDS[1], site.box_m[0], origin_m, last, crs) as laz:
                     for cloud in site.clouds():
                         laz.add(cloud)
-                write_copc(site.clouds, site.box_m, folder / CLOUDS[2], origin_m, crs)
                 write_rasters(tiles.surfaces(out), tiles.whole, origin_m, folder, crs)
             site = write_extras(site, extras or ExtraOptions(), folder)
             write_page(site, folder / "site.html")
@@ -319,6 +318,8 @@ def write(
             )
             withdraw(out)
             for name in FILES:  # site.json last: it tells of all others
+                if name == OCTREE and tiles is not None:
+                    continue  # a task made it there
                 _remove(out / name)  # of a cloud without points, or not asked for, there is none
                 if (folder / name).exists():
                     (folder / name).replace(out / name)

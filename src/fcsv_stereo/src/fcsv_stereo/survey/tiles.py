@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Squares of a site: a task a tile makes its LAZ and its part of the rasters from the points of the
-views that touch it, kept in OUT/tiles with the key of what went into them."""
+views that touch it, kept in OUT/tiles with the key of what went into them; and beside them the site's
+octree, which one task makes meanwhile."""
 
 import itertools
+import json
 import zlib
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Dict, Iterable, Iterator, List, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
+from fcsv_geometry.programs.writing import whole_file, write_whole
 from fcsv_stereo.model import Cloud, Progress
 from fcsv_stereo.products.clouds import LazFile
-from fcsv_stereo.survey.document import VIEWS_DIMENSION, Missing, Site, Tile, withdraw
+from fcsv_stereo.survey.document import OCTREE, VIEWS_DIMENSION, Missing, Site, Tile, withdraw
 from fcsv_stereo.survey.kept import digest
+from fcsv_stereo.survey.octree import write_copc
 from fcsv_stereo.survey.points import ViewPoints, kept_attributes, read_arrays, write_arrays
 from fcsv_stereo.survey.rasters import HALO, CellGrid, Surface, grid_of, surface_of
 from fcsv_stereo.survey.work import Crew, SurveyTask, completed
@@ -21,6 +25,7 @@ from fcsv_stereo.survey.work import Crew, SurveyTask, completed
 TILES = "tiles"
 _ENDINGS = ("laz", "zarr.zip")
 _SIDE = 512  # cells
+_AT_ONCE = 1 << 20  # bytes
 
 Square = Tuple[int, int]
 
@@ -123,10 +128,14 @@ def make_tile(given: TileInput, out: Path) -> None:
 
 def _crc32(path: Path) -> Optional[int]:
     """Checksum of a file; None where it cannot be read."""
+    sum_ = 0
     try:
-        return zlib.crc32(path.read_bytes())
+        with path.open("rb") as file:
+            while part := file.read(_AT_ONCE):
+                sum_ = zlib.crc32(part, sum_)
     except OSError:
         return None
+    return sum_
 
 
 def _kept(given: TileInput, out: Path) -> Optional[Tile]:
@@ -136,6 +145,46 @@ def _kept(given: TileInput, out: Path) -> Optional[Tile]:
     if told is None or told.get("laz", 0) != _crc32(laz):
         return None
     return Tile(given.name, [f"{TILES}/{laz.name}"], **told["tile"])
+
+
+@dataclass(frozen=True)
+class OctreeInput:
+    """The views of a site, the corners (2,3) m of their points less ``origin_m`` (3,), its reference
+    system."""
+
+    parts: Tuple[ViewPoints, ...]
+    box_m: np.ndarray
+    origin_m: np.ndarray
+    crs: str
+
+    @property
+    def key(self) -> str:
+        """Key of all that the octree is made of."""
+        return digest([[p.key for p in self.parts], self.origin_m.tolist(), self.crs])
+
+    def is_kept(self, out: Path) -> Optional[bool]:
+        """True; None where OUT's octree is of something else, or not whole."""
+        try:
+            told = json.loads(_octree_note(out).read_text())
+            return told == {"key": self.key, "laz": _crc32(out / OCTREE)} or None
+        except (OSError, ValueError):
+            return None
+
+
+def _octree_note(out: Path) -> Path:
+    return out / TILES / f"{OCTREE}.json"
+
+
+def make_octree(given: OctreeInput, out: Path) -> None:
+    """A task: the site's octree; points of one view after the other are in memory."""
+    withdraw(out)
+    _octree_note(out).unlink(missing_ok=True)
+    with whole_file(out / TILES / OCTREE) as partial:
+        clouds = lambda: (p.load() for p in given.parts)  # noqa: E731
+        write_copc(clouds, given.box_m, partial, given.origin_m, given.crs)
+    (out / TILES / OCTREE).replace(out / OCTREE)
+    document = {"key": given.key, "laz": _crc32(out / OCTREE)}
+    write_whole(_octree_note(out), json.dumps(document))
 
 
 @dataclass(frozen=True)
@@ -159,9 +208,11 @@ def make_tiles(
     site: Site, out: Path, crew: Crew, progress: Progress
 ) -> Tuple[Site, Optional[SiteTiles]]:
     """The site with its tiles, None where it has no points: kept ones, and those that the crew
-    makes. What could not be made is missing; tiles of another site are removed."""
+    makes; and OUT's octree. What could not be made is missing; what is of another site is
+    removed."""
     if not site.count:
         _remove_others(out)
+        _octree_note(out).unlink(missing_ok=True)
         return site, None
     whole = grid_of(site.clouds)
     crs = site.world.crs if site.world else ""
@@ -169,11 +220,19 @@ def make_tiles(
         TileInput(square, tuple(parts), whole, site.origin_m, crs)
         for square, parts in touched(site.joined.values(), whole).items()
     ]
-    tasks = [SurveyTask(f"tile {g.name}", make_tile, (g, out.absolute())) for g in given]
-    found, errors = completed(crew, tasks, lambda i: _kept(given[i], out), progress, "making tiles")
+    octree = OctreeInput(tuple(site.parts()), site.box_m, site.origin_m, crs)
+    tasks = [SurveyTask(OCTREE, make_octree, (octree, out.absolute()))]  # it takes longest
+    tasks += [SurveyTask(f"tile {g.name}", make_tile, (g, out.absolute())) for g in given]
+
+    def kept(i: int) -> Any:
+        return _kept(given[i - 1], out) if i else octree.is_kept(out)
+
+    (_, *found), errors = completed(crew, tasks, kept, progress, "making tiles")
     missing = [Missing(tasks[i].name, "", said) for i, said in errors.items()]
-    made = [g for i, g in enumerate(given) if i not in errors]
+    made = [g for i, g in enumerate(given, 1) if i not in errors]
     _remove_others(out, [g.path(out, ending) for g in made for ending in _ENDINGS])
+    if 0 in errors:
+        (out / OCTREE).unlink(missing_ok=True)
     tiles = [t for t in found if t is not None]
     return replace(site, tiles=tiles, missing=[*site.missing, *missing]), SiteTiles(whole, made)
 
