@@ -466,7 +466,8 @@ def tile_at(window):
 
 
 def products(out):
-    return {n: (out / n).read_bytes() for n in ("site.ply", "site.laz", "dsm.tif", "site.json")}
+    names = ("site.ply", "site.laz", "site.copc.laz", "dsm.tif", "site.json")
+    return {n: (out / n).read_bytes() for n in names}
 
 
 def test_a_view_or_a_tile_that_cannot_be_made_is_named_and_the_rest_is_there(
@@ -527,7 +528,7 @@ def test_kept_points_and_tiles_that_are_damaged_are_made_again(maps, tmp_path, t
     before = cut.read_bytes()
     cut.write_bytes(before[: len(before) // 2])
     kept = [out / folder / "m2.zarr.zip" for folder in ("placed", "points")]
-    for path in (*kept, spoilt.with_suffix(".zarr.zip")):
+    for path in (*kept, spoilt.with_suffix(".zarr.zip"), out / "site.copc.laz"):
         content = bytearray(path.read_bytes())
         content[len(content) // 2] ^= 0xFF
         path.write_bytes(bytes(content))

@@ -177,10 +177,13 @@ def _octree_note(out: Path) -> Path:
 
 def make_octree(given: OctreeInput, out: Path) -> None:
     """A task: the site's octree; points of one view after the other are in memory."""
+
+    def clouds() -> Iterator[Cloud]:
+        return (p.load() for p in given.parts)
+
     withdraw(out)
     _octree_note(out).unlink(missing_ok=True)
     with whole_file(out / TILES / OCTREE) as partial:
-        clouds = lambda: (p.load() for p in given.parts)  # noqa: E731
         write_copc(clouds, given.box_m, partial, given.origin_m, given.crs)
     (out / TILES / OCTREE).replace(out / OCTREE)
     document = {"key": given.key, "laz": _crc32(out / OCTREE)}
