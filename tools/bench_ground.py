@@ -15,13 +15,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import rankdata
 
-from fcsv_guidance.ground.model import (
-    Grid,
-    Ground,
-    cell_probability,
-    ground_from,
-    stand_probability,
-)
+from fcsv_guidance.grid import Grid
+from fcsv_guidance.ground.model import Ground, cell_probability, ground_from, stand_probability
 from fcsv_guidance.ground.occupancy import FREE_PERCENT, occupancy
 from fcsv_guidance.ground.standing import disk, least
 from fcsv_guidance.ground.tuning import FREE_P

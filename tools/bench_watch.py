@@ -14,8 +14,9 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_guidance.errors import GroundError
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground.known import GroundSeen, KnownGround, watch_seen
-from fcsv_guidance.ground.model import Grid, ground_from
+from fcsv_guidance.ground.model import ground_from
 from fcsv_guidance.ground.tuning import FREE_P
 from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.robot import Robot, load_robot

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground.comparing import compared
 from fcsv_guidance.ground.known import STILL_VIEWS, GroundSeen, KnownGround, watch_seen
-from fcsv_guidance.ground.model import Grid, ground_from
+from fcsv_guidance.ground.model import ground_from
 from fcsv_guidance.ground.tuning import FREE_P
 from fcsv_guidance.messages import RobotPlace
 from fcsv_guidance.robot import load_robot

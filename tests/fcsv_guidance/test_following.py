@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import RouteError
-from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.messages import ClearanceMap, HoldRobot, RobotPlace, StopRobot
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route.following import RouteFollower, RouteToFollow

@@ -8,13 +8,8 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import GroundError
-from fcsv_guidance.ground.model import (
-    Grid,
-    cell_probability,
-    ground_from,
-    renewed,
-    stand_probability,
-)
+from fcsv_guidance.grid import Grid
+from fcsv_guidance.ground.model import cell_probability, ground_from, renewed, stand_probability
 from fcsv_guidance.ground.tuning import FREE_P, OBSTACLE_P
 from fcsv_guidance.robot import load_robot
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import GroundError, RouteError
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import model, occupancy, standing
 from fcsv_guidance.ground.live_views import LiveViews
-from fcsv_guidance.ground.model import Grid, cell_probability
+from fcsv_guidance.ground.model import cell_probability
 from fcsv_guidance.ground.occupancy import FREE_PERCENT
 from fcsv_guidance.messages import Goal, RobotPlace
 from fcsv_guidance.robot import load_robot

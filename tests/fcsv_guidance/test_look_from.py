@@ -9,7 +9,8 @@ import pytest
 from fcsv_geometry.missions.mission import load_mission
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.files.command import main
-from fcsv_guidance.ground.model import Grid, ground_from
+from fcsv_guidance.grid import Grid
+from fcsv_guidance.ground.model import ground_from
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route.look_from import look_from
 from fcsv_guidance.route.search import NoRoute, Route, plan_route

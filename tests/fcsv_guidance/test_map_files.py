@@ -12,7 +12,8 @@ import yaml
 
 from fcsv_guidance.files import command
 from fcsv_guidance.files.map_files import layers_of, write_layers, write_map_server
-from fcsv_guidance.ground.model import Grid, ground_from, stand_probability
+from fcsv_guidance.grid import Grid
+from fcsv_guidance.ground.model import ground_from, stand_probability
 from fcsv_guidance.ground.occupancy import FREE_PERCENT, OCCUPIED_PERCENT, occupancy
 from fcsv_guidance.ground.standing import disk, least
 from fcsv_guidance.ground.tuning import FREE_P

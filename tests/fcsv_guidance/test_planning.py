@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import RouteError
-from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.route.planning import RouteRules, plan_clear
 from fcsv_guidance.route.search import NoRoute, Route
 

@@ -10,7 +10,8 @@ import pytest
 from support.waiting import within
 
 from fcsv_guidance.files.map_files import write_map_server
-from fcsv_guidance.ground.model import Grid, ground_from, stand_probability
+from fcsv_guidance.grid import Grid
+from fcsv_guidance.ground.model import ground_from, stand_probability
 from fcsv_guidance.ground.occupancy import FREE_PERCENT, OCCUPIED_PERCENT, occupancy
 from fcsv_guidance.robot import load_robot
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import RouteError
-from fcsv_guidance.ground.model import Grid, ground_from
+from fcsv_guidance.grid import Grid
+from fcsv_guidance.ground.model import ground_from
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route.search import NoRoute, Route, plan_route
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import standing
-from fcsv_guidance.ground.model import Grid, ground_from, stand_probability
+from fcsv_guidance.ground.model import ground_from, stand_probability
 from fcsv_guidance.ground.tuning import CONTRADICTED_P, FREE_P, OBSTACLE_P, STAND_WEIGHTS
 from fcsv_guidance.robot import load_robot
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import kernels, together
 from fcsv_guidance.ground.known import GroundSeen, KnownGround
-from fcsv_guidance.ground.model import LAYERS, Grid, ground_from, stand_probability
+from fcsv_guidance.ground.model import LAYERS, ground_from, stand_probability
 from fcsv_guidance.ground.tuning import FREE_P
 from fcsv_guidance.robot import load_robot
 

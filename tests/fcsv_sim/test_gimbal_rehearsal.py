@@ -9,7 +9,8 @@ import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles.vehicle import load_vehicles
-from fcsv_guidance.ground.model import Grid, ground_from
+from fcsv_guidance.grid import Grid
+from fcsv_guidance.ground.model import ground_from
 from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.robot import load_robot
 from fcsv_sim.robot.gimbals.rehearsal import gimbal_drive, gimbals_of_robot

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms
-from fcsv_guidance.ground.model import Grid, ground_from
+from fcsv_guidance.grid import Grid
+from fcsv_guidance.ground.model import ground_from
 from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.messages import DriveCommand
 from fcsv_guidance.robot import load_robot

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fcsv_guidance.errors import RouteError
-from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.grid import Grid
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from fcsv_guidance.errors import GroundError
-from fcsv_guidance.ground.model import Grid, Ground
+from fcsv_guidance.grid import Grid
+from fcsv_guidance.ground.model import Ground
 from fcsv_guidance.ground.occupancy import (
     FREE_BELOW,
     FREE_PERCENT,

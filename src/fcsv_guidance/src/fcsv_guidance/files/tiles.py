@@ -13,12 +13,12 @@ import numpy as np
 
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.files.map_files import layers_of, plain_layers
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import together, tuning
 from fcsv_guidance.ground.model import (
     KEPT_PERCENT,
     LAYERS,
     MOST_POINTS,
-    Grid,
     Ground,
     ground_of,
     near_points,

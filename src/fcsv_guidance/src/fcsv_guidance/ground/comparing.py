@@ -15,8 +15,9 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_guidance.errors import GroundError
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import kernels
-from fcsv_guidance.ground.model import Grid, sure_depth
+from fcsv_guidance.ground.model import sure_depth
 from fcsv_guidance.ground.standing import disk
 from fcsv_guidance.ground.views import DepthView
 from fcsv_stereo.depth import pixels_of

@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 
 from fcsv_guidance.errors import GroundError
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import standing, together, tuning
 from fcsv_guidance.ground.beside import WALKS_MPS, BesideWatch
 from fcsv_guidance.ground.comparing import Compared, compared
-from fcsv_guidance.ground.model import LAYERS, Grid, Ground, ground_from, window_of, within
+from fcsv_guidance.ground.model import LAYERS, Ground, ground_from, window_of, within
 from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.messages import ClearanceMap, RobotPlace
 from fcsv_guidance.robot import Robot

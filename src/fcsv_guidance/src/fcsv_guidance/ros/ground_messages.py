@@ -21,7 +21,7 @@ from fcsv_geometry import frames, transforms
 from fcsv_geometry.messages import seconds
 from fcsv_geometry.ros import conversions
 from fcsv_guidance.errors import GroundError, PlaceError, RouteError
-from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.messages import DriveCommand
 from fcsv_guidance.place.cooperative_place import RobotStart, UntrackedOdometry, VehicleSighting
 from fcsv_guidance.place.tracker import PlaceFix, PlaceState, WheelOdometry

@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.messages import DriveCommand
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.ros import ground_messages as messages

@@ -8,7 +8,7 @@ from typing import Optional
 import numpy as np
 
 from fcsv_guidance.errors import GroundError
-from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground.occupancy import FREE_PERCENT
 from fcsv_guidance.messages import ClearanceMap
 

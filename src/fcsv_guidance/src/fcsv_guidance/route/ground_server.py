@@ -13,11 +13,11 @@ from typing import Deque, List, Optional, Sequence, Tuple, Union
 import numpy as np
 
 from fcsv_guidance.errors import GroundError, RouteError
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import tuning
 from fcsv_guidance.ground.known import STILL_S, GroundSeen, KnownGround, watch_seen
 from fcsv_guidance.ground.model import (
     LAYERS,
-    Grid,
     Ground,
     cell_probability,
     ground_from,

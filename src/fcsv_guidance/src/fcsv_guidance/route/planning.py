@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from fcsv_guidance.errors import GoalWithoutRoomError, RouteError
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import tuning
-from fcsv_guidance.ground.model import Grid
 from fcsv_guidance.route.search import NO_ROUTE_KNOWN, NoRoute, Route, route_over
 
 _UNSURE_P = 0.5 * (tuning.FREE_P + tuning.OBSTACLE_P)  # of what is free but too near to what is not

@@ -10,8 +10,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from fcsv_guidance.errors import EndNotSeenError, RouteError
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import standing, tuning
-from fcsv_guidance.ground.model import Grid, Ground, stand_probability
+from fcsv_guidance.ground.model import Ground, stand_probability
 from fcsv_guidance.robot import Robot
 
 #: How a sentence begins that says why the robot stands.

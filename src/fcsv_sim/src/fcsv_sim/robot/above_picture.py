@@ -7,8 +7,8 @@ from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import tuning
-from fcsv_guidance.ground.model import Grid
 from fcsv_sim.robot.things import Box
 
 _COLOURS = {

@@ -12,7 +12,7 @@ import numpy as np
 from fcsv_sim.tilting.place import RenderedView, TiltingPlace
 from fcsv_sim.tilting.rig import SimulatedRig
 from fcsv_stereo.photos.models import write_model
-from fcsv_stereo.posed.colmap import PosedImage
+from fcsv_stereo.posed.colmap_images import PosedImage
 from fcsv_stereo.posed.priors import FILE as PRIORS
 from fcsv_tracking.tilting.rig import SIDES, TiltAngles, TiltingRig
 

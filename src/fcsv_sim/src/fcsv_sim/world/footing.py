@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.robot import Robot
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.world.place import PlacePlan

@@ -25,7 +25,7 @@ from fcsv_stereo.errors import InputError, OutputError
 from fcsv_stereo.map_files.staging import StagedFolder, check_new
 from fcsv_stereo.photos.models import write_model
 from fcsv_stereo.posed import priors
-from fcsv_stereo.posed.colmap import PosedImage
+from fcsv_stereo.posed.colmap_images import PosedImage
 from fcsv_stereo.posed.exposure import Exposure
 from fcsv_stereo.sessions.cameras import timeline
 from fcsv_stereo.sessions.files import bags_of

@@ -21,7 +21,7 @@ from fcsv_stereo.photos.posing import CameraKey, pose, require_pycolmap
 from fcsv_stereo.photos.similarity import FEWEST, SAME_COST, Similarity
 from fcsv_stereo.photos.tags import Tags, read_tags
 from fcsv_stereo.posed import priors
-from fcsv_stereo.posed.colmap import PosedImage
+from fcsv_stereo.posed.colmap_images import PosedImage
 
 #: How good structure from motion is, apart from its scale (one standard deviation). Measured:
 #: docs/lab/photographs.md.

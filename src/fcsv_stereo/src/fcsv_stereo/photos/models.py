@@ -11,12 +11,13 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.posed import colmap
+from fcsv_stereo.posed.colmap_cameras import MODELS, camera_of, read_cameras
+from fcsv_stereo.posed.colmap_images import PosedImage, read_images
 
 #: COLMAP's numbers of the camera models that ``map`` knows.
 _NAMES = {0: "SIMPLE_PINHOLE", 1: "PINHOLE", 2: "SIMPLE_RADIAL", 3: "RADIAL", 4: "OPENCV"}
 _LONGEST_NAME = 4096
-Model = Tuple[Dict[int, PinholeCamera], List[colmap.PosedImage]]
+Model = Tuple[Dict[int, PinholeCamera], List[PosedImage]]
 
 
 def read_model(folder: Path) -> Model:
@@ -29,14 +30,12 @@ def read_model(folder: Path) -> Model:
         cameras = _binary_cameras(folder / "cameras.bin")
         posed = _binary_images(folder / "images.bin", cameras)
     else:
-        cameras = colmap.read_cameras(folder / "cameras.txt")
-        posed = colmap.read_images(folder / "images.txt", cameras)
+        cameras = read_cameras(folder / "cameras.txt")
+        posed = read_images(folder / "images.txt", cameras)
     return cameras, sorted(posed, key=lambda p: p.name)
 
 
-def write_model(
-    folder: Path, cameras: Dict[int, PinholeCamera], posed: List[colmap.PosedImage]
-) -> None:
+def write_model(folder: Path, cameras: Dict[int, PinholeCamera], posed: List[PosedImage]) -> None:
     """cameras.txt and images.txt; COLMAP's pixel centres are at 0.5."""
     lines = ["# CAMERA_ID MODEL WIDTH HEIGHT fx fy cx cy k1 k2 p1 p2 (pixel centres at 0.5)"]
     for number in sorted({p.camera_id for p in posed}):
@@ -97,10 +96,10 @@ def _binary_cameras(path: Path) -> Dict[int, PinholeCamera]:
             raise InputError(
                 f"{path}: camera {number} has model number {model}; map knows {', '.join(_NAMES.values())}"
             )
-        order = colmap.MODELS[_NAMES[model]]
+        order = MODELS[_NAMES[model]]
         values = dict(zip(order, octets.read(f"{len(order)}d")))
         try:
-            cameras[number] = colmap.camera_of(width, height, values)
+            cameras[number] = camera_of(width, height, values)
         except GeometryError as error:
             raise InputError(f"{path}: camera {number}: {error}") from error
     if not cameras:
@@ -108,7 +107,7 @@ def _binary_cameras(path: Path) -> Dict[int, PinholeCamera]:
     return cameras
 
 
-def _binary_images(path: Path, cameras: Dict[int, PinholeCamera]) -> List[colmap.PosedImage]:
+def _binary_images(path: Path, cameras: Dict[int, PinholeCamera]) -> List[PosedImage]:
     octets, posed = _Octets(path), []
     (count,) = octets.read("Q")
     for _ in range(count):
@@ -122,7 +121,7 @@ def _binary_images(path: Path, cameras: Dict[int, PinholeCamera]) -> List[colmap
             T_cam_model = transforms.from_xyz_quaternion(np.array(t), [x, y, z, w])
         except GeometryError as error:
             raise InputError(f"{path}: pose of {name}: {error}") from error
-        posed.append(colmap.PosedImage(name, camera_id, transforms.invert(T_cam_model)))
+        posed.append(PosedImage(name, camera_id, transforms.invert(T_cam_model)))
     if not posed:
         raise InputError(f"{path}: holds no picture")
     return posed

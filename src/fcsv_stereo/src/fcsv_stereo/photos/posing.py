@@ -10,7 +10,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.posed.colmap import PosedImage
+from fcsv_stereo.posed.colmap_images import PosedImage
 
 INSTALL = "pip install pycolmap"
 # photographs up to which every pair is compared; above, those that follow each other by name

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground.standing import disk, least
 from fcsv_guidance.route.search import cheapest
 from fcsv_sim.errors import SimulationError

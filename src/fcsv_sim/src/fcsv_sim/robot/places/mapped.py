@@ -11,8 +11,9 @@ from typing import Callable, List, Optional, Protocol, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground.known import GroundSeen, KnownGround
-from fcsv_guidance.ground.model import Grid, Ground, ground_from
+from fcsv_guidance.ground.model import Ground, ground_from
 from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route.planning import plan_over

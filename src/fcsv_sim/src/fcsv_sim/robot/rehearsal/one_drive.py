@@ -9,7 +9,7 @@ from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_guidance.ground.model import Grid
+from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.messages import Goal, StopRobot
 from fcsv_guidance.place.tracker import PlaceFix
