@@ -20,8 +20,8 @@ from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos.gps import Gps
 from fcsv_stereo.sessions.fixes import FIXES, fix_of, session_gps
 from fcsv_stereo.sessions.read import read_session
-from fcsv_stereo.survey.station import Prior
-from fcsv_stereo.survey.views import read_view
+from fcsv_stereo.survey.views.station import Prior
+from fcsv_stereo.survey.views.view import read_view
 from fcsv_stereo.thesis import ThesisOptions
 
 OPTIONS = ThesisOptions(threshold=ErrorThreshold(5.0, False))

@@ -9,7 +9,7 @@ from fcsv_geometry import transforms
 from fcsv_stereo.in_flight import live_site
 from fcsv_stereo.in_flight.live_site import LiveSite
 from fcsv_stereo.model import MapResult, Reference
-from fcsv_stereo.survey.features import located
+from fcsv_stereo.survey.edges.features import located
 
 POSES = {f"station {i} at 0 deg": camera_at(0.0, 6.0 * i) for i in range(3)}
 #: Metres of the truth per metre of each map.

@@ -12,8 +12,8 @@ from fcsv_geometry import transforms
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.pipeline import load
 from fcsv_stereo.sessions import read_session, session_views
-from fcsv_stereo.survey import inputs
-from fcsv_stereo.survey.station import Station, flown_prior
+from fcsv_stereo.survey.views import inputs
+from fcsv_stereo.survey.views.station import Station, flown_prior
 
 WINDOWS = [(T0, T0 + 0.5), (T0 + 0.6, T0 + 1.0), (T0 + 1.1, T0 + 1.6)]
 STATIONS = [("south", 0.0), ("south", math.radians(30.0)), ("north gate", math.radians(-30.0))]

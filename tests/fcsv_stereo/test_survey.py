@@ -28,10 +28,11 @@ from fcsv_stereo import fcsv_command, pipeline
 from fcsv_stereo.errors import SurveyError
 from fcsv_stereo.map_files import output
 from fcsv_stereo.posed import colmap
-from fcsv_stereo.survey import inputs, joining, tiles
-from fcsv_stereo.survey.earth import EarthFrame
 from fcsv_stereo.survey.lock import alone_in
-from fcsv_stereo.survey.station import Station, heading_rad, load_station, prior_of
+from fcsv_stereo.survey.placing.earth import EarthFrame
+from fcsv_stereo.survey.tasks import joining, tiles
+from fcsv_stereo.survey.views import inputs
+from fcsv_stereo.survey.views.station import Station, heading_rad, load_station, prior_of
 
 KEYS = {
     *("crs", "heights", "origin", "views", "edges", "world", "gps", "control_points", "files"),

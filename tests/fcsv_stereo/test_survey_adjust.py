@@ -7,8 +7,8 @@ from support.survey_views import camera_at, prior, true_edge, unplaced, view
 
 from fcsv_geometry import transforms
 from fcsv_stereo.survey import similarity
-from fcsv_stereo.survey.adjust import adjust, closing, components
-from fcsv_stereo.survey.edges import Edge
+from fcsv_stereo.survey.edges.edge import Edge
+from fcsv_stereo.survey.placing.adjust import adjust, closing, components
 
 NAMES = [f"v{i}" for i in range(8)]
 POSES = {

@@ -9,11 +9,11 @@ from support.survey_views import UNKNOWN, camera_at, places, prior, seen, unplac
 
 from fcsv_geometry import transforms
 from fcsv_stereo.survey import similarity, tuning
-from fcsv_stereo.survey.edges import edge_of, find_edge
-from fcsv_stereo.survey.features import features_of
-from fcsv_stereo.survey.matching import match, predicted
-from fcsv_stereo.survey.pairs import compared_pairs, pair_of
-from fcsv_stereo.survey.warping import tracked
+from fcsv_stereo.survey.edges.edge import edge_of, find_edge
+from fcsv_stereo.survey.edges.features import features_of
+from fcsv_stereo.survey.edges.matching import match, predicted
+from fcsv_stereo.survey.edges.pairs import compared_pairs, pair_of
+from fcsv_stereo.survey.edges.warping import tracked
 
 A, B = camera_at(0, 0), camera_at(5, 20, 2, heading_deg=-12)
 

@@ -6,8 +6,9 @@ import pytest
 from support.survey_views import camera_at, cast, view
 
 from fcsv_stereo.model.kinds import DepthKind
-from fcsv_stereo.survey import merge, similarity, tuning
-from fcsv_stereo.survey.adjust import Placed
+from fcsv_stereo.survey import similarity, tuning
+from fcsv_stereo.survey.placing.adjust import Placed
+from fcsv_stereo.survey.surface import merge
 
 A, B, FAR = camera_at(0, 0), camera_at(0, 3), camera_at(-60, 0)
 

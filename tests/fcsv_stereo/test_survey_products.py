@@ -12,10 +12,10 @@ import rasterio
 from fcsv_geometry.programs.writing import in_words, write_whole
 from fcsv_stereo.model import Cloud
 from fcsv_stereo.products.clouds import write_laz
-from fcsv_stereo.survey import octree
-from fcsv_stereo.survey.octree import levels, write_copc
-from fcsv_stereo.survey.points import read_points, write_arrays, write_points
-from fcsv_stereo.survey.rasters import CellGrid, grid_of, surface_of, write_rasters
+from fcsv_stereo.survey.surface import octree
+from fcsv_stereo.survey.surface.octree import levels, write_copc
+from fcsv_stereo.survey.surface.points import read_points, write_arrays, write_points
+from fcsv_stereo.survey.surface.rasters import CellGrid, grid_of, surface_of, write_rasters
 
 ORIGIN = np.array([391000.0, 5817000.0, 0.0])
 

@@ -18,13 +18,17 @@ from support.photographs import model
 from support.survey_views import camera_at, unplaced, view
 
 from fcsv_stereo.errors import InputError, OutputError, SurveyError
-from fcsv_stereo.survey import inputs, kept, similarity, survey, work
-from fcsv_stereo.survey.adjust import adjust
-from fcsv_stereo.survey.edges import Edge
-from fcsv_stereo.survey.kept import kept_edge, make_edge, view_file
+from fcsv_stereo.survey import similarity, survey
+from fcsv_stereo.survey.edges.edge import Edge
 from fcsv_stereo.survey.lock import LOCK, alone_in
-from fcsv_stereo.survey.progress import MapsProgress
-from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions
+from fcsv_stereo.survey.placing.adjust import adjust
+from fcsv_stereo.survey.tasks import crew as work
+from fcsv_stereo.survey.tasks import edge_files as kept
+from fcsv_stereo.survey.tasks.crew import Crew, SurveyTask, WorkOptions
+from fcsv_stereo.survey.tasks.edge_files import kept_edge, make_edge
+from fcsv_stereo.survey.tasks.progress import MapsProgress
+from fcsv_stereo.survey.views import inputs
+from fcsv_stereo.survey.views.view_file import view_file
 
 pytestmark = pytest.mark.xdist_group("survey_work")
 

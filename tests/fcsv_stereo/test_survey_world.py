@@ -12,11 +12,13 @@ from support.survey_views import camera_at, seen, true_edge, unplaced, view
 from fcsv_geometry import transforms
 from fcsv_stereo.errors import FcsvError, InputError, SurveyError
 from fcsv_stereo.photos.gps import Gps
-from fcsv_stereo.survey import earth, georeference, inputs, similarity
-from fcsv_stereo.survey.control_points import check_names, read_control_points, sights
-from fcsv_stereo.survey.earth import EarthFrame
-from fcsv_stereo.survey.georeference import WorldOptions
-from fcsv_stereo.survey.world import Statement, adjust_world, statements_of, unlikely_points
+from fcsv_stereo.survey import similarity
+from fcsv_stereo.survey.placing import earth, georeference
+from fcsv_stereo.survey.placing.control_points import check_names, read_control_points, sights
+from fcsv_stereo.survey.placing.earth import EarthFrame
+from fcsv_stereo.survey.placing.georeference import WorldOptions
+from fcsv_stereo.survey.placing.world import Statement, adjust_world, statements_of, unlikely_points
+from fcsv_stereo.survey.views import inputs
 
 NAMES = [f"v{i}" for i in range(6)]
 #: True poses in the earth's frame (east, north, up): an arc of 60 m about a middle.

@@ -7,10 +7,10 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.survey import similarity
-from fcsv_stereo.survey.edges import Edge
-from fcsv_stereo.survey.features import located
-from fcsv_stereo.survey.station import Prior
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.edges.edge import Edge
+from fcsv_stereo.survey.edges.features import located
+from fcsv_stereo.survey.views.station import Prior
+from fcsv_stereo.survey.views.view import View
 
 CAMERA = PinholeCamera.from_fov(96, 72, np.radians(56.0))
 SHARP = PinholeCamera.from_fov(640, 480, np.radians(56.0))

@@ -25,9 +25,9 @@ from fcsv_sim.sensors.photo_site import TRUTH, Stand, draw_site, panoramas, ring
 from fcsv_sim.world.town import WORLDS, Town
 from fcsv_stereo.survey import similarity
 from fcsv_stereo.survey.document import Site
-from fcsv_stereo.survey.georeference import WorldOptions
+from fcsv_stereo.survey.placing.georeference import WorldOptions
 from fcsv_stereo.survey.survey import run
-from fcsv_stereo.survey.work import WorkOptions
+from fcsv_stereo.survey.tasks.crew import WorkOptions
 from harness import show
 
 _HEAD = ("figure", "as flown", "Open3D multiway", "joined")

@@ -10,8 +10,8 @@ import open3d as o3d
 from bench_survey.truth import rays_of
 from fcsv_geometry import transforms
 from fcsv_stereo.survey import similarity
-from fcsv_stereo.survey.edges import Edge
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.edges.edge import Edge
+from fcsv_stereo.survey.views.view import View
 
 #: Voxels of the clouds (m); what may correspond, in voxels: at first, then.
 _VOXEL_M = 1.0

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from fcsv_sim.sensors.photo_site import TRUTH
 from fcsv_stereo.survey import similarity
 from fcsv_stereo.survey.document import Site
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.views.view import View
 from harness import rms
 
 _ONE_SURFACE = 1.03  # ratio of the depths of four pixels

@@ -11,12 +11,13 @@ import numpy as np
 from bench_survey.truth import TrueView, true_scale
 from fcsv_stereo.photos.gps import Gps
 from fcsv_stereo.posed import colmap
-from fcsv_stereo.survey import earth, similarity
-from fcsv_stereo.survey.adjust import Adjusted
+from fcsv_stereo.survey import similarity
 from fcsv_stereo.survey.document import Site
-from fcsv_stereo.survey.earth import EarthFrame
-from fcsv_stereo.survey.georeference import World, WorldOptions, place, projected
-from fcsv_stereo.survey.kept import ViewFile
+from fcsv_stereo.survey.placing import earth
+from fcsv_stereo.survey.placing.adjust import Adjusted
+from fcsv_stereo.survey.placing.earth import EarthFrame
+from fcsv_stereo.survey.placing.georeference import World, WorldOptions, place, projected
+from fcsv_stereo.survey.views.view_file import ViewFile
 from harness import rms
 
 #: Where the drawn world's origin is on the earth; farthest control point from a view; errors of

@@ -15,7 +15,7 @@ from fcsv_guidance.ground.views import DepthView, read_map, require_different
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route.look_from import next_commands
 from fcsv_guidance.route.search import NoRoute
-from fcsv_stereo.survey.reading import is_site
+from fcsv_stereo.survey.output.reading import is_site
 from fcsv_tracking.robot_tags import readable_m
 
 _EXAMPLES = """examples:

@@ -19,7 +19,7 @@ from fcsv_guidance.ground.occupancy import (
 )
 from fcsv_guidance.ground.site_views import SitePlace
 from fcsv_stereo.products.from_above import write_geotiff
-from fcsv_stereo.survey.rasters import write_cog
+from fcsv_stereo.survey.surface.rasters import write_cog
 
 _TRINARY = {"free": 254, "unknown": 205, "occupied": 0}  # map_saver's greys
 _HEIGHT = "height"

@@ -13,7 +13,7 @@ from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.robot import load_robot
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.posed.local_origin import moved
-from fcsv_stereo.survey.merge import SiteView
+from fcsv_stereo.survey.surface.merge import SiteView
 
 __all__ = ["load_robot", "write", "write_site"]
 VOXEL_M, SITE_VOXEL_M = 0.2, 0.5

@@ -12,8 +12,8 @@ import numpy as np
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.ground.views import DepthView
 from fcsv_stereo.errors import SurveyError
-from fcsv_stereo.survey.merge import SiteView
-from fcsv_stereo.survey.reading import read_site
+from fcsv_stereo.survey.output.reading import read_site
+from fcsv_stereo.survey.surface.merge import SiteView
 
 _KEPT_VIEWS = 4
 

@@ -7,13 +7,13 @@ from typing import Dict, List, Optional, Tuple
 import numpy as np
 
 from fcsv_stereo.model import Cloud, MapResult
-from fcsv_stereo.survey import merge
-from fcsv_stereo.survey.adjust import adjust
-from fcsv_stereo.survey.edges import Edge, find_edge
-from fcsv_stereo.survey.features import Features, features_of
-from fcsv_stereo.survey.pairs import pair_of
-from fcsv_stereo.survey.station import flown_prior
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.edges.edge import Edge, find_edge
+from fcsv_stereo.survey.edges.features import Features, features_of
+from fcsv_stereo.survey.edges.pairs import pair_of
+from fcsv_stereo.survey.placing.adjust import adjust
+from fcsv_stereo.survey.surface import merge
+from fcsv_stereo.survey.views.station import flown_prior
+from fcsv_stereo.survey.views.view import View
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def write_site_ground(
     folder: Path,
 ) -> str:
     """All files of ``ground`` of a survey's views into ``folder``: one line on it. ``load`` gives a
-    view (survey.merge.SiteView) by its number, ``place`` is the reference system and the origin (3,)
+    view (survey.surface.SiteView) by its number, ``place`` is the reference system and the origin (3,)
     that views leave out. Raises FcsvError where the site has no ground; OSError."""
     return str(_maker().write_site(names, load, place, robot, folder))
 

@@ -14,11 +14,11 @@ from fcsv_geometry.programs.interruption import ended_soon
 from fcsv_geometry.programs.live_line import LiveLine, Steps
 from fcsv_stereo.survey import tuning
 from fcsv_stereo.survey.document import Site, overlaps
-from fcsv_stereo.survey.extras import EXTRAS, ExtraOptions, parse_extras
-from fcsv_stereo.survey.georeference import HEIGHTS, WorldOptions
+from fcsv_stereo.survey.output.extras import EXTRAS, ExtraOptions, parse_extras
+from fcsv_stereo.survey.placing.georeference import HEIGHTS, WorldOptions
+from fcsv_stereo.survey.placing.world import unlikely_points
 from fcsv_stereo.survey.survey import FILES, run
-from fcsv_stereo.survey.work import WorkOptions, kill_processes
-from fcsv_stereo.survey.world import unlikely_points
+from fcsv_stereo.survey.tasks.crew import WorkOptions, kill_processes
 
 _EXAMPLES = """examples:
   survey flights/north flights/east flights/south -o out/site

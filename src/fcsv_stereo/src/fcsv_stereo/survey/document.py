@@ -12,13 +12,13 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_stereo.model import Cloud
 from fcsv_stereo.survey import similarity
-from fcsv_stereo.survey.adjust import Adjusted, Placed
-from fcsv_stereo.survey.earth import EarthFrame
-from fcsv_stereo.survey.georeference import World
-from fcsv_stereo.survey.kept import ViewFile
-from fcsv_stereo.survey.points import ViewPoints
-from fcsv_stereo.survey.quantiles import quantiles
-from fcsv_stereo.survey.rasters import RASTERS
+from fcsv_stereo.survey.placing.adjust import Adjusted, Placed
+from fcsv_stereo.survey.placing.earth import EarthFrame
+from fcsv_stereo.survey.placing.georeference import World
+from fcsv_stereo.survey.surface.points import ViewPoints
+from fcsv_stereo.survey.surface.quantiles import quantiles
+from fcsv_stereo.survey.surface.rasters import RASTERS
+from fcsv_stereo.survey.views.view_file import ViewFile
 
 OCTREE = "site.copc.laz"
 CLOUDS = ("site.ply", "site.laz", OCTREE)

@@ -17,8 +17,7 @@ from fcsv_stereo.errors import DamagedMapError, OutputError, SurveyError
 from fcsv_stereo.map_files.output import write_clouds
 from fcsv_stereo.model import part
 from fcsv_stereo.products.clouds import LazFile
-from fcsv_stereo.survey import inputs, similarity, tuning
-from fcsv_stereo.survey.adjust import Adjusted
+from fcsv_stereo.survey import similarity, tuning
 from fcsv_stereo.survey.document import (
     CLOUDS,
     OCTREE,
@@ -30,22 +29,25 @@ from fcsv_stereo.survey.document import (
     site_document,
     withdraw,
 )
-from fcsv_stereo.survey.edges import Edge, posed_edge
-from fcsv_stereo.survey.extras import EXTRAS, ExtraOptions, write_extras
-from fcsv_stereo.survey.georeference import WorldInput, WorldOptions, place
-from fcsv_stereo.survey.inputs import Source
-from fcsv_stereo.survey.joining import PLACED, POINTS, join_views
-from fcsv_stereo.survey.kept import EDGES, ViewFile, kept_edge, make_edge, view_file
+from fcsv_stereo.survey.edges.edge import Edge, posed_edge
+from fcsv_stereo.survey.edges.pairs import compared_pairs
 from fcsv_stereo.survey.lock import LOCK, alone_in
-from fcsv_stereo.survey.maps import VIEWS, MapOptions, forget_map, kept_map, make_map
-from fcsv_stereo.survey.page import write_page
-from fcsv_stereo.survey.pairs import compared_pairs
-from fcsv_stereo.survey.progress import Begin, MapsProgress
-from fcsv_stereo.survey.rasters import RASTERS, write_rasters
-from fcsv_stereo.survey.station import flown_prior, prior_of
-from fcsv_stereo.survey.tiles import TILES, SiteTiles, make_tiles
-from fcsv_stereo.survey.views import View, read_view
-from fcsv_stereo.survey.work import Crew, SurveyTask, WorkOptions, completed
+from fcsv_stereo.survey.output.extras import EXTRAS, ExtraOptions, write_extras
+from fcsv_stereo.survey.output.page import write_page
+from fcsv_stereo.survey.placing.adjust import Adjusted
+from fcsv_stereo.survey.placing.georeference import WorldInput, WorldOptions, place
+from fcsv_stereo.survey.surface.rasters import RASTERS, write_rasters
+from fcsv_stereo.survey.tasks.crew import Crew, SurveyTask, WorkOptions, completed
+from fcsv_stereo.survey.tasks.edge_files import EDGES, kept_edge, make_edge
+from fcsv_stereo.survey.tasks.joining import PLACED, POINTS, join_views
+from fcsv_stereo.survey.tasks.maps import VIEWS, MapOptions, forget_map, kept_map, make_map
+from fcsv_stereo.survey.tasks.progress import Begin, MapsProgress
+from fcsv_stereo.survey.tasks.tiles import TILES, SiteTiles, make_tiles
+from fcsv_stereo.survey.views import inputs
+from fcsv_stereo.survey.views.inputs import Source
+from fcsv_stereo.survey.views.station import flown_prior, prior_of
+from fcsv_stereo.survey.views.view import View, read_view
+from fcsv_stereo.survey.views.view_file import ViewFile, view_file
 
 FILES = (*CLOUDS, *RASTERS, *EXTRAS.values(), "site.html", "adjustment.json", "site.json")
 _LEAST_MIB = 50

@@ -9,9 +9,9 @@ import numpy as np
 
 from fcsv_stereo.model import as_grey
 from fcsv_stereo.survey import tuning
-from fcsv_stereo.survey.features import Features, of_pixels, on_surfaces
-from fcsv_stereo.survey.matching import predicted
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.edges.features import Features, of_pixels, on_surfaces
+from fcsv_stereo.survey.edges.matching import predicted
+from fcsv_stereo.survey.views.view import View
 
 _WINDOW_PX, _LEVELS = 15, 2  # of the tracker
 #: Side of what must be known about a corner: what is not known is filled with the other picture,

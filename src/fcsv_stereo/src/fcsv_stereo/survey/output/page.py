@@ -13,9 +13,9 @@ from fcsv_stereo.report.page import Section, render
 from fcsv_stereo.report.parts import Paragraph, Part, Table, Tone, image, note, number
 from fcsv_stereo.survey import similarity, tuning
 from fcsv_stereo.survey.document import Site, overlaps
-from fcsv_stereo.survey.quantiles import quantiles
-from fcsv_stereo.survey.rasters import CellGrid, Highest, Surface
-from fcsv_stereo.survey.world import unlikely_points
+from fcsv_stereo.survey.placing.world import unlikely_points
+from fcsv_stereo.survey.surface.quantiles import quantiles
+from fcsv_stereo.survey.surface.rasters import CellGrid, Highest, Surface
 
 _PLAN_CELLS, _COVERAGE_CELLS = 700, 300  # along the longer side
 _MOST_LABELLED = 12  # views; with more the edges' residuals would cover each other

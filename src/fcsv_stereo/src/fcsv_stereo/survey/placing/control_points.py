@@ -16,9 +16,10 @@ from pyproj import CRS
 
 from fcsv_geometry.programs.writing import in_words
 from fcsv_stereo.errors import InputError, SurveyError
-from fcsv_stereo.survey import earth, tuning
-from fcsv_stereo.survey.features import located
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey import tuning
+from fcsv_stereo.survey.edges.features import located
+from fcsv_stereo.survey.placing import earth
+from fcsv_stereo.survey.views.view import View
 
 REFERENCE = "reference.png"
 _WORD = re.compile(r'"[^"]*"|\S+')

@@ -15,10 +15,10 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.survey import similarity, tuning
-from fcsv_stereo.survey.features import Features
-from fcsv_stereo.survey.matching import match, predicted
-from fcsv_stereo.survey.views import View
-from fcsv_stereo.survey.warping import tracked
+from fcsv_stereo.survey.edges.features import Features
+from fcsv_stereo.survey.edges.matching import match, predicted
+from fcsv_stereo.survey.edges.warping import tracked
+from fcsv_stereo.survey.views.view import View
 
 _ITERATIONS = 6
 _STEP = 1e-6  # of numerical derivatives along the tangent

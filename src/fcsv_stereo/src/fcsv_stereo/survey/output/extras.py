@@ -10,10 +10,11 @@ import numpy as np
 from fcsv_geometry.errors import FcsvError
 from fcsv_stereo.errors import SurveyError
 from fcsv_stereo.products.ground import check_robot, write_site_ground
-from fcsv_stereo.survey import mesh, recording
 from fcsv_stereo.survey.document import Missing, Site
-from fcsv_stereo.survey.merge import SiteView, site_view
-from fcsv_stereo.survey.rasters import read_rasters
+from fcsv_stereo.survey.output import recording
+from fcsv_stereo.survey.surface import mesh
+from fcsv_stereo.survey.surface.merge import SiteView, site_view
+from fcsv_stereo.survey.surface.rasters import read_rasters
 
 #: product: its file or folder in OUT/
 EXTRAS = {"mcap": "site.mcap", "mesh": "site.glb", "ground": "ground"}

@@ -12,13 +12,19 @@ import numpy as np
 from fcsv_stereo.errors import SurveyError
 from fcsv_stereo.model import Cloud
 from fcsv_stereo.photos.gps import Gps
-from fcsv_stereo.survey import earth, similarity, tuning
-from fcsv_stereo.survey.adjust import Adjusted, Placed, adjust
-from fcsv_stereo.survey.control_points import ControlList, check_names, read_control_points, sights
-from fcsv_stereo.survey.earth import EarthFrame
-from fcsv_stereo.survey.edges import Edge
-from fcsv_stereo.survey.views import View
-from fcsv_stereo.survey.world import Statement, WorldFit, adjust_world, statements_of
+from fcsv_stereo.survey import similarity, tuning
+from fcsv_stereo.survey.edges.edge import Edge
+from fcsv_stereo.survey.placing import earth
+from fcsv_stereo.survey.placing.adjust import Adjusted, Placed, adjust
+from fcsv_stereo.survey.placing.control_points import (
+    ControlList,
+    check_names,
+    read_control_points,
+    sights,
+)
+from fcsv_stereo.survey.placing.earth import EarthFrame
+from fcsv_stereo.survey.placing.world import Statement, WorldFit, adjust_world, statements_of
+from fcsv_stereo.survey.views.view import View
 
 HEIGHTS = ("ellipsoid", "geoid")
 

@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_stereo.errors import InputError, SurveyError
 from fcsv_stereo.evaluating.raycast import open3d
-from fcsv_stereo.survey.merge import SiteView
+from fcsv_stereo.survey.surface.merge import SiteView
 
 #: Side of a cube over the bound, and how far behind a depth its surface reaches over it.
 _VOXEL_SHARE, _REACH_SHARE = 0.5, 2.0

@@ -14,7 +14,8 @@ import numpy as np
 
 from fcsv_geometry import chi_squared, transforms
 from fcsv_stereo.survey import similarity, tuning
-from fcsv_stereo.survey.adjust import (
+from fcsv_stereo.survey.edges.edge import Edge, with_reasons
+from fcsv_stereo.survey.placing.adjust import (
     Adjusted,
     adjust,
     closing,
@@ -23,9 +24,8 @@ from fcsv_stereo.survey.adjust import (
     placed_in,
     prior_at,
 )
-from fcsv_stereo.survey.control_points import ControlSight
-from fcsv_stereo.survey.edges import Edge, with_reasons
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.placing.control_points import ControlSight
+from fcsv_stereo.survey.views.view import View
 
 _REWEIGHTS = 3  # covariances of statements follow the views' scales
 

@@ -16,11 +16,11 @@ from fcsv_geometry.programs.writing import whole_file, write_whole
 from fcsv_stereo.model import Cloud, Progress
 from fcsv_stereo.products.clouds import LazFile
 from fcsv_stereo.survey.document import OCTREE, VIEWS_DIMENSION, Missing, Site, Tile, withdraw
-from fcsv_stereo.survey.kept import digest
-from fcsv_stereo.survey.octree import write_copc
-from fcsv_stereo.survey.points import ViewPoints, kept_attributes, read_arrays, write_arrays
-from fcsv_stereo.survey.rasters import HALO, CellGrid, Surface, grid_of, surface_of
-from fcsv_stereo.survey.work import Crew, SurveyTask, completed
+from fcsv_stereo.survey.surface.octree import write_copc
+from fcsv_stereo.survey.surface.points import ViewPoints, kept_attributes, read_arrays, write_arrays
+from fcsv_stereo.survey.surface.rasters import HALO, CellGrid, Surface, grid_of, surface_of
+from fcsv_stereo.survey.tasks.crew import Crew, SurveyTask, completed
+from fcsv_stereo.survey.views.view_file import digest
 
 TILES = "tiles"
 _ENDINGS = ("laz", "zarr.zip")

@@ -11,8 +11,8 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 
 from fcsv_geometry import transforms
 from fcsv_stereo.survey import tuning
-from fcsv_stereo.survey.matching import inside, predicted
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.edges.matching import inside, predicted
+from fcsv_stereo.survey.views.view import View
 
 V = TypeVar("V", bound=View)
 

@@ -18,8 +18,8 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model import Cloud, concatenate
 from fcsv_stereo.model.kinds import DepthKind
 from fcsv_stereo.survey import similarity, tuning
-from fcsv_stereo.survey.adjust import Placed
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.placing.adjust import Placed
+from fcsv_stereo.survey.views.view import View
 
 MOST_VIEWS = 255  # a cloud's number of views is one octet
 _WINDOW = np.ones((3, 3), np.uint8)

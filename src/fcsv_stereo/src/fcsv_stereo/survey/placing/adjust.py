@@ -14,9 +14,9 @@ from scipy.sparse.linalg import splu
 
 from fcsv_geometry import transforms
 from fcsv_stereo.survey import similarity, tuning
-from fcsv_stereo.survey.edges import Edge, with_reasons
-from fcsv_stereo.survey.station import Prior
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.edges.edge import Edge, with_reasons
+from fcsv_stereo.survey.views.station import Prior
+from fcsv_stereo.survey.views.view import View
 
 _LEAST_WEIGHT = 0.5  # graduated non-convexity ends with weights of 0 or 1
 

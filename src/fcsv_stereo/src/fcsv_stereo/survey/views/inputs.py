@@ -16,8 +16,8 @@ from fcsv_stereo.photos.tags import read_tags
 from fcsv_stereo.posed import colmap
 from fcsv_stereo.posed.posed_pictures import find_files
 from fcsv_stereo.sessions import is_session, session_views
-from fcsv_stereo.survey import station
-from fcsv_stereo.survey.station import Station
+from fcsv_stereo.survey.views import station
+from fcsv_stereo.survey.views.station import Station
 
 _MAP_FILES = ("report.json", "depth.npy", "sigma.npy", "kind.npy", "reference.png")
 #: Not part of what a map is made of: the place of a view, truth, and what maps and browsers leave.

@@ -7,9 +7,9 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.survey import tuning
-from fcsv_stereo.survey.features import Features
-from fcsv_stereo.survey.station import Prior
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.edges.features import Features
+from fcsv_stereo.survey.views.station import Prior
+from fcsv_stereo.survey.views.view import View
 
 
 def inside(uv: np.ndarray, radius: np.ndarray, view: View) -> np.ndarray:

@@ -11,12 +11,11 @@ import numpy as np
 
 from fcsv_stereo.model import Progress, part
 from fcsv_stereo.survey import similarity
-from fcsv_stereo.survey.adjust import Placed
 from fcsv_stereo.survey.document import Missing, Site
-from fcsv_stereo.survey.earth import EarthFrame
-from fcsv_stereo.survey.georeference import projected, projected_cloud
-from fcsv_stereo.survey.kept import ViewFile, digest
-from fcsv_stereo.survey.merge import (
+from fcsv_stereo.survey.placing.adjust import Placed
+from fcsv_stereo.survey.placing.earth import EarthFrame
+from fcsv_stereo.survey.placing.georeference import projected, projected_cloud
+from fcsv_stereo.survey.surface.merge import (
     SiteDepth,
     SiteView,
     join_view,
@@ -24,7 +23,7 @@ from fcsv_stereo.survey.merge import (
     site_place,
     site_view,
 )
-from fcsv_stereo.survey.points import (
+from fcsv_stereo.survey.surface.points import (
     ViewPoints,
     kept_attributes,
     read_arrays,
@@ -32,7 +31,8 @@ from fcsv_stereo.survey.points import (
     write_arrays,
     write_points,
 )
-from fcsv_stereo.survey.work import Crew, SurveyTask, completed
+from fcsv_stereo.survey.tasks.crew import Crew, SurveyTask, completed
+from fcsv_stereo.survey.views.view_file import ViewFile, digest
 
 PLACED, POINTS = "placed", "points"
 _PLACED_SHARE = 0.2  # of the time, for those who wait

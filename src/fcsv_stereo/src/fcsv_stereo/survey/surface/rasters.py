@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from fcsv_stereo.model import Cloud
 from fcsv_stereo.products.from_above import NEIGHBOURS, cell_of_m, closed
-from fcsv_stereo.survey.quantiles import quantiles
+from fcsv_stereo.survey.surface.quantiles import quantiles
 
 RASTERS = ("dsm.tif", "orthophoto.tif")
 _MOST_CELLS = 8000  # along the longer side

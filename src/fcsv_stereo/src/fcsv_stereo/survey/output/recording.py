@@ -15,12 +15,12 @@ from fcsv_geometry import transforms
 from fcsv_stereo.errors import SurveyError
 from fcsv_stereo.model import concatenate
 from fcsv_stereo.survey import similarity
-from fcsv_stereo.survey.adjust import Placed
 from fcsv_stereo.survey.document import Site
-from fcsv_stereo.survey.inputs import different
-from fcsv_stereo.survey.kept import ViewFile
-from fcsv_stereo.survey.octree import levels
-from fcsv_stereo.survey.rasters import Rasters
+from fcsv_stereo.survey.placing.adjust import Placed
+from fcsv_stereo.survey.surface.octree import levels
+from fcsv_stereo.survey.surface.rasters import Rasters
+from fcsv_stereo.survey.views.inputs import different
+from fcsv_stereo.survey.views.view_file import ViewFile
 
 FRAME = "site"
 _STAMP_NS = 10**9  # one moment for all; zero is "none" to ROS

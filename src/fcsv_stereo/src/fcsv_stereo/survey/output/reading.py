@@ -11,12 +11,12 @@ import numpy as np
 
 from fcsv_stereo.errors import InputError, SurveyError
 from fcsv_stereo.survey import similarity
-from fcsv_stereo.survey.adjust import Placed
-from fcsv_stereo.survey.inputs import SourceKind, kind_of
-from fcsv_stereo.survey.maps import VIEWS
-from fcsv_stereo.survey.merge import SiteView, site_view
-from fcsv_stereo.survey.station import Prior
-from fcsv_stereo.survey.views import read_view
+from fcsv_stereo.survey.placing.adjust import Placed
+from fcsv_stereo.survey.surface.merge import SiteView, site_view
+from fcsv_stereo.survey.tasks.maps import VIEWS
+from fcsv_stereo.survey.views.inputs import SourceKind, kind_of
+from fcsv_stereo.survey.views.station import Prior
+from fcsv_stereo.survey.views.view import read_view
 
 DOCUMENTS = ("site.json", "adjustment.json")
 

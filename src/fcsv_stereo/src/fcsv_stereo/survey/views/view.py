@@ -21,7 +21,7 @@ from fcsv_stereo.model.kinds import supported
 from fcsv_stereo.photos.gps import Gps
 from fcsv_stereo.sessions.fixes import cam_place
 from fcsv_stereo.survey import tuning
-from fcsv_stereo.survey.station import Prior
+from fcsv_stereo.survey.views.station import Prior
 
 
 @dataclass(frozen=True)

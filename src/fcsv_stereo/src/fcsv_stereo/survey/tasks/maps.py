@@ -13,7 +13,7 @@ from fcsv_geometry.version import VERSION
 from fcsv_stereo import pipeline
 from fcsv_stereo.model import Progress, silent
 from fcsv_stereo.survey.document import withdraw
-from fcsv_stereo.survey.inputs import Source, SourceKind, content_key, source_key
+from fcsv_stereo.survey.views.inputs import Source, SourceKind, content_key, source_key
 
 VIEWS = "views"
 _THREADS = re.compile(r",? ?threads=\d+")  # a machine's, and no matter to the map

@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model import as_grey
 from fcsv_stereo.survey import tuning
-from fcsv_stereo.survey.views import View
+from fcsv_stereo.survey.views.view import View
 
 _SIDE_PX = 5  # of the pixels about a feature whose depths must be of one surface
 
