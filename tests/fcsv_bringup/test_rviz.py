@@ -93,6 +93,7 @@ def test_it_opens_without_a_warning_before_anything_is_known(
             f"DISPLAY=:{number}",
             "QT_QPA_PLATFORM=xcb",
             "LIBGL_ALWAYS_SOFTWARE=1",
+            "ROSCONSOLE_STDOUT_LINE_BUFFERED=1",
             f"HOME={tmp_path}",
             f"XDG_RUNTIME_DIR={tmp_path}",
         ]

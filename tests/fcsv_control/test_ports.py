@@ -43,9 +43,8 @@ _CALLED = ("machine", "guardian", "check")  # attributes that hold a core: read,
 
 def adapters(root):
     """The files that adapt ports: all nodes, and the rehearsal."""
-    found = [
-        p for p in root.glob("src/*/src/*/**/*.py") if "ros" in p.parts or "rehearsal" in p.parts
-    ]
+    nodes = (p for p in root.glob("src/*/src/*/**/*.py") if "ros" in p.parts)
+    found = [*nodes, *root.glob("src/fcsv_sim/src/fcsv_sim/rehearsal/**/*.py")]
     assert len(found) > 50
     return found
 

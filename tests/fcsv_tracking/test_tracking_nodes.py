@@ -5,6 +5,7 @@ say."""
 import itertools
 import time
 from pathlib import Path
+from xmlrpc.client import ServerProxy
 
 import numpy as np
 import pytest
@@ -618,6 +619,21 @@ def test_previews_are_pictures_again_for_who_looks(start_node, listen, talk):
     assert health.wait(told) is not None
 
 
+def until_received(node, topic):
+    """Waits until a node has a message of a topic, and some time for it to act."""
+    import rosnode
+    from rosgraph import Master
+
+    proxy = ServerProxy(rosnode.get_api_uri(Master("/test"), node))
+
+    def messages():
+        of_topic = [links for name, links in proxy.getBusStats("/test")[2][1] if name == topic]
+        return sum(number for links in of_topic for _, _, number, *_ in links)
+
+    until(messages, what=f"a message on {topic}")
+    time.sleep(0.3)
+
+
 def test_pictures_of_a_vehicle_before_a_tracker_on_the_ground_go_to_the_map(
     folder, start_node, listen, talk
 ):
@@ -651,8 +667,9 @@ def test_pictures_of_a_vehicle_before_a_tracker_on_the_ground_go_to_the_map(
 
     now_s = time.time()
     shoot(now_s)
+    until_received("/uav1/ground_pictures", "/uav1/camera/color/image_raw")
     recording.publish(Bool(True))
-    time.sleep(0.3)
+    until_received("/uav1/ground_pictures", "/uav1/recorder/pictures")
     shoot(now_s + 0.25)
     for dt_s, x_m in (
         (0.0, 1.0),
