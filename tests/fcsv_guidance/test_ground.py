@@ -118,7 +118,8 @@ def test_an_instant_renews_what_it_sees_and_leaves_the_rest(scene, rescue):
     ).all()
 
 
-def test_one_map_takes_half_a_second_and_a_renewal_a_tenth(scene, rescue):
+def test_a_renewal_costs_less_than_half_of_a_whole_map(scene, rescue):
+    """In seconds: tools/bench_ground.py."""
     view = scene([WALL]).view(noise=0.3)
     ground = ground_from([view], grid=GRID)  # compiles
     spent = {"map": [], "renewal": []}
@@ -132,7 +133,7 @@ def test_one_map_takes_half_a_second_and_a_renewal_a_tenth(scene, rescue):
             if name == "map":
                 stand_probability(made, rescue)
             spent[name].append(time.process_time() - began)
-    assert min(spent["map"]) < 0.5 and min(spent["renewal"]) < 0.1, spent
+    assert min(spent["renewal"]) < 0.5 * min(spent["map"]), spent
 
 
 def test_wrong_views_are_refused_by_name(scene):
