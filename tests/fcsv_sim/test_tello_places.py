@@ -4,6 +4,7 @@ permitted."""
 
 import time
 
+from support.launched import launched
 from support.tello_air import until
 
 from fcsv_geometry.programs import netns
@@ -45,6 +46,18 @@ def test_where_namespaces_are_not_permitted_it_says_so_and_ports_differ(monkeypa
         ports = [n for p in found.values() for n in (p.port, p.client_port, p.video_port)]
         assert len(set(ports)) == 6 and {p.address for p in found.values()} == {"127.0.0.1"}
         assert not any(p.network or p.link["network"] for p in found.values())
+
+
+def test_its_launch_file_takes_none_for_no_namespace_and_no_video(root):
+    """roslaunch gives an empty argument the default."""
+    launch = str(root / "launch/sim_tello_drone.launch")
+    for words, expected in (
+        ((), ("fcsv-tello1", "street")),
+        (("network:=none", "world:=none"), ("", "")),
+    ):
+        params = launched(launch, "uav:=tello1", *words)["params"]
+        found = (params[f"/tello1/tello_drone/{name}"] for name in ("network", "video/world"))
+        assert tuple(found) == expected
 
 
 def test_on_loopback_it_is_flown(tello_air, monkeypatch):

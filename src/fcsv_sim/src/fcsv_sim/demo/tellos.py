@@ -33,6 +33,7 @@ class SimulatedTellos(Machines):
         plan, launch = self.plan, self.control.launch
         starts = self._site.starts(load_mission(plan.mission_file), plan.vehicles)
         for number, name in enumerate(plan.vehicles):
+            place = self._places[name]
             start = ",".join(map(str, starts[name]))
             self.launches[f"Tello {name}"] = launch(
                 "fcsv_bringup",
@@ -44,7 +45,8 @@ class SimulatedTellos(Machines):
                 seed=10 * plan.seed + number,
                 world=plan.world,
                 world_seed=plan.seed,
-                **self._places[name].drone,
+                # roslaunch takes an empty argument for none, and its default
+                **{**place.drone, "network": place.network or "none"},
             )
             self.launches[name] = launch(
                 "fcsv_bringup",
@@ -54,7 +56,7 @@ class SimulatedTellos(Machines):
                 record_dir=plan.session_folder,
                 calibration=self._calibration(name),
                 video_delay_s=_VIDEO["video_delay_s"],
-                **self._places[name].link,
+                **place.link,
             )
         if not self._site.late:
             self._launch_tracker()
