@@ -16,6 +16,7 @@ from fcsv_guidance.robot import load_robot
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.robot.contact import TrueGround
 from fcsv_sim.robot.drive import WATCHDOG_S, SimulatedRobot, WheelFlaws
+from fcsv_sim.robot.places import mapped
 from fcsv_sim.robot.places.looking import Lookout
 from fcsv_sim.robot.places.mapped import CELL_M, MappedPlace
 from fcsv_sim.robot.rehearsal import command
@@ -236,6 +237,21 @@ def test_wrong_arguments_are_refused(capsys):
     assert command.main(["--faults", "storm", "--robot", "none.yaml"]) == 2
     with pytest.raises(SimulationError, match="'storm' is none of all, none"):
         faults_of("none,storm")
+
+
+def test_a_place_that_was_just_mapped_has_the_views_that_are_read_later(
+    open_place, rescue, tmp_path, monkeypatch
+):
+    """Each with a name of its own: of views with one name guidance takes the last."""
+    views = iter(replace(v, name="station 0") for v in open_place.views)
+    monkeypatch.setattr(mapped.Town, "generate", lambda *_: open_place.town)
+    monkeypatch.setattr(mapped, "survey", lambda *_: [next(views)])
+    plan = mapped.SurveyPlan(least=2, most=len(open_place.views), more=0)
+    first, again = (
+        mapped.mapped_place("maze", 3, rescue, tmp_path, survey_plan=plan) for _ in range(2)
+    )
+    assert len({v.name for v in first.views}) == len(first.views) > 1
+    assert [v.name for v in first.views] == [v.name for v in again.views]
 
 
 def test_the_command_says_what_broke(

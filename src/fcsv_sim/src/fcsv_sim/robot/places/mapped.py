@@ -5,7 +5,7 @@ once."""
 import json
 import os
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Callable, List, Optional, Protocol, Sequence, Tuple
 
@@ -154,7 +154,7 @@ def _mapped_at(
         tracked = None if tracker is None else tracker.tracked(town.plan, seed)
         found = survey(town, [station], seed, survey_plan.look.survey, tracked)
         _write(file, station, found)
-    return found[0] if found else None
+    return replace(found[0], name=file.stem) if found else None  # as it is read again
 
 
 def _read(file: Path, station: HoverStation) -> Optional[List[DepthView]]:
