@@ -33,18 +33,21 @@ def occupancy(
     alone = cell_probability(ground, robot) if alone is None else alone
     with np.errstate(invalid="ignore"):
         obstacle = (p < tuning.FREE_P) & (alone <= tuning.OBSTACLE_P)
-    # rounded up: what is below FREE_P stays above FREE_PERCENT
-    percent = np.ceil(100.0 * (1.0 - np.where(obstacle, alone, p)) - 1e-3)
+    percent = _rounded_up(np.where(obstacle, alone, p))
     percent = np.where(obstacle, percent, np.minimum(percent, OCCUPIED_PERCENT - 1))
     return np.where(ground.known & ((p >= 0) | obstacle), percent, UNKNOWN).astype(np.int8)
 
 
 def percents_of(p: np.ndarray) -> np.ndarray:
-    """int8: 100 (1 - p), rounded up so that what is below FREE_P stays above FREE_PERCENT; -1 where
-    p is NaN.
+    """int8 of ``p``; -1 where it is NaN.
 
     >>> percents_of(np.array([1.0, 0.98, 0.979, 0.0, np.nan])).tolist()
     [0, 2, 3, 100, -1]
     """
-    percents = np.ceil(100.0 * (1.0 - np.nan_to_num(p)) - 1e-3)
+    percents = _rounded_up(np.nan_to_num(p))
     return np.where(np.isfinite(p), np.clip(percents, 0, 100), UNKNOWN).astype(np.int8)
+
+
+def _rounded_up(p: np.ndarray) -> np.ndarray:
+    """100 (1 - p), so that what is below FREE_P stays above FREE_PERCENT."""
+    return np.ceil(100.0 * (1.0 - p) - 1e-3)

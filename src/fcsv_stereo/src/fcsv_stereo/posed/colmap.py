@@ -22,22 +22,14 @@ from fcsv_stereo.model import (
     PosePrior,
 )
 from fcsv_stereo.photos.models import read_model
-from fcsv_stereo.posed.colmap_cameras import MODELS, camera_of, read_cameras
+from fcsv_stereo.posed.colmap_cameras import read_cameras
 from fcsv_stereo.posed.colmap_images import PosedImage, read_images, same_name
 from fcsv_stereo.posed.posed_pictures import find_files, load_pictures
 from fcsv_stereo.posed.priors import FILE as PRIORS
 from fcsv_stereo.posed.priors import read_priors
 from fcsv_stereo.posed.rig import stated_rig
 
-__all__ = [
-    "MODELS",
-    "PosedImage",
-    "camera_of",
-    "is_model",
-    "read_cameras",
-    "read_images",
-    "read_photographs",
-]
+__all__ = ["PosedImage", "is_model", "read_cameras", "read_images", "read_photographs"]
 
 #: A binary model that differs from the text by more is another one: rad, and a share of the
 #: cameras' distances.
