@@ -84,6 +84,11 @@ class Site:
         """Median of all points; NaN where there are none."""
         return float(quantiles(lambda: (c.sigma_m[:, None] for c in self.clouds()), (0.5,))[0, 0])
 
+    @property
+    def crs(self) -> str:
+        """Reference system of all coordinates; empty for a frame of the site's own."""
+        return self.world.crs if self.world else ""
+
     def parts(self) -> Iterator[ViewPoints]:
         """The points of each view that has any."""
         return (p for p in self.joined.values() if p.count)
@@ -148,7 +153,7 @@ def site_document(site: Site) -> dict:
         {"name": m.name, "input": _absolute(m.source), "reason": m.reason} for m in site.missing
     ]
     return {
-        "crs": site.world.crs if site.world else None,
+        "crs": site.crs or None,
         "heights": site.world.heights if site.world else None,
         "origin": site.origin_m.tolist(),
         "views": views,

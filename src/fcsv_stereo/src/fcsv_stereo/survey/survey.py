@@ -304,12 +304,11 @@ def write(
             folder = Path(made)
             last, origin_m = VIEWS_DIMENSION, site.origin_m
             write_clouds(site.clouds(), site.count, folder / CLOUDS[0], origin_m, last[0])
-            crs = site.world.crs if site.world else ""
             if tiles is not None:
-                with LazFile(folder / CLOUDS[1], site.box_m[0], origin_m, last, crs) as laz:
+                with LazFile(folder / CLOUDS[1], site.box_m[0], origin_m, last, site.crs) as laz:
                     for cloud in site.clouds():
                         laz.add(cloud)
-                write_rasters(tiles.surfaces(out), tiles.whole, origin_m, folder, crs)
+                write_rasters(tiles.surfaces(out), tiles.whole, origin_m, folder, site.crs)
             site = write_extras(site, extras or ExtraOptions(), folder)
             write_page(site, folder / "site.html")
             (folder / "adjustment.json").write_text(

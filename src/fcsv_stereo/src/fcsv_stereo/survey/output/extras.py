@@ -91,6 +91,6 @@ def _write(name: str, site: Site, options: ExtraOptions, path: Path) -> str:
         bound_m = options.mesh_sigma_m or site.median_sigma_m
         count = mesh.write_mesh(map(load, range(len(views))), path, bound_m)
         return f"{count:,} triangles of what is surer than {bound_m:.2g} m"
-    crs, robot = site.world.crs if site.world else "", options.robot
+    crs, robot = site.crs, options.robot
     names = [v.name for v in views]
     return write_site_ground(names, load, (crs, site.origin_m), robot, path)

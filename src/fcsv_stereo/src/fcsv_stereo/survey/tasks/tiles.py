@@ -218,12 +218,11 @@ def make_tiles(
         _octree_note(out).unlink(missing_ok=True)
         return site, None
     whole = grid_of(site.clouds)
-    crs = site.world.crs if site.world else ""
     given = [
-        TileInput(square, tuple(parts), whole, site.origin_m, crs)
+        TileInput(square, tuple(parts), whole, site.origin_m, site.crs)
         for square, parts in touched(site.joined.values(), whole).items()
     ]
-    octree = OctreeInput(tuple(site.parts()), site.box_m, site.origin_m, crs)
+    octree = OctreeInput(tuple(site.parts()), site.box_m, site.origin_m, site.crs)
     tasks = [SurveyTask(OCTREE, make_octree, (octree, out.absolute()))]  # it takes longest
     tasks += [SurveyTask(f"tile {g.name}", make_tile, (g, out.absolute())) for g in given]
 
