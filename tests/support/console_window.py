@@ -67,6 +67,11 @@ class Window:
         found = self.find(name, kind)
         return found["text"] if found else ""
 
+    def enabled(self, name: str) -> bool:
+        """A button that is shown and can be clicked; what is opened by a key is shown later."""
+        found = self.find(name)
+        return bool(found and found["on"])
+
     def rows(self, name: str) -> List[List[str]]:
         return self.ask(what="rows", name=name)
 

@@ -168,7 +168,7 @@ class WindowFlight:
     def _execute(self) -> None:
         """A slip does nothing; a second hands the vehicles over and flies the list."""
         window = self._window
-        self._until(lambda: window.find("Execute")["on"], "the list may be flown", 240.0)
+        self._until(lambda: window.enabled("Execute"), "the list may be flown", 240.0)
         self.seen["rehearsal"] = window.text("Rehearsal")
         self._picture("ready")
         window.click("Execute", seconds=TOO_SHORT_S)
@@ -219,14 +219,14 @@ class WindowFlight:
     def _pause_and_resume(self) -> None:
         window = self._window
         self._until(
-            lambda: "on its way" in self._says() and window.find("Pause")["on"],
+            lambda: "on its way" in self._says() and window.enabled("Pause"),
             "there is a way",
             120.0,
         )
         self._window.key("p")
         self._until(lambda: self._headline()[1] == "resume", "it is paused", 30.0)
         self._picture("paused")
-        self._until(lambda: window.find("Resume")["on"], "it can be resumed", 60.0)
+        self._until(lambda: window.enabled("Resume"), "it can be resumed", 60.0)
         self._window.key("g", TOO_SHORT_S)
         time.sleep(1.0)
         self.seen["after a slip of the key"] = self._headline()
@@ -245,7 +245,7 @@ class WindowFlight:
         demo's own."""
         window, session = self._window, self._out / "session"
         self._window.key("F5")
-        self._until(lambda: window.find("Map")["on"], "the bags are closed", 60.0)
+        self._until(lambda: window.enabled("Map"), "the bags are closed", 60.0)
         self.seen["places"] = [window.text(name, FIELD) for name in ("Machines", "Session", "Map")]
         self.seen["nothing to gather"] = window.find("Gather")["why"]
         self.seen["over"] = self._says()
@@ -381,7 +381,7 @@ class WindowFlight:
                 self._asked_s[who, name] = time.monotonic()
                 self._window.choose("Flight check", k)
                 time.sleep(0.2)
-                if self._window.find("Accept line")["on"]:  # else it is not amber any more
+                if self._window.enabled("Accept line"):  # else it is not amber any more
                     self._window.click("Accept line")
                 return
 
