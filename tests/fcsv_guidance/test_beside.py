@@ -59,6 +59,14 @@ def test_a_thing_that_stands_while_the_robot_passes_it_did_not_come():
 
 def test_who_looked_ends_it():
     watch = after(3.8, 2.4, 1.0, None)
-    watch.forget()
-    watch.observe(4.0, *NOTHING, ROBOT_M)
+    watch.forget(6.5)
+    watch.observe(7.0, *NOTHING, ROBOT_M)
+    assert not watch.may_stand
+
+
+def test_who_looked_while_somebody_is_on_his_way_looks_again():
+    watch = after(3.8, 2.4, 1.0, None)  # a view misses him; he walks on
+    watch.forget(3.5)
+    assert watch.may_stand
+    watch.forget(6.5)
     assert not watch.may_stand

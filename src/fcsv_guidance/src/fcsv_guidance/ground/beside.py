@@ -15,6 +15,7 @@ _OFF_M = 1.0  # of its middle
 _SAME_M, _STAYS = 0.15, 0.1  # share of its cells in which a thing that went is seen still
 _PAIR_S, _TREND_S, _TREND_VIEWS = 2.5, 4.0, 3  # one view between two may miss him
 _TREND_MPS, _TREND_OFF_M = 0.4, 0.5  # of one who comes slowly; how far sightings lie off it
+LOOK_AGAIN_S = 4.0  # without anything near, before somebody's look counts
 _STEP_M = WALKS_MPS * _VIEWS_APART_S
 
 
@@ -42,6 +43,7 @@ class BesideWatch:
 
     def __init__(self):
         self._sightings: Deque[_Sighting] = deque()
+        self._near_s = -np.inf  # when something was seen last that may be there by now
         #: somebody came up, and was not seen to leave
         self.may_stand = False
 
@@ -60,12 +62,16 @@ class BesideWatch:
         nearer_m = self._nearer_m(new, things_m, robot_m)
         self._sightings.append(new)
         if off_m[k] < _STEP_M:
+            self._near_s = stamp_s
             self.may_stand |= nearer_m > 0
         elif nearer_m < 0:
             self.may_stand = False
 
-    def forget(self) -> None:
-        """Somebody looked: nobody stands there."""
+    def forget(self, now_s: float) -> None:
+        """Somebody looked: nobody stands there. That holds once no view of the last LOOK_AGAIN_S
+        shows anything near: who is still on his way stands there a moment later."""
+        if now_s - self._near_s < LOOK_AGAIN_S:
+            return
         self.may_stand = False
         self._sightings.clear()
 

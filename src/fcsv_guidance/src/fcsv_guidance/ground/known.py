@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import standing, together, tuning
-from fcsv_guidance.ground.beside import WALKS_MPS, BesideWatch
+from fcsv_guidance.ground.beside import LOOK_AGAIN_S, WALKS_MPS, BesideWatch
 from fcsv_guidance.ground.comparing import Compared, compared
 from fcsv_guidance.ground.model import LAYERS, Ground, ground_from, window_of, within
 from fcsv_guidance.ground.views import DepthView
@@ -170,7 +170,10 @@ class KnownGround:
         it; empty where nothing has. Near is what WALKS_MPS comes, and the robot drives, until a
         picture shows it and the robot stands."""
         if self.beside.may_stand:
-            return "something came up to the robot and was not seen to leave: look, and give the goal again"
+            return (
+                "something came up to the robot and was not seen to leave: look, and give the goal "
+                f"again once nothing has come near for {LOOK_AGAIN_S:g} s"
+            )
         if now_s - self.came_s >= still_s and self._quiet_views >= STILL_VIEWS:
             return ""
         if not len(self.came_m):

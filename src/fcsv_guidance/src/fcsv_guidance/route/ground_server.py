@@ -178,7 +178,7 @@ class GroundServer:
             self._on_place(now_s, message)
         elif isinstance(message, Goal):
             message.require_finite()
-            self._known.beside.forget()
+            self._known.beside.forget(now_s)
             self._goal, self._route, self._planned = message, None, (-1, -np.inf)
             self._none_reason = ""
         elif isinstance(message, GoalDropped):
