@@ -2,6 +2,7 @@
 """The simulated robot, what it touches, and whole drives through a small drawn place with every
 fault."""
 
+import csv
 from dataclasses import replace
 
 import numpy as np
@@ -281,3 +282,6 @@ def test_the_command_says_what_broke(
     assert command.main([*given, "--seed", "2"]) == 1
     out = capsys.readouterr().out
     assert "--mazes 1 --seed 3 --faults 'none'" in out and (tmp_path / "maze-3-none.png").is_file()
+    (drive,) = csv.DictReader((tmp_path / "drives.csv").open())
+    assert (drive["seed"], drive["fault"], drive["ended"]) == ("3", "none", "contact")
+    assert drive["broke"] and drive["broke"] in out

@@ -187,7 +187,7 @@ def test_pictures_come_again_after_loss_and_after_its_camera_died(tello_air, roo
     client = tello_air.client(network).connect()
     client.tello.start_video()
     until(lambda: len(client.events["video_data"]) > 50, FIRST_S, "video")
-    until(lambda: client.tello.video_data_loss, 30.0, "tellopy counts what is lost")
+    until(lambda: client.tello.video_data_loss, FIRST_S, "tellopy counts what is lost")
     first = drone.shell.camera.pid
     os.kill(first, signal.SIGKILL)
     until(lambda: drone.shell.camera.pid != first, 10.0, "its camera is started again")

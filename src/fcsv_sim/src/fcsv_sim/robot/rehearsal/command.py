@@ -3,11 +3,12 @@
 what broke."""
 
 import argparse
+import csv
 import os
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Iterator, List, Optional, Tuple
 
@@ -30,9 +31,13 @@ _HELP = """examples:
   rosrun fcsv_sim rehearse_robot --mazes 10 --rubble 5 --seed 101 -o out/robot
   rosrun fcsv_sim rehearse_robot --mazes 1 --seed 103 --faults "way closes,runs at it" -o out/robot
   rosrun fcsv_sim rehearse_robot --small 10 --seed 101 -o out/small            # System I: gimbals on the robot
-A place is drawn and mapped once (some minutes); OUT keeps its maps for the next time. Exit status 1: a robot touched
-something, or arrived or said that there is no safe route where the truth has it otherwise.
+A place is drawn and mapped once (some minutes); OUT keeps its maps for the next time, and in drives.csv how each
+drive went. Exit status 1: a robot touched something, or arrived or said that there is no safe route where the truth
+has it otherwise.
 """
+
+
+DRIVES = "drives.csv"  # in the folder: a row for each drive
 
 
 @dataclass(frozen=True)
@@ -92,10 +97,16 @@ def _rehearse(args: argparse.Namespace) -> int:
     jobs = _jobs(args)
     jobs[0].folder.mkdir(parents=True, exist_ok=True)
     told, results = [], []
-    with tqdm(total=len(jobs), unit="place", disable=None) as bar:
+    with tqdm(total=len(jobs), unit="place", disable=None) as bar, open(
+        jobs[0].folder / DRIVES, "w", newline=""
+    ) as file:
+        rows = csv.writer(file)
+        rows.writerow([*(f.name for f in fields(DriveResult)), "broke"])
         for line, of_place in _all(jobs, args.jobs):
             told.append(line)
             results += of_place
+            rows.writerows([*astuple(r), r.broke] for r in of_place)
+            file.flush()
             bar.update()
             bar.set_postfix_str(f"{sum(bool(r.broke) for r in results)} broke")
     print("\n".join([*told, "", *table(results), ""]))
