@@ -51,6 +51,12 @@ def test_messages_that_changed_places_on_the_way_are_sorted(first, places):
     assert [order[i] for i in found.kept] == list(range(200))
 
 
+def test_two_that_were_late_and_follow_one_another_are_sorted():
+    order = [*range(196), 198, 196, 199, 197]
+    found = in_order([STEADY[i] for i in order], alone_s=10.0)
+    assert not found.left_out and [order[i] for i in found.kept] == list(range(200))
+
+
 def test_a_wrong_stamp_near_its_neighbours_fills_no_gap():
     """At 20 Hz: 0.08 s early, two seconds back, and a clock that goes back by 0.09 s."""
     for wrong_s in (STEADY[100] - 0.08, STEADY[60] + 0.01):

@@ -76,7 +76,7 @@ def in_order(stamps_s: Sequence[float], alone_s: Optional[float] = None) -> Stam
     order, late = _with_late(stamps, rising, few)
     found.left_out.update({i: _why(stamps, i, rising) for i in few if i not in late})
     left = [i for i in range(len(stamps)) if i not in found.left_out and i not in late]
-    for i in late:
+    for i in sorted(late, key=order.index, reverse=True):  # what follows one stands there by then
         k = order.index(i)
         left.insert(left.index(order[k + 1]) if k + 1 < len(order) else len(left), i)
     for i, neighbour in ((0, 1), (-1, -2)):
