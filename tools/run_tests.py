@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole test run: plain tests on all cores, tests of nodes three at a time, in slow motion too,
+"""The whole test run: plain tests on all cores, tests of nodes three at a time, in slow motion two,
 flights alone; one count of all.
 
     tools/run_tests.py [pytest's arguments]
@@ -23,7 +23,8 @@ ROOT = Path(__file__).resolve().parents[1]
 # a worker takes up to 2 GB
 SIDE_BY_SIDE = ["--numprocesses=logical", "--maxprocesses=8", "--dist=loadgroup"]
 THREE = ["--numprocesses=3", "--dist=loadgroup"]  # nodes wait for one another more than they work
-TIERS = {"plain": SIDE_BY_SIDE, "nodes": THREE, "slowed": THREE, "flights": [], "alone": []}
+TWO = ["--numprocesses=2", "--dist=loadgroup"]  # what passes slowly loads a machine fully
+TIERS = {"plain": SIDE_BY_SIDE, "nodes": THREE, "slowed": TWO, "flights": [], "alone": []}
 SLOWEST = ["--durations=25", "--durations-min=3"]
 # pytest's exit statuses; above FAILED and below NOTHING it could not run
 PASSED, FAILED, NOTHING = 0, 1, 5
