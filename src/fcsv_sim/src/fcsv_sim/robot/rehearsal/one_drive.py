@@ -35,7 +35,8 @@ from fcsv_sim.robot.things import Box, Closer, Runner, Watcher
 LONGEST_S = 400.0
 LOOK_EVERY_S, LOOK_DELAY_S = 1.0, 0.5  # from picture to ground
 MOVES_MPS = 0.05  # a robot that is hit while it drives no faster stands
-_GIVES_UP_S = 15.0  # of standing without a route, or for good
+# of standing without a route; where it waits for its place: fixes that tell its yaw come seldom
+_GIVES_UP_S = {NO_ROUTE: 15.0, WAITING: 40.0}
 _OPERATOR_LOOKS_S, _BESIDE_M = 5.0, 1.0
 ARRIVES, SAYS_NONE, EITHER = "arrives", "says none", "either"
 
@@ -170,9 +171,9 @@ class RobotDrive:
                 break
             over = (
                 self._begins_s == np.inf
-                or now_s > min(self._ends_s, self._begins_s + 60.0) + _GIVES_UP_S
+                or now_s > min(self._ends_s, self._begins_s + 60.0) + _GIVES_UP_S[NO_ROUTE]
             )
-            if stood_s > _GIVES_UP_S and over and guidance.state in (NO_ROUTE, WAITING):
+            if over and stood_s > _GIVES_UP_S.get(guidance.state, np.inf):
                 ended = guidance.state
                 break
         known = self._guide.server.known
