@@ -7,7 +7,7 @@ import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.joint.checks import moved as motion
+from fcsv_stereo.joint.checks import moved
 from fcsv_stereo.model import Picture, Reference
 
 CAMERA = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
@@ -33,8 +33,8 @@ def changed(first, second):
     T_second = transforms.from_xyz_rpy([0.0, 0.0, 0.0], [0.0, np.arctan(TURNED_PX / 300.0), 0.0])
     depth = np.full((240, 320), 20.0, np.float32)
     reference = Reference("a", 0.0, "uav1", first, CAMERA, np.eye(4))
-    still = motion._still(reference, depth, 0.01 * depth)
-    return motion.changes(reference, Picture("b", "uav1", 1.0, second, CAMERA, T_second), still)
+    still = moved._still(reference, depth, 0.01 * depth)
+    return moved.changes(reference, Picture("b", "uav1", 1.0, second, CAMERA, T_second), still)
 
 
 def test_black_borders_have_not_moved(pictures):
@@ -50,7 +50,7 @@ def test_what_came_is_seen_up_to_near_the_border(pictures):
 
 def moment(stamp_s, changed_px, comparable_px=(0, 1, 2, 3)):
     """Of a picture of four pixels."""
-    return motion.Moment(
+    return moved.Moment(
         stamp_s, *(np.isin(np.arange(4), px)[None] for px in (changed_px, comparable_px))
     )
 
@@ -67,4 +67,4 @@ def moment(stamp_s, changed_px, comparable_px=(0, 1, 2, 3)):
     ],
 )
 def test_what_no_other_moment_shows_moves(moments, moves):
-    assert np.flatnonzero(motion._never_again(0.0, moments)).tolist() == moves
+    assert np.flatnonzero(moved._never_again(0.0, moments)).tolist() == moves

@@ -18,8 +18,7 @@ from support.scenes import CAMERA
 
 from fcsv_stereo import report
 from fcsv_stereo.model.kinds import WORDS, masks
-from fcsv_stereo.report import pixel_view as pixels
-from fcsv_stereo.report import sections, write_report
+from fcsv_stereo.report import pixel_view, sections, write_report
 
 MEASURE = Path(report.__file__).parent / "templates" / "measure.js"
 PLACES = [(0, 0), (17, 40), (100, 7), (CAMERA.width - 1, CAMERA.height - 1)]
@@ -65,10 +64,10 @@ def at(view, places):
 
 def test_a_pixel_is_told_as_the_map_has_it(result):
     """To half a step of the codes: 0.05 % of depth, 0.5 % of sigma."""
-    for (u, v), p in zip(PLACES, at(pixels.pixel_view(result), PLACES)):
+    for (u, v), p in zip(PLACES, at(pixel_view.pixel_view(result), PLACES)):
         assert (p["u"], p["v"]) == (u, v)
-        assert p["depth_m"] == pytest.approx(result.depth[v, u], rel=0.51 * pixels.DEPTH_STEP)
-        assert p["sigma_m"] == pytest.approx(result.sigma[v, u], rel=0.51 * pixels.SIGMA_STEP)
+        assert p["depth_m"] == pytest.approx(result.depth[v, u], rel=0.51 * pixel_view.DEPTH_STEP)
+        assert p["sigma_m"] == pytest.approx(result.sigma[v, u], rel=0.51 * pixel_view.SIGMA_STEP)
         ray = (
             np.array([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, 1.0, 0.0])
             * p["depth_m"]
@@ -80,13 +79,13 @@ def test_a_pixel_is_told_as_the_map_has_it(result):
 
 
 def test_a_pixel_without_depth_has_none(result):
-    (p,) = at(pixels.pixel_view(result), [(5, 0)])
+    (p,) = at(pixel_view.pixel_view(result), [(5, 0)])
     assert p["depth_m"] is None and p["sigma_m"] is None
 
 
 def test_large_pictures_are_thinned_and_places_stay(result, monkeypatch):
-    monkeypatch.setattr(pixels, "MOST_PIXELS", result.depth.size // 8)
-    view = pixels.pixel_view(result)
+    monkeypatch.setattr(pixel_view, "MOST_PIXELS", result.depth.size // 8)
+    view = pixel_view.pixel_view(result)
     about, arrays = codes(view)
     assert about["step"] == 3 and len(arrays["depth"]) == result.depth[::3, ::3].size
     (p,) = at(view, [(31, 61)])
@@ -97,7 +96,7 @@ def test_large_pictures_are_thinned_and_places_stay(result, monkeypatch):
 
 def test_an_origin_is_added(result):
     shifted = replace(result, origin_m=np.array([389000.0, 5819000.0, 40.0]))
-    (near,), (far,) = (at(pixels.pixel_view(r), [(17, 40)]) for r in (result, shifted))
+    (near,), (far,) = (at(pixel_view.pixel_view(r), [(17, 40)]) for r in (result, shifted))
     assert np.subtract(far["place_m"], near["place_m"]) == pytest.approx(shifted.origin_m)
 
 
@@ -107,7 +106,7 @@ def test_distance_and_height_have_the_sigma_of_both_depths(result):
     depth = np.full_like(result.depth, 50.0)
     depth[:, 160:] = 40.0
     sigma = np.full_like(depth, 0.5)
-    view = pixels.pixel_view(replace(result, depth=depth, sigma=sigma))
+    view = pixel_view.pixel_view(replace(result, depth=depth, sigma=sigma))
     a, b = at(view, [(30, 200), (300, 20)])
     found = in_node("fcsvMeasure.between(...given)", a, b)
     places = [
@@ -122,7 +121,7 @@ def test_distance_and_height_have_the_sigma_of_both_depths(result):
 
 
 def test_a_point_of_the_cloud_has_the_way_of_its_pixel(result):
-    (p,) = at(pixels.pixel_view(result), [(100, 70)])
+    (p,) = at(pixel_view.pixel_view(result), [(100, 70)])
     T = result.reference.T_home_cam
     way = in_node("fcsvMeasure.wayOf(...given)", p["place_m"], T[:3, 3].tolist(), T[:3, 2].tolist())
     assert way == pytest.approx(p["way"])
@@ -171,7 +170,7 @@ def test_kinds_are_named_as_in_concepts():
 
 
 def test_depth_is_as_large_as_the_picture(result, tmp_path):
-    view = pixels.pixel_view(result)
+    view = pixel_view.pixel_view(result)
     shapes = {
         cv2.imdecode(np.frombuffer(base64.b64decode(j), np.uint8), 1).shape
         for j in (view.picture, view.depth)

@@ -4,7 +4,7 @@ refused by name."""
 
 import numpy as np
 import pytest
-from support import gps_reports as reports
+from support import gps_reports
 from support.gps_reports import (
     AREA,
     ORIGIN,
@@ -303,7 +303,7 @@ def test_models_of_turned_pixels(tmp_path, wrong_input, orientation, R_upright_s
     if model_of == "stored":
         write(tmp_path, photos, lambda p: np.array(R_upright_stored, float))
     else:
-        write(tmp_path, photos, size=reports.SIZE[::-1])
+        write(tmp_path, photos, size=gps_reports.SIZE[::-1])
     require_right(tmp_path, tmp_path / "out", photos)
     wrong_input(AREA, "EXIF orientation, a model of the pixels as shown or as stored", "read right")
 

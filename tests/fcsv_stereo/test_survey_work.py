@@ -22,8 +22,7 @@ from fcsv_stereo.survey import similarity, survey
 from fcsv_stereo.survey.edges.edge import Edge
 from fcsv_stereo.survey.lock import LOCK, alone_in
 from fcsv_stereo.survey.placing.adjust import adjust
-from fcsv_stereo.survey.tasks import crew as work
-from fcsv_stereo.survey.tasks import edge_files as kept
+from fcsv_stereo.survey.tasks import edge_files
 from fcsv_stereo.survey.tasks.crew import Crew, SurveyTask, WorkOptions
 from fcsv_stereo.survey.tasks.edge_files import kept_edge, make_edge
 from fcsv_stereo.survey.tasks.progress import MapsProgress
@@ -60,7 +59,7 @@ def test_workers_are_other_processes_and_few_short_tasks_need_none(tmp_path):
 
 
 def test_the_scheduler_knows_of_few_tasks_at_a_time(monkeypatch):
-    monkeypatch.setattr(work, "_IN_FLIGHT", 2)
+    monkeypatch.setattr("fcsv_stereo.survey.tasks.crew._IN_FLIGHT", 2)
     with Crew(WorkOptions(1)) as crew:
         found = {}
         for o in crew.run(squares(*range(7))):
@@ -239,9 +238,9 @@ def three(tmp_path):
 
 def edges_of(three, out, made=None, monkeypatch=None):
     if monkeypatch is not None:
-        find = kept.find_edge
+        find = edge_files.find_edge
         monkeypatch.setattr(
-            kept,
+            edge_files,
             "find_edge",
             lambda a, b, *rest: made.append((a.name, b.name)) or find(a, b, *rest),
         )
@@ -262,15 +261,15 @@ def test_edges_are_kept_and_another_view_costs_its_own(three, tmp_path, monkeypa
 def test_tasks_track_what_two_views_see_from_alike_directions(three, tmp_path):
     (_, a), (_, b) = three[:2]
     (edge,), _ = edges_of(three[:2], tmp_path / "out")
-    features = [kept._features(v) for v in (a, b)]
-    with_pixels, without = (kept.find_edge(a, b, *features, alike) for alike in (True, False))
+    features = [edge_files._features(v) for v in (a, b)]
+    with_pixels, without = (edge_files.find_edge(a, b, *features, alike) for alike in (True, False))
     assert edge.matches == with_pixels.matches > without.matches
 
 
 def test_an_edge_that_is_not_whole_or_of_other_views_is_found_again(three, tmp_path, monkeypatch):
     out, made = tmp_path / "out", []
     edges_of(three[:2], out, made, monkeypatch)
-    path = kept.edge_path(three[0][1], three[1][1], out)
+    path = edge_files.edge_path(three[0][1], three[1][1], out)
     whole = path.read_text()
     path.write_text(whole[: len(whole) // 2])
     edges_of(three[:2], out)
@@ -284,11 +283,11 @@ def test_a_kept_edge_is_the_edge_to_the_last_bit(three, tmp_path):
     (_, a), (_, b) = three[:2]
     make_edge(a, b, tmp_path, True)
     first = kept_edge(a, b, tmp_path)
-    text = kept.edge_path(a, b, tmp_path).read_text()
-    kept._FEATURES.clear()
+    text = edge_files.edge_path(a, b, tmp_path).read_text()
+    edge_files._FEATURES.clear()
     make_edge(a, b, tmp_path, True)
-    assert kept.edge_path(a, b, tmp_path).read_text() == text and first.matches >= 0
-    found = kept.find_edge(a, b, *(kept._features(v) for v in (a, b)), True)
+    assert edge_files.edge_path(a, b, tmp_path).read_text() == text and first.matches >= 0
+    found = edge_files.find_edge(a, b, *(edge_files._features(v) for v in (a, b)), True)
     assert found.matches == first.matches and found.reason == first.reason
     if found.S_a_b is not None:
         assert found.S_a_b.scale() == first.S_a_b.scale()
@@ -297,7 +296,7 @@ def test_a_kept_edge_is_the_edge_to_the_last_bit(three, tmp_path):
 
 def test_a_pair_whose_map_went_away_is_missing_and_the_others_are_there(three, tmp_path):
     (tmp_path / "v2/depth.npy").unlink()
-    kept._FEATURES.clear()
+    edge_files._FEATURES.clear()
     found, missing = edges_of(three, tmp_path / "out")
     assert [m.name for m in missing] == ["v0 with v2", "v1 with v2"]
     assert all("depth.npy" in m.reason for m in missing) and len(found) == 1
