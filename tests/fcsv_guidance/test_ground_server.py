@@ -107,11 +107,26 @@ def test_who_has_no_route_gets_one_once_the_place_is_known_better(server):
     server.receive(1.0, Goal(18.0, 0.0))
     (said,) = server.step(1.0)
     assert isinstance(said, NoRouteMessage)
+    server.receive(6.4, doubtful)
     assert not server.step(3.0) and not server.step(6.5)  # planned again, and nothing new to say
     server.receive(7.0, at(10.0, 0.0))
     assert not server.step(7.0)
+    server.receive(11.9, at(10.0, 0.0))
     (said,) = server.step(12.0)
     assert isinstance(said, RouteMessage)
+
+
+def test_from_where_the_robot_was_before_it_was_lost_nobody_plans(server):
+    server.receive(1.0, at(10.0, 0.0))
+    server.receive(1.0, Goal(18.0, 0.0))
+    assert isinstance(server.step(1.0)[0], RouteMessage)
+    assert not server.step(9.0)  # it stands on its route
+    server.receive(9.5, Goal(18.0, 0.0))
+    (said,) = server.step(9.5)
+    assert said.waits and said.reason == "no safe route is known: the robot's place is not known"
+    server.receive(12.0, at(10.0, -2.0))
+    (said,) = server.step(12.0)
+    assert np.allclose(said.points_home_m[0], (10, -2))
 
 
 def test_who_stands_on_the_route_gets_another(server):
@@ -144,6 +159,7 @@ def test_a_live_map_changes_cells_and_the_route(server, scene):
     (first,) = server.step(1.0)
     straight = np.hypot(*np.diff(first.points_home_m, axis=0).T).sum()
     thing = (13.0, 14.0, 2.0, 5.0, 0.0, 0.8)
+    server.receive(7.2, at(10.0, 3.0))
     server.receive(7.2, MapSeen(scene([BOX, thing]).view(stamp_s=7.0, name="live"), live=True))
     changed, said, held = server.step(7.2)
     assert isinstance(changed, GridChanged) and changed.stamp_s == 7.0 == server.whole_grid.stamp_s

@@ -120,6 +120,7 @@ class GroundRules:
     goal_m: float = 0.3  # so near the goal it is reached
     # until another plan, of a robot that stands on its route or has none: its place changes, too
     retry_s: float = 5.0
+    oldest_place_s: float = 2.0  # without a newer one nobody knows where the robot is
     watched: bool = False
     still_s: float = STILL_S
     route: RouteRules = field(default_factory=RouteRules)
@@ -144,6 +145,7 @@ class GroundServer:
         self._stands: Optional[np.ndarray] = None
         self._whole_grid: Optional[GridMessage] = None
         self._place: Optional[RobotPlace] = None
+        self._placed_s = -np.inf  # when that came
         self._places: Deque[RobotPlace] = deque(maxlen=200)
         # where it was when it last moved, and since when it stands there
         self._stood: Tuple[float, float, float] = (np.inf, np.inf, -np.inf)
@@ -197,7 +199,7 @@ class GroundServer:
         """What is to be published now."""
         if self._goal is not None and self._wants_plan(now_s):
             self._planned = (self._known.version, now_s)
-            said = self._planned_route()
+            said = self._planned_route(now_s)
             if isinstance(said, RouteMessage) or said.reason != self._none_reason:
                 self._out.append(said)
             self._none_reason = said.reason if isinstance(said, NoRouteMessage) else ""
@@ -330,8 +332,12 @@ class GroundServer:
         x_m, y_m, _ = self._stood
         if not np.hypot(place.x_m - x_m, place.y_m - y_m) <= _STANDS_M:
             self._stood = (place.x_m, place.y_m, now_s)
-        self._place = place
+        self._place, self._placed_s = place, now_s
         self._places.append(place)
+
+    def _known_place(self, now_s: float) -> Optional[RobotPlace]:
+        """Where the robot is; None where that was never known, or is no more."""
+        return self._place if now_s - self._placed_s <= self._rules.oldest_place_s else None
 
     def _hold(self, now_s: float) -> None:
         """Whether the robot has to stand, where that is another than before."""
@@ -344,12 +350,14 @@ class GroundServer:
             self._out.append(hold)
 
     def _wants_plan(self, now_s: float) -> bool:
-        (version, planned_s), place = self._planned, self._place
+        (version, planned_s), place = self._planned, self._known_place(now_s)
         changed, soon = version != self._known.version, now_s - planned_s < self._rules.replan_s
         if self._route is None:
             changed |= place is not None and self._waits_for_place
             # its place may be known better
             return not soon and (changed or now_s - planned_s > self._rules.retry_s)
+        if place is None:
+            return False  # it stands on its route until it is found again
         if np.hypot(place.x_m - self._goal.x_m, place.y_m - self._goal.y_m) <= self._rules.goal_m:
             return False  # it is there
         if changed and not self._is_clear(place):
@@ -361,8 +369,8 @@ class GroundServer:
         # it stands: what its place allows is another than when it was planned
         return now_s - max(planned_s, self._stood[2]) > self._rules.retry_s
 
-    def _planned_route(self) -> Union[RouteMessage, NoRouteMessage]:
-        place = self._place
+    def _planned_route(self, now_s: float) -> Union[RouteMessage, NoRouteMessage]:
+        place = self._known_place(now_s)
         self._route, self._waits_for_place = None, place is None
         try:
             if place is None:
