@@ -205,6 +205,7 @@ def vehicle(request, root, start_node, ros_master, tmp_path):
         pc.relay_poses()
         pc.tracker, pc.by_mavros = tracker, request.param == "mavros"
         yield pc
+        print("said:", *pc.texts, sep="\n  ")
         pc.close()
     finally:
         if link is not None:
