@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole test run: plain tests on all cores, tests of nodes three at a time, in slow motion two,
-flights alone; one count of all.
+"""The whole test run: plain tests on all cores, tests of nodes two at a time, in slow motion two at
+a time, flights alone; one count of all.
 
     tools/run_tests.py [pytest's arguments]
 
@@ -22,9 +22,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 # a worker takes up to 2 GB
 SIDE_BY_SIDE = ["--numprocesses=logical", "--maxprocesses=8", "--dist=loadgroup"]
-THREE = ["--numprocesses=3", "--dist=loadgroup"]  # nodes wait for one another more than they work
-TWO = ["--numprocesses=2", "--dist=loadgroup"]  # what passes slowly loads a machine fully
-TIERS = {"plain": SIDE_BY_SIDE, "nodes": THREE, "slowed": TWO, "flights": [], "alone": []}
+TWO = ["--numprocesses=2", "--dist=loadgroup"]  # nodes wait for one another more than they work
+TIERS = {"plain": SIDE_BY_SIDE, "nodes": TWO, "slowed": TWO, "flights": [], "alone": []}
 SLOWEST = ["--durations=25", "--durations-min=3"]
 # pytest's exit statuses; above FAILED and below NOTHING it could not run
 PASSED, FAILED, NOTHING = 0, 1, 5
