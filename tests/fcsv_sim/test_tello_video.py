@@ -153,7 +153,7 @@ def test_tellopys_video_stream_shows_the_world_from_where_it_is(
     client = tello_air.client(network).connect()
     client.tello.takeoff()
     watcher = Watcher(client)
-    until(lambda: watcher.pictures, 30.0, "a picture")
+    until(lambda: watcher.pictures, FIRST_S, "a picture")
     until(lambda: drone.drone.flight.state == "FLY", 15.0, "in the air")
     begun = len(notes(tmp_path))
     client.tello.set_yaw(0.4)
