@@ -67,9 +67,9 @@ class Window:
         found = self.find(name, kind)
         return found["text"] if found else ""
 
-    def enabled(self, name: str) -> bool:
-        """A button that is shown and can be clicked; what is opened by a key is shown later."""
-        found = self.find(name)
+    def enabled(self, name: str, kind: str = BUTTON) -> bool:
+        """Whether it is shown and can be clicked; what is opened by a key is shown later."""
+        found = self.find(name, kind)
         return bool(found and found["on"])
 
     def rows(self, name: str) -> List[List[str]]:
@@ -83,7 +83,7 @@ class Window:
 
     def click(self, name: str, kind: str = BUTTON, seconds: float = 0.0) -> None:
         """Once it can be."""
-        self.until(lambda: (self.find(name, kind) or {}).get("on"), f"'{name}' can be clicked")
+        self.until(lambda: self.enabled(name, kind), f"'{name}' can be clicked")
         self.hands.hold_mouse(self.find(name, kind)["at"], seconds)
 
     def key(self, name: str, seconds: float = 0.0) -> None:

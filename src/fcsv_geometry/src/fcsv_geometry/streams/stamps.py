@@ -76,9 +76,8 @@ def in_order(stamps_s: Sequence[float], alone_s: Optional[float] = None) -> Stam
     order, late = _with_late(stamps, rising, few)
     found.left_out.update({i: _why(stamps, i, rising) for i in few if i not in late})
     left = [i for i in range(len(stamps)) if i not in found.left_out and i not in late]
-    for i in sorted(late, key=order.index, reverse=True):  # what follows one stands there by then
-        k = order.index(i)
-        left.insert(left.index(order[k + 1]) if k + 1 < len(order) else len(left), i)
+    for k in reversed([k for k, i in enumerate(order) if i in late]):  # the next one stands there
+        left.insert(left.index(order[k + 1]) if k + 1 < len(order) else len(left), order[k])
     for i, neighbour in ((0, 1), (-1, -2)):
         if alone_s and len(left) > 2 and abs(stamps[left[i]] - stamps[left[neighbour]]) > alone_s:
             alone = left.pop(i)
