@@ -44,9 +44,9 @@ def told(monkeypatch):
         turns = threading.Thread(target=manager.run, daemon=True)
         turns.start()
         until(lambda: not manager.updates, what="all was looked at")
-        handler.done = True
-        turns.join(5.0)
         until(lambda: len(handler.connected) >= count, what=f"{count} connections")
+        handler.done = True  # before, what was taken out last would not be connected
+        turns.join(5.0)
         return sorted(handler.connected)
 
     return connects
