@@ -40,6 +40,11 @@ def after(*views):
         ((1.3, 1.0, 1.2, 0.9, None), False),  # noise of a thing that stood and is taken away
         ((2.1, 1.3, 2.0, 0.9, 1.9, None), False),  # and of one whose depth is matched worse
         ((2.4, 1.9, 1.4, 0.9, None), True),  # slowly: he is seen where he was, too
+        ((1.4, 0.9, None), True),  # seen twice, slow, and gone
+        ((1.4, None, 0.4, None), True),
+        ((1.4, 0.9, 0.9, None), False),  # it stopped where it is seen
+        ((0.9, 1.4, None), False),  # he left
+        ((1.1, 0.9, None), False),  # noise
         ((3.8, 2.4, None), False),  # he turned off before
         ((3.8, None, None, None, 1.0, None), False),  # too long ago to be one and the same
         ((None, None), False),

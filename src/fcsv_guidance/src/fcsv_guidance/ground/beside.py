@@ -20,11 +20,13 @@ _STEP_M = WALKS_MPS * _VIEWS_APART_S
 
 
 class _Sighting(NamedTuple):
-    """Cells (N,2) of the thing nearest to the robot, and their middle (2,), m."""
+    """Cells (N,2) of the thing nearest to the robot, and their middle (2,), m; whether it may be
+    beside the robot a view later."""
 
     stamp_s: float
     cells_m: np.ndarray
     middle_m: np.ndarray
+    is_near: bool
 
     def may_be(self, later: "_Sighting") -> bool:
         """Whether nobody is too fast to be seen here, and later there."""
@@ -54,14 +56,15 @@ class BesideWatch:
         which it may show the robot, which is at ``robot_m`` (2,)."""
         while self._sightings and stamp_s - self._sightings[0].stamp_s > _TREND_S:
             self._sightings.popleft()
+        self.may_stand |= self._vanished(stamp_s, things_m, robot_m)
         if not len(things_m):
             return
         k = int(np.argmin(off_m))
         cells_m = things_m[np.hypot(*(things_m - things_m[k]).T) < _BLOB_M]
-        new = _Sighting(stamp_s, cells_m, cells_m.mean(0))
+        new = _Sighting(stamp_s, cells_m, cells_m.mean(0), bool(off_m[k] < _STEP_M))
         nearer_m = self._nearer_m(new, things_m, robot_m)
         self._sightings.append(new)
-        if off_m[k] < _STEP_M:
+        if new.is_near:
             self._near_s = stamp_s
             self.may_stand |= nearer_m > 0
         elif nearer_m < 0:
@@ -74,6 +77,21 @@ class BesideWatch:
             return
         self.may_stand = False
         self._sightings.clear()
+
+    def _vanished(self, stamp_s: float, things_m: np.ndarray, robot_m: np.ndarray) -> bool:
+        """Whether who was seen twice, the second time nearer, is not seen any more where he may be
+        by now. Who was seen for longer was judged by his trend; noise of what stands has none."""
+        if not self._sightings or not self._sightings[-1].is_near:
+            return False
+        last = self._sightings[-1]
+        seen = [s for s in self._sightings if s.may_be(last)]
+        if len(seen) != _TREND_VIEWS - 1:
+            return False
+        before_m, last_m = (float(np.hypot(*(s.middle_m - robot_m))) for s in seen)
+        if before_m - last_m < _TREND_MPS * (last.stamp_s - seen[0].stamp_s):
+            return False
+        reach_m = WALKS_MPS * (stamp_s - last.stamp_s) + _OFF_M
+        return not (np.hypot(*(things_m - last.middle_m).T) < reach_m).any()
 
     def _nearer_m(self, new: _Sighting, things_m: np.ndarray, robot_m: np.ndarray) -> float:
         """How much nearer to the robot it came since it was seen before, negative where it left; 0

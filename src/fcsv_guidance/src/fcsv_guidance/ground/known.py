@@ -288,7 +288,7 @@ class KnownGround:
         stirs = standing.disk(_STIRS_M, self.grid.cell_m)
         surely = came >= _HOLDS
         new = surely & ~(standing.most(self._things > 0, stirs) > 0)
-        if place is not None and surely.any():
+        if place is not None:
             off_px = cv2.distanceTransform((~own).astype(np.uint8), cv2.DIST_L2, 5)[surely]
             things_m = self.grid.middle_of(*np.nonzero(surely))
             off_m, robot_m = off_px * self.grid.cell_m, np.array([place.x_m, place.y_m])
