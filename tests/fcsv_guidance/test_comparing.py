@@ -185,6 +185,18 @@ def test_a_hold_ends_by_views_and_not_by_time_alone(known, mapped, live):
     assert not known.moving(100.0, at) and not free(known)
 
 
+def test_what_comes_far_away_ends_no_hold(known, mapped, live):
+    """As noise does: a robot drove on towards a crate that had just come."""
+    at, far = RobotPlace(1.0, 26.0, 0.0, 0.0, 0.1), (36.0, 36.6, 3.0, 5.0, 0.0, 1.5)
+    known.receive(watch_seen(live([WALL, CRATE], 1), [mapped], GRID), None)
+    alone = known.moving(1.5, at)
+    known.receive(watch_seen(live([WALL, CRATE, far], 2), [mapped], GRID), None)
+    assert known.closed[GRID.cell_of(36.3, 4.0)] and known.moving(2.1, at) == alone
+    for number in range(3, 3 + STILL_VIEWS):
+        known.receive(watch_seen(live([WALL, CRATE, far], number), [mapped], GRID), None)
+    assert not known.moving(100.0, at)
+
+
 def test_the_robot_itself_closes_nothing(known, mapped, live):
     itself = (27.8, 28.3, -0.25, 0.25, 0.0, 0.7)
     at = RobotPlace(1.0, 28.1, 0.1, 0.0, 0.1)

@@ -2,8 +2,9 @@
 """What is known of the ground now: maps that were made before, and views that watch it and take its
 freedom back."""
 
+from collections import deque
 from dataclasses import dataclass, replace
-from typing import Dict, Iterable, Optional, Sequence, Tuple
+from typing import Deque, Dict, Iterable, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -31,9 +32,10 @@ _OWN_NOISE = 3.0  # standard deviations of a view by which the robot's own depth
 _AHEAD_M = 0.35  # beside what was measured of a thing: its depth there, or the robot's own edge
 _FREEING_VIEWS = 3  # that must show the ground where something stood, before it counts as free
 _TOLD = 2.0  # standard deviations of a view's noise by which a thing that it would free was nearer
-#: The robot stands while something came near in the last STILL_S; STILL_VIEWS must show since that
-#: nothing more comes.
+#: The robot stands while something came near in the last STILL_S, and until STILL_VIEWS have come
+#: since.
 STILL_S, STILL_VIEWS = 2.5, 2
+_KEPT_VIEWS = 100  # more than come in STILL_S
 _SEEN_LATE_S = 2.5  # to the next picture but one, as one may miss who comes, and to the robot
 
 
@@ -88,12 +90,12 @@ class KnownGround:
         #: inverse depth (1/m) it was nearer than the ground, at which height (m)
         self._things = self._closed = self._shift = self._at_z_m = np.zeros((0, 0))
         self._went: Dict[str, np.ndarray] = {}  # by source: what its last view showed as gone
-        self._quiet_views = 0  # since something came last
         self.stands: Optional[np.ndarray] = None
         self.clear_m: Optional[np.ndarray] = None
         self.version = 0
-        #: when something last came into cells, and their middles (N,2); it may be on its way
-        self.came_s, self.came_m = -np.inf, np.empty((0, 2))
+        # of each view: its stamp, and the middles (N,2) of cells into which something came: it may
+        # be on its way
+        self._came: Deque[Tuple[float, np.ndarray]] = deque(maxlen=_KEPT_VIEWS)
         #: who came up to the robot
         self.beside = BesideWatch()
 
@@ -174,12 +176,14 @@ class KnownGround:
                 "something came up to the robot and was not seen to leave: look, and give the goal "
                 f"again once nothing has come near for {LOOK_AGAIN_S:g} s"
             )
-        if now_s - self.came_s >= still_s and self._quiet_views >= STILL_VIEWS:
-            return ""
-        if not len(self.came_m):
-            return ""
-        off_m = float(np.hypot(*(self.came_m - [place.x_m, place.y_m]).T).min())
-        off_m = max(off_m - self._robot.radius_m, 0.0)
+        lately = [
+            cells_m
+            for later, (stamp_s, cells_m) in enumerate(reversed(self._came))
+            if later < STILL_VIEWS or now_s - stamp_s < still_s
+        ]
+        came_m = np.concatenate([np.empty((0, 2)), *lately])
+        off_m = np.hypot(*(came_m - [place.x_m, place.y_m]).T).min(initial=np.inf)
+        off_m = max(float(off_m) - self._robot.radius_m, 0.0)
         return "" if off_m >= self._near_m else f"something moves {off_m:.1f} m from the robot"
 
     @property
@@ -253,10 +257,8 @@ class KnownGround:
         new, gone = self._compared(seen, place, own)
         came |= new
         changed &= ~gone
-        self._quiet_views += 1
-        if came.sum() >= _MOVES_CELLS:
-            self.came_s, self.came_m = seen.stamp_s, grid.middle_of(*np.nonzero(came))
-            self._quiet_views = 0
+        came &= came.sum() >= _MOVES_CELLS
+        self._came.append((seen.stamp_s, grid.middle_of(*np.nonzero(came))))
         self._changed = changed
         before = self._stands.get(seen.source)
         if before is None:
