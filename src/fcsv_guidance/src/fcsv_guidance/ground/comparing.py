@@ -24,6 +24,7 @@ from fcsv_stereo.depth import pixels_of
 
 _FARTHEST_M = 60.0  # of what is compared, as a ground's reach
 _LEAST_PIXELS = 2000  # that both know: fewer fit no shared error
+_UNSURE = 3.0  # times the usual sigma of inverse depth: no pixel was matched there
 _LEAST_COVERED = 0.3  # of the near pixels of a view: a map that foretells fewer is none for it
 _NEAR_CAMERA_M = 3.0  # a map from farther away shows other sides of things
 _EDGE_PX = 2  # the foretold depth may lie so far beside
@@ -71,7 +72,7 @@ def compared(
 ) -> Tuple[DepthView, Optional[Compared]]:
     """The view with the shared error taken off its depth, and what it shows against ``maps``; the
     view as it is, and None, where no map foretells enough of it."""
-    depth, foretold = sure_depth(view), _foretold(view, maps)
+    depth, foretold = _measured(view), _foretold(view, maps)
     if foretold is None:
         return view, None
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -86,6 +87,17 @@ def compared(
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(inverse > 0, 1.0 / inverse, np.nan).astype(np.float32)
     return replace(view, depth=depth), _judged(view, inverse, expected, noise, grid)
+
+
+def _measured(view: DepthView) -> np.ndarray:
+    """(H,W) depth m, NaN where unsure: what no other camera sees goes on as the surface beside it,
+    with a sigma of several times that of what was matched, and may be metres off."""
+    depth = sure_depth(view)
+    near = np.isfinite(depth) & (depth < _FARTHEST_M)
+    with np.errstate(invalid="ignore"):
+        spread = view.sigma / depth**2
+        unsure = spread > _UNSURE * np.median(spread[near]) if near.any() else ~near
+    return np.where(unsure, np.float32(np.nan), depth)
 
 
 def _foretold(view: DepthView, maps: Sequence[DepthView]) -> Optional[np.ndarray]:
@@ -129,8 +141,9 @@ def _shared(inverse: np.ndarray, expected: np.ndarray, both: np.ndarray) -> Tupl
         spread = 1.4826 * float(np.median(np.abs(left)))
         weight = 1.0 / np.maximum(1.0, np.abs(left) / max(2.0 * spread, 1e-12))
     g = np.where(np.isfinite(expected), expected, np.nan_to_num(inverse))
-    # errors have long tails: what one of twenty exceeds counts as two standard deviations
-    spread = max(spread, 0.5 * float(np.quantile(np.abs(left), 0.95)))
+    # errors have long tails, and come in groups at edges: by what one of twenty exceeds more than
+    # of even noise (1.96 standard deviations)
+    spread = max(spread, float(np.quantile(np.abs(left), 0.95)) - 0.96 * spread)
     return terms(u, v, g) @ found, spread
 
 
