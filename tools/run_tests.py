@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole test run: plain tests on all cores, tests of nodes two at a time, in slow motion two at
-a time, flights alone; one count of all.
+"""The whole test run: plain tests on all cores, tests of nodes and in slow motion two at a time,
+flights alone; one count of all.
 
     tools/run_tests.py [pytest's arguments]
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated robot that the real nodes guide through a maze, over a map that was drawn, while a way
-closes. Over a map that was flown, to the goal: tests/system/test_demo_guide.py."""
+"""A simulated robot that the real nodes guide over a drawn map of a maze, while a way closes.
+
+Over a map that was flown: tests/system/test_demo_guide.py.
+"""
 
 import json
 import sys

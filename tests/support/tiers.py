@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a test run is divided: plain tests side by side on all cores, tests of nodes two at a time,
-those of them whose time passes slowly on a busy machine likewise, flights of whole systems, and what
-must have the machine for itself. Marks and fixtures say which a test is. How to run them:
+those whose time passes slowly on a busy machine likewise, flights of whole systems, and what must
+have the machine for itself. Marks and fixtures say which a test is. How to run them:
 docs/design/testing.md.
 """
 

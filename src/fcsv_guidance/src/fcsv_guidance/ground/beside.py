@@ -3,7 +3,7 @@
 tell him from the robot."""
 
 from collections import deque
-from typing import Deque, NamedTuple
+from typing import Deque, List, NamedTuple, Sequence
 
 import numpy as np
 
@@ -28,10 +28,10 @@ class _Sighting(NamedTuple):
     middle_m: np.ndarray
     is_near: bool
 
-    def may_be(self, later: "_Sighting") -> bool:
-        """Whether nobody is too fast to be seen here, and later there."""
-        way_m = float(np.hypot(*(later.middle_m - self.middle_m)))
-        return way_m < WALKS_MPS * (later.stamp_s - self.stamp_s) + _OFF_M
+    def may_be(self, stamp_s: float, places_m: np.ndarray) -> bool:
+        """Whether who walks from here may be seen at one of ``places_m`` (N,2) by then."""
+        ways_m = np.hypot(*(places_m - self.middle_m).T)
+        return bool((ways_m < WALKS_MPS * (stamp_s - self.stamp_s) + _OFF_M).any())
 
     def stays(self, things_m: np.ndarray) -> bool:
         """Whether some of it is still seen where it was, among ``things_m`` (N,2)."""
@@ -84,21 +84,23 @@ class BesideWatch:
         if not self._sightings or not self._sightings[-1].is_near:
             return False
         last = self._sightings[-1]
-        seen = [s for s in self._sightings if s.may_be(last)]
-        if len(seen) != _TREND_VIEWS - 1:
+        seen = self._seen_of(last)
+        if len(seen) != _TREND_VIEWS - 1 or last.may_be(stamp_s, things_m):
             return False
-        before_m, last_m = (float(np.hypot(*(s.middle_m - robot_m))) for s in seen)
-        if before_m - last_m < _TREND_MPS * (last.stamp_s - seen[0].stamp_s):
-            return False
-        reach_m = WALKS_MPS * (stamp_s - last.stamp_s) + _OFF_M
-        return not (np.hypot(*(things_m - last.middle_m).T) < reach_m).any()
+        before_m, last_m = _away_m(seen, robot_m)
+        return before_m - last_m >= _TREND_MPS * (last.stamp_s - seen[0].stamp_s)
+
+    def _seen_of(self, new: _Sighting) -> List[_Sighting]:
+        """The sightings from which who is seen now may have come."""
+        here_m = new.middle_m[None]
+        return [s for s in self._sightings if s.may_be(new.stamp_s, here_m)]
 
     def _nearer_m(self, new: _Sighting, things_m: np.ndarray, robot_m: np.ndarray) -> float:
         """How much nearer to the robot it came since it was seen before, negative where it left; 0
         where it stands, or comes from nowhere, as a wrong depth does."""
-        seen = [*(s for s in self._sightings if s.may_be(new)), new]
+        seen = [*self._seen_of(new), new]
         off_s = np.array([s.stamp_s - new.stamp_s for s in seen])
-        away_m = np.array([np.hypot(*(s.middle_m - robot_m)) for s in seen])
+        away_m = _away_m(seen, robot_m)
         for s, nearer_m in zip(seen, away_m - away_m[-1]):
             recent = new.stamp_s - s.stamp_s <= _PAIR_S
             if recent and abs(nearer_m) > _MOVED_M and not s.stays(things_m):
@@ -108,3 +110,8 @@ class BesideWatch:
         mps, at_m = np.polyfit(off_s, away_m, 1)
         straight = np.abs(away_m - (mps * off_s + at_m)).max() < _TREND_OFF_M
         return float(-mps) if straight and abs(mps) > _TREND_MPS else 0.0
+
+
+def _away_m(seen: Sequence[_Sighting], robot_m: np.ndarray) -> np.ndarray:
+    """(N,) how far from the robot at ``robot_m`` (2,) each is."""
+    return np.array([np.hypot(*(s.middle_m - robot_m)) for s in seen])

@@ -72,32 +72,24 @@ def compared(
 ) -> Tuple[DepthView, Optional[Compared]]:
     """The view with the shared error taken off its depth, and what it shows against ``maps``; the
     view as it is, and None, where no map foretells enough of it."""
-    depth, foretold = _measured(view), _foretold(view, maps)
+    depth, foretold = sure_depth(view), _foretold(view, maps)
     if foretold is None:
         return view, None
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse, expected = 1.0 / depth, 1.0 / foretold
+        stated, near = view.sigma * inverse**2, inverse > 1.0 / _FARTHEST_M
+        usual = float(np.median(stated[near])) if near.any() else 0.0
+        # what no other camera sees goes on as the surface beside it, and may be metres off
+        inverse = np.where(stated <= _UNSURE * usual, inverse, np.float32(np.nan))
     both = np.isfinite(inverse) & np.isfinite(expected)
     if both.sum() < _LEAST_PIXELS:
         return view, None
     shared, noise = _shared(inverse, expected, both)
-    stated = np.median((view.sigma / depth**2)[both])
-    noise = max(noise, _FLOOR * float(stated))
+    noise = max(noise, _FLOOR * usual)
     inverse = inverse - shared
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(inverse > 0, 1.0 / inverse, np.nan).astype(np.float32)
     return replace(view, depth=depth), _judged(view, inverse, expected, noise, grid)
-
-
-def _measured(view: DepthView) -> np.ndarray:
-    """(H,W) depth m, NaN where unsure: what no other camera sees goes on as the surface beside it,
-    with a sigma of several times that of what was matched, and may be metres off."""
-    depth = sure_depth(view)
-    near = np.isfinite(depth) & (depth < _FARTHEST_M)
-    with np.errstate(invalid="ignore"):
-        spread = view.sigma / depth**2
-        unsure = spread > _UNSURE * np.median(spread[near]) if near.any() else ~near
-    return np.where(unsure, np.float32(np.nan), depth)
 
 
 def _foretold(view: DepthView, maps: Sequence[DepthView]) -> Optional[np.ndarray]:
