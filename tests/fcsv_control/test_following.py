@@ -16,7 +16,8 @@ from fcsv_control.mission.memory import FILE, Memory
 from fcsv_control.mission.plans import plan_check, plan_words
 from fcsv_control.mission.plans.task_list import TaskList, tasks
 from fcsv_control.mission.port import MissionPort
-from fcsv_geometry import config
+from fcsv_control.mission.ways.places import FollowPlace
+from fcsv_geometry import config, transforms
 from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_geometry.missions.stations import MissionStation
@@ -26,9 +27,9 @@ FOLLOW_S = 60.0
 PLACES = {"uav1": (0.0, 0.0, 0.0), "uav2": (0.0, -3.0, 0.0)}  # of configuration 1, in home
 
 
-def mission(recorded=1, **fields):
+def mission(recorded=1, returns=False, **fields):
     listed = [StereoConfiguration("horizontal", 4.0, record_s=2.0)] * recorded
-    follow = StereoConfiguration("horizontal", 3.0, follow_s=FOLLOW_S)
+    follow = StereoConfiguration("horizontal", 3.0, follow_s=FOLLOW_S, returns=returns)
     return Mission("follow", [*listed, follow], fence=Fence(radius_m=12.0), **fields)
 
 
@@ -52,8 +53,8 @@ def moving(f):
     return {n for n, v in f.fleet.items() if np.linalg.norm(v.p_home_cam - before[n]) > 0.02}
 
 
-def ask(f, name, x_m, y_m):
-    assert f.machine.follow(name, x_m, y_m) == ""
+def ask(f, name, *place):
+    assert f.machine.follow(name, FollowPlace(*place)) == ""
 
 
 def test_all_hold_at_their_places_and_record_nothing(following):
@@ -72,6 +73,18 @@ def test_who_is_asked_goes_at_its_height_and_heading(following):
     assert off_m(f, "uav2", 2.0, -4.0) < 0.01 and off_m(f, "uav1", *PLACES["uav1"]) < 0.01
     np.testing.assert_allclose(f.fleet["uav2"].T_home_body[:3, :3], before[:3, :3], atol=1e-6)
     assert f.machine.stage == "follows" and "all hold" in f.machine.detail
+
+
+def test_who_is_asked_goes_to_another_height_and_heading(following):
+    f = following
+    ask(f, "uav2", 2.0, -4.0, -3.0, 0.5)
+    f.wait(8.0)
+    assert off_m(f, "uav2", 2.0, -4.0, -3.0) < 0.01
+    assert transforms.yaw(f.fleet["uav2"].T_home_body) == pytest.approx(0.5, abs=1e-3)
+    ask(f, "uav2", 3.0, -4.0, -7.0)
+    f.wait(3.0)
+    assert "1.0 m above the take-off place, 2 m at least" in f.machine.detail
+    assert off_m(f, "uav2", 2.0, -4.0, -3.0) < 0.01
 
 
 def test_two_that_are_asked_go_one_after_the_other_and_the_newest_place_counts(following):
@@ -173,7 +186,7 @@ def test_its_time_ends_it(following):
     assert f.machine.stage == "follows"
     f.phase("DONE", 20.0)
     assert landed_m(f)["uav2"] == pytest.approx([2.0, -4.0], abs=0.01)
-    assert "LAND" in f.machine.follow("uav2", 0.0, -3.0) or f.machine.over
+    assert "LAND" in f.machine.follow("uav2", FollowPlace(0.0, -3.0)) or f.machine.over
 
 
 def test_a_pause_holds_and_then_it_goes_on(following):
@@ -210,7 +223,7 @@ def test_a_pilot_takes_one_and_flies_it_where_he_likes(following):
     f.wait(0.5)
     f.fleet["uav2"].mode = Mode.LOITER
     f.wait(1.0)
-    assert f.machine.follow("uav2", 2.0, -4.0) == "uav2 is in its pilot's hands"
+    assert f.machine.follow("uav2", FollowPlace(2.0, -4.0)) == "uav2 is in its pilot's hands"
     f.fleet["uav2"].T_home_body[:3, 3] = f.fleet["uav2"].T_home_body[:3, 3] + (0.0, -1.0, 0.5)
     there = f.fleet["uav2"].p_home_cam.copy()
     f.press("resume")
@@ -258,6 +271,55 @@ def test_nobody_goes_back_to_the_column(following, end):
     assert landed_m(f)["uav2"] == pytest.approx([4.0, -4.0], abs=0.01)
 
 
+@pytest.fixture
+def returning(flight):
+    """Three vehicles of which one followed to a place below the others; all go back afterwards."""
+    f = flight(mission(returns=True), ("uav1", "uav2", "uav3"))
+    f.up_to_configurations()
+    column = {n: v.p_home_cam.copy() for n, v in f.fleet.items()}
+    f.until(lambda: f.machine.stage == "follows")
+    x_m, y_m, _ = f.fleet["uav3"].p_home_cam
+    for k in range(3):
+        ask(f, "uav3", x_m + 3.0 * (k + 1), y_m + 3.0 * (k + 1), -1.5 * (k + 1), 0.3)
+        f.wait(7.0)
+    assert off_m(f, "uav3", x_m + 9.0, y_m + 9.0, -4.5) < 0.01
+    return f, column
+
+
+@pytest.mark.parametrize("end", ["skip", "time", "cancel", "battery", "restart"])
+def test_all_go_back_to_the_column_where_the_mission_says_so(returning, end):
+    f, column = returning
+    if end == "restart":
+        restarted(f)
+        f.until(lambda: f.machine.stage == "follows", 20.0)
+    if end == "battery":
+        f.fleet["uav1"].battery_share = 0.17
+        f.wait(1.0)
+        assert any("a battery: after 20 s back to the column" in p for p in f.machine.problems)
+    elif end == "cancel":
+        f.machine.finish("cancelled")
+    elif end != "time":
+        assert "all go back to the column" in f.operator.control("previous")
+        assert f.operator.control("skip") == ""
+    f.until(lambda: f.machine.stage == "goes back", 90.0)
+    assert not f.machine.follow("uav3", FollowPlace(0.0, 9.0)) == ""
+    f.until(lambda: f.machine.over, 120.0)
+    for name, (x_m, y_m) in landed_m(f).items():
+        assert (x_m, y_m) == pytest.approx(tuple(column[name][:2]), abs=0.5)  # counts as there
+    assert f.closest_m > 1.45
+
+
+def test_a_pilot_lands_who_follows_and_the_others_go_back(returning):
+    f, column = returning
+    f.fleet["uav3"].mode = Mode.LAND
+    f.until(lambda: not f.fleet["uav3"].armed, 60.0)
+    f.press("resume")
+    f.until(lambda: f.machine.stage == "follows", 20.0)
+    f.operator.control("skip")
+    f.until(lambda: f.machine.over, 120.0)
+    assert landed_m(f)["uav2"] == pytest.approx(tuple(column["uav2"][:2]), abs=0.5)
+
+
 def test_a_third_vehicle_follows_from_the_column(flight):
     names = ("uav1", "uav2", "uav3")
     f = flight(mission(), names)
@@ -271,7 +333,7 @@ def test_a_third_vehicle_follows_from_the_column(flight):
     f.until(lambda: not f.fleet["uav3"].armed, 60.0)
     f.press("resume")
     f.until(lambda: f.machine.stage == "follows", 20.0)
-    assert f.machine.follow("uav3", x_m, y_m) == "uav3 takes no part any more"
+    assert f.machine.follow("uav3", FollowPlace(x_m, y_m)) == "uav3 takes no part any more"
     ask(f, "uav2", 1.0, -4.0)
     f.wait(4.0)
     assert off_m(f, "uav2", 1.0, -4.0) < 0.01
@@ -300,7 +362,7 @@ def test_vehicles_follow_from_the_last_station_and_land_there(flight):
 def test_a_list_that_records_nothing_ends_well(flight):
     f = flight(mission(recorded=0))
     f.up_to_configurations()
-    assert "no vehicle follows: " in f.machine.follow("uav2", 1.0, -3.0)
+    assert "no vehicle follows: " in f.machine.follow("uav2", FollowPlace(1.0, -3.0))
     f.until(lambda: f.machine.stage == "follows")
     f.operator.control("skip")
     f.phase("DONE", 30.0)
@@ -323,6 +385,10 @@ def test_the_batteries_must_last_for_it_and_no_way_back_is_planned():
     m = mission()
     flown = plan_check.fly_on_paper(m, plan_check.on_the_ground(m, list(PLACES), {}))
     assert not flown.wrong and FOLLOW_S + 2.0 < flown.flight_s < FOLLOW_S + 30.0
+    back = plan_check.fly_on_paper(
+        mission(returns=True), plan_check.on_the_ground(m, list(PLACES), {})
+    )
+    assert not back.wrong and flown.flight_s + 2.0 < back.flight_s < flown.flight_s + 30.0
     short = dataclasses.replace(m, flight=dataclasses.replace(m.flight, endurance_s=300.0))
     found = plan_check.check_plan(short, plan_check.on_the_ground(m, list(PLACES), {}))
     assert len(found) == 2 and "fewer configurations, or full batteries" in found[0]
@@ -331,10 +397,16 @@ def test_the_batteries_must_last_for_it_and_no_way_back_is_planned():
 @pytest.mark.parametrize(
     "asked, why",
     [
-        (FollowAsked("uav1/odom", "uav2", 1.0, 2.0), "its frame is 'uav1/odom', not home"),
-        (FollowAsked("home", "uav2", math.nan, 2.0), "(nan, 2.0) is no place"),
-        (FollowAsked("home", "uav9", 1.0, 2.0), "uav9 is not one of uav1, uav2"),
-        (FollowAsked("home", "uav2", 1.0, 2.0), "no vehicle follows in WAIT_VEHICLES"),
+        (
+            FollowAsked("uav1/odom", "uav2", FollowPlace(1.0, 2.0)),
+            "its frame is 'uav1/odom', not home",
+        ),
+        (
+            FollowAsked("home", "uav2", FollowPlace(math.nan, 2.0)),
+            "FollowPlace(x_m=nan, y_m=2.0, z_m=None, yaw_rad=None) is no place",
+        ),
+        (FollowAsked("home", "uav9", FollowPlace(1.0, 2.0)), "uav9 is not one of uav1, uav2"),
+        (FollowAsked("home", "uav2", FollowPlace(1.0, 2.0)), "no vehicle follows in WAIT_VEHICLES"),
     ],
 )
 def test_the_port_says_what_is_wrong_with_what_is_asked(asked, why):

@@ -168,6 +168,7 @@ def test_what_a_file_says_is_what_is_flown(tmp_path):
         (configured(follow_s=9e9), ["configurations[1].follow_s", "at most 3600 s"]),
         (configured(follow_s=9, record_s=3.0), ["configurations[1].record_s", "leave it out"]),
         (configured(follow_s=9, least_pictures=3), ["configurations[1].least_pictures", "leave"]),
+        (configured(returns=True), ["configurations[1].returns", "give follow_s"]),
         (configured(follow_s=9, at_once=True), ["configurations[1].at_once", "leave it out"]),
         (
             changed(configurations=[{"sweep": SWEEP, "follow_s": 9.0}]),

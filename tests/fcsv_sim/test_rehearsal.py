@@ -12,6 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 import pytest
 
+from fcsv_control.mission.ways.places import FollowPlace
 from fcsv_geometry import transforms
 from fcsv_geometry.missions.flight_limits import PauseLimits
 from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration, load_mission
@@ -98,7 +99,8 @@ def test_vehicles_follow_in_steps_and_land_beside_a_robot():
                 name, *xy = asked[-1]
                 off_m[asked[-1]] = np.hypot(*(control.view(f.now_s, name).T_home_cam[:2, 3] - xy))
             if len(asked) < len(steps):
-                assert control.follow(f.now_s, *steps[len(asked)]) == ""
+                name, *xy = steps[len(asked)]
+                assert control.follow(f.now_s, name, FollowPlace(*xy)) == ""
                 asked.append(steps[len(asked)])
                 asked_s = f.now_s
             elif not control.machine.detail.endswith("all hold"):

@@ -5,6 +5,7 @@ from typing import List, Sequence
 
 from fcsv_control.agent.messages import Ack
 from fcsv_control.flight_check.lines import Line
+from fcsv_control.mission.ways.places import FollowPlace
 from fcsv_geometry.frozen import frozen
 from fcsv_geometry.missions.stations import HOME_VIEW
 from fcsv_geometry.vehicles.telemetry import MissionPhase
@@ -35,13 +36,12 @@ class Execute:
 
 @frozen
 class FollowAsked:
-    """A vehicle is asked to fly to x, y (m) in ``frame``, which must be home, while vehicles
+    """A vehicle is asked to fly to a place in ``frame``, which must be home, while vehicles
     follow."""
 
     frame: str
     vehicle: str
-    x_m: float
-    y_m: float
+    place: FollowPlace
 
 
 @frozen

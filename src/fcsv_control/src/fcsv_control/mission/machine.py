@@ -19,6 +19,7 @@ from fcsv_control.mission.watches.check_gate import OpenGate
 from fcsv_control.mission.watches.dropouts import Dropouts
 from fcsv_control.mission.watches.fleet_modes import FleetModes
 from fcsv_control.mission.watches.pause_timers import BACK, LAND, Pause, PauseTimers, what_follows
+from fcsv_control.mission.ways.places import FollowPlace
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import GROUND, ON_BOARD, Mission
 from fcsv_geometry.missions.phases import BY_HOME, FLOWN, OVER
@@ -191,8 +192,8 @@ class MissionMachine:
             return ""
         return flown.change(self._snapshot, operation)
 
-    def follow(self, vehicle: str, x_m: float, y_m: float) -> str:
-        """Somebody asks a vehicle that follows to x, y (m) in home: "", or why it does not go."""
+    def follow(self, vehicle: str, place: FollowPlace) -> str:
+        """Somebody asks a vehicle that follows to a place: "", or why it does not go."""
         flown = self._flight_list
         if vehicle not in self.vehicles:
             return f"{vehicle} is not one of {', '.join(self.vehicles)}"
@@ -200,7 +201,7 @@ class MissionMachine:
             return f"{vehicle} is in its pilot's hands"
         if flown is None or self.phase not in FLOWN:
             return f"no vehicle follows in {self.phase}"
-        return flown.follow(vehicle, x_m, y_m)
+        return flown.follow(vehicle, place)
 
     def abort(self, reason: str) -> None:
         """Land everybody whom the mission flies, wherever it is; who is flown by hand is told to
@@ -211,9 +212,9 @@ class MissionMachine:
 
     def finish(self, reason: str) -> None:
         """Fly nothing more: back to the column and land; where the list is not flown, or vehicles
-        follow, as ``abort``."""
+        that follow land where they are, as ``abort``."""
         flown = self._flight_list
-        if self.phase == "CONFIGURATIONS" and flown is not None and not flown.follows:
+        if self.phase == "CONFIGURATIONS" and flown is not None and not flown.lands_there:
             flown.go_back(self._snapshot, reason)
             self._paused_by_operator = False
             self._patience.begin_anew()
@@ -477,11 +478,11 @@ class MissionMachine:
         by_hand = self.phase in _BY_HAND and any(v.armed for v in snapshot.vehicles.values())
         flown = self._flight_list
         going_back = flown is not None and bool(flown.going_back)
-        follows = flown is not None and flown.follows
+        lands_there = flown is not None and flown.lands_there
         then = (
             {Pause.OPERATOR: LAND}
             if self._stopped
-            else what_follows(self.phase, going_back, by_hand, follows)
+            else what_follows(self.phase, going_back, by_hand, lands_there)
         )
         pauses = self._pauses | ({Pause.OPERATOR} if by_hand else set())
         ended = self._patience.update(snapshot.now_s, pauses & set(then))

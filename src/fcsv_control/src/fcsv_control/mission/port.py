@@ -265,10 +265,10 @@ class MissionPort:
     def _follow(self, m: told.FollowAsked) -> tm.Reply:
         if m.frame != frames.HOME:
             refusal = f"its frame is '{m.frame}', not {frames.HOME}"
-        elif not (math.isfinite(m.x_m) and math.isfinite(m.y_m)):
-            refusal = f"({m.x_m}, {m.y_m}) is no place"
+        elif not m.place.is_finite:
+            refusal = f"{m.place} is no place"
         else:
-            refusal = self.machine.follow(m.vehicle, m.x_m, m.y_m)
+            refusal = self.machine.follow(m.vehicle, m.place)
         return tm.Reply(not refusal, refusal)
 
     # ---- time ------------------------------------------------------------------------------------

@@ -42,12 +42,16 @@ class StereoConfiguration:
     # vehicles hold there and go where `/mission/follow` asks, for so long at most (s); nothing is
     # recorded, and all land where they are: only of the last one that is flown
     follow_s: Optional[float] = None
+    # beside ``follow_s``: afterwards all go back to the column, and land there
+    returns: bool = False
     # of the mission's viewpoints; 0: home. Left out: ``stations`` say it
     view: int = 0
 
     def __post_init__(self):
         if self.follow_s is not None:
             self._check_following(self.follow_s)
+        elif self.returns:
+            raise ValueError("returns: is for vehicles that follow; give follow_s, or leave it out")
         if self.sweep is not None:
             self._apply_sweep(self.sweep)
         for name, missing in (

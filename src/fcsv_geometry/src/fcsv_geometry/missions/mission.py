@@ -111,8 +111,8 @@ class Mission:
         following = [i for i, c in enumerate(self.configurations) if c.follow_s is not None]
         if following and following[0] < len(self.configurations) - 1:
             raise ValueError(
-                f"configurations[{following[0]}].follow_s: vehicles that follow land where they are; only "
-                "the last configuration may have it, of the last station at its only heading"
+                f"configurations[{following[0]}].follow_s: vehicles that follow fly nothing afterwards; "
+                "only the last configuration may have it, of the last station at its only heading"
             )
         low, high = _COLUMN_SPACING_M
         if not low <= self.column_spacing_m <= high:
@@ -250,6 +250,10 @@ class Mission:
     def follows(self, index: int) -> bool:
         """Whether vehicles follow at configuration ``index``, and nothing is recorded."""
         return self.configurations[index].follow_s is not None
+
+    def lands_there(self, index: int) -> bool:
+        """Whether vehicles that follow at configuration ``index`` land where they are."""
+        return self.follows(index) and not self.configurations[index].returns
 
     @property
     def recorded(self) -> List[int]:

@@ -31,6 +31,7 @@ from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import Memory
 from fcsv_control.mission.port import MissionPort
 from fcsv_control.mission.snapshot import VehicleView
+from fcsv_control.mission.ways.places import FollowPlace
 from fcsv_control.ports import ServingPort
 from fcsv_control.stopping.core import STOP, Report
 from fcsv_control.stopping.port import StopAllPort
@@ -307,9 +308,9 @@ class ControlPc:
         answer = self._ask(now_s, self.mission_port, Operate(operation))
         return "" if answer.done else answer.text
 
-    def follow(self, now_s: float, vehicle: str, x_m: float, y_m: float) -> str:
-        """Somebody asks a vehicle that follows to x, y (m) in home; why not, empty where it goes."""
-        asked = FollowAsked(frames.HOME, vehicle, x_m, y_m)
+    def follow(self, now_s: float, vehicle: str, place: FollowPlace) -> str:
+        """Somebody asks a vehicle that follows to a place; why not, empty where it goes."""
+        asked = FollowAsked(frames.HOME, vehicle, place)
         answer = self._ask(now_s, self.mission_port, asked)
         return "" if answer.done else answer.text
 

@@ -25,7 +25,7 @@ from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.plans.task_list import Task, TaskList, tasks
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.ways.destinations import Destinations
-from fcsv_control.mission.ways.places import level_camera
+from fcsv_control.mission.ways.places import FollowPlace, level_camera
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME, in_home, reference_place
 from fcsv_geometry.missions.mission import Mission
@@ -138,8 +138,13 @@ class FlightList:
 
     @property
     def follows(self) -> bool:
-        """Whether vehicles follow, away from their places: nobody goes back any more."""
+        """Whether vehicles follow, away from their places."""
         return self._follow is not None
+
+    @property
+    def lands_there(self) -> bool:
+        """Whether vehicles follow and nobody goes back any more."""
+        return self.follows and self._mission.lands_there(self._list.index)
 
     @property
     def finished(self) -> bool:
@@ -206,13 +211,15 @@ class FlightList:
         self.going_back = why
         self._task.end()
         self._hold(snapshot)
+        self._follow = None
         self._list.go_back()
 
     def change(self, snapshot: Snapshot, operation: str) -> str:
         """The operator's "skip", "repeat", "next" or "previous", or one of these of a station; ""
         when done, else why not."""
         if self.follows and operation != "skip":
-            return "vehicles follow; 'skip' ends it, and all land where they are"
+            then = "land where they are" if self.lands_there else "go back to the column"
+            return f"vehicles follow; 'skip' ends it, and all {then}"
         if operation == "skip" and (self._follow or self._activity).skip():
             if isinstance(self._activity, Calibrating):
                 self.notes += self._activity.pop_notes()
@@ -240,13 +247,13 @@ class FlightList:
                 self.notes.append(f"{titles} left out by the operator")
         return refusal
 
-    def follow(self, vehicle: str, x_m: float, y_m: float) -> str:
-        """A vehicle is asked to x, y (m) in home; "" or why it does not go."""
+    def follow(self, vehicle: str, place: FollowPlace) -> str:
+        """A vehicle is asked to a place; "" or why it does not go."""
         if self._follow is None or self.finished:
             return f"no vehicle follows: {self.detail}"
         if vehicle not in self._vehicles:
             return f"{vehicle} takes no part any more"
-        self._follow.ask(vehicle, x_m, y_m)
+        self._follow.ask(vehicle, place)
         return ""
 
     @property
@@ -436,6 +443,8 @@ class FlightList:
 
     def _next_task(self) -> Activity:
         """The running tasks are done, or left out; the activity stays where nothing is left."""
+        if self.follows and not self.lands_there:
+            self._follow = None
         self._list.done()
         self._task.end()
         if self.finished:

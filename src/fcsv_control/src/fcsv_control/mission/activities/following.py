@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Following a robot in steps: all hold, and go one at a time where they are asked to, at their
-height and heading; nothing is recorded."""
+"""Following a robot in steps: all hold, and go one at a time where they are asked to; nothing is
+recorded."""
 
 import logging
 from typing import Collection, Dict, List, Mapping, Optional, Tuple
@@ -12,7 +12,7 @@ from fcsv_control.mission.activities.stages import FOLLOWS
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.ways.journey import Journey
-from fcsv_control.mission.ways.places import level_camera
+from fcsv_control.mission.ways.places import FollowPlace, level_camera
 from fcsv_control.mission.ways.routes import Keep, route
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import Mission
@@ -23,6 +23,7 @@ _MOST_M = 6.0  # a vehicle is sent so far at once
 # nobody sets out before all have stood for so long: a way is planned from where they stand
 _STANDS_MPS, _STANDS_S = 0.3, 0.5
 _NEAREST = 1.0 - 1e-6  # share of what is to be kept between two places
+_LOWEST_M, _SAME_HEIGHT_M = 2.0, 0.2  # above the take-off place; a vehicle goes no deeper
 
 
 class Following(Activity):
@@ -40,13 +41,13 @@ class Following(Activity):
         self._follow_s, self._lasts, self._skipped = follow_s, Since(), False
         self._stand = Since()
         self._places, self._begun = dict(places), False
-        self._asked: Dict[str, Tuple[float, float]] = {}  # x, y (m) in home, by whose turn it is
+        self._asked: Dict[str, FollowPlace] = {}  # by whose turn it is
         self._journey: Optional[Journey] = None
         self._refused = ""
 
-    def ask(self, vehicle: str, x_m: float, y_m: float) -> None:
+    def ask(self, vehicle: str, place: FollowPlace) -> None:
         """A vehicle shall go there, once those before it are at their places; the newest counts."""
-        self._asked[vehicle] = (x_m, y_m)
+        self._asked[vehicle] = place
 
     def skip(self) -> bool:
         self._skipped = True
@@ -56,8 +57,8 @@ class Following(Activity):
         """All hold; who was on its way goes on afterwards, and their places are where they are
         then."""
         if self._journey is not None:
-            x_m, y_m, _ = self._places[self._journey.name][:3, 3]
-            self._asked = {self._journey.name: (x_m, y_m), **self._asked}
+            name = self._journey.name
+            self._asked = {name: FollowPlace.of(self._places[name]), **self._asked}
         self._journey, self._places, self._begun = None, {}, False
 
     def keep(self, vehicles: Collection[str]) -> None:
@@ -79,19 +80,19 @@ class Following(Activity):
         stand = self._stand.lasts_s(snapshot.now_s, calm) >= _STANDS_S - 1e-6
         while stand and self._asked and self._journey is None:
             name = next(iter(self._asked))
-            self._begin(snapshot, name, *self._asked.pop(name))
+            self._begin(snapshot, name, self._asked.pop(name))
         what = "all hold" if self._journey is None else f"{self._journey.name} goes to its place"
         self.detail = f"{' and '.join(self._places)} follow: {what}{self._refused}"
         return Progress.UNDER_WAY
 
-    def _begin(self, snapshot: Snapshot, name: str, x_m: float, y_m: float) -> None:
+    def _begin(self, snapshot: Snapshot, name: str, place: FollowPlace) -> None:
         """Sets out, or says why not."""
-        T_home_cam = self._places[name].copy()
-        T_home_cam[:2, 3] = x_m, y_m
+        T_home_cam = place.from_here(self._places[name])
         try:
             way = self._way(snapshot, name, T_home_cam[:3, 3])
         except MissionError as error:
-            self._refused = f"; {name} stays, not to ({x_m:.1f}, {y_m:.1f}) m in home: {error}"
+            there = f"({place.x_m:.1f}, {place.y_m:.1f}) m in home"
+            self._refused = f"; {name} stays, not to {there}: {error}"
             _log.warning("%s", self._refused[2:])
             return
         self._refused, self._places[name] = "", T_home_cam
@@ -100,10 +101,15 @@ class Following(Activity):
         )
 
     def _way(self, snapshot: Snapshot, name: str, goal_m: np.ndarray) -> List[np.ndarray]:
-        here_m = snapshot.p_home_cam(name)
+        here_m, height_m = snapshot.p_home_cam(name), self._mission.home_height_m
         away_m = float(np.hypot(*(goal_m - here_m)[:2]))
         if away_m > _MOST_M:
             raise MissionError(f"{away_m:.1f} m away, {_MOST_M:g} m at once at most")
+        above_m = float(goal_m[2]) + height_m
+        if above_m < _LOWEST_M and goal_m[2] < here_m[2] - _SAME_HEIGHT_M:
+            raise MissionError(
+                f"{above_m:.1f} m above the take-off place, {_LOWEST_M:g} m at least"
+            )
         places_m = {n: T[:3, 3] for n, T in self._places.items() if n != name}
         for other, place_m in places_m.items():
             if self._keep.share(goal_m - place_m) < _NEAREST:
@@ -114,7 +120,6 @@ class Following(Activity):
                 raise MissionError(f"{near_m:.1f} m from {other}'s place, {needed}")
         others_m = [*places_m.values(), *(snapshot.p_home_cam(n) for n in places_m)]
         way = route(here_m, goal_m, others_m, self._keep)
-        height_m = self._mission.home_height_m
         outside = next(filter(None, (self._mission.fence.outside(p, height_m) for p in way)), "")
         if outside:
             raise MissionError(outside)

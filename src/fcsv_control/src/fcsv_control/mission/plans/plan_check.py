@@ -157,7 +157,7 @@ def fly_on_paper(
         }
         wrong, legs_s = _legs(mission, goals, places, situation.home_height_m)
         if moment[0].index is not None and (not views or views[-1].view != moment[0].view):
-            lands = mission.follows(moment[0].index)
+            lands = mission.lands_there(moment[0].index)
             home_s = 0.0 if lands else column.change_over(moment[0].view, 0)[1]
             way = ways.get(moment[0].view, _AboveGround())
             view = PlannedView(moment[0].view, flight_s, flight_s, home_s, way.least_m, way.whole)

@@ -21,7 +21,7 @@ def stations_in_words(mission: Mission, vehicles: Sequence[str]) -> str:
         + _above(mission, v)
         for v in flight.views
     ]
-    end = "landing" if mission.follows(-1) else "home"
+    end = "landing" if mission.lands_there(-1) else "home"
     words.append(f"{end} {clock_words(flight.flight_s)}")
     within = reached(mission, situation, flight)
     if 0 < len(within) < len(flight.views):

@@ -32,10 +32,12 @@ def tasks(
 ) -> List[Task]:
     """What is flown in order. A vehicle that has done its part goes back to its place in the column
     before others move and before all land, so that no vehicle comes down on another. ``away`` are
-    out of the column already; who follows stays out. The column is at viewpoint ``at`` (None: under
-    way), changes over to each one's viewpoint, and ends at home; ``gone`` take no part."""
+    out of the column already; who follows stays out, or all come back. The column is at viewpoint
+    ``at`` (None: under way), changes over to each one's viewpoint, and ends at home; ``gone`` take
+    no part."""
     found: List[Task] = []
     flying = [n for n in vehicles if n not in gone]
+    away = [n for n in away if n not in gone]
 
     def change_over(view: int) -> List[Task]:
         back = _at_once([Task(n, view=at or 0) for n in away])
@@ -51,7 +53,9 @@ def tasks(
         found += _at_once([Task(n, i, view=view) for n, i in zip(movers, moment)])
         away = movers
     if found and found[-1].index is not None and mission.follows(found[-1].index):
-        return found
+        if mission.lands_there(found[-1].index):
+            return found
+        away = flying
     if at != 0:
         return found + change_over(0)
     return found + _at_once([Task(n) for n in away])
@@ -144,7 +148,9 @@ class TaskList:
 
     def go_back(self) -> None:
         """Nothing more is flown but the way back."""
-        self.left = self._tasks([], self._out())
+        index = self.moment[0].index
+        returns = index is not None and self._mission.configurations[index].returns
+        self.left = self._tasks([], self._vehicles if returns else self._out())
 
     @property
     def working(self) -> List[str]:

@@ -30,12 +30,12 @@ BACK, LAND, BY_HAND = (
 
 @lru_cache(maxsize=None)
 def what_follows(
-    phase: str, going_back: bool, by_hand: bool, follows: bool = False
+    phase: str, going_back: bool, by_hand: bool, lands_there: bool = False
 ) -> Mapping[Pause, str]:
-    """What follows each kind of pause, where that has a limit; ``by_hand``: people fly; ``follows``:
+    """What follows each kind of pause, where that has a limit; ``by_hand``: people fly; ``lands_there``:
     no vehicle goes back."""
     if phase == "CONFIGURATIONS":
-        then = LAND if follows else BACK
+        then = LAND if lands_there else BACK
         return {**({} if going_back else dict.fromkeys(Pause, then)), Pause.LOST: LAND}
     if phase == "GUIDED":
         return dict.fromkeys(Pause, LAND)

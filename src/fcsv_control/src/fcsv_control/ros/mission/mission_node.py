@@ -28,6 +28,7 @@ from fcsv_control.control_messages import (
 from fcsv_control.mission.memory import Memory
 from fcsv_control.mission.port import Captured, MissionPort
 from fcsv_control.mission.watches import check_gate
+from fcsv_control.mission.ways.places import FollowPlace
 from fcsv_control.ros.checks import flight_check_messages as check_messages
 from fcsv_control.ros.mission.capture_message import capture_message
 from fcsv_control.ros.mission.mission_desk import MissionDesk
@@ -199,7 +200,9 @@ class MissionNode:
         self._receive(PairLooked(m.reference, m.vehicle, m.off))
 
     def _on_follow(self, m: VehicleMove) -> None:
-        answer = self._serve(FollowAsked(m.header.frame_id, m.vehicle, m.x_m, m.y_m))
+        turned = () if m.keeps else (m.z_m, m.yaw_rad)
+        place = FollowPlace(m.x_m, m.y_m, *turned)
+        answer = self._serve(FollowAsked(m.header.frame_id, m.vehicle, place))
         if not answer.done:
             self._health.drop("follow", answer.text)
 
