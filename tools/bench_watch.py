@@ -7,7 +7,7 @@ python tools/bench_watch.py [--world low_maze] [--seeds 51 52] [--heights 10 5] 
 
 import argparse
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
@@ -18,69 +18,19 @@ from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground.known import GroundSeen, KnownGround, watch_seen
 from fcsv_guidance.ground.model import ground_from
 from fcsv_guidance.ground.tuning import FREE_P
-from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.robot import Robot, load_robot
 from fcsv_sim.render.bodies import BoxedThing
-from fcsv_sim.render.renderer import Renderer
+from fcsv_sim.robot.drawn_watch import DrawnWatch
 from fcsv_sim.robot.places.looking import first_look
-from fcsv_sim.robot.places.survey import HoverStation, survey
+from fcsv_sim.robot.places.survey import survey
 from fcsv_sim.robot.things import Box
-from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world.footing import Footing
 from fcsv_sim.world.movers import CRATE, ball_radius_m, placed_boxes
 from fcsv_sim.world.town import Town
-from fcsv_stereo.errors import StereoError
-from fcsv_stereo.model import FLOWN, Configuration, ConfigurationInput, MapInput, Picture
-from fcsv_stereo.pipeline import METHODS
 from harness import ROOT, show
 
-BASELINE_M = 6.0
 SIZES = {"crate": 1.0, "half as large": 0.5}  # of 0.6 x 2.0 x 1.1 m
 BEFORE, DURING, AFTER = 3, 4, 6  # views
-_SHAKE_RAD, _HOVER_M = np.radians(1.0), 0.03
-_POSE_RAD, _POSE_M = np.radians(0.15), 0.05  # errors of what the vehicles know of themselves
-
-
-class Cameras:
-    """Two vehicles that hold at a station, and the depth that live matching makes of an instant."""
-
-    def __init__(self, town: Town, station: HoverStation, seed: int):
-        self._random = np.random.default_rng([seed, 41])
-        parameters = CameraParameters(distortion=(0.0,) * 5, mount_deg=0.0)
-        T_body_cam = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
-        renderer = Renderer(town)
-        self._cameras = [
-            SimulatedCamera(renderer, T_body_cam, parameters, seed + k) for k in (0, 1)
-        ]
-        self._T_world_station = transforms.from_xyz_yaw(station.xyz_m, station.yaw_rad)
-        self._method, self._stamp_s = METHODS["joint"], 100.0
-
-    def look(self, things: List[BoxedThing]) -> Optional[DepthView]:
-        """Depth of now; None where nothing matched."""
-        self._stamp_s += 1.0
-        left, right = (self._picture(k, things) for k in (0, 1))
-        between = Configuration.between(left.T_home_cam, right.T_home_cam)
-        pair = ConfigurationInput(replace(between, name="watch"), [left], [right])
-        try:
-            r = self._method.map(MapInput("session", [pair], prior=FLOWN), self._method.monitor)
-        except StereoError:
-            return None
-        K, T = r.reference.camera.K, r.reference.T_home_cam
-        kind = r.kind.astype(np.uint8)
-        return DepthView("watch", r.depth, r.sigma, kind, K, T, self._stamp_s)
-
-    def _picture(self, k: int, things: List[BoxedThing]) -> Picture:
-        random = self._random
-        off = np.array([0.0, -k * BASELINE_M, 0.0]) + random.normal(0.0, _HOVER_M, 3)
-        T = transforms.from_xyz_rpy(off, random.normal(0.0, _SHAKE_RAD, 3))
-        shot = self._cameras[k].shoot(self._stamp_s, self._T_world_station @ T, things)
-        error = transforms.from_xyz_rpy(
-            random.normal(0.0, _POSE_M, 3), random.normal(0.0, _POSE_RAD, 3)
-        )
-        T_home_cam = shot.T_world_cam @ error
-        camera = self._cameras[k].model
-        name = f"uav{k + 1}/{self._stamp_s:.3f}"
-        return Picture(name, f"uav{k + 1}", self._stamp_s, shot.rgb, camera, T_home_cam)
 
 
 @dataclass(frozen=True)
@@ -104,7 +54,7 @@ def thing_of(box: Box, scale: float) -> BoxedThing:
     return BoxedThing(boxes, T_world_thing, ball_radius_m(boxes))
 
 
-def told_of(place: "WatchedPlace", box: Box, size: str, cameras: Cameras) -> Told:
+def told_of(place: "WatchedPlace", box: Box, size: str, cameras: DrawnWatch) -> Told:
     """What the views before, with and after the thing do to the ground that is known."""
     known, free = place.known(), place.free
     xy = place.grid.middle_of(*np.indices(place.grid.shape))
@@ -113,7 +63,7 @@ def told_of(place: "WatchedPlace", box: Box, size: str, cameras: Cameras) -> Tol
     lost, closed = [], []
     for number in range(BEFORE + DURING + AFTER):
         is_there = BEFORE <= number < BEFORE + DURING
-        view = cameras.look([thing_of(box, SIZES[size])] if is_there else [])
+        view = cameras.look(100.0 + number, [thing_of(box, SIZES[size])] if is_there else [])
         if view is not None:
             try:
                 known.receive(watch_seen(view, [place.view], place.grid), None)
@@ -213,7 +163,7 @@ def main() -> int:
             random = np.random.default_rng([seed, 43])
             name = f"{args.world} {seed}, from {height_m:g} m"
             told[name] = []
-            cameras = Cameras(place.town, place.station, 1000 * seed)
+            cameras = DrawnWatch(place.town, place.station, 1000 * seed)
             for number, (x, y) in enumerate(place.spots(args.things, args.nearer, random)):
                 size = list(SIZES)[number % len(SIZES)]
                 half = tuple(SIZES[size] * np.array([0.3, 1.0]))

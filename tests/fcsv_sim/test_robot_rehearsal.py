@@ -16,6 +16,7 @@ from fcsv_guidance.messages import DriveCommand
 from fcsv_guidance.robot import load_robot
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.robot.contact import TrueGround
+from fcsv_sim.robot.drawn_watch import DrawnWatch, drawn_box
 from fcsv_sim.robot.drive import WATCHDOG_S, SimulatedRobot, WheelFlaws
 from fcsv_sim.robot.places import mapped
 from fcsv_sim.robot.places.looking import Lookout
@@ -32,6 +33,7 @@ from fcsv_sim.world.materials import CONCRETE
 from fcsv_sim.world.mesh import MeshBuilder
 from fcsv_sim.world.place import PlacePlan, Solid, draw_place
 from fcsv_sim.world.town import Town
+from fcsv_stereo.depth import pixels_of
 
 AREA = (18.0, 36.0, -6.0, 6.0)
 STEP_S = 0.05
@@ -222,6 +224,19 @@ def test_a_watch_shows_a_box_where_nothing_hides_it(open_place):
     nearer = after.depth < before - 0.3
     assert after.stamp_s == 3.0 and nearer.sum() > 50
     assert box.gap_m(23.9, 1.0) == pytest.approx(0.5) and box.gap_m(23.0, 1.0) < 0
+
+
+def test_a_drawn_watch_matches_a_box_that_came(open_place):
+    """By its pictures: to 3 % of its distance, where the truth has it."""
+    box = Box(24.0, -2.0, 0.0, (0.3, 0.9), 1.2)
+    watch = DrawnWatch(open_place.town, open_place.looked.stations[0], 1)
+    bare, shown = watch.look(1.0, []), watch.look(2.0, [drawn_box(box)])
+    side_m = np.array([[24.0 - 0.3, -2.0, 0.6]])
+    (row,), (column,), z_m, _ = pixels_of(shown.camera, shown.T_home_cam, side_m)
+    assert shown.kind[row, column] > 0 and bare.kind[row, column] > 0
+    assert shown.depth[row, column] == pytest.approx(z_m[0], rel=0.03)
+    assert bare.depth[row, column] > shown.depth[row, column] + 0.5
+    assert shown.stamp_s == 2.0
 
 
 def test_stations_see_the_way(open_place):

@@ -89,12 +89,12 @@ def mesh(boxes: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
 def placed_boxes() -> Dict[str, np.ndarray]:
     """Boxes (K, 11) of the robot and of the crate, by name; they stand on their origin."""
     return {
-        ROBOT: _panelled(ROBOT_HALF_M, 0.14, np.random.default_rng(5)),
-        CRATE: _panelled(CRATE_HALF_M, 0.2, np.random.default_rng(6)),
+        ROBOT: panelled(ROBOT_HALF_M, 0.14, np.random.default_rng(5)),
+        CRATE: panelled(CRATE_HALF_M, 0.2, np.random.default_rng(6)),
     }
 
 
-def _panelled(half_m, panel_m: float, random: np.random.Generator) -> np.ndarray:
+def panelled(half_m, panel_m: float, random: np.random.Generator) -> np.ndarray:
     """A block of panels in several colours: something to be matched on every side."""
     counts = [max(1, int(round(2 * h / panel_m))) for h in half_m]
     size = [h / n for h, n in zip(half_m, counts)]

@@ -37,6 +37,7 @@ has it otherwise.
 """
 
 
+MODELLED, DRAWN = "modelled", "drawn"
 DRIVES = "drives.csv"  # in the folder: a row for each drive
 
 
@@ -51,6 +52,7 @@ class PlaceJob:
     folder: Path
     longest_s: float = LONGEST_S
     draw_all: bool = False
+    draws_watch: bool = False
 
 
 def rehearse_place(job: PlaceJob) -> Tuple[str, List[DriveResult]]:
@@ -78,7 +80,7 @@ def _drive(
     """The drive, and where vehicles hold meanwhile where gimbals watch them, in words."""
     seed = 100 * job.seed + list(FAULTS).index(fault.name)
     if job.world != SMALL:
-        return RobotDrive(place, job.robot, fault, seed, guides=guides), ""
+        return RobotDrive(place, job.robot, fault, seed, guides=guides, draws=job.draws_watch), ""
     drive, holds = gimbal_drive(place, job.robot, fault, seed, job.longest_s, guides)
     return drive, "" if holds is None else f"{stations_line(place)}; {holds.in_words()}"
 
@@ -112,6 +114,7 @@ def _rehearse(args: argparse.Namespace) -> int:
     print("\n".join([*told, "", *table(results), ""]))
     for r in (r for r in results if r.broke):
         again = f"--{_OPTIONS[r.world]} 1 --seed {r.seed} --faults '{r.fault}'"
+        again += f" --watch {DRAWN}" if jobs[0].draws_watch else ""
         print(f"{again}: {r.broke}; {jobs[0].folder / picture_name(r)}")
     print(verdict_line(results))
     return int(any(r.broke for r in results))
@@ -172,7 +175,7 @@ def _jobs(args: argparse.Namespace) -> List[PlaceJob]:
     places += [(SMALL, args.seed + i) for i in range(args.small)]
     places += [("rubble", args.seed + i) for i in range(args.rubble)]
     return [
-        PlaceJob(world, seed, robot, faults, out, args.longest, args.pictures)
+        PlaceJob(world, seed, robot, faults, out, args.longest, args.pictures, args.watch == DRAWN)
         for world, seed in places
     ]
 
@@ -212,6 +215,13 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         default=LONGEST_S,
         help="s of simulated time after which a drive has no end",
+    )
+    add(
+        "--watch",
+        choices=(MODELLED, DRAWN),
+        default=MODELLED,
+        help="depth of vehicles that watch: of a model of its errors, or of drawn pictures by the matching that "
+        "flies (more than a second a view)",
     )
     add("--jobs", type=int, default=1, help="places at a time")
     add("--pictures", action="store_true", help="draw every drive, not only those that broke")

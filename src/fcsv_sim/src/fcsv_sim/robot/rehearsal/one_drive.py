@@ -18,6 +18,7 @@ from fcsv_guidance.route.ground_server import GroundRules
 from fcsv_guidance.route.planning import plan_over
 from fcsv_guidance.route.search import Route
 from fcsv_sim.robot.contact import TrueGround
+from fcsv_sim.robot.drawn_watch import DrawnWatch, drawn_box
 from fcsv_sim.robot.drive import SimulatedRobot, WheelFlaws
 from fcsv_sim.robot.places.mapped import PLANNED_SIGMA_M, MappedPlace
 from fcsv_sim.robot.rehearsal.faults import NONE, FixFault, RobotFault
@@ -113,7 +114,8 @@ class PlaceGuides:
 class RobotDrive:
     """Drives from the place's start to its goal. The same place, fault and seed give the same
     drive. ``places``: where it gets its place from, a vehicle that reads its tag where None;
-    ``yaw_rad``: how it stands, anyhow where None; ``guides``: what guides it, of this place."""
+    ``yaw_rad``: how it stands, anyhow where None; ``guides``: what guides it, of this place;
+    ``draws``: vehicles that watch do so with drawn pictures and the matching that flies."""
 
     def __init__(
         self,
@@ -124,7 +126,9 @@ class RobotDrive:
         places: Optional[RobotLocator] = None,
         yaw_rad: Optional[float] = None,
         guides: Optional[PlaceGuides] = None,
+        draws: bool = False,
     ):
+        self._draws = draws
         self._place, self._robot, self._fault, self._seed = place, robot, fault, seed
         self._random = np.random.default_rng([seed, 24])
         plan = place.town.plan
@@ -292,7 +296,9 @@ class RobotDrive:
             and every(now_s, LOOK_EVERY_S)
             and not self._during("map stale", now_s)
         ):
-            self._post.append((now_s + LOOK_DELAY_S, self._seen_now(now_s)))
+            view = self._seen_now(now_s)
+            if view is not None:
+                self._post.append((now_s + LOOK_DELAY_S, view))
         if self._during("stop all", now_s - STEP_S) and not self._during("stop all", now_s):
             self._post.append((now_s, self._goal))
 
@@ -396,10 +402,14 @@ class RobotDrive:
             ways = (looked.sights[:, row, column] & inside).sum(1)
         has = np.array([ground is not None for ground in self._place.grounds])
         self._watched_by = int(np.argmax(np.where(has, ways, -1)))
-        self._watcher = Watcher(self._place.town, self._place.views[self._watched_by], self._seed)
+        town, station = self._place.town, looked.stations[self._watched_by]
+        if self._draws:
+            self._watcher = DrawnWatch(town, station, self._seed)
+        else:
+            self._watcher = Watcher(town, self._place.views[self._watched_by], self._seed)
 
-    def _seen_now(self, now_s: float) -> DepthView:
-        """What the watch shows."""
+    def _seen_now(self, now_s: float) -> Optional[DepthView]:
+        """What the watch shows; None where nothing is matched."""
         box = None if self._thing is None else self._thing.box
         machine = self.machine
         own = 0.7 * self._robot.radius_m
@@ -409,7 +419,9 @@ class RobotDrive:
             self.track.boxes.append(box)
             self._shown_s = now_s if self._shown_s is None else self._shown_s
         boxes = [itself] if box is None else [box, itself]
-        return replace(self._watcher.look(now_s, boxes), name="watch")
+        shown = [drawn_box(each) for each in boxes] if self._draws else boxes
+        view = self._watcher.look(now_s, shown)
+        return None if view is None else replace(view, name="watch")
 
 
 def _ahead_of(points: np.ndarray, at_m) -> np.ndarray:
