@@ -13,7 +13,7 @@ from fcsv_guidance.ground import model, occupancy, standing
 from fcsv_guidance.ground.live_views import LiveViews
 from fcsv_guidance.ground.model import cell_probability
 from fcsv_guidance.ground.occupancy import FREE_PERCENT
-from fcsv_guidance.messages import Goal, RobotPlace
+from fcsv_guidance.messages import Goal, OwnVehicle, RobotPlace
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route import ground_server
 from fcsv_guidance.route.grid_regions import Region, changed_region, clearance_map, with_region
@@ -226,6 +226,28 @@ def test_the_robot_and_what_it_hides_are_no_thing_that_came(server, scene):
     (said,) = server.step(2.2)
     assert isinstance(said, GridChanged)
     assert 0 <= server.whole_grid.stands[server.whole_grid.grid.cell_of(10.0, 3.0)] <= FREE_PERCENT
+
+
+def is_free(server):
+    """(rows, columns) bool of its grid."""
+    stands = server.whole_grid.stands
+    return (stands >= 0) & (stands <= FREE_PERCENT)
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_a_vehicle_of_ours_before_the_ground_is_no_thing_that_came(server, scene, is_told):
+    """It hides ground 12 m away from a camera that looks past it."""
+    server.receive(1.0, at(10.0, 3.0, 2.0))
+    free = is_free(server)
+    if is_told:
+        server.receive(1.9, OwnVehicle(1.9, "uav3", np.array([12.0, 0.0, 3.6])))
+        server.receive(1.0, OwnVehicle(0.5, "uav3", np.array([14.0, 3.0, 0.0])))  # long ago
+    flying = (11.8, 12.2, -0.3, 0.3, 3.5, 3.7)
+    view = scene([BOX, flying]).view(stamp_s=2.0, name="live")
+    server.receive(2.2, MapSeen(view, watching=True))
+    server.step(2.2)
+    lost = (free & ~is_free(server)).sum()
+    assert (lost == 0) == is_told, lost
 
 
 def test_maps_of_other_stations_stay_and_one_that_grew_takes_its_place(server, scene):

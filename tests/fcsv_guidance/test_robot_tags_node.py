@@ -86,6 +86,26 @@ class Fleet:
         self.seen[name].publish(detections(name, self.tag, T, stamp_s))
         time.sleep(0.1)
 
+    def map_says(self, name, x_m):
+        """A map found the vehicle's camera so far ahead of where its tracker tells."""
+        import rospy
+
+        from fcsv_geometry.ros import conversions
+        from fcsv_msgs.msg import RefinedCameras
+
+        told = T_HOME_ODOM @ T_ODOM_CAM
+        true = transforms.from_xyz_yaw([x_m, 0.0, 0.0], 0.0) @ told
+        stamp, pose = rospy.Time.from_sec(time.time()), conversions.transform_to_pose
+        header = conversions.header(time.time(), "home")
+        message = RefinedCameras(header, [name], [stamp], [pose(told)], [pose(true)])
+        self.map = rospy.Publisher("/map/refined", RefinedCameras, queue_size=1, latch=True)
+        self.map.publish(message)
+
+    def at(self):
+        """Of the newest fix."""
+        place = self.fixes[-1].pose.pose.position
+        return place.x, place.y
+
     def said(self, words):
         return any(words in s.message for m in self.health for s in m.status)
 
@@ -129,6 +149,10 @@ def test_what_vehicles_read_becomes_the_robots_pose(fleet):
     # of the vehicle's own place at least: 5 cm and, across, 9 m times 0.008 rad
     assert 0.05**2 < fix.pose.covariance[0] < 0.5**2
     assert fix.pose.covariance[7] > 0.05**2 + (9.0 * 0.008) ** 2
+    fleet.map_says("uav1", 0.4)
+    until(lambda: fleet.look("uav1", 9.0, 1.0) or fleet.at() == pytest.approx((9.4, 1.0), abs=0.01))
+    # a refined pose and a tag 9 m away
+    assert fleet.fixes[-1].pose.covariance[7] < 0.05**2 + (9.0 * 0.008) ** 2
     for _ in range(3):
         fleet.look("uav1", 9.0, 1.0)
         fleet.look("uav2", 9.0, 6.0)

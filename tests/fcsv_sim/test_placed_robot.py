@@ -13,7 +13,7 @@ from fcsv_sim.errors import SimulationError
 from fcsv_sim.robot import reaction
 from fcsv_sim.robot.closing import ClosingRules, WayCloser
 from fcsv_sim.robot.placed import PlacedRobot
-from fcsv_sim.robot.reaction import WayClosed
+from fcsv_sim.robot.reaction import WayClosed, WayWatch
 from fcsv_sim.robot.sent import ARRIVED, CONTACT, NO_ROUTE, STANDS, DriveLimits, SentRobot
 from fcsv_sim.robot.things import Box
 from fcsv_sim.world.town import Town
@@ -179,3 +179,15 @@ def test_the_answer_to_a_way_that_closes_counts_from_the_first_picture_that_can_
     closed = sent.until(60.0, moves=False).way_closed
     assert closed == WayClosed(0.3, 0.9, 1.0, 26.0, 1.1, 1.2, 25.0, 26.1)
     assert closed.answer_s == pytest.approx(0.8)
+
+
+def test_an_answer_counts_though_its_picture_is_heard_of_later():
+    """A busy machine brought the depth 0.5 s after the route that rests on it."""
+    way = WayWatch()
+    way.on_way("closed 20.000")
+    way.on_route(20.1, True)  # planned before any picture that shows it
+    way.on_route(21.5, False)
+    way.on_depth(22.0, 20.8)
+    way.on_route(49.0, True)
+    assert way.closed.answer_s == pytest.approx(0.7) and way.closed.none_s == 1.5
+    assert (way.closed.route_s, way.closed.depth_s) == (29.0, 2.0)

@@ -29,6 +29,16 @@ class RobotPlace:
 
 
 @dataclass(frozen=True)
+class OwnVehicle:
+    """Where a vehicle of ours flies, ``p_home_m`` (3,) of its camera: what a picture shows there is
+    no obstacle."""
+
+    stamp_s: float
+    vehicle: str
+    p_home_m: np.ndarray
+
+
+@dataclass(frozen=True)
 class Goal:
     """Where the robot shall go, x and y in home (m)."""
 

@@ -48,10 +48,7 @@ class StereoConfiguration:
     view: int = 0
 
     def __post_init__(self):
-        if self.follow_s is not None:
-            self._check_following(self.follow_s)
-        elif self.returns:
-            raise ValueError("returns: is for vehicles that follow; give follow_s, or leave it out")
+        self._check_following()
         if self.sweep is not None:
             self._apply_sweep(self.sweep)
         for name, missing in (
@@ -85,10 +82,16 @@ class StereoConfiguration:
                 "tilt_deg: a hovering multirotor cannot pitch a fixed camera; set it to 0 for vertical"
             )
 
-    def _check_following(self, follow_s: float) -> None:
-        if not 0.0 < follow_s <= _MOST_FOLLOW_S:
+    def _check_following(self) -> None:
+        if self.follow_s is None:
+            if self.returns:
+                raise ValueError(
+                    "returns: is for vehicles that follow; give follow_s, or leave it out"
+                )
+            return
+        if not 0.0 < self.follow_s <= _MOST_FOLLOW_S:
             raise ValueError(
-                f"follow_s: {follow_s} must be positive and at most {_MOST_FOLLOW_S:g} s"
+                f"follow_s: {self.follow_s} must be positive and at most {_MOST_FOLLOW_S:g} s"
             )
         for name in ("sweep", "record_s", "least_pictures", "at_once"):
             if getattr(self, name) != getattr(StereoConfiguration, name):

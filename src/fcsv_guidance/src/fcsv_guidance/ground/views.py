@@ -2,7 +2,7 @@
 """What a ground model is made of: depth with sigma and kind, seen by one camera at a known
 place."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Sequence
 
 import numpy as np
@@ -54,6 +54,19 @@ class DepthView:
                 f"{self.name}: its camera is more than {_FARTHEST_M:.0f} m from home's origin (UTM?), where no robot's "
                 "map has coordinates; map it in a home near the robot"
             )
+
+    def without(self, p_home_m: np.ndarray, radius_m: float) -> "DepthView":
+        """The view without the pixels in which a ball about a place (3,) may be seen."""
+        off_m = transforms.apply(transforms.invert(self.T_home_cam), p_home_m[None])[0]
+        if off_m[2] <= radius_m:
+            return self
+        v, u = np.indices(self.depth.shape)
+        K, z_m = self.K, float(off_m[2])
+        off_px = np.hypot(
+            (u - K[0, 2]) / K[0, 0] - off_m[0] / z_m, (v - K[1, 2]) / K[1, 1] - off_m[1] / z_m
+        )
+        kind = np.where(off_px <= radius_m / z_m, 0, self.kind).astype(self.kind.dtype)
+        return replace(self, kind=kind)
 
     @property
     def camera(self) -> PinholeCamera:

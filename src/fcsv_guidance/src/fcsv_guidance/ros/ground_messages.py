@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Grids, routes and cells as messages, and back."""
 
-from typing import Tuple
+from typing import List, Tuple
 
 import numpy as np
 from geometry_msgs.msg import (
@@ -24,10 +24,11 @@ from fcsv_guidance.errors import GroundError, PlaceError, RouteError
 from fcsv_guidance.grid import Grid
 from fcsv_guidance.messages import DriveCommand
 from fcsv_guidance.place.cooperative_place import RobotStart, UntrackedOdometry, VehicleSighting
+from fcsv_guidance.place.mapped_camera import RefinedCamera
 from fcsv_guidance.place.tracker import PlaceFix, PlaceState, WheelOdometry
 from fcsv_guidance.route.grid_regions import Region
 from fcsv_guidance.route.ground_server import densely
-from fcsv_msgs.msg import Home
+from fcsv_msgs.msg import Home, RefinedCameras
 
 _POSES_APART_M = 0.2
 _XY_YAW = (0, 1, 5)  # of x, y, z, roll, pitch, yaw, as ROS orders a covariance
@@ -119,6 +120,17 @@ def place_of(message: PoseStamped, name: str) -> Tuple[float, float]:
             f"the {name} is in frame '{message.header.frame_id}', not in {frames.HOME}"
         )
     return message.pose.position.x, message.pose.position.y
+
+
+def refined_of(message: RefinedCameras) -> List[RefinedCamera]:
+    """What a map found of its pictures' poses. Raises FcsvError where one is none, or another frame's."""
+    if message.header.frame_id != frames.HOME:
+        raise RouteError(f"refined poses are in '{message.header.frame_id}', not in {frames.HOME}")
+    lists = message.vehicles, message.stamps, message.before, message.refined
+    if len({len(each) for each in lists}) > 1:
+        raise RouteError("refined poses: lists of different lengths")
+    of = conversions.pose_to_transform
+    return [RefinedCamera(n, s.to_sec(), of(told), of(new)) for n, s, told, new in zip(*lists)]
 
 
 def cells_message(middles_m: np.ndarray, cell_m: float, stamp_s: float) -> GridCells:

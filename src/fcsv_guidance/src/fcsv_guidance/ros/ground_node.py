@@ -5,7 +5,7 @@ routes."""
 import threading
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Callable, Deque, Dict, List, Tuple
+from typing import Callable, Deque, Dict, List, Tuple, Union
 
 import numpy as np
 import rospy
@@ -18,15 +18,17 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from fcsv_geometry import frames
-from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.errors import ConfigError, FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_guidance.ground.live_views import LiveViews
 from fcsv_guidance.ground.views import read_map
-from fcsv_guidance.messages import Goal, RobotPlace
+from fcsv_guidance.messages import Goal, OwnVehicle, RobotPlace
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.ros import ground_messages as messages
 from fcsv_guidance.ros.place_source import PlaceParameters, PlaceSource
+from fcsv_guidance.ros.tag_follower import TagFollowerParameters, TagFollowerShell
+from fcsv_guidance.route.following import RouteToFollow
 from fcsv_guidance.route.ground_server import (
     GoalDropped,
     GridChanged,
@@ -58,6 +60,7 @@ class GroundParameters:
     fresh: bool = False
     ground: GroundRules = field(default_factory=GroundRules)
     place: PlaceParameters = field(default_factory=PlaceParameters)
+    follower: TagFollowerParameters = field(default_factory=TagFollowerParameters)
 
     def __post_init__(self):
         if not self.maps and not self.live:
@@ -85,12 +88,13 @@ class GroundNode:
 
     def __init__(self):
         self._parameters = p = node.parameters(GroundParameters)
-        self._port = GroundServer(load_robot(p.robot), p.ground)
+        robot = load_robot(p.robot)
+        self._port = GroundServer(robot, p.ground)
         self._lock, self._health = threading.RLock(), Health("ground")
         self._due = threading.Condition()
         # the newest of map and watch, and of which reference picture
         self._views: Dict[Tuple[str, float], MapSeen] = {}
-        self._places: Deque[RobotPlace] = deque(maxlen=200)
+        self._came: Deque[Union[RobotPlace, OwnVehicle]] = deque(maxlen=400)
         if p.maps:
             first, *others = (self._as_of(read_map(folder)) for folder in p.maps)
             self._port.receive(rospy.get_time(), MapSeen(first, others=tuple(others)))
@@ -116,7 +120,14 @@ class GroundNode:
         rospy.Service("make_plan", GetPlan, self._on_plan)
         rospy.Subscriber("move_base_simple/goal", PoseStamped, self._on_goal, queue_size=1)
         rospy.Subscriber("/stop_all", String, self._on_stop, queue_size=5)
-        self._place = PlaceSource(p.place, self._places.append, self._health)
+        self._follower = None
+        if p.follower.vehicle:
+            if not robot.tags:
+                raise ConfigError(f"{p.robot}: 'tags' is missing: no vehicle can follow them")
+            self._follower = TagFollowerShell(
+                p.follower, robot, lambda: self._port.ground, self._came.append, self._health
+            )
+        self._place = PlaceSource(p.place, self._on_place, self._health)
         if p.live:
             self._listen(MAP, REFERENCE_FRAME)
         if p.watch:
@@ -191,6 +202,11 @@ class GroundNode:
                 self._health.tick(f"{topic}/depth")
                 self._publish()
 
+    def _on_place(self, place: RobotPlace) -> None:
+        self._came.append(place)
+        if self._follower is not None:
+            self._follower.receive(place)
+
     # ---- goals and routes ------------------------------------------------------------------------
 
     def _on_goal(self, message: PoseStamped) -> None:
@@ -238,9 +254,9 @@ class GroundNode:
         self._publish()
 
     def _receive_places(self) -> None:
-        """Those that came while a map was laid, too: a view needs the robot's place of its time."""
-        while self._places:
-            self._port.receive(rospy.get_time(), self._places.popleft())
+        """Those that came while a map was laid, too: a view needs the places of its time."""
+        while self._came:
+            self._port.receive(rospy.get_time(), self._came.popleft())
 
     # ---- what goes out ---------------------------------------------------------------------------
 
@@ -263,6 +279,8 @@ class GroundNode:
                 publisher.publish(messages.update_message(region, said.stamp_s))
         elif isinstance(said, RouteMessage):
             self._path.publish(messages.path_message(said.points_home_m, now_s))
+            if self._follower is not None:
+                self._follower.receive(RouteToFollow(said.points_home_m))
             self._cells(np.empty((0, 2)))
             self._say(f"a route of {len(said.points_home_m)} corners leads to the goal")
         elif isinstance(said, NoRouteMessage):

@@ -26,7 +26,7 @@ from fcsv_guidance.ground.model import (
 )
 from fcsv_guidance.ground.occupancy import occupancy, percents_of
 from fcsv_guidance.ground.views import DepthView
-from fcsv_guidance.messages import Goal, RobotPlace
+from fcsv_guidance.messages import Goal, OwnVehicle, RobotPlace
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route.following import Polyline
 from fcsv_guidance.route.grid_regions import Region, changed_region
@@ -36,6 +36,7 @@ from fcsv_guidance.route.search import NO_ROUTE_KNOWN, NoRoute, Route
 _MOST_NAMED = 5  # cells in a sentence
 _JUDGED_M = 0.4  # beyond a radius: how far a cell has to do with whether another is an obstacle
 _STANDS_M = 0.15  # a place that moves by less may be noise
+_OWN_VEHICLE_M, _OWN_VEHICLE_S = 1.2, 0.7  # its size, and how far it flies until then
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,7 @@ class GroundServer:
         self._place: Optional[RobotPlace] = None
         self._placed_s = -np.inf  # when that came
         self._places: Deque[RobotPlace] = deque(maxlen=200)
+        self._vehicles: Deque[OwnVehicle] = deque(maxlen=100)
         # where it was when it last moved, and since when it stands there
         self._stood: Tuple[float, float, float] = (np.inf, np.inf, -np.inf)
         self._goal: Optional[Goal] = None
@@ -178,6 +180,8 @@ class GroundServer:
             self._on_map(message)
         elif isinstance(message, RobotPlace):
             self._on_place(now_s, message)
+        elif isinstance(message, OwnVehicle):
+            self._vehicles.append(message)
         elif isinstance(message, Goal):
             message.require_finite()
             self._known.beside.forget(now_s)
@@ -267,6 +271,9 @@ class GroundServer:
         if not self._places:
             raise GroundError(f"{view.name}: the robot's place is not known, which it may show")
         near = min(self._places, key=lambda p: abs(p.stamp_s - view.stamp_s))
+        for own in self._vehicles:
+            if abs(own.stamp_s - view.stamp_s) < _OWN_VEHICLE_S:
+                view = view.without(own.p_home_m, _OWN_VEHICLE_M)
         seen = watch_seen(view, self._taken, self._known.grid)
         new, freedom = seen.ground, self._known.version
         self._known.receive(seen, near)

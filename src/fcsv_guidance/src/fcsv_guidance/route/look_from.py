@@ -86,7 +86,7 @@ def look_from(
         seen = _pictured(points, p_home_cam, yaw_rad, camera)
         if not seen.any():
             continue
-        seen[seen] &= _open(ground, heights, points[seen], p_home_cam)
+        seen[seen] &= nothing_hides(ground, heights, points[seen], p_home_cam)
         nearer = _OTHERS_CELLS * float(np.hypot(*(p_home_cam[:2] - was_m)))
         rated = float(seen.mean()) - nearer
         if seen.any() and (best is None or rated > best_rated):
@@ -168,8 +168,11 @@ def _pictured(points, p_home_cam, yaw_rad: float, camera: PinholeCamera) -> np.n
     return inside & (ahead > 1.0) & (ahead < max(_REACH_M, _REACH_M * np.sqrt(above_m / 10.0)))
 
 
-def _open(ground: Ground, heights: np.ndarray, points, p_home_cam) -> np.ndarray:
-    """(N,) bool: whether nothing known hides them."""
+def nothing_hides(
+    ground: Ground, heights: np.ndarray, points: np.ndarray, p_home_cam: np.ndarray
+) -> np.ndarray:
+    """(N,) bool: whether nothing known hides ``points`` (N,3) from a camera (3,), all in home (m).
+    ``heights`` (rows, columns): up to where the ground hides, -inf where it is unknown."""
     highest_m = float(np.max(heights, initial=-np.inf))
     rise_m = p_home_cam[2] - points[:, 2]
     flat = np.hypot(*(p_home_cam[:2] - points[:, :2]).T)

@@ -355,6 +355,7 @@ def _plan(system: System, args) -> FleetPlan:
         live=(live or watch or site is not None) and not monitor,
         robot_site=site,
         watch=watch,
+        robot_file=robot_file(ROBOT) if watch else None,
         monitor=monitor,
         movers=tuple(through_town),
         flight_link=args.flight_link,

@@ -73,6 +73,7 @@ class FleetPlan:
     movers: Tuple[Mover, ...] = ()  # what moves through the town
     # a robot is guided in flight, while the vehicles watch; a crate closes its way
     watch: bool = False
+    robot_file: Optional[Path] = None  # of that robot
     # of vehicles that gimbals on a robot follow, which is guided by them
     robot_site: Optional[PairSite] = None
     start_xy_m: Tuple[float, float] = (0.0, 0.0)  # of the first vehicle, in the world
@@ -109,6 +110,12 @@ class FleetPlan:
     def captures_hz(self) -> Optional[float]:
         """Pictures a second that are sent while recording; None: as the launch file says."""
         return MONITORED_HZ if self.monitor else WATCHED_HZ if self.watch else None
+
+    @property
+    def follower(self) -> str:
+        """The vehicle that follows a robot and reads its tags, the last of those that watch; empty:
+        none does."""
+        return self.vehicles[-1] if self.watch and len(self.vehicles) > 2 else ""
 
     @property
     def sim_folder(self) -> Path:
@@ -249,6 +256,7 @@ class SimulatedFleet(Machines):
             "sim_gps": self.plan.gps,
             "sim_movers": bool(self.plan.movers) or self.plan.watch,
             **({"captures_hz": self.plan.captures_hz} if self.plan.captures_hz else {}),
+            **self._robot_args(vehicle),
             **self._camera_args(),
             "flight_link": self.plan.flight_link,
             "fcu_url": f"udpin:127.0.0.1:{self._mavlink_ports[vehicle]}",
@@ -258,6 +266,13 @@ class SimulatedFleet(Machines):
             **({"sim_autopilot": self.plan.autopilots[index]} if self.plan.autopilots else {}),
             "sim_start": ",".join(map(str, self.plan.start_xyz_yaw(index))),
         }
+
+    def _robot_args(self, vehicle: str) -> Dict[str, object]:
+        """Where a robot is watched all see its tags, and who does not follow it sends pictures though
+        nothing is recorded."""
+        if not self.plan.follower:
+            return {}
+        return {"robot": self.plan.robot_file, "monitored": vehicle != self.plan.follower}
 
     def _camera_args(self) -> Dict[str, object]:
         own = self.plan.camera

@@ -56,6 +56,7 @@ def guided_drive(plan: FleetPlan, T_world_home: np.ndarray) -> GuidedDrive:
         plan.guide_folder,
         sim_dir=plan.sim_folder if plan.watch else None,
         gimbals=plan.robot_site is not None,
+        follower=plan.follower,
     )
 
 

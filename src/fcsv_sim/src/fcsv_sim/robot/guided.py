@@ -29,6 +29,7 @@ PICTURE, BAG = "drive.png", "guidance.bag"
 _DOCUMENT, _TRUTH, _THINGS = "drive.json", "truth_robot.csv", "things.json"
 _LAUNCHES_S = 90.0  # for nodes to come up and to end, beside the drive's own longest time
 _FOLLOWS_S = 75.0  # for vehicles that come after
+_COMES_S = 150.0  # for the vehicle that reads its tags to come near
 _WAITS_S = 45.0  # for a way that closed to open again
 _MAP_S = 3600.0  # nothing but the robot moves in the place: its map stays true
 
@@ -49,6 +50,7 @@ class GuidedDrive:
     longest_s: float = 300.0
     sim_dir: Optional[Path] = None  # of vehicles that watch it drive; None: nobody does
     gimbals: bool = False  # robot and guidance are there, by whose gimbals it is located
+    follower: str = ""  # the vehicle that follows it and reads its tags; empty: modelled fixes
 
     @property
     def town(self) -> Town:
@@ -106,6 +108,11 @@ class DriveRun:
         ages = {"watch": True, "live": True} if watched else {"oldest_map_s": _MAP_S}
         shown = {"sim_dir": drive.sim_dir, "closes": True, "waits_s": _WAITS_S} if watched else {}
         sent = {"part": "sent", "waits_s": _FOLLOWS_S} if drive.gimbals else {}
+        located = {"fixes": "/robot_fix"}
+        if drive.follower:
+            located = {"robot_tags": drive.follower, "follower": drive.follower}
+            sent = {"tag": False, "starts_s": _COMES_S, "waits_s": _FOLLOWS_S}
+            shown.pop("waits_s", None)
         self._guidance = (
             None
             if drive.gimbals
@@ -116,7 +123,7 @@ class DriveRun:
                 robot=drive.robot_file,
                 drive="cmd_vel",
                 fresh=True,
-                fixes="/robot_fix",
+                **located,
                 **ages,
             )
         )

@@ -5,7 +5,10 @@ A port: events with their time in, a WayClosed out.
 """
 
 from dataclasses import dataclass
-from typing import Optional
+from typing import Dict, List, Optional, Tuple
+
+
+_DEPTH_S = 0.3  # that depth of a picture takes at least: what is said earlier rests on older ones
 
 
 @dataclass(frozen=True)
@@ -54,13 +57,14 @@ class WayWatch:
 
     def __init__(self):
         self._closed_s: Optional[float] = None
-        self._found = {}
+        self._found: Dict[str, float] = {}
+        self._unsorted: List[Tuple[str, float]] = []  # answers before a picture was heard of
 
     def on_way(self, words: str) -> None:
         """The crate came or went: "closed 12.345", "opened 37.345"."""
         change, at = words.split()
         if change == "closed":
-            self._closed_s, self._found = float(at), {}
+            self._closed_s, self._found, self._unsorted = float(at), {}, []
         elif self._closed_s is not None:
             self._note("opened_s", float(at))
 
@@ -69,11 +73,18 @@ class WayWatch:
         if self._closed_s is not None and stamp_s >= self._closed_s:
             self._note("picture_s", stamp_s)
             self._note("depth_s", now_s)
+            for what, at_s in self._unsorted:  # a busy machine brings the depth late
+                if at_s >= stamp_s + _DEPTH_S:
+                    self._note(what, at_s)
+            self._unsorted = []
 
     def on_route(self, now_s: float, is_route: bool) -> None:
         """A route came, or the word that there is none."""
+        what = "route_s" if is_route else "none_s"
         if "picture_s" in self._found:
-            self._note("route_s" if is_route else "none_s", now_s)
+            self._note(what, now_s)
+        elif self._closed_s is not None:
+            self._unsorted.append((what, now_s))
 
     def on_hold(self, now_s: float, reason: str) -> None:
         """The robot is to stand, or may drive on where the reason is empty."""

@@ -227,6 +227,7 @@ class LiveNode:
             self._health.value("watch", f"{time.monotonic() - started:.2f} s")
             return result
         self._topics.publish(result)
+        self._topics.publish_refined(result)
         state = self._state
         state.configurations, state.points, state.coverage = (
             len(result.pairs),

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map as messages for rviz and whoever else listens."""
 
-from typing import Optional
+from typing import Optional, Sequence
 
 import numpy as np
+import rospy
 from sensor_msgs.msg import Image, PointCloud2, PointField
 
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions
+from fcsv_msgs.msg import RefinedCameras
 from fcsv_stereo.model import Cloud
+from fcsv_stereo.model.results import ImageEntry
 
 #: Optical frame of the reference picture that depth belongs to, published as a static transform
 #: from home.
@@ -56,3 +59,14 @@ def cloud_message(
 def depth_message(depth: np.ndarray, stamp_s: float, frame: str = REFERENCE_FRAME) -> Image:
     """32FC1, metres along the optical axis, NaN where there is none (REP 118); sigma likewise."""
     return conversions.array_to_image(depth.astype(np.float32), "32FC1", stamp_s, frame)
+
+
+def refined_message(images: Sequence[ImageEntry], stamp_s: float) -> RefinedCameras:
+    """What a map with its reference's ``stamp_s`` found of its pictures' poses."""
+    return RefinedCameras(
+        conversions.header(stamp_s, frames.HOME),
+        [image.vehicle for image in images],
+        [rospy.Time.from_sec(image.stamp_s) for image in images],
+        [conversions.transform_to_pose(image.prior_T_home_cam) for image in images],
+        [conversions.transform_to_pose(image.T_home_cam) for image in images],
+    )

@@ -9,9 +9,16 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions
+from fcsv_msgs.msg import RefinedCameras
 from fcsv_stereo.model import Cloud, MapResult
 from fcsv_stereo.ros.baseline_topics import BaselineTopics
-from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, WATCH_FRAME, cloud_message, depth_message
+from fcsv_stereo.ros.map_messages import (
+    REFERENCE_FRAME,
+    WATCH_FRAME,
+    cloud_message,
+    depth_message,
+    refined_message,
+)
 
 
 class MapTopics:
@@ -27,6 +34,7 @@ class MapTopics:
         self._kind = rospy.Publisher("/map/kind", Image, **latched)
         self._info = rospy.Publisher("/map/camera_info", CameraInfo, **latched)
         self._reference = rospy.Publisher("/map/reference", Image, **latched)
+        self._refined = rospy.Publisher("/map/refined", RefinedCameras, **latched)
         self._static = tf2_ros.StaticTransformBroadcaster()
         self._places = {}  # of both cameras: what is latched is the last message alone
         self._watch = {
@@ -56,6 +64,12 @@ class MapTopics:
             ("camera_info", conversions.info_from_camera(reference.camera, stamp_s, WATCH_FRAME)),
         ):
             self._watch[name].publish(message)
+
+    def publish_refined(self, result: MapResult) -> None:
+        """The poses that a map refined."""
+        images = [image for image in result.images if image.refined]
+        if images:
+            self._refined.publish(refined_message(images, result.reference.stamp_s))
 
     def publish_site(self, cloud: Cloud) -> None:
         """The joined maps of several stations and headings."""

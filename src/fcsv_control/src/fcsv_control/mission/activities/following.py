@@ -3,7 +3,7 @@
 recorded."""
 
 import logging
-from typing import Collection, Dict, List, Mapping, Optional, Tuple
+from typing import Collection, Dict, List, Mapping, Optional
 
 import numpy as np
 

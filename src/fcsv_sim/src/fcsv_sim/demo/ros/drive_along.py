@@ -7,8 +7,10 @@ from typing import Callable, Optional
 
 import numpy as np
 import rospy
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from tf2_msgs.msg import TFMessage
 
+from fcsv_control.mission.activities.stages import FOLLOWS, RECORDS
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import MapState, MissionState
@@ -18,9 +20,11 @@ from fcsv_sim.demo.robot_place import guided_drive, write_home
 from fcsv_sim.demo.truth_export import true_camera
 from fcsv_sim.machines.machines import Machine
 from fcsv_sim.robot.guided import DriveRun
+from fcsv_sim.robot.placed import place_of
+from fcsv_sim.world.town import Town
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME
 
-_RECORDS = "records"
+_START_SIGMA_M = 1.0  # of where an operator says that the robot stands
 
 
 class DriveAlong:
@@ -63,7 +67,7 @@ class DriveAlong:
                 self._begin(T_world_home)
         elif not self._ended and self._run.over:
             self._ended = True
-            then = "land" if self._plan.robot_site else "go home"
+            then = "land" if self._plan.robot_site else "go back and land"
             self._say(f"the robot's drive is over: the vehicles {then}")
             rospy.ServiceProxy("/mission/control", Control)("skip")
 
@@ -74,7 +78,8 @@ class DriveAlong:
         if mission is None or mapped is None or reference is None:
             return None
         last = mission.configurations - 1
-        if mission.configuration != last or mission.stage != _RECORDS:
+        stage = FOLLOWS if self._plan.follower else RECORDS
+        if mission.configuration != last or mission.stage != stage:
             return None
         if mapped.state != "ready" or mapped.configurations < last:
             return None
@@ -84,6 +89,26 @@ class DriveAlong:
 
     def _begin(self, T_world_home: np.ndarray) -> None:
         write_home(self._plan, T_world_home)
-        held = "follow" if self._plan.robot_site else "hold and watch"
-        self._say(f"the vehicles {held}; a robot is guided by the nodes of guidance.launch")
+        held = "the vehicles follow" if self._plan.robot_site else "the vehicles hold and watch"
+        if self._plan.follower:
+            held = f"two vehicles hold and watch, {self._plan.follower} follows and reads its tags"
+            self._tell_start(T_world_home)
+        self._say(f"{held}; a robot is guided by the nodes of guidance.launch")
         self._run = DriveRun(guided_drive(self._plan, T_world_home), self._machine)
+
+    def _tell_start(self, T_world_home: np.ndarray) -> None:
+        """As an operator in rviz says about where the robot stands."""
+        place = place_of(Town.generate(self._plan.seed, self._plan.world))
+        start_m = np.array([*place.start_m, 0.0])
+        start_m += np.random.default_rng([self._plan.seed, 31]).normal(0.0, _START_SIGMA_M, 3)
+        T_home_world = transforms.invert(transforms.level(T_world_home))
+        said = PoseWithCovarianceStamped()
+        said.header = conversions.header(rospy.get_time(), frames.HOME)
+        x_m, y_m, _ = transforms.apply(T_home_world, start_m)
+        said.pose.pose.position.x, said.pose.pose.position.y = x_m, y_m
+        said.pose.pose.orientation.w = 1.0
+        said.pose.covariance[0] = said.pose.covariance[7] = _START_SIGMA_M**2
+        self._start = rospy.Publisher(
+            "/ground/initialpose", PoseWithCovarianceStamped, queue_size=1, latch=True
+        )
+        self._start.publish(said)
