@@ -152,6 +152,18 @@ def test_it_says_what_it_lacks(rescue, ground, start, shown, why):
     assert port.step(10.0, ground) is None and why in port.problem
 
 
+def test_a_vehicle_that_does_not_go_is_told_of(rescue):
+    """No mission flies it."""
+    port, told = TagFollower(rescue), []
+    port.receive(0.0, InitialPlace(*ROBOT_XY))
+    for now_s in np.arange(1.0, 60.0, 1.0):
+        goes = now_s < 10.0
+        port.receive(now_s, camera((now_s if goes else 10.0, 0.0, 0.0)))
+        port.step(now_s, ground_with())
+        told.append("is a mission with follow_s flown" in port.problem)
+    assert not any(told[:28]) and any(told[30:])
+
+
 def test_bad_input_is_refused_and_loses_nothing(rescue):
     port = TagFollower(rescue)
     with pytest.raises(RouteError, match="start is not finite"):

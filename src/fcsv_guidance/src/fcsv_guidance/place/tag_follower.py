@@ -28,7 +28,8 @@ class TagFollowRules:
     """The vehicle is sent on where its place shows less than ``enough`` of the robot's way, once
     another shows more by ``better``, or where it has read no tag for ``unread_s``; by ``step_m`` at
     once (a mission's Following takes 6 m), every ``every_s``. It is there within ``near_m`` and
-    ``near_deg``. A camera older than ``oldest_s`` says nothing."""
+    ``near_deg``; one that has not moved for ``moves_s`` is told of. A camera older than ``oldest_s``
+    says nothing."""
 
     vantage: VantageRules = field(default_factory=VantageRules)
     enough: float = 0.7
@@ -38,6 +39,7 @@ class TagFollowRules:
     every_s: float = 2.0
     near_m: float = 0.8
     near_deg: float = 8.0
+    moves_s: float = 20.0
     oldest_s: float = 2.0
 
     def __post_init__(self):
@@ -88,6 +90,7 @@ class TagFollower:
         self._route: Optional[Polyline] = None
         self._target: Optional[Vantage] = None
         self._in_vain: List[np.ndarray] = []  # places (3,) from which nothing was read
+        self._stays: Optional[Tuple[float, np.ndarray]] = None  # asked to go, since when and where
         #: what is wrong, for the operator; empty where nothing is
         self.problem = ""
 
@@ -114,16 +117,31 @@ class TagFollower:
 
     def step(self, now_s: float, ground: Optional[Ground]) -> Optional[FlyCamera]:
         """Where the vehicle shall fly now; None where it stays, or nobody can say."""
-        self.problem = self._missing(now_s, ground)
-        if self.problem or now_s - self._asked_s < self._rules.every_s:
+        missing = self._missing(now_s, ground)
+        if missing or now_s - self._asked_s < self._rules.every_s:
+            self.problem = missing or self.problem
             return None
+        self.problem = ""
         tags_m, here = self._tags_ahead(ground), self._here
         self._choose(now_s, ground, tags_m, here)
         target = self._target
         if target is None or self._is_at(target, here):
+            self._stays = None
             return None
+        self._watch_moves(now_s, here)
         self._asked_s = now_s
         return self._towards(target, here)
+
+    def _watch_moves(self, now_s: float, here: Vantage) -> None:
+        """Says so where the vehicle does not go where it is asked to."""
+        rules = self._rules
+        if self._stays is None or np.linalg.norm(here.p_home_cam - self._stays[1]) > rules.near_m:
+            self._stays = now_s, here.p_home_cam
+        if now_s - self._stays[0] > rules.moves_s:
+            self.problem = (
+                "the vehicle does not go where it is asked to: is a mission with follow_s flown, and "
+                "what does it say (/mission/state)?"
+            )
 
     def _missing(self, now_s: float, ground: Optional[Ground]) -> str:
         if ground is None:

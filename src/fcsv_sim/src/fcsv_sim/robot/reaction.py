@@ -7,7 +7,6 @@ A port: events with their time in, a WayClosed out.
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Tuple
 
-
 _DEPTH_S = 0.3  # that depth of a picture takes at least: what is said earlier rests on older ones
 
 
