@@ -86,7 +86,7 @@ class MappedCamera:
         return T_home_cam, C
 
     def _drifted(self, found: RefinedCamera, T_home_odom: np.ndarray) -> Drift:
-        """From the map's picture on; what was not heard of the way in between counts as straight."""
+        """Drift from the map's picture on; a way that was not heard of counts as straight."""
         drift = Drift(self._profile)
         p_odom_cam_m = transforms.apply(transforms.invert(T_home_odom), found.told[None, :3, 3])[0]
         drift.add(found.stamp_s, p_odom_cam_m)

@@ -96,7 +96,7 @@ def best_vantage(
 
 
 def _highest_m(ground: Ground, about_m: np.ndarray) -> float:
-    """Of what is known within _AROUND_M of a place (2,), also of what hangs there."""
+    """Gives the highest that is known within _AROUND_M of a place (2,), also of what hangs there."""
     grid = ground.grid
     xy = grid.middle_of(*np.indices(grid.shape))
     near = ground.known & (np.hypot(*np.moveaxis(xy - about_m, -1, 0)) <= _AROUND_M)

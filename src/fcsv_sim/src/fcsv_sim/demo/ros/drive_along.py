@@ -97,7 +97,7 @@ class DriveAlong:
         self._run = DriveRun(guided_drive(self._plan, T_world_home), self._machine)
 
     def _tell_start(self, T_world_home: np.ndarray) -> None:
-        """As an operator in rviz says about where the robot stands."""
+        """Says about where the robot stands, as an operator does in rviz."""
         place = place_of(Town.generate(self._plan.seed, self._plan.world))
         start_m = np.array([*place.start_m, 0.0])
         start_m += np.random.default_rng([self._plan.seed, 31]).normal(0.0, _START_SIGMA_M, 3)
