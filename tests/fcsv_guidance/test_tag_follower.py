@@ -141,6 +141,7 @@ def test_where_nothing_is_read_another_place_is_tried(rescue):
         (ground_with(), ROBOT_XY, False, "no picture with a pose has come"),
         (ground_with(), None, True, "give a 2D Pose Estimate"),
         (ground_with((20, 21, 5, 6, 6.0)), ROBOT_XY, True, "no place shows the robot's tags"),
+        (ground_with(), (90.0, 0.0), True, "no ground is known there"),
     ],
 )
 def test_it_says_what_it_lacks(rescue, ground, start, shown, why):

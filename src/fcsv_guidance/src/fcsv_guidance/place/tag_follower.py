@@ -188,8 +188,10 @@ class TagFollower:
             return
         best = best_vantage(ground, tags_m, here, rules.vantage, self._in_vain)
         if best is None:
+            self._in_vain = []  # next time all are tried again
             self.problem = (
-                "no place shows the robot's tags: what stands about it is too high, or hides it"
+                "no place shows the robot's tags: no ground is known there, what stands there is too "
+                "high, or hides them"
             )
         elif best.sees > shows + rules.better:
             self._target = best

@@ -72,11 +72,11 @@ def best_vantage(
 ) -> Optional[Vantage]:
     """The place that shows most of ``tags_home_m`` (N,3), the robot's tags along its way, at little
     cost from where the camera is ``now``, and none of the places (3,) ``in_vain``. None where no
-    place shows any: what stands about the robot is too high, or hides it from all sides."""
+    place shows any: nothing is known there, what stands there is too high, or hides the robot."""
     z_m = _highest_m(ground, tags_home_m[0, :2]) + rules.above_m
     deep_m = z_m - float(tags_home_m[:, 2].min())
     nearest_m = max(rules.nearest_m, deep_m / np.tan(np.radians(rules.half_height_deg)) + 0.5)
-    if nearest_m >= rules.farthest_m:
+    if not np.isfinite(z_m) or nearest_m >= rules.farthest_m:
         return None
     middle = tags_home_m[: max(1, len(tags_home_m) // 2), :2].mean(0)
     best, best_rated = None, 0.0
