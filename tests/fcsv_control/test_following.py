@@ -81,9 +81,9 @@ def test_who_is_asked_goes_to_another_height_and_heading(following):
     f.wait(8.0)
     assert off_m(f, "uav2", 2.0, -4.0, -3.0) < 0.01
     assert transforms.yaw(f.fleet["uav2"].T_home_body) == pytest.approx(0.5, abs=1e-3)
-    ask(f, "uav2", 3.0, -4.0, -7.0)
+    ask(f, "uav2", 3.0, -4.0, -7.5)
     f.wait(3.0)
-    assert "1.0 m above the take-off place, 2 m at least" in f.machine.detail
+    assert "0.5 m above the take-off place, 1 m at least" in f.machine.detail
     assert off_m(f, "uav2", 2.0, -4.0, -3.0) < 0.01
 
 
@@ -301,7 +301,11 @@ def test_all_go_back_to_the_column_where_the_mission_says_so(returning, end):
     elif end != "time":
         assert "all go back to the column" in f.operator.control("previous")
         assert f.operator.control("skip") == ""
-    f.until(lambda: f.machine.stage == "goes back", 90.0)
+    f.until(lambda: "uav3 goes up" in f.machine.detail, 90.0)
+    low_m = f.fleet["uav3"].p_home_cam.copy()
+    f.until(lambda: "goes up" not in f.machine.detail, 30.0)
+    off_m = f.fleet["uav3"].p_home_cam - low_m  # straight up, before it goes back
+    assert off_m[2] > 3.0 and np.hypot(*off_m[:2]) < 0.6
     assert not f.machine.follow("uav3", FollowPlace(0.0, 9.0)) == ""
     f.until(lambda: f.machine.over, 120.0)
     for name, (x_m, y_m) in landed_m(f).items():

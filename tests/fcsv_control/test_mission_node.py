@@ -579,7 +579,7 @@ def test_who_follows_goes_where_a_topic_asks(pair, start_node, folder):
     until(lambda: pair.mission.stage == "follows" and moves.get_num_connections())
     for frame, x_m in (("home", 2.0), ("odom", 9.0)):
         header = conversions.header(rospy.get_time(), frame)
-        moves.publish(VehicleMove(header, NAMES[1], x_m, -4.0, 0.0, 0.0, True))
+        moves.publish(VehicleMove(header, NAMES[1], x_m, -4.0, 0.0, 0.0, False))
     p_body_cam = back.geometry.T_body_cam[:3, 3]
     until(lambda: np.allclose((back.T_home_body[:3, 3] + p_body_cam)[:2], [2.0, -4.0], atol=0.01))
     until(lambda: pair.mission.detail.endswith("all hold"))

@@ -250,6 +250,20 @@ def test_a_vehicle_of_ours_before_the_ground_is_no_thing_that_came(server, scene
     assert (lost == 0) == is_told, lost
 
 
+def test_a_vehicle_of_ours_that_hides_the_robot_ends_the_watch(server, scene):
+    """Who comes up to the robot would not be seen: the view counts for none."""
+    server.receive(1.0, at(14.0, 3.0, 2.0))
+    view = scene([BOX]).view(stamp_s=2.0, name="live")
+    on_the_line = np.array([0.5 * 14.0, 0.5 * 3.0, 0.5 * (8.0 + 0.35)])
+    server.receive(1.9, OwnVehicle(1.9, "uav3", on_the_line))
+    with pytest.raises(GroundError, match="uav3 hides the robot"):
+        server.receive(2.2, MapSeen(view, watching=True))
+    behind = OwnVehicle(3.0, "uav3", np.array([2.0 * 14.0, 2.0 * 3.0, -6.0]))
+    server.receive(3.0, behind)
+    server.receive(3.2, MapSeen(scene([BOX]).view(stamp_s=3.0, name="live"), watching=True))
+    assert server.eye_m.tolist() == [0.0, 0.0, 8.0]
+
+
 def test_maps_of_other_stations_stay_and_one_that_grew_takes_its_place(server, scene):
     half = scene(blank=[(13, 15, -9, 9)])
     server.receive(1.0, MapSeen(half.view(stamp_s=1.0)))

@@ -153,16 +153,57 @@ def test_it_says_what_it_lacks(rescue, ground, start, shown, why):
     assert port.step(10.0, ground) is None and why in port.problem
 
 
-def test_a_vehicle_that_does_not_go_is_told_of(rescue):
-    """No mission flies it."""
-    port, told = TagFollower(rescue), []
+def test_where_it_does_not_go_another_place_is_tried_and_it_is_told_of(rescue):
+    """No mission flies it, or the mission refuses the place."""
+    port, told, asked = TagFollower(rescue), [], []
     port.receive(0.0, InitialPlace(*ROBOT_XY))
-    for now_s in np.arange(1.0, 60.0, 1.0):
+    for now_s in np.arange(1.0, 90.0, 1.0):
         goes = now_s < 10.0
-        port.receive(now_s, camera((now_s if goes else 10.0, 0.0, 0.0)))
-        port.step(now_s, ground_with())
+        port.receive(now_s, camera((now_s if goes else 16.0, 0.0, -3.0)))
+        move = port.step(now_s, ground_with())
+        asked += [] if move is None else [(now_s, move)]
         told.append("is a mission with follow_s flown" in port.problem)
-    assert not any(told[:28]) and any(told[30:])
+    assert not any(told[:28]) and all(told[38:])
+    early, late = (
+        {round(m.yaw_rad, 2) for s, m in asked if s0 < s < s1} for s0, s1 in ((10, 28), (35, 60))
+    )
+    assert len(early) == 1 and late and not early & late
+    port.receive(90.0, camera((12.0, 4.0, -3.0)))  # it moves again
+    port.step(92.0, ground_with())
+    assert port.problem == ""
+
+
+def test_it_goes_up_before_it_flies_over_what_is_higher(rescue):
+    tower = (28.0, 29.0, 10.0, 11.0, 6.0)  # beside its way, not near the robot
+    followed = Followed(rescue, ground_with(tower), (24.0, 14.0, -7.0))
+    followed.yaw_rad = -1.5
+    followed.port.receive(0.0, InitialPlace(44.0, -10.0))
+    followed.fly(14)
+    (first, at), *_ = followed.moves
+    assert np.hypot(*first[:2]) < 1e-6 and at[2] == pytest.approx(-10.0 + 6.0 + 1.5)
+    assert followed.shows((44.0, -10.0)) == 1.0 and followed.at[2] < -7.0
+    # level, once it is up, and down at the end
+    assert all(off[2] < 1e-6 for off, _ in followed.moves[1:])
+
+
+def test_it_keeps_off_the_line_along_which_others_watch_the_robot(rescue):
+    tags = np.array([[30.0, 0.0, GROUND_Z + 0.41]])
+    start = Vantage(np.array([20.0, 0.0, -7.0]), 0.0, 0.0)
+    eye = np.array([0.0, 0.0, 0.0])
+    free, beside = (best_vantage(ground_with(), tags, start, eye_m=e) for e in (None, eye))
+    assert abs(free.p_home_cam[1]) < 1.0 < 1.9 < abs(beside.p_home_cam[1]) and beside.sees == 1.0
+
+
+def test_an_old_route_leads_nobody_away(rescue):
+    """The robot was carried to another place, or its goal was dropped."""
+    followed = Followed(rescue, ground_with(), (20.0, 0.0, -7.0))
+    followed.port.receive(0.0, RouteToFollow(np.array([[40.0, 12.0], [44.0, 12.0]])))
+    followed.port.receive(0.0, RobotPlace(0.0, 30.0, -8.0, 0.0, 0.1))
+    followed.fly(8)
+    assert followed.shows((30.0, -8.0)) == 1.0
+    followed.port.receive(0.0, RouteToFollow(np.empty((0, 2))))
+    followed.fly(2)
+    assert followed.shows((30.0, -8.0)) == 1.0
 
 
 def test_bad_input_is_refused_and_loses_nothing(rescue):

@@ -161,6 +161,12 @@ def test_where_something_moves_the_robot_is_watched_in_flight(tmp_path):
     plan = demo._plan(SYSTEMS["tags"], demo._parse([*wanted, "--out", str(tmp_path / "out")]))
     assert plan.mission_file.stem == "guide_watched" and plan.watch and plan.live
     assert not plan.movers and plan.captures_hz > 2.5
+    assert plan.vehicles == ("uav1", "uav2", "uav3") and plan.follower == "uav3"
+    text = mission_file("guide_watched").read_text()
+    (tmp_path / "two.yaml").write_text(text.replace("vehicle: uav3, at_once: true", "vehicle: uav2"))
+    wanted[-1] = str(tmp_path / "two.yaml")
+    with pytest.raises(MachineError, match="two vehicles watch while a third follows"):
+        demo._plan(SYSTEMS["tags"], demo._parse([*wanted, "--out", str(tmp_path / "out")]))
 
 
 @pytest.mark.parametrize(

@@ -57,16 +57,22 @@ class DepthView:
 
     def without(self, p_home_m: np.ndarray, radius_m: float) -> "DepthView":
         """The view without the pixels in which a ball about a place (3,) may be seen."""
-        off_m = transforms.apply(transforms.invert(self.T_home_cam), p_home_m[None])[0]
-        if off_m[2] <= radius_m:
-            return self
         v, u = np.indices(self.depth.shape)
-        K, z_m = self.K, float(off_m[2])
-        off_px = np.hypot(
-            (u - K[0, 2]) / K[0, 0] - off_m[0] / z_m, (v - K[1, 2]) / K[1, 1] - off_m[1] / z_m
+        hidden = self.hides(v, u, p_home_m, radius_m)
+        if not hidden.any():
+            return self
+        return replace(self, kind=np.where(hidden, 0, self.kind).astype(self.kind.dtype))
+
+    def hides(self, v, u, p_home_m: np.ndarray, radius_m: float) -> np.ndarray:
+        """bool: whether a ball about a place (3,) may be seen in pixels at rows ``v`` and columns
+        ``u`` (any shape)."""
+        off_m = transforms.apply(transforms.invert(self.T_home_cam), p_home_m[None])[0]
+        far_m, K = float(np.linalg.norm(off_m)), self.K
+        rays = np.stack(
+            [(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(np.shape(u))], -1
         )
-        kind = np.where(off_px <= radius_m / z_m, 0, self.kind).astype(self.kind.dtype)
-        return replace(self, kind=kind)
+        cosine = rays @ off_m / np.maximum(np.linalg.norm(rays, axis=-1) * far_m, 1e-9)
+        return cosine >= np.sqrt(max(0.0, 1.0 - min(1.0, radius_m / max(far_m, 1e-9)) ** 2))
 
     @property
     def camera(self) -> PinholeCamera:

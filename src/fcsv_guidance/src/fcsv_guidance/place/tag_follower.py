@@ -18,9 +18,16 @@ from fcsv_guidance.ground.model import Ground
 from fcsv_guidance.messages import RobotPlace
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route.following import Polyline, RouteToFollow
-from fcsv_guidance.route.vantage import Vantage, VantageRules, best_vantage, shown_to
+from fcsv_guidance.route.vantage import (
+    Vantage,
+    VantageRules,
+    best_vantage,
+    clear_height_m,
+    shown_to,
+)
 
 _EVERY_M = 0.5  # along the robot's way
+_RISES_M = 0.3  # a vehicle that must be so much higher goes up first
 
 
 @dataclass(frozen=True)
@@ -28,8 +35,8 @@ class TagFollowRules:
     """The vehicle is sent on where its place shows less than ``enough`` of the robot's way, once
     another shows more by ``better``, or where it has read no tag for ``unread_s``; by ``step_m`` at
     once (a mission's Following takes 6 m), every ``every_s``. It is there within ``near_m`` and
-    ``near_deg``; one that has not moved for ``moves_s`` is told of. A camera older than ``oldest_s``
-    says nothing."""
+    ``near_deg``; where it has not moved for ``moves_s`` another place is taken for
+    ``refused_s``. A camera older than ``oldest_s`` says nothing."""
 
     vantage: VantageRules = field(default_factory=VantageRules)
     enough: float = 0.7
@@ -40,6 +47,7 @@ class TagFollowRules:
     near_m: float = 0.8
     near_deg: float = 8.0
     moves_s: float = 20.0
+    refused_s: float = 60.0
     oldest_s: float = 2.0
 
     def __post_init__(self):
@@ -91,6 +99,8 @@ class TagFollower:
         self._target: Optional[Vantage] = None
         self._in_vain: List[np.ndarray] = []  # places (3,) from which nothing was read
         self._stays: Optional[Tuple[float, np.ndarray]] = None  # asked to go, since when and where
+        self._refused: List[Tuple[float, np.ndarray]] = []  # places (3,), until when (s)
+        self._stuck = ""
         #: what is wrong, for the operator; empty where nothing is
         self.problem = ""
 
@@ -107,6 +117,7 @@ class TagFollower:
             if not np.isfinite([message.x_m, message.y_m]).all():
                 raise RouteError("the robot's start is not finite; give x and y in home (m)")
             self._robot, self._target, self._in_vain = (message.x_m, message.y_m), None, []
+            self._route = None
         elif isinstance(message, RobotPlace):
             if message.is_sound:
                 self._robot = message.x_m, message.y_m
@@ -115,30 +126,39 @@ class TagFollower:
         else:
             raise TypeError(f"a vehicle that follows does not know {type(message).__name__}")
 
-    def step(self, now_s: float, ground: Optional[Ground]) -> Optional[FlyCamera]:
-        """Where the vehicle shall fly now; None where it stays, or nobody can say."""
+    def step(
+        self, now_s: float, ground: Optional[Ground], eye_m: Optional[np.ndarray] = None
+    ) -> Optional[FlyCamera]:
+        """Where the vehicle shall fly now; None where it stays, or nobody can say. ``eye_m`` (3,): of a
+        camera that watches the robot."""
         missing = self._missing(now_s, ground)
         if missing or now_s - self._asked_s < self._rules.every_s:
             self.problem = missing or self.problem
             return None
-        self.problem = ""
-        tags_m, here = self._tags_ahead(ground), self._here
-        self._choose(now_s, ground, tags_m, here)
+        here = self._here
+        self._watch_moves(now_s, here)
+        self.problem = self._stuck
+        self._choose(now_s, ground, self._tags_ahead(ground), here, eye_m)
         target = self._target
         if target is None or self._is_at(target, here):
             self._stays = None
             return None
-        self._watch_moves(now_s, here)
+        self._stays = self._stays or (now_s, here.p_home_cam)
         self._asked_s = now_s
-        return self._towards(target, here)
+        return self._towards(ground, target, here)
 
     def _watch_moves(self, now_s: float, here: Vantage) -> None:
-        """Says so where the vehicle does not go where it is asked to."""
+        """Where the vehicle does not go where it is asked to, says so and takes another place."""
         rules = self._rules
-        if self._stays is None or np.linalg.norm(here.p_home_cam - self._stays[1]) > rules.near_m:
-            self._stays = now_s, here.p_home_cam
-        if now_s - self._stays[0] > rules.moves_s:
-            self.problem = (
+        self._refused = [(until_s, p_m) for until_s, p_m in self._refused if until_s > now_s]
+        if self._stays is None:
+            return
+        if np.linalg.norm(here.p_home_cam - self._stays[1]) > rules.near_m:
+            self._stays, self._stuck = None, ""
+        elif now_s - self._stays[0] > rules.moves_s and self._target is not None:
+            self._refused.append((now_s + rules.refused_s, self._target.p_home_cam))
+            self._stays = self._target = None
+            self._stuck = (
                 "the vehicle does not go where it is asked to: is a mission with follow_s flown, and "
                 "what does it say (/mission/state)?"
             )
@@ -164,9 +184,11 @@ class TagFollower:
         xy = np.array([self._robot])
         if self._route is not None:
             points = self._route.at(np.arange(0.0, self._route.length_m, _EVERY_M))
-            nearest = int(np.argmin(np.hypot(*(points - xy).T)))
-            count = int(self._rules.vantage.ahead_m / _EVERY_M)
-            xy = np.concatenate([xy, points[nearest + 1 : nearest + 1 + count]])
+            off_m, ahead_m = np.hypot(*(points - xy).T), self._rules.vantage.ahead_m
+            nearest = int(np.argmin(off_m))
+            ahead = points[nearest + 1 : nearest + 1 + int(ahead_m / _EVERY_M)]
+            if off_m[nearest] < ahead_m:  # else it is no more the robot's
+                xy = np.concatenate([xy, ahead])
         row, column, inside = ground.grid.cells_of(*xy.T)
         z_m = np.where(inside, ground.height_m[row, column], np.nan)
         known = z_m[np.isfinite(z_m)]
@@ -174,7 +196,14 @@ class TagFollower:
         z_m = np.where(np.isfinite(z_m), z_m, level_m)
         return np.column_stack([xy, z_m + self._tag_z_m])
 
-    def _choose(self, now_s: float, ground: Ground, tags_m: np.ndarray, here: Vantage) -> None:
+    def _choose(
+        self,
+        now_s: float,
+        ground: Ground,
+        tags_m: np.ndarray,
+        here: Vantage,
+        eye_m: Optional[np.ndarray],
+    ) -> None:
         """Keeps the target, or takes a better one."""
         rules = self._rules
         is_there = self._target is None or self._is_at(self._target, here)
@@ -186,7 +215,8 @@ class TagFollower:
             self._looks_s, shows = now_s, 0.0
         if shows >= rules.enough:
             return
-        best = best_vantage(ground, tags_m, here, rules.vantage, self._in_vain)
+        but = [*self._in_vain, *(p_m for _, p_m in self._refused)]
+        best = best_vantage(ground, tags_m, here, rules.vantage, but, eye_m)
         if best is None:
             self._in_vain = []  # next time all are tried again
             self.problem = (
@@ -201,12 +231,15 @@ class TagFollower:
         turned = abs(rotations.wrap(target.yaw_rad - here.yaw_rad))
         return off_m <= self._rules.near_m and turned <= np.radians(self._rules.near_deg)
 
-    def _towards(self, target: Vantage, here: Vantage) -> FlyCamera:
-        """One step; it comes down at its end only, where the ground is known best."""
-        off = target.p_home_cam - here.p_home_cam
-        level_m = float(np.hypot(off[0], off[1]))
-        if level_m <= self._rules.step_m:
-            return FlyCamera(target.p_home_cam, target.yaw_rad)
-        xy = here.p_home_cam[:2] + off[:2] * (self._rules.step_m / level_m)
-        z_m = max(target.p_home_cam[2], here.p_home_cam[2])
+    def _towards(self, ground: Ground, target: Vantage, here: Vantage) -> FlyCamera:
+        """One step: up before it flies over what is higher, down at its end only, where the ground is
+        known best."""
+        rules, off = self._rules, target.p_home_cam - here.p_home_cam
+        level_m, z_m = float(np.hypot(off[0], off[1])), float(target.p_home_cam[2])
+        if level_m > rules.step_m:
+            over_m = clear_height_m(ground, here.p_home_cam[:2], rules.vantage)
+            z_m = max(z_m, float(here.p_home_cam[2]), over_m)
+        if z_m - here.p_home_cam[2] > _RISES_M:
+            return FlyCamera(np.array([*here.p_home_cam[:2], z_m]), target.yaw_rad)
+        xy = here.p_home_cam[:2] + off[:2] * min(1.0, rules.step_m / max(level_m, 1e-6))
         return FlyCamera(np.array([*xy, z_m]), target.yaw_rad)

@@ -123,7 +123,7 @@ class CooperativePlaceNode:
         lever_m = rotations.turn_about_z(now.yaw_rad) @ self._T_body_cam[move.vehicle][:3, 3]
         at_m = move.x_m + float(lever_m[0]), move.y_m + float(lever_m[1])
         header = conversions.header(rospy.get_time(), frames.HOME)
-        self._move.publish(VehicleMove(header, move.vehicle, *at_m, 0.0, 0.0, True))
+        self._move.publish(VehicleMove(header, move.vehicle, *at_m, 0.0, 0.0, False))
 
 
 def main() -> int:

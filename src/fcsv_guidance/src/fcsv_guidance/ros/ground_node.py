@@ -125,7 +125,11 @@ class GroundNode:
             if not robot.tags:
                 raise ConfigError(f"{p.robot}: 'tags' is missing: no vehicle can follow them")
             self._follower = TagFollowerShell(
-                p.follower, robot, lambda: self._port.ground, self._came.append, self._health
+                p.follower,
+                robot,
+                lambda: (self._port.ground, self._port.eye_m),
+                self._came.append,
+                self._health,
             )
         self._place = PlaceSource(p.place, self._on_place, self._health)
         if p.live:
@@ -279,16 +283,21 @@ class GroundNode:
                 publisher.publish(messages.update_message(region, said.stamp_s))
         elif isinstance(said, RouteMessage):
             self._path.publish(messages.path_message(said.points_home_m, now_s))
-            if self._follower is not None:
-                self._follower.receive(RouteToFollow(said.points_home_m))
+            self._tell_follower(said.points_home_m)
             self._cells(np.empty((0, 2)))
             self._say(f"a route of {len(said.points_home_m)} corners leads to the goal")
         elif isinstance(said, NoRouteMessage):
             self._path.publish(messages.path_message(np.empty((0, 2)), now_s))
+            self._tell_follower(np.empty((0, 2)))
             self._cells(said.to_see_m)
             self._say(said.reason, wrong=True)
         elif isinstance(said, RobotHold):
             self._held.publish(String(said.reason))
+
+    def _tell_follower(self, points_home_m: np.ndarray) -> None:
+        if self._follower is not None:  # of a single point nothing lies ahead
+            several = len(points_home_m) > 1
+            self._follower.receive(RouteToFollow(points_home_m if several else np.empty((0, 2))))
 
     def _whole(self, now_s: float) -> List[OccupancyGrid]:
         """Both grids as they are now, which new listeners get from here on."""

@@ -105,10 +105,13 @@ class RobotTagsNode:
         as its tracker tells; no covariance where that is stale."""
         camera = self._mapped[seen.vehicle]
         corrected = camera.corrected(seen.stamp_s, T_home_odom, seen.T_odom_cam)
+        told = self._known[seen.vehicle].at(seen.stamp_s)
+        if told is None:
+            corrected = None
         self._health.value(f"{seen.vehicle}'s place", "by a map" if corrected else "by its tracker")
         if corrected is not None:
             return corrected
-        return T_home_odom @ seen.T_odom_cam, self._known[seen.vehicle].at(seen.stamp_s)
+        return T_home_odom @ seen.T_odom_cam, told
 
     def _on_refined(self, message: RefinedCameras) -> None:
         try:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The part of a node that sends a vehicle after the robot whose tags it reads."""
 
-import threading
+from collections import deque
 from dataclasses import dataclass, field
-from typing import Callable, Optional
+from typing import Callable, Optional, Tuple
 
+import numpy as np
 import rospy
 import tf2_ros
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -29,7 +30,7 @@ from fcsv_guidance.robot import Robot
 from fcsv_guidance.ros import ground_messages as messages
 from fcsv_msgs.msg import VehicleMove
 
-_PERIOD_S = 0.5
+_PERIOD_S, _MOST_HEARD = 0.5, 1000
 
 
 @dataclass(frozen=True)
@@ -41,20 +42,21 @@ class TagFollowerParameters:
 
 
 class TagFollowerShell:
-    """/NAME/tags/detections, tf from home to NAME/odom, initialpose -> move. ``ground`` gives the
-    newest, ``tell`` takes where the vehicle is."""
+    """/NAME/tags/detections, tf from home to NAME/odom, initialpose -> move. ``seen`` gives the
+    newest ground and the place (3,) of the camera that watches it, ``tell`` takes where the vehicle
+    is. Callbacks file; one timer decides."""
 
     def __init__(
         self,
         parameters: TagFollowerParameters,
         robot: Robot,
-        ground: Callable[[], Optional[Ground]],
+        seen: Callable[[], Tuple[Optional[Ground], Optional[np.ndarray]]],
         tell: Callable[[OwnVehicle], None],
         health: Health,
     ):
-        self._vehicle, self._ground, self._tell = parameters.vehicle, ground, tell
+        self._vehicle, self._seen, self._tell = parameters.vehicle, seen, tell
         self._ids = {tag.id for tag in robot.tags}
-        self._health, self._lock = health, threading.Lock()
+        self._health, self._came = health, deque(maxlen=_MOST_HEARD)
         self._port = TagFollower(robot, parameters.rules)
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer)
@@ -65,8 +67,7 @@ class TagFollowerShell:
 
     def receive(self, message: object) -> None:
         """A place of the robot, or its route."""
-        with self._lock:
-            self._port.receive(rospy.get_time(), message)
+        self._came.append((rospy.get_time(), message))
 
     def _on_tags(self, seen: SeenTags) -> None:
         if seen.T_odom_cam is None:
@@ -90,10 +91,13 @@ class TagFollowerShell:
             self._health.drop("initialpose", str(error))
 
     def _step(self) -> None:
-        with self._lock:
-            move = self._port.step(rospy.get_time(), self._ground())
-            problem = self._port.problem
-        self._health.problem("vehicle that follows", problem)
+        while self._came:
+            try:
+                self._port.receive(*self._came.popleft())
+            except FcsvError as error:
+                self._health.drop("vehicle that follows", f"{self._vehicle}: {error}")
+        move = self._port.step(rospy.get_time(), *self._seen())
+        self._health.problem("vehicle that follows", self._port.problem)
         if move is not None:
             self._moves.publish(self._message(move))
 
@@ -101,4 +105,4 @@ class TagFollowerShell:
         x_m, y_m, z_m = map(float, move.p_home_cam)
         rospy.loginfo("%s follows the robot: to (%.1f, %.1f, %.1f) m", self._vehicle, x_m, y_m, z_m)
         header = conversions.header(rospy.get_time(), frames.HOME)
-        return VehicleMove(header, self._vehicle, x_m, y_m, z_m, move.yaw_rad, False)
+        return VehicleMove(header, self._vehicle, x_m, y_m, z_m, move.yaw_rad, True)

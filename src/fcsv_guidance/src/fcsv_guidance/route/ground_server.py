@@ -32,6 +32,7 @@ from fcsv_guidance.route.following import Polyline
 from fcsv_guidance.route.grid_regions import Region, changed_region
 from fcsv_guidance.route.planning import RouteRules, plan_clear, with_room
 from fcsv_guidance.route.search import NO_ROUTE_KNOWN, NoRoute, Route
+from fcsv_stereo.depth import pixels_of
 
 _MOST_NAMED = 5  # cells in a sentence
 _JUDGED_M = 0.4  # beyond a radius: how far a cell has to do with whether another is an obstacle
@@ -169,6 +170,11 @@ class GroundServer:
         return self._ground
 
     @property
+    def eye_m(self) -> Optional[np.ndarray]:
+        """(3,) in home: of the camera of the newest live or watching view; None without."""
+        return None if self._live is None else self._live.T_home_cam[:3, 3]
+
+    @property
     def known(self) -> KnownGround:
         """Where the robot can stand."""
         return self._known
@@ -274,6 +280,7 @@ class GroundServer:
         for own in self._vehicles:
             if abs(own.stamp_s - view.stamp_s) < _OWN_VEHICLE_S:
                 view = view.without(own.p_home_m, _OWN_VEHICLE_M)
+                self._require_shown(view, near, own)
         seen = watch_seen(view, self._taken, self._known.grid)
         new, freedom = seen.ground, self._known.version
         self._known.receive(seen, near)
@@ -295,6 +302,22 @@ class GroundServer:
             other = (self._ground.height_m != was) & (changed | np.isfinite(was))
         self._renew_obstacles(other | changed)
         self._update_grid()
+
+    def _require_shown(self, view: DepthView, place: RobotPlace, own: OwnVehicle) -> None:
+        """Raises GroundError where a vehicle of ours hides the robot: nobody watches it then."""
+        row, column, inside = self._known.grid.cells_of(place.x_m, place.y_m)
+        z_m = self._ground.height_m[row, column] if inside else np.nan
+        if not np.isfinite(z_m):
+            return
+        robot_m = np.array([[place.x_m, place.y_m, z_m + 0.5 * self._robot.height_m]])
+        (row,), (column,), _, (shown,) = pixels_of(view.camera, view.T_home_cam, robot_m)
+        to_robot, to_own = (
+            robot_m[0] - view.T_home_cam[:3, 3],
+            own.p_home_m - view.T_home_cam[:3, 3],
+        )
+        near = to_own @ to_robot < to_robot @ to_robot
+        if shown and near and view.hides(row, column, own.p_home_m, _OWN_VEHICLE_M):
+            raise GroundError(f"{view.name}: {own.vehicle} hides the robot: nobody watches it")
 
     def _renew_obstacles(self, cells: np.ndarray) -> None:
         """Obstacles anew, where ``cells`` (rows, columns) matter."""

@@ -355,6 +355,7 @@ def _plan(system: System, args) -> FleetPlan:
         live=(live or watch or site is not None) and not monitor,
         robot_site=site,
         watch=watch,
+        follower=_follower(flown, vehicles) if watch else "",
         robot_file=robot_file(ROBOT) if watch else None,
         monitor=monitor,
         movers=tuple(through_town),
@@ -365,6 +366,18 @@ def _plan(system: System, args) -> FleetPlan:
         camera=camera,
         window=OperatorWindow() if screen and (rviz or args.system == "tags") else None,
     )
+
+
+def _follower(mission: Mission, vehicles: Sequence[str]) -> str:
+    """Who follows a robot that is watched, the last of the column, where the mission ends with
+    that; raises MachineError where nobody would be left to watch."""
+    if not mission.follows(-1):
+        return ""
+    if len(vehicles) < 3:
+        raise MachineError(
+            f"mission '{mission.name}': two vehicles watch while a third follows (follow_s): name uav3 in it"
+        )
+    return vehicles[-1]
 
 
 def _guidance_world(args) -> str:

@@ -73,6 +73,7 @@ class FleetPlan:
     movers: Tuple[Mover, ...] = ()  # what moves through the town
     # a robot is guided in flight, while the vehicles watch; a crate closes its way
     watch: bool = False
+    follower: str = ""  # the vehicle that follows that robot and reads its tags; empty: none does
     robot_file: Optional[Path] = None  # of that robot
     # of vehicles that gimbals on a robot follow, which is guided by them
     robot_site: Optional[PairSite] = None
@@ -110,12 +111,6 @@ class FleetPlan:
     def captures_hz(self) -> Optional[float]:
         """Pictures a second that are sent while recording; None: as the launch file says."""
         return MONITORED_HZ if self.monitor else WATCHED_HZ if self.watch else None
-
-    @property
-    def follower(self) -> str:
-        """The vehicle that follows a robot and reads its tags, the last of those that watch; empty:
-        none does."""
-        return self.vehicles[-1] if self.watch and len(self.vehicles) > 2 else ""
 
     @property
     def sim_folder(self) -> Path:

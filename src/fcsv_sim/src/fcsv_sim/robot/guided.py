@@ -140,7 +140,8 @@ class DriveRun:
             **shown,
             **sent,
         )
-        self._over_s = time.monotonic() + drive.longest_s + _LAUNCHES_S
+        comes_s = _COMES_S if drive.follower else 0.0
+        self._over_s = time.monotonic() + comes_s + drive.longest_s + _LAUNCHES_S
 
     def wait(self, most_s: float) -> None:
         """Waits for the drive's end."""

@@ -16,7 +16,7 @@ from fcsv_control.mission.activities.looking_round import (
     Turned,
     turn_most_s,
 )
-from fcsv_control.mission.activities.moving import BringHome, Hold, Return, Travel
+from fcsv_control.mission.activities.moving import BringHome, Hold, Return, Rise, Travel
 from fcsv_control.mission.activities.stages import GOES_BACK, MOVES
 from fcsv_control.mission.activities.standing import Standing
 from fcsv_control.mission.activities.sweeping import Sweeping
@@ -34,7 +34,7 @@ from fcsv_geometry.streams.stream import Since
 from fcsv_geometry.vehicles.modes import Mode
 
 # what follows these begins in the same step; a recording and the next task begin at the next one
-_AT_ONCE = (Hold, BringHome, Calibrating, LookRoundInColumn, Travel)
+_AT_ONCE = (Hold, BringHome, Calibrating, LookRoundInColumn, Rise, Travel)
 _LONGEST = 4  # times the wanted recording: what one attempt records at most
 
 
@@ -73,6 +73,7 @@ class FlightList:
             BringHome: lambda home: home.travelled or self._departure(),
             Calibrating: lambda _: self._calibrated(),
             LookRoundInColumn: lambda _: self._way(),
+            Rise: lambda _: self._return(),
             Travel: lambda _: self._turns(),
             LookRoundAtPlaces: lambda _: self._attempt(),
             Standing: lambda _: self._next_task(),
@@ -328,7 +329,7 @@ class FlightList:
         for name in {t.vehicle for t in self._list.left} & set(taken):
             self._list.leave(name)
             self._task.end()
-            if isinstance(self._activity, (Travel, ChangeOver)) and not self.finished:
+            if isinstance(self._activity, (Rise, Travel, ChangeOver)) and not self.finished:
                 self._activity = self._way()
 
     def _watch_time(self, snapshot: Snapshot, moment: Sequence[Task]) -> None:
@@ -407,9 +408,14 @@ class FlightList:
             flying = {t.vehicle for t in self._list.moment}
             figure = {n: T for n, T in self._figure.items() if n in flying}
             return ChangeOver(self._mission, self._outbox, figure, first.view)
-        kind = Return if self._goes_back else Travel
         places, where = self._places()
-        return kind(self._mission, self._outbox, places, where, self._others(places))
+        if self._goes_back:
+            return Rise(self._mission, self._outbox, places, self._vehicles)
+        return Travel(self._mission, self._outbox, places, where, self._others(places))
+
+    def _return(self) -> Activity:
+        places, where = self._places()
+        return Return(self._mission, self._outbox, places, where, self._others(places))
 
     def _turns(self) -> Activity:
         places, where = self._places()

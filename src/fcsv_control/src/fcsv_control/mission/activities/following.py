@@ -23,7 +23,7 @@ _MOST_M = 6.0  # a vehicle is sent so far at once
 # nobody sets out before all have stood for so long: a way is planned from where they stand
 _STANDS_MPS, _STANDS_S = 0.3, 0.5
 _NEAREST = 1.0 - 1e-6  # share of what is to be kept between two places
-_LOWEST_M, _SAME_HEIGHT_M = 2.0, 0.2  # above the take-off place; a vehicle goes no deeper
+_LOWEST_M = 1.0  # above the take-off place; to no lower height is anybody sent
 
 
 class Following(Activity):
@@ -89,6 +89,8 @@ class Following(Activity):
         """Sets out, or says why not."""
         T_home_cam = place.from_here(self._places[name])
         try:
+            if place.z_m is not None:
+                self._require_height(place.z_m)
             way = self._way(snapshot, name, T_home_cam[:3, 3])
         except MissionError as error:
             there = f"({place.x_m:.1f}, {place.y_m:.1f}) m in home"
@@ -100,16 +102,18 @@ class Following(Activity):
             self._outbox, name, T_home_cam, self._keep, self._mission.settle.timeout_s, way
         )
 
+    def _require_height(self, z_m: float) -> None:
+        above_m = z_m + self._mission.home_height_m
+        if above_m < _LOWEST_M:
+            raise MissionError(
+                f"{above_m:.1f} m above the take-off place, {_LOWEST_M:g} m at least"
+            )
+
     def _way(self, snapshot: Snapshot, name: str, goal_m: np.ndarray) -> List[np.ndarray]:
         here_m, height_m = snapshot.p_home_cam(name), self._mission.home_height_m
         away_m = float(np.hypot(*(goal_m - here_m)[:2]))
         if away_m > _MOST_M:
             raise MissionError(f"{away_m:.1f} m away, {_MOST_M:g} m at once at most")
-        above_m = float(goal_m[2]) + height_m
-        if above_m < _LOWEST_M and goal_m[2] < here_m[2] - _SAME_HEIGHT_M:
-            raise MissionError(
-                f"{above_m:.1f} m above the take-off place, {_LOWEST_M:g} m at least"
-            )
         places_m = {n: T[:3, 3] for n, T in self._places.items() if n != name}
         for other, place_m in places_m.items():
             if self._keep.share(goal_m - place_m) < _NEAREST:

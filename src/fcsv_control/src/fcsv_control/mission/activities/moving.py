@@ -13,9 +13,12 @@ from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.ways.convoy import Convoy
 from fcsv_control.mission.ways.journey import Journey
+from fcsv_control.mission.ways.places import level_camera
 from fcsv_control.mission.ways.routes import Keep
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import Mission
+
+_RISES_M = 2.0  # so far below its place a vehicle goes up first
 
 
 class Hold(Activity):
@@ -64,6 +67,47 @@ class Return(Travel):
     """Movers go back to their places in the column."""
 
     stage = GOES_BACK
+
+
+class Rise(Activity):
+    """Who is far below its place, having followed something, goes straight up to its height before
+    anybody goes back: nobody knows what stands on the slanting way. One after the other."""
+
+    stage = GOES_BACK
+
+    def __init__(
+        self,
+        mission: Mission,
+        outbox: Outbox,
+        places: Mapping[str, np.ndarray],
+        vehicles: Sequence[str],
+    ):
+        super().__init__()
+        self._mission, self._outbox = mission, outbox
+        self._places, self._vehicles = dict(places), list(vehicles)
+        self._journey: Optional[Journey] = None
+
+    def step(self, snapshot: Snapshot, guided: Sequence[str]) -> Progress:
+        """Raises MissionError where a vehicle does not get up."""
+        if self._journey is not None:
+            others = [n for n in self._vehicles if n != self._journey.name]
+            if self._journey.step(snapshot, others):
+                self._journey = None
+        if self._journey is None:
+            self._journey = next(filter(None, (self._way(snapshot, n) for n in self._places)), None)
+        if self._journey is None:
+            return Progress.DONE
+        self.detail = f"{self._journey.name} goes up before it goes back"
+        return Progress.UNDER_WAY
+
+    def _way(self, snapshot: Snapshot, name: str) -> Optional[Journey]:
+        T_home_cam, z_m = snapshot.vehicles[name].T_home_cam, float(self._places[name][2, 3])
+        if z_m - T_home_cam[2, 3] < _RISES_M:
+            return None
+        above = level_camera(T_home_cam)
+        above[2, 3] = z_m
+        timeout_s = self._mission.settle.timeout_s
+        return Journey(self._outbox, name, above, Keep.of(self._mission), timeout_s)
 
 
 class BringHome(Activity):

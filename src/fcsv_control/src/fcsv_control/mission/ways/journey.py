@@ -27,11 +27,14 @@ def go_to_body(outbox: Outbox, snapshot: Snapshot, name: str, T_odom_body: np.nd
     return outbox.order(snapshot.now_s, name, "GOTO", target=T_odom_body, frame=frames.odom(name))
 
 
+_SLOWLY_MPS = 1.0
+
+
 class Journey:
     """Planned at the first step, from where everybody is then, or ``way`` as it was planned; the
     other vehicles must stay where they are, or on ways that were checked against this one.
 
-    ``timeout_s`` is for each way-point.
+    ``timeout_s`` is for each way-point; a long leg has the time of a slow flight.
     """
 
     def __init__(
@@ -51,6 +54,7 @@ class Journey:
         self._way: Optional[List[np.ndarray]] = None if way is None else list(way)
         self._order: Optional[Order] = None
         self._started_s: Optional[float] = None
+        self._limit_s = timeout_s
         self.behind = 0  # way-points
 
     @property
@@ -73,7 +77,12 @@ class Journey:
             )
         if not self._way:
             return True
-        self._started_s = snapshot.now_s if self._started_s is None else self._started_s
+        if self._started_s is None:
+            leg_m = float(np.linalg.norm(snapshot.p_home_cam(self.name) - self._way[0]))
+            self._started_s, self._limit_s = (
+                snapshot.now_s,
+                max(self._timeout_s, leg_m / _SLOWLY_MPS),
+            )
         if self._order is None or self._order.failed:
             T_home_cam = transforms.transform(self._T_home_cam[:3, :3], self._way[0])
             self._order = go_to(self._outbox, snapshot, self.name, T_home_cam)
@@ -82,9 +91,9 @@ class Journey:
             self._way.pop(0)
             self._order, self._started_s = None, None
             self.behind += 1
-        elif snapshot.now_s - self._started_s > self._timeout_s:
+        elif snapshot.now_s - self._started_s > self._limit_s:
             why = f" ({self._order.outcome})" if self._order.failed else ""
             raise MissionError(
-                f"{self.name} did not get to its next way-point in {self._timeout_s:g} s, {away_m:.1f} m are left{why}"
+                f"{self.name} did not get to its next way-point in {self._limit_s:.0f} s, {away_m:.1f} m are left{why}"
             )
         return not self._way

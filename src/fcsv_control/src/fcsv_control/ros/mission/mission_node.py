@@ -200,7 +200,7 @@ class MissionNode:
         self._receive(PairLooked(m.reference, m.vehicle, m.off))
 
     def _on_follow(self, m: VehicleMove) -> None:
-        turned = () if m.keeps else (m.z_m, m.yaw_rad)
+        turned = (m.z_m, m.yaw_rad) if m.with_pose else ()
         place = FollowPlace(m.x_m, m.y_m, *turned)
         answer = self._serve(FollowAsked(m.header.frame_id, m.vehicle, place))
         if not answer.done:
