@@ -15,10 +15,12 @@ from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration, load_mission
 from fcsv_geometry.programs.writing import in_words
+from fcsv_sim.bringup import mission_file
 from fcsv_sim.demo import demo
 from fcsv_sim.demo.fleet import FleetPlan, SimulatedFleet
 from fcsv_sim.demo.pose_errors import tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, T_WORLD_MOCAP
+from fcsv_sim.machines.machines import MachineError
 from fcsv_sim.ros.mocap_node import MocapNodeParameters
 from fcsv_stereo.evaluating.truth import Truth
 
@@ -163,7 +165,9 @@ def test_where_something_moves_the_robot_is_watched_in_flight(tmp_path):
     assert not plan.movers and plan.captures_hz > 2.5
     assert plan.vehicles == ("uav1", "uav2", "uav3") and plan.follower == "uav3"
     text = mission_file("guide_watched").read_text()
-    (tmp_path / "two.yaml").write_text(text.replace("vehicle: uav3, at_once: true", "vehicle: uav2"))
+    (tmp_path / "two.yaml").write_text(
+        text.replace("vehicle: uav3, at_once: true", "vehicle: uav2")
+    )
     wanted[-1] = str(tmp_path / "two.yaml")
     with pytest.raises(MachineError, match="two vehicles watch while a third follows"):
         demo._plan(SYSTEMS["tags"], demo._parse([*wanted, "--out", str(tmp_path / "out")]))
