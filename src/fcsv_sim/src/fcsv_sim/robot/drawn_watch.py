@@ -22,7 +22,9 @@ from fcsv_stereo.pipeline import METHODS
 BASELINE_M = 6.0
 _PANEL_M = 0.2
 _SHAKE_RAD, _HOVER_M = np.radians(1.0), 0.03
-_POSE_RAD, _POSE_M = np.radians(0.15), 0.05  # errors of what the vehicles know of themselves
+# errors of what the vehicles know of themselves: of the reference since the map, of the other's
+# place beside it
+_POSE_RAD, _POSE_M = np.radians((0.03, 0.15)), (0.01, 0.05)
 
 
 class DrawnWatch:
@@ -58,7 +60,7 @@ class DrawnWatch:
         T = transforms.from_xyz_rpy(off, random.normal(0.0, _SHAKE_RAD, 3))
         shot = self._cameras[k].shoot(stamp_s, self._T_world_station @ T, things)
         error = transforms.from_xyz_rpy(
-            random.normal(0.0, _POSE_M, 3), random.normal(0.0, _POSE_RAD, 3)
+            random.normal(0.0, _POSE_M[k], 3), random.normal(0.0, _POSE_RAD[k], 3)
         )
         T_home_cam = shot.T_world_cam @ error
         camera = self._cameras[k].model
