@@ -13,6 +13,7 @@ from fcsv_guidance.ground import model, occupancy, standing
 from fcsv_guidance.ground.live_views import LiveViews
 from fcsv_guidance.ground.model import cell_probability
 from fcsv_guidance.ground.occupancy import FREE_PERCENT
+from fcsv_guidance.ground.own_pixels import robot_pixels
 from fcsv_guidance.messages import Goal, OwnVehicle, RobotPlace
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route import ground_server
@@ -226,6 +227,28 @@ def test_the_robot_and_what_it_hides_are_no_thing_that_came(server, scene):
     (said,) = server.step(2.2)
     assert isinstance(said, GridChanged)
     assert 0 <= server.whole_grid.stands[server.whole_grid.grid.cell_of(10.0, 3.0)] <= FREE_PERCENT
+
+
+def test_a_thing_behind_the_robot_is_told_by_its_pixels_beside_the_robot(server, scene):
+    """On the ground that the robot hides, and higher than it: nothing of the robot is seen there."""
+    server.receive(1.0, at(11.0, 4.0, 2.0))
+    server.receive(1.0, Goal(18.0, 4.0))
+    server.step(1.0)
+    itself, crate = (10.7, 11.3, 3.7, 4.3, 0.0, 0.7), (12.1, 12.4, 3.4, 4.9, 0.0, 1.3)
+    view = scene([BOX, itself, crate]).view(stamp_s=2.0, name="live")
+    server.receive(2.2, MapSeen(view, watching=True))
+    said = server.step(2.2)
+    assert any(isinstance(each, RobotHold) and "something moves" in each.reason for each in said)
+    grid, closed = server.whole_grid.grid, server.known.closed
+    assert closed[grid.cell_of(12.2, 4.2)] and not closed[grid.cell_of(11.0, 4.0)]
+
+
+def test_the_robots_pixels_are_known_where_it_is_before_the_camera(scene, rescue):
+    view = scene([]).view()
+    own = robot_pixels(view, at(12.0, 0.0), rescue, 0.0)
+    itself = scene([(11.7, 12.3, -0.3, 0.3, 0.0, 0.7)]).view().depth < view.depth - 0.05
+    assert own[itself].all() and 1.5 < own.sum() / itself.sum() < 8.0
+    assert robot_pixels(view, at(-5.0, 0.0), rescue, 0.0) is None
 
 
 def is_free(server):

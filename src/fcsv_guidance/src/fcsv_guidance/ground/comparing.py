@@ -47,9 +47,10 @@ class Compared:
     is mapped. ``same``: bool, the ground is seen as it is mapped. ``noise`` (1/m): standard deviation
     of the view's inverse depth; a smaller shift is not told. ``past`` (1/m): the foretold inverse
     depth (H,W) of pixels about which nothing is nearer than that, NaN elsewhere; of ``camera`` at
-    ``T_home_cam``."""
+    ``T_home_cam``. ``apart``: as ``came``, of what is seen beside the robot's own pixels."""
 
     came: np.ndarray
+    apart: np.ndarray
     shift: np.ndarray
     at_z_m: np.ndarray
     went: np.ndarray
@@ -68,10 +69,11 @@ class Compared:
 
 
 def compared(
-    view: DepthView, maps: Sequence[DepthView], grid: Grid
+    view: DepthView, maps: Sequence[DepthView], grid: Grid, own: Optional[np.ndarray] = None
 ) -> Tuple[DepthView, Optional[Compared]]:
     """The view with the shared error taken off its depth, and what it shows against ``maps``; the
-    view as it is, and None, where no map foretells enough of it."""
+    view as it is, and None, where no map foretells enough of it. ``own`` (H,W) bool: pixels in which
+    the robot may be seen; None where nobody knows."""
     depth, foretold = sure_depth(view), _foretold(view, maps)
     if foretold is None:
         return view, None
@@ -89,7 +91,7 @@ def compared(
     inverse = inverse - shared
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(inverse > 0, 1.0 / inverse, np.nan).astype(np.float32)
-    return replace(view, depth=depth), _judged(view, inverse, expected, noise, grid)
+    return replace(view, depth=depth), _judged(view, inverse, expected, noise, grid, own)
 
 
 def _foretold(view: DepthView, maps: Sequence[DepthView]) -> Optional[np.ndarray]:
@@ -140,7 +142,12 @@ def _shared(inverse: np.ndarray, expected: np.ndarray, both: np.ndarray) -> Tupl
 
 
 def _judged(
-    view: DepthView, inverse: np.ndarray, expected: np.ndarray, noise: float, grid: Grid
+    view: DepthView,
+    inverse: np.ndarray,
+    expected: np.ndarray,
+    noise: float,
+    grid: Grid,
+    own: Optional[np.ndarray],
 ) -> Compared:
     around = np.ones((2 * _EDGE_PX + 1,) * 2, np.uint8)
     known = np.isfinite(expected)
@@ -148,7 +155,7 @@ def _judged(
     low = cv2.erode(np.where(known, expected, 9.0).astype(np.float32), around)
     both = np.isfinite(inverse) & (inverse > 1.0 / _FARTHEST_M) & (high > 0)
     nearer, farther = np.where(both, inverse - high, 0.0), np.where(both, low - inverse, 0.0)
-    came, shift, went = (np.zeros(grid.shape, np.float32) for _ in range(3))
+    came, apart, shift, went = (np.zeros(grid.shape, np.float32) for _ in range(4))
     at_z_m = np.full(grid.shape, np.nan, np.float32)
     for group in _groups(view, inverse, high, nearer, noise):
         cells, z_m = _cells_of(view, inverse, group, grid)
@@ -156,6 +163,12 @@ def _judged(
         sure = min(group.by / (_SURE * noise), 1.0) * group.whole
         came[cells] = np.maximum(came[cells], sure)
         shift[cells] = np.maximum(shift[cells], group.by)
+        beside = None if own is None else group.beside(own)
+        if beside is not None:
+            cells, _ = _cells_of(view, inverse, beside, grid)
+            apart[cells] = np.maximum(
+                apart[cells], min(group.by / (_SURE * noise), 1.0) * beside.whole
+            )
     for group in _groups(view, inverse, low, farther, noise):
         for depths in (low, inverse):  # where the thing was, and what is seen in its place
             went[_cells_of(view, depths, group, grid)[0]] = 1.0
@@ -170,19 +183,31 @@ def _judged(
     nothing = cv2.dilate((nearer > _FLAGGED * noise).astype(np.uint8), window) == 0
     past = nothing & (cv2.blur(seen.astype(np.float32), window.shape) >= _SHOWN)
     behind = np.where(past, expected, np.nan)
-    own = view.camera, view.T_home_cam
-    return Compared(came, shift, at_z_m, went > 0, same, noise, behind, *own)
+    eye = view.camera, view.T_home_cam
+    return Compared(came, apart, shift, at_z_m, went > 0, same, noise, behind, *eye)
 
 
 @dataclass(frozen=True)
 class _Group:
     """Pixels (rows, columns) that differ together, ``by`` inverse depth (1/m) in the middle;
-    ``whole``: their number against that of a thing for which one view is enough, 1 at most."""
+    ``least_px`` of the smallest thing; ``whole``: their number against that of a thing for which one
+    view is enough, 1 at most."""
 
     rows: np.ndarray
     columns: np.ndarray
     by: float
-    whole: float
+    least_px: float
+
+    @property
+    def whole(self) -> float:
+        return min(len(self.rows) / (_WIDE * self.least_px), 1.0)
+
+    def beside(self, own: np.ndarray) -> Optional["_Group"]:
+        """What of it lies beside ``own`` pixels (H,W); None where that is too little for a thing."""
+        off = ~own[self.rows, self.columns]
+        if off.sum() < self.least_px:
+            return None
+        return _Group(self.rows[off], self.columns[off], self.by, self.least_px)
 
 
 def _groups(view: DepthView, inverse, edge, differs, noise: float) -> Iterator[_Group]:
@@ -201,7 +226,7 @@ def _groups(view: DepthView, inverse, edge, differs, noise: float) -> Iterator[_
         least = max(_LEAST_GROUP_PX, float(np.median(least_px[rows, columns])))
         if size >= least:
             by = float(np.median(differs[rows, columns]))
-            yield _Group(rows, columns, by, min(size / (_WIDE * least), 1.0))
+            yield _Group(rows, columns, by, least)
 
 
 def _cells_of(view: DepthView, inverse: np.ndarray, group: _Group, grid: Grid) -> Tuple:

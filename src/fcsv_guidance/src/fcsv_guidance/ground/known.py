@@ -54,10 +54,12 @@ class GroundSeen:
     compared: Optional[Compared] = None
 
 
-def watch_seen(view: DepthView, maps: Sequence[DepthView], grid: Grid) -> GroundSeen:
-    """What a watching view shows, laid on ``grid`` and compared with the ``maps``. Raises
-    GroundError where no pixel has a depth."""
-    view, shows = compared(view, maps, grid)
+def watch_seen(
+    view: DepthView, maps: Sequence[DepthView], grid: Grid, own: Optional[np.ndarray] = None
+) -> GroundSeen:
+    """What a watching view shows, laid on ``grid`` and compared with the ``maps``; ``own``: pixels in
+    which it may show the robot. Raises GroundError where no pixel has a depth."""
+    view, shows = compared(view, maps, grid, own)
     ground = ground_from([view], grid=grid)
     return GroundSeen(view.stamp_s, view.name, ground, True, view.T_home_cam[:3, 3], shows)
 
@@ -286,13 +288,15 @@ class KnownGround:
         shows, nowhere = seen.compared, np.zeros(self.grid.shape, bool)
         if shows is None:
             return nowhere, nowhere
-        came = np.where(own, 0.0, shows.came)
+        # cells behind the robot: what is seen beside its pixels stands there
+        came = np.where(own, shows.apart, shows.came)
         stirs = standing.disk(_STIRS_M, self.grid.cell_m)
         surely = came >= _HOLDS
         new = surely & ~(standing.most(self._things > 0, stirs) > 0)
         if place is not None:
-            off_px = cv2.distanceTransform((~own).astype(np.uint8), cv2.DIST_L2, 5)[surely]
-            things_m = self.grid.middle_of(*np.nonzero(surely))
+            beside = surely & ~own
+            off_px = cv2.distanceTransform((~own).astype(np.uint8), cv2.DIST_L2, 5)[beside]
+            things_m = self.grid.middle_of(*np.nonzero(beside))
             off_m, robot_m = off_px * self.grid.cell_m, np.array([place.x_m, place.y_m])
             self.beside.observe(seen.stamp_s, things_m, off_m, robot_m)
         hidden = self._hidden(seen, came)

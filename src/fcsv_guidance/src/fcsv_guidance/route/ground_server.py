@@ -25,6 +25,7 @@ from fcsv_guidance.ground.model import (
     within,
 )
 from fcsv_guidance.ground.occupancy import occupancy, percents_of
+from fcsv_guidance.ground.own_pixels import robot_pixels
 from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.messages import Goal, OwnVehicle, RobotPlace
 from fcsv_guidance.robot import Robot
@@ -281,7 +282,9 @@ class GroundServer:
             if abs(own.stamp_s - view.stamp_s) < _OWN_VEHICLE_S:
                 view = view.without(own.p_home_m, _OWN_VEHICLE_M)
                 self._require_shown(view, near, own)
-        seen = watch_seen(view, self._taken, self._known.grid)
+        z_m = self._ground_z_m(near)
+        own = robot_pixels(view, near, self._robot, z_m) if np.isfinite(z_m) else None
+        seen = watch_seen(view, self._taken, self._known.grid, own)
         new, freedom = seen.ground, self._known.version
         self._known.receive(seen, near)
         self._live = view
@@ -303,10 +306,14 @@ class GroundServer:
         self._renew_obstacles(other | changed)
         self._update_grid()
 
+    def _ground_z_m(self, place: RobotPlace) -> float:
+        """Height of the maps' ground below the robot, in home; NaN where it is not known."""
+        row, column, inside = self._known.grid.cells_of(place.x_m, place.y_m)
+        return float(self._mapped.height_m[row, column]) if inside else float("nan")
+
     def _require_shown(self, view: DepthView, place: RobotPlace, own: OwnVehicle) -> None:
         """Raises GroundError where a vehicle of ours hides the robot: nobody watches it then."""
-        row, column, inside = self._known.grid.cells_of(place.x_m, place.y_m)
-        z_m = self._ground.height_m[row, column] if inside else np.nan
+        z_m = self._ground_z_m(place)
         if not np.isfinite(z_m):
             return
         robot_m = np.array([[place.x_m, place.y_m, z_m + 0.5 * self._robot.height_m]])
