@@ -160,15 +160,12 @@ def _judged(
     for group in _groups(view, inverse, high, nearer, noise):
         cells, z_m = _cells_of(view, inverse, group, grid)
         at_z_m[cells] = z_m
-        sure = min(group.by / (_SURE * noise), 1.0) * group.whole
-        came[cells] = np.maximum(came[cells], sure)
+        came[cells] = np.maximum(came[cells], group.sure(noise))
         shift[cells] = np.maximum(shift[cells], group.by)
         beside = None if own is None else group.beside(own)
         if beside is not None:
             cells, _ = _cells_of(view, inverse, beside, grid)
-            apart[cells] = np.maximum(
-                apart[cells], min(group.by / (_SURE * noise), 1.0) * beside.whole
-            )
+            apart[cells] = np.maximum(apart[cells], beside.sure(noise))
     for group in _groups(view, inverse, low, farther, noise):
         for depths in (low, inverse):  # where the thing was, and what is seen in its place
             went[_cells_of(view, depths, group, grid)[0]] = 1.0
@@ -190,17 +187,18 @@ def _judged(
 @dataclass(frozen=True)
 class _Group:
     """Pixels (rows, columns) that differ together, ``by`` inverse depth (1/m) in the middle;
-    ``least_px`` of the smallest thing; ``whole``: their number against that of a thing for which one
-    view is enough, 1 at most."""
+    ``least_px`` of the smallest thing."""
 
     rows: np.ndarray
     columns: np.ndarray
     by: float
     least_px: float
 
-    @property
-    def whole(self) -> float:
-        return min(len(self.rows) / (_WIDE * self.least_px), 1.0)
+    def sure(self, noise: float) -> float:
+        """How surely it is a thing, 0 to 1, by its shift against the ``noise`` (1/m) and by its number of
+        pixels against that of a thing for which one view is enough."""
+        whole = min(len(self.rows) / (_WIDE * self.least_px), 1.0)
+        return min(self.by / (_SURE * noise), 1.0) * whole
 
     def beside(self, own: np.ndarray) -> Optional["_Group"]:
         """What of it lies beside ``own`` pixels (H,W); None where that is too little for a thing."""

@@ -11,10 +11,8 @@ from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.messages import RobotPlace
 from fcsv_guidance.robot import Robot
 
-_BESIDE_M, _BESIDE_PX = (
-    0.15,
-    3,
-)  # beside the robot: its edge, and depth that is matched wider than it
+# beside the robot: its edge, and depth that is matched wider than it
+_BESIDE_M, _BESIDE_PX = 0.15, 3
 _CORNERS = 12
 
 
