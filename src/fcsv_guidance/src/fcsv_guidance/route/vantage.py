@@ -7,6 +7,7 @@ from typing import Optional, Sequence
 
 import numpy as np
 
+from fcsv_geometry import rotations
 from fcsv_geometry.config import require_positive
 from fcsv_guidance.ground.model import Ground
 from fcsv_guidance.route.look_from import nothing_hides
@@ -88,7 +89,7 @@ def best_vantage(
                 continue
             sees = _shown(ground, hiding, tags_home_m, place, rules)
             flies_m = float(np.linalg.norm(place.p_home_cam - now.p_home_cam))
-            turns_rad = abs((yaw_rad - now.yaw_rad + np.pi) % (2 * np.pi) - np.pi)
+            turns_rad = abs(rotations.wrap(float(yaw_rad - now.yaw_rad)))
             rated = sees - _FLIES_PER_M * flies_m - _TURNS_PER_RAD * turns_rad
             if sees > 0 and (best is None or rated > best_rated):
                 best, best_rated = Vantage(place.p_home_cam, float(yaw_rad), sees), rated
