@@ -4,6 +4,7 @@ ground is opened by views that see it."""
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -72,6 +73,26 @@ def test_a_crate_within_one_sigma_of_the_ground_is_seen_in_one_view(known, mappe
     known.receive(watch_seen(view, [mapped], GRID), None)
     assert not free(known) and known.closed[ON_CRATE]
     assert "moves" in known.moving(1.1, RobotPlace(1.0, 26.0, 0.0, 0.0, 0.1))
+
+
+def test_walls_whose_edges_are_blurred_hide_nobody(scene, live):
+    """Live matching blurs a wall's edge over some pixels: what it is worth there is no noise of the
+    ground between the walls."""
+    walls = [(x, x + 0.3, y, y + 4.0, 0.0, 1.0) for x in (20, 24, 32, 36) for y in (-7, -2, 3)]
+    walker = (27.7, 28.3, -0.3, 0.3, 0.0, 1.7)
+    mapped = scene(walls, **HIGH).view(stamp_s=0.0)
+
+    def shown(boxes, number):
+        view = live(boxes, number, shared=SHARED / 3)
+        inverse = cv2.blur(np.nan_to_num(1.0 / view.depth, nan=1.0 / 60.0), (9, 9))
+        return replace(view, depth=np.where(np.isfinite(view.depth), 1.0 / inverse, np.nan))
+
+    for number in range(1, 5):
+        _, bare = compared(shown(walls, number), [mapped], GRID)
+        _, shows = compared(shown([*walls, walker], number), [mapped], GRID)
+        assert bare.noise < 3 * NOISE and shows.noise < 3 * NOISE
+        assert shows.came[GRID.cell_of(28.0, 0.0)] == 1.0
+        assert not bare.came.any() and not bare.went.any()
 
 
 def test_views_without_a_thing_close_nothing(known, mapped, live):

@@ -5,6 +5,7 @@ fault."""
 import csv
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -224,6 +225,25 @@ def test_a_watch_shows_a_box_where_nothing_hides_it(open_place):
     nearer = after.depth < before - 0.3
     assert after.stamp_s == 3.0 and nearer.sum() > 50
     assert box.gap_m(23.9, 1.0) == pytest.approx(0.5) and box.gap_m(23.0, 1.0) < 0
+
+
+def test_a_watch_blurs_edges_and_not_what_is_even(open_place):
+    """As live matching does (docs/lab/guidance.md)."""
+    watcher = Watcher(open_place.town, open_place.views[0], 1)
+    box = Box(30.0, 1.0, 0.0, (0.4, 2.0), 2.5)
+    hit, around = watcher._hit(box), np.ones((9, 9), np.uint8)
+    true = (hit < watcher._true).astype(np.uint8)
+    inside, beside = cv2.erode(true, around) > 0, cv2.dilate(true, around) - true > 0
+    wrong = []
+    for stamp_s in range(10):
+        view = watcher.look(float(stamp_s), [box])
+        known = (view.kind > 0) & np.isfinite(view.depth)
+        if known[inside].mean() < 0.5:
+            continue  # one in ten misses it
+        off_px = 3600 * np.abs(1.0 / view.depth - 1.0 / np.where(true, hit, watcher._true))
+        assert np.median(off_px[known & inside]) < 6.0
+        wrong.append((off_px[known & beside] > 6.0).mean())
+    assert 0.02 < np.mean(wrong) < 0.5
 
 
 def test_a_drawn_watch_matches_a_box_that_came(open_place):

@@ -254,7 +254,7 @@ class KnownGround:
             moved = ground.known & last.known & ~mapped & ~_agrees(ground, last)
             cells |= moved & ~_lone(moved)
         stirs = standing.disk(_STIRS_M, grid.cell_m)
-        came = changed & ~(standing.most(self._changed, stirs) > 0)
+        came = changed & ~(standing.most(self._changed | (self._things > 0), stirs) > 0)
         closed = self.closed
         new, gone = self._compared(seen, place, own)
         came |= new

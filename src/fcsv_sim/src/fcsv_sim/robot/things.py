@@ -14,11 +14,13 @@ from fcsv_sim.render.caster import make_caster
 from fcsv_sim.render.rays import T, ray_buffer, set_rays
 from fcsv_sim.world.town import Town
 
-# of live matching with 6 m of baseline, poses refined, as measured in flight (low_maze 29; 1 px is
-# 2.8e-4 / m): what a whole view shares, what pixels and patches have of their own, standard
-# deviations in inverse depth (1/m)
+# of live matching with 6 m of baseline, poses refined (docs/lab/guidance.md; 1 px is 2.8e-4 / m):
+# what a whole view shares, what pixels and patches have of their own, standard deviations in
+# inverse depth (1/m)
 _SHARED, _OWN, _OF_PATCHES = 5e-4, 1e-4, 1.5e-4
 _OWN_PX, _PATCH_PX = 1.5, 12.0  # how far an error reaches
+# how far edges are off, how far that reaches, and what is an edge (1/m)
+_WANDERS_PX, _WANDER_PX, _EDGE = 2.0, 8.0, 5e-4
 _WRONG, _WRONG_PX, _WRONG_SHIFT = 1.0, (2, 6), 2e-3  # patches a view, their radius, error (1/m)
 _NO_DEPTH, _MISSED = 0.2, 0.1  # share of pixels without depth; of views in which a thing has none
 
@@ -47,8 +49,8 @@ Thing = Callable[[float], Optional[Box]]
 
 
 class Watcher:
-    """Vehicles that hold at a station: their depth of now is that of the map, with the things that
-    stand before it."""
+    """Vehicles that hold at a station and see where its map does: the true depth of now, with errors
+    as live matching has them."""
 
     def __init__(self, town: Town, view: DepthView, seed: int):
         self.view = view
@@ -67,15 +69,17 @@ class Watcher:
         self._true = rays[:, T].reshape(height, width)
 
     def look(self, stamp_s: float, boxes: Sequence[Box]) -> DepthView:
-        """The depth view of an instant, with errors as live matching has them."""
+        """The depth view of an instant."""
         random, old = self._random, self.view
-        depth, kind, true = old.depth.copy(), old.kind.copy(), self._true
+        depth, kind = self._true, old.kind.copy()
         missed = random.random() < _MISSED
         for box in boxes:
             hit = self._hit(box)
-            before = hit < true
-            depth[before], kind[before] = hit[before], 0 if missed else 2
-            true = np.where(before, hit, true)
+            before = hit < depth
+            kind[before] = 0 if missed else 2
+            depth = np.where(before, hit, depth)
+        with np.errstate(divide="ignore"):
+            inverse = self._with_edges_off((1.0 / depth).astype(np.float32))
         height, width = depth.shape
         v, u = (np.indices(depth.shape) - np.array([[[height]], [[width]]]) / 2) / width
         a, b, c = _SHARED * random.standard_normal(3)
@@ -87,10 +91,20 @@ class Watcher:
             off = off + random.choice((-1.0, 1.0)) * _WRONG_SHIFT * wrong
         kind[self._field(_PATCH_PX) < ndtri(_NO_DEPTH)] = 0
         with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = 1.0 / depth + off
+            inverse = inverse + off
             depth = np.where(inverse > 1e-3, 1.0 / inverse, np.nan).astype(np.float32)
         sigma = (np.hypot(_SHARED, _OWN) * depth**2).astype(np.float32)
         return replace(old, depth=depth, sigma=sigma, kind=kind, stamp_s=stamp_s)
+
+    def _with_edges_off(self, inverse: np.ndarray) -> np.ndarray:
+        """Inverse depth (H,W) which at its edges is that of pixels some way beside."""
+        v, u = np.indices(inverse.shape, np.float32)
+        u, v = (at + _WANDERS_PX * self._field(_WANDER_PX) for at in (u, v))
+        beside = cv2.remap(inverse, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+        # in the picture of a plane it is affine: nothing bends
+        bends = np.abs(cv2.Laplacian(inverse, cv2.CV_32F)) > _EDGE
+        reach = np.ones((2 * round(2 * _WANDERS_PX) + 1,) * 2, np.uint8)
+        return np.where(cv2.dilate(bends.astype(np.uint8), reach) > 0, beside, inverse)
 
     def _field(self, reach_px: float) -> np.ndarray:
         """(H,W) float32 of noise with standard deviation 1 that neighbours share."""
