@@ -153,6 +153,23 @@ def test_what_hides_of_a_thing_is_free_again_with_the_ground_beside_it(known, ma
     assert not known.closed.any() and not known.changed.any() and free(known)
 
 
+def test_a_cell_or_two_that_no_view_frees_go_with_the_thing(known, mapped, live):
+    """As behind the robot itself: two of them held it for good, long after who had come was gone."""
+    row, column = ON_CRATE
+
+    def without_two(seen):
+        same = seen.compared.same.copy()
+        same[row, column - 1 : column + 1] = False
+        past = np.full_like(seen.compared.past, np.nan)
+        return replace(seen, compared=replace(seen.compared, same=same, past=past))
+
+    known.receive(watch_seen(live([WALL, CRATE], 1), [mapped], GRID), None)
+    for number in range(2, 5):
+        assert known.closed[ON_CRATE]
+        known.receive(without_two(watch_seen(live([WALL], number), [mapped], GRID)), None)
+    assert not known.closed.any() and free(known)
+
+
 def test_a_wrong_depth_over_ground_that_a_wall_hides_ends_when_views_look_past_it(
     known, mapped, live
 ):

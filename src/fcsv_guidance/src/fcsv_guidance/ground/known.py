@@ -305,6 +305,7 @@ class KnownGround:
         self._at_z_m = np.where(came > 0, shows.at_z_m, self._at_z_m)
         things = np.minimum(self._things + came, 1.0) - frees / np.float32(_FREEING_VIEWS)
         things[things < 0.5 / _FREEING_VIEWS] = 0.0
+        things[_rests(things, came)] = 0.0
         if place is not None:  # where the robot itself stands, which no view can show, is no thing
             off = self.grid.middle_of(*np.indices(self.grid.shape)) - [place.x_m, place.y_m]
             things[np.hypot(off[..., 0], off[..., 1]) < self._robot.radius_m] = 0.0
@@ -379,6 +380,15 @@ def _agrees(a: Ground, b: Ground) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         apart = np.maximum(a.low_m - b.high_m, b.low_m - a.high_m)  # negative where they overlap
         return (apart <= bound) & (np.abs(a.height_m - b.height_m) <= bound + (b.high_m - b.low_m))
+
+
+def _rests(things: np.ndarray, came: np.ndarray) -> np.ndarray:
+    """(rows, columns) bool: of ``things``, groups of fewer than _MOVES_CELLS of which the view shows
+    nothing: what is left of one that went, where the robot hides the ground."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats((things > 0).astype(np.uint8))
+    few = stats[:, cv2.CC_STAT_AREA] < _MOVES_CELLS
+    few[labels[came > 0]] = False
+    return few[labels] & (things > 0)
 
 
 def _lone(cells: np.ndarray) -> np.ndarray:
