@@ -30,6 +30,7 @@ _OWN_M = 0.15  # beside the footprint: what is seen there may be the robot itsel
 _HOLDS, _CLOSES = 0.3, 0.999  # how surely something came: the robot is held, ground closes
 _OWN_NOISE = 3.0  # standard deviations of a view by which the robot's own depth is off
 _AHEAD_M = 0.35  # beside what was measured of a thing: its depth there, or the robot's own edge
+_LEAST_THING_M = 0.3  # across, and as far along its ray: fewer cells are no thing
 _FREEING_VIEWS = 3  # that must show the ground where something stood, before it counts as free
 _TOLD = 2.0  # standard deviations of a view's noise by which a thing that it would free was nearer
 #: The robot stands while something came near in the last STILL_S, and until STILL_VIEWS have come
@@ -305,7 +306,7 @@ class KnownGround:
         self._at_z_m = np.where(came > 0, shows.at_z_m, self._at_z_m)
         things = np.minimum(self._things + came, 1.0) - frees / np.float32(_FREEING_VIEWS)
         things[things < 0.5 / _FREEING_VIEWS] = 0.0
-        things[_rests(things, came)] = 0.0
+        things[_rests(things, came, self.grid.cell_m)] = 0.0
         if place is not None:  # where the robot itself stands, which no view can show, is no thing
             off = self.grid.middle_of(*np.indices(self.grid.shape)) - [place.x_m, place.y_m]
             things[np.hypot(off[..., 0], off[..., 1]) < self._robot.radius_m] = 0.0
@@ -382,11 +383,11 @@ def _agrees(a: Ground, b: Ground) -> np.ndarray:
         return (apart <= bound) & (np.abs(a.height_m - b.height_m) <= bound + (b.high_m - b.low_m))
 
 
-def _rests(things: np.ndarray, came: np.ndarray) -> np.ndarray:
-    """(rows, columns) bool: of ``things``, groups of fewer than _MOVES_CELLS of which the view shows
-    nothing: what is left of one that went, where the robot hides the ground."""
+def _rests(things: np.ndarray, came: np.ndarray, cell_m: float) -> np.ndarray:
+    """(rows, columns) bool: of ``things``, groups of which the view shows nothing, smaller than
+    _LEAST_THING_M: what is left of one that went, where the robot hides the ground."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats((things > 0).astype(np.uint8))
-    few = stats[:, cv2.CC_STAT_AREA] < _MOVES_CELLS
+    few = stats[:, cv2.CC_STAT_AREA] * cell_m**2 < _LEAST_THING_M**2
     few[labels[came > 0]] = False
     return few[labels] & (things > 0)
 
