@@ -154,7 +154,7 @@ def test_what_hides_of_a_thing_is_free_again_with_the_ground_beside_it(known, ma
 
 
 def test_a_cell_or_two_that_no_view_frees_go_with_the_thing(known, mapped, live):
-    """As behind the robot itself: two of them held it for good, long after who had come was gone."""
+    """As behind the robot itself: two of them held it for good, long after who came was gone."""
     row, column = ON_CRATE
 
     def without_two(seen):

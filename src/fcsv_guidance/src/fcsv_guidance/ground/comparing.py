@@ -20,7 +20,7 @@ from fcsv_guidance.errors import GroundError
 from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import kernels
 from fcsv_guidance.ground.model import sure_depth
-from fcsv_guidance.ground.standing import disk
+from fcsv_guidance.ground.standing import SIDE, disk, least, most
 from fcsv_guidance.ground.views import DepthView
 from fcsv_stereo.depth import pixels_of
 
@@ -34,12 +34,13 @@ _BLUR_PX, _BENDS = 4, 3.0  # so far at edges; usual errors by which the foretold
 _FLAGGED, _SURE = 3.0, 7.0  # standard deviations of one pixel, and of a group that closes at once
 _SAME = 2.0  # standard deviations within which a pixel shows what is mapped
 _LEAST_STEP_M = 0.15  # above the foretold ground: below the smallest step that stops a robot
-_THING_M, _SHOWN = 0.3, 0.4  # side of the smallest thing, and share of its pixels that is flagged
-_THIN = np.ones((3, 3), np.uint8)  # what is thinner is an edge, no thing
+#: Side of the smallest thing that is told.
+THING_M = 0.3
+_SHOWN = 0.4  # share of a thing's pixels that is flagged
 _LEAST_GROUP_PX, _WIDE = 12, 4.0  # of so many times the least, one view is enough
 _SPREAD_M = 0.3  # along its ray: how far a thing's depth is off where it is matched small
 _BETWEEN_M = 0.2  # beside pixels that show what is mapped: half of the smallest thing, and a cell
-_PAST_PX = 5  # about a pixel, in which nothing is nearer than what is mapped
+_PAST_PX = 2  # about a pixel, in which nothing is nearer than what is mapped
 _FLOOR = 0.1  # of the stated sigma: noise that is taken for granted
 
 
@@ -92,12 +93,11 @@ def compared(
         return view, None
     shared, spread = _shared(inverse, expected, both)
     inverse = inverse - shared
-    edges = _edges(expected, spread)
-    noise = max(_noise((inverse - expected)[both & ~edges]), _FLOOR * usual)
-    foretold = _Foretold(expected, edges, noise)
+    foretold = _Foretold(expected, spread)
+    noise = max(_noise((inverse - expected)[both & ~foretold.edges]), _FLOOR * usual)
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(inverse > 0, 1.0 / inverse, np.nan).astype(np.float32)
-    return replace(view, depth=depth), _judged(view, inverse, foretold, grid, own)
+    return replace(view, depth=depth), _judged(view, inverse, foretold, noise, grid, own)
 
 
 def _mapped_depth(view: DepthView, maps: Sequence[DepthView]) -> Optional[np.ndarray]:
@@ -138,24 +138,15 @@ def _shared(inverse: np.ndarray, expected: np.ndarray, both: np.ndarray) -> Tupl
     for _ in range(8):
         found = np.linalg.lstsq(A * weight[:, None], off * weight, rcond=None)[0]
         left = off - A @ found
-        spread = 1.4826 * float(np.median(np.abs(left)))
+        spread = _even(left)
         weight = 1.0 / np.maximum(1.0, np.abs(left) / max(2.0 * spread, 1e-12))
     g = np.where(np.isfinite(expected), expected, np.nan_to_num(inverse))
     return terms(u, v, g) @ found, spread
 
 
-def _edges(expected: np.ndarray, spread: float) -> np.ndarray:
-    """(H,W) bool: pixels about which the foretold inverse depth bends, jumps or ends. In the
-    picture of a plane it is affine, so that its second differences are nothing."""
-    ends = cv2.morphologyEx(
-        np.isfinite(expected).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
-    )
-    edges = np.pad(ends[1:-1, 1:-1], 1) == 0
-    n, w = _EDGE_PX, expected
-    with np.errstate(invalid="ignore"):
-        edges[n:-n] |= np.abs(w[2 * n :] + w[: -2 * n] - 2 * w[n:-n]) > _BENDS * spread
-        edges[:, n:-n] |= np.abs(w[:, 2 * n :] + w[:, : -2 * n] - 2 * w[:, n:-n]) > _BENDS * spread
-    return cv2.dilate(edges.astype(np.uint8), _window(_BLUR_PX)) > 0
+def _even(off: np.ndarray) -> float:
+    """Standard deviation of errors (N,) by their median, in which their tails do not count."""
+    return 1.4826 * float(np.median(np.abs(off)))
 
 
 def _noise(off: np.ndarray) -> float:
@@ -163,7 +154,7 @@ def _noise(off: np.ndarray) -> float:
     by what one of twenty exceeds more than of even noise (1.96 standard deviations)."""
     if not len(off):
         return 0.0
-    even = 1.4826 * float(np.median(np.abs(off)))
+    even = _even(off)
     return max(even, float(np.quantile(np.abs(off), 0.95)) - 0.96 * even)
 
 
@@ -171,64 +162,75 @@ def _window(half_px: int) -> np.ndarray:
     return np.ones((2 * half_px + 1,) * 2, np.uint8)
 
 
+def _edges(expected: np.ndarray, spread: float) -> np.ndarray:
+    """(H,W) bool: pixels about which the foretold inverse depth bends, jumps or ends. In the
+    picture of a plane it is affine, so that its second differences are nothing."""
+    ends = cv2.morphologyEx(np.isfinite(expected).astype(np.uint8), cv2.MORPH_CLOSE, SIDE)
+    edges = np.pad(ends[1:-1, 1:-1], 1) == 0
+    n = _EDGE_PX
+    with np.errstate(invalid="ignore"):
+        for w, at in ((expected, edges), (expected.T, edges.T)):  # down, across
+            at[n:-n] |= np.abs(w[2 * n :] + w[: -2 * n] - 2 * w[n:-n]) > _BENDS * spread
+    return most(edges, _window(_BLUR_PX)) > 0
+
+
 class _Foretold:
-    """Inverse depth (H,W) that the maps foretell, NaN where they do not, and its bounds by what lies
-    about each pixel: ``low`` 9, ``high`` -1 where nothing is known. ``noise`` (1/m): away from
-    ``edges`` (H,W) bool, at which a view is worse."""
+    """Inverse depth (H,W) that the maps foretell, NaN where they do not, to a ``spread``; its
+    ``edges`` (H,W) bool, and its bounds by what lies about each pixel: ``low`` 9, ``high`` -1 where
+    nothing is known."""
 
-    def __init__(self, inverse: np.ndarray, edges: np.ndarray, noise: float):
-        self.inverse, self.noise, self._edges = inverse, noise, edges
-        self.known = np.isfinite(inverse)
-        self.high = self._about(cv2.dilate, -1.0)
-        self.low = self._about(cv2.erode, 9.0)
-
-    def noise_of(self, beyond: np.ndarray, both: np.ndarray) -> np.ndarray:
-        """(H,W) noise of pixels that lie ``beyond`` the bounds by so much, of which ``both`` know."""
-        at_edges = beyond[both & self._edges]
-        worse = float(np.quantile(at_edges, 0.95)) if len(at_edges) else 0.0
-        return np.where(self._edges, max(self.noise, worse), self.noise)
+    def __init__(self, inverse: np.ndarray, spread: float):
+        self.inverse, self.edges = inverse, _edges(inverse, spread)
+        self.high, self.low = self._about(most, -1.0), self._about(least, 9.0)
 
     def _about(self, bound, nothing: float) -> np.ndarray:
-        known = np.where(self.known, self.inverse, nothing).astype(np.float32)
+        known = np.where(np.isfinite(self.inverse), self.inverse, nothing)
         far, near = (bound(known, _window(px)) for px in (_BLUR_PX, _EDGE_PX))
-        return np.where(self._edges, far, near)
+        return np.where(self.edges, far, near)
 
 
 def _judged(
-    view: DepthView, inverse: np.ndarray, mapped: _Foretold, grid: Grid, own: Optional[np.ndarray]
+    view: DepthView,
+    inverse: np.ndarray,
+    foretold: _Foretold,
+    noise: float,
+    grid: Grid,
+    own: Optional[np.ndarray],
 ) -> Compared:
-    high, low = mapped.high, mapped.low
+    high, low, sight = foretold.high, foretold.low, _Sight(view)
     both = np.isfinite(inverse) & (inverse > 1.0 / _FARTHEST_M) & (high > 0)
     nearer, farther = np.where(both, inverse - high, 0.0), np.where(both, low - inverse, 0.0)
     beyond = np.maximum(np.maximum(nearer, farther), 0.0)
-    noise = mapped.noise_of(beyond, both)
+    at_edges = beyond[both & foretold.edges]
+    worse = float(np.quantile(at_edges, 0.95)) if len(at_edges) else 0.0
+    noises = np.where(foretold.edges, max(noise, worse), noise)
     came, apart, shift, went = (np.zeros(grid.shape, np.float32) for _ in range(4))
     at_z_m = np.full(grid.shape, np.nan, np.float32)
-    for group in _groups(view, inverse, high, nearer, noise):
-        cells, z_m = _cells_of(view, inverse, group, grid)
+    for group in _groups(sight, inverse, high, nearer, noises):
+        cells, z_m = sight.cells_of(inverse, group, grid)
         at_z_m[cells] = z_m
         came[cells] = np.maximum(came[cells], group.sure)
         shift[cells] = np.maximum(shift[cells], group.by)
         beside = None if own is None else group.beside(own)
         if beside is not None:
-            cells, _ = _cells_of(view, inverse, beside, grid)
+            cells, _ = sight.cells_of(inverse, beside, grid)
             apart[cells] = np.maximum(apart[cells], beside.sure)
-    for group in _groups(view, inverse, low, farther, noise):
+    for group in _groups(sight, inverse, low, farther, noises):
         for depths in (low, inverse):  # where the thing was, and what is seen in its place
-            went[_cells_of(view, depths, group, grid)[0]] = 1.0
+            went[sight.cells_of(depths, group, grid)[0]] = 1.0
     same = np.zeros(grid.shape, bool)
-    seen = both & mapped.known & (beyond <= _SAME * mapped.noise)
-    row, column, inside = grid.cells_of(*_places(view, inverse, seen)[:, :2].T)
+    seen = both & np.isfinite(foretold.inverse) & (beyond <= _SAME * noise)
+    row, column, inside = grid.cells_of(*sight.places(inverse, seen)[:, :2].T)
     same[row[inside], column[inside]] = True
     between = disk(_BETWEEN_M, grid.cell_m)  # rows of pixels lie apart on the ground
     same = cv2.morphologyEx(same.astype(np.uint8), cv2.MORPH_CLOSE, between) > 0
     same &= (came == 0) & (went == 0)
-    window = np.ones((_PAST_PX,) * 2, np.uint8)
-    nothing = cv2.dilate((nearer > _FLAGGED * noise).astype(np.uint8), window) == 0
+    window = _window(_PAST_PX)
+    nothing = most(nearer > _FLAGGED * noises, window) == 0
     past = nothing & (cv2.blur(seen.astype(np.float32), window.shape) >= _SHOWN)
-    behind = np.where(past, mapped.inverse, np.nan)
+    behind = np.where(past, foretold.inverse, np.nan)
     eye = view.camera, view.T_home_cam
-    return Compared(came, apart, shift, at_z_m, went > 0, same, mapped.noise, behind, *eye)
+    return Compared(came, apart, shift, at_z_m, went > 0, same, noise, behind, *eye)
 
 
 @dataclass(frozen=True)
@@ -244,8 +246,8 @@ class _Group:
 
     @property
     def sure(self) -> float:
-        """How surely it is a thing, 0 to 1, by its shift against the noise and by its number of pixels
-        against that of a thing for which one view is enough."""
+        """How surely it is a thing, 0 to 1, by its shift against the noise and by its number of
+        pixels against that of a thing for which one view is enough."""
         whole = min(len(self.rows) / (_WIDE * self.least_px), 1.0)
         return min(self.by / (_SURE * self.noise), 1.0) * whole
 
@@ -257,46 +259,45 @@ class _Group:
         return replace(self, rows=self.rows[off], columns=self.columns[off])
 
 
-def _groups(view: DepthView, inverse, edge, differs, noise) -> Iterator[_Group]:
+class _Sight:
+    """Where the pixels of a view look: ``rays`` (H,W,3) in home, of depth 1 m."""
+
+    def __init__(self, view: DepthView):
+        self.rays = view.camera.rays() @ view.T_home_cam[:3, :3].T
+        self.focal_px = view.K[0, 0]
+        self._eye_m = view.T_home_cam[:3, 3]
+
+    def places(self, inverse: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """(N,3) in home of the ``chosen`` pixels at an ``inverse`` depth (H,W)."""
+        return self._eye_m + self.rays[chosen] / inverse[chosen][:, None]
+
+    def cells_of(self, inverse: np.ndarray, group: _Group, grid: Grid) -> Tuple:
+        """Rows and columns of the cells that a group covers at an ``inverse`` depth (H,W), and z
+        (m) of its points there."""
+        ray = self.rays[group.rows, group.columns]
+        off = np.arange(-_SPREAD_M, _SPREAD_M + 1e-6, 0.5 * grid.cell_m)
+        depth = 1.0 / inverse[group.rows, group.columns]
+        along = depth[:, None] + off / np.hypot(ray[:, 0], ray[:, 1])[:, None]
+        points = self._eye_m + along[..., None] * ray[:, None]
+        row, column, inside = grid.cells_of(points[..., 0], points[..., 1])
+        return (row[inside], column[inside]), points[..., 2][inside]
+
+
+def _groups(sight: _Sight, inverse, edge, differs, noises) -> Iterator[_Group]:
     """Connected pixels whose inverse depth ``differs`` surely from its foretold ``edge``, as many
-    as of a thing, and by a step that matters."""
-    up = np.abs(_rays(view)[..., 2])
+    as of a thing, and by a step that matters; a line is none."""
+    up = np.abs(sight.rays[..., 2])
     with np.errstate(divide="ignore", invalid="ignore"):
         step_m = np.abs(1.0 / edge - 1.0 / inverse) * up
-        least_px = _SHOWN * (_THING_M * view.K[0, 0] * inverse) ** 2
-    flagged = ((differs > _FLAGGED * noise) & (step_m > _LEAST_STEP_M)).astype(np.uint8)
-    flagged = cv2.morphologyEx(flagged, cv2.MORPH_OPEN, _THIN)
+        of_thing_px = _SHOWN * (THING_M * sight.focal_px * inverse) ** 2
+    flagged = ((differs > _FLAGGED * noises) & (step_m > _LEAST_STEP_M)).astype(np.uint8)
+    flagged = cv2.morphologyEx(flagged, cv2.MORPH_OPEN, SIDE)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(flagged)
     for k in range(1, count):
         left, top, width, height, size = stats[k]
         rows, columns = np.nonzero(labels[top : top + height, left : left + width] == k)
         rows, columns = rows + top, columns + left
-        least = max(_LEAST_GROUP_PX, float(np.median(least_px[rows, columns])))
-        if size >= least:
-            by, off = (float(np.median(of[rows, columns])) for of in (differs, noise))
-            yield _Group(rows, columns, by, off, least)
-
-
-def _cells_of(view: DepthView, inverse: np.ndarray, group: _Group, grid: Grid) -> Tuple:
-    """Rows and columns of the cells that a group covers at an ``inverse`` depth (H,W), and z (m) of
-    its points there."""
-    ray = _rays(view)[group.rows, group.columns]
-    off = np.arange(-_SPREAD_M, _SPREAD_M + 1e-6, 0.5 * grid.cell_m)
-    depth = 1.0 / inverse[group.rows, group.columns]
-    along = depth[:, None] + off / np.hypot(ray[:, 0], ray[:, 1])[:, None]
-    points = view.T_home_cam[:3, 3] + along[..., None] * ray[:, None]
-    row, column, inside = grid.cells_of(points[..., 0], points[..., 1])
-    return (row[inside], column[inside]), points[..., 2][inside]
-
-
-def _rays(view: DepthView) -> np.ndarray:
-    """(H,W,3) in home, of depth 1 m."""
-    v, u = np.indices(view.depth.shape)
-    K = view.K
-    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], -1)
-    return rays @ view.T_home_cam[:3, :3].T
-
-
-def _places(view: DepthView, inverse: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """(N,3) in home of the ``chosen`` pixels."""
-    return view.T_home_cam[:3, 3] + _rays(view)[chosen] / inverse[chosen][:, None]
+        least_px = max(_LEAST_GROUP_PX, float(np.median(of_thing_px[rows, columns])))
+        if size >= least_px:
+            by, noise = (float(np.median(of[rows, columns])) for of in (differs, noises))
+            yield _Group(rows, columns, by, noise, least_px)

@@ -13,7 +13,7 @@ from fcsv_guidance.errors import GroundError
 from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import standing, together, tuning
 from fcsv_guidance.ground.beside import LOOK_AGAIN_S, WALKS_MPS, BesideWatch
-from fcsv_guidance.ground.comparing import Compared, compared
+from fcsv_guidance.ground.comparing import THING_M, Compared, compared
 from fcsv_guidance.ground.model import LAYERS, Ground, ground_from, window_of, within
 from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.messages import ClearanceMap, RobotPlace
@@ -30,7 +30,6 @@ _OWN_M = 0.15  # beside the footprint: what is seen there may be the robot itsel
 _HOLDS, _CLOSES = 0.3, 0.999  # how surely something came: the robot is held, ground closes
 _OWN_NOISE = 3.0  # standard deviations of a view by which the robot's own depth is off
 _AHEAD_M = 0.35  # beside what was measured of a thing: its depth there, or the robot's own edge
-_LEAST_THING_M = 0.3  # across, and as far along its ray: fewer cells are no thing
 _FREEING_VIEWS = 3  # that must show the ground where something stood, before it counts as free
 _TOLD = 2.0  # standard deviations of a view's noise by which a thing that it would free was nearer
 #: The robot stands while something came near in the last STILL_S, and until STILL_VIEWS have come
@@ -384,10 +383,10 @@ def _agrees(a: Ground, b: Ground) -> np.ndarray:
 
 
 def _rests(things: np.ndarray, came: np.ndarray, cell_m: float) -> np.ndarray:
-    """(rows, columns) bool: of ``things``, groups of which the view shows nothing, smaller than
-    _LEAST_THING_M: what is left of one that went, where the robot hides the ground."""
+    """(rows, columns) bool: of ``things``, groups of which the view shows nothing, smaller than a
+    thing: what is left of one that went, where the robot hides the ground."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats((things > 0).astype(np.uint8))
-    few = stats[:, cv2.CC_STAT_AREA] * cell_m**2 < _LEAST_THING_M**2
+    few = stats[:, cv2.CC_STAT_AREA] * cell_m**2 < THING_M**2
     few[labels[came > 0]] = False
     return few[labels] & (things > 0)
 

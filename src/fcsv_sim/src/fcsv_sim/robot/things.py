@@ -49,24 +49,18 @@ Thing = Callable[[float], Optional[Box]]
 
 
 class Watcher:
-    """Vehicles that hold at a station and see where its map does: the true depth of now, with errors
-    as live matching has them."""
+    """Vehicles that hold at a station and see where its map does: the true depth of now, with
+    errors as live matching has them."""
 
     def __init__(self, town: Town, view: DepthView, seed: int):
         self.view = view
         self._random = np.random.default_rng([seed, 23])
-        height, width = view.depth.shape
-        v, u = np.indices((height, width))
-        K = view.K
-        self._rays = np.stack(
-            [(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], -1
-        )
-        self._rays = self._rays @ view.T_home_cam[:3, :3].T
+        self._rays = view.camera.rays() @ view.T_home_cam[:3, :3].T
         flat = self._rays.reshape(-1, 3)
         rays = ray_buffer(len(flat))
         set_rays(rays, np.tile(view.T_home_cam[:3, 3], (len(flat), 1)), flat)
         make_caster(town.vertices, town.triangles, 1).cast(rays)
-        self._true = rays[:, T].reshape(height, width)
+        self._true = rays[:, T].reshape(view.depth.shape)
 
     def look(self, stamp_s: float, boxes: Sequence[Box]) -> DepthView:
         """The depth view of an instant."""
