@@ -9,6 +9,7 @@ opened. Entering one needs root, or CAP_SYS_ADMIN.
 
 import contextlib
 import ctypes
+import errno
 import os
 from typing import Iterator
 
@@ -24,8 +25,12 @@ class NamespaceError(FcsvError):
 
 
 def exists(name: str) -> bool:
-    """Whether there is a namespace of this name (``ip netns list``)."""
-    return os.path.exists(f"{FOLDER}/{name}")
+    """Whether there is a namespace of this name that can be entered: ``ip netns add`` makes an
+    empty file first, and then mounts the namespace on it."""
+    try:
+        return os.stat(f"{FOLDER}/{name}").st_dev != os.stat(FOLDER).st_dev
+    except FileNotFoundError:
+        return False
 
 
 @contextlib.contextmanager
@@ -67,8 +72,10 @@ def _enter(descriptor: int, name: str) -> None:
     """Closes the descriptor."""
     try:
         if _LIBC.setns(descriptor, _CLONE_NEWNET):
+            number = ctypes.get_errno()
+            why = "its file is not one, or it is being made" if number == errno.EINVAL else None
             raise NamespaceError(
-                f"network namespace {name}: {os.strerror(ctypes.get_errno())}; root is needed"
+                f"network namespace {name}: {why or os.strerror(number) + '; root is needed'}"
             )
     finally:
         os.close(descriptor)

@@ -119,9 +119,8 @@ def _guard(made: NamespacePair) -> subprocess.Popen:
 
 
 def _remove(space: str) -> None:
-    if exists(space):
-        with contextlib.suppress(NamespaceError):
-            _ip("netns", "del", space)
+    with contextlib.suppress(NamespaceError):  # it is not there
+        _ip("netns", "del", space)
 
 
 def left_behind(names: Sequence[str]) -> List[str]:
