@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
+from fcsv_geometry.programs.writing import whole_file, write_whole
 from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.demo.autopilots import rc_port
 from fcsv_sim.demo.own_camera import OwnCamera
@@ -204,12 +205,12 @@ class Machines:
                 "folder": str(machine.folder),
                 **({"note": _SLOW_NOTE} if time else {}),
             }
-            script = self.plan.run_folder / f"on_{name}"
-            script.write_text(
-                _ON.format(name=name, words=assignments({**workspace(), **variables}))
-            )
-            script.chmod(0o755)
-        (self.plan.run_folder / "fleet.json").write_text(json.dumps(description, indent=1))
+            with whole_file(self.plan.run_folder / f"on_{name}") as script:
+                script.write_text(
+                    _ON.format(name=name, words=assignments({**workspace(), **variables}))
+                )
+                script.chmod(0o755)
+        write_whole(self.plan.run_folder / "fleet.json", json.dumps(description, indent=1))
 
 
 class SimulatedFleet(Machines):
