@@ -73,6 +73,19 @@ def test_a_wall_is_touched_and_a_corridor_is_not(places, rescue):
     assert clear.touches(*plan.solids[0].middle_m[:2] - [0.16, 0]) and clear.touches(-500.0, 0.0)
 
 
+@pytest.mark.parametrize("cell_m", [0.05, 0.13, 0.4])
+def test_no_wall_is_too_thin_for_a_pictures_cells(places, rescue, cell_m):
+    plan = places["maze"].plan
+    clear = Footing.of(plan).clearance(rescue)
+    for solid in plan.solids:
+        along, at = int(np.argmax(solid.half_m[:2])), solid.middle_m[:2].copy()
+        at[1 - along] += solid.half_m[1 - along]
+        at[along] += np.random.default_rng(0).uniform(-0.8, 0.8) * solid.half_m[along]
+        middle = (np.floor(at / cell_m) + 0.5) * cell_m
+        assert clear.stopped(*middle, cell_m)
+    assert not clear.stopped(*plan.start_m, cell_m) and not clear.stopped(-500.0, 0.0, cell_m)
+
+
 def test_some_goals_have_no_way(rescue):
     """About one of seven mazes; the truth says which."""
     leads = []

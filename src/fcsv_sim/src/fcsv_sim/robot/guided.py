@@ -255,7 +255,6 @@ class KnownPlace:
 def _draw(drive: GuidedDrive, known: KnownPlace, result: GuidedResult) -> None:
     town = drive.town
     clear, world = Footing.of(town.plan).clearance(known.robot), known.in_world()
-    inside = clear.grid.cells_of(world[..., 0], world[..., 1])[2]
     way, sent = known.in_home(result.way_m), result.sent
     x0, x1, y0, y1 = town.plan.area_m
     corners = known.in_home([(x0, y0), (x0, y1), (x1, y0), (x1, y1)])
@@ -263,7 +262,7 @@ def _draw(drive: GuidedDrive, known: KnownPlace, result: GuidedResult) -> None:
     shown = FromAbove(
         known.grid,
         known.stands,
-        inside & (clear.at(world[..., 0], world[..., 1]) <= 0.0),
+        clear.stopped(world[..., 0], world[..., 1], known.grid.cell_m),
         [np.array(route) for route in sent.routes],
         way,
         known.in_home(town.plan.start_m)[0],

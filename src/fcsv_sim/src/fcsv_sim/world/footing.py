@@ -91,6 +91,12 @@ class Clearance:
         """Whether the footprint with its middle there touches something, or leaves the place."""
         return self.at(x_m, y_m) < self.robot.radius_m
 
+    def stopped(self, x_m, y_m, cell_m: float) -> np.ndarray:
+        """Whether what stops the robot is in a cell of this size with its middle there, however
+        thin it is; False outside of the area."""
+        inside = self.grid.cells_of(x_m, y_m)[2]
+        return inside & (self.at(x_m, y_m) <= cell_m / np.sqrt(2.0))
+
     def leads(self, start_m, goal_m, margin_m: float = 0.0) -> bool:
         """Whether a way with so much margin leads from start to goal (x, y). Raises SimulationError
         where either is no place for the robot."""

@@ -17,7 +17,7 @@ def draw_drive(place: MappedPlace, track: DriveRecord, result: DriveResult, path
     shown = FromAbove(
         track.grid,
         track.stands,
-        place.clear.at(xy[..., 0], xy[..., 1]) <= 0.0,
+        place.clear.stopped(xy[..., 0], xy[..., 1], track.grid.cell_m),
         track.routes,
         np.array(track.way),
         plan.start_m,
