@@ -156,6 +156,22 @@ def test_brake_after_stop_all_is_named_and_an_agent_without_a_commander():
     assert row(c, 10.3).flier.words == "GUIDED, holds: nobody commands it"
 
 
+def test_a_mission_is_a_mission_before_its_own_sign_of_life_and_another_is_named():
+    """A bag never has that sign."""
+    c = console()
+    c.tell(10.0, facts.AutopilotReport("uav2", True, True, Mode.GUIDED))
+    for mission, sender, words in (
+        ("", "mission-12-34", "mission"),
+        ("", "/console", "commanded by /console"),
+        ("mission-56-78", "mission-12-34", "commanded by mission-12-34"),
+        ("mission-56-78", "mission-56-78", "mission"),
+    ):
+        if mission:
+            c.tell(10.0, facts.MissionHeartbeat(mission))
+        c.tell(10.0, facts.Agent("uav2", sender))
+        assert row(c, 10.1).flier.words == words
+
+
 def test_an_agent_that_was_not_heard_yet_is_told_from_one_that_fell_silent():
     """A window that was just opened knows the mode before it knows who commands."""
     c = console()

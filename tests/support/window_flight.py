@@ -193,10 +193,7 @@ class WindowFlight:
             lambda: self._headline()[0] == "CONFIGURATIONS", "the new window knows the phase", 30.0
         )
         unknown = lambda: [  # noqa: E731
-            w
-            for w in window.of_vehicle("flown by")
-            # as whom the mission commands is heard with its next heartbeat
-            if "not heard" in w or w == "waiting" or w.startswith("commanded by")
+            w for w in window.of_vehicle("flown by") if "not heard" in w or w == "waiting"
         ]
         self._until(lambda: not unknown(), "it knows who flies", 30.0)
         self._until(

@@ -7,6 +7,7 @@ from typing import Any, Callable, Dict, Optional, Tuple, Type
 
 from fcsv_console.model import facts as f
 from fcsv_console.model.hearing import Aged, AgingFact, slow
+from fcsv_control.agent.lease import MISSIONS
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE
 from fcsv_control.guardian.messages import in_words
 from fcsv_geometry.streams.silence import Silence
@@ -114,7 +115,8 @@ def who_flies(  # noqa: C901
     heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked: str = "", mission: str = ""
 ) -> Flier:
     """Who has the vehicle now, highest first as in docs/user/safety.md: pilot, failsafe, guardian,
-    mission. ``mission``: as whom it commands."""
+    mission. ``mission``: as whom it commands; empty: not heard yet, or a bag, which has no sign of
+    life of it."""
     if state.value is None:
         return Flier(UNKNOWN, "not heard yet")
     s: f.AutopilotReport = state.value
@@ -151,7 +153,8 @@ def who_flies(  # noqa: C901
     a: f.Agent = agent.value
     if not a.sender:
         return Flier(NOBODY, "GUIDED, holds: nobody commands it")
-    return Flier(MISSION, "mission" if a.sender == mission else f"commanded by {a.sender}")
+    ours = a.sender == mission if mission else a.sender.startswith(MISSIONS)
+    return Flier(MISSION, "mission" if ours else f"commanded by {a.sender}")
 
 
 _NO_PICTURE_S = 2.5  # its recorder tells once a second how many it has

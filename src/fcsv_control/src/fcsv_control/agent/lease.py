@@ -4,6 +4,8 @@
 import math
 
 LEASE_S = 2.0
+#: how the name begins under which a mission commands; each of its processes has one of its own
+MISSIONS = "mission-"
 
 
 class Lease:

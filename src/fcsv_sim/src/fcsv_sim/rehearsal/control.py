@@ -7,6 +7,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_control.agent.lease import MISSIONS
 from fcsv_control.agent.messages import Ack, Instruction
 from fcsv_control.control_messages import (
     Abort,
@@ -129,7 +130,7 @@ class ControlPc:
     @property
     def sender(self) -> str:
         """Says as whom the mission commands: each of its processes has a name of its own."""
-        return f"mission-{self._runs}"
+        return f"{MISSIONS}{self._runs}"
 
     @property
     def T_home_odom(self) -> Dict[str, np.ndarray]:

@@ -11,6 +11,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence
 import rospy
 from std_msgs.msg import String
 
+from fcsv_control.agent.lease import MISSIONS
 from fcsv_control.agent.messages import Instruction
 from fcsv_control.control_messages import (
     CheckTable,
@@ -101,7 +102,7 @@ class MissionNode:
             if p.flight_check == check_gate.REQUIRED
             else check_gate.OpenGate()
         )
-        sender = f"mission-{os.getpid()}-{int(time.time())}"
+        sender = f"{MISSIONS}{os.getpid()}-{int(time.time())}"
         self._lock, self._started_s = threading.RLock(), time.monotonic()
         self._health = Health("mission")
         self._alive = rospy.Publisher("/mission/alive", Heartbeat, queue_size=2)
