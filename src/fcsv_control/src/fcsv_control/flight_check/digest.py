@@ -99,9 +99,13 @@ def _short(status: Status, level: int) -> Status:
 
 
 def cut(text: str, most: int) -> str:
-    """Cuts the text to at most so many octets of UTF-8, whole characters, on one line.
+    """Cuts the text to at most so many octets of UTF-8, three and more, whole characters, on one
+    line; what is missing shows as "…".
 
-    >>> cut("a\\nb", 9), cut("10°±", 4), len(cut("x" * 99, 40))
-    ('a b', '10°', 40)
+    >>> cut("a\\nb", 9), cut("10°±", 5), cut("10°±", 6), len(cut("x" * 99, 40).encode())
+    ('a b', '10…', '10°±', 40)
     """
-    return " ".join(text.split()).encode()[:most].decode(errors="ignore")
+    line = " ".join(text.split())
+    if len(line.encode()) <= most:
+        return line
+    return line.encode()[: most - len("…".encode())].decode(errors="ignore") + "…"
