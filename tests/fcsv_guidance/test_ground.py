@@ -55,6 +55,20 @@ def test_a_blank_stays_unknown(scene):
     assert not ground.known[cells(14.6, 16.4, -1.8, 1.8)].any()
 
 
+def test_what_no_other_picture_saw_is_unknown_and_no_wall(scene, rescue):
+    """At a map's lower edge the surface above it goes on; flown: 27.8 m, sigma 1.9 m, in place of 26
+    m."""
+    view = scene().view(noise=0.3)
+    row = 5 * view.depth.shape[0] // 6
+    depth, sigma = view.depth.copy(), view.sigma.copy()
+    depth[row:], sigma[row:] = depth[row], 12.0 * sigma[row]
+    whole = ground_from([view], grid=GRID)
+    ground = ground_from([replace(view, depth=depth, sigma=sigma)], grid=GRID)
+    assert (whole.known & ~ground.known).any() and np.nanmin(ground.height_m) > -0.1
+    near = stand_probability(ground, rescue)[cells(5, 25, -10, 10)]
+    assert (near >= FREE_P).any() and not (near <= OBSTACLE_P).any()
+
+
 @pytest.mark.parametrize("noise, seed", [(0.5, 1), (1.0, 2), (1.0, 3)])
 def test_free_is_calibrated(scene, rescue, noise, seed):
     """Of the cells called free at most 5 % are not: blocks of 0.3 m, steps of 0.2 m, noise of up to
