@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.errors import PlaceError, RouteError
-from fcsv_guidance.messages import HoldRobot, RobotPlace, StopRobot
+from fcsv_guidance.messages import GroundDated, HoldRobot, RobotPlace, StopRobot
 from fcsv_guidance.place.placing import robot_place
 from fcsv_guidance.route.following import RouteToFollow
 from fcsv_guidance.route.goal_giver import CancelGoal, GiveGoal, GoalEnded, GoalGiver
@@ -19,6 +19,7 @@ ROUTE = RouteToFollow(np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 5.0]]))
 def giver():
     made = GoalGiver()
     made.receive(0.0, at(0.0, 0.0))
+    made.receive(0.0, GroundDated(0.0))
     made.receive(0.0, ROUTE)
     return made
 
@@ -49,6 +50,26 @@ def test_the_next_goal_is_given_before_the_robot_stops_at_the_last(giver):
     giver.receive(1.2, at(2.1, 0.0, 1.2))  # less than 1 m before it
     (goal,) = giver.step(1.2)
     assert (goal.x_m, goal.y_m) == (6.0, 0.0)
+
+
+def test_old_ground_holds_the_robot_until_it_is_seen_again(giver):
+    giver.step(0.0)
+    giver.receive(70.0, at(0.0, 0.0, 70.0))
+    (cancel,) = giver.step(70.0)
+    assert "70.0 s ago, oldest_map_s allows 60 s" in cancel.reason
+    giver.receive(71.0, at(0.0, 0.0, 71.0))
+    assert not giver.step(71.0) and giver.text == cancel.reason
+    giver.receive(71.0, GroundDated(70.5))
+    (goal,) = giver.step(71.1)
+    assert (goal.x_m, goal.y_m) == (3.0, 0.0)
+
+
+@pytest.mark.parametrize("dated", [(), (GroundDated(-np.inf),)])
+def test_no_goal_over_ground_that_nobody_dates(dated):
+    giver = GoalGiver()
+    for message in (at(0.0, 0.0), *dated, ROUTE):
+        giver.receive(0.0, message)
+    assert not giver.step(0.0) and re.match("no map has come|it is not known when", giver.text)
 
 
 def test_a_held_robot_is_given_the_same_goal_again(giver):

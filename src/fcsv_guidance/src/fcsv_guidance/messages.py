@@ -65,6 +65,14 @@ class ClearanceMap:
 
 
 @dataclass(frozen=True)
+class GroundDated:
+    """The ground that routes cross is as its pictures at ``stamp_s`` show it, -inf where that is
+    not known."""
+
+    stamp_s: float
+
+
+@dataclass(frozen=True)
 class StopRobot:
     """stop_all, the operator, or a route that is no more: the robot stands until a new one
     comes."""

@@ -4,18 +4,17 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import List, Optional, Sequence, Tuple
+from typing import List, Optional
 
 from fcsv_geometry.programs.commands import run
 from fcsv_geometry.programs.live_line import LiveLine, Steps
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.files.folder import GroundOptions, GroundWritten, RouteAsked, write_ground
-from fcsv_guidance.ground.site_views import SitePlace, read_site_views
-from fcsv_guidance.ground.views import DepthView, read_map, require_different
+from fcsv_guidance.files.stations import joining_commands
+from fcsv_guidance.ground.site_views import read_views
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route.look_from import next_commands
 from fcsv_guidance.route.search import NoRoute
-from fcsv_stereo.survey.output.reading import is_site
 from fcsv_tracking.robot_tags import readable_m
 
 _EXAMPLES = """examples:
@@ -41,7 +40,7 @@ def _ground(args: argparse.Namespace) -> int:
     options = GroundOptions(args.cell_m, args.reach_m, args.octomap)
     asked = _route(args)
     with Steps(LiveLine(sys.stderr), "reading maps").shown() as steps:
-        views, place = _views(args.maps)
+        views, place = read_views(args.maps)
         written = write_ground(views, robot, out, options, asked, steps.begin, place)
     found = written.found
     print(written.summary)
@@ -51,27 +50,13 @@ def _ground(args: argparse.Namespace) -> int:
     if isinstance(found, NoRoute):
         print(f"{found.reason}; ground.json lists them")
         if args.look_from:
-            _print_look_from(written, Path(args.look_from))
+            _print_look_from(written, Path(args.look_from), args.maps)
     elif found is not None:
         print(
             f"route of {found.length_m:.1f} m, {len(found.points_home_m)} corners, worst cell's risk {found.risk:.3f}"
         )
     print(f"wrote {len(written.paths)} files to {out}")
     return 1 if isinstance(found, NoRoute) else 0
-
-
-def _views(folders: List[str]) -> Tuple[Sequence[DepthView], Optional[SitePlace]]:
-    """The views of maps, or those of one survey with their place. Raises GroundError."""
-    sites = [folder for folder in folders if is_site(Path(folder))]
-    if sites and len(folders) > 1:
-        raise GroundError(
-            f"{sites[0]}: is a survey's, which stands alone; give its maps to survey, too"
-        )
-    if sites:
-        return read_site_views(Path(sites[0]))
-    views = [read_map(folder) for folder in folders]
-    require_different(views)
-    return views, None
 
 
 def _route(args: argparse.Namespace) -> Optional[RouteAsked]:
@@ -95,12 +80,15 @@ def _route(args: argparse.Namespace) -> Optional[RouteAsked]:
     return None
 
 
-def _print_look_from(written: GroundWritten, mission: Path) -> None:
+def _print_look_from(written: GroundWritten, mission: Path, maps: List[str]) -> None:
     if written.looks is None:
         why = "no place shows a cell that must be seen"
         print(f"{mission}: not written: {why}" if len(written.found.to_see) else "nothing to see")
         return
-    print("\n".join([written.looks.in_words(), f"wrote {mission}", *next_commands(mission)]))
+    lines = [written.looks.in_words(), f"wrote {mission}", *next_commands(mission)]
+    if written.stations:
+        lines += joining_commands(written.stations, maps)
+    print("\n".join(lines))
 
 
 def _parser() -> argparse.ArgumentParser:

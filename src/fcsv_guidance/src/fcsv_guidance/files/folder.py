@@ -13,8 +13,10 @@ from fcsv_guidance.errors import EndNotSeenError, GroundError
 from fcsv_guidance.files.map_files import write_layers, write_map_server
 from fcsv_guidance.files.octomap_files import write_octomap
 from fcsv_guidance.files.picture import draw
+from fcsv_guidance.files.stations import write_stations
 from fcsv_guidance.files.tiles import JudgedGround, judged, judged_by_tiles
 from fcsv_guidance.ground import tuning
+from fcsv_guidance.ground.fitting import require_one_frame
 from fcsv_guidance.ground.model import Ground, ground_from
 from fcsv_guidance.ground.site_views import SitePlace
 from fcsv_guidance.ground.views import DepthView
@@ -64,12 +66,14 @@ class RouteAsked:
 @dataclass(frozen=True)
 class GroundWritten:
     """``summary``: one line on the ground; ``found``: a Route or a NoRoute where one was asked
-    for; ``looks``: where to look from, where that was asked for and a place shows what lacks."""
+    for; ``looks``: where to look from, where that was asked for and a place shows what lacks;
+    ``stations``: files of write_stations for it."""
 
     paths: Sequence[Path]
     summary: str
     found: Union[Route, NoRoute, None]
     looks: Optional[LookFrom] = None
+    stations: Sequence[Path] = ()
 
 
 def write_ground(
@@ -91,6 +95,7 @@ def write_ground(
     begin("the ground", 0.2)
     if place is None:
         ground = ground_from(views, options.cell_m, reach_m=options.reach_m)
+        require_one_frame(ground)
         begin("where the robot can stand", 0.4)
         judgement = judged(ground, robot)
     else:
@@ -102,7 +107,7 @@ def write_ground(
             progress=lambda share: begin(f"the ground, {share:.0%}", 0.2 + 0.3 * share),
         )
     ground, stands = judgement.ground, judgement.stands
-    found, looks = None, None
+    found, looks, stations = None, None, ()
     if asked is not None:
         begin("the route", 0.5)
         found = _route(judgement, robot, asked)
@@ -110,6 +115,7 @@ def write_ground(
             looks = look_from(ground, robot, found.to_see, views[0])
             if looks is not None:
                 write_look_from(looks, asked.mission, ground.views)
+                stations = () if place else write_stations(looks, asked.mission, views)
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     paths: List[Path] = []
@@ -124,7 +130,7 @@ def write_ground(
     document = {**_document(ground, stands, robot.name, found), **_placed(place)}
     (out / DOCUMENT).write_text(json.dumps(document, indent=1))
     return GroundWritten(
-        [*paths, out / PICTURE, out / DOCUMENT], _summary(ground, stands), found, looks
+        [*paths, out / PICTURE, out / DOCUMENT], _summary(ground, stands), found, looks, stations
     )
 
 

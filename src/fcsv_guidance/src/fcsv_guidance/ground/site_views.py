@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The views of a survey as the ground model takes them: in the site's metres less its origin, and
-loaded when they are asked for."""
+"""The views of folders as the ground model takes them; those of a survey in the site's metres less
+its origin, and loaded when they are asked for."""
 
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Callable, Sequence, Tuple
+from typing import Callable, Optional, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_guidance.errors import GroundError
-from fcsv_guidance.ground.views import DepthView
+from fcsv_guidance.ground.views import DepthView, read_map, require_different
 from fcsv_stereo.errors import SurveyError
-from fcsv_stereo.survey.output.reading import read_site
+from fcsv_stereo.survey.output.reading import is_site, read_site
 from fcsv_stereo.survey.surface.merge import SiteView
 
 _KEPT_VIEWS = 4
@@ -53,6 +53,21 @@ def depth_view_of(seen: SiteView) -> DepthView:
     """A view of a survey where the adjustment put it."""
     kind, T_site_cam = seen.view.kind, seen.T_site_cam
     return DepthView(seen.name, seen.depth, seen.sigma, kind, seen.camera.K, T_site_cam)
+
+
+def read_views(folders: Sequence[str]) -> Tuple[Sequence[DepthView], Optional[SitePlace]]:
+    """The views of folders that ``map`` wrote, or those of one that ``survey`` wrote with their
+    place. Raises GroundError."""
+    sites = [folder for folder in folders if is_site(Path(folder))]
+    if sites and len(folders) > 1:
+        raise GroundError(
+            f"{sites[0]}: is a survey's, which stands alone; give its maps to survey, too"
+        )
+    if sites:
+        return read_site_views(Path(sites[0]))
+    views = [read_map(folder) for folder in folders]
+    require_different(views)
+    return views, None
 
 
 def read_site_views(folder: Path) -> Tuple[SiteDepthViews, SitePlace]:

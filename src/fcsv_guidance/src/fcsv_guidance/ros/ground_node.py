@@ -22,7 +22,7 @@ from fcsv_geometry.errors import ConfigError, FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_guidance.ground.live_views import LiveViews
-from fcsv_guidance.ground.views import read_map
+from fcsv_guidance.ground.site_views import read_views
 from fcsv_guidance.messages import Goal, OwnVehicle, RobotPlace
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.ros import ground_messages as messages
@@ -45,6 +45,7 @@ from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, WATCH_FRAME
 
 _PERIOD_S = 0.2
 MAP, WATCH = "/map", "/map/watch"  # topics below which depth views come in parts
+DRIVES = ("cmd_vel", "move_base", "none")
 
 
 @dataclass(frozen=True)
@@ -52,12 +53,14 @@ class GroundParameters:
     """Parameters of the node."""
 
     robot: str  # its file, config/robots/NAME.yaml
-    maps: List[str] = field(default_factory=list)  # folders that map wrote
+    # folders that map wrote in one home, or the one that survey wrote
+    maps: List[str] = field(default_factory=list)
     live: bool = False  # take /map/depth with sigma and kind as they come, too
     stations: bool = False  # each reference picture of live maps is a map of its own, and stays
     watch: bool = False  # take /map/watch/depth likewise: what vehicles that hold see now
     # maps of folders count as of now, not of their pictures: only where nothing has moved since
     fresh: bool = False
+    drive: str = "none"  # who drives by the path: cmd_vel, move_base or none; only checked
     ground: GroundRules = field(default_factory=GroundRules)
     place: PlaceParameters = field(default_factory=PlaceParameters)
     follower: TagFollowerParameters = field(default_factory=TagFollowerParameters)
@@ -65,6 +68,8 @@ class GroundParameters:
     def __post_init__(self):
         if not self.maps and not self.live:
             raise ValueError("maps: is empty; name folders that 'map' wrote, or set live")
+        if self.drive not in DRIVES:
+            raise ValueError(f"drive: '{self.drive}' is none of {', '.join(DRIVES)}")
 
 
 class _NewestGrid(rospy.SubscribeListener):
@@ -96,7 +101,7 @@ class GroundNode:
         self._views: Dict[Tuple[str, float], MapSeen] = {}
         self._came: Deque[Union[RobotPlace, OwnVehicle]] = deque(maxlen=400)
         if p.maps:
-            first, *others = (self._as_of(read_map(folder)) for folder in p.maps)
+            first, *others = (self._as_of(view) for view in read_views(p.maps)[0])
             self._port.receive(rospy.get_time(), MapSeen(first, others=tuple(others)))
         latched = {"queue_size": 1, "latch": True}
         self._newest = _NewestGrid(), _NewestGrid()

@@ -10,13 +10,16 @@ import actionlib
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
+from map_msgs.msg import OccupancyGridUpdate
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+from nav_msgs.msg import OccupancyGrid
 from std_msgs.msg import String
 
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.messages import HoldRobot, StopRobot
+from fcsv_guidance.messages import GroundDated, HoldRobot, StopRobot
+from fcsv_guidance.ros import ground_messages as messages
 from fcsv_guidance.ros.place_source import PlaceParameters
 from fcsv_guidance.ros.route_source import RouteSource
 from fcsv_guidance.route.goal_giver import CancelGoal, GiveGoal, GivingRules, GoalEnded, GoalGiver
@@ -35,7 +38,7 @@ class GoalsParameters:
 
 
 class MoveBaseGoalsNode:
-    """path, hold, place/hold, robot_pose -> the action move_base."""
+    """path, map, hold, place/hold, robot_pose -> the action move_base."""
 
     def __init__(self):
         p = node.parameters(GoalsParameters)
@@ -46,6 +49,14 @@ class MoveBaseGoalsNode:
         self._status = rospy.Publisher("goals/status", String, queue_size=1, latch=True)
         rospy.on_shutdown(self._client.cancel_all_goals)
         self._timer = node.every(_PERIOD_S, lambda _event: self._step())
+        for topic, type_ in (("map", OccupancyGrid), ("map_updates", OccupancyGridUpdate)):
+            rospy.Subscriber(
+                topic,
+                type_,
+                lambda m: self._receive(GroundDated(messages.seen_s(m))),
+                queue_size=10,
+                buff_size=1 << 24,
+            )
         self._source = RouteSource(p.place, self._receive, self._health)
 
     def _receive(self, message: object) -> None:

@@ -11,7 +11,14 @@ from typing import Dict, Optional, Sequence, Tuple, Union
 import numpy as np
 
 from fcsv_guidance.errors import RouteError
-from fcsv_guidance.messages import ClearanceMap, DriveCommand, HoldRobot, RobotPlace, StopRobot
+from fcsv_guidance.messages import (
+    ClearanceMap,
+    DriveCommand,
+    GroundDated,
+    HoldRobot,
+    RobotPlace,
+    StopRobot,
+)
 from fcsv_guidance.robot import Robot
 
 GOAL_REACHED = "the goal is reached"
@@ -78,6 +85,28 @@ class FollowerRules:
 Message = Union[RobotPlace, RouteToFollow, ClearanceMap, StopRobot, HoldRobot]
 
 
+def too_old_to_drive(
+    now_s: float, seen: Union[ClearanceMap, GroundDated, None], oldest_s: float
+) -> str:
+    """Why nobody drives over ground that was seen so long ago, or never; empty where it is new
+    enough.
+
+    >>> too_old_to_drive(90.0, GroundDated(20.0), 80.0), too_old_to_drive(0.0, None, 80.0)
+    ('', 'no map has come')
+    """
+    if seen is None:
+        return "no map has come"
+    age_s = now_s - seen.stamp_s
+    if not np.isfinite(age_s):
+        return "it is not known when the place was seen: look at it again"
+    if age_s <= oldest_s:
+        return ""
+    return (
+        f"the place was seen {age_s:.1f} s ago, oldest_map_s allows {oldest_s:g} s: look at it "
+        "again, or maps come too slowly (of folders: fresh, where nothing has moved since)"
+    )
+
+
 class RouteFollower:
     """Drives ``robot`` along the last route that came."""
 
@@ -138,16 +167,9 @@ class RouteFollower:
             return "the robot's place is not known"
         if now_s - place.stamp_s > rules.oldest_place_s:
             return f"the robot's place is {now_s - place.stamp_s:.1f} s old"
-        if self._map is None:
-            return "no map has come"
-        age_s = now_s - self._map.stamp_s
-        if not np.isfinite(age_s):
-            return "it is not known when the place was seen: look at it again"
-        if age_s > rules.oldest_map_s:
-            return (
-                f"the place was seen {age_s:.1f} s ago, {rules.oldest_map_s:g} s are allowed: look at "
-                "it again, or maps come too slowly"
-            )
+        too_old = too_old_to_drive(now_s, self._map, rules.oldest_map_s)
+        if too_old:
+            return too_old
         clear_m = self._clear_m(np.array([[place.x_m, place.y_m]]))[0]
         if clear_m <= rules.sigmas * place.sigma_m and not self._leads_out_m():
             return f"the robot's place is known to {place.sigma_m:.2f} m, and {clear_m:.2f} m are clear"

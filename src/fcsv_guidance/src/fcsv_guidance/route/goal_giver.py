@@ -9,8 +9,8 @@ from typing import List, Optional, Sequence, Union
 
 import numpy as np
 
-from fcsv_guidance.messages import HoldRobot, RobotPlace, StopRobot
-from fcsv_guidance.route.following import Holds, Polyline, RouteToFollow
+from fcsv_guidance.messages import GroundDated, HoldRobot, RobotPlace, StopRobot
+from fcsv_guidance.route.following import Holds, Polyline, RouteToFollow, too_old_to_drive
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ class GivingRules:
     apart_m: float = 3.0  # along the route, from goal to goal
     near_m: float = 1.0  # so near a goal the next is given
     oldest_place_s: float = 1.0
+    oldest_map_s: float = 60.0  # older ground holds the robot
     most_off_m: float = 1.0  # beside the route
 
 
@@ -59,6 +60,8 @@ class GoalGiver:
         self._given: Optional[GiveGoal] = None
         self._given_at_m, self._before_m, self._number = 0.0, 0.0, 0
         self._holds = Holds()
+        self._ground: Optional[GroundDated] = None
+        self._too_old = ""
         self.text = "no route has come"
         self._ended: Optional[GoalEnded] = None
         self._due: List[CancelGoal] = []
@@ -72,6 +75,8 @@ class GoalGiver:
             self._route, self._given = message.polyline(), None
             self._given_at_m = self._before_m = 0.0
             self._ended = None
+        elif isinstance(message, GroundDated):
+            self._ground = message
         elif isinstance(message, HoldRobot):
             self._holds.receive(message)
         elif isinstance(message, GoalEnded):
@@ -88,7 +93,9 @@ class GoalGiver:
             doubt = self._doubt(now_s)
             if doubt:
                 self._end(doubt)
-        held = self._holds.reason
+        too_old = too_old_to_drive(now_s, self._ground, self._rules.oldest_map_s)
+        self._too_old = too_old and (self._too_old or too_old)  # said once: the age counts up
+        held = self._too_old or self._holds.reason
         if self._route is not None and held:
             self._cancel(held)
         due, self._due = self._due, []

@@ -12,9 +12,10 @@ from typing import Deque, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from fcsv_guidance.errors import GroundError, RouteError
+from fcsv_guidance.errors import EndNotSeenError, GroundError, RouteError
 from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import tuning
+from fcsv_guidance.ground.fitting import require_one_frame
 from fcsv_guidance.ground.known import STILL_S, GroundSeen, KnownGround, watch_seen
 from fcsv_guidance.ground.model import (
     LAYERS,
@@ -251,6 +252,8 @@ class GroundServer:
         live = seen.view if seen.live else self._live
         taken = views or [live]
         ground = ground_from(taken, self._rules.cell_m, self._grid(), self._rules.reach_m)
+        if seen.others:
+            require_one_frame(ground)
         known = self._known
         # else what was seen to change stays
         if known.grid != ground.grid or not (seen.live or self._views):
@@ -415,6 +418,9 @@ class GroundServer:
             if self._ground is None:
                 raise RouteError("no map has come")
             found = self.plan((place.x_m, place.y_m), (self._goal.x_m, self._goal.y_m))
+        except EndNotSeenError as error:
+            seen_m = self._ground.grid.middle_of(*np.array([error.cell]).T)
+            return NoRouteMessage(f"{NO_ROUTE_KNOWN}: {error}", seen_m)
         except RouteError as error:
             waits = place is None or self._ground is None
             return NoRouteMessage(f"{NO_ROUTE_KNOWN}: {error}", np.empty((0, 2)), waits)

@@ -116,7 +116,6 @@ def next_commands(path: Path) -> List[str]:
         f"judge it:             rosrun fcsv_control check {path} --vehicles uav1,uav2",
         f"rehearse it:          rosrun fcsv_sim rehearse {path}",
         f"fly it with vehicles: docs/user/flying.md, with mission:={path.resolve()}",
-        "then:                 rosrun fcsv_guidance ground with both maps (docs/user/guidance.md)",
     ]
 
 
