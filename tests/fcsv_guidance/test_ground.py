@@ -9,6 +9,7 @@ import pytest
 
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.grid import Grid
+from fcsv_guidance.ground.fitting import require_one_frame
 from fcsv_guidance.ground.model import cell_probability, ground_from, renewed, stand_probability
 from fcsv_guidance.ground.tuning import FREE_P, OBSTACLE_P
 from fcsv_guidance.robot import load_robot
@@ -148,6 +149,21 @@ def test_a_renewal_costs_less_than_half_of_a_whole_map(scene, rescue):
                 stand_probability(made, rescue)
             spent[name].append(time.process_time() - began)
     assert min(spent["renewal"]) < 0.5 * min(spent["map"]), spent
+
+
+def test_a_map_of_another_home_is_refused(scene):
+    """Walls of one would lie in free ground of the other."""
+    walls = [WALL, (27.0, 27.3, -9.0, 2.0, 0.0, 1.0), (15.0, 16.0, 6.0, 9.0, 0.0, 1.2)]
+    first = scene(walls).view(noise=0.3, name="first")
+    second = scene(walls, eye=(2.0, 2.0, 9.0)).view(noise=0.3, name="second")
+    require_one_frame(ground_from([first, second], grid=GRID))
+    T_home_cam = second.T_home_cam.copy()
+    T_home_cam[:2, 3] += [4.0, -3.0]
+    moved = replace(second, T_home_cam=T_home_cam)
+    with pytest.raises(GroundError, match="second: its walls .* elsewhere than in first"):
+        require_one_frame(ground_from([first, moved], grid=GRID))
+    flat = scene().view(noise=0.3, name="flat")
+    require_one_frame(ground_from([first, flat], grid=GRID))  # says nothing of it
 
 
 def test_wrong_views_are_refused_by_name(scene):

@@ -403,7 +403,7 @@ def test_parts_of_a_live_map_become_a_view_by_their_stamp(scene):
         "depth": view.depth,
         "sigma": view.sigma,
         "kind": view.kind,
-        "K": view.K,
+        "camera": view.camera,
         "T_home_cam": view.T_home_cam,
     }
     for stamp_s in range(20):  # incomplete ones are forgotten
@@ -418,6 +418,13 @@ def test_parts_of_a_live_map_become_a_view_by_their_stamp(scene):
             views.add(30.0, part, value if part != "sigma" else value[:9])
             for part, value in parts.items()
         ]
+    for camera, words in (
+        (replace(view.camera, width=1280, height=960), "of 1280 x 960 px, its depth of 640 x 480"),
+        (replace(view.camera, distortion=(0.3, 0.1, 0.0, 0.0, 0.0)), "has a distortion"),
+    ):
+        with pytest.raises(GroundError, match=words):
+            for part, value in {**parts, "camera": camera}.items():
+                views.add(31.0, part, value)
     with pytest.raises(ValueError, match="has no part 'colour'"):
         views.add(1.0, "colour", None)
 

@@ -131,7 +131,8 @@ def ground(start_node, root, scene, write_map, tmp_path):
     def start(views=None, **parameters):
         folders = []
         for k, view in enumerate([scene([BOX]).view()] if views is None else views):
-            write_map(view, tmp_path / f"map{k}", stamp_s=time.time())
+            if not (tmp_path / f"map{k}").exists():  # else it is started again
+                write_map(view, tmp_path / f"map{k}", stamp_s=time.time())
             folders.append(str(tmp_path / f"map{k}"))
         params = {
             "maps": folders,
@@ -302,7 +303,7 @@ def test_a_robot_with_cmd_vel_drives_to_the_goal_and_stands_for_every_doubt(
     import rospy
     from std_msgs.msg import String
 
-    ground()
+    guides = ground()
     params = {"robot": str(root / "config/robots/rescue.yaml"), "place": PLACE}
     remaps = {"robot_pose": "/robot_pose", "cmd_vel": "/cmd_vel"}
     start_node("fcsv_guidance", "route_follower", ns="/ground", params=params, remaps=remaps)
@@ -342,6 +343,21 @@ def test_a_robot_with_cmd_vel_drives_to_the_goal_and_stands_for_every_doubt(
     time.sleep(0.3)
     assert robot.stands()
 
+    go_to(10.0, 3.5)
+    until(lambda: not robot.stands(), what="it drives back")
+    go_to(15.0, 3.5, frame="map")
+    until(robot.stands, 3.0, "it stands: nobody wants the goal before any more")
+    assert "in frame 'map'" in heard("status").data
+    go_to(10.0, 3.5)
+    until(lambda: not robot.stands(), what="it drives back")
+    guides.kill()
+    ground()
+    until(robot.stands, 10.0, "it stands: a ground_map that starts has no goal")
+    time.sleep(1.0)
+    assert robot.stands() and robot.at[0] > 10.4
+    go_to(10.0, 3.5)
+    until(lambda: not robot.stands(), what="a goal that is given again")
+
 
 def test_an_old_map_stands_and_says_what_to_do(
     heard, robot, start_node, root, scene, write_map, tmp_path
@@ -361,7 +377,10 @@ def test_an_old_map_stands_and_says_what_to_do(
     )
     go_to(15.0, 3.5)
     until(
-        lambda: said("follower/status") and "s ago, 60 s are" in said("follower/status").data,
+        lambda: (
+            said("follower/status")
+            and "s ago, oldest_map_s allows 60 s" in said("follower/status").data
+        ),
         what="what is wrong",
     )
     assert robot.stands()
@@ -401,14 +420,15 @@ def test_a_robot_with_move_base_is_given_goals_along_the_route(ground, heard, ro
 
     base = MoveBase(robot)
     ground()
-    params = {"place": PLACE, "action": "/robot/move_base"}
-    start_node(
-        "fcsv_guidance",
-        "move_base_goals",
-        ns="/ground",
-        params=params,
-        remaps={"robot_pose": "/robot_pose"},
-    )
+
+    def start():
+        params = {"place": PLACE, "action": "/robot/move_base"}
+        remaps = {"robot_pose": "/robot_pose"}
+        return start_node(
+            "fcsv_guidance", "move_base_goals", ns="/ground", params=params, remaps=remaps
+        )
+
+    gives = start()
     said = Heard(**{"goals/status": String})
     until(
         lambda: said("goals/status") and said("goals/status").data == "no route has come",
@@ -430,6 +450,12 @@ def test_a_robot_with_move_base_is_given_goals_along_the_route(ground, heard, ro
     until(lambda: not base.server.is_active(), 5.0, "the goal is cancelled")
     until(lambda: "stopped by the operator" in said("goals/status").data, what="why")
     stop.unregister()
+
+    go_to(10.0, 3.0)
+    until(base.server.is_active, what="a goal that it works on")
+    gives.kill()
+    start()
+    until(lambda: not base.server.is_active(), 8.0, "who died gave it")
 
     base.waits, base.gives_up = False, True
     go_to(10.0, 3.0)
@@ -560,6 +586,11 @@ def test_fixes_and_wheels_become_one_pose(ros_master, start_node):
     [
         ("ground_map", {"robot": "no.yaml", "maps": ["x"]}, "no.yaml"),
         ("ground_map", {"robot": "no.yaml"}, "maps: is empty"),
+        (
+            "ground_map",
+            {"robot": "no.yaml", "maps": ["x"], "drive": "cmdvel"},
+            "drive: 'cmdvel' is none of cmd_vel, move_base, none",
+        ),
         (
             "cooperative_place",
             {"vehicles": [], "vehicles_dir": "", "robot_file": ""},

@@ -14,6 +14,7 @@ from fcsv_guidance.ground.model import ground_from
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route.look_from import look_from
 from fcsv_guidance.route.search import NoRoute, Route, plan_route
+from fcsv_stereo.survey.views.station import load_station
 
 GRID = Grid.around((8, -8), (30, 8), 0.1)
 WALL = (17.0, 17.5, -3.0, 3.0, 0.0, 1.5)  # hides what lies behind it from the camera at the origin
@@ -84,8 +85,21 @@ def test_the_command_writes_a_mission_that_the_operator_can_fly(
     assert flown.home_height_m >= 8.0 and len(flown.configurations) >= 2
     assert {c.axis for c in flown.configurations} == {"horizontal"}
     assert "Bring the reference there" in mission.read_text()
+    flight, of_map = (load_stations(tmp_path, name) for name in ("look_station", "look_station_1"))
+    assert f"cp {tmp_path}/look_station_1.yaml {tmp_path}/map/station.yaml" in said
+    assert f"look from ({flight.place_m[0]:.1f}, {flight.place_m[1]:.1f}) m" in said
+    assert of_map.place_m == pytest.approx(view.T_home_cam[:3, 3], abs=0.01)
+    assert of_map.heading_deg == pytest.approx(0.0) and flight.place_sigma_m > of_map.place_sigma_m
     assert main([*words[:3], "-o", str(tmp_path / "c"), "--look-from", str(mission)]) == 2
     assert "give --route, too" in capsys.readouterr().err
+
+
+def load_stations(folder, name):
+    """The station that survey reads of a file."""
+    into = folder / f"{name}_input"
+    into.mkdir()
+    (folder / f"{name}.yaml").rename(into / "station.yaml")
+    return load_station(into)
 
 
 def test_no_route_names_cells_that_a_place_can_show(rescue, scene):

@@ -3,9 +3,13 @@
 
 from typing import Any, Dict, Optional
 
+import numpy as np
+
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_guidance.errors import GroundError
 from fcsv_guidance.ground.views import DepthView
 
-PARTS = ("depth", "sigma", "kind", "K", "T_home_cam")
+PARTS = ("depth", "sigma", "kind", "camera", "T_home_cam")
 _KEPT = 8  # stamps: parts of one map come together
 
 
@@ -28,4 +32,15 @@ class LiveViews:
                 del self._parts[old]
             return None
         del self._parts[stamp_s]
-        return DepthView(self._name, stamp_s=stamp_s, **parts)
+        camera: PinholeCamera = parts.pop("camera")
+        height, width = np.shape(parts["depth"])[:2]
+        if (camera.width, camera.height) != (width, height):
+            raise GroundError(
+                f"{self._name}: its camera_info is of a picture of {camera.width} x {camera.height} px, its depth "
+                f"of {width} x {height}; publish both of one"
+            )
+        if any(camera.distortion):
+            raise GroundError(
+                f"{self._name}: its camera_info has a distortion; depth views have none: rectify"
+            )
+        return DepthView(self._name, stamp_s=stamp_s, K=camera.K, **parts)

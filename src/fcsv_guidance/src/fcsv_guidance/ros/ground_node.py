@@ -118,8 +118,11 @@ class GroundNode:
         self._to_see = rospy.Publisher("to_see", GridCells, **latched)
         self._status = rospy.Publisher("status", String, **latched)
         self._held = rospy.Publisher("hold", String, **latched)
-        self._held.publish(String(""))
-        self._say("a map is here; no goal was given" if p.maps else "no map has come")
+        # whoever still drives by the path of a ground_map that has died
+        self._path.publish(messages.path_message(np.empty((0, 2)), rospy.get_time()))
+        self._has_map = self._has_goal = False
+        self._say("no map has come")
+        self._tell_of_map()
         self._publish()
         self._timer = node.every(_PERIOD_S, lambda _event: self._publish())
         rospy.Service("make_plan", GetPlan, self._on_plan)
@@ -180,7 +183,7 @@ class GroundNode:
         rospy.Subscriber(
             f"{topic}/camera_info",
             CameraInfo,
-            lambda m: add(m, "K", lambda: conversions.camera_from_info(m).K),
+            lambda m: add(m, "camera", lambda: conversions.camera_from_info(m)),
             queue_size=2,
         )
         rospy.Subscriber("/tf_static", TFMessage, on_static, queue_size=20)
@@ -220,14 +223,19 @@ class GroundNode:
 
     def _on_goal(self, message: PoseStamped) -> None:
         try:
-            x_m, y_m = messages.place_of(message, "goal")
-        except FcsvError as error:
+            goal = Goal(*messages.place_of(message, "goal"))
+            goal.require_finite()
+        except FcsvError as error:  # nobody wants the one before any more
             self._say(str(error), wrong=True)
+            self._receive(GoalDropped(str(error)))
             return
         with self._lock:
             if self._port.whole_grid is not None:  # a bag has the grid of each route, whole
                 self._show(self._port.whole_grid)
-        self._receive(Goal(x_m, y_m))
+        if not self._has_goal:  # a hold of a ground_map that has died holds until now
+            self._has_goal = True
+            self._held.publish(String(""))
+        self._receive(goal)
 
     def _on_stop(self, _message: String) -> None:
         self._receive(GoalDropped("stopped by the operator"))
@@ -260,7 +268,13 @@ class GroundNode:
             else:
                 self._say(str(error), wrong=True)
             return
+        self._tell_of_map()
         self._publish()
+
+    def _tell_of_map(self) -> None:
+        if not self._has_map and self._port.ground is not None:
+            self._has_map = True
+            self._say("a map is here; no goal was given")
 
     def _receive_places(self) -> None:
         """Those that came while a map was laid, too: a view needs the places of its time."""

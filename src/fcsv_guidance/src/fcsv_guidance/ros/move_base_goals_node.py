@@ -44,7 +44,7 @@ class MoveBaseGoalsNode:
         p = node.parameters(GoalsParameters)
         self._port = GoalGiver(p.rules)
         self._lock, self._health = threading.RLock(), Health("move_base_goals", {"robot_pose": 1.0})
-        self._said = ""
+        self._said, self._met = "", False
         self._client = actionlib.SimpleActionClient(p.action, MoveBaseAction)
         self._status = rospy.Publisher("goals/status", String, queue_size=1, latch=True)
         rospy.on_shutdown(self._client.cancel_all_goals)
@@ -72,6 +72,9 @@ class MoveBaseGoalsNode:
                 "move_base", "" if connected else "no move_base answers; start the robot's"
             )
             if connected:
+                if not self._met:  # goals that one of us gave who has died
+                    self._met = True
+                    self._client.cancel_all_goals()
                 for output in self._port.step(rospy.get_time()):
                     self._send(output)
             text = self._port.text if connected else "no move_base answers"

@@ -109,6 +109,8 @@ def route_over(
         return _no_route(p, ends) if explains else NoRoute(NO_ROUTE_KNOWN, np.empty((0, 2), int))
     corners = _straightened(cost, way)
     points = grid.middle_of(*corners.T)
+    if len(points) == 1:  # both in one cell
+        points = np.repeat(points, 2, axis=0)
     points[0], points[-1] = start_m, goal_m
     cells = np.concatenate(
         [_cells_between(a, b) for a, b in zip(corners[:-1], corners[1:])] or [way]
