@@ -52,8 +52,11 @@ def _ground(args: argparse.Namespace) -> int:
         if args.look_from:
             _print_look_from(written, Path(args.look_from), args.maps)
     elif found is not None:
+        unseen_m = args.cell_m * len(found.unknown_cells)
+        unseen = f"; some {unseen_m:.1f} m of it were never seen" if unseen_m else ""
         print(
-            f"route of {found.length_m:.1f} m, {len(found.points_home_m)} corners, worst cell's risk {found.risk:.3f}"
+            f"route of {found.length_m:.1f} m, {len(found.points_home_m)} corners, worst seen cell's risk "
+            f"{found.risk:.3f}{unseen}"
         )
     print(f"wrote {len(written.paths)} files to {out}")
     return 1 if isinstance(found, NoRoute) else 0

@@ -12,7 +12,7 @@ import numpy as np
 from fcsv_guidance.errors import EndNotSeenError, GroundError
 from fcsv_guidance.files.map_files import write_layers, write_map_server
 from fcsv_guidance.files.octomap_files import write_octomap
-from fcsv_guidance.files.picture import draw
+from fcsv_guidance.files.picture import RouteDrawn, draw
 from fcsv_guidance.files.stations import write_stations
 from fcsv_guidance.files.tiles import JudgedGround, judged, judged_by_tiles
 from fcsv_guidance.ground import tuning
@@ -126,7 +126,8 @@ def write_ground(
     paths += write_map_server(judgement.occupied, ground.grid, out, "map")
     paths += write_map_server(judgement.occupied, ground.grid, out, "map_scaled", scaled=True)
     paths += write_layers(judgement.layers, ground.grid, out, place)
-    draw(ground, robot, stands, out / PICTURE, found if isinstance(found, Route) else None)
+    drawn = None if asked is None else RouteDrawn(asked.start_m, asked.goal_m, found, looks)
+    draw(ground, robot, stands, out / PICTURE, drawn)
     document = {**_document(ground, stands, robot.name, found), **_placed(place)}
     (out / DOCUMENT).write_text(json.dumps(document, indent=1))
     return GroundWritten(
