@@ -7,7 +7,7 @@ from typing import Any, Callable, Dict, Optional, Tuple, Type
 
 from fcsv_console.model import facts as f
 from fcsv_console.model.hearing import Aged, AgingFact, slow
-from fcsv_control.agent.lease import MISSIONS
+from fcsv_control.agent.lease import is_mission
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE
 from fcsv_control.guardian.messages import in_words
 from fcsv_geometry.streams.silence import Silence
@@ -153,7 +153,7 @@ def who_flies(  # noqa: C901
     a: f.Agent = agent.value
     if not a.sender:
         return Flier(NOBODY, "GUIDED, holds: nobody commands it")
-    ours = a.sender == mission if mission else a.sender.startswith(MISSIONS)
+    ours = a.sender == mission if mission else is_mission(a.sender)
     return Flier(MISSION, "mission" if ours else f"commanded by {a.sender}")
 
 

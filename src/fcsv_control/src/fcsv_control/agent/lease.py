@@ -8,6 +8,15 @@ LEASE_S = 2.0
 MISSIONS = "mission-"
 
 
+def is_mission(commander: str) -> bool:
+    """Whether who commands is a mission, by his name.
+
+    >>> is_mission("mission-12-34"), is_mission("/console")
+    (True, False)
+    """
+    return commander.startswith(MISSIONS)
+
+
 class Lease:
     """The first who sends a moving command holds it, until nothing was heard of him for
     ``lease_s``.
