@@ -98,6 +98,24 @@ def test_a_place_that_is_lost_old_or_not_finite_stops_it(rescue):
     assert drive.follower.step(drive.now_s)[0].reason == "the robot's place is not known"
 
 
+def test_nothing_counts_as_new_that_lies_ahead_of_a_clock_that_was_set_back(rescue):
+    drive = Drive(rescue)
+    drive.now_s = 1000.0
+    drive.follower.receive(1000.0, clear(stamp_s=930.0))
+    drive.follower.receive(1000.0, clear(stamp_s=1000.5))  # another computer's, and within bounds
+    assert drive.run(1.0).speed_mps > 0.0
+    drive.now_s -= 60.0
+    stopped = drive.run(10.0, place=False)
+    assert stopped.speed_mps == 0.0 and drive.way[-200][3] == 0.0
+    assert "the robot's place is 50.0 s ahead of this computer's clock" in stopped.reason
+    drive.follower.receive(drive.now_s, clear(stamp_s=drive.now_s + 3600.0))
+    stopped = drive.run(10.0)
+    assert stopped.speed_mps == 0.0
+    assert stopped.reason.startswith("it is not known when the place was seen: its stamp is 3590")
+    drive.follower.receive(drive.now_s, clear(stamp_s=drive.now_s))
+    assert drive.run(1.0).speed_mps > 0.0
+
+
 def test_a_place_no_better_known_than_what_is_clear_stops_it(rescue):
     drive = Drive(rescue, sigma_m=0.6)
     command = drive.run(0.1)

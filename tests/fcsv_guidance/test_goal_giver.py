@@ -91,6 +91,7 @@ def test_a_held_robot_is_given_the_same_goal_again(giver):
         (StopRobot("no safe route is known"), 0.5, "no safe route is known"),
         (at(np.nan, 0.0), 0.5, "place is not known"),
         (at(0.0, 0.0), 1.5, "place is 1.5 s old"),
+        (at(0.0, 0.0, 61.0), 1.0, "place is 60.0 s ahead of this computer's clock"),
         (at(1.0, 2.0), 0.5, "2.0 m beside its route"),
         (GoalEnded(1, False, "no path to it"), 0.5, r"move_base gave up \(no path to it\)"),
     ],
@@ -105,6 +106,13 @@ def test_every_doubt_cancels_once_and_waits_for_a_new_route(giver, message, now_
     giver.receive(now_s, at(0.0, 0.0, now_s))
     giver.receive(now_s, ROUTE)
     assert isinstance(giver.step(now_s)[0], GiveGoal)
+
+
+def test_a_clock_that_was_set_back_is_a_doubt(giver):
+    giver.step(0.0)
+    (output,) = giver.step(-60.0)
+    assert isinstance(output, CancelGoal)
+    assert "place is 60.0 s ahead of this computer's clock" in output.reason
 
 
 def test_an_end_of_an_older_goal_means_nothing(giver):
@@ -138,7 +146,7 @@ def test_a_place_has_the_covariance_of_its_message_or_what_is_said_of_it():
     "frame, stamp_s, covariance, sigma_m, words",
     [
         ("map", 9.9, COVARIANCE, None, "its frame is 'map', not home"),
-        ("home", 12.0, COVARIANCE, None, "2.0 s ahead"),
+        ("home", 12.0, COVARIANCE, None, "2.0 s ahead of this computer's clock: set the clocks"),
         ("home", 9.9, -COVARIANCE, 0.1, "is none"),
         ("home", 9.9, np.full(36, np.nan), 0.1, "is none"),
         ("home", 9.9, None, None, "no sigma_m was given"),

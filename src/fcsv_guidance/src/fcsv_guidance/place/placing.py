@@ -6,10 +6,9 @@ from typing import Optional, Sequence
 import numpy as np
 
 from fcsv_geometry import frames
+from fcsv_guidance.clock import ahead_of_clock
 from fcsv_guidance.errors import PlaceError
 from fcsv_guidance.messages import RobotPlace
-
-_AHEAD_S = 0.2  # a stamp so far in the future tells of clocks that differ
 
 
 def robot_place(
@@ -30,10 +29,9 @@ def robot_place(
         raise PlaceError(
             f"its frame is '{frame}', not {frames.HOME}; publish the robot's pose in {frames.HOME}"
         )
-    if stamp_s - now_s > _AHEAD_S:
-        raise PlaceError(
-            f"its stamp is {stamp_s - now_s:.1f} s ahead of this machine; set the clocks"
-        )
+    ahead = ahead_of_clock(now_s, stamp_s)
+    if ahead:
+        raise PlaceError(f"its stamp {ahead}")
     if covariance is not None and np.any(covariance):
         of_xy = np.array([covariance[0], covariance[7]], float)
         if not np.isfinite(of_xy).all() or (of_xy < 0).any():

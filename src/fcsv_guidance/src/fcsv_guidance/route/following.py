@@ -10,6 +10,7 @@ from typing import Dict, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from fcsv_guidance.clock import ahead_of_clock
 from fcsv_guidance.errors import RouteError
 from fcsv_guidance.messages import (
     ClearanceMap,
@@ -22,6 +23,7 @@ from fcsv_guidance.messages import (
 from fcsv_guidance.robot import Robot
 
 GOAL_REACHED = "the goal is reached"
+_MAP_AHEAD_S = 1.0  # a map may be so far ahead of the clock: it is old after minutes only
 
 
 @dataclass(frozen=True)
@@ -99,6 +101,9 @@ def too_old_to_drive(
     age_s = now_s - seen.stamp_s
     if not np.isfinite(age_s):
         return "it is not known when the place was seen: look at it again"
+    ahead = ahead_of_clock(now_s, seen.stamp_s, _MAP_AHEAD_S)
+    if ahead:
+        return f"it is not known when the place was seen: its stamp {ahead}"
     if age_s <= oldest_s:
         return ""
     return (
@@ -165,6 +170,9 @@ class RouteFollower:
             return self._standing
         if place is None:
             return "the robot's place is not known"
+        ahead = ahead_of_clock(now_s, place.stamp_s)
+        if ahead:
+            return f"the robot's place {ahead}"
         if now_s - place.stamp_s > rules.oldest_place_s:
             return f"the robot's place is {now_s - place.stamp_s:.1f} s old"
         too_old = too_old_to_drive(now_s, self._map, rules.oldest_map_s)

@@ -9,6 +9,7 @@ from typing import List, Optional, Sequence, Union
 
 import numpy as np
 
+from fcsv_guidance.clock import ahead_of_clock
 from fcsv_guidance.messages import GroundDated, HoldRobot, RobotPlace, StopRobot
 from fcsv_guidance.route.following import Holds, Polyline, RouteToFollow, too_old_to_drive
 
@@ -109,6 +110,9 @@ class GoalGiver:
         place, rules = self._place, self._rules
         if place is None:
             return "the robot's place is not known; plan the route again when it is"
+        ahead = ahead_of_clock(now_s, place.stamp_s)
+        if ahead:
+            return f"the robot's place {ahead}; then plan the route again"
         if now_s - place.stamp_s > rules.oldest_place_s:
             return f"the robot's place is {now_s - place.stamp_s:.1f} s old; plan the route again when it is known"
         along = self._route.at(np.arange(0.0, self._route.length_m + 0.1, 0.1))
