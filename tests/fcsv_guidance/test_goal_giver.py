@@ -132,6 +132,11 @@ COVARIANCE = np.zeros(36)
 COVARIANCE[[0, 7]] = 0.09, 0.16
 
 
+def variances(x, y, yaw):
+    """A covariance as ROS has it."""
+    return np.diag([x, y, 0.0, 0.0, 0.0, yaw]).ravel()
+
+
 def test_a_place_has_the_covariance_of_its_message_or_what_is_said_of_it():
     T = np.eye(4)
     T[:2, :2], T[:2, 3] = [[0, -1], [1, 0]], (3.0, 4.0)
@@ -139,7 +144,8 @@ def test_a_place_has_the_covariance_of_its_message_or_what_is_said_of_it():
     assert (place.x_m, place.y_m, place.stamp_s) == (3.0, 4.0, 9.9)
     assert place.sigma_m == pytest.approx(0.5) and place.yaw_rad == pytest.approx(np.pi / 2)
     assert robot_place(10.0, 9.9, "home", T, None, 0.2).sigma_m == 0.2
-    assert robot_place(10.0, 9.9, "home", T, np.zeros(36), 0.2).sigma_m == 0.2
+    for nothing in (np.zeros(36), variances(0.0, 0.0, 0.1)):
+        assert robot_place(10.0, 9.9, "home", T, nothing, 0.2).sigma_m == 0.2
 
 
 @pytest.mark.parametrize(
@@ -151,6 +157,12 @@ def test_a_place_has_the_covariance_of_its_message_or_what_is_said_of_it():
         ("home", 9.9, np.full(36, np.nan), 0.1, "is none"),
         ("home", 9.9, None, None, "no sigma_m was given"),
         ("home", 9.9, np.zeros(36), None, "no sigma_m was given"),
+        ("home", 9.9, variances(0.0, 0.0, 0.1), None, "no covariance of x and y"),
+        ("home", 9.9, variances(0.01, 0.0, 0.1), 0.1, "only half filled in"),
+        ("home", 9.9, variances(0.01, 0.01, np.nan), 0.1, r"\(nan rad\^2\) says that the heading"),
+        ("home", 9.9, variances(0.01, 0.01, -0.1), 0.1, "heading is not known"),
+        ("home", 9.9, variances(0.01, 0.01, 9.0), 0.1, "heading is not known"),
+        ("home", 9.9, variances(0.01, 0.01, np.inf), 0.1, "heading is not known"),
     ],
 )
 def test_a_pose_that_is_no_place_is_refused(frame, stamp_s, covariance, sigma_m, words):
