@@ -15,3 +15,15 @@ def ahead_of_clock(now_s: float, stamp_s: float, bound_s: float = AHEAD_S) -> st
         return ""
     ahead_s = stamp_s - now_s
     return f"is {ahead_s:.1f} s ahead of this computer's clock: set the clocks (chrony)"
+
+
+def behind_clock(now_s: float, stamp_s: float, bound_s: float) -> str:
+    """How far a stamp lies behind now, and what to do; empty where that is within ``bound_s``.
+
+    >>> behind_clock(100.0, 40.0, 5.0), behind_clock(100.0, 99.0, 5.0)
+    ("is 60.0 s behind this computer's clock: set the clocks (chrony)", '')
+    """
+    if not now_s - stamp_s > bound_s:
+        return ""
+    behind_s = now_s - stamp_s
+    return f"is {behind_s:.1f} s behind this computer's clock: set the clocks (chrony)"
