@@ -103,7 +103,7 @@ def too_old_to_drive(
         return "it is not known when the place was seen: look at it again"
     ahead = ahead_of_clock(now_s, seen.stamp_s, _MAP_AHEAD_S)
     if ahead:
-        return f"it is not known when the place was seen: its stamp {ahead}"
+        return f"it is not known when the place was seen: its stamp {ahead}, then look at it again"
     if age_s <= oldest_s:
         return ""
     return (
