@@ -1,16 +1,78 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The robot's place out of a pose that somebody publishes."""
+"""The robot's place out of poses that somebody publishes."""
 
-from typing import Optional, Sequence
+from collections import deque
+from dataclasses import dataclass
+from typing import Deque, Dict, Optional, Sequence
 
 import numpy as np
 
-from fcsv_geometry import frames
+from fcsv_geometry import frames, rotations
 from fcsv_guidance.clock import ahead_of_clock
-from fcsv_guidance.errors import PlaceError
+from fcsv_guidance.errors import DisputedPlaceError, PlaceError
 from fcsv_guidance.messages import RobotPlace
 
 _HEADING_RAD = 1.0  # a heading of a larger sigma leads nowhere
+# so long after its last pose a publisher is gone: another may have taken its place
+_GONE_S = 2.0
+# faster steps from pose to pose are no motion: a place that is found anew makes one, two places
+# that take turns make many
+_FASTEST_MPS, _FASTEST_RADPS, _NOISE_M, _NOISE_RAD, _SIGMAS = 5.0, 3.0, 0.3, 0.7, 3.0
+_MANY_STEPS = 3  # within _GONE_S
+
+
+@dataclass(frozen=True)
+class HeardPose:
+    """A pose of the robot as a message says it. ``covariance``: 36 numbers as ROS has them, None
+    where it has none; ``caller``: the program that published it, empty where nobody says."""
+
+    stamp_s: float
+    frame: str
+    T_home_robot: np.ndarray
+    covariance: Optional[Sequence[float]] = None
+    caller: str = ""
+
+
+class PoseIntake:
+    """Poses of one publisher in the order of their stamps. ``sigma_m``: how well the place is known
+    where no covariance says it."""
+
+    def __init__(self, sigma_m: Optional[float]):
+        self._sigma_m = sigma_m
+        self._last: Optional[RobotPlace] = None
+        self._callers: Dict[str, float] = {}  # when each was heard last
+        self._steps: Deque[float] = deque(maxlen=_MANY_STEPS)  # when the place made one
+
+    def receive(self, now_s: float, pose: HeardPose) -> RobotPlace:
+        """The place of a pose. Raises PlaceError as ``robot_place`` does and where the pose is older
+        than the last one, DisputedPlaceError where two programs publish it, or seem to."""
+        self._require_one_caller(now_s, pose.caller)
+        place = robot_place(
+            now_s, pose.stamp_s, pose.frame, pose.T_home_robot, pose.covariance, self._sigma_m
+        )
+        last = self._last
+        if last is not None and ahead_of_clock(now_s, last.stamp_s):
+            last = None  # the clock was set back
+        if last is not None and place.stamp_s < last.stamp_s:
+            raise PlaceError(
+                f"its stamp is {last.stamp_s - place.stamp_s:.2f} s older than the last one's; do two "
+                "programs publish it?"
+            )
+        self._last = place
+        if last is not None and _is_step(last, place):
+            self._steps.append(now_s)
+        if len(self._steps) == _MANY_STEPS and abs(now_s - self._steps[0]) <= _GONE_S:
+            raise DisputedPlaceError(
+                "the poses of the robot contradict each other; do two programs publish them?"
+            )
+        return place
+
+    def _require_one_caller(self, now_s: float, caller: str) -> None:
+        heard = {c: s for c, s in self._callers.items() if abs(now_s - s) <= _GONE_S}
+        self._callers = {**heard, caller: now_s}
+        if len(self._callers) > 1:
+            names = " and ".join(sorted(self._callers))
+            raise DisputedPlaceError(f"{names} publish the robot's pose at once: stop all but one")
 
 
 def robot_place(
@@ -44,6 +106,18 @@ def robot_place(
     yaw_rad = float(np.arctan2(T_home_robot[1, 0], T_home_robot[0, 0]))
     return RobotPlace(
         stamp_s, float(T_home_robot[0, 3]), float(T_home_robot[1, 3]), yaw_rad, sigma_m
+    )
+
+
+def _is_step(a: RobotPlace, b: RobotPlace) -> bool:
+    """Whether the robot cannot have driven from place to place."""
+    elapsed_s = b.stamp_s - a.stamp_s
+    far_m = float(np.hypot(b.x_m - a.x_m, b.y_m - a.y_m))
+    noise_m = _NOISE_M + _SIGMAS * (a.sigma_m + b.sigma_m)
+    turned_rad = abs(rotations.wrap(b.yaw_rad - a.yaw_rad))
+    return (
+        far_m > _FASTEST_MPS * elapsed_s + noise_m
+        or turned_rad > _FASTEST_RADPS * elapsed_s + _NOISE_RAD
     )
 
 
