@@ -346,6 +346,11 @@ def test_a_service_gets_a_route_a_goal_nearby_or_a_sentence(server):
     assert 0.1 < np.hypot(*(near.points_home_m[-1] - (12.9, 0.0))) <= 1.0
     with pytest.raises(RouteError, match="outside of what was mapped"):
         server.plan((10.0, 0.0), (90.0, 0.0), tolerance_m=1.0)
+    for tolerance_m in (np.nan, -5.0, np.inf):
+        with pytest.raises(RouteError, match="the tolerance .* is none; give 0 or more"):
+            server.plan((10.0, 0.0), (18.0, 0.0), tolerance_m)
+    with pytest.raises(RouteError, match="the goal .* is not finite"):
+        server.plan((10.0, 0.0), (np.inf, 0.0), tolerance_m=1.0)
     none = server.in_words(NoRoute("no safe route is known: 7 cells", np.array([[0, 0]] * 7)))
     assert (
         none.reason.startswith("no safe route is known: 7 cells; look at (5.")

@@ -225,8 +225,11 @@ class GroundServer:
         ``tolerance_m`` where no robot can stand on it. It keeps clear by the sigma of the robot's
         place, where that is known.
 
-        Raises RouteError where start or goal is none, before the first map too.
+        Raises RouteError where start, goal or tolerance is none, before the first map too.
         """
+        if not 0.0 <= tolerance_m < np.inf:
+            raise RouteError(f"the tolerance ({tolerance_m}) is none; give 0 or more (m)")
+        Goal(*goal_m).require_finite()
         if self._ground is None:
             raise RouteError(f"{NO_ROUTE_KNOWN}: no map has come")
         sigma_m = 0.0 if self._place is None else self._place.sigma_m
