@@ -2,6 +2,7 @@
 """What every node begins with."""
 
 import threading
+import time
 
 import pytest
 
@@ -23,4 +24,24 @@ def test_what_is_done_again_and_again_outlives_a_defect(ros_master):
     try:
         assert enough.wait(10.0) and turns[:2] == [0, 1]
     finally:
+        timer.shutdown()
+
+
+@pytest.mark.ros
+def test_what_is_done_again_and_again_outlives_simulated_time_that_goes_back(ros_master):
+    """A bag that is played again: rospy's own timer ends there, and the node stays without it."""
+    from rospy import rostime
+
+    turns, at_s = [], 1000.0
+    rostime._set_rostime(rostime.Time.from_sec(at_s))
+    timer = node.every(0.1, lambda event: turns.append(event.current_real.to_sec()))
+    try:
+        for step_s in (0.05,) * 20 + (-50.0,) + (0.05,) * 40:
+            at_s += step_s
+            rostime._set_rostime(rostime.Time.from_sec(at_s))
+            time.sleep(0.01)
+        assert timer.is_alive() and max(turns) > 1000.5
+        assert len([turn_s for turn_s in turns if turn_s < 960.0]) > 5
+    finally:
+        rostime.switch_to_wallclock()
         timer.shutdown()

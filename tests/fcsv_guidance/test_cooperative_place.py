@@ -173,7 +173,7 @@ def test_a_robot_that_stands_is_not_averaged_into_certainty():
             VehicleSighting(1.0, "left", 1.0, 0.0, 0.0, np.diag([1.0, np.nan, 1.0])),
             "covariance that is none",
         ),
-        (VehicleSighting(9.0, "left", 1.0, 0.0, 0.0, C), "lies in the future"),
+        (VehicleSighting(9.0, "left", 1.0, 0.0, 0.0, C), "ahead of this computer's clock"),
     ],
 )
 def test_what_is_none_is_refused(message, words):
@@ -197,3 +197,40 @@ def test_a_new_start_forgets():
     walk.run(6.0)
     walk.tracker.receive(walk.now_s, replace(START, stamp_s=walk.now_s))
     assert walk.state().vehicles == {} and walk.state().robot.place is None
+
+
+def test_a_jump_of_the_odometry_is_no_motion_among_vehicles():
+    place = Place()
+    place.run(5.0)
+    place.wheels += [2.0, 0.0, 1.0]  # its driver started again
+    place.run(0.4, seen=())
+    state = place.state().robot
+    off_m = np.hypot(state.place.x_m - place.true[0], state.place.y_m - place.true[1])
+    assert off_m < 0.1 and 0.2 < state.place.sigma_m < 0.4
+    assert "wheel odometry jumped by 2.0 m and 57 degrees" in state.last_refusal
+    place.run(3.0)
+    assert place.state().robot.place.sigma_m < 0.15
+
+
+def test_wheels_stamped_by_another_clock_are_refused_among_vehicles():
+    place = Place()
+    place.run(5.0)
+    place.tracker.receive(place.now_s, WheelOdometry(place.now_s + 997.0, 0.0, 0.0, 0.0))
+    place.run(1.0)
+    assert place.state().robot.place.stamp_s == pytest.approx(place.now_s, abs=0.1)
+    told = place.state().robot.last_refusal
+    assert (
+        told == "wheel odometry is 997.0 s ahead of this computer's clock: set the clocks (chrony)"
+    )
+
+
+def test_after_a_clock_that_was_set_back_home_is_set_again():
+    place = Place()
+    place.now_s = 100.0
+    place.run(3.0)
+    place.now_s, place.coming = 40.0, []
+    place.run(1.0)
+    assert "set home while it stands" in place.state().robot.reason
+    place.tracker.receive(place.now_s, replace(START, stamp_s=place.now_s))
+    place.run(2.0)
+    assert place.state().robot.place is not None

@@ -9,7 +9,7 @@ import pytest
 
 from fcsv_guidance.errors import RouteError
 from fcsv_guidance.grid import Grid
-from fcsv_guidance.messages import ClearanceMap, HoldRobot, RobotPlace, StopRobot
+from fcsv_guidance.messages import ClearanceMap, HoldRobot, PlaceLost, RobotPlace, StopRobot
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route.following import RouteFollower, RouteToFollow
 
@@ -96,6 +96,32 @@ def test_a_place_that_is_lost_old_or_not_finite_stops_it(rescue):
     assert drive.run(1.0).speed_mps > 0.0  # it drives on
     drive.follower.receive(drive.now_s, replace(drive.place(), x_m=np.nan))
     assert drive.follower.step(drive.now_s)[0].reason == "the robot's place is not known"
+    assert drive.run(1.0).speed_mps > 0.0
+    drive.follower.receive(drive.now_s, PlaceLost("two programs publish it"))
+    stopped = drive.run(STEP_S, place=False)
+    assert stopped.reason == "the robot's place is not known: two programs publish it"
+    assert drive.run(1.0).speed_mps > 0.0
+
+
+def test_nothing_counts_as_new_that_lies_ahead_of_a_clock_that_was_set_back(rescue):
+    drive = Drive(rescue)
+    drive.now_s = 1000.0
+    drive.follower.receive(1000.0, clear(stamp_s=930.0))
+    drive.follower.receive(1000.0, clear(stamp_s=1000.5))  # another computer's, and within bounds
+    assert drive.run(1.0).speed_mps > 0.0
+    drive.now_s -= 60.0
+    stopped = drive.run(10.0, place=False)
+    assert stopped.speed_mps == 0.0 and drive.way[-200][3] == 0.0
+    assert "the robot's place is 60.0 s ahead of this computer's clock" in stopped.reason
+    drive.now_s = 1000.8
+    assert drive.run(0.5, place=False).speed_mps == 0.0
+    drive.now_s = 950.0
+    drive.follower.receive(drive.now_s, clear(stamp_s=drive.now_s + 3600.0))
+    stopped = drive.run(10.0)
+    assert stopped.speed_mps == 0.0
+    assert stopped.reason.startswith("it is not known when the place was seen: its stamp is 3590")
+    drive.follower.receive(drive.now_s, clear(stamp_s=drive.now_s))
+    assert drive.run(1.0).speed_mps > 0.0
 
 
 def test_a_place_no_better_known_than_what_is_clear_stops_it(rescue):

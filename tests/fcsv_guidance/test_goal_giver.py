@@ -6,9 +6,10 @@ import re
 import numpy as np
 import pytest
 
-from fcsv_guidance.errors import PlaceError, RouteError
-from fcsv_guidance.messages import GroundDated, HoldRobot, RobotPlace, StopRobot
-from fcsv_guidance.place.placing import robot_place
+from fcsv_geometry import transforms
+from fcsv_guidance.errors import DisputedPlaceError, PlaceError, RouteError
+from fcsv_guidance.messages import GroundDated, HoldRobot, PlaceLost, RobotPlace, StopRobot
+from fcsv_guidance.place.placing import HeardPose, PoseIntake, robot_place
 from fcsv_guidance.route.following import RouteToFollow
 from fcsv_guidance.route.goal_giver import CancelGoal, GiveGoal, GoalEnded, GoalGiver
 
@@ -90,7 +91,9 @@ def test_a_held_robot_is_given_the_same_goal_again(giver):
         (StopRobot(), 0.5, "stopped by the operator"),
         (StopRobot("no safe route is known"), 0.5, "no safe route is known"),
         (at(np.nan, 0.0), 0.5, "place is not known"),
+        (PlaceLost("two publish it"), 0.5, "place is not known: two publish it; plan the route"),
         (at(0.0, 0.0), 1.5, "place is 1.5 s old"),
+        (at(0.0, 0.0, 61.0), 1.0, "place is 60.0 s ahead of this computer's clock"),
         (at(1.0, 2.0), 0.5, "2.0 m beside its route"),
         (GoalEnded(1, False, "no path to it"), 0.5, r"move_base gave up \(no path to it\)"),
     ],
@@ -105,6 +108,13 @@ def test_every_doubt_cancels_once_and_waits_for_a_new_route(giver, message, now_
     giver.receive(now_s, at(0.0, 0.0, now_s))
     giver.receive(now_s, ROUTE)
     assert isinstance(giver.step(now_s)[0], GiveGoal)
+
+
+def test_a_clock_that_was_set_back_is_a_doubt(giver):
+    giver.step(0.0)
+    (output,) = giver.step(-60.0)
+    assert isinstance(output, CancelGoal)
+    assert "place is 60.0 s ahead of this computer's clock" in output.reason
 
 
 def test_an_end_of_an_older_goal_means_nothing(giver):
@@ -124,6 +134,11 @@ COVARIANCE = np.zeros(36)
 COVARIANCE[[0, 7]] = 0.09, 0.16
 
 
+def variances(x, y, yaw):
+    """A covariance as ROS has it."""
+    return np.diag([x, y, 0.0, 0.0, 0.0, yaw]).ravel()
+
+
 def test_a_place_has_the_covariance_of_its_message_or_what_is_said_of_it():
     T = np.eye(4)
     T[:2, :2], T[:2, 3] = [[0, -1], [1, 0]], (3.0, 4.0)
@@ -131,20 +146,88 @@ def test_a_place_has_the_covariance_of_its_message_or_what_is_said_of_it():
     assert (place.x_m, place.y_m, place.stamp_s) == (3.0, 4.0, 9.9)
     assert place.sigma_m == pytest.approx(0.5) and place.yaw_rad == pytest.approx(np.pi / 2)
     assert robot_place(10.0, 9.9, "home", T, None, 0.2).sigma_m == 0.2
-    assert robot_place(10.0, 9.9, "home", T, np.zeros(36), 0.2).sigma_m == 0.2
+    for nothing in (np.zeros(36), variances(0.0, 0.0, 0.1)):
+        assert robot_place(10.0, 9.9, "home", T, nothing, 0.2).sigma_m == 0.2
 
 
 @pytest.mark.parametrize(
     "frame, stamp_s, covariance, sigma_m, words",
     [
         ("map", 9.9, COVARIANCE, None, "its frame is 'map', not home"),
-        ("home", 12.0, COVARIANCE, None, "2.0 s ahead"),
+        ("home", 12.0, COVARIANCE, None, "2.0 s ahead of this computer's clock: set the clocks"),
         ("home", 9.9, -COVARIANCE, 0.1, "is none"),
         ("home", 9.9, np.full(36, np.nan), 0.1, "is none"),
         ("home", 9.9, None, None, "no sigma_m was given"),
         ("home", 9.9, np.zeros(36), None, "no sigma_m was given"),
+        ("home", 9.9, variances(0.0, 0.0, 0.1), None, "no covariance of x and y"),
+        ("home", 9.9, variances(0.01, 0.0, 0.1), 0.1, "only half filled in"),
+        ("home", 9.9, variances(0.01, 0.01, np.nan), 0.1, r"\(nan rad\^2\) says that the heading"),
+        ("home", 9.9, variances(0.01, 0.01, -0.1), 0.1, "heading is not known"),
+        ("home", 9.9, variances(0.01, 0.01, 9.0), 0.1, "heading is not known"),
+        ("home", 9.9, variances(0.01, 0.01, np.inf), 0.1, "heading is not known"),
     ],
 )
 def test_a_pose_that_is_no_place_is_refused(frame, stamp_s, covariance, sigma_m, words):
     with pytest.raises(PlaceError, match=words):
         robot_place(10.0, stamp_s, frame, np.eye(4), covariance, sigma_m)
+
+
+class Publishers:
+    """Programs that publish the robot's pose, and what is taken of it."""
+
+    def __init__(self):
+        self.intake, self.now_s = PoseIntake(0.05), 100.0
+
+    def pose(self, caller="/a", x_m=0.0, yaw_rad=0.0, behind_s=0.0):
+        T = transforms.from_xyz_yaw([x_m, 0.0, 0.0], yaw_rad)
+        pose = HeardPose(self.now_s - behind_s, "home", T, None, caller)
+        return self.intake.receive(self.now_s, pose)
+
+    def run(self, seconds, *poses):
+        """Each program in turn at 20 Hz."""
+        for _ in range(int(round(seconds / 0.05))):
+            self.now_s += 0.05
+            for pose in poses:
+                self.pose(**pose)
+
+
+def test_of_two_programs_that_publish_the_pose_none_counts_until_one_is_gone():
+    """Also where both say the same now: nobody knows which is right next."""
+    publishers = Publishers()
+    publishers.run(1.0, {"caller": "/a"})
+    for _ in range(5):
+        with pytest.raises(DisputedPlaceError, match="^/a and /b publish the robot's pose at once"):
+            publishers.pose("/b")
+        with pytest.raises(DisputedPlaceError):
+            publishers.pose("/a")
+        publishers.now_s += 0.05
+    publishers.now_s += 1.9  # a program that was started again under another name
+    with pytest.raises(DisputedPlaceError):
+        publishers.pose("/b")
+    publishers.now_s += 0.2
+    assert publishers.pose("/b").stamp_s == publishers.now_s
+    publishers.run(1.0, {"caller": "/b"})
+
+
+def test_a_pose_that_is_older_than_the_last_is_dropped_but_for_a_clock_that_was_set_back():
+    publishers = Publishers()
+    publishers.run(1.0, {})
+    assert publishers.pose().stamp_s == publishers.now_s  # twice
+    with pytest.raises(PlaceError, match="0.45 s older than the last one's; do two programs"):
+        publishers.pose(x_m=-0.4, behind_s=0.45)
+    publishers.run(1.0, {})
+    publishers.now_s -= 60.0
+    assert publishers.pose().stamp_s == publishers.now_s
+    publishers.run(1.0, {})
+
+
+@pytest.mark.parametrize("other", [{"yaw_rad": 1.0}, {"x_m": 2.0}])
+def test_places_that_take_turns_are_none_and_one_that_is_found_anew_is(other):
+    """Two programs behind one name: a relay, or a bag."""
+    publishers = Publishers()
+    publishers.run(1.0, {})
+    publishers.run(1.0, other)
+    with pytest.raises(DisputedPlaceError, match="contradict each other"):
+        publishers.run(1.0, {}, other)
+    publishers.now_s += 2.1
+    publishers.run(1.0, other)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fcsv_guidance import clock
 from fcsv_guidance.errors import GroundError, RouteError
 from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import model, occupancy, standing
@@ -55,7 +56,7 @@ def at(x_m, y_m, stamp_s=0.0):
     return RobotPlace(stamp_s, x_m, y_m, 0.0, 0.05)
 
 
-@pytest.mark.parametrize("module", [model, occupancy, ground_server])
+@pytest.mark.parametrize("module", [clock, model, occupancy, ground_server])
 def test_names(module):
     done = doctest.testmod(module)
     assert done.attempted and not done.failed
@@ -128,6 +129,21 @@ def test_from_where_the_robot_was_before_it_was_lost_nobody_plans(server):
     server.receive(12.0, at(10.0, -2.0))
     (said,) = server.step(12.0)
     assert np.allclose(said.points_home_m[0], (10, -2))
+
+
+def test_after_a_clock_that_was_set_back_routes_are_planned_as_before(server):
+    server.receive(101.0, at(10.0, 0.0))
+    server.receive(101.0, Goal(18.0, 0.0))
+    assert isinstance(server.step(101.0)[0], RouteMessage)
+    server.receive(41.0, Goal(18.0, 0.0))
+    (said,) = server.step(41.0)
+    assert said.reason == "no safe route is known: the robot's place is not known"
+    server.receive(42.5, at(10.0, -2.0))
+    assert isinstance(server.step(42.5)[0], RouteMessage)
+    server.receive(43.0, at(10.0, 2.0))
+    assert not server.step(43.0) and server.step(43.6)  # beside its route, once a second
+    server.receive(13.0, at(10.0, -2.0))
+    assert isinstance(server.step(13.0)[0], RouteMessage)  # not after 30 s
 
 
 def test_who_stands_on_the_route_gets_another(server):
@@ -330,6 +346,11 @@ def test_a_service_gets_a_route_a_goal_nearby_or_a_sentence(server):
     assert 0.1 < np.hypot(*(near.points_home_m[-1] - (12.9, 0.0))) <= 1.0
     with pytest.raises(RouteError, match="outside of what was mapped"):
         server.plan((10.0, 0.0), (90.0, 0.0), tolerance_m=1.0)
+    for tolerance_m in (np.nan, -5.0, np.inf):
+        with pytest.raises(RouteError, match="the tolerance .* is none; give 0 or more"):
+            server.plan((10.0, 0.0), (18.0, 0.0), tolerance_m)
+    with pytest.raises(RouteError, match="the goal .* is not finite"):
+        server.plan((10.0, 0.0), (np.inf, 0.0), tolerance_m=1.0)
     none = server.in_words(NoRoute("no safe route is known: 7 cells", np.array([[0, 0]] * 7)))
     assert (
         none.reason.startswith("no safe route is known: 7 cells; look at (5.")

@@ -209,6 +209,7 @@ def test_grids_plans_and_goals(ground, heard, robot, ros_master):
         (points[:, 0] > 12.6) & (points[:, 0] < 14.4) & (points[:, 1] > -2.4) & (points[:, 1] < 1.4)
     )
     assert not inside.any()
+    until(lambda: heard("status"), what="the status")
     for start, goal, frame, words in [
         ((10.0, 0.0), (13.05, -0.5), "home", "at an obstacle"),
         ((10.0, 0.0), (60.0, 0.0), "home", "outside of what was mapped"),
@@ -216,7 +217,10 @@ def test_grids_plans_and_goals(ground, heard, robot, ros_master):
     ]:
         with pytest.raises(rospy.ServiceException, match=words):
             plan(start, goal, frame=frame)
-        until(lambda words=words: words in heard("status").data, what=f"status: {words}")
+    for tolerance in (np.nan, -5.0):
+        with pytest.raises(rospy.ServiceException, match="the tolerance .* is none"):
+            plan((10.0, 0.0), (18.0, 0.0), tolerance=tolerance)
+    assert heard("status").data == "a map is here; no goal was given" and not heard("path")
     assert len(plan((10.0, 0.0), (12.9, 0.0), tolerance=1.5)) > 5
 
     until(lambda: robot.pose.get_num_connections(), what="the node at the robot's place")
@@ -235,9 +239,14 @@ def test_grids_plans_and_goals(ground, heard, robot, ros_master):
 
 
 def test_cells_that_would_have_to_be_seen_are_told(ground, heard, robot, scene):
+    import rospy
+
     ground([scene(blank=[(13, 15, -9, 9)]).view()])
     until(lambda: heard("map"), what="the map")
     until(lambda: robot.pose.get_num_connections(), what="the node at the robot's place")
+    with pytest.raises(rospy.ServiceException, match="no safe route is known"):
+        plan((10.0, 0.0), (18.0, 0.0))
+    assert not heard("path"), "an empty one stops who drives"
     time.sleep(0.2)
     go_to(18.0, 0.0)
     until(lambda: heard("to_see") and heard("to_see").cells, what="cells")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.place.tracker import PlaceFix, RobotTracker, WheelOdometry
+from fcsv_guidance.place.wheels import WheelReader, between
 
 C = np.diag([0.2**2, 0.2**2, np.radians(4) ** 2])
 STEP_S = 0.05
@@ -134,7 +135,7 @@ def test_it_begins_only_where_fixes_agree_and_moves_elsewhere_only_while_it_stan
         ({"covariance": np.full((3, 3), np.nan)}, "not finite"),
         ({"covariance": -C}, "covariance that is none"),
         ({"covariance": C[:2, :2]}, r"shape \(2, 2\)"),
-        ({"stamp_s": 99.0}, "in the future"),
+        ({"stamp_s": 99.0}, "ahead of this computer's clock"),
         ({"stamp_s": 0.1}, "too late"),
     ],
 )
@@ -187,3 +188,88 @@ def test_without_wheels_the_last_fix_is_the_place_until_wheels_come():
     assert tracker.step(1.3).place.x_m == pytest.approx(3.1)
     with pytest.raises(TypeError, match="does not know str"):
         tracker.receive(1.0, "here")
+
+
+@pytest.mark.parametrize("jump", [(2.0, 0.0, 0.0), (-0.9, 0.5, 0.0), (0.0, 0.0, 1.2)])
+def test_a_jump_of_the_odometry_is_no_motion(jump):
+    """A driver that started again: what was driven in that step is unknown, and a fix tells it."""
+    walk = Walk()
+    walk.run(4.0, 0.0, 0.0)
+    walk.run(5.0)
+    before = walk.state()
+    walk.wheels += jump
+    walk.run(STEP_S, fixes=False)
+    state = walk.state()
+    assert "wheel odometry jumped by" in state.last_refusal
+    assert "has its driver started again?" in state.last_refusal
+    assert walk.off_m() < 2 * state.place.sigma_m and walk.off_m() < 0.3
+    # 5 m/s and 6 rad/s in 0.05 s
+    assert state.place.sigma_m == pytest.approx(np.hypot(before.place.sigma_m, 0.25), abs=0.02)
+    assert state.yaw_sigma_rad == pytest.approx(np.hypot(before.yaw_sigma_rad, 0.3), abs=0.02)
+    walk.run(10.0)
+    assert walk.state().place.sigma_m < 1.2 * before.place.sigma_m and walk.off_m() < 0.3
+
+
+def test_a_driver_that_was_away_and_begins_at_0_says_nothing_of_the_way_between():
+    """2 m in 3 s are no speed that tells of a jump."""
+    walk = Walk()
+    walk.run(3.0, 0.0, 0.0)
+    walk.run(4.0, turning=0.0)
+    walk.now_s += 3.0
+    walk.wheels[:2] = 0.0
+    walk.run(STEP_S, 0.0, 0.0, fixes=False)
+    assert walk.state().place.sigma_m > 10.0 and walk.off_m() < 0.3
+    walk.run(2.0, 0.0, 0.0)
+    assert walk.state().place.sigma_m < 0.4 and walk.off_m() < 0.4
+
+
+def test_what_a_jump_leaves_unknown_is_shared_by_its_parts():
+    reader = WheelReader()
+    a, b = WheelOdometry(1.0, 0.0, 0.0, 0.0), WheelOdometry(1.1, 9.0, 0.0, 0.0)
+    assert reader.read(1.0, a) == a and reader.read(1.1, b).x_m == pytest.approx(0.0)
+    middle = between(a, b, 1.03)
+    parts = reader.unknown(0.5, middle.stamp_s) + reader.unknown(middle.stamp_s, 2.0)
+    assert parts == pytest.approx(reader.unknown(1.0, 1.1))
+    assert parts == pytest.approx([0.5 * 0.5**2, 0.5 * 0.5**2, 0.6**2])
+    turned = reader.read(1.2, WheelOdometry(1.2, 9.0, 0.2, 0.1))
+    assert (turned.x_m, turned.y_m, turned.yaw_rad) == pytest.approx((0.0, 0.2, 0.1))
+    assert not reader.unknown(1.1, 1.2).any()
+
+
+@pytest.mark.parametrize(
+    "off_s, words", [(1000.0, "1000.0 s ahead"), (-60.0, "60.0 s behind"), (0.3, "0.3 s ahead")]
+)
+def test_wheels_stamped_by_another_clock_cost_nothing_but_themselves(off_s, words):
+    walk = Walk()
+    walk.run(4.0, 0.0, 0.0)
+    tracker, now_s = walk.tracker, walk.now_s
+    for _ in range(6):
+        tracker.receive(now_s, WheelOdometry(now_s + off_s, *walk.wheels))
+    before = walk.state()
+    assert before.place.stamp_s == pytest.approx(now_s)
+    assert words in before.last_refusal and "this computer's clock: set the" in before.last_refusal
+    walk.run(3.0)
+    assert walk.state().place is not None and walk.off_m() < 0.4
+    later_s = walk.now_s + 1.5  # for so long all wheels are stamped so
+    tracker.receive(later_s, WheelOdometry(later_s + off_s, *walk.wheels))
+    assert tracker.step(later_s).place is None
+    assert tracker.step(later_s).reason.startswith(f"wheel odometry is {words}")
+    walk.run(STEP_S)
+    assert walk.state().place is not None
+
+
+def test_of_an_old_fix_the_clock_is_told():
+    walk = Walk()
+    walk.tracker.receive(100.0, PlaceFix(40.0, 1.0, 2.0, 0.0, C))
+    assert "a fix is 60.0 s behind this computer's clock" in walk.tracker.step(100.0).last_refusal
+
+
+def test_after_a_clock_that_was_set_back_it_begins_anew():
+    walk = Walk()
+    walk.now_s = 100.0
+    walk.run(3.0, 0.0, 0.0)
+    walk.now_s -= 60.0
+    walk.run(STEP_S, 0.0, 0.0, fixes=False)
+    assert walk.state().place is None
+    walk.run(3.0, 0.0, 0.0)
+    assert walk.state().place.stamp_s == pytest.approx(walk.now_s) and walk.off_m() < 0.4

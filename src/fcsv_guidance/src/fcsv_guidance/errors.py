@@ -26,6 +26,10 @@ class PlaceError(GuidanceError):
     """A pose that does not tell where the robot is."""
 
 
+class DisputedPlaceError(PlaceError):
+    """Poses that contradict each other, or have several publishers: none of them counts."""
+
+
 class EndNotSeenError(RouteError):
     """Start or goal lies in ``cell`` (row, column), which was not seen."""
 

@@ -29,6 +29,13 @@ class RobotPlace:
 
 
 @dataclass(frozen=True)
+class PlaceLost:
+    """Nobody knows where the robot is, for this reason, until another place comes."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
 class OwnVehicle:
     """Where a vehicle of ours flies, ``p_home_m`` (3,) of its camera: what a picture shows there is
     no obstacle."""

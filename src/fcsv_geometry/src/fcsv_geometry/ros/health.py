@@ -30,7 +30,8 @@ class Health:
         self._updater = diagnostic_updater.Updater()
         self._updater.setHardwareID(hardware_id)
         self._updater.add("health", self._report)
-        self._timer = node.every(1.0, lambda _event: self._updater.update())
+        # update() would wait for a time of its own, which may lie ahead
+        self._timer = node.every(1.0, lambda _event: self._updater.force_update())
 
     def tick(self, flow: str) -> None:
         """One message of a flow went through."""

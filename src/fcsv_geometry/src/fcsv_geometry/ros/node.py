@@ -51,7 +51,8 @@ def every(period_s: float, work: Callable[[Any], None]) -> rospy.Timer:
     """Call ``work`` with the timer's event again and again, in a thread of its own, until ROS shuts
     the node down.
 
-    A defect in it costs one turn and is logged; rospy's own timer would end without a word.
+    A defect in it costs one turn and is logged; rospy's own timer would end without a word, as it
+    would where simulated time goes back.
     """
 
     def turn(event) -> None:
@@ -62,7 +63,7 @@ def every(period_s: float, work: Callable[[Any], None]) -> rospy.Timer:
             if not rospy.core.is_shutdown_requested():
                 rospy.logerr_throttle(_LOG_EVERY_S, f"{rospy.get_name()}: {traceback.format_exc()}")
 
-    return rospy.Timer(rospy.Duration(period_s), turn)
+    return rospy.Timer(rospy.Duration(period_s), turn, reset=True)
 
 
 def defect(error: Exception) -> str:

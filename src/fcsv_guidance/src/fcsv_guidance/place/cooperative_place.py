@@ -16,16 +16,10 @@ from typing import Deque, Dict, List, Mapping, NamedTuple, Optional, Tuple, Unio
 import numpy as np
 
 from fcsv_geometry import chi_squared, rotations, transforms
+from fcsv_guidance.clock import ahead_of_clock
 from fcsv_guidance.messages import RobotPlace
-from fcsv_guidance.place.tracker import (
-    STATES,
-    LevelPlace,
-    PlaceRules,
-    PlaceState,
-    WheelOdometry,
-    between,
-    moved_by_wheels,
-)
+from fcsv_guidance.place.tracker import STATES, LevelPlace, PlaceRules, PlaceState, moved_by_wheels
+from fcsv_guidance.place.wheels import WheelOdometry, WheelReader, between
 
 _OF_VEHICLE = 5  # x, y, yaw, velocity of its drift along x and y
 # wheels 0.24 m apart turn a robot by 4 degrees in a root metre where either slips by 3 %
@@ -138,6 +132,7 @@ class CooperativeTracker:
         self._queue: List[Tuple[float, int, Message]] = []
         self._count = 0
         self._used, self._refused, self._why = 0, 0, ""
+        self._reader = WheelReader(rules.wheels.wheels)
         self._begin(None)
 
     def _begin(self, start: Optional[RobotStart]) -> None:
@@ -163,6 +158,13 @@ class CooperativeTracker:
         comes too late or lies in the future is refused."""
         if not isinstance(message, (RobotStart, WheelOdometry, UntrackedOdometry, VehicleSighting)):
             raise TypeError(f"a robot among vehicles does not know {type(message).__name__}")
+        if ahead_of_clock(now_s, self._until_s):  # the clock was set back
+            self._queue.clear()
+            self._reader = WheelReader(self._rules.wheels.wheels)
+            self._begin(None)
+        if isinstance(message, WheelOdometry):
+            self._receive_wheels(now_s, message)
+            return
         refusal = _refusal(now_s, message)
         if refusal:
             self._refuse(refusal)
@@ -171,10 +173,22 @@ class CooperativeTracker:
         elif message.stamp_s < self._until_s:
             self._refuse("a message came too late")
         else:
-            self._count += 1
-            heapq.heappush(self._queue, (message.stamp_s, self._count, message))
-            if isinstance(message, WheelOdometry):
-                self._newest.append(message)
+            self._put(message)
+
+    def _receive_wheels(self, now_s: float, raw: WheelOdometry) -> None:
+        wheels = self._reader.read(now_s, raw)
+        if self._reader.refusal:
+            self._refuse(self._reader.refusal)
+        elif raw.stamp_s < self._until_s:
+            self._refuse("wheel odometry came too late")
+        elif wheels is not None:
+            self._why = self._reader.jump or self._why
+            self._put(wheels)
+            self._newest.append(wheels)
+
+    def _put(self, message: Message) -> None:
+        self._count += 1
+        heapq.heappush(self._queue, (message.stamp_s, self._count, message))
 
     def step(self, now_s: float) -> CooperativeState:
         """The robot as of its last wheels, the vehicles as of ``lag_s`` before."""
@@ -192,7 +206,7 @@ class CooperativeTracker:
         x, P, at = self._x[:STATES], self._P[:STATES, :STATES], self._wheels
         for wheels in self._newest:
             if wheels.stamp_s > at.stamp_s:
-                x, F, Q = moved_by_wheels(x, at, wheels, self._rules.wheels)
+                x, F, Q = moved_by_wheels(x, at, wheels, self._rules.wheels, self._reader)
                 P, at = F @ P @ F.T + Q, wheels
         sigma_m = float(np.sqrt(P[0, 0] + P[1, 1]))
         place = RobotPlace(
@@ -244,7 +258,9 @@ class CooperativeTracker:
 
     def _on_wheels(self, wheels: WheelOdometry) -> None:
         if self._wheels is not None:
-            x, F, Q = moved_by_wheels(self._x[:STATES], self._wheels, wheels, self._rules.wheels)
+            x, F, Q = moved_by_wheels(
+                self._x[:STATES], self._wheels, wheels, self._rules.wheels, self._reader
+            )
             self._move(slice(0, STATES), x, F, Q)
         self._wheels, at = wheels, self._moved or wheels
         off_m = float(np.hypot(wheels.x_m - at.x_m, wheels.y_m - at.y_m))
@@ -410,4 +426,5 @@ def _refusal(now_s: float, message: Message) -> str:
         least = np.linalg.eigvalsh(C)[0]
         if least < 0.0 or (least <= 0.0 and isinstance(message, VehicleSighting)):
             return f"a {what} has a covariance that is none"
-    return f"a {what} lies in the future" if message.stamp_s > now_s + 0.1 else ""
+    ahead = ahead_of_clock(now_s, message.stamp_s)
+    return ahead and f"a {what} {ahead}"

@@ -8,15 +8,18 @@ time in, a PlaceState out.
 """
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Deque, List, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 
 from fcsv_geometry import chi_squared, rotations
+from fcsv_guidance.clock import ahead_of_clock, behind_clock
 from fcsv_guidance.messages import RobotPlace
+from fcsv_guidance.place.wheels import WheelOdometry, WheelReader, WheelRules, between
 
 STATES = 6  # x, y, yaw, scale of distances, scale of turns, yaw per metre
+_WHEELS_LOST_S = 1.0  # so long wheels may be refused before the place is not known
 
 
 @dataclass(frozen=True)
@@ -35,16 +38,6 @@ class PlaceFix(LevelPlace):
     """A place of the robot that something outside of it measured: a vehicle's camera that reads its
     tag, or any PoseStamped. A yaw variance of inf: the yaw is not measured. ``stamp_s``: of the
     picture, in the time of the robot's wheels."""
-
-
-@dataclass(frozen=True)
-class WheelOdometry:
-    """Where the wheels say that the robot is, in a frame of their own: x, y (m), yaw (rad)."""
-
-    stamp_s: float
-    x_m: float
-    y_m: float
-    yaw_rad: float
 
 
 @dataclass(frozen=True)
@@ -84,6 +77,7 @@ class PlaceRules:
     oldest_fix_s: float = 15.0
     longest_blind_m: float = 3.0
     history_s: float = 2.0
+    wheels: WheelRules = field(default_factory=WheelRules)
 
 
 Message = Union[PlaceFix, WheelOdometry]
@@ -102,6 +96,12 @@ class RobotTracker:
 
     def __init__(self, rules: PlaceRules = PlaceRules()):
         self._rules = rules
+        self._used, self._refused, self._why = 0, 0, ""
+        self._begin()
+
+    def _begin(self) -> None:
+        """Nothing is known."""
+        self._reader = WheelReader(self._rules.wheels)
         self._history: Deque[_FilterState] = deque()
         self._fixes: Deque[PlaceFix] = deque()  # used, as old as the history
         self._waiting: List[PlaceFix] = []  # newer than the wheels
@@ -112,13 +112,15 @@ class RobotTracker:
         self._common = np.zeros((3, 3))
         self._fixed_s, self._blind_m = -np.inf, 0.0  # the last fix, and the way since
         self._in_a_row, self._doubted = 0, False
-        self._used, self._refused, self._why = 0, 0, ""
 
     def receive(self, now_s: float, message: Message) -> None:
-        """A message came. Raises TypeError where its type is not known; one that is not finite is
-        refused."""
+        """A message came. Raises TypeError where its type is not known; one that is not finite, or
+        whose stamp is far from now, is refused."""
+        if self._newest_s > now_s and ahead_of_clock(now_s, self._newest_s):
+            self._begin()
+            self._why = "the clock was set back"
         if isinstance(message, WheelOdometry):
-            self._on_wheels(message)
+            self._on_wheels(now_s, message)
         elif isinstance(message, PlaceFix):
             self._on_fix(now_s, message)
         else:
@@ -126,6 +128,8 @@ class RobotTracker:
 
     def step(self, now_s: float) -> PlaceState:
         """The place as of the last wheels, at most as good as the fixes are in common."""
+        if self._reader.refusal and now_s - self._wheels_s > _WHEELS_LOST_S:
+            return self._state(None, self._reader.refusal)
         if not self._history:
             return self._state(
                 None, "no fixes that agree have come" if self._candidates else "no fix has come"
@@ -150,12 +154,21 @@ class RobotTracker:
     ) -> PlaceState:
         return PlaceState(place, reason, yaw_sigma_rad, self._used, self._refused, self._why)
 
-    def _on_wheels(self, wheels: WheelOdometry) -> None:
-        if not np.isfinite([wheels.stamp_s, wheels.x_m, wheels.y_m, wheels.yaw_rad]).all():
-            self._why = "wheel odometry is not finite"
-            return
-        if self._wheels is not None and wheels.stamp_s <= self._wheels.stamp_s:
-            return  # late or twice; the next one holds the whole way
+    @property
+    def _wheels_s(self) -> float:
+        return -np.inf if self._wheels is None else self._wheels.stamp_s
+
+    @property
+    def _newest_s(self) -> float:
+        """Of what was received last and counts."""
+        last_s = self._history[-1].wheels.stamp_s if self._history else -np.inf
+        return max(self._wheels_s, last_s)
+
+    def _on_wheels(self, now_s: float, raw: WheelOdometry) -> None:
+        wheels = self._reader.read(now_s, raw)
+        self._why = self._reader.refusal or self._reader.jump or self._why
+        if wheels is None:
+            return  # where it was late or twice the next one holds the whole way
         if self._wheels is None and self._history:  # the last fix was a place without wheels
             self._history[-1] = self._history[-1]._replace(wheels=wheels)
         if self._wheels is not None:
@@ -187,7 +200,7 @@ class RobotTracker:
             self._fixes.popleft()
 
     def _on_fix(self, now_s: float, fix: PlaceFix) -> None:
-        refusal = _refusal(now_s, fix)
+        refusal = _refusal(now_s, fix, self._rules.oldest_fix_s)
         if refusal:
             self._refuse(refusal)
         elif self._wheels is None:
@@ -316,7 +329,7 @@ class RobotTracker:
 
     def _moved(self, x, P, a: WheelOdometry, b: WheelOdometry) -> Tuple[np.ndarray, np.ndarray]:
         """The state after the wheels turned from reading to reading."""
-        new, F, Q = moved_by_wheels(x, a, b, self._rules)
+        new, F, Q = moved_by_wheels(x, a, b, self._rules, self._reader)
         return new, F @ P @ F.T + Q
 
     def _count(self, fixes: int, newest_s: float) -> None:
@@ -327,10 +340,10 @@ class RobotTracker:
 
 
 def moved_by_wheels(
-    x: np.ndarray, a: WheelOdometry, b: WheelOdometry, rules: PlaceRules
+    x: np.ndarray, a: WheelOdometry, b: WheelOdometry, rules: PlaceRules, reader: WheelReader
 ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The robot's state (6,) after its wheels turned from reading ``a`` to ``b``, the Jacobian
-    (6,6) to the state before, and the motion's noise (6,6)."""
+    (6,6) to the state before, and the motion's noise (6,6), with what ``reader`` does not know."""
     c, s = np.cos(a.yaw_rad), np.sin(a.yaw_rad)
     dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
     ahead = np.array([c * dx + s * dy, c * dy - s * dx])
@@ -352,10 +365,11 @@ def moved_by_wheels(
     Q = np.zeros((STATES, STATES))
     Q[0, 0] = Q[1, 1] = rules.distance_noise_m**2 * far
     Q[2, 2] = rules.yaw_noise_radpm**2 * far + rules.turn_noise_rad**2 * abs(turned)
+    Q[:3, :3] += np.diag(reader.unknown(a.stamp_s, b.stamp_s))
     return new, F, Q
 
 
-def _refusal(now_s: float, fix: PlaceFix) -> str:
+def _refusal(now_s: float, fix: PlaceFix, oldest_s: float) -> str:
     """Why a fix cannot be used whatever the filter says; empty where it can."""
     C = np.asarray(fix.covariance, float)
     if C.shape != (3, 3):
@@ -368,7 +382,8 @@ def _refusal(now_s: float, fix: PlaceFix) -> str:
         return "a fix is not finite"
     if not np.allclose(C, C.T) or np.linalg.eigvalsh(C)[0] <= 0.0:
         return "a fix has a covariance that is none"
-    return "a fix lies in the future" if fix.stamp_s > now_s + 0.1 else ""
+    off = ahead_of_clock(now_s, fix.stamp_s) or behind_clock(now_s, fix.stamp_s, oldest_s)
+    return off and f"a fix {off}"
 
 
 def _innovation(x: np.ndarray, fix: PlaceFix) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -388,15 +403,6 @@ def _updated(x: np.ndarray, P: np.ndarray, fix: PlaceFix) -> Tuple[np.ndarray, n
     K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
     keep = np.eye(STATES) - K @ H
     return x + K @ off, keep @ P @ keep.T + K @ R @ K.T
-
-
-def between(a: WheelOdometry, b: WheelOdometry, stamp_s: float) -> WheelOdometry:
-    """A reading between two, as if the wheels had turned evenly."""
-    share = (stamp_s - a.stamp_s) / (b.stamp_s - a.stamp_s)
-    yaw = a.yaw_rad + share * rotations.wrap(b.yaw_rad - a.yaw_rad)
-    return WheelOdometry(
-        stamp_s, a.x_m + share * (b.x_m - a.x_m), a.y_m + share * (b.y_m - a.y_m), yaw
-    )
 
 
 def _padded(C: np.ndarray) -> np.ndarray:

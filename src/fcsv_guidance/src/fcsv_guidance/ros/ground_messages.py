@@ -54,8 +54,9 @@ def grid_of(message: OccupancyGrid) -> Tuple[Grid, np.ndarray]:
     """The grid and its percents (rows, columns) int8. Raises GroundError where it is turned, not in
     home, or cut."""
     info, q = message.info, message.info.origin.orientation
-    if message.header.frame_id != frames.HOME:
-        raise GroundError(f"a grid in frame '{message.header.frame_id}' is not in {frames.HOME}")
+    _require_home("a grid", message)
+    if not np.isfinite([q.x, q.y, q.z, q.w]).all():
+        raise GroundError("the orientation of a grid's origin is not finite")
     if abs(q.x) + abs(q.y) + abs(q.z) > 1e-6:
         raise GroundError(
             "a grid that is turned against home cannot be used; its origin's orientation must be none"
@@ -77,7 +78,8 @@ def update_message(region: Region, stamp_s: float) -> OccupancyGridUpdate:
 
 
 def region_of(message: OccupancyGridUpdate) -> Region:
-    """Raises GroundError where it is cut."""
+    """Raises GroundError where it is not in home, or cut."""
+    _require_home("an update of a grid", message)
     if len(message.data) != message.width * message.height:
         raise GroundError(
             f"an update of {message.width} x {message.height} cells has {len(message.data)} values"
@@ -85,6 +87,11 @@ def region_of(message: OccupancyGridUpdate) -> Region:
     return Region(
         message.y, message.x, np.array(message.data, np.int8).reshape(message.height, message.width)
     )
+
+
+def _require_home(what: str, message) -> None:
+    if message.header.frame_id != frames.HOME:
+        raise GroundError(f"{what} in frame '{message.header.frame_id}' is not in {frames.HOME}")
 
 
 def path_message(points_home_m: np.ndarray, stamp_s: float) -> Path:
@@ -105,9 +112,12 @@ def path_message(points_home_m: np.ndarray, stamp_s: float) -> Path:
 
 
 def route_of(path: Path) -> np.ndarray:
-    """(N,2) home. Raises RouteError where it is not in home."""
+    """(N,2) home. Raises RouteError where it is not in home; a pose without a frame is in the
+    path's."""
     if path.poses and path.header.frame_id != frames.HOME:
         raise RouteError(f"a path in frame '{path.header.frame_id}' is not in {frames.HOME}")
+    for frame in {p.header.frame_id for p in path.poses} - {"", frames.HOME}:
+        raise RouteError(f"a path with a pose in frame '{frame}' is not in {frames.HOME}")
     return np.array([(p.pose.position.x, p.pose.position.y) for p in path.poses], float).reshape(
         -1, 2
     )

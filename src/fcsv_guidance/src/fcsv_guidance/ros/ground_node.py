@@ -249,11 +249,9 @@ class GroundNode:
             with self._lock:
                 found = self._port.plan(start_m, goal_m, request.tolerance)
                 said = self._port.in_words(found) if isinstance(found, NoRoute) else None
-        except FcsvError as error:
-            self._say(str(error), wrong=True)
+        except FcsvError as error:  # nobody else asked: a drive goes on
             raise rospy.ServiceException(str(error)) from error
         if said is not None:
-            self._show(said)
             raise rospy.ServiceException(said.reason)
         return GetPlanResponse(messages.path_message(found.points_home_m, rospy.get_time()))
 

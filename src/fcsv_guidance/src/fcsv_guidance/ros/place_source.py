@@ -13,8 +13,9 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.messages import transform_from_msg
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_guidance.messages import RobotPlace
-from fcsv_guidance.place.placing import robot_place
+from fcsv_guidance.errors import DisputedPlaceError
+from fcsv_guidance.messages import PlaceLost, RobotPlace
+from fcsv_guidance.place.placing import HeardPose, PoseIntake
 
 WITH_COVARIANCE, POSE, TF = SOURCES = ("pose_with_covariance", "pose", "tf")
 _TF_PERIOD_S = 0.05
@@ -42,13 +43,19 @@ class PlaceParameters:
 
 
 class PlaceSource:
-    """Calls ``receive`` with each place; what is none is dropped, counted, and said."""
+    """Calls ``receive`` with each place; what is none is dropped, counted, and said. Calls ``lose``
+    while two programs publish it."""
 
     def __init__(
-        self, parameters: PlaceParameters, receive: Callable[[RobotPlace], None], health: Health
+        self,
+        parameters: PlaceParameters,
+        receive: Callable[[RobotPlace], None],
+        health: Health,
+        lose: Callable[[PlaceLost], None] = lambda _lost: None,
     ):
         self._parameters, self._receive, self._health = parameters, receive, health
-        self._last_s = -1.0
+        self._lose, self._intake = lose, PoseIntake(parameters.sigma_m)
+        self._looked_s = -1.0
         if parameters.source == TF:
             self._buffer = tf2_ros.Buffer()
             self._listener = tf2_ros.TransformListener(self._buffer)
@@ -70,8 +77,10 @@ class PlaceSource:
         stamped = self._parameters.source == POSE
         pose = message.pose if stamped else message.pose.pose
         covariance = None if stamped else message.pose.covariance
+        caller = (getattr(message, "_connection_header", None) or {}).get("callerid", "")
         try:
-            self._receive_pose(message.header, conversions.pose_to_transform(pose), covariance)
+            T_home_robot = conversions.pose_to_transform(pose)
+            self._receive_pose(message.header, T_home_robot, covariance, caller)
         except FcsvError as error:
             self._health.drop("robot_pose", str(error))
 
@@ -80,17 +89,21 @@ class PlaceSource:
             found = self._buffer.lookup_transform(
                 frames.HOME, self._parameters.frame, rospy.Time(0)
             )
-            if found.header.stamp.to_sec() > self._last_s:
-                self._last_s = found.header.stamp.to_sec()
-                self._receive_pose(found.header, transform_from_msg(found.transform), None)
+            if found.header.stamp.to_sec() != self._looked_s:
+                self._looked_s = found.header.stamp.to_sec()
+                self._receive_pose(found.header, transform_from_msg(found.transform), None, "tf")
         except (FcsvError, tf2_ros.TransformException) as error:
             self._health.drop("tf of the robot", str(error))
 
-    def _receive_pose(self, header, T_home_robot, covariance) -> None:
-        sigma_m = self._parameters.sigma_m
+    def _receive_pose(self, header, T_home_robot, covariance, caller: str) -> None:
         stamp_s = header.stamp.to_sec()
-        place = robot_place(
-            rospy.get_time(), stamp_s, header.frame_id, T_home_robot, covariance, sigma_m
-        )
+        pose = HeardPose(stamp_s, header.frame_id, T_home_robot, covariance, caller)
+        try:
+            place = self._intake.receive(rospy.get_time(), pose)
+        except DisputedPlaceError as error:
+            self._health.problem("robot_pose", str(error))
+            self._lose(PlaceLost(str(error)))
+            return
+        self._health.problem("robot_pose", "")
         self._health.tick("robot_pose")
         self._receive(place)

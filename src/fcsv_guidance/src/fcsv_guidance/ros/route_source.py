@@ -18,8 +18,8 @@ from fcsv_guidance.route.search import NO_ROUTE_KNOWN
 
 
 class RouteSource:
-    """Calls ``receive`` with RouteToFollow, StopRobot, HoldRobot and RobotPlace. An empty path, and
-    one that is none, stop the robot."""
+    """Calls ``receive`` with RouteToFollow, StopRobot, HoldRobot, RobotPlace and PlaceLost. An empty
+    path, and one that is none, stop the robot."""
 
     def __init__(self, place: PlaceParameters, receive: Callable[[object], None], health: Health):
         self._receive = receive
@@ -35,7 +35,7 @@ class RouteSource:
                 queue_size=5,
                 tcp_nodelay=True,
             )
-        self._place = PlaceSource(place, receive, health)
+        self._place = PlaceSource(place, receive, health, lose=receive)
 
     def _on_path(self, message: Path) -> None:
         try:

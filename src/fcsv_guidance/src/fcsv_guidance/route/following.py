@@ -10,18 +10,22 @@ from typing import Dict, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from fcsv_guidance.clock import ahead_of_clock
 from fcsv_guidance.errors import RouteError
 from fcsv_guidance.messages import (
     ClearanceMap,
     DriveCommand,
     GroundDated,
     HoldRobot,
+    PlaceLost,
     RobotPlace,
     StopRobot,
 )
 from fcsv_guidance.robot import Robot
 
 GOAL_REACHED = "the goal is reached"
+PLACE_UNKNOWN = "the robot's place is not known"
+_MAP_AHEAD_S = 1.0  # a map may be so far ahead of the clock: it is old after minutes only
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ class FollowerRules:
     creep_mps: float = 0.15
 
 
-Message = Union[RobotPlace, RouteToFollow, ClearanceMap, StopRobot, HoldRobot]
+Message = Union[RobotPlace, PlaceLost, RouteToFollow, ClearanceMap, StopRobot, HoldRobot]
 
 
 def too_old_to_drive(
@@ -99,6 +103,9 @@ def too_old_to_drive(
     age_s = now_s - seen.stamp_s
     if not np.isfinite(age_s):
         return "it is not known when the place was seen: look at it again"
+    ahead = ahead_of_clock(now_s, seen.stamp_s, _MAP_AHEAD_S)
+    if ahead:
+        return f"it is not known when the place was seen: its stamp {ahead}, then look at it again"
     if age_s <= oldest_s:
         return ""
     return (
@@ -113,6 +120,7 @@ class RouteFollower:
     def __init__(self, robot: Robot, rules: FollowerRules = FollowerRules()):
         self._robot, self._rules = robot, rules
         self._place: Optional[RobotPlace] = None
+        self._lost = PLACE_UNKNOWN  # why, where it is None
         self._map: Optional[ClearanceMap] = None
         self._route: Optional[Polyline] = None
         self._reached_m, self._speed_mps, self._stepped_s = 0.0, 0.0, None
@@ -123,7 +131,9 @@ class RouteFollower:
         """A message came. Raises TypeError where its type is not known, RouteError where a route is
         none; a place that is not finite counts as lost."""
         if isinstance(message, RobotPlace):
-            self._place = message if message.is_sound else None
+            self._place, self._lost = message if message.is_sound else None, PLACE_UNKNOWN
+        elif isinstance(message, PlaceLost):
+            self._place, self._lost = None, f"{PLACE_UNKNOWN}: {message.reason}"
         elif isinstance(message, RouteToFollow):
             self._route, self._reached_m, self._standing = message.polyline(), 0.0, ""
         elif isinstance(message, ClearanceMap):
@@ -164,7 +174,11 @@ class RouteFollower:
         if self._route is None:
             return self._standing
         if place is None:
-            return "the robot's place is not known"
+            return self._lost
+        ahead = ahead_of_clock(now_s, place.stamp_s)
+        if ahead:  # nor does it count once the clock is as late again
+            self._place, self._lost = None, f"the robot's place {ahead}"
+            return self._lost
         if now_s - place.stamp_s > rules.oldest_place_s:
             return f"the robot's place is {now_s - place.stamp_s:.1f} s old"
         too_old = too_old_to_drive(now_s, self._map, rules.oldest_map_s)

@@ -9,8 +9,15 @@ from typing import List, Optional, Sequence, Union
 
 import numpy as np
 
-from fcsv_guidance.messages import GroundDated, HoldRobot, RobotPlace, StopRobot
-from fcsv_guidance.route.following import Holds, Polyline, RouteToFollow, too_old_to_drive
+from fcsv_guidance.clock import ahead_of_clock
+from fcsv_guidance.messages import GroundDated, HoldRobot, PlaceLost, RobotPlace, StopRobot
+from fcsv_guidance.route.following import (
+    PLACE_UNKNOWN,
+    Holds,
+    Polyline,
+    RouteToFollow,
+    too_old_to_drive,
+)
 
 
 @dataclass(frozen=True)
@@ -57,6 +64,7 @@ class GoalGiver:
         self._rules = rules
         self._route: Optional[Polyline] = None
         self._place: Optional[RobotPlace] = None
+        self._lost = PLACE_UNKNOWN  # why, where it is None
         self._given: Optional[GiveGoal] = None
         self._given_at_m, self._before_m, self._number = 0.0, 0.0, 0
         self._holds = Holds()
@@ -70,7 +78,9 @@ class GoalGiver:
         """A message came. Raises TypeError where its type is not known, RouteError where a route is
         none."""
         if isinstance(message, RobotPlace):
-            self._place = message if message.is_sound else None
+            self._place, self._lost = message if message.is_sound else None, PLACE_UNKNOWN
+        elif isinstance(message, PlaceLost):
+            self._place, self._lost = None, f"{PLACE_UNKNOWN}: {message.reason}"
         elif isinstance(message, RouteToFollow):
             self._route, self._given = message.polyline(), None
             self._given_at_m = self._before_m = 0.0
@@ -108,7 +118,10 @@ class GoalGiver:
     def _doubt(self, now_s: float) -> str:
         place, rules = self._place, self._rules
         if place is None:
-            return "the robot's place is not known; plan the route again when it is"
+            return f"{self._lost}; plan the route again when it is"
+        ahead = ahead_of_clock(now_s, place.stamp_s)
+        if ahead:
+            return f"the robot's place {ahead}; then plan the route again"
         if now_s - place.stamp_s > rules.oldest_place_s:
             return f"the robot's place is {now_s - place.stamp_s:.1f} s old; plan the route again when it is known"
         along = self._route.at(np.arange(0.0, self._route.length_m + 0.1, 0.1))

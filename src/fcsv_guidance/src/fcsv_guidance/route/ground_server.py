@@ -12,6 +12,7 @@ from typing import Deque, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from fcsv_guidance.clock import ahead_of_clock
 from fcsv_guidance.errors import EndNotSeenError, GroundError, RouteError
 from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import tuning
@@ -209,6 +210,7 @@ class GroundServer:
 
     def step(self, now_s: float) -> Sequence[GroundMessage]:
         """What is to be published now."""
+        self._forget_what_lies_ahead(now_s)
         if self._goal is not None and self._wants_plan(now_s):
             self._planned = (self._known.version, now_s)
             said = self._planned_route(now_s)
@@ -223,8 +225,11 @@ class GroundServer:
         ``tolerance_m`` where no robot can stand on it. It keeps clear by the sigma of the robot's
         place, where that is known.
 
-        Raises RouteError where start or goal is none, before the first map too.
+        Raises RouteError where start, goal or tolerance is none, before the first map too.
         """
+        if not 0.0 <= tolerance_m < np.inf:
+            raise RouteError(f"the tolerance ({tolerance_m}) is none; give 0 or more (m)")
+        Goal(*goal_m).require_finite()
         if self._ground is None:
             raise RouteError(f"{NO_ROUTE_KNOWN}: no map has come")
         sigma_m = 0.0 if self._place is None else self._place.sigma_m
@@ -377,7 +382,16 @@ class GroundServer:
 
     def _known_place(self, now_s: float) -> Optional[RobotPlace]:
         """Where the robot is; None where that was never known, or is no more."""
+        if ahead_of_clock(now_s, self._placed_s):
+            return None  # the clock was set back since
         return self._place if now_s - self._placed_s <= self._rules.oldest_place_s else None
+
+    def _forget_what_lies_ahead(self, now_s: float) -> None:
+        """After a clock that was set back nobody waits until it is as late again."""
+        x_m, y_m, stood_s = self._stood
+        self._stood = (x_m, y_m, min(stood_s, now_s))
+        if self._planned[1] > now_s:
+            self._planned = (self._planned[0], -np.inf)
 
     def _hold(self, now_s: float) -> None:
         """Whether the robot has to stand, where that is another than before."""

@@ -104,7 +104,7 @@ class GimbalServosNode:
 
     def spin(self) -> None:
         """Runs until ROS shuts the node down; then without torque."""
-        rate, reported_s = rospy.Rate(self._parameters.rate_hz), 0.0
+        rate, reported_s = rospy.Rate(self._parameters.rate_hz, reset=True), 0.0
         while not rospy.is_shutdown():
             for loop in self._loops:
                 loop.pass_once()

@@ -163,7 +163,7 @@ class TiltingNode:
 
     def spin(self) -> None:
         """Runs until ROS shuts the node down; then without torque."""
-        rate, reported_s = rospy.Rate(self._parameters.rate_hz), 0.0
+        rate, reported_s = rospy.Rate(self._parameters.rate_hz, reset=True), 0.0
         while not rospy.is_shutdown():
             if time.monotonic() >= self._silent_until_s:
                 self._pass()
