@@ -16,8 +16,10 @@ from typing import Deque, Dict, List, Mapping, NamedTuple, Optional, Tuple, Unio
 import numpy as np
 
 from fcsv_geometry import chi_squared, rotations, transforms
+from fcsv_geometry.config import require_positive, require_within
 from fcsv_guidance.messages import RobotPlace
 from fcsv_guidance.place.tracker import (
+    GATES,
     STATES,
     LevelPlace,
     PlaceRules,
@@ -101,6 +103,10 @@ class CooperativeRules:
     stands: float = 0.005
     seen_s: float = 1.0
     lag_s: float = 0.25
+
+    def __post_init__(self):
+        require_positive(self)
+        require_within(self, *GATES, "gate")
 
 
 @dataclass(frozen=True)

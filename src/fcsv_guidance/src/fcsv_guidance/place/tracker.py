@@ -14,6 +14,7 @@ from typing import Deque, List, NamedTuple, Optional, Tuple, Union
 import numpy as np
 
 from fcsv_geometry import chi_squared, rotations
+from fcsv_geometry.config import require_positive, require_within
 from fcsv_guidance.messages import RobotPlace
 
 STATES = 6  # x, y, yaw, scale of distances, scale of turns, yaw per metre
@@ -62,6 +63,10 @@ class PlaceState:
     hold: str = ""
 
 
+#: from the least to the largest share of disagreements that chance explains
+GATES = (0.5, 0.999999)
+
+
 @dataclass(frozen=True)
 class PlaceRules:
     """Sigmas of the wheels' errors, and what is believed. ``*_noise``: standard deviation after one
@@ -84,6 +89,11 @@ class PlaceRules:
     oldest_fix_s: float = 15.0
     longest_blind_m: float = 3.0
     history_s: float = 2.0
+
+    def __post_init__(self):
+        require_positive(self, but=("common_share",))
+        require_within(self, 0.0, 1.0, "common_share")
+        require_within(self, *GATES, "gate")
 
 
 Message = Union[PlaceFix, WheelOdometry]
