@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ctrl-C and SIGTERM while the ground is made: one line, and nothing is left of it."""
 
+import signal
 import subprocess
 import sys
+
+import pytest
+
+from fcsv_guidance.files import command, folder
 
 _DURING_A_KERNEL = """
 import signal, sys, time
@@ -41,3 +46,41 @@ def test_an_interrupt_during_a_kernel_comes_after_it():
         [sys.executable, "-c", _DURING_A_KERNEL], capture_output=True, text=True, timeout=60
     )
     assert (done.returncode, done.stdout.strip()) == (0, "interrupted"), done.stderr[-600:]
+
+
+@pytest.mark.parametrize("number, status", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("is_there", [False, True])
+def test_what_is_interrupted_while_it_writes_leaves_nothing(
+    scene, write_map, root, tmp_path, capsys, monkeypatch, number, status, is_there
+):
+    """They left cut files under their final names."""
+    write_map(scene().view(size=(320, 240)), tmp_path / "map")
+    out = tmp_path / "out"
+    if is_there:
+        out.mkdir()
+
+    def draw(*_):
+        (partial,) = tmp_path.glob(".out.*")
+        assert (partial / "height.tif").exists() and not (out / "height.tif").exists()
+        signal.raise_signal(number)
+
+    monkeypatch.setattr(folder, "draw", draw)
+    robot = str(root / "config/robots/rescue.yaml")
+    call = [str(tmp_path / "map"), "--robot", robot, "--cell-m", "0.2", "-o", str(out)]
+    assert command.main(call) == status
+    assert capsys.readouterr().err.endswith("ground: interrupted; nothing was written\n")
+    assert sorted(p.name for p in tmp_path.iterdir()) == (["map", "out"] if is_there else ["map"])
+    assert not is_there or not list(out.iterdir())
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    monkeypatch.undo()
+    assert command.main(call) == 0 and (out / "ground.png").exists()
+
+
+def test_a_link_to_an_empty_folder_is_filled(scene, write_map, root, tmp_path):
+    write_map(scene().view(size=(320, 240)), tmp_path / "map")
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "disk")
+    robot = str(root / "config/robots/rescue.yaml")
+    call = [str(tmp_path / "map"), "--robot", robot, "--cell-m", "0.2"]
+    assert command.main([*call, "-o", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out").is_symlink() and (tmp_path / "disk/ground.json").exists()
