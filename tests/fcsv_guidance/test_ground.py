@@ -176,3 +176,48 @@ def test_wrong_views_are_refused_by_name(scene):
         ground_from([replace(view, sigma=np.full_like(view.sigma, np.nan))])
     with pytest.raises(GroundError, match="no map was given"):
         ground_from([])
+
+
+WORTHLESS = [
+    ("sigma", 0.0),
+    ("sigma", -1.0),
+    ("sigma", 1e-60),  # 0 as float32
+    ("depth", np.inf),
+    ("depth", 1e30),
+    ("depth", -5.0),
+    ("depth", 0.0),
+]
+
+
+@pytest.mark.parametrize("what, value", WORTHLESS)
+def test_a_view_without_depth_is_refused_by_name_beside_others_too(scene, what, value):
+    view = scene().view(name="out/map", size=(160, 120))
+    blind = replace(view, name="out/blind", **{what: np.full(view.depth.shape, value)})
+    for views in ([blind], [view, blind]):
+        with pytest.raises(GroundError, match="out/blind: no pixel has a depth with sigma"):
+            ground_from(views, 0.2)
+    with pytest.raises(GroundError, match="out/blind"):
+        renewed(ground_from([view], 0.2), blind)
+
+
+def test_a_pixel_of_a_negative_depth_or_without_sigma_is_unknown(scene):
+    """They change nothing of what the others show."""
+    view = scene().view(size=(320, 240))
+    depth, sigma = view.depth.copy(), view.sigma.copy()
+    depth[::7], sigma[3::7] = -depth[::7], 0.0
+    whole = ground_from([view], grid=GRID)
+    ground = ground_from([replace(view, depth=depth, sigma=sigma)], grid=GRID)
+    assert ground.known.any() and not (ground.known & ~whole.known).any()
+    assert np.nanmax(np.abs(ground.height_m)) < 0.1
+
+
+def test_a_view_that_shows_nothing_of_a_grid_knows_nothing_of_it(scene, rescue):
+    view = scene([WALL]).view(name="map", size=(320, 240))
+    T_home_cam = view.T_home_cam.copy()
+    T_home_cam[1, 3] += 500.0
+    beside = replace(view, name="beside", T_home_cam=T_home_cam)
+    alone = ground_from([beside], grid=GRID)
+    assert not alone.known.any() and not np.isfinite(stand_probability(alone, rescue)).any()
+    whole = ground_from([view], grid=GRID)
+    both, after = ground_from([view, beside], grid=GRID), renewed(whole, beside)
+    assert np.array_equal(both.known, whole.known) and np.array_equal(after.known, whole.known)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where to look from, where no safe route is known: a place that shows what lacks, as a mission."""
 
+import errno
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from fcsv_geometry.missions.mission import load_mission
 from fcsv_guidance.errors import GroundError
+from fcsv_guidance.files import stations
 from fcsv_guidance.files.command import main
 from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground.model import ground_from
@@ -109,3 +111,53 @@ def test_no_route_names_cells_that_a_place_can_show(rescue, scene):
     assert isinstance(none, NoRoute)
     found = look_from(ground, rescue, none.to_see, view)
     assert found.sees > 0.95
+
+
+@pytest.fixture
+def no_route(view, write_map, root, tmp_path):
+    """Words of the command that asks for a route that is not known, without -o."""
+    write_map(view, tmp_path / "map")
+    robot = ["--robot", str(root / "config/robots/rescue.yaml")]
+    return [str(tmp_path / "map"), *robot, "--route", *map(str, (*START_M, *GOAL_M))]
+
+
+@pytest.mark.parametrize("there", ["look.yaml", "look_station.yaml", "look_station_1.yaml"])
+def test_no_file_is_overwritten(no_route, tmp_path, capsys, there):
+    """It replaced the robot's own file."""
+    (tmp_path / there).write_text("precious: 1\n")
+    words = [*no_route, "-o", str(tmp_path / "out"), "--look-from", str(tmp_path / "look.yaml")]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert f"would overwrite {tmp_path / there}; name another file" in said
+    assert (tmp_path / there).read_text() == "precious: 1\n"
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["map", there])
+
+
+@pytest.mark.parametrize(
+    "mission, words",
+    [
+        ("out/look.yaml", "lies in the folder of -o"),
+        ("out", "lies in the folder of -o"),
+        ("map", "is a folder; name a new file"),
+        ("map/depth.npy/look.yaml", "a file stands there"),
+    ],
+)
+def test_a_mission_lies_beside_the_folder(no_route, tmp_path, capsys, mission, words):
+    assert (
+        main([*no_route, "-o", str(tmp_path / "out"), "--look-from", str(tmp_path / mission)]) == 2
+    )
+    assert words in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["map"]
+
+
+def test_a_full_disk_leaves_neither_folder_nor_mission(no_route, tmp_path, capsys, monkeypatch):
+    def full(path, text):
+        if "station_1" in path.name:
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        path.write_text(text)
+
+    monkeypatch.setattr(stations, "write_whole", full)
+    mission = tmp_path / "look.yaml"
+    assert main([*no_route, "-o", str(tmp_path / "out"), "--look-from", str(mission)]) == 2
+    assert "the disk is full" in (said := capsys.readouterr().err) and "nothing was written" in said
+    assert [p.name for p in tmp_path.iterdir()] == ["map"]

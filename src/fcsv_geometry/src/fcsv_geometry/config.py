@@ -42,6 +42,14 @@ def require_positive(rules, but: Collection[str] = ()) -> None:
             raise ValueError(f"{field.name}: must be positive, got {value}")
 
 
+def require_within(rules, low: float, high: float, *names: str) -> None:
+    """Checks, for a dataclass's ``__post_init__``: ValueError ("field: what is wrong") unless the
+    fields of these names are from ``low`` to ``high``."""
+    for name in names:
+        if not low <= getattr(rules, name) <= high:
+            raise ValueError(f"{name}: must be {low:g} to {high:g}, got {getattr(rules, name)}")
+
+
 def require_in_order(rules, *pairs: Tuple[str, str]) -> None:
     """Checks, for a dataclass's ``__post_init__``: ValueError unless of each pair of fields the
     first is not over the second."""

@@ -10,6 +10,7 @@ import numpy as np
 from fcsv_guidance.errors import GroundError
 
 _MOST_CELLS = 1 << 24
+_FARTHEST_CELLS = 1e12  # from home's origin: whole numbers of float64, and their products
 
 
 @dataclass(frozen=True)
@@ -39,8 +40,16 @@ class Grid:
 
     @classmethod
     def around(cls, low_m: Sequence[float], high_m: Sequence[float], cell_m: float) -> "Grid":
-        """The grid from corner (x, y) to corner, on whole multiples of a cell."""
-        first, last = np.floor(np.asarray(low_m) / cell_m), np.ceil(np.asarray(high_m) / cell_m)
+        """The grid from corner (x, y) to corner, on whole multiples of a cell. Raises GroundError
+        where that is none, or too large."""
+        with np.errstate(all="ignore"):
+            low, high = np.asarray(low_m, float) / cell_m, np.asarray(high_m, float) / cell_m
+        if not (np.abs([low, high]) < _FARTHEST_CELLS).all():
+            raise GroundError(
+                f"a grid from {tuple(low_m)} to {tuple(high_m)} m with cells of {cell_m} m "
+                "cannot be laid; take other cells"
+            )
+        first, last = np.floor(low), np.ceil(high)
         return cls(
             float(first[0] * cell_m),
             float(first[1] * cell_m),

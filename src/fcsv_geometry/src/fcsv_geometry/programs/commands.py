@@ -9,7 +9,7 @@ import sys
 from typing import Callable, Iterator, List, Optional, Sequence, Tuple, Type
 
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.programs.interruption import raised_again
+from fcsv_geometry.programs.interruption import Terminated, raised_again
 from fcsv_geometry.programs.writing import in_words
 
 Action = Callable[[argparse.Namespace], Optional[int]]
@@ -45,7 +45,8 @@ def run(
     left: str = "",
     writes: Sequence[str] = ("out",),
 ) -> int:
-    """The action's exit status; 2 with one line on stderr that says what is wrong, 130 on Ctrl-C.
+    """The action's exit status; 2 with one line on stderr that says what is wrong, 130 on Ctrl-C,
+    143 on SIGTERM where the action raises Terminated.
 
     ``refused``: errors whose words are that line. ``left``: what a full disk or Ctrl-C leaves,
     behind the line's end. ``writes``: arguments that name where it writes, for errors of the system
@@ -63,6 +64,6 @@ def run(
         place = next(filter(None, (getattr(args, name, None) for name in writes)), "")
         print(f"{parser.prog}: {in_words(error, place)}{left}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         print(f"{parser.prog}: interrupted{left}", file=sys.stderr)
-        return 130
+        return 143 if isinstance(error, Terminated) else 130

@@ -18,6 +18,10 @@ from typing import Callable, Iterator, Type
 _AGAIN_S = 0.05  # by then the callback is over
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM came; whoever cleans up after Ctrl-C does after this, too."""
+
+
 def raise_again(kind: Type[BaseException]) -> None:
     """Takes care that from now on an error of this ``kind`` that was dropped is raised again in the
     main thread, by SIGALRM."""
@@ -53,6 +57,25 @@ def raised_again(kind: Type[BaseException]) -> Iterator[None]:
     finally:
         leave_it()
         sys.unraisablehook = before
+
+
+@contextlib.contextmanager
+def termination_raised() -> Iterator[None]:
+    """SIGTERM in the block raises Terminated, so that what is half written is removed. Nothing of
+    this outside the main thread, and where SIGTERM is handled already."""
+    is_free = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if threading.current_thread() is not threading.main_thread() or not is_free:
+        yield
+        return
+
+    def end(_number, _frame) -> None:
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @contextlib.contextmanager

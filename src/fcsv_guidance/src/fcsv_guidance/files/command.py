@@ -7,9 +7,17 @@ from pathlib import Path
 from typing import List, Optional
 
 from fcsv_geometry.programs.commands import run
+from fcsv_geometry.programs.interruption import termination_raised
 from fcsv_geometry.programs.live_line import LiveLine, Steps
+from fcsv_geometry.programs.writing import require_folder
 from fcsv_guidance.errors import GroundError
-from fcsv_guidance.files.folder import GroundOptions, GroundWritten, RouteAsked, write_ground
+from fcsv_guidance.files.folder import (
+    GroundOptions,
+    GroundWritten,
+    RouteAsked,
+    require_new,
+    write_ground,
+)
 from fcsv_guidance.files.stations import joining_commands
 from fcsv_guidance.ground.site_views import read_views
 from fcsv_guidance.robot import load_robot
@@ -30,13 +38,14 @@ _EXAMPLES = """examples:
 def main(argv: Optional[List[str]] = None) -> int:
     """Exit status 0; 1 where a route was asked for and none is known; 2 with one line on stderr on
     bad input."""
-    return run(_parser(), argv, _ground)
+    return run(_parser(), argv, _ground, left="nothing was written")
 
 
+@termination_raised()
 def _ground(args: argparse.Namespace) -> int:
     robot, out = load_robot(args.robot), Path(args.out)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise GroundError(f"{out}: exists and is not an empty folder; give another with -o")
+    require_new(out)
+    require_folder(out.absolute().parent)
     options = GroundOptions(args.cell_m, args.reach_m, args.octomap)
     asked = _route(args)
     with Steps(LiveLine(sys.stderr), "reading maps").shown() as steps:
@@ -49,7 +58,7 @@ def _ground(args: argparse.Namespace) -> int:
         print(f"cameras like the map's read the tags of {robot.name} to {far_m:.0f} m")
     if isinstance(found, NoRoute):
         print(f"{found.reason}; ground.json lists them")
-        if args.look_from:
+        if args.look_from is not None:
             _print_look_from(written, Path(args.look_from), args.maps)
     elif found is not None:
         unseen_m = args.cell_m * len(found.unknown_cells)
@@ -70,9 +79,9 @@ def _route(args: argparse.Namespace) -> Optional[RouteAsked]:
             tuple(args.route[2:]),
             args.place_sigma_m,
             args.through_unknown,
-            Path(args.look_from) if args.look_from else None,
+            Path(args.look_from) if args.look_from is not None else None,
         )
-    if args.look_from:
+    if args.look_from is not None:
         raise GroundError("--look-from: says where to look for a route; give --route, too")
     for option, given in (
         ("--place-sigma-m", args.place_sigma_m != 0.0),

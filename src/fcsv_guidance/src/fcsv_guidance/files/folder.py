@@ -5,7 +5,7 @@ forms."""
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable, List, Optional, Sequence, Tuple, Union
+from typing import Callable, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from fcsv_guidance.errors import EndNotSeenError, GroundError
 from fcsv_guidance.files.map_files import write_layers, write_map_server
 from fcsv_guidance.files.octomap_files import write_octomap
 from fcsv_guidance.files.picture import RouteDrawn, draw
-from fcsv_guidance.files.stations import write_stations
+from fcsv_guidance.files.stations import require_new_files, station_files, write_stations
 from fcsv_guidance.files.tiles import JudgedGround, judged, judged_by_tiles
 from fcsv_guidance.ground import tuning
 from fcsv_guidance.ground.fitting import require_one_frame
@@ -23,6 +23,7 @@ from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route.look_from import LookFrom, look_from, write_look_from
 from fcsv_guidance.route.search import NO_ROUTE_KNOWN, NoRoute, Route, plan_route
+from fcsv_stereo.map_files.staging import StagedFolder
 
 PICTURE = "ground.png"
 DOCUMENT = "ground.json"
@@ -76,6 +77,12 @@ class GroundWritten:
     stations: Sequence[Path] = ()
 
 
+def require_new(out: Path) -> None:
+    """Raises GroundError unless ``out`` is not there, or an empty folder."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise GroundError(f"{out}: exists and is not an empty folder; give another with -o")
+
+
 def write_ground(
     views: Sequence[DepthView],
     robot: Robot,
@@ -89,9 +96,14 @@ def write_ground(
     ``out``. ``place``: the views are a site's; it is made by tiles, and its layers are in the site's
     reference system.
 
-    Raises GuidanceError where there is no ground or the route cannot be asked for; then nothing is
-    written.
+    The folder appears when all of it is written. Raises GuidanceError where there is no ground, the
+    route cannot be asked for, or ``out`` or the mission's file is not new, OSError where the disk does not take the
+    files; then, and when it is interrupted, nothing is written.
     """
+    out = Path(out)
+    require_new(out)
+    if asked is not None and asked.mission is not None:
+        require_new_files(asked.mission, 0 if place else len(views), out)
     begin("the ground", 0.2)
     if place is None:
         ground = ground_from(views, options.cell_m, reach_m=options.reach_m)
@@ -107,32 +119,44 @@ def write_ground(
             progress=lambda share: begin(f"the ground, {share:.0%}", 0.2 + 0.3 * share),
         )
     ground, stands = judgement.ground, judgement.stands
-    found, looks, stations = None, None, ()
+    found, looks = None, None
     if asked is not None:
         begin("the route", 0.5)
         found = _route(judgement, robot, asked)
         if asked.mission is not None and isinstance(found, NoRoute) and len(found.to_see):
             looks = look_from(ground, robot, found.to_see, views[0])
-            if looks is not None:
-                write_look_from(looks, asked.mission, ground.views)
-                stations = () if place else write_stations(looks, asked.mission, views)
-    out = Path(out)
-    out.mkdir(parents=True, exist_ok=True)
-    paths: List[Path] = []
-    if options.voxel_m is not None:  # first: it may be refused
-        begin("the OctoMap", 0.6)
-        paths += write_octomap(views, out, "map", options.voxel_m, options.reach_m)
-    begin("writing", 0.8)
-    paths += write_map_server(judgement.occupied, ground.grid, out, "map")
-    paths += write_map_server(judgement.occupied, ground.grid, out, "map_scaled", scaled=True)
-    paths += write_layers(judgement.layers, ground.grid, out, place)
-    drawn = None if asked is None else RouteDrawn(asked.start_m, asked.goal_m, found, looks)
-    draw(ground, robot, stands, out / PICTURE, drawn)
-    document = {**_document(ground, stands, robot.name, found), **_placed(place)}
-    (out / DOCUMENT).write_text(json.dumps(document, indent=1))
-    return GroundWritten(
-        [*paths, out / PICTURE, out / DOCUMENT], _summary(ground, stands), found, looks, stations
-    )
+    with StagedFolder(out, require_new) as staged:
+        folder, paths = staged.folder, []
+        if options.voxel_m is not None:  # first: it may be refused
+            begin("the OctoMap", 0.6)
+            paths += write_octomap(views, folder, "map", options.voxel_m, options.reach_m)
+        begin("writing", 0.8)
+        paths += write_map_server(judgement.occupied, ground.grid, folder, "map")
+        paths += write_map_server(judgement.occupied, ground.grid, folder, "map_scaled", True)
+        paths += write_layers(judgement.layers, ground.grid, folder, place)
+        drawn = None if asked is None else RouteDrawn(asked.start_m, asked.goal_m, found, looks)
+        draw(ground, robot, stands, folder / PICTURE, drawn)
+        document = {**_document(ground, stands, robot.name, found), **_placed(place)}
+        (folder / DOCUMENT).write_text(json.dumps(document, indent=1))
+        names = [*(path.name for path in paths), PICTURE, DOCUMENT]
+        stations: Sequence[Path] = ()
+        if looks is not None:
+            stations = _write_looks(looks, asked.mission, ground, () if place else views)
+    paths = [out / name for name in names]
+    return GroundWritten(paths, _summary(ground, stands), found, looks, stations)
+
+
+def _write_looks(
+    looks: LookFrom, mission: Path, ground: Ground, maps: Sequence[DepthView]
+) -> Sequence[Path]:
+    """The mission, and stations where there are ``maps``; all of them, or none. The stations."""
+    try:
+        write_look_from(looks, mission, ground.views)
+        return write_stations(looks, mission, maps) if maps else ()
+    except BaseException:
+        for path in (mission, *station_files(mission, len(maps))):
+            path.unlink(missing_ok=True)
+        raise
 
 
 def _route(judgement: JudgedGround, robot: Robot, asked: RouteAsked) -> Union[Route, NoRoute]:

@@ -7,7 +7,8 @@ from typing import List, Sequence
 
 import numpy as np
 
-from fcsv_geometry.programs.writing import write_whole
+from fcsv_geometry.programs.writing import require_file, write_whole
+from fcsv_guidance.errors import GroundError
 from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.route.look_from import LookFrom
 from fcsv_stereo.survey.views.station import FILE, heading_rad
@@ -24,11 +25,36 @@ def write_stations(found: LookFrom, mission: Path, maps: Sequence[DepthView]) ->
         _station(m.T_home_cam[:3, 3], heading_rad(m.T_home_cam), _MAPPED, f"of {m.name}")
         for m in maps
     ]
-    paths = [mission.with_name(f"{mission.stem}_station.yaml")]
-    paths += [mission.with_name(f"{mission.stem}_station_{n}.yaml") for n in range(1, len(texts))]
+    paths = station_files(mission, len(maps))
     for path, text in zip(paths, texts):
         write_whole(path, text)
     return paths
+
+
+def station_files(mission: Path, maps: int) -> List[Path]:
+    """Paths that write_stations writes for so many maps; none for none."""
+    names = ["", *(f"_{n}" for n in range(1, maps + 1))] if maps else []
+    return [mission.with_name(f"{mission.stem}_station{name}.yaml") for name in names]
+
+
+def require_new_files(mission: Path, maps: int, out: Path) -> None:
+    """Checks that a mission with stations of so many ``maps`` overwrites nothing, and lies beside
+    the folder ``out``. Raises GroundError, and OutputPlaceError where no file can be written."""
+    if mission.is_dir():
+        raise GroundError(
+            f"--look-from {mission}: is a folder; name a new file in it, as look.yaml"
+        )
+    for path in (mission, *station_files(mission, maps)):
+        if path.exists() or path.is_symlink():
+            raise GroundError(
+                f"--look-from {mission}: would overwrite {path}; name another file, or move it away"
+            )
+    file, folder = mission.resolve(), out.resolve()
+    if file == folder or folder in file.parents or file in folder.parents:
+        raise GroundError(
+            f"--look-from {mission}: lies in the folder of -o, {out}; name a file beside it"
+        )
+    require_file(mission)
 
 
 def joining_commands(stations: Sequence[Path], maps: Sequence[str]) -> List[str]:

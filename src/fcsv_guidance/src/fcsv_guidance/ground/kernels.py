@@ -233,12 +233,20 @@ def log_odds(x, feature, threshold, above, first):
     return out
 
 
-@numba.njit(cache=True)
 def rays_through(depth, sigma, K, R, p, voxel_m, reach_m, sigmas, stride, corner_m, shape):
     """(x, y, z) uint8: how many rays (every ``stride``-th pixel, 255 at most) pass each voxel of a
     box from ``corner_m``, to ``sigmas`` before their depth and no farther than ``reach_m``; (x, y,
     z) bool: where depths end."""
+    # Compiled code must not return two arrays: numba makes each by Python code of its own, and does
+    # not look whether that failed. Ctrl-C during the call was a segmentation fault (numba 0.68).
     rays, hits = np.zeros(shape, np.uint8), np.zeros(shape, np.bool_)
+    _fill_rays(rays, hits, depth, sigma, K, R, p, voxel_m, reach_m, sigmas, stride, corner_m)
+    return rays, hits
+
+
+@numba.njit(cache=True)
+def _fill_rays(rays, hits, depth, sigma, K, R, p, voxel_m, reach_m, sigmas, stride, corner_m):
+    shape = rays.shape
     height, width = depth.shape
     u = np.empty(3)
     for row in range(height):
@@ -264,7 +272,6 @@ def rays_through(depth, sigma, K, R, p, voxel_m, reach_m, sigmas, stride, corner
                     voxel_m,
                     shape,
                 )
-    return rays, hits
 
 
 @numba.njit(cache=True)

@@ -15,7 +15,7 @@ from scipy.special import ndtr
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import kernels, standing, together, tuning
-from fcsv_guidance.ground.views import DepthView
+from fcsv_guidance.ground.views import FARTHEST_M, DepthView
 from fcsv_guidance.robot import Robot
 from fcsv_stereo.model.kinds import MOST_PAIRS
 
@@ -235,21 +235,25 @@ def _below(value: np.ndarray, bound: float, sigma: np.ndarray) -> np.ndarray:
 
 
 def sure_depth(view: DepthView) -> np.ndarray:
-    """(H,W) float32 m, NaN where a pixel has no depth that a pair supports, or a large sigma.
+    """(H,W) float32 m, NaN where a pixel has no depth that a pair supports, or a large sigma. A
+    depth is above 0 and below FARTHEST_M, its sigma above 0.
 
     Raises GroundError where none has one.
     """
-    with np.errstate(invalid="ignore"):
-        sure = np.isfinite(view.sigma) & (view.sigma < _LARGEST_SIGMA_SHARE * view.depth)
+    depth, sigma = view.depth.astype(np.float32), view.sigma.astype(np.float32)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        sure = (depth > 0) & (depth < FARTHEST_M)
+        sure &= (sigma > 0) & (sigma < _LARGEST_SIGMA_SHARE * depth)
         sure &= (view.kind >= 1) & (view.kind <= MOST_PAIRS)
-        inverse_sigma = view.sigma / view.depth**2
+        inverse_sigma = sigma / depth**2
     if sure.any():
         sure &= inverse_sigma <= _UNUSUAL * np.median(inverse_sigma[sure])
     if not sure.any():
         raise GroundError(
-            f"{view.name}: no pixel has a depth with sigma that a pair supports; map it again"
+            f"{view.name}: no pixel has a depth with sigma that a pair supports (depth above 0 "
+            f"and below {FARTHEST_M:.0f} m, sigma above 0); map it again"
         )
-    return np.where(sure, view.depth, np.nan).astype(np.float32)
+    return np.where(sure, depth, np.nan).astype(np.float32)
 
 
 def points_of(view: DepthView, cell_m: float) -> np.ndarray:
@@ -279,7 +283,7 @@ def _summarised(points: np.ndarray, grid: Grid) -> Ground:
         raise GroundError(
             f"{len(points)} points are too many for one grid; give fewer maps at once"
         )
-    z0_m = float(np.percentile(points[::16, 2], 1)) - 20.0
+    z0_m = float(np.percentile(points[::16, 2], 1)) - 20.0 if len(points) else 0.0
     keys = kernels.keys_of(points, grid.x0_m, grid.y0_m, z0_m, grid.cell_m, grid.rows, grid.columns)
     keys.sort()
     out = kernels.lowest_layers(

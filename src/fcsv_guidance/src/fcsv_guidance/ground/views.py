@@ -14,7 +14,8 @@ from fcsv_guidance.errors import GroundError
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.map_files.reading import read_map_folder
 
-_FARTHEST_M = 1e4  # points are float32: 1 mm there
+#: m, of a camera from home's origin, and of a depth: points are float32, 1 mm there.
+FARTHEST_M = 1e4
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,9 @@ class DepthView:
             raise GroundError(
                 f"{self.name}: the pose of its camera cannot be used: {error}"
             ) from error
-        if np.abs(self.T_home_cam[:3, 3]).max() > _FARTHEST_M:
+        if np.abs(self.T_home_cam[:3, 3]).max() > FARTHEST_M:
             raise GroundError(
-                f"{self.name}: its camera is more than {_FARTHEST_M:.0f} m from home's origin (UTM?), where no robot's "
+                f"{self.name}: its camera is more than {FARTHEST_M:.0f} m from home's origin (UTM?), where no robot's "
                 "map has coordinates; map it in a home near the robot"
             )
 

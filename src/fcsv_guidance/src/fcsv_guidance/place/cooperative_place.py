@@ -16,9 +16,17 @@ from typing import Deque, Dict, List, Mapping, NamedTuple, Optional, Tuple, Unio
 import numpy as np
 
 from fcsv_geometry import chi_squared, rotations, transforms
+from fcsv_geometry.config import require_positive, require_within
 from fcsv_guidance.clock import ahead_of_clock
 from fcsv_guidance.messages import RobotPlace
-from fcsv_guidance.place.tracker import STATES, LevelPlace, PlaceRules, PlaceState, moved_by_wheels
+from fcsv_guidance.place.tracker import (
+    GATES,
+    STATES,
+    LevelPlace,
+    PlaceRules,
+    PlaceState,
+    moved_by_wheels,
+)
 from fcsv_guidance.place.wheels import WheelOdometry, WheelReader, between
 
 _OF_VEHICLE = 5  # x, y, yaw, velocity of its drift along x and y
@@ -95,6 +103,10 @@ class CooperativeRules:
     stands: float = 0.005
     seen_s: float = 1.0
     lag_s: float = 0.25
+
+    def __post_init__(self):
+        require_positive(self)
+        require_within(self, *GATES, "gate")
 
 
 @dataclass(frozen=True)

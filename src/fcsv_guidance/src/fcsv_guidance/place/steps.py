@@ -12,6 +12,7 @@ from typing import Callable, List, Mapping, Optional, Tuple
 
 import numpy as np
 
+from fcsv_geometry.config import require_positive
 from fcsv_guidance.messages import RobotPlace
 from fcsv_guidance.place.cooperative_place import CooperativeState
 
@@ -34,6 +35,9 @@ class StepRules:
     least_move_m: float = 0.5
     near_m: float = 0.2
     move_s: float = 12.0
+
+    def __post_init__(self):
+        require_positive(self)
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ import numpy as np
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.chi_squared import quantile
-from fcsv_geometry.config import require_positive
+from fcsv_geometry.config import require_positive, require_within
 from fcsv_geometry.vehicles.telemetry import Dropped, SeenTag
-from fcsv_guidance.place.tracker import PlaceFix
+from fcsv_guidance.place.tracker import GATES, PlaceFix
 from fcsv_stereo.pose_covariance import carried
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.config import BodyTag
@@ -47,6 +47,7 @@ class TagFixRules:
 
     def __post_init__(self):
         require_positive(self)
+        require_within(self, *GATES, "gate")
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import Deque, List, NamedTuple, Optional, Tuple, Union
 import numpy as np
 
 from fcsv_geometry import chi_squared, rotations
+from fcsv_geometry.config import require_positive, require_within
 from fcsv_guidance.clock import ahead_of_clock, behind_clock
 from fcsv_guidance.messages import RobotPlace
 from fcsv_guidance.place.wheels import WheelOdometry, WheelReader, WheelRules, between
@@ -55,6 +56,10 @@ class PlaceState:
     hold: str = ""
 
 
+#: from the least to the largest share of disagreements that chance explains
+GATES = (0.5, 0.999999)
+
+
 @dataclass(frozen=True)
 class PlaceRules:
     """Sigmas of the wheels' errors, and what is believed. ``*_noise``: standard deviation after one
@@ -78,6 +83,11 @@ class PlaceRules:
     longest_blind_m: float = 3.0
     history_s: float = 2.0
     wheels: WheelRules = field(default_factory=WheelRules)
+
+    def __post_init__(self):
+        require_positive(self, but=("common_share",))
+        require_within(self, 0.0, 1.0, "common_share")
+        require_within(self, *GATES, "gate")
 
 
 Message = Union[PlaceFix, WheelOdometry]

@@ -11,6 +11,7 @@ from nav_msgs.msg import Odometry, Path
 from std_msgs.msg import String
 
 from fcsv_geometry import frames, rotations
+from fcsv_geometry.config import require_positive
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
@@ -44,6 +45,7 @@ class CooperativePlaceParameters:
     def __post_init__(self):
         if not self.vehicles:
             raise ValueError("vehicles: is empty; name those that the gimbals follow")
+        require_positive(self)
         if self.follow and len(self.vehicles) != 2:
             raise ValueError(f"follow: is for two vehicles, {len(self.vehicles)} are named")
         if not (self.start_m > 0 and self.start_deg > 0):

@@ -36,6 +36,10 @@ class GoalsParameters:
     rules: GivingRules = field(default_factory=GivingRules)
     place: PlaceParameters = field(default_factory=PlaceParameters)
 
+    def __post_init__(self):
+        if not self.action.strip("/ "):
+            raise ValueError("action: is empty; name the robot's own move_base, as /move_base")
+
 
 class MoveBaseGoalsNode:
     """path, map, hold, place/hold, robot_pose -> the action move_base."""

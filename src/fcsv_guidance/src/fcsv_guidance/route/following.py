@@ -10,6 +10,7 @@ from typing import Dict, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from fcsv_geometry.config import require_positive, require_within
 from fcsv_guidance.clock import ahead_of_clock
 from fcsv_guidance.errors import RouteError
 from fcsv_guidance.messages import (
@@ -26,6 +27,7 @@ from fcsv_guidance.robot import Robot
 GOAL_REACHED = "the goal is reached"
 PLACE_UNKNOWN = "the robot's place is not known"
 _MAP_AHEAD_S = 1.0  # a map may be so far ahead of the clock: it is old after minutes only
+_BLIND_S = 60.0  # an older place says nothing of where a robot is that drives
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,10 @@ class FollowerRules:
     lateral_mps2: float = 0.5
     lead_m: float = 0.8
     creep_mps: float = 0.15
+
+    def __post_init__(self):
+        require_positive(self)
+        require_within(self, 0.0, _BLIND_S, "oldest_place_s")
 
 
 Message = Union[RobotPlace, PlaceLost, RouteToFollow, ClearanceMap, StopRobot, HoldRobot]
@@ -270,14 +276,15 @@ class RouteFollower:
         braking_m = (
             robot.speed_mps**2 / (2 * robot.slows_mps2) + robot.speed_mps * rules.oldest_place_s
         )
-        along = np.arange(0.0, braking_m + 0.5, 0.05)
+        left_m = self._route.length_m - self._reached_m
+        # beyond its end the route is that end
+        along = np.arange(0.0, min(braking_m + 0.5, max(left_m, 0.0) + 0.1), 0.05)
         points = self._route.at(self._reached_m + along)
         blocked = self._clear_m(points) <= rules.sigmas * place.sigma_m
         out_m = self._leads_out_m() if blocked[0] else 0.0
         blocked[along <= out_m] = False  # as far as that was judged before
         if out_m > 0:
             bounds.append(rules.creep_mps)
-        left_m = self._route.length_m - self._reached_m
         room_m = min(
             float(along[int(np.argmax(blocked))]) - 0.1 if blocked.any() else np.inf, left_m
         )

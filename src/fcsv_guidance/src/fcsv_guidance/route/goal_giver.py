@@ -9,6 +9,7 @@ from typing import List, Optional, Sequence, Union
 
 import numpy as np
 
+from fcsv_geometry.config import require_positive
 from fcsv_guidance.clock import ahead_of_clock
 from fcsv_guidance.messages import GroundDated, HoldRobot, PlaceLost, RobotPlace, StopRobot
 from fcsv_guidance.route.following import (
@@ -55,6 +56,9 @@ class GivingRules:
     oldest_place_s: float = 1.0
     oldest_map_s: float = 60.0  # older ground holds the robot
     most_off_m: float = 1.0  # beside the route
+
+    def __post_init__(self):
+        require_positive(self)
 
 
 class GoalGiver:

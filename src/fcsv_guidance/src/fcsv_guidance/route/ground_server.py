@@ -12,6 +12,7 @@ from typing import Deque, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from fcsv_geometry.config import require_positive
 from fcsv_guidance.clock import ahead_of_clock
 from fcsv_guidance.errors import EndNotSeenError, GroundError, RouteError
 from fcsv_guidance.grid import Grid
@@ -129,6 +130,20 @@ class GroundRules:
     watched: bool = False
     still_s: float = STILL_S
     route: RouteRules = field(default_factory=RouteRules)
+
+    def __post_init__(self):
+        require_positive(self)
+        if self.area_m is None:
+            return
+        x0, x1, y0, y1 = self.area_m
+        if not (x0 < x1 and y0 < y1):
+            raise ValueError(
+                f"area_m: must be x0, x1, y0, y1 with x0 < x1, y0 < y1, got {self.area_m}"
+            )
+        try:
+            Grid.around((x0, y0), (x1, y1), self.cell_m)
+        except GroundError as error:
+            raise ValueError(f"area_m: {error}") from error
 
 
 GroundMessage = Union[GridMessage, GridChanged, RouteMessage, NoRouteMessage, RobotHold]

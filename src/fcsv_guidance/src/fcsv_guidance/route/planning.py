@@ -8,11 +8,13 @@ from typing import Tuple, Union
 import cv2
 import numpy as np
 
+from fcsv_geometry.config import require_positive, require_within
 from fcsv_guidance.errors import GoalWithoutRoomError, RouteError
 from fcsv_guidance.grid import Grid
 from fcsv_guidance.ground import tuning
 from fcsv_guidance.route.search import NO_ROUTE_KNOWN, NoRoute, Route, route_over
 
+_LARGEST = 1e3  # m, and of a cost
 _UNSURE_P = 0.5 * (tuning.FREE_P + tuning.OBSTACLE_P)  # of what is free but too near to what is not
 
 
@@ -27,6 +29,10 @@ class RouteRules:
     comfort_m: float = 0.7
     comfort_cost: float = 3.0
     goal_off_m: float = 0.25
+
+    def __post_init__(self):
+        require_positive(self, but=("spare_m", "comfort_cost", "goal_off_m"))
+        require_within(self, 0.0, _LARGEST, "spare_m", "comfort_cost", "goal_off_m")
 
     def keeps_m(self, place_sigma_m: float) -> float:
         """How far its middle keeps from cells in which it must not stand."""

@@ -24,12 +24,13 @@ class StagedFolder:
     """
 
     def __init__(self, out: Path, check: Callable[[Path], None] = check_new):
-        self._out, self._check = out, check
         check(out)
-        beside = out.absolute().parent
+        # a link to a folder, and ".", cannot be replaced: what they stand for can
+        self._out, self._check = out.resolve() if out.is_dir() else out, check
+        beside = self._out.absolute().parent
         try:
             beside.mkdir(parents=True, exist_ok=True)
-            self.folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=beside))
+            self.folder = Path(tempfile.mkdtemp(prefix=f".{self._out.name}.", dir=beside))
         except OSError as error:
             raise OutputError(in_words(error, out.parent)) from error
 
