@@ -370,7 +370,9 @@ def test_an_old_map_stands_and_says_what_to_do(
     )
     go_to(15.0, 3.5)
     until(
-        lambda: said("follower/status") and "s ago, 60 s are" in said("follower/status").data,
+        lambda: (
+            said("follower/status") and "s ago, oldest_map_s allows" in said("follower/status").data
+        ),
         what="what is wrong",
     )
     assert robot.stands()
