@@ -371,7 +371,8 @@ def test_an_old_map_stands_and_says_what_to_do(
     go_to(15.0, 3.5)
     until(
         lambda: (
-            said("follower/status") and "s ago, oldest_map_s allows" in said("follower/status").data
+            said("follower/status")
+            and "s ago, oldest_map_s allows 60 s" in said("follower/status").data
         ),
         what="what is wrong",
     )
