@@ -7,6 +7,7 @@ import time
 import pytest
 
 from fcsv_geometry.ros import node
+from fcsv_geometry.ros.health import Health, without_numbers
 
 
 @pytest.mark.ros
@@ -45,3 +46,19 @@ def test_what_is_done_again_and_again_outlives_simulated_time_that_goes_back(ros
     finally:
         rostime.switch_to_wallclock()
         timer.shutdown()
+
+
+@pytest.mark.ros
+def test_a_problem_is_logged_once_while_its_seconds_count_up(ros_master, monkeypatch):
+    import rospy
+
+    logged = []
+    monkeypatch.setattr(rospy, "logerr", lambda _form, text: logged.append(text))
+    health = Health("test")
+    for age_s in range(3):
+        health.problem("place", f"uav1: no fix for {age_s} s and 0.{age_s} m of its way")
+    health.problem("place", "uav2: no fix for 3 s and 0.3 m of its way")
+    assert logged == [
+        f"uav{k}: no fix for {s} s and 0.{s} m of its way" for k, s in ((1, 0), (2, 3))
+    ]
+    assert without_numbers("") == ""

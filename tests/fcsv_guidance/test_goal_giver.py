@@ -225,7 +225,10 @@ def test_a_pose_that_is_older_than_the_last_is_dropped_but_for_a_clock_that_was_
 def test_places_that_take_turns_are_none_and_one_that_is_found_anew_is(other):
     """Two programs behind one name: a relay, or a bag."""
     publishers = Publishers()
-    publishers.run(1.0, {})
+    for _ in range(3):
+        publishers.run(0.2, {})
+        publishers.run(0.2, other)
+    publishers.now_s += 2.1
     publishers.run(1.0, other)
     with pytest.raises(DisputedPlaceError, match="contradict each other"):
         publishers.run(1.0, {}, other)

@@ -12,6 +12,7 @@ from fcsv_guidance.place.wheels import WheelReader, between
 
 C = np.diag([0.2**2, 0.2**2, np.radians(4) ** 2])
 STEP_S = 0.05
+NO_START = "no fixes that agree have come while the robot stood: let it stand for a moment"
 
 
 class Walk:
@@ -106,7 +107,10 @@ def test_outliers_are_refused_and_a_row_of_them_is_doubt():
     state = walk.state()
     assert state.place is not None and state.refused == 1 and "sigma away" in state.last_refusal
     walk.run(1.6, off=(4.0, 0.0, 0.0))
-    assert walk.state().place is None and "in a row contradict the wheels" in walk.state().reason
+    doubt = "3 fixes and more in a row contradict the wheels: let the robot stand for 8 s"
+    assert walk.state().place is None and walk.state().reason == doubt
+    walk.run(1.0, off=(4.0, 0.0, 0.0))
+    assert walk.state().reason == doubt  # told once
     walk.run(3.0)
     assert walk.state().place is not None and walk.off_m() < 0.5
 
@@ -117,7 +121,7 @@ def test_it_begins_only_where_fixes_agree_and_moves_elsewhere_only_while_it_stan
     for k in range(6):  # two robots with one tag: no two fixes in a row agree
         walk.run(STEP_S, 0.0, 0.0, fixes=False)
         walk.tracker.receive(walk.now_s, walk.fix((8.0 * k, 0.0, 0.0), 0.1))
-    assert walk.state().place is None and walk.state().reason == "no fixes that agree have come"
+    assert walk.state().place is None and walk.state().reason == NO_START
     walk.run(3.0, 0.0, 0.0)
     assert walk.off_m() < 0.5
     walk.true[:2] += 5.0  # carried away
@@ -125,6 +129,20 @@ def test_it_begins_only_where_fixes_agree_and_moves_elsewhere_only_while_it_stan
     assert walk.state().place is None
     walk.run(5.0, 0.0, 0.0)
     assert walk.off_m() < 0.5
+
+
+def test_who_begins_while_the_robot_drives_is_told_steadily_to_let_it_stand():
+    walk = Walk()
+    walk.run(1.0)
+    reasons = set()
+    for _ in range(80):
+        walk.run(STEP_S)
+        reasons.add(walk.state().reason)
+    assert reasons == {NO_START}
+    walk.run(16.0, fixes=False)
+    assert walk.state().reason == "no fix has come"
+    walk.run(2.0, 0.0, 0.0)
+    assert walk.state().reason == "" and walk.off_m() < 0.5
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 """A node's health as diagnostics: rates of what flows, counts of what was dropped, and what is
 wrong now."""
 
+import re
 import threading
 import time
 from typing import Dict, Optional
@@ -13,6 +14,17 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from fcsv_geometry.ros import node
 from fcsv_geometry.streams.flow import DropCounter
 from fcsv_geometry.vehicles.telemetry import Diagnosis
+
+_COUNTS_UP = re.compile(r"-?\d+(\.\d+)?(?= (s|m)\b)")
+
+
+def without_numbers(text: str) -> str:
+    """What stays the same of a text while its seconds and metres count up.
+
+    >>> without_numbers("uav2: no fix for 16.5 s")
+    'uav2: no fix for # s'
+    """
+    return _COUNTS_UP.sub("#", text)
 
 
 class Health:
@@ -52,9 +64,10 @@ class Health:
             self._values[name] = str(value)
 
     def problem(self, name: str, text: str) -> None:
-        """An error that stands until it is cleared with an empty text."""
+        """An error that stands until it is cleared with an empty text. It is logged anew where more
+        of it changes than seconds and metres, which count up."""
         with self._lock:
-            if text and self._problems.get(name) != text:
+            if text and without_numbers(self._problems.get(name, "")) != without_numbers(text):
                 rospy.logerr("%s", text)
             if text:
                 self._problems[name] = text

@@ -15,10 +15,10 @@ from fcsv_guidance.messages import RobotPlace
 _HEADING_RAD = 1.0  # a heading of a larger sigma leads nowhere
 # so long after its last pose a publisher is gone: another may have taken its place
 _GONE_S = 2.0
-# faster steps from pose to pose are no motion: a place that is found anew makes one, two places
-# that take turns make many
+# faster steps from pose to pose are no motion: where a place is found anew one leads away, where
+# two programs publish places they lead back, too
 _FASTEST_MPS, _FASTEST_RADPS, _NOISE_M, _NOISE_RAD, _SIGMAS = 5.0, 3.0, 0.3, 0.7, 3.0
-_MANY_STEPS = 3  # within _GONE_S
+_MANY_STEPS = 3  # back, within _GONE_S
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,9 @@ class PoseIntake:
     def __init__(self, sigma_m: Optional[float]):
         self._sigma_m = sigma_m
         self._last: Optional[RobotPlace] = None
+        self._before: Optional[RobotPlace] = None  # the one before that
         self._callers: Dict[str, float] = {}  # when each was heard last
-        self._steps: Deque[float] = deque(maxlen=_MANY_STEPS)  # when the place made one
+        self._steps: Deque[float] = deque(maxlen=_MANY_STEPS)  # when one led back
 
     def receive(self, now_s: float, pose: HeardPose) -> RobotPlace:
         """The place of a pose. Raises PlaceError as ``robot_place`` does and where the pose is older
@@ -50,16 +51,16 @@ class PoseIntake:
         place = robot_place(
             now_s, pose.stamp_s, pose.frame, pose.T_home_robot, pose.covariance, self._sigma_m
         )
-        last = self._last
+        last, before = self._last, self._before
         if last is not None and ahead_of_clock(now_s, last.stamp_s):
-            last = None  # the clock was set back
+            last = before = None  # the clock was set back
         if last is not None and place.stamp_s < last.stamp_s:
             raise PlaceError(
                 f"its stamp is {last.stamp_s - place.stamp_s:.2f} s older than the last one's; do two "
                 "programs publish it?"
             )
-        self._last = place
-        if last is not None and _is_step(last, place):
+        self._last, self._before = place, last
+        if before is not None and _is_step(last, place) and not _is_step(before, place):
             self._steps.append(now_s)
         if len(self._steps) == _MANY_STEPS and abs(now_s - self._steps[0]) <= _GONE_S:
             raise DisputedPlaceError(

@@ -21,6 +21,7 @@ from fcsv_guidance.place.wheels import WheelOdometry, WheelReader, WheelRules, b
 
 STATES = 6  # x, y, yaw, scale of distances, scale of turns, yaw per metre
 _WHEELS_LOST_S = 1.0  # so long wheels may be refused before the place is not known
+_NO_START = "no fixes that agree have come while the robot stood: let it stand for a moment"
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,7 @@ class RobotTracker:
         self._fixes: Deque[PlaceFix] = deque()  # used, as old as the history
         self._waiting: List[PlaceFix] = []  # newer than the wheels
         self._candidates: List[PlaceFix] = []  # not used, while the wheels stood
+        self._proposed_s = -np.inf  # the last that might have been one
         self._wheels: Optional[WheelOdometry] = None
         # where the wheels were when the candidates began
         self._stood: Optional[WheelOdometry] = None
@@ -140,16 +142,20 @@ class RobotTracker:
         """The place as of the last wheels, at most as good as the fixes are in common."""
         if self._reader.refusal and now_s - self._wheels_s > _WHEELS_LOST_S:
             return self._state(None, self._reader.refusal)
+        rules = self._rules
         if not self._history:
-            return self._state(
-                None, "no fixes that agree have come" if self._candidates else "no fix has come"
-            )
+            came = now_s - self._proposed_s <= rules.oldest_fix_s
+            return self._state(None, _NO_START if came else "no fix has come")
         if self._doubted:
-            return self._state(None, f"{self._in_a_row} fixes in a row contradict the wheels")
+            return self._state(
+                None,
+                f"{rules.to_doubt} fixes and more in a row contradict the wheels: let the robot stand "
+                f"for {rules.relocate_s:g} s",
+            )
         age_s = now_s - self._fixed_s
-        if age_s > self._rules.oldest_fix_s:
+        if age_s > rules.oldest_fix_s:
             return self._state(None, f"no fix for {age_s:.0f} s")
-        if self._blind_m > self._rules.longest_blind_m:
+        if self._blind_m > rules.longest_blind_m:
             return self._state(None, f"no fix for {self._blind_m:.1f} m of its way")
         wheels, x, P = self._history[-1]
         P = P[:3, :3] + self._common
@@ -307,7 +313,7 @@ class RobotTracker:
         rules = self._rules
         if not np.isfinite(fix.covariance[2, 2]):
             return
-        self._stood = self._stood or self._wheels
+        self._stood, self._proposed_s = self._stood or self._wheels, fix.stamp_s
         if fix.stamp_s < self._stood.stamp_s:
             return  # the robot has moved since
         agree = [c for c in self._candidates if self._agree(c, fix)]

@@ -5,7 +5,7 @@ import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from std_msgs.msg import String
 
-from fcsv_geometry.ros.health import Health
+from fcsv_geometry.ros.health import Health, without_numbers
 from fcsv_guidance.place.tracker import PlaceState
 from fcsv_guidance.ros import ground_messages as messages
 
@@ -35,7 +35,7 @@ class PlacePublisher:
         if state.place is not None and with_pose:
             self._pose.publish(messages.place_message(state))
         text = state.reason or "the robot's place is known"
-        if text != self._last:
-            self._last = text
+        if without_numbers(text) != self._last:
+            self._last = without_numbers(text)
             rospy.loginfo("%s: %s", self._name, text)
             self._status.publish(String(text))

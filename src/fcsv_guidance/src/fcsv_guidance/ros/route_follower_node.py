@@ -14,7 +14,7 @@ from std_msgs.msg import String
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import node
-from fcsv_geometry.ros.health import Health
+from fcsv_geometry.ros.health import Health, without_numbers
 from fcsv_guidance.grid import Grid
 from fcsv_guidance.messages import DriveCommand
 from fcsv_guidance.robot import load_robot
@@ -93,14 +93,10 @@ class RouteFollowerNode:
     def _say(self, command: DriveCommand) -> None:
         text = command.reason or "the robot drives"
         self._health.value("follower", text)
-        if _without_numbers(text) != self._last:  # ages count up
-            self._last = _without_numbers(text)
+        if without_numbers(text) != self._last:  # ages count up
+            self._last = without_numbers(text)
             rospy.loginfo("route_follower: %s", text)
             self._status.publish(String(text))
-
-
-def _without_numbers(text: str) -> str:
-    return "".join(c for c in text if not c.isdigit())
 
 
 def main() -> int:
