@@ -10,6 +10,7 @@ import numpy as np
 from fcsv_guidance.errors import GroundError
 
 _MOST_CELLS = 1 << 24
+_LARGEST_CELL_M = 1e3
 _FARTHEST_CELLS = 1e12  # from home's origin: whole numbers of float64, and their products
 
 
@@ -29,7 +30,7 @@ class Grid:
     columns: int
 
     def __post_init__(self):
-        if not np.isfinite([self.x0_m, self.y0_m]).all() or not 0 < self.cell_m < np.inf:
+        if not np.isfinite([self.x0_m, self.y0_m]).all() or not 0 < self.cell_m <= _LARGEST_CELL_M:
             raise GroundError(
                 f"a grid at {self.x0_m}, {self.y0_m} m with cells of {self.cell_m} m cannot be laid"
             )
