@@ -46,7 +46,7 @@ def _ground(args: argparse.Namespace) -> int:
     robot, out = load_robot(args.robot), Path(args.out)
     require_new(out)
     require_folder(out.absolute().parent)
-    options = GroundOptions(args.cell_m, args.reach_m, args.octomap)
+    options = GroundOptions.of_robot(robot, args.cell_m, args.reach_m, args.octomap)
     asked = _route(args)
     with Steps(LiveLine(sys.stderr), "reading maps").shown() as steps:
         views, place = read_views(args.maps)
@@ -116,7 +116,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--robot", required=True, metavar="FILE", help="the robot (config/robots/NAME.yaml)")
     add("-o", "--out", required=True, metavar="OUT", help="an empty or new folder")
-    add("--cell-m", type=float, default=0.1, help="side of a cell (default 0.1 m)")
+    add(
+        "--cell-m",
+        type=float,
+        help="side of a cell, at most the robot's radius (default 0.1 m, or that where it is less)",
+    )
     add(
         "--reach-m",
         type=float,
