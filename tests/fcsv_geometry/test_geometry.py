@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fcsv_geometry import camera, chi_squared, config, rotations, transforms
+from fcsv_geometry import camera, chi_squared, config, rotations, strict_yaml, transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import ConfigError, GeometryError, PoseUnavailable
 from fcsv_geometry.missions.fence import Fence
@@ -29,7 +29,9 @@ poses = st.builds(
 )
 
 
-@pytest.mark.parametrize("module", [transforms, rotations, camera, chi_squared])
+@pytest.mark.parametrize(
+    "module", [transforms, rotations, camera, chi_squared, config, strict_yaml]
+)
 def test_identities_in_the_docstrings(module):
     result = doctest.testmod(module)
     assert result.attempted > 0 and result.failed == 0
@@ -241,7 +243,15 @@ class TestConfig:
             ("name: a\nparts: [{size_m: -1}]", ["parts[0].size_m", "negative"]),
             ("name: a\nparts: [{size_m: .nan}]", ["parts[0].size_m", "finite"]),
             ("name: a\nparts: {}", ["'parts' must be a list"]),
-            ("name: 3", ["'name' must be str"]),
+            ("name: 3", ["'name' must be str", "put it in quotes, '3'"]),
+            ("name: {/a/b: c}", ["'name' must be str", "put it in quotes, '/a/b: c' (for ros"]),
+            ("name: 2024-13-45", ["not valid YAML", "month must be in 1..12"]),
+            ("name: a\nxy: [1, 2]\nname: b", ["line 3", "'name' stands twice, first in line 1"]),
+            ("name: a\nparts: [{size_m: 1, size_m: 2}]", ["line 2", "'size_m' stands twice"]),
+            ("name: a\nparts: [{size_m: " + "9" * 400 + "}]", ["'parts[0].size_m' is too large"]),
+            ("name: a\ncount: " + "9" * 400, ["'count' is too large"]),
+            ("name: a\nxy: [" + "9" * 5000 + "]", []),
+            ("{a: " * 2000 + "1" + "}" * 2000, ["not valid YAML", "nested too deep"]),
             ("name: a\ncount: true", ["'count' must be int"]),
             ("name: a\nxy: [1]", ["'xy' must have 2 values"]),
             ("name: [", ["not valid YAML", "line"]),
@@ -254,6 +264,10 @@ class TestConfig:
         message = str(error.value)
         assert "some.yaml" in message and "\n" not in message
         assert all(word in message for word in words), message
+
+    def test_a_merged_key_may_be_said_anew(self, tmp_path):
+        document = "parts: [&a {size_m: 1}, {<<: *a, size_m: 2}, {<<: *a}]\nname: a\n"
+        assert [part.size_m for part in self.load(tmp_path, document).parts] == [1.0, 2.0, 1.0]
 
     def test_missing_file(self, tmp_path):
         with pytest.raises(ConfigError, match="cannot be read"):

@@ -2,6 +2,7 @@
 """Files of the ground, read back by map_server's rules and by a TIFF reader; the command that
 writes them."""
 
+import doctest
 import json
 
 import cv2
@@ -18,6 +19,7 @@ from fcsv_guidance.ground.occupancy import FREE_PERCENT, OCCUPIED_PERCENT, occup
 from fcsv_guidance.ground.standing import disk, least
 from fcsv_guidance.ground.tuning import FREE_P
 from fcsv_guidance.robot import load_robot
+from fcsv_guidance.route import search
 
 GRID = Grid.around((5, -8), (26, 8), 0.1)
 BOX = (13.0, 14.0, -2.0, 1.0, 0.0, 0.6)
@@ -152,6 +154,9 @@ def test_the_command_refuses_a_map_that_lacks_a_file(
         (["--cell-m", "0"], "--cell-m: must be above 0 m, got 0.0"),
         (["--cell-m", "nan"], "--cell-m: must be above 0 m, got nan"),
         (["--reach-m=-5"], "--reach-m: must be above 0 m"),
+        (["--cell-m", "0.41"], "0.41 m is above the radius of rescue, 0.4 m"),
+        (["--cell-m", "1e300"], "above the radius of rescue"),
+        (["--octomap", "1e300"], "--octomap: voxels are at most 10 m"),
         (["--octomap", "0"], "--octomap: must be above 0 m"),
         (["--octomap", "0.0001"], "take larger voxels"),
         (["--through-unknown", "2"], "--through-unknown is of --route X0 Y0 X1 Y1"),
@@ -175,3 +180,18 @@ def test_the_same_map_twice_is_no_second_witness(scene, write_map, root, tmp_pat
     call = [*maps, "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
     assert command.main(call) == 2
     assert "copy: is the same map as" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("module", [command, search])
+def test_what_the_docstrings_say(module):
+    result = doctest.testmod(module)
+    assert result.attempted > 0 and result.failed == 0
+
+
+def test_a_negative_number_with_an_exponent_is_no_option(scene, write_map, root, tmp_path, capsys):
+    write_map(scene().view(size=(320, 240)), tmp_path / "map")
+    call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
+    words = ["--cell-m", "0.2", "--route", "10", "0", "16", "-1e0"]
+    assert command.main([*call, *words]) == 0
+    points_m = json.loads((tmp_path / "out/ground.json").read_text())["route"]["points_m"]
+    assert points_m[-1] == [16.0, -1.0]

@@ -16,7 +16,7 @@ from fcsv_guidance.place.tracker import PlaceRules
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.route.following import FollowerRules, RouteFollower, RouteToFollow
 from fcsv_guidance.route.goal_giver import GivingRules
-from fcsv_guidance.route.ground_server import GroundRules
+from fcsv_guidance.route.ground_server import GroundRules, GroundServer
 from fcsv_guidance.route.planning import RouteRules
 
 GRID = Grid(0.0, -5.0, 0.1, 100, 200)
@@ -59,10 +59,18 @@ def test_a_number_out_of_range_is_refused_by_its_name(rules, field, value):
     assert caught.value.field == field
 
 
-@pytest.mark.parametrize("cell_m", [1e300, 1e-300, 1e-9])
+@pytest.mark.parametrize("cell_m", [1e-300, 1e-9])
 def test_a_grid_of_absurd_cells_is_refused(cell_m):
     with pytest.raises(GroundError, match="take .*cells|cannot be laid"):
         Grid.around((5.0, -8.0), (26.0, 8.0), cell_m)
+
+
+def test_a_server_refuses_cells_in_which_an_obstacle_hides(root):
+    """Cells of 50 m gave a route of 0 m through a wall."""
+    small = load_robot(root / "config/robots/small.yaml")
+    GroundServer(small, GroundRules(cell_m=0.15))
+    with pytest.raises(GroundError, match="^cell_m: 0.16 m is above the radius of small, 0.15 m"):
+        GroundServer(small, GroundRules(cell_m=0.16))
 
 
 def test_a_follower_looks_no_farther_than_its_routes_end(root, monkeypatch):

@@ -163,6 +163,7 @@ def test_it_drives_to_its_goal_by_its_gimbals(place, small):
         (["--small", "1", "--mazes", "1"], "--small has a robot of its own"),
         (["--small", "1", "--faults", "pose jumps"], "'pose jumps' does not befall"),
         (["--small", "-1"], "must be 0 or more"),
+        (["--seed", "-3"], "--seed must be 0 or more, got -3"),
     ],
 )
 def test_wrong_arguments_of_small_mazes_are_refused(given, words, capsys):

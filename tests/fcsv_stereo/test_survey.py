@@ -731,7 +731,7 @@ def test_a_map_whose_files_do_not_belong_together_is_named(maps, tmp_path, capsy
     np.save(maps[1] / "sigma.npy", np.zeros((3, 3), np.float32))
     assert survey(*maps, "-o", tmp_path / "out") == 1
     reason = document(tmp_path / "out")["missing"][0]["reason"]
-    assert "m2: sigma has shape (3, 3)" in reason
+    assert "m2: is not a map of this program (sigma.npy: has shape (3, 3)" in reason
 
 
 def test_a_map_with_an_empty_file_is_said_and_the_surveys_own_is_made_again(

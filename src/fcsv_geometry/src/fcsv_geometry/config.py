@@ -12,11 +12,13 @@ from typing import Any, Collection, Iterable, Mapping, Optional, Tuple, Type, Ty
 
 import yaml
 
+from fcsv_geometry import strict_yaml
 from fcsv_geometry.errors import ConfigError, GeometryError
 
 T = TypeVar("T")
 # by difflib's measure; of a word with two letters exchanged, or one too many, it is above 0.8
 _ALIKE = 0.6
+_LARGEST_INT = (1 << 63) - 1  # of a message's int64
 
 
 def load(path, cls: Type[T]) -> T:
@@ -69,9 +71,10 @@ def require_graded(rules) -> None:
 
 
 def read_yaml(path) -> Any:
-    """The document in a YAML file. Raises ConfigError where it cannot be read or parsed."""
+    """The document in a YAML file. Raises ConfigError where it cannot be read or parsed, or where a
+    key stands twice."""
     try:
-        return yaml.safe_load(Path(path).read_text())
+        return strict_yaml.parse(Path(path).read_text())
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -148,7 +151,7 @@ def line_of(text: str, field: str) -> int:
     """
     try:
         node = yaml.compose(text)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, RecursionError):
         return 0
     line = 0
     for name, index in re.findall(r"([A-Za-z_]\w*)|\[(\d+)", field):
@@ -183,12 +186,14 @@ def _convert(value: Any, kind: Any, source: str, at: str, base: Any = None) -> A
         if not isinstance(value, Mapping):
             raise _wrong(source, at, f"must be a mapping, got {_kind(value)}")
         return {k: _convert(v, args[1], source, f"{at}.{k}") for k, v in value.items()}
+    if isinstance(value, int) and abs(value) > _LARGEST_INT and kind in (int, float):
+        raise _wrong(source, at, f"is too large, a number of {value.bit_length()} bits")
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if kind is Any:
         return value
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-        hint = _yaml_number(value) if kind is float else ""
+        hint = _yaml_number(value) if kind is float else _in_quotes(value) if kind is str else ""
         raise _wrong(source, at, f"must be {kind.__name__}, got {_kind(value)}{hint}")
     if isinstance(value, float) and not math.isfinite(value):
         raise _wrong(source, at, f"must be finite, got {value}")
@@ -209,6 +214,21 @@ def _yaml_number(value: Any) -> str:
         return ""
     number = number if "." in number else number.replace("e", ".0e")
     return f": write {number}" if number else ""
+
+
+def _in_quotes(value: Any) -> str:
+    """How to write a word that YAML takes for something else.
+
+    >>> print(_in_quotes({"/maps/a": "b"}))
+    : put it in quotes, '/maps/a: b' (for roslaunch "'/maps/a: b'")
+    """
+    if isinstance(value, Mapping) and len(value) == 1:
+        ((key, held),) = value.items()
+        value = key if held is None else f"{key}: {held}"
+    elif value is None or isinstance(value, (Mapping, list, tuple)):
+        return ""
+    word = str(value)[:80]
+    return f""": put it in quotes, '{word}' (for roslaunch "'{word}'")"""
 
 
 def _convert_sequence(value, origin, args, source, at):

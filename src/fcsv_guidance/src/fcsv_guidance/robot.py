@@ -12,7 +12,16 @@ from fcsv_tracking.robot_tags import require_ids_once
 
 _STEEPEST_DEG = 60.0  # no wheeled robot holds a steeper slope
 _FLATTEST_DEG = 1.05  # 60 degrees in radians
-_LARGEST_M = 10.0  # of radius and height
+#: What a robot on wheels or tracks may have, by field: least, most, unit, and what else was meant.
+_BOUNDS = (
+    ("radius_m", 0.01, 10.0, "m", "is it in cm or mm?"),
+    ("height_m", 0.01, 10.0, "m", "is it in cm or mm?"),
+    ("speed_mps", 0.001, 20.0, "m/s", "is it in cm/s or mm/s?"),
+    ("acceleration_mps2", 0.001, 20.0, "m/s^2", "is it in cm/s^2?"),
+    ("braking_mps2", 0.001, 20.0, "m/s^2", "is it in cm/s^2?"),
+    ("turning_rate_radps", 0.001, 10.0, "rad/s", "is it in degrees a second?"),
+    ("turning_radius_m", 0.0, 100.0, "m", "is it in cm or mm?"),
+)
 
 
 @dataclass(frozen=True)
@@ -38,8 +47,8 @@ class Robot:
     tags: Tuple[BodyTag, ...] = ()  # on its sides; z from the ground it stands on
 
     def __post_init__(self):
-        if not self.name:
-            raise ValueError("name: must not be empty")
+        if not self.name.strip() or not self.name.isprintable():
+            raise ValueError("name: must be a word or more, on one line")
         if not 0 <= self.turning_radius_m < np.inf:
             raise ValueError(f"turning_radius_m: must not be negative, got {self.turning_radius_m}")
         require_positive(self, but=("turning_radius_m",))
@@ -52,11 +61,12 @@ class Robot:
             raise ValueError(
                 f"largest_slope_deg: at least {_FLATTEST_DEG}, got {self.largest_slope_deg}; is it in radians?"
             )
-        for name in ("radius_m", "height_m"):
-            if getattr(self, name) > _LARGEST_M:
-                raise ValueError(
-                    f"{name}: at most {_LARGEST_M:.0f} m, got {getattr(self, name)}; is it in cm or mm?"
-                )
+        for name, least, most, unit, hint in _BOUNDS:
+            value = getattr(self, name)
+            if value is not None and value > most:
+                raise ValueError(f"{name}: at most {most:g} {unit}, got {value}; {hint}")
+            if value is not None and value < least:
+                raise ValueError(f"{name}: at least {least:g} {unit}, got {value}")
         if self.clearance_m >= self.height_m:
             raise ValueError(
                 f"clearance_m: must be below height_m ({self.height_m}), got {self.clearance_m}"

@@ -7,7 +7,7 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 import yaml
 
-from fcsv_geometry import config
+from fcsv_geometry import config, strict_yaml
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.missions.camera_places import mover_end, mover_place
 from fcsv_geometry.missions.fence import Fence
@@ -31,7 +31,7 @@ def read_mission(text: str) -> Mission:
     """Reads a mission from a mission file's text as the mission node tells it. Raises
     ConfigError."""
     try:
-        document = yaml.safe_load(text)
+        document = strict_yaml.parse(text)
     except yaml.YAMLError as error:
         problem = str(getattr(error, "problem", None) or error).replace("\n", " ")
         raise ConfigError(f"/mission/file: not YAML: {problem}") from error

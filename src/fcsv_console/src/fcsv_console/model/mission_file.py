@@ -13,7 +13,7 @@ import yaml
 
 from fcsv_control.mission.activities.looking_round import turns_s
 from fcsv_control.mission.ways.places import heading_rad
-from fcsv_geometry import config
+from fcsv_geometry import config, strict_yaml
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.missions.camera_places import mover_end, mover_place
 from fcsv_geometry.missions.mission import Mission
@@ -128,7 +128,7 @@ def parse(text: str, source: str = "", optics: Optics = USUAL) -> MissionFile:
     'line 3: configurations[0].baseline_m: -2.0 must be positive; the axis says the direction'
     """
     try:
-        document = yaml.safe_load(text)
+        document = strict_yaml.parse(text)
         mission = config.from_mapping(document, Mission, source or "mission")
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)

@@ -2,9 +2,13 @@
 """The command ``rosrun fcsv_guidance ground MAP... --robot NAME -o OUT``."""
 
 import argparse
+import re
 import sys
+from decimal import Decimal
 from pathlib import Path
 from typing import List, Optional
+
+import numpy as np
 
 from fcsv_geometry.programs.commands import run
 from fcsv_geometry.programs.interruption import termination_raised
@@ -38,7 +42,19 @@ _EXAMPLES = """examples:
 def main(argv: Optional[List[str]] = None) -> int:
     """Exit status 0; 1 where a route was asked for and none is known; 2 with one line on stderr on
     bad input."""
-    return run(_parser(), argv, _ground, left="nothing was written")
+    words = [_plain(word) for word in (sys.argv[1:] if argv is None else argv)]
+    return run(_parser(), words, _ground, left="nothing was written")
+
+
+def _plain(word: str) -> str:
+    """A negative number with an exponent written without: argparse takes it for an option.
+
+    >>> _plain("-1e0"), _plain("-2.5E-3"), _plain("-o"), _plain("1e0")
+    ('-1.0', '-0.0025', '-o', '1e0')
+    """
+    if not re.fullmatch(r"-(\d+\.?\d*|\.\d+)[eE][-+]?\d+", word) or np.isinf(float(word)):
+        return word
+    return f"{Decimal(repr(float(word))):f}"
 
 
 @termination_raised()
@@ -46,7 +62,7 @@ def _ground(args: argparse.Namespace) -> int:
     robot, out = load_robot(args.robot), Path(args.out)
     require_new(out)
     require_folder(out.absolute().parent)
-    options = GroundOptions(args.cell_m, args.reach_m, args.octomap)
+    options = GroundOptions.of_robot(robot, args.cell_m, args.reach_m, args.octomap)
     asked = _route(args)
     with Steps(LiveLine(sys.stderr), "reading maps").shown() as steps:
         views, place = read_views(args.maps)
@@ -119,7 +135,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--robot", required=True, metavar="FILE", help="the robot (config/robots/NAME.yaml)")
     add("-o", "--out", required=True, metavar="OUT", help="an empty or new folder")
-    add("--cell-m", type=float, default=0.1, help="side of a cell (default 0.1 m)")
+    add(
+        "--cell-m",
+        type=float,
+        help="side of a cell, at most the robot's radius (default 0.1 m, or that where it is less)",
+    )
     add(
         "--reach-m",
         type=float,

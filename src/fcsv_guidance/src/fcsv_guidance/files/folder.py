@@ -19,6 +19,7 @@ from fcsv_guidance.ground import tuning
 from fcsv_guidance.ground.fitting import require_one_frame
 from fcsv_guidance.ground.model import Ground, ground_from
 from fcsv_guidance.ground.site_views import SitePlace
+from fcsv_guidance.ground.standing import require_fine_cells
 from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.route.look_from import LookFrom, look_from, write_look_from
@@ -27,6 +28,9 @@ from fcsv_stereo.map_files.staging import StagedFolder
 
 PICTURE = "ground.png"
 DOCUMENT = "ground.json"
+#: Side of a cell, where a robot's radius is not less.
+LARGEST_CELL_M = 0.1
+_LARGEST_VOXEL_M = 10.0
 Begin = Callable[[str, float], None]
 
 
@@ -35,10 +39,10 @@ class GroundOptions:
     """Side of a cell, how far from a camera the grid reaches, and the voxels of an OctoMap (None:
     none is written).
 
-    Raises GroundError on one that is not positive.
+    Raises GroundError on one that is not positive, or voxels that are too large.
     """
 
-    cell_m: float = 0.1
+    cell_m: float = LARGEST_CELL_M
     reach_m: float = 60.0
     voxel_m: Optional[float] = None
 
@@ -50,6 +54,22 @@ class GroundOptions:
         ):
             if value is not None and not 0.0 < value < np.inf:
                 raise GroundError(f"{option}: must be above 0 m, got {value}")
+        if self.voxel_m is not None and self.voxel_m > _LARGEST_VOXEL_M:
+            raise GroundError(
+                f"--octomap: voxels are at most {_LARGEST_VOXEL_M:.0f} m, got {self.voxel_m:g}"
+            )
+
+    @classmethod
+    def of_robot(
+        cls,
+        robot: Robot,
+        cell_m: Optional[float] = None,
+        reach_m: float = 60.0,
+        voxel_m: Optional[float] = None,
+    ) -> "GroundOptions":
+        """The options with cells for a robot, where ``cell_m`` does not say it."""
+        cell_m = min(LARGEST_CELL_M, robot.radius_m) if cell_m is None else cell_m
+        return cls(cell_m, reach_m, voxel_m)
 
 
 @dataclass(frozen=True)
@@ -102,6 +122,7 @@ def write_ground(
     """
     out = Path(out)
     require_new(out)
+    require_fine_cells(options.cell_m, robot, "--cell-m")
     if asked is not None and asked.mission is not None:
         require_new_files(asked.mission, 0 if place else len(views), out)
     begin("the ground", 0.2)

@@ -37,7 +37,7 @@ def write_map_server(
     picture = _scaled(occupied) if scaled else _trinary(occupied)
     path = Path(folder) / f"{name}{'.png' if scaled else '.pgm'}"
     if not cv2.imwrite(str(path), np.ascontiguousarray(picture[::-1])):
-        raise OSError(f"{path}: cannot be written; is the disk full?")
+        raise OSError(f"{path.name}: cannot be written; is the disk full?")
     lines = [
         f"image: {path.name}",
         f"resolution: {grid.cell_m:.6f}",

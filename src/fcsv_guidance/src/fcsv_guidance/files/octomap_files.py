@@ -54,7 +54,7 @@ def write_octomap(
     paths = [Path(folder) / f"{name}.bt", Path(folder) / f"{name}.ot"]
     # .bt forgets probabilities: last
     if not tree.write(str(paths[1])) or not tree.writeBinary(str(paths[0])):
-        raise OSError(f"{paths[0]}: cannot be written; is the disk full?")
+        raise OSError(f"{paths[0].name}: cannot be written; is the disk full?")
     return paths
 
 

@@ -37,7 +37,8 @@ def write(result: MapResult, robot_file: Path, folder: Path) -> Tuple[str, Path]
         T_home_cam,
         reference.stamp_s,
     )
-    written = write_ground([view], load_robot(robot_file), folder, GroundOptions(voxel_m=VOXEL_M))
+    robot = load_robot(robot_file)
+    written = write_ground([view], robot, folder, GroundOptions.of_robot(robot, voxel_m=VOXEL_M))
     return written.summary, Path(folder) / PICTURE
 
 
@@ -51,6 +52,6 @@ def write_site(
     """A survey's ground for the robot in a file, its OctoMap included, into ``folder``: one line on
     it. ``load`` gives a view by its number; ``place``: reference system, and the origin (3,) that
     views leave out. Raises as ``write``."""
-    views, options = SiteDepthViews(names, load), GroundOptions(voxel_m=SITE_VOXEL_M)
-    robot = load_robot(robot_file)
+    views, robot = SiteDepthViews(names, load), load_robot(robot_file)
+    options = GroundOptions.of_robot(robot, voxel_m=SITE_VOXEL_M)
     return write_ground(views, robot, folder, options, place=SitePlace(*place)).summary

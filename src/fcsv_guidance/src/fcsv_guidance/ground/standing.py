@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from scipy.special import ndtr
 
+from fcsv_guidance.errors import GroundError
 from fcsv_guidance.ground import tuning
 
 FAR = 1e6
@@ -29,6 +30,16 @@ def disk(radius_m: float, cell_m: float) -> np.ndarray:
     n = int(np.ceil(radius_m / cell_m))
     y, x = np.mgrid[-n : n + 1, -n : n + 1]
     return (np.hypot(x, y) * cell_m <= radius_m + 0.5 * cell_m).astype(np.uint8)
+
+
+def require_fine_cells(cell_m: float, robot, field: str) -> None:
+    """Raises GroundError that names the ``field`` where a robot's footprint does not span two
+    cells: what stops it could hide in the heights of one."""
+    if cell_m > robot.radius_m:
+        raise GroundError(
+            f"{field}: {cell_m:g} m is above the radius of {robot.name}, {robot.radius_m:g} m: what "
+            "stops it could hide in a cell; take smaller cells"
+        )
 
 
 def slope_radius_m(ground, robot) -> float:

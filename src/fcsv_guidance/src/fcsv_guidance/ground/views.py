@@ -44,6 +44,11 @@ class DepthView:
                 )
         if self.depth.ndim != 2 or not np.isfinite(self.K).all():
             raise GroundError(f"{self.name}: depth is no picture, or its camera is not finite")
+        if not (self.K[0, 0] > 0 and self.K[1, 1] > 0):
+            raise GroundError(
+                f"{self.name}: focal lengths of {self.K[0, 0]:g} and {self.K[1, 1]:g} px are no "
+                "camera's; they are above 0"
+            )
         try:
             transforms.require_rigid(self.T_home_cam, "T_home_cam")
         except GeometryError as error:

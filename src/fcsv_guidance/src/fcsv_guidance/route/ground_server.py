@@ -16,7 +16,7 @@ from fcsv_geometry.config import require_positive
 from fcsv_guidance.clock import ahead_of_clock
 from fcsv_guidance.errors import EndNotSeenError, GroundError, RouteError
 from fcsv_guidance.grid import Grid
-from fcsv_guidance.ground import tuning
+from fcsv_guidance.ground import standing, tuning
 from fcsv_guidance.ground.fitting import require_one_frame
 from fcsv_guidance.ground.known import STILL_S, GroundSeen, KnownGround, watch_seen
 from fcsv_guidance.ground.model import (
@@ -150,9 +150,10 @@ GroundMessage = Union[GridMessage, GridChanged, RouteMessage, NoRouteMessage, Ro
 
 
 class GroundServer:
-    """The ground that ``robot`` drives on."""
+    """The ground that ``robot`` drives on. Raises GroundError where cells are too large for it."""
 
     def __init__(self, robot: Robot, rules: GroundRules = GroundRules()):
+        standing.require_fine_cells(rules.cell_m, robot, "cell_m")
         self._robot, self._rules = robot, rules
         self._views: List[DepthView] = []
         self._live: Optional[DepthView] = None

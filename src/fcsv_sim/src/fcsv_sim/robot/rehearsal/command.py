@@ -152,6 +152,8 @@ def _jobs(args: argparse.Namespace) -> List[PlaceJob]:
         raise SimulationError(
             "--mazes, --rubble and --small must be 0 or more, one of them 1 or more; --jobs 1 or more"
         )
+    if args.seed < 0:
+        raise SimulationError(f"--seed must be 0 or more, got {args.seed}")
     if not 0.0 < args.longest:
         raise SimulationError(f"--longest must be above 0 s, got {args.longest:g}")
     if args.small and mazes + args.rubble:

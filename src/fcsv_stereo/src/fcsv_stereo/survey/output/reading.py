@@ -66,7 +66,7 @@ def read_site(folder: Path) -> WrittenSite:
         views = tuple(_view(folder, v, adjustment["views"][v["name"]]) for v in site["views"])
         origin_m = np.array(site["origin"], float).reshape(3)
         return WrittenSite(folder, views, origin_m, site["crs"] or "")
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise SurveyError(
             f"{folder}: is not a whole survey of this version ({type(error).__name__}: {error}); run survey "
             "again, which costs no map that is there"
