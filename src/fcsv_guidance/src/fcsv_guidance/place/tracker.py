@@ -111,7 +111,7 @@ class RobotTracker:
         self._begin()
 
     def _begin(self) -> None:
-        """Nothing is known."""
+        """Forgets the place and all that led to it."""
         self._reader = WheelReader(self._rules.wheels)
         self._history: Deque[_FilterState] = deque()
         self._fixes: Deque[PlaceFix] = deque()  # used, as old as the history
@@ -176,7 +176,7 @@ class RobotTracker:
 
     @property
     def _newest_s(self) -> float:
-        """Of what was received last and counts."""
+        """Stamp of what was received last and counts."""
         last_s = self._history[-1].wheels.stamp_s if self._history else -np.inf
         return max(self._wheels_s, last_s)
 

@@ -42,7 +42,7 @@ class WheelRules:
 
 
 class _Jump(NamedTuple):
-    """From reading to reading, s."""
+    """Times of the readings before and after it, s."""
 
     from_s: float
     to_s: float
