@@ -139,16 +139,16 @@ def _end(grid: Grid, p: np.ndarray, xy, name: str, through_unknown) -> Tuple[int
     elif p[cell] < tuning.FREE_P:
         words = "is at an obstacle" if p[cell] <= tuning.OBSTACLE_P else "is not surely free"
         raise RouteError(
-            f"{where} {words} (the robot can stand there with p = {_told(float(p[cell]))}, free is "
+            f"{where} {words} (the robot can stand there with p = {_probability_in_words(float(p[cell]))}, free is "
             f"{tuning.FREE_P} and more); choose another place"
         )
     return cell
 
 
-def _told(p: float) -> str:
+def _probability_in_words(p: float) -> str:
     """A probability that is not free, in so many digits that it is not rounded to one that is.
 
-    >>> _told(0.5), _told(0.9791), _told(0.979999)
+    >>> _probability_in_words(0.5), _probability_in_words(0.9791), _probability_in_words(0.979999)
     ('0.50', '0.979', 'just below 0.98')
     """
     words = (f"{p:.{digits}f}" for digits in (2, 3, 4))
