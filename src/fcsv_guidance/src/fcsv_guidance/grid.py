@@ -47,8 +47,8 @@ class Grid:
             low, high = np.asarray(low_m, float) / cell_m, np.asarray(high_m, float) / cell_m
         if not (np.abs([low, high]) < _FARTHEST_CELLS).all():
             raise GroundError(
-                f"a grid from {tuple(low_m)} to {tuple(high_m)} m with cells of {cell_m} m "
-                "cannot be laid; take other cells"
+                f"a grid from {low_m[0]:g}, {low_m[1]:g} to {high_m[0]:g}, {high_m[1]:g} m with cells "
+                f"of {cell_m:g} m cannot be laid; take other cells"
             )
         first, last = np.floor(low), np.ceil(high)
         return cls(

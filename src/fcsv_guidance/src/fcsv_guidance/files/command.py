@@ -77,7 +77,7 @@ def _ground(args: argparse.Namespace) -> int:
         if args.look_from is not None:
             _print_look_from(written, Path(args.look_from), args.maps)
     elif found is not None:
-        unseen_m = args.cell_m * len(found.unknown_cells)
+        unseen_m = options.cell_m * len(found.unknown_cells)
         unseen = f"; some {unseen_m:.1f} m of it were never seen" if unseen_m else ""
         print(
             f"route of {found.length_m:.1f} m, {len(found.points_home_m)} corners, worst seen cell's risk "
