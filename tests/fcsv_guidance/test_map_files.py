@@ -4,6 +4,7 @@ writes them."""
 
 import doctest
 import json
+import re
 
 import cv2
 import numpy as np
@@ -133,6 +134,10 @@ def test_the_command_without_a_route_ends_with_one(scene, write_map, root, tmp_p
     assert command.main([*call, "--route", "10", "0", "20", "0"]) == 1
     assert "no safe route is known" in capsys.readouterr().out
     assert json.loads((tmp_path / "out/ground.json").read_text())["no_route"]["to_see_m"]
+    call[-1] = str(tmp_path / "dared")
+    dares = ["--route", "10", "0", "20", "0", "--through-unknown", "2"]
+    assert command.main([*call, *dares]) == 0
+    assert re.search(r"risk 0\.0\d\d; some \d\.\d m of it were never seen", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize(
