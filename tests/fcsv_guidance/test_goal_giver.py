@@ -9,7 +9,7 @@ import pytest
 from fcsv_geometry import transforms
 from fcsv_guidance.errors import DisputedPlaceError, PlaceError, RouteError
 from fcsv_guidance.messages import GroundDated, HoldRobot, PlaceLost, RobotPlace, StopRobot
-from fcsv_guidance.place.placing import PoseIntake, PublishedPose, robot_place
+from fcsv_guidance.place.placing import PoseIntake, ReceivedPose, robot_place
 from fcsv_guidance.route.following import RouteToFollow
 from fcsv_guidance.route.goal_giver import CancelGoal, GiveGoal, GoalEnded, GoalGiver
 
@@ -180,7 +180,7 @@ class Publishers:
 
     def pose(self, caller="/a", x_m=0.0, yaw_rad=0.0, behind_s=0.0):
         T = transforms.from_xyz_yaw([x_m, 0.0, 0.0], yaw_rad)
-        pose = PublishedPose(self.now_s - behind_s, "home", T, None, caller)
+        pose = ReceivedPose(self.now_s - behind_s, "home", T, None, caller)
         return self.intake.receive(self.now_s, pose)
 
     def run(self, seconds, *poses):

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fcsv_guidance.place.tracker import PlaceFix, RobotTracker, WheelOdometry
-from fcsv_guidance.place.wheels import WheelReader, between
+from fcsv_guidance.place.wheels import WheelReader, WheelRules, between
+from fcsv_guidance.robot import load_robot
 
 C = np.diag([0.2**2, 0.2**2, np.radians(4) ** 2])
 STEP_S = 0.05
@@ -226,6 +227,18 @@ def test_a_jump_of_the_odometry_is_no_motion(jump):
     assert state.yaw_sigma_rad == pytest.approx(np.hypot(before.yaw_sigma_rad, 0.3), abs=0.02)
     walk.run(10.0)
     assert walk.state().place.sigma_m < 1.2 * before.place.sigma_m and walk.off_m() < 0.3
+
+
+def test_of_a_robot_that_is_known_smaller_jumps_are_told(root):
+    """4 m/s: no robot of 0.8 m/s has driven so far."""
+    rescue = load_robot(root / "config/robots/rescue.yaml")
+    a, b = WheelOdometry(1.0, 0.0, 0.0, 0.0), WheelOdometry(1.05, 0.2, 0.0, 0.0)
+    for rules, jumped in ((WheelRules(), False), (WheelRules().of_robot(rescue), True)):
+        reader = WheelReader(rules)
+        reader.read(1.0, a)
+        reader.read(1.05, b)
+        assert bool(reader.jump) is jumped
+    assert WheelRules(fastest_mps=0.5).of_robot(rescue).fastest_mps == 0.5
 
 
 def test_a_driver_that_was_away_and_begins_at_0_says_nothing_of_the_way_between():

@@ -22,7 +22,7 @@ _MANY_STEPS = 3  # back, within _GONE_S
 
 
 @dataclass(frozen=True)
-class PublishedPose:
+class ReceivedPose:
     """A pose of the robot as a message says it. ``covariance``: 36 numbers as ROS has them, None
     where it has none; ``caller``: the program that published it, empty where nobody says."""
 
@@ -44,7 +44,7 @@ class PoseIntake:
         self._callers: Dict[str, float] = {}  # when each was heard last
         self._steps: Deque[float] = deque(maxlen=_MANY_STEPS)  # when one led back
 
-    def receive(self, now_s: float, pose: PublishedPose) -> RobotPlace:
+    def receive(self, now_s: float, pose: ReceivedPose) -> RobotPlace:
         """The place of a pose. Raises PlaceError as ``robot_place`` does and where the pose is older
         than the last one, DisputedPlaceError where two programs publish it, or seem to."""
         self._require_one_caller(now_s, pose.caller)

@@ -176,7 +176,7 @@ class RobotTracker:
 
     @property
     def _newest_s(self) -> float:
-        """Stamp of what was received last and counts."""
+        """The newest stamp of what counts."""
         last_s = self._history[-1].wheels.stamp_s if self._history else -np.inf
         return max(self._wheels_s, last_s)
 

@@ -5,7 +5,7 @@ A driver that starts again begins at 0; what the robot drove then is not known.
 """
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Deque, NamedTuple, Optional
 
 import numpy as np
@@ -13,7 +13,9 @@ import numpy as np
 from fcsv_geometry import rotations
 from fcsv_geometry.config import require_positive
 from fcsv_guidance.clock import ahead_of_clock, behind_clock
+from fcsv_guidance.robot import Robot
 
+_FASTER = 2.0  # than its file says
 _NOISE = 0.1  # m and rad between two readings that no speed explains
 _SILENT_S, _AT_START_M, _AWAY_M = 1.0, 0.1, 0.3  # of a driver that started again
 
@@ -40,9 +42,17 @@ class WheelRules:
     def __post_init__(self):
         require_positive(self)
 
+    def of_robot(self, robot: Robot) -> "WheelRules":
+        """The same where ``robot`` is known, which is sometimes driven faster than its file says."""
+        return replace(
+            self,
+            fastest_mps=min(self.fastest_mps, _FASTER * robot.speed_mps),
+            fastest_radps=min(self.fastest_radps, _FASTER * robot.turning_rate_radps),
+        )
+
 
 class _Jump(NamedTuple):
-    """Times of the readings before and after it, s."""
+    """Two readings, by their stamps, between which the odometry jumped."""
 
     from_s: float
     to_s: float

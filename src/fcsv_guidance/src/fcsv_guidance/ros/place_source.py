@@ -15,7 +15,7 @@ from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_guidance.errors import DisputedPlaceError
 from fcsv_guidance.messages import PlaceLost, RobotPlace
-from fcsv_guidance.place.placing import PoseIntake, PublishedPose
+from fcsv_guidance.place.placing import PoseIntake, ReceivedPose
 
 WITH_COVARIANCE, POSE, TF = SOURCES = ("pose_with_covariance", "pose", "tf")
 _TF_PERIOD_S = 0.05
@@ -97,7 +97,7 @@ class PlaceSource:
 
     def _receive_pose(self, header, T_home_robot, covariance, caller: str) -> None:
         stamp_s = header.stamp.to_sec()
-        pose = PublishedPose(stamp_s, header.frame_id, T_home_robot, covariance, caller)
+        pose = ReceivedPose(stamp_s, header.frame_id, T_home_robot, covariance, caller)
         try:
             place = self._intake.receive(rospy.get_time(), pose)
         except DisputedPlaceError as error:

@@ -2,7 +2,7 @@
 """Where the robot is: fixes from outside and wheel odometry become one pose with covariance."""
 
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -12,6 +12,7 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 from fcsv_guidance.place.tracker import PlaceRules, RobotTracker
+from fcsv_guidance.robot import load_robot
 from fcsv_guidance.ros import ground_messages as messages
 from fcsv_guidance.ros.place_publisher import PlacePublisher
 
@@ -20,6 +21,7 @@ from fcsv_guidance.ros.place_publisher import PlacePublisher
 class RobotPlaceParameters:
     """Parameters of the node."""
 
+    robot: str = ""  # its file: wheels that go twice as fast have jumped; empty: not known
     rules: PlaceRules = field(default_factory=PlaceRules)
 
 
@@ -27,7 +29,11 @@ class RobotPlaceNode:
     """robot_fix, odom -> robot_pose with each odometry, while the place is known."""
 
     def __init__(self):
-        self._port = RobotTracker(node.parameters(RobotPlaceParameters).rules)
+        p = node.parameters(RobotPlaceParameters)
+        rules = p.rules
+        if p.robot:
+            rules = replace(rules, wheels=rules.wheels.of_robot(load_robot(p.robot)))
+        self._port = RobotTracker(rules)
         self._lock = threading.Lock()
         self._health = Health("robot_place", {"odom": 5.0, "robot_fix": 0.2})
         self._publisher = PlacePublisher("robot_place", "fixes used, refused", self._health)

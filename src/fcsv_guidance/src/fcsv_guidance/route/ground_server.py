@@ -403,7 +403,7 @@ class GroundServer:
         return self._place if now_s - self._placed_s <= self._rules.oldest_place_s else None
 
     def _forget_what_lies_ahead(self, now_s: float) -> None:
-        """Sets times back with the clock: nobody waits until it is as late again."""
+        """Nobody waits until a clock that was set back is as late again."""
         x_m, y_m, stood_s = self._stood
         self._stood = (x_m, y_m, min(stood_s, now_s))
         if self._planned[1] > now_s:
