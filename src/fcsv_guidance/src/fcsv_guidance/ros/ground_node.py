@@ -3,6 +3,7 @@
 routes."""
 
 import threading
+import time
 from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Callable, Deque, Dict, List, Tuple, Union
@@ -43,7 +44,7 @@ from fcsv_guidance.route.ground_server import (
 from fcsv_guidance.route.search import NoRoute
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, WATCH_FRAME
 
-_PERIOD_S = 0.2
+_PERIOD_S, _CLOCK_S = 0.2, 0.05
 MAP, WATCH = "/map", "/map/watch"  # topics below which depth views come in parts
 DRIVES = ("cmd_vel", "move_base", "none")
 
@@ -148,6 +149,8 @@ class GroundNode:
     def _as_of(self, view):
         """The view with the time for which it counts; one that nobody knows is the oldest of
         all."""
+        while self._parameters.fresh and rospy.get_time() == 0.0 and not rospy.is_shutdown():
+            time.sleep(_CLOCK_S)  # simulated time begins with the first /clock
         stamp_s = rospy.get_time() if self._parameters.fresh else view.stamp_s
         if not np.isfinite(stamp_s):
             rospy.logwarn(
