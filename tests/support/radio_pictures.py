@@ -32,7 +32,8 @@ class RadioPictures:
         self.calibration = rospy.Publisher("/calibration", Calibration, **latched)
         self.home = rospy.Publisher("/home", Home, **latched)
         self.pictures = {
-            n: rospy.Publisher(f"/{n}/capture/picture", CapturedPicture, queue_size=5)
+            # a burst of nine must not lose its oldest where this process has to wait
+            n: rospy.Publisher(f"/{n}/capture/picture", CapturedPicture, queue_size=50)
             for n in NAMES
         }
 
