@@ -11,10 +11,7 @@ def ahead_of_clock(now_s: float, stamp_s: float, bound_s: float = AHEAD_S) -> st
     >>> ahead_of_clock(10.0, 1007.0), ahead_of_clock(10.0, 10.1)
     ("is 997.0 s ahead of this computer's clock: set the clocks (chrony)", '')
     """
-    if not stamp_s - now_s > bound_s:
-        return ""
-    ahead_s = stamp_s - now_s
-    return f"is {ahead_s:.1f} s ahead of this computer's clock: set the clocks (chrony)"
+    return _off(stamp_s - now_s, bound_s, "ahead of")
 
 
 def behind_clock(now_s: float, stamp_s: float, bound_s: float) -> str:
@@ -23,7 +20,10 @@ def behind_clock(now_s: float, stamp_s: float, bound_s: float) -> str:
     >>> behind_clock(100.0, 40.0, 5.0), behind_clock(100.0, 99.0, 5.0)
     ("is 60.0 s behind this computer's clock: set the clocks (chrony)", '')
     """
-    if not now_s - stamp_s > bound_s:
+    return _off(now_s - stamp_s, bound_s, "behind")
+
+
+def _off(off_s: float, bound_s: float, side: str) -> str:
+    if not off_s > bound_s:
         return ""
-    behind_s = now_s - stamp_s
-    return f"is {behind_s:.1f} s behind this computer's clock: set the clocks (chrony)"
+    return f"is {off_s:.1f} s {side} this computer's clock: set the clocks (chrony)"

@@ -122,7 +122,8 @@ class GroundNode:
         # whoever still drives by the path of a ground_map that has died
         self._path.publish(messages.path_message(np.empty((0, 2)), rospy.get_time()))
         self._has_map = self._has_goal = False
-        self._say("no map has come")
+        if not p.maps:
+            self._say("no map has come")
         self._tell_of_map()
         self._publish()
         self._timer = node.every(_PERIOD_S, lambda _event: self._publish())
