@@ -13,6 +13,7 @@ from fcsv_guidance.ground.fitting import require_one_frame
 from fcsv_guidance.ground.model import cell_probability, ground_from, renewed, stand_probability
 from fcsv_guidance.ground.tuning import FREE_P, OBSTACLE_P
 from fcsv_guidance.robot import load_robot
+from fcsv_stereo.model.kinds import DepthKind
 
 GRID = Grid.around((5, -20), (45, 20), 0.1)
 WALL = (20.0, 20.3, -4.0, 4.0, 0.0, 1.0)
@@ -57,14 +58,13 @@ def test_a_blank_stays_unknown(scene):
 
 
 def test_what_no_other_picture_saw_is_unknown_and_no_wall(scene, rescue):
-    """At a map's lower edge the surface above it goes on; flown: 27.8 m, sigma 1.9 m, in place of 26
-    m."""
+    """At a map's lower edge the surface above it goes on; flown: 27.8 m in place of 26 m."""
     view = scene().view(noise=0.3)
     row = 5 * view.depth.shape[0] // 6
-    depth, sigma = view.depth.copy(), view.sigma.copy()
-    depth[row:], sigma[row:] = depth[row], 12.0 * sigma[row]
+    depth, kind = view.depth.copy(), view.kind.copy()
+    depth[row:], kind[row:] = depth[row], DepthKind.OUTSIDE
     whole = ground_from([view], grid=GRID)
-    ground = ground_from([replace(view, depth=depth, sigma=sigma)], grid=GRID)
+    ground = ground_from([replace(view, depth=depth, kind=kind)], grid=GRID)
     assert (whole.known & ~ground.known).any() and np.nanmin(ground.height_m) > -0.1
     near = stand_probability(ground, rescue)[cells(5, 25, -10, 10)]
     assert (near >= FREE_P).any() and not (near <= OBSTACLE_P).any()

@@ -76,6 +76,19 @@ def test_one_limit_holds_for_a_whole_map():
         assert (found[:, :columns] == code).all() and (found[:, columns:] == 2).all()
 
 
+def test_what_no_other_picture_sees_has_no_evidence_however_small_the_doubt():
+    """Beside a seen surface its depth goes on: at a map's lower edge as a wall of its own."""
+    shape, nothing = (20, 50), np.zeros((20, 50), bool)
+    seen = np.ones((2, *shape))
+    seen[0, 10:], seen[1, 15:] = 0, 0
+    r = Residuals(*[None] * 3, seen=seen, trust=seen)
+    found = kinds(
+        np.full(shape, 0.01), np.full((2, *shape), 3.0), r, np.full(shape, 9.0), nothing, nothing
+    )
+    assert (found[:10] == 2).all() and (found[10:15] == 1).all()
+    assert (found[15:] == DepthKind.OUTSIDE).all()
+
+
 def test_the_weights_are_of_these_features():
     assert len(EVIDENCE.means) == len(EVIDENCE.scales) == len(FEATURES) == len(EVIDENCE.weights) / 3
     assert (

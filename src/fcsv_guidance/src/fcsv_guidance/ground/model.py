@@ -21,10 +21,7 @@ from fcsv_stereo.model.kinds import MOST_PAIRS
 
 MOST_POINTS = 1 << kernels.INDEX_BITS  # of one grid
 KEPT_PERCENT = (0.2, 99.8)  # of x and of y: a stray point must not make the grid large
-# of the depth, and times the view's usual sigma of inverse depth: pixels that say less are left out.
-# Beyond the second no other picture saw them, and the surface beside them goes on: at a map's lower
-# edge as a wall of its own
-_LARGEST_SIGMA_SHARE, _UNUSUAL = 0.2, 8.0
+_LARGEST_SIGMA_SHARE = 0.2  # of the depth: a pixel that says less is left out
 LAYERS = (
     "height_m",
     "sigma_m",
@@ -245,9 +242,6 @@ def sure_depth(view: DepthView) -> np.ndarray:
         sure = (depth > 0) & (depth < FARTHEST_M)
         sure &= (sigma > 0) & (sigma < _LARGEST_SIGMA_SHARE * depth)
         sure &= (view.kind >= 1) & (view.kind <= MOST_PAIRS)
-        inverse_sigma = sigma / depth**2
-    if sure.any():
-        sure &= inverse_sigma <= _UNUSUAL * np.median(inverse_sigma[sure])
     if not sure.any():
         raise GroundError(
             f"{view.name}: no pixel has a depth with sigma that a pair supports (depth above 0 "

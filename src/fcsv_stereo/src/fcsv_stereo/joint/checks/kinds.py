@@ -28,7 +28,9 @@ def kinds(
     pairs' residuals, the reference's contrast (HxW, grey levels), and where (HxW bool) the sky is
     by its movement, and the picture is ``bright``: what is bright, plain and reaches the picture's
     top is sky too."""
-    agrees, told = r.trust >= RESIDUALS.least_trust, doubt < EVIDENCE.most_doubt
+    agrees, in_view = r.trust >= RESIDUALS.least_trust, (r.seen > 0).any(axis=0)
+    # what no other picture sees goes on as the surface beside it: little doubt, and no evidence
+    told = doubt < EVIDENCE.most_doubt
     pairs = np.clip(agrees.sum(axis=0), 1, MOST_PAIRS)
     pairs = np.where(doubt < sure_limit(doubt[pairs > 1]), pairs, 1)
     plain = contrast < EVIDENCE.plain_grey
@@ -36,7 +38,7 @@ def kinds(
         agrees.any(axis=0) & ~(np.where(agrees, out, 0.0).max(axis=0) > EVIDENCE.stands_out)
     )
     is_sky = ~told & (infinite | joined_to_top(plain & bright & ~told))
-    conditions = [is_sky, told, ~(r.seen > 0).any(axis=0), ambiguous]
+    conditions = [is_sky, told & in_view, ~in_view, ambiguous]
     return np.select(
         conditions, [DepthKind.SKY, pairs, DepthKind.OUTSIDE, DepthKind.BLANK], DepthKind.HIDDEN
     ).astype(np.uint8)
