@@ -15,7 +15,7 @@ from fcsv_stereo.joint import Joint, JointOptions
 from fcsv_stereo.joint.checks.evidence import FEATURES, standing_out
 from fcsv_stereo.joint.checks.kinds import kinds, sure_limit
 from fcsv_stereo.joint.refine.residuals import Residuals, residuals
-from fcsv_stereo.joint.tuning import EVIDENCE
+from fcsv_stereo.joint.tuning import EVIDENCE, SHARED
 from fcsv_stereo.joint.views import grey, views
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.model.kinds import WORDS, DepthKind, masks, supported
@@ -77,16 +77,18 @@ def test_one_limit_holds_for_a_whole_map():
 
 
 def test_what_no_other_picture_sees_has_no_evidence_however_small_the_doubt():
-    """Beside a seen surface its depth goes on: at a map's lower edge as a wall of its own."""
+    """Beside a seen surface its depth goes on: at a map's lower edge as a wall of its own. A pixel
+    is compared by its window, which must be in view."""
     shape, nothing = (20, 50), np.zeros((20, 50), bool)
     seen = np.ones((2, *shape))
     seen[0, 10:], seen[1, 15:] = 0, 0
+    sides = SHARED.window_px // 2
     r = Residuals(*[None] * 3, seen=seen, trust=seen)
     found = kinds(
         np.full(shape, 0.01), np.full((2, *shape), 3.0), r, np.full(shape, 9.0), nothing, nothing
     )
-    assert (found[:10] == 2).all() and (found[10:15] == 1).all()
-    assert (found[15:] == DepthKind.OUTSIDE).all()
+    assert (found[:10] == 2).all() and (found[10 : 15 - sides] == 1).all()
+    assert (found[15 - sides :] == DepthKind.OUTSIDE).all()
 
 
 def test_the_weights_are_of_these_features():

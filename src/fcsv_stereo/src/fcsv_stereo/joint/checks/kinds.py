@@ -9,10 +9,11 @@ import numpy as np
 
 from fcsv_stereo.joint.checks.sky import joined_to_top, sky
 from fcsv_stereo.joint.refine.residuals import Residuals
-from fcsv_stereo.joint.tuning import EVIDENCE, RESIDUALS
+from fcsv_stereo.joint.tuning import EVIDENCE, RESIDUALS, SHARED
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.model.kinds import MOST_PAIRS, DepthKind, supported
 
+_WINDOW = np.ones((SHARED.window_px,) * 2, np.uint8)  # what a pixel is compared by
 _STEPS = 600  # up to ``EVIDENCE.sure_doubt``, in which the share is summed
 
 
@@ -28,9 +29,9 @@ def kinds(
     pairs' residuals, the reference's contrast (HxW, grey levels), and where (HxW bool) the sky is
     by its movement, and the picture is ``bright``: what is bright, plain and reaches the picture's
     top is sky too."""
-    agrees, in_view = r.trust >= RESIDUALS.least_trust, (r.seen > 0).any(axis=0)
+    agrees, told = r.trust >= RESIDUALS.least_trust, doubt < EVIDENCE.most_doubt
     # what no other picture sees goes on as the surface beside it: little doubt, and no evidence
-    told = doubt < EVIDENCE.most_doubt
+    in_view = cv2.erode((r.seen > 0).any(axis=0).astype(np.uint8), _WINDOW) > 0
     pairs = np.clip(agrees.sum(axis=0), 1, MOST_PAIRS)
     pairs = np.where(doubt < sure_limit(doubt[pairs > 1]), pairs, 1)
     plain = contrast < EVIDENCE.plain_grey
