@@ -24,9 +24,10 @@ from fcsv_sim.robot.places.looking import Lookout
 from fcsv_sim.robot.places.mapped import CELL_M, MappedPlace
 from fcsv_sim.robot.rehearsal import command
 from fcsv_sim.robot.rehearsal.faults import FAULTS, faults_of
+from fcsv_sim.robot.rehearsal.free_ground import FreeGround, free_ground
 from fcsv_sim.robot.rehearsal.one_drive import ARRIVES, SAYS_NONE, PlaceGuides, RobotDrive
 from fcsv_sim.robot.rehearsal.picture import draw_drive
-from fcsv_sim.robot.rehearsal.table import table, verdict_line
+from fcsv_sim.robot.rehearsal.table import ground_table, table, verdict_line
 from fcsv_sim.robot.things import Box, Watcher
 from fcsv_sim.sensors.camera import CameraParameters
 from fcsv_sim.world.footing import Footing
@@ -155,6 +156,27 @@ def test_a_seed_is_a_drive_and_a_table_and_a_picture(open_place, guides, rescue,
     assert verdict_line([a]).startswith(
         "Verdict: nothing touched"
     ) and "1 of them by a contact" in verdict_line([a, replace(a, contact="touches a wall")])
+
+
+def test_what_is_called_free_is_counted_against_the_truth(open_place, closed_place, rescue):
+    """The maps of the open place over the truth of the closed one: where its gap is, ground and
+    wall are called free."""
+    right = free_ground(open_place, rescue)
+    assert right.not_free == right.unseen == 0 and right.obstacles > 200
+    assert right.called_free == right.found > 0.5 * right.free > 2000
+    wrong = free_ground(replace(closed_place, grounds=open_place.grounds), rescue)
+    # of the gap of 4.5 m the robot's middle can be in 3.4 m
+    assert 0.0 < wrong.unseen < wrong.not_free < 3.4 * 1.8 / CELL_M**2
+    assert wrong.called_free == right.called_free == wrong.found + wrong.not_free
+
+
+def test_the_ground_of_a_world_is_a_line():
+    counts = [FreeGround("maze", n, 300, 200, 201, 1, 40, 0) for n in (1, 2)]
+    _, _, maze, rubble = ground_table([*counts, FreeGround("rubble", 1, 9, 0, 0, 0, 0, 0)])
+    assert (
+        maze == "| maze | 2 | 0.498% | 0.000% | 66.7% |"
+        and rubble == "| rubble | 1 | – | – | 0.0% |"
+    )
 
 
 def test_a_robot_that_believes_wrong_maps_touches_the_wall_and_it_is_seen(
@@ -320,3 +342,7 @@ def test_the_command_says_what_broke(
     (drive,) = csv.DictReader((tmp_path / "drives.csv").open())
     assert (drive["seed"], drive["fault"], drive["ended"]) == ("3", "none", "contact")
     assert drive["broke"] and drive["broke"] in out
+    (place,) = csv.DictReader((tmp_path / "places.csv").open())
+    assert place["seed"] == "3" and int(place["not_free"]) > 0
+    share = int(place["not_free"]) / int(place["called_free"])
+    assert f"| maze | 1 | {share:.3%} |" in out

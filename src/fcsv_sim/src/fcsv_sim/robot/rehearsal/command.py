@@ -8,6 +8,7 @@ import os
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Iterator, List, Optional, Tuple
@@ -23,22 +24,23 @@ from fcsv_sim.errors import SimulationError
 from fcsv_sim.robot.gimbals.rehearsal import SMALL, gimbal_drive, small_place
 from fcsv_sim.robot.places.mapped import MappedPlace, mapped_place
 from fcsv_sim.robot.rehearsal.faults import ALL, FAULTS, RobotFault, faults_of
+from fcsv_sim.robot.rehearsal.free_ground import FreeGround, free_ground
 from fcsv_sim.robot.rehearsal.one_drive import LONGEST_S, DriveResult, PlaceGuides, RobotDrive
 from fcsv_sim.robot.rehearsal.picture import draw_drive
-from fcsv_sim.robot.rehearsal.table import stations_line, table, verdict_line
+from fcsv_sim.robot.rehearsal.table import ground_table, stations_line, table, verdict_line
 
 _HELP = """examples:
   rosrun fcsv_sim rehearse_robot --mazes 10 --rubble 5 --seed 101 -o out/robot
   rosrun fcsv_sim rehearse_robot --mazes 1 --seed 103 --faults "way closes,runs at it" -o out/robot
   rosrun fcsv_sim rehearse_robot --small 10 --seed 101 -o out/small            # System I: gimbals on the robot
-A place is drawn and mapped once (some minutes); OUT keeps its maps for the next time, and in drives.csv how each
-drive went. Exit status 1: a robot touched something, or arrived or said that there is no safe route where the truth
-has it otherwise.
+A place is drawn and mapped once (some minutes); OUT keeps its maps for the next time, in drives.csv how each drive
+went, and in places.csv how much of each place is called free, and how much of that is not. Exit status 1: a robot
+touched something, or arrived or said that there is no safe route where the truth has it otherwise.
 """
 
 
 MODELLED, DRAWN = "modelled", "drawn"
-DRIVES = "drives.csv"  # in the folder: a row for each drive
+DRIVES, PLACES = "drives.csv", "places.csv"  # in the folder: a row for each drive, for each place
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,19 @@ class PlaceJob:
     draws_watch: bool = False
 
 
-def rehearse_place(job: PlaceJob) -> Tuple[str, List[DriveResult]]:
-    """Where the vehicles look from, in words, and how each drive went. Each has the seed of its
-    place and fault."""
+@dataclass(frozen=True)
+class PlaceReport:
+    """Where the vehicles looked from, in words, what the ground of the place is worth, and how each
+    drive went."""
+
+    stations: str
+    ground: FreeGround
+    drives: Tuple[DriveResult, ...]
+
+
+def rehearse_place(job: PlaceJob) -> PlaceReport:
+    """Maps the place, and drives through it with each fault. Each drive has the seed of its place
+    and fault."""
     maps = job.folder / "maps" / f"{job.world}-{job.seed}"
     if job.world == SMALL:
         place = small_place(job.seed, job.robot, maps)
@@ -71,7 +83,7 @@ def rehearse_place(job: PlaceJob) -> Tuple[str, List[DriveResult]]:
         results.append(result)
         if result.broke or job.draw_all:
             draw_drive(place, drive.track, result, job.folder / picture_name(result))
-    return said, results
+    return PlaceReport(said, free_ground(place, job.robot), tuple(results))
 
 
 def _drive(
@@ -98,20 +110,16 @@ def main(argv: Optional[List[str]] = None) -> int:
 def _rehearse(args: argparse.Namespace) -> int:
     jobs = _jobs(args)
     jobs[0].folder.mkdir(parents=True, exist_ok=True)
-    told, results = [], []
-    with tqdm(total=len(jobs), unit="place", disable=None) as bar, open(
-        jobs[0].folder / DRIVES, "w", newline=""
-    ) as file:
-        rows = csv.writer(file)
-        rows.writerow([*(f.name for f in fields(DriveResult)), "broke"])
-        for line, of_place in _all(jobs, args.jobs):
-            told.append(line)
-            results += of_place
-            rows.writerows([*astuple(r), r.broke] for r in of_place)
-            file.flush()
+    reports: List[PlaceReport] = []
+    with tqdm(total=len(jobs), unit="place", disable=None) as bar, _Rows(jobs[0].folder) as rows:
+        for report in _all(jobs, args.jobs):
+            reports.append(report)
+            rows.add(report)
             bar.update()
-            bar.set_postfix_str(f"{sum(bool(r.broke) for r in results)} broke")
-    print("\n".join([*told, "", *table(results), ""]))
+            bar.set_postfix_str(f"{sum(bool(r.broke) for p in reports for r in p.drives)} broke")
+    results = [result for report in reports for result in report.drives]
+    print("\n".join([*(report.stations for report in reports), "", *table(results), ""]))
+    print("\n".join([*ground_table([report.ground for report in reports]), ""]))
     for r in (r for r in results if r.broke):
         again = f"--{_OPTIONS[r.world]} 1 --seed {r.seed} --faults '{r.fault}'"
         again += f" --watch {DRAWN}" if jobs[0].draws_watch else ""
@@ -120,7 +128,35 @@ def _rehearse(args: argparse.Namespace) -> int:
     return int(any(r.broke for r in results))
 
 
-def _all(jobs: List[PlaceJob], processes: int) -> Iterator[Tuple[str, List[DriveResult]]]:
+class _Rows:
+    """The files of rows in a folder, each row there as soon as its place is done."""
+
+    def __init__(self, folder: Path):
+        self._stack = ExitStack()
+        drives, places = (
+            self._stack.enter_context(open(folder / name, "w", newline=""))
+            for name in (DRIVES, PLACES)
+        )
+        self._files = (drives, places)
+        self._drives, self._places = csv.writer(drives), csv.writer(places)
+        self._drives.writerow([*(f.name for f in fields(DriveResult)), "broke"])
+        self._places.writerow([f.name for f in fields(FreeGround)])
+
+    def __enter__(self) -> "_Rows":
+        return self
+
+    def __exit__(self, *error) -> None:
+        self._stack.close()
+
+    def add(self, report: PlaceReport) -> None:
+        """Writes the rows of a place."""
+        self._drives.writerows([*astuple(r), r.broke] for r in report.drives)
+        self._places.writerow(astuple(report.ground))
+        for file in self._files:
+            file.flush()
+
+
+def _all(jobs: List[PlaceJob], processes: int) -> Iterator[PlaceReport]:
     """Runs all in order. Raises SimulationError where a process is killed."""
     with quiet("fcsv_stereo"):
         if processes == 1 or len(jobs) == 1:
@@ -129,7 +165,7 @@ def _all(jobs: List[PlaceJob], processes: int) -> Iterator[Tuple[str, List[Drive
             yield from _by_processes(jobs, processes)
 
 
-def _by_processes(jobs: List[PlaceJob], processes: int) -> Iterator[Tuple[str, List[DriveResult]]]:
+def _by_processes(jobs: List[PlaceJob], processes: int) -> Iterator[PlaceReport]:
     with ProcessPoolExecutor(processes) as pool:
         try:
             yield from pool.map(rehearse_place, jobs)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rehearsed drives as a table, a line per world and fault, and what each place's stations are."""
+"""Rehearsed drives as a table, a line per world and fault, the ground of their places as another,
+and what each place's stations are."""
 
 from statistics import median
 from typing import Dict, List, Sequence, Tuple
@@ -7,6 +8,7 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 
 from fcsv_sim.robot.places.mapped import MappedPlace
+from fcsv_sim.robot.rehearsal.free_ground import OBSTACLE_M, REACH_M, FreeGround
 from fcsv_sim.robot.rehearsal.one_drive import ARRIVES, SAYS_NONE, DriveResult
 
 _HEADS = (
@@ -26,6 +28,15 @@ _HEADS = (
     "slowest step (s)",
 )
 
+_COUNTS = ("free", "found", "called_free", "not_free", "obstacles", "unseen")
+_GROUND_HEADS = (
+    "world",
+    "places",
+    f"of cells called free to {REACH_M:.0f} m: not free",
+    f"of obstacles from {OBSTACLE_M:g} m on that a map knows: called free",
+    "of truly free cells that a map knows: called free",
+)
+
 
 def table(results: Sequence[DriveResult]) -> List[str]:
     """Lines of the table. Reaction: simulated seconds from the picture that shows what is in the
@@ -36,7 +47,33 @@ def table(results: Sequence[DriveResult]) -> List[str]:
     rows = [_row(world, fault, of) for (world, fault), of in groups.items()]
     for world in dict.fromkeys(result.world for result in results):
         rows.append(_row(f"**{world}**", "all", [r for r in results if r.world == world]))
-    return ["| " + " | ".join(cells) + " |" for cells in (_HEADS, ["---"] * len(_HEADS), *rows)]
+    return _lines(_HEADS, rows)
+
+
+def ground_table(grounds: Sequence[FreeGround]) -> List[str]:
+    """Lines of the table, a line for each world."""
+    rows = []
+    for world in dict.fromkeys(ground.world for ground in grounds):
+        of = [ground for ground in grounds if ground.world == world]
+        total = {name: sum(getattr(g, name) for g in of) for name in _COUNTS}
+        rows.append(
+            [
+                world,
+                str(len(of)),
+                _share(total["not_free"], total["called_free"], 3),
+                _share(total["unseen"], total["obstacles"], 3),
+                _share(total["found"], total["free"], 1),
+            ]
+        )
+    return _lines(_GROUND_HEADS, rows)
+
+
+def _share(part: int, whole: int, digits: int) -> str:
+    return f"{part / whole:.{digits}%}" if whole else "–"
+
+
+def _lines(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> List[str]:
+    return ["| " + " | ".join(cells) + " |" for cells in (heads, ["---"] * len(heads), *rows)]
 
 
 def _row(world: str, fault: str, results: List[DriveResult]) -> List[str]:
