@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares the cells that ground models call free with the truth of drawn places; the table of
-docs/lab/evidence.md.
+docs/lab/guidance.md.
 
 python tools/bench_ground.py [--worlds maze rubble] [--seeds 1 2 3] [--robot
 config/robots/rescue.yaml] python tools/bench_ground.py --map out/demo/map out/demo/session/truth

@@ -3,7 +3,7 @@
 matter."""
 
 #: A cell counts as free from this probability on: of those with 0.95 and more at least 95 % are
-#: free in the truth, and few of those with 0.98 and more are not (docs/lab/evidence.md).
+#: free in the truth, and few of those with 0.98 and more are not (docs/lab/guidance.md).
 FREE_P = 0.98
 #: Where one map says free and another gives less than this, the cell is uncertain.
 CONTRADICTED_P = 0.85
