@@ -16,7 +16,7 @@ from fcsv_guidance.ground.known import GroundSeen, KnownGround
 from fcsv_guidance.ground.model import Ground, ground_from
 from fcsv_guidance.ground.views import DepthView
 from fcsv_guidance.robot import Robot
-from fcsv_guidance.route.planning import RouteRules, plan_over
+from fcsv_guidance.route.planning import plan_over
 from fcsv_guidance.route.search import NoRoute
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.robot.places.looking import LOOK, Looked, Lookout, LookRules
@@ -138,11 +138,11 @@ def _seen_from(number: int, ground: Ground) -> GroundSeen:
 
 
 def _free(known: KnownGround, looked: Looked, place_sigma_m: float) -> np.ndarray:
-    """(rows, columns) bool of the stations' grid: a way can lead there, as far from what is not free
-    as its place's sigma asks for."""
+    """(rows, columns) bool of the stations' grid: the robot can stand there with room for its
+    place's sigma."""
     xy = looked.grid.middle_of(*np.indices(looked.grid.shape))
     row, column, inside = known.grid.cells_of(xy[..., 0], xy[..., 1])
-    return inside & (known.clear_m[row, column] > RouteRules().keeps_m(place_sigma_m))
+    return inside & (known.clear_m[row, column] > 2 * place_sigma_m)
 
 
 def _mapped_at(
