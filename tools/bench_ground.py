@@ -30,7 +30,7 @@ from fcsv_guidance.ground.tuning import FREE_P
 from fcsv_guidance.ground.views import read_map
 from fcsv_guidance.robot import Robot, load_robot
 from fcsv_sim.robot.places.survey import stations, survey
-from fcsv_sim.world.footing import Footing
+from fcsv_sim.world.footing import Footing, footprints
 from fcsv_sim.world.town import PLACES, Town
 from fcsv_stereo.evaluating.truth import load_truth
 
@@ -44,18 +44,6 @@ def grid_of(plan, cell_m: float) -> Grid:
     """The grid of a place's area."""
     x0, x1, y0, y1 = plan.area_m
     return Grid.around((x0, y0), (x1, y1), cell_m)
-
-
-def footing_of(plan, grid: Grid, robot: Robot):
-    """(rows, columns) bool twice: where the truth reaches all around the footprint, and whether the
-    robot can stand."""
-    clear = Footing.of(plan).clearance(robot)
-    xy = grid.middle_of(*np.indices(grid.shape))
-    x0, x1, y0, y1 = plan.area_m
-    edge = np.minimum(
-        np.minimum(xy[..., 0] - x0, x1 - xy[..., 0]), np.minimum(xy[..., 1] - y0, y1 - xy[..., 1])
-    )
-    return edge > robot.radius_m + 0.15, ~clear.touches(xy[..., 0], xy[..., 1])
 
 
 def true_stands(ground: Ground, robot: Robot, mesh: Path) -> np.ndarray:
@@ -173,7 +161,8 @@ def _drawn(args, robot: Robot):
         for seed in args.seeds:
             town = Town.generate(seed, world)
             grid = grid_of(town.plan, args.cell_m)
-            inside, true = footing_of(town.plan, grid, robot)
+            clear = Footing.of(town.plan).clearance(robot)
+            inside, true = footprints(town.plan, clear, grid)
             yield (
                 f"{world} {seed}",
                 ground_from(survey(town, stations(town.plan), seed), grid=grid),

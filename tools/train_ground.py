@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from bench_ground import footing_of, grid_of
+from bench_ground import grid_of
 from scipy.optimize import minimize
 from sklearn.ensemble import GradientBoostingClassifier
 
@@ -25,6 +25,7 @@ from fcsv_guidance.robot import load_robot
 from fcsv_sim.robot.gimbals.rehearsal import small_survey
 from fcsv_sim.robot.places.mapped import SurveyPlan, mapped_place
 from fcsv_sim.robot.places.survey import stations, survey
+from fcsv_sim.world.footing import Footing, footprints
 from fcsv_sim.world.town import Town
 
 _FARTHEST_M, _SHRINK = 60.0, 1e-4
@@ -36,7 +37,8 @@ def samples(world: str, seed: int, robot):
     stand there."""
     town = Town.generate(seed, world)
     grid = grid_of(town.plan, 0.1)
-    inside, stands = footing_of(town.plan, grid, robot)
+    clear = Footing.of(town.plan).clearance(robot)
+    inside, stands = footprints(town.plan, clear, grid)
     for view in survey(town, stations(town.plan), seed):
         ground = ground_from([view], grid=grid)
         used = inside & seen_below(ground, robot) & (ground.distance_m <= _FARTHEST_M)
@@ -71,7 +73,8 @@ def samples_together(world: str, seed: int, robots, folder: Path, survey_plan: S
     for robot in robots:
         each = np.array([probability(ground, robot) for ground in maps])
         whole = np.array([seen_below(ground, robot) for ground in maps])
-        inside, stands = footing_of(place.town.plan, maps[0].grid, robot)
+        clear = place.footing.clearance(robot)
+        inside, stands = footprints(place.town.plan, clear, maps[0].grid)
         used = inside & whole.any(0) & (nearest_m <= _FARTHEST_M)
         yield together.features(maps, each, whole, robot)[0][used], stands[used]
 

@@ -162,11 +162,11 @@ def test_what_is_called_free_is_counted_against_the_truth(open_place, closed_pla
     """The maps of the open place over the truth of the closed one: where its gap is, ground and
     wall are called free."""
     right = free_ground(open_place, rescue)
-    assert right.not_free == right.unseen == 0 and right.obstacles > 200
+    assert right.not_free == right.missed == 0 and right.obstacles > 200
     assert right.called_free == right.found > 0.5 * right.free > 2000
     wrong = free_ground(replace(closed_place, grounds=open_place.grounds), rescue)
     # of the gap of 4.5 m the robot's middle can be in 3.4 m
-    assert 0.0 < wrong.unseen < wrong.not_free < 3.4 * 1.8 / CELL_M**2
+    assert 0.0 < wrong.missed < wrong.not_free < 3.4 * 1.8 / CELL_M**2
     assert wrong.called_free == right.called_free == wrong.found + wrong.not_free
 
 

@@ -2,6 +2,7 @@
 """The truth of a place for a robot on the ground: where its footprint touches something."""
 
 from dataclasses import dataclass
+from typing import Tuple
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ from fcsv_sim.world.place import PlacePlan
 
 _RESTS_M = 0.05  # a solid whose lower side is so near to what is below rests on it
 _SLOPE_REACH_M = 0.2
+_EDGE_M = 0.15  # beside a footprint: the truth ends at the place's edge
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,15 @@ class Clearance:
                 )
             found.append(parts[self.grid.cell_of(x, y)])
         return found[0] == found[1]
+
+
+def footprints(plan: PlacePlan, clear: Clearance, grid: Grid) -> Tuple[np.ndarray, np.ndarray]:
+    """(rows, columns) bool of ``grid`` twice: where the truth reaches all around the footprint, and
+    whether the robot can stand there."""
+    x, y = np.moveaxis(grid.middle_of(*np.indices(grid.shape)), -1, 0)
+    x0, x1, y0, y1 = plan.area_m
+    edge = np.minimum(np.minimum(x - x0, x1 - x), np.minimum(y - y0, y1 - y))
+    return edge > clear.robot.radius_m + _EDGE_M, ~clear.touches(x, y)
 
 
 def _bounds(low: float, high: float, origin: float, cell_m: float, count: int):

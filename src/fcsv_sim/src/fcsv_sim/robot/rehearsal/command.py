@@ -8,10 +8,10 @@ import os
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from contextlib import contextmanager
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from typing import Iterator, List, Optional, Tuple
+from typing import Callable, Iterable, Iterator, List, Optional, Tuple
 
 from tqdm import tqdm
 
@@ -111,10 +111,13 @@ def _rehearse(args: argparse.Namespace) -> int:
     jobs = _jobs(args)
     jobs[0].folder.mkdir(parents=True, exist_ok=True)
     reports: List[PlaceReport] = []
-    with tqdm(total=len(jobs), unit="place", disable=None) as bar, _Rows(jobs[0].folder) as rows:
+    with tqdm(total=len(jobs), unit="place", disable=None) as bar, _rows(
+        jobs[0].folder / DRIVES, DriveResult, "broke"
+    ) as drives, _rows(jobs[0].folder / PLACES, FreeGround) as places:
         for report in _all(jobs, args.jobs):
             reports.append(report)
-            rows.add(report)
+            drives([*astuple(r), r.broke] for r in report.drives)
+            places([astuple(report.ground)])
             bar.update()
             bar.set_postfix_str(f"{sum(bool(r.broke) for p in reports for r in p.drives)} broke")
     results = [result for report in reports for result in report.drives]
@@ -128,32 +131,18 @@ def _rehearse(args: argparse.Namespace) -> int:
     return int(any(r.broke for r in results))
 
 
-class _Rows:
-    """The files of rows in a folder, each row there as soon as its place is done."""
+@contextmanager
+def _rows(file: Path, row: type, *more: str) -> Iterator[Callable[[Iterable], None]]:
+    """A file of rows headed by the fields of ``row`` and ``more``; what adds rows, there at once."""
+    with open(file, "w", newline="") as opened:
+        writer = csv.writer(opened)
 
-    def __init__(self, folder: Path):
-        self._stack = ExitStack()
-        drives, places = (
-            self._stack.enter_context(open(folder / name, "w", newline=""))
-            for name in (DRIVES, PLACES)
-        )
-        self._files = (drives, places)
-        self._drives, self._places = csv.writer(drives), csv.writer(places)
-        self._drives.writerow([*(f.name for f in fields(DriveResult)), "broke"])
-        self._places.writerow([f.name for f in fields(FreeGround)])
+        def add(rows: Iterable) -> None:
+            writer.writerows(rows)
+            opened.flush()
 
-    def __enter__(self) -> "_Rows":
-        return self
-
-    def __exit__(self, *error) -> None:
-        self._stack.close()
-
-    def add(self, report: PlaceReport) -> None:
-        """Writes the rows of a place."""
-        self._drives.writerows([*astuple(r), r.broke] for r in report.drives)
-        self._places.writerow(astuple(report.ground))
-        for file in self._files:
-            file.flush()
+        add([[*(f.name for f in fields(row)), *more]])
+        yield add
 
 
 def _all(jobs: List[PlaceJob], processes: int) -> Iterator[PlaceReport]:

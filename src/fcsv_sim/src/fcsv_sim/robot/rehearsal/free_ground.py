@@ -9,17 +9,17 @@ import numpy as np
 from fcsv_guidance.ground.tuning import FREE_P
 from fcsv_guidance.robot import Robot
 from fcsv_sim.robot.places.mapped import MappedPlace
+from fcsv_sim.world.footing import footprints
 
 REACH_M = 40.0  # from the nearest camera whose map knows the cell
 OBSTACLE_M = 0.3  # and more above the ground
-_EDGE_M = 0.15  # beside a footprint: the truth ends at the place's edge
 
 
 @dataclass(frozen=True)
 class FreeGround:
     """Cells to REACH_M that some map knows: ``free`` are truly so, and ``found`` of these are called
     so; ``called_free`` are called so, and ``not_free`` of these are not; ``obstacles`` are columns
-    of OBSTACLE_M and more, and ``unseen`` of these are called free."""
+    of OBSTACLE_M and more, and ``missed`` of these are called free."""
 
     world: str
     seed: int
@@ -28,18 +28,17 @@ class FreeGround:
     called_free: int
     not_free: int
     obstacles: int
-    unseen: int
+    missed: int
 
 
 def free_ground(place: MappedPlace, robot: Robot) -> FreeGround:
     """Counts the cells in which ``robot`` can stand by all maps of the place, and in truth."""
-    known, (x0, x1, y0, y1) = place.known(robot), place.town.plan.area_m
-    x, y = np.moveaxis(known.grid.middle_of(*np.indices(known.grid.shape)), -1, 0)
-    beside = np.minimum(np.minimum(x - x0, x1 - x), np.minimum(y - y0, y1 - y))
+    known = place.known(robot)
+    inside, free = footprints(place.town.plan, place.clear, known.grid)
     far = [ground.distance_m for ground in place.grounds if ground is not None]
-    near = np.fmin.reduce(far) <= REACH_M
-    judged = near & (beside > robot.radius_m + _EDGE_M)
-    free, called = ~place.clear.touches(x, y), judged & (known.stands >= FREE_P)
+    judged = inside & (np.fmin.reduce(far) <= REACH_M)
+    called = judged & (known.stands >= FREE_P)
+    x, y = np.moveaxis(known.grid.middle_of(*np.indices(known.grid.shape)), -1, 0)
     row, column, _ = place.footing.grid.cells_of(x, y)
     stands_m = (place.footing.top_m - place.footing.ground_m)[row, column]
     obstacles = judged & (stands_m >= OBSTACLE_M)

@@ -28,7 +28,6 @@ _HEADS = (
     "slowest step (s)",
 )
 
-_COUNTS = ("free", "found", "called_free", "not_free", "obstacles", "unseen")
 _GROUND_HEADS = (
     "world",
     "places",
@@ -55,21 +54,18 @@ def ground_table(grounds: Sequence[FreeGround]) -> List[str]:
     rows = []
     for world in dict.fromkeys(ground.world for ground in grounds):
         of = [ground for ground in grounds if ground.world == world]
-        total = {name: sum(getattr(g, name) for g in of) for name in _COUNTS}
-        rows.append(
-            [
-                world,
-                str(len(of)),
-                _share(total["not_free"], total["called_free"], 3),
-                _share(total["unseen"], total["obstacles"], 3),
-                _share(total["found"], total["free"], 1),
-            ]
+        shares = (
+            _share(of, "not_free", "called_free", 3),
+            _share(of, "missed", "obstacles", 3),
+            _share(of, "found", "free", 1),
         )
+        rows.append((world, str(len(of)), *shares))
     return _lines(_GROUND_HEADS, rows)
 
 
-def _share(part: int, whole: int, digits: int) -> str:
-    return f"{part / whole:.{digits}%}" if whole else "–"
+def _share(grounds: Sequence[FreeGround], part: str, whole: str, digits: int) -> str:
+    parts, wholes = (sum(getattr(ground, name) for ground in grounds) for name in (part, whole))
+    return f"{parts / wholes:.{digits}%}" if wholes else "–"
 
 
 def _lines(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> List[str]:
